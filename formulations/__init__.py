@@ -1,0 +1,1 @@
+"""The pages: equations only, CasADi only."""

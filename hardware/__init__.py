@@ -1,0 +1,1 @@
+"""The bench: bytes to Measurements."""

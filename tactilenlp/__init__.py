@@ -1,0 +1,1 @@
+"""Find where an unknown rigid object is, and what shape it has, from touch alone."""

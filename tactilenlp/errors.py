@@ -1,0 +1,86 @@
+"""The errors that this package raises on purpose: what, where, got, expected, next."""
+
+from __future__ import annotations
+
+
+class TactileError(Exception):
+    """Say what went wrong, where, what was got, what was expected and what to do next.
+
+    Every part is kept as an attribute, so that a script can act on it; the message is
+    built from the parts that are given.  Parts are plain strings and numbers: an error
+    survives a journey between processes.
+    """
+
+    def __init__(
+        self,
+        what: str,
+        *,
+        where: str = "",
+        got: object = None,
+        expected: str = "",
+        next: str = "",
+    ) -> None:
+        self.what, self.where, self.got = what, where, got
+        self.expected, self.next = expected, next
+        message = f"{where}: {what}" if where else what
+        if expected:
+            message += f": expected {expected}"
+        if got is not None:
+            message += f", got {got}" if expected else f": got {got}"
+        if next:
+            message += f"; {next}"
+        super().__init__(message)
+
+    def __reduce__(self):
+        return _rebuild, (type(self), self.args, self.__dict__)
+
+
+def _rebuild(kind: type, args: tuple, state: dict) -> TactileError:
+    error = kind.__new__(kind)
+    error.args = args
+    error.__dict__.update(state)
+    return error
+
+
+class MeasurementError(TactileError, ValueError):
+    """A measurement cannot be used; `where` is the key, `index` the first bad entry."""
+
+    def __init__(self, what: str, *, index: tuple[int, ...] | None = None, **parts):
+        self.index = index
+        super().__init__(what, **parts)
+
+
+class NoContactError(MeasurementError):
+    """Nothing was ever touched, so nothing can be estimated."""
+
+
+class SceneError(TactileError, ValueError):
+    """What is said to be known of the scene cannot be true."""
+
+
+class OptionError(TactileError, ValueError):
+    """An option is unknown or out of its range."""
+
+
+class StartError(TactileError, ValueError):
+    """A start does not belong to these data."""
+
+
+class PageError(TactileError, ValueError):
+    """A page declares a problem that cannot be solved as written."""
+
+
+class NotConverged(TactileError):
+    """A solve ended without a solution; carries what was reached, names the worst terms.
+
+    `solution` is the last iterate with its recomputed violations (plain arrays), and
+    `problem` the description of the problem that was solved.
+    """
+
+    def __init__(self, what: str, *, problem=None, solution=None, **parts):
+        self.problem, self.solution = problem, solution
+        super().__init__(what, **parts)
+
+
+class MotionError(NotConverged):
+    """The data contradict every motion that was tried, for instance by tumbling."""
