@@ -1,0 +1,49 @@
+r"""Contact: friction cone, maximum dissipation, complementarity, inelasticity.
+
+An impulse is lam = (lam_n, lam_1, lam_2) [N s] in the frame (normal, t1, t2) of its
+contact.  The paper's list after eq:vimp, in its order:
+
+    complementarity     lam_n phi = 0
+    maximum dissipation mu lam_n |v_s| + v_s . lam_t = 0
+    non-penetration     min(0, phi)^2
+    inelasticity        lam_n max(v_n, 0)
+    friction cone       |lam_t| <= mu lam_n
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from .shape import positive_part
+
+
+def tangents(n, t):
+    """Return two unit tangents of the plane normal to n; t (3,) picks the first."""
+    t_1 = t - n * ca.dot(n, t)
+    t_1 = t_1 / ca.sqrt(ca.sumsqr(t_1) + 1e-9)
+    return t_1, ca.cross(n, t_1)
+
+
+def cone(mu, lam, rounding):
+    """Return mu lam_n - |lam_t|, apex rounded over `rounding` [N s]; >= 0 inside."""
+    tangential = ca.sqrt(lam[1] ** 2 + lam[2] ** 2 + rounding**2) - rounding
+    return mu * lam[0] - tangential
+
+
+def dissipation(mu, lam, v_s, still):
+    """Return the power by which friction falls short of the most it can dissipate [W s].
+
+    v_s (2,) [m/s] sliding velocity in (t1, t2); still [m/s] rounds |v_s|.
+    """
+    speed = ca.sqrt(ca.sumsqr(v_s) + still**2)
+    return mu * lam[0] * speed + ca.dot(v_s, lam[1:3])
+
+
+def inelasticity(lam, v_n, still):
+    """Return lam_n max(v_n, 0): a normal impulse returns no energy."""
+    return lam[0] * positive_part(v_n, still)
+
+
+def complementarity(lam, phi, small):
+    """Return lam_n max(phi, 0): no impulse across a gap phi [m]."""
+    return lam[0] * positive_part(phi, small)

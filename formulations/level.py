@@ -1,0 +1,16 @@
+"""A level of a homotopy: what a page tells the machine about one solve."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Level:
+    """One solve: parameter values by name, variables held fixed, IPOPT's first mu."""
+
+    name: str
+    parameters: dict = field(default_factory=dict)
+    fixed: tuple[str, ...] = ()
+    barrier: float = 1e-2
+    iterations: int = 200

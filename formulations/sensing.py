@@ -1,0 +1,45 @@
+r"""Likelihoods of what a finger feels, as negative logarithms (nats).
+
+eq:bool   p(c = 0) = 1 / (1 + exp(-alpha phi))          a sample without contact
+eq:norm   |n_m - n|^2 / (2 sigma_n^2)                   a measured normal
+touch     pseudo-Huber((phi) / sigma)                   a sample with contact
+
+Departure from eq:bool for c = 1: the logistic is satisfied by any penetration, but a
+finger that is felt is *on* the surface.  The touch cost is two-sided, quadratic within
+two sigma and linear beyond.  A fraction of the booleans is wrong; `mixture` bounds what
+a single sample can cost: -log(exp(-cost) + exp(-ceiling)).
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+
+def softplus(z):
+    """Return log(1 + exp(z)) without overflow."""
+    return ca.fmax(z, 0) + ca.log1p(ca.exp(-ca.fabs(z)))
+
+
+def touch(phi, sigma):
+    """Return the cost of a gap phi [m] where contact is felt; sigma [m]."""
+    return 4 * (ca.sqrt(1 + (phi / (2 * sigma)) ** 2) - 1)
+
+
+def free(phi, alpha):
+    """Return the cost of a gap phi [m] where nothing is felt (eq:bool, c = 0)."""
+    return softplus(-alpha * phi)
+
+
+def felt(phi, alpha):
+    """Return the cost of a gap phi [m] where contact is felt (eq:bool, c = 1)."""
+    return softplus(alpha * phi)
+
+
+def normal(n, n_m, sigma):
+    """Return the cost of the normal n where n_m was measured (eq:norm); sigma [rad]."""
+    return ca.sumsqr(n_m - n) / (2 * sigma**2)
+
+
+def mixture(cost, ceiling):
+    """Return -log(exp(-cost) + exp(-ceiling)): a wrong sample costs at most `ceiling`."""
+    return ceiling - softplus(ceiling - cost)

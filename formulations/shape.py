@@ -1,0 +1,105 @@
+r"""Convex geometry from theta: signed distance, outward normal, corners, inertia.
+
+A shape is a frozen set of pure functions of theta [m] and a point q_of [m] of the body
+frame.  `small` is a length [m] that sets how sharply edges are rounded; pages pass a
+tenth of the finger radius, so that nothing depends on the unit.
+
+Cuboid, theta = side lengths (3,) [m], half extents h = theta / 2, origin its centre:
+
+    d      = |q| - h                                            (per axis)
+    phi(q) = || max(d, 0) ||  +  min(max_i d_i, 0)              (exact, both sides)
+
+with max(x, 0) -> S(x) = (x + sqrt(x^2 + (small/5)^2)) / 2 and max_i -> log-sum-exp at
+`small`, so that value and normal are smooth and right outside *and* inside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import casadi as ca
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What a page may ask of a body.
+
+    theta: number of unknowns; distance(theta, q_of, small) -> [m];
+    normal(theta, q_of, small) -> (3,) outward unit, body frame;
+    corner(theta, signs) -> (3,) [m] point that may rest on the ground;
+    rest_height(theta) -> [m] of the origin over the ground, lying flat;
+    inertia(theta) -> (3, 3) [m^2] per unit mass, about the origin.
+    size_prior: mean and standard deviation [m] of each entry of theta before any touch
+    (the paper's cuboids are 30 to 60 mm; two deviations span 5 to 85 mm).
+    """
+
+    name: str
+    theta: int
+    bounds: tuple[float, float]
+    size_prior: tuple[float, float]
+    corners: tuple[tuple[float, float, float], ...]
+    distance: Callable
+    normal: Callable
+    corner: Callable
+    rest_height: Callable
+    inertia: Callable
+
+
+def positive_part(x, width):
+    """Return max(x, 0), rounded over `width`."""
+    return (x + ca.sqrt(x * x + width * width)) / 2
+
+
+def _cuboid_parts(theta, q_of, small):
+    modulus = ca.sqrt(q_of * q_of + (small / 10) ** 2)
+    depth = modulus - theta / 2
+    scaled = depth / small
+    largest = ca.mmax(scaled)
+    weights = ca.exp(scaled - largest)
+    inner = small * (largest + ca.log(ca.sum1(weights)))
+    return modulus, depth, inner, weights / ca.sum1(weights)
+
+
+def cuboid_distance(theta, q_of, small):
+    """Return the signed distance [m] of the point q_of from the cuboid."""
+    _, depth, inner, _ = _cuboid_parts(theta, q_of, small)
+    outside = ca.norm_2(positive_part(depth, small / 5))
+    return outside - positive_part(-inner, small / 5)
+
+
+def cuboid_normal(theta, q_of, small):
+    """Return the outward unit normal: the direction of the distance's gradient."""
+    modulus, depth, inner, weights = _cuboid_parts(theta, q_of, small)
+    width = small / 5
+    part = positive_part(depth, width)
+    slope = part / ca.sqrt(depth * depth + width**2)
+    slope_inner = positive_part(-inner, width) / ca.sqrt(inner * inner + width**2)
+    gradient = part * slope / ca.norm_2(part) + slope_inner * weights
+    gradient = gradient * q_of / modulus
+    return gradient / ca.sqrt(ca.sumsqr(gradient) + 1e-12)
+
+
+def cuboid_corner(theta, signs):
+    """Return the corner with the given signs, body frame [m]."""
+    return signs * theta / 2
+
+
+def cuboid_inertia(theta):
+    """Return the inertia per unit mass of a uniform cuboid [m^2]."""
+    square = theta * theta
+    return ca.diag(ca.sum1(square) - square) / 12
+
+
+CUBOID = Shape(
+    name="cuboid",
+    theta=3,
+    bounds=(4e-3, 0.4),
+    size_prior=(0.045, 0.020),
+    corners=((-1, -1, -1), (1, -1, -1), (-1, 1, -1), (1, 1, -1)),
+    distance=cuboid_distance,
+    normal=cuboid_normal,
+    corner=cuboid_corner,
+    rest_height=lambda theta: theta[2] / 2,
+    inertia=cuboid_inertia,
+)

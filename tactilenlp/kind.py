@@ -1,0 +1,85 @@
+"""Derive one kind of term: value, gradient, Jacobian, Hessian, once per process.
+
+A kind is a small pure function of a few local unknowns and data.  It is traced with
+CasADi SX, differentiated exactly and kept under the hash of its expression, so that
+an edited page is derived anew and an unedited one never twice.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import casadi as ca
+
+_cache: dict[str, Kind] = {}
+seconds_deriving = [0.0]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Functions of (unknowns z, data d, multiplier l) shared by all instances of a term.
+
+    `value` (z, d) -> (m,); `first` (z, d) -> (m,), nonzeros of the Jacobian;
+    `second` (z, d, l) -> nonzeros of the upper triangle of the Hessian of l' value.
+    """
+
+    rows: int
+    unknowns: int
+    data: int
+    value: ca.Function
+    first: ca.Function
+    second: ca.Function
+    jacobian_sparsity: ca.Sparsity
+    hessian_sparsity: ca.Sparsity
+
+
+def kind_of(function: Callable, unknowns: list[int], order: list[tuple]) -> Kind:
+    """Trace `function` and return its kind; derive it if it is new to this process.
+
+    `order` says for each argument ("z" | "d", length): local unknown or data.
+    """
+    z = [ca.SX.sym(f"z{i}", n) for i, n in enumerate(unknowns)]
+    d = [ca.SX.sym(f"d{i}", n) for i, (role, n) in enumerate(order) if role == "d"]
+    zs, ds = iter(z), iter(d)
+    value = function(*(next(zs) if role == "z" else next(ds) for role, _ in order))
+    value = ca.densify(ca.vec(ca.SX(value)))
+    local = [ca.vertcat(*z), ca.vertcat(*d)]
+    traced = ca.Function("kind", local, [value], {"cse": True})
+    key = traced.serialize()
+    if key not in _cache:
+        _cache[key] = _derive(traced)
+    return _cache[key]
+
+
+def _derive(traced: ca.Function) -> Kind:
+    began = time.perf_counter()
+    z = ca.SX.sym("z", traced.size1_in(0))
+    d = ca.SX.sym("d", traced.size1_in(1))
+    value = ca.densify(traced(z, d))
+    multiplier = ca.SX.sym("l", value.numel())
+    jacobian = ca.jacobian(value, z)
+    hessian = ca.triu(ca.hessian(ca.dot(multiplier, value), z)[0])
+    nonzeros = [ca.vertcat(*matrix.nonzeros()) for matrix in (jacobian, hessian)]
+    nonzeros = [ca.SX(0, 1) if n.is_empty() else ca.densify(n) for n in nonzeros]
+    cse = {"cse": True}
+    kind = Kind(
+        rows=value.numel(),
+        unknowns=z.numel(),
+        data=d.numel(),
+        value=ca.Function("value", [z, d], [value], cse),
+        first=ca.Function("first", [z, d], [value, nonzeros[0]], cse),
+        second=ca.Function("second", [z, d, multiplier], [nonzeros[1]], cse),
+        jacobian_sparsity=jacobian.sparsity(),
+        hessian_sparsity=hessian.sparsity(),
+    )
+    seconds_deriving[0] += time.perf_counter() - began
+    return kind
+
+
+@cache
+def mapped(function: ca.Function, instances: int) -> ca.Function:
+    """Return `function` applied to `instances` columns."""
+    return function.map(instances)

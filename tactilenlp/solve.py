@@ -1,0 +1,187 @@
+"""Solve a Problem with IPOPT; recompute what the solver says of its solution."""
+
+from __future__ import annotations
+
+import logging
+import time
+from dataclasses import dataclass, field, replace
+
+import casadi as ca
+import numpy as np
+
+from .errors import NotConverged, OptionError
+from .nlp import Problem
+
+log = logging.getLogger("tactilenlp")
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """How to solve one programme.
+
+    tolerance: of the scaled optimality conditions [-]; time_limit [s];
+    iterations: at most [-]; barrier: IPOPT's first mu [-]; push: how far a start is
+    pushed inside its bounds, relative [-]; ipopt: options passed on verbatim.
+    """
+
+    tolerance: float = 1e-6
+    time_limit: float = 60.0
+    iterations: int = 300
+    barrier: float = 1e-2
+    push: float = 1e-4
+    ipopt: dict = field(default_factory=dict)
+
+    def __post_init__(self):
+        for name in ("tolerance", "time_limit", "iterations", "barrier", "push"):
+            if not getattr(self, name) > 0:
+                raise OptionError(
+                    "out of range",
+                    where=name,
+                    got=getattr(self, name),
+                    expected="a positive number",
+                )
+
+    def for_nlpsol(self) -> dict:
+        """Return the options in CasADi's words."""
+        ours = {
+            "linear_solver": "mumps",
+            "tol": self.tolerance,
+            "constr_viol_tol": min(1e-6, self.tolerance),
+            "max_iter": self.iterations,
+            "max_wall_time": self.time_limit,
+            "mu_init": self.barrier,
+            "bound_push": self.push,
+            "bound_frac": self.push,
+            "bound_relax_factor": 0.0,
+            "nlp_scaling_method": "none",
+            "print_level": 0,
+            "sb": "yes",
+        }
+        return {f"ipopt.{k}": v for k, v in {**ours, **self.ipopt}.items()} | {
+            "print_time": False,
+            "error_on_fail": False,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where a solve ended, recomputed: nothing here is the solver's word but `status`.
+
+    `values` by variable name, SI, (rows, columns); `costs` by term, summed over the
+    instances; `violations` by constraint, the largest; `multipliers` by constraint,
+    (instances, rows), and of the bounds by variable name, (rows, columns), SI.
+    """
+
+    values: dict[str, np.ndarray]
+    objective: float
+    costs: dict[str, float]
+    violations: dict[str, float]
+    multipliers: dict[str, np.ndarray]
+    bound_multipliers: dict[str, np.ndarray]
+    parameters: dict[str, np.ndarray]
+    success: bool
+    status: str
+    iterations: int
+    evaluations: int
+    seconds: dict[str, float]
+
+
+def make_solver(problem: Problem, options: SolverOptions) -> ca.Function:
+    """Return IPOPT for this problem; solvers of one problem share its derivatives."""
+    functions = problem.functions
+    exact = {k: functions[k] for k in ("grad_f", "jac_g", "hess_lag")}
+    return ca.nlpsol("solver", "ipopt", functions["nlp"], options.for_nlpsol() | exact)
+
+
+def solve(
+    problem: Problem,
+    options: SolverOptions | None = None,
+    *,
+    start: dict[str, np.ndarray] | None = None,
+    parameters: dict | None = None,
+    fixed: tuple[str, ...] = (),
+    throw: bool = True,
+    solver: ca.Function | None = None,
+) -> Solution:
+    """Minimise from `start` (by name, SI; else the guesses) with some variables fixed.
+
+    Raises NotConverged unless the solver succeeded or `throw` is False.
+    """
+    options = options or SolverOptions()
+    began = time.process_time()
+    solver = solver or make_solver(problem, options)
+    built = time.process_time() - began
+    scale, data = problem.scale, problem.data(parameters)
+    x0 = problem.pack(start or {})
+    lower, upper = problem.bounds("lower"), problem.bounds("upper")
+    x0 = np.clip(x0, lower, upper)
+    for name in fixed:
+        span = problem.variables[name].span
+        lower[span] = upper[span] = x0[span]
+    began = time.process_time()
+    out = solver(
+        x0=x0 / scale,
+        p=data,
+        lbx=lower / scale,
+        ubx=upper / scale,
+        lbg=problem.limits("lower"),
+        ubg=problem.limits("upper"),
+    )
+    stats = solver.stats()
+    seconds = {"build": built, "solve": time.process_time() - began}
+    x = np.asarray(out["x"]).ravel() * scale
+    lam_x = np.asarray(out["lam_x"]).ravel() / scale
+    lam_g = np.asarray(out["lam_g"]).ravel()
+    solution = _recompute(problem, x, data, lam_g, lam_x, stats, seconds)
+    solution = replace(
+        solution,
+        parameters={
+            n: data[p.first : p.first + p.value.size]
+            for n, p in problem.parameters.items()
+        },
+    )
+    log.debug("%s after %d iterations", solution.status, solution.iterations)
+    if throw and not solution.success:
+        raise not_converged(problem, solution)
+    return solution
+
+
+def _recompute(problem, x, data, lam_g, lam_x, stats, seconds) -> Solution:
+    costs = {name: float(problem.value(name, x, data).sum()) for name in problem.costs}
+    violations, multipliers = {}, {}
+    for name, term in problem.constraints.items():
+        value = problem.value(name, x, data)
+        beyond = np.maximum(term.lower - value, value - term.upper)
+        violations[name] = float(max(0.0, beyond.max()))
+        multipliers[name] = lam_g[term.span].reshape(value.shape)
+    finite = bool(np.all(np.isfinite(x))) and np.isfinite(sum(costs.values()))
+    return Solution(
+        values=problem.unpack(x),
+        objective=float(sum(costs.values())),
+        costs=costs,
+        violations=violations,
+        multipliers=multipliers,
+        bound_multipliers=problem.unpack(lam_x),
+        parameters={},
+        success=bool(stats["success"]) and finite,
+        status=str(stats["return_status"]),
+        iterations=int(stats["iter_count"]),
+        evaluations=int(stats.get("n_call_nlp_f", 0)),
+        seconds=seconds,
+    )
+
+
+def not_converged(problem: Problem, solution: Solution) -> NotConverged:
+    """Return the error that names the worst terms of a solution."""
+    worst = sorted(solution.violations, key=solution.violations.get)[-3:][::-1]
+    broken = [f"{n} by {solution.violations[n]:.2g}" for n in worst]
+    heavy = sorted(solution.costs, key=solution.costs.get)[-3:][::-1]
+    costs = [f"{n} {solution.costs[n]:.3g}" for n in heavy]
+    return NotConverged(
+        f"IPOPT says {solution.status} after {solution.iterations} iterations",
+        where=f"{problem.size} unknowns, {problem.rows} constraints",
+        got=f"violated: {', '.join(broken) or 'nothing'}; costs: {', '.join(costs)}",
+        next="start closer, loosen the tolerance, or run problem.check()",
+        problem=sorted(problem.terms),
+        solution=solution,
+    )

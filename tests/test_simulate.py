@@ -1,0 +1,373 @@
+"""The simulated world obeys the physics that estimates are judged by."""
+
+import copy
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from tactilenlp.errors import OptionError, SceneError
+from tactilenlp.measurements import Measurements
+from tactilenlp.noise import Noise, add_noise
+from tactilenlp.simulate import World
+
+SIZES = np.array([0.05, 0.032, 0.04])  # [m]
+AWAY = np.array([-0.2, 0.0, 0.1])  # [m] where the second finger waits
+OPPOSITE = np.array([0.2, 0.0, 0.1])
+DATA = Path(__file__).parents[1] / "examples/data/cuboid.npz"
+
+
+def line(*ends, duration=1.0):
+    """A minimum-jerk line from ends[f][0] to ends[f][1] for every finger f."""
+    time = np.linspace(0, duration, 101)
+    s = (time / duration)[:, None]
+    s = s**3 * (10 - 15 * s + 6 * s**2)
+    columns = [np.add(a, s * np.subtract(b, a)) for a, b in ends]
+    return SimpleNamespace(time=time, finger_position=np.stack(columns, axis=1))
+
+
+def push(y=0.006, reach=0.0, **options):
+    """A push from +X to the side of the box, while the second finger waits."""
+    return line(([0.1, y, 0.02], [reach, y, 0.02]), (AWAY, AWAY), **options)
+
+
+def squeeze():
+    """Two fingers that would meet inside the box: both reach their 8 N."""
+    return line(
+        ([0.1, 0.003, 0.02], [0.0, 0.003, 0.02]),
+        ([-0.1, -0.002, 0.03], [0.0, -0.002, 0.03]),
+    )
+
+
+def shot(friction_ground):
+    """A box that a finger accelerates to 0.4 m/s and lets go; its world and its x."""
+    time = np.linspace(0, 0.9, 901)
+    ramp = np.minimum(time, 0.25)
+    x = -0.055 + np.where(ramp < 0.2, ramp**2, 0.04 + 0.4 * (ramp - 0.2))
+    column = np.stack([x, 0 * x, 0 * x + 0.02], axis=1)[:, None]
+    world = World([0.04] * 3, friction_ground=friction_ground, finger_radius=[0.01])
+    world.execute(SimpleNamespace(time=time, finger_position=column))
+    return world, world.truth.object_position[:, 0]
+
+
+@pytest.fixture(scope="module")
+def pushed():
+    """A world after two pushes, and what each of them returned."""
+    world = World(SIZES)
+    first = world.execute(push())
+    return world, first, world.execute(push(reach=-0.05))
+
+
+def gap_and_normal(sizes, truth):
+    """Distance (T, F) and outward normal (T, F, 3) of finger centres, by geometry."""
+    R_wo = Rotation.from_quat(np.roll(truth.object_quaternion, -1, axis=1)).as_matrix()
+    p_wf = truth.finger_position - truth.object_position[:, None]
+    p_of = np.einsum("tji,tfj->tfi", R_wo, p_wf)
+    outward = p_of - np.clip(p_of, -sizes / 2, sizes / 2)
+    distance = np.linalg.norm(outward, axis=-1, keepdims=True)
+    outward = np.divide(outward, distance, where=distance > 0)
+    return distance[..., 0], np.einsum("tij,tfj->tfi", R_wo, outward)
+
+
+@pytest.mark.parametrize("shape", ["box", "icosahedron"])
+def test_resting_object_does_not_drift(shape):
+    if shape == "box":
+        world = World(SIZES)
+    else:  # on one of its faces
+        mesh = trimesh.creation.icosahedron()
+        down = trimesh.geometry.align_vectors(mesh.face_normals[0], [0, 0, -1])
+        world = World(vertices=mesh.vertices @ down[:3, :3].T * 0.02)
+    world.execute(line((AWAY, AWAY), (OPPOSITE, OPPOSITE), duration=2.0))
+    moved = world.truth.object_position - world.truth.object_position[0]
+    assert abs(moved).max() < 1e-5  # 0.01 mm: a hundredth of the sensors' noise
+
+
+@pytest.mark.parametrize("friction", [0.15, 0.3])
+def test_sliding_distance_is_v_squared_over_2_mu_g(friction):
+    world, x = shot(friction)
+    free = np.flatnonzero(world.truth.normal_force[:, 0] > 0)[-1] + 1
+    v = (x[free + 2] - x[free]) * 30 / 2  # at free + 1, under constant friction
+    assert v > 0.2
+    assert x[-1] - x[free + 1] == pytest.approx(v**2 / (2 * friction * 9.81), rel=0.05)
+
+
+def test_impulse_of_finger_becomes_momentum_on_frictionless_ground():
+    world, x = shot(0.0)
+    v = (x[-1] - x[-5]) * 30 / 4
+    impulse = world.truth.impulse[:, 0].sum(axis=0)
+    # The ground keeps MuJoCo's smallest friction, 1e-5: it takes 0.1 mm/s in a second.
+    np.testing.assert_allclose(impulse[0], 0.5 * v, rtol=1e-3)
+    assert abs(impulse[1]) < 1e-6
+
+
+def test_fingers_sink_in_by_less_than_a_tenth_of_a_millimetre():
+    for mass in (0.5, 2.0):
+        world = World(SIZES, mass=mass)
+        world.execute(squeeze())
+        truth = world.truth
+        assert truth.normal_force.max() > 7.0  # both servos at their limit
+        assert truth.distance.min() > -1e-4
+        assert abs(truth.distance[truth.normal_force > 5]).max() < 1e-4
+        assert truth.object_position[:, 2].min() > SIZES[2] / 2 - 1e-4
+
+
+def test_servo_does_not_push_harder_than_its_limit():
+    world = World(SIZES, mass=5.0, max_force=3.0)
+    world.execute(push())
+    assert world.truth.normal_force[-3:, 0] == pytest.approx(3.0, abs=0.05)
+    # Friction holds 14 N: what is left is creep.
+    assert abs(world.truth.object_position[-1, 0]) < 1e-5
+
+
+def test_distances_and_normals_are_those_of_the_box(pushed):
+    world = pushed[0]
+    truth, touching = world.truth, world.truth.contact
+    distance, normal = gap_and_normal(SIZES, truth)
+    np.testing.assert_allclose(truth.distance, distance - 0.01, atol=1e-6)
+    # The sensor averages over 10 ms, in which the box turns by less than 0.01 rad.
+    assert touching.sum() > 15
+    np.testing.assert_allclose(truth.normal[touching], normal[touching], atol=0.01)
+    np.testing.assert_allclose(truth.normal[touching][0], [1, 0, 0], atol=0.01)
+
+
+def test_normal_on_an_edge_points_from_edge_to_finger():
+    world = World(SIZES, mass=5.0, finger_radius=[0.01])
+    world.execute(line(([0.08, 0.0, 0.095], [0.0, 0.0, 0.015])))  # 45 degrees
+    touching = world.truth.contact[:, 0]
+    _, normal = gap_and_normal(SIZES, world.truth)
+    first = world.truth.normal[touching][0, 0]
+    np.testing.assert_allclose(first, normal[touching][0, 0], atol=0.02)
+    assert 0.2 < first[2] < 0.98
+
+
+def test_box_given_by_its_vertices_moves_like_the_box(pushed):
+    mesh = trimesh.creation.box(SIZES)
+    mesh.apply_translation([0.3, 0.2, 0.1])  # shifted back: the origin is the centroid
+    world = World(vertices=mesh)
+    assert abs(world.vertices).max(axis=0) == pytest.approx(SIZES / 2)
+    data, box = world.execute(push()), pushed[1]
+    assert (data.contact != box.contact).sum() <= 1
+    end = pushed[0].truth.object_position[30]
+    np.testing.assert_allclose(world.truth.object_position[-1], end, atol=1e-3)
+
+
+def test_convex_body_has_the_inertia_of_uniform_density():
+    points = np.random.default_rng(3).normal(size=(30, 3)) * 0.02
+    world = World(vertices=points, mass=0.7, position=(0, 0, 1), settle=0)
+    hull = trimesh.convex.convex_hull(world.vertices)
+    hull.density = 0.7 / hull.volume
+    model = world._plant._model
+    np.testing.assert_allclose(hull.center_mass, 0, atol=1e-9)
+    np.testing.assert_allclose(model.body_ipos[1], 0, atol=1e-9)
+    expected = np.sort(np.linalg.eigvalsh(hull.moment_inertia))
+    np.testing.assert_allclose(np.sort(model.body_inertia[1]), expected, rtol=1e-6)
+
+
+def test_raised_ground_shifts_everything_and_nothing_else():
+    up = np.array([0, 0, 0.037])
+    low, high = World(SIZES), World(SIZES, ground=0.037)
+    lifted = push()
+    lifted.finger_position = lifted.finger_position + up
+    a, b = low.execute(push()), high.execute(lifted)
+    assert (a.contact == b.contact).all()
+    shift = high.truth.object_position - low.truth.object_position
+    np.testing.assert_allclose(shift - up, 0, atol=2e-4)  # rounding, through friction
+
+
+def test_body_floats_without_ground_and_gravity():
+    world = World(SIZES, ground=None, gravity=0.0, position=(0, 0, 0.02))
+    world.execute(push())
+    assert world.truth.contact[:, 0].any()
+    assert world.truth.object_position[-1, 0] < -0.03
+
+
+def test_contact_is_a_normal_force_above_the_threshold(pushed):
+    truth = pushed[0].truth
+    assert (truth.contact == (truth.normal_force > 0.05)).all()
+    numb = World(SIZES, contact_force=50.0)
+    data = numb.execute(push())
+    assert not data.touched
+    assert not data.normal.any()
+    assert numb.truth.normal_force.max() > 0.5
+    # Equal physics, so equal forces: the threshold is in the sensor only.
+    np.testing.assert_array_equal(numb.truth.normal_force, truth.normal_force[:31])
+
+
+def test_parked_finger_is_not_valid_even_where_it_is_touched():
+    world = World(SIZES)
+    stop = [-0.036, 0.0, 0.02]  # behind the box, which is pushed against it
+    data = world.execute(line(([0.1, 0.0, 0.02], [0.0, 0.0, 0.02]), (stop, stop)))
+    assert data.valid[:, 0].all()
+    assert not data.valid[:, 1].any()
+    assert not data.contact[:, 1].any()
+    assert world.truth.contact[:, 1].any()
+    assert np.linalg.norm(data.finger_position[:, 1] - stop, axis=1).max() < 5e-3
+
+
+def test_time_goes_on_and_actions_are_numbered(pushed):
+    world, first, second = pushed
+    both = first.append(second)
+    assert both == world.measurements
+    assert both.action.tolist() == [0] * 31 + [1] * 31
+    assert (np.diff(both.time) > 0).all()
+    np.testing.assert_allclose(np.diff(first.time), 1 / 30)
+    assert first.time[0] == pytest.approx(0.3)  # settled before
+    assert second.time[0] - first.time[-1] == pytest.approx(0.8)
+    assert world.time - second.time[-1] == pytest.approx(0.8)
+
+
+def test_retraction_is_not_recorded_and_leaves_the_object_alone(pushed):
+    world, first, second = pushed
+    x = first.finger_position[:, 0, 0]
+    assert (np.diff(x) < 0).all()  # inwards only
+    assert x[-1] == pytest.approx(0.0, abs=1e-3)
+    assert first.contact[-1, 0]
+    assert not second.contact[:15].any()
+    before, after = world.truth.object_position[[30, 31]]
+    assert np.linalg.norm(after - before) < 1e-4
+    # The finger is back where it began, at rest, to the stiffness of its servo.
+    np.testing.assert_allclose(world._plant.fingers[0], [0.1, 0.006, 0.02], atol=1e-4)
+
+
+def test_saved_world_loads_as_measurements_and_keeps_its_truth(pushed, tmp_path):
+    world = pushed[0]
+    world.save(tmp_path / "scene.npz")
+    assert Measurements.load(tmp_path / "scene.npz") == world.measurements
+    with np.load(tmp_path / "scene.npz") as file:
+        np.testing.assert_array_equal(file["side_lengths"], SIZES)
+        assert (file["final_position"] == file["object_position"][-1]).all()
+        assert file["object_quaternion"].shape == (62, 4)
+        assert (file["mass"], file["friction_ground"]) == (0.5, 0.3)
+        assert {"friction_finger", "truth_impulse", "truth_distance"} <= set(file)
+    with pytest.raises(SceneError, match="execute a trajectory"):
+        World(SIZES, settle=0).save(tmp_path / "nothing.npz")
+
+
+def test_equal_worlds_record_equal_data_to_the_last_digit(pushed):
+    noise = Noise(1e-3, 1e-3, 0.1, 0.05, 0.05, seed=4)
+    a, b = World(SIZES, noise=noise), World(SIZES, noise=noise)
+    assert a.execute(push()) == b.execute(push())
+    twin = copy.deepcopy(a)  # to predict with, for instance
+    assert twin.execute(push(reach=-0.05)) == a.execute(push(reach=-0.05))
+    assert b.truth.object_position.shape == (31, 3)
+    for name, value in vars(a.truth).items():  # clean, whatever the sensors add
+        np.testing.assert_array_equal(value, getattr(pushed[0].truth, name))
+
+
+@pytest.fixture
+def recorded():
+    """Ten actions of 200 samples: finger 0 touches half of the time, finger 1 never."""
+    rng = np.random.default_rng(0)
+    normal, contact = rng.normal(size=(2000, 2, 3)), np.zeros((2000, 2), bool)
+    contact[::2, 0] = True
+    normal *= contact[..., None] / np.linalg.norm(normal, axis=-1, keepdims=True)
+    return Measurements(
+        time=np.arange(2000) / 30,
+        finger_position=rng.uniform(0.1, 0.2, (2000, 2, 3)),
+        finger_radius=[0.01, 0.01],
+        contact=contact,
+        normal=normal,
+        action=np.repeat(np.arange(10), 200),
+    )
+
+
+def test_no_noise_changes_nothing(recorded):
+    assert add_noise(recorded, Noise(seed=9)) == recorded
+
+
+def test_noise_has_the_spread_that_was_asked_for(recorded):
+    noise = Noise(position=1e-3, bias=3e-3, normal=0.1, flips=0.02, dropped=0.1, seed=1)
+    noisy = add_noise(recorded, noise)
+    error = noisy.finger_position - recorded.finger_position
+    bias = error.mean(axis=0)
+    # Tolerances: four standard deviations of the statistic over these draws.
+    assert (error - bias).std() == pytest.approx(1e-3, rel=0.03)
+    assert 1e-4 < bias.std() < 8e-3  # six draws of 3 mm
+    assert (~noisy.valid).mean() == pytest.approx(0.1, abs=0.02)
+    flipped = (noisy.contact != recorded.contact) & noisy.valid
+    assert flipped.sum() / noisy.valid.sum() == pytest.approx(0.02, abs=0.01)
+    kept = noisy.contact & recorded.contact
+    cosine = (noisy.normal * recorded.normal).sum(axis=-1)[kept].clip(-1, 1)
+    assert np.sqrt((np.arccos(cosine) ** 2).mean()) == pytest.approx(0.1, rel=0.1)
+    invented = noisy.contact & ~recorded.contact
+    assert np.linalg.norm(noisy.normal[invented], axis=1) == pytest.approx(1)
+    assert not noisy.normal[~noisy.contact].any()
+
+
+def test_noise_is_repeatable_and_one_kind_leaves_the_others_alone(recorded):
+    noise = Noise(position=1e-3, bias=1e-3, normal=0.1, flips=0.1, dropped=0.1, seed=2)
+    noisy = add_noise(recorded, noise)
+    assert add_noise(recorded, noise) == noisy
+    assert add_noise(recorded, replace(noise, seed=3)) != noisy
+    fewer = add_noise(recorded, replace(noise, flips=0.0, normal=0.0))
+    np.testing.assert_array_equal(fewer.finger_position, noisy.finger_position)
+    np.testing.assert_array_equal(fewer.valid, noisy.valid)
+    alone = add_noise(recorded.select([7]), noise)
+    assert alone == noisy.select([7])
+
+
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        ({"side_lengths": None}, "side_lengths"),
+        ({"side_lengths": [0.1, 0.1]}, "side_lengths"),
+        ({"side_lengths": [0.1, 0.1, -0.1]}, "side_lengths"),
+        ({"side_lengths": None, "vertices": np.eye(3)}, "vertices"),
+        ({"side_lengths": None, "vertices": np.ones((8, 2))}, "vertices"),
+        ({"mass": 0.0}, "mass"),
+        ({"mass": "heavy"}, "mass"),
+        ({"friction_ground": -0.1}, "friction_ground"),
+        ({"finger_radius": []}, "finger_radius"),
+        ({"gravity": np.nan}, "gravity"),
+        ({"ground": None}, "ground"),
+        ({"position": (0, 0, 0)}, "position"),
+        ({"quaternion": (1, 1, 0, 0)}, "quaternion"),
+        ({"max_force": None}, "max_force"),
+        ({"settle": -1.0}, "settle"),
+    ],
+)
+def test_impossible_world_is_refused_by_name(options, name):
+    with pytest.raises(SceneError, match=name):
+        World(**{"side_lengths": SIZES} | options)
+
+
+def test_bad_trajectory_or_noise_is_refused(pushed):
+    world = copy.deepcopy(pushed[0])
+    good = push()
+    late = SimpleNamespace(time=good.time[::-1], finger_position=good.finger_position)
+    flat = SimpleNamespace(time=good.time, finger_position=good.finger_position[:, :1])
+    for bad, name in ((late, "time"), (flat, "finger_position"), (None, "time")):
+        with pytest.raises(OptionError, match=name):
+            world.execute(bad)
+    inside = world.pose[:3]
+    with pytest.raises(OptionError, match="finger 1 starts inside"):
+        world.execute(line(([0.1, 0, 0.02], [0, 0, 0.02]), (inside, inside)))
+    for bad in ({"flips": 1.5}, {"position": -1.0}, {"seed": 0.5}, {"bias": np.nan}):
+        with pytest.raises(OptionError, match=next(iter(bad))):
+            Noise(**bad)
+
+
+def test_importing_the_module_stays_light():
+    code = "import sys, tactilenlp.simulate; sys.exit('mujoco' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_shipped_recording_is_small_and_touches_what_it_says():
+    data = Measurements.load(DATA)
+    assert DATA.stat().st_size < 60_000
+    assert (data.actions, data.fingers) == (6, 2)
+    assert data.valid[data.action > 0].all()
+    assert not data.valid[data.action == 0, 1].any()
+    with np.load(DATA) as file:
+        keys = ("finger_position", "object_position", "object_quaternion")
+        truth = SimpleNamespace(**{key: file[key] for key in keys})
+        distance, normal = gap_and_normal(file["side_lengths"], truth)
+        assert {"mass", "friction_ground", "friction_finger"} <= set(file)
+    assert abs(distance[data.contact] - 0.01).max() < 1e-4
+    assert abs(normal - data.normal)[data.contact].max() < 0.05
