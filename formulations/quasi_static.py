@@ -1,15 +1,20 @@
 r"""Poses and shape with minimal motion, no impulses: the cheap first stage.
 
-    min  sum_touch  rho(touch(phi)) + |n - n_m|^2 / (2 sigma_n^2)
-       + sum_free   log(1 + exp(-alpha phi))
-       + sum_steps  a pseudo-Huber of the motion between samples
-       + sum_gaps   log(1 + |motion|^2 / gap^2)
-       + sum_sizes  (theta - mean)^2 / (2 sigma^2)
+    min  sum_touch  -log( exp(-touch(phi) - |n - n_m|^2 / 2 sigma_n^2) + exp(-ceiling) )
+       + sum_free   -log( exp(-log(1 + exp(-alpha phi)))               + exp(-ceiling) )
+       + sum_gaps   log(1 + way^2 / gap^2)                  (between actions)
+       + sum_sizes  (theta - mean)^2 / (2 deviation^2)      (size prior)
+       + sum_steps  weight (sqrt(way^2 + still^2) - still)  (least motion)
     over theta, x_k
 
-The motion term stands for quasi-static dissipation: an object that is pushed moves no
-more than it must.  The Cauchy link between actions stands for the unrecorded
-retraction of the fingers, which mostly moves nothing and sometimes centimetres.
+The first four are what was felt and what was known: every page has them (`sense`).  The
+last stands for quasi-static dissipation: an object that is pushed moves no more than it
+must.
+
+Departures from eq:loss, named: the touch cost is two-sided (a felt finger is on the
+surface, not somewhere inside it), every sample's cost is bounded (a flipped boolean),
+and a Cauchy link between actions stands for the unrecorded retraction of the fingers,
+which mostly moves nothing and sometimes centimetres.
 """
 
 from __future__ import annotations
@@ -22,31 +27,35 @@ from .level import Level
 LEVELS = (
     Level(
         "coarse",
-        {"touch scale": 2e-3, "normal scale": 0.4, "alpha": 500.0, "gap scale": 5e-3,
-         "motion weight": 0.1},
-        barrier=1e-1,
+        {
+            "touch scale": 2e-3,
+            "normal scale": 0.4,
+            "alpha": 500.0,
+            "gap scale": 5e-3,
+            "motion weight": 100.0,
+        },
     ),
-    Level(
-        "fine",
-        {"touch scale": 3e-4, "normal scale": 0.1, "alpha": 1500.0, "gap scale": 5e-4,
-         "motion weight": 0.3},
-        barrier=1e-2,
-    ),
-)  # fmt: skip
+    Level("fine"),
+)
 
+TOUCH = 0.3e-3  # [m] model error of a touched gap: soft contact, rounded edges
+NORMAL = 0.1  # [rad] model error of a normal
+ALPHA = 1500.0  # [1/m] steepness of eq:bool
+GAP = 0.5e-3  # [m] way of the object between actions
 ARM = 20e-3  # [m] one radian of turn counts as this much way
 STILL = 0.3e-3  # [m] below this, motion is quadratic
+WEIGHT = 300.0  # [nats / m] price of motion
 
 
 def build(nlp, window, scene, shape):
-    """Fill `nlp` with the quasi-static programme of eq:loss and minimal motion."""
+    """Fill `nlp` with what was felt, and least motion."""
     theta, x = sense(nlp, window, shape)
-    weight = nlp.parameter("motion weight", 0.3, "nats per 1 mm")
+    weight = nlp.parameter("motion weight", WEIGHT, "nats/m")
     step = window.step
 
     def moved(theta, x, x_1, weight):
         way = way_squared(window.motion, shape, theta, x, x_1)
-        return weight * (ca.sqrt(way + STILL**2) - STILL) / 1e-3
+        return weight * (ca.sqrt(way + STILL**2) - STILL)
 
     nlp.minimize(
         "least motion", moved, theta, x[:, step.knot], x[:, step.before], weight,
@@ -54,17 +63,12 @@ def build(nlp, window, scene, shape):
     )  # fmt: skip
 
 
-def way_squared(motion, shape, theta, x, x_1):
-    """Squared way of the body between two poses [m^2], a turn counted over ARM."""
-    (p, R), (p_1, R_1) = (motion.pose(shape, theta, c) for c in (x, x_1))
-    return ca.sumsqr(p - p_1) + ARM**2 * ca.sumsqr(R - R_1) / 2
-
-
 def sense(nlp, window, shape):
-    """Declare theta and x, and add what the fingers felt (eq:loss) and the priors."""
+    """Declare theta and x; add what the fingers felt (eq:loss) and what was known."""
     motion, finger = window.motion, window.finger
     low, high = shape.bounds
-    mean, spread = shape.size_prior
+    mean, deviation = shape.size_prior
+    sigma_p, sigma_n = window.sigma_position, window.sigma_normal
     theta = nlp.variable(
         "theta", shape.theta, lower=low, upper=high, guess=mean, unit="m", scale=1e-3
     )
@@ -72,10 +76,10 @@ def sense(nlp, window, shape):
         "x", motion.unknowns, window.knots, guess=0.0, unit=motion.unit,
         scale=motion.scale,
     )  # fmt: skip
-    scale_touch = nlp.parameter("touch scale", 3e-4, "m")
-    scale_normal = nlp.parameter("normal scale", 0.1, "rad")
-    alpha = nlp.parameter("alpha", 1500.0, "1/m")
-    scale_gap = nlp.parameter("gap scale", 5e-4, "m")
+    touch_scale = nlp.parameter("touch scale", ca.hypot(TOUCH, sigma_p), "m")
+    normal_scale = nlp.parameter("normal scale", ca.hypot(NORMAL, sigma_n), "rad")
+    alpha = nlp.parameter("alpha", 1 / ca.hypot(1 / ALPHA, sigma_p / 1.7), "1/m")
+    gap_scale = nlp.parameter("gap scale", GAP, "m")
 
     def touching(theta, x, p_wf, rho, n_m, sigma, sigma_n):
         pose = motion.pose(shape, theta, x)
@@ -95,19 +99,25 @@ def sense(nlp, window, shape):
     t, f, g = window.touch, window.free, window.gap
     nlp.minimize(
         "touch", touching, theta, x[:, t.knot], t.p_wf, t.radius, t.normal,
-        scale_touch, scale_normal, role="likelihood",
+        touch_scale, normal_scale, role="likelihood",
     )  # fmt: skip
     nlp.minimize(
         "free", free, theta, x[:, f.knot], f.p_wf, f.radius, alpha, role="likelihood"
     )
     nlp.minimize(
-        "between actions", jumped, theta, x[:, g.knot], x[:, g.before], scale_gap,
+        "between actions", jumped, theta, x[:, g.knot], x[:, g.before], gap_scale,
         role="prior",
     )  # fmt: skip
     nlp.minimize(
         "size prior",
-        lambda theta: ca.sumsqr((theta - mean) / spread) / 2,
+        lambda theta: ca.sumsqr((theta - mean) / deviation) / 2,
         theta,
         role="prior",
     )
     return theta, x
+
+
+def way_squared(motion, shape, theta, x, x_1):
+    """Squared way of the body between two poses [m^2], a turn counted over ARM."""
+    (p, R), (p_1, R_1) = (motion.pose(shape, theta, c) for c in (x, x_1))
+    return ca.sumsqr(p - p_1) + ARM**2 * ca.sumsqr(R - R_1) / 2

@@ -51,38 +51,40 @@ def positive_part(x, width):
     return (x + ca.sqrt(x * x + width * width)) / 2
 
 
-def _cuboid_parts(theta, q_of, small):
-    modulus = ca.sqrt(q_of * q_of + (small / 10) ** 2)
-    depth = modulus - theta / 2
-    scaled = depth / small
-    largest = ca.mmax(scaled)
-    weights = ca.exp(scaled - largest)
-    inner = small * (largest + ca.log(ca.sum1(weights)))
-    return modulus, depth, inner, weights / ca.sum1(weights)
-
-
 def cuboid_distance(theta, q_of, small):
     """Return the signed distance [m] of the point q_of from the cuboid."""
-    _, depth, inner, _ = _cuboid_parts(theta, q_of, small)
+    depth = _absolute(q_of, small) - theta / 2
     outside = ca.norm_2(positive_part(depth, small / 5))
-    return outside - positive_part(-inner, small / 5)
+    scaled = depth / small
+    largest = ca.mmax(scaled)
+    inside = small * (largest + ca.log(ca.sum1(ca.exp(scaled - largest))))
+    return outside - positive_part(-inside, small / 5)
 
 
 def cuboid_normal(theta, q_of, small):
-    """Return the outward unit normal: the direction of the distance's gradient."""
-    modulus, depth, inner, weights = _cuboid_parts(theta, q_of, small)
-    width = small / 5
+    """Return the outward unit normal: the direction in which the distance grows.
+
+    The gradient of |S(d)|.  Far inside, S(d) ~ 1 / |d| leaves the nearest face's normal.
+    """
+    modulus, width = _absolute(q_of, small), small / 5
+    depth = modulus - theta / 2
     part = positive_part(depth, width)
-    slope = part / ca.sqrt(depth * depth + width**2)
-    slope_inner = positive_part(-inner, width) / ca.sqrt(inner * inner + width**2)
-    gradient = part * slope / ca.norm_2(part) + slope_inner * weights
-    gradient = gradient * q_of / modulus
-    return gradient / ca.sqrt(ca.sumsqr(gradient) + 1e-12)
+    gradient = part * part / ca.sqrt(depth * depth + width**2) * q_of / modulus
+    return gradient / ca.norm_2(gradient)
+
+
+def _absolute(q, small):
+    return ca.sqrt(q * q + (small / 10) ** 2)
 
 
 def cuboid_corner(theta, signs):
     """Return the corner with the given signs, body frame [m]."""
     return signs * theta / 2
+
+
+def cuboid_rest_height(theta):
+    """Return the height of the centre over the ground, lying on the -z face [m]."""
+    return theta[2] / 2
 
 
 def cuboid_inertia(theta):
@@ -100,6 +102,6 @@ CUBOID = Shape(
     distance=cuboid_distance,
     normal=cuboid_normal,
     corner=cuboid_corner,
-    rest_height=lambda theta: theta[2] / 2,
+    rest_height=cuboid_rest_height,
     inertia=cuboid_inertia,
 )

@@ -1,20 +1,32 @@
 r"""The joint programme of eq:vimp: shape, every pose and every contact impulse.
 
-    min  sum_t L_t(theta, x_t)                                  (eq:loss, sensing)
-       + |momentum balance|^2 / (2 sigma^2)                     (rigid body)
-       + maximum dissipation + inelasticity + complementarity   (contact, in nats)
-    s.t. lam in the friction cone, lam_n >= 0
+    min  sum_t L_t(theta, x_t)                                  what was felt, eq:loss
+       + sum_k |impulse balance_k|^2 / (2 sigma^2)              x_{t+1} = f(x_t, lam, r)
+       + sum   complementarity + dissipation + inelasticity     g(x_t, lam, r), in nats
+    s.t. lam_n >= 0,  |lam_t| <= mu lam_n,  ground gap >= 0
     over theta, x_k, lam_k
 
-Units of the penalties: an impulse is measured in w = m g dt, the weight over a step;
-an energy in m g * 1 mm / KAPPA.
+An impulse is compared with the weight over its time step, w = m g dt, and an energy
+with the work of lifting the object by a millimetre: KAPPA nats each, so that mass and
+time step cancel.
+
+Departures from the printed equations, named:
+  touch, between actions   see quasi_static.py
+  dissipation              v_s lam_n mu |v_s| instead of lam_n |v_s|^2: the printed form
+                           is no power, and is not zero where friction opposes sliding
+  |v_s|, cone apex         rounded (STILL, ROUND), else no second derivative at rest
+  complementarity          of a felt finger is the touch cost; of the ground in planar
+                           motion it holds by construction
+  non-penetration          of the ground is a hard constraint; of a finger it is part of
+                           the likelihoods of touch and free samples
+  least impulse            pins what contact leaves open (four corners share a load)
 """
 
 from __future__ import annotations
 
 import casadi as ca
 
-from . import contact, quasi_static, sensing
+from . import contact, quasi_static
 from .level import Level
 from .rigid_body import momentum_change
 
@@ -23,118 +35,188 @@ LEVELS = (
     Level("joint", barrier=1e-3),
 )
 
-KAPPA = 2.0  # [1/mm] nats per (weight x 1 mm) of energy that friction fails to dissipate
-STILL = 6e-3  # [m/s] rounds the sliding speed: 0.2 mm in a step of 1/30 s
-SIGMA = 0.1  # [weights] deviation of an impulse from momentum balance
+KAPPA = 2.0  # [nats] for an energy that lifts the object by 1 mm
+SIGMA = 0.1  # [weights] deviation of an impulse from balance
 ARM = 20e-3  # [m] turns a moment into a force
+STILL = 6e-3  # [m/s] rounds the sliding speed: 0.2 mm in a step of 1/30 s
 ROUND = 0.01  # [weights] rounds the apex of the friction cone
-LEAST = 1e-3  # [1/weights^2] least impulses, where contact leaves them open
+LEAST = 1e-3  # [nats] for an impulse of one weight
+REST = 0.3e-3  # [m] deviation of a resting corner from the ground
+G = 9.81  # [m/s^2] makes a weight of a mass, also where nothing falls
 
 
 def build(nlp, window, scene, shape):
-    """Fill `nlp` with eq:vimp: the sensor terms, then the physics of every step."""
+    """Fill `nlp` with eq:vimp: what was felt, then the physics of every step."""
     theta, x = quasi_static.sense(nlp, window, shape)
-    motion, step, push, corner = window.motion, window.step, window.push, window.corner
-    w = scene.mass * scene.gravity * step.dt  # [N s] weight over each step
+    step, push, corner = window.step, window.push, window.corner
+    w = scene.mass * G * step.dt  # (steps,) [N s]
+    body = _Body(window, scene, shape)
+    free = [0, -ca.inf, -ca.inf]
+    size = scene.mass * G * (step.dt.mean() if len(step) else 1.0)
     lam = nlp.variable(
-        "finger", 3, len(push.knot), lower=[0, -ca.inf, -ca.inf], guess=0.0,
-        unit="N s", scale=w.mean() if len(w) else 1.0,
-    )  # fmt: skip
+        "finger", 3, len(push), lower=free, guess=0.0, unit="N s", scale=size
+    )
     lam_g = nlp.variable(
-        "ground", 3, len(corner.step), lower=[0, -ca.inf, -ca.inf],
-        guess=ca.DM([0.25, 0, 0]).full() * w[corner.step], unit="N s",
-        scale=w.mean() if len(w) else 1.0,
-    )  # fmt: skip
-    mu_f = nlp.parameter("finger friction", scene.friction_finger)
-    mu_g = nlp.parameter("ground friction", scene.friction_ground)
-    kappa = nlp.parameter("kappa", KAPPA, "1/mm")
+        "ground", 3, len(corner), lower=free, guess=body.share(w), unit="N s", scale=size
+    )
+    mu = friction(nlp, "finger friction", scene.friction_finger)
+    mu_g = friction(nlp, "ground friction", scene.friction_ground)
+    kappa = nlp.parameter("kappa", KAPPA, "nats/mm")
     still = nlp.parameter("still", STILL, "m/s")
-    sigma = nlp.parameter("momentum sigma", SIGMA, "weights")
+    sigma = nlp.parameter("balance sigma", SIGMA, "weights")
     rounding = nlp.parameter("cone rounding", ROUND, "weights")
 
-    def finger_contact(theta, x, p_wf, rho, t):
-        """Contact point [m], normal and tangents of a finger on the body."""
-        pose = motion.pose(shape, theta, x)
-        n = window.finger.normal(shape, theta, pose, p_wf, rho)
-        return p_wf - rho * n, n, *contact.tangents(n, t)
+    def now_and_before(s):
+        return x[:, step.knot[s]], x[:, step.before[s]]
 
-    def finger_slip(theta, x, x_1, p_wf, p_wf_1, rho, t, dt):
-        """Velocity of the body past the finger at the contact, (n, t1, t2) [m/s]."""
-        p, n, t_1, t_2 = finger_contact(theta, x, p_wf, rho, t)
-        (p_wo, R), (p_wo_1, R_1) = (motion.pose(shape, theta, c) for c in (x, x_1))
-        v = (p - (R_1 @ R.T @ (p - p_wo) + p_wo_1) - (p_wf - p_wf_1)) / dt
-        return ca.vertcat(ca.dot(v, n), ca.dot(v, t_1), ca.dot(v, t_2))
-
-    def finger_physics(theta, x, x_1, lam, p_wf, p_wf_1, rho, t, dt, mu, w, kappa, still):
-        v = finger_slip(theta, x, x_1, p_wf, p_wf_1, rho, t, dt)
-        energy = contact.dissipation(mu, lam, v[1:3], still)
-        energy += 0.2 * contact.inelasticity(lam, -v[0], still)
-        return kappa * energy * dt / (w * 1e-3)
-
-    def ground_physics(theta, x, x_1, lam, signs, dt, mu, w, kappa, still):
-        r = shape.corner(theta, signs)
-        (p, R), (p_1, R_1) = (motion.pose(shape, theta, c) for c in (x, x_1))
-        v = (p + R @ r - p_1 - R_1 @ r) / dt
-        energy = contact.dissipation(mu, lam, v[:2], still)
-        return kappa * energy * dt / (w * 1e-3)
-
-    def balance(theta, x, x_1, x_2, dt, w, lams, corners, fingers):
-        """Momentum less impulses, in weights: linear (3,), angular (3,) / ARM."""
-        linear, angular = momentum_change(shape, motion, theta, x, x_1, x_2, dt)
-        m = scene.mass
-        p_wo, R = motion.pose(shape, theta, x)
-        force, moment = m * linear + ca.vertcat(0, 0, w), m * angular
-        for lam, signs in zip(lams, corners, strict=True):
-            impulse = ca.vertcat(lam[1], lam[2], lam[0])
-            force -= impulse
-            moment -= ca.cross(R @ shape.corner(theta, signs), impulse)
-        for lam, p_wf, rho, t in fingers:
-            p, n, t_1, t_2 = finger_contact(theta, x, p_wf, rho, t)
-            impulse = -lam[0] * n + lam[1] * t_1 + lam[2] * t_2
-            force -= impulse
-            moment -= ca.cross(p - p_wo, impulse)
-        return ca.vertcat(force, moment / ARM) / w
-
-    for count, group in window.steps_by_pushes.items():
-        chosen = group.steps
-
-        def momentum(theta, x, x_1, x_2, dt, w, sigma, *rest, count=count):
-            lams, rest = rest[:4], rest[4:]
-            fingers = [rest[4 * i : 4 * i + 4] for i in range(count)]
-            r = balance(theta, x, x_1, x_2, dt, w, lams, shape.corners, fingers)
-            return ca.sumsqr(r) / (2 * sigma**2)
-
-        fingers = []
+    for count, g in window.groups.items():
+        rows, fingers = g.steps, []
         for i in range(count):
-            j = group.pushes[:, i]
+            j = g.pushes[:, i]
             fingers += [lam[:, j], push.p_wf[j], push.radius[j], push.tangent[j]]
         nlp.minimize(
-            f"momentum ({count} pushing)", momentum, theta,
-            x[:, step.knot[chosen]], x[:, step.before[chosen]],
-            x[:, step.before_2[chosen]], step.dt[chosen], w[chosen], sigma,
-            *(lam_g[:, group.corners[:, i]] for i in range(4)), *fingers, role="physics",
+            f"balance, {count} pushing", body.imbalance, theta, *now_and_before(rows),
+            x[:, step.before_2[rows]], step.dt[rows], w[rows], sigma,
+            *(lam_g[:, c] for c in g.corners.T), *fingers, role="physics",
         )  # fmt: skip
 
     s = push.step
+    at_finger = (theta, *now_and_before(s), lam, push.p_wf, push.p_wf_1, push.radius,
+                 push.tangent, step.dt[s], w[s], kappa, still)  # fmt: skip
+    nlp.minimize("finger dissipation", body.finger_work, *at_finger, mu, role="physics")
+    a = window.apart
     nlp.minimize(
-        "finger contact", finger_physics, theta, x[:, step.knot[s]],
-        x[:, step.before[s]], lam, push.p_wf, push.p_wf_1, push.radius, push.tangent,
-        step.dt[s], mu_f, w[s], kappa, still, role="physics",
+        "finger complementarity", body.finger_apart, theta, x[:, step.knot[s[a]]],
+        lam[:, a], push.p_wf[a], push.radius[a], w[s[a]], kappa, role="physics",
     )  # fmt: skip
     s = corner.step
+    at_ground = (theta, *now_and_before(s), lam_g, corner.signs, step.dt[s], w[s], kappa,
+                 still)  # fmt: skip
+    nlp.minimize("ground dissipation", body.ground_work, *at_ground, mu_g, role="physics")
+    s = window.lift.step
     nlp.minimize(
-        "ground contact", ground_physics, theta, x[:, step.knot[s]],
-        x[:, step.before[s]], lam_g, corner.signs, step.dt[s], mu_g, w[s], kappa, still,
+        "ground complementarity", body.ground_apart, theta, *now_and_before(s),
+        lam_g[:, : len(s)], window.lift.signs, step.dt[s], w[s], kappa, still,
         role="physics",
     )  # fmt: skip
+    nlp.subject_to(
+        "ground gap", body.ground_gap, theta, x[:, step.knot[s]], window.lift.signs,
+        lower=0,
+    )  # fmt: skip
+    nlp.minimize(
+        "rest", body.resting, theta, x[:, window.rest.knot], window.rest.signs,
+        role="physics",
+    )  # fmt: skip
+    for name, impulse, coefficient, weight in (
+        ("finger", lam, mu, w[push.step]),
+        ("ground", lam_g, mu_g, w[corner.step]),
+    ):
+        nlp.subject_to(
+            f"{name} cone", cone, impulse, coefficient, weight, rounding, lower=0
+        )
+        nlp.minimize(
+            f"least {name} impulse", least, impulse, weight, role="regulariser"
+        )
 
-    def cone(lam, mu, w, rounding):
-        return contact.cone(mu, lam / w, rounding)
 
-    def least(lam, w):
-        return LEAST * ca.sumsqr(lam / w)
+def friction(nlp, name, value):
+    """Declare a coefficient: a parameter where it is known, else an unknown."""
+    if value is not None:
+        return nlp.parameter(name, value)
+    mu = nlp.variable(name, 1, lower=0.01, upper=2.0, guess=0.4, unit="1", scale=0.1)
+    nlp.minimize(
+        f"{name} prior", lambda mu: ((mu - 0.4) / 0.3) ** 2 / 2, mu, role="prior"
+    )
+    return mu
 
-    nlp.subject_to("finger cone", cone, lam, mu_f, w[push.step], rounding, lower=0)
-    nlp.subject_to("ground cone", cone, lam_g, mu_g, w[corner.step], rounding, lower=0)
-    nlp.minimize("least finger impulse", least, lam, w[push.step], role="regulariser")
-    nlp.minimize("least ground impulse", least, lam_g, w[corner.step], role="regulariser")
+
+def cone(lam, mu, w, rounding):
+    """Inside the friction cone, in weights."""
+    return contact.cone(mu, lam / w, rounding)
+
+
+def least(lam, w):
+    """A pull towards zero, in nats."""
+    return LEAST * ca.sumsqr(lam / w)
+
+
+class _Body:
+    """The terms of one body: what the pure functions of the page share."""
+
+    def __init__(self, window, scene, shape):
+        self.window, self.scene, self.shape = window, scene, shape
+
+    def share(self, w):
+        """Guess the ground's impulses: every corner carries its share of the weight."""
+        corner, shared = self.window.corner, max(1, len(self.shape.corners))
+        return [w[corner.step] / shared, 0 * w[corner.step], 0 * w[corner.step]]
+
+    def pose(self, theta, x):
+        return self.window.motion.pose(self.shape, theta, x)
+
+    def touch(self, theta, x, p_wf, rho, t):
+        """Where a finger touches: point p_w [m], normal and tangents of the body."""
+        n = self.window.finger.normal(self.shape, theta, self.pose(theta, x), p_wf, rho)
+        return p_wf - rho * n, n, *contact.tangents(n, t)
+
+    def imbalance(self, theta, x, x_1, x_2, dt, w, sigma, *impulses):
+        """Squared momentum change less impulses, in weights, over 2 sigma^2."""
+        m, corners = self.scene.mass, self.shape.corners if len(self.window.corner) else ()
+        ground, fingers = impulses[: len(corners)], impulses[len(corners) :]
+        linear, angular = momentum_change(
+            self.shape, self.window.motion, theta, x, x_1, x_2, dt
+        )
+        p_wo, R_wo = self.pose(theta, x)
+        force = m * linear + ca.vertcat(0, 0, m * self.scene.gravity * dt)
+        moment = m * angular
+        for lam, signs in zip(ground, corners, strict=True):
+            impulse = ca.vertcat(lam[1], lam[2], lam[0])
+            force -= impulse
+            moment -= ca.cross(R_wo @ self.shape.corner(theta, ca.DM(signs)), impulse)
+        for i in range(0, len(fingers), 4):
+            lam, p_wf, rho, t = fingers[i : i + 4]
+            p_w, n, t_1, t_2 = self.touch(theta, x, p_wf, rho, t)
+            impulse = -lam[0] * n + lam[1] * t_1 + lam[2] * t_2
+            force -= impulse
+            moment -= ca.cross(p_w - p_wo, impulse)
+        return (ca.sumsqr(force) + ca.sumsqr(moment) / ARM**2) / (2 * (sigma * w) ** 2)
+
+    def finger_work(
+        self, theta, x, x_1, lam, p_wf, p_wf_1, rho, t, dt, w, kappa, still, mu
+    ):
+        """Friction that fails to dissipate, and normal impulse that pulls apart."""
+        p_w, n, t_1, t_2 = self.touch(theta, x, p_wf, rho, t)
+        (p, R), (p_1, R_1) = self.pose(theta, x), self.pose(theta, x_1)
+        v = (p_w - p_1 - R_1 @ (R.T @ (p_w - p)) - p_wf + p_wf_1) / dt
+        v_s = ca.vertcat(ca.dot(v, t_1), ca.dot(v, t_2))
+        energy = contact.dissipation(mu, lam, v_s, still)
+        energy += 0.2 * contact.inelasticity(lam, -ca.dot(v, n), still)
+        return kappa * energy * dt / (w * 1e-3)
+
+    def finger_apart(self, theta, x, lam, p_wf, rho, w, kappa):
+        """Impulse across a gap."""
+        phi = self.window.finger.gap(self.shape, theta, self.pose(theta, x), p_wf, rho)
+        return kappa * contact.complementarity(lam, phi, rho / 50) / (w * 1e-3)
+
+    def corner(self, theta, x, signs):
+        p_wo, R_wo = self.pose(theta, x)
+        return p_wo + R_wo @ self.shape.corner(theta, signs)
+
+    def ground_work(self, theta, x, x_1, lam, signs, dt, w, kappa, still, mu):
+        """Friction with the ground that fails to dissipate."""
+        v = (self.corner(theta, x, signs) - self.corner(theta, x_1, signs)) / dt
+        return kappa * contact.dissipation(mu, lam, v[:2], still) * dt / (w * 1e-3)
+
+    def ground_apart(self, theta, x, x_1, lam, signs, dt, w, kappa, still):
+        """Impulse of the ground on a corner that is above it or rises."""
+        z, z_1 = self.corner(theta, x, signs)[2], self.corner(theta, x_1, signs)[2]
+        energy = lam[0] * z + 0.2 * dt * contact.inelasticity(lam, (z - z_1) / dt, still)
+        return kappa * energy / (w * 1e-3)
+
+    def ground_gap(self, theta, x, signs):
+        """Height of a corner [m] over REST."""
+        return self.corner(theta, x, signs)[2] / REST
+
+    def resting(self, theta, x, signs):
+        """A corner on which the object rests, off the ground."""
+        return (self.corner(theta, x, signs)[2] / REST) ** 2 / 2

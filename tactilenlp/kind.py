@@ -14,6 +14,8 @@ from functools import cache
 
 import casadi as ca
 
+from .codegen import compiled
+
 _cache: dict[str, Kind] = {}
 seconds_deriving = [0.0]
 
@@ -65,13 +67,20 @@ def _derive(traced: ca.Function) -> Kind:
     nonzeros = [ca.vertcat(*matrix.nonzeros()) for matrix in (jacobian, hessian)]
     nonzeros = [ca.SX(0, 1) if n.is_empty() else ca.densify(n) for n in nonzeros]
     cse = {"cse": True}
+    value, first, second = compiled(
+        [
+            ca.Function("value", [z, d], [value], cse),
+            ca.Function("first", [z, d], [value, nonzeros[0]], cse),
+            ca.Function("second", [z, d, multiplier], [nonzeros[1]], cse),
+        ]
+    )
     kind = Kind(
-        rows=value.numel(),
+        rows=multiplier.numel(),
         unknowns=z.numel(),
         data=d.numel(),
-        value=ca.Function("value", [z, d], [value], cse),
-        first=ca.Function("first", [z, d], [value, nonzeros[0]], cse),
-        second=ca.Function("second", [z, d, multiplier], [nonzeros[1]], cse),
+        value=value,
+        first=first,
+        second=second,
         jacobian_sparsity=jacobian.sparsity(),
         hessian_sparsity=hessian.sparsity(),
     )

@@ -134,14 +134,14 @@ class Measurements:
     def transformed(self, R: np.ndarray, t: np.ndarray) -> Measurements:
         """Return the data in a frame v: p_v = R p_w + t, R (3, 3), t (3,) [m]."""
         R_vw, t_vw = np.asarray(R, float), np.asarray(t, float)
-        rigid = R_vw.shape == (3, 3) and t_vw.shape == (3,) and np.linalg.det(R_vw) > 0
-        if not (rigid and abs(R_vw @ R_vw.T - np.eye(3)).max() <= ROTATION_TOLERANCE):
+        rigid = R_vw.shape == (3, 3) and t_vw.shape == (3,) and np.isfinite(R_vw).all()
+        rigid = rigid and abs(R_vw @ R_vw.T - np.eye(3)).max() <= ROTATION_TOLERANCE
+        if not (rigid and np.linalg.det(R_vw) > 0):
             parts = {"where": "R, t", "got": f"{R_vw.tolist()}, {t_vw.tolist()}"}
             parts |= {"expected": "a rotation matrix (3, 3) and an offset (3,) [m]"}
-            raise MeasurementError("no rigid motion", next="see R R' = 1", **parts)
-        moved = self._arrays()
+            raise MeasurementError("no rigid motion", next="check R R' = 1", **parts)
+        moved = self._arrays() | {"normal": self.normal @ R_vw.T}
         moved["finger_position"] = self.finger_position @ R_vw.T + t_vw
-        moved["normal"] = self.normal @ R_vw.T
         if self.finger_orientation is not None:
             from scipy.spatial.transform import Rotation  # lazily: import stays light
 
@@ -207,7 +207,7 @@ def _reject(key: str, bad: np.ndarray | bool, what: str, got: object, fix: str) 
     if index:
         what, got = f"{what} at index {index}", got[index].tolist()
     axes, meaning, _ = LAYOUT[key]
-    expected = f"({', '.join(map(str, axes))}) {meaning}"
+    expected = str(axes).replace("'", "") + f" {meaning}"
     parts = {"where": key, "expected": expected, "got": f"{got}", "next": fix}
     raise MeasurementError(what, index=index, **parts)
 

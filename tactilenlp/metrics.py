@@ -293,7 +293,7 @@ def _read(value: ArrayLike, shape: tuple, where: str, positive=False) -> np.ndar
     fits = array.size > 0 and array.shape == (shape[0] or len(array), *shape[1:])
     if not fits or not np.all(np.isfinite(array)) or (positive and np.any(array <= 0)):
         expected = "positive" if positive else "finite"
-        expected += f" numbers of shape {shape} (None: any)"
+        expected += f" numbers of shape {str(shape).replace('None', 'N')}"
         got = array.tolist() if fits and array.size < 10 else f"shape {array.shape}"
         raise TactileError("unusable", where=where, expected=expected, got=got)
     return array

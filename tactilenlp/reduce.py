@@ -1,163 +1,172 @@
 """What this scene does not need, dropped: from Measurements to a Window.
 
-A Window carries plain arrays and index lists; pages never branch on data.
+still   samples during which nothing can move share one pose
+far     a free finger far from the object says nothing
+absent  a finger that feels nothing carries no impulse
+planar  an object that lies flat and never tilts has three unknowns a pose, not six
+
+Each can be switched off alone; `certify.py` checks them after the solve.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from formulations.finger import SPHERE, Finger
-from formulations.rigid_body import PLANAR, Motion
+from formulations.finger import SPHERE
+from formulations.rigid_body import FREE, PLANAR
+
+from .errors import OptionError
+from .window import Corners, Group, Pushes, Rests, Samples, Steps, Window
+
+FAR = 30e-3  # [m] a free finger this far beyond the sensor's doubt is not asked
+CEILING = 7.0  # [nats] one sample in a thousand is wrong beyond any noise
+SIDE = 0.7  # [-] |n_z| below which a normal belongs to a side
 
 
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """Finger samples (M,): which sample and finger, which pose, where the finger is."""
+@dataclass(frozen=True)
+class Reductions:
+    """Which reductions may be made; all by default."""
 
-    sample: np.ndarray
-    finger: np.ndarray
-    knot: np.ndarray
-    p_wf: np.ndarray
-    radius: np.ndarray
-    normal: np.ndarray
+    still: bool = True
+    far: bool = True
+    absent: bool = True
+    planar: bool = True
 
-
-@dataclass(frozen=True, eq=False)
-class Steps:
-    """Time steps (S,) in which the object may move: poses now, before, before that."""
-
-    sample: np.ndarray
-    knot: np.ndarray
-    before: np.ndarray
-    before_2: np.ndarray
-    dt: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class Pushes:
-    """Finger contacts (P,) that may carry an impulse, each in one step."""
-
-    sample: np.ndarray
-    finger: np.ndarray
-    step: np.ndarray
-    knot: np.ndarray
-    p_wf: np.ndarray
-    p_wf_1: np.ndarray
-    radius: np.ndarray
-    tangent: np.ndarray
+    @classmethod
+    def of(cls, choice) -> Reductions:
+        """Read True, False, a Reductions, or the names of those to switch off."""
+        if isinstance(choice, cls):
+            return choice
+        names = [f.name for f in fields(cls)]
+        if isinstance(choice, bool):
+            return cls(**dict.fromkeys(names, choice))
+        off = (choice,) if isinstance(choice, str) else tuple(choice)
+        unknown = [name for name in off if name not in names]
+        if unknown:
+            raise OptionError(
+                "no such reduction",
+                where="reduce",
+                got=unknown,
+                expected=f"True, False or names to switch off among {names}",
+            )
+        return cls(**{name: name not in off for name in names})
 
 
-@dataclass(frozen=True, eq=False)
-class Corners:
-    """Ground contacts (C,), each in one step, each at one corner of the shape."""
+def reduce(data, scene, shape, precision, choice=None, guess=None) -> Window:
+    """Return the window of `data` (ground at z = 0) under the chosen reductions.
 
-    step: np.ndarray
-    signs: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class Group:
-    """Steps with the same number of pushing fingers, and which those are."""
-
-    steps: np.ndarray
-    pushes: np.ndarray
-    corners: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class Window:
-    """What a page sees of the data."""
-
-    motion: Motion
-    finger: Finger
-    knots: int
-    knot: np.ndarray
-    touch: Samples
-    free: Samples
-    step: Steps
-    gap: Steps
-    push: Pushes
-    corner: Corners
-    steps_by_pushes: dict
-    ceiling: float
-    small: float
-
-
-def window_of(data, scene, motion=PLANAR, merge=True, corners=()):
-    contact = data.contact & data.valid
+    guess: theta and x (unknowns, T) that say what is far and which corners are low;
+    without one, no sample is far.
+    """
+    choice = choice or Reductions()
+    motion = PLANAR if choice.planar else FREE
     first = np.r_[True, data.action[1:] != data.action[:-1]]
-    settle = settling_samples(data, scene)
-    moving = first.copy()
-    start = 0
-    for t in range(len(data.time)):
-        if first[t]:
-            start = t
-        else:
-            moving[t] = contact[max(start, t - settle) : t + 1].any() or not merge
-    knot = np.cumsum(moving) - 1
+    moving = may_move(data, scene, first) if choice.still else np.ones_like(first)
+    knot = np.cumsum(moving | first) - 1
     sample, finger = np.nonzero(data.valid)
-    felt = contact[sample, finger]
-
-    def samples(which):
-        s, f = sample[which], finger[which]
-        return Samples(
-            s, f, knot[s], data.finger_position[s, f], data.finger_radius[f],
-            data.normal[s, f],
-        )
-
-    step = np.nonzero(moving & ~first)[0]
-    before = knot[step - 1]
-    two = np.where(first[step - 1], step - 1, step - 2)
+    felt = data.contact[sample, finger]
+    everything = Samples(
+        sample, finger, knot[sample], data.finger_position[sample, finger],
+        data.finger_radius[finger], data.normal[sample, finger],
+    )  # fmt: skip
+    free = everything.pick(~felt)
+    if choice.far and guess is not None:
+        free = free.pick(~is_far(free, shape, motion, guess, precision))
+    step = _steps(data, knot, first, np.nonzero(moving & ~first)[0])
+    push = _pushes(data, everything, felt, step, choice.absent)
+    corner, lift, rest = _ground(scene, shape, motion, step, knot, guess)
     gap = np.nonzero(first)[0][1:]
-    index = np.full(len(data.time), -1)
-    index[step] = np.arange(len(step))
-    pushing = felt & (index[sample] >= 0)
-    ps, pf = sample[pushing], finger[pushing]
-    n = data.normal[ps, pf]
-    side = np.cross([0.0, 0.0, 1.0], n)
-    tangent = np.where(
-        (np.abs(n[:, 2]) < 0.7)[:, None],
-        side / np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-9),
-        [1.0, 0.0, 0.0],
-    )
-    push = Pushes(
-        ps, pf, index[ps], knot[ps], data.finger_position[ps, pf],
-        data.finger_position[ps - 1, pf], data.finger_radius[pf], tangent,
-    )
-    signs = np.array(corners, float)
-    corner = Corners(
-        np.repeat(np.arange(len(step)), len(signs)), np.tile(signs, (len(step), 1))
-    )
-    groups = {}
-    members = [np.nonzero(push.step == i)[0] for i in range(len(step))]
-    counts = np.array([len(m) for m in members])
-    for count in sorted(set(counts.tolist())):
-        chosen = np.nonzero(counts == count)[0]
-        groups[count] = Group(
-            chosen,
-            np.array([members[i] for i in chosen], int).reshape(len(chosen), count),
-            chosen[:, None] * len(signs) + np.arange(len(signs)),
-        )
+    zero = knot[gap - 1]
     return Window(
-        motion=motion,
-        finger=SPHERE,
-        knots=int(knot[-1]) + 1,
-        knot=knot,
-        touch=samples(felt),
-        free=samples(~felt),
-        step=Steps(step, knot[step], before, knot[two], data.time[step] - data.time[step - 1]),
-        gap=Steps(gap, knot[gap], knot[gap - 1], knot[gap - 1], data.time[gap] - data.time[gap - 1]),
-        push=push,
-        corner=corner,
-        steps_by_pushes=groups,
-        ceiling=7.0,
-        small=float(data.finger_radius.min()) / 10,
-    )
+        motion=motion, finger=SPHERE, knots=int(knot[-1]) + 1, knot=knot,
+        touch=everything.pick(felt), free=free, step=step,
+        gap=Steps(gap, knot[gap], zero, zero, data.time[gap] - data.time[gap - 1]),
+        push=push, apart=np.nonzero(~data.contact[push.sample, push.finger])[0],
+        corner=corner, lift=lift, rest=rest,
+        groups=_groups(len(step), push, corner),
+        sigma_position=precision.position, sigma_normal=precision.normal,
+        ceiling=CEILING,
+    )  # fmt: skip
 
 
-def settling_samples(data, scene):
-    """Samples a pushed object may go on sliding after the last contact."""
-    return 2
+def may_move(data, scene, first) -> np.ndarray:
+    """Tell for every sample whether the object may have moved since the one before.
+
+    It may while a finger touches it, and until friction with the ground has stopped it:
+    v / (mu g) seconds after the last touch, at the speed v of the fastest finger.
+    """
+    contact = (data.contact & data.valid).any(axis=1)
+    way = np.linalg.norm(np.diff(data.finger_position, axis=0), axis=2)
+    speed = np.where(data.contact[1:], way, 0.0).max(initial=0.0) / data.dt
+    mu = scene.friction_ground if scene.friction_ground is not None else 0.1
+    braking = mu * scene.gravity if scene.ground is not None else 0.0
+    settle = int(np.ceil(speed / (braking * data.dt))) if braking > 0 else len(first)
+    moving = contact.copy()
+    since = np.where(contact, 0, settle + 1)
+    for t in range(1, len(first)):
+        if not first[t] and not contact[t]:
+            since[t] = since[t - 1] + 1
+            moving[t] = since[t] <= settle
+    return moving & ~first
+
+
+def is_far(free, shape, motion, guess, precision) -> np.ndarray:
+    """Tell which free samples are too far from the guessed object to matter."""
+    theta, x = guess
+    reach = np.linalg.norm(theta) / 2
+    centre = x[:2, free.sample].T
+    away = np.linalg.norm(free.p_wf[:, :2] - centre, axis=1) - reach - free.radius
+    return away > FAR + 10 * precision.position
+
+
+def _steps(data, knot, first, samples) -> Steps:
+    """Return the steps that end at `samples`; an action starts at rest."""
+    two = np.where(first[samples - 1], samples - 1, samples - 2)
+    dt = data.time[samples] - data.time[samples - 1]
+    return Steps(samples, knot[samples], knot[samples - 1], knot[two], dt)
+
+
+def _pushes(data, everything, felt, step, only_felt) -> Pushes:
+    index = np.full(len(data.time), -1)
+    index[step.sample] = np.arange(len(step))
+    chosen = (index[everything.sample] >= 0) & (felt | (not only_felt))
+    s, f = everything.sample[chosen], everything.finger[chosen]
+    n = everything.normal[chosen]
+    side = np.cross([0.0, 0.0, 1.0], n)
+    length = np.linalg.norm(side, axis=1, keepdims=True)
+    sideways = (length > SIDE).ravel()[:, None]
+    tangent = np.where(sideways, side / np.maximum(length, SIDE), [1.0, 0.0, 0.0])
+    position = data.finger_position
+    return Pushes(
+        s, f, index[s], position[s, f], position[s - 1, f], data.finger_radius[f],
+        tangent,
+    )  # fmt: skip
+
+
+def _ground(scene, shape, motion, step, knot, guess):
+    """Return the ground contacts of every step, those that lift, and the rests."""
+    none = Corners(np.zeros(0, int), np.zeros((0, 3)))
+    if scene.ground is None:
+        return none, none, Rests(none.step, none.signs)
+    low = np.array(shape.corners, float)
+    corner = Corners(np.repeat(np.arange(len(step)), len(low)), np.tile(low, (len(step), 1)))
+    if motion is PLANAR:
+        return corner, none, Rests(none.step, none.signs)
+    still = np.setdiff1d(np.arange(knot[-1] + 1), step.knot)
+    rest = Rests(np.repeat(still, len(low)), np.tile(low, (len(still), 1)))
+    return corner, corner, rest
+
+
+def _groups(steps, push, corner) -> dict[int, Group]:
+    members = [np.nonzero(push.step == i)[0] for i in range(steps)]
+    count = np.array([len(m) for m in members], int)
+    width = len(corner) // steps if steps else 0
+    groups = {}
+    for n in sorted(set(count.tolist())):
+        chosen = np.nonzero(count == n)[0]
+        pushes = np.array([members[i] for i in chosen], int).reshape(len(chosen), n)
+        corners = chosen[:, None] * width + np.arange(width)
+        groups[n] = Group(chosen, pushes, corners)
+    return groups

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -90,7 +90,7 @@ class Scene:
     mass: float = 0.5
     friction_ground: float | None = 0.3
     friction_finger: float | None = 0.5
-    ground: Ground | None = Ground()
+    ground: Ground | None = field(default_factory=Ground)
     gravity: float = 9.81
     sigma_position: float | None = None
     sigma_normal: float | None = None
@@ -128,7 +128,7 @@ class Scene:
 
         Any field can be overridden: `Scene.load(path, friction_ground=None)`.
         """
-        names = [field.name for field in fields(cls)]
+        names = [known.name for known in fields(cls)]
         for name in overrides:
             if name not in names:
                 raise OptionError(

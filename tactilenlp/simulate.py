@@ -15,7 +15,7 @@ from .plant import STEP, Plant
 
 RATE = 30  # [Hz] of the record, as the tactile sensors of the paper
 SUBSTEPS = round(1 / (RATE * STEP))  # steps per sample
-WINDOW = 30  # steps (10 ms) at the end of a sample over which the sensor averages
+WINDOW = 40  # steps (10 ms) at the end of a sample over which the sensor averages
 BACK_OFF, BACK_OFF_TIME = 0.008, 0.2  # [m], [s] first, out along the contact normal
 RETURN_TIME, PAUSE = 0.4, 0.2  # [s] back the way it came; the object comes to rest
 STILL = 1e-9  # [m] a finger that is to move less than this is parked
@@ -77,8 +77,8 @@ class World:
     noise:           what the sensors add; `truth` stays clean
 
     `measurements` and `truth` hold all that was recorded, None before the first action.
-    Equal arguments and trajectories give equal records, to the last digit.
-    Raises SceneError.
+    Equal arguments and trajectories give equal records, to the last digit.  Raises
+    SceneError.
     """
 
     side_lengths: np.ndarray | None = None
@@ -159,7 +159,6 @@ class World:
         return self._keep(time, true, parked)
 
     def _keep(self, time: np.ndarray, true: Truth, parked: np.ndarray) -> Measurements:
-        """Return what the sensors make of the truth; append both to the record."""
         past = self.measurements
         data = Measurements(
             time=time,
@@ -189,17 +188,18 @@ class World:
             arrays[key if key.startswith("object_") else f"truth_{key}"] = value
         arrays["final_position"] = self.truth.object_position[-1]
         arrays["final_quaternion"] = self.truth.object_quaternion[-1]
-        arrays["contact_force_threshold"] = self.contact_force
-        arrays["solver_step"] = STEP
+        arrays |= {"contact_force_threshold": self.contact_force, "solver_step": STEP}
         with open(path, "wb") as stream:  # a stream: savez would add a suffix to a path
             np.savez_compressed(stream, **arrays)
 
     def _row(self, touch: np.ndarray) -> tuple:
         """Return one sample of Truth from the forces (n, F, 6) [N] since the last."""
-        press = touch[-WINDOW:, :, 3:].mean(axis=0)
-        force = np.linalg.norm(press, axis=1)
-        contact = force > self.contact_force
-        normal = press * (contact / np.where(contact, force, 1.0))[:, None]
+        press, finger = touch[-WINDOW:, :, 3:], np.arange(touch.shape[1])
+        felt = np.linalg.norm(press, axis=2)
+        force, last = felt.mean(axis=0), (felt > 0).cumsum(axis=0).argmax(axis=0)
+        contact = force > self.contact_force  # the normal is the one felt last
+        unit = contact / np.where(contact, felt[last, finger], 1.0)
+        normal = press[last, finger] * unit[:, None]
         impulse = touch[:, :, :3].sum(axis=0) * STEP
         pose, fingers, gap = self.pose, self._plant.fingers, self._plant.distance()
         return pose[:3], pose[3:], fingers, contact, normal, force, impulse, gap

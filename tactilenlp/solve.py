@@ -60,6 +60,8 @@ class SolverOptions:
         return {f"ipopt.{k}": v for k, v in {**ours, **self.ipopt}.items()} | {
             "print_time": False,
             "error_on_fail": False,
+            "no_nlp_grad": True,
+            "calc_lam_p": False,
         }
 
 
@@ -84,6 +86,7 @@ class Solution:
     iterations: int
     evaluations: int
     seconds: dict[str, float]
+    iterations_by_level: tuple[int, ...] = ()
 
 
 def make_solver(problem: Problem, options: SolverOptions) -> ca.Function:
@@ -144,6 +147,51 @@ def solve(
     if throw and not solution.success:
         raise not_converged(problem, solution)
     return solution
+
+
+def solve_levels(
+    problem: Problem,
+    levels,
+    start: dict[str, np.ndarray],
+    options: SolverOptions | None = None,
+    solvers: dict | None = None,
+) -> Solution:
+    """Run the levels of a homotopy, each from where the one before ended.
+
+    `solvers` keeps what was built for a next call on the same problem.  The iterations
+    and seconds of the result are summed; a level that fails does not stop the next, the
+    last one decides.
+    """
+    options = options or SolverOptions()
+    solvers = {} if solvers is None else solvers
+    iterations, evaluations, seconds = [], 0, {"build": 0.0, "solve": 0.0}
+    for level in levels:
+        key = (level.barrier, level.iterations)
+        chosen = replace(options, barrier=level.barrier, iterations=level.iterations)
+        began = time.process_time()
+        if key not in solvers:
+            solvers[key] = make_solver(problem, chosen)
+        seconds["build"] += time.process_time() - began
+        solution = solve(
+            problem,
+            chosen,
+            start=start,
+            parameters=level.parameters,
+            fixed=level.fixed,
+            throw=False,
+            solver=solvers[key],
+        )
+        start = solution.values
+        iterations.append(solution.iterations)
+        evaluations += solution.evaluations
+        seconds["solve"] += solution.seconds["solve"]
+    return replace(
+        solution,
+        iterations=sum(iterations),
+        iterations_by_level=tuple(iterations),
+        evaluations=evaluations,
+        seconds=seconds,
+    )
 
 
 def _recompute(problem, x, data, lam_g, lam_x, stats, seconds) -> Solution:

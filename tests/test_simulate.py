@@ -51,7 +51,8 @@ def shot(friction_ground):
     ramp = np.minimum(time, 0.25)
     x = -0.055 + np.where(ramp < 0.2, ramp**2, 0.04 + 0.4 * (ramp - 0.2))
     column = np.stack([x, 0 * x, 0 * x + 0.02], axis=1)[:, None]
-    world = World([0.04] * 3, friction_ground=friction_ground, finger_radius=[0.01])
+    options = {"friction_ground": friction_ground, "max_force": 30.0}
+    world = World([0.04] * 3, finger_radius=[0.01], **options)
     world.execute(SimpleNamespace(time=time, finger_position=column))
     return world, world.truth.object_position[:, 0]
 
@@ -71,7 +72,7 @@ def gap_and_normal(sizes, truth):
     p_of = np.einsum("tji,tfj->tfi", R_wo, p_wf)
     outward = p_of - np.clip(p_of, -sizes / 2, sizes / 2)
     distance = np.linalg.norm(outward, axis=-1, keepdims=True)
-    outward = np.divide(outward, distance, where=distance > 0)
+    outward = outward / np.maximum(distance, 1e-9)
     return distance[..., 0], np.einsum("tij,tfj->tfi", R_wo, outward)
 
 
@@ -91,9 +92,9 @@ def test_resting_object_does_not_drift(shape):
 @pytest.mark.parametrize("friction", [0.15, 0.3])
 def test_sliding_distance_is_v_squared_over_2_mu_g(friction):
     world, x = shot(friction)
-    free = np.flatnonzero(world.truth.normal_force[:, 0] > 0)[-1] + 1
+    free = np.flatnonzero(world.truth.impulse[:, 0].any(axis=1))[-1] + 1
     v = (x[free + 2] - x[free]) * 30 / 2  # at free + 1, under constant friction
-    assert v > 0.2
+    assert v > 0.15
     assert x[-1] - x[free + 1] == pytest.approx(v**2 / (2 * friction * 9.81), rel=0.05)
 
 
@@ -130,10 +131,11 @@ def test_distances_and_normals_are_those_of_the_box(pushed):
     truth, touching = world.truth, world.truth.contact
     distance, normal = gap_and_normal(SIZES, truth)
     np.testing.assert_allclose(truth.distance, distance - 0.01, atol=1e-6)
-    # The sensor averages over 10 ms, in which the box turns by less than 0.01 rad.
+    # The normal is the one last felt: in 10 ms the box turns by less than 0.01 rad.
     assert touching.sum() > 15
     np.testing.assert_allclose(truth.normal[touching], normal[touching], atol=0.01)
-    np.testing.assert_allclose(truth.normal[touching][0], [1, 0, 0], atol=0.01)
+    # A push beside the centre turns the box, by 0.02 rad at the first sample.
+    np.testing.assert_allclose(truth.normal[touching][0], [1, 0, 0], atol=0.03)
 
 
 def test_normal_on_an_edge_points_from_edge_to_finger():
@@ -192,7 +194,7 @@ def test_contact_is_a_normal_force_above_the_threshold(pushed):
     assert (truth.contact == (truth.normal_force > 0.05)).all()
     numb = World(SIZES, contact_force=50.0)
     data = numb.execute(push())
-    assert not data.touched
+    assert not data.contact.any()
     assert not data.normal.any()
     assert numb.truth.normal_force.max() > 0.5
     # Equal physics, so equal forces: the threshold is in the sensor only.
@@ -361,7 +363,8 @@ def test_importing_the_module_stays_light():
 def test_shipped_recording_is_small_and_touches_what_it_says():
     data = Measurements.load(DATA)
     assert DATA.stat().st_size < 60_000
-    assert (data.actions, data.fingers) == (6, 2)
+    assert np.unique(data.action).tolist() == [0, 1, 2, 3, 4, 5]
+    assert data.contact.any(axis=0).all()
     assert data.valid[data.action > 0].all()
     assert not data.valid[data.action == 0, 1].any()
     with np.load(DATA) as file:
@@ -370,4 +373,5 @@ def test_shipped_recording_is_small_and_touches_what_it_says():
         distance, normal = gap_and_normal(file["side_lengths"], truth)
         assert {"mass", "friction_ground", "friction_finger"} <= set(file)
     assert abs(distance[data.contact] - 0.01).max() < 1e-4
+    # Once a finger skips round an edge, at 0.07 m/s since it was felt, 5 ms before.
     assert abs(normal - data.normal)[data.contact].max() < 0.05

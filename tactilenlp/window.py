@@ -1,0 +1,124 @@
+"""What a page sees of the data: plain arrays and index lists, no branches.
+
+Every list may be empty; a term over an empty list costs nothing.  `knot` numbers the
+pose unknowns: all samples of a still span share one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from formulations.finger import Finger
+from formulations.rigid_body import Motion
+
+
+class _Rows:
+    """Arrays that share their first axis, an instance of a term each."""
+
+    def __len__(self) -> int:
+        return len(next(iter(vars(self).values())))
+
+    def pick(self, rows):
+        """Return the chosen instances."""
+        return type(self)(**{name: a[rows] for name, a in vars(self).items()})
+
+
+@dataclass(frozen=True, eq=False)
+class Samples(_Rows):
+    """Finger samples: at pose `knot`, finger at p_wf [m], its radius [m], normal."""
+
+    sample: np.ndarray
+    finger: np.ndarray
+    knot: np.ndarray
+    p_wf: np.ndarray
+    radius: np.ndarray
+    normal: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Steps(_Rows):
+    """Time steps of dt [s] to pose `knot` from the poses before and before that."""
+
+    sample: np.ndarray
+    knot: np.ndarray
+    before: np.ndarray
+    before_2: np.ndarray
+    dt: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Pushes(_Rows):
+    """Finger contacts that may carry an impulse, each within one step.
+
+    p_wf_1 is where the finger was a sample ago, tangent (3,) where t1 points.
+    """
+
+    sample: np.ndarray
+    finger: np.ndarray
+    step: np.ndarray
+    p_wf: np.ndarray
+    p_wf_1: np.ndarray
+    radius: np.ndarray
+    tangent: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Corners(_Rows):
+    """Ground contacts, each at one corner of the shape within one step."""
+
+    step: np.ndarray
+    signs: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Rests(_Rows):
+    """Corners on which the object rests while nothing pushes it, one pose each."""
+
+    knot: np.ndarray
+    signs: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Steps in which equally many fingers push: (n,), (n, fingers), (n, corners)."""
+
+    steps: np.ndarray
+    pushes: np.ndarray
+    corners: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """The measurements as a page reads them.
+
+    apart: the pushes of fingers that feel nothing (rows of push);
+    lift: the ground contacts that can leave the ground (none in planar motion);
+    rest: corners on the ground at poses without a step (none in planar motion);
+    groups: the steps by number of pushing fingers; sigma_position [m] and sigma_normal
+    [rad]: sensor noise; ceiling: the most that one wrong sample can cost [nats].
+    """
+
+    motion: Motion
+    finger: Finger
+    knots: int
+    knot: np.ndarray
+    touch: Samples
+    free: Samples
+    step: Steps
+    gap: Steps
+    push: Pushes
+    apart: np.ndarray
+    corner: Corners
+    lift: Corners
+    rest: Rests
+    groups: dict[int, Group]
+    sigma_position: float
+    sigma_normal: float
+    ceiling: float
+
+    @property
+    def last(self) -> np.ndarray:
+        """The last sample of every pose (knots,)."""
+        return np.r_[np.nonzero(np.diff(self.knot))[0], len(self.knot) - 1]
