@@ -107,6 +107,11 @@ def build(nlp, window, scene, shape):
         "rest", body.resting, theta, x[:, window.rest.knot], window.rest.signs,
         role="physics",
     )  # fmt: skip
+    nlp.report(
+        "finger impulse", body.finger_impulse, theta, x[:, step.knot[push.step]], lam,
+        push.p_wf, push.radius, push.tangent,
+    )  # fmt: skip
+    nlp.report("ground impulse", lambda lam: lam[[1, 2, 0]], lam_g)
     for name, impulse, coefficient, weight in (
         ("finger", lam, mu, w[push.step]),
         ("ground", lam_g, mu_g, w[corner.step]),
@@ -159,6 +164,11 @@ class _Body:
         n = self.window.finger.normal(self.shape, theta, self.pose(theta, x), p_wf, rho)
         return p_wf - rho * n, n, *contact.tangents(n, t)
 
+    def finger_impulse(self, theta, x, lam, p_wf, rho, t):
+        """Impulse of a finger on the body, world frame [N s]."""
+        _, n, t_1, t_2 = self.touch(theta, x, p_wf, rho, t)
+        return -lam[0] * n + lam[1] * t_1 + lam[2] * t_2
+
     def imbalance(self, theta, x, x_1, x_2, dt, w, sigma, *impulses):
         """Squared momentum change less impulses, in weights, over 2 sigma^2."""
         m, corners = self.scene.mass, self.shape.corners if len(self.window.corner) else ()
@@ -210,7 +220,8 @@ class _Body:
     def ground_apart(self, theta, x, x_1, lam, signs, dt, w, kappa, still):
         """Impulse of the ground on a corner that is above it or rises."""
         z, z_1 = self.corner(theta, x, signs)[2], self.corner(theta, x_1, signs)[2]
-        energy = lam[0] * z + 0.2 * dt * contact.inelasticity(lam, (z - z_1) / dt, still)
+        rises = contact.inelasticity(lam, (z - z_1) / dt, still) - lam[0] * still / 2
+        energy = lam[0] * z + 0.2 * dt * rises
         return kappa * energy / (w * 1e-3)
 
     def ground_gap(self, theta, x, signs):

@@ -1,1 +1,42 @@
-"""Find where an unknown rigid object is, and what shape it has, from touch alone."""
+"""Find where an unknown rigid object is, and what shape it has, from touch alone.
+
+    from tactilenlp import Measurements, Scene, solve_estimate
+
+    data = Measurements.load("scene.npz")
+    estimate = solve_estimate(data, Scene.load("scene.npz"))
+    print(estimate.summary())
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+# Public name -> where it lives; loaded when first used, so that importing stays light.
+_HOMES = {
+    "Measurements": "measurements",
+    "Scene": "scene",
+    "Ground": "scene",
+    "Options": "options",
+    "Reductions": "reduce",
+    "Guess": "guess",
+    "Estimate": "result",
+    "Information": "information",
+    "solve_estimate": "estimate",
+    "Problem": "nlp",
+    "SolverOptions": "solve",
+    "Solution": "solve",
+    "solve": "solve",
+    "TactileError": "errors",
+}
+
+__all__ = sorted(_HOMES)  # noqa: PLE0605
+
+
+def __getattr__(name: str):
+    if name not in _HOMES:
+        raise AttributeError(f"module 'tactilenlp' has no attribute {name!r}")
+    return getattr(import_module(f".{_HOMES[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -60,6 +60,11 @@ def _corners(shape):
     return ca.Function("corners", [theta], [points])
 
 
+def body_corners(shape, theta) -> np.ndarray:
+    """Return the corners of a body, body frame, (corners, 3) [m]."""
+    return np.asarray(_corners(shape)(theta)).T
+
+
 def corners(shape, theta, x) -> np.ndarray:
     """Return the corners of a body lying at the planar pose x, (corners, 3) [m]."""
     body = np.asarray(_corners(shape)(theta))

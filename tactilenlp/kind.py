@@ -43,17 +43,28 @@ def kind_of(function: Callable, unknowns: list[int], order: list[tuple]) -> Kind
 
     `order` says for each argument ("z" | "d", length): local unknown or data.
     """
+    value = _trace(function, unknowns, order)
+    key = value.serialize()
+    if key not in _cache:
+        _cache[key] = _derive(value)
+    return _cache[key]
+
+
+def traced(function: Callable, unknowns: list[int], order: list[tuple]) -> Kind:
+    """Return a kind that can only be evaluated: for what is read off a solution."""
+    value = _trace(function, unknowns, order)
+    sizes = (value.size1_out(0), value.size1_in(0), value.size1_in(1))
+    return Kind(*sizes, value, first=None, second=None, jacobian_sparsity=None,
+                hessian_sparsity=None)  # fmt: skip
+
+
+def _trace(function, unknowns, order) -> ca.Function:
     z = [ca.SX.sym(f"z{i}", n) for i, n in enumerate(unknowns)]
     d = [ca.SX.sym(f"d{i}", n) for i, (role, n) in enumerate(order) if role == "d"]
     zs, ds = iter(z), iter(d)
     value = function(*(next(zs) if role == "z" else next(ds) for role, _ in order))
     value = ca.densify(ca.vec(ca.SX(value)))
-    local = [ca.vertcat(*z), ca.vertcat(*d)]
-    traced = ca.Function("kind", local, [value], {"cse": True})
-    key = traced.serialize()
-    if key not in _cache:
-        _cache[key] = _derive(traced)
-    return _cache[key]
+    return ca.Function("kind", [ca.vertcat(*z), ca.vertcat(*d)], [value], {"cse": True})
 
 
 def _derive(traced: ca.Function) -> Kind:

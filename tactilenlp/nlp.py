@@ -21,7 +21,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .errors import PageError
-from .kind import Kind, kind_of, mapped
+from .kind import Kind, kind_of, mapped, traced
 
 ROLES = ("likelihood", "physics", "prior", "regulariser")
 
@@ -116,6 +116,7 @@ class Problem:
     parameters: dict[str, Parameter] = field(default_factory=dict)
     costs: dict[str, Term] = field(default_factory=dict)
     constraints: dict[str, Term] = field(default_factory=dict)
+    reports: dict[str, Term] = field(default_factory=dict)
     _data: list[np.ndarray] = field(default_factory=list)
     _data_size: int = 0
 
@@ -166,6 +167,12 @@ class Problem:
         )
         if term is not None:
             self.constraints[name] = term
+
+    def report(self, name: str, function: Callable, *arguments) -> None:
+        """Name a quantity to be read off a solution; it costs nothing to solve."""
+        term = self._term(name, function, arguments, trace=traced)
+        if term is not None:
+            self.reports[name] = term
 
     # -- sizes ------------------------------------------------------------------------
     @property
@@ -225,7 +232,7 @@ class Problem:
     # -- numbers, term by term --------------------------------------------------------
     def value(self, name: str, x: np.ndarray, data: np.ndarray) -> np.ndarray:
         """Evaluate one term at every instance, (instances, rows)."""
-        term = self.terms[name]
+        term = self.terms.get(name) or self.reports[name]
         function = mapped(term.kind.value, term.instances)
         out = function(x[term.unknowns].T, data[term.data].T)
         return np.asarray(out).T.reshape(term.instances, term.kind.rows)
@@ -324,9 +331,11 @@ class Problem:
         self._data_size += self._data[-1].size
         return first
 
-    def _term(self, name, function, arguments, role=None, first_row=0, **limits):
+    def _term(
+        self, name, function, arguments, role=None, first_row=0, trace=kind_of, **limits
+    ):
         """Return the term, or None if it has no instance (nothing to pay for)."""
-        self._new(name, self.terms)
+        self._new(name, {**self.terms, **self.reports})
         instances = _instances(name, arguments)
         if instances == 0:
             return None
@@ -342,7 +351,7 @@ class Problem:
                 data.append(_spread(block, instances))
             order.append((role_of, block.shape[1]))
         sizes = [block.shape[1] for block in unknowns]
-        kind = _trace(name, function, sizes, order)
+        kind = _trace(name, trace, function, sizes, order)
         if role is not None and kind.rows != 1:
             raise PageError(
                 "a cost is one number", where=name, got=kind.rows, expected="1 row"
@@ -399,9 +408,9 @@ def _spread(block: np.ndarray, instances: int) -> np.ndarray:
     return np.broadcast_to(block, (instances, block.shape[1]))
 
 
-def _trace(name, function, sizes, order) -> Kind:
+def _trace(name, trace, function, sizes, order) -> Kind:
     try:
-        return kind_of(function, sizes, order)
+        return trace(function, sizes, order)
     except PageError:
         raise
     except Exception as error:

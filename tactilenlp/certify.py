@@ -1,0 +1,143 @@
+"""Check after the solve that what was dropped was not needed; put back what was.
+
+Exact reductions (far, absent) must leave the optimum where it is; model reductions
+(still, planar) must not be contradicted by the data.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .nlp import Problem
+from .reduce import Reductions, reduce
+from .result import Skipped
+
+EXACT = 1e-6  # [relative] an exact reduction moves the objective by less
+DECREMENT = 0.1  # [nats] a model reduction's Newton decrement stays below
+WRONG = 0.8  # [ceilings] a touch that costs more is not explained
+SHARE = 0.1  # [-] of the touches may stay unexplained, else the motion is another
+FEW = 4  # touches that may stay unexplained in any case
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """The reductions of one solve and whether each of them holds."""
+
+    skipped: tuple[Skipped, ...]
+
+    @property
+    def broken(self) -> tuple[str, ...]:
+        return tuple(s.name for s in self.skipped if not s.holds)
+
+
+def certify(job, page, solved) -> Certificate:
+    """Return the certificate of a solved page."""
+    checks = {"far": far, "absent": absent, "still": still, "planar": planar}
+    made = [name for name in checks if getattr(job.reductions, name)]
+    found = [checks[name](job, page, solved) for name in made]
+    return Certificate(tuple(s for s in found if s is not None))
+
+
+def without(reductions: Reductions, names) -> Reductions:
+    """Return the reductions less the named ones."""
+    return replace(reductions, **dict.fromkeys(names, False))
+
+
+def far(job, page, solved) -> Skipped | None:
+    """The free samples that were dropped cost nothing at the solution."""
+    window, again, values = _again(job, page, solved, "far")
+    dropped = len(again.free) - len(window.free)
+    if not dropped:
+        return None
+    problem = Problem()
+    page.build(problem, again, job.scene, job.shape)
+    x, data = problem.pack(values), problem.data(solved.solution.parameters)
+    cost = float(problem.value("free", x, data).sum())
+    cost -= solved.solution.costs.get("free", 0.0)
+    limit = EXACT * max(1.0, abs(solved.solution.objective))
+    return Skipped(
+        "far", f"{dropped} free samples", "certainly away from the object",
+        "they would add to the objective [nats]", cost, limit, abs(cost) <= limit,
+    )  # fmt: skip
+
+
+def absent(job, page, solved) -> Skipped | None:
+    """No finger that feels nothing would gain by pushing."""
+    window, again, values = _again(job, page, solved, "absent")
+    dropped = len(again.push) - len(window.push)
+    if not dropped or "finger" not in values:
+        return None
+    problem = Problem()
+    page.build(problem, again, job.scene, job.shape)
+    lam = np.zeros((values["finger"].shape[0], len(again.push)))
+    felt = np.setdiff1d(np.arange(len(again.push)), again.apart)
+    lam[:, felt] = values["finger"]
+    x = problem.pack({**values, "finger": lam})
+    data = problem.data(solved.solution.parameters)
+    slope = sum(
+        np.asarray(problem.jacobian(name, x, data).sum(axis=0)).ravel()
+        for name in problem.costs
+    )
+    variable = problem.variables["finger"]
+    normal = slope[variable.span].reshape(variable.columns, variable.rows)[again.apart, 0]
+    gain = float(max(0.0, (-normal * variable.scale[0]).max()))
+    return Skipped(
+        "absent", f"{dropped} impulses", "the finger feels nothing",
+        "pushing by one weight would gain at most [nats]", gain, DECREMENT,
+        gain <= DECREMENT,
+    )  # fmt: skip
+
+
+def still(job, page, solved) -> Skipped | None:
+    """Samples that share a pose pull it apart by less than friction holds.
+
+    A free sample's slope g against the stiffness h of the motion that was left out:
+    g^2 / (2 h) with h the least curvature that the page gives to any step.
+    """
+    window = solved.window
+    dropped = len(window.knot) - window.knots
+    if not dropped:
+        return None
+    problem, values = solved.problem, solved.solution.values
+    x, data = problem.pack(values), problem.data(solved.solution.parameters)
+    decrement = 0.0
+    if "free" in problem.costs:
+        slopes = problem.jacobian("free", x, data).toarray() * problem.scale
+        span = problem.variables["x"].span
+        shared = np.bincount(window.free.knot, minlength=window.knots)
+        merged = shared[window.free.knot] > 1
+        slope = np.linalg.norm(slopes[:, span], axis=1)[merged]
+        decrement = float((slope**2 / 2).max(initial=0.0)) / STIFF
+    return Skipped(
+        "still", f"{dropped} poses", "nothing touched or moved the object",
+        "Newton decrement of separate poses at most [nats]", decrement, DECREMENT,
+        decrement <= DECREMENT,
+    )  # fmt: skip
+
+
+STIFF = 25.0  # [nats / mm^2] price of a millimetre of motion under static friction
+
+
+def planar(job, page, solved) -> Skipped | None:
+    """The touches are explained by an object that never tilts."""
+    problem, solution, window = solved.problem, solved.solution, solved.window
+    data = problem.data(solution.parameters)
+    cost = problem.value("touch", problem.pack(solution.values), data)
+    wrong = int((cost > WRONG * window.ceiling).sum())
+    limit = max(FEW, SHARE * len(cost))
+    return Skipped(
+        "planar", "height and two tilts of every pose", "the object lies flat",
+        "touches that no flat pose explains", wrong, limit, wrong <= limit,
+    )  # fmt: skip
+
+
+def _again(job, page, solved, name):
+    """Return the window, the window without one reduction, and the solved values."""
+    h = solved.hypothesis
+    again = reduce(
+        job.data, job.scene, job.shape, job.precision, without(job.reductions, [name]),
+        guess=(h.theta, h.x),
+    )  # fmt: skip
+    return solved.window, again, solved.solution.values

@@ -1,0 +1,226 @@
+"""solve_estimate: from measurements to shape, poses and impulses."""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import time
+from dataclasses import dataclass, replace
+from types import ModuleType
+
+import numpy as np
+
+from formulations.shape import CUBOID, Shape
+
+from .certify import certify, without
+from .errors import MotionError, NoContactError, OptionError, StartError
+from .guess import Guess
+from .nlp import Problem
+from .options import Options
+from .precision import precision_of, smoothed
+from .readout import read_off
+from .reduce import Reductions, reduce
+from .result import Estimate
+from .scene import Scene
+from .search import Hypothesis, Job, beam
+from .solve import SolverOptions, not_converged, solve_levels
+
+log = logging.getLogger("tactilenlp")
+
+SHAPES = {"cuboid": CUBOID}
+FORMULATIONS = ("quasi_static", "violation_implicit")
+BEHIND = 15.0  # [nats] hypotheses this far behind in the search are not refined
+REFINED = 4  # hypotheses at most that are refined by the chosen page
+
+
+def solve_estimate(
+    data,
+    scene: Scene | None = None,
+    *,
+    shape: str | Shape = "cuboid",
+    formulation: str | ModuleType = "violation_implicit",
+    options: Options | None = None,
+    start: Estimate | Guess | None = None,
+    executor=None,
+    throw: bool = True,
+) -> Estimate:
+    """Find shape, poses and impulses that explain what the fingers felt (eq:vimp).
+
+    data: Measurements.  scene: what is known (default Scene()).  shape: "cuboid" or a
+    Shape.  formulation: a name in FORMULATIONS or a page (module with `build` and
+    `LEVELS`).  start: an earlier Estimate of the first actions, or a Guess.  executor:
+    any concurrent.futures executor; processes, not threads.
+
+    Raises NoContactError, MeasurementError, OptionError, StartError before any solve,
+    and NotConverged or MotionError after it unless `throw` is False.
+    """
+    scene, options = scene or Scene(), options or Options()
+    shape, page = _shape(shape), _page(formulation)
+    scene.check(data)
+    if not (data.contact & data.valid).any():
+        raise NoContactError(
+            "nothing was touched",
+            where="contact",
+            got="no valid sample with contact",
+            expected="at least one",
+            next="record an action that meets the object",
+        )
+    began, cpu = time.monotonic(), time.process_time()
+    job = _job(data, scene, shape, options, began)
+    kept = _kept(start, data, shape)
+    kept = beam(job, kept, options.hypotheses, options.starts, executor)
+    searched = time.process_time() - cpu
+    best = _certified(job, page, _refine(job, page, kept, options), options)
+    seconds = {**best.solution.seconds, "search": searched}
+    seconds["total"] = time.process_time() - cpu
+    late = time.monotonic() > job.deadline
+    estimate = read_off(data, job, page, options, best, kept, seconds, late)
+    if throw:
+        _raise_unless_good(estimate, best)
+    return estimate
+
+
+def _job(data, scene, shape, options, began) -> Job:
+    """Return what a solve needs: the data in the ground's frame, noisy paths smoothed."""
+    ground = scene.ground
+    if ground is not None:
+        data = data.transformed(ground.rotation, ground.translation)
+    precision = precision_of(data, scene)
+    return Job(
+        data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
+        reductions=Reductions.of(options.reduce), deadline=began + options.time_limit,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """A page solved from one hypothesis: problem, window, solution."""
+
+    hypothesis: Hypothesis
+    problem: Problem
+    window: object
+    solution: object
+    job: Job
+    skipped: tuple = ()
+
+
+def _certified(job, page, solved, options) -> Solved:
+    """Check what was dropped; put back what was needed and solve again, once."""
+    certificate = certify(job, page, solved)
+    back = [name for name in certificate.broken if name != "planar"]
+    if back:
+        log.info("needed after all: %s", ", ".join(back))
+        job = replace(job, reductions=without(job.reductions, back))
+        window, values = solved.window, solved.solution.values
+        h = replace(
+            solved.hypothesis,
+            theta=values["theta"][:, 0],
+            x=values["x"][:, window.knot],
+        )
+        solved = _solve(job, page, h, options)
+        certificate = certify(job, page, solved)
+    return replace(solved, skipped=certificate.skipped)
+
+
+def _raise_unless_good(estimate, solved) -> None:
+    if not estimate.success:
+        raise not_converged(solved.problem, solved.solution)
+    tilted = [s for s in estimate.skipped if s.name == "planar" and not s.holds]
+    if tilted:
+        raise MotionError(
+            "the object did not only slide",
+            where="touch",
+            got=f"{tilted[0].value:.0f} touches that no flat pose explains",
+            expected=f"at most {tilted[0].limit:.0f}",
+            next="the object may have tilted or tumbled: select the actions before it "
+            "did, or pass throw=False to look at the flat estimate",
+            problem=sorted(solved.problem.terms),
+            solution=solved.solution,
+        )
+
+
+def _refine(job, page, kept, options) -> Solved:
+    """Solve the page from the best hypotheses; return the one of lowest objective."""
+    close = [h for h in kept if h.objective < kept[0].objective + BEHIND][:REFINED]
+    solved, shared = [], {}
+    for h in close:
+        if solved and time.monotonic() > job.deadline:
+            break
+        solved.append(_solve(job, page, h, options, shared))
+    good = [s for s in solved if s.solution.success] or solved
+    return min(good, key=lambda s: s.solution.objective)
+
+
+def _solve(job, page, hypothesis, options, shared=None) -> Solved:
+    """Solve the page's levels from one hypothesis; `shared` keeps problem and solvers."""
+    shared = {} if shared is None else shared
+    if not shared:
+        window = reduce(
+            job.data, job.scene, job.shape, job.precision, job.reductions,
+            guess=(hypothesis.theta, hypothesis.x),
+        )  # fmt: skip
+        problem = Problem()
+        page.build(problem, window, job.scene, job.shape)
+        shared.update(window=window, problem=problem, solvers={})
+    window, problem = shared["window"], shared["problem"]
+    left = max(0.1, job.deadline - time.monotonic())
+    settings = SolverOptions(
+        tolerance=options.tolerance, time_limit=left, ipopt=options.ipopt
+    )
+    start = {"theta": hypothesis.theta, "x": hypothesis.x[:, window.last]}
+    solution = solve_levels(problem, page.LEVELS, start, settings, shared["solvers"])
+    return Solved(hypothesis, problem, window, solution, job)
+
+
+def _kept(start, data, shape) -> list[Hypothesis]:
+    """Return the hypotheses to carry on from a start, if any."""
+    if start is None:
+        return []
+    if isinstance(start, Guess):
+        x = np.r_[np.asarray(start.position, float)[:2], start.yaw]
+        theta = np.asarray(start.side_lengths, float)
+        if theta.shape != (shape.theta,) or not np.all(theta > 0):
+            raise StartError(
+                "sizes do not fit the shape",
+                where="start.side_lengths",
+                got=theta.tolist(),
+                expected=f"{shape.theta} positive lengths [m]",
+            )
+        return [Hypothesis(theta, x[:, None][:, :0], np.inf, ("guess",))]
+    if not start.measurements.is_prefix_of(data):
+        raise StartError(
+            "the start is no estimate of the first actions of these data",
+            where="start",
+            got=f"{start.measurements.samples} samples that differ",
+            expected="an estimate whose measurements are a prefix of data",
+            next="start from scratch, or append to the same measurements",
+        )
+    return list(start.hypotheses)
+
+
+def _shape(shape) -> Shape:
+    if isinstance(shape, Shape):
+        return shape
+    if shape not in SHAPES:
+        raise OptionError(
+            "unknown shape", where="shape", got=shape, expected=f"one of {[*SHAPES]}"
+        )
+    return SHAPES[shape]
+
+
+def _page(formulation):
+    if isinstance(formulation, str):
+        if formulation not in FORMULATIONS:
+            raise OptionError(
+                "unknown formulation",
+                where="formulation",
+                got=formulation,
+                expected=f"one of {FORMULATIONS}, or a page",
+            )
+        return importlib.import_module(f"formulations.{formulation}")
+    for name in ("build", "LEVELS"):
+        if not hasattr(formulation, name):
+            raise OptionError(
+                f"a page needs {name}", where="formulation", got=repr(formulation)
+            )
+    return formulation

@@ -1,0 +1,175 @@
+r"""What the data say of shape and final pose: the exact reduced Hessian.
+
+At the optimum of the joint programme, with L its Lagrangian and A the Jacobian of the
+constraints and bounds that are active, the covariance of chosen unknowns is the block
+
+    C = E' K^{-1} E,     K = [ H  A' ]      H = nabla^2 L  (exact)
+                             [ A  0  ]
+
+which is the Hessian reduced to the null space of A with every other unknown (past poses,
+impulses) marginalised by a Schur complement.  The information is C^{-1}.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from .errors import OptionError
+
+LOOSE = 1e-9  # [1 / scaled unknown^2] keeps a direction that nothing sees from being singular
+TOUCHED = 0.99  # [-] |n . axis| above which a normal belongs to a face
+ENOUGH = 3  # contact samples that make a face known
+WORDS = ("x", "y", "z")
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """Information about the shape and the pose at the last sample.
+
+    names (k,) of the independent unknowns, matrix (k, k) their information and
+    covariance (k, k), SI; maps: (3, k) Jacobian of every quantity a user asks for by
+    name, rows of NaN where a reduction fixed it.  unobserved: words for directions that
+    only the prior holds; ambiguous: constraints neither clearly active nor inactive.
+    """
+
+    names: tuple[str, ...]
+    matrix: np.ndarray
+    maps: dict[str, np.ndarray]
+    unobserved: tuple[str, ...]
+    fixed: tuple[str, ...]
+    active: int
+    ambiguous: int
+    indefinite: bool
+
+    def covariance(self, name: str) -> np.ndarray:
+        """Return the covariance (3, 3) of a quantity, SI."""
+        jacobian = self._map(name)
+        return jacobian @ self._inverse() @ jacobian.T
+
+    def sigma(self, name: str) -> np.ndarray:
+        """Return standard deviations (3,), SI; NaN where fixed by a reduction."""
+        variance = np.diag(self.covariance(name)).copy()
+        variance[variance < 0] = np.inf
+        return np.sqrt(variance)
+
+    def correlation(self) -> np.ndarray:
+        """Return the correlation matrix of `names`."""
+        C = self._inverse()
+        d = np.sqrt(np.abs(np.diag(C)))
+        return C / np.outer(d, d)
+
+    def _inverse(self) -> np.ndarray:
+        return np.linalg.inv(self.matrix)
+
+    def _map(self, name: str) -> np.ndarray:
+        if name not in self.maps:
+            raise OptionError(
+                "no such quantity",
+                where="information",
+                got=name,
+                expected=f"one of {sorted(self.maps)}",
+            )
+        return self.maps[name]
+
+
+def reduced_covariance(problem, solution, chosen: np.ndarray):
+    """Return covariance of the chosen unknowns (SI), active and ambiguous counts.
+
+    chosen: indices into the vector of all unknowns.
+    """
+    x = problem.pack(solution.values)
+    data = problem.data(solution.parameters)
+    scale = problem.scale
+    H = sum(problem.hessian(name, x, data) for name in problem.costs)
+    rows, active, ambiguous = [], 0, 0
+    for name, term in problem.constraints.items():
+        multiplier = solution.multipliers[name]
+        H = H + problem.hessian(name, x, data, multiplier)
+        value = problem.value(name, x, data)
+        slack = np.minimum(value - term.lower, term.upper - value).ravel()
+        on, unsure = _active(np.abs(multiplier).ravel(), slack)
+        rows.append(problem.jacobian(name, x, data)[on])
+        active, ambiguous = active + on.sum(), ambiguous + unsure.sum()
+    lower, upper = problem.bounds("lower"), problem.bounds("upper")
+    slack = np.minimum(x - lower, upper - x) / scale
+    lam = np.abs(problem.pack(solution.bound_multipliers)) * scale
+    on, unsure = _active(lam, slack)
+    rows.append(sp.identity(len(x), format="csc")[np.nonzero(on)[0]])
+    A = sp.vstack(rows, format="csc")
+    C = _kkt_block(H, A, scale, chosen)
+    return C, int(active + on.sum()), int(ambiguous + unsure.sum())
+
+
+def _active(multiplier, slack):
+    """Classify: active where the multiplier outweighs the slack; unsure near a tie."""
+    on = multiplier > slack
+    unsure = (multiplier > 1e-2 * slack) & (multiplier < 1e2 * slack)
+    return on, unsure
+
+
+def _kkt_block(H, A, scale, chosen) -> np.ndarray:
+    D = sp.diags(scale)
+    H = D @ H @ D + LOOSE * sp.identity(H.shape[0])
+    A = A @ D
+    norms = np.sqrt(np.asarray(A.multiply(A).sum(axis=1)).ravel())
+    A = sp.diags(1 / np.maximum(norms, 1e-12)) @ A
+    K = sp.bmat([[H, A.T], [A, -LOOSE * sp.identity(A.shape[0])]], format="csc")
+    E = np.zeros((K.shape[0], len(chosen)))
+    E[chosen, np.arange(len(chosen))] = 1.0
+    C = splu(K).solve(E)[chosen]
+    C = (C + C.T) / 2
+    return C * np.outer(scale[chosen], scale[chosen])
+
+
+def planar_information(problem, solution, window, shape, faces) -> Information:
+    """Return the information of a programme whose poses are planar.
+
+    faces: (axes, 2) number of samples that touched each face.
+    """
+    theta, x = problem.variables["theta"], problem.variables["x"]
+    chosen = np.r_[
+        np.arange(theta.span.start, theta.span.stop),
+        np.arange(x.span.stop - x.rows, x.span.stop),
+    ]
+    n, k = theta.rows, len(chosen)
+    C, active, ambiguous = reduced_covariance(problem, solution, chosen)
+    position, rotation = np.zeros((3, k)), np.zeros((3, k))
+    position[0, n] = position[1, n + 1] = 1.0
+    position[2, n - 1] = 0.5  # the centre lies half the height above the ground
+    rotation[2, n + 2] = 1.0
+    rotation[:2] = np.nan
+    eigenvalues = np.linalg.eigvalsh(C / np.outer(*[np.sqrt(np.abs(np.diag(C)))] * 2))
+    return Information(
+        names=(*(f"side {w}" for w in WORDS), "position x", "position y", "yaw"),
+        matrix=np.linalg.inv(C),
+        maps={
+            "side_lengths": np.eye(n, k),
+            "position": position,
+            "rotation": rotation,
+        },
+        unobserved=unobserved(faces),
+        fixed=("roll", "pitch", "height over the ground"),
+        active=active,
+        ambiguous=ambiguous,
+        indefinite=bool(eigenvalues[0] <= 0),
+    )
+
+
+def unobserved(faces: np.ndarray) -> tuple[str, ...]:
+    """Name the sizes that touch does not hold, from the touched faces (axes, 2)."""
+    words = []
+    for axis, (low, high) in enumerate(faces):
+        missing = [s for s, n in (("-", low), ("+", high)) if n < ENOUGH]
+        if axis == 2:
+            if high < ENOUGH:
+                words.append("side z: top never touched")
+        elif len(missing) == 2:
+            words.append(f"side {WORDS[axis]}: neither face touched")
+        elif missing:
+            face = f"{missing[0]}{WORDS[axis]}"
+            words.append(f"side {WORDS[axis]}: face {face} never touched")
+    return tuple(words)

@@ -1,0 +1,44 @@
+"""Options of an estimate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from .errors import OptionError
+from .reduce import Reductions
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to estimate.
+
+    seed: of everything random [-] (nothing is, at present); reduce: True, False, a
+    Reductions, or names of reductions to switch off; hypotheses: kept from action to
+    action [-]; starts: solved per action [-]; tolerance: of the last solve [-];
+    time_limit [s]: ends with the best so far, marked; ipopt: passed on verbatim.
+    """
+
+    seed: int = 0
+    reduce: object = True
+    hypotheses: int = 4
+    starts: int = 8
+    tolerance: float = 1e-6
+    time_limit: float = 600.0
+    ipopt: dict = field(default_factory=dict)
+
+    def __post_init__(self):
+        Reductions.of(self.reduce)
+        for name in ("hypotheses", "starts"):
+            value = getattr(self, name)
+            if not (isinstance(value, int) and value >= 1):
+                raise OptionError(
+                    "out of range", where=name, got=value, expected="an integer >= 1"
+                )
+        for name in ("tolerance", "time_limit"):
+            if not getattr(self, name) > 0:
+                raise OptionError(
+                    "out of range",
+                    where=name,
+                    got=getattr(self, name),
+                    expected="a positive number",
+                )

@@ -1,0 +1,78 @@
+"""From a solved page to an Estimate: unknowns become people's words."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+import numpy as np
+
+from .guess import body_corners
+from .information import TOUCHED, planar_information
+from .result import Estimate, by_sample, poses, touched_faces, versions
+
+
+def read_off(data, job, page, options, solved, kept, seconds, late: bool) -> Estimate:
+    """Return the estimate of a solved page, in the frame of the data."""
+    problem, window, solution = solved.problem, solved.window, solved.solution
+    shape, scene = job.shape, job.scene
+    theta = solution.values["theta"][:, 0]
+    x = solution.values["x"][:, window.knot]
+    flat = poses(shape, window.motion, theta, x, None)
+    faces = touched_faces(job.data, flat[1], TOUCHED)
+    position, quaternion = poses(shape, window.motion, theta, x, scene.ground)
+    return Estimate(
+        measurements=data,
+        scene=scene,
+        shape=shape.name,
+        formulation=page.__name__.rpartition(".")[2],
+        options=_plain(options),
+        theta=theta,
+        position=position,
+        quaternion=quaternion,
+        body_vertices=body_corners(shape, theta),
+        impulses=impulses(problem, window, solution, data, scene),
+        unknowns=solution.values,
+        costs=solution.costs,
+        violations=solution.violations,
+        multipliers=solution.multipliers,
+        objective=solution.objective,
+        success=solution.success,
+        status=f"{solution.status}, time limit reached" if late else solution.status,
+        iterations=solution.iterations,
+        iterations_by_level=solution.iterations_by_level,
+        evaluations=solution.evaluations,
+        seconds=seconds,
+        skipped=solved.skipped,
+        faces=faces,
+        information=planar_information(problem, solution, window, shape, faces),
+        precision=asdict(job.precision),
+        hypotheses=tuple(kept),
+        versions=versions(),
+    )
+
+
+def impulses(problem, window, solution, data, scene) -> dict[str, np.ndarray]:
+    """Return the impulses on the object by contact, (T, 3) [N s], world frame."""
+    T = data.samples
+    out = {f"finger {i}": np.zeros((T, 3)) for i in range(data.fingers)}
+    if scene.ground is not None:
+        out["ground"] = np.zeros((T, 3))
+    x, values = problem.pack(solution.values), problem.data(solution.parameters)
+    turn = np.eye(3) if scene.ground is None else scene.ground.rotation
+    if "finger impulse" in problem.reports:
+        pushed = problem.value("finger impulse", x, values) @ turn
+        for i in range(data.fingers):
+            rows = window.push.finger == i
+            out[f"finger {i}"] = by_sample(pushed[rows], window.push.sample[rows], T)
+    if "ground impulse" in problem.reports:
+        carried = problem.value("ground impulse", x, values) @ turn
+        rows = window.step.sample[window.corner.step]
+        out["ground"] = by_sample(carried, rows, T)
+    return out
+
+
+def _plain(options) -> dict:
+    """Return options as plain values that JSON keeps."""
+    plain = asdict(options)
+    plain["reduce"] = repr(plain["reduce"])
+    return plain

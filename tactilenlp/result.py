@@ -1,0 +1,236 @@
+"""Estimate: what was found, complete, named and without a solver's symbols."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from .errors import TactileError
+from .information import Information
+from .measurements import Measurements
+from .scene import Ground, Scene
+from .search import Hypothesis
+
+FORMAT = 1  # of the files that `save` writes
+LIBRARIES = ("tactilenlp", "casadi", "numpy", "scipy")
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """One reduction: what was dropped, why, and the check after the solve.
+
+    value is compared with limit (both in `unit`); `holds` is the verdict.
+    """
+
+    name: str
+    dropped: str
+    reason: str
+    check: str
+    value: float
+    limit: float
+    holds: bool
+
+    def __str__(self) -> str:
+        verdict = "holds" if self.holds else "DOES NOT HOLD"
+        return (
+            f"{self.name}: {self.dropped} ({self.reason}); {self.check} "
+            f"{self.value:.2g}, limit {self.limit:.2g}: {verdict}"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Shape, poses and impulses that explain the measurements.
+
+    theta (n,) [m]; position (T, 3) [m] and quaternion (T, 4) wxyz of the body at every
+    sample, world frame; impulses by contact, (T, 3) [N s] on the object, world frame,
+    over (t-1, t]; unknowns, costs, violations, multipliers by name; hypotheses, best
+    first, for the next action; information about shape and final pose.
+    """
+
+    measurements: Measurements
+    scene: Scene
+    shape: str
+    formulation: str
+    options: dict
+    theta: np.ndarray
+    position: np.ndarray
+    quaternion: np.ndarray
+    body_vertices: np.ndarray
+    impulses: dict[str, np.ndarray]
+    unknowns: dict[str, np.ndarray]
+    costs: dict[str, float]
+    violations: dict[str, float]
+    multipliers: dict[str, np.ndarray]
+    objective: float
+    success: bool
+    status: str
+    iterations: int
+    iterations_by_level: tuple[int, ...]
+    evaluations: int
+    seconds: dict[str, float]
+    skipped: tuple[Skipped, ...]
+    faces: np.ndarray
+    information: Information
+    precision: dict[str, float]
+    hypotheses: tuple[Hypothesis, ...]
+    versions: dict[str, str]
+
+    @property
+    def side_lengths(self) -> np.ndarray:
+        """Full side lengths (3,) [m] of a cuboid, along its body axes."""
+        if self.shape != "cuboid":
+            raise TactileError(
+                "only a cuboid has side lengths",
+                where="side_lengths",
+                got=self.shape,
+                next="read estimate.vertices",
+            )
+        return self.theta
+
+    @property
+    def vertices(self) -> np.ndarray:
+        """Vertices (V, 3) [m], body frame."""
+        return self.body_vertices
+
+    def rotation(self, sample: int = -1) -> np.ndarray:
+        """Return the rotation matrix (3, 3) from body to world at a sample."""
+        from scipy.spatial.transform import Rotation
+
+        w, x, y, z = self.quaternion[sample]
+        return Rotation.from_quat([x, y, z, w]).as_matrix()
+
+    def mesh(self, sample: int = -1):
+        """Return the shape at a sample as a trimesh.Trimesh, world frame [m]."""
+        import trimesh
+
+        points = self.vertices @ self.rotation(sample).T + self.position[sample]
+        return trimesh.convex.convex_hull(points)
+
+    def summary(self) -> str:
+        """Return a paragraph for people."""
+        mm = 1e3
+        sigma = self.information.sigma("side_lengths") * mm
+        sides = " x ".join(
+            f"{s * mm:.1f} ± {e:.1f}" for s, e in zip(self.theta, sigma, strict=True)
+        )
+        x, y, z = self.position[-1] * mm
+        yaw = np.degrees(self.information.sigma("rotation")[2])
+        where = self.information.sigma("position") * mm
+        worst = max(self.violations.values(), default=0.0)
+        lines = [
+            f"A {self.shape} of {sides} mm at ({x:.1f}, {y:.1f}, {z:.1f}) mm "
+            f"± ({where[0]:.1f}, {where[1]:.1f}, {where[2]:.1f}) mm, "
+            f"turned to ± {yaw:.1f} deg.",
+            f"{self.formulation}: {self.status}, objective {self.objective:.2f} nats "
+            f"after {self.iterations} iterations and {self.seconds['total']:.1f} CPU s; "
+            f"largest violation {worst:.1g}.",
+        ]
+        if self.information.unobserved:
+            lines.append("Not observed: " + "; ".join(self.information.unobserved) + ".")
+        lines += [f"Skipped {s}." for s in self.skipped]
+        return "\n".join(lines)
+
+    def save(self, path) -> None:
+        """Write one .npz: plain arrays and a JSON header, readable without us."""
+        arrays: dict[str, np.ndarray] = {}
+        header = _pack(self, "", arrays)
+        header["format"] = FORMAT
+        with open(path, "wb") as file:
+            np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
+
+    @classmethod
+    def load(cls, path) -> Estimate:
+        """Read what `save` wrote, to the last digit."""
+        with np.load(Path(path), allow_pickle=False) as file:
+            arrays = {key: file[key] for key in file.files}
+        if "header" not in arrays:
+            raise TactileError(
+                "not an estimate", where=str(path), next="write it with Estimate.save"
+            )
+        header = json.loads(str(arrays.pop("header")))
+        if header.pop("format") != FORMAT:
+            raise TactileError("another format", where=str(path), expected=str(FORMAT))
+        return _unpack(header, arrays)
+
+
+KINDS = {
+    kind.__name__: kind
+    for kind in (Estimate, Skipped, Information, Measurements, Scene, Ground, Hypothesis)
+}
+
+
+def _pack(value, name: str, arrays: dict):
+    """Return a JSON tree of `value`; arrays go to `arrays` under their path."""
+    if isinstance(value, np.ndarray):
+        arrays[name] = value
+        return {"array": name}
+    if type(value).__name__ in KINDS:
+        fields = {k: getattr(value, k) for k in type(value).__dataclass_fields__}
+        inner = {k: _pack(v, f"{name}/{k}".strip("/"), arrays) for k, v in fields.items()}
+        return {"kind": type(value).__name__, "fields": inner}
+    if isinstance(value, dict):
+        return {"dict": {k: _pack(v, f"{name}/{k}", arrays) for k, v in value.items()}}
+    if isinstance(value, (tuple, list)):
+        return {"list": [_pack(v, f"{name}/{i}", arrays) for i, v in enumerate(value)]}
+    if isinstance(value, np.generic):
+        return value.item()
+    return value
+
+
+def _unpack(tree, arrays: dict):
+    if not isinstance(tree, dict):
+        return tree
+    if "array" in tree:
+        return arrays[tree["array"]]
+    if "dict" in tree:
+        return {k: _unpack(v, arrays) for k, v in tree["dict"].items()}
+    if "list" in tree:
+        return tuple(_unpack(v, arrays) for v in tree["list"])
+    fields = {k: _unpack(v, arrays) for k, v in tree["fields"].items()}
+    return KINDS[tree["kind"]](**fields)
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of the libraries that made a result."""
+    return {name: version(name) for name in LIBRARIES}
+
+
+def poses(shape, motion, theta, x, ground):
+    """Return position (T, 3) [m] and quaternion (T, 4) wxyz, world, of poses x (u, T)."""
+    import casadi as ca
+    from scipy.spatial.transform import Rotation
+
+    t, c = ca.SX.sym("theta", len(theta)), ca.SX.sym("x", motion.unknowns)
+    p, R = motion.pose(shape, t, c)
+    function = ca.Function("pose", [t, c], [p, ca.reshape(ca.densify(R), 9, 1)])
+    samples = x.shape[1]
+    out = function.map(samples)(np.repeat(theta[:, None], samples, 1), x)
+    position, matrices = (np.asarray(o) for o in out)
+    rotation = Rotation.from_matrix(matrices.T.reshape(-1, 3, 3).transpose(0, 2, 1))
+    position = position.T
+    if ground is not None:
+        position = ground.from_ground(position)
+        rotation = Rotation.from_matrix(ground.rotation).inv() * rotation
+    return position, rotation.as_quat()[:, [3, 0, 1, 2]]
+
+
+def touched_faces(data, quaternion, threshold) -> np.ndarray:
+    """Return how many samples touched each face, (3 axes, 2 sides)."""
+    from scipy.spatial.transform import Rotation
+
+    t, f = np.nonzero(data.contact & data.valid)
+    R = Rotation.from_quat(quaternion[t][:, [1, 2, 3, 0]])
+    n = R.inv().apply(data.normal[t, f])
+    return np.stack([(n < -threshold).sum(axis=0), (n > threshold).sum(axis=0)], 1)
+
+
+def by_sample(values, rows, samples: int) -> np.ndarray:
+    """Return (samples, 3) with `values` added at `rows`, zeros where none."""
+    out = np.zeros((samples, 3))
+    np.add.at(out, rows, values)
+    return out
