@@ -38,8 +38,8 @@ LEVELS = (
     Level("fine"),
 )
 
-TOUCH = 0.3e-3  # [m] model error of a touched gap: soft contact, rounded edges
-NORMAL = 0.1  # [rad] model error of a normal
+TOUCH = 0.3e-3  # [m] model error of a touched gap where motion is only least motion
+NORMAL = 0.1  # [rad] model error of a normal, likewise
 ALPHA = 1500.0  # [1/m] steepness of eq:bool
 GAP = 0.5e-3  # [m] way of the object between actions
 ARM = 20e-3  # [m] one radian of turn counts as this much way
@@ -63,8 +63,12 @@ def build(nlp, window, scene, shape):
     )  # fmt: skip
 
 
-def sense(nlp, window, shape):
-    """Declare theta and x; add what the fingers felt (eq:loss) and what was known."""
+def sense(nlp, window, shape, touch=TOUCH, normal=NORMAL, depth=0.0):
+    """Declare theta and x; add what the fingers felt (eq:loss) and what was known.
+
+    touch [m], normal [rad]: model errors of a sample, added to the sensors' own;
+    depth [m], number or unknown: how deep every felt finger sits in the surface.
+    """
     motion, finger = window.motion, window.finger
     low, high = shape.bounds
     mean, deviation = shape.size_prior
@@ -76,14 +80,14 @@ def sense(nlp, window, shape):
         "x", motion.unknowns, window.knots, guess=0.0, unit=motion.unit,
         scale=motion.scale,
     )  # fmt: skip
-    touch_scale = nlp.parameter("touch scale", ca.hypot(TOUCH, sigma_p), "m")
-    normal_scale = nlp.parameter("normal scale", ca.hypot(NORMAL, sigma_n), "rad")
+    touch_scale = nlp.parameter("touch scale", ca.hypot(touch, sigma_p), "m")
+    normal_scale = nlp.parameter("normal scale", ca.hypot(normal, sigma_n), "rad")
     alpha = nlp.parameter("alpha", 1 / ca.hypot(1 / ALPHA, sigma_p / 1.7), "1/m")
     gap_scale = nlp.parameter("gap scale", GAP, "m")
 
-    def touching(theta, x, p_wf, rho, n_m, sigma, sigma_n):
+    def touching(theta, x, depth, p_wf, rho, n_m, sigma, sigma_n):
         pose = motion.pose(shape, theta, x)
-        phi = finger.gap(shape, theta, pose, p_wf, rho)
+        phi = finger.gap(shape, theta, pose, p_wf, rho) + depth
         n = finger.normal(shape, theta, pose, p_wf, rho)
         cost = sensing.touch(phi, sigma) + sensing.normal(n, n_m, sigma_n)
         return sensing.mixture(cost, window.ceiling)
@@ -98,7 +102,7 @@ def sense(nlp, window, shape):
 
     t, f, g = window.touch, window.free, window.gap
     nlp.minimize(
-        "touch", touching, theta, x[:, t.knot], t.p_wf, t.radius, t.normal,
+        "touch", touching, theta, x[:, t.knot], depth, t.p_wf, t.radius, t.normal,
         touch_scale, normal_scale, role="likelihood",
     )  # fmt: skip
     nlp.minimize(

@@ -14,6 +14,7 @@ Departures from the printed equations, named:
   touch, between actions   see quasi_static.py
   dissipation              v_s lam_n mu |v_s| instead of lam_n |v_s|^2: the printed form
                            is no power, and is not zero where friction opposes sliding
+  depth                    felt fingers sit a common, unknown way inside the surface
   |v_s|, cone apex         rounded (STILL, ROUND), else no second derivative at rest
   complementarity          of a felt finger is the touch cost; of the ground in planar
                            motion it holds by construction
@@ -31,23 +32,38 @@ from .level import Level
 from .rigid_body import momentum_change
 
 LEVELS = (
-    Level("impulses", fixed=("theta", "x"), barrier=1e-1),
+    Level(
+        "impulses",
+        {"cone rounding": 0.01, "still": 6e-3},
+        fixed=("theta", "x"),
+        barrier=1e-1,
+    ),
     Level("joint", barrier=1e-3),
 )
 
-KAPPA = 2.0  # [nats] for an energy that lifts the object by 1 mm
-SIGMA = 0.1  # [weights] deviation of an impulse from balance
+TOUCH = 0.15e-3  # [m] model error of a touched gap: soft contact, rounded edges
+DEPTH = 0.05e-3  # [m] compliance and radius error, the same for all touches
+NORMAL = 0.015  # [rad] model error of a normal, likewise
+KAPPA = 5.0  # [nats] for an energy that lifts the object by 1 mm
+SIGMA = 0.03  # [weights] deviation of an impulse from balance
 ARM = 20e-3  # [m] turns a moment into a force
-STILL = 6e-3  # [m/s] rounds the sliding speed: 0.2 mm in a step of 1/30 s
-ROUND = 0.01  # [weights] rounds the apex of the friction cone
+STILL = 3e-3  # [m/s] rounds the sliding speed: 0.1 mm in a step of 1/30 s
+ROUND = 0.003  # [weights] rounds the apex of the friction cone
+UNFELT = 100.0  # [nats] for an impulse of one weight not felt: a sensor feels 0.01
+FRICTION = 0.4  # [1] of what is not known
 LEAST = 1e-3  # [nats] for an impulse of one weight
-REST = 0.3e-3  # [m] deviation of a resting corner from the ground
+REST = 0.1e-3  # [m] deviation of a resting corner from the ground
+ROOM = 3e-3  # [REST] below the ground (0.3 um): an interior, also for poses held fixed
 G = 9.81  # [m/s^2] makes a weight of a mass, also where nothing falls
 
 
 def build(nlp, window, scene, shape):
     """Fill `nlp` with eq:vimp: what was felt, then the physics of every step."""
-    theta, x = quasi_static.sense(nlp, window, shape)
+    depth = nlp.variable("depth", 1, guess=0.0, unit="m", scale=DEPTH)
+    theta, x = quasi_static.sense(nlp, window, shape, TOUCH, NORMAL, depth)
+    nlp.minimize(
+        "depth prior", lambda depth: (depth / DEPTH) ** 2 / 2, depth, role="prior"
+    )
     step, push, corner = window.step, window.push, window.corner
     w = scene.mass * G * step.dt  # (steps,) [N s]
     body = _Body(window, scene, shape)
@@ -70,14 +86,16 @@ def build(nlp, window, scene, shape):
         return x[:, step.knot[s]], x[:, step.before[s]]
 
     for count, g in window.groups.items():
-        rows, fingers = g.steps, []
+        rows, fingers, ground = g.steps, [], []
+        for c in g.corners.T:
+            ground += [lam_g[:, c], corner.signs[c]]
         for i in range(count):
             j = g.pushes[:, i]
             fingers += [lam[:, j], push.p_wf[j], push.radius[j], push.tangent[j]]
         nlp.minimize(
             f"balance, {count} pushing", body.imbalance, theta, *now_and_before(rows),
             x[:, step.before_2[rows]], step.dt[rows], w[rows], sigma,
-            *(lam_g[:, c] for c in g.corners.T), *fingers, role="physics",
+            *ground, *fingers, role="physics",
         )  # fmt: skip
 
     s = push.step
@@ -101,7 +119,7 @@ def build(nlp, window, scene, shape):
     )  # fmt: skip
     nlp.subject_to(
         "ground gap", body.ground_gap, theta, x[:, step.knot[s]], window.lift.signs,
-        lower=0,
+        lower=-ROOM,
     )  # fmt: skip
     nlp.minimize(
         "rest", body.resting, theta, x[:, window.rest.knot], window.rest.signs,
@@ -128,9 +146,9 @@ def friction(nlp, name, value):
     """Declare a coefficient: a parameter where it is known, else an unknown."""
     if value is not None:
         return nlp.parameter(name, value)
-    mu = nlp.variable(name, 1, lower=0.01, upper=2.0, guess=0.4, unit="1", scale=0.1)
+    mu = nlp.variable(name, 1, lower=0.01, upper=2.0, guess=FRICTION, unit="1", scale=0.1)
     nlp.minimize(
-        f"{name} prior", lambda mu: ((mu - 0.4) / 0.3) ** 2 / 2, mu, role="prior"
+        f"{name} prior", lambda mu: ((mu - FRICTION) / 0.3) ** 2 / 2, mu, role="prior"
     )
     return mu
 
@@ -150,11 +168,12 @@ class _Body:
 
     def __init__(self, window, scene, shape):
         self.window, self.scene, self.shape = window, scene, shape
+        self.shared = max(1, len(shape.corners))
 
     def share(self, w):
         """Guess the ground's impulses: every corner carries its share of the weight."""
-        corner, shared = self.window.corner, max(1, len(self.shape.corners))
-        return [w[corner.step] / shared, 0 * w[corner.step], 0 * w[corner.step]]
+        normal = w[self.window.corner.step] / self.shared
+        return [normal, 0 * normal, 0 * normal]
 
     def pose(self, theta, x):
         return self.window.motion.pose(self.shape, theta, x)
@@ -171,18 +190,18 @@ class _Body:
 
     def imbalance(self, theta, x, x_1, x_2, dt, w, sigma, *impulses):
         """Squared momentum change less impulses, in weights, over 2 sigma^2."""
-        m, corners = self.scene.mass, self.shape.corners if len(self.window.corner) else ()
-        ground, fingers = impulses[: len(corners)], impulses[len(corners) :]
+        m, corners = self.scene.mass, 2 * self.shared * bool(len(self.window.corner))
+        ground, fingers = impulses[:corners], impulses[corners:]
         linear, angular = momentum_change(
             self.shape, self.window.motion, theta, x, x_1, x_2, dt
         )
         p_wo, R_wo = self.pose(theta, x)
         force = m * linear + ca.vertcat(0, 0, m * self.scene.gravity * dt)
         moment = m * angular
-        for lam, signs in zip(ground, corners, strict=True):
+        for lam, signs in zip(ground[::2], ground[1::2], strict=True):
             impulse = ca.vertcat(lam[1], lam[2], lam[0])
             force -= impulse
-            moment -= ca.cross(R_wo @ self.shape.corner(theta, ca.DM(signs)), impulse)
+            moment -= ca.cross(R_wo @ self.shape.corner(theta, signs), impulse)
         for i in range(0, len(fingers), 4):
             lam, p_wf, rho, t = fingers[i : i + 4]
             p_w, n, t_1, t_2 = self.touch(theta, x, p_wf, rho, t)
@@ -204,24 +223,27 @@ class _Body:
         return kappa * energy * dt / (w * 1e-3)
 
     def finger_apart(self, theta, x, lam, p_wf, rho, w, kappa):
-        """Impulse across a gap."""
+        """Impulse across a gap, of a finger that feels none."""
         phi = self.window.finger.gap(self.shape, theta, self.pose(theta, x), p_wf, rho)
-        return kappa * contact.complementarity(lam, phi, rho / 50) / (w * 1e-3)
+        energy = contact.complementarity(lam, phi, rho / 50)
+        return kappa * energy / (w * 1e-3) + UNFELT * lam[0] / w
 
     def corner(self, theta, x, signs):
         p_wo, R_wo = self.pose(theta, x)
         return p_wo + R_wo @ self.shape.corner(theta, signs)
 
     def ground_work(self, theta, x, x_1, lam, signs, dt, w, kappa, still, mu):
-        """Friction with the ground that fails to dissipate."""
+        """Friction with the ground that fails to dissipate; none at rest, by a constant."""
         v = (self.corner(theta, x, signs) - self.corner(theta, x_1, signs)) / dt
-        return kappa * contact.dissipation(mu, lam, v[:2], still) * dt / (w * 1e-3)
+        loss = contact.dissipation(mu, lam, v[:2], still) * dt / w
+        nominal = self.scene.friction_ground or FRICTION
+        return kappa * (loss - nominal * still * dt / self.shared) / 1e-3
 
     def ground_apart(self, theta, x, x_1, lam, signs, dt, w, kappa, still):
         """Impulse of the ground on a corner that is above it or rises."""
         z, z_1 = self.corner(theta, x, signs)[2], self.corner(theta, x_1, signs)[2]
         rises = contact.inelasticity(lam, (z - z_1) / dt, still) - lam[0] * still / 2
-        energy = lam[0] * z + 0.2 * dt * rises
+        energy = lam[0] * (z + ROOM * REST) + 0.2 * dt * rises
         return kappa * energy / (w * 1e-3)
 
     def ground_gap(self, theta, x, signs):

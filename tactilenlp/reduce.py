@@ -12,7 +12,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
+import casadi as ca
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from formulations.finger import SPHERE
 from formulations.rigid_body import FREE, PLANAR
@@ -22,6 +24,8 @@ from .window import Corners, Group, Pushes, Rests, Samples, Steps, Window
 
 FAR = 30e-3  # [m] a free finger this far beyond the sensor's doubt is not asked
 CEILING = 7.0  # [nats] one sample in a thousand is wrong beyond any noise
+MOVES = 0.1e-3  # [m] a guess that moves further in a sample needs poses of its own
+ARM = 20e-3  # [m] one radian of turn counts as this much way
 SIDE = 0.7  # [-] |n_z| below which a normal belongs to a side
 
 
@@ -64,6 +68,8 @@ def reduce(data, scene, shape, precision, choice=None, guess=None) -> Window:
     motion = PLANAR if choice.planar else FREE
     first = np.r_[True, data.action[1:] != data.action[:-1]]
     moving = may_move(data, scene, first) if choice.still else np.ones_like(first)
+    if motion is FREE and guess is not None:
+        moving = (moving | moves(guess[1])) & ~first
     knot = np.cumsum(moving | first) - 1
     sample, finger = np.nonzero(data.valid)
     felt = data.contact[sample, finger]
@@ -76,7 +82,7 @@ def reduce(data, scene, shape, precision, choice=None, guess=None) -> Window:
         free = free.pick(~is_far(free, shape, motion, guess, precision))
     step = _steps(data, knot, first, np.nonzero(moving & ~first)[0])
     push = _pushes(data, everything, felt, step, choice.absent)
-    corner, lift, rest = _ground(scene, shape, motion, step, knot, guess)
+    corner, lift, rest = _ground(scene, shape, motion, step, first, guess)
     gap = np.nonzero(first)[0][1:]
     zero = knot[gap - 1]
     return Window(
@@ -112,6 +118,12 @@ def may_move(data, scene, first) -> np.ndarray:
     return moving & ~first
 
 
+def moves(x) -> np.ndarray:
+    """Tell for every sample of x (6, T) whether the guess moved since the one before."""
+    way = np.abs(np.diff(x, axis=1, prepend=x[:, :1]))
+    return (way[:3].max(axis=0) > MOVES) | (way[3:].max(axis=0) * ARM > MOVES)
+
+
 def is_far(free, shape, motion, guess, precision) -> np.ndarray:
     """Tell which free samples are too far from the guessed object to matter."""
     theta, x = guess
@@ -145,18 +157,39 @@ def _pushes(data, everything, felt, step, only_felt) -> Pushes:
     )  # fmt: skip
 
 
-def _ground(scene, shape, motion, step, knot, guess):
-    """Return the ground contacts of every step, those that lift, and the rests."""
+def _ground(scene, shape, motion, step, first, guess):
+    """Return the ground contacts of every step, those that lift, and the rests.
+
+    An action starts at rest.  Which corners are low is read from the guess, step by step.
+    """
     none = Corners(np.zeros(0, int), np.zeros((0, 3)))
     if scene.ground is None:
         return none, none, Rests(none.step, none.signs)
-    low = np.array(shape.corners, float)
-    corner = Corners(np.repeat(np.arange(len(step)), len(low)), np.tile(low, (len(step), 1)))
+    guess = guess if motion is FREE else None
+    low = lowest(shape, guess, step.sample)
+    corner = Corners(np.repeat(np.arange(len(low)), low.shape[1]), low.reshape(-1, 3))
     if motion is PLANAR:
         return corner, none, Rests(none.step, none.signs)
-    still = np.setdiff1d(np.arange(knot[-1] + 1), step.knot)
-    rest = Rests(np.repeat(still, len(low)), np.tile(low, (len(still), 1)))
-    return corner, corner, rest
+    start = np.nonzero(first)[0]
+    low = lowest(shape, guess, start)
+    knot = np.searchsorted(step.sample, start) + np.arange(len(start))
+    return corner, corner, Rests(np.repeat(knot, low.shape[1]), low.reshape(-1, 3))
+
+
+def lowest(shape, guess, samples) -> np.ndarray:
+    """Return the signs of the corners nearest the ground at `samples`, (n, corners, 3).
+
+    guess: theta and x (6, T); without one the object lies flat on shape.corners.
+    """
+    low = np.array(shape.corners, float).reshape(-1, 3)
+    if guess is None:
+        return np.tile(low, (len(samples), 1, 1))
+    every = np.array([*dict.fromkeys(map(tuple, np.vstack([low, -low]).tolist()))])
+    theta, x = guess
+    body = [shape.corner(ca.DM(theta), ca.DM(signs)).toarray()[:, 0] for signs in every]
+    up = Rotation.from_rotvec(x[3:, samples].T).as_matrix()[:, 2]
+    order = np.argsort((up @ np.transpose(body)).round(9), axis=1, kind="stable")
+    return every[np.sort(order[:, : len(low)], axis=1)]
 
 
 def _groups(steps, push, corner) -> dict[int, Group]:
