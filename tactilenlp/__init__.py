@@ -21,11 +21,11 @@ _HOMES = {
     "Guess": "guess",
     "Estimate": "result",
     "Information": "information",
+    "observed_information": "information",
     "solve_estimate": "estimate",
     "Problem": "nlp",
     "SolverOptions": "solve",
     "Solution": "solve",
-    "solve": "solve",
     "TactileError": "errors",
 }
 

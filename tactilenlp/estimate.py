@@ -15,6 +15,7 @@ from formulations.shape import CUBOID, Shape
 from .certify import certify, without
 from .errors import MotionError, NoContactError, OptionError, StartError
 from .guess import Guess
+from .measurements import Measurements
 from .nlp import Problem
 from .options import Options
 from .precision import precision_of, smoothed
@@ -55,16 +56,10 @@ def solve_estimate(
     and NotConverged or MotionError after it unless `throw` is False.
     """
     scene, options = scene or Scene(), options or Options()
+    _check_types(data=(data, Measurements), scene=(scene, Scene), options=(options, Options))
     shape, page = _shape(shape), _page(formulation)
     scene.check(data)
-    if not (data.contact & data.valid).any():
-        raise NoContactError(
-            "nothing was touched",
-            where="contact",
-            got="no valid sample with contact",
-            expected="at least one",
-            next="record an action that meets the object",
-        )
+    _check_touched(data)
     began, cpu = time.monotonic(), time.process_time()
     job = _job(data, scene, shape, options, began)
     kept = _kept(start, data, shape)
@@ -78,6 +73,36 @@ def solve_estimate(
     if throw:
         _raise_unless_good(estimate, best)
     return estimate
+
+
+def _check_types(**given) -> None:
+    for name, (value, kind) in given.items():
+        if not isinstance(value, kind):
+            raise OptionError(
+                "wrong type",
+                where=name,
+                got=repr(value)[:80],
+                expected=f"{kind.__name__}(...)",
+            )
+
+
+def _check_touched(data) -> None:
+    """Raise NoContactError unless a finger felt contact for two samples in a row.
+
+    A single sample cannot be told from a flipped boolean.
+    """
+    felt = data.contact & data.valid
+    lasting = felt[1:] & felt[:-1] & (data.action[1:] == data.action[:-1])[:, None]
+    if lasting.any():
+        return
+    single = int(felt.sum())
+    raise NoContactError(
+        "nothing was touched",
+        where="contact",
+        got=f"{single} single samples, as flipped booleans make" if single else "none",
+        expected="a finger in contact for at least two samples in a row",
+        next="record an action that meets the object",
+    )
 
 
 def _job(data, scene, shape, options, began) -> Job:

@@ -76,6 +76,18 @@ class Information:
         return self.maps[name]
 
 
+def observed_information(estimate, kind: str = "exact") -> Information:
+    """Return what the data of an estimate say of shape and final pose.
+
+    kind: "exact", the reduced Hessian of the Lagrangian.
+    """
+    if kind != "exact":
+        raise OptionError(
+            "no such information", where="kind", got=kind, expected="'exact'"
+        )
+    return estimate.information
+
+
 def reduced_covariance(problem, solution, chosen: np.ndarray):
     """Return covariance of the chosen unknowns (SI), active and ambiguous counts.
 

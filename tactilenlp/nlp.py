@@ -185,7 +185,9 @@ class Problem:
         term = self.terms[name]
         function = mapped(term.kind.second, term.instances)
         shape = (term.instances, term.kind.rows)
-        weight = np.broadcast_to(np.reshape(multiplier, (-1, shape[1])), shape)
+        if np.ndim(multiplier) > 0:
+            multiplier = np.reshape(multiplier, shape)
+        weight = np.broadcast_to(multiplier, shape)
         nonzeros = function(x[term.unknowns].T, data[term.data].T, weight.T)
         rows, columns, factor = term.hessian_places()
         values = np.asarray(nonzeros).T.ravel() * factor

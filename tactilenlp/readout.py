@@ -24,7 +24,7 @@ def read_off(data, job, page, options, solved, kept, seconds, late: bool) -> Est
         measurements=data,
         scene=scene,
         shape=shape.name,
-        formulation=page.__name__.rpartition(".")[2],
+        formulation=getattr(page, "__name__", "page").rpartition(".")[2],
         options=_plain(options),
         theta=theta,
         position=position,

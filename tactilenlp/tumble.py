@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from .guess import carried
+from .guess import BELOW, carried
 from .reduce import SIDE
 from .search import Hypothesis, beam, extensions
 
@@ -23,6 +23,7 @@ WRONG = 0.8  # [ceilings] a touch that costs more is not explained
 TWO, SHARE = 2, 0.2  # so many touches, and this part of an action's, are no accident
 TILTED = np.radians(2)  # a side normal that rises further says that the object tilts
 ENOUGH = 1.05  # [-] of the speed that just carries the object over its edge
+DEPTHS = (1.0, 2 / 3)  # [-] of the guessed depth: where the edge lies is not known yet
 FALL = 20  # steps of the falling pendulum in one sample
 FLAT = np.pi / 2
 
@@ -94,17 +95,21 @@ class Tip:
     @property
     def renamed(self) -> np.ndarray:
         """Return S (3, 3): q_lying = S q_o once it has turned by 90 degrees."""
-        turn = -self.side * self.angle[-1].round(9)
-        over = turn * np.cross([0, 0, 1.0], np.eye(3)[self.axis])
-        return Rotation.from_rotvec(over).as_matrix()
+        over = -self.side * FLAT * np.cross([0, 0, 1.0], np.eye(3)[self.axis])
+        return Rotation.from_rotvec(over).as_matrix().round()
+
+    @property
+    def landed(self) -> int:
+        """Return the first sample of the action at which it lies, or their number."""
+        return int(np.count_nonzero(self.angle < FLAT))
 
     def poses(self, theta, x) -> tuple[np.ndarray, np.ndarray]:
-        """Return positions (n, 3) and rotations (n, 3, 3) while it tips, from x (3,)."""
+        """Return positions (n + 1, 3), rotations (n + 1, 3, 3) from x (3,); it lies last."""
         R_wo = Rotation.from_euler("z", x[2]).as_matrix()
         fall = -self.side * R_wo[:, self.axis]
         p_wo = np.r_[x[:2], theta[2] / 2]
         edge = np.r_[(p_wo + fall * theta[self.axis] / 2)[:2], 0.0]
-        over = np.outer(self.angle, np.cross([0, 0, 1.0], fall))
+        over = np.outer([*self.angle, FLAT], np.cross([0, 0, 1.0], fall))
         R = Rotation.from_rotvec(over).as_matrix()
         return edge + R @ (p_wo - edge), R @ R_wo
 
@@ -123,42 +128,52 @@ class Tumble:
     start: int
     tip: Tip
 
-    def lying(self, samples: int) -> Hypothesis:
-        """Return the planar hypothesis of the fallen object, at rest for `samples`."""
-        S = self.tip.renamed
-        R = Rotation.from_rotvec(self.x[3:, -1]).as_matrix() @ S.T
-        x = np.r_[self.x[:2, -1], np.arctan2(R[1, 0], R[0, 0])]
+    def lying(self) -> Hypothesis:
+        """Return the planar hypothesis of the fallen object, at rest for the action."""
+        S, n = self.tip.renamed, len(self.tip.angle)
+        p, R = self.tip.poses(self.theta, self.before.x[:, self.start])
+        ahead = (R[-1] @ S.T)[:2, 0]
+        x = np.r_[p[-1, :2], np.arctan2(ahead[1], ahead[0])]
         path = (*self.before.path, self.name)
-        theta = np.abs(S).round() @ self.theta
-        return Hypothesis(theta, np.repeat(x[:, None], samples, axis=1), np.inf, path)
+        x = np.repeat(x[:, None], n, axis=1)
+        return Hypothesis(np.abs(S) @ self.theta, x, np.inf, path)
 
     def joined(self, later: Hypothesis) -> Hypothesis:
         """Return the whole motion, free: tumbled so as to lie where `later` begins.
 
-        later: planar poses of the renamed object from the action of the tumble on.
+        later: planar poses of the renamed object from the action of the tumble on.  How
+        tall the object stood, and where the pushed side was, is known from before.
         """
-        S, n = self.tip.renamed, len(self.tip.angle)
-        theta = np.abs(S).round().T @ later.theta
-        landed = later.x[:, n - 1]
-        x = self.before.x[:, self.start]
-        p, R = self.tip.poses(theta, np.r_[0, 0, x[2]])
-        yaw = (R[-1] @ S.T)[:2, 0]
-        turn = landed[2] - np.arctan2(yaw[1], yaw[0])
-        x = np.r_[0, 0, x[2] + turn]
-        x[:2] = landed[:2] - self.tip.poses(theta, x)[0][-1, :2]
-        past = carried(self.before.x[:, : self.start + 1], self.before.x[:, self.start], x)
-        after = lifted(later.theta, later.x[:, n:])
-        p_wo, R_wo = self.tip.poses(theta, x)
-        flat = lifted(theta, past)
-        R = [*_matrices(flat), *R_wo[-(n - self._done) :], *(_matrices(after) @ S)]
-        p = np.vstack([flat[:3].T, p_wo[-(n - self._done) :], after[:3].T])
-        return replace(later, theta=theta, x=np.vstack([p.T, continuous(R).T]))
+        S, n, k = self.tip.renamed, len(self.tip.angle), self.start + 1
+        theta = np.abs(S).T @ later.theta
+        theta[2] = max(theta[2], self.theta[2])
+        stood, landed = self.before.x[:, self.start], later.x[:, n - 1]
+        x = self._upright(theta, stood, landed)
+        past = lifted(theta, carried(self.before.x[:, :k], stood, x))
+        p, R = self.tip.poses(theta, x)
+        off = R[-1].T @ (p[-1] - [*landed[:2], p[-1, 2]])
+        after = lifted(np.abs(S) @ theta, later.x[:, n:])
+        R_after = _matrices(after) @ S
+        tail = slice(n - (self.x.shape[1] - k), n)
+        R = np.concatenate([_matrices(past), R[tail], R_after])
+        p = np.vstack([past[:3].T, p[tail], after[:3].T + R_after @ off])
+        return replace(later, theta=theta, x=np.hstack([p, continuous(R)]).T)
 
-    @property
-    def _done(self) -> int:
-        """Return how many samples of the last action have passed when it tips."""
-        return len(self.tip.angle) - (self.x.shape[1] - self.start - 1)
+    def _upright(self, theta, stood, landed):
+        """Return the planar pose (3,) from which it tips to lie at `landed`.
 
+        Along the fall the pushed side stays where it `stood`; across, it may slide.
+        """
+        S, tip = self.tip.renamed, self.tip
+        p, R = tip.poses(theta, np.zeros(3))
+        ahead = (R[-1] @ S.T)[:2, 0]
+        yaw = landed[2] - np.arctan2(ahead[1], ahead[0])
+        out = tip.side * Rotation.from_euler("z", yaw).as_matrix()[:2, tip.axis]
+        x = np.r_[0, 0, yaw]
+        x[:2] = landed[:2] - tip.poses(theta, x)[0][-1, :2]
+        grown = (theta - self.theta)[tip.axis] / 2
+        x[:2] += out * (out @ (stood[:2] - x[:2]) - grown)
+        return x
 
 def tumbled(job, kept) -> list[Tumble]:
     """Return guesses of how the object tumbled in the last action of a job.
@@ -167,31 +182,56 @@ def tumbled(job, kept) -> list[Tumble]:
     """
     out = []
     for h in extensions(job, kept):
+        h = _raised(job, h)
         start, tip = _tipped(job, h)
-        if tip is None:
-            continue
-        p, R = tip.poses(h.theta, h.x[:, start])
-        flat = lifted(h.theta, h.x[:, : start + 1])
-        rest = h.x.shape[1] - start - 1
-        x = np.hstack([flat, np.hstack([p, continuous(R)])[len(p) - rest :].T])
-        out.append(Tumble(h.theta, x, f"tips {tip.axis}{tip.side:+.0f}", h, start, tip))
+        for share in DEPTHS if tip is not None else ():
+            thin, name = _thinned(h, tip, share), f"tips {len(out)}"
+            p, R = tip.poses(thin.theta, thin.x[:, start])
+            flat = lifted(thin.theta, thin.x[:, : start + 1])
+            fallen = np.hstack([p, continuous(R)])[:-1][start + 1 - h.x.shape[1] :]
+            x = np.hstack([flat, fallen.T])
+            out.append(Tumble(thin.theta, x, name, thin, start, tip))
     return out
 
 
-def continued(job, tumble: Tumble, width: int, solves: int, executor=None):
-    """Return free hypotheses of all actions of a job, tumbling as guessed, then sliding.
+def _raised(job, h: Hypothesis) -> Hypothesis:
+    """Return the hypothesis tall enough for the sides that were touched."""
+    data = job.data
+    touched = data.contact & data.valid & (np.abs(data.normal[..., 2]) < SIDE)
+    touched &= (data.action == data.action[-1])[:, None]
+    theta = h.theta.copy()
+    highest = data.finger_position[touched][:, 2].max(initial=-np.inf)
+    theta[2] = max(theta[2], highest + BELOW)
+    return replace(h, theta=theta)
 
-    job: the data from the first action on; the planar beam searches what comes after.
+
+def _thinned(h: Hypothesis, tip: Tip, share: float) -> Hypothesis:
+    """Return the hypothesis with less depth behind the pushed side, which stays."""
+    theta = h.theta.copy()
+    theta[tip.axis] *= share
+    yaw, moved = h.x[2], tip.side * (h.theta - theta)[tip.axis] / 2
+    out = np.array([np.cos(yaw), np.sin(yaw)])
+    if tip.axis == 1:
+        out = np.array([-out[1], out[0]])
+    return replace(h, theta=theta, x=np.vstack([h.x[:2] + moved * out, yaw]))
+
+
+def continued(job, tumbles, width: int, solves: int, executor=None) -> list[Hypothesis]:
+    """Return free hypotheses of all actions of a job: a tumble, then sliding, best first.
+
+    job: the data from the first action on; tumbles: of one action of it.  The planar
+    beam searches what comes after; its objective is of that part only.
     """
-    done = tumble.x.shape[1]
-    action = job.data.action[done - 1]
+    action = job.data.action[tumbles[0].x.shape[1] - 1]
     data = job.data.select([a for a in np.unique(job.data.action) if a >= action])
-    fallen = len(tumble.tip.angle)
     valid = data.valid.copy()
-    valid[: fallen - 1] = False
+    valid[: max(t.tip.landed for t in tumbles)] = False
     part = replace(job, data=replace(data, valid=valid))
-    later = beam(part, [tumble.lying(fallen)], width, solves, executor)
-    return [tumble.joined(h) for h in later]
+    lying = [t.lying() for t in tumbles]
+    origin = {h.path: t for h, t in zip(lying, tumbles, strict=True)}
+    later = beam(part, lying, width, solves, executor)
+    length = len(lying[0].path)
+    return [origin[h.path[:length]].joined(h) for h in later]
 
 
 def _tipped(job, h):
@@ -226,7 +266,7 @@ def _fall(job, size, angle, samples) -> np.ndarray:
     """Return the angles (samples,) [rad] of a box that tips over its edge and lands.
 
     size: depth and height [m]; angle: so far, one a sample.  At least as fast as it
-    takes to get over; what has not landed by the end of the action lands then.
+    takes to get over.
     """
     depth, height = size
     gravity, dt = job.scene.gravity, job.data.dt
@@ -243,7 +283,6 @@ def _fall(job, size, angle, samples) -> np.ndarray:
             speed += pull * np.sin(now - over) * dt / FALL
             now = min(now + speed * dt / FALL, FLAT)
         out.append(now)
-    out[-1:] = [FLAT] * len(out[-1:])
     return np.array(out)
 
 

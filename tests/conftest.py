@@ -1,0 +1,38 @@
+"""What several tests share: where the shared recordings lie, and small estimates."""
+
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+SCENES = ROOT.parent / "shared" / "scenes"
+RECORDED = ROOT / "examples" / "data" / "cuboid.npz"
+
+
+@pytest.fixture(scope="session")
+def scenes() -> Path:
+    """The folder of shared scenes; skips where it is absent."""
+    if not SCENES.is_dir():
+        pytest.skip(f"no shared scenes beside this checkout ({SCENES})")
+    return SCENES
+
+
+@pytest.fixture(scope="session")
+def recorded():
+    """The recording that ships with the project: data, scene and truth keys."""
+    import numpy as np
+
+    from tactilenlp import Measurements, Scene
+
+    with np.load(RECORDED) as file:
+        truth = {key: file[key] for key in file.files}
+    return Measurements.load(RECORDED), Scene.load(RECORDED), truth
+
+
+@pytest.fixture(scope="session")
+def estimate(recorded):
+    """The estimate of the first three actions of the recording."""
+    from tactilenlp import solve_estimate
+
+    data, scene, _ = recorded
+    return solve_estimate(data.select(range(3)), scene)

@@ -1,0 +1,293 @@
+"""solve_estimate keeps its contract."""
+
+import pickle
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from tactilenlp import (
+    Estimate,
+    Ground,
+    Measurements,
+    Options,
+    Scene,
+    solve_estimate,
+)
+from tactilenlp.errors import (
+    MotionError,
+    NoContactError,
+    NotConverged,
+    OptionError,
+    StartError,
+)
+from tactilenlp.metrics import cuboid_errors
+
+
+def test_side_lengths_touched_on_both_sides_are_right_to_a_fifth_of_a_millimetre(
+    recorded,
+):
+    data, scene, truth = recorded
+    estimate = solve_estimate(data, scene)
+    error = cuboid_errors(
+        estimate.side_lengths,
+        estimate.position[-1],
+        estimate.quaternion[-1],
+        truth["side_lengths"],
+        truth["object_position"][-1],
+        truth["object_quaternion"][-1],
+    )
+    touched = (estimate.faces >= 3).all(axis=1) | ([False, False, True])
+    known = touched[error.permutation]
+    assert known.any()
+    assert np.abs(error.side_lengths[known]).max() < 0.2e-3
+
+
+def test_estimate_has_a_pose_and_impulses_at_every_sample(estimate):
+    T = estimate.measurements.samples
+    assert estimate.position.shape == (T, 3)
+    assert estimate.quaternion.shape == (T, 4)
+    assert np.allclose(np.linalg.norm(estimate.quaternion, axis=1), 1, atol=1e-9)
+    for name in ("finger 0", "finger 1", "ground"):
+        assert estimate.impulses[name].shape == (T, 3)
+
+
+def test_a_finger_pushes_and_never_pulls(estimate):
+    data = estimate.measurements
+    for f in range(data.fingers):
+        normal_part = (estimate.impulses[f"finger {f}"] * data.normal[:, f]).sum(axis=1)
+        # outward normal: a push has a negative component; 1e-3 N s covers the angle
+        # between the measured and the estimated normal
+        assert normal_part.max() < 1e-3
+
+
+def test_no_impulse_where_nothing_is_felt(estimate):
+    data = estimate.measurements
+    for f in range(data.fingers):
+        free = ~data.contact[:, f]
+        assert not estimate.impulses[f"finger {f}"][free].any()
+
+
+def test_impulses_respect_the_exact_friction_cone(estimate):
+    # the cone's apex is rounded by 0.003 weights x dt = 5e-4 N s, which bounds the
+    # excess by sqrt(2 mu lam_n rounding)
+    mu = estimate.scene.friction_finger
+    lam = estimate.unknowns["finger"]
+    weight = estimate.scene.mass * 9.81 / 30
+    excess = np.hypot(lam[1], lam[2]) - mu * lam[0]
+    bound = np.sqrt(2 * mu * lam[0] * 0.003 * weight) + 1e-9
+    assert (excess <= bound).all()
+
+
+def test_truth_keys_of_a_file_are_never_read(recorded, tmp_path):
+    _, _, truth = recorded
+    rng = np.random.default_rng(0)
+    known = {f.name for f in fields(Measurements)} | {
+        "mass",
+        "friction_ground",
+        "friction_finger",
+    }
+    scrambled = {
+        key: value if key in known else rng.permutation(np.ravel(value))
+        for key, value in truth.items()
+    }
+    scrambled["planned_start"] = rng.normal(size=(7, 2))
+    path = tmp_path / "scrambled.npz"
+    np.savez(path, **scrambled)
+    two = Measurements.load(path).select(range(2))
+    original = recorded[0].select(range(2))
+    a = solve_estimate(two, Scene.load(path))
+    b = solve_estimate(original, recorded[1])
+    assert np.array_equal(a.position, b.position)
+    assert np.array_equal(a.side_lengths, b.side_lengths)
+
+
+def test_a_ground_at_37_mm_gives_the_same_estimate_shifted(recorded):
+    data, scene, _ = recorded
+    data = data.select(range(2))
+    low = solve_estimate(data, scene)
+    up = np.array([0, 0, 0.037])
+    raised = replace(scene, ground=Ground(height=0.037))
+    high = solve_estimate(data.transformed(np.eye(3), up), raised)
+    # the shift rounds the data's last digits; the optimum is flat to about 1e-6 m
+    assert np.allclose(high.position - up, low.position, atol=1e-5)
+    assert np.allclose(high.side_lengths, low.side_lengths, atol=1e-5)
+
+
+def test_a_tilted_ground_gives_the_same_estimate_turned(recorded):
+    from scipy.spatial.transform import Rotation
+
+    data, scene, _ = recorded
+    data = data.select(range(2))
+    flat = solve_estimate(data, scene)
+    R = Rotation.from_rotvec([0.3, -0.2, 0.0]).as_matrix()
+    tilted = replace(scene, ground=Ground(normal=tuple(R @ [0, 0, 1])))
+    turned = solve_estimate(data.transformed(R, np.zeros(3)), tilted)
+    a = np.sort(turned.mesh().extents), turned.mesh().volume
+    assert a[1] == pytest.approx(flat.mesh().volume, rel=1e-3)
+    assert np.allclose(turned.position @ R, flat.position, atol=2e-5)
+    pushed = turned.impulses["finger 0"] @ R
+    assert np.allclose(pushed, flat.impulses["finger 0"], atol=1e-4)
+
+
+def test_the_same_input_gives_the_same_digits(recorded):
+    data, scene, _ = recorded
+    data = data.select(range(2))
+    a, b = solve_estimate(data, scene), solve_estimate(data, scene)
+    assert np.array_equal(a.position, b.position)
+    assert a.costs == b.costs
+
+
+def test_save_and_load_round_trip_to_the_last_digit(estimate, tmp_path):
+    path = tmp_path / "estimate.npz"
+    estimate.save(path)
+    again = Estimate.load(path)
+    assert again.summary() == estimate.summary()
+    assert np.array_equal(again.position, estimate.position)
+    assert np.array_equal(again.information.matrix, estimate.information.matrix)
+    assert again.measurements == estimate.measurements
+    assert again.versions == estimate.versions
+    assert again.options["seed"] == 0
+
+
+def test_a_loaded_estimate_carries_on(recorded, estimate, tmp_path):
+    data, scene, _ = recorded
+    estimate.save(tmp_path / "e.npz")
+    more = solve_estimate(
+        data.select(range(4)), scene, start=Estimate.load(tmp_path / "e.npz")
+    )
+    fresh = solve_estimate(data.select(range(4)), scene, start=estimate)
+    assert np.array_equal(more.position, fresh.position)
+    assert len(more.position) == data.select(range(4)).samples
+
+
+def test_a_start_from_other_data_is_refused(recorded, estimate):
+    data, scene, _ = recorded
+    with pytest.raises(StartError, match="prefix"):
+        solve_estimate(data.select([0, 2]), scene, start=estimate)
+
+
+def test_the_default_scene_needs_one_argument(recorded):
+    data, _, _ = recorded
+    estimate = solve_estimate(data.select(range(2)))
+    assert estimate.scene == Scene()
+    assert estimate.success
+
+
+def test_unknown_friction_becomes_an_unknown_with_a_prior(recorded):
+    data, scene, _ = recorded
+    unknown = replace(scene, friction_ground=None, friction_finger=None)
+    estimate = solve_estimate(data.select(range(3)), unknown)
+    assert 0.01 <= estimate.unknowns["ground friction"].item() <= 2
+    assert "finger friction prior" in estimate.costs
+
+
+def test_data_without_contact_raise_a_typed_error(recorded):
+    data, _, _ = recorded
+    nothing = replace(
+        data, contact=np.zeros_like(data.contact), normal=np.zeros_like(data.normal)
+    )
+    with pytest.raises(NoContactError, match="nothing was touched"):
+        solve_estimate(nothing)
+
+
+def test_single_false_contacts_are_no_touch(recorded):
+    data, _, _ = recorded
+    contact, normal = np.zeros_like(data.contact), np.zeros_like(data.normal)
+    contact[[3, 40, 77], 0] = True
+    normal[contact] = [0, 0, 1]
+    with pytest.raises(NoContactError, match="single samples"):
+        solve_estimate(replace(data, contact=contact, normal=normal))
+
+
+def test_a_tumbling_object_is_not_called_a_success(scenes):
+    path = scenes / "stress_tumble_tall.npz"
+    data = Measurements.load(path)
+    try:
+        estimate = solve_estimate(data, Scene.load(path))
+    except MotionError as error:
+        assert "select the actions before" in str(error)
+        assert isinstance(pickle.loads(pickle.dumps(error)), MotionError)
+    else:
+        with np.load(path) as file:
+            sides = np.sort(file["side_lengths"])
+        assert np.allclose(np.sort(estimate.side_lengths), sides, atol=3e-3)
+
+
+def test_an_unreachable_time_limit_ends_with_a_marked_estimate(recorded):
+    data, scene, _ = recorded
+    options = Options(time_limit=1e-3)
+    estimate = solve_estimate(
+        data.select(range(2)), scene, options=options, throw=False
+    )
+    assert "time" in estimate.status.lower()
+    assert np.isfinite(estimate.position).all()
+
+
+def test_a_solve_that_stops_early_raises_with_the_solution(recorded):
+    data, scene, _ = recorded
+    options = Options(ipopt={"max_iter": 1})
+    with pytest.raises(NotConverged) as caught:
+        solve_estimate(data.select(range(1)), scene, options=options)
+    assert caught.value.solution is not None
+    assert "iterations" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("call", "expected"),
+    [
+        ({"shape": "sphere"}, "unknown shape"),
+        ({"formulation": "magic"}, "unknown formulation"),
+        ({"options": "fast"}, "Options"),
+    ],
+)
+def test_a_wrong_choice_names_the_right_ones(recorded, call, expected):
+    with pytest.raises(OptionError, match=expected):
+        solve_estimate(recorded[0], **call)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"hypotheses": 0}, {"tolerance": -1.0}, {"reduce": ["stil"]}, {"time_limit": 0}],
+)
+def test_options_out_of_range_are_refused(wrong):
+    with pytest.raises(OptionError):
+        Options(**wrong)
+
+
+def test_a_process_pool_gives_the_same_digits(recorded):
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    data, scene, _ = recorded
+    data = data.select(range(2))
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        spread = solve_estimate(data, scene, executor=pool)
+    serial = solve_estimate(data, scene)
+    assert np.array_equal(spread.position, serial.position)
+
+
+def test_every_reduction_can_be_switched_off_alone(recorded):
+    data, scene, _ = recorded
+    data = data.select(range(2))
+    reduced = solve_estimate(data, scene)
+    for name in ("still", "far", "absent"):
+        full = solve_estimate(data, scene, options=Options(reduce=[name]))
+        assert all(s.name != name for s in full.skipped)
+        # an exact reduction keeps the optimum; a still span adds poses whose links
+        # cost nothing at rest
+        assert full.objective == pytest.approx(reduced.objective, abs=0.1)
+
+
+def test_summary_says_what_was_not_observed(recorded):
+    data, scene, _ = recorded
+    first = solve_estimate(data.select([0]), scene)
+    assert first.information.unobserved
+    assert "Not observed: side" in first.summary()
+    assert "±" in first.summary()
+
+
+def test_mesh_lies_on_the_ground_and_has_the_estimated_size(estimate):
+    mesh = estimate.mesh(sample=0)
+    assert abs(mesh.bounds[0, 2]) < 1e-6
+    assert mesh.volume == pytest.approx(np.prod(estimate.side_lengths), rel=1e-9)

@@ -1,0 +1,346 @@
+"""A pendulum, a fit and a cone, solved by a machine that knows none of them."""
+
+import pickle
+from dataclasses import dataclass, field, replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import least_squares
+
+from tactilenlp.errors import NotConverged, OptionError, PageError
+from tactilenlp.nlp import Problem
+from tactilenlp.solve import SolverOptions, make_solver, solve, solve_levels
+
+GRAVITY, LENGTH, MASS = 9.81, 0.5, 1.0  # [m/s^2] [m] [kg]
+STEPS, DT = 40, 0.05  # swing up in two seconds
+TORQUE = 3.0  # [N m], less than the 4.9 that would lift the pendulum at once
+TIGHT = SolverOptions(tolerance=1e-9)
+
+
+def faster(state, torque):
+    """Return the rate of (angle, speed) of a pendulum, angle 0 hanging down."""
+    arm = MASS * LENGTH**2
+    return -GRAVITY / LENGTH * np.sin(state[0]) + torque / arm
+
+
+def pendulum(scale=1.0):
+    """Swing a pendulum up with little torque: trapezoidal rule, state by state."""
+    problem = Problem()
+    way = np.linspace(0, np.pi, STEPS + 1)
+    state = problem.variable(
+        "state", 2, STEPS + 1, guess=[way, 0 * way], unit="rad, rad/s",
+        scale=np.array([1.0, 5.0]) * scale,
+    )  # fmt: skip
+    torque = problem.variable(
+        "torque", 1, STEPS + 1, lower=-TORQUE, upper=TORQUE, guess=0.1, unit="N m",
+        scale=scale,
+    )  # fmt: skip
+    dt = problem.parameter("dt", DT, "s")
+
+    def rate(s, u):
+        arm = MASS * LENGTH**2
+        return ca.vertcat(s[1], -GRAVITY / LENGTH * ca.sin(s[0]) + u / arm)
+
+    def defect(s, s_1, u, u_1, dt):
+        return s - s_1 - dt / 2 * (rate(s, u) + rate(s_1, u_1))
+
+    now, before = np.arange(1, STEPS + 1), np.arange(STEPS)
+    problem.minimize(
+        "effort", lambda u, dt: dt * ca.sumsqr(u), torque, dt, role="regulariser"
+    )
+    problem.subject_to(
+        "dynamics", defect, state[:, now], state[:, before], torque[:, now],
+        torque[:, before], dt, lower=0, upper=0,
+    )  # fmt: skip
+    problem.subject_to("start", lambda s: s, state[:, 0], lower=0, upper=0)
+    problem.subject_to("end", lambda s: s, state[:, -1], lower=[np.pi, 0],
+                       upper=[np.pi, 0])  # fmt: skip
+    return problem
+
+
+def decay():
+    """Fit a decay with an offset to noisy samples."""
+    rng = np.random.default_rng(4)
+    t = np.linspace(0, 3, 30)
+    y = 2.0 * np.exp(-1.3 * t) + 0.5 + 0.02 * rng.normal(size=30)
+    problem = Problem()
+    c = problem.variable("c", 3, guess=[1, 1, 0], unit="V, 1/s, V", scale=[1, 1, 0.1])
+
+    def misfit(c, t, y):
+        return (c[0] * ca.exp(-c[1] * t) + c[2] - y) ** 2 / 2
+
+    problem.minimize("misfit", misfit, c, t, y, role="likelihood")
+    return problem, t, y
+
+
+def cone(target, rounding=1e-6):
+    """Find the vector of a friction cone that is nearest to `target`."""
+    problem = Problem()
+    f = problem.variable("f", 3, guess=[1.0, 0, 0], lower=[0, -np.inf, -np.inf],
+                         unit="N", scale=1)  # fmt: skip
+    goal = problem.parameter("target", target, "N")
+    problem.minimize(
+        "apart", lambda f, g: ca.sumsqr(f - g) / 2, f, goal, role="physics"
+    )
+    problem.subject_to(
+        "cone", lambda f: f[0] - ca.sqrt(ca.sumsqr(f[1:]) + rounding**2), f, lower=0
+    )
+    return problem
+
+
+def stationarity(problem, solution):
+    """Return the slope of the Lagrangian at a solution, from its named multipliers."""
+    x, data = problem.pack(solution.values), problem.data(solution.parameters)
+    slope = problem.pack(solution.bound_multipliers)
+    for name in problem.costs:
+        slope += np.asarray(problem.jacobian(name, x, data).sum(axis=0)).ravel()
+    for name in problem.constraints:
+        slope += problem.jacobian(name, x, data).T @ solution.multipliers[name].ravel()
+    return slope * problem.scale
+
+
+# What is solved is solved
+
+
+def test_a_pendulum_swings_up_as_its_differential_equation_says():
+    problem = pendulum()
+    solution = solve(problem)
+    torque = solution.values["torque"][0]
+    assert np.abs(torque).max() == pytest.approx(TORQUE, rel=1e-4)  # it has to swing
+    t = np.arange(STEPS + 1) * DT
+    truth = solve_ivp(
+        lambda s, x: [x[1], faster(x, np.interp(s, t, torque))], (0, t[-1]), [0, 0],
+        t_eval=t, rtol=1e-9, atol=1e-9, max_step=DT,
+    )  # fmt: skip
+    # The trapezoidal rule errs by dt^2 / 12 of the third derivative: at 10 rad/s and
+    # 50 rad/s^2, one hundredth of a radian a step, grown on the way up.
+    np.testing.assert_allclose(solution.values["state"][0], truth.y[0], atol=0.2)
+    assert solution.violations["dynamics"] < 1e-6
+
+
+def test_a_fit_ends_where_another_solver_ends():
+    problem, t, y = decay()
+    solution = solve(problem, TIGHT)
+    other = least_squares(
+        lambda c: c[0] * np.exp(-c[1] * t) + c[2] - y, [1, 1, 0], xtol=1e-14, gtol=1e-14
+    )
+    np.testing.assert_allclose(solution.values["c"][:, 0], other.x, rtol=1e-7)
+    assert solution.objective == pytest.approx(other.cost, rel=1e-9)
+    assert solution.costs == {"misfit": solution.objective}
+
+
+@pytest.mark.parametrize(
+    ("target", "nearest"),
+    [
+        ([2.0, 0.3, 0.4], [2.0, 0.3, 0.4]),  # inside: stays
+        ([1.0, 3.0, 4.0], [3.0, 1.8, 2.4]),  # outside: (n + t) / 2 on the cone
+        ([-4.0, 0.6, 0.8], [0.0, 0.0, 0.0]),  # behind the apex
+    ],
+)
+def test_the_nearest_force_of_a_cone_is_its_projection(target, nearest):
+    problem = cone(target)
+    solution = solve(problem, TIGHT)
+    # A rounded apex of 1e-6 N and bounds kept by a barrier of 1e-9.
+    np.testing.assert_allclose(solution.values["f"][:, 0], nearest, atol=2e-5)
+    on = bool(solution.multipliers["cone"][0, 0] < -1e-3)
+    assert on == (target != nearest)
+
+
+# What is said of a solution is true
+
+
+@pytest.mark.parametrize(
+    "problem", [pendulum(), cone([1.0, 3.0, 4.0]), cone([-4.0, 0.6, 0.8])]
+)
+def test_the_named_multipliers_balance_the_slopes(problem):
+    solution = solve(problem, TIGHT)
+    assert np.abs(stationarity(problem, solution)).max() < 1e-7
+    x, data = problem.pack(solution.values), problem.data()
+    for name, term in problem.constraints.items():
+        value, force = problem.value(name, x, data), solution.multipliers[name]
+        slack = np.where(force > 0, term.upper - value, value - term.lower)
+        slack = np.where(force == 0, 0.0, slack)  # an infinite limit pulls with zero
+        assert np.abs(slack * force).max() < 1e-6
+    for name, v in problem.variables.items():
+        value, force = solution.values[name], solution.bound_multipliers[name]
+        slack = np.where(force > 0, v.upper - value, value - v.lower)
+        assert np.abs(np.where(force == 0, 0.0, slack) * force).max() < 1e-6
+
+
+def test_violations_and_costs_are_recomputed_from_where_the_solver_stopped():
+    problem = pendulum()
+    solution = solve(problem, SolverOptions(iterations=2), throw=False)
+    x, data = problem.pack(solution.values), problem.data()
+    for name in problem.constraints:
+        value, term = problem.value(name, x, data), problem.constraints[name]
+        beyond = np.maximum(term.lower - value, value - term.upper).max()
+        assert solution.violations[name] == max(0.0, beyond)
+    assert solution.costs["effort"] == problem.value("effort", x, data).sum()
+    assert max(solution.violations.values()) > 1e-3
+    assert not solution.success
+
+
+def test_the_optimum_does_not_depend_on_the_units_of_the_solver():
+    one, hundred = (solve(pendulum(scale), TIGHT) for scale in (1.0, 100.0))
+    assert hundred.objective == pytest.approx(one.objective, rel=1e-7)
+    np.testing.assert_allclose(hundred.values["state"], one.values["state"], atol=1e-5)
+    for name, force in one.multipliers.items():
+        np.testing.assert_allclose(hundred.multipliers[name], force, atol=1e-4)
+    np.testing.assert_allclose(
+        hundred.bound_multipliers["torque"], one.bound_multipliers["torque"], atol=1e-4
+    )
+
+
+def test_the_same_problem_gives_the_same_solution_to_the_last_digit():
+    first, again = solve(pendulum()), solve(pendulum())
+    assert first.iterations == again.iterations
+    for group in ("values", "multipliers", "bound_multipliers"):
+        for name, value in getattr(first, group).items():
+            np.testing.assert_array_equal(value, getattr(again, group)[name])
+
+
+# Parameters, starts, levels
+
+
+def test_one_solver_serves_every_value_of_a_parameter():
+    problem = cone([2.0, 0.0, 0.0])
+    solver = make_solver(problem, TIGHT)
+    for height in (2.0, 3.0):
+        goal = [height, 0.0, 0.0]
+        solution = solve(problem, TIGHT, parameters={"target": goal}, solver=solver)
+        np.testing.assert_allclose(solution.values["f"][:, 0], goal, atol=1e-7)
+        assert solution.parameters["target"].tolist() == goal
+
+
+def test_what_is_fixed_stays_where_it_started():
+    problem = pendulum()
+    torque = np.sin(np.arange(STEPS + 1) / 3)[None]
+    solution = solve(
+        problem, start={"torque": torque}, fixed=("torque",), throw=False,
+        options=SolverOptions(iterations=5),
+    )  # fmt: skip
+    np.testing.assert_allclose(solution.values["torque"], torque, rtol=1e-15)
+    assert (
+        np.abs(solution.values["state"] - problem.variables["state"].guess).max() > 0.1
+    )
+
+
+def test_a_start_outside_its_bounds_is_brought_inside():
+    solution = solve(pendulum(), start={"torque": np.full((1, STEPS + 1), 50.0)})
+    assert np.abs(solution.values["torque"]).max() <= TORQUE
+
+
+@dataclass(frozen=True)
+class Level:
+    parameters: dict = field(default_factory=dict)
+    fixed: tuple = ()
+    barrier: float = 1e-2
+    iterations: int = 200
+
+
+def test_levels_start_where_the_one_before_ended_and_add_up():
+    problem = cone([1.0, 3.0, 4.0])
+    levels = [Level({"target": [5.0, 3.0, 4.0]}), Level(fixed=("f",)), Level()]
+    solvers = {}
+    options = SolverOptions(tolerance=1e-8)
+    first = solve_levels(problem, levels[:2], {}, options, solvers)
+    np.testing.assert_allclose(first.values["f"][:, 0], [5, 3, 4], atol=1e-5)
+    last = solve_levels(problem, levels, {}, options, solvers)
+    np.testing.assert_allclose(last.values["f"][:, 0], [3, 1.8, 2.4], atol=1e-5)
+    assert sum(last.iterations_by_level) == last.iterations
+    assert last.iterations_by_level[:2] == first.iterations_by_level
+    assert len(solvers) == 1  # the same barrier and iterations: one solver
+
+
+# Failure is loud
+
+
+def impossible():
+    problem = Problem()
+    x = problem.variable("x", 1, guess=0.0, unit="m", scale=1)
+    problem.minimize("small", lambda x: x**2, x, role="prior")
+    problem.subject_to("above the table", lambda x: x, x, lower=3.0)
+    problem.subject_to("below the lamp", lambda x: x, x, upper=1.0)
+    problem.subject_to("anywhere", lambda x: x, x, lower=-9.0)
+    return problem
+
+
+def test_an_infeasible_problem_names_its_worst_terms_and_carries_them():
+    problem = impossible()
+    with pytest.raises(NotConverged, match="Infeasible") as caught:
+        solve(problem)
+    error = caught.value
+    assert "above the table by" in error.got
+    assert "below the lamp by" in error.got
+    for name in problem.terms:
+        assert name in error.problem
+    violations = error.solution.violations
+    # Two metres apart, shared between the two however the solver likes.
+    assert violations["above the table"] + violations["below the lamp"] >= 2.0 - 1e-6
+    assert violations["anywhere"] == 0.0
+
+
+def test_the_error_survives_a_journey_between_processes():
+    with pytest.raises(NotConverged) as caught:
+        solve(impossible())
+    error = pickle.loads(pickle.dumps(caught.value))
+    assert str(error) == str(caught.value)
+    assert error.solution.violations == caught.value.solution.violations
+    np.testing.assert_array_equal(
+        error.solution.values["x"], caught.value.solution.values["x"]
+    )
+
+
+def test_without_throw_the_result_comes_back_marked():
+    solution = solve(impossible(), throw=False)
+    assert not solution.success
+    assert "Infeasible" in solution.status
+
+
+def test_a_time_limit_ends_with_the_iterate_reached_and_says_so():
+    problem, hurry = pendulum(), SolverOptions(time_limit=1e-6)
+    solution = solve(problem, hurry, throw=False)
+    assert not solution.success
+    assert solution.status == "Maximum_WallTime_Exceeded"
+    assert np.isfinite(solution.objective)
+    assert solution.values["state"].shape == (2, STEPS + 1)
+    with pytest.raises(NotConverged, match="WallTime") as caught:
+        solve(problem, hurry)
+    assert caught.value.solution.violations.keys() == problem.constraints.keys()
+
+
+def test_a_linear_solver_that_is_not_there_does_not_pass_silently():
+    problem, _, _ = decay()
+    missing = SolverOptions(ipopt={"linear_solver": "ma27"})
+    with pytest.raises(NotConverged, match="Invalid_Option"):
+        solve(problem, missing)
+    solution = solve(problem, missing, throw=False)
+    assert not solution.success
+    np.testing.assert_array_equal(solution.values["c"][:, 0], [1, 1, 0])
+
+
+def test_a_function_that_leaves_the_numbers_does_not_pass_silently():
+    problem = Problem()
+    x = problem.variable("x", 1, guess=-1.0, unit="m", scale=1)
+    problem.minimize("root", lambda x: ca.sqrt(x) + x**2, x, role="prior")
+    with pytest.raises(NotConverged, match="Invalid_Number"):
+        solve(problem)
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("tolerance", 0.0), ("time_limit", -1.0), ("iterations", 0), ("push", np.nan)],
+)
+def test_an_option_out_of_range_is_named(option, value):
+    with pytest.raises(OptionError, match=f"{option}: out of range"):
+        replace(SolverOptions(), **{option: value})
+
+
+def test_an_unknown_start_or_parameter_is_named():
+    problem = pendulum()
+    with pytest.raises(PageError, match="angle: no such variable"):
+        solve(problem, start={"angle": 0.0})
+    with pytest.raises(PageError, match="step: no such parameter"):
+        solve(problem, parameters={"step": 0.0})
