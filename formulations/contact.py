@@ -47,3 +47,29 @@ def inelasticity(lam, v_n, still):
 def complementarity(lam, phi, small):
     """Return lam_n max(phi, 0): no impulse across a gap phi [m]."""
     return lam[0] * positive_part(phi, small)
+
+
+# As printed: the paper's own forms, which the page `paper` and its benchmark use.
+
+
+def cone_squared(mu, lam):
+    """Return (mu lam_n)^2 - |lam_t|^2: with lam_n >= 0, exactly the cone where >= 0.
+
+    A polynomial, but its gradient vanishes at the apex lam = 0.
+    """
+    return (mu * lam[0]) ** 2 - lam[1] ** 2 - lam[2] ** 2
+
+
+def printed_complementarity(lam, phi):
+    """Return lam_n phi: of either sign, an impulse at phi < 0 is rewarded."""
+    return lam[0] * phi
+
+
+def printed_dissipation(lam, v_s):
+    """Return |v_s|^2 lam_n + v_s . lam_t, v_s (2,) [m/s]: a sum of unlike units."""
+    return ca.sumsqr(v_s) * lam[0] + ca.dot(v_s, lam[1:3])
+
+
+def penetration_squared(phi):
+    """Return min(0, phi)^2 [m^2]: once differentiable, its curvature jumps at 0."""
+    return ca.fmin(0, phi) ** 2

@@ -43,3 +43,8 @@ def normal(n, n_m, sigma):
 def mixture(cost, ceiling):
     """Return -log(exp(-cost) + exp(-ceiling)): a wrong sample costs at most `ceiling`."""
     return ceiling - softplus(ceiling - cost)
+
+
+def normal_within(n, n_m, information):
+    """Return |n_m - n|^2 / 2 in the norm of Sigma_n^-1 (3, 3) [1 / rad^2] (eq:norm)."""
+    return ca.bilin(information, n_m - n, n_m - n) / 2

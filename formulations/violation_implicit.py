@@ -40,6 +40,29 @@ LEVELS = (
     ),
     Level("joint", barrier=1e-3),
 )
+ROUGH = (  # from poses that are guessed, not solved: centimetres off where it tumbles
+    LEVELS[0],
+    Level(
+        "loose",
+        {
+            "touch scale": 2e-3,
+            "normal scale": 0.2,
+            "gap scale": 5e-3,
+            "kappa": 2.0,
+            "balance sigma": 0.3,
+        },
+    ),
+    Level(
+        "firm",
+        {
+            "touch scale": 0.5e-3,
+            "normal scale": 0.05,
+            "kappa": 4.0,
+            "balance sigma": 0.1,
+        },
+    ),
+    LEVELS[1],
+)
 
 TOUCH = 0.15e-3  # [m] model error of a touched gap: soft contact, rounded edges
 DEPTH = 0.05e-3  # [m] compliance and radius error, the same for all touches
@@ -233,7 +256,7 @@ class _Body:
         return p_wo + R_wo @ self.shape.corner(theta, signs)
 
     def ground_work(self, theta, x, x_1, lam, signs, dt, w, kappa, still, mu):
-        """Friction with the ground that fails to dissipate; none at rest, by a constant."""
+        """Friction with the ground that fails to dissipate; at rest it costs nothing."""
         v = (self.corner(theta, x, signs) - self.corner(theta, x_1, signs)) / dt
         loss = contact.dissipation(mu, lam, v[:2], still) * dt / w
         nominal = self.scene.friction_ground or FRICTION

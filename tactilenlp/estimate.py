@@ -10,6 +10,7 @@ from types import ModuleType
 
 import numpy as np
 
+from formulations.rigid_body import PLANAR
 from formulations.shape import CUBOID, Shape
 
 from .certify import certify, without
@@ -25,6 +26,7 @@ from .result import Estimate
 from .scene import Scene
 from .search import Hypothesis, Job, beam
 from .solve import SolverOptions, not_converged, solve_levels
+from .tipping import lifted
 
 log = logging.getLogger("tactilenlp")
 
@@ -63,7 +65,8 @@ def solve_estimate(
     began, cpu = time.monotonic(), time.process_time()
     job = _job(data, scene, shape, options, began)
     kept = _kept(start, data, shape)
-    kept = beam(job, kept, options.hypotheses, options.starts, executor)
+    search = replace(job, reductions=Reductions())  # a search may be as lean as it can
+    kept = beam(search, kept, options.hypotheses, options.starts, executor)
     searched = time.process_time() - cpu
     best = _certified(job, page, _refine(job, page, kept, options), options)
     seconds = {**best.solution.seconds, "search": searched}
@@ -179,6 +182,9 @@ def _refine(job, page, kept, options) -> Solved:
 def _solve(job, page, hypothesis, options, shared=None) -> Solved:
     """Solve the page's levels from one hypothesis; `shared` keeps problem and solvers."""
     shared = {} if shared is None else shared
+    if not job.reductions.planar and len(hypothesis.x) == PLANAR.unknowns:
+        lying = lifted(hypothesis.theta, hypothesis.x)
+        hypothesis = replace(hypothesis, x=lying)
     if not shared:
         window = reduce(
             job.data, job.scene, job.shape, job.precision, job.reductions,

@@ -24,6 +24,10 @@ LOOSE = 1e-9  # [1 / scaled unknown^2] keeps a direction that nothing sees from 
 TOUCHED = 0.99  # [-] |n . axis| above which a normal belongs to a face
 ENOUGH = 3  # contact samples that make a face known
 WORDS = ("x", "y", "z")
+UNKNOWNS = {  # the words for the unknowns of a pose, by motion
+    "planar": ("position x", "position y", "rotation z"),
+    "free": tuple(f"{what} {w}" for what in ("position", "rotation") for w in WORDS),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +36,7 @@ class Information:
 
     names (k,) of the independent unknowns, matrix (k, k) their information and
     covariance (k, k), SI; maps: (3, k) Jacobian of every quantity a user asks for by
-    name, rows of NaN where a reduction fixed it.  unobserved: words for directions that
+    name, rows of NaN where a reduction fixed it (`fixed`).  unobserved: words for directions that
     only the prior holds; ambiguous: constraints neither clearly active nor inactive.
     """
 
@@ -137,8 +141,8 @@ def _kkt_block(H, A, scale, chosen) -> np.ndarray:
     return C * np.outer(scale[chosen], scale[chosen])
 
 
-def planar_information(problem, solution, window, shape, faces) -> Information:
-    """Return the information of a programme whose poses are planar.
+def information_of(problem, solution, window, shape, faces) -> Information:
+    """Return the information about theta and the last pose of a solved programme.
 
     faces: (axes, 2) number of samples that touched each face.
     """
@@ -147,28 +151,42 @@ def planar_information(problem, solution, window, shape, faces) -> Information:
         np.arange(theta.span.start, theta.span.stop),
         np.arange(x.span.stop - x.rows, x.span.stop),
     ]
-    n, k = theta.rows, len(chosen)
     C, active, ambiguous = reduced_covariance(problem, solution, chosen)
-    position, rotation = np.zeros((3, k)), np.zeros((3, k))
-    position[0, n] = position[1, n + 1] = 1.0
-    position[2, n - 1] = 0.5  # the centre lies half the height above the ground
-    rotation[2, n + 2] = 1.0
-    rotation[:2] = np.nan
-    eigenvalues = np.linalg.eigvalsh(C / np.outer(*[np.sqrt(np.abs(np.diag(C)))] * 2))
+    deviation = np.sqrt(np.abs(np.diag(C)))
+    lowest = np.linalg.eigvalsh(C / np.outer(deviation, deviation))[0]
+    maps, fixed = _maps(shape, window.motion, solution)
     return Information(
-        names=(*(f"side {w}" for w in WORDS), "position x", "position y", "yaw"),
+        names=(*(f"side {w}" for w in WORDS), *UNKNOWNS[window.motion.name]),
         matrix=np.linalg.inv(C),
-        maps={
-            "side_lengths": np.eye(n, k),
-            "position": position,
-            "rotation": rotation,
-        },
+        maps=maps,
         unobserved=unobserved(faces),
-        fixed=("roll", "pitch", "height over the ground"),
+        fixed=fixed,
         active=active,
         ambiguous=ambiguous,
-        indefinite=bool(eigenvalues[0] <= 0),
+        indefinite=bool(lowest <= 0),
     )
+
+
+def _maps(shape, motion, solution):
+    """Return how sizes, position and a small turn follow from the unknowns, (3, k).
+
+    A turn is a rotation vector in the world frame; rows of NaN where the motion fixes it.
+    """
+    import casadi as ca
+
+    n = shape.theta
+    z = ca.SX.sym("z", n + motion.unknowns)
+    p, R = motion.pose(shape, z[:n], z[n:])
+    slopes = [ca.jacobian(ca.vec(ca.densify(R)), z[i]) for i in range(z.numel())]
+    turns = [ca.inv_skew(ca.reshape(dR, 3, 3) @ R.T) for dR in slopes]
+    function = ca.Function("maps", [z], [ca.jacobian(p, z), ca.horzcat(*turns)])
+    at = np.r_[solution.values["theta"][:, 0], solution.values["x"][:, -1]]
+    position, rotation = (np.asarray(ca.DM(m)) for m in function(at))
+    still = ~rotation.any(axis=1)
+    rotation[still] = np.nan
+    fixed = tuple(f"rotation {w}" for w, held in zip(WORDS, still, strict=True) if held)
+    maps = {"side_lengths": np.eye(n, n + motion.unknowns), "position": position}
+    return maps | {"rotation": rotation}, fixed
 
 
 def unobserved(faces: np.ndarray) -> tuple[str, ...]:

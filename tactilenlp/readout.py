@@ -7,7 +7,7 @@ from dataclasses import asdict
 import numpy as np
 
 from .guess import body_corners
-from .information import TOUCHED, planar_information
+from .information import TOUCHED, information_of
 from .result import Estimate, by_sample, poses, touched_faces, versions
 
 
@@ -44,7 +44,7 @@ def read_off(data, job, page, options, solved, kept, seconds, late: bool) -> Est
         seconds=seconds,
         skipped=solved.skipped,
         faces=faces,
-        information=planar_information(problem, solution, window, shape, faces),
+        information=information_of(problem, solution, window, shape, faces),
         precision=asdict(job.precision),
         hypotheses=tuple(kept),
         versions=versions(),

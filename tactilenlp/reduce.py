@@ -119,7 +119,7 @@ def may_move(data, scene, first) -> np.ndarray:
 
 
 def moves(x) -> np.ndarray:
-    """Tell for every sample of x (6, T) whether the guess moved since the one before."""
+    """Tell for every sample of x (6, T) whether the guess moves on the way to it."""
     way = np.abs(np.diff(x, axis=1, prepend=x[:, :1]))
     return (way[:3].max(axis=0) > MOVES) | (way[3:].max(axis=0) * ARM > MOVES)
 
@@ -160,7 +160,7 @@ def _pushes(data, everything, felt, step, only_felt) -> Pushes:
 def _ground(scene, shape, motion, step, first, guess):
     """Return the ground contacts of every step, those that lift, and the rests.
 
-    An action starts at rest.  Which corners are low is read from the guess, step by step.
+    An action starts at rest.  The guess says which corners are low at every step.
     """
     none = Corners(np.zeros(0, int), np.zeros((0, 3)))
     if scene.ground is None:

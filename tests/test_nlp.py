@@ -142,6 +142,17 @@ def test_named_derivatives_in_si_add_up_to_the_assembled_ones():
     np.testing.assert_allclose(f["hess_lag"](x, data, 1, lam), upper, **tight)
 
 
+def test_an_unknown_that_no_cost_reads_has_zero_slope_for_the_solver_too():
+    problem = Problem()
+    x = problem.variable("x", 2, 3, guess=1.0, unit="m", scale=1)
+    problem.minimize("last", lambda x: x[1] ** 2, x[:, [2]], role="prior")
+    problem.subject_to("all", lambda x: ca.sum1(x), x, lower=0)
+    gradient = problem.functions["grad_f"](np.ones(6), problem.data())[1]
+    # The solver's interface copies nonzeros one after the other: all must be there.
+    assert gradient.sparsity().is_dense()
+    assert np.asarray(gradient).ravel().tolist() == [0, 0, 0, 0, 0, 2]
+
+
 def test_a_parameter_changes_the_programme_without_building_it_anew():
     problem = merged()
     built, x = problem.functions, problem.pack({})

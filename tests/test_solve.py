@@ -15,7 +15,7 @@ from tactilenlp.solve import SolverOptions, make_solver, solve, solve_levels
 
 GRAVITY, LENGTH, MASS = 9.81, 0.5, 1.0  # [m/s^2] [m] [kg]
 STEPS, DT = 40, 0.05  # swing up in two seconds
-TORQUE = 3.0  # [N m], less than the 4.9 that would lift the pendulum at once
+TORQUE = 2.5  # [N m], less than the 4.9 that would lift the pendulum at once
 TIGHT = SolverOptions(tolerance=1e-9)
 
 
@@ -75,7 +75,7 @@ def decay():
     return problem, t, y
 
 
-def cone(target, rounding=1e-6):
+def cone(target, rounding=1e-3):
     """Find the vector of a friction cone that is nearest to `target`."""
     problem = Problem()
     f = problem.variable("f", 3, guess=[1.0, 0, 0], lower=[0, -np.inf, -np.inf],
@@ -142,8 +142,8 @@ def test_a_fit_ends_where_another_solver_ends():
 def test_the_nearest_force_of_a_cone_is_its_projection(target, nearest):
     problem = cone(target)
     solution = solve(problem, TIGHT)
-    # A rounded apex of 1e-6 N and bounds kept by a barrier of 1e-9.
-    np.testing.assert_allclose(solution.values["f"][:, 0], nearest, atol=2e-5)
+    # The apex is rounded by a millinewton, and by 1e-3^2 / (2 * 3) on the mantle.
+    np.testing.assert_allclose(solution.values["f"][:, 0], nearest, atol=1.1e-3)
     on = bool(solution.multipliers["cone"][0, 0] < -1e-3)
     assert on == (target != nearest)
 
@@ -205,26 +205,26 @@ def test_the_same_problem_gives_the_same_solution_to_the_last_digit():
 
 
 def test_one_solver_serves_every_value_of_a_parameter():
-    problem = cone([2.0, 0.0, 0.0])
+    problem = cone([2.0, 0.1, 0.0])
     solver = make_solver(problem, TIGHT)
     for height in (2.0, 3.0):
-        goal = [height, 0.0, 0.0]
+        goal = [height, 0.1, 0.0]  # off the axis, where IPOPT creeps along the cone
         solution = solve(problem, TIGHT, parameters={"target": goal}, solver=solver)
         np.testing.assert_allclose(solution.values["f"][:, 0], goal, atol=1e-7)
         assert solution.parameters["target"].tolist() == goal
 
 
-def test_what_is_fixed_stays_where_it_started():
-    problem = pendulum()
-    torque = np.sin(np.arange(STEPS + 1) / 3)[None]
-    solution = solve(
-        problem, start={"torque": torque}, fixed=("torque",), throw=False,
-        options=SolverOptions(iterations=5),
+def test_with_the_torque_fixed_the_machine_simulates():
+    problem, shared = pendulum(), np.linspace(0, 2, STEPS + 1)
+    del problem.constraints["end"]  # the last declared: no row moves
+    torque = np.sin(4 * shared)[None]
+    solution = solve(problem, TIGHT, start={"torque": torque}, fixed=("torque",))
+    np.testing.assert_array_equal(solution.values["torque"], torque)
+    truth = solve_ivp(
+        lambda s, x: [x[1], faster(x, np.sin(4 * s))], (0, 2), [0, 0],
+        t_eval=shared, rtol=1e-9, atol=1e-9,
     )  # fmt: skip
-    np.testing.assert_allclose(solution.values["torque"], torque, rtol=1e-15)
-    assert (
-        np.abs(solution.values["state"] - problem.variables["state"].guess).max() > 0.1
-    )
+    np.testing.assert_allclose(solution.values["state"][0], truth.y[0], atol=0.1)
 
 
 def test_a_start_outside_its_bounds_is_brought_inside():
@@ -242,13 +242,13 @@ class Level:
 
 def test_levels_start_where_the_one_before_ended_and_add_up():
     problem = cone([1.0, 3.0, 4.0])
-    levels = [Level({"target": [5.0, 3.0, 4.0]}), Level(fixed=("f",)), Level()]
+    levels = [Level({"target": [9.0, 3.0, 4.0]}), Level(fixed=("f",)), Level()]
     solvers = {}
     options = SolverOptions(tolerance=1e-8)
     first = solve_levels(problem, levels[:2], {}, options, solvers)
-    np.testing.assert_allclose(first.values["f"][:, 0], [5, 3, 4], atol=1e-5)
+    np.testing.assert_allclose(first.values["f"][:, 0], [9, 3, 4], atol=1e-6)
     last = solve_levels(problem, levels, {}, options, solvers)
-    np.testing.assert_allclose(last.values["f"][:, 0], [3, 1.8, 2.4], atol=1e-5)
+    np.testing.assert_allclose(last.values["f"][:, 0], [3, 1.8, 2.4], atol=1e-6)
     assert sum(last.iterations_by_level) == last.iterations
     assert last.iterations_by_level[:2] == first.iterations_by_level
     assert len(solvers) == 1  # the same barrier and iterations: one solver

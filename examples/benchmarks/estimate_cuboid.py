@@ -1,19 +1,18 @@
 """Benchmark `solve_estimate` on recorded cuboids: accuracy, honesty and cost.
 
 python examples/benchmarks/estimate_cuboid.py ../shared/scenes/cuboid_*.npz
-... ../shared/scenes/stress_*.npz --actions 6 --formulations planar --knowledge every
+... ../shared/scenes/stress_*.npz --actions 6 --formulations planar --paths reduced
+    --knowledge known default "mass x2" ...       (KNOWLEDGE below names them all)
 
 Truth is read here, never by the package: it judges the result, and it starts a second
 solve of the same page at the true motion, whose objective a good search must reach.
-Every run is a row of runs.csv, failed or not; `report_cuboid.py` reads it.  CPU seconds
-exclude the derivation of kinds, kinds_s: a run that derived some is run again (compiled
-kinds are cached on disk: set XDG_CACHE_HOME to an empty folder to time their making).
+Every run is a row of runs.csv, failed or not.  CPU seconds exclude the derivation of
+kinds, kinds_s ($XDG_CACHE_HOME keeps compiled ones): who derives some is run again.
 """
 
 import os
 
-os.environ["OMP_NUM_THREADS"] = "1"  # before numpy comes
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
+os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
 
 import argparse
 import csv
@@ -23,6 +22,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
+from timeit import repeat
 
 import numpy as np
 from report_cuboid import report
@@ -37,7 +37,7 @@ from tactilenlp.kind import seconds_deriving
 from tactilenlp.result import touched_faces
 from tactilenlp.search import Hypothesis
 
-ORDER = 700  # of the reference, a dense LAPACK solve: 2 / 3 ORDER^3 = 0.23 GFLOP
+DENSE = np.random.default_rng(0).normal(size=(700, 700))  # reference: LAPACK solves it
 POINTS = 1000  # a side, of the paper's bCH
 EXACT = ("still", "far", "absent")  # reductions besides the planar motion
 FORMULATIONS = {  # name -> page; reductions switched off: reduced path, unreduced path
@@ -45,17 +45,12 @@ FORMULATIONS = {  # name -> page; reductions switched off: reduced path, unreduc
     "planar": ("violation_implicit", (), EXACT),
     "six_dof": ("violation_implicit", ("planar",), (*EXACT, "planar")),
 }
-KNOWLEDGE = {  # name -> factors of mass and both frictions (nan: not known), or nothing
-    "known": (1, 1),
-    "default": None,
-    "mass x0.5": (0.5, 1),
-    "mass x2": (2, 1),
-    "friction x0.5": (1, 0.5),
-    "friction x2": (1, 2),
-    "all x0.5": (0.5, 0.5),
-    "all x2": (2, 2),
-    "friction None": (1, np.nan),
-}
+FRICTIONS = ("friction_ground", "friction_finger")
+KNOWLEDGE = {  # name -> factors of mass and both frictions, None: not known
+    "known": (1, 1), "default": None, "mass x0.5": (0.5, 1), "mass x2": (2, 1),
+    "friction x0.5": (1, 0.5), "friction x2": (1, 2), "friction None": (1, None),
+    "all x0.5": (0.5, 0.5), "all x2": (2, 2),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -66,30 +61,27 @@ class Case:
     knowledge: str
     formulation: str
     path: str
-    actions: tuple[int, ...]
-    options: Options
+    actions: list[int]
 
     def scene(self) -> Scene | None:
-        scene, factors = Scene.load(self.file), KNOWLEDGE[self.knowledge]
-        if factors is None:
+        if self.knowledge == "default":
             return None
-        mu = np.array([scene.friction_ground, scene.friction_finger]) * factors[1]
-        ground, finger = (None if np.isnan(value) else value for value in mu)
-        mass = scene.mass * factors[0]
-        return replace(scene, mass=mass, friction_ground=ground, friction_finger=finger)
+        scene, (mass, mu) = Scene.load(self.file), KNOWLEDGE[self.knowledge]
+        wrong = {name: mu and getattr(scene, name) * mu for name in FRICTIONS}
+        return replace(scene, mass=mass * scene.mass, **wrong)
 
     def solve(self, data, start=None, throw=True):
         page, *off = FORMULATIONS[self.formulation]
-        options = replace(self.options, reduce=off[self.path == "unreduced"])
+        options = Options(reduce=off[self.path == "unreduced"])
         how = {"formulation": page, "options": options, "start": start, "throw": throw}
         return solve_estimate(data, self.scene(), **how)
 
     def label(self, na) -> dict:
         name = Path(self.file).stem
         row = {"scene": name.removesuffix("_noisy"), "noisy": name.endswith("_noisy")}
-        row |= {"na": na, "of": max(self.actions), "start": "scratch", "carried": 0}
         row |= {k: getattr(self, k) for k in ("knowledge", "formulation", "path")}
-        return row | {"width": self.options.hypotheses, "starts": self.options.starts}
+        row |= {"na": na, "of": max(self.actions), "start": "scratch", "carried": 0}
+        return row | {"width": Options().hypotheses, "starts": Options().starts}
 
 
 class Truth:
@@ -129,10 +121,12 @@ def compare(estimate, truth) -> dict:
     distance = metrics.surface_distance(*meshes)
     clouds = [sample_surface(meshes[i > 0], POINTS, seed=i)[0] for i in range(3)]
     row = {"mean_mm": 1e3 * distance.mean, "max_mm": 1e3 * distance.maximum}
-    row["bch_paper_m2"] = metrics.chamfer_paper(*clouds[:2])
-    row["bch_paper_floor_m2"] = metrics.chamfer_paper(*clouds[1:])
-    row["bch_code_mm"] = 1e3 * metrics.chamfer_code(*meshes)
-    row["bch_code_floor_mm"] = 1e3 * metrics.chamfer_floor(meshes[1])
+    row |= {
+        "bch_paper_m2": metrics.chamfer_paper(*clouds[:2]),
+        "bch_paper_floor_m2": metrics.chamfer_paper(*clouds[1:]),
+        "bch_code_mm": 1e3 * metrics.chamfer_code(*meshes),
+        "bch_code_floor_mm": 1e3 * metrics.chamfer_floor(meshes[1]),
+    }
     error, sigma = apart(estimate, truth, last), estimate.information.sigma
     for part, errors, sigmas, unit in (
         ("side", error.side_lengths, sigma("side_lengths")[error.permutation], 1e3),
@@ -141,7 +135,6 @@ def compare(estimate, truth) -> dict:
     ):
         for axis, e, s in zip("xyz", errors, sigmas, strict=True):
             row |= {f"{part}_{axis}_error": e * unit, f"{part}_{axis}_sigma": s * unit}
-            row |= {f"{part}_{axis}_ratio": abs(e) / s}
     faces = touched_faces(data, truth.quaternion[: last + 1], TOUCHED)
     faces[2, 0] += ENOUGH  # the ground touches -z
     row |= {f"touched_{'xyz'[i]}": bool(faces[i].min() >= ENOUGH) for i in range(3)}
@@ -151,14 +144,11 @@ def compare(estimate, truth) -> dict:
 def cost(estimate) -> dict:
     """Return what an estimate took, in its own words."""
     *presolve, joint = estimate.iterations_by_level
-    row = {"status": estimate.status, "objective": estimate.objective}
-    row |= {"unknowns": sum(value.size for value in estimate.unknowns.values())}
+    row = {"presolve_iterations": sum(presolve), "joint_iterations": joint}
     row |= {"beam": len(estimate.hypotheses), "evaluations": estimate.evaluations}
-    row |= {"presolve_iterations": sum(presolve), "joint_iterations": joint}
-    seconds = {f"{name}_s": value for name, value in estimate.seconds.items()}
-    row |= {"ms_per_iteration": 1e3 * seconds["solve_s"] / max(1, estimate.iterations)}
-    broken = " ".join(s.name for s in estimate.skipped if not s.holds)
-    return row | seconds | {"broken": broken}
+    row |= {"status": estimate.status, "objective": estimate.objective}
+    row |= {"broken": " ".join(s.name for s in estimate.skipped if not s.holds)}
+    return row | {f"{name}_s": value for name, value in estimate.seconds.items()}
 
 
 def against_truth(case, estimate, truth) -> dict:
@@ -172,20 +162,11 @@ def against_truth(case, estimate, truth) -> dict:
     return row | {"off_mm": 1e3 * far, "off_deg": np.degrees(off.rotation_angle)}
 
 
-def reference_seconds() -> float:
-    """Return the CPU seconds of the reference, the best of three."""
-    matrix, seconds = np.random.default_rng(0).normal(size=(ORDER, ORDER)), []
-    for _ in range(3):
-        began = time.process_time()
-        np.linalg.solve(matrix, matrix[0])
-        seconds.append(time.process_time() - began)
-    return min(seconds)
-
-
 def run(case, data, truth, start=None):
     """Return the row of one run, and its estimate or None."""
-    reference, kinds, estimate = reference_seconds(), seconds_deriving[0], None
-    row, began = {"success": False}, time.process_time()
+    lapack = repeat(lambda: np.linalg.solve(DENSE, DENSE[0]), time.process_time, 3, 1)
+    row, kinds = {"success": False, "reference_s": min(lapack)}, seconds_deriving[0]
+    began, estimate = time.process_time(), None
     try:
         estimate = case.solve(data, start)
         row["kinds_s"] = seconds_deriving[0] - kinds
@@ -196,9 +177,8 @@ def run(case, data, truth, start=None):
         row |= compare(estimate, truth) | cost(estimate)
         row |= against_truth(case, estimate, truth) | {"success": True}
     except Exception as error:  # whatever it is, it counts, by its name
-        row["error"] = f"{type(error).__name__}: {' '.join(str(error).split())}"
         row.setdefault("cpu_s", time.process_time() - began)
-    row |= {"reference_s": reference, "references": row["cpu_s"] / reference}
+        row["error"] = f"{type(error).__name__}: {' '.join(str(error).split())}"
     return row, estimate
 
 
@@ -219,9 +199,49 @@ def run_case(case) -> list[dict]:
 
 
 def cases_of(arguments) -> list[Case]:
-    """Return what to run; the unreduced path only with all actions, it is slow."""
-    cases, options = [], Options(arguments.hypotheses and 0)
+    """Return what to run: cuboids only; the slow unreduced path for the last na."""
+    cases, ways = [], (arguments.knowledge, arguments.formulations, arguments.paths)
+    for file in (f for f in arguments.files if "side_lengths" in np.load(f)):
+        count = Measurements.load(file).actions
+        some = [na for na in arguments.actions or range(1, count + 1) if na <= count]
+        some = some or [count]
+        for way in product(*ways):
+            cases.append(Case(file, *way, some[-(way[-1] == "unreduced") :]))
     return cases
+
+
+def run_all(cases, processes) -> list[dict]:
+    """Return all rows; where a process dies, a failed row for each of its runs."""
+    rows = []
+    with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
+        for case, future in [(case, pool.submit(run_case, case)) for case in cases]:
+            error = future.exception()
+            lost = {"success": False, "error": f"{type(error).__name__}: {error}"}
+            lost = [case.label(na) | lost for na in case.actions]
+            rows += lost if error else future.result()
+            print(len(rows), "rows, done:", *vars(case).values(), flush=True)
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    add, every, paths = parser.add_argument, [*FORMULATIONS], ["reduced", "unreduced"]
+    add("files", nargs="+")
+    add("--actions", type=int, nargs="+", help="default: 1 .. all")
+    add("--formulations", nargs="+", default=every, choices=every)
+    add("--paths", nargs="+", default=paths, choices=paths)
+    add("--knowledge", nargs="+", default=["known"], choices=KNOWLEDGE)
+    add("--processes", type=int, default=2)
+    add("--out", type=Path, default=Path("benchmark"))
+    arguments = parser.parse_args()
+    rows = run_all(cases_of(arguments), arguments.processes)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    with open(arguments.out / "runs.csv", "w", newline="") as stream:
+        writer = csv.DictWriter(stream, columns)
+        writer.writeheader()
+        writer.writerows(rows)
+    report([arguments.out / "runs.csv"], arguments.out)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,99 @@
+"""Tip a cuboid over a bottom edge: the poses it passes, and the time it takes to fall.
+
+Planar poses are x = (x, y, yaw), free ones (p_wo, rotation vector), as the pages have
+them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+FLAT = np.pi / 2  # [rad] it lies on the next face
+ENOUGH = 1.05  # [-] of the speed that just carries the object over its edge
+FALL = 20  # steps of the falling pendulum in one sample
+
+
+@dataclass(frozen=True, eq=False)
+class Tip:
+    """A cuboid that tips about a bottom edge, from planar pose `x` (3,).
+
+    It falls towards -side of its horizontal `axis`; angle (n,) [rad] at the samples
+    of the action, 0 before it tips.
+    """
+
+    axis: int
+    side: float
+    angle: np.ndarray
+
+    @property
+    def renamed(self) -> np.ndarray:
+        """Return S (3, 3): q_lying = S q_o once it has turned by 90 degrees."""
+        over = -self.side * FLAT * np.cross([0, 0, 1.0], np.eye(3)[self.axis])
+        return Rotation.from_rotvec(over).as_matrix().round()
+
+    @property
+    def landed(self) -> int:
+        """Return the first sample of the action at which it lies, or their number."""
+        return int(np.count_nonzero(self.angle < FLAT))
+
+    def fall(self, x) -> np.ndarray:
+        """Return the horizontal direction (3,) in which it falls from x (3,)."""
+        ahead = x[2] + self.axis * FLAT
+        return -self.side * np.array([np.cos(ahead), np.sin(ahead), 0.0])
+
+    def poses(self, theta, x) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions (n + 1, 3) and rotations from x (3,); at last it lies."""
+        R_wo, fall = Rotation.from_euler("z", x[2]).as_matrix(), self.fall(x)
+        p_wo = np.r_[x[:2], theta[2] / 2]
+        edge = np.r_[(p_wo + fall * theta[self.axis] / 2)[:2], 0.0]
+        over = np.outer([*self.angle, FLAT], np.cross([0, 0, 1.0], fall))
+        R = Rotation.from_rotvec(over).as_matrix()
+        return edge + R @ (p_wo - edge), R @ R_wo
+
+
+def fall(size, angle, samples, gravity, dt) -> np.ndarray:
+    """Return the angles (samples,) [rad] of a box that tips over its edge and lands.
+
+    size: depth and height [m]; angle: so far, one a sample of dt [s].  At least as
+    fast as it takes to get over.
+    """
+    depth, height = size
+    over = np.arctan2(depth, height)
+    pull = 1.5 * gravity / np.hypot(depth, height)  # m g r / I about the edge
+    now = angle[-1]
+    speed = (angle[-1] - angle[-2]) / dt if len(angle) > 1 else 0.0
+    if now < over:
+        least = np.sqrt(2 * pull * (1 - np.cos(over - now)))
+        speed = max(speed, ENOUGH * least)
+    out = []
+    for _ in range(samples):
+        for _ in range(FALL):
+            speed += pull * np.sin(now - over) * dt / FALL
+            now = min(now + speed * dt / FALL, FLAT)
+        out.append(now)
+    return np.array(out)
+
+
+def lifted(theta, x) -> np.ndarray:
+    """Return planar poses x (3, T) of a cuboid lying flat as free poses (6, T)."""
+    o = np.zeros(x.shape[1])
+    return np.vstack([x[:2], o + theta[2] / 2, o, o, x[2]])
+
+
+def continuous(R) -> np.ndarray:
+    """Return rotation vectors (n, 3) [rad] of rotations (n, 3, 3) without jumps."""
+    w = Rotation.from_matrix(np.array(R)).as_rotvec()
+    for k in range(1, len(w)):
+        angle = np.linalg.norm(w[k])
+        if angle > 1e-6:
+            turns = [w[k] * (1 + 2 * np.pi * j / angle) for j in (-1, 0, 1)]
+            w[k] = min(turns, key=lambda v, k=k: np.linalg.norm(v - w[k - 1]))
+    return w
+
+
+def matrices(x) -> np.ndarray:
+    """Return the rotations (T, 3, 3) of free poses x (6, T)."""
+    return Rotation.from_rotvec(x[3:].T).as_matrix()
