@@ -7,7 +7,7 @@ touch     pseudo-Huber((phi) / sigma)                   a sample with contact
 Departure from eq:bool for c = 1: the logistic is satisfied by any penetration, but a
 finger that is felt is *on* the surface.  The touch cost is two-sided, quadratic within
 two sigma and linear beyond.  A fraction of the booleans is wrong; `mixture` bounds what
-a single sample can cost: -log(exp(-cost) + exp(-ceiling)).
+a single sample can cost: -log((exp(-cost) + exp(-ceiling)) / (1 + exp(-ceiling))).
 """
 
 from __future__ import annotations
@@ -41,8 +41,11 @@ def normal(n, n_m, sigma):
 
 
 def mixture(cost, ceiling):
-    """Return -log(exp(-cost) + exp(-ceiling)): a wrong sample costs at most `ceiling`."""
-    return ceiling - softplus(ceiling - cost)
+    """Return -log((exp(-cost) + exp(-ceiling)) / (1 + exp(-ceiling))).
+
+    Zero where the cost is zero; a wrong sample costs little more than `ceiling`.
+    """
+    return ceiling - softplus(ceiling - cost) + softplus(-ceiling)
 
 
 def normal_within(n, n_m, information):

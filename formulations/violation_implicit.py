@@ -17,9 +17,12 @@ Departures from the printed equations, named:
   depth                    felt fingers sit a common, unknown way inside the surface
   |v_s|, cone apex         rounded (STILL, ROUND), else no second derivative at rest
   complementarity          of a felt finger is the touch cost; of the ground in planar
-                           motion it holds by construction
+                           motion it holds by construction, else lam_n z is an exact
+                           penalty beside the hard z >= 0
   non-penetration          of the ground is a hard constraint; of a finger it is part of
                            the likelihoods of touch and free samples
+  unfelt                   a finger that feels nothing hardly pushes: UNFELT, linear
+  rest                     an action starts at rest: all low corners on the ground
   least impulse            pins what contact leaves open (four corners share a load)
 """
 
@@ -96,8 +99,9 @@ def build(nlp, window, scene, shape):
         "finger", 3, len(push), lower=free, guess=0.0, unit="N s", scale=size
     )
     lam_g = nlp.variable(
-        "ground", 3, len(corner), lower=free, guess=body.share(w), unit="N s", scale=size
-    )
+        "ground", 3, len(corner), lower=free, guess=body.share(w), unit="N s",
+        scale=size,
+    )  # fmt: skip
     mu = friction(nlp, "finger friction", scene.friction_finger)
     mu_g = friction(nlp, "ground friction", scene.friction_ground)
     kappa = nlp.parameter("kappa", KAPPA, "nats/mm")
@@ -131,9 +135,10 @@ def build(nlp, window, scene, shape):
         lam[:, a], push.p_wf[a], push.radius[a], w[s[a]], kappa, role="physics",
     )  # fmt: skip
     s = corner.step
-    at_ground = (theta, *now_and_before(s), lam_g, corner.signs, step.dt[s], w[s], kappa,
-                 still)  # fmt: skip
-    nlp.minimize("ground dissipation", body.ground_work, *at_ground, mu_g, role="physics")
+    nlp.minimize(
+        "ground dissipation", body.ground_work, theta, *now_and_before(s), lam_g,
+        corner.signs, step.dt[s], w[s], kappa, still, mu_g, role="physics",
+    )  # fmt: skip
     s = window.lift.step
     nlp.minimize(
         "ground complementarity", body.ground_apart, theta, *now_and_before(s),
@@ -169,7 +174,9 @@ def friction(nlp, name, value):
     """Declare a coefficient: a parameter where it is known, else an unknown."""
     if value is not None:
         return nlp.parameter(name, value)
-    mu = nlp.variable(name, 1, lower=0.01, upper=2.0, guess=FRICTION, unit="1", scale=0.1)
+    mu = nlp.variable(
+        name, 1, lower=0.01, upper=2.0, guess=FRICTION, unit="1", scale=0.1
+    )
     nlp.minimize(
         f"{name} prior", lambda mu: ((mu - FRICTION) / 0.3) ** 2 / 2, mu, role="prior"
     )
@@ -256,7 +263,7 @@ class _Body:
         return p_wo + R_wo @ self.shape.corner(theta, signs)
 
     def ground_work(self, theta, x, x_1, lam, signs, dt, w, kappa, still, mu):
-        """Friction with the ground that fails to dissipate; at rest it costs nothing."""
+        """Friction with the ground that fails to dissipate; at rest, none."""
         v = (self.corner(theta, x, signs) - self.corner(theta, x_1, signs)) / dt
         loss = contact.dissipation(mu, lam, v[:2], still) * dt / w
         nominal = self.scene.friction_ground or FRICTION

@@ -43,7 +43,7 @@ def assemble(terms, scale: np.ndarray, data: int, rows: int) -> dict:
         second = mapped(term.kind.second, term.instances)(z, d, weight)
         i, j, factor = term.hessian_places()
         hessian.append((ca.vec(second), i, j, factor * scale[i] * scale[j]))
-    grad = ca.densify(grad)  # IPOPT's interface copies nonzeros, it does not scatter them
+    grad = ca.densify(grad)  # the solver's interface copies nonzeros in a row
     jac, hess = _scattered(jacobian, (rows, n)), _scattered(hessian, (n, n))
     lagrange = [x, p, lam_f, lam_g]
     return {

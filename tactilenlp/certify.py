@@ -6,7 +6,7 @@ Exact reductions (far, absent) must leave the optimum where it is; model reducti
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,23 +21,17 @@ SHARE = 0.1  # [-] of the touches may stay unexplained, else the motion is anoth
 FEW = 4  # touches that may stay unexplained in any case
 
 
-@dataclass(frozen=True, eq=False)
-class Certificate:
-    """The reductions of one solve and whether each of them holds."""
-
-    skipped: tuple[Skipped, ...]
-
-    @property
-    def broken(self) -> tuple[str, ...]:
-        return tuple(s.name for s in self.skipped if not s.holds)
+def broken(skipped) -> tuple[str, ...]:
+    """Return the names of the reductions that do not hold."""
+    return tuple(s.name for s in skipped if not s.holds)
 
 
-def certify(job, page, solved) -> Certificate:
-    """Return the certificate of a solved page."""
+def certify(job, page, solved) -> tuple[Skipped, ...]:
+    """Return what was dropped for a solved page, each with the check of it."""
     checks = {"far": far, "absent": absent, "still": still, "planar": planar}
     made = [name for name in checks if getattr(job.reductions, name)]
     found = [checks[name](job, page, solved) for name in made]
-    return Certificate(tuple(s for s in found if s is not None))
+    return tuple(s for s in found if s is not None)
 
 
 def without(reductions: Reductions, names) -> Reductions:

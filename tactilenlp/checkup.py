@@ -1,4 +1,4 @@
-"""Examine a problem before any solve: what is wrong with it at a random point."""
+"""Examine a problem before any solve: what is wrong with it at and near its guess."""
 
 from __future__ import annotations
 
@@ -24,6 +24,9 @@ NOTHING = (np.nan, np.nan)
 @dataclass(frozen=True, eq=False)
 class Report:
     """What `check` found; `findings` are sentences that say what to mend, if any.
+
+    Derivatives are those at the guess or at a random point near it, the worse ones; all
+    else is of the random point.
 
     derivatives: by term, error of (Jacobian, Hessian), relative to the largest entry of
     its instance; assembled: the same for the whole programme along a random direction.
@@ -74,15 +77,15 @@ class Report:
 
 
 def check(problem: Problem, start: dict | None = None, seed: int = 0) -> Report:
-    """Examine a problem near `start` (by name, SI; else the guesses)."""
+    """Examine a problem at `start` (by name, SI; else the guesses) and beside it."""
     rng = np.random.default_rng(seed)
     guess, data = problem.pack(start or {}), problem.data()
-    x = _near(problem, guess, rng)
+    at, x = (_near(problem, guess, away, rng) for away in (0.0, AWAY))
+    errors = {}
     with np.errstate(all="ignore"):
-        errors = {
-            n: derivative_errors(problem, t, x, data, rng)
-            for n, t in problem.terms.items()
-        }
+        for name, term in problem.terms.items():
+            both = [derivative_errors(problem, term, p, data, rng) for p in (at, x)]
+            errors[name] = tuple(map(max, *both))
         assembled = assembled_error(problem, x, data, rng)
     scale = sp.diags(problem.scale)
     J = [problem.jacobian(name, x, data) @ scale for name in problem.constraints]
@@ -111,11 +114,11 @@ def check(problem: Problem, start: dict | None = None, seed: int = 0) -> Report:
 
 
 # -- derivatives ----------------------------------------------------------------------
-def _near(problem, x, rng) -> np.ndarray:
+def _near(problem, x, away, rng) -> np.ndarray:
     """Return a random point near x, inside the bounds with room for differences."""
     lower, upper = problem.bounds("lower"), problem.bounds("upper")
     room = np.minimum(4 * STEP * problem.scale, (upper - lower) / 2)
-    x = x + AWAY * problem.scale * rng.normal(size=x.size)
+    x = x + away * problem.scale * rng.normal(size=x.size)
     return np.clip(x, lower + room, upper - room)
 
 

@@ -27,7 +27,8 @@ def derivative_errors(
 ) -> tuple[float, float]:
     """Return the relative error of Jacobian and Hessian of a term, over all instances.
 
-    What two widths of a difference disagree about is the difference's own error.
+    Relative to the largest entry of its instance, or to a ten-thousandth of the largest
+    of all.  What two widths of a difference disagree about is the difference's error.
     """
     kind = term.kind
     z, d = x[term.unknowns].T, data[term.data].T
@@ -35,9 +36,10 @@ def derivative_errors(
     weight = rng.normal(size=(kind.rows, term.instances))
     value, *exact = _scaled(kind, z, d, weight, scale)
     fine, wide = (_differences(kind, z, d, weight, scale, k * STEP) for k in (1, 2))
-    errors, size = [], ROUNDING * np.abs(value).max(axis=0)
+    errors, size = [], np.abs(value).max(axis=0)
     for derivative, near, far in zip(exact, fine, wide, strict=True):
-        size = ROUNDING * size + np.abs(derivative).max(axis=(0, 1), initial=0.0)
+        largest = np.abs(derivative).max(axis=(0, 1), initial=0.0)
+        size = ROUNDING * (size + largest.max(initial=0.0)) + largest
         unsure = np.abs(near - far).max(initial=0.0)
         off = np.abs(near - derivative).max(axis=(0, 1), initial=0.0)
         errors.append(_worst(off, size + unsure / WRONG))

@@ -13,7 +13,7 @@ import numpy as np
 from formulations.rigid_body import PLANAR
 from formulations.shape import CUBOID, Shape
 
-from .certify import certify, without
+from .certify import broken, certify, without
 from .errors import MotionError, NoContactError, OptionError, StartError
 from .guess import Guess
 from .measurements import Measurements
@@ -27,6 +27,7 @@ from .scene import Scene
 from .search import Hypothesis, Job, beam
 from .solve import SolverOptions, not_converged, solve_levels
 from .tipping import lifted
+from .tumble import contradicts, recovered
 
 log = logging.getLogger("tactilenlp")
 
@@ -34,6 +35,7 @@ SHAPES = {"cuboid": CUBOID}
 FORMULATIONS = ("quasi_static", "violation_implicit")
 BEHIND = 15.0  # [nats] hypotheses this far behind in the search are not refined
 REFINED = 4  # hypotheses at most that are refined by the chosen page
+TUMBLES = 3  # guesses of a tumble at most that are solved in free motion
 
 
 def solve_estimate(
@@ -69,6 +71,8 @@ def solve_estimate(
     kept = beam(search, kept, options.hypotheses, options.starts, executor)
     searched = time.process_time() - cpu
     best = _certified(job, page, _refine(job, page, kept, options), options)
+    if "planar" in broken(best.skipped):
+        best = _tumbled(job, page, best, options, executor)
     seconds = {**best.solution.seconds, "search": searched}
     seconds["total"] = time.process_time() - cpu
     late = time.monotonic() > job.deadline
@@ -134,8 +138,8 @@ class Solved:
 
 def _certified(job, page, solved, options) -> Solved:
     """Check what was dropped; put back what was needed and solve again, once."""
-    certificate = certify(job, page, solved)
-    back = [name for name in certificate.broken if name != "planar"]
+    skipped = certify(job, page, solved)
+    back = [name for name in broken(skipped) if name != "planar"]
     if back:
         log.info("needed after all: %s", ", ".join(back))
         job = replace(job, reductions=without(job.reductions, back))
@@ -146,8 +150,25 @@ def _certified(job, page, solved, options) -> Solved:
             x=values["x"][:, window.knot],
         )
         solved = _solve(job, page, h, options)
-        certificate = certify(job, page, solved)
-    return replace(solved, skipped=certificate.skipped)
+        skipped = certify(job, page, solved)
+    return replace(solved, skipped=skipped)
+
+
+def _tumbled(job, page, flat, options, executor) -> Solved:
+    """Solve in free motion from guesses of a tumble; keep the best, or the flat one."""
+    evidence = contradicts(job, flat.window, flat.problem, flat.solution.values)
+    found = recovered(job, evidence, options.hypotheses, options.starts, executor)
+    free = replace(job, reductions=without(job.reductions, ["planar"]))
+    levels = getattr(page, "ROUGH", page.LEVELS)
+    solved = [_solve(free, page, h, options, levels=levels) for h in found[:TUMBLES]]
+    better = [
+        s for s in solved
+        if s.solution.success and s.solution.objective < flat.solution.objective
+    ]  # fmt: skip
+    if not better:
+        return flat
+    best = min(better, key=lambda s: s.solution.objective)
+    return replace(best, skipped=certify(free, page, best))
 
 
 def _raise_unless_good(estimate, solved) -> None:
@@ -179,7 +200,7 @@ def _refine(job, page, kept, options) -> Solved:
     return min(good, key=lambda s: s.solution.objective)
 
 
-def _solve(job, page, hypothesis, options, shared=None) -> Solved:
+def _solve(job, page, hypothesis, options, shared=None, levels=None) -> Solved:
     """Solve the page's levels from one hypothesis; `shared` keeps problem and solvers."""
     shared = {} if shared is None else shared
     if not job.reductions.planar and len(hypothesis.x) == PLANAR.unknowns:
@@ -199,7 +220,9 @@ def _solve(job, page, hypothesis, options, shared=None) -> Solved:
         tolerance=options.tolerance, time_limit=left, ipopt=options.ipopt
     )
     start = {"theta": hypothesis.theta, "x": hypothesis.x[:, window.last]}
-    solution = solve_levels(problem, page.LEVELS, start, settings, shared["solvers"])
+    solution = solve_levels(
+        problem, levels or page.LEVELS, start, settings, shared["solvers"]
+    )
     return Solved(hypothesis, problem, window, solution, job)
 
 

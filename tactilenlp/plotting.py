@@ -1,68 +1,50 @@
 """Draw estimates with matplotlib: pictures for people, in millimetres.
 
 Blue was touched, grey was not, a dashed line is the truth, each finger has a colour.
-Every function returns the figure and draws into `axis` where one is given.  `truth` has
-`position`, `quaternion` (wxyz) and `side_lengths` like an Estimate, or is a dict that
-does: one pose, or one for every sample.
+Every function returns the figure and draws into `axis` where one is given.  `truth`, a
+dict or dataclass, has position, quaternion (wxyz) and side_lengths like an Estimate.
 """
-
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib import rc_context
-from matplotlib.colors import to_rgb
-from matplotlib.patches import Circle
+import trimesh
+from matplotlib.colors import LightSource
+from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from .information import ENOUGH
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from .result import Estimate
+from .result import Estimate
 
 # Colours that the colour-blind tell apart (Okabe and Ito, "Color Universal Design").
 TOUCHED, UNTOUCHED, BAND, TRUTH = "#0072B2", "#B5B5B5", "#56B4E9", "#D55E00"
 INK, FINGERS = "#333333", ("#009E73", "#CC79A7", "#E69F00", "#F0E442")
 STYLE = {
-    "font.size": 8, "axes.titlesize": 9, "legend.fontsize": 8, "legend.frameon": False,
-    "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": "#888888",
-    "axes3d.grid": False, "axes3d.xaxis.panecolor": "none", "figure.dpi": 150,
-    "axes3d.yaxis.panecolor": "none", "axes3d.zaxis.panecolor": "none",
-    "figure.constrained_layout.use": True,
+    "font.size": 8, "legend.fontsize": 8, "legend.frameon": False, "figure.dpi": 150,
+    "axes.spines.top": False, "axes.spines.right": False, "axes3d.grid": False,
+    "axes.titlesize": 9, "axes.xmargin": 0.01, "figure.constrained_layout.use": True,
 }  # fmt: skip
-WIDTH = 7.0  # [inch] of a figure: the text width of a page
 MM = 1e3  # [mm / m], also [mN s / N s]
-MARGIN, ABOVE = 26.0, 22.0  # [mm] of room around and above the object: a fingertip
-ARROW, GRID = (
-    7.0,
-    10.0,
-)  # [mm] length of a contact normal, spacing of the ground's lines
+ROOM = np.array([26.0, 26.0, 22.0])  # [mm] beside and above the object: a fingertip
+ARROW, GRID = 7.0, 10.0  # [mm] length of a normal, spacing of the ground's lines
 ELEVATION, AZIMUTH = 28.0, -58.0  # [deg] from where a scene is seen
 EYE = Rotation.from_euler("yz", [-ELEVATION, AZIMUTH], degrees=True).apply([1, 0, 0])
-LIGHT = np.array([0.35, -0.55, 0.76])  # [1] towards the light
-WORDS, SPREAD = {True: "face touched", False: "face not touched"}, "±1σ of each face"
-TRUE = ("position", "quaternion", "side_lengths")  # what is read of a truth
+LIGHT = LightSource(azdeg=145, altdeg=50)
+BELOW = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.12), "ncols": 2}
+WORDS, SIGMA = {True: "face touched", False: "face not touched"}, "±1σ of each face"
 
 
-@rc_context(STYLE)
+@plt.rc_context(STYLE)
 def plot_scene(estimate: Estimate, sample: int = -1, truth=None, axis=None) -> Figure:
-    """Draw object, fingers and contacts at a sample in three dimensions.
-
-    What the object hides is left out.  The shell is one sigma out, as in `plot_top`.
-    """
-    if axis is None:
-        axis = plt.figure(figsize=(4.6, 3.6)).add_subplot(projection="3d")
+    """Draw what is seen of object, fingers and contacts at a sample, in 3-D."""
+    axis = axis or plt.figure(figsize=(4.6, 3.6)).add_subplot(projection="3d")
     _draw_scene(axis, estimate, sample, truth, _view(estimate, [sample]))
-    return _with_key(axis.figure, [axis], 2)
+    axis.set_title(_when(estimate.measurements, sample))
+    return _with_key(axis, axis, **BELOW)
 
 
-@rc_context(STYLE)
+@plt.rc_context(STYLE)
 def plot_top(estimate: Estimate, sample: int = -1, truth=None, axis=None) -> Figure:
     """Draw object, one-sigma band, finger paths and contacts at a sample from above.
 
@@ -72,63 +54,57 @@ def plot_top(estimate: Estimate, sample: int = -1, truth=None, axis=None) -> Fig
     """
     axis = axis or plt.figure(figsize=(4.5, 4.9)).subplots()
     _draw_top(axis, estimate, sample, truth, _view(estimate, [sample]))
-    return _with_key(axis.figure, [axis], 2)
+    return _with_key(axis, axis, **BELOW)
 
 
-@rc_context(STYLE)
+@plt.rc_context(STYLE)
 def plot_estimate(estimate: Estimate, truth=None) -> Figure:
     """Draw the first and the last sample side by side, from above and in 3-D."""
-    figure, view = plt.figure(figsize=(WIDTH, 6.5)), _view(estimate, [0, -1])
-    title = estimate.summary().partition("\n")[0].rstrip(".").replace(" at (", "\nat (")
-    figure.suptitle(title, fontsize=10)
-    grid = figure.add_gridspec(2, 2, height_ratios=(1.5, 1))
-    for column, (word, sample) in enumerate((("First", 0), ("Last", -1))):
-        top = figure.add_subplot(grid[0, column])
-        _draw_top(top, estimate, sample, truth, view)
-        top.set_title(f"{word} sample: {top.get_title()}")
-        below = figure.add_subplot(grid[1, column], projection="3d")
-        _draw_scene(below, estimate, sample, truth, view)
-        below.set_title("")
-    return _with_key(figure, figure.axes, 3)
+    figure, view = plt.figure(figsize=(7.0, 6.6)), _view(estimate, [0, -1])
+    figure.suptitle(estimate.summary().partition("\n")[0].replace(" at (", "\nat ("))
+    figure.get_layout_engine().set(rect=(0, 0.012, 0.975, 0.988))  # 3-D labels
+    solid = {("c", "d"): {"projection": "3d"}}
+    axes = figure.subplot_mosaic("ab;cd", height_ratios=(1.5, 1), per_subplot_kw=solid)
+    for (top, below), word, sample in (("ac", "First", 0), ("bd", "Last", -1)):
+        _draw_top(axes[top], estimate, sample, truth, view)
+        axes[top].set_title(f"{word} sample: {axes[top].get_title()}")
+        _draw_scene(axes[below], estimate, sample, truth, view)
+    return _with_key(figure, axes["a"], loc="outside lower center", ncols=3)
 
 
-@rc_context(STYLE)
+@plt.rc_context(STYLE)
 def plot_impulses(estimate: Estimate, axis=None) -> Figure:
     """Draw the normal and tangential parts of each finger's impulses over time.
 
     Inside the friction cone, a tangential part is at most mu times the normal part.
-    Only samples with contact are drawn.  axis: one Axes, or one for each finger.
+    Only samples with contact are drawn.  axis: one Axes, or one per finger.
     """
     data = estimate.measurements
     if axis is None:
-        figure = plt.figure(figsize=(WIDTH, 0.6 + 1.7 * data.fingers))
-        axis = figure.subplots(data.fingers, sharex=True, squeeze=False)
+        figure = plt.figure(figsize=(7.0, 0.6 + 1.8 * data.fingers))
+        axis = figure.subplots(data.fingers, sharex=True)
     axes = np.resize(np.asarray(axis, dtype=object), data.fingers)
     shown = np.flatnonzero((data.contact & data.valid).any(axis=1))
     starts = np.flatnonzero(np.diff(data.action[shown], prepend=-1))
     ticks = [f"{data.time[t]:.1f} s\naction {data.action[t]}" for t in shown[starts]]
-    at, mu = np.arange(len(shown)), estimate.scene.friction_finger
-    mu = estimate.unknowns["finger friction"].item() if mu is None else mu
+    mu = estimate.unknowns.get("finger friction", estimate.scene.friction_finger)
+    mu, at = np.ravel(mu)[0], np.arange(len(shown))
     for finger, axis in enumerate(axes):
         normal, tangential = _parts(estimate, finger, shown)
-        colour, cone = (
-            FINGERS[finger % len(FINGERS)],
-            f"friction cone: {mu:.2g} × normal",
-        )
+        colour = FINGERS[finger % len(FINGERS)]
         axis.bar(at, normal, 1.0, color=(colour, 0.5), label="normal")
-        axis.step(at, mu * normal, where="mid", color=INK, lw=1, label=cone)
-        axis.plot(at, tangential, "o", color=colour, ms=3.5, mec=INK, mew=0.5,
-                  label="tangential")  # fmt: skip
+        axis.step(at, mu * normal, where="mid", color=INK, lw=1,
+                  label=f"friction cone: {mu:.2g} × normal")  # fmt: skip
+        axis.plot(at, tangential, "o", c=colour, ms=4, mec=INK, label="tangential")
         axis.grid(axis="x", linestyle=":")
-        axis.margins(x=0.01)
         axis.set_xticks(starts - 0.5, ticks, ha="left")
         axis.set_ylabel(f"finger {finger} [mN s]")
-        axis.legend(loc="upper right")
+        axis.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3)
     axes[-1].set_xlabel("time [s], samples with contact only")
     return axes[0].figure
 
 
-@rc_context(STYLE)
+@plt.rc_context(STYLE)
 def plot_costs(estimate: Estimate, axis=None) -> Figure:
     """Draw the costs by term, largest first."""
     costs = dict(sorted(estimate.costs.items(), key=lambda cost: abs(cost[1])))
@@ -136,134 +112,109 @@ def plot_costs(estimate: Estimate, axis=None) -> Figure:
     values = np.array([*costs.values()])
     bars = axis.barh([*costs], values, color=np.where(values < 0, UNTOUCHED, TOUCHED))
     axis.bar_label(bars, [f"{value:.2g}" for value in values], padding=3)
-    axis.axvline(0, color=INK, lw=0.8)
     axis.margins(x=0.15)
     axis.set(xlabel="cost [nats]", title=f"Objective {estimate.objective:.2f} nats")
     return axis.figure
 
 
 def _draw_top(axis, estimate, sample, truth, view) -> None:
-    faces, spread = _faces(estimate, sample)
-    for corners, normal, touched in sorted(faces, key=lambda face: -face[1][2]):
+    data, (faces, spread) = estimate.measurements, _faces(estimate, sample)
+    for corners, normal, touched in (face for face in faces if face[1][2] > -1e-6):
         side, colour = normal[2] < 0.5, TOUCHED if touched else UNTOUCHED
-        if normal[2] > -1e-6:
-            axis.fill(*corners[:, :2].T, fc=(colour, 0.25), ec=colour, lw=2.2 * side,
-                      zorder=2 + side, label=WORDS[touched])  # fmt: skip
-    if spread is not None:
-        ring = np.concatenate([_outline(spread[0]), _outline(spread[1])[::-1]])
-        axis.fill(*ring.T, color=BAND, alpha=0.5, lw=0, zorder=2.5,
-                  label=SPREAD)  # fmt: skip
+        axis.fill(*corners[:, :2].T, fc=(colour, 0.25), ec=colour, lw=1 + side,
+                  zorder=2 + side, label=WORDS[touched])  # fmt: skip
+    ring = np.concatenate([_outline(spread[0]), _outline(spread[1])[::-1]])
+    axis.fill(*ring.T, fc=(BAND, 0.5), lw=0, zorder=2.5, label=SIGMA)
     if truth is not None:
         outline = _outline(_true_corners(truth, sample))
         axis.plot(*outline.T, "--", color=TRUTH, lw=1.3, zorder=6, label="truth")
-    data = estimate.measurements
     during = data.action == data.action[sample]
-    for finger, (points, normals, now) in enumerate(_touches(estimate, sample)):
-        colour, path = (
-            FINGERS[finger % len(FINGERS)],
-            data.finger_position[:, finger] * MM,
-        )
+    for finger, (colour, points, normals, now) in enumerate(_touches(estimate, sample)):
+        path = data.finger_position[:, finger] * MM
         axis.plot(*path[during, :2].T, ".-", ms=2.5, lw=0.8, color=colour, zorder=4)
-        tip = Circle(path[sample, :2], data.finger_radius[finger] * MM, fc=(colour, 0.35),
-                     ec=colour, zorder=5, label=f"finger {finger}, its path and contacts")  # fmt: skip
-        axis.add_patch(tip)
+        axis.add_patch(plt.Circle(
+            path[sample, :2], data.finger_radius[finger] * MM, fc=(colour, 0.35),
+            ec=colour, zorder=5, label=f"finger {finger} and its contacts",
+        ))  # fmt: skip
         axis.quiver(*points[now, :2].T, *normals[now, :2].T, color=colour, angles="xy",
-                    scale_units="xy", scale=1 / ARROW, width=0.004, zorder=7)  # fmt: skip
-        axis.scatter(*points[:, :2].T, np.where(now, 16, 6), color=colour, zorder=8,
-                     edgecolors=INK, lw=0.4)  # fmt: skip
+            scale_units="xy", scale=1 / ARROW, width=3e-3, zorder=7)  # fmt: skip
+        size = 6 + 10 * now
+        axis.scatter(*points[:, :2].T, size, color=colour, ec=INK, lw=0.4, zorder=8)
     axis.set(xlim=view[:, 0], ylim=view[:, 1], xlabel="x [mm]", ylabel="y [mm]",
              aspect="equal", title=_when(data, sample))  # fmt: skip
 
 
 def _draw_scene(axis, estimate, sample, truth, view) -> None:
-    data, ground = estimate.measurements, estimate.scene.ground
-    axis.set(xlim=view[:, 0], ylim=view[:, 1], zlim=view[:, 2],
-             title=_when(data, sample))  # fmt: skip
-    for name in "xyz":
-        getattr(axis, f"set_{name}label")(f"{name} [mm]", labelpad=-4)
-    axis.set_box_aspect(view[1] - view[0], zoom=1.42)
-    axis.set_proj_type("ortho")
+    data, (faces, spread) = estimate.measurements, _faces(estimate, sample)
+    axis.set(xlim=view[:, 0], ylim=view[:, 1], zlim=view[:, 2], xlabel="x [mm]",
+             ylabel="y [mm]", zlabel="z [mm]", proj_type="ortho")  # fmt: skip
+    for side, pad in ((axis.xaxis, -4), (axis.yaxis, -4), (axis.zaxis, -10)):
+        side.labelpad = pad
+        side.set_tick_params(pad=-2)
+        side.pane.set_visible(False)
+    axis.set_box_aspect(view[1] - view[0], zoom=1.3)
     axis.view_init(ELEVATION, AZIMUTH)
-    axis.tick_params(pad=-2)
     axis.computed_zorder = False  # matplotlib's own order hides what is near
-    if ground is not None:
-        x, y, _ = (np.arange(a, b + 1, GRID) for a, b in np.round(view / GRID).T * GRID)
-        lines = MM * ground.from_ground(
-            np.stack(np.meshgrid(x, y, [0]), -1)[:, :, 0] / MM
-        )
-        axis.plot_wireframe(*np.moveaxis(lines, -1, 0), rstride=1, cstride=1, zorder=0,
-                            color="#D0D0D0", lw=0.5)  # fmt: skip
-    faces, spread = _faces(estimate, sample)
+    if estimate.scene.ground is not None:
+        (x0, y0, _), (x1, y1, _) = np.round(view / GRID) * GRID
+        flat = np.mgrid[x0 : x1 + 1 : GRID, y0 : y1 + 1 : GRID, 0:1] / MM
+        lines = MM * estimate.scene.ground.from_ground(flat[..., 0].transpose(1, 2, 0))
+        axis.plot_wireframe(*lines.transpose(2, 0, 1), rstride=1, cstride=1, lw=0.5,
+                            color="#D0D0D0", zorder=0)  # fmt: skip
     for corners, normal, touched in (face for face in faces if face[1] @ EYE > 0):
-        colour = _lit(TOUCHED if touched else UNTOUCHED, normal)
-        _draw_polygons(axis, [corners], colour, INK, 4, label=WORDS[touched])
-    if spread is not None:
-        shell = [corners for corners, n in _polygons(spread[0]) if n @ EYE > 0]
-        _draw_polygons(axis, shell, (BAND, 0.12), BAND, 5, label=SPREAD)
+        colour = TOUCHED if touched else UNTOUCHED
+        _draw_seen(axis, [(corners, normal)], colour, INK, 4, label=WORDS[touched],
+                   shade=True, lightsource=LIGHT)  # fmt: skip
+    _draw_seen(axis, _polygons(spread[0]), (BAND, 0.12), BAND, 5, label=SIGMA)
     if truth is not None:
-        seen = [c for c, n in _polygons(_true_corners(truth, sample)) if n @ EYE > 0]
-        _draw_polygons(axis, seen, "none", TRUTH, 6, ls="--", label="truth")
-    for finger, (points, normals, _) in enumerate(_touches(estimate, sample)):
-        colour, seen = FINGERS[finger % len(FINGERS)], normals @ EYE > 0
-        axis.quiver(*points[seen].T, *normals[seen].T, length=ARROW, color=colour, lw=0.8,
-                    arrow_length_ratio=0.3, zorder=7)  # fmt: skip
-        axis.scatter(*points[seen].T, s=8, color=colour, edgecolors=INK, lw=0.4,
-                     depthshade=False, zorder=8)  # fmt: skip
+        true = _polygons(_true_corners(truth, sample))
+        _draw_seen(axis, true, "none", TRUTH, 6, ls="--", label="truth")
+    for finger, (colour, points, normals, _) in enumerate(_touches(estimate, sample)):
+        seen = normals @ EYE > 0
+        axis.quiver(*points[seen].T, *normals[seen].T, length=ARROW, color=colour,
+                    lw=0.8, arrow_length_ratio=0.3, zorder=7)  # fmt: skip
+        axis.scatter(
+            *points[seen].T, s=8, color=colour, edgecolors=INK, lw=0.4, zorder=8,
+            depthshade=False, label=f"finger {finger} and its contacts",
+        )  # fmt: skip
         centre = data.finger_position[sample, finger] * MM
         if np.all((centre > view[0]) & (centre < view[1])):  # 3-D axes do not clip
             near = max(faces, key=lambda face: face[1] @ (centre - face[0][0]))[1]
-            order = 9 + EYE @ centre / MM if near @ EYE > 0 else 3
-            _draw_sphere(axis, centre, data.finger_radius[finger] * MM, colour, order)
+            ball = trimesh.creation.icosphere(4, data.finger_radius[finger] * MM)
+            axis.plot_trisurf(
+                *(ball.vertices + centre).T, triangles=ball.faces, color=colour, lw=0,
+                antialiased=False, lightsource=LIGHT,
+                zorder=9 + EYE @ centre / MM if near @ EYE > 0 else 3,
+            )  # fmt: skip
 
 
-def _draw_polygons(axis, polygons, face, edge, order, **style) -> None:
-    axis.add_collection3d(
-        Poly3DCollection(polygons, fc=face, ec=edge, lw=1, zorder=order, **style)
-    )
-
-
-def _draw_sphere(axis, centre, radius, colour, order) -> None:
-    turn, rise = np.mgrid[0 : 2 * np.pi : 41j, 0 : np.pi : 21j]
-    ring = np.sin(rise)
-    unit = np.stack([np.cos(turn) * ring, np.sin(turn) * ring, np.cos(rise)], axis=-1)
-    axis.plot_surface(*np.moveaxis(centre + radius * unit, -1, 0), rstride=1, cstride=1,
-                      facecolors=_lit(colour, unit), shade=False, lw=0, zorder=order,
-                      antialiased=False)  # fmt: skip
-
-
-def _lit(colour, normal) -> np.ndarray:
-    """Return a colour as it looks on a surface with this normal, (..., 3)."""
-    light = 0.6 + 0.4 * np.clip(normal @ LIGHT, 0, 1)
-    return light[..., None] * np.array(to_rgb(colour))
+def _draw_seen(axis, polygons, face, edge, order, **style) -> None:
+    """Draw those of (corners, normal) that face the eye."""
+    seen = [corners for corners, normal in polygons if normal @ EYE > 0]
+    style |= {"facecolors": face, "edgecolors": edge, "lw": 1, "zorder": order}
+    axis.add_collection3d(Poly3DCollection(seen, **style))
 
 
 def _faces(estimate, sample):
-    """Return corners, normal and touched or not of every face; all corners +-1 sigma."""
+    """Return corners, normal, touched or not of each face; all corners +-1 sigma."""
     R_wo, p_wo = estimate.rotation(sample), estimate.position[sample] * MM
-    known, sigma, spread = np.zeros((3, 2), bool), np.zeros((3, 2)), None
-    if estimate.shape == "cuboid":
-        known = estimate.faces >= ENOUGH
-        known[2, 0] |= estimate.scene.ground is not None
-        sigma, sides = (
-            _face_sigma(estimate, sample, known) * MM,
-            np.sign(estimate.vertices),
-        )
-        out, half = np.where(sides < 0, *sigma.T), estimate.side_lengths / 2 * MM
-        spread = [sides * np.maximum(half + s, 0.02 * half) for s in (out, -out)]
-        spread = [corners @ R_wo.T + p_wo for corners in spread]
+    known = estimate.faces >= ENOUGH
+    known[2, 0] |= estimate.scene.ground is not None
+    sides, half = np.sign(estimate.vertices), estimate.side_lengths / 2 * MM
+    sigma = np.minimum(_face_sigma(estimate, sample, known) * MM, ROOM[0])
+    out = np.where(sides < 0, *sigma.T)
+    spread = [sides * np.maximum(half + s, 0.02 * half) for s in (out, -out)]
     faces = []
-    for corners, n_w in _polygons(estimate.vertices * MM @ R_wo.T + p_wo):
-        n_o = R_wo.T @ n_w
-        face = np.argmax(abs(n_o)), int(n_o.sum() > 0)
-        faces.append((corners, n_w, bool(known[face])))
-    return faces, spread
+    for corners, n_o in _polygons(estimate.vertices * MM):
+        touched = bool(known[np.argmax(abs(n_o)), int(n_o.sum() > 0)])
+        faces.append((corners @ R_wo.T + p_wo, R_wo @ n_o, touched))
+    return faces, [corners @ R_wo.T + p_wo for corners in spread]
 
 
 def _face_sigma(estimate, sample, known) -> np.ndarray:
     """Return the standard deviation of each face along its normal, (3, 2) [m].
 
-    At the last sample by C, of n' p + side / 2.  At others a size that is wrong moves
-    the face that was not touched, or both by half.
+    At the last sample of n' p + side / 2; else of the side, on the face not touched.
     """
     information = estimate.information
     if range(len(estimate.position))[sample] < len(estimate.position) - 1:
@@ -272,13 +223,13 @@ def _face_sigma(estimate, sample, known) -> np.ndarray:
     along = estimate.rotation().T @ information.maps["position"]
     J = np.stack([-along, along], 1) + information.maps["side_lengths"][:, None] / 2
     C = np.linalg.inv(information.matrix)
-    return np.sqrt(np.maximum(np.einsum("asj,jk,ask->as", J, C, J), 0))
+    variance = np.einsum("asj,jk,ask->as", J, C, J)
+    return np.sqrt(np.where(variance < 0, np.inf, variance))
 
 
 def _polygons(points):
     """Yield corners (k, 3), in order, and outward normal of each face of a hull."""
-    hull = ConvexHull(points)
-    planes = hull.equations.round(5)  # triangles of one face have one plane
+    planes = (hull := ConvexHull(points)).equations.round(5)  # one per face
     for plane in np.unique(planes, axis=0):
         corners = points[np.unique(hull.simplices[(planes == plane).all(axis=1)])]
         arms = corners - corners.mean(axis=0)
@@ -294,38 +245,32 @@ def _outline(corners) -> np.ndarray:
 
 def _true_corners(truth, sample) -> np.ndarray:
     """Return the corners (8, 3) [mm] of the true cuboid at a sample, world frame."""
-    truth = truth if isinstance(truth, dict) else {k: getattr(truth, k) for k in TRUE}
-    position, quaternion, sides = (np.asarray(truth[k]) for k in TRUE)
-    if position.ndim == 2:
-        position, quaternion = position[sample], quaternion[sample]
-    corners = (np.indices((2, 2, 2)).reshape(3, -1).T - 0.5) * sides
-    return MM * (_rotations(quaternion).apply(corners) + position)
+    truth = truth if isinstance(truth, dict) else vars(truth)
+    p_wo, quaternion = (np.atleast_2d(truth[k]) for k in ("position", "quaternion"))
+    now = sample if len(p_wo) > 1 else 0
+    corners = (np.indices((2, 2, 2)).reshape(3, -1).T - 0.5) * truth["side_lengths"]
+    return MM * (_rotations(quaternion[now]).apply(corners) + p_wo[now])
 
 
 def _touches(estimate, sample):
-    """Yield a finger's contacts, carried along to a sample: points [mm], normals, now."""
-    data, R_wo, p_wo = (
-        estimate.measurements,
-        _rotations(estimate.quaternion),
-        estimate.position,
-    )
+    """Yield by finger: colour; contacts carried to a sample [mm], normals, if now."""
+    data, R_wo = estimate.measurements, _rotations(estimate.quaternion)
     for finger, radius in enumerate(data.finger_radius):
         t = np.flatnonzero(data.contact[:, finger] & data.valid[:, finger])
         carry, n_w = R_wo[sample] * R_wo[t].inv(), data.normal[t, finger]
-        arms = data.finger_position[t, finger] - radius * n_w - p_wo[t]
-        points = MM * (carry.apply(arms) + p_wo[sample])
-        yield points, carry.apply(n_w), data.action[t] == data.action[sample]
+        arms = data.finger_position[t, finger] - radius * n_w - estimate.position[t]
+        points = MM * (carry.apply(arms) + estimate.position[sample])
+        now = data.action[t] == data.action[sample]
+        yield FINGERS[finger % len(FINGERS)], points, carry.apply(n_w), now
 
 
 def _parts(estimate, finger, shown):
     """Return normal and tangential parts [mN s] of a finger's impulses at samples."""
-    from trimesh.convex import convex_hull
-    from trimesh.proximity import closest_point_naive
-
     R_ow = _rotations(estimate.quaternion[shown]).inv()
     p_wf = estimate.measurements.finger_position[shown, finger]
     p_of = R_ow.apply(p_wf - estimate.position[shown])
-    nearest, distance, _ = closest_point_naive(convex_hull(estimate.vertices), p_of)
+    body = trimesh.convex.convex_hull(estimate.vertices)
+    nearest, distance, _ = trimesh.proximity.closest_point_naive(body, p_of)
     n_o = (p_of - nearest) / distance[:, None]
     impulse = R_ow.apply(estimate.impulses[f"finger {finger}"][shown]) * MM
     normal = -np.sum(impulse * n_o, axis=1)
@@ -336,21 +281,19 @@ def _rotations(quaternion):
     return Rotation.from_quat(np.roll(quaternion, -1, axis=-1))
 
 
+def _when(data, sample) -> str:
+    return f"{data.time[sample]:.1f} s, action {data.action[sample]}"
+
+
 def _view(estimate, samples) -> np.ndarray:
     """Return the corners (2, 3) [mm] of what is shown: the object, with some room."""
     points = np.concatenate([estimate.mesh(sample).vertices for sample in samples]) * MM
-    low = MARGIN, MARGIN, ABOVE if estimate.scene.ground is None else 0
-    return np.stack([points.min(0) - low, points.max(0) + (MARGIN, MARGIN, ABOVE)])
+    below = ROOM * (1, 1, estimate.scene.ground is None)
+    return np.stack([points.min(axis=0) - below, points.max(axis=0) + ROOM])
 
 
-def _when(data, sample) -> str:
-    row = range(data.samples)[sample]
-    return f"{data.time[row]:.1f} s, action {data.action[row]} (sample {row})"
-
-
-def _with_key(figure, axes, columns):
-    """Put one legend below, with every label once; return the figure."""
-    found = [axis.get_legend_handles_labels() for axis in reversed(axes)]
-    entries = {k: v for pair in found for v, k in zip(*pair, strict=True)}
-    figure.legend(entries.values(), entries, loc="outside lower center", ncols=columns)
-    return figure
+def _with_key(owner, axis, **where):
+    """Give a figure or an axis one legend, with every label once; return the figure."""
+    entries = dict(zip(*axis.get_legend_handles_labels()[::-1], strict=True))
+    owner.legend(entries.values(), entries, **where)
+    return axis.figure

@@ -90,14 +90,14 @@ class Tumble:
     start: int
     tip: Tip
 
-    def lying(self) -> Hypothesis:
-        """Return the planar hypothesis of the fallen object, at rest for the action."""
-        S, n = self.tip.renamed, len(self.tip.angle)
+    def lying(self, samples: int) -> Hypothesis:
+        """Return the planar hypothesis of the fallen object, at rest for `samples`."""
+        S = self.tip.renamed
         p, R = self.tip.poses(self.theta, self.before.x[:, self.start])
         ahead = (R[-1] @ S.T)[:2, 0]
         x = np.r_[p[-1, :2], np.arctan2(ahead[1], ahead[0])]
         path = (*self.before.path, self.name)
-        x = np.repeat(x[:, None], n, axis=1)
+        x = np.repeat(x[:, None], samples, axis=1)
         return Hypothesis(np.abs(S) @ self.theta, x, np.inf, path)
 
     def joined(self, later: Hypothesis, known) -> Hypothesis:
@@ -177,22 +177,22 @@ def _thinned(h: Hypothesis, tip: Tip, share: float) -> Hypothesis:
 
 
 def recovered(job, evidence, width: int, solves: int, executor=None):
-    """Return free hypotheses of all actions, tumbling in the first that speaks against.
+    """Return free hypotheses of all actions, best first: it tumbled in one of them.
 
-    evidence: what `contradicts` says of the best planar hypothesis; none that speaks
-    against sliding, or no normal that rises: no hypothesis.
+    evidence: what `contradicts` says of the best planar hypothesis.  Any action that
+    speaks against sliding and shows a rising normal may be the one; else none is found.
     """
-    action = next((e.action for e in evidence if e.against), None)
-    if action is None:
-        return []
-    actions = np.unique(job.data.action)
-    before, until = actions[actions < action], actions[actions <= action]
-    kept = []
-    if len(before):
-        part = replace(job, data=job.data.select(before))
-        kept = beam(part, [], width, solves, executor)
-    tumbles = tumbled(replace(job, data=job.data.select(until)), kept)
-    return continued(job, tumbles, width, solves, executor) if tumbles else []
+    actions, found = np.unique(job.data.action), []
+    for action in [e.action for e in evidence if e.against and e.tilt > TILTED]:
+        before, until = actions[actions < action], actions[actions <= action]
+        kept = []
+        if len(before):
+            part = replace(job, data=job.data.select(before))
+            kept = beam(part, [], width, solves, executor)
+        tumbles = tumbled(replace(job, data=job.data.select(until)), kept)
+        if tumbles:
+            found += continued(job, tumbles, width, solves, executor)
+    return _distinct(sorted(found, key=_objective), width)
 
 
 def continued(job, tumbles, width: int, solves: int, executor=None):
@@ -207,7 +207,10 @@ def continued(job, tumbles, width: int, solves: int, executor=None):
     valid = data.valid.copy()
     valid[: max(t.tip.landed for t in tumbles)] = False
     part = replace(job, data=replace(data, valid=valid))
-    later = beam(part, [t.lying() for t in tumbles], width, solves, executor)
+    felt = (data.contact & valid).any(axis=1) & (data.action > action)
+    touched = np.append(data.action[felt], data.action[-1] + 1)
+    rest = int(np.searchsorted(data.action, touched[0]))
+    later = beam(part, [t.lying(rest) for t in tumbles], width, solves, executor)
     joined = [t.joined(h, known) for h in later for t in tumbles for known in KNOWN]
     return _distinct(_costed(job, joined), width)
 
@@ -250,7 +253,7 @@ def _tipped(job, h):
     normals = data.normal[rows]
     tilt = np.array([_tilt(normals[:, f]) for f in range(data.fingers)]).T
     tilt = np.where(touched & (np.abs(normals[..., 2]) < SIDE), tilt, -1.0)
-    if tilt.max() < TILTED + 2 * job.precision.normal:
+    if tilt.max() < TILTED + 3 * job.precision.normal:
         return 0, None
     pusher = int(np.argmax(tilt.max(axis=0)))
     k = np.nonzero(tilt[:, pusher] >= 0)[0]

@@ -1,13 +1,11 @@
 """Benchmark `solve_estimate` on recorded cuboids: accuracy, honesty and cost.
 
 python examples/benchmarks/estimate_cuboid.py ../shared/scenes/cuboid_*.npz
-... ../shared/scenes/stress_*.npz --actions 6 --formulations planar --paths reduced
-    --knowledge known default "mass x2" ...       (KNOWLEDGE below names them all)
+... ../shared/scenes/stress_*.npz --actions 6 --knowledge known default "mass x2"
 
 Truth is read here, never by the package: it judges the result, and it starts a second
 solve of the same page at the true motion, whose objective a good search must reach.
-Every run is a row of runs.csv, failed or not.  CPU seconds exclude the derivation of
-kinds, kinds_s ($XDG_CACHE_HOME keeps compiled ones): who derives some is run again.
+CPU seconds exclude the derivation of kinds, kinds_s: who derives some is run again.
 """
 
 import os
@@ -16,12 +14,13 @@ os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
 
 import argparse
 import csv
-import time
+import json
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
+from time import process_time
 from timeit import repeat
 
 import numpy as np
@@ -37,8 +36,7 @@ from tactilenlp.kind import seconds_deriving
 from tactilenlp.result import touched_faces
 from tactilenlp.search import Hypothesis
 
-DENSE = np.random.default_rng(0).normal(size=(700, 700))  # reference: LAPACK solves it
-POINTS = 1000  # a side, of the paper's bCH
+A = np.random.default_rng(0).normal(size=(700, 700))  # LAPACK solves A x = b: the unit
 EXACT = ("still", "far", "absent")  # reductions besides the planar motion
 FORMULATIONS = {  # name -> page; reductions switched off: reduced path, unreduced path
     "stage_a": ("quasi_static", (), EXACT),
@@ -88,10 +86,10 @@ class Truth:
     """What a file knows and the package must not read: sizes (3,), poses (T, ...)."""
 
     def __init__(self, file):
-        with np.load(file) as arrays:
-            self.side_lengths = arrays["side_lengths"]
-            self.position = arrays["object_position"]
-            self.quaternion = arrays["object_quaternion"]
+        arrays = np.load(file)
+        self.side_lengths = arrays["side_lengths"]
+        self.position = arrays["object_position"]
+        self.quaternion = arrays["object_quaternion"]
 
     def mesh(self, sample):
         pose = translation_matrix(self.position[sample])
@@ -119,7 +117,7 @@ def compare(estimate, truth) -> dict:
     data, last = estimate.measurements, estimate.measurements.samples - 1
     meshes = estimate.mesh(), truth.mesh(last)
     distance = metrics.surface_distance(*meshes)
-    clouds = [sample_surface(meshes[i > 0], POINTS, seed=i)[0] for i in range(3)]
+    clouds = [sample_surface(meshes[i > 0], 1000, seed=i)[0] for i in range(3)]
     row = {"mean_mm": 1e3 * distance.mean, "max_mm": 1e3 * distance.maximum}
     row |= {
         "bch_paper_m2": metrics.chamfer_paper(*clouds[:2]),
@@ -148,7 +146,9 @@ def cost(estimate) -> dict:
     row |= {"beam": len(estimate.hypotheses), "evaluations": estimate.evaluations}
     row |= {"status": estimate.status, "objective": estimate.objective}
     row |= {"broken": " ".join(s.name for s in estimate.skipped if not s.holds)}
-    return row | {f"{name}_s": value for name, value in estimate.seconds.items()}
+    row |= {f"{name}_s": value for name, value in estimate.seconds.items()}
+    row["ms_per_iteration"] = 1e3 * row["solve_s"] / max(1, estimate.iterations)
+    return row
 
 
 def against_truth(case, estimate, truth) -> dict:
@@ -164,21 +164,22 @@ def against_truth(case, estimate, truth) -> dict:
 
 def run(case, data, truth, start=None):
     """Return the row of one run, and its estimate or None."""
-    lapack = repeat(lambda: np.linalg.solve(DENSE, DENSE[0]), time.process_time, 3, 1)
-    row, kinds = {"success": False, "reference_s": min(lapack)}, seconds_deriving[0]
-    began, estimate = time.process_time(), None
+    unit = min(repeat(lambda: np.linalg.solve(A, A[0]), timer=process_time, number=1))
+    row, kinds = {"success": False, "reference_s": unit}, seconds_deriving[0]
+    began, estimate = process_time(), None
     try:
         estimate = case.solve(data, start)
         row["kinds_s"] = seconds_deriving[0] - kinds
         if row["kinds_s"] > 0:
-            began = time.process_time()
+            began = process_time()
             estimate = case.solve(data, start)
-        row["cpu_s"] = time.process_time() - began
+        row["cpu_s"] = process_time() - began
         row |= compare(estimate, truth) | cost(estimate)
         row |= against_truth(case, estimate, truth) | {"success": True}
     except Exception as error:  # whatever it is, it counts, by its name
-        row.setdefault("cpu_s", time.process_time() - began)
+        row.setdefault("cpu_s", process_time() - began)
         row["error"] = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    row["cpu_in_references"] = row["cpu_s"] / row["reference_s"]
     return row, estimate
 
 
@@ -204,9 +205,9 @@ def cases_of(arguments) -> list[Case]:
     for file in (f for f in arguments.files if "side_lengths" in np.load(f)):
         count = Measurements.load(file).actions
         some = [na for na in arguments.actions or range(1, count + 1) if na <= count]
-        some = some or [count]
         for way in product(*ways):
-            cases.append(Case(file, *way, some[-(way[-1] == "unreduced") :]))
+            chosen = some if way[-1] == "reduced" else some[-1:]
+            cases.append(Case(file, *way, chosen or [count]))
     return cases
 
 
@@ -237,11 +238,11 @@ def main() -> None:
     rows = run_all(cases_of(arguments), arguments.processes)
     arguments.out.mkdir(parents=True, exist_ok=True)
     columns = list(dict.fromkeys(key for row in rows for key in row))
+    table = [columns, *([row.get(name) for name in columns] for row in rows)]
     with open(arguments.out / "runs.csv", "w", newline="") as stream:
-        writer = csv.DictWriter(stream, columns)
-        writer.writeheader()
-        writer.writerows(rows)
-    report([arguments.out / "runs.csv"], arguments.out)
+        csv.writer(stream).writerows(table)
+    (arguments.out / "runs.json").write_text(json.dumps(rows))
+    report([arguments.out / "runs.json"])
 
 
 if __name__ == "__main__":

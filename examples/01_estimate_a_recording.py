@@ -1,0 +1,55 @@
+"""Estimate shape and pose of a box from a recording of two fingers that touched it.
+
+    python examples/01_estimate_a_recording.py [recording.npz [picture.png]]
+
+Without arguments: examples/data/cuboid.npz, and estimate.png in the current folder.
+A recording of your own has no truth in it: leave out everything below `summary`, and
+call plot_estimate(estimate).
+"""
+
+import sys
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from trimesh.creation import box
+from trimesh.transformations import quaternion_matrix, translation_matrix
+
+from tactilenlp import Measurements, Scene, solve_estimate
+from tactilenlp.metrics import surface_distance
+from tactilenlp.plotting import plot_estimate
+
+LIMIT = 1.0  # [mm] an estimate of a clean recording should not be further off
+
+matplotlib.use("Agg")  # the picture goes to a file: no window, no screen needed
+default = Path(__file__).parent / "data" / "cuboid.npz"
+recording = Path(sys.argv[1]) if len(sys.argv) > 1 else default
+picture = Path(sys.argv[2]) if len(sys.argv) > 2 else Path("estimate.png")
+
+# What the fingers felt, sample by sample, and what is known beforehand: mass, friction.
+data = Measurements.load(recording)
+scene = Scene.load(recording)
+print(f"{recording.name}: {data}")
+
+# Shape, poses and contact impulses that explain the measurements best.
+estimate = solve_estimate(data, scene)
+print(estimate.summary())
+
+# The recorded file also carries the truth.  The estimator has not read it; we compare.
+with np.load(recording) as file:
+    truth = {
+        "position": file["object_position"],  # (T, 3) [m]
+        "quaternion": file["object_quaternion"],  # (T, 4) wxyz
+        "side_lengths": file["side_lengths"],  # (3,) [m]
+    }
+plot_estimate(estimate, truth).savefig(picture)
+print(f"The picture is in {picture}.")
+
+# Distance of the two surfaces at the last sample, in mm.
+place = translation_matrix(truth["position"][-1])
+turn = quaternion_matrix(truth["quaternion"][-1])
+distance = surface_distance(estimate.mesh(), box(truth["side_lengths"], place @ turn))
+mean, largest = 1e3 * distance.mean, 1e3 * distance.maximum
+if mean > LIMIT:
+    sys.exit(f"The surface is {mean:.2f} mm off on average: more than {LIMIT} mm.")
+print(f"The surface is {mean:.2f} mm off on average and {largest:.2f} mm at most.")

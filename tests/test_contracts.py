@@ -1,0 +1,73 @@
+"""Who may import whom, and who may know what; `lint-imports` checks the layers too."""
+
+import ast
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+MACHINE = (
+    *("kind", "codegen", "terms", "assembly", "nlp", "solve"),
+    *("checkup", "differences", "description"),
+)
+TACTILE = re.compile(
+    r"finger|touch|contact|friction|pose\b|poses|object_|ground|tactile"
+)
+
+
+def imported(path):
+    """Return the modules that a file imports, relative ones with their dots."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        if isinstance(node, ast.ImportFrom):
+            found |= {"." * node.level + (node.module or "")}
+    return found
+
+
+def words(path):
+    """Return the names and strings of a file's code, without docstrings, comments."""
+    tree, docs, found = ast.parse(path.read_text()), set(), []
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list) and body and isinstance(body[0], ast.Expr):
+            docs.add(body[0].value)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            found += [node.value] * (node not in docs)
+        found += [
+            getattr(node, field)
+            for field in ("id", "arg", "attr", "name")
+            if isinstance(getattr(node, field, None), str)
+        ]
+    return found
+
+
+@pytest.mark.parametrize(
+    "page", sorted((ROOT / "formulations").glob("*.py")), ids=lambda page: page.stem
+)
+def test_a_page_imports_casadi_the_language_and_other_pages_only(page):
+    for module in imported(page):
+        first = module.split(".")[0]
+        assert first in {"", "casadi"} or first in sys.stdlib_module_names, module
+
+
+@pytest.mark.parametrize("package", ["tactilenlp", "formulations"])
+def test_nothing_imports_the_bench(package):
+    for path in (ROOT / package).glob("*.py"):
+        assert not any(m.split(".")[0] == "hardware" for m in imported(path)), path.name
+
+
+@pytest.mark.parametrize("module", MACHINE)
+def test_the_machine_knows_no_tactile_word(module):
+    path = ROOT / "tactilenlp" / f"{module}.py"
+    own = {f".{name}" for name in (*MACHINE, "errors")}
+    assert {m for m in imported(path) if m.startswith(".")} <= own
+    outside = {m.split(".")[0] for m in imported(path) if not m.startswith(".")}
+    assert not outside & {"formulations", "hardware", "mujoco", "trimesh"}
+    known = [word.replace("tactilenlp", "").replace("TACTILENLP", "")
+             for word in words(path)]  # fmt: skip
+    assert [word for word in known if TACTILE.search(word.lower())] == []

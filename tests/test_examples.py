@@ -1,0 +1,54 @@
+"""The examples run from top to bottom in an empty folder and end with a sentence."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = sorted((Path(__file__).resolve().parents[1] / "examples").glob("0*.py"))
+LONGEST = 60  # [lines] of an example, so that it is read in one go
+
+
+def run(example, folder, *arguments):
+    """Run an example where there is no screen; warnings are errors."""
+    headless = {
+        k: v for k, v in os.environ.items() if k not in ("DISPLAY", "MPLBACKEND")
+    }
+    return subprocess.run(
+        [sys.executable, "-W", "error", str(example), *map(str, arguments)],
+        cwd=folder,
+        env=headless,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_runs_and_ends_with_a_sentence(example, tmp_path):
+    done = run(example, tmp_path)
+    assert done.returncode == 0, done.stderr
+    last = done.stdout.strip().splitlines()[-1]
+    assert last[0].isupper()
+    assert last.endswith(".")
+    if "savefig" in example.read_text():
+        (picture,) = tmp_path.glob("*.png")
+        assert picture.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_is_short_and_has_no_helpers(example):
+    text = example.read_text()
+    assert len(text.splitlines()) <= LONGEST
+    assert "\ndef " not in text
+    assert "sys.path" not in text
+
+
+def test_the_first_example_takes_a_recording_and_a_picture(tmp_path):
+    recording = EXAMPLES[0].parent / "data" / "cuboid.npz"
+    done = run(EXAMPLES[0], tmp_path, recording, tmp_path / "mine.png")
+    assert done.returncode == 0, done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.png"]
+    assert done.stdout.splitlines()[-1].startswith("The surface is 0.0")

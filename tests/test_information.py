@@ -1,0 +1,126 @@
+"""The reduced exact Hessian is the covariance of the estimator."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from tactilenlp import Problem, observed_information
+from tactilenlp.errors import OptionError
+from tactilenlp.information import reduced_covariance, unobserved
+from tactilenlp.solve import SolverOptions, solve
+
+SIGMA = 0.1
+
+
+def line(slope, offset, t, y):
+    return (slope * t + offset - y) ** 2 / (2 * SIGMA**2)
+
+
+def fit(y, t, upper=np.inf, past=False):
+    """A straight line through (t, y), by two unknowns and as many states if `past`."""
+    problem = Problem()
+    slope = problem.variable("slope", 1, guess=0.0, upper=upper, unit="m/s", scale=0.1)
+    offset = problem.variable("offset", 1, guess=0.0, unit="m", scale=2.0)
+    if not past:
+        problem.minimize("fit", line, slope, offset, t, y, role="likelihood")
+        return problem, solve(problem, SolverOptions(tolerance=1e-9))
+    state = problem.variable("state", 1, len(t), guess=0.0, unit="m", scale=0.3)
+    problem.subject_to(
+        "states on the line", lambda a, b, s, t: s - a * t - b, slope, offset, state, t,
+        lower=0, upper=0,
+    )  # fmt: skip
+    problem.minimize(
+        "fit", lambda s, y: (s - y) ** 2 / (2 * SIGMA**2), state, y, role="likelihood"
+    )
+    return problem, solve(problem, SolverOptions(tolerance=1e-9))
+
+
+@pytest.fixture
+def samples():
+    rng = np.random.default_rng(0)
+    t = np.linspace(0, 1, 15)
+    return t, 0.7 * t - 0.2 + SIGMA * rng.normal(size=15)
+
+
+def least_squares_covariance(t):
+    A = np.c_[t, np.ones_like(t)]
+    return np.linalg.inv(A.T @ A) * SIGMA**2
+
+
+def test_covariance_of_a_line_is_that_of_least_squares(samples):
+    t, y = samples
+    C, active, _ = reduced_covariance(*fit(y, t), np.array([0, 1]))
+    assert np.allclose(C, least_squares_covariance(t), rtol=1e-6)
+    assert active == 0
+
+
+def test_states_that_constraints_tie_to_the_line_are_marginalised_away(samples):
+    t, y = samples
+    C, active, _ = reduced_covariance(*fit(y, t, past=True), np.array([0, 1]))
+    assert np.allclose(C, least_squares_covariance(t), rtol=1e-6)
+    assert active == len(t)
+
+
+def test_an_active_bound_leaves_no_variance_and_conditions_the_rest(samples):
+    t, y = samples
+    C, active, _ = reduced_covariance(*fit(y, t, upper=0.2), np.array([0, 1]))
+    assert active == 1
+    assert C[0, 0] == pytest.approx(0, abs=1e-8)
+    assert C[1, 1] == pytest.approx(SIGMA**2 / len(t), rel=1e-4)
+
+
+def test_predicted_scatter_is_the_scatter_of_repeated_experiments():
+    rng = np.random.default_rng(1)
+    t = np.linspace(0, 1, 10)
+    found = [
+        fit(0.5 * t + SIGMA * rng.normal(size=10), t)[1].values["slope"].item()
+        for _ in range(200)
+    ]
+    predicted = np.sqrt(least_squares_covariance(t)[0, 0])
+    # 200 draws know a standard deviation to 5 %, taken three times
+    assert np.std(found) == pytest.approx(predicted, rel=0.15)
+
+
+def test_a_direction_that_nothing_sees_has_a_huge_variance_and_raises_nothing():
+    problem = Problem()
+    a = problem.variable("a", 2, guess=0.0, unit="m", scale=1.0)
+    problem.minimize("sum", lambda a: (a[0] + a[1]) ** 2, a, role="likelihood")
+    C, _, _ = reduced_covariance(problem, solve(problem), np.array([0, 1]))
+    assert C[0, 0] > 1e6
+    assert C[0, 0] + 2 * C[0, 1] + C[1, 1] == pytest.approx(0.5, rel=1e-3)
+
+
+def test_faces_that_were_never_touched_are_named():
+    assert unobserved(np.array([[5, 0], [0, 0], [9, 0]])) == (
+        "side x: face +x never touched",
+        "side y: neither face touched",
+        "side z: top never touched",
+    )
+    assert unobserved(np.array([[5, 3], [4, 8], [0, 4]])) == ()
+
+
+def test_information_of_an_estimate_is_positive_and_speaks_of_all_it_names(estimate):
+    information = observed_information(estimate)
+    assert np.linalg.eigvalsh(information.matrix).min() > 0
+    assert len(information.names) == len(information.matrix)
+    assert (information.sigma("side_lengths") > 0).all()
+    assert np.isnan(information.sigma("rotation")[:2]).all()
+    assert information.fixed == ("rotation x", "rotation y")
+    assert information.sigma("position")[2] == pytest.approx(
+        information.sigma("side_lengths")[2] / 2
+    )
+
+
+def test_an_unknown_quantity_names_the_known_ones(estimate):
+    with pytest.raises(OptionError, match="side_lengths"):
+        observed_information(estimate).sigma("mass")
+    with pytest.raises(OptionError, match="exact"):
+        observed_information(estimate, kind="guess")
+
+
+def test_a_gaussian_prior_alone_gives_back_its_deviation():
+    problem = Problem()
+    a = problem.variable("a", 1, guess=0.0, unit="m", scale=1e-3)
+    problem.minimize("prior", lambda a: ca.sumsqr(a / 0.02) / 2, a, role="prior")
+    C, _, _ = reduced_covariance(problem, solve(problem), np.array([0]))
+    assert np.sqrt(C.item()) == pytest.approx(0.02, rel=1e-6)

@@ -1,0 +1,231 @@
+"""Pictures show what the estimate says, in millimetres, and nothing that is NaN."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from tactilenlp import Ground, solve_estimate
+from tactilenlp.errors import TactileError
+from tactilenlp.plotting import (
+    plot_costs,
+    plot_estimate,
+    plot_impulses,
+    plot_scene,
+    plot_top,
+)
+
+MM = 1e3  # [mm / m]
+PLOTS = (plot_scene, plot_top, plot_estimate, plot_impulses, plot_costs)
+BAND = "±1σ of each face"
+
+
+@pytest.fixture(scope="session")
+def touched(recorded):
+    """The estimate of two actions, after which some faces are still untouched."""
+    data, scene, _ = recorded
+    return solve_estimate(data.select(range(2)), scene)
+
+
+@pytest.fixture
+def truth(recorded, touched):
+    file = recorded[2]
+    return {
+        "position": file["object_position"][: touched.measurements.samples],
+        "quaternion": file["object_quaternion"][: touched.measurements.samples],
+        "side_lengths": file["side_lengths"],
+    }
+
+
+@pytest.fixture(autouse=True)
+def _closed():
+    yield
+    plt.close("all")
+
+
+def drawn(figure):
+    """Return all the numbers that are on the paper."""
+    figure.canvas.draw()
+    for artist in figure.findobj():
+        for name in ("get_xydata", "get_path", "get_paths", "get_offsets"):
+            found = getattr(artist, name, lambda: [])()
+            for part in found if isinstance(found, list) else [found]:
+                yield np.asarray(getattr(part, "vertices", part), float)
+
+
+def labelled(axis, label):
+    """Return the artists of an axis that carry a label."""
+    return [artist for artist in axis.get_children() if artist.get_label() == label]
+
+
+def sides(estimate, sample, vertices):
+    """Return how long points (n, 2) [mm] reach along body x and y (3,)."""
+    along = np.asarray(vertices) @ estimate.rotation(sample)[:2]
+    return np.ptp(along, axis=0)
+
+
+@pytest.mark.parametrize("plot", PLOTS)
+def test_a_figure_is_made_without_warnings_and_without_nan(plot, touched):
+    figure = plot(touched)  # warnings are errors in all tests
+    assert isinstance(figure, Figure)
+    numbers = list(drawn(figure))
+    assert numbers
+    assert all(np.isfinite(part).all() for part in numbers)
+
+
+@pytest.mark.parametrize("plot", PLOTS)
+def test_every_axis_has_a_unit(plot, touched):
+    for axis in plot(touched).axes:
+        names = "xyz" if axis.name == "3d" else "xy"
+        labels = {name: getattr(axis, f"get_{name}label")() for name in names}
+        if plot is plot_costs:
+            assert not labels.pop("y")  # names of terms
+        if plot is plot_impulses and axis.get_shared_x_axes().get_siblings(axis)[-1]:
+            labels["x"] = axis.figure.axes[-1].get_xlabel()  # written once, below
+        assert all("[" in label and "]" in label for label in labels.values()), labels
+
+
+def test_lengths_are_in_millimetres_and_equally_scaled(touched):
+    (top,) = plot_top(touched).axes
+    assert top.get_aspect() == 1
+    assert (top.get_xlabel(), top.get_ylabel()) == ("x [mm]", "y [mm]")
+    (scene,) = plot_scene(touched).axes
+    limits = scene.get_xlim(), scene.get_ylim(), scene.get_zlim()
+    box = scene.get_box_aspect() if hasattr(scene, "get_box_aspect") else None
+    box = scene._box_aspect if box is None else np.asarray(box)
+    sizes = np.ptp(limits, axis=1)
+    np.testing.assert_allclose(box / box[0], sizes / sizes[0])
+
+
+@pytest.mark.parametrize("plot", [plot_scene, plot_top, plot_impulses, plot_costs])
+def test_a_given_axis_is_drawn_into_and_no_other(plot, touched):
+    figure = plt.figure()
+    style = {"projection": "3d"} if plot is plot_scene else {}
+    axis, other = (figure.add_subplot(1, 2, k, **style) for k in (1, 2))
+    assert plot(touched, axis=axis) is figure
+    assert plt.get_fignums() == [figure.number]
+    assert axis.has_data()
+    assert not other.has_data()
+    figure.canvas.draw()
+
+
+def test_each_finger_gets_the_axis_given_for_it(touched):
+    axes = plt.figure().subplots(touched.measurements.fingers)
+    plot_impulses(touched, axis=axes)
+    words = [axis.get_ylabel() for axis in axes]
+    assert words == [f"finger {k} [mN s]" for k in range(len(axes))]
+
+
+@pytest.mark.parametrize("sample", [0, 17, -1])
+def test_the_truth_is_drawn_where_it_is(sample, touched, truth):
+    axis = plot_top(touched, sample, truth).axes[0]
+    (line,) = labelled(axis, "truth")
+    centre = line.get_xydata()[:4].mean(axis=0)
+    np.testing.assert_allclose(centre, truth["position"][sample, :2] * MM, atol=0.01)
+    length = np.sort(np.linalg.norm(np.diff(line.get_xydata(), axis=0), axis=1))
+    # The true object lies flat to better than a millirad: 0.05 mm over 50 mm.
+    expected = np.sort(np.repeat(truth["side_lengths"][:2], 2)) * MM
+    np.testing.assert_allclose(length, expected, atol=0.05)
+
+
+def test_a_truth_may_be_an_object_or_one_pose(touched, truth):
+    one = {key: value[-1] for key, value in truth.items()}
+    one["side_lengths"] = truth["side_lengths"]
+    lines = [
+        labelled(plot_top(touched, truth=given).axes[0], "truth")[0].get_xydata()
+        for given in (truth, one, SimpleNamespace(**truth))
+    ]
+    np.testing.assert_array_equal(lines[0], lines[1])
+    np.testing.assert_array_equal(lines[0], lines[2])
+
+
+def test_a_figure_of_everything_shows_first_and_last_sample(touched, truth):
+    figure = plot_estimate(touched, truth)
+    titles = [axis.get_title() for axis in figure.axes]
+    assert titles[0].startswith("First sample: 0.3 s, action 0")
+    assert titles[1].startswith("Last sample: 3.1 s, action 1")
+    side = f"{touched.side_lengths[0] * MM:.1f} ± "
+    assert side in figure.get_suptitle()
+    (key,) = figure.legends
+    words = [text.get_text() for text in key.get_texts()]
+    assert len(set(words)) == len(words)
+    assert {"face touched", "face not touched", BAND, "truth"} < set(words)
+
+
+def test_the_band_of_a_size_that_was_not_felt_is_one_sigma_of_it(touched):
+    # Neither face of side x was touched: each moves by half of what the size is wrong.
+    assert not touched.faces[0].any()
+    (band,) = labelled(plot_top(touched, sample=0).axes[0], BAND)
+    wide = sides(touched, 0, band.get_xy())[0]
+    sigma = touched.information.sigma("side_lengths")[0] * MM
+    assert wide == pytest.approx(touched.side_lengths[0] * MM + sigma, rel=1e-6)
+
+
+def test_the_band_at_the_last_sample_knows_of_the_pose(touched):
+    # Errors of a side and of the position that keep a touched face in place cancel.
+    (band,) = labelled(plot_top(touched).axes[0], BAND)
+    wide = sides(touched, -1, band.get_xy())
+    sigma = touched.information.sigma("side_lengths") * MM
+    assert wide[0] > touched.side_lengths[0] * MM + sigma[0]
+    assert wide[1] < touched.side_lengths[1] * MM + 6 * sigma[1]
+
+
+def test_nothing_known_is_drawn_as_a_band_as_wide_as_the_picture(touched):
+    blank = replace(touched.information, matrix=np.diag([1e-12] * 6))
+    figure = plot_top(replace(touched, information=blank))
+    assert all(np.isfinite(part).all() for part in drawn(figure))
+
+
+def test_contacts_lie_on_the_surface(touched):
+    axis = plot_top(touched).axes[0]
+    R_wo, p_wo = touched.rotation(), touched.position[-1]
+    for dots in axis.collections:
+        points = np.asarray(dots.get_offsets()) / MM
+        p_ow = (points - p_wo[:2]) @ R_wo[:2, :2]
+        # Half a millimetre: residuals of the fit, which clean data keep far smaller.
+        assert (abs(p_ow) <= touched.side_lengths[:2] / 2 + 5e-4).all()
+
+
+def test_a_scene_without_ground_has_no_ground_and_a_tilted_one_is_tilted(touched):
+    bare = plot_scene(replace(touched, scene=replace(touched.scene, ground=None)))
+    tilted = Ground(normal=(0.0, 0.6, 0.8))
+    tilted = plot_scene(replace(touched, scene=replace(touched.scene, ground=tilted)))
+    assert len(bare.axes[0].collections) < len(tilted.axes[0].collections)
+    assert bare.axes[0].get_zlim()[0] < 0
+
+
+def test_parts_of_an_impulse_add_up_to_it(touched):
+    data = touched.measurements
+    figure = plot_impulses(touched)
+    shown = data.contact.any(axis=1)
+    for finger, axis in enumerate(figure.axes):
+        normal = np.array([bar.get_height() for bar in axis.patches])
+        (dots,) = labelled(axis, "tangential")
+        total = np.linalg.norm(touched.impulses[f"finger {finger}"][shown], axis=1) * MM
+        np.testing.assert_allclose(np.hypot(normal, dots.get_ydata()), total, atol=1e-9)
+        assert (normal >= -1e-6).all()  # a finger pushes, it does not pull
+
+
+def test_an_unknown_friction_is_read_from_the_estimate(touched):
+    scene = replace(touched.scene, friction_finger=None)
+    unknowns = touched.unknowns | {"finger friction": np.array([[0.37]])}
+    axis = plot_impulses(replace(touched, scene=scene, unknowns=unknowns)).axes[0]
+    assert labelled(axis, "friction cone: 0.37 × normal")
+
+
+def test_costs_add_up_to_the_objective(touched):
+    bars = plot_costs(touched).axes[0].patches
+    total = sum(bar.get_width() for bar in bars)
+    assert total == pytest.approx(touched.objective, rel=1e-9)
+
+
+def test_a_shape_without_side_lengths_is_refused_with_words(touched):
+    with pytest.raises(TactileError, match="only a cuboid"):
+        plot_top(replace(touched, shape="polytope"))
