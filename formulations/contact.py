@@ -30,13 +30,15 @@ def cone(mu, lam, rounding):
     return mu * lam[0] - tangential
 
 
-def dissipation(mu, lam, v_s, still):
-    """Return the power by which friction falls short of the most it can dissipate [W s].
+def dissipation(mu, lam, v_s, still, rounding=0.0):
+    """Return the energy that friction fails to dissipate, of the most it can [J].
 
-    v_s (2,) [m/s] sliding velocity in (t1, t2); still [m/s] rounds |v_s|.
+    v_s (2,) [m/s] sliding velocity in (t1, t2); still [m/s] rounds |v_s|; rounding
+    [N s] is that of the cone, which lets |lam_t| exceed mu lam_n by less than that:
+    with it, no impulse in the rounded cone is paid for sliding.
     """
     speed = ca.sqrt(ca.sumsqr(v_s) + still**2)
-    return mu * lam[0] * speed + ca.dot(v_s, lam[1:3])
+    return (mu * lam[0] + rounding) * speed + ca.dot(v_s, lam[1:3])
 
 
 def inelasticity(lam, v_n, still):

@@ -49,11 +49,14 @@ FREE = Motion("free", 6, (1e-3,) * 3 + (0.05,) * 3, "m, m, m, rad, rad, rad", fr
 
 
 def rotation(w):
-    """Return the rotation matrix of the rotation vector w (3,) [rad] (Rodrigues)."""
-    square = ca.sumsqr(w) + 1e-16
-    angle = ca.sqrt(square)
+    """Return the rotation matrix of the rotation vector w (3,) [rad] (Rodrigues).
+
+    1 - cos(a) = 2 sin(a / 2)^2, which does not cancel for small angles.
+    """
+    angle = ca.sqrt(ca.sumsqr(w) + 1e-16)
+    half = ca.sin(angle / 2) / (angle / 2)
     K = ca.skew(w)
-    return ca.DM.eye(3) + ca.sin(angle) / angle * K + (1 - ca.cos(angle)) / square * K @ K
+    return ca.DM.eye(3) + ca.sin(angle) / angle * K + half * half / 2 * K @ K
 
 
 def turn(R_to, R_from):

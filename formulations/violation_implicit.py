@@ -103,7 +103,7 @@ def build(nlp, window, scene, shape):
         scale=size,
     )  # fmt: skip
     mu = friction(nlp, "finger friction", scene.friction_finger)
-    mu_g = friction(nlp, "ground friction", scene.friction_ground)
+    mu_g = friction(nlp, "ground friction", scene.friction_ground if len(corner) else 0)
     kappa = nlp.parameter("kappa", KAPPA, "nats/mm")
     still = nlp.parameter("still", STILL, "m/s")
     sigma = nlp.parameter("balance sigma", SIGMA, "weights")
@@ -127,7 +127,7 @@ def build(nlp, window, scene, shape):
 
     s = push.step
     at_finger = (theta, *now_and_before(s), lam, push.p_wf, push.p_wf_1, push.radius,
-                 push.tangent, step.dt[s], w[s], kappa, still)  # fmt: skip
+                 push.tangent, step.dt[s], w[s], kappa, still, rounding)  # fmt: skip
     nlp.minimize("finger dissipation", body.finger_work, *at_finger, mu, role="physics")
     a = window.apart
     nlp.minimize(
@@ -137,7 +137,7 @@ def build(nlp, window, scene, shape):
     s = corner.step
     nlp.minimize(
         "ground dissipation", body.ground_work, theta, *now_and_before(s), lam_g,
-        corner.signs, step.dt[s], w[s], kappa, still, mu_g, role="physics",
+        corner.signs, step.dt[s], w[s], kappa, still, rounding, mu_g, role="physics",
     )  # fmt: skip
     s = window.lift.step
     nlp.minimize(
@@ -165,6 +165,7 @@ def build(nlp, window, scene, shape):
         nlp.subject_to(
             f"{name} cone", cone, impulse, coefficient, weight, rounding, lower=0
         )
+        nlp.report(f"{name} cone, exact", excess, impulse, coefficient, weight)
         nlp.minimize(
             f"least {name} impulse", least, impulse, weight, role="regulariser"
         )
@@ -186,6 +187,11 @@ def friction(nlp, name, value):
 def cone(lam, mu, w, rounding):
     """Inside the friction cone, in weights."""
     return contact.cone(mu, lam / w, rounding)
+
+
+def excess(lam, mu, w):
+    """By how much an impulse leaves the exact friction cone, in weights."""
+    return ca.norm_2(lam[1:3]) / w - mu * lam[0] / w
 
 
 def least(lam, w):
@@ -241,14 +247,15 @@ class _Body:
         return (ca.sumsqr(force) + ca.sumsqr(moment) / ARM**2) / (2 * (sigma * w) ** 2)
 
     def finger_work(
-        self, theta, x, x_1, lam, p_wf, p_wf_1, rho, t, dt, w, kappa, still, mu
-    ):
+        self, theta, x, x_1, lam, p_wf, p_wf_1, rho, t, dt, w, kappa, still,
+        rounding, mu,
+    ):  # fmt: skip
         """Friction that fails to dissipate, and normal impulse that pulls apart."""
         p_w, n, t_1, t_2 = self.touch(theta, x, p_wf, rho, t)
         (p, R), (p_1, R_1) = self.pose(theta, x), self.pose(theta, x_1)
         v = (p_w - p_1 - R_1 @ (R.T @ (p_w - p)) - p_wf + p_wf_1) / dt
         v_s = ca.vertcat(ca.dot(v, t_1), ca.dot(v, t_2))
-        energy = contact.dissipation(mu, lam, v_s, still)
+        energy = contact.dissipation(mu, lam, v_s, still, rounding * w)
         energy += 0.2 * contact.inelasticity(lam, -ca.dot(v, n), still)
         return kappa * energy * dt / (w * 1e-3)
 
@@ -262,12 +269,14 @@ class _Body:
         p_wo, R_wo = self.pose(theta, x)
         return p_wo + R_wo @ self.shape.corner(theta, signs)
 
-    def ground_work(self, theta, x, x_1, lam, signs, dt, w, kappa, still, mu):
+    def ground_work(
+        self, theta, x, x_1, lam, signs, dt, w, kappa, still, rounding, mu
+    ):
         """Friction with the ground that fails to dissipate; at rest, none."""
         v = (self.corner(theta, x, signs) - self.corner(theta, x_1, signs)) / dt
-        loss = contact.dissipation(mu, lam, v[:2], still) * dt / w
-        nominal = self.scene.friction_ground or FRICTION
-        return kappa * (loss - nominal * still * dt / self.shared) / 1e-3
+        loss = contact.dissipation(mu, lam, v[:2], still, rounding * w) * dt / w
+        nominal = (self.scene.friction_ground or FRICTION) / self.shared
+        return kappa * (loss - (nominal + rounding) * still * dt) / 1e-3
 
     def ground_apart(self, theta, x, x_1, lam, signs, dt, w, kappa, still):
         """Impulse of the ground on a corner that is above it or rises."""

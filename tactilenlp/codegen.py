@@ -37,7 +37,12 @@ def compiled(functions: list[ca.Function]) -> list[ca.Function]:
     library = cache_folder() / f"{key[:32]}.so"
     if not library.exists() and not _compile(source, library):
         return functions
-    return [ca.external(f.name(), str(library)) for f in functions]
+    try:
+        return [ca.external(f.name(), str(library)) for f in functions]
+    except RuntimeError as error:  # a library of another machine, or half a file
+        log.warning("a compiled kind cannot be read and is dropped: %s", error)
+        library.unlink(missing_ok=True)
+        return functions
 
 
 @cache

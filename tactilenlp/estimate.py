@@ -35,6 +35,7 @@ SHAPES = {"cuboid": CUBOID}
 FORMULATIONS = ("quasi_static", "violation_implicit")
 BEHIND = 15.0  # [nats] hypotheses this far behind in the search are not refined
 REFINED = 4  # hypotheses at most that are refined by the chosen page
+LONGEST = 60.0  # [s] that one level may take
 TUMBLES = 3  # guesses of a tumble at most that are solved in free motion
 
 
@@ -215,7 +216,7 @@ def _solve(job, page, hypothesis, options, shared=None, levels=None) -> Solved:
         page.build(problem, window, job.scene, job.shape)
         shared.update(window=window, problem=problem, solvers={})
     window, problem = shared["window"], shared["problem"]
-    left = max(0.1, job.deadline - time.monotonic())
+    left = min(LONGEST, max(0.1, job.deadline - time.monotonic()))
     settings = SolverOptions(
         tolerance=options.tolerance, time_limit=left, ipopt=options.ipopt
     )

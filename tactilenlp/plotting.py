@@ -62,22 +62,22 @@ def plot_estimate(estimate: Estimate, truth=None) -> Figure:
     """Draw the first and the last sample side by side, from above and in 3-D."""
     figure, view = plt.figure(figsize=(7.0, 6.6)), _view(estimate, [0, -1])
     figure.suptitle(estimate.summary().partition("\n")[0].replace(" at (", "\nat ("))
-    figure.get_layout_engine().set(rect=(0, 0.012, 0.975, 0.988))  # 3-D labels
+    figure.get_layout_engine().set(rect=(0, 0.012, 0.965, 0.988))  # 3-D labels
     solid = {("c", "d"): {"projection": "3d"}}
     axes = figure.subplot_mosaic("ab;cd", height_ratios=(1.5, 1), per_subplot_kw=solid)
-    for (top, below), word, sample in (("ac", "First", 0), ("bd", "Last", -1)):
+    words = "First sample: {} (band: sizes alone)", "Last sample: {}"
+    for (top, below), title, sample in zip(("ac", "bd"), words, (0, -1), strict=True):
         _draw_top(axes[top], estimate, sample, truth, view)
-        axes[top].set_title(f"{word} sample: {axes[top].get_title()}")
+        axes[top].set_title(title.format(axes[top].get_title()))
         _draw_scene(axes[below], estimate, sample, truth, view)
     return _with_key(figure, axes["a"], loc="outside lower center", ncols=3)
 
 
 @plt.rc_context(STYLE)
 def plot_impulses(estimate: Estimate, axis=None) -> Figure:
-    """Draw the normal and tangential parts of each finger's impulses over time.
+    """Draw normal and tangential parts of each finger's impulses where it touched.
 
-    Inside the friction cone, a tangential part is at most mu times the normal part.
-    Only samples with contact are drawn.  axis: one Axes, or one per finger.
+    The friction cone is mu times the normal part.  axis: one Axes, or one per finger.
     """
     data = estimate.measurements
     if axis is None:

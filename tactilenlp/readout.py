@@ -33,7 +33,7 @@ def read_off(data, job, page, options, solved, kept, seconds, late: bool) -> Est
         impulses=impulses(problem, window, solution, data, scene),
         unknowns=solution.values,
         costs=solution.costs,
-        violations=solution.violations,
+        violations={**solution.violations, **exact(problem, solution)},
         multipliers=solution.multipliers,
         objective=solution.objective,
         success=solution.success,
@@ -49,6 +49,13 @@ def read_off(data, job, page, options, solved, kept, seconds, late: bool) -> Est
         hypotheses=tuple(kept),
         versions=versions(),
     )
+
+
+def exact(problem, solution) -> dict[str, float]:
+    """Return the violations of what a solve rounds, recomputed as it is meant."""
+    x, data = problem.pack(solution.values), problem.data(solution.parameters)
+    names = [name for name in problem.reports if name.endswith(", exact")]
+    return {n: max(0.0, float(problem.value(n, x, data).max())) for n in names}
 
 
 def impulses(problem, window, solution, data, scene) -> dict[str, np.ndarray]:

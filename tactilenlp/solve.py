@@ -93,7 +93,16 @@ def make_solver(problem: Problem, options: SolverOptions) -> ca.Function:
     """Return IPOPT for this problem; solvers of one problem share its derivatives."""
     functions = problem.functions
     exact = {k: functions[k] for k in ("grad_f", "jac_g", "hess_lag")}
-    return ca.nlpsol("solver", "ipopt", functions["nlp"], options.for_nlpsol() | exact)
+    settings = options.for_nlpsol() | exact
+    try:
+        return ca.nlpsol("solver", "ipopt", functions["nlp"], settings)
+    except RuntimeError as error:
+        raise OptionError(
+            "IPOPT does not take these options",
+            where="ipopt",
+            got=f"{options.ipopt}: {str(error).strip().splitlines()[-1]}",
+            expected="names and values of IPOPT's own documentation",
+        ) from error
 
 
 def solve(
@@ -118,6 +127,14 @@ def solve(
     x0 = problem.pack(start or {})
     lower, upper = problem.bounds("lower"), problem.bounds("upper")
     x0 = np.clip(x0, lower, upper)
+    unknown = [name for name in fixed if name not in problem.variables]
+    if unknown:
+        raise OptionError(
+            "no such variable",
+            where="fixed",
+            got=unknown,
+            expected=f"names among {[*problem.variables]}",
+        )
     for name in fixed:
         span = problem.variables[name].span
         lower[span] = upper[span] = x0[span]
@@ -166,8 +183,8 @@ def solve_levels(
     solvers = {} if solvers is None else solvers
     iterations, evaluations, seconds = [], 0, {"build": 0.0, "solve": 0.0}
     for level in levels:
-        key = (level.barrier, level.iterations)
         chosen = replace(options, barrier=level.barrier, iterations=level.iterations)
+        key = (level.barrier, level.iterations, options.tolerance, options.time_limit)
         began = time.process_time()
         if key not in solvers:
             solvers[key] = make_solver(problem, chosen)
@@ -213,7 +230,7 @@ def _recompute(problem, x, data, lam_g, lam_x, stats, seconds) -> Solution:
         parameters={},
         success=bool(stats["success"]) and finite,
         status=str(stats["return_status"]),
-        iterations=int(stats["iter_count"]),
+        iterations=max(0, int(stats["iter_count"])),
         evaluations=int(stats.get("n_call_nlp_f", 0)),
         seconds=seconds,
     )
@@ -221,6 +238,14 @@ def _recompute(problem, x, data, lam_g, lam_x, stats, seconds) -> Solution:
 
 def not_converged(problem: Problem, solution: Solution) -> NotConverged:
     """Return the error that names the worst terms of a solution."""
+    if solution.status == "Invalid_Option":
+        return NotConverged(
+            "IPOPT refused an option (Invalid_Option), nothing was solved",
+            where="ipopt",
+            expected="options of this build; its linear solvers are mumps and spral",
+            problem=problem.describe(),
+            solution=solution,
+        )
     worst = sorted(solution.violations, key=solution.violations.get)[-3:][::-1]
     broken = [f"{n} by {solution.violations[n]:.2g}" for n in worst]
     heavy = sorted(solution.costs, key=solution.costs.get)[-3:][::-1]
@@ -230,6 +255,6 @@ def not_converged(problem: Problem, solution: Solution) -> NotConverged:
         where=f"{problem.size} unknowns, {problem.rows} constraints",
         got=f"violated: {', '.join(broken) or 'nothing'}; costs: {', '.join(costs)}",
         next="start closer, loosen the tolerance, or run problem.check()",
-        problem=sorted(problem.terms),
+        problem=problem.describe(),
         solution=solution,
     )

@@ -21,7 +21,7 @@ from tactilenlp.errors import (
     OptionError,
     StartError,
 )
-from tactilenlp.metrics import cuboid_errors
+from tactilenlp.metrics import cuboid_errors, surface_distance
 
 
 def test_side_lengths_touched_on_both_sides_are_right_to_a_fifth_of_a_millimetre(
@@ -68,15 +68,11 @@ def test_no_impulse_where_nothing_is_felt(estimate):
         assert not estimate.impulses[f"finger {f}"][free].any()
 
 
-def test_impulses_respect_the_exact_friction_cone(estimate):
-    # the cone's apex is rounded by 0.003 weights x dt = 5e-4 N s, which bounds the
-    # excess by sqrt(2 mu lam_n rounding)
-    mu = estimate.scene.friction_finger
-    lam = estimate.unknowns["finger"]
-    weight = estimate.scene.mass * 9.81 / 30
-    excess = np.hypot(lam[1], lam[2]) - mu * lam[0]
-    bound = np.sqrt(2 * mu * lam[0] * 0.003 * weight) + 1e-9
-    assert (excess <= bound).all()
+def test_impulses_leave_the_exact_friction_cone_by_less_than_its_rounding(estimate):
+    rounding = 0.003  # weights: what the page rounds the apex by
+    for name in ("finger cone, exact", "ground cone, exact"):
+        assert estimate.violations[name] <= rounding
+    assert estimate.violations["finger cone"] < 1e-6
 
 
 def test_truth_keys_of_a_file_are_never_read(recorded, tmp_path):
@@ -200,7 +196,10 @@ def test_single_false_contacts_are_no_touch(recorded):
         solve_estimate(replace(data, contact=contact, normal=normal))
 
 
-def test_a_tumbling_object_is_not_called_a_success(scenes):
+def test_a_tumbling_object_is_found_or_named(scenes):
+    import trimesh
+    from trimesh.transformations import quaternion_matrix, translation_matrix
+
     path = scenes / "stress_tumble_tall.npz"
     data = Measurements.load(path)
     try:
@@ -208,10 +207,12 @@ def test_a_tumbling_object_is_not_called_a_success(scenes):
     except MotionError as error:
         assert "select the actions before" in str(error)
         assert isinstance(pickle.loads(pickle.dumps(error)), MotionError)
-    else:
-        with np.load(path) as file:
-            sides = np.sort(file["side_lengths"])
-        assert np.allclose(np.sort(estimate.side_lengths), sides, atol=3e-3)
+        return
+    with np.load(path) as file:
+        p, q = file["object_position"][-1], file["object_quaternion"][-1]
+        pose = translation_matrix(p) @ quaternion_matrix(q)
+        true = trimesh.creation.box(file["side_lengths"], transform=pose)
+    assert surface_distance(estimate.mesh(), true).mean < 3e-3
 
 
 def test_an_unreachable_time_limit_ends_with_a_marked_estimate(recorded):

@@ -288,7 +288,6 @@ def test_rotation_agrees_with_scipy():
         np.testing.assert_allclose(rotation(ca.DM(vector)), R, atol=1e-14)
 
 
-@pytest.mark.xfail(reason="1 - cos(w) cancels below 1e-6 rad: see rotation()")
 @pytest.mark.parametrize("size", [0.0, 1e-9, 1e-7, 1e-5])
 def test_a_rotation_that_is_hardly_one_bends_as_its_series_does(size):
     w = ca.SX.sym("w", 3)
