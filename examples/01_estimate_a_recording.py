@@ -15,9 +15,13 @@ import numpy as np
 from trimesh.creation import box
 from trimesh.transformations import quaternion_matrix, translation_matrix
 
-from tactilenlp import Measurements, Scene, solve_estimate
-from tactilenlp.metrics import surface_distance
-from tactilenlp.plotting import plot_estimate
+from tactilenlp import (
+    Measurements,
+    Scene,
+    plot_estimate,
+    solve_estimate,
+    surface_distance,
+)
 
 LIMIT = 1.0  # [mm] an estimate of a clean recording should not be further off
 

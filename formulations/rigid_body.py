@@ -76,7 +76,9 @@ def momentum_change(shape, motion, theta, x, x_1, x_2, dt):
     x, x_1, x_2: pose now, one and two samples ago; a body at rest has x_1 = x_2.
     Returns (3,) [m/s] and (3,) [m^2/s], the latter about the centroid, world frame.
     """
-    (p, R), (p_1, R_1), (p_2, R_2) = (motion.pose(shape, theta, c) for c in (x, x_1, x_2))
+    (p, R), (p_1, R_1), (p_2, R_2) = (
+        motion.pose(shape, theta, c) for c in (x, x_1, x_2)
+    )
     linear = (p - 2 * p_1 + p_2) / dt
     inertia = shape.inertia(theta)
     angular = R @ inertia @ R.T @ turn(R, R_1) - R_1 @ inertia @ R_1.T @ turn(R_1, R_2)

@@ -64,7 +64,7 @@ def cuboid_distance(theta, q_of, small):
 def cuboid_normal(theta, q_of, small):
     """Return the outward unit normal: the direction in which the distance grows.
 
-    The gradient of |S(d)|.  Far inside, S(d) ~ 1 / |d| leaves the nearest face's normal.
+    The gradient of |S(d)|.  Far inside, S(d) ~ 1 / |d| leaves the nearest face's.
     """
     modulus, width = _absolute(q_of, small), small / 5
     depth = modulus - theta / 2

@@ -69,7 +69,7 @@ ROUGH = (  # from poses that are guessed, not solved: centimetres off where it t
 
 TOUCH = 0.15e-3  # [m] model error of a touched gap: soft contact, rounded edges
 DEPTH = 0.05e-3  # [m] compliance and radius error, the same for all touches
-NORMAL = 0.015  # [rad] model error of a normal, likewise
+NORMAL = 0.010  # [rad] model error of a normal, likewise
 KAPPA = 5.0  # [nats] for an energy that lifts the object by 1 mm
 SIGMA = 0.03  # [weights] deviation of an impulse from balance
 ARM = 20e-3  # [m] turns a moment into a force
@@ -269,9 +269,7 @@ class _Body:
         p_wo, R_wo = self.pose(theta, x)
         return p_wo + R_wo @ self.shape.corner(theta, signs)
 
-    def ground_work(
-        self, theta, x, x_1, lam, signs, dt, w, kappa, still, rounding, mu
-    ):
+    def ground_work(self, theta, x, x_1, lam, signs, dt, w, kappa, still, rounding, mu):
         """Friction with the ground that fails to dissipate; at rest, none."""
         v = (self.corner(theta, x, signs) - self.corner(theta, x_1, signs)) / dt
         loss = contact.dissipation(mu, lam, v[:2], still, rounding * w) * dt / w

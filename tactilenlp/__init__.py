@@ -1,10 +1,10 @@
 """Find where an unknown rigid object is, and what shape it has, from touch alone.
 
-    from tactilenlp import Measurements, Scene, solve_estimate
+from tactilenlp import Measurements, Scene, solve_estimate
 
-    data = Measurements.load("scene.npz")
-    estimate = solve_estimate(data, Scene.load("scene.npz"))
-    print(estimate.summary())
+data = Measurements.load("scene.npz")
+estimate = solve_estimate(data, Scene.load("scene.npz"))
+print(estimate.summary())
 """
 
 from __future__ import annotations
@@ -23,13 +23,22 @@ _HOMES = {
     "Information": "information",
     "observed_information": "information",
     "solve_estimate": "estimate",
+    "World": "simulate",
+    "Noise": "noise",
+    "surface_distance": "metrics",
+    "cuboid_errors": "metrics",
+    "plot_estimate": "plotting",
+    "plot_scene": "plotting",
+    "plot_top": "plotting",
+    "plot_impulses": "plotting",
+    "plot_costs": "plotting",
     "Problem": "nlp",
     "SolverOptions": "solve",
     "Solution": "solve",
     "TactileError": "errors",
 }
 
-__all__ = sorted(_HOMES)  # noqa: PLE0605
+__all__ = sorted(_HOMES)
 
 
 def __getattr__(name: str):

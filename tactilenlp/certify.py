@@ -75,7 +75,9 @@ def absent(job, page, solved) -> Skipped | None:
         for name in problem.costs
     )
     variable = problem.variables["finger"]
-    normal = slope[variable.span].reshape(variable.columns, variable.rows)[again.apart, 0]
+    normal = slope[variable.span].reshape(variable.columns, variable.rows)[
+        again.apart, 0
+    ]
     gain = float(max(0.0, (-normal * variable.scale[0]).max()))
     return Skipped(
         "absent", f"{dropped} impulses", "the finger feels nothing",

@@ -71,7 +71,7 @@ class PageError(TactileError, ValueError):
 
 
 class NotConverged(TactileError):
-    """A solve ended without a solution; carries what was reached, names the worst terms.
+    """A solve ended without a solution; names the worst terms, keeps what was reached.
 
     `solution` is the last iterate with its recomputed violations (plain arrays), and
     `problem` the description of the problem that was solved.

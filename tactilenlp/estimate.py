@@ -61,7 +61,9 @@ def solve_estimate(
     and NotConverged or MotionError after it unless `throw` is False.
     """
     scene, options = scene or Scene(), options or Options()
-    _check_types(data=(data, Measurements), scene=(scene, Scene), options=(options, Options))
+    _check_types(
+        data=(data, Measurements), scene=(scene, Scene), options=(options, Options)
+    )
     shape, page = _shape(shape), _page(formulation)
     scene.check(data)
     _check_touched(data)
@@ -114,7 +116,7 @@ def _check_touched(data) -> None:
 
 
 def _job(data, scene, shape, options, began) -> Job:
-    """Return what a solve needs: the data in the ground's frame, noisy paths smoothed."""
+    """Return what a solve needs: data in the ground's frame, noisy paths smoothed."""
     ground = scene.ground
     if ground is not None:
         data = data.transformed(ground.rotation, ground.translation)
@@ -202,7 +204,7 @@ def _refine(job, page, kept, options) -> Solved:
 
 
 def _solve(job, page, hypothesis, options, shared=None, levels=None) -> Solved:
-    """Solve the page's levels from one hypothesis; `shared` keeps problem and solvers."""
+    """Solve the page from one hypothesis; `shared` keeps problem and solvers."""
     shared = {} if shared is None else shared
     if not job.reductions.planar and len(hypothesis.x) == PLANAR.unknowns:
         lying = lifted(hypothesis.theta, hypothesis.x)

@@ -6,8 +6,8 @@ constraints and bounds that are active, the covariance of chosen unknowns is the
     C = E' K^{-1} E,     K = [ H  A' ]      H = nabla^2 L  (exact)
                              [ A  0  ]
 
-which is the Hessian reduced to the null space of A with every other unknown (past poses,
-impulses) marginalised by a Schur complement.  The information is C^{-1}.
+which is the Hessian reduced to the null space of A with every other unknown (past
+poses, impulses) marginalised by a Schur complement.  The information is C^{-1}.
 """
 
 from __future__ import annotations
@@ -20,8 +20,10 @@ from scipy.sparse.linalg import splu
 
 from .errors import OptionError
 
-LOOSE = 1e-9  # [1 / scaled unknown^2] keeps a direction that nothing sees from being singular
+LOOSE = 1e-9  # [1 / scaled unknown^2] of a direction that nothing sees
 TOUCHED = 0.99  # [-] |n . axis| above which a normal belongs to a face
+HELD = 0.1  # [prior deviations] a size known better than this is observed
+LOST = np.radians(45)  # a turn less certain than this is not observed
 ENOUGH = 3  # contact samples that make a face known
 WORDS = ("x", "y", "z")
 UNKNOWNS = {  # the words for the unknowns of a pose, by motion
@@ -36,8 +38,10 @@ class Information:
 
     names (k,) of the independent unknowns, matrix (k, k) their information and
     covariance (k, k), SI; maps: (3, k) Jacobian of every quantity a user asks for by
-    name, rows of NaN where a reduction fixed it (`fixed`).  unobserved: words for directions that
-    only the prior holds; ambiguous: constraints neither clearly active nor inactive.
+    name, rows of NaN where a reduction fixed it (`fixed`).  unobserved: words for
+    directions that only the prior holds; active: constraints that hold with equality;
+    ambiguous: those neither clearly active nor inactive; indefinite: the reduced
+    Hessian has a direction of no or negative curvature.
     """
 
     names: tuple[str, ...]
@@ -141,10 +145,11 @@ def _kkt_block(H, A, scale, chosen) -> np.ndarray:
     return C * np.outer(scale[chosen], scale[chosen])
 
 
-def information_of(problem, solution, window, shape, faces) -> Information:
+def information_of(problem, solution, window, shape, faces, R_wg) -> Information:
     """Return the information about theta and the last pose of a solved programme.
 
-    faces: (axes, 2) number of samples that touched each face.
+    faces: (axes, 2) number of samples that touched each face; R_wg (3, 3): from the
+    ground's frame, in which the programme is written, to the world.
     """
     theta, x = problem.variables["theta"], problem.variables["x"]
     chosen = np.r_[
@@ -154,12 +159,14 @@ def information_of(problem, solution, window, shape, faces) -> Information:
     C, active, ambiguous = reduced_covariance(problem, solution, chosen)
     deviation = np.sqrt(np.abs(np.diag(C)))
     lowest = np.linalg.eigvalsh(C / np.outer(deviation, deviation))[0]
-    maps, fixed = _maps(shape, window.motion, solution)
+    maps, fixed = _maps(shape, window.motion, solution, R_wg)
+    sides = deviation[: theta.rows] / shape.size_prior[1]
+    turn = maps["rotation"] @ np.diag(deviation)
     return Information(
         names=(*(f"side {w}" for w in WORDS), *UNKNOWNS[window.motion.name]),
         matrix=np.linalg.inv(C),
         maps=maps,
-        unobserved=unobserved(faces),
+        unobserved=unobserved(faces, sides, np.linalg.norm(np.nan_to_num(turn))),
         fixed=fixed,
         active=active,
         ambiguous=ambiguous,
@@ -167,10 +174,11 @@ def information_of(problem, solution, window, shape, faces) -> Information:
     )
 
 
-def _maps(shape, motion, solution):
+def _maps(shape, motion, solution, R_wg):
     """Return how sizes, position and a small turn follow from the unknowns, (3, k).
 
-    A turn is a rotation vector in the world frame; rows of NaN where the motion fixes it.
+    A turn is a rotation vector in the world frame; rows of NaN where the motion fixes
+    it, and the words for them.
     """
     import casadi as ca
 
@@ -182,17 +190,26 @@ def _maps(shape, motion, solution):
     function = ca.Function("maps", [z], [ca.jacobian(p, z), ca.horzcat(*turns)])
     at = np.r_[solution.values["theta"][:, 0], solution.values["x"][:, -1]]
     position, rotation = (np.asarray(ca.DM(m)) for m in function(at))
+    rotation = R_wg @ rotation
     still = ~rotation.any(axis=1)
     rotation[still] = np.nan
-    fixed = tuple(f"rotation {w}" for w, held in zip(WORDS, still, strict=True) if held)
-    maps = {"side_lengths": np.eye(n, n + motion.unknowns), "position": position}
-    return maps | {"rotation": rotation}, fixed
+    fixed = [f"rotation {w}" for w, held in zip(WORDS, still, strict=True) if held]
+    if motion.name == "planar" and not fixed:
+        fixed = ["tilt against the ground"]
+    maps = {"side_lengths": np.eye(n, n + motion.unknowns), "position": R_wg @ position}
+    return maps | {"rotation": rotation}, tuple(fixed)
 
 
-def unobserved(faces: np.ndarray) -> tuple[str, ...]:
-    """Name the sizes that touch does not hold, from the touched faces (axes, 2)."""
+def unobserved(faces, sides=None, turn=0.0) -> tuple[str, ...]:
+    """Name what touch does not hold.
+
+    faces (axes, 2): samples that touched each face; sides (axes,): sigma of each size
+    in deviations of its prior, a small one is held by edges or physics; turn [rad].
+    """
     words = []
     for axis, (low, high) in enumerate(faces):
+        if sides is not None and sides[axis] < HELD:
+            continue
         missing = [s for s, n in (("-", low), ("+", high)) if n < ENOUGH]
         if axis == 2:
             if high < ENOUGH:
@@ -202,4 +219,6 @@ def unobserved(faces: np.ndarray) -> tuple[str, ...]:
         elif missing:
             face = f"{missing[0]}{WORDS[axis]}"
             words.append(f"side {WORDS[axis]}: face {face} never touched")
+    if turn > LOST:
+        words.append("rotation: no side says which way the object is turned")
     return tuple(words)

@@ -22,7 +22,7 @@ seconds_deriving = [0.0]
 
 @dataclass(frozen=True)
 class Kind:
-    """Functions of (unknowns z, data d, multiplier l) shared by all instances of a term.
+    """Functions of (unknowns z, data d, multiplier l) that a term's instances share.
 
     `value` (z, d) -> (m,); `first` (z, d) -> (m,), nonzeros of the Jacobian;
     `second` (z, d, l) -> nonzeros of the upper triangle of the Hessian of l' value.

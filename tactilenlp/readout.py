@@ -44,7 +44,9 @@ def read_off(data, job, page, options, solved, kept, seconds, late: bool) -> Est
         seconds=seconds,
         skipped=solved.skipped,
         faces=faces,
-        information=information_of(problem, solution, window, shape, faces),
+        information=information_of(
+            problem, solution, window, shape, faces, _turn(scene).T
+        ),
         precision=asdict(job.precision),
         hypotheses=tuple(kept),
         versions=versions(),
@@ -65,7 +67,7 @@ def impulses(problem, window, solution, data, scene) -> dict[str, np.ndarray]:
     if scene.ground is not None:
         out["ground"] = np.zeros((T, 3))
     x, values = problem.pack(solution.values), problem.data(solution.parameters)
-    turn = np.eye(3) if scene.ground is None else scene.ground.rotation
+    turn = _turn(scene)
     if "finger impulse" in problem.reports:
         pushed = problem.value("finger impulse", x, values) @ turn
         for i in range(data.fingers):
@@ -76,6 +78,11 @@ def impulses(problem, window, solution, data, scene) -> dict[str, np.ndarray]:
         rows = window.step.sample[window.corner.step]
         out["ground"] = by_sample(carried, rows, T)
     return out
+
+
+def _turn(scene) -> np.ndarray:
+    """Return the rotation (3, 3) from the world to the ground's frame."""
+    return np.eye(3) if scene.ground is None else scene.ground.rotation
 
 
 def _plain(options) -> dict:

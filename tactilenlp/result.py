@@ -16,6 +16,7 @@ from .scene import Ground, Scene
 from .search import Hypothesis
 
 FORMAT = 1  # of the files that `save` writes
+UNKNOWN_TURN = 45.0  # [deg] a standard deviation beyond which a turn is unknown
 LIBRARIES = ("tactilenlp", "casadi", "numpy", "scipy")
 
 
@@ -116,24 +117,32 @@ class Estimate:
         mm = 1e3
         sigma = self.information.sigma("side_lengths") * mm
         sides = " x ".join(
-            f"{s * mm:.1f} ± {e:.1f}" for s, e in zip(self.theta, sigma, strict=True)
+            f"{s * mm:.2f} ± {e:.2f}" for s, e in zip(self.theta, sigma, strict=True)
         )
         x, y, z = self.position[-1] * mm
-        yaw = np.degrees(self.information.sigma("rotation")[2])
         where = self.information.sigma("position") * mm
-        worst = max(self.violations.values(), default=0.0)
         lines = [
-            f"A {self.shape} of {sides} mm at ({x:.1f}, {y:.1f}, {z:.1f}) mm "
-            f"± ({where[0]:.1f}, {where[1]:.1f}, {where[2]:.1f}) mm, "
-            f"turned to ± {yaw:.1f} deg.",
+            f"A {self.shape} of {sides} mm at ({x:.2f}, {y:.2f}, {z:.2f}) mm "
+            f"± ({where[0]:.2f}, {where[1]:.2f}, {where[2]:.2f}) mm, {self._turned()}.",
             f"{self.formulation}: {self.status}, objective {self.objective:.2f} nats "
-            f"after {self.iterations} iterations and {self.seconds['total']:.1f} CPU s; "
-            f"largest violation {worst:.1g}.",
+            f"after {self.iterations} iterations, {self.seconds['total']:.1f} CPU s; "
+            f"largest violation {max(self.violations.values(), default=0.0):.1g}.",
         ]
         if self.information.unobserved:
-            lines.append("Not observed: " + "; ".join(self.information.unobserved) + ".")
+            lines.append(
+                "Not observed: " + "; ".join(self.information.unobserved) + "."
+            )
         lines += [f"Skipped {s}." for s in self.skipped]
         return "\n".join(lines)
+
+    def _turned(self) -> str:
+        """Return in words which way the body is turned at the last sample."""
+        w, x, y, z = self.quaternion[-1]
+        yaw = np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+        off = np.degrees(np.nanmax(self.information.sigma("rotation")))
+        if off > UNKNOWN_TURN:
+            return "turned no one knows how"
+        return f"turned by {yaw:.2f} ± {off:.2f} deg about the vertical"
 
     def save(self, path) -> None:
         """Write one .npz: plain arrays and a JSON header, readable without us."""
@@ -160,7 +169,15 @@ class Estimate:
 
 KINDS = {
     kind.__name__: kind
-    for kind in (Estimate, Skipped, Information, Measurements, Scene, Ground, Hypothesis)
+    for kind in (
+        Estimate,
+        Skipped,
+        Information,
+        Measurements,
+        Scene,
+        Ground,
+        Hypothesis,
+    )
 }
 
 
@@ -171,7 +188,9 @@ def _pack(value, name: str, arrays: dict):
         return {"array": name}
     if type(value).__name__ in KINDS:
         fields = {k: getattr(value, k) for k in type(value).__dataclass_fields__}
-        inner = {k: _pack(v, f"{name}/{k}".strip("/"), arrays) for k, v in fields.items()}
+        inner = {
+            k: _pack(v, f"{name}/{k}".strip("/"), arrays) for k, v in fields.items()
+        }
         return {"kind": type(value).__name__, "fields": inner}
     if isinstance(value, dict):
         return {"dict": {k: _pack(v, f"{name}/{k}", arrays) for k, v in value.items()}}
@@ -201,7 +220,7 @@ def versions() -> dict[str, str]:
 
 
 def poses(shape, motion, theta, x, ground):
-    """Return position (T, 3) [m] and quaternion (T, 4) wxyz, world, of poses x (u, T)."""
+    """Return position (T, 3) [m], quaternion (T, 4) wxyz, world, of poses x (u, T)."""
     import casadi as ca
     from scipy.spatial.transform import Rotation
 

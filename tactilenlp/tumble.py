@@ -137,6 +137,7 @@ class Tumble:
         x[:2] += out * (out @ (stood[:2] - x[:2]) - grown)
         return x
 
+
 def tumbled(job, kept) -> list[Tumble]:
     """Return guesses of how the object tumbled in the last action of a job.
 

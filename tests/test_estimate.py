@@ -1,6 +1,5 @@
 """solve_estimate keeps its contract."""
 
-import pickle
 from dataclasses import fields, replace
 
 import numpy as np
@@ -15,7 +14,6 @@ from tactilenlp import (
     solve_estimate,
 )
 from tactilenlp.errors import (
-    MotionError,
     NoContactError,
     NotConverged,
     OptionError,
@@ -196,18 +194,13 @@ def test_single_false_contacts_are_no_touch(recorded):
         solve_estimate(replace(data, contact=contact, normal=normal))
 
 
-def test_a_tumbling_object_is_found_or_named(scenes):
+def test_a_tumbling_object_is_followed_in_free_motion(scenes):
     import trimesh
     from trimesh.transformations import quaternion_matrix, translation_matrix
 
     path = scenes / "stress_tumble_tall.npz"
     data = Measurements.load(path)
-    try:
-        estimate = solve_estimate(data, Scene.load(path))
-    except MotionError as error:
-        assert "select the actions before" in str(error)
-        assert isinstance(pickle.loads(pickle.dumps(error)), MotionError)
-        return
+    estimate = solve_estimate(data, Scene.load(path))
     with np.load(path) as file:
         p, q = file["object_position"][-1], file["object_quaternion"][-1]
         pose = translation_matrix(p) @ quaternion_matrix(q)

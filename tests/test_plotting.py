@@ -153,7 +153,7 @@ def test_a_figure_of_everything_shows_first_and_last_sample(touched, truth):
     titles = [axis.get_title() for axis in figure.axes]
     assert titles[0].startswith("First sample: 0.3 s, action 0 (band")
     assert titles[1].startswith("Last sample: 3.1 s, action 1")
-    side = f"{touched.side_lengths[0] * MM:.1f} ± "
+    side = f"{touched.side_lengths[0] * MM:.2f} ± "
     assert side in figure.get_suptitle()
     (key,) = figure.legends
     words = [text.get_text() for text in key.get_texts()]

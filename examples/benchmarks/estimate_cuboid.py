@@ -61,9 +61,7 @@ class Case:
     path: str
     actions: list[int]
 
-    def scene(self) -> Scene | None:
-        if self.knowledge == "default":
-            return None
+    def scene(self) -> Scene:
         scene, (mass, mu) = Scene.load(self.file), KNOWLEDGE[self.knowledge]
         wrong = {name: mu and getattr(scene, name) * mu for name in FRICTIONS}
         return replace(scene, mass=mass * scene.mass, **wrong)
@@ -72,7 +70,8 @@ class Case:
         page, *off = FORMULATIONS[self.formulation]
         options = Options(reduce=off[self.path == "unreduced"])
         how = {"formulation": page, "options": options, "start": start, "throw": throw}
-        return solve_estimate(data, self.scene(), **how)
+        scene = None if self.knowledge == "default" else self.scene()
+        return solve_estimate(data, scene, **how)
 
     def label(self, na) -> dict:
         name = Path(self.file).stem
@@ -218,10 +217,9 @@ def run_all(cases, processes) -> list[dict]:
     rows = []
     with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
         for case, future in [(case, pool.submit(run_case, case)) for case in cases]:
-            error = future.exception()
-            lost = {"success": False, "error": f"{type(error).__name__}: {error}"}
+            lost = {"success": False, "error": repr(future.exception())}
             lost = [case.label(na) | lost for na in case.actions]
-            rows += lost if error else future.result()
+            rows += lost if future.exception() else future.result()
             print(len(rows), "rows, done:", *vars(case).values(), flush=True)
     return rows
 
