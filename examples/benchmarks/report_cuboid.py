@@ -2,7 +2,7 @@
 
 python examples/benchmarks/report_cuboid.py benchmark/runs.json [more.json ...]
 
-A failed run is infinitely wrong and slow.  na: actions; s: predicted sigma.
+A failed run is infinitely wrong.  na: actions; s: predicted sigma.
 """
 
 import argparse
@@ -19,6 +19,7 @@ SIDES, TURNS = (
     ("rotation_x", "rotation_y", "rotation_z"),
 )
 PLACES = ("position_x", "position_y")  # z is half of side z, and counts once
+MEASURED = ("cpu_s", "cpu_in_references", "kinds_s")
 WAY = ("formulation", "path", "start", "noisy", "of", "na")
 
 
@@ -32,8 +33,9 @@ def grouped(rows, *names) -> dict[tuple, list[dict]]:
 
 
 def column(rows, name) -> np.ndarray:
-    """Return a column, infinite where a run failed."""
-    return np.array([r.get(name, np.nan) if r["success"] else np.inf for r in rows])
+    """Return a column, infinite where a run failed; its seconds count as they are."""
+    bad = np.nan if name in MEASURED else np.inf
+    return np.array([r.get(name, np.nan if r["success"] else bad) for r in rows], float)
 
 
 def quantile(values, q=0.5) -> float:
@@ -118,12 +120,12 @@ TARGETS = (  # runs, what it is, the most (or range) that it may be; how, as abo
     ("na 1..6", "median iterations after it", 30, "joint_iterations", 0.5),
     ("na 1..6", "failed or not converged [%]", 1, failed),
     ("na 6", "median ms per iteration", 6, "ms_per_iteration", 0.5),
-    ("na 6", "worst build [s]", 0.1, "build_s", 1),
+    ("na 6", "median build [s]", 0.1, "build_s", 0.5),
     ("na 6", "median CPU from scratch [s]", 4, "cpu_s", 0.5),
     ("na 6", "median CPU in reference solves", None, "cpu_in_references", 0.5),
     ("update", "median CPU of the sixth action [s]", 1, "cpu_s", 0.5),
     ("update", "median CPU in reference solves", None, "cpu_in_references", 0.5),
-    ("na 6", "most seconds of deriving kinds, apart", None, "kinds_s", 1),
+    ("na 1..6", "most seconds of deriving kinds, apart", None, "kinds_s", 1),
 )
 
 
@@ -214,8 +216,7 @@ def draw(rows, file) -> None:
     """Draw run time against error; failures lie on the upper edge."""
     from matplotlib import pyplot as plt
 
-    size = {"figsize": (11, 5), "layout": "tight"}
-    picture, axes = plt.subplots(1, 2, sharex=True, sharey=True, **size)
+    picture, axes = plt.subplots(1, 2, sharex=True, sharey=True, figsize=(11, 5))
     top = 2 * max((r["mean_mm"] for r in select(rows, success=True)), default=1.0)
     for i, way in enumerate(grouped(rows, *WAY[:3])):
         for axis, noisy in zip(axes, (False, True), strict=True):
@@ -224,13 +225,12 @@ def draw(rows, file) -> None:
             style = {"marker": "os^vDX*P<"[i], "alpha": 0.5, "label": ", ".join(way)}
             axis.scatter(cpu, np.minimum(error, top), 20, **style)
             axis.set(xlabel="run time [CPU s]", xscale="log", yscale="log")
-            axis.set_title(f"{('clean', 'noisy')[noisy]} (dotted: failed)")
-    for axis in axes:
-        axis.axhline(top, color="grey", linestyle=":")
-        axis.xaxis.set_minor_formatter("")
+            axis.set_title(f"{('clean', 'noisy')[noisy]} (failed: on the dotted line)")
+            axis.axhline(top, color="grey", linestyle=":")
+            axis.xaxis.set_minor_formatter("")
     axes[0].set_ylabel("mean surface distance to the truth [mm]")
-    axes[1].legend(fontsize=7)
-    picture.savefig(file, dpi=120)
+    axes[1].legend(fontsize=7, loc="upper left", bbox_to_anchor=(1, 1))
+    picture.savefig(file, dpi=120, bbox_inches="tight")
 
 
 def report(files) -> None:
