@@ -17,7 +17,7 @@ and J the inertia per unit mass, world frame:
     R_f = exp(d) R,     d = d_1 + J^-1 (dt sum r x lam / m - d_1 x J d_1)
 
 Not printed, so chosen here:
-  weights            all but alpha and Sigma_n, which are the public code's
+  weights            all but alpha and Sigma_n (public code), from a few scenes
   time               an impulse acts over the step that *ends* at t, as do phi, n, v
   |x - f|            of rotation matrices, a turn counted over ARM; between actions f
                      has no velocity and no impulse: x stays
@@ -32,7 +32,7 @@ Departures, all of them:
   FC                 is (mu lam_n)^2 - |lam_t|^2 >= 0 with lam_n >= 0: the same set, but
                      the gradient vanishes at the apex, where a multiplier need not
                      exist; the first level opens the cone, the last one does not
-  gap, normal        edges rounded as on every page; (3) is exact, its curvature jumps
+  gap, n, theta      edges rounded, sizes bounded as on every page; (3) is exact
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ from .readout import read_off
 from .reduce import Reductions, reduce
 from .result import Estimate
 from .scene import Scene
-from .search import Hypothesis, Job, beam
+from .search import RIVAL, Hypothesis, Job, beam, distinct, opened, same
 from .solve import SolverOptions, not_converged, solve_levels
 from .tipping import lifted
 from .tumble import contradicts, recovered
@@ -33,8 +33,6 @@ log = logging.getLogger("tactilenlp")
 
 SHAPES = {"cuboid": CUBOID}
 FORMULATIONS = ("quasi_static", "violation_implicit")
-BEHIND = 15.0  # [nats] hypotheses this far behind in the search are not refined
-REFINED = 4  # hypotheses at most that are refined by the chosen page
 LONGEST = 60.0  # [s] that one level may take
 TUMBLES = 3  # guesses of a tumble at most that are solved in free motion
 
@@ -69,16 +67,19 @@ def solve_estimate(
     _check_touched(data)
     began, cpu = time.monotonic(), time.process_time()
     job = _job(data, scene, shape, options, began)
-    kept = _kept(start, data, shape)
-    search = replace(job, reductions=Reductions())  # a search may be as lean as it can
-    kept = beam(search, kept, options.hypotheses, options.starts, executor)
+    kept = [] if start is None else _kept(start, data)
+    # A search is as lean as it can be, whatever the last solve leaves out.
+    search = replace(job, reductions=Reductions(), first=_first(start, shape))
+    kept = beam(search, kept, options.hypotheses, options.starts, executor, page)
     searched = time.process_time() - cpu
-    best = _certified(job, page, _refine(job, page, kept, options), options)
+    solved = _refine(job, page, kept, options)
+    best = _certified(job, page, solved[0], options)
     if "planar" in broken(best.skipped):
         best = _tumbled(job, page, best, options, executor)
     seconds = {**best.solution.seconds, "search": searched}
     seconds["total"] = time.process_time() - cpu
     late = time.monotonic() > job.deadline
+    kept = _carried_on(job, solved, kept, options.hypotheses)
     estimate = read_off(data, job, page, options, best, kept, seconds, late)
     if throw:
         _raise_unless_good(estimate, best)
@@ -191,16 +192,35 @@ def _raise_unless_good(estimate, solved) -> None:
         )
 
 
-def _refine(job, page, kept, options) -> Solved:
-    """Solve the page from the best hypotheses; return the one of lowest objective."""
-    close = [h for h in kept if h.objective < kept[0].objective + BEHIND][:REFINED]
+def _refine(job, page, kept, options) -> list[Solved]:
+    """Solve the page from the best hypotheses; return them, best first."""
+    limit = min(h.objective for h in kept) + RIVAL
+    levels = opened(page.LEVELS, final=True) if job.reductions.planar else None
     solved, shared = [], {}
-    for h in close:
+    for h in [h for h in kept if h.objective <= limit]:
         if solved and time.monotonic() > job.deadline:
             break
-        solved.append(_solve(job, page, h, options, shared))
+        solved.append(_solve(job, page, h, options, shared, levels))
     good = [s for s in solved if s.solution.success] or solved
-    return min(good, key=lambda s: s.solution.objective)
+    return sorted(good, key=lambda s: s.solution.objective)
+
+
+def _carried_on(job, solved, kept, width: int) -> list[Hypothesis]:
+    """Return the hypotheses for the next action: those that the page prefers first."""
+    refined = []
+    for s in solved if job.reductions.planar else ():
+        values = s.solution.values
+        refined.append(
+            replace(
+                s.hypothesis,
+                theta=values["theta"][:, 0],
+                x=values["x"][:, s.window.knot],
+                objective=s.solution.objective,
+            )
+        )
+    refined = distinct(job.shape, refined, width, RIVAL)
+    rest = [h for h in kept if not any(same(job.shape, h, k) for k in refined)]
+    return [*refined, *rest][:width]
 
 
 def _solve(job, page, hypothesis, options, shared=None, levels=None) -> Solved:
@@ -229,21 +249,33 @@ def _solve(job, page, hypothesis, options, shared=None, levels=None) -> Solved:
     return Solved(hypothesis, problem, window, solution, job)
 
 
-def _kept(start, data, shape) -> list[Hypothesis]:
-    """Return the hypotheses to carry on from a start, if any."""
-    if start is None:
-        return []
+def _first(start, shape) -> tuple:
+    """Return a user's guess as the search takes it: (name, theta, x), or none."""
+    if not isinstance(start, Guess):
+        return ()
+    theta = np.asarray(start.side_lengths, float)
+    position = np.asarray(start.position, float)
+    if theta.shape != (shape.theta,) or not np.all(theta > 0):
+        raise StartError(
+            "sizes do not fit the shape",
+            where="start.side_lengths",
+            got=theta.tolist(),
+            expected=f"{shape.theta} positive lengths [m]",
+        )
+    if position.shape not in ((2,), (3,)) or not np.all(np.isfinite(position)):
+        raise StartError(
+            "no position",
+            where="start.position",
+            got=position.tolist(),
+            expected="2 or 3 finite numbers [m]",
+        )
+    return (("guess", theta, np.r_[position[:2], start.yaw]),)
+
+
+def _kept(start, data) -> list[Hypothesis]:
+    """Return the hypotheses to carry on from an earlier estimate."""
     if isinstance(start, Guess):
-        x = np.r_[np.asarray(start.position, float)[:2], start.yaw]
-        theta = np.asarray(start.side_lengths, float)
-        if theta.shape != (shape.theta,) or not np.all(theta > 0):
-            raise StartError(
-                "sizes do not fit the shape",
-                where="start.side_lengths",
-                got=theta.tolist(),
-                expected=f"{shape.theta} positive lengths [m]",
-            )
-        return [Hypothesis(theta, x[:, None][:, :0], np.inf, ("guess",))]
+        return []
     if not start.measurements.is_prefix_of(data):
         raise StartError(
             "the start is no estimate of the first actions of these data",

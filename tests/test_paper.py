@@ -108,9 +108,8 @@ def corner_velocity(free, c):
 
 def agree(got, expected):
     """Check every instance against its twin by hand, and that they are not all zero."""
-    expected = np.array(expected)
-    assert np.abs(expected).max() > 0
     scale = np.abs(expected).max()
+    assert scale > 0
     np.testing.assert_allclose(got, expected, rtol=1e-7, atol=1e-9 * scale)
 
 
@@ -140,10 +139,6 @@ def test_a_sample_without_contact_costs_the_logistic_of_its_gap(free):
         logit = np.log(19) / 5e-3 * phi
         expected.append(np.log(1 + np.exp(logit)) - logit)
     agree(free.value("free"), expected)
-
-
-def test_five_millimetres_away_the_boolean_is_right_in_19_of_20(free):
-    assert 1 / (1 + np.exp(-paper.ALPHA * 5e-3)) == pytest.approx(0.95)
 
 
 # What moves
@@ -198,8 +193,8 @@ def test_complementarity_is_the_normal_impulse_times_the_gap_of_either_sign(free
     assert phi.min() < 0 < phi.max()
     loss = free.values["finger"][0] * phi
     agree(free.value("finger complementarity"), energies("complementarity", loss))
-    knots = free.window.step.knot[up.step]
-    z = [corner(free, k, signs)[2] for k, signs in zip(knots, up.signs, strict=True)]
+    rows = zip(free.window.step.knot[up.step], up.signs, strict=True)
+    z = [corner(free, knot, signs)[2] for knot, signs in rows]
     loss = free.values["ground"][0] * z
     agree(free.value("ground complementarity"), energies("complementarity", loss))
 
@@ -256,16 +251,14 @@ def test_the_cone_is_exact(free):
         np.testing.assert_array_equal(free.value(f"{name} cone") >= 0, inside)
 
 
-def test_two_fingers_that_squeeze_are_paid_for_it(free):
-    """Why lam_n is bounded: where phi < 0 the printed (1) falls without end."""
-    problem, values = free.problem, free.values
+def test_pushing_harder_where_the_finger_sank_in_is_paid_for(free):
+    """Why lam_n is bounded: two fingers that squeeze move nothing and gain by (1)."""
     deep = np.array([pushed(free, j)[0] for j in range(len(free.window.push))]) < 0
-    for name in ("finger", "ground"):
-        assert problem.variables[name].upper[0] == pytest.approx(paper.MOST * W)
-    more = {**values, "finger": values["finger"] * np.where(deep, 2.0, 1.0)}
-    z = problem.pack(more)
-    after = problem.value("finger complementarity", z, problem.data()).sum()
-    assert after < free.value("finger complementarity").sum()
+    more = {**free.values, "finger": free.values["finger"] * np.where(deep, 2.0, 1.0)}
+    z, name = free.problem.pack(more), "finger complementarity"
+    after = free.problem.value(name, z, free.problem.data())
+    assert after.sum() < free.value(name).sum()
+    assert free.problem.variables["finger"].upper[0] == pytest.approx(paper.MOST * W)
 
 
 # Slopes and solves
@@ -279,8 +272,7 @@ def test_derivatives_agree_with_finite_differences(free):
 
 
 def test_two_actions_end_converged_or_in_the_typed_error(recorded):
-    data, scene, _ = recorded
-    data = data.select([0, 1])
+    data, scene = recorded[0].select([0, 1]), recorded[1]
     try:
         estimate = solve_estimate(data, scene, formulation=paper)
     except NotConverged:
@@ -300,8 +292,7 @@ def test_two_actions_end_converged_or_in_the_typed_error(recorded):
 def test_without_ground_or_gravity_the_page_has_neither(recorded):
     data, scene, _ = recorded
     loose = Scene(scene.mass, ground=None, gravity=0.0, friction_finger=None)
-    off = Reductions(planar=False)
-    window = reduce(data.select([0, 1]), loose, CUBOID, Precision(0, 0), off)
+    window = reduce(data, loose, CUBOID, Precision(0, 0), Reductions(planar=False))
     problem = Problem()
     paper.build(problem, window, loose, CUBOID)
     assert not [name for name in problem.terms if name.startswith("ground d")]

@@ -191,8 +191,7 @@ def main() -> None:
     for r in (r for r in rows if "mm" in r):
         color = "tab:red" if "noisy" in r["scene"] else "tab:blue"
         axes.plot(r["mm"], r["page"], "o" if r["converged"] else "x", color=color)
-    what = "exact surface distance [mm]; noisy: red; not converged: x"
-    axes.set(xscale="log", xlabel=what, ylim=(len(PAGES) - 0.5, -0.5))
+    axes.set(xscale="log", xlabel="exact surface distance [mm] (red noisy, x unsolved)")
     figure.savefig(args.out / "paper_terms.png")
 
 

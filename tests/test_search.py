@@ -1,0 +1,55 @@
+"""The beam: hypotheses are found, kept and carried on."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactilenlp import Guess, Options, solve_estimate
+from tactilenlp.errors import StartError
+
+
+def test_a_guess_of_the_user_starts_the_search(recorded):
+    data, scene, truth = recorded
+    x, y, z = truth["object_position"][0]
+    w, _, _, s = truth["object_quaternion"][0]
+    guess = Guess(truth["side_lengths"], (x, y, z), 2 * np.arctan2(s, w))
+    estimate = solve_estimate(data.select(range(2)), scene, start=guess)
+    assert estimate.success
+    assert estimate.hypotheses[0].path[0].startswith("guess")
+
+
+@pytest.mark.parametrize(
+    "guess",
+    [
+        Guess(np.ones(2), (0, 0)),
+        Guess(-np.ones(3), (0, 0)),
+        Guess(np.ones(3), (0, np.nan)),
+    ],
+)
+def test_a_guess_that_fits_nothing_is_refused(recorded, guess):
+    with pytest.raises(StartError):
+        solve_estimate(recorded[0], start=guess)
+
+
+def test_hypotheses_are_distinct_best_first_and_cover_all_samples(estimate):
+    assert len(estimate.hypotheses) <= Options().hypotheses
+    for h in estimate.hypotheses:
+        assert h.x.shape == (3, estimate.measurements.samples)
+    assert np.allclose(estimate.hypotheses[0].theta, estimate.theta, atol=1e-6)
+
+
+def test_an_action_without_contact_changes_nothing_that_was_known(recorded, estimate):
+    data, scene, _ = recorded
+    past, more = data.select(range(3)), data.select([3])
+    away = more.finger_position + np.array([0, 0, 0.1])
+    free = replace(
+        more,
+        finger_position=away,
+        contact=np.zeros_like(more.contact),
+        normal=np.zeros_like(more.normal),
+    )
+    longer = solve_estimate(past.append(free), scene, start=estimate)
+    # nothing was felt: the same optimum, to what the solver's tolerance leaves open
+    assert np.allclose(longer.side_lengths, estimate.side_lengths, atol=2e-4)
+    assert np.allclose(longer.position[-1], longer.position[92], atol=1e-4)
