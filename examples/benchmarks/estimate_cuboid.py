@@ -212,8 +212,8 @@ def cases_of(arguments) -> list[Case]:
     return cases
 
 
-def run_all(cases, processes) -> list[dict]:
-    """Return all rows; where a process dies, a failed row for each of its runs."""
+def run_all(cases, processes):
+    """Yield all rows so far; where a process dies, a failed row for each of its runs."""
     rows = []
     with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
         for case, future in [(case, pool.submit(run_case, case)) for case in cases]:
@@ -221,7 +221,7 @@ def run_all(cases, processes) -> list[dict]:
             lost = [case.label(na) | lost for na in case.actions]
             rows += lost if future.exception() else future.result()
             print(len(rows), "rows, done:", *vars(case).values(), flush=True)
-    return rows
+            yield rows
 
 
 def main() -> None:
@@ -235,13 +235,14 @@ def main() -> None:
     add("--processes", type=int, default=2)
     add("--out", type=Path, default=Path("benchmark"))
     arguments = parser.parse_args()
-    rows = run_all(cases_of(arguments), arguments.processes)
     arguments.out.mkdir(parents=True, exist_ok=True)
-    columns = list(dict.fromkeys(key for row in rows for key in row))
-    table = [columns, *([row.get(name) for name in columns] for row in rows)]
+    for rows in run_all(cases_of(arguments), arguments.processes):
+        (arguments.out / "runs.json").write_text(json.dumps(rows))
+    names = list(dict.fromkeys(key for row in rows for key in row))
     with open(arguments.out / "runs.csv", "w", newline="") as stream:
-        csv.writer(stream).writerows(table)
-    (arguments.out / "runs.json").write_text(json.dumps(rows))
+        csv.writer(stream).writerows(
+            [names, *([r.get(n) for n in names] for r in rows)]
+        )
     report([arguments.out / "runs.json"])
 
 
