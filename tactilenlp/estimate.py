@@ -32,7 +32,7 @@ from .tumble import contradicts, recovered
 log = logging.getLogger("tactilenlp")
 
 SHAPES = {"cuboid": CUBOID}
-FORMULATIONS = ("quasi_static", "violation_implicit")
+FORMULATIONS = ("quasi_static", "violation_implicit", "paper")
 LONGEST = 60.0  # [s] that one level may take
 TUMBLES = 3  # guesses of a tumble at most that are solved in free motion
 
@@ -139,6 +139,17 @@ class Solved:
     job: Job
     skipped: tuple = ()
 
+    @property
+    def at(self) -> Hypothesis:
+        """The hypothesis moved to the solution."""
+        values = self.solution.values
+        return replace(
+            self.hypothesis,
+            theta=values["theta"][:, 0],
+            x=values["x"][:, self.window.knot],
+            objective=self.solution.objective,
+        )
+
 
 def _certified(job, page, solved, options) -> Solved:
     """Check what was dropped; put back what was needed and solve again, once."""
@@ -147,12 +158,7 @@ def _certified(job, page, solved, options) -> Solved:
     if back:
         log.info("needed after all: %s", ", ".join(back))
         job = replace(job, reductions=without(job.reductions, back))
-        window, values = solved.window, solved.solution.values
-        h = replace(
-            solved.hypothesis,
-            theta=values["theta"][:, 0],
-            x=values["x"][:, window.knot],
-        )
+        h = solved.at
         solved = _solve(job, page, h, options)
         skipped = certify(job, page, solved)
     return replace(solved, skipped=skipped)
@@ -160,7 +166,7 @@ def _certified(job, page, solved, options) -> Solved:
 
 def _tumbled(job, page, flat, options, executor) -> Solved:
     """Solve in free motion from guesses of a tumble; keep the best, or the flat one."""
-    evidence = contradicts(job, flat.window, flat.problem, flat.solution.values)
+    evidence = contradicts(job, flat.window, flat.solution.values)
     found = recovered(job, evidence, options.hypotheses, options.starts, executor)
     free = replace(job, reductions=without(job.reductions, ["planar"]))
     levels = getattr(page, "ROUGH", page.LEVELS)
@@ -183,11 +189,11 @@ def _raise_unless_good(estimate, solved) -> None:
         raise MotionError(
             "the object did not only slide",
             where="touch",
-            got=f"{tilted[0].value:.0f} touches that no flat pose explains",
-            expected=f"at most {tilted[0].limit:.0f}",
+            got=f"{tilted[0].value:.0%} of an action's touches not explained",
+            expected=f"at most {tilted[0].limit:.0%} by an object that lies flat",
             next="the object may have tilted or tumbled: select the actions before it "
             "did, or pass throw=False to look at the flat estimate",
-            problem=sorted(solved.problem.terms),
+            problem=solved.problem.describe(),
             solution=solved.solution,
         )
 
@@ -207,17 +213,7 @@ def _refine(job, page, kept, options) -> list[Solved]:
 
 def _carried_on(job, solved, kept, width: int) -> list[Hypothesis]:
     """Return the hypotheses for the next action: those that the page prefers first."""
-    refined = []
-    for s in solved if job.reductions.planar else ():
-        values = s.solution.values
-        refined.append(
-            replace(
-                s.hypothesis,
-                theta=values["theta"][:, 0],
-                x=values["x"][:, s.window.knot],
-                objective=s.solution.objective,
-            )
-        )
+    refined = [s.at for s in solved] if job.reductions.planar else []
     refined = distinct(job.shape, refined, width, RIVAL)
     rest = [h for h in kept if not any(same(job.shape, h, k) for k in refined)]
     return [*refined, *rest][:width]

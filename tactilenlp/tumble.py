@@ -49,16 +49,19 @@ class Evidence:
         return self.unexplained >= TWO and self.unexplained > SHARE * self.touches
 
 
-def contradicts(job, window, problem, values) -> list[Evidence]:
+def contradicts(job, window, values) -> list[Evidence]:
     """Return the evidence against flat motion in every action that touched.
 
-    problem: any page with the terms of `quasi_static.sense`; values: a flat solution.
+    values: theta and x of a flat solution, of whatever page.
     """
+    problem = Problem()
+    quasi_static.build(problem, window, job.scene, job.shape)
+    known = {name: values[name] for name in ("theta", "x")}
     scale = {
         "touch scale": np.hypot(TOUCH, window.sigma_position),
         "normal scale": np.hypot(NORMAL, window.sigma_normal),
     }
-    cost = problem.value("touch", problem.pack(values), problem.data(scale))[:, 0]
+    cost = problem.value("touch", problem.pack(known), problem.data(scale))[:, 0]
     wrong = cost > WRONG * window.ceiling
     action = job.data.action[window.touch.sample]
     return [

@@ -213,7 +213,7 @@ def cases_of(arguments) -> list[Case]:
 
 
 def run_all(cases, processes):
-    """Yield all rows so far; where a process dies, a failed row for each of its runs."""
+    """Yield all rows so far; where a process dies, each of its runs has failed."""
     rows = []
     with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
         for case, future in [(case, pool.submit(run_case, case)) for case in cases]:
@@ -240,9 +240,7 @@ def main() -> None:
         (arguments.out / "runs.json").write_text(json.dumps(rows))
     names = list(dict.fromkeys(key for row in rows for key in row))
     with open(arguments.out / "runs.csv", "w", newline="") as stream:
-        csv.writer(stream).writerows(
-            [names, *([r.get(n) for n in names] for r in rows)]
-        )
+        csv.writer(stream).writerows([names, *([*map(r.get, names)] for r in rows)])
     report([arguments.out / "runs.json"])
 
 
