@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import importlib
 import logging
 import time
 from dataclasses import dataclass, replace
 from types import ModuleType
 
-import numpy as np
-
 from formulations.rigid_body import PLANAR
-from formulations.shape import CUBOID, Shape
+from formulations.shape import Shape
 
 from .certify import broken, certify, without
-from .errors import MotionError, NoContactError, OptionError, StartError
+from .errors import MotionError
 from .guess import Guess
 from .measurements import Measurements
 from .nlp import Problem
@@ -22,6 +19,15 @@ from .options import Options
 from .precision import precision_of, smoothed
 from .readout import read_off
 from .reduce import Reductions, reduce
+from .request import (
+    carried,
+    check_ground,
+    check_touched,
+    check_types,
+    first_guess,
+    page_of,
+    shape_of,
+)
 from .result import Estimate
 from .scene import Scene
 from .search import RIVAL, Hypothesis, Job, beam, distinct, opened, same
@@ -31,8 +37,6 @@ from .tumble import contradicts, recovered
 
 log = logging.getLogger("tactilenlp")
 
-SHAPES = {"cuboid": CUBOID}
-FORMULATIONS = ("quasi_static", "violation_implicit", "paper")
 LONGEST = 60.0  # [s] that one level may take
 TUMBLES = 3  # guesses of a tumble at most that are solved in free motion
 
@@ -51,25 +55,26 @@ def solve_estimate(
     """Find shape, poses and impulses that explain what the fingers felt (eq:vimp).
 
     data: Measurements.  scene: what is known (default Scene()).  shape: "cuboid" or a
-    Shape.  formulation: a name in FORMULATIONS or a page (module with `build` and
-    `LEVELS`).  start: an earlier Estimate of the first actions, or a Guess.  executor:
-    any concurrent.futures executor; processes, not threads.
+    Shape.  formulation: "quasi_static", "violation_implicit", "paper" or a page (module
+    with `build` and `LEVELS`).  start: an earlier Estimate of the first actions, or a
+    Guess.  executor: any concurrent.futures executor; processes, not threads.
 
     Raises NoContactError, MeasurementError, OptionError, StartError before any solve,
     and NotConverged or MotionError after it unless `throw` is False.
     """
     scene, options = scene or Scene(), options or Options()
-    _check_types(
+    check_types(
         data=(data, Measurements), scene=(scene, Scene), options=(options, Options)
     )
-    shape, page = _shape(shape), _page(formulation)
+    shape, page = shape_of(shape), page_of(formulation)
+    check_ground(scene)
     scene.check(data)
-    _check_touched(data)
+    check_touched(data)
     began, cpu = time.monotonic(), time.process_time()
     job = _job(data, scene, shape, options, began)
-    kept = [] if start is None else _kept(start, data)
+    kept = [] if start is None else carried(start, data)
     # A search is as lean as it can be, whatever the last solve leaves out.
-    search = replace(job, reductions=Reductions(), first=_first(start, shape))
+    search = replace(job, reductions=Reductions(), first=first_guess(start, shape))
     kept = beam(search, kept, options.hypotheses, options.starts, executor, page)
     searched = time.process_time() - cpu
     solved = _refine(job, page, kept, options)
@@ -84,36 +89,6 @@ def solve_estimate(
     if throw:
         _raise_unless_good(estimate, best)
     return estimate
-
-
-def _check_types(**given) -> None:
-    for name, (value, kind) in given.items():
-        if not isinstance(value, kind):
-            raise OptionError(
-                "wrong type",
-                where=name,
-                got=repr(value)[:80],
-                expected=f"{kind.__name__}(...)",
-            )
-
-
-def _check_touched(data) -> None:
-    """Raise NoContactError unless a finger felt contact for two samples in a row.
-
-    A single sample cannot be told from a flipped boolean.
-    """
-    felt = data.contact & data.valid
-    lasting = felt[1:] & felt[:-1] & (data.action[1:] == data.action[:-1])[:, None]
-    if lasting.any():
-        return
-    single = int(felt.sum())
-    raise NoContactError(
-        "nothing was touched",
-        where="contact",
-        got=f"{single} single samples, as flipped booleans make" if single else "none",
-        expected="a finger in contact for at least two samples in a row",
-        next="record an action that meets the object",
-    )
 
 
 def _job(data, scene, shape, options, began) -> Job:
@@ -243,69 +218,3 @@ def _solve(job, page, hypothesis, options, shared=None, levels=None) -> Solved:
         problem, levels or page.LEVELS, start, settings, shared["solvers"]
     )
     return Solved(hypothesis, problem, window, solution, job)
-
-
-def _first(start, shape) -> tuple:
-    """Return a user's guess as the search takes it: (name, theta, x), or none."""
-    if not isinstance(start, Guess):
-        return ()
-    theta = np.asarray(start.side_lengths, float)
-    position = np.asarray(start.position, float)
-    if theta.shape != (shape.theta,) or not np.all(theta > 0):
-        raise StartError(
-            "sizes do not fit the shape",
-            where="start.side_lengths",
-            got=theta.tolist(),
-            expected=f"{shape.theta} positive lengths [m]",
-        )
-    if position.shape not in ((2,), (3,)) or not np.all(np.isfinite(position)):
-        raise StartError(
-            "no position",
-            where="start.position",
-            got=position.tolist(),
-            expected="2 or 3 finite numbers [m]",
-        )
-    return (("guess", theta, np.r_[position[:2], start.yaw]),)
-
-
-def _kept(start, data) -> list[Hypothesis]:
-    """Return the hypotheses to carry on from an earlier estimate."""
-    if isinstance(start, Guess):
-        return []
-    if not start.measurements.is_prefix_of(data):
-        raise StartError(
-            "the start is no estimate of the first actions of these data",
-            where="start",
-            got=f"{start.measurements.samples} samples that differ",
-            expected="an estimate whose measurements are a prefix of data",
-            next="start from scratch, or append to the same measurements",
-        )
-    return list(start.hypotheses)
-
-
-def _shape(shape) -> Shape:
-    if isinstance(shape, Shape):
-        return shape
-    if shape not in SHAPES:
-        raise OptionError(
-            "unknown shape", where="shape", got=shape, expected=f"one of {[*SHAPES]}"
-        )
-    return SHAPES[shape]
-
-
-def _page(formulation):
-    if isinstance(formulation, str):
-        if formulation not in FORMULATIONS:
-            raise OptionError(
-                "unknown formulation",
-                where="formulation",
-                got=formulation,
-                expected=f"one of {FORMULATIONS}, or a page",
-            )
-        return importlib.import_module(f"formulations.{formulation}")
-    for name in ("build", "LEVELS"):
-        if not hasattr(formulation, name):
-            raise OptionError(
-                f"a page needs {name}", where="formulation", got=repr(formulation)
-            )
-    return formulation

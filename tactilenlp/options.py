@@ -15,7 +15,8 @@ class Options:
     seed: of everything random [-] (nothing is, at present); reduce: True, False, a
     Reductions, or names of reductions to switch off; hypotheses: kept from action to
     action [-]; starts: solved per action [-]; tolerance: of the last solve [-];
-    time_limit [s]: ends with the best so far, marked; ipopt: passed on verbatim.
+    time_limit [s]: then what is left is guessed, and the result is marked; ipopt:
+    passed on verbatim.
     """
 
     seed: int = 0

@@ -1,0 +1,126 @@
+"""Read what a caller asks for: shape, page, start; refuse what cannot be solved."""
+
+from __future__ import annotations
+
+import importlib
+
+import numpy as np
+
+from formulations.shape import CUBOID, Shape
+
+from .errors import NoContactError, OptionError, SceneError, StartError
+from .guess import Guess
+from .result import Estimate
+from .search import Hypothesis
+
+SHAPES = {"cuboid": CUBOID}
+FORMULATIONS = ("quasi_static", "violation_implicit", "paper")
+
+
+def shape_of(shape) -> Shape:
+    if isinstance(shape, Shape):
+        return shape
+    if shape not in SHAPES:
+        raise OptionError(
+            "unknown shape", where="shape", got=shape, expected=f"one of {[*SHAPES]}"
+        )
+    return SHAPES[shape]
+
+
+def page_of(formulation):
+    if isinstance(formulation, str):
+        if formulation not in FORMULATIONS:
+            raise OptionError(
+                "unknown formulation",
+                where="formulation",
+                got=formulation,
+                expected=f"one of {FORMULATIONS}, or a page",
+            )
+        return importlib.import_module(f"formulations.{formulation}")
+    for name in ("build", "LEVELS"):
+        if not hasattr(formulation, name):
+            raise OptionError(
+                f"a page needs {name}", where="formulation", got=repr(formulation)
+            )
+    return formulation
+
+
+def check_types(**given) -> None:
+    for name, (value, kind) in given.items():
+        if not isinstance(value, kind):
+            raise OptionError(
+                "wrong type",
+                where=name,
+                got=repr(value)[:80],
+                expected=f"{kind.__name__}(...)",
+            )
+
+
+def check_touched(data) -> None:
+    """Raise NoContactError unless a finger felt contact for two samples in a row.
+
+    A single sample cannot be told from a flipped boolean.
+    """
+    felt = data.contact & data.valid
+    lasting = felt[1:] & felt[:-1] & (data.action[1:] == data.action[:-1])[:, None]
+    if lasting.any():
+        return
+    single = int(felt.sum())
+    raise NoContactError(
+        "nothing was touched",
+        where="contact",
+        got=f"{single} single samples, as flipped booleans make" if single else "none",
+        expected="a finger in contact for at least two samples in a row",
+        next="record an action that meets the object",
+    )
+
+
+def check_ground(scene) -> None:
+    """Raise SceneError without a ground: the search lays its guesses on it."""
+    if scene.ground is None:
+        raise SceneError(
+            "no estimate without a ground yet",
+            where="scene.ground",
+            got="None",
+            expected="the plane on which the object lies",
+            next="give Scene(ground=Ground(height=..., normal=...))",
+        )
+
+
+def first_guess(start, shape) -> tuple:
+    """Return a user's guess as the search takes it: (name, theta, x), or none."""
+    if not isinstance(start, Guess):
+        return ()
+    theta = np.asarray(start.side_lengths, float)
+    position = np.asarray(start.position, float)
+    if theta.shape != (shape.theta,) or not np.all(theta > 0):
+        raise StartError(
+            "sizes do not fit the shape",
+            where="start.side_lengths",
+            got=theta.tolist(),
+            expected=f"{shape.theta} positive lengths [m]",
+        )
+    if position.shape not in ((2,), (3,)) or not np.all(np.isfinite(position)):
+        raise StartError(
+            "no position",
+            where="start.position",
+            got=position.tolist(),
+            expected="2 or 3 finite numbers [m]",
+        )
+    return (("guess", theta, np.r_[position[:2], start.yaw]),)
+
+
+def carried(start, data) -> list[Hypothesis]:
+    """Return the hypotheses to carry on from an earlier estimate."""
+    if isinstance(start, Guess):
+        return []
+    check_types(start=(start, Estimate))
+    if not start.measurements.is_prefix_of(data):
+        raise StartError(
+            "the start is no estimate of the first actions of these data",
+            where="start",
+            got=f"{start.measurements.samples} samples that differ",
+            expected="an estimate whose measurements are a prefix of data",
+            next="start from scratch, or append to the same measurements",
+        )
+    return list(start.hypotheses)
