@@ -182,8 +182,11 @@ def _refine(job, page, kept, options) -> list[Solved]:
         if solved and time.monotonic() > job.deadline:
             break
         solved.append(_solve(job, page, h, options, shared, levels))
-    good = [s for s in solved if s.solution.success] or solved
-    return sorted(good, key=lambda s: s.solution.objective)
+    good = [s for s in solved if s.solution.success]
+    if not good and levels is not None and time.monotonic() < job.deadline:
+        # The slower way, poses held first, as the page says.
+        good = [_solve(job, page, solved[0].hypothesis, options, shared)]
+    return sorted(good or solved, key=lambda s: s.solution.objective)
 
 
 def _carried_on(job, solved, kept, width: int) -> list[Hypothesis]:

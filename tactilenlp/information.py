@@ -23,6 +23,7 @@ from .errors import OptionError
 LOOSE = 1e-9  # [1 / scaled unknown^2] of a direction that nothing sees
 TOUCHED = 0.99  # [-] |n . axis| above which a normal belongs to a face
 HELD = 0.1  # [prior deviations] a size known better than this is observed
+ASTRAY = 0.05  # [m] a position less certain than this is not observed
 LOST = np.radians(45)  # a turn less certain than this is not observed
 ENOUGH = 3  # contact samples that make a face known
 WORDS = ("x", "y", "z")
@@ -161,12 +162,14 @@ def information_of(problem, solution, window, shape, faces, R_wg) -> Information
     lowest = np.linalg.eigvalsh(C / np.outer(deviation, deviation))[0]
     maps, fixed = _maps(shape, window.motion, solution, R_wg)
     sides = deviation[: theta.rows] / shape.size_prior[1]
-    turn = maps["rotation"] @ np.diag(deviation)
+    turn, way = (maps[name] @ np.diag(deviation) for name in ("rotation", "position"))
     return Information(
         names=(*(f"side {w}" for w in WORDS), *UNKNOWNS[window.motion.name]),
         matrix=np.linalg.inv(C),
         maps=maps,
-        unobserved=unobserved(faces, sides, np.linalg.norm(np.nan_to_num(turn))),
+        unobserved=unobserved(
+            faces, sides, np.linalg.norm(np.nan_to_num(turn)), np.linalg.norm(way)
+        ),
         fixed=fixed,
         active=active,
         ambiguous=ambiguous,
@@ -200,11 +203,12 @@ def _maps(shape, motion, solution, R_wg):
     return maps | {"rotation": rotation}, tuple(fixed)
 
 
-def unobserved(faces, sides=None, turn=0.0) -> tuple[str, ...]:
+def unobserved(faces, sides=None, turn=0.0, way=0.0) -> tuple[str, ...]:
     """Name what touch does not hold.
 
     faces (axes, 2): samples that touched each face; sides (axes,): sigma of each size
-    in deviations of its prior, a small one is held by edges or physics; turn [rad].
+    in deviations of its prior, a small one is held by edges or physics; turn [rad] and
+    way [m]: sigma of rotation and position.
     """
     words = []
     for axis, (low, high) in enumerate(faces):
@@ -221,4 +225,6 @@ def unobserved(faces, sides=None, turn=0.0) -> tuple[str, ...]:
             words.append(f"side {WORDS[axis]}: face {face} never touched")
     if turn > LOST:
         words.append("rotation: no side says which way the object is turned")
+    if way > ASTRAY:
+        words.append("position: no side says where on the ground the object lies")
     return tuple(words)

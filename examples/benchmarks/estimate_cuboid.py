@@ -98,7 +98,8 @@ class Truth:
         turn = Rotation.from_quat(np.roll(self.quaternion[:T], -1, axis=1))
         x = np.vstack([self.position[:T].T, turn.as_rotvec().T])
         if len(estimate.unknowns["x"]) == 3:
-            x = np.vstack([x[:2], np.unwrap(turn.as_euler("ZYX")[:, 0])])
+            ahead = turn.apply([1.0, 0.0, 0.0])
+            x = np.vstack([x[:2], np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))])
         truth = Hypothesis(self.side_lengths, x, objective=0.0, path=())
         return replace(estimate, hypotheses=(truth,))
 
