@@ -22,6 +22,7 @@ from .reduce import Reductions, reduce
 from .request import (
     carried,
     check_ground,
+    check_importable,
     check_touched,
     check_types,
     first_guess,
@@ -67,6 +68,8 @@ def solve_estimate(
         data=(data, Measurements), scene=(scene, Scene), options=(options, Options)
     )
     shape, page = shape_of(shape), page_of(formulation)
+    if executor is not None:
+        check_importable(page)
     check_ground(scene)
     scene.check(data)
     check_touched(data)

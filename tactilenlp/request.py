@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import sys
 
 import numpy as np
 
@@ -43,6 +44,18 @@ def page_of(formulation):
                 f"a page needs {name}", where="formulation", got=repr(formulation)
             )
     return formulation
+
+
+def check_importable(page) -> None:
+    """Raise OptionError unless other processes can import the page by its name."""
+    if sys.modules.get(getattr(page, "__name__", "")) is not page:
+        raise OptionError(
+            "other processes cannot import this page",
+            where="formulation",
+            got=repr(page),
+            expected="a module that `import` finds",
+            next="save the page as a file, or leave executor out",
+        )
 
 
 def check_types(**given) -> None:

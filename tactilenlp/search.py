@@ -4,11 +4,12 @@ A hypothesis is one local optimum: which face was touched, which way the object 
 turned, how it was pushed.  Each new action extends every hypothesis kept by a few
 guesses; the most promising are solved by the quasi-static page, and the best distinct
 ones are kept.  Least motion drags a touch to the nearest edge, so it proposes well and
-ranks badly: where a page with physics is given, that ranks (`refine`).
+ranks badly: where a page with physics is given, that ranks the first ones (`rank`).
 """
 
 from __future__ import annotations
 
+import importlib
 import os
 import time
 from dataclasses import dataclass, replace
@@ -102,26 +103,18 @@ def beam(job: Job, kept, width: int, solves: int, executor=None, page=None):
         kept = distinct(job.shape, found, width * more)
         kept += starts[:1] if i >= EARLY else []
         if page is not None and i < RANKED and last < len(job.data.time):
-            ranked = refine(part, page, kept, width, executor, final=False)
-            kept = [h for h, _ in ranked]
+            kept = rank(part, page, kept, width, executor)
     return kept
 
 
-def refine(job, page, kept, width, executor=None, *, final=True, tolerance=1e-6):
-    """Return (hypothesis, solution) of a page, solved from `kept`, best first.
-
-    Levels that hold poses fixed are opened: all unknowns move from the start, under a
-    large first mu, which saves iterations and escapes shallow optima.  final=False
-    stops there: good enough to rank.  At most `width` distinct ones are returned.
-    """
+def rank(job, page, kept, width, executor=None) -> list[Hypothesis]:
+    """Return the best distinct hypotheses by a page's first levels, solved roughly."""
     limit = min(h.objective for h in kept) + RIVAL
     rivals = [h for h in kept if h.objective <= limit]
-    args = page, final, tolerance if final else ROUGH
-    found = _solve_all(_refine_chunk, job, rivals, executor, *args)
-    good = [f for f in found if f[1].success or not final] or found
-    chosen = distinct(job.shape, [h for h, _ in good], width, BEHIND)
-    solution = {id(h): s for h, s in good}
-    return [(h, solution[id(h)]) for h in chosen]
+    if executor is not None:
+        page = page.__name__  # a module travels by its name
+    found = _solve_all(_rank_chunk, job, rivals, executor, page)
+    return distinct(job.shape, found, width, BEHIND)
 
 
 def opened(levels, final: bool):
@@ -135,10 +128,11 @@ def opened(levels, final: bool):
     return [*first, *rest] if final or not first else first
 
 
-def _refine_chunk(job: Job, kept, page, final, tolerance):
+def _rank_chunk(job: Job, kept, page) -> list[Hypothesis]:
+    page = importlib.import_module(page) if isinstance(page, str) else page
     problem, window = _problem(job, page, (kept[0].theta, kept[0].x))
-    levels, solvers = opened(page.LEVELS, final), {}
-    return [_solved(job, problem, window, levels, h, tolerance, solvers) for h in kept]
+    levels, solvers = opened(page.LEVELS, final=False), {}
+    return [_solved(job, problem, window, levels, h, ROUGH, solvers) for h in kept]
 
 
 def extensions(job: Job, kept: list[Hypothesis]) -> list[Hypothesis]:
@@ -261,18 +255,18 @@ def _solve_chunk(job: Job, starts) -> list[Hypothesis]:
     solvers, out = {}, []
     for h in starts:
         levels = weak if h.objective > COARSE else weak[-1:]
-        out.append(_solved(job, problem, window, levels, h, TOLERANCE, solvers)[0])
+        out.append(_solved(job, problem, window, levels, h, TOLERANCE, solvers))
     return out
 
 
 def _solved(job, problem, window, levels, h, tolerance, solvers):
-    """Return the hypothesis that solving the levels makes of h, and the solution."""
+    """Return the hypothesis that solving the levels makes of h."""
     left = min(LONGEST, max(0.05, job.deadline - time.monotonic()))
     options = SolverOptions(tolerance=tolerance, time_limit=left)
     start = {"theta": h.theta, "x": h.x[:, window.last]}
     s = solve_levels(problem, levels, start, options, solvers)
     theta, x = s.values["theta"][:, 0], s.values["x"][:, window.knot]
-    return Hypothesis(theta, x, s.objective, h.path, s.iterations), s
+    return Hypothesis(theta, x, s.objective, h.path, s.iterations)
 
 
 def _problem(job: Job, page, guess=None):
