@@ -207,13 +207,15 @@ def _solve(job, page, hypothesis, options, shared=None, levels=None) -> Solved:
         lying = lifted(hypothesis.theta, hypothesis.x)
         hypothesis = replace(hypothesis, x=lying)
     if not shared:
+        began = time.process_time()
         window = reduce(
             job.data, job.scene, job.shape, job.precision, job.reductions,
             guess=(hypothesis.theta, hypothesis.x),
         )  # fmt: skip
         problem = Problem()
         page.build(problem, window, job.scene, job.shape)
-        shared.update(window=window, problem=problem, solvers={})
+        built = time.process_time() - began
+        shared.update(window=window, problem=problem, solvers={}, built=built)
     window, problem = shared["window"], shared["problem"]
     left = min(LONGEST, max(0.1, job.deadline - time.monotonic()))
     settings = SolverOptions(
@@ -223,4 +225,6 @@ def _solve(job, page, hypothesis, options, shared=None, levels=None) -> Solved:
     solution = solve_levels(
         problem, levels or page.LEVELS, start, settings, shared["solvers"]
     )
+    seconds = solution.seconds | {"build": solution.seconds["build"] + shared["built"]}
+    solution = replace(solution, seconds=seconds)
     return Solved(hypothesis, problem, window, solution, job)

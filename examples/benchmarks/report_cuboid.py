@@ -120,7 +120,7 @@ TARGETS = (  # runs, what it is, the most (or range) that it may be; how, as abo
     ("na 1..6", "median iterations after it", 30, "joint_iterations", 0.5),
     ("na 1..6", "failed or not converged [%]", 1, failed),
     ("na 6", "median ms per iteration", 6, "ms_per_iteration", 0.5),
-    ("na 6", "median build [s]", 0.1, "build_s", 0.5),
+    ("na 6", "worst build [s]", 0.1, "build_s", 1),
     ("na 6", "median CPU from scratch [s]", 4, "cpu_s", 0.5),
     ("na 6", "median CPU in reference solves", None, "cpu_in_references", 0.5),
     ("update", "median CPU of the sixth action [s]", 1, "cpu_s", 0.5),
