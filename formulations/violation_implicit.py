@@ -126,10 +126,13 @@ def build(nlp, window, scene, shape):
         )  # fmt: skip
 
     s = push.step
-    at_finger = (theta, *now_and_before(s), lam, push.p_wf, push.p_wf_1, push.radius,
-                 push.tangent, step.dt[s], w[s], kappa, still, rounding)  # fmt: skip
-    nlp.minimize("finger dissipation", body.finger_work, *at_finger, mu, role="physics")
     a = window.apart
+    felt = [0.0 if i in a else 1.0 for i in range(len(push))]
+    nlp.minimize(
+        "finger dissipation", body.finger_work, theta, *now_and_before(s), lam,
+        push.p_wf, push.p_wf_1, push.radius, push.tangent, step.dt[s], w[s], kappa,
+        still, rounding, felt, mu, role="physics",
+    )  # fmt: skip
     nlp.minimize(
         "finger complementarity", body.finger_apart, theta, x[:, step.knot[s[a]]],
         lam[:, a], push.p_wf[a], push.radius[a], w[s[a]], kappa, role="physics",
@@ -248,14 +251,17 @@ class _Body:
 
     def finger_work(
         self, theta, x, x_1, lam, p_wf, p_wf_1, rho, t, dt, w, kappa, still,
-        rounding, mu,
+        rounding, felt, mu,
     ):  # fmt: skip
-        """Friction that fails to dissipate, and normal impulse that pulls apart."""
+        """Friction that fails to dissipate, and normal impulse that pulls apart.
+
+        felt: 0 for a finger that feels nothing, whose rounding must cost nothing.
+        """
         p_w, n, t_1, t_2 = self.touch(theta, x, p_wf, rho, t)
         (p, R), (p_1, R_1) = self.pose(theta, x), self.pose(theta, x_1)
         v = (p_w - p_1 - R_1 @ (R.T @ (p_w - p)) - p_wf + p_wf_1) / dt
         v_s = ca.vertcat(ca.dot(v, t_1), ca.dot(v, t_2))
-        energy = contact.dissipation(mu, lam, v_s, still, rounding * w)
+        energy = contact.dissipation(mu, lam, v_s, still, felt * rounding * w)
         energy += 0.2 * contact.inelasticity(lam, -ca.dot(v, n), still)
         return kappa * energy * dt / (w * 1e-3)
 
