@@ -43,7 +43,7 @@ import casadi as ca
 
 from . import contact, sensing
 from .level import Level
-from .quasi_static import ARM, way_squared
+from .quasi_static import ARM, declare, way_squared
 from .rigid_body import rotation, turn
 from .violation_implicit import G, friction
 
@@ -115,15 +115,7 @@ def build(nlp, window, scene, shape):
 
 def likelihood(nlp, window, shape, body):
     """Declare theta and x; add eq:loss of every sample."""
-    low, high = shape.bounds
-    mean, motion = shape.size_prior[0], window.motion
-    theta = nlp.variable(
-        "theta", shape.theta, lower=low, upper=high, guess=mean, unit="m", scale=1e-3
-    )
-    x = nlp.variable(
-        "x", motion.unknowns, window.knots, guess=0.0, unit=motion.unit,
-        scale=motion.scale,
-    )  # fmt: skip
+    theta, x = declare(nlp, window, shape)
     alpha = nlp.parameter("alpha", ALPHA, "1/m")
     inverse = ca.densify(ca.inv(ca.DM(SIGMA_N))).nonzeros()
     information = nlp.parameter("normal information", inverse, "1/rad^2")

@@ -70,16 +70,9 @@ def sense(nlp, window, shape, touch=TOUCH, normal=NORMAL, depth=0.0):
     depth [m], number or unknown: how deep every felt finger sits in the surface.
     """
     motion, finger = window.motion, window.finger
-    low, high = shape.bounds
     mean, deviation = shape.size_prior
     sigma_p, sigma_n = window.sigma_position, window.sigma_normal
-    theta = nlp.variable(
-        "theta", shape.theta, lower=low, upper=high, guess=mean, unit="m", scale=1e-3
-    )
-    x = nlp.variable(
-        "x", motion.unknowns, window.knots, guess=0.0, unit=motion.unit,
-        scale=motion.scale,
-    )  # fmt: skip
+    theta, x = declare(nlp, window, shape)
     touch_scale = nlp.parameter("touch scale", ca.hypot(touch, sigma_p), "m")
     normal_scale = nlp.parameter("normal scale", ca.hypot(normal, sigma_n), "rad")
     alpha = nlp.parameter("alpha", 1 / ca.hypot(1 / ALPHA, sigma_p / 1.7), "1/m")
@@ -118,6 +111,20 @@ def sense(nlp, window, shape, touch=TOUCH, normal=NORMAL, depth=0.0):
         theta,
         role="prior",
     )
+    return theta, x
+
+
+def declare(nlp, window, shape):
+    """Declare shape and poses: theta (n,) [m], x (unknowns, knots)."""
+    motion, (low, high) = window.motion, shape.bounds
+    theta = nlp.variable(
+        "theta", shape.theta, lower=low, upper=high, guess=shape.size_prior[0],
+        unit="m", scale=1e-3,
+    )  # fmt: skip
+    x = nlp.variable(
+        "x", motion.unknowns, window.knots, guess=0.0, unit=motion.unit,
+        scale=motion.scale,
+    )  # fmt: skip
     return theta, x
 
 

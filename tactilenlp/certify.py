@@ -16,6 +16,7 @@ from .result import Skipped
 from .tumble import contradicts
 
 EXACT = 1e-6  # [relative] an exact reduction moves the objective by less
+STIFF = 25.0  # [nats / mm^2] price of a millimetre of motion under static friction
 DECREMENT = 0.1  # [nats] a model reduction's Newton decrement stays below
 SHARE = 0.25  # [-] of all touches may stay unexplained, else the motion is another
 MOST = 0.6  # [-] and so may this share of one action's
@@ -42,13 +43,12 @@ def without(reductions: Reductions, names) -> Reductions:
 
 def far(job, page, solved) -> Skipped | None:
     """The free samples that were dropped cost nothing at the solution."""
-    window, again, values = _again(job, page, solved, "far")
-    dropped = len(again.free) - len(window.free)
+    again, problem = _with(job, page, solved, "far")
+    dropped = len(again.free) - len(solved.window.free)
     if not dropped:
         return None
-    problem = Problem()
-    page.build(problem, again, job.scene, job.shape)
-    x, data = problem.pack(values), problem.data(solved.solution.parameters)
+    x = problem.pack(solved.solution.values)
+    data = problem.data(solved.solution.parameters)
     cost = float(problem.value("free", x, data).sum())
     cost -= solved.solution.costs.get("free", 0.0)
     limit = EXACT * max(1.0, abs(solved.solution.objective))
@@ -60,12 +60,13 @@ def far(job, page, solved) -> Skipped | None:
 
 def absent(job, page, solved) -> Skipped | None:
     """No finger that feels nothing would gain by pushing."""
-    window, again, values = _again(job, page, solved, "absent")
-    dropped = len(again.push) - len(window.push)
-    if not dropped or "finger" not in values:
+    values = solved.solution.values
+    if "finger" not in values:
         return None
-    problem = Problem()
-    page.build(problem, again, job.scene, job.shape)
+    again, problem = _with(job, page, solved, "absent")
+    dropped = len(again.push) - len(solved.window.push)
+    if not dropped:
+        return None
     lam = np.zeros((values["finger"].shape[0], len(again.push)))
     felt = np.setdiff1d(np.arange(len(again.push)), again.apart)
     lam[:, felt] = values["finger"]
@@ -90,8 +91,8 @@ def absent(job, page, solved) -> Skipped | None:
 def still(job, page, solved) -> Skipped | None:
     """Samples that share a pose pull it apart by less than friction holds.
 
-    A free sample's slope g against the stiffness h of the motion that was left out:
-    g^2 / (2 h) with h the least curvature that the page gives to any step.
+    A free sample's slope g against the stiffness h of the motion that was left out,
+    there and back: g^2 / (2 h).  A bound by friction at STIFF, not the page's own h.
     """
     window = solved.window
     dropped = len(window.knot) - window.knots
@@ -114,9 +115,6 @@ def still(job, page, solved) -> Skipped | None:
     )  # fmt: skip
 
 
-STIFF = 25.0  # [nats / mm^2] price of a millimetre of motion under static friction
-
-
 def planar(job, page, solved) -> Skipped | None:
     """The touches are explained by an object that never tilts.
 
@@ -135,11 +133,13 @@ def planar(job, page, solved) -> Skipped | None:
     )  # fmt: skip
 
 
-def _again(job, page, solved, name):
-    """Return the window, the window without one reduction, and the solved values."""
+def _with(job, page, solved, name):
+    """Return the window and the problem that have what one reduction left out."""
     h = solved.hypothesis
-    again = reduce(
+    window = reduce(
         job.data, job.scene, job.shape, job.precision, without(job.reductions, [name]),
         guess=(h.theta, h.x),
     )  # fmt: skip
-    return solved.window, again, solved.solution.values
+    problem = Problem()
+    page.build(problem, window, job.scene, job.shape)
+    return window, problem

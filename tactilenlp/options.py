@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from .errors import OptionError
 from .reduce import Reductions
+from .solve import check_positive
 
 
 @dataclass(frozen=True)
@@ -35,11 +36,4 @@ class Options:
                 raise OptionError(
                     "out of range", where=name, got=value, expected="an integer >= 1"
                 )
-        for name in ("tolerance", "time_limit"):
-            if not getattr(self, name) > 0:
-                raise OptionError(
-                    "out of range",
-                    where=name,
-                    got=getattr(self, name),
-                    expected="a positive number",
-                )
+        check_positive(self, "tolerance", "time_limit")

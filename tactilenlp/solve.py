@@ -15,6 +15,18 @@ from .nlp import Problem
 log = logging.getLogger("tactilenlp")
 
 
+def check_positive(options, *names: str) -> None:
+    """Raise OptionError unless the named fields are positive numbers."""
+    for name in names:
+        if not getattr(options, name) > 0:
+            raise OptionError(
+                "out of range",
+                where=name,
+                got=getattr(options, name),
+                expected="a positive number",
+            )
+
+
 @dataclass(frozen=True)
 class SolverOptions:
     """How to solve one programme.
@@ -32,14 +44,7 @@ class SolverOptions:
     ipopt: dict = field(default_factory=dict)
 
     def __post_init__(self):
-        for name in ("tolerance", "time_limit", "iterations", "barrier", "push"):
-            if not getattr(self, name) > 0:
-                raise OptionError(
-                    "out of range",
-                    where=name,
-                    got=getattr(self, name),
-                    expected="a positive number",
-                )
+        check_positive(self, "tolerance", "time_limit", "iterations", "barrier", "push")
 
     def for_nlpsol(self) -> dict:
         """Return the options in CasADi's words."""
