@@ -24,6 +24,17 @@ def tangents(n, t):
     return t_1, ca.cross(n, t_1)
 
 
+def impulse(lam, n, tangents):
+    """Return the impulse of lam along n and the tangents, world frame [N s].
+
+    A contact without friction has one number, lam_n: nothing acts along the tangents.
+    """
+    total = lam[0] * n
+    for lam_t, t in zip(ca.vertsplit(lam)[1:], tangents, strict=False):
+        total += lam_t * t
+    return total
+
+
 def cone(mu, lam, rounding):
     """Return mu lam_n - |lam_t|, apex rounded over `rounding` [N s]; >= 0 inside."""
     tangential = ca.sqrt(lam[1] ** 2 + lam[2] ** 2 + rounding**2) - rounding

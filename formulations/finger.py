@@ -44,11 +44,26 @@ def sphere_core(shape, theta, pose, p_wf, rho):
     return p_wf
 
 
+def sphere_before(p_w, p_wf, p_wf_1):
+    """Return where the sphere's point p_w was: a sphere is taken not to turn."""
+    return p_w - p_wf + p_wf_1
+
+
+def segment_before(p_w, p_wf, p_wf_1):
+    """Return where the capsule's point p_w was, which turns with it."""
+    q_f = quaternion_matrix(p_wf[3:]).T @ (p_w - p_wf[:3])
+    return p_wf_1[:3] + quaternion_matrix(p_wf_1[3:]) @ q_f
+
+
+def quaternion_matrix(q):
+    """Return the rotation matrix of a unit quaternion wxyz."""
+    w, v = q[0], q[1:]
+    return (w * w - ca.sumsqr(v)) * ca.DM.eye(3) + 2 * (v @ v.T + w * ca.skew(v))
+
+
 def segment_core(half_length, shape, theta, pose, p_wf, rho):
     """Return the point of a capsule's segment nearest to the body, world frame [m]."""
-    w, x, y, z = (p_wf[i] for i in range(3, 7))
-    axis = ca.vertcat(2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y))
-    c_wf, a_wf = p_wf[:3], half_length * axis
+    c_wf, a_wf = p_wf[:3], half_length * quaternion_matrix(p_wf[3:])[:, 2]
     slope, steepness = _along(shape)
     line = theta, to_body(pose, c_wf), pose[1].T @ a_wf, rho
     u = 0
@@ -86,12 +101,14 @@ class Finger:
     """What a page may ask of an end-effector, given where it is, p_wf, and its rho [m].
 
     numbers: how many p_wf has; core(shape, theta, pose, p_wf, rho) -> (3,) [m] nearest
-    point of the core, world frame.
+    point of the core, world frame; before(p_w, p_wf, p_wf_1) -> (3,) [m] where the
+    finger's own point p_w was when the finger was at p_wf_1.
     """
 
     name: str
     numbers: int
     core: Callable
+    before: Callable
 
     def gap(self, shape, theta, pose, p_wf, rho):
         """Return the gap [m] between body and finger."""
@@ -100,14 +117,19 @@ class Finger:
 
     def normal(self, shape, theta, pose, p_wf, rho):
         """Return the body's outward unit normal towards the finger, world frame."""
+        return self.touch(shape, theta, pose, p_wf, rho)[1]
+
+    def touch(self, shape, theta, pose, p_wf, rho):
+        """Return the finger's point nearest to the body [m], and that normal, world."""
         p_w = self.core(shape, theta, pose, p_wf, rho)
-        return pose[1] @ shape.normal(theta, to_body(pose, p_w), rho / 10)
+        n = pose[1] @ shape.normal(theta, to_body(pose, p_w), rho / 10)
+        return p_w - rho * n, n
 
 
-SPHERE = Finger("sphere", 3, sphere_core)
+SPHERE = Finger("sphere", 3, sphere_core, sphere_before)
 
 
 @cache
 def capsule(half_length):
     """Return a capsule whose segment is 2 half_length [m] long (0: a sphere)."""
-    return Finger("capsule", 7, partial(segment_core, half_length))
+    return Finger("capsule", 7, partial(segment_core, half_length), segment_before)

@@ -1,0 +1,57 @@
+r"""Coulomb friction of a contact: its coefficient, its impulses and their cone.
+
+lam_n >= 0,     |lam_t| <= mu lam_n          (apex rounded; recomputed exactly)
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from . import contact
+
+FRICTION = 0.4  # [1] of what is not known
+LEAST = 1e-3  # [nats] for an impulse of one weight
+
+
+def friction(nlp, name, value):
+    """Declare a coefficient: a parameter where it is known, else an unknown."""
+    if value is not None:
+        return nlp.parameter(name, value)
+    mu = nlp.variable(
+        name, 1, lower=0.01, upper=2.0, guess=FRICTION, unit="1", scale=0.1
+    )
+    nlp.minimize(
+        f"{name} prior", lambda mu: ((mu - FRICTION) / 0.3) ** 2 / 2, mu, role="prior"
+    )
+    return mu
+
+
+def impulses(nlp, name, w, guess, scale):
+    """Declare the impulses (normal, t1, t2) of contacts, one for each weight w."""
+    free = [0, -ca.inf, -ca.inf]
+    return nlp.variable(
+        name, 3, len(w), lower=free, guess=guess, unit="N s", scale=scale
+    )
+
+
+def cone(nlp, name, lam, mu, w):
+    """Keep the impulses of a contact in the cone, and no larger than need be."""
+    rounding = nlp.parameters["cone rounding"]
+    nlp.subject_to(f"{name} cone", room, lam, mu, w, rounding, lower=0)
+    nlp.report(f"{name} cone, exact", excess, lam, mu, w)
+    nlp.minimize(f"least {name} impulse", least, lam, w, role="regulariser")
+
+
+def room(lam, mu, w, rounding):
+    """How far inside the friction cone an impulse is, in weights w [N s]."""
+    return contact.cone(mu, lam / w, rounding)
+
+
+def excess(lam, mu, w):
+    """By how much an impulse leaves the exact friction cone, in weights."""
+    return ca.norm_2(lam[1:3]) / w - mu * lam[0] / w
+
+
+def least(lam, w):
+    """A pull towards zero, in nats."""
+    return LEAST * ca.sumsqr(lam / w)
