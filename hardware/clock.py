@@ -1,0 +1,123 @@
+"""Map the clocks of devices to the time of the host.
+
+A sample that a device stamps d arrives at the host at h = a d + b + delay, and delays
+are never negative: the line under all points (d, h) is the clock, what lies above it is
+waiting.  So the map is the lower convex hull's edge over the middle of the record, not
+least squares, which a few late samples pull up.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from .errors import ClockError
+
+LARGEST_DRIFT = 1e-3  # [1]; quartz drifts by 1e-4 at most, beyond it the unit is wrong
+
+
+class HostClock:
+    """The time of this computer, CLOCK_REALTIME [s], and waiting by it."""
+
+    def now(self) -> float:
+        """Return the time [s]."""
+        return time.time()
+
+    def sleep(self, duration: float) -> None:
+        """Wait for a duration [s]."""
+        time.sleep(max(duration, 0.0))
+
+
+@dataclass(frozen=True)
+class ClockMap:
+    """host = rate * (device - origin) + start.
+
+    rate:     [s of the host per unit of the device]
+    origin:   [units of the device]
+    start:    [s] of the host
+    residual: [s], median delay above the line: jitter of the transport
+    """
+
+    rate: float
+    origin: float
+    start: float
+    residual: float
+
+    def __call__(self, device: np.ndarray) -> np.ndarray:
+        """Return the host times [s] of device times."""
+        return self.rate * (np.asarray(device, float) - self.origin) + self.start
+
+    @classmethod
+    def fit(cls, device: np.ndarray, host: np.ndarray, unit: float = 1.0) -> ClockMap:
+        """Return the map under device times (n,) [unit s] and arrivals (n,) [s].
+
+        unit: [s], nominal length of a unit of the device.  The least delay of the
+        transport is not observable and stays in the map.  Raises ClockError for fewer
+        than two times, times that run backwards, and a drift beyond 1e-3.
+        """
+        device, host = np.asarray(device, float), np.asarray(host, float)
+        _check(device, host)
+        origin, start = device[0], host[0]
+        x, y = device - origin, host - start  # small numbers: no digits are lost
+        hull = _lower_hull(x, y)
+        middle = (x[0] + x[-1]) / 2
+        edge = min(np.searchsorted(x[hull], middle, side="right"), len(hull) - 1)
+        left, right = hull[edge - 1], hull[edge]
+        rate = (y[right] - y[left]) / (x[right] - x[left])
+        if abs(rate / unit - 1) > LARGEST_DRIFT:
+            raise ClockError(
+                "the device's clock does not run with the host's",
+                got=f"{rate:.6g} s per unit",
+                expected=f"{unit:.6g} s within {LARGEST_DRIFT:g}",
+                next="check the unit of the stamps, or record for longer",
+            )
+        offset = y[left] - rate * x[left]
+        residual = float(np.median(y - rate * x - offset))
+        return cls(float(rate), float(origin), float(start + offset), residual)
+
+
+def unwrap(counter: np.ndarray, bits: int) -> np.ndarray:
+    """Return counts (n,) that go on where an unsigned counter of so many bits wraps.
+
+    Gaps shorter than half the range are seen right; a step of 1 means nothing is lost.
+    """
+    counter, size = np.asarray(counter, np.int64), 1 << bits
+    if counter.size and not (counter.min() >= 0 and counter.max() < size):
+        raise ClockError(
+            "no such counter", got=counter.max(), expected=f"{bits} unsigned bits"
+        )
+    steps = (np.diff(counter) + size // 2) % size - size // 2
+    return np.concatenate([counter[:1], counter[:1] + np.cumsum(steps)])
+
+
+def _check(device: np.ndarray, host: np.ndarray) -> None:
+    paired = device.shape == host.shape and device.ndim == 1 and len(device) > 1
+    if not (paired and np.isfinite(device).all() and np.isfinite(host).all()):
+        raise ClockError(
+            "no pairs of times",
+            got=f"shapes {device.shape} and {host.shape}",
+            expected="two finite arrays (n,), n > 1",
+        )
+    if not (np.diff(device) > 0).all():
+        raise ClockError(
+            "device times do not increase",
+            got=f"a step of {np.diff(device).min():g}",
+            expected="steps above zero",
+            next="unwrap the counter, drop doubles",
+        )
+
+
+def _lower_hull(x: np.ndarray, y: np.ndarray) -> list[int]:
+    """Return the indices of the lower convex hull, x increasing (Andrew's chain)."""
+    hull: list[int] = []
+    for k in range(len(x)):
+        while len(hull) > 1 and _turns_down(x, y, hull[-2], hull[-1], k):
+            hull.pop()
+        hull.append(k)
+    return hull
+
+
+def _turns_down(x: np.ndarray, y: np.ndarray, a: int, b: int, c: int) -> bool:
+    return (x[b] - x[a]) * (y[c] - y[a]) <= (x[c] - x[a]) * (y[b] - y[a])

@@ -1,0 +1,279 @@
+"""Listen to one motor board on one CAN bus and, only if asked to, drive it.
+
+The firmware disables a board that hears nothing for its receive time-out while a motor
+has a current: that, not this program, is the last line of defence.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+import can
+import numpy as np
+
+from . import motor_can as codec
+from .clock import HostClock
+from .errors import BoardError, BusError, HardwareError, LimitError, StaleStreamError
+from .motor_can import Command, Content, Fault, Pair, Quantity, Status
+
+log = logging.getLogger(__name__)
+STALE = 0.1  # [s] without a position: 100 frames of a healthy board
+STATUS_STALE = 3.0  # [s] without a status: three of a healthy board
+MAX_CURRENT = 2.0  # [A] of TriFingerEdu
+RECEIVE_TIMEOUT = 0.1  # [s] after which the firmware switches off
+POLL_LIMIT = 4096  # [frames] read in one go: a babbling bus must not hang the caller
+GARBLED = (ValueError, IndexError)  # what python-can's slcan raises for broken lines
+
+
+class Clock(Protocol):
+    """What tells the time and waits: HostClock, or that of a simulated robot."""
+
+    def now(self) -> float: ...
+
+    def sleep(self, duration: float) -> None: ...
+
+
+class MotorBoard(can.Listener):
+    """Keep the state of a board; `with` opens and always leaves it without current.
+
+    config:      of python-can, e.g. {"interface": "socketcan", "channel": "can0"}
+    name:        for messages, e.g. "finger 0, board 1"
+    listen_only: never send anything.  A board sends positions only when told to, so
+                 that whoever commands the robot must have told it
+    max_current: [A], beyond it `command` refuses
+    sink:        called with every frame that comes or goes, to record it
+    clock:       what the age of a stream is told by
+
+    Read with `poll()`, or hang it on a `can.Notifier`.  `broken` counts frames that
+    were no frames, `errors` error frames; the latter are raised by `check`.
+    """
+
+    def __init__(
+        self,
+        config: Mapping,
+        *,
+        name: str = "board",
+        listen_only: bool = True,
+        max_current: float = MAX_CURRENT,
+        sink: Callable[[can.Message], None] | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        self.config, self.name, self.listen_only = dict(config), name, listen_only
+        self.max_current, self.sink = max_current, sink
+        self.clock = clock or HostClock()
+        self.status: Status | None = None
+        self.broken = self.errors = self.foreign = 0
+        self.index: list[tuple[float, codec.EncoderIndex]] = []
+        self._bus: can.BusABC | None = None
+        self._series: dict[Quantity, list] = {quantity: [] for quantity in Quantity}
+        self._heard: dict[str, float] = {}
+        self._bus_error: BusError | None = None
+
+    def __enter__(self) -> MotorBoard:
+        try:
+            self._bus = can.Bus(**self.config)
+        except (can.CanError, OSError, ValueError, TypeError) as bad:
+            raise BusError(
+                "cannot be opened",
+                where=self.name,
+                got=f"{type(bad).__name__}: {bad}",
+                next="check the interface and channel of python-can; is it up?",
+            ) from bad
+        self._heard["opened"] = self.clock.now()
+        return self
+
+    def __exit__(self, *exception) -> None:
+        try:
+            self.stop()
+        finally:
+            bus, self._bus = self._bus, None
+            if bus is not None:
+                _quietly(bus.shutdown, self.name)
+
+    # Reading
+
+    def poll(self) -> int:
+        """Read the frames that wait, without waiting; return how many they were."""
+        for count in range(POLL_LIMIT):
+            try:
+                message = self._open_bus().recv(timeout=0)
+            except (can.CanError, OSError) as bad:
+                raise self._lost("read", bad) from bad
+            except GARBLED as bad:
+                self.on_error(bad)
+                continue
+            if message is None:
+                return count
+            self.on_message_received(message)
+        return POLL_LIMIT
+
+    def on_message_received(self, msg: can.Message) -> None:
+        """Take in one frame, live or from a recording; never raises for its content."""
+        if self.sink is not None:
+            self.sink(msg)
+        try:
+            content = codec.decode(msg)
+        except BusError as bad:
+            self.errors, self._bus_error = self.errors + 1, bad
+        except HardwareError as bad:
+            self.on_error(bad)
+        else:
+            self._take(msg.timestamp, content)
+
+    def on_error(self, exc: Exception) -> None:
+        """Count what could not be read; a silent stream is found by `check`."""
+        self.broken += 1
+        log.debug("%s: %s", self.name, exc)
+
+    def _take(self, stamp: float, content: Content | None) -> None:
+        match content:
+            case Pair(quantity, values):
+                self._series[quantity].append((stamp, *values))
+                self._heard[quantity.name] = self.clock.now()
+            case Status():
+                self.status = content
+                self._heard["STATUS"] = self.clock.now()
+            case codec.EncoderIndex():
+                self.index.append((stamp, content))
+            case _:
+                self.foreign += 1
+
+    def series(self, quantity: Quantity) -> tuple[np.ndarray, np.ndarray]:
+        """Return the stamps (n,) [s] and values (n, 2) of all frames so far."""
+        rows = np.array(self._series[quantity], float).reshape(-1, 3)
+        return rows[:, 0], rows[:, 1:]
+
+    def newest(self, quantity: Quantity) -> np.ndarray:
+        """Return the newest values (2,); raises StaleStreamError if there are none."""
+        if not self._series[quantity]:
+            raise self._silent(quantity.name, None, 0.0)
+        return np.array(self._series[quantity][-1][1:])
+
+    def forget(self) -> None:
+        """Drop the series, not the state: before a new action."""
+        for rows in self._series.values():
+            del rows[:-1]
+
+    def age(self, stream: str = "POSITION") -> float:
+        """Return the time [s] since a stream was heard, or since the bus was opened."""
+        heard = self._heard.get(stream, self._heard.get("opened", -np.inf))
+        return self.clock.now() - heard
+
+    def check(self, stale: float = STALE) -> None:
+        """Raise what is wrong: bus errors, faults of the board, or a silent stream.
+
+        stale: [s], the largest age of a position.
+        """
+        if self._bus_error is not None:
+            bad, self._bus_error = self._bus_error, None
+            raise bad
+        if self.status is not None and self.status.fault is not Fault.NONE:
+            raise self._fault()
+        for stream, limit in (("POSITION", stale), ("STATUS", STATUS_STALE)):
+            if (age := self.age(stream)) > limit:
+                raise self._silent(stream, age, limit)
+
+    # Driving
+
+    def start(self, timeout: float = 0.0) -> None:
+        """Send the documented start sequence: zero current before anything else.
+
+        timeout: [s] of silence after which the firmware switches off, 0: never.
+        """
+        self._send(codec.encode_current(0.0, 0.0))
+        for command, value in (
+            (Command.RECEIVE_TIMEOUT, round(1e3 * timeout)),
+            (Command.ENABLE_SYSTEM, 1),
+            (Command.SEND_ALL, 1),
+            (Command.ENABLE_MOTOR_1, 1),
+            (Command.ENABLE_MOTOR_2, 1),
+        ):
+            self._send(codec.encode_command(command, value))
+
+    @property
+    def ready(self) -> bool:
+        """Whether both motors are enabled and aligned."""
+        status = self.status
+        if status is None:
+            return False
+        return status.system_enabled and all(status.motor_enabled + status.motor_ready)
+
+    def watch(self, timeout: float = RECEIVE_TIMEOUT) -> None:
+        """Let the firmware switch off after so much silence [s]."""
+        milliseconds = round(1e3 * timeout)
+        self._send(codec.encode_command(Command.RECEIVE_TIMEOUT, milliseconds))
+
+    def command(self, motor_1: float, motor_2: float) -> None:
+        """Set both current references [A]; raises LimitError beyond `max_current`."""
+        for current in (motor_1, motor_2):
+            if not abs(current) <= self.max_current:
+                raise LimitError(
+                    "too much current",
+                    where=self.name,
+                    got=f"{current} A",
+                    expected=f"at most {self.max_current} A",
+                    next="bound the torque before it becomes a current",
+                )
+        self._send(codec.encode_current(motor_1, motor_2))
+
+    def stop(self) -> None:
+        """Command zero current first, then disable; can be called at any time, twice.
+
+        Never raises: the other boards must be stopped too.  Sends nothing where only
+        listening was asked for.
+        """
+        if self._bus is None or self.listen_only:
+            return
+        off = Command.ENABLE_MOTOR_1, Command.ENABLE_MOTOR_2, Command.ENABLE_SYSTEM
+        messages = [codec.encode_command(command, 0) for command in off]
+        for message in (codec.encode_current(0.0, 0.0), *messages):
+            _quietly(lambda message=message: self._send(message), self.name)
+
+    def _send(self, message: can.Message) -> None:
+        if self.listen_only:
+            fix = "open the board with listen_only=False"
+            raise BoardError("only listens", where=self.name, next=fix)
+        message.timestamp = self.clock.now()
+        try:
+            self._open_bus().send(message)
+        except (can.CanError, OSError) as bad:
+            raise self._lost("write", bad) from bad
+        if self.sink is not None:
+            message.is_rx = False
+            self.sink(message)
+
+    # What went wrong
+
+    def _open_bus(self) -> can.BusABC:
+        if self._bus is None:
+            fix = "use it in a `with` block"
+            raise BusError("is not open", where=self.name, next=fix)
+        return self._bus
+
+    def _lost(self, verb: str, bad: Exception) -> BusError:
+        got, fix = f"{type(bad).__name__}: {bad}", "is the adapter still plugged in?"
+        return BusError(f"cannot {verb}", where=self.name, got=got, next=fix)
+
+    def _fault(self) -> BoardError:
+        fix = "look at the board, then start it again"
+        got = self.status.fault.name
+        return BoardError("switched itself off", where=self.name, got=got, next=fix)
+
+    def _silent(self, stream: str, age: float | None, limit: float):
+        return StaleStreamError(
+            f"no {stream.lower()} is heard",
+            where=self.name,
+            got="nothing so far" if age is None else f"silence for {age:.3f} s",
+            expected=f"one every {limit} s",
+            next="is the board powered, is the bus connected, is it told to send?",
+        )
+
+
+def _quietly(action: Callable[[], None], name: str) -> None:
+    """Do what must not keep the rest from being done; what fails is logged."""
+    try:
+        action()
+    except (can.CanError, OSError, HardwareError) as bad:
+        log.warning("%s: while stopping: %s", name, bad)

@@ -1,0 +1,133 @@
+"""Relate the motors on the boards of a finger to its joints.
+
+joint angle [rad] = motor [rev] * 2 pi / gear - zero angle, torque [N m] = current [A] *
+torque constant * gear.  Encoders count from where they are switched on: zero angles are
+found by homing, per robot (index or end stop, plus an offset).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .errors import BoardError, RigError
+from .motor_board import RECEIVE_TIMEOUT, Clock, MotorBoard
+
+READY = 10.0  # [s], alignment after power-up takes a few seconds
+POLL = 0.01  # [s]
+KRPM = 1000 * 2 * math.pi / 60  # [rad/s]
+
+
+@dataclass(frozen=True)
+class JointMap:
+    """Say which motor moves which joint of a finger, and how.
+
+    motors: (board, motor) of the three joints, each numbered from 0.  The default is
+            what the reference driver's code does; its documentation says otherwise
+    zero:   (3,) [rad], the zero angles
+    gear:   [1], motor turns per joint turn
+    torque_constant: [N m / A] of a motor
+    """
+
+    motors: tuple[tuple[int, int], ...] = ((1, 0), (0, 0), (0, 1))
+    zero: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gear: float = 9.0
+    torque_constant: float = 0.02
+
+    def __post_init__(self) -> None:
+        pairs = {tuple(pair) for pair in self.motors}
+        if len(self.motors) != 3 or len(pairs) != 3 or not pairs <= PLACES:
+            raise RigError(
+                "not a map of three joints",
+                where="motors",
+                got=self.motors,
+                expected="three different (board, motor) out of 0 and 1",
+            )
+        if len(self.zero) != 3 or not np.isfinite(self.zero).all():
+            raise RigError(
+                "not three angles", where="zero", got=self.zero, expected="(3,) [rad]"
+            )
+
+    def angles(self, revolutions: np.ndarray) -> np.ndarray:
+        """Return joint angles (..., 3) [rad] of motors (..., board, motor) [rev]."""
+        turns = self._joints(np.asarray(revolutions, float))
+        return turns * (2 * math.pi / self.gear) - np.array(self.zero)
+
+    def velocities(self, krpm: np.ndarray) -> np.ndarray:
+        """Return joint velocities (..., 3) [rad/s] of motors (..., 2, 2) [krpm]."""
+        return self._joints(np.asarray(krpm, float)) * (KRPM / self.gear)
+
+    def revolutions(self, angles: np.ndarray) -> np.ndarray:
+        """Return motor positions (..., 2, 2) [rev]; the fourth motor stays at 0."""
+        turns = (np.asarray(angles, float) + self.zero) * (self.gear / (2 * math.pi))
+        return self._boards(turns)
+
+    def krpm(self, velocities: np.ndarray) -> np.ndarray:
+        """Return motor velocities (..., 2, 2) [krpm] of joint velocities [rad/s]."""
+        return self._boards(np.asarray(velocities, float) * (self.gear / KRPM))
+
+    def currents(self, torques: np.ndarray) -> np.ndarray:
+        """Return motor currents (..., 2, 2) [A] of joint torques (..., 3) [N m]."""
+        return self._boards(np.asarray(torques, float) / self.newton_metres)
+
+    def torques(self, currents: np.ndarray) -> np.ndarray:
+        """Return joint torques (..., 3) [N m] of motor currents (..., 2, 2) [A]."""
+        return self._joints(np.asarray(currents, float)) * self.newton_metres
+
+    @property
+    def newton_metres(self) -> float:
+        """The joint torque per current [N m / A]."""
+        return self.torque_constant * self.gear
+
+    def _joints(self, motors: np.ndarray) -> np.ndarray:
+        board, motor = np.array(self.motors).T
+        return motors[..., board, motor]
+
+    def _boards(self, joints: np.ndarray) -> np.ndarray:
+        motors = np.zeros((*joints.shape[:-1], 2, 2))
+        board, motor = np.array(self.motors).T
+        motors[..., board, motor] = joints
+        return motors
+
+
+PLACES = {(board, motor) for board in (0, 1) for motor in (0, 1)}
+
+
+def start_motors(
+    boards: list[MotorBoard],
+    clock: Clock,
+    timeout: float = RECEIVE_TIMEOUT,
+    patience: float = READY,
+) -> None:
+    """Start all boards at once, and wait until their motors are aligned.
+
+    timeout: [s] of silence after which a board switches itself off from then on.
+    Raises BoardError for a fault, or where alignment takes longer than `patience` [s];
+    all boards are stopped then.
+    """
+    try:
+        for board in boards:
+            board.start()
+        end = clock.now() + patience
+        while waiting := [board for board in boards if not board.ready]:
+            clock.sleep(POLL)
+            for board in boards:
+                board.poll()
+                board.check(stale=patience)
+            if clock.now() > end:
+                raise BoardError(
+                    "is not ready",
+                    where=waiting[0].name,
+                    got=repr(waiting[0].status),
+                    expected=f"both motors aligned within {patience} s",
+                    next="can the joints move freely? is the motor supply on?",
+                )
+        for board in boards:
+            board.command(0.0, 0.0)
+            board.watch(timeout)
+    except BaseException:
+        for board in boards:
+            board.stop()
+        raise

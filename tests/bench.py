@@ -1,0 +1,73 @@
+"""What the tests of the bench share: captures, pseudo-terminals, how much to fuzz."""
+
+import os
+import tty
+from pathlib import Path
+
+import pytest
+
+CAPTURES = Path(__file__).resolve().parents[2] / "shared" / "captures"
+# The full run is TACTILENLP_FUZZ=1000000; a tenth of a second per test otherwise.
+FUZZ = int(os.environ.get("TACTILENLP_FUZZ", "10000"))
+
+
+def capture(name):
+    """Return the path of a real capture; skips where it is absent."""
+    path = CAPTURES / name
+    if not path.is_file():
+        pytest.skip(f"no real capture beside this checkout ({path})")
+    return path
+
+
+class Terminal:
+    """A pseudo-terminal: `name` for who opens a port, the other end is ours."""
+
+    def __init__(self):
+        self.master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self.master, False)
+        self.name = os.ttyname(self._slave)
+
+    def write(self, data):
+        while data:
+            try:
+                data = data[os.write(self.master, data) :]
+            except BlockingIOError:
+                continue
+
+    def read(self):
+        try:
+            return os.read(self.master, 65536)
+        except BlockingIOError:
+            return b""
+
+    def unplug(self):
+        """Close both ends, as an adapter that is pulled out."""
+        for end in (self.master, self._slave):
+            if end is not None:
+                os.close(end)
+        self.master = self._slave = None
+
+
+@pytest.fixture
+def terminal():
+    """A pseudo-terminal that is closed afterwards."""
+    terminal = Terminal()
+    yield terminal
+    terminal.unplug()
+
+
+class ManualClock:
+    """A clock that moves when told to, and calls `tick` while it does."""
+
+    def __init__(self, now=1.7e9, tick=None):
+        self.time, self.tick, self.step = now, tick, 1e-3
+
+    def now(self):
+        return self.time
+
+    def sleep(self, duration):
+        for _ in range(max(round(duration / self.step), 1)):
+            self.time += self.step
+            if self.tick is not None:
+                self.tick(self.time)
