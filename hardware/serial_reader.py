@@ -1,0 +1,223 @@
+"""Read a tactile sensor on a serial line, and come back after it was unplugged."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from typing import Protocol
+
+import can
+import serial
+
+from . import serial_tactile as codec
+from .clock import HostClock
+from .errors import BusError, HardwareError
+from .motor_board import GARBLED, POLL_LIMIT, Clock
+from .touch import check_age
+
+log = logging.getLogger(__name__)
+STALE = 0.1  # [s]
+FIRST_WAIT, LONGEST_WAIT = 0.05, 2.0  # [s] between attempts to open the port again
+READ_TIME = 0.02  # [s] that a read waits for a first byte
+LOST = serial.SerialException, OSError  # a port that vanishes raises the one or other
+
+
+class Framer(Protocol):
+    """What cuts chunks into frames; see `serial_tactile`."""
+
+    good: int
+    broken: int
+    lost: int
+
+    def feed(self, chunk: bytes) -> list: ...
+
+    def reset(self) -> None: ...
+
+
+class SerialTactile:
+    """Feed a framer from a port, in a thread; `with` opens, and waits for no sensor.
+
+    url:       "/dev/ttyACM0" or what else pyserial opens
+    framer:    cuts the bytes; its counters are those of the stream
+    baudrate:  [Bd], 1 000 000 for OptoForce, 115 200 for AnySkin
+    configure: bytes sent whenever the port is opened, e.g. `encode_configuration`
+    sink:      called with every chunk and its time, to record it
+
+    A port that vanishes is tried again after 0.05 s, then twice as long each time up
+    to 2 s.  `reconnects` counts how often it came back, `check` says if it has not.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        framer: Framer,
+        *,
+        baudrate: int = 1_000_000,
+        name: str = "sensor",
+        configure: bytes = b"",
+        sink: Callable[[bytes, float], None] | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        self.url, self.framer, self.baudrate, self.name = url, framer, baudrate, name
+        self.configure, self.sink = configure, sink
+        self.clock = clock or HostClock()
+        self.reconnects = 0
+        self._frames: list[tuple[float, object]] = []
+        self._heard, self._opened = self.clock.now(), 0
+        self._why, self._broken_down = "", None
+        self._lock, self._leave = threading.Lock(), threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def __enter__(self) -> SerialTactile:
+        self._leave.clear()
+        self._heard = self.clock.now()
+        self._thread = threading.Thread(target=self._run, name=self.name, daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self._leave.set()
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+
+    def take(self) -> list[tuple[float, object]]:
+        """Return the frames since the last call, each with its time of arrival [s]."""
+        with self._lock:
+            frames, self._frames = self._frames, []
+        return frames
+
+    @property
+    def age(self) -> float:
+        """The time [s] since a good frame came, or since the sensor was opened."""
+        return self.clock.now() - self._heard
+
+    def check(self, stale: float = STALE) -> None:
+        """Raise StaleStreamError, or what the thread ended with."""
+        if self._broken_down is not None:
+            raise self._broken_down
+        check_age(self.name, self.age, stale, self._why)
+
+    def _run(self) -> None:
+        wait = FIRST_WAIT
+        while not self._leave.is_set():
+            try:
+                with self._open() as port:
+                    wait = FIRST_WAIT
+                    self._read(port)
+            except LOST as bad:
+                self._why = f"{type(bad).__name__}: {bad}"
+                log.info("%s: %s; again in %.2f s", self.name, self._why, wait)
+                self._leave.wait(wait)
+                wait = min(2 * wait, LONGEST_WAIT)
+            except HardwareError as bad:  # the sink: a full disk, for instance
+                self._broken_down = bad
+                return
+
+    def _open(self) -> serial.SerialBase:
+        options = {"exclusive": True} if ":" not in self.url else {}
+        port = serial.serial_for_url(
+            self.url, baudrate=self.baudrate, timeout=READ_TIME, **options
+        )
+        self.framer.reset()
+        self.reconnects += self._opened > 0
+        self._opened += 1
+        if self.configure:
+            port.write(self.configure)
+        return port
+
+    def _read(self, port: serial.SerialBase) -> None:
+        while not self._leave.is_set():
+            chunk = port.read(max(1, port.in_waiting))
+            now = self.clock.now()
+            if not chunk:
+                continue
+            if self.sink is not None:
+                self.sink(chunk, now)
+            frames = [(now, frame) for frame in self.framer.feed(chunk)]
+            if frames:
+                self._heard, self._why = now, ""
+                with self._lock:
+                    self._frames += frames
+
+
+class OptoForceCan(can.Listener):
+    """Read an OptoForce sensor on CAN: packets in frames of identifier 0x100.
+
+    config: of python-can.  Where an adapter can be opened once only, hang this on the
+    sink of the MotorBoard that has it: `MotorBoard(..., sink=sensor)`.
+    """
+
+    def __init__(
+        self,
+        config: dict | None = None,
+        *,
+        name: str = "sensor",
+        sink: Callable[[can.Message], None] | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        self.config, self.name, self.sink = config, name, sink
+        self.framer = codec.OptoForceFramer()
+        self.clock = clock or HostClock()
+        self._heard = self.clock.now()
+        self._frames: list[tuple[float, object]] = []
+        self._bus: can.BusABC | None = None
+
+    def __enter__(self) -> OptoForceCan:
+        if self.config is not None:
+            try:
+                self._bus = can.Bus(**self.config)
+            except (can.CanError, OSError, ValueError, TypeError) as bad:
+                got, fix = f"{type(bad).__name__}: {bad}", "is the interface up?"
+                what, where = "cannot be opened", self.name
+                raise BusError(what, where=where, got=got, next=fix) from bad
+        self._heard = self.clock.now()
+        return self
+
+    def __exit__(self, *exception) -> None:
+        bus, self._bus = self._bus, None
+        if bus is not None:
+            bus.shutdown()
+
+    def poll(self) -> None:
+        """Read the frames that wait on the own bus, if there is one."""
+        for _ in range(POLL_LIMIT if self._bus is not None else 0):
+            try:
+                message = self._bus.recv(timeout=0)
+            except (can.CanError, OSError) as bad:
+                fix = "is the adapter still plugged in?"
+                what, got = "cannot read", f"{type(bad).__name__}: {bad}"
+                raise BusError(what, where=self.name, got=got, next=fix) from bad
+            except GARBLED as bad:
+                self.on_error(bad)
+                continue
+            if message is None:
+                return
+            self.on_message_received(message)
+
+    def on_message_received(self, msg: can.Message) -> None:
+        """Take in one frame; an error frame of class 0x100 is none of ours."""
+        if self.sink is not None:
+            self.sink(msg)
+        foreign = msg.is_error_frame or msg.is_extended_id or msg.is_remote_frame
+        if foreign or msg.arbitration_id != codec.DATA_ID:
+            return
+        for frame in self.framer.feed(bytes(msg.data)):
+            self._heard = self.clock.now()
+            self._frames.append((msg.timestamp, frame))
+
+    def on_error(self, exc: Exception) -> None:
+        """Count what could not be read."""
+        self.framer.broken += 1
+        log.debug("%s: %s", self.name, exc)
+
+    def take(self) -> list[tuple[float, object]]:
+        """Return the frames since the last call, each with its stamp [s]."""
+        self.poll()
+        frames, self._frames = self._frames, []
+        return frames
+
+    def check(self, stale: float = STALE) -> None:
+        """Raise StaleStreamError where the sensor has fallen silent."""
+        check_age(self.name, self.clock.now() - self._heard, stale)

@@ -1,0 +1,222 @@
+"""Cut the byte streams of tactile sensors into frames; no port is touched here.
+
+OptoForce OMD, big-endian, 16 bytes, on a serial line (1 Mbaud) as on CAN (0x100):
+
+    AA 07 08 0A | counter u16 | status u16 | Fx Fy Fz i16 [counts] | sum u16
+
+AnySkin and ReSkin, little-endian, no header, no checksum, no time:
+
+    t x y z f32 per magnetometer [deg C, uT] | CR LF
+
+A framer takes chunks cut anywhere, returns the good frames that they complete, and
+finds its way back after rubbish.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import NamedTuple
+
+import can
+import numpy as np
+
+from .errors import FrameError
+
+HEADER = bytes.fromhex("AA07080A")
+PACKET = struct.Struct(">4sHHhhhH")
+CONFIGURE = bytes.fromhex("AA003203")
+DATA_ID, CONFIG_ID = 0x100, 0x101  # identifiers on CAN
+SPEEDS = {0: 0, 1000: 1, 333: 3, 100: 10, 30: 33, 10: 100}  # [Hz] -> code
+FILTERS = {0: 0, 500: 1, 150: 2, 50: 3, 15: 4, 5: 5, 1.5: 6}  # [Hz] -> code
+WRAP = 1 << 16  # counts of the sample counter
+RESTART = WRAP // 2  # a gap beyond it is a sensor that was switched on again
+DELIMITER = b"\r\n"
+WORD = 4  # [bytes] of a float32; four words a magnetometer
+
+
+class ForceFrame(NamedTuple):
+    """One sample of an OptoForce sensor.
+
+    counter: [1], samples modulo 65536
+    status:  bits 0-2 sensor, 4-9 overload, 10-12 sensor error, 13-15 error of the unit
+    counts:  (Fx, Fy, Fz), the force on the sensor; z points out of the dome's top
+    """
+
+    counter: int
+    status: int
+    counts: tuple[int, int, int]
+
+    @property
+    def fault(self) -> bool:
+        """Whether sensor or unit report an error; overload is none."""
+        return self.status >> 10 != 0
+
+    @property
+    def overload(self) -> bool:
+        """Whether a force is beyond its range."""
+        return self.status >> 4 & 0x3F != 0
+
+
+class FieldFrame(NamedTuple):
+    """One sample of a magnetic skin: (M,) [deg C] and (M, 3) [uT] of M chips."""
+
+    temperature: np.ndarray
+    field: np.ndarray
+
+
+class OptoForceFramer:
+    """Find OptoForce packets; `good`, `broken` (bad checksum) and `lost` count them.
+
+    `lost` are samples that the counter skips, `skipped` are bytes outside packets.
+    """
+
+    def __init__(self) -> None:
+        self.good = self.broken = self.lost = self.skipped = 0
+        self._buffer = bytearray()
+        self._last: int | None = None
+
+    def feed(self, chunk: bytes) -> list[ForceFrame]:
+        """Return the good frames that this chunk completes."""
+        buffer, frames = self._buffer, []
+        buffer += chunk
+        at = 0
+        while (start := buffer.find(HEADER, at)) >= 0:
+            self.skipped += start - at
+            at = start
+            if len(buffer) - start < PACKET.size:
+                break
+            frame = self._frame(bytes(buffer[start : start + PACKET.size]))
+            if frame is None:  # look for a header inside: the next packet may be there
+                at += 1
+                self.skipped += 1
+            else:
+                at += PACKET.size
+                frames.append(frame)
+        else:
+            keep = max(at, len(buffer) - len(HEADER) + 1)
+            self.skipped += keep - at
+            at = keep
+        del buffer[:at]
+        return frames
+
+    def reset(self) -> None:
+        """Forget the bytes of an unfinished packet: the line was cut."""
+        self._buffer.clear()
+
+    def _frame(self, packet: bytes) -> ForceFrame | None:
+        _, counter, status, *counts, told = PACKET.unpack(packet)
+        if sum(packet[:-2]) % WRAP != told:
+            self.broken += 1
+            return None
+        self.good += 1
+        if self._last is not None:
+            gap = (counter - self._last - 1) % WRAP
+            self.lost += gap if gap < RESTART else 0
+        self._last = counter
+        return ForceFrame(counter, status, tuple(counts))
+
+
+class AnySkinFramer:
+    """Find frames of AnySkin or ReSkin between two delimiters one frame apart.
+
+    A single CR LF is found in one random frame of a thousand, hence two of them; the
+    first frame of a stream is not used, nothing marks its start.  `broken` counts
+    losses of step and frames that hold no numbers; what was lost cannot be known, and
+    `lost` stays 0.
+    """
+
+    def __init__(self, magnetometers: int = 5) -> None:
+        if magnetometers < 1:
+            raise FrameError(
+                "no sensor", where="magnetometers", got=magnetometers, expected=">= 1"
+            )
+        self.good = self.broken = self.lost = self.skipped = 0
+        self._payload = 4 * WORD * magnetometers
+        self._size = self._payload + len(DELIMITER)
+        self._buffer = bytearray()
+        self._in_step = False
+
+    def feed(self, chunk: bytes) -> list[FieldFrame]:
+        """Return the good frames that this chunk completes."""
+        self._buffer += chunk
+        frames = []
+        while len(self._buffer) >= self._size + len(DELIMITER):
+            if not self._bounded():
+                self._search()
+                continue
+            first, last = len(DELIMITER), self._size
+            frame = self._frame(bytes(self._buffer[first:last]))
+            del self._buffer[: self._size]
+            self._in_step = True
+            if frame is not None:
+                frames.append(frame)
+        return frames
+
+    def reset(self) -> None:
+        """Forget the bytes of an unfinished frame: the line was cut."""
+        self._buffer.clear()
+        self._in_step = False
+
+    def _bounded(self) -> bool:
+        """Whether a frame lies between two delimiters at the start of the buffer."""
+        after = self._buffer[self._size : self._size + len(DELIMITER)]
+        return self._buffer[: len(DELIMITER)] == DELIMITER == after
+
+    def _search(self) -> None:
+        """Drop bytes up to the next delimiter."""
+        if self._in_step:
+            self.broken, self._in_step = self.broken + 1, False
+        start = self._buffer.find(DELIMITER, 1)
+        if start < 0:
+            start = len(self._buffer) - 1  # it may be the first half of one
+        self.skipped += start
+        del self._buffer[:start]
+
+    def _frame(self, payload: bytes) -> FieldFrame | None:
+        words = np.frombuffer(payload, "<f4").reshape(-1, 4).astype(float)
+        if not np.isfinite(words).all():
+            self.broken += 1
+            return None
+        self.good += 1
+        return FieldFrame(words[:, 0], words[:, 1:])
+
+
+def encode_force(frame: ForceFrame) -> bytes:
+    """Return the packet (16 bytes) of an OptoForce sample; simulated sensors use it."""
+    body = PACKET.pack(HEADER, frame.counter, frame.status, *frame.counts, 0)[:-2]
+    return body + (sum(body) % WRAP).to_bytes(2, "big")
+
+
+def encode_field(frame: FieldFrame) -> bytes:
+    """Return the bytes of a sample of a magnetic skin, with its delimiter."""
+    words = np.column_stack([frame.temperature, frame.field])
+    return words.astype("<f4").tobytes() + DELIMITER
+
+
+def encode_configuration(
+    speed: int = 1000, filter: float = 0, zero: bool = False
+) -> bytes:
+    """Return the packet (9 bytes) that sets rate [Hz], low-pass [Hz] and zero.
+
+    speed:  0 (stop), 10, 30, 100, 333 or 1000 Hz
+    filter: 0 (none), 1.5, 5, 15, 50, 150 or 500 Hz
+    """
+    for name, value, known in (("speed", speed, SPEEDS), ("filter", filter, FILTERS)):
+        if value not in known:
+            expected = f"one of {sorted(known)} Hz"
+            raise FrameError("no such rate", where=name, got=value, expected=expected)
+    codes = bytes([SPEEDS[speed], FILTERS[filter], 255 if zero else 0])
+    return CONFIGURE + codes + sum(CONFIGURE + codes).to_bytes(2, "big")
+
+
+def to_can(packet: bytes, identifier: int, timestamp: float = 0.0) -> list[can.Message]:
+    """Return the frames of at most 8 bytes that carry a packet over CAN."""
+    return [
+        can.Message(
+            timestamp=timestamp,
+            arbitration_id=identifier,
+            data=packet[k : k + 8],
+            is_extended_id=False,
+        )
+        for k in range(0, len(packet), 8)
+    ]
