@@ -10,12 +10,21 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from .errors import ClockError
 
 LARGEST_DRIFT = 1e-3  # [1]; quartz drifts by 1e-4 at most, beyond it the unit is wrong
+
+
+class Clock(Protocol):
+    """What tells the time and waits: HostClock, or that of a simulated robot."""
+
+    def now(self) -> float: ...
+
+    def sleep(self, duration: float) -> None: ...
 
 
 class HostClock:

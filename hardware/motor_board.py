@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping
-from typing import Protocol
 
 import can
 import numpy as np
 
 from . import motor_can as codec
-from .clock import HostClock
+from .can_bus import lost, open_bus, waiting
+from .clock import Clock, HostClock
 from .errors import BoardError, BusError, HardwareError, LimitError, StaleStreamError
 from .motor_can import Command, Content, Fault, Pair, Quantity, Status
 
@@ -23,16 +23,6 @@ STALE = 0.1  # [s] without a position: 100 frames of a healthy board
 STATUS_STALE = 3.0  # [s] without a status: three of a healthy board
 MAX_CURRENT = 2.0  # [A] of TriFingerEdu
 RECEIVE_TIMEOUT = 0.1  # [s] after which the firmware switches off
-POLL_LIMIT = 4096  # [frames] read in one go: a babbling bus must not hang the caller
-GARBLED = (ValueError, IndexError)  # what python-can's slcan raises for broken lines
-
-
-class Clock(Protocol):
-    """What tells the time and waits: HostClock, or that of a simulated robot."""
-
-    def now(self) -> float: ...
-
-    def sleep(self, duration: float) -> None: ...
 
 
 class MotorBoard(can.Listener):
@@ -72,15 +62,7 @@ class MotorBoard(can.Listener):
         self._bus_error: BusError | None = None
 
     def __enter__(self) -> MotorBoard:
-        try:
-            self._bus = can.Bus(**self.config)
-        except (can.CanError, OSError, ValueError, TypeError) as bad:
-            raise BusError(
-                "cannot be opened",
-                where=self.name,
-                got=f"{type(bad).__name__}: {bad}",
-                next="check the interface and channel of python-can; is it up?",
-            ) from bad
+        self._bus = open_bus(self.config, self.name)
         self._heard["opened"] = self.clock.now()
         return self
 
@@ -96,18 +78,11 @@ class MotorBoard(can.Listener):
 
     def poll(self) -> int:
         """Read the frames that wait, without waiting; return how many they were."""
-        for count in range(POLL_LIMIT):
-            try:
-                message = self._open_bus().recv(timeout=0)
-            except (can.CanError, OSError) as bad:
-                raise self._lost("read", bad) from bad
-            except GARBLED as bad:
-                self.on_error(bad)
-                continue
-            if message is None:
-                return count
+        count = 0
+        for message in waiting(self._open_bus(), self.name, self.on_error):
             self.on_message_received(message)
-        return POLL_LIMIT
+            count += 1
+        return count
 
     def on_message_received(self, msg: can.Message) -> None:
         """Take in one frame, live or from a recording; never raises for its content."""
@@ -239,7 +214,7 @@ class MotorBoard(can.Listener):
         try:
             self._open_bus().send(message)
         except (can.CanError, OSError) as bad:
-            raise self._lost("write", bad) from bad
+            raise lost("write", self.name, bad) from bad
         if self.sink is not None:
             message.is_rx = False
             self.sink(message)
@@ -251,10 +226,6 @@ class MotorBoard(can.Listener):
             fix = "use it in a `with` block"
             raise BusError("is not open", where=self.name, next=fix)
         return self._bus
-
-    def _lost(self, verb: str, bad: Exception) -> BusError:
-        got, fix = f"{type(bad).__name__}: {bad}", "is the adapter still plugged in?"
-        return BusError(f"cannot {verb}", where=self.name, got=got, next=fix)
 
     def _fault(self) -> BoardError:
         fix = "look at the board, then start it again"

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .clock import Clock
 from .errors import BoardError, RigError
-from .motor_board import RECEIVE_TIMEOUT, Clock, MotorBoard
+from .motor_board import RECEIVE_TIMEOUT, MotorBoard
 
 READY = 10.0  # [s], alignment after power-up takes a few seconds
 POLL = 0.01  # [s]

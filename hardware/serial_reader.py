@@ -11,9 +11,9 @@ import can
 import serial
 
 from . import serial_tactile as codec
-from .clock import HostClock
-from .errors import BusError, HardwareError
-from .motor_board import GARBLED, POLL_LIMIT, Clock
+from .can_bus import open_bus, waiting
+from .clock import Clock, HostClock
+from .errors import HardwareError
 from .touch import check_age
 
 log = logging.getLogger(__name__)
@@ -166,12 +166,7 @@ class OptoForceCan(can.Listener):
 
     def __enter__(self) -> OptoForceCan:
         if self.config is not None:
-            try:
-                self._bus = can.Bus(**self.config)
-            except (can.CanError, OSError, ValueError, TypeError) as bad:
-                got, fix = f"{type(bad).__name__}: {bad}", "is the interface up?"
-                what, where = "cannot be opened", self.name
-                raise BusError(what, where=where, got=got, next=fix) from bad
+            self._bus = open_bus(self.config, self.name)
         self._heard = self.clock.now()
         return self
 
@@ -182,19 +177,9 @@ class OptoForceCan(can.Listener):
 
     def poll(self) -> None:
         """Read the frames that wait on the own bus, if there is one."""
-        for _ in range(POLL_LIMIT if self._bus is not None else 0):
-            try:
-                message = self._bus.recv(timeout=0)
-            except (can.CanError, OSError) as bad:
-                fix = "is the adapter still plugged in?"
-                what, got = "cannot read", f"{type(bad).__name__}: {bad}"
-                raise BusError(what, where=self.name, got=got, next=fix) from bad
-            except GARBLED as bad:
-                self.on_error(bad)
-                continue
-            if message is None:
-                return
-            self.on_message_received(message)
+        if self._bus is not None:
+            for message in waiting(self._bus, self.name, self.on_error):
+                self.on_message_received(message)
 
     def on_message_received(self, msg: can.Message) -> None:
         """Take in one frame; an error frame of class 0x100 is none of ours."""
