@@ -14,7 +14,7 @@ class FrameError(HardwareError, ValueError):
 
 
 class BusError(HardwareError):
-    """A CAN bus or a serial line cannot be opened, or does not carry any more."""
+    """A bus, serial line or camera cannot be opened, or carries nothing any more."""
 
 
 class BoardError(HardwareError):

@@ -1,0 +1,170 @@
+"""Read pictures: live from a camera, in a thread, or back from files."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from .clock import Clock, HostClock
+from .errors import BusError, HardwareError, RecordingError
+from .optical_flow import opencv
+from .touch import check_age
+
+log = logging.getLogger(__name__)
+STALE = 0.1  # [s], three frames at 30 Hz
+FIRST_WAIT, LONGEST_WAIT = 0.1, 2.0  # [s] between attempts to open the camera again
+NATURAL = "f_%05d.png"  # how recorded pictures are named
+
+
+class Camera:
+    """Read a camera in a thread; `with` opens, and waits for no picture.
+
+    source:   number or path of the camera, or a function that waits for the next
+              picture and returns it, None once there are no more
+    size:     (width, height) [px], None: as the camera is
+    rate:     [Hz], None: as the camera is
+    exposure: in the camera's unit; a DenseTact wants a fixed one
+    sink:     called with every picture and its time, to record it
+
+    OpenCV stamps nothing that can be trusted: a picture's time is that of its arrival,
+    and the latency of the camera is to be subtracted later.  A picture that equals the
+    one before to the last bit is no news (`frozen` counts them): real ones have noise.
+    """
+
+    def __init__(
+        self,
+        source: int | str | Callable[[], np.ndarray | None],
+        *,
+        name: str = "camera",
+        size: tuple[int, int] | None = None,
+        rate: float | None = None,
+        exposure: float | None = None,
+        sink: Callable[[np.ndarray, float], None] | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        self.source, self.name, self.sink = source, name, sink
+        self.size, self.rate, self.exposure = size, rate, exposure
+        self.clock = clock or HostClock()
+        self.good = self.frozen = self.reconnects = 0
+        self._frames: list[tuple[float, np.ndarray]] = []
+        self._last: np.ndarray | None = None
+        self._heard, self._why = self.clock.now(), ""
+        self._broken_down: HardwareError | None = None
+        self._lock, self._leave = threading.Lock(), threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def __enter__(self) -> Camera:
+        self._leave.clear()
+        self._heard = self.clock.now()
+        self._thread = threading.Thread(target=self._run, name=self.name, daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self._leave.set()
+        if self._thread is not None:  # a driver that hangs in a read is left behind
+            self._thread.join(timeout=1.0)
+            self._thread = None
+
+    def take(self) -> list[tuple[float, np.ndarray]]:
+        """Return the pictures since the last call, each with its time [s]."""
+        with self._lock:
+            frames, self._frames = self._frames, []
+        return frames
+
+    def check(self, stale: float = STALE) -> None:
+        """Raise StaleStreamError where no new picture came for longer [s]."""
+        if self._broken_down is not None:
+            raise self._broken_down
+        check_age(self.name, self.clock.now() - self._heard, stale, self._why)
+
+    def _run(self) -> None:
+        wait = FIRST_WAIT
+        while not self._leave.is_set():
+            try:
+                read, close = self._open()
+                try:
+                    while not self._leave.is_set() and (frame := read()) is not None:
+                        self._take_in(frame)
+                        wait = FIRST_WAIT
+                finally:
+                    close()
+                self._why = "no more pictures"
+            except BusError as bad:
+                self._why = bad.what
+            except HardwareError as bad:  # the sink: a full disk, for instance
+                self._broken_down = bad
+                return
+            self._leave.wait(wait)
+            wait = min(2 * wait, LONGEST_WAIT)
+            self.reconnects += 1
+
+    def _open(self) -> tuple[Callable[[], np.ndarray | None], Callable[[], None]]:
+        if callable(self.source):
+            return self.source, lambda: None
+        cv2 = opencv()
+        camera = cv2.VideoCapture(self.source)
+        if not camera.isOpened():
+            camera.release()
+            raise BusError("cannot be opened", where=self.name, got=self.source)
+        for key, value in zip(
+            (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT),
+            self.size or (),
+            strict=False,
+        ):
+            camera.set(key, value)
+        if self.rate is not None:
+            camera.set(cv2.CAP_PROP_FPS, self.rate)
+        if self.exposure is not None:
+            camera.set(cv2.CAP_PROP_AUTO_EXPOSURE, 1)  # V4L2: 1 is manual
+            camera.set(cv2.CAP_PROP_EXPOSURE, self.exposure)
+        return lambda: camera.read()[1], camera.release
+
+    def _take_in(self, frame: np.ndarray) -> None:
+        now = self.clock.now()
+        if self._last is not None and np.array_equal(frame, self._last):
+            self.frozen += 1
+            return
+        self._last, self.good = frame, self.good + 1
+        if self.sink is not None:
+            self.sink(frame, now)
+        self._heard, self._why = now, ""
+        with self._lock:
+            self._frames.append((now, frame))
+
+
+def pictures(path: str | Path) -> Iterator[np.ndarray]:
+    """Yield the pictures of a video, or of a folder of .png in natural order.
+
+    Raises RecordingError where there are none, or one cannot be read.
+    """
+    path, cv2 = Path(path), opencv()
+    if path.is_dir():
+        files = sorted(path.glob("*.png"), key=lambda p: (len(p.stem), p.stem))
+        read = (cv2.imread(str(file), cv2.IMREAD_UNCHANGED) for file in files)
+    else:
+        files, read = [path], _video(path)
+    seen = 0
+    for seen, picture in enumerate(read, start=1):
+        if picture is None:
+            raise RecordingError("no picture", where=str(files[seen - 1]))
+        yield picture
+    if not seen:
+        fix = "give a video, or a folder of .png"
+        raise RecordingError("no pictures", where=str(path), next=fix)
+
+
+def _video(path: Path) -> Iterator[np.ndarray]:
+    video = opencv().VideoCapture(str(path))
+    try:
+        while True:
+            found, frame = video.read()
+            if not found:
+                return
+            yield frame
+    finally:
+        video.release()

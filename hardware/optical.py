@@ -1,0 +1,199 @@
+"""Sense touches with a camera behind a soft dome (DenseTact), as the paper does.
+
+Where something presses, the skin comes towards the camera and its texture spreads out:
+the irrotational part of the flow since the reference is grad psi with a minimum of psi
+there.  So -psi is the pressure [px^2]; its weighted mean is the centre of pressure, its
+size there decides on contact, and the dome's normal there is against the object's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from .errors import FrameError, RigError
+from .hodge import Hodge
+from .optical_flow import AGREE, Flow, grey, opencv
+from .touch import DOWN, Hysteresis, Touch
+
+NODES = 80  # across the disc: the decomposition needs no more, and is fast then
+SURE = 0.7  # [1], share of the disc where the flow there and back must agree; texture
+# gives 0.9 and more, a real gel without any 0.3 to 0.4
+HALF = 0.5  # [1], the region of a touch is where the pressure is above half its peak
+LEAST = 16.0  # [px^2], false peaks on real texture stay below it (256 px across)
+ACROSS = 256.0  # [px], for which LEAST was measured; psi grows with the square
+REST = 30  # [frames] without contact at first: one second
+
+
+@dataclass(frozen=True)
+class Lens:
+    """Map pixels to directions: an equidistant fish-eye at the centre of a sphere.
+
+    centre: (u, v) [px] of the dome's axis in the picture, u to the right, v down
+    edge:   [px] from there to the rim of the field of view
+    angle:  [rad] of the rim from the axis
+    radius: [m] of the dome; together with `angle` the nominal model of a DenseTact
+
+    The sensor's frame: x along u, y along v, z out of the dome's top.
+    """
+
+    centre: tuple[float, float]
+    edge: float
+    angle: float = math.radians(80)
+    radius: float = 0.015
+
+    def __post_init__(self) -> None:
+        if not (self.edge > 8 and 0 < self.angle <= math.pi / 2 and self.radius > 0):
+            raise RigError(
+                "no lens",
+                where="Lens",
+                got=self,
+                expected="edge > 8 px, angle in (0, pi/2] rad, radius > 0 m",
+            )
+
+    def direction(self, pixel: np.ndarray) -> np.ndarray:
+        """Return the outward normals (..., 3) of the dome seen at pixels (..., 2)."""
+        out = np.asarray(pixel, float) - self.centre
+        polar = np.linalg.norm(out, axis=-1) * (self.angle / self.edge)
+        around = np.arctan2(out[..., 1], out[..., 0])
+        s = np.sin(polar)
+        return np.stack([s * np.cos(around), s * np.sin(around), np.cos(polar)], -1)
+
+    def pixel(self, direction: np.ndarray) -> np.ndarray:
+        """Return where (..., 2) [px] the dome's normal (..., 3) is seen."""
+        x, y, z = np.moveaxis(np.asarray(direction, float), -1, 0)
+        distance = np.arctan2(np.hypot(x, y), z) * (self.edge / self.angle)
+        around = np.arctan2(y, x)
+        out = np.stack([distance * np.cos(around), distance * np.sin(around)], -1)
+        return out + self.centre
+
+
+@dataclass(frozen=True, eq=False)
+class Sensed:
+    """What one picture shows, before a decision is made.
+
+    centre:   (u, v) [px], centre of pressure in the picture
+    strength: [px^2], pressure there
+    agreement: [1], share of the disc where the flow can be believed
+    pressure: (n, n) [px^2], -psi on the nodes of the disc
+    """
+
+    centre: np.ndarray
+    strength: float
+    agreement: float
+    pressure: np.ndarray
+
+
+class OpticalTouch:
+    """Make touches of pictures; the first second must be without contact.
+
+    lens:   the nominal model of the sensor
+    mount:  R_ts (3, 3), from the sensor's frame to the tip's
+    rest:   pictures from which reference and thresholds are learnt
+
+    `learn` does the same with pictures of your own.
+    """
+
+    def __init__(
+        self,
+        lens: Lens,
+        mount: tuple = DOWN,
+        rest: int = REST,
+    ) -> None:
+        self.lens, self.R_ts = lens, np.array(mount, float)
+        self.rest = rest
+        self.decide: Hysteresis | None = None
+        self._waiting: list[np.ndarray] = []
+        self._flow: Flow | None = None
+        half = math.ceil(lens.edge)
+        self._corner = np.round(lens.centre).astype(int) - half
+        self._spacing = math.ceil(2 * half / NODES)
+        self._size = 2 * half // self._spacing * self._spacing
+        nodes = np.indices((self._size // self._spacing,) * 2)[::-1]
+        off = self._pixels(np.moveaxis(nodes, 0, -1)) - lens.centre
+        self._hodge = Hodge((off**2).sum(axis=-1) <= lens.edge**2, self._spacing)
+
+    def __call__(self, time: float, frame: np.ndarray) -> Touch | None:
+        """Return the touch, None while the reference is being learnt."""
+        if self.decide is None:
+            self._waiting.append(self._cropped(frame))
+            if len(self._waiting) >= self.rest:
+                self._learn(self._waiting)
+            return None
+        sensed = self.sense(frame)
+        if sensed.agreement < SURE:
+            return Touch(time, False, np.zeros(3), sensed.strength, valid=False)
+        contact, normal = self.decide(sensed.strength), np.zeros(3)
+        if contact:  # out of the object, so against the skin's outward normal
+            normal = -self.R_ts @ self.lens.direction(sensed.centre)
+        return Touch(time, contact, normal, sensed.strength)
+
+    def learn(self, frames: Iterable[np.ndarray]) -> None:
+        """Take the mean of pictures without contact as reference, learn thresholds."""
+        self._learn([self._cropped(frame) for frame in frames])
+
+    def sense(self, frame: np.ndarray) -> Sensed:
+        """Return what a picture shows; raises FrameError before `learn`."""
+        if self._flow is None:
+            fix = "call learn with pictures without contact"
+            raise FrameError("no reference yet", where="OpticalTouch", next=fix)
+        flow, miss = self._flow(self._cropped(frame))
+        coarse = self._coarse(flow)
+        agree = self._coarse((miss < AGREE).astype(np.float32))[self._hodge.mask]
+        pressure = -self._hodge.potential(coarse)
+        centre, strength = self._centre(pressure)
+        return Sensed(centre, strength, float(agree.mean()), pressure)
+
+    def _learn(self, frames: list[np.ndarray]) -> None:
+        if len(frames) < 2:
+            expected = "two pictures without contact or more"
+            raise FrameError("nothing to learn", got=len(frames), expected=expected)
+        self._flow = Flow(np.mean(frames, axis=0).round().astype(np.uint8))
+        self._waiting, strengths = [], []
+        for frame in frames:
+            flow, _ = self._flow(frame)
+            pressure = -self._hodge.potential(self._coarse(flow))
+            strengths.append(self._centre(pressure)[1])
+        least = LEAST * (2 * self.lens.edge / ACROSS) ** 2
+        self.decide = Hysteresis.learn(strengths, least)
+
+    def _cropped(self, frame: np.ndarray) -> np.ndarray:
+        """Return the square about the disc (size, size) uint8; raises FrameError."""
+        picture = grey(frame)
+        u, v = self._corner
+        cut = picture[max(v, 0) : v + self._size, max(u, 0) : u + self._size]
+        if u < 0 or v < 0 or cut.shape != (self._size, self._size):
+            raise FrameError(
+                "the disc is not in the picture",
+                where="OpticalTouch",
+                got=f"a picture {picture.shape[::-1]} px",
+                expected=f"columns {u} to {u + self._size}, rows {v} to "
+                f"{v + self._size}",
+                next="set centre and edge of the lens for this camera",
+            )
+        return np.ascontiguousarray(cut)
+
+    def _coarse(self, field: np.ndarray) -> np.ndarray:
+        """Return the means of a field (size, size, ...) about the nodes."""
+        n = self._size // self._spacing
+        return opencv().resize(field, (n, n), interpolation=opencv().INTER_AREA)
+
+    def _pixels(self, node: np.ndarray) -> np.ndarray:
+        """Return where (..., 2) [px] nodes (..., 2) lie in the whole picture."""
+        return (np.asarray(node) + 0.5) * self._spacing - 0.5 + self._corner
+
+    def _centre(self, pressure: np.ndarray) -> tuple[np.ndarray, float]:
+        """Return the centre of pressure (u, v) [px] and the pressure there [px^2]."""
+        peak = np.unravel_index(pressure.argmax(), pressure.shape)
+        strength = float(pressure[peak])
+        label, _ = ndimage.label(pressure >= HALF * strength)
+        weight = np.where(label == label[peak], pressure, 0.0)
+        if strength <= 0:  # nothing presses anywhere
+            return np.array(self.lens.centre, float), 0.0
+        rows, columns = np.indices(pressure.shape)
+        mean = np.array([(weight * columns).sum(), (weight * rows).sum()])
+        return self._pixels(mean / weight.sum()), strength
