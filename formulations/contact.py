@@ -49,7 +49,8 @@ def dissipation(mu, lam, v_s, still, rounding=0.0):
     with it, no impulse in the rounded cone is paid for sliding.
     """
     speed = ca.sqrt(ca.sumsqr(v_s) + still**2)
-    return (mu * lam[0] + rounding) * speed + ca.dot(v_s, lam[1:3])
+    power = ca.dot(v_s, lam[1:3]) if lam.numel() > 1 else 0.0
+    return (mu * lam[0] + rounding) * speed + power
 
 
 def inelasticity(lam, v_n, still):

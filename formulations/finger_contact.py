@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from . import contact
+from .friction import rounding
 
 UNFELT = 100.0  # [nats] for an impulse of one weight not felt: a sensor feels 0.01
 
@@ -78,7 +79,7 @@ def add(nlp, window, fingers, theta, x, lam, mu, w):
     nlp.minimize(
         "finger dissipation", fingers.work, theta, x[:, step.knot[s]],
         x[:, step.before[s]], lam, push.p_wf, push.p_wf_1, push.radius, push.tangent,
-        step.dt[s], w, *weights, nlp.parameters["cone rounding"], felt, mu,
+        step.dt[s], w, *weights, rounding(nlp, mu), felt, mu,
         role="physics",
     )  # fmt: skip
     nlp.minimize(

@@ -26,20 +26,33 @@ def friction(nlp, name, value):
     return mu
 
 
-def impulses(nlp, name, w, guess, scale):
-    """Declare the impulses (normal, t1, t2) of contacts, one for each weight w."""
-    free = [0, -ca.inf, -ca.inf]
+def impulses(nlp, window, name, w, scale, normal=0.0):
+    """Declare the impulses (normal, t1, t2) of contacts, one for each weight w [N s].
+
+    Contacts that slip freely (window.frictionless) have the normal one alone.  normal:
+    its guess; scale: of all [N s].
+    """
+    rows = 1 if name in window.frictionless else 3
+    free, guess = [0, -ca.inf, -ca.inf], [normal, 0 * normal, 0 * normal]
     return nlp.variable(
-        name, 3, len(w), lower=free, guess=guess, unit="N s", scale=scale
-    )
+        name, rows, len(w), lower=free[:rows], guess=guess[:rows], unit="N s",
+        scale=scale,
+    )  # fmt: skip
 
 
 def cone(nlp, name, lam, mu, w):
     """Keep the impulses of a contact in the cone, and no larger than need be."""
-    rounding = nlp.parameters["cone rounding"]
-    nlp.subject_to(f"{name} cone", room, lam, mu, w, rounding, lower=0)
-    nlp.report(f"{name} cone, exact", excess, lam, mu, w)
+    if lam.rows > 1:
+        rounding = nlp.parameters["cone rounding"]
+        nlp.subject_to(f"{name} cone", room, lam, mu, w, rounding, lower=0)
+        nlp.report(f"{name} cone, exact", excess, lam, mu, w)
     nlp.minimize(f"least {name} impulse", least, lam, w, role="regulariser")
+
+
+def rounding(nlp, mu):
+    """Return what rounds the cone [weights]: nothing, where mu is known to be zero."""
+    slips = mu.name in nlp.parameters and mu.value[0] == 0
+    return 0.0 if slips else nlp.parameters["cone rounding"]
 
 
 def room(lam, mu, w, rounding):

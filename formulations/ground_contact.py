@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from . import contact
-from .friction import FRICTION
+from .friction import FRICTION, rounding
 
 REST = 0.1e-3  # [m] deviation of a resting corner from the ground
 ROOM = 3e-3  # [REST] below the ground (0.3 um): an interior, also for poses held fixed
@@ -82,11 +82,12 @@ def add(nlp, window, ground, theta, x, lam, mu, w):
         return x[:, step.knot[s]], x[:, step.before[s]]
 
     s = corner.step
-    nlp.minimize(
-        "ground dissipation", ground.work, theta, *poses(s), lam, corner.signs,
-        step.dt[s], w, kappa, still, nlp.parameters["cone rounding"],
-        value / max(1, len(ground.shape.corners)), mu, role="physics",
-    )  # fmt: skip
+    if lam.rows > 1:
+        nlp.minimize(
+            "ground dissipation", ground.work, theta, *poses(s), lam, corner.signs,
+            step.dt[s], w, kappa, still, rounding(nlp, mu),
+            value / max(1, len(ground.shape.corners)), mu, role="physics",
+        )  # fmt: skip
     s = lift.step
     nlp.minimize(
         "ground complementarity", ground.apart, theta, *poses(s), lam[:, : len(s)],

@@ -99,8 +99,8 @@ def build(nlp, window, scene, shape):
     size = w.mean() if len(w) else scene.mass * G
     share = w_g / max(1, len(shape.corners))
 
-    lam = impulses(nlp, "finger", w_f, 0.0, size)
-    lam_g = impulses(nlp, "ground", w_g, [share, 0 * share, 0 * share], size)
+    lam = impulses(nlp, window, "finger", w_f, size)
+    lam_g = impulses(nlp, window, "ground", w_g, size, share)
     mu = friction(nlp, "finger friction", scene.friction_finger)
     mu_g = friction(nlp, "ground friction", scene.friction_ground if len(w_g) else 0)
     balance(nlp, window, scene, fingers, ground, theta, x, lam, lam_g, w)

@@ -12,6 +12,7 @@ from formulations.shape import Shape
 
 from .certify import broken, certify, without
 from .errors import MotionError
+from .floating import floated, laid_out, plane_of_touch
 from .guess import Guess
 from .measurements import Measurements
 from .nlp import Problem
@@ -21,7 +22,6 @@ from .readout import read_off
 from .reduce import Reductions, reduce
 from .request import (
     carried,
-    check_ground,
     check_importable,
     check_touched,
     check_types,
@@ -34,7 +34,7 @@ from .scene import Scene
 from .search import RIVAL, Hypothesis, Job, beam, distinct, opened, same
 from .solve import SolverOptions, not_converged, solve_levels
 from .tipping import lifted
-from .tumble import contradicts, recovered
+from .tumble import SHARE, contradicts, recovered
 
 log = logging.getLogger("tactilenlp")
 
@@ -70,7 +70,6 @@ def solve_estimate(
     shape, page = shape_of(shape), page_of(formulation)
     if executor is not None:
         check_importable(page)
-    check_ground(scene)
     scene.check(data)
     check_touched(data)
     began, cpu = time.monotonic(), time.process_time()
@@ -78,9 +77,16 @@ def solve_estimate(
     kept = [] if start is None else carried(start, data)
     # A search is as lean as it can be, whatever the last solve leaves out.
     search = replace(job, reductions=Reductions(), first=first_guess(start, shape))
-    kept = beam(search, kept, options.hypotheses, options.starts, executor, page)
+    plane = None
+    if scene.ground is None:
+        user = start if isinstance(start, Guess) else None
+        plane = plane_of_touch(data, shape.size_prior[0], user)
+        search = laid_out(search, plane)
+    ranks = page if plane is None else None
+    kept = beam(search, kept, options.hypotheses, options.starts, executor, ranks)
     searched = time.process_time() - cpu
-    solved = _refine(job, page, kept, options)
+    starts = kept if plane is None else [floated(h, plane) for h in kept]
+    solved = _refine(job, page, starts, options)
     best = _certified(job, page, solved[0], options)
     if "planar" in broken(best.skipped):
         best = _tumbled(job, page, best, options, executor)
@@ -100,9 +106,12 @@ def _job(data, scene, shape, options, began) -> Job:
     if ground is not None:
         data = data.transformed(ground.rotation, ground.translation)
     precision = precision_of(data, scene)
+    made = Reductions.of(options.reduce)
+    if ground is None:  # nothing keeps the object flat
+        made = without(made, ["planar"])
     return Job(
         data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
-        reductions=Reductions.of(options.reduce), deadline=began + options.time_limit,
+        reductions=made, deadline=began + options.time_limit,
     )  # fmt: skip
 
 
@@ -162,6 +171,8 @@ def _tumbled(job, page, flat, options, executor) -> Solved:
 def _raise_unless_good(estimate, solved) -> None:
     if not estimate.success:
         raise not_converged(solved.problem, solved.solution)
+    if estimate.scene.ground is None:
+        _raise_unless_explained(solved)
     tilted = [s for s in estimate.skipped if s.name == "planar" and not s.holds]
     if tilted:
         raise MotionError(
@@ -176,10 +187,29 @@ def _raise_unless_good(estimate, solved) -> None:
         )
 
 
+def _raise_unless_explained(solved) -> None:
+    """Raise MotionError where touches of a floating object are left unexplained."""
+    evidence = contradicts(solved.job, solved.window, solved.solution.values)
+    wrong = [e for e in evidence if e.against]
+    if wrong:
+        raise MotionError(
+            "the motion of the floating object was not found",
+            where=f"touch, actions {[e.action for e in wrong]}",
+            got=f"{sum(e.unexplained for e in wrong)} touches not explained",
+            expected=f"at most {sum(e.touches for e in wrong) * SHARE:.0f}",
+            next="give start=Guess(...), select fewer actions, or pass throw=False to "
+            "look at the estimate",
+            problem=solved.problem.describe(),
+            solution=solved.solution,
+        )
+
+
 def _refine(job, page, kept, options) -> list[Solved]:
     """Solve the page from the best hypotheses; return them, best first."""
     limit = min(h.objective for h in kept) + RIVAL
     levels = opened(page.LEVELS, final=True) if job.reductions.planar else None
+    if job.scene.ground is None:  # these poses lie in a plane that the object leaves
+        levels = getattr(page, "ROUGH", None)
     solved, shared = [], {}
     for h in [h for h in kept if h.objective <= limit]:
         if solved and time.monotonic() > job.deadline:

@@ -4,6 +4,7 @@ still   samples during which nothing can move share one pose
 far     a free finger far from the object says nothing
 absent  a finger that feels nothing carries no impulse
 planar  an object that lies flat and never tilts has three unknowns a pose, not six
+frictionless  a contact whose friction is zero carries no tangential impulse
 
 Each can be switched off alone; `certify.py` checks them after the solve.
 """
@@ -16,10 +17,10 @@ import casadi as ca
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from formulations.finger import SPHERE
 from formulations.rigid_body import FREE, PLANAR
 
 from .errors import OptionError
+from .fingertip import finger_of, poses
 from .window import Corners, Group, Pushes, Rests, Samples, Steps, Window
 
 FAR = 30e-3  # [m] a free finger this far beyond the sensor's doubt is not asked
@@ -37,6 +38,7 @@ class Reductions:
     far: bool = True
     absent: bool = True
     planar: bool = True
+    frictionless: bool = True
 
     @classmethod
     def of(cls, choice) -> Reductions:
@@ -73,25 +75,29 @@ def reduce(data, scene, shape, precision, choice=None, guess=None) -> Window:
     knot = np.cumsum(moving | first) - 1
     sample, finger = np.nonzero(data.valid)
     felt = data.contact[sample, finger]
+    p_wf = poses(data, scene)
     everything = Samples(
-        sample, finger, knot[sample], data.finger_position[sample, finger],
+        sample, finger, knot[sample], p_wf[sample, finger],
         data.finger_radius[finger], data.normal[sample, finger],
     )  # fmt: skip
     free = everything.pick(~felt)
     if choice.far and guess is not None:
-        free = free.pick(~is_far(free, shape, motion, guess, precision))
-    step = _steps(data, knot, first, np.nonzero(moving & ~first)[0])
-    push = _pushes(data, everything, felt, step, choice.absent)
+        free = free.pick(~is_far(free, scene, shape, motion, guess, precision))
+    known = moving & ~first
+    if coasts(scene):  # how fast it was at the start of a later action no one knows
+        known[1:] &= ~first[:-1] | (data.action[1:] == data.action[0])
+    step = _steps(data, knot, first, np.nonzero(known)[0])
+    push = _pushes(data, p_wf, everything, felt, step, choice.absent)
     corner, lift, rest = _ground(scene, shape, motion, step, first, guess)
     gap = np.nonzero(first)[0][1:]
-    zero = knot[gap - 1]
     return Window(
-        motion=motion, finger=SPHERE, knots=int(knot[-1]) + 1, knot=knot,
+        motion=motion, finger=finger_of(scene), knots=int(knot[-1]) + 1, knot=knot,
         touch=everything.pick(felt), free=free, step=step,
-        gap=Steps(gap, knot[gap], zero, zero, data.time[gap] - data.time[gap - 1]),
+        gap=_gaps(data, knot, np.zeros(0, int) if coasts(scene) else gap),
         push=push, apart=np.nonzero(~data.contact[push.sample, push.finger])[0],
         corner=corner, lift=lift, rest=rest,
         groups=_groups(len(step), push, corner),
+        frictionless=slippery(scene) if choice.frictionless else (),
         sigma_position=precision.position, sigma_normal=precision.normal,
         ceiling=CEILING,
     )  # fmt: skip
@@ -104,11 +110,12 @@ def may_move(data, scene, first) -> np.ndarray:
     v / (mu g) seconds after the last touch, at the speed v of the fastest finger.
     """
     contact = (data.contact & data.valid).any(axis=1)
+    if coasts(scene):
+        return np.logical_or.accumulate(contact) & ~first
     way = np.linalg.norm(np.diff(data.finger_position, axis=0), axis=2)
     speed = np.where(data.contact[1:], way, 0.0).max(initial=0.0) / data.dt
     mu = scene.friction_ground if scene.friction_ground is not None else 0.1
-    braking = mu * scene.gravity if scene.ground is not None else 0.0
-    settle = int(np.ceil(speed / (braking * data.dt))) if braking > 0 else len(first)
+    settle = int(np.ceil(speed / (mu * scene.gravity * data.dt)))
     moving = contact.copy()
     since = np.where(contact, 0, settle + 1)
     for t in range(1, len(first)):
@@ -118,18 +125,30 @@ def may_move(data, scene, first) -> np.ndarray:
     return moving & ~first
 
 
+def coasts(scene) -> bool:
+    """Tell whether nothing brakes the object: it floats, or lies on ice."""
+    return scene.ground is None or scene.gravity == 0 or scene.friction_ground == 0
+
+
 def moves(x) -> np.ndarray:
     """Tell for every sample of x (6, T) whether the guess moves on the way to it."""
     way = np.abs(np.diff(x, axis=1, prepend=x[:, :1]))
     return (way[:3].max(axis=0) > MOVES) | (way[3:].max(axis=0) * ARM > MOVES)
 
 
-def is_far(free, shape, motion, guess, precision) -> np.ndarray:
+def slippery(scene) -> tuple[str, ...]:
+    """Return the contacts whose friction is known to be zero."""
+    of = {"finger": scene.friction_finger, "ground": scene.friction_ground}
+    return tuple(name for name, mu in of.items() if mu == 0)
+
+
+def is_far(free, scene, shape, motion, guess, precision) -> np.ndarray:
     """Tell which free samples are too far from the guessed object to matter."""
     theta, x = guess
     reach = np.linalg.norm(theta) / 2
     centre = x[:2, free.sample].T
     away = np.linalg.norm(free.p_wf[:, :2] - centre, axis=1) - reach - free.radius
+    away -= scene.finger_length / 2
     return away > FAR + 10 * precision.position
 
 
@@ -140,7 +159,14 @@ def _steps(data, knot, first, samples) -> Steps:
     return Steps(samples, knot[samples], knot[samples - 1], knot[two], dt)
 
 
-def _pushes(data, everything, felt, step, only_felt) -> Pushes:
+def _gaps(data, knot, start) -> Steps:
+    """Return the gaps between actions that end at the samples `start`."""
+    before = knot[start - 1]
+    dt = data.time[start] - data.time[start - 1]
+    return Steps(start, knot[start], before, before, dt)
+
+
+def _pushes(data, p_wf, everything, felt, step, only_felt) -> Pushes:
     index = np.full(len(data.time), -1)
     index[step.sample] = np.arange(len(step))
     chosen = (index[everything.sample] >= 0) & (felt | (not only_felt))
@@ -150,11 +176,8 @@ def _pushes(data, everything, felt, step, only_felt) -> Pushes:
     length = np.linalg.norm(side, axis=1, keepdims=True)
     sideways = (length > SIDE).ravel()[:, None]
     tangent = np.where(sideways, side / np.maximum(length, SIDE), [1.0, 0.0, 0.0])
-    position = data.finger_position
-    return Pushes(
-        s, f, index[s], position[s, f], position[s - 1, f], data.finger_radius[f],
-        tangent,
-    )  # fmt: skip
+    now, before = p_wf[s, f], p_wf[s - 1, f]
+    return Pushes(s, f, index[s], now, before, data.finger_radius[f], tangent)
 
 
 def _ground(scene, shape, motion, step, first, guess):

@@ -9,7 +9,7 @@ import numpy as np
 
 from formulations.shape import CUBOID, Shape
 
-from .errors import NoContactError, OptionError, SceneError, StartError
+from .errors import NoContactError, OptionError, StartError
 from .guess import Guess
 from .result import Estimate
 from .search import Hypothesis
@@ -86,18 +86,6 @@ def check_touched(data) -> None:
         expected="a finger in contact for at least two samples in a row",
         next="record an action that meets the object",
     )
-
-
-def check_ground(scene) -> None:
-    """Raise SceneError without a ground: the search lays its guesses on it."""
-    if scene.ground is None:
-        raise SceneError(
-            "no estimate without a ground yet",
-            where="scene.ground",
-            got="None",
-            expected="the plane on which the object lies",
-            next="give Scene(ground=Ground(height=..., normal=...))",
-        )
 
 
 def first_guess(start, shape) -> tuple:

@@ -78,7 +78,10 @@ class Scene:
     friction_ground: [1], Coulomb, object and ground; None: unknown, estimated
     friction_finger: [1], Coulomb, object and fingertip; None: unknown, estimated
     ground:          the plane that carries the object; None: there is none
-    gravity:         [m/s^2], acts against the ground's normal (along -z without one)
+    gravity:         [m/s^2], acts against the ground's normal (along -z without one);
+                     without ground and gravity the object floats and goes on as it is
+    finger_length:   [m], of the straight part of a fingertip: 0 for spheres, else
+                     capsules along z of the measured finger_orientation
     sigma_position:  [m], standard deviation of each coordinate of a finger position
     sigma_normal:    [1], about rad, standard deviation of each component of a normal
     flip_rate:       [1], probability that a contact boolean is wrong
@@ -92,6 +95,7 @@ class Scene:
     friction_finger: float | None = 0.5
     ground: Ground | None = field(default_factory=Ground)
     gravity: float = 9.81
+    finger_length: float = 0.0
     sigma_position: float | None = None
     sigma_normal: float | None = None
     flip_rate: float | None = None
@@ -103,6 +107,7 @@ class Scene:
             ("friction_ground", True, 0.0, 10.0, "a coefficient in [0, 10)"),
             ("friction_finger", True, 0.0, 10.0, "a coefficient in [0, 10)"),
             ("gravity", False, 0.0, inf, "an acceleration of 0 m/s^2 or more"),
+            ("finger_length", False, 0.0, 0.5, "a length in [0, 0.5) m"),
             ("sigma_position", True, never, inf, "a standard deviation above 0 m"),
             ("sigma_normal", True, never, inf, "a standard deviation above 0"),
             ("flip_rate", True, 0.0, 0.5, "a probability in [0, 0.5)"),
@@ -144,7 +149,16 @@ class Scene:
         """Raise MeasurementError where the centre of a finger lies below the ground.
 
         The surface of a fingertip may touch the ground; samples not valid are skipped.
+        Raise it as well where capsules were not measured which way they point.
         """
+        if self.finger_length > 0 and data.finger_orientation is None:
+            raise MeasurementError(
+                "no one says which way the fingertips point",
+                where="finger_orientation",
+                got="None",
+                expected=f"unit quaternions for capsules of {self.finger_length} m",
+                next="record it, or set Scene(finger_length=0) for spheres",
+            )
         if self.ground is None:
             return
         height = self.ground.distance(data.finger_position)

@@ -17,8 +17,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from formulations import quasi_static
+from formulations.finger import SPHERE
 
 from . import guess as guessing
+from .fingertip import as_spheres
 from .nlp import Problem
 from .reduce import reduce
 from .solve import SolverOptions, solve_levels
@@ -137,12 +139,13 @@ def _rank_chunk(job: Job, kept, page) -> list[Hypothesis]:
 
 def extensions(job: Job, kept: list[Hypothesis]) -> list[Hypothesis]:
     """Return unsolved hypotheses: guesses of how the last action continues each one."""
-    data = job.data
-    window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
+    data = as_spheres(job.data, job.scene)
+    window = reduce(job.data, job.scene, job.shape, job.precision, job.reductions)
+    window = replace(window, finger=SPHERE)
     if not kept:
-        return _first(job, window)
+        return _first(replace(job, data=data), window)
     new = np.nonzero(data.action == data.action[-1])[0]
-    old = replace(job, data=data.select(np.unique(data.action[: new[0]])))
+    old = replace(job, data=job.data.select(np.unique(data.action[: new[0]])))
     proposed = []
     for h, P, along in _posteriors(old, kept):
         end = h.end

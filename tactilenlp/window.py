@@ -27,7 +27,9 @@ class _Rows:
 
 @dataclass(frozen=True, eq=False)
 class Samples(_Rows):
-    """Finger samples: at pose `knot`, finger at p_wf [m], its radius [m], normal."""
+    """Finger samples: at pose `knot`, finger at p_wf (as formulations/finger.py has
+    it: (3,) [m] for a sphere), its radius [m], normal.
+    """
 
     sample: np.ndarray
     finger: np.ndarray
@@ -96,8 +98,10 @@ class Window:
     apart: the pushes of fingers that feel nothing (rows of push);
     lift: the ground contacts that can leave the ground (none in planar motion);
     rest: corners on the ground at poses without a step (none in planar motion);
-    groups: the steps by number of pushing fingers; sigma_position [m] and sigma_normal
-    [rad]: sensor noise; ceiling: the most that one wrong sample can cost [nats].
+    groups: the steps by number of pushing fingers;
+    frictionless: "finger", "ground" where these carry no tangential impulse;
+    sigma_position [m], sigma_normal [rad]: sensor noise;
+    ceiling: the most that one wrong sample can cost [nats].
     """
 
     motion: Motion
@@ -114,6 +118,7 @@ class Window:
     lift: Corners
     rest: Rests
     groups: dict[int, Group]
+    frictionless: tuple[str, ...]
     sigma_position: float
     sigma_normal: float
     ceiling: float

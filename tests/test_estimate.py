@@ -17,7 +17,6 @@ from tactilenlp.errors import (
     NoContactError,
     NotConverged,
     OptionError,
-    SceneError,
     StartError,
 )
 from tactilenlp.metrics import cuboid_errors, surface_distance
@@ -184,12 +183,6 @@ def test_data_without_contact_raise_a_typed_error(recorded):
     )
     with pytest.raises(NoContactError, match="nothing was touched"):
         solve_estimate(nothing)
-
-
-def test_a_scene_without_a_ground_is_refused_and_says_why(recorded):
-    data, scene, _ = recorded
-    with pytest.raises(SceneError, match="ground"):
-        solve_estimate(data, replace(scene, ground=None))
 
 
 def test_single_false_contacts_are_no_touch(recorded):

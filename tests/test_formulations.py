@@ -535,14 +535,20 @@ def test_every_term_of_a_page_has_the_derivatives_of_finite_differences(
     data, scene, truth = touched
     scene = replace(scene, **CASES[case].get("scene", {}))
     problem, window = programme(PAGES[page], data, scene, CASES[case].get("choice"))
-    values = true_values(problem, window, truth, np.random.default_rng(8))
+    rng = np.random.default_rng(8)
+    values = true_values(problem, window, truth, rng)
+    if case == "no ground":  # at rest its balance is flat: differences are rounding
+        x = problem.variables["x"]
+        values["x"] += x.scale[:, None] * rng.normal(size=(x.rows, x.columns))
     report = problem.check(values)
     for name, (first, second) in report.derivatives.items():
         # Steps of 6e-6 of a scale, edges rounded over a tenth of one: 1e-8, rounding.
         assert first < 1e-5, name
         assert second < 1e-5, name
     assert report.assembled < 1e-5
-    assert set(report.unused) <= ({"ground friction"} if case == "no ground" else set())
+    # Without a ground nothing tells how the object goes on between actions.
+    idle = {"ground friction", "gap scale"} if case == "no ground" else set()
+    assert set(report.unused) <= idle
 
 
 @pytest.mark.parametrize("case", ["planar", "free"])

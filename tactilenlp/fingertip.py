@@ -1,0 +1,40 @@
+"""Read the measurements as the end-effectors that the scene says took them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from formulations.finger import SPHERE, Finger, capsule
+
+ALONG = 0.1  # [-] cosine between capsule and normal from which on its end touches
+
+
+def finger_of(scene) -> Finger:
+    """Return the geometry of the fingertips of a scene."""
+    return capsule(scene.finger_length / 2) if scene.finger_length > 0 else SPHERE
+
+
+def poses(data, scene) -> np.ndarray:
+    """Return where the fingers are as their geometry takes it, (T, F, numbers)."""
+    if scene.finger_length == 0:
+        return data.finger_position
+    return np.concatenate([data.finger_position, data.finger_orientation], axis=2)
+
+
+def as_spheres(data, scene):
+    """Return the data as spherical fingertips would measure them: good for a guess.
+
+    Where a capsule touches, the sphere is at that end of it which points against the
+    normal, or in its middle where it lies along the surface; else in its middle.
+    """
+    if scene.finger_length == 0:
+        return data
+    xyzw = np.roll(data.finger_orientation.reshape(-1, 4), -1, axis=1)
+    axis = Rotation.from_quat(xyzw).apply([0, 0, 1.0]).reshape(data.normal.shape)
+    along = (axis * data.normal).sum(axis=2, keepdims=True)
+    u = -np.clip(along / ALONG, -1, 1)
+    p = data.finger_position + u * scene.finger_length / 2 * axis
+    return replace(data, finger_position=p, finger_orientation=None)
