@@ -141,7 +141,7 @@ def _kkt_block(H, A, scale, chosen) -> np.ndarray:
     K = sp.bmat([[H, A.T], [A, -LOOSE * sp.identity(A.shape[0])]], format="csc")
     E = np.zeros((K.shape[0], len(chosen)))
     E[chosen, np.arange(len(chosen))] = 1.0
-    C = splu(K).solve(E)[chosen]
+    C = splu(K, permc_spec="MMD_AT_PLUS_A").solve(E)[chosen]  # a tenth of the fill
     C = (C + C.T) / 2
     return C * np.outer(scale[chosen], scale[chosen])
 

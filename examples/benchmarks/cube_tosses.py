@@ -1,0 +1,110 @@
+"""Identify a real tossed cube from 1, 4, 16, 64 tosses: a CSV and a picture.
+
+python examples/benchmarks/cube_tosses.py ../shared/captures/cube_tosses.npz [folder]
+
+The tosses are dealt into groups that share none; every group is solved on its own.
+Errors are those of the sharp vertices against the cube's own half width (in the file),
+of inertia and friction against what the authors of the recording report.
+"""
+
+import argparse
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from tactilenlp import Scene, Trajectories, identify_body
+
+SIGNS = np.indices((2, 2, 2)).reshape(3, 8).T * 2 - 1  # of a cube's vertices
+SIZES, GROUPS = (1, 4, 16, 64), 8  # tosses of a group; groups of a size, at most
+MM = 1e3
+
+
+def run(data, size, group, shape, file) -> dict:
+    """Return one row: errors [mm], sigma [mm], ratios, friction, inertia, seconds."""
+    chosen = data.tosses[group :: len(data.tosses) // size][:size]
+    body = identify_body(data.select(chosen), Scene(mass=file["mass"]), shape=shape)
+    true = file["half_width"] * SIGNS
+    error = np.stack([v - true[np.argmin(((true - v) ** 2).sum(1))]
+                      for v in body.vertices])  # fmt: skip
+    off = np.linalg.norm(error, axis=1) * MM
+    ratio = (error / body.sigma["vertices"])[np.setdiff1d(range(8), body.unobserved)]
+    return {
+        "shape": shape, "tosses": size, "group": group,
+        "vertex_mean_mm": off.mean(), "vertex_worst_mm": off.max(),
+        "sigma_mm": np.median(body.sigma["vertices"]) * MM,
+        "rms_error_over_sigma": np.sqrt(np.mean(ratio**2)),
+        "unobserved": len(body.unobserved), "friction": body.friction,
+        "friction_sigma": float(body.sigma["friction"]),
+        "inertia_over_reported": body.inertia.mean() / file["inertia_reported"],
+        "gauge": body.gauge, "radius_mm": body.radius * MM,
+        "iterations": body.iterations, "cpu_s": body.seconds["total"],
+    }  # fmt: skip
+
+
+def draw(rows, friction, file) -> None:
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(1, 3, figsize=(9.5, 3.1), layout="constrained")
+    for shape, colour, shift in (
+        ("cuboid", "#0072B2", 0.96),
+        ("corners", "#D55E00", 1.04),
+    ):
+        mine = [r for r in rows if r["shape"] == shape]
+        x = np.array([r["tosses"] for r in mine]) * shift
+        for axis, name in zip(
+            axes, ("vertex_mean_mm", "friction", "cpu_s"), strict=True
+        ):
+            style = {"mfc": "none", "color": colour, "label": shape}
+            axis.plot(x, [r[name] for r in mine], "o", **style)
+        sizes = sorted({r["tosses"] for r in mine})
+        sigma = [
+            np.median([r["sigma_mm"] for r in mine if r["tosses"] == n]) for n in sizes
+        ]
+        # The mean length of a vector of three such components is about 1.6 sigma.
+        axes[0].plot(sizes, 1.6 * np.array(sigma), "--", color=colour,
+                     label=f"{shape}, predicted")  # fmt: skip
+    axes[0].axhline(2, color="grey", ls=":", label="target")
+    axes[1].axhline(friction, color="grey", ls=":", label="reported")
+    axes[2].axhline(10, color="grey", ls=":")
+    for axis, label in zip(axes, ("mean error of the vertices [mm]", "friction [1]",
+                                  "run time [CPU s]"), strict=True):  # fmt: skip
+        axis.set(xscale="log", xlabel="tosses", ylabel=label)
+        axis.set_xticks(SIZES, map(str, SIZES))
+        axis.xaxis.set_minor_formatter("")
+        axis.spines[["top", "right"]].set_visible(False)
+    for axis in (axes[0], axes[2]):
+        axis.set_yscale("log")
+    for axis in axes[:2]:
+        axis.legend(frameon=False, fontsize=7)
+    figure.savefig(file, dpi=150)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("file", type=Path)
+    parser.add_argument("folder", type=Path, nargs="?", default=Path("benchmark"))
+    parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)
+    given = parser.parse_args()
+    given.folder.mkdir(parents=True, exist_ok=True)
+    data = Trajectories.load(given.file)
+    with np.load(given.file, allow_pickle=False) as archive:
+        file = {
+            key: float(archive[key]) for key in archive.files if not archive[key].ndim
+        }
+    rows = []
+    for size in given.sizes:
+        for group in range(min(GROUPS, len(data.tosses) // size)):
+            for shape in ("cuboid", "corners"):
+                rows.append(run(data, size, group, shape, file))
+                print({k: round(v, 3) if isinstance(v, float) else v
+                       for k, v in rows[-1].items()}, flush=True)  # fmt: skip
+    with open(given.folder / "cube_tosses.csv", "w", newline="") as stream:
+        table = csv.DictWriter(stream, rows[0])
+        table.writeheader()
+        table.writerows(rows)
+    draw(rows, file["friction_reported"], given.folder / "cube_tosses.png")
+
+
+if __name__ == "__main__":
+    main()

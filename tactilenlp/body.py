@@ -1,0 +1,102 @@
+"""Body: what recorded motion says of a body, named, in SI, with deviations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+LOST = 0.5  # [prior deviations] a vertex less certain than this was not observed
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Shape, friction and inertia of a body, and the ground it fell on.
+
+    vertices:    (V, 3) [m] of the hull with sharp edges, body frame
+    radius:      [m] that rounds its edges
+    friction:    [1] with the ground
+    inertia:     (3,) [kg m^2] about the body's axes
+    ground:      (3,) height [m] over the scene's ground in the middle of the tosses,
+                 and slopes [1] along the x and y of the ground's frame
+    gauge:       [1] metres per metre of the tracker, from free falls; 1 if given as 1
+    sigma:       standard deviations of all these, by name, and of half_widths
+    impulses:    (T, V, 3) [N s] of the ground on each vertex, world frame
+    costs, violations, names as in the page `known_trajectory`; unobserved: vertices
+    that nothing but the first guess holds; skipped: what was left out, in words.
+    """
+
+    shape: str
+    vertices: np.ndarray
+    radius: float
+    friction: float
+    inertia: np.ndarray
+    ground: np.ndarray
+    gauge: float
+    sigma: dict[str, np.ndarray]
+    impulses: np.ndarray
+    costs: dict[str, float]
+    violations: dict[str, float]
+    objective: float
+    unobserved: tuple[int, ...]
+    skipped: tuple[str, ...]
+    tosses: int
+    success: bool
+    status: str
+    iterations: int
+    seconds: dict[str, float]
+
+    @property
+    def half_widths(self) -> np.ndarray:
+        """Half widths (3,) [m] of the box around the vertices."""
+        return np.ptp(self.vertices, axis=0) / 2
+
+    def mesh(self):
+        """Return the body as a trimesh.Trimesh with sharp edges, body frame [m]."""
+        import trimesh
+
+        return trimesh.convex.convex_hull(self.vertices)
+
+    def summary(self) -> str:
+        """Return a paragraph for people."""
+        mm, sigma = 1e3, self.sigma
+        if self.shape == "cuboid":
+            pairs = zip(self.half_widths * mm, sigma["half_widths"] * mm, strict=True)
+            sides = " x ".join(f"{h:.2f} ± {s:.2f}" for h, s in pairs)
+            what = f"A cuboid of half widths {sides} mm"
+        else:
+            known = np.median(sigma["vertices"].max(axis=1)) * mm
+            what = f"A body of {len(self.vertices)} corners, ± {known:.2f} mm (median)"
+        height, *slopes = self.ground
+        lines = [
+            f"{what}, edges rounded by {self.radius * mm:.1f} ± "
+            f"{sigma['radius'] * mm:.1f} mm, from {self.tosses} tosses.",
+            f"Friction {self.friction:.3f} ± {sigma['friction']:.3f}; the ground is "
+            f"{height * mm:.2f} ± {sigma['ground'][0] * mm:.2f} mm high and slopes by "
+            f"{np.degrees(np.hypot(*slopes)):.2f} deg; lengths of the tracker are "
+            f"multiplied by {self.gauge:.4f} ± {sigma['gauge']:.4f}.",
+            f"known_trajectory: {self.status}, objective {self.objective:.1f} nats "
+            f"after {self.iterations} iterations, {self.seconds['total']:.1f} CPU s; "
+            f"largest violation {max(self.violations.values()):.1g}.",
+        ]
+        if self.unobserved:
+            numbers = ", ".join(map(str, self.unobserved))
+            lines.append(f"Not observed: vertices {numbers}, which never touched.")
+        return "\n".join([*lines, *(f"Skipped {words}." for words in self.skipped)])
+
+
+def sharpened(corners: np.ndarray) -> np.ndarray:
+    """Return by how much a radius of 1 moves each corner (V, 3) of the sharp hull.
+
+    Every facet moves out by the radius; a corner goes where its facets meet, in the
+    sense of least squares.  Corners inside the hull stay.
+    """
+    from scipy.spatial import ConvexHull
+
+    hull = ConvexHull(corners)
+    push = np.zeros_like(corners)
+    for v in np.unique(hull.simplices):
+        mine = (hull.simplices == v).any(axis=1)
+        normals = np.unique(hull.equations[mine, :3].round(6), axis=0)
+        push[v] = np.linalg.lstsq(normals, np.ones(len(normals)), rcond=0.1)[0]
+    return push

@@ -1,0 +1,191 @@
+"""A real cube, tossed: its motion alone says how large it is, how slippery.
+
+The recording is four of ContactNets' tosses; the cube is 104.8 mm wide.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from formulations import known_trajectory as page
+from tactilenlp import Ground, Problem, Scene, Trajectories, identify_body
+from tactilenlp.body import sharpened
+from tactilenlp.errors import MeasurementError, MotionError, OptionError, SceneError
+from tactilenlp.identify import SIGNS, _prepared
+from tactilenlp.impacts import gravity_of, impacts, near, steps_of
+
+TOSSES = Path(__file__).resolve().parents[1] / "examples" / "data" / "cube_tosses.npz"
+HALF, MASS = 52.4e-3, 0.37  # [m], [kg] as measured by who recorded it
+SCENE = Scene(mass=MASS)
+
+
+@pytest.fixture(scope="module")
+def tosses():
+    return Trajectories.load(TOSSES)
+
+
+@pytest.fixture(scope="module")
+def cube(tosses):
+    return identify_body(tosses, SCENE)
+
+
+def moved(tosses, rotation, offset):
+    """Return the same motion in another frame."""
+    quaternion = Rotation.from_quat(np.roll(tosses.quaternion, -1, axis=1))
+    return Trajectories(
+        toss=tosses.toss, position=rotation.apply(tosses.position) + offset,
+        dt=tosses.dt,
+        quaternion=np.roll((rotation * quaternion).as_quat(), 1, axis=1),
+    )  # fmt: skip
+
+
+def test_the_cube_is_as_large_as_it_is(cube):
+    # 16 tosses are within a millimetre; four are given two.
+    assert np.linalg.norm(abs(cube.vertices) - HALF, axis=1).mean() < 2e-3
+    assert (abs(cube.half_widths - HALF) < 3 * cube.sigma["half_widths"]).all()
+    assert cube.success
+    assert max(cube.violations.values()) < 1e-6
+
+
+def test_its_inertia_and_friction_are_those_reported(cube):
+    # 0.81 g m^2 and 0.18 are themselves somebody's estimates: a fifth and a third.
+    assert cube.inertia == pytest.approx(np.full(3, 0.81e-3), rel=0.2)
+    assert cube.friction == pytest.approx(0.18, abs=0.07)
+
+
+def test_free_falls_say_that_the_metre_of_the_camera_is_short(cube, tosses):
+    # 76 real falls show 9.61 m/s^2, each with a deviation of 0.15.
+    assert 9.81 / cube.gauge == pytest.approx(9.61, abs=0.1)
+    trusted = identify_body(tosses, SCENE, gauge=1.0)
+    assert trusted.gauge == 1.0
+    assert trusted.sigma["gauge"] == 0.0
+    assert (trusted.half_widths < cube.half_widths).all()
+
+
+def test_the_ground_carries_the_cube_and_pulls_at_nothing(cube, tosses):
+    assert (cube.impulses[..., 2] > -1e-3).all()  # slopes of a degree tilt a normal
+    for toss in tosses.tosses:
+        rows = tosses.toss == toss
+        speed = np.diff(tosses.position[rows][[0, 1, -2, -1], 2])[[0, 2]] / tosses.dt
+        gained = MASS * (cube.gauge * (speed[1] - speed[0]))
+        # What glides and rests leave out is carried as well: at least the blows are in.
+        whole = gained + MASS * 9.81 * tosses.dt * (rows.sum() - 2)
+        assert 0.3 * whole < cube.impulses[rows][..., 2].sum() < 1.05 * whole
+
+
+def test_free_corners_that_never_touched_are_named(tosses):
+    body = identify_body(tosses.select(tosses.tosses[:1]), SCENE, shape="corners")
+    assert body.vertices.shape == (8, 3)
+    assert 0 < len(body.unobserved) < 8
+    assert "Not observed: vertices" in body.summary()
+    seen = np.setdiff1d(range(8), body.unobserved)
+    assert (body.sigma["vertices"][seen] < 10e-3).all()
+
+
+def test_another_world_frame_changes_nothing(cube, tosses):
+    turn = Rotation.from_rotvec([0.3, -0.4, 0.7])
+    normal, offset = turn.apply([0, 0, 1]), np.array([1.0, -2.0, 0.5])
+    ground = Ground(height=float(normal @ offset), normal=tuple(normal))
+    there = identify_body(moved(tosses, turn, offset), replace(SCENE, ground=ground))
+    np.testing.assert_allclose(there.half_widths, cube.half_widths, atol=0.1e-3)
+    assert there.friction == pytest.approx(cube.friction, abs=5e-3)
+
+
+def test_derivatives_of_the_page_are_right(tosses):
+    few = tosses.select(tosses.tosses[:1])
+    steps, theta, signs, _ = _prepared(few, SCENE, "corners", None, None)
+    window = impacts(steps, near(steps, (theta * signs).T), theta, signs, few.dt)
+    problem = Problem()
+    page.build(problem, window, SCENE)
+    report = problem.check()
+    assert report.good, str(report)
+    assert report.assembled < 1e-6
+
+
+def test_gravity_of_a_parabola_is_exact():
+    time = np.arange(30) * 0.01
+    position = np.stack([time, 0 * time, 2 + time - 9.7 / 2 * time**2], axis=1)
+    steps = steps_of(
+        np.zeros(30, int), position, Rotation.identity(30), 0.01, gravity=9.81
+    )
+    found, sigma = gravity_of(steps, 0.05 * SIGNS.T, 0.01)
+    assert found == pytest.approx(9.7, rel=1e-9)
+    assert 0 < sigma < 0.5
+
+
+def test_a_glide_is_thinned_and_a_flight_is_kept():
+    glide = np.stack([np.arange(40) * 1e-3, np.zeros(40), np.full(40, 0.05)], axis=1)
+    steps = steps_of(np.zeros(40, int), glide, Rotation.identity(40), 0.01, 9.81)
+    assert (~steps.resting).sum() == pytest.approx(len(steps) / 4, abs=1)
+    fall = glide - [0, 0, 1] * (np.arange(40)[:, None] * 0.01) ** 2 * 9.81 / 2
+    assert not steps_of(
+        np.zeros(40, int), fall, Rotation.identity(40), 0.01, 9.81
+    ).resting.any()
+
+
+def test_rounded_cube_has_corners_where_its_faces_meet():
+    np.testing.assert_allclose(sharpened(0.05 * SIGNS.T), SIGNS.T, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "word"),
+    [
+        ({"shape": "ball"}, OptionError, "unknown shape"),
+        ({"guess": [0.05, -1, 0.05]}, OptionError, "guess"),
+        ({"guess": "big"}, OptionError, "half widths"),
+        ({"gauge": 1000.0}, OptionError, "gauge"),
+        ({"scene": 0.37}, OptionError, "scene"),
+        ({"scene": replace(SCENE, ground=None)}, SceneError, "fall on"),
+        ({"trajectories": np.zeros((3, 7))}, OptionError, "trajectories"),
+    ],
+)
+def test_a_wrong_call_says_what_is_wrong(tosses, change, kind, word):
+    with pytest.raises(kind, match=word):
+        identify_body(**{"trajectories": tosses, "scene": SCENE} | change)
+
+
+def test_a_body_that_never_lands_cannot_be_identified(tosses):
+    high = Scene(mass=MASS, ground=Ground(height=-5.0))
+    with pytest.raises(MotionError, match="near the ground"):
+        identify_body(tosses, high, guess=[0.05] * 3)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "word"),
+    [
+        ("position", np.zeros((5, 2)), r"\(T, 3\)"),
+        ("position", np.full((5, 3), np.nan), "finite"),
+        ("position", np.full((5, 3), 5e3), "100 m"),
+        ("quaternion", np.ones((5, 4)), "unit length"),
+        ("toss", [0, 0, 1, 0, 0], "in a row"),
+        ("toss", [0, 0, 0, 1, 1], "3 samples"),
+        ("toss", [0.5] * 5, "whole numbers"),
+        ("toss", [0] * 4, "one length"),
+        ("dt", 6.7, "interval"),
+        ("dt", "fast", "interval"),
+    ],
+)
+def test_poses_are_checked_at_the_door(key, value, word):
+    good = {
+        "toss": np.zeros(5, int), "position": np.zeros((5, 3)),
+        "quaternion": np.tile([1.0, 0, 0, 0], (5, 1)), "dt": 0.01,
+    }  # fmt: skip
+    Trajectories(**good)
+    with pytest.raises(MeasurementError, match=word):
+        Trajectories(**good | {key: value})
+
+
+def test_tosses_survive_a_file_and_are_picked_by_number(tosses, tmp_path):
+    tosses.save(tmp_path / "some.npz")
+    again = Trajectories.load(tmp_path / "some.npz")
+    np.testing.assert_array_equal(again.position, tosses.position)
+    two = again.select(tosses.tosses[:2])
+    assert two.tosses.tolist() == tosses.tosses[:2].tolist()
+    with pytest.raises(MeasurementError, match="numbers among"):
+        again.select([-7])
+    (tmp_path / "bad.npz").write_bytes((tmp_path / "some.npz").read_bytes()[:500])
+    with pytest.raises(MeasurementError, match="cannot be read"):
+        Trajectories.load(tmp_path / "bad.npz")
