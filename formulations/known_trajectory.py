@@ -32,7 +32,7 @@ from __future__ import annotations
 import casadi as ca
 
 from . import contact, sensing
-from .friction import cone, impulses
+from .friction import cone, friction, impulses
 from .level import Level
 from .shape import positive_part
 from .violation_implicit import G
@@ -49,7 +49,6 @@ SIZE = 20e-3  # [m] deviation of a corner from its first guess
 ROUNDING = 3e-3  # [m] deviation of the radius of edges and corners, about zero
 HEIGHT, SLOPE = 0.5e-3, 0.02  # [m], [1] of the ground, about the scene's
 WANDER = (0.3e-3, 3e-3, 3e-3)  # [m], [1] by which a toss sees another ground
-FRICTION, GRIP = 0.4, 0.3  # [1] mean and deviation of the coefficient
 SPREAD = 0.3  # [1] deviation of the inertia from that of a uniform body
 
 
@@ -63,9 +62,7 @@ def build(nlp, window, scene):
     radius = nlp.variable(
         "radius", 1, lower=0.0, upper=0.05, guess=1e-3, unit="m", scale=1e-3
     )
-    mu = nlp.variable(
-        "friction", 1, lower=0.01, upper=2.0, guess=FRICTION, unit="1", scale=0.1
-    )
+    mu = friction(nlp, "friction", None)
     inertia = nlp.variable(
         "inertia", 3, lower=0.1, upper=10.0, guess=1.0, unit="of a uniform body",
         scale=0.1,
@@ -115,7 +112,6 @@ def build(nlp, window, scene):
     for x, mean, deviation in (
         (theta, window.guess.T, SIZE),
         (radius, 0.0, ROUNDING),
-        (mu, FRICTION, GRIP),
         (inertia, 1.0, SPREAD),
         (plane, 0.0, ca.DM([HEIGHT, SLOPE, SLOPE])),
         (offset, 0.0, ca.DM(WANDER)),
