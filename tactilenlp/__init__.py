@@ -27,6 +27,7 @@ _HOMES = {
     "Trajectories": "trajectories",
     "Body": "body",
     "identify_body": "identify",
+    "export_shape": "export",
     "Noise": "noise",
     "surface_distance": "metrics",
     "cuboid_errors": "metrics",

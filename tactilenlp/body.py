@@ -13,6 +13,7 @@ LOST = 0.5  # [prior deviations] a vertex less certain than this was not observe
 class Body:
     """Shape, friction and inertia of a body, and the ground it fell on.
 
+    mass:        [kg] as the scene says
     vertices:    (V, 3) [m] of the hull with sharp edges, body frame
     radius:      [m] that rounds its edges
     friction:    [1] with the ground
@@ -27,6 +28,7 @@ class Body:
     """
 
     shape: str
+    mass: float
     vertices: np.ndarray
     radius: float
     friction: float

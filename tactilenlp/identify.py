@@ -175,7 +175,7 @@ def _read_off(trajectories, scene, shape, problem, window, solution, signs, rule
     del sigma["theta"]
     lost = np.flatnonzero((with_radius > LOST * page.SIZE).any(axis=1))
     return Body(
-        shape=shape, vertices=vertices, radius=float(values["radius"]),
+        shape=shape, mass=scene.mass, vertices=vertices, radius=float(values["radius"]),
         friction=float(values["friction"]), inertia=values["inertia"] * uniform,
         ground=values["plane"], gauge=ruler[0], sigma=sigma,
         impulses=_impulses(trajectories, scene, problem, window, solution),
