@@ -1,0 +1,242 @@
+r"""What an action is expected to tell of shape and final pose (eq:eig), in nats.
+
+The body of every kept hypothesis is pushed forward by the planned fingers (page
+`pushing`), the slopes of its way by theta and x_T are carried along by the implicit
+function theorem, and each sample's Fisher information (page `exploration`) is summed.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+
+from formulations import quasi_static, violation_implicit
+from formulations.friction import FRICTION
+
+from .errors import OptionError, TactileError
+from .kind import mapped
+from .predict import pushed, sampled
+from .request import SHAPES
+from .workspace import Action, Workspace
+
+log = logging.getLogger("tactilenlp")
+
+RATE = 30  # [Hz] of the samples, as the record
+GRAVITY_FREE = 9.81  # [m/s^2] makes a weight where nothing falls
+VAGUE = 0.1, 3.0  # [m], [rad] of a pose of which nothing is known
+NEGLIGIBLE = 0.02  # [-] of the best's weight: a hypothesis that is not followed
+
+
+@dataclass(frozen=True, eq=False)
+class Prospect:
+    """What an action is predicted to do, n samples, from one hypothesis.
+
+    motion (n, 3): planar way of the body since now [m, m, rad]; contact (n, F): the
+    probability that a finger feels it; information (k, k): of theta and x_T, SI.
+    """
+
+    motion: np.ndarray
+    contact: np.ndarray
+    information: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """One hypothesis: theta and x_T (k,), what is known of them (k, k), its weight."""
+
+    z: np.ndarray
+    information: np.ndarray
+    weight: float
+
+
+class ExpectedInformation:
+    """Tell of any action what it is expected to tell, in nats.
+
+    estimate: an Estimate; workspace: what the fingers can do; hypotheses: how many of
+    the estimate's are averaged over, weighted by exp(-objective); slopes: "motion", of
+    the predicted way, or "identity", dx_t/dx_T = I as in the paper.
+    """
+
+    def __init__(
+        self,
+        estimate,
+        workspace: Workspace | None = None,
+        hypotheses: int = 3,
+        slopes: str = "motion",
+    ) -> None:
+        if slopes not in ("motion", "identity"):
+            expected = "'motion' or 'identity'"
+            raise OptionError("unknown", where="slopes", got=slopes, expected=expected)
+        if not (isinstance(hypotheses, int) and hypotheses >= 1):
+            expected = "an integer >= 1"
+            raise OptionError(
+                "out of range", where="hypotheses", got=hypotheses, expected=expected
+            )
+        self.workspace = workspace or Workspace(ground=estimate.scene.ground)
+        self.estimate, self._sloped = estimate, float(slopes == "motion")
+        self.shape = SHAPES[estimate.shape]
+        k = len(estimate.information.names)
+        self._free, self._none = k > self.shape.theta + 3, np.zeros((k, k))
+        self._sensors = _sensors(estimate)
+        self.beliefs = self._believed(hypotheses)
+        self._known = _known(estimate.scene, self.workspace)
+
+    @property
+    def target(self) -> np.ndarray:
+        """Where actions aim (3,) [m], world: the centroid of the best hypothesis."""
+        return self.estimate.position[-1]
+
+    def gain(self, action: Action) -> float:
+        """Return the expected information gain in nats, over the hypotheses."""
+        return sum(
+            b.weight * information_gain(b.information, self._ahead(b, action)[2])
+            for b in self.beliefs
+        )
+
+    def prospect(self, action: Action, hypothesis: int = 0) -> Prospect:
+        """Return what the action is predicted to do, from one hypothesis."""
+        return Prospect(*self._ahead(self.beliefs[hypothesis], action))
+
+    def _ahead(self, belief: Belief, action: Action):
+        """Return its way (n, 3), contacts (n, F) and what they tell (k, k)."""
+        space, k = action.workspace, len(belief.z)
+        path = action.positions(self.target, round(space.duration * RATE) + 1)
+        if space.ground is not None:
+            path = space.ground.to_ground(path)
+        r, F = path.reshape(len(path), -1).T, space.fingers
+        step = pushed(self.shape, self._free, F, len(path) - 1)
+        rest = np.zeros(3), r[:, 0], np.zeros(3), np.zeros((3, k)), np.zeros((3, 3))
+        _, _, s, _, _, told, p = step(
+            *rest, self._none, belief.z, r[:, :-1], r[:, 1:],
+            np.full(F, space.finger_radius), self._known, self._sensors, self._sloped,
+        )  # fmt: skip
+        return s.full().T, p.full().T, told[:, -k:].full()
+
+    def _believed(self, count: int) -> list[Belief]:
+        """Return the hypotheses to follow, best first, weights summing to one."""
+        estimate, n = self.estimate, self.shape.theta
+        best = np.r_[estimate.theta, estimate.unknowns["x"][:, -1]]
+        rest = [] if self._free else list(estimate.hypotheses[:count])
+        same = [np.allclose(h.end, best, atol=1e-6) for h in rest]
+        rest = [h for h, mine in zip(rest, same, strict=True) if not mine][: count - 1]
+        weights = [np.exp(min(0.0, estimate.objective - h.objective)) for h in rest]
+        found = [Belief(best, self._known_of_best(), 1.0)]
+        for h, weight in zip(rest, weights, strict=True):
+            if weight > NEGLIGIBLE:
+                found.append(Belief(h.end, self._told(h.theta, h.x), weight))
+        total = sum(b.weight for b in found)
+        return [
+            Belief(b.z, _loosened(b.information, n), b.weight / total) for b in found
+        ]
+
+    def _known_of_best(self) -> np.ndarray:
+        """Return the information of the estimate; eq:obsinfo where it is indefinite."""
+        matrix = self.estimate.information.matrix
+        least = np.linalg.eigvalsh(_scaled(matrix))[0]
+        if least > 0:
+            return matrix
+        log.warning(
+            "the information of the estimate is indefinite (least eigenvalue %.2g): "
+            "choosing by the sum of its samples' (eq:obsinfo)", least,
+        )  # fmt: skip
+        return self._told(self.estimate.theta, _poses(self.estimate, self._free))
+
+    def _told(self, theta: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Return eq:obsinfo of all samples at poses x (u, T), and the size prior."""
+        shape, data = self.shape, self.estimate.measurements
+        ground = self.estimate.scene.ground
+        points = data.finger_position
+        points = points if ground is None else ground.to_ground(points)
+        t, f = np.nonzero(data.valid)
+        k = len(theta) + len(x)
+        z = np.vstack([np.repeat(theta[:, None], len(t), axis=1), x[:, t]])
+        found = mapped(sampled(shape, self._free), len(t))(
+            z, points[t, f].T, data.finger_radius[f][None],
+            data.contact[t, f][None].astype(float), self._sensors,
+        )  # fmt: skip
+        information = found.full().reshape(k, len(t), k).sum(axis=1)
+        return information + vague(shape, len(x))
+
+
+def expected_information_gain(
+    estimate, action: Action, *, hypotheses: int = 3, slopes: str = "motion"
+) -> float:
+    """Return EIG = (logdet(I + F) - logdet(I)) / 2 of an action, in nats (eq:eig).
+
+    It aims at the estimated centroid.  See ExpectedInformation for the options, and use
+    that to ask for many actions of one estimate.
+    """
+    expected = ExpectedInformation(estimate, action.workspace, hypotheses, slopes)
+    return expected.gain(action)
+
+
+def vague(shape, unknowns: int) -> np.ndarray:
+    """Return the information (k, k) before any touch: rough sizes, a pose anywhere."""
+    turns = unknowns // 2  # 1 of 3 planar, 3 of 6 free unknowns
+    pose = np.r_[np.full(unknowns - turns, VAGUE[0]), np.full(turns, VAGUE[1])]
+    return np.diag(1 / np.r_[np.full(shape.theta, shape.size_prior[1]), pose] ** 2)
+
+
+def information_gain(known: np.ndarray, told: np.ndarray) -> float:
+    """Return (logdet(I + F) - logdet(I)) / 2 in nats, by two Cholesky factors.
+
+    known: I (k, k), positive definite; told: F (k, k), positive semidefinite.
+    """
+    scale = 1 / np.sqrt(np.abs(np.diag(known)))
+    known, told = known * np.outer(scale, scale), told * np.outer(scale, scale)
+    try:
+        before, after = np.linalg.cholesky(known), np.linalg.cholesky(known + told)
+    except np.linalg.LinAlgError as bad:
+        raise TactileError(
+            "not positive definite",
+            where="information_gain",
+            expected="I and I + F with positive eigenvalues only",
+            got=f"{np.linalg.eigvalsh(known)[0]:.2g} as the least one of I",
+            next="give what is known a prior in physical units",
+        ) from bad
+    return float(np.log(np.diag(after) / np.diag(before)).sum())
+
+
+def _poses(estimate, free: bool) -> np.ndarray:
+    """Return the poses of an estimate as unknowns (u, T), ground frame."""
+    from scipy.spatial.transform import Rotation
+
+    position, ground = estimate.position, estimate.scene.ground
+    turn = Rotation.from_quat(np.roll(estimate.quaternion, -1, axis=1))
+    if ground is not None:
+        position = ground.to_ground(position)
+        turn = Rotation.from_matrix(ground.rotation) * turn
+    x = np.hstack([position, turn.as_rotvec()]).T
+    return x if free else x[[0, 1, 5]]
+
+
+def _scaled(matrix: np.ndarray) -> np.ndarray:
+    scale = 1 / np.sqrt(np.abs(np.diag(matrix)))
+    return matrix * np.outer(scale, scale)
+
+
+def _loosened(information: np.ndarray, theta: int) -> np.ndarray:
+    """Return the information once the fingers have gone: the pose may slip a little."""
+    slip = np.zeros(len(information))
+    slip[theta:] = quasi_static.GAP
+    slip[-1 if len(slip) == theta + 3 else -3 :] /= quasi_static.ARM
+    loosened = np.linalg.inv(np.linalg.inv(information) + np.diag(slip**2))
+    return (loosened + loosened.T) / 2
+
+
+def _sensors(estimate) -> np.ndarray:
+    """Return alpha [1/m], sigma [m] of a felt gap, sigma_n [rad], as the pages have."""
+    p, n = estimate.precision["position"], estimate.precision["normal"]
+    alpha = 1 / np.hypot(1 / quasi_static.ALPHA, p / 1.7)
+    touch, normal = violation_implicit.TOUCH, violation_implicit.NORMAL
+    return np.array([alpha, np.hypot(touch, p), np.hypot(normal, n)])
+
+
+def _known(scene, space: Workspace) -> np.ndarray:
+    """Return mu_g, mu_f, weight [N], stiffness [N/m], max_force [N]."""
+    ground = FRICTION if scene.friction_ground is None else scene.friction_ground
+    finger = FRICTION if scene.friction_finger is None else scene.friction_finger
+    weight = scene.mass * (scene.gravity or GRAVITY_FREE)
+    return np.array([ground, finger, weight, space.stiffness, space.max_force])

@@ -1,0 +1,262 @@
+"""Explore: touch, estimate, choose, touch again, until enough is known (the paper)."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from . import diary
+from .choose import Choice, CrossEntropy, best_action, choose_action
+from .errors import NoContactError, OptionError
+from .estimate import solve_estimate
+from .expected import ExpectedInformation, vague
+from .measurements import Measurements
+from .options import Options
+from .result import Estimate
+from .scene import Scene
+from .sweep import sweep
+from .workspace import Action, Workspace
+
+log = logging.getLogger("tactilenlp")
+
+POLICIES = ("eig", "random", "fisher", "farthest")
+INWARD = 0.015  # [m] behind a touched point where an object that was lost is sought
+LEVEL = 0.02  # [m] above the ground, aimed at where no estimate says more
+TRIES = 400  # actions drawn for the policy "farthest"
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """What one action brought: 0 is the first touch.
+
+    measurements: of this action only; estimate: of all data so far; choice: how it was
+    chosen, None where nothing was searched; policy: in words; seconds (CPU): choose,
+    act, estimate.
+    """
+
+    number: int
+    action: Action | None
+    measurements: Measurements
+    estimate: Estimate
+    choice: Choice | None
+    policy: str
+    seconds: dict[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What a policy is given: estimate, workspace, past actions, its own generator."""
+
+    estimate: Estimate
+    workspace: Workspace
+    past: tuple[Action, ...]
+    rng: np.random.Generator
+    search: str | CrossEntropy
+    budget: int
+
+
+def explore(
+    world,
+    scene: Scene | None = None,
+    actions: int = 5,
+    policy: str | Callable[[Plan], Action] = "eig",
+    shape: str = "cuboid",
+    seed: int = 0,
+    *,
+    workspace: Workspace | None = None,
+    formulation="violation_implicit",
+    centre=None,
+    search: str | CrossEntropy = "direct",
+    budget: int = 180,
+    options: Options | None = None,
+    until: float | Callable[[Step], bool] | None = None,
+    folder=None,
+    start: Estimate | None = None,
+    executor=None,
+) -> Iterator[Step]:
+    """Touch an object and yield a Step after the first touch and after each action.
+
+    world: anything with `execute(trajectory) -> Measurements`.  centre: where a first
+    finger aims, (2,) or (3,) [m], as in the paper; where it meets nothing, or without a
+    centre, the workspace is swept until something is touched (not counted).  policy:
+    "eig", "random", "fisher" (information of the action alone), "farthest" (from all
+    directions so far), or a function of a Plan.  until: a deviation of the sizes [m]
+    that is enough, or a function of a Step.  folder: keeps every action as soon as it
+    is measured; called again with the same folder, exploration goes on from there.
+    start: an Estimate to begin from instead of a first touch.
+
+    An action without contact is data; the next one then aims at the last touched spot.
+    """
+    space = _space(world, scene, workspace)
+    scene, options = scene or Scene(), options or Options()
+    plan = {"search": search, "budget": budget, "policy": _known(policy), "seed": seed}
+    estimate, past = start, []
+
+    def solve(data):
+        return solve_estimate(
+            data, scene, shape=shape, formulation=formulation, options=options,
+            start=estimate, executor=executor, throw=False,
+        )  # fmt: skip
+
+    for number in range(0 if start is None else 1, actions + 1):
+        kept = diary.read(folder, number, space)
+        if kept is None:
+            rng = np.random.default_rng([seed, number])
+            began = time.process_time()
+            if estimate is None:
+                action, choice, words = None, None, "first touch"
+                action, data = _first_touch(world, space, centre, rng)
+            else:
+                action, choice, words, target = _next(estimate, space, past, rng, plan)
+                chosen = time.process_time() - began
+                data = world.execute(action.trajectory(target))
+            acted = time.process_time()
+            seconds = {"choose": 0.0 if estimate is None else chosen}
+            seconds["act"] = acted - began - seconds["choose"]
+            diary.write(folder, number, data, action, words)
+        else:
+            data, action, words = kept
+            choice, seconds, acted = None, {}, time.process_time()
+        before = None if estimate is None else estimate.measurements
+        everything = data if before is None else before.append(data)
+        estimate = diary.estimate(folder, number, everything) or solve(everything)
+        diary.keep(folder, number, estimate)
+        seconds["estimate"] = time.process_time() - acted
+        past += [action] if action is not None else []
+        step = Step(number, action, data, estimate, choice, words, seconds)
+        log.info("action %d (%s): %s", number, words, estimate.summary().split("\n")[0])
+        yield step
+        if until is not None and _enough(step, until):
+            return
+
+
+def _space(world, scene, workspace) -> Workspace:
+    """Return the workspace: as given, or with the fingers and the ground that are."""
+    if workspace is not None:
+        return workspace
+    ground = Scene().ground if scene is None else scene.ground
+    radius = getattr(world, "finger_radius", None)
+    if radius is None:
+        return Workspace(ground=ground)
+    radius = np.atleast_1d(radius)
+    return Workspace(
+        fingers=len(radius), finger_radius=float(radius.max()), ground=ground
+    )
+
+
+def _known(policy):
+    if callable(policy) or policy in POLICIES:
+        return policy
+    raise OptionError(
+        "no such policy",
+        where="policy",
+        got=policy,
+        expected=f"one of {POLICIES}, or a function of a Plan",
+    )
+
+
+def _next(estimate, space, past, rng, settings):
+    """Return the next action, how it was chosen, in words, and where it aims."""
+    target, policy = estimate.position[-1], settings["policy"]
+    data = estimate.measurements
+    if not (data.contact & data.valid)[data.action == data.action[-1]].any():
+        log.warning("nothing was touched: aiming at the last touched spot")
+        return space.random(rng), None, "sought again", last_touched(data, target)
+    plan = Plan(
+        estimate, space, tuple(past), rng, settings["search"], settings["budget"]
+    )
+    if callable(policy):
+        return policy(plan), None, getattr(policy, "__name__", "own"), target
+    if policy == "eig":
+        given = {"search": plan.search, "budget": plan.budget}
+        given["seed"] = int(rng.integers(2**31))
+        choice = choose_action(estimate, space, **given)
+    elif policy == "fisher":
+        choice = _most_fisher(plan)
+    else:
+        draw = space.random if policy == "random" else _farthest(plan)
+        return draw(rng), None, policy, target
+    return choice.action, choice, policy, target
+
+
+def last_touched(data: Measurements, otherwise: np.ndarray) -> np.ndarray:
+    """Return a point (3,) [m] a little behind the spot that was touched last."""
+    t, f = np.nonzero(data.contact & data.valid)
+    if not len(t):
+        return otherwise
+    n = data.normal[t[-1], f[-1]]
+    depth = data.finger_radius[f[-1]] + INWARD
+    point = data.finger_position[t[-1], f[-1]] - depth * n
+    return np.r_[point[:2], otherwise[2]]
+
+
+def _most_fisher(plan: Plan) -> Choice:
+    """Return the action that tells most to one who knows nothing but a rough size."""
+    expected = ExpectedInformation(plan.estimate, plan.workspace)
+    shape, beliefs = expected.shape, expected.beliefs
+    prior = vague(shape, len(beliefs[0].z) - shape.theta)
+    expected.beliefs = [replace(b, information=prior) for b in beliefs]
+    return best_action(
+        lambda angles: expected.gain(plan.workspace.action(angles)),
+        plan.workspace, search=plan.search, budget=plan.budget,
+        seed=int(plan.rng.integers(2**31)),
+    )  # fmt: skip
+
+
+def _farthest(plan: Plan) -> Callable:
+    """Return a draw of the action whose directions are farthest from all before.
+
+    Without actions to look back on, from the normals that were felt.
+    """
+    data = plan.estimate.measurements
+    seen = [a.directions[list(a.active)] for a in plan.past]
+    seen = np.concatenate(seen or [data.normal[data.contact & data.valid]])
+
+    def nearest(action) -> float:
+        return np.arccos(np.clip(action.directions @ seen.T, -1, 1)).min(axis=1).sum()
+
+    def draw(rng) -> Action:
+        return max((plan.workspace.random(rng) for _ in range(TRIES)), key=nearest)
+
+    return draw
+
+
+def _enough(step: Step, until) -> bool:
+    if callable(until):
+        return bool(until(step))
+    deviation = step.estimate.information.sigma("side_lengths")
+    return bool(np.nanmax(deviation) <= until)
+
+
+def _first_touch(world, space: Workspace, centre, rng):
+    """Return action and data of the first touch: of one finger, else of a sweep."""
+    alone = tuple(f == 0 for f in range(space.fingers))
+    if centre is not None:
+        centre = np.asarray(centre, float)
+        centre = np.r_[centre, LEVEL] if centre.shape == (2,) else centre
+        action = space.random(rng, alone)
+        data = world.execute(action.trajectory(centre))
+        if touched(data):
+            return action, data
+        log.warning("the first finger met nothing: the workspace is swept")
+    for trajectory in sweep(space, centre):
+        data = world.execute(trajectory)
+        if touched(data):
+            return None, data
+    raise NoContactError(
+        "nothing was touched",
+        where="explore",
+        got=f"a sweep of {2 * space.radius:.2g} m without contact",
+        expected="an object in the workspace",
+        next="give centre=(x, y), where the object may be",
+    )
+
+
+def touched(data: Measurements) -> bool:
+    """Tell whether contact was felt for two samples in a row: no flipped boolean."""
+    felt = data.contact & data.valid
+    return bool((felt[1:] & felt[:-1]).any())

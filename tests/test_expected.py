@@ -1,0 +1,203 @@
+"""What an action is expected to tell: never negative, in any units, whatever labels."""
+
+import logging
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tactilenlp import (
+    ExpectedInformation,
+    Scene,
+    Workspace,
+    World,
+    choose_action,
+    expected_information_gain,
+    information_gain,
+    solve_estimate,
+)
+from tactilenlp.errors import OptionError, TactileError
+
+SPACE = Workspace()
+NAMES = ("side x", "side y", "side z", "position x", "position y", "rotation z")
+
+
+def believed(sides, x, deviations, hypotheses=()):
+    """Return what stands for an estimate: sizes, pose (x, y, yaw), deviations (6,)."""
+    return SimpleNamespace(
+        scene=Scene(), shape="cuboid", precision={"position": 0.0, "normal": 0.0},
+        theta=np.array(sides), unknowns={"x": np.array(x)[:, None]}, objective=0.0,
+        position=np.array([[x[0], x[1], sides[2] / 2]]), hypotheses=hypotheses,
+        information=SimpleNamespace(
+            names=NAMES, matrix=np.diag(1 / np.array(deviations) ** 2)
+        ),
+    )  # fmt: skip
+
+
+VAGUELY = (5e-3, 4e-3, 3e-3, 2e-3, 2e-3, 0.1)
+BOX = believed([0.05, 0.04, 0.03], [0.01, -0.02, 0.3], VAGUELY)
+
+
+def actions(count, seed=0):
+    rng = np.random.default_rng(seed)
+    return [SPACE.random(rng) for _ in range(count)]
+
+
+@pytest.mark.parametrize("slopes", ["motion", "identity"])
+def test_no_action_is_expected_to_lose_information(slopes):
+    expected = ExpectedInformation(BOX, SPACE, slopes=slopes)
+    for action in actions(40):
+        F = expected.prospect(action).information
+        assert np.linalg.eigvalsh(F).min() >= -1e-9 * np.abs(F).max()
+        assert expected.gain(action) >= 0
+
+
+def test_what_two_actions_tell_is_what_one_tells_and_then_the_other():
+    expected, known = ExpectedInformation(BOX, SPACE), BOX.information.matrix
+    a, b = (expected.prospect(action).information for action in actions(2))
+    both = information_gain(known, a + b)
+    assert both == pytest.approx(
+        information_gain(known, a) + information_gain(known + a, b), abs=1e-9
+    )
+
+
+def test_information_does_not_depend_on_units():
+    F = ExpectedInformation(BOX, SPACE).prospect(actions(1)[0]).information
+    known = BOX.information.matrix
+    D = np.diag([1e-3, 1e-3, 1e-3, 1e-2, 1e3, 180 / np.pi])
+    assert information_gain(D @ known @ D, D @ F @ D) == pytest.approx(
+        information_gain(known, F), abs=1e-9
+    )
+
+
+def test_a_gain_is_half_the_logarithm_of_what_variances_shrink_by():
+    known, told = np.diag([4.0, 1.0]), np.diag([12.0, 0.0])
+    assert information_gain(known, told) == pytest.approx(np.log(2))
+    with pytest.raises(TactileError, match="positive"):
+        information_gain(-np.eye(2), np.eye(2) * 3)
+
+
+def test_relabelled_axes_of_the_same_body_gain_the_same():
+    swap = [1, 0, 2, 3, 4, 5]
+    sides, x = np.array([0.05, 0.04, 0.03]), np.array([0.01, -0.02, 0.3])
+    turned = believed(
+        sides[swap[:3]], x + np.r_[0, 0, np.pi / 2], np.array(VAGUELY)[swap]
+    )
+    half = believed(sides, x + np.r_[0, 0, np.pi], VAGUELY)
+    for action in actions(10):
+        gain = ExpectedInformation(BOX, SPACE).gain(action)
+        for same in (turned, half):
+            other = ExpectedInformation(same, SPACE).gain(action)
+            assert other == pytest.approx(gain, rel=1e-5)
+
+
+def test_where_the_object_lies_does_not_matter():
+    moved = believed([0.05, 0.04, 0.03], [0.31, 0.18, 0.3], VAGUELY)
+    for action in actions(5):
+        assert expected_information_gain(moved, action) == pytest.approx(
+            expected_information_gain(BOX, action), rel=1e-6
+        )
+
+
+def test_an_action_that_meets_nothing_tells_next_to_nothing():
+    robot = Workspace(radius=0.1, gap=0.09)  # fingers stay 55 mm off the centre plane
+    far = expected_information_gain(BOX, robot.action([0.1, 0.1, 0.1, 0.1]))
+    near = expected_information_gain(BOX, SPACE.action([0.1, 0.1, 0.1, 0.1]))
+    assert 0 <= far < 0.01 < 1 < near
+
+
+def test_hypotheses_are_averaged_by_their_objectives(estimate):
+    best = estimate.hypotheses[0]
+    twin = replace(best, x=best.x + np.array([[4e-3], [0], [0]]))
+    rivals = [replace(best, objective=0.0), replace(twin, objective=1.0)]
+    two = replace(estimate, objective=0.0, hypotheses=tuple(rivals))
+    expected = ExpectedInformation(two, SPACE)
+    weights = [b.weight for b in expected.beliefs]
+    assert weights == pytest.approx(np.array([1, np.exp(-1)]) / (1 + np.exp(-1)))
+    action = actions(1)[0]
+    each = [
+        information_gain(b.information, expected.prospect(action, i).information)
+        for i, b in enumerate(expected.beliefs)
+    ]
+    assert expected.gain(action) == pytest.approx(np.dot(weights, each))
+    alone = ExpectedInformation(two, SPACE, hypotheses=1)
+    assert [b.weight for b in alone.beliefs] == [1.0]
+
+
+def test_an_indefinite_information_is_said_and_replaced_by_the_samples(
+    estimate, caplog
+):
+    matrix = estimate.information.matrix.copy()
+    matrix[0, 0] *= -1
+    information = replace(estimate.information, matrix=matrix)
+    with caplog.at_level(logging.WARNING, "tactilenlp"):
+        expected = ExpectedInformation(replace(estimate, information=information))
+    assert "indefinite" in caplog.text
+    assert np.linalg.eigvalsh(expected.beliefs[0].information).min() > 0
+    # the same samples as the exact one, so of its size: sigma within a factor of 5
+    exact = ExpectedInformation(estimate).beliefs[0].information
+    ratio = np.sqrt(np.diag(expected.beliefs[0].information) / np.diag(exact))
+    assert (ratio > 0.2).all()
+
+
+def test_the_prediction_agrees_with_a_simulation_of_the_same_body():
+    """Contacts sample by sample; the way of the body to a few millimetres."""
+    rng, off, wrong, felt = np.random.default_rng(5), [], 0, 0
+    for _ in range(5):
+        yaw, sides = rng.uniform(-np.pi, np.pi), rng.uniform(0.03, 0.06, 3)
+        turn = [np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)]
+        world = World(sides, position=rng.uniform(-0.02, 0.02, 2), quaternion=turn)
+        body = believed(sides, [*world.pose[:2], yaw], VAGUELY)
+        action = SPACE.random(rng)
+        expected = ExpectedInformation(body, SPACE)
+        prospect = expected.prospect(action)
+        world.execute(action.trajectory(expected.target))
+        way = world.truth.object_position[-1] - world.truth.object_position[0]
+        off.append(np.linalg.norm(prospect.motion[-1, :2] - way[:2]))
+        contact = world.truth.contact[1:]
+        wrong += ((prospect.contact > 0.5) != contact).sum()
+        felt += contact.sum()
+    assert np.median(off) < 3e-3  # 1.6 mm measured, over a way of 15 mm
+    assert wrong < 0.1 * felt  # 0.8 of 23 samples an action measured
+
+
+@pytest.fixture(scope="module")
+def left_and_top():
+    """A box that was touched on the left, on top, in front and behind."""
+    sides = np.array([0.05, 0.04, 0.04])
+    world, data = World(sides), None
+    lines = [
+        ([0, 0, 0.0, 0.1], (False, True)),  # the finger of -X: the left face
+        ([1.25, 0.1, 1.25, 0.1], (True, True)),  # front and back
+        ([0.2, 1.25, 0, 0], (True, False)),  # the top
+    ]
+    for angles, active in lines:
+        action = SPACE.action(angles, active)
+        new = world.execute(action.trajectory(world.pose[:3]))
+        data = new if data is None else data.append(new)
+    return solve_estimate(data, Scene()), world.pose
+
+
+def test_with_left_and_top_touched_the_unseen_right_side_gains_most(left_and_top):
+    estimate, pose = left_and_top
+    yaw, alone = 2 * np.arctan2(pose[6], pose[3]), Workspace(fingers=1)
+
+    def gain(angle, declination=0.1):
+        angle = (angle + np.pi) % (2 * np.pi) - np.pi
+        return expected_information_gain(estimate, alone.action([angle, declination]))
+
+    names = ("right", "back", "left", "front")
+    side = {n: gain(yaw + k * np.pi / 2) for k, n in enumerate(names)}
+    side["top"] = gain(yaw, 1.25)
+    assert max(side, key=side.get) == "right", side
+    assert side["right"] > 1.5 * max(v for k, v in side.items() if k != "right")
+    best = choose_action(estimate, alone, budget=100).action.directions[0]
+    assert best @ [np.cos(yaw), np.sin(yaw), 0] > 0.5
+
+
+def test_options_that_are_none_are_refused():
+    with pytest.raises(OptionError, match="identity"):
+        ExpectedInformation(BOX, slopes="none")
+    with pytest.raises(OptionError, match="hypotheses"):
+        ExpectedInformation(BOX, hypotheses=0)

@@ -1,0 +1,226 @@
+"""The loop: touch, estimate, choose, touch again; stop, resume, and get lost."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from trimesh.creation import box
+from trimesh.transformations import quaternion_matrix, translation_matrix
+
+from tactilenlp import (
+    Action,
+    Measurements,
+    Options,
+    Workspace,
+    World,
+    explore,
+    surface_distance,
+)
+from tactilenlp.errors import NoContactError, OptionError, StartError
+from tactilenlp.exploration import _farthest, last_touched
+from tactilenlp.sweep import sweep
+
+CENTRE = (0.01, -0.01)  # [m] of the box below
+SIDES = (0.05, 0.035, 0.04)
+QUICK = {"options": Options(hypotheses=2, starts=3), "budget": 40}
+LEAST = QUICK | {"formulation": "quasi_static"}  # what is solved does not matter here
+SAME = LEAST | {"actions": 2, "centre": CENTRE, "seed": 1}
+
+
+def fresh(**changes):
+    given = {"position": CENTRE, "quaternion": [np.cos(0.2), 0, 0, np.sin(0.2)]}
+    return World(SIDES, **given | changes)
+
+
+def off(world, estimate):
+    """Return the mean surface distance [m] when the last action ended."""
+    true, sides = world.truth, box(world.side_lengths)
+    place = translation_matrix(true.object_position[-1])
+    sides.apply_transform(place @ quaternion_matrix(true.object_quaternion[-1]))
+    return surface_distance(estimate.mesh(), sides, samples=300).mean
+
+
+class Recorder:
+    """A world that counts, and can be switched off."""
+
+    def __init__(self, world, left=np.inf):
+        self.world, self.left, self.trajectories = world, left, []
+        self.finger_radius = world.finger_radius
+
+    def execute(self, trajectory):
+        if self.left <= 0:
+            raise ConnectionError("the robot went away")
+        self.left -= 1
+        self.trajectories.append(trajectory)
+        return self.world.execute(trajectory)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    """Three steps of an uninterrupted exploration, and its world."""
+    world = Recorder(fresh())
+    return list(explore(world, **SAME)), world
+
+
+def test_a_few_chosen_actions_find_the_box(whole):
+    steps, _ = whole
+    assert [s.number for s in steps] == [0, 1, 2]
+    assert [s.policy for s in steps] == ["first touch", "eig", "eig"]
+    assert [s.estimate.measurements.actions for s in steps] == [1, 2, 3]
+    assert not steps[0].measurements.valid[:, 1].any()  # one finger touches first
+    assert steps[2].choice.gain > 1
+    assert {"choose", "act", "estimate"} == steps[2].seconds.keys()
+
+
+def test_four_chosen_actions_find_the_box():
+    world = fresh()
+    *_, last = explore(world, actions=4, centre=CENTRE, seed=1, **QUICK)
+    # 0.00 to 0.02 mm on ten other boxes, with all hypotheses
+    assert off(world, last.estimate) < 0.5e-3
+
+
+def test_an_exploration_that_was_interrupted_goes_on_without_losing_an_action(
+    whole, tmp_path
+):
+    steps, _ = whole
+    world = Recorder(fresh(), left=2)
+    with pytest.raises(ConnectionError):
+        for _ in explore(world, folder=tmp_path, **SAME):
+            pass
+    (tmp_path / "estimate_01.npz").unlink()  # lost while it was solved
+    world.left = 1
+    again = list(explore(world, folder=tmp_path, **SAME))
+    assert len(world.trajectories) == 3
+    assert again[-1].estimate.measurements == steps[-1].estimate.measurements
+    assert np.array_equal(again[-1].estimate.theta, steps[-1].estimate.theta)
+    assert np.array_equal(again[1].action.angles, steps[1].action.angles)
+    from_disk = list(explore(None, folder=tmp_path, workspace=Workspace(), **SAME))
+    assert from_disk[-1].estimate.objective == steps[-1].estimate.objective
+
+
+def test_a_folder_of_another_exploration_is_refused(whole, tmp_path):
+    steps, _ = whole
+    steps[0].measurements.save(tmp_path / "action_00.npz")
+    plain = '{"policy": "first touch", "action": null}'
+    (tmp_path / "action_00.json").write_text(plain)
+    steps[1].estimate.save(tmp_path / "estimate_00.npz")
+    with pytest.raises(StartError, match="other data"):
+        next(explore(None, folder=tmp_path, workspace=Workspace()))
+
+
+def test_exploration_ends_when_enough_is_known(whole):
+    steps, _ = whole
+    few = list(explore(fresh(), until=lambda s: s.number == 0, **SAME))
+    assert len(few) == 1
+    loose = list(explore(fresh(), until=0.1, **SAME))
+    assert len(loose) == 1
+    assert np.array_equal(loose[0].estimate.theta, steps[0].estimate.theta)
+
+
+def test_without_a_centre_the_workspace_is_swept_until_something_is_touched():
+    world = Recorder(fresh(position=(0.03, 0.0)))
+    (step,) = explore(world, actions=0, **LEAST)
+    assert step.action is None
+    assert len(world.trajectories) > 1
+    assert step.measurements.contact.any()
+    assert step.estimate.measurements.actions == 1  # what met nothing is not counted
+
+
+def test_an_empty_workspace_says_so():
+    class Nothing:
+        def execute(self, trajectory):
+            n, F = 31, trajectory.finger_position.shape[1]
+            self.time = getattr(self, "time", 0.0) + 2.0
+            return Measurements(
+                time=self.time + np.linspace(0, 1, n),
+                finger_position=trajectory.finger_position[:: 100 // 30][:n],
+                finger_radius=np.full(F, 0.01), contact=np.zeros((n, F), bool),
+                normal=np.zeros((n, F, 3)), action=np.zeros(n, int),
+            )  # fmt: skip
+
+    with pytest.raises(NoContactError, match=r"centre=\(x, y\)"):
+        next(explore(Nothing()))
+
+
+def test_the_sweep_passes_within_a_finger_of_every_place():
+    space = Workspace()
+    p = np.concatenate([t.finger_position[:, 0] for t in sweep(space, np.zeros(3))])
+    rng = np.random.default_rng(0)
+    for place in rng.uniform(-0.1, 0.1, (200, 2)):
+        nearest = np.linalg.norm(p[:, :2] - place, axis=1).min()
+        assert nearest < space.finger_radius + 0.006  # of a box 12 mm wide
+
+
+def test_a_guess_wholly_outside_the_object_recovers(whole):
+    """The estimate is 7 cm off: its action meets nothing, which is data, no error."""
+    steps, _ = whole
+    wrong, shift = steps[0].estimate, np.array([0.0, 0.07, 0.0])
+    astray = replace(
+        wrong, position=wrong.position + shift,
+        unknowns=wrong.unknowns
+        | {"x": wrong.unknowns["x"] + shift[:, None]},
+        hypotheses=tuple(
+            replace(h, x=h.x + shift[:, None]) for h in wrong.hypotheses
+        ),
+    )  # fmt: skip
+    world = fresh()
+    first = Action(steps[0].action.angles, Workspace(), steps[0].action.active)
+    world.execute(first.trajectory(np.r_[CENTRE, 0.02]))
+    found = list(explore(world, actions=3, start=astray, seed=0, **QUICK))
+    assert not found[0].measurements.contact.any()
+    assert found[0].estimate.success
+    assert found[1].policy == "sought again"
+    assert found[1].measurements.contact.any()
+    assert off(world, found[-1].estimate) < 3e-3
+
+
+def test_what_was_touched_last_is_sought_again():
+    data = SimpleNamespace(
+        contact=np.array([[True, False], [False, False]]),
+        valid=np.ones((2, 2), bool),
+        normal=np.array([[[1.0, 0, 0], [0, 0, 0]], [[0, 0, 0], [0, 0, 0]]]),
+        finger_position=np.array([[[0.05, 0.01, 0.03], [9, 9, 9]]] * 2),
+        finger_radius=np.array([0.01, 0.01]),
+    )
+    # 10 mm of finger and 15 mm of body behind it, at the height of the guess
+    expected = [0.025, 0.01, 0.02]
+    assert np.allclose(last_touched(data, np.array([9.0, 9.0, 0.02])), expected)
+
+
+@pytest.mark.parametrize("policy", ["random", "fisher", "farthest"])
+def test_the_other_policies_act_too(whole, policy):
+    steps, world = whole
+    later = Recorder(fresh())
+    later.execute(world.trajectories[0])
+    given = {"start": steps[0].estimate, "policy": policy}
+    (step,) = explore(later, actions=1, **given, **LEAST)
+    assert step.policy == policy
+    assert (step.choice is not None) == (policy == "fisher")
+    assert step.estimate.measurements.actions == 2
+
+
+def test_farthest_turns_away_from_what_was_tried():
+    space, rng = Workspace(), np.random.default_rng(0)
+    past = [space.action([0.8, 0.1, 0.8, 0.1])] * 2
+    data = SimpleNamespace(measurements=None)
+    plan = SimpleNamespace(past=past, workspace=space, rng=rng, estimate=data)
+    angles = _farthest(plan)(rng).angles
+    assert (angles[[0, 2]] < 0.2).all() or (angles[[1, 3]] > 0.9).any()
+
+
+def test_a_policy_of_ones_own_is_given_a_plan(whole):
+    steps, world = whole
+    later, seen = Recorder(fresh()), []
+    later.execute(world.trajectories[0])
+
+    def squeeze(plan):
+        seen.append(plan)
+        return plan.workspace.action([0.0, 0.2, 0.0, 0.2])
+
+    given = {"start": steps[0].estimate, "policy": squeeze}
+    (step,) = explore(later, actions=1, **given, **LEAST)
+    assert step.policy == "squeeze"
+    assert seen[0].estimate is steps[0].estimate
+    with pytest.raises(OptionError, match="farthest"):
+        next(explore(later, policy="best"))
