@@ -26,13 +26,13 @@ def friction(nlp, name, value):
     return mu
 
 
-def impulses(nlp, window, name, w, scale, normal=0.0):
+def impulses(nlp, name, w, scale, normal=0.0, frictionless=()):
     """Declare the impulses (normal, t1, t2) of contacts, one for each weight w [N s].
 
-    Contacts that slip freely (window.frictionless) have the normal one alone.  normal:
-    its guess; scale: of all [N s].
+    normal: guess of the normal one; scale: of all [N s]; frictionless: the names of
+    contacts that slip freely, which have the normal one alone.
     """
-    rows = 1 if name in window.frictionless else 3
+    rows = 1 if name in frictionless else 3
     free, guess = [0, -ca.inf, -ca.inf], [normal, 0 * normal, 0 * normal]
     return nlp.variable(
         name, rows, len(w), lower=free[:rows], guess=guess[:rows], unit="N s",

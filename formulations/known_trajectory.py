@@ -72,7 +72,7 @@ def build(nlp, window, scene):
         for name, n in (("plane", 1), ("offset", window.tosses))
     )
     weight = [w] * len(touch)
-    lam = impulses(nlp, "ground", weight, guess=[w / 4, 0, 0], scale=w)
+    lam = impulses(nlp, "ground", weight, w, w / 4)
     fall = nlp.parameter("fall", [scene.mass, scene.gravity, window.dt], "kg, m/s^2, s")
     uniform = nlp.parameter("uniform inertia", window.uniform, "m^2")
     surface = nlp.parameter("surface", SURFACE, "m")

@@ -99,8 +99,9 @@ def build(nlp, window, scene, shape):
     size = w.mean() if len(w) else scene.mass * G
     share = w_g / max(1, len(shape.corners))
 
-    lam = impulses(nlp, window, "finger", w_f, size)
-    lam_g = impulses(nlp, window, "ground", w_g, size, share)
+    slips = window.frictionless
+    lam = impulses(nlp, "finger", w_f, size, frictionless=slips)
+    lam_g = impulses(nlp, "ground", w_g, size, share, frictionless=slips)
     mu = friction(nlp, "finger friction", scene.friction_finger)
     mu_g = friction(nlp, "ground friction", scene.friction_ground if len(w_g) else 0)
     balance(nlp, window, scene, fingers, ground, theta, x, lam, lam_g, w)
