@@ -1,39 +1,61 @@
-"""Check after the solve that what was dropped was not needed; put back what was.
+"""Check after the solve that what was dropped was not needed; say what to put back.
 
-Exact reductions (far, absent) must leave the optimum where it is; model reductions
-(still, planar) must not be contradicted by the data.
+Exact reductions (far, absent, frictionless) must leave the optimum where it is; model
+reductions (still, planar) must not be contradicted by the data.  One unreduced problem,
+written out at the solution, answers for far, absent and still.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .nlp import Problem
-from .reduce import Reductions, reduce
+from .expansion import expand
+from .newton import newton_step
+from .reduce import ARM, Reductions
 from .result import Skipped
 from .tumble import contradicts
 
 EXACT = 1e-6  # [relative] an exact reduction moves the objective by less
-STIFF = 25.0  # [nats / mm^2] price of a millimetre of motion under static friction
 DECREMENT = 0.1  # [nats] a model reduction's Newton decrement stays below
+SHIFT = 0.1  # [sigma] and no size and no last pose moves further
+CUT = 0.05  # [-] of the longest way within a still span is worth a pose of its own
 SHARE = 0.25  # [-] of all touches may stay unexplained, else the motion is another
 MOST = 0.6  # [-] and so may this share of one action's
 FEW = 4  # touches that may stay unexplained in any action
 
 
-def broken(skipped) -> tuple[str, ...]:
-    """Return the names of the reductions that do not hold."""
-    return tuple(s.name for s in skipped if not s.holds)
+@dataclass(frozen=True)
+class Certificates:
+    """What was dropped, each with its check.
+
+    cuts: samples that need a pose of their own, where still spans do not hold.
+    """
+
+    skipped: tuple[Skipped, ...]
+    cuts: tuple[int, ...] = ()
+
+    @property
+    def broken(self) -> tuple[str, ...]:
+        """The names of the reductions that do not hold."""
+        return tuple(s.name for s in self.skipped if not s.holds)
 
 
-def certify(job, page, solved) -> tuple[Skipped, ...]:
+def certify(job, page, solved) -> Certificates:
     """Return what was dropped for a solved page, each with the check of it."""
-    checks = {"far": far, "absent": absent, "still": still, "planar": planar}
-    made = [name for name in checks if getattr(job.reductions, name)]
-    found = [checks[name](job, page, solved) for name in made]
-    return tuple(s for s in found if s is not None)
+    made, found, cuts = job.reductions, [], ()
+    if made.still or made.far or made.absent:
+        whole = expand(job, page, solved)
+        found += [far(solved, whole)] * made.far + [absent(solved, whole)] * made.absent
+        if made.still and len(solved.window.knot) > solved.window.knots:
+            step = _step(solved, whole)
+            found.append(still(solved, step))
+            cuts = () if found[-1].holds else _cuts(solved.window, whole, step)
+    if made.planar:
+        found.append(planar(job, page, solved))
+    found.append(frictionless(solved))
+    return Certificates(tuple(s for s in found if s is not None), cuts)
 
 
 def without(reductions: Reductions, names) -> Reductions:
@@ -41,77 +63,60 @@ def without(reductions: Reductions, names) -> Reductions:
     return replace(reductions, **dict.fromkeys(names, False))
 
 
-def far(job, page, solved) -> Skipped | None:
+def far(solved, whole) -> Skipped | None:
     """The free samples that were dropped cost nothing at the solution."""
-    again, problem = _with(job, page, solved, "far")
-    dropped = len(again.free) - len(solved.window.free)
-    if not dropped:
+    if not len(whole.far):
         return None
-    x = problem.pack(solved.solution.values)
-    data = problem.data(solved.solution.parameters)
-    cost = float(problem.value("free", x, data).sum())
-    cost -= solved.solution.costs.get("free", 0.0)
+    cost = float(whole.problem.value("free", whole.x, whole.data)[whole.far].sum())
     limit = EXACT * max(1.0, abs(solved.solution.objective))
     return Skipped(
-        "far", f"{dropped} free samples", "certainly away from the object",
+        "far", f"{len(whole.far)} free samples", "certainly away from the object",
         "they would add to the objective [nats]", cost, limit, abs(cost) <= limit,
     )  # fmt: skip
 
 
-def absent(job, page, solved) -> Skipped | None:
+def absent(solved, whole) -> Skipped | None:
     """No finger that feels nothing would gain by pushing."""
-    values = solved.solution.values
-    if "finger" not in values:
+    if "finger" not in whole.problem.variables or not len(whole.unfelt):
         return None
-    again, problem = _with(job, page, solved, "absent")
-    dropped = len(again.push) - len(solved.window.push)
-    if not dropped:
-        return None
-    lam = np.zeros((values["finger"].shape[0], len(again.push)))
-    felt = np.setdiff1d(np.arange(len(again.push)), again.apart)
-    lam[:, felt] = values["finger"]
-    x = problem.pack({**values, "finger": lam})
-    data = problem.data(solved.solution.parameters)
+    problem, variable = whole.problem, whole.problem.variables["finger"]
     slope = sum(
-        np.asarray(problem.jacobian(name, x, data).sum(axis=0)).ravel()
+        np.asarray(problem.jacobian(name, whole.x, whole.data).sum(axis=0)).ravel()
         for name in problem.costs
     )
-    variable = problem.variables["finger"]
-    normal = slope[variable.span].reshape(variable.columns, variable.rows)[
-        again.apart, 0
-    ]
+    normal = slope[variable.span].reshape(variable.columns, -1)[whole.unfelt, 0]
     gain = float(max(0.0, (-normal * variable.scale[0]).max()))
     return Skipped(
-        "absent", f"{dropped} impulses", "the finger feels nothing",
+        "absent", f"{len(whole.unfelt)} impulses", "the finger feels nothing",
         "pushing by one weight would gain at most [nats]", gain, DECREMENT,
         gain <= DECREMENT,
     )  # fmt: skip
 
 
-def still(job, page, solved) -> Skipped | None:
-    """Samples that share a pose pull it apart by less than friction holds.
-
-    A free sample's slope g against the stiffness h of the motion that was left out,
-    there and back: g^2 / (2 h).  A bound by friction at STIFF, not the page's own h.
-    """
+def still(solved, step) -> Skipped:
+    """Poses of their own would gain little for samples that share one."""
     window = solved.window
     dropped = len(window.knot) - window.knots
-    if not dropped:
-        return None
-    problem, values = solved.problem, solved.solution.values
-    x, data = problem.pack(values), problem.data(solved.solution.parameters)
-    decrement = 0.0
-    if "free" in problem.costs:
-        slopes = problem.jacobian("free", x, data).toarray() * problem.scale
-        span = problem.variables["x"].span
-        shared = np.bincount(window.free.knot, minlength=window.knots)
-        merged = shared[window.free.knot] > 1
-        slope = np.linalg.norm(slopes[:, span], axis=1)[merged]
-        decrement = float((slope**2 / 2).max(initial=0.0)) / STIFF
+    shift = np.nanmax(np.abs(step.shift), initial=0.0)
+    worst = max(step.decrement / DECREMENT, shift / SHIFT)
+    holds = bool(0 <= worst <= 1)
     return Skipped(
         "still", f"{dropped} poses", "nothing touched or moved the object",
-        "Newton decrement of separate poses at most [nats]", decrement, DECREMENT,
-        decrement <= DECREMENT,
+        f"Newton decrement of separate poses {step.decrement:.2g} nats, shift "
+        f"{shift:.2g} sigma, in {DECREMENT} of either", worst, 1.0, holds,
+    )  # fmt: skip
+
+
+def frictionless(solved) -> Skipped | None:
+    """A cone of no friction holds no tangential impulse: nothing to check."""
+    window = solved.window
+    of = {"finger": window.push, "ground": window.corner}
+    count = sum(2 * len(of[name]) for name in window.frictionless)
+    if not count:
+        return None
+    return Skipped(
+        "frictionless", f"{count} tangential impulses", "friction is zero",
+        "largest that the cone would allow [weights]", 0.0, 0.0, True,
     )  # fmt: skip
 
 
@@ -133,13 +138,32 @@ def planar(job, page, solved) -> Skipped | None:
     )  # fmt: skip
 
 
-def _with(job, page, solved, name):
-    """Return the window and the problem that have what one reduction left out."""
-    h = solved.hypothesis
-    window = reduce(
-        job.data, job.scene, job.shape, job.precision, without(job.reductions, [name]),
-        guess=(h.theta, h.x),
-    )  # fmt: skip
-    problem = Problem()
-    page.build(problem, window, job.scene, job.shape)
-    return window, problem
+def _step(solved, whole):
+    """Return the Newton step of the unreduced problem, unfelt fingers held."""
+    problem = whole.problem
+    theta, x = problem.variables["theta"], problem.variables["x"]
+    chosen = np.r_[
+        np.arange(theta.span.start, theta.span.stop),
+        np.arange(x.span.stop - x.rows, x.span.stop),
+    ]
+    held = np.zeros(0, int)
+    if "finger" in problem.variables:
+        finger = problem.variables["finger"]
+        first = finger.span.start + finger.rows * whole.unfelt
+        held = (first[:, None] + np.arange(finger.rows)).ravel()
+    given = whole.multipliers, whole.pulls, held, chosen
+    return newton_step(problem, whole.x, whole.data, *given)
+
+
+def _cuts(window, whole, step) -> tuple[int, ...]:
+    """Return the samples at which still spans move most in the Newton step."""
+    x = whole.problem.variables["x"]
+    d = step.step[x.span].reshape(x.columns, x.rows)
+    turns = x.rows // 2 if x.rows > 3 else 2
+    way = np.hypot(
+        np.linalg.norm(np.diff(d[:, :turns], axis=0), axis=1),
+        ARM * np.linalg.norm(np.diff(d[:, turns:], axis=0), axis=1),
+    )
+    way = np.r_[0.0, np.where(np.diff(window.knot[whole.window.last]) == 0, way, 0.0)]
+    cut = whole.window.last[way > CUT * way.max()]
+    return tuple(cut.tolist())

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import logging
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import ModuleType
 
 from formulations.rigid_body import PLANAR
 from formulations.shape import Shape
 
-from .certify import broken, certify, without
+from .certify import Certificates, certify, without
 from .errors import MotionError
+from .expansion import carried as carried_on
 from .floating import floated, laid_out, plane_of_touch
 from .guess import Guess
 from .measurements import Measurements
@@ -39,6 +40,8 @@ from .tumble import SHARE, contradicts, recovered
 log = logging.getLogger("tactilenlp")
 
 LONGEST = 60.0  # [s] that one level may take
+CLOSE = 1e-5  # IPOPT's first mu where a solution is known but for what was left out
+PUT_BACK = 2  # times that a problem is solved again with what it needs after all
 TUMBLES = 3  # guesses of a tumble at most that are solved in free motion
 
 
@@ -88,7 +91,7 @@ def solve_estimate(
     starts = kept if plane is None else [floated(h, plane) for h in kept]
     solved = _refine(job, page, starts, options)
     best = _certified(job, page, solved[0], options)
-    if "planar" in broken(best.skipped):
+    if "planar" in best.certificates.broken:
         best = _tumbled(job, page, best, options, executor)
     seconds = {**best.solution.seconds, "search": searched}
     seconds["total"] = time.process_time() - cpu
@@ -124,7 +127,12 @@ class Solved:
     window: object
     solution: object
     job: Job
-    skipped: tuple = ()
+    certificates: Certificates = field(default_factory=lambda: Certificates(()))
+
+    @property
+    def skipped(self) -> tuple:
+        """What was left out, each with its check."""
+        return self.certificates.skipped
 
     @property
     def at(self) -> Hypothesis:
@@ -139,16 +147,38 @@ class Solved:
 
 
 def _certified(job, page, solved, options) -> Solved:
-    """Check what was dropped; put back what was needed and solve again, once."""
-    skipped = certify(job, page, solved)
-    back = [name for name in broken(skipped) if name != "planar"]
-    if back:
+    """Check what was dropped; put back what was needed and solve again.
+
+    Still spans are cut first where they would move, and dropped if that was not enough.
+    """
+    found = certify(job, page, solved)
+    for _ in range(PUT_BACK):
+        back = [name for name in found.broken if name != "planar"]
+        if not back:
+            break
         log.info("needed after all: %s", ", ".join(back))
+        if found.cuts and not job.cuts:
+            job = replace(job, cuts=found.cuts)
+            back.remove("still")
         job = replace(job, reductions=without(job.reductions, back))
-        h = solved.at
-        solved = _solve(job, page, h, options)
-        skipped = certify(job, page, solved)
-    return replace(solved, skipped=skipped)
+        solved = _solved_on(job, page, solved, options)
+        found = certify(job, page, solved)
+    return replace(solved, certificates=found)
+
+
+def _solved_on(job, page, solved, options) -> Solved:
+    """Solve again, with less left out, from where a solve ended."""
+    window, problem, built = _built(job, page, solved.hypothesis)
+    start, _, _ = carried_on(solved, window, problem)
+    last = replace(page.LEVELS[-1], barrier=CLOSE)
+    settings = _settings(job, options)
+    solution = solve_levels(problem, (last,), start, settings)
+    if not solution.success:
+        return _solve(job, page, solved.at, options)
+    seconds = solution.seconds | {"build": solution.seconds["build"] + built}
+    return Solved(
+        solved.hypothesis, problem, window, replace(solution, seconds=seconds), job
+    )
 
 
 def _tumbled(job, page, flat, options, executor) -> Solved:
@@ -165,7 +195,7 @@ def _tumbled(job, page, flat, options, executor) -> Solved:
     if not better:
         return flat
     best = min(better, key=lambda s: s.solution.objective)
-    return replace(best, skipped=certify(free, page, best))
+    return replace(best, certificates=certify(free, page, best))
 
 
 def _raise_unless_good(estimate, solved) -> None:
@@ -237,20 +267,10 @@ def _solve(job, page, hypothesis, options, shared=None, levels=None) -> Solved:
         lying = lifted(hypothesis.theta, hypothesis.x)
         hypothesis = replace(hypothesis, x=lying)
     if not shared:
-        began = time.process_time()
-        window = reduce(
-            job.data, job.scene, job.shape, job.precision, job.reductions,
-            guess=(hypothesis.theta, hypothesis.x),
-        )  # fmt: skip
-        problem = Problem()
-        page.build(problem, window, job.scene, job.shape)
-        built = time.process_time() - began
+        window, problem, built = _built(job, page, hypothesis)
         shared.update(window=window, problem=problem, solvers={}, built=built)
     window, problem = shared["window"], shared["problem"]
-    left = min(LONGEST, max(0.1, job.deadline - time.monotonic()))
-    settings = SolverOptions(
-        tolerance=options.tolerance, time_limit=left, ipopt=options.ipopt
-    )
+    settings = _settings(job, options)
     start = {"theta": hypothesis.theta, "x": hypothesis.x[:, window.last]}
     solution = solve_levels(
         problem, levels or page.LEVELS, start, settings, shared["solvers"]
@@ -258,3 +278,22 @@ def _solve(job, page, hypothesis, options, shared=None, levels=None) -> Solved:
     seconds = solution.seconds | {"build": solution.seconds["build"] + shared["built"]}
     solution = replace(solution, seconds=seconds)
     return Solved(hypothesis, problem, window, solution, job)
+
+
+def _built(job, page, hypothesis):
+    """Return window and problem of a page at a hypothesis, and the seconds it took."""
+    began = time.process_time()
+    window = reduce(
+        job.data, job.scene, job.shape, job.precision, job.reductions,
+        guess=(hypothesis.theta, hypothesis.x), cuts=job.cuts,
+    )  # fmt: skip
+    problem = Problem()
+    page.build(problem, window, job.scene, job.shape)
+    return window, problem, time.process_time() - began
+
+
+def _settings(job, options) -> SolverOptions:
+    left = min(LONGEST, max(0.1, job.deadline - time.monotonic()))
+    return SolverOptions(
+        tolerance=options.tolerance, time_limit=left, ipopt=options.ipopt
+    )

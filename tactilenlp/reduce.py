@@ -60,11 +60,11 @@ class Reductions:
         return cls(**{name: name not in off for name in names})
 
 
-def reduce(data, scene, shape, precision, choice=None, guess=None) -> Window:
+def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> Window:
     """Return the window of `data` (ground at z = 0) under the chosen reductions.
 
     guess: theta and x (unknowns, T) that say what is far and which corners are low;
-    without one, no sample is far.
+    without one, no sample is far.  cuts: samples that may move, still span or not.
     """
     choice = choice or Reductions()
     motion = PLANAR if choice.planar else FREE
@@ -72,6 +72,7 @@ def reduce(data, scene, shape, precision, choice=None, guess=None) -> Window:
     moving = may_move(data, scene, first) if choice.still else np.ones_like(first)
     if motion is FREE and guess is not None:
         moving = (moving | moves(guess[1])) & ~first
+    moving[list(cuts)] = True
     knot = np.cumsum(moving | first) - 1
     sample, finger = np.nonzero(data.valid)
     felt = data.contact[sample, finger]

@@ -80,6 +80,7 @@ class Job:
     reductions: object
     deadline: float
     first: tuple = ()  # (name, theta, x) guesses of the first touch, if a user has some
+    cuts: tuple = ()  # samples within still spans that need a pose of their own
 
 
 def beam(job: Job, kept, width: int, solves: int, executor=None, page=None):

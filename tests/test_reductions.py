@@ -9,9 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from formulations import violation_implicit as page
 from formulations.shape import CUBOID
-from tactilenlp import Guess, Problem, Scene, solve_estimate
+from tactilenlp import Guess, Options, Problem, Scene, certify, solve_estimate
 from tactilenlp.errors import MeasurementError
 from tactilenlp.metrics import cuboid_errors
+from tactilenlp.newton import newton_step
 from tactilenlp.precision import precision_of
 from tactilenlp.reduce import Reductions, reduce
 from tactilenlp.simulate import World
@@ -194,3 +195,39 @@ def test_capsules_without_an_orientation_are_refused(recorded):
     data, scene, _ = recorded
     with pytest.raises(MeasurementError, match="finger_orientation"):
         solve_estimate(data, replace(scene, finger_length=0.03))
+
+
+def test_a_newton_step_tells_what_a_quadratic_would_gain():
+    H = np.diag([2.0, 8.0, 1.0])
+    problem = Problem()
+    z = problem.variable("z", 3, guess=0.0, unit="m", scale=[1.0, 0.1, 1.0])
+    problem.minimize("bowl", lambda z: z.T @ H @ (z - 2) / 2, z, role="prior")
+    problem.subject_to("plane", lambda z: z[0] - z[1], z, lower=0.5)
+    x, data, none = np.array([1.0, 0.5, 0.0]), problem.data(), np.zeros(3)
+    # The plane is active, the last unknown held: along (1, 1, 0) the slope is
+    # 2 (1 - 1) + 8 (0.5 - 1) = -4 and the curvature 10.
+    step = newton_step(problem, x, data, {"plane": -np.ones((1, 1))}, none, [2], [0, 2])
+    # The multiplier adds nothing along the plane.
+    assert step.step == pytest.approx([0.4, 0.4, 0.0], abs=1e-6)
+    assert step.decrement == pytest.approx(4.0**2 / 10 / 2, rel=1e-6)
+    assert step.shift[0] == pytest.approx(0.4 / np.sqrt(1 / 10), rel=1e-6)
+
+
+def test_still_spans_that_are_doubted_get_poses_of_their_own_where_they_would_move(
+    recorded, monkeypatch
+):
+    data, scene, _ = recorded
+    data = data.select(range(3))
+    merged = solve_estimate(data, scene)
+    apart = solve_estimate(data, scene, options=Options(reduce="still"))
+    still = next(s for s in merged.skipped if s.name == "still")
+    assert 0 < still.value <= 1
+    assert still.holds
+    monkeypatch.setattr(certify, "DECREMENT", 0.8 * still.value * certify.DECREMENT)
+    cut = solve_estimate(data, scene)
+    knots = [len(e.unknowns["x"][0]) for e in (merged, cut, apart)]
+    assert knots[0] < knots[1] <= knots[2]
+    assert all(s.holds for s in cut.skipped)
+    sigma = apart.information.sigma("side_lengths")
+    for e in (merged, cut):
+        assert (np.abs(e.side_lengths - apart.side_lengths) < 0.1 * sigma).all()

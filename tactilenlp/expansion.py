@@ -1,0 +1,107 @@
+"""Write a reduced solution out in the unknowns that the reductions left out.
+
+Samples that shared a pose get one each, every finger sample and every impulse that was
+dropped comes back: one problem, built once, on which all certificates are evaluated.
+What kept its multiplier keeps it; what is new has none, poses of the span they were
+merged in, and the page's own guess of an impulse.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .nlp import Problem
+from .reduce import reduce
+
+LEFT_OUT = ("still", "far", "absent")
+
+
+@dataclass(frozen=True, eq=False)
+class Expansion:
+    """The unreduced problem at a reduced solution.
+
+    x (unknowns,) SI and data of `problem`; multipliers by constraint, pulls (unknowns,)
+    those of the bounds; far: rows of window.free, unfelt: rows of window.push, that had
+    been left out.
+    """
+
+    window: object
+    problem: Problem
+    x: np.ndarray
+    data: np.ndarray
+    multipliers: dict[str, np.ndarray]
+    pulls: np.ndarray
+    far: np.ndarray
+    unfelt: np.ndarray
+
+
+def expand(job, page, solved) -> Expansion:
+    """Return a solved page without its reductions of samples, poses and impulses."""
+    h, window, solution = solved.hypothesis, solved.window, solved.solution
+    whole = replace(job.reductions, **dict.fromkeys(LEFT_OUT, False))
+    again = reduce(
+        job.data, job.scene, job.shape, job.precision, whole, guess=(h.theta, h.x)
+    )
+    problem = Problem()
+    page.build(problem, again, job.scene, job.shape)
+    values, bounds, multipliers = carried(solved, again, problem)
+    free = _rows(_samples(window.free), _samples(again.free))
+    unfelt = _rows(_samples(window.push), _samples(again.push))
+    return Expansion(
+        window=again, problem=problem, x=problem.pack(values),
+        data=problem.data(solution.parameters), multipliers=multipliers,
+        pulls=problem.pack(bounds), far=np.nonzero(free < 0)[0],
+        unfelt=np.nonzero(unfelt < 0)[0],
+    )  # fmt: skip
+
+
+def carried(solved, again, problem) -> tuple[dict, dict, dict]:
+    """Return values, bound multipliers and multipliers of a solution for a problem.
+
+    again: the window of `problem`, of the same data as that of `solved`.
+    """
+    window, solution = solved.window, solved.solution
+    came_from = {
+        "x": window.knot[again.last],
+        "finger": _rows(_samples(window.push), _samples(again.push)),
+        "ground": _rows(_corners(window), _corners(again)),
+    }
+    values, bounds, multipliers = {}, {}, {}
+    for name, v in problem.variables.items():
+        source = came_from.get(name, np.arange(v.columns))
+        values[name] = _columns(solution.values[name], source, v.guess)
+        pull = solution.bound_multipliers[name]
+        bounds[name] = _columns(pull, source, np.zeros(v.guess.shape))
+    for name, term in problem.constraints.items():
+        source = came_from.get(name.split()[0], np.arange(term.instances))
+        old = solution.multipliers.get(name, np.zeros((0, term.kind.rows)))
+        none = np.zeros((term.kind.rows, term.instances))
+        multipliers[name] = _columns(old.T, source, none).T
+    return values, bounds, multipliers
+
+
+def _columns(old, source, otherwise) -> np.ndarray:
+    """Return columns `source` of `old`, those of `otherwise` where there is none."""
+    known = (source >= 0) & (source < old.shape[1])
+    out = otherwise.copy()
+    out[:, known] = old[:, source[known]]
+    return out
+
+
+def _samples(rows):
+    return list(zip(rows.sample.tolist(), rows.finger.tolist(), strict=True))
+
+
+def _corners(window):
+    """Return (sample, which corner of its step) of every ground contact."""
+    steps = window.step.sample[window.corner.step].tolist()
+    width = max(1, len(window.corner) // max(1, len(window.step)))
+    return [(s, i % width) for i, s in enumerate(steps)]
+
+
+def _rows(old, new) -> np.ndarray:
+    """Return for every entry of `new` where it is in `old`, or -1."""
+    place = {key: i for i, key in enumerate(old)}
+    return np.array([place.get(key, -1) for key in new], int)
