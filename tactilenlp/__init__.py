@@ -40,6 +40,7 @@ _HOMES = {
     "Body": "body",
     "identify_body": "identify",
     "export_shape": "export",
+    "write_report": "report",
     "Noise": "noise",
     "surface_distance": "metrics",
     "cuboid_errors": "metrics",

@@ -152,6 +152,18 @@ class Estimate:
         with open(path, "wb") as file:
             np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
 
+    def report(self, path) -> None:
+        """Write one HTML page to turn and scrub through; it needs no network."""
+        from .report import write_report
+
+        write_report(self, path)
+
+    def export(self, path) -> None:
+        """Write the shape for other tools: .stl .obj .ply .glb, .xml (MJCF), .urdf."""
+        from .export import export_shape
+
+        export_shape(self, path)
+
     @classmethod
     def load(cls, path) -> Estimate:
         """Read what `save` wrote, to the last digit."""

@@ -1,0 +1,119 @@
+"""The page draws itself in a browser, without network; its slider moves the object."""
+
+import json
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
+# What a reader does, and what can be seen then: appended to a copy of the page.
+PROBE = """<script>
+const shown = () => [...find("scene").getContext("2d").getImageData(
+  0, 0, find("scene").width, find("scene").height).data];
+const difference = (a, b) => a.reduce((n, value, i) => n + (value !== b[i]), 0);
+const start = shown();
+const blank = start.every((value) => value === 0);
+find("sample").value = 3;
+find("sample").dispatchEvent(new Event("input"));
+const scrubbed = shown(), sample = root.dataset.sample;
+find("scene").dispatchEvent(new PointerEvent("pointermove",
+  { buttons: 1, movementX: 60, movementY: 10 }));
+const turned = shown();
+root.dataset.probe = JSON.stringify({ blank, sample,
+  scrubbed: difference(start, scrubbed), turned: difference(scrubbed, turned) });
+</script>"""
+
+
+@pytest.fixture(scope="module")
+def page(estimate, tmp_path_factory):
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    estimate.report(path)
+    return path
+
+
+def content(path):
+    text = path.read_text(encoding="utf-8")
+    found = re.search(r'<script id="data"[^>]*>(.*?)</script>', text, re.S)
+    return json.loads(found.group(1))
+
+
+def browse(path, *flags):
+    """Return the page as a headless browser leaves it."""
+    if BROWSER is None:
+        pytest.skip("no chromium on this machine")
+    done = subprocess.run(
+        [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom", *flags,
+         "--host-resolver-rules=MAP * ~NOTFOUND", path.as_uri()],
+        capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_a_browser_draws_it_without_errors_and_the_slider_moves_the_object(page):
+    probed = page.with_name("probed.html")
+    probed.write_text(page.read_text(encoding="utf-8") + PROBE, encoding="utf-8")
+    dom = browse(probed)
+    assert "data-error" not in dom
+    probe = json.loads(
+        re.search(r'data-probe="(.*?)"', dom).group(1).replace("&quot;", '"')
+    )
+    assert not probe["blank"]
+    assert probe["sample"] == "3"
+    assert probe["scrubbed"] > 1000  # values of pixels that changed
+    assert probe["turned"] > 1000
+
+
+def test_the_words_of_the_summary_are_on_the_page(page, estimate):
+    dom = browse(page)
+    assert estimate.status in dom
+    for words in estimate.information.unobserved:
+        assert words in dom
+    for name in estimate.costs:
+        assert name in dom
+
+
+def test_it_needs_nothing_from_elsewhere(page):
+    text = page.read_text(encoding="utf-8")
+    assert "{{" not in text
+    assert not re.search(r"""(src|href)\s*=|https?://|@import|url\(|fetch\(""", text)
+
+
+def test_it_shows_what_the_estimate_says(page, estimate):
+    shown, data = content(page), estimate.measurements
+    np.testing.assert_allclose(shown["position"], estimate.position, atol=1e-5)
+    np.testing.assert_allclose(shown["quaternion"], estimate.quaternion, atol=1e-6)
+    assert shown["finger"][0]["contact"] == data.contact[:, 0].tolist()
+    assert sum(value for _, value in shown["costs"]) == pytest.approx(
+        estimate.objective
+    )
+    side = 1e3 * estimate.side_lengths[0]
+    sigma = 1e3 * estimate.information.sigma("side_lengths")[0]
+    assert shown["sigma"][0] == ["side x", f"{side:.2f} ± {sigma:.2f} mm"]
+    assert shown["skipped"] == [str(skipped) for skipped in estimate.skipped]
+
+
+def test_touched_points_lie_on_the_surface(page, estimate):
+    points = np.array([touch["point"] for touch in content(page)["touches"]])
+    beyond = (abs(points) - estimate.side_lengths / 2).max(axis=1)
+    assert abs(beyond).max() < 1e-3  # residuals of the fit, rounded to 10 um
+
+
+def test_words_from_a_file_cannot_become_a_script(estimate, tmp_path):
+    hostile = replace(estimate, status="</script><script>alert(1)</script>")
+    hostile.report(tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "<script>alert" not in text
+    assert text.count("</script>") == 2
+
+
+def test_no_ground_and_what_was_fixed_are_shown_as_such(estimate, tmp_path):
+    blank = replace(estimate, scene=replace(estimate.scene, ground=None))
+    blank.report(tmp_path / "report.html")
+    shown = content(tmp_path / "report.html")
+    assert shown["grid"] == []
+    assert ["rotation about x", "fixed by a reduction"] in shown["sigma"]
