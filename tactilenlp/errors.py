@@ -54,6 +54,10 @@ class NoContactError(MeasurementError):
     """Nothing was ever touched, so nothing can be estimated."""
 
 
+class FileError(TactileError, ValueError):
+    """A file is not what it should be, or only half of it is there."""
+
+
 class SceneError(TactileError, ValueError):
     """What is said to be known of the scene cannot be true."""
 

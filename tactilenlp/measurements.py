@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-import zipfile
-import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
+from tactilenlp.archive import read_npz
 from tactilenlp.errors import MeasurementError
 
 UNIT_TOLERANCE = 1e-3  # [1], beyond it a vector is wrong, not merely rounded
@@ -32,10 +31,6 @@ LAYOUT = {
     "finger_orientation": (("T", "F", 4), "unit quaternions wxyz", "iuf"),
 }
 OPTIONAL = ("valid", "finger_orientation")
-UNREADABLE = (  # AttributeError, TypeError: np.load gave an array, it was an .npy file
-    *(ValueError, EOFError, OSError, RuntimeError, AttributeError, TypeError),
-    *(NotImplementedError, zipfile.BadZipFile, zlib.error),
-)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -179,26 +174,6 @@ class Measurements:
         return {k: v[rows] for k, v in arrays.items()} | {"finger_radius": radius}
 
 
-def read_npz(
-    path: str | os.PathLike, keys: Iterable[str], error: type = MeasurementError
-) -> dict[str, np.ndarray]:
-    """Read those of `keys` that an .npz file has; unpickle nothing.
-
-    Raises `error` for what is no .npz file, FileNotFoundError for no file at all.
-    """
-    arrays, where = {}, os.fspath(path)
-    with open(path, "rb") as stream:
-        try:
-            with np.load(stream, allow_pickle=False) as archive:
-                for where in (key for key in keys if key in archive):
-                    arrays[where] = archive[where]
-        except UNREADABLE as bad:
-            parts = {"where": where, "got": f"{type(bad).__name__}: {bad}"}
-            parts |= {"expected": "an .npz file of plain arrays"}
-            raise error("cannot be read", next="use numpy.savez", **parts) from bad
-    return arrays
-
-
 def _reject(key: str, bad: np.ndarray | bool, what: str, got: object, fix: str) -> None:
     """Raise if anything is bad; where `bad` is an array, name its first bad entry."""
     if not np.any(bad):
@@ -228,8 +203,8 @@ def _shaped(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     sizes: dict = {3: 3, 4: 4}
     for key, (axes, _, _) in LAYOUT.items():
         if key not in arrays:
-            missing, got = key not in OPTIONAL, f"only {list(arrays)}"
-            _reject(key, missing, "missing", got, "record it, nothing stands in for it")
+            missing, fix = key not in OPTIONAL, "record it, nothing stands in for it"
+            _reject(key, missing, "missing", f"only {list(arrays)}", fix)
             continue
         if key == "finger_radius" and arrays[key].ndim == 0:
             arrays[key] = np.full(sizes["F"], arrays[key])

@@ -5,16 +5,17 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from importlib.metadata import version
-from pathlib import Path
 
 import numpy as np
 
-from .errors import TactileError
+from .archive import read_npz
+from .errors import FileError, TactileError
 from .information import Information
 from .measurements import Measurements
 from .scene import Ground, Scene
 from .search import Hypothesis
 
+MALFORMED = (ValueError, KeyError, TypeError, AttributeError, RecursionError)
 FORMAT = 1  # of the files that `save` writes
 UNKNOWN_TURN = 45.0  # [deg] a standard deviation beyond which a turn is unknown
 LIBRARIES = ("tactilenlp", "casadi", "numpy", "scipy")
@@ -166,17 +167,25 @@ class Estimate:
 
     @classmethod
     def load(cls, path) -> Estimate:
-        """Read what `save` wrote, to the last digit."""
-        with np.load(Path(path), allow_pickle=False) as file:
-            arrays = {key: file[key] for key in file.files}
+        """Read what `save` wrote, to the last digit; FileError of anything else."""
+        arrays = read_npz(path, None, error=FileError)
+        where = {"where": str(path), "next": "write it with Estimate.save"}
         if "header" not in arrays:
-            raise TactileError(
-                "not an estimate", where=str(path), next="write it with Estimate.save"
-            )
-        header = json.loads(str(arrays.pop("header")))
-        if header.pop("format") != FORMAT:
-            raise TactileError("another format", where=str(path), expected=str(FORMAT))
-        return _unpack(header, arrays)
+            raise FileError("not an estimate", got=f"keys {sorted(arrays)}", **where)
+        try:
+            header = json.loads(str(arrays.pop("header")))
+            found = header.pop("format")
+            estimate = _unpack(header, arrays) if found == FORMAT else None
+        except MALFORMED as bad:
+            got = f"{type(bad).__name__}: {bad}"
+            raise FileError("the header is damaged", got=got, **where) from bad
+        if found != FORMAT:
+            expected = f"format {FORMAT}"
+            raise FileError("another format", got=found, expected=expected, **where)
+        if not isinstance(estimate, cls):
+            got = type(estimate).__name__
+            raise FileError("not an estimate", got=got, **where)
+        return estimate
 
 
 KINDS = {
@@ -222,8 +231,12 @@ def _unpack(tree, arrays: dict):
         return {k: _unpack(v, arrays) for k, v in tree["dict"].items()}
     if "list" in tree:
         return tuple(_unpack(v, arrays) for v in tree["list"])
+    kind = KINDS[tree["kind"]]
     fields = {k: _unpack(v, arrays) for k, v in tree["fields"].items()}
-    return KINDS[tree["kind"]](**fields)
+    for name, declared in kind.__dataclass_fields__.items():
+        if declared.type == "np.ndarray" and not isinstance(fields[name], np.ndarray):
+            raise TypeError(f"{name} of {kind.__name__} is no array")
+    return kind(**fields)
 
 
 def versions() -> dict[str, str]:

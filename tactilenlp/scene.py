@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
+from tactilenlp.archive import read_npz
 from tactilenlp.errors import MeasurementError, OptionError, SceneError
-from tactilenlp.measurements import Measurements, read_npz
+from tactilenlp.measurements import Measurements
 
 UNIT_TOLERANCE = 1e-6  # [1], a normal further from unit length was not normalised
 UNIT_EXACT = 1e-12  # [1], a normal closer to unit length is left alone

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .archive import read_npz
 from .errors import MeasurementError
-from .measurements import read_npz
 
 UNIT_TOLERANCE = 1e-3  # [1], a quaternion further from unit length is none
 LARGEST = 100.0  # [m], no tracked body is further off: beyond it the file is in mm

@@ -1,0 +1,64 @@
+"""Without Python: estimate a file, look at it, hear in one line what is wrong."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from conftest import RECORDED
+
+from tactilenlp import Estimate, Measurements
+from tactilenlp.__main__ import main
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    """Return a recording of one action, with what its file knows of the scene."""
+    path = tmp_path_factory.mktemp("short") / "scene.npz"
+    Measurements.load(RECORDED).select([0, 1]).save(path)
+    with np.load(path) as file:
+        arrays = dict(file)
+    np.savez(path, **arrays, mass=0.5, friction_ground=0.3)
+    return path
+
+
+def test_a_recording_becomes_an_estimate_a_page_and_a_model(short, tmp_path, capsys):
+    saved, page = tmp_path / "estimate.npz", tmp_path / "report.html"
+    words = ["estimate", str(short), "--mass", "0.6", "--save", str(saved)]
+    assert main([*words, "--output", str(page)]) == 0
+    assert capsys.readouterr().out.startswith("A cuboid of ")
+    assert page.stat().st_size > 10_000
+    estimate = Estimate.load(saved)
+    assert estimate.scene.mass == 0.6
+    assert estimate.scene.friction_ground == 0.3
+    assert main(["report", str(saved), "--shape", str(tmp_path / "box.urdf")]) == 0
+    assert capsys.readouterr().out.strip() == estimate.summary()
+    assert "<robot" in (tmp_path / "box.urdf").read_text()
+
+
+def test_help_is_there_for_every_command():
+    for command in ([], ["estimate"], ["report"]):
+        done = subprocess.run(
+            [sys.executable, "-m", "tactilenlp", *command, "--help"],
+            capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        assert "usage: python -m tactilenlp" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("command", "word"),
+    [
+        (["estimate", "nowhere.npz"], "nowhere.npz"),
+        (["estimate", __file__], "npz"),
+        (["report", __file__], "npz"),
+        (["estimate", str(RECORDED), "--form", "ball"], "unknown shape"),
+        (["estimate", str(RECORDED), "--mass", "-1"], "mass"),
+        (["report", str(RECORDED)], "not an estimate"),
+    ],
+)
+def test_what_cannot_be_done_is_one_line_and_no_traceback(command, word, capsys):
+    assert main(command) == 2
+    said = capsys.readouterr()
+    assert word in said.err
+    assert said.err.count("\n") == 1
+    assert said.out == ""
