@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import permutations, product
 
 import casadi as ca
 
@@ -32,6 +33,9 @@ class Shape:
     inertia(theta) -> (3, 3) [m^2] per unit mass, about the origin.
     size_prior: mean and standard deviation [m] of each entry of theta before any touch
     (the paper's cuboids are 30 to 60 mm; two deviations span 5 to 85 mm).
+    symmetries: relabellings of the body's axes that leave the body what it is, each the
+    order of theta and the rotation (3, 3) whose columns are the new axes in the old.
+    words: for each entry of theta; quantities: (name, function of theta) people ask for.
     """
 
     name: str
@@ -44,6 +48,9 @@ class Shape:
     corner: Callable
     rest_height: Callable
     inertia: Callable
+    symmetries: tuple = ()
+    words: tuple[str, ...] = ()
+    quantities: tuple = ()
 
 
 def positive_part(x, width):
@@ -93,6 +100,25 @@ def cuboid_inertia(theta):
     return ca.diag(ca.sum1(square) - square) / 12
 
 
+def cuboid_sides(theta):
+    """Return the full side lengths (3,) [m]."""
+    return theta
+
+
+def axis_relabellings() -> tuple:
+    """Return the 24 right-handed ways to name a cuboid's axes: (order, rotation)."""
+    found = []
+    for order in permutations(range(3)):
+        for signs in product((1, -1), repeat=3):
+            S = [
+                [s * (i == j) for j, s in zip(order, signs, strict=True)]
+                for i in range(3)
+            ]
+            if ca.det(ca.DM(S)) > 0:
+                found.append((order, tuple(map(tuple, S))))
+    return tuple(found)
+
+
 CUBOID = Shape(
     name="cuboid",
     theta=3,
@@ -104,4 +130,7 @@ CUBOID = Shape(
     corner=cuboid_corner,
     rest_height=cuboid_rest_height,
     inertia=cuboid_inertia,
+    symmetries=axis_relabellings(),
+    words=("side x", "side y", "side z"),
+    quantities=(("side_lengths", cuboid_sides),),
 )

@@ -133,8 +133,9 @@ def balance(nlp, window, scene, fingers, ground, theta, x, lam, lam_g, w):
         linear, angular = momentum_change(
             fingers.shape, window.motion, theta, x, x_1, x_2, dt
         )
-        force = scene.mass * linear + ca.vertcat(0, 0, scene.mass * scene.gravity * dt)
-        moment = scene.mass * angular
+        mass = w / (G * dt)  # data, so that every mass shares this kind
+        force = mass * linear + ca.vertcat(0, 0, mass * scene.gravity * dt)
+        moment = mass * angular
         for i in range(0, 2 * corners, 2):
             impulse, turning = ground.wrench(theta, x, *contacts[i : i + 2])
             force, moment = force - impulse, moment - turning

@@ -31,6 +31,7 @@ from .request import (
     shape_of,
 )
 from .result import Estimate
+from .rivals import challenged
 from .scene import Scene
 from .search import RIVAL, Hypothesis, Job, beam, distinct, opened, same
 from .solve import SolverOptions, not_converged, solve_levels
@@ -90,6 +91,7 @@ def solve_estimate(
     searched = time.process_time() - cpu
     starts = kept if plane is None else [floated(h, plane) for h in kept]
     solved = _refine(job, page, starts, options)
+    solved = challenged(job, page, solved, options, _solve)
     best = _certified(job, page, solved[0], options)
     if "planar" in best.certificates.broken:
         best = _tumbled(job, page, best, options, executor)
@@ -97,7 +99,9 @@ def solve_estimate(
     seconds["total"] = time.process_time() - cpu
     late = time.monotonic() > job.deadline
     kept = _carried_on(job, solved, kept, options.hypotheses)
-    estimate = read_off(data, job, page, options, best, kept, seconds, late)
+    rivals = [s for s in solved if s.window.motion is best.window.motion]
+    rivals = [s for s in rivals if s.solution.success]
+    estimate = read_off(data, job, page, options, best, kept, seconds, late, rivals)
     if throw:
         _raise_unless_good(estimate, best)
     return estimate

@@ -1,63 +1,66 @@
-r"""What the data say of shape and final pose: the exact reduced Hessian.
+r"""What the data say of shape and final pose, and how far off an estimate may be.
 
-At the optimum of the joint programme, with L its Lagrangian and A the Jacobian of the
-constraints and bounds that are active, the covariance of chosen unknowns is the block
-
-    C = E' K^{-1} E,     K = [ H  A' ]      H = nabla^2 L  (exact)
-                             [ A  0  ]
-
-which is the Hessian reduced to the null space of A with every other unknown (past
-poses, impulses) marginalised by a Schur complement.  The information is C^{-1}.
+matrix   the exact information: the Hessian of the Lagrangian reduced to the null space
+         of what is active, past poses and impulses marginalised (curvature.py)
+spread   the covariance that `sigma` tells: what sensors, model, assumptions and
+         physics are known to err (spread.py), over the modes found (modes.py)
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
+from .chart import WORDS, chart_of
+from .curvature import Curvature, curvature_of
 from .errors import OptionError
+from .modes import Modes, weighted
+from .spread import spread
 
-LOOSE = 1e-9  # [1 / scaled unknown^2] of a direction that nothing sees
 TOUCHED = 0.99  # [-] |n . axis| above which a normal belongs to a face
 HELD = 0.1  # [prior deviations] a size known better than this is observed
 ASTRAY = 0.05  # [m] a position less certain than this is not observed
 LOST = np.radians(45)  # a turn less certain than this is not observed
 ENOUGH = 3  # contact samples that make a face known
-WORDS = ("x", "y", "z")
-UNKNOWNS = {  # the words for the unknowns of a pose, by motion
-    "planar": ("position x", "position y", "rotation z"),
-    "free": tuple(f"{what} {w}" for what in ("position", "rotation") for w in WORDS),
-}
+TINY = 1e-12  # [SI] a deviation below which a number is known exactly
+SHARP = 1e-12  # [-] of the other variances: a direction below this is known exactly
+MOST = 4  # unknowns that name a direction
 
 
 @dataclass(frozen=True, eq=False)
 class Information:
     """Information about the shape and the pose at the last sample.
 
-    names (k,) of the independent unknowns, matrix (k, k) their information and
-    covariance (k, k), SI; maps: (3, k) Jacobian of every quantity a user asks for by
-    name, rows of NaN where a reduction fixed it (`fixed`).  unobserved: words for
-    directions that only the prior holds; active: constraints that hold with equality;
-    ambiguous: those neither clearly active nor inactive; indefinite: the reduced
-    Hessian has a direction of no or negative curvature.
+    names (k,) of the independent unknowns; matrix (k, k) their information, SI; parts:
+    what each term adds to it, by name, and roles: each term's role; modes: other local
+    optima, with weights; maps: (3, k) Jacobian of every quantity a user asks for by
+    name, rows of NaN where a reduction fixed it (`fixed`).  unobserved: words for what
+    only the prior holds, directions (k, r): unit vectors [prior deviations] of it;
+    active, ambiguous: how many rows of each constraint or bound hold with equality, or
+    nearly; indefinite: terms by which the reduced Hessian curves down, and along what.
     """
 
     names: tuple[str, ...]
     matrix: np.ndarray
+    spread: np.ndarray
+    parts: dict[str, np.ndarray]
+    roles: dict[str, str]
+    modes: Modes
     maps: dict[str, np.ndarray]
     unobserved: tuple[str, ...]
+    directions: np.ndarray
     fixed: tuple[str, ...]
-    active: int
-    ambiguous: int
-    indefinite: bool
+    active: dict[str, int]
+    ambiguous: dict[str, int]
+    indefinite: tuple[str, ...]
 
-    def covariance(self, name: str) -> np.ndarray:
-        """Return the covariance (3, 3) of a quantity, SI."""
+    def covariance(self, name: str | None = None) -> np.ndarray:
+        """Return the covariance (3, 3) of a quantity, or (k, k) of `names`, SI."""
+        if name is None:
+            return self.spread
         jacobian = self._map(name)
-        return jacobian @ self._inverse() @ jacobian.T
+        return jacobian @ self.spread @ jacobian.T
 
     def sigma(self, name: str) -> np.ndarray:
         """Return standard deviations (3,), SI; NaN where fixed by a reduction."""
@@ -66,13 +69,23 @@ class Information:
         return np.sqrt(variance)
 
     def correlation(self) -> np.ndarray:
-        """Return the correlation matrix of `names`."""
-        C = self._inverse()
-        d = np.sqrt(np.abs(np.diag(C)))
-        return C / np.outer(d, d)
+        """Return the correlation matrix (k, k) of `names`."""
+        d = np.sqrt(np.abs(np.diag(self.spread)))
+        return self.spread / np.outer(d, d)
 
-    def _inverse(self) -> np.ndarray:
-        return np.linalg.inv(self.matrix)
+    def part(self, name: str) -> np.ndarray:
+        """Return what one term, or all terms of a role, add to the matrix (k, k)."""
+        chosen = [n for n, role in self.roles.items() if name in (n, role)]
+        if not chosen:
+            raise OptionError(
+                "no such term or role", where="information", got=name,
+                expected=f"one of {sorted({*self.roles, *self.roles.values()})}",
+            )  # fmt: skip
+        return sum(self.parts[n] for n in chosen)
+
+    def of_hessian(self) -> Information:
+        """Return the same, its sigma that of the Hessian alone, of this mode alone."""
+        return replace(self, spread=inverse(self.matrix))
 
     def _map(self, name: str) -> np.ndarray:
         if name not in self.maps:
@@ -85,16 +98,33 @@ class Information:
         return self.maps[name]
 
 
-def observed_information(estimate, kind: str = "exact") -> Information:
-    """Return what the data of an estimate say of shape and final pose.
+def information_of(
+    problem, solution, window, shape, faces, R_wg, sensed=None, rivals=()
+) -> Information:
+    """Return the information about theta and the last pose of a solved programme.
 
-    kind: "exact", the reduced Hessian of the Lagrangian.
+    faces: (axes, 2) number of samples that touched each face; R_wg (3, 3): from the
+    ground's frame, in which the programme is written, to the world.  sensed: the
+    measurements, without which sigma is that of the Hessian; rivals: (problem,
+    solution, window) of other local optima.
     """
-    if kind != "exact":
-        raise OptionError(
-            "no such information", where="kind", got=kind, expected="'exact'"
-        )
-    return estimate.information
+    curvature = curvature_of(problem, solution)
+    chart = chart_of(problem, solution, window, shape, R_wg)
+    pulls, held = curvature.response_of(chart.chosen)
+    pulls, held = pulls @ chart.tangent.T, held @ chart.tangent.T
+    C = chart.tangent @ pulls[chart.chosen]
+    C = (C + C.T) / 2
+    errors = C
+    if sensed is not None:
+        errors = spread(curvature, pulls, held, sensed, window, shape)
+    found = [(chart.z, chart.R, solution.objective, errors)]
+    for other in rivals:
+        there = chart_of(*other, shape, R_wg)
+        rival, *_ = reduced_covariance(*other[:2], there.chosen)
+        rival = there.tangent @ rival @ there.tangent.T
+        found.append((there.z, there.R, other[1].objective, rival))
+    modes = weighted(shape, chart.turning, found)
+    return _described(curvature, chart, pulls, C, modes, shape, faces)
 
 
 def reduced_covariance(problem, solution, chosen: np.ndarray):
@@ -102,105 +132,75 @@ def reduced_covariance(problem, solution, chosen: np.ndarray):
 
     chosen: indices into the vector of all unknowns.
     """
-    x = problem.pack(solution.values)
-    data = problem.data(solution.parameters)
-    scale = problem.scale
-    H = sum(problem.hessian(name, x, data) for name in problem.costs)
-    rows, active, ambiguous = [], 0, 0
-    for name, term in problem.constraints.items():
-        multiplier = solution.multipliers[name]
-        H = H + problem.hessian(name, x, data, multiplier)
-        value = problem.value(name, x, data)
-        slack = np.minimum(value - term.lower, term.upper - value).ravel()
-        on, unsure = _active(np.abs(multiplier).ravel(), slack)
-        rows.append(problem.jacobian(name, x, data)[on])
-        active, ambiguous = active + on.sum(), ambiguous + unsure.sum()
-    lower, upper = problem.bounds("lower"), problem.bounds("upper")
-    slack = np.minimum(x - lower, upper - x) / scale
-    lam = np.abs(problem.pack(solution.bound_multipliers)) * scale
-    on, unsure = _active(lam, slack)
-    rows.append(sp.identity(len(x), format="csc")[np.nonzero(on)[0]])
-    A = sp.vstack(rows, format="csc")
-    C = _kkt_block(H, A, scale, chosen)
-    return C, int(active + on.sum()), int(ambiguous + unsure.sum())
+    curvature = curvature_of(problem, solution)
+    C = curvature.response_of(chosen)[0][chosen]
+    counts = (sum(n.values()) for n in (curvature.active, curvature.ambiguous))
+    return (C + C.T) / 2, *counts
 
 
-def _active(multiplier, slack):
-    """Classify: active where the multiplier outweighs the slack; unsure near a tie."""
-    on = multiplier > slack
-    unsure = (multiplier > 1e-2 * slack) & (multiplier < 1e2 * slack)
-    return on, unsure
-
-
-def _kkt_block(H, A, scale, chosen) -> np.ndarray:
-    D = sp.diags(scale)
-    H = D @ H @ D + LOOSE * sp.identity(H.shape[0])
-    A = A @ D
-    norms = np.sqrt(np.asarray(A.multiply(A).sum(axis=1)).ravel())
-    A = sp.diags(1 / np.maximum(norms, 1e-12)) @ A
-    K = sp.bmat([[H, A.T], [A, -LOOSE * sp.identity(A.shape[0])]], format="csc")
-    E = np.zeros((K.shape[0], len(chosen)))
-    E[chosen, np.arange(len(chosen))] = 1.0
-    C = splu(K, permc_spec="MMD_AT_PLUS_A").solve(E)[chosen]  # a tenth of the fill
-    C = (C + C.T) / 2
-    return C * np.outer(scale[chosen], scale[chosen])
-
-
-def information_of(problem, solution, window, shape, faces, R_wg) -> Information:
-    """Return the information about theta and the last pose of a solved programme.
-
-    faces: (axes, 2) number of samples that touched each face; R_wg (3, 3): from the
-    ground's frame, in which the programme is written, to the world.
-    """
-    theta, x = problem.variables["theta"], problem.variables["x"]
-    chosen = np.r_[
-        np.arange(theta.span.start, theta.span.stop),
-        np.arange(x.span.stop - x.rows, x.span.stop),
-    ]
-    C, active, ambiguous = reduced_covariance(problem, solution, chosen)
-    deviation = np.sqrt(np.abs(np.diag(C)))
-    lowest = np.linalg.eigvalsh(C / np.outer(deviation, deviation))[0]
-    maps, fixed = _maps(shape, window.motion, solution, R_wg)
-    sides = deviation[: theta.rows] / shape.size_prior[1]
-    turn, way = (maps[name] @ np.diag(deviation) for name in ("rotation", "position"))
+def _described(curvature, chart, pulls, C, modes, shape, faces) -> Information:
+    matrix, C_mix = inverse(C), modes.covariance
+    parts = {
+        name: matrix @ (pulls.T @ (H @ pulls)) @ matrix
+        for name, H in curvature.hessians.items()
+    }
+    terms = curvature.problem.terms
+    words, directions = _lost(chart, C_mix, shape, faces)
     return Information(
-        names=(*(f"side {w}" for w in WORDS), *UNKNOWNS[window.motion.name]),
-        matrix=np.linalg.inv(C),
-        maps=maps,
-        unobserved=unobserved(
-            faces, sides, np.linalg.norm(np.nan_to_num(turn)), np.linalg.norm(way)
-        ),
-        fixed=fixed,
-        active=active,
-        ambiguous=ambiguous,
-        indefinite=bool(lowest <= 0),
+        names=chart.names,
+        matrix=matrix,
+        spread=C_mix,
+        parts=parts,
+        roles={name: terms[name].role or "constraint" for name in parts},
+        modes=modes,
+        maps=chart.maps,
+        unobserved=words,
+        directions=directions,
+        fixed=chart.fixed,
+        active=curvature.active,
+        ambiguous=curvature.ambiguous,
+        indefinite=_indefinite(curvature),
     )
 
 
-def _maps(shape, motion, solution, R_wg):
-    """Return how sizes, position and a small turn follow from the unknowns, (3, k).
+def inverse(C) -> np.ndarray:
+    """Return the inverse of a covariance, finite also where a direction is known."""
+    d = np.sqrt(np.maximum(np.abs(np.diag(C)), TINY**2))
+    values, vectors = np.linalg.eigh(C / np.outer(d, d))
+    values = np.where(np.abs(values) < SHARP, SHARP, values)
+    return (vectors / values) @ vectors.T / np.outer(d, d)
 
-    A turn is a rotation vector in the world frame; rows of NaN where the motion fixes
-    it, and the words for them.
-    """
-    import casadi as ca
 
+def _indefinite(curvature: Curvature) -> tuple[str, ...]:
+    """Name the term and the unknowns along which the reduced Hessian curves down."""
+    if curvature.negative is None:
+        return ()
+    term, direction = curvature.negative
+    share = np.abs(direction / curvature.problem.scale)
+    worst, where = np.argsort(share)[::-1][:MOST], []
+    for name, v in curvature.problem.variables.items():
+        for i in worst[(worst >= v.first) & (worst < v.span.stop)] - v.first:
+            where.append(f"{name}[{i % v.rows}, {i // v.rows}]")
+    return (f"{term} along {', '.join(where)}",)
+
+
+def _lost(chart, C, shape, faces):
+    """Return words and unit vectors (k, r) for what only the prior holds."""
     n = shape.theta
-    z = ca.SX.sym("z", n + motion.unknowns)
-    p, R = motion.pose(shape, z[:n], z[n:])
-    slopes = [ca.jacobian(ca.vec(ca.densify(R)), z[i]) for i in range(z.numel())]
-    turns = [ca.inv_skew(ca.reshape(dR, 3, 3) @ R.T) for dR in slopes]
-    function = ca.Function("maps", [z], [ca.jacobian(p, z), ca.horzcat(*turns)])
-    at = np.r_[solution.values["theta"][:, 0], solution.values["x"][:, -1]]
-    position, rotation = (np.asarray(ca.DM(m)) for m in function(at))
-    rotation = R_wg @ rotation
-    still = ~rotation.any(axis=1)
-    rotation[still] = np.nan
-    fixed = [f"rotation {w}" for w, held in zip(WORDS, still, strict=True) if held]
-    if motion.name == "planar" and not fixed:
-        fixed = ["tilt against the ground"]
-    maps = {"side_lengths": np.eye(n, n + motion.unknowns), "position": R_wg @ position}
-    return maps | {"rotation": rotation}, tuple(fixed)
+    prior = np.ones(len(C)) * ASTRAY
+    prior[:n] = shape.size_prior[1]
+    prior[len(C) - chart.turning :] = LOST
+    values, vectors = np.linalg.eigh(C / np.outer(prior, prior))
+    directions = vectors[:, values > HELD**2]
+    deviation = np.sqrt(np.abs(np.diag(C)))
+    turn, way = (
+        chart.maps[name] @ np.diag(deviation) for name in ("rotation", "position")
+    )
+    words = unobserved(
+        faces, deviation[:n] / shape.size_prior[1],
+        np.linalg.norm(np.nan_to_num(turn)), np.linalg.norm(way),
+    )  # fmt: skip
+    return words, directions
 
 
 def unobserved(faces, sides=None, turn=0.0, way=0.0) -> tuple[str, ...]:

@@ -222,7 +222,7 @@ def _face_sigma(estimate, sample, known) -> np.ndarray:
         return information.sigma("side_lengths")[:, None] * share
     along = estimate.rotation().T @ information.maps["position"]
     J = np.stack([-along, along], 1) + information.maps["side_lengths"][:, None] / 2
-    C = np.linalg.inv(information.matrix)
+    C = information.spread
     variance = np.einsum("asj,jk,ask->as", J, C, J)
     return np.sqrt(np.where(variance < 0, np.inf, variance))
 

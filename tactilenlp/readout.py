@@ -8,11 +8,18 @@ import numpy as np
 
 from .guess import body_corners
 from .information import TOUCHED, information_of
+from .nlp import Problem
 from .result import Estimate, by_sample, poses, touched_faces, versions
+from .scatter import Sensed
 
 
-def read_off(data, job, page, options, solved, kept, seconds, late: bool) -> Estimate:
-    """Return the estimate of a solved page, in the frame of the data."""
+def read_off(
+    data, job, page, options, solved, kept, seconds, late: bool, rivals=()
+) -> Estimate:
+    """Return the estimate of a solved page, in the frame of the data.
+
+    rivals: the same page solved from other hypotheses.
+    """
     problem, window, solution = solved.problem, solved.window, solved.solution
     shape, scene = job.shape, job.scene
     theta = solution.values["theta"][:, 0]
@@ -35,6 +42,7 @@ def read_off(data, job, page, options, solved, kept, seconds, late: bool) -> Est
         costs=solution.costs,
         violations={**solution.violations, **exact(problem, solution)},
         multipliers=solution.multipliers,
+        bound_multipliers=solution.bound_multipliers,
         objective=solution.objective,
         success=solution.success,
         status=f"{solution.status}, time limit reached" if late else solution.status,
@@ -45,12 +53,32 @@ def read_off(data, job, page, options, solved, kept, seconds, late: bool) -> Est
         skipped=solved.skipped,
         faces=faces,
         information=information_of(
-            problem, solution, window, shape, faces, _turn(scene).T
+            problem,
+            solution,
+            window,
+            shape,
+            faces,
+            _turn(scene).T,
+            Sensed(job.data, job.precision, builder(page, shape, scene)),
+            [(r.problem, r.solution, r.window) for r in rivals],
         ),
         precision=asdict(job.precision),
+        reductions=asdict(solved.job.reductions),
+        origin=solved.hypothesis,
         hypotheses=tuple(kept),
         versions=versions(),
     )
+
+
+def builder(page, shape, scene):
+    """Return build(window, scene): the page's programme of another window or scene."""
+
+    def build(window, scene=scene) -> Problem:
+        problem = Problem()
+        page.build(problem, window, scene, shape)
+        return problem
+
+    return build
 
 
 def exact(problem, solution) -> dict[str, float]:

@@ -12,6 +12,7 @@ from .archive import read_npz
 from .errors import FileError, TactileError
 from .information import Information
 from .measurements import Measurements
+from .modes import Modes
 from .scene import Ground, Scene
 from .search import Hypothesis
 
@@ -51,7 +52,9 @@ class Estimate:
     theta (n,) [m]; position (T, 3) [m] and quaternion (T, 4) wxyz of the body at every
     sample, world frame; impulses by contact, (T, 3) [N s] on the object, world frame,
     over (t-1, t]; unknowns, costs, violations, multipliers by name; hypotheses, best
-    first, for the next action; information about shape and final pose.
+    first, for the next action; information about shape and final pose.  origin: the
+    hypothesis it was solved from, and reductions in use: with them the programme can
+    be built again.
     """
 
     measurements: Measurements
@@ -68,6 +71,7 @@ class Estimate:
     costs: dict[str, float]
     violations: dict[str, float]
     multipliers: dict[str, np.ndarray]
+    bound_multipliers: dict[str, np.ndarray]
     objective: float
     success: bool
     status: str
@@ -79,6 +83,8 @@ class Estimate:
     faces: np.ndarray
     information: Information
     precision: dict[str, float]
+    reductions: dict[str, bool]
+    origin: Hypothesis
     hypotheses: tuple[Hypothesis, ...]
     versions: dict[str, str]
 
@@ -194,6 +200,7 @@ KINDS = {
         Estimate,
         Skipped,
         Information,
+        Modes,
         Measurements,
         Scene,
         Ground,

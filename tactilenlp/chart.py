@@ -1,0 +1,89 @@
+"""Which unknowns are shape and final pose, and what people ask of them.
+
+The pose is given in a tangent chart: position and a small turn about the world's axes,
+whatever chart the page's motion uses for its unknowns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+WORDS = ("x", "y", "z")
+UNKNOWNS = {  # the words for the unknowns of a pose, by motion
+    "planar": ("position x", "position y", "rotation z"),
+    "free": tuple(f"{what} {w}" for what in ("position", "rotation") for w in WORDS),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """Coordinates z (k,) of shape and final pose, SI.
+
+    names (k,); chosen (k,): indices into all unknowns; tangent (k, k): from a change of
+    those to one of z; maps: (3, k) Jacobian of each quantity by z; fixed: words for
+    what the motion fixes, whose rows are NaN; R (3, 3): the final rotation; turning:
+    how many of the last entries of z turn the body.
+    """
+
+    names: tuple[str, ...]
+    chosen: np.ndarray
+    tangent: np.ndarray
+    maps: dict[str, np.ndarray]
+    fixed: tuple[str, ...]
+    z: np.ndarray
+    R: np.ndarray
+    turning: int
+
+    @property
+    def back(self) -> np.ndarray:
+        """From a change of z to one of the chosen unknowns (k, k)."""
+        return np.linalg.inv(self.tangent)
+
+
+def chart_of(problem, solution, window, shape, R_wg) -> Chart:
+    """Return the chart at a solution; R_wg (3, 3): from the ground to the world."""
+    theta, x = problem.variables["theta"], problem.variables["x"]
+    motion, n = window.motion, shape.theta
+    chosen = np.r_[theta.first : theta.first + n, x.span.stop - x.rows : x.span.stop]
+    at = np.r_[solution.values["theta"][:, 0], solution.values["x"][:, -1]]
+    p, R, quantities, position, rotation = _maps(shape, motion, at)
+    position, rotation = R_wg @ position, R_wg @ rotation
+    words = getattr(shape, "words", ()) or tuple(f"theta {i}" for i in range(n))
+    names = (*words, *UNKNOWNS[motion.name])
+    tangent = np.eye(len(at))
+    if motion.name == "free":
+        tangent = np.vstack([np.eye(n, len(at)), position, rotation])
+        back = np.linalg.inv(tangent)
+        position, rotation = position @ back, rotation @ back
+        quantities = {name: J @ back for name, J in quantities.items()}
+        at, R = np.r_[at[:n], R_wg @ p, np.zeros(3)], R_wg @ R
+    still = np.all(np.abs(rotation) < 1e-12, axis=1)
+    rotation[still] = np.nan
+    fixed = [f"rotation {w}" for w, held in zip(WORDS, still, strict=True) if held]
+    if motion.name == "planar" and not fixed:
+        fixed = ["tilt against the ground"]
+    maps = quantities | {"position": position, "rotation": rotation}
+    turning = 1 if motion.name == "planar" else 3
+    return Chart(names, chosen, tangent, maps, tuple(fixed), at, R, turning)
+
+
+def _maps(shape, motion, at):
+    """Return p (3,), R (3, 3), and Jacobians of quantities, position and turn, (3, k).
+
+    A turn is a rotation vector in the frame of the programme.
+    """
+    n = shape.theta
+    z = ca.SX.sym("z", len(at))
+    p, R = motion.pose(shape, z[:n], z[n:])
+    slopes = [ca.jacobian(ca.vec(ca.densify(R)), z[i]) for i in range(z.numel())]
+    turns = [ca.inv_skew(ca.reshape(dR, 3, 3) @ R.T) for dR in slopes]
+    asked = dict(getattr(shape, "quantities", ()))
+    jacobians = [ca.jacobian(ca.SX(f(z[:n])), z) for f in asked.values()]
+    out = [p, R, ca.jacobian(p, z), ca.horzcat(*turns), *jacobians]
+    found = [np.asarray(ca.DM(m)) for m in ca.Function("maps", [z], out)(at)]
+    p, R, position, rotation, *jacobians = found
+    quantities = dict(zip(asked, jacobians, strict=True))
+    return p[:, 0], R, quantities, position, rotation

@@ -1,0 +1,93 @@
+r"""Other local optima, weighted: what an estimate may also be.
+
+Touch leaves several bodies possible: another face touched, another way turned.  Modes
+m are weighted by Laplace's evidence of shape z and final pose,
+
+    w_m  ~  exp(-objective_m) sqrt(det C_m),      sum w = 1,
+
+and the mixture's covariance about the best one is sum w_m (C_m + d_m d_m'), where d_m
+is how far mode m is off, after the relabelling of the body's axes that turns it least.
+Only the volume of (z) counts: that of the impulses hangs on which bounds are active,
+differs by tens of nats from mode to mode, and is no evidence of anything.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+SAME = 0.3e-3  # [m] modes whose unknowns agree this well (a radian: ARM) are one
+ARM = 20e-3  # [m] one radian of turn counts as this much way
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """Local optima as plain arrays, best first: weights (m,), offsets (m, k), SI.
+
+    offsets: shape and final pose less those of the best; covariances (m, k, k).
+    """
+
+    weights: np.ndarray
+    offsets: np.ndarray
+    covariances: np.ndarray
+    objectives: np.ndarray
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance (k, k) of the mixture about the best mode."""
+        second = np.einsum("mi,mj->mij", self.offsets, self.offsets)
+        return np.einsum("m,mij->ij", self.weights, self.covariances + second)
+
+
+def single(objective: float, covariance) -> Modes:
+    """Return the modes of an estimate that has no rival."""
+    zero = np.zeros((1, len(covariance)))
+    return Modes(np.ones(1), zero, covariance[None], np.array([objective]))
+
+
+def weighted(shape, turning: int, found) -> Modes:
+    """Return the distinct modes among (z, R, objective, covariance), the first first.
+
+    z (k,): theta, then position and turn, `turning` numbers; R (3, 3): the final
+    rotation of the body, in the frame of the turn.
+    """
+    z_0, R_0 = found[0][:2]
+    units = np.ones(len(z_0))
+    units[len(z_0) - turning :] = ARM
+    kept = []
+    for z, R, objective, C in found:
+        off, C = aligned(shape, turning, (z, R, C), (z_0, R_0))
+        if all(np.abs((off - other[0]) * units).max() > SAME for other in kept):
+            kept.append((off, objective, C))
+    offsets, objectives, covariances = (np.array(a) for a in zip(*kept, strict=True))
+    unit = np.outer(units, units) / SAME**2
+    volumes = [np.linalg.slogdet(C * unit)[1] / 2 for C in covariances]
+    evidence = np.array(volumes) - objectives
+    weights = np.exp(evidence - evidence.max())
+    return Modes(weights / weights.sum(), offsets, covariances, objectives)
+
+
+def aligned(shape, turning: int, mode, reference):
+    """Return offset (k,) and covariance of a mode (z, R, C) from a reference (z, R).
+
+    Of the body's relabellings (order of theta, rotation), that which turns least.
+    """
+    (z, R, C), (z_0, R_0) = mode, reference
+    same = ((tuple(range(shape.theta)), np.eye(3)),)
+    relabelled = [
+        (order, rotation_vector(R @ np.array(S, float) @ R_0.T))
+        for order, S in getattr(shape, "symmetries", ()) or same
+    ]
+    order, turn = min(relabelled, key=lambda r: round(np.linalg.norm(r[1]), 9))
+    index = np.r_[np.array(order, int), np.arange(shape.theta, len(z))]
+    off = z[index] - z_0
+    off[len(z) - turning :] = turn[3 - turning :]
+    return off, C[np.ix_(index, index)]
+
+
+def rotation_vector(R) -> np.ndarray:
+    """Return the rotation vector (3,) [rad] of a rotation matrix."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_matrix(R).as_rotvec()
