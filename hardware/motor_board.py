@@ -152,6 +152,11 @@ class MotorBoard(can.Listener):
 
     # Driving
 
+    def ask(self) -> None:
+        """Tell the board to send all it measures; no motor is enabled."""
+        self._send(codec.encode_current(0.0, 0.0))
+        self._send(codec.encode_command(Command.SEND_ALL, 1))
+
     def start(self, timeout: float = 0.0) -> None:
         """Send the documented start sequence: zero current before anything else.
 

@@ -161,3 +161,36 @@ def check_age(name: str, age: float, limit: float, why: str = "") -> None:
             expected=f"a sample every {limit} s",
             next="is the sensor plugged in and powered?",
         )
+
+
+class Skin:
+    """Collect the touches of one fingertip: from a reader's frames, by a toucher.
+
+    reader: has `take()` -> [(time [s], frame)], `check(stale)` and can be entered
+    """
+
+    def __init__(self, reader, toucher: Toucher) -> None:
+        self.reader, self.toucher = reader, toucher
+        self.touches: list[Touch] = []
+
+    def __enter__(self) -> Skin:
+        self.reader.__enter__()
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self.reader.__exit__(*exception)
+
+    def poll(self) -> None:
+        """Take in what the sensor has sent; raises what the toucher raises."""
+        for time, frame in self.reader.take():
+            touch = self.toucher(time, frame)
+            if touch is not None:
+                self.touches.append(touch)
+
+    def check(self, stale: float) -> None:
+        """Raise where the sensor has been silent for longer [s]."""
+        self.reader.check(stale)
+
+    def forget(self) -> None:
+        """Drop all touches but the newest: before a new action."""
+        del self.touches[:-1]

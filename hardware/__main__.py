@@ -1,0 +1,154 @@
+"""`python -m hardware`: record, replay, check and assemble, from the command line."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+
+from .assemble import COMPLETE, RATE, assemble, examine
+from .bench import Bench
+from .errors import HardwareError
+from .recording import Recording
+from .replay import Replay
+from .rig import Rig
+from .tape import FORMATS, Tape
+
+ABOUT = """\
+Record a robot with tactile fingers, and turn the record into measurements.
+
+    python -m hardware record rig.json touches/      listen until Ctrl-C
+    python -m hardware check touches/                how well did it come?
+    python -m hardware assemble touches/ touches.npz
+    python -m hardware replay touches/ --rig r.json  send it out again, without a robot
+
+rig.json says which finger is on which wires; hardware/README.md has one to start from.
+"""
+TICK = 0.005  # [s] between looks at the wires
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Do what the arguments say; return 0, or 1 after an error that was told."""
+    options = _parser().parse_args(arguments)
+    try:
+        return options.do(options)
+    except HardwareError as bad:
+        print(f"{type(bad).__name__}: {bad}", file=sys.stderr)
+        return 1
+
+
+def _record(options: argparse.Namespace) -> int:
+    rig = Rig.load(options.rig)
+    began = time.monotonic()
+    with (
+        Tape(options.folder, rig, bus=options.bus) as tape,
+        Bench(rig, tape=tape, listen_only=not options.ask) as bench,
+    ):
+        try:
+            for board in bench.boards if options.ask else ():
+                board.ask()
+            while time.monotonic() - began < options.seconds:
+                time.sleep(TICK)
+                bench.poll()
+                bench.check(options.patience, options.patience)
+        except KeyboardInterrupt:
+            print("stopped by hand", file=sys.stderr)
+    for stream, count in tape.counts.items():
+        print(f"{stream}: {count}")
+    print(f"Recorded {time.monotonic() - began:.1f} s to {options.folder}.")
+    return 0
+
+
+def _check(options: argparse.Namespace) -> int:
+    recording = Recording(options.folder)
+    report = examine(recording.fingers(), options.rate)
+    print(report)
+    good = min(report.valid.values()) >= options.complete
+    ended = "as it should" if recording.complete else "with an error"
+    print(
+        f"The recording ended {ended} and is {'' if good else 'not '}complete enough."
+    )
+    return 0 if good else 1
+
+
+def _assemble(options: argparse.Namespace) -> int:
+    fingers = Recording(options.folder).fingers()
+    data = assemble(
+        fingers, options.rate, complete=options.complete, nearest=options.nearest
+    )
+    data.save(options.file)
+    print(f"Wrote {options.file}: {data.samples} samples, {data.fingers} fingers.")
+    return 0
+
+
+def _replay(options: argparse.Namespace) -> int:
+    config = None
+    if options.interface:
+
+        def config(number: int) -> dict:
+            channel = options.channel.replace("{}", str(number - 1))
+            return {"interface": options.interface, "channel": channel}
+
+    with Replay(Recording(options.folder), config) as replay:
+        replay.rig.save(options.rig)
+        print(f"Listen to {options.rig}; sending in {options.wait:g} s.", flush=True)
+        time.sleep(options.wait)
+        count = replay.run(options.speed)
+    print(f"Sent {count} frames and chunks.")
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        "python -m hardware",
+        description=ABOUT,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_subparsers(required=True, metavar="record|replay|check|assemble")
+    _record_options(add.add_parser("record", help="listen to a robot, into a folder"))
+    _replay_options(add.add_parser("replay", help="send a recording out on wires"))
+    check = add.add_parser("check", help="say how complete a recording is")
+    turn = add.add_parser("assemble", help="write a recording as measurements (.npz)")
+    for command, do in ((check, _check), (turn, _assemble)):
+        command.set_defaults(do=do)
+        command.add_argument("folder", help="a recording")
+        rate, share = "[Hz] of the grid", "least share of valid samples"
+        command.add_argument("--rate", type=float, default=RATE, help=rate)
+        command.add_argument("--complete", type=float, default=COMPLETE, help=share)
+    turn.add_argument("file", help=".npz for tactilenlp.Measurements.load")
+    nearest = "take the nearest touch, not the newest before"
+    turn.add_argument("--nearest", action="store_true", help=nearest)
+    return parser
+
+
+def _record_options(record: argparse.ArgumentParser) -> None:
+    record.set_defaults(do=_record)
+    record.add_argument("rig", help="JSON file that describes the robot")
+    record.add_argument("folder", help="new folder for the recording")
+    forever = float("inf")
+    record.add_argument("--seconds", type=float, default=forever, help="then stop")
+    record.add_argument("--bus", choices=FORMATS, default="blf", help="format for CAN")
+    record.add_argument(
+        "--ask",
+        action="store_true",
+        help="tell the boards to send what they measure (no motor is enabled); without "
+        "it nothing is sent, and whoever commands the robot must have told them",
+    )
+    patience = "[s] of silence that end it"
+    record.add_argument("--patience", type=float, default=3.0, help=patience)
+
+
+def _replay_options(replay: argparse.ArgumentParser) -> None:
+    replay.set_defaults(do=_replay)
+    replay.add_argument("folder", help="a recording")
+    replay.add_argument("--rig", required=True, help="JSON file to write: new wires")
+    replay.add_argument("--speed", type=float, default=1.0, help="2: twice as fast")
+    replay.add_argument("--wait", type=float, default=2.0, help="[s] before it begins")
+    interface = "of python-can; without it UDP multicast"
+    replay.add_argument("--interface", default="", help=interface)
+    channel = "{} is the number of the bus, from 0"
+    replay.add_argument("--channel", default="vcan{}", help=channel)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

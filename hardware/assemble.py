@@ -1,0 +1,202 @@
+"""Bring all streams of all fingers to one grid of 30 Hz: Measurements.
+
+Grid: from the first touch in the range that all streams share to its end; nothing is
+extrapolated.  Positions: motors are interpolated linearly, then kinematics.  Contact:
+the newest touch that is not later than the sample (causal), at most 1.5 samples old;
+its normal comes with it, turned to the world by the finger's pose when it was felt,
+never blended.  The latency of a sensor is subtracted first.  What is missing is not
+valid; too much missing is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tactilenlp.measurements import Measurements
+
+from .errors import ClockError, CompletenessError
+from .streams import FingerStreams, Stream, StreamReport
+
+RATE = 30.0  # [Hz]; the formulations want one interval throughout
+OLDEST_TOUCH = 1.5  # [samples]
+LARGEST_GAP = 0.02  # [s] between two positions of a motor
+COMPLETE = 0.9  # [1], share of a finger's samples that must be valid
+ROUNDING = 1e-6  # [s]: a stamp of 1.7e9 s has digits of 2.4e-7 s
+
+
+@dataclass(frozen=True)
+class Report:
+    """Say how well the streams came, and what of the grid is valid.
+
+    streams:  one report each
+    valid:    [1], share of valid samples by finger
+    oldest:   [s], largest age of a touch that was used, by finger
+    """
+
+    streams: tuple[StreamReport, ...]
+    samples: int
+    valid: dict[str, float]
+    oldest: dict[str, float] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        lines = [str(stream) for stream in self.streams]
+        for name, share in self.valid.items():
+            lines.append(
+                f"{name}: {100 * share:.1f} % of {self.samples} samples valid, "
+                f"oldest touch {1e3 * self.oldest[name]:.0f} ms"
+            )
+        return "\n".join(lines)
+
+
+def assemble(
+    fingers: Sequence[FingerStreams],
+    rate: float = RATE,
+    *,
+    origin: float | None = None,
+    start: float = -np.inf,
+    end: float = np.inf,
+    action: int = 0,
+    parked: Collection[str] = (),
+    complete: float = COMPLETE,
+    nearest: bool = False,
+) -> Measurements:
+    """Return the measurements of one action.
+
+    rate:     [Hz] of the grid
+    origin:   [s] of the host that is time 0, None: the first sample
+    start, end: [s] of the host, limits of the action
+    parked:   names of fingers that take no part: not valid, not judged
+    complete: [1], the least share of valid samples of each other finger
+    nearest:  take the touch nearest in time instead of the newest one before: for
+              recordings only, a robot does not know the future
+
+    Raises CompletenessError with a report where too much is missing, ClockError where
+    the streams do not overlap.
+    """
+    time = _grid(fingers, rate, start, end)
+    parts = [_finger(one, time, OLDEST_TOUCH / rate, nearest) for one in fingers]
+    _judge(_report(fingers, time, parts), parked, complete)
+    takes_part = np.array([one.name not in parked for one in fingers])
+    valid = np.stack([part["valid"] for part in parts], axis=1) & takes_part
+    contact = np.stack([part["contact"] for part in parts], axis=1) & valid
+    normal = np.stack([part["normal"] for part in parts], axis=1)
+    return Measurements(
+        time=time - (time[0] if origin is None else origin),
+        finger_position=np.stack([part["position"] for part in parts], axis=1),
+        finger_radius=np.array([one.geometry.tip_radius for one in fingers]),
+        contact=contact,
+        normal=np.where(contact[..., None], normal, 0.0),
+        action=np.full(len(time), action),
+        valid=valid,
+    )
+
+
+def examine(
+    fingers: Sequence[FingerStreams],
+    rate: float = RATE,
+    *,
+    start: float = -np.inf,
+    end: float = np.inf,
+    nearest: bool = False,
+) -> Report:
+    """Return how complete the streams are, without judging; options of `assemble`."""
+    time = _grid(fingers, rate, start, end)
+    parts = [_finger(one, time, OLDEST_TOUCH / rate, nearest) for one in fingers]
+    return _report(fingers, time, parts)
+
+
+def _report(fingers: Sequence[FingerStreams], time: np.ndarray, parts: list) -> Report:
+    named = list(zip([one.name for one in fingers], parts, strict=True))
+    return Report(
+        tuple(report for one in fingers for report in one.reports),
+        len(time),
+        {name: float(part["valid"].mean()) for name, part in named},
+        {name: part["oldest"] for name, part in named},
+    )
+
+
+def _judge(report: Report, parked: Collection[str], complete: float) -> None:
+    for name, share in report.valid.items():
+        if name not in parked and share < complete:
+            raise CompletenessError(
+                "too many samples are missing",
+                where=name,
+                got=f"{100 * share:.1f} % valid",
+                expected=f"{100 * complete:.0f} % or more",
+                next="see what `python -m hardware check` says of the streams",
+                report=report,
+            )
+
+
+def _grid(
+    fingers: Sequence[FingerStreams], rate: float, start: float, end: float
+) -> np.ndarray:
+    """Return the sample times (T,) [s] of the host."""
+    ranges = [(s.time[0], s.time[-1]) for one in fingers for s in one.boards]
+    touch = [one.touch.time - one.latency for one in fingers]
+    ranges += [(t[0], t[-1]) for t in touch]
+    first = max(start, *(low for low, _ in ranges))
+    last = min(end, *(high for _, high in ranges))
+    inside = [t[(t >= first - ROUNDING) & (t <= last + ROUNDING)] for t in touch]
+    if not all(map(len, inside)):
+        raise ClockError(
+            "the streams do not overlap",
+            where="assemble",
+            got=f"{last - first:.3f} s in common",
+            expected="touches of every finger within the range of all encoders",
+            next="are all stamps of one clock, are the latencies right?",
+        )
+    begin = max(first, min(t[0] for t in inside))
+    return begin + np.arange(int((last - begin) * rate + ROUNDING) + 1) / rate
+
+
+def _finger(
+    one: FingerStreams, time: np.ndarray, oldest: float, nearest: bool
+) -> dict[str, np.ndarray | float]:
+    angles, moved = _angles(one, time)
+    stamps = one.touch.time - one.latency
+    row = _touch_before(stamps, time)
+    if nearest:
+        after = np.minimum(row + 1, len(stamps) - 1)
+        row = np.where(abs(stamps[after] - time) < abs(time - stamps[row]), after, row)
+    age = abs(time - stamps[row])
+    contact, felt = one.touch.values[row, 0] > 0, one.touch.values[row, 1] > 0
+    felt_at, known = _angles(one, stamps[row])
+    valid = moved & known & felt & (age <= oldest + ROUNDING)
+    contact &= valid
+    R_wt = one.geometry.rotation(felt_at)
+    normal = np.einsum("nij,nj->ni", R_wt, one.touch.values[row, 3:])
+    used = age[valid]
+    return {
+        "position": one.geometry.forward(angles),
+        "contact": contact,
+        "normal": np.where(contact[:, None], normal, 0.0),
+        "valid": valid,
+        "oldest": float(used.max()) if used.size else np.nan,
+    }
+
+
+def _touch_before(stamps: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return the index of the newest touch that is not later than each time."""
+    row = np.searchsorted(stamps, time + ROUNDING, side="right") - 1
+    return np.maximum(row, 0)
+
+
+def _angles(one: FingerStreams, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return joint angles (n, 3) [rad] at times, and where they are known (n,)."""
+    parts = [_interpolated(stream, time) for stream in one.boards]
+    turns = np.stack([values for values, _ in parts], axis=1)
+    return one.joints.angles(turns), parts[0][1] & parts[1][1]
+
+
+def _interpolated(stream: Stream, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return values (n, 2) between neighbours, and whether these are close enough."""
+    known = stream.time
+    after = np.clip(np.searchsorted(known, time), 1, len(known) - 1)
+    gap = known[after] - known[after - 1]
+    inside = (time >= known[0] - ROUNDING) & (time <= known[-1] + ROUNDING)
+    columns = [np.interp(time, known, values) for values in stream.values.T]
+    return np.stack(columns, axis=-1), inside & (gap <= LARGEST_GAP)

@@ -1,0 +1,141 @@
+"""Open all wires of a rig at once, listen to them, and leave all of them in peace."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+
+import numpy as np
+
+from .clock import Clock, HostClock
+from .motor_board import MAX_CURRENT, STALE, MotorBoard
+from .motor_can import Quantity
+from .motor_joints import start_motors
+from .rig import FingerRig, Rig, Tactile
+from .tape import Tape, stream_name
+from .touch import Skin
+
+TOUCH_STALE = 0.12  # [s], between three and four pictures at 30 Hz
+
+
+class FingerBench:
+    """Hold the drivers of one finger: two boards and a skin."""
+
+    def __init__(
+        self, rig: FingerRig, boards: Iterable[MotorBoard], skin: Skin
+    ) -> None:
+        self.rig, self.boards, self.skin = rig, tuple(boards), skin
+        self.geometry, self.joints = rig.geometry, rig.joints
+
+    @property
+    def angles(self) -> np.ndarray:
+        """The newest joint angles (3,) [rad]."""
+        return self.joints.angles(self._newest(Quantity.POSITION))
+
+    @property
+    def velocities(self) -> np.ndarray:
+        """The newest joint velocities (3,) [rad/s]."""
+        return self.joints.velocities(self._newest(Quantity.VELOCITY))
+
+    @property
+    def position(self) -> np.ndarray:
+        """The tip (3,) [m] in the world."""
+        return self.geometry.forward(self.angles)
+
+    def apply(self, torques: np.ndarray) -> None:
+        """Command joint torques (3,) [N m]."""
+        for board, current in zip(
+            self.boards, self.joints.currents(torques), strict=True
+        ):
+            board.command(*current.tolist())
+
+    def _newest(self, quantity: Quantity) -> np.ndarray:
+        return np.stack([board.newest(quantity) for board in self.boards])
+
+
+class Bench:
+    """Open the drivers of a rig; `with` closes them, with zero current first.
+
+    rig:         which wires there are
+    tape:        what records them, already opened
+    listen_only: never send; otherwise `start` may be called
+    clock:       that of the host, or of a simulated robot
+    reader:      (tactile, name, sink, clock) -> what reads a sensor; a simulated robot
+                 brings its own
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        *,
+        tape: Tape | None = None,
+        listen_only: bool = True,
+        max_current: float = MAX_CURRENT,
+        clock: Clock | None = None,
+        reader: Callable | None = None,
+    ) -> None:
+        self.rig, self.clock = rig, clock or HostClock()
+        self.fingers: list[FingerBench] = []
+        self._tape, self._reader = tape, reader or Tactile.reader
+        self._drive = {"listen_only": listen_only, "max_current": max_current}
+        self._stack = ExitStack()
+
+    @property
+    def boards(self) -> list[MotorBoard]:
+        """All boards."""
+        return [board for finger in self.fingers for board in finger.boards]
+
+    def __enter__(self) -> Bench:
+        self.fingers = [self._wired(one) for one in self.rig.fingers]
+        with ExitStack() as stack:
+            for finger in self.fingers:
+                for driver in (*finger.boards, finger.skin):
+                    stack.enter_context(driver)
+            stack.callback(self.stop)  # called first: all boards, then all buses
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self._stack.__exit__(*exception)
+
+    def _wired(self, one: FingerRig) -> FingerBench:
+        tape, clock, tactile = self._tape, self.clock, one.tactile
+        boards = []
+        for k, config in enumerate(one.boards):
+            sink = tape and tape.can(stream_name(one.name, f"board {k}"))
+            name = f"{one.name}, board {k}"
+            options = {"name": name, "sink": sink, "clock": clock}
+            boards.append(MotorBoard(config, **self._drive, **options))
+        sink = tape and tape.sink(tactile.wire, stream_name(one.name, "tactile"))
+        reader = self._reader(tactile, f"{one.name}, tactile", sink, clock)
+        return FingerBench(one, boards, Skin(reader, tactile.toucher()))
+
+    def poll(self) -> None:
+        """Take in all that has come."""
+        for finger in self.fingers:
+            for board in finger.boards:
+                board.poll()
+            finger.skin.poll()
+
+    def check(self, stale: float = STALE, touch_stale: float = TOUCH_STALE) -> None:
+        """Raise what is wrong with any wire: silence for longer [s], faults."""
+        for finger in self.fingers:
+            for board in finger.boards:
+                board.check(stale)
+            finger.skin.check(touch_stale)
+
+    def start(self, timeout: float) -> None:
+        """Enable all motors; a board switches off after a silence [s]."""
+        start_motors(self.boards, self.clock, timeout)
+
+    def stop(self) -> None:
+        """Command zero current on all boards, then disable them; never raises."""
+        for board in self.boards:
+            board.stop()
+
+    def forget(self) -> None:
+        """Drop what was heard so far, but for the newest."""
+        for finger in self.fingers:
+            for board in finger.boards:
+                board.forget()
+            finger.skin.forget()

@@ -1,0 +1,181 @@
+"""Read a recorded folder back, through the same code that read the wires."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import can
+import numpy as np
+
+from .clock import ClockMap, unwrap
+from .errors import HardwareError, RecordingError
+from .motor_board import MotorBoard
+from .motor_can import Quantity
+from .optical_flow import opencv
+from .rig import CAMERA, ON_CAN, FingerRig, Rig, Tactile
+from .serial_reader import OptoForceCan
+from .serial_tactile import RESTART, ForceFrame
+from .streams import FingerStreams, Stream, touch_stream
+from .tape import FORMAT, FORMATS, MANIFEST, stream_name
+
+LONG = 2.0  # [s] from which the rate of a device's clock can be told from its delays
+
+
+class Recording:
+    """A recorded folder; raises RecordingError where it is none."""
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+        path = self.folder / MANIFEST
+        try:
+            self.manifest = json.loads(path.read_text())
+            form, rig = self.manifest["format"], self.manifest["rig"]
+        except (OSError, ValueError, KeyError, TypeError) as bad:
+            got, fix = f"{type(bad).__name__}: {bad}", "`python -m hardware record`"
+            raise RecordingError(
+                "no recording", where=str(path), got=got, next=fix
+            ) from bad
+        if form != FORMAT:
+            raise RecordingError(
+                "another format", where=str(path), got=form, expected=f"{FORMAT}"
+            )
+        self.rig = Rig.from_dict(rig)
+
+    @property
+    def complete(self) -> bool:
+        """Whether the recording ended as it should: without an error."""
+        return bool(self.manifest["complete"])
+
+    def fingers(self) -> list[FingerStreams]:
+        """Return the streams of all fingers, as `assemble` takes them."""
+        return [self._finger(one) for one in self.rig.fingers]
+
+    def messages(self, stream: str) -> Iterator[can.Message]:
+        """Yield the frames of one bus; raises RecordingError where it is damaged."""
+        path = self._bus(stream)
+        try:
+            with can.LogReader(str(path)) as reader:
+                yield from reader
+        except (OSError, ValueError, IndexError, KeyError, EOFError) as bad:
+            raise _damaged(path, bad) from bad
+        except (can.CanError, ArithmeticError) as bad:
+            raise _damaged(path, bad) from bad
+
+    def chunks(self, stream: str) -> Iterator[tuple[float, bytes]]:
+        """Yield the time [s] and bytes of each chunk of a serial line."""
+        raw = self._read(f"{stream}.bin")
+        at = 0
+        for time, size in self._rows(stream):
+            chunk = raw[at : at + int(size)]
+            if len(chunk) < int(size):
+                return  # the last chunk was cut short, with what wrote it
+            at += int(size)
+            yield time, chunk
+
+    def pictures(self, stream: str) -> Iterator[tuple[float, np.ndarray]]:
+        """Yield the time [s] and each picture of a camera."""
+        for time, name in self._rows(stream):
+            path = self.folder / stream / name
+            picture = opencv().imread(str(path), opencv().IMREAD_UNCHANGED)
+            if picture is None:
+                raise RecordingError("no picture", where=str(path))
+            yield time, picture
+
+    def _finger(self, one: FingerRig) -> FingerStreams:
+        boards = []
+        for k in range(2):
+            stream = stream_name(one.name, f"board {k}")
+            board = MotorBoard({}, name=f"{one.name}, board {k}")
+            for message in self.messages(stream):
+                if message.is_rx is not False:
+                    board.on_message_received(message)
+            series = board.series(Quantity.POSITION)
+            boards.append(Stream.sorted(board.name, *series, board.broken))
+        touch = self._touch(one)
+        geometry, latency = one.geometry, one.tactile.latency
+        return FingerStreams(
+            one.name, geometry, one.joints, tuple(boards), touch, latency
+        )
+
+    def _touch(self, one: FingerRig) -> Stream:
+        stream, tactile = stream_name(one.name, "tactile"), one.tactile
+        toucher, broken = tactile.toucher(), 0
+        if tactile.wire == CAMERA:
+            frames: Iterable = self.pictures(stream)
+        else:
+            frames, broken = self._frames(stream, tactile)
+        touches = [toucher(time, frame) for time, frame in frames]
+        heard = [touch for touch in touches if touch is not None]
+        return touch_stream(f"{one.name}, tactile", heard, broken)
+
+    def _frames(self, stream: str, tactile: Tactile) -> tuple[list, int]:
+        """Return the frames of a sensor with their times, and how many were broken."""
+        if tactile.wire == ON_CAN:
+            sensor = OptoForceCan()
+            for message in self.messages(stream):
+                sensor.on_message_received(message)
+            frames, framer = sensor.take(), sensor.framer
+        else:
+            framer = tactile.framer()
+            frames = [
+                (time, frame)
+                for time, chunk in self.chunks(stream)
+                for frame in framer.feed(chunk)
+            ]
+        if frames and isinstance(frames[0][1], ForceFrame):
+            times = device_times(frames, 1 / tactile.speed)
+            frames = [(t, f) for t, (_, f) in zip(times.tolist(), frames, strict=True)]
+        return frames, framer.broken
+
+    def _bus(self, stream: str) -> Path:
+        for suffix in FORMATS:
+            path = self.folder / f"{stream}.{suffix}"
+            if path.is_file():
+                return path
+        raise RecordingError("no such stream", where=str(self.folder), got=stream)
+
+    def _read(self, name: str) -> bytes:
+        path = self.folder / name
+        try:
+            return path.read_bytes()
+        except OSError as bad:
+            raise _damaged(path, bad) from bad
+
+    def _rows(self, stream: str) -> Iterator[tuple[float, str]]:
+        """Yield the rows of a table that are whole."""
+        text = self._read(f"{stream}.csv").decode(errors="replace")
+        rows = csv.reader(text[: text.rfind("\n") + 1].splitlines()[1:])
+        for row in rows:
+            try:
+                time, what = row
+                yield float(time), what
+            except ValueError as bad:
+                raise _damaged(self.folder / f"{stream}.csv", bad) from bad
+
+
+def device_times(frames: list[tuple[float, ForceFrame]], unit: float) -> np.ndarray:
+    """Return host times (n,) [s] by the counters of the samples, not their arrival.
+
+    Chunks bring many samples at once: their arrivals are equal, their counters not.
+    unit: [s] between samples.  A sensor that was switched on again starts a new clock.
+    """
+    arrival = np.array([time for time, _ in frames])
+    counter = unwrap([frame.counter for _, frame in frames], 16)
+    steps = np.diff(counter)
+    starts = np.flatnonzero((steps <= 0) | (steps >= RESTART - 1)) + 1
+    times = np.empty(len(frames))
+    for part in np.split(np.arange(len(frames)), starts):
+        device, host = counter[part], arrival[part]
+        if host[-1] - host[0] >= LONG:
+            times[part] = ClockMap.fit(device, host, unit)(device)
+        else:
+            times[part] = unit * device + (host - unit * device).min()
+    return times
+
+
+def _damaged(path: Path, bad: Exception) -> HardwareError:
+    got, fix = f"{type(bad).__name__}: {bad}", "is the file whole?"
+    return RecordingError("cannot be read", where=str(path), got=got, next=fix)

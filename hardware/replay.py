@@ -1,0 +1,136 @@
+"""Send a recording out again, at its own pace: CAN to buses, bytes to terminals.
+
+Whoever has no robot reads these wires as if they were one.  Pictures are not sent: a
+pseudo-terminal is no camera; `Recording.pictures` has them.
+"""
+
+from __future__ import annotations
+
+import heapq
+import os
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import replace
+
+import can
+
+from .can_bus import lost, open_bus
+from .clock import Clock, HostClock
+from .errors import HardwareError
+from .recording import Recording
+from .rig import CAMERA, ON_CAN, Rig
+from .tape import stream_name
+
+CHANNELS = "239.74.163.{}"  # multicast addresses that nobody was given
+Event = tuple[float, int, Callable[[], None]]
+
+
+class Replay(AbstractContextManager):
+    """Open the wires of a replay; `rig` says where to listen, `run` sends.
+
+    recording: what to send
+    config:    of python-can for a bus, by its number; None: UDP multicast, which other
+               processes of this computer hear without any set-up
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        config: Callable[[int], dict] | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        self.recording, self.clock = recording, clock or HostClock()
+        self._config = config or _multicast
+        self._stack, self._events = ExitStack(), []
+        self.rig: Rig | None = None
+
+    def __enter__(self) -> Replay:
+        with ExitStack() as stack:
+            number = iter(range(1, 255))
+            fingers = []
+            for one in self.recording.rig.fingers:
+                boards = []
+                for k in range(2):
+                    config = self._config(next(number))
+                    self._can(stack, config, stream_name(one.name, f"board {k}"))
+                    boards.append(config)
+                tactile, stream = one.tactile, stream_name(one.name, "tactile")
+                if tactile.wire == ON_CAN:
+                    config = self._config(next(number))
+                    self._can(stack, config, stream)
+                    tactile = replace(tactile, can=config)
+                elif tactile.wire != CAMERA:
+                    tactile = replace(tactile, source=self._serial(stack, stream))
+                boards = tuple(boards)
+                fingers.append(replace(one, boards=boards, tactile=tactile))
+            self.rig = Rig(tuple(fingers))
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self._stack.__exit__(*exception)
+
+    def run(self, speed: float = 1.0) -> int:
+        """Send everything in its order; return the number of frames and chunks.
+
+        speed: [1], 2 is twice as fast as it was.
+        """
+        if not 0 < speed <= 1000:
+            raise HardwareError("no speed", got=speed, expected="0 to 1000")
+        begin, first, count = self.clock.now(), None, 0
+        for time, _, send in heapq.merge(*self._events):
+            first = time if first is None else first
+            due = begin + (time - first) / speed
+            if (wait := due - self.clock.now()) > 0:
+                self.clock.sleep(wait)
+            send()
+            count += 1
+        return count
+
+    def _can(self, stack: ExitStack, config: dict, stream: str) -> None:
+        bus = stack.enter_context(open_bus(config, stream))
+
+        def send(message):
+            try:
+                bus.send(message)
+            except (can.CanError, OSError) as bad:
+                raise lost("write", stream, bad) from bad
+
+        def events() -> Iterator[Event]:
+            for k, message in enumerate(self.recording.messages(stream)):
+                if message.is_rx is not False and not message.is_error_frame:
+                    yield message.timestamp, k, lambda message=message: send(message)
+
+        self._add(events())
+
+    def _serial(self, stack: ExitStack, stream: str) -> str:
+        """Open a pseudo-terminal, plan its chunks, return its name."""
+        ours, theirs = os.openpty()
+        tty.setraw(theirs)
+        stack.callback(os.close, ours)
+        stack.callback(os.close, theirs)
+
+        def events() -> Iterator[Event]:
+            for k, (time, chunk) in enumerate(self.recording.chunks(stream)):
+                yield time, k, lambda chunk=chunk: _write(ours, chunk)
+
+        self._add(events())
+        return os.ttyname(theirs)
+
+    def _add(self, events: Iterator[Event]) -> None:
+        number = len(self._events)  # of the stream: lambdas are not compared
+        self._events.append(((t, (k, number), send) for t, k, send in events))
+
+
+def _write(terminal: int, chunk: bytes) -> None:
+    """Write as much as somebody reads; what nobody reads is dropped, as on a wire."""
+    os.set_blocking(terminal, False)
+    try:
+        os.write(terminal, chunk)
+    except BlockingIOError:
+        return
+
+
+def _multicast(number: int) -> dict:
+    return {"interface": "udp_multicast", "channel": CHANNELS.format(number)}

@@ -1,0 +1,216 @@
+"""Describe a robot: which finger is where, on which wires, with which sensor.
+
+A rig is a JSON file that people write (README.md has one) and recordings keep.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+
+from .clock import Clock
+from .errors import RigError
+from .frames import Camera
+from .kinematics import Finger, finger
+from .motor_joints import JointMap
+from .serial_reader import OptoForceCan, SerialTactile
+from .serial_tactile import (
+    AnySkinFramer,
+    OptoForceFramer,
+    encode_configuration,
+)
+from .touch import FieldTouch, ForceTouch, Toucher
+
+SERIAL, ON_CAN, CAMERA = "serial", "can", "camera"  # what a sensor is read through
+KINDS = {
+    "optoforce": SERIAL,
+    "optoforce_can": ON_CAN,
+    "anyskin": SERIAL,
+    "reskin": SERIAL,
+    "densetact": CAMERA,
+}
+
+
+@dataclass(frozen=True)
+class Tactile:
+    """Say which sensor a finger has.
+
+    kind:    optoforce, optoforce_can, anyskin, reskin or densetact
+    source:  port of a serial sensor, number or path of a camera
+    can:     of python-can, for optoforce_can
+    touch:   options of ForceTouch, FieldTouch or OpticalTouch; `lens` of a densetact
+             is {"centre": [u, v], "edge": px, ...}
+    camera:  options of Camera: size, rate, exposure
+    speed:   [Hz] that an OptoForce is told to send at
+    latency: [s] from touch to time stamp, subtracted later
+    """
+
+    kind: str
+    source: str | int = ""
+    can: dict = field(default_factory=dict)
+    touch: dict = field(default_factory=dict)
+    camera: dict = field(default_factory=dict)
+    speed: int = 1000
+    latency: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise RigError(
+                "no such sensor",
+                where="tactile.kind",
+                got=self.kind,
+                expected=f"one of {list(KINDS)}",
+            )
+
+    @property
+    def wire(self) -> str:
+        """What the sensor is read through: serial, can or camera."""
+        return KINDS[self.kind]
+
+    def toucher(self) -> Toucher:
+        """Return what makes touches of the sensor's frames; raises RigError."""
+        options = dict(self.touch)
+        make = {"anyskin": FieldTouch, "reskin": FieldTouch}.get(self.kind, ForceTouch)
+        try:
+            if self.wire == CAMERA:
+                from .optical import Lens, OpticalTouch  # an extra
+
+                return OpticalTouch(Lens(**options.pop("lens")), **options)
+            return make(**options)
+        except (TypeError, KeyError) as bad:
+            raise RigError("wrong options", where="tactile.touch", got=bad) from bad
+
+    def framer(self) -> OptoForceFramer | AnySkinFramer:
+        """Return what cuts the bytes of a serial sensor."""
+        return OptoForceFramer() if self.kind == "optoforce" else AnySkinFramer()
+
+    def reader(self, name: str, sink, clock: Clock) -> SerialTactile | Camera:
+        """Return the driver, not opened."""
+        options = {"name": name, "sink": sink, "clock": clock}
+        if self.wire == ON_CAN:
+            return OptoForceCan(self.can, **options)
+        if self.wire == CAMERA:
+            return Camera(self.source, **self.camera, **options)
+        optoforce = self.kind == "optoforce"
+        options["baudrate"] = 1_000_000 if optoforce else 115_200
+        options["configure"] = encode_configuration(self.speed) if optoforce else b""
+        return SerialTactile(str(self.source), self.framer(), **options)
+
+
+@dataclass(frozen=True)
+class FingerRig:
+    """Say how one finger is built and wired.
+
+    name:    for messages and files
+    degrees: where it stands on the robot
+    boards:  two configurations of python-can, one bus each
+    zero:    (3,) [rad], found by homing
+    motors:  (board, motor) of each joint
+    tip_radius: [m], None: that of the robot
+    """
+
+    name: str
+    degrees: float
+    boards: tuple[dict, dict]
+    tactile: Tactile
+    robot: str = "edu_dair"
+    zero: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    motors: tuple = JointMap.motors
+    tip_radius: float | None = None
+
+    @property
+    def geometry(self) -> Finger:
+        """The kinematics of the finger."""
+        made = finger(self.robot, self.degrees)
+        if self.tip_radius is None:
+            return made
+        return replace(made, tip_radius=self.tip_radius)
+
+    @property
+    def joints(self) -> JointMap:
+        """Which motor moves which joint."""
+        return JointMap(tuple(map(tuple, self.motors)), tuple(self.zero))
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Hold the fingers of a robot."""
+
+    fingers: tuple[FingerRig, ...]
+
+    def __post_init__(self) -> None:
+        names = [finger.name for finger in self.fingers]
+        if not names or len(set(names)) < len(names):
+            raise RigError(
+                "fingers need different names",
+                where="fingers",
+                got=names,
+                expected="1+",
+            )
+        for one in self.fingers:
+            if len(one.boards) != 2:
+                raise RigError(
+                    "a finger has two boards",
+                    where=one.name,
+                    got=len(one.boards),
+                    next="three motors, two on a board; one CAN bus for each board",
+                )
+            one.joints, one.geometry, one.tactile  # noqa: B018 (they check)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike) -> Rig:
+        """Read a JSON file; raises RigError for what it does not understand."""
+        try:
+            return cls.from_dict(json.loads(Path(path).read_text()))
+        except (ValueError, OSError) as bad:
+            if isinstance(bad, RigError):
+                raise
+            got, fix = f"{type(bad).__name__}: {bad}", "README.md of hardware has one"
+            raise RigError("no rig", where=str(path), got=got, next=fix) from bad
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write a JSON file that loads to an equal rig."""
+        Path(path).write_text(json.dumps(asdict(self), indent=2) + "\n")
+
+    @classmethod
+    def from_dict(cls, content: dict) -> Rig:
+        """Return a rig from plain lists and dictionaries; raises RigError."""
+        fingers = []
+        given = _made("rig", dict, content, cls)
+        for one in given["fingers"]:
+            parts = _made("finger", dict, one, FingerRig)
+            parts["tactile"] = _made("tactile", Tactile, parts["tactile"], Tactile)
+            parts |= {key: _frozen(v) for key, v in parts.items()}
+            fingers.append(FingerRig(**parts))
+        return cls(tuple(fingers))
+
+
+def _made(where: str, make, given: object, known):
+    """Check the keys of a JSON object against the fields of a dataclass."""
+    names = {f.name: f for f in fields(known)}
+    missing = [n for n, f in names.items() if _required(f) and n not in _keys(given)]
+    strange = [key for key in _keys(given) if key not in names]
+    if not isinstance(given, dict) or missing or strange:
+        raise RigError(
+            f"missing {missing}" if missing else f"not understood {strange}",
+            where=where,
+            expected=f"a JSON object of {list(names)}",
+        )
+    return make(**given)
+
+
+def _keys(given: object) -> list:
+    return list(given) if isinstance(given, dict) else []
+
+
+def _required(f) -> bool:
+    from dataclasses import MISSING
+
+    return f.default is MISSING and f.default_factory is MISSING
+
+
+def _frozen(value: object) -> object:
+    """Return lists as tuples: JSON has no others."""
+    return tuple(map(_frozen, value)) if isinstance(value, list) else value

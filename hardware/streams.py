@@ -1,0 +1,119 @@
+"""Hold what the wires of one finger gave, in host time, sorted and judged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .errors import FrameError
+from .kinematics import Finger
+from .motor_joints import JointMap
+from .touch import Touch
+
+LOST = 1.5  # [1], an interval longer than so many usual ones has lost samples
+
+
+@dataclass(frozen=True)
+class StreamReport:
+    """Say how well one stream came.
+
+    samples, doubles, disordered: counts; doubles have the same stamp and are dropped,
+                disordered ones are sorted in
+    lost:       samples missing, by the intervals
+    broken:     frames that were no frames, as the framer counted them
+    rate:       [Hz], of the median interval
+    jitter:     [s], from the 5th to the 95th percentile of the intervals
+    largest_gap: [s]
+    """
+
+    name: str
+    samples: int
+    doubles: int
+    disordered: int
+    lost: int
+    broken: int
+    rate: float
+    jitter: float
+    largest_gap: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.name}: {self.samples} samples at {self.rate:.1f} Hz, "
+            f"jitter {1e3 * self.jitter:.1f} ms, largest gap "
+            f"{1e3 * self.largest_gap:.0f} ms, {self.lost} lost, {self.broken} broken, "
+            f"{self.doubles} double, {self.disordered} out of order"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """Hold samples of one wire: time (n,) [s] increasing, values (n, ...)."""
+
+    time: np.ndarray
+    values: np.ndarray
+    report: StreamReport
+
+    @classmethod
+    def sorted(
+        cls, name: str, time: np.ndarray, values: np.ndarray, broken: int = 0
+    ) -> Stream:
+        """Sort by time, keep the first of equal stamps, and count.
+
+        Raises FrameError where there are fewer than two different times.
+        """
+        time, values = np.asarray(time, float), np.asarray(values)
+        finite = np.isfinite(time).all()
+        order = np.argsort(time, kind="stable")
+        disordered = int((np.diff(time) < 0).sum())
+        time, values = time[order], values[order]
+        fresh = np.diff(time, prepend=-np.inf) > 0
+        doubles = int((~fresh).sum())
+        time, values = time[fresh], values[fresh]
+        if len(time) < 2 or not finite:
+            raise FrameError(
+                "too little was heard",
+                where=name,
+                got=f"{len(time)} samples",
+                expected="two finite times or more",
+                next="was the device connected, told to send, and listened to?",
+            )
+        gaps = np.diff(time)
+        usual = float(np.median(gaps))
+        lost = int(np.where(gaps > LOST * usual, np.rint(gaps / usual) - 1, 0).sum())
+        low, high = np.percentile(gaps, [5, 95])
+        counts = len(time), doubles, disordered, lost, broken
+        spread = 1 / usual, float(high - low), float(gaps.max())
+        return cls(time, values, StreamReport(name, *counts, *spread))
+
+
+@dataclass(frozen=True, eq=False)
+class FingerStreams:
+    """Hold what one finger gave.
+
+    boards: two streams of motor positions (n, 2) [rev]
+    touch:  a stream of rows: contact, valid, strength, normal in the tip's frame (3)
+    latency: [s] from touch to stamp
+    """
+
+    name: str
+    geometry: Finger
+    joints: JointMap
+    boards: tuple[Stream, Stream]
+    touch: Stream
+    latency: float = 0.0
+
+    @property
+    def reports(self) -> tuple[StreamReport, ...]:
+        """The reports of all three streams."""
+        return tuple(stream.report for stream in (*self.boards, self.touch))
+
+
+def touch_stream(name: str, touches: list[Touch], broken: int = 0) -> Stream:
+    """Return touches as a stream; a touch whose normal is unknown is not valid."""
+    rows = []
+    for touch in touches:
+        known = touch.valid and (not touch.contact or bool(touch.normal.any()))
+        rows.append([touch.contact and known, known, touch.strength, *touch.normal])
+    values = np.array(rows, float).reshape(-1, 6)
+    return Stream.sorted(name, [touch.time for touch in touches], values, broken)

@@ -1,0 +1,164 @@
+"""Write everything that a bench hears and says to a folder, as it comes.
+
+    manifest.json                  the rig, versions, what was written; first and last
+    <stream>.blf | .log            CAN, one file per bus (python-can reads them)
+    <stream>.bin, <stream>.csv     serial bytes, and time and length of each chunk
+    <stream>/f_00000.png, <stream>.csv     pictures (lossless), and their times
+
+What is written is on disk when a sink returns (CAN: when the tape is closed, which
+every way out of a `with` does).
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from importlib import metadata
+from pathlib import Path
+
+import can
+import numpy as np
+
+from .errors import RecordingError
+from .frames import NATURAL
+from .rig import Rig
+
+FORMAT = 1
+MANIFEST = "manifest.json"
+FORMATS = ("blf", "log")
+LIBRARIES = ("tactilenlp", "numpy", "python-can", "pyserial", "opencv-python-headless")
+
+
+class Tape:
+    """Give sinks to the drivers of a rig; `with` opens and closes the files.
+
+    folder: must not hold a recording yet
+    bus:    "blf" (compressed) or "log" (text, of can-utils)
+    """
+
+    def __init__(self, folder: str | Path, rig: Rig, bus: str = "blf") -> None:
+        self.folder, self.rig, self.bus = Path(folder), rig, bus
+        self.counts: dict[str, int] = {}
+        self._close: list[Callable[[], None]] = []
+        self._started = time.time()
+        if bus not in FORMATS:
+            raise RecordingError(
+                "no such format", where="bus", got=bus, expected=f"one of {FORMATS}"
+            )
+
+    def __enter__(self) -> Tape:
+        if (self.folder / MANIFEST).exists():
+            fix = "give a new folder: nothing is overwritten"
+            where = str(self.folder)
+            raise RecordingError("holds a recording already", where=where, next=fix)
+        _written(self.folder, lambda: self.folder.mkdir(parents=True, exist_ok=True))
+        self._write_manifest(complete=False)
+        return self
+
+    def __exit__(self, *exception) -> None:
+        while self._close:
+            self._close.pop()()
+        self._write_manifest(complete=exception[:1] in ((), (None,)))
+
+    def can(self, stream: str) -> Callable[[can.Message], None]:
+        """Return a sink of CAN frames."""
+        path = self.folder / f"{stream}.{self.bus}"
+        logger = _written(path, lambda: can.Logger(str(path)))
+        self._close.append(logger.stop)
+
+        def sink(message: can.Message) -> None:
+            _written(path, lambda: logger.on_message_received(message))
+            self.counts[stream] += 1
+
+        self.counts[stream] = 0
+        return sink
+
+    def bytes(self, stream: str) -> Callable[[bytes, float], None]:
+        """Return a sink of chunks and their times [s]."""
+        raw, row = self._open(f"{stream}.bin"), self._table(stream, "time,bytes")
+
+        def sink(chunk: bytes, now: float) -> None:
+            _written(raw.name, lambda: raw.write(chunk))
+            row(f"{now:.9f},{len(chunk)}")
+            self.counts[stream] += 1
+
+        self.counts[stream] = 0
+        return sink
+
+    def pictures(self, stream: str) -> Callable[[np.ndarray, float], None]:
+        """Return a sink of pictures and their times [s]."""
+        from .optical_flow import opencv  # an extra
+
+        folder, row = self.folder / stream, self._table(stream, "time,name")
+        _written(folder, folder.mkdir)
+
+        def sink(picture: np.ndarray, now: float) -> None:
+            name = NATURAL % self.counts[stream]
+            path = str(folder / name)
+            if not opencv().imwrite(path, picture):
+                raise RecordingError("cannot be written", where=path)
+            row(f"{now:.9f},{name}")
+            self.counts[stream] += 1
+
+        self.counts[stream] = 0
+        return sink
+
+    def sink(self, wire: str, stream: str):
+        """Return the sink for what a sensor is read through (see rig.KINDS)."""
+        make = {"can": self.can, "serial": self.bytes, "camera": self.pictures}[wire]
+        return make(stream)
+
+    def _open(self, name: str):
+        path = self.folder / name
+        file = _written(path, lambda: path.open("wb", buffering=0))
+        self._close.append(file.close)
+        return file
+
+    def _table(self, stream: str, heading: str) -> Callable[[str], None]:
+        table = self._open(f"{stream}.csv")
+
+        def row(text: str) -> None:
+            _written(table.name, lambda: table.write(f"{text}\n".encode()))
+
+        row(heading)
+        return row
+
+    def _write_manifest(self, complete: bool) -> None:
+        content = {
+            "format": FORMAT,
+            "started": self._started,
+            "ended": time.time() if self.counts else None,
+            "complete": complete,
+            "counts": self.counts,
+            "versions": {name: _version(name) for name in LIBRARIES},
+            "python": platform.python_version(),
+            "rig": asdict(self.rig),
+        }
+        path = self.folder / MANIFEST
+        text = json.dumps(content, indent=2) + "\n"
+        _written(path, lambda: path.write_text(text))
+
+
+def stream_name(finger: str, part: str) -> str:
+    """Return the name of a stream as it is used for files: "finger_0_board_1"."""
+    return "".join(c if c.isalnum() else "_" for c in f"{finger} {part}")
+
+
+def _written(path, action: Callable):
+    """Do what writes; a full disk or a missing folder is a RecordingError."""
+    try:
+        return action()
+    except OSError as bad:
+        got, fix = f"{type(bad).__name__}: {bad}", "is there space, may I write there?"
+        what = "cannot be written"
+        raise RecordingError(what, where=str(path), got=got, next=fix) from bad
+
+
+def _version(name: str) -> str | None:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None  # an extra
