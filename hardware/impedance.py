@@ -1,0 +1,141 @@
+"""Turn joint targets into joint torques: a spring, a damper and the links' weight.
+
+    torque = kp (q_target - q) + kd (dq_target - dq) + g(q), bounded
+
+The robot's own controllers do the same at 1 kHz; here a few hundred hertz have to do,
+with more damping than theirs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .errors import LimitError
+from .kinematics import Finger
+
+GRAVITY = 9.81  # [m/s^2]
+# Mass [kg], and where its centre is in the mechanism's frame (kinematics.py) [m]:
+# across, down the upper and down the lower link.  From the authors' URDF.
+LINKS = (
+    (0.160, -0.014 - 0.019, 0.079, 0.0),
+    (0.035, -0.014 - 0.03745 - 0.009, 0.16, 0.089),
+    (0.010, -0.014 - 0.03745 - 0.008, 0.16, 0.16),
+)
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Say how stiffly joints follow their targets.
+
+    stiffness: (3,) [N m / rad];  damping: (3,) [N m s / rad]
+    torque:    [N m], bound of each joint: 2 A of a motor
+    weight:    [1], 1 where the links of a TriFingerEdu hang on the joints, 0 otherwise
+    """
+
+    stiffness: tuple[float, float, float] = (7.0, 7.0, 6.5)
+    damping: tuple[float, float, float] = (0.15, 0.15, 0.1)
+    torque: float = 0.36
+    weight: float = 1.0
+
+    def __post_init__(self) -> None:
+        values = np.array([*self.stiffness, *self.damping, self.torque, self.weight])
+        if values.shape != (8,) or not (np.isfinite(values) & (values >= 0)).all():
+            expected = "three numbers each, finite and not negative"
+            raise LimitError("no gains", got=self, expected=expected)
+
+    def torques(
+        self,
+        target: np.ndarray,
+        target_velocity: np.ndarray,
+        angles: np.ndarray,
+        velocities: np.ndarray,
+    ) -> np.ndarray:
+        """Return the torques (3,) [N m] towards a target, within the bound."""
+        torque = np.array(self.stiffness) * (target - angles)
+        torque += np.array(self.damping) * (target_velocity - velocities)
+        torque += self.weight * holding(angles)
+        return np.clip(torque, -self.torque, self.torque)
+
+
+def holding(angles: np.ndarray) -> np.ndarray:
+    """Return the torques (..., 3) [N m] that hold the links' weight at rest."""
+    q0, q1, q2 = np.moveaxis(np.asarray(angles, float), -1, 0)
+    s0, c0, s1, s12 = np.sin(q0), np.cos(q0), np.sin(q1), np.sin(q1 + q2)
+    torque = np.zeros(np.shape(angles))
+    for mass, across, upper, lower in LINKS:
+        weight = mass * GRAVITY
+        depth = upper * np.cos(q1) + lower * np.cos(q1 + q2)
+        torque[..., 0] -= weight * (across * c0 - depth * s0)
+        torque[..., 1] += weight * c0 * (upper * s1 + lower * s12)
+        torque[..., 2] += weight * c0 * lower * s12
+    return torque
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Say what a robot may be asked to do; whatever is beyond is refused beforehand.
+
+    joint_speed: [rad/s], of targets
+    top_speed:   [rad/s], of the joints themselves: beyond it everything stops
+    lowest:      [m] between the tip's surface and the ground
+    approach:    [rad/s], on the way to a start
+    margin:      [rad], by which joints may leave their soft limits before all stops
+    """
+
+    joint_speed: float = 3.0
+    top_speed: float = 8.0
+    lowest: float = 0.001
+    approach: float = 1.0
+    margin: float = 0.1
+
+    def check_path(
+        self, name: str, finger: Finger, angles: np.ndarray, dt: float
+    ) -> None:
+        """Refuse a path (n, 3) [rad] of samples dt [s] apart; raises LimitError."""
+        outside = (angles < finger.lower) | (angles > finger.upper)
+        if outside.any():
+            step, joint = np.argwhere(outside)[0].tolist()
+            raise LimitError(
+                f"joint {joint} would leave its limits",
+                where=name,
+                got=f"{angles[step, joint]:.3f} rad at step {step}",
+                expected=f"{finger.lower[joint]} to {finger.upper[joint]} rad",
+                next="choose another trajectory",
+            )
+        speed = abs(np.diff(angles, axis=0)).max(initial=0.0) / dt
+        if speed > self.joint_speed:
+            raise LimitError(
+                "too fast",
+                where=name,
+                got=f"{speed:.2f} rad/s",
+                expected=f"{self.joint_speed} rad/s at most",
+                next="stretch the trajectory",
+            )
+        height = finger.forward(angles)[:, 2].min() - finger.tip_radius
+        if height < self.lowest:
+            raise LimitError(
+                "the tip would touch the ground",
+                where=name,
+                got=f"{1e3 * height:.1f} mm above it",
+                expected=f"{1e3 * self.lowest:.1f} mm or more",
+                next="choose a higher trajectory",
+            )
+
+    def check_state(
+        self, name: str, finger: Finger, angles: np.ndarray, velocities: np.ndarray
+    ) -> None:
+        """Refuse to go on from a state; raises LimitError."""
+        low, high = np.array(finger.lower), np.array(finger.upper)
+        off = np.maximum(low - angles, angles - high)
+        if off.max() > self.margin:
+            got = f"{angles.round(3).tolist()} rad"
+            expected, fix = "joints within their limits", "are the zero angles right?"
+            what, where = "a joint has left its limits", name
+            raise LimitError(what, where=where, got=got, expected=expected, next=fix)
+        if abs(velocities).max() > self.top_speed:
+            got = f"{velocities.round(2).tolist()} rad/s"
+            expected, fix = f"{self.top_speed} rad/s at most", "are the gains right?"
+            what, where = "a joint runs away", name
+            raise LimitError(what, where=where, got=got, expected=expected, next=fix)

@@ -1,0 +1,280 @@
+"""Answer on all wires of a rig as the robot would: boards, fingers, skins, an object.
+
+The object and the fingertips are tactilenlp's simulation.  A finger is a point mass
+that the torques of its motors push through the Jacobian, against friction in the joints
+and the weight of the links; encoders tell its true place but for an error of the zero
+angles.  Skins see the simulated contact force: pictures of a DenseTact, packets of an
+OptoForce.
+
+The robot is a clock: time passes only while somebody waits (`sleep`), so that a run is
+the same to the last digit however fast the computer is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from tactilenlp.plant import STEP, STIFFNESS, Plant
+
+from .errors import RigError
+from .impedance import holding
+from .kinematics import INITIAL
+from .motor_can import Quantity
+from .motor_joints import JointMap
+from .rig import CAMERA, ON_CAN, FingerRig, Rig, Tactile
+from .serial_tactile import DATA_ID, ForceFrame, encode_force, to_can
+from .simulated_board import SimulatedBoard
+from .touch import check_age
+
+NOON = 1.7e9  # [s], the time of day at which the simulation begins
+COULOMB, VISCOUS = 0.043, 0.02  # [N m], [N m s/rad] in a joint; the first measured
+SLIP = 0.05  # [rad/s], below it Coulomb friction is viscous
+WIRES = 500.0  # [Hz] of boards; the real ones send at 1 kHz
+SKIN = 0.02  # [1], share of a change that a skin follows in a step: 12 ms
+PICTURES, FORCES = 30.0, 100.0  # [Hz]
+FRICTION = 0.3, 0.5  # [1], object and ground, object and finger
+SENT = (Quantity.POSITION, Quantity.VELOCITY)
+
+
+class SimulatedFinger:
+    """One finger: its motors' boards, its true kinematics, its skin."""
+
+    def __init__(self, rig: FingerRig, zero_error: np.ndarray, seed: int) -> None:
+        self.rig, self.geometry = rig, rig.geometry
+        true = np.array(rig.joints.zero) + zero_error
+        self.joints = JointMap(rig.joints.motors, tuple(true.tolist()))
+        self.boards = [SimulatedBoard(c, streams=SENT) for c in rig.boards]
+        self.skin = _skin(rig.tactile, seed)
+
+    @property
+    def torques(self) -> np.ndarray:
+        """The torques (3,) [N m] of the currents that flow."""
+        return self.joints.torques(np.stack([board.current for board in self.boards]))
+
+
+class SimulatedRobot:
+    """Be the robot of a rig; `with` opens the other ends of its wires.
+
+    side_lengths: (3,) [m] of the box, `position` (2,) [m] and `quaternion` (4,) where
+                  it lies;  mass [kg];  friction of ground and fingers [1]
+    zero_error:   (F, 3) [rad], by which the rig's zero angles are wrong
+    angles:       (F, 3) [rad], true joint angles at first
+    seed:         of pictures and their noise
+
+    Use it as clock and for the sensors of a bench:
+    `Bench(rig, clock=robot, reader=robot.reader, listen_only=False)`.
+    `after` is called after every step of the wires, with the time [s].
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        side_lengths: tuple = (0.058, 0.049, 0.053),
+        *,
+        position: tuple = (0.0, 0.0),
+        quaternion: tuple = (1.0, 0.0, 0.0, 0.0),
+        mass: float = 0.5,
+        friction: tuple = FRICTION,
+        zero_error: np.ndarray | None = None,
+        angles: np.ndarray | None = None,
+        seed: int = 0,
+    ) -> None:
+        count = len(rig.fingers)
+        error = np.zeros((count, 3)) if zero_error is None else np.asarray(zero_error)
+        self.fingers = [
+            SimulatedFinger(one, error[k], seed + k)
+            for k, one in enumerate(rig.fingers)
+        ]
+        self.after: Callable[[float], None] | None = None
+        self._plant = Plant(
+            side_lengths=np.array(side_lengths, float),
+            vertices=None,
+            pose=np.array([*position, side_lengths[2] / 2, *quaternion], float),
+            mass=mass,
+            friction=tuple(friction),
+            finger_radius=np.array([f.geometry.tip_radius for f in self.fingers]),
+            ground=0.0,
+            gravity=9.81,
+            max_force=50.0,
+        )
+        start = np.tile(INITIAL, (count, 1)) if angles is None else np.asarray(angles)
+        tips = [f.geometry.forward(q) for f, q in zip(self.fingers, start, strict=True)]
+        self._plant.place(np.array(tips))
+        self._tips, self._velocity = np.array(tips), np.zeros((count, 3))
+        self._touch = np.zeros((count, 6))
+        self._torque, self._inverse = np.zeros((count, 3)), np.zeros((count, 3, 3))
+        self._wires_due = 0.0
+
+    def __enter__(self) -> SimulatedRobot:
+        for finger in self.fingers:
+            for board in finger.boards:
+                board.__enter__()
+            finger.skin.open()
+        return self
+
+    def __exit__(self, *exception) -> None:
+        for finger in self.fingers:
+            for board in finger.boards:
+                board.__exit__(*exception)
+            finger.skin.close()
+
+    @property
+    def pose(self) -> np.ndarray:
+        """The true pose of the object (7,): position [m], quaternion wxyz."""
+        return self._plant.pose
+
+    @property
+    def tips(self) -> np.ndarray:
+        """The true places of the fingertips (F, 3) [m]."""
+        return self._tips.copy()
+
+    def now(self) -> float:
+        """Return the time [s]."""
+        return NOON + self._plant.steps * STEP
+
+    def sleep(self, duration: float) -> None:
+        """Let a duration [s] pass."""
+        end = self.now() + duration
+        while self.now() < end - STEP / 2:
+            self._step()
+
+    def reader(self, tactile: Tactile, name: str, sink, clock) -> object:
+        """Return what reads a sensor: pictures come by hand, the rest by its wire."""
+        if tactile.wire != CAMERA:
+            return tactile.reader(name, sink, clock)
+        named = {f"{one.rig.name}, tactile": one for one in self.fingers}
+        skin = named[name].skin
+        skin.name, skin.sink = name, sink
+        return skin
+
+    def _step(self) -> None:
+        if self.now() >= self._wires_due:
+            self._wires_due = max(self._wires_due, self.now()) + 1 / WIRES
+            self._talk(self.now())
+        # Friction changes with every step, the Jacobian only as fast as the wires.
+        velocity = np.einsum("fij,fj->fi", self._inverse, self._velocity)
+        drag = VISCOUS * velocity + COULOMB * np.tanh(velocity / SLIP)
+        force = np.einsum("fji,fj->fi", self._inverse, self._torque - drag)
+        # the servo of the plant is made to apply just this force
+        goal = self._tips + force / STIFFNESS
+        touch = self._plant.follow(np.stack([goal - STEP * self._velocity, goal]))[0]
+        tips = self._plant.fingers
+        self._velocity, self._tips = (tips - self._tips) / STEP, tips
+        self._touch += SKIN * (touch - self._touch)
+
+    def _talk(self, now: float) -> None:
+        """Let all wires carry what is due, obey what came, look at the joints anew."""
+        for k, finger in enumerate(self.fingers):
+            angles = finger.geometry.inverse(self._tips[k])
+            self._inverse[k] = np.linalg.inv(finger.geometry.jacobian(angles))
+            turns = finger.joints.revolutions(angles)
+            krpm = finger.joints.krpm(self._inverse[k] @ self._velocity[k])
+            for b, board in enumerate(finger.boards):
+                board.listen(now)
+                measured = {Quantity.POSITION: turns[b], Quantity.VELOCITY: krpm[b]}
+                board.talk(measured, now)
+            self._torque[k] = finger.torques - holding(angles)
+            R_tw = finger.geometry.rotation(angles).T
+            force, press = R_tw @ -self._touch[k, :3], R_tw @ self._touch[k, 3:]
+            finger.skin.send(force, press, now)
+        if self.after is not None:
+            self.after(now)
+
+
+class SimulatedCamera:
+    """Pictures of a DenseTact at 30 Hz; read as a Camera is."""
+
+    def __init__(self, tactile: Tactile, seed: int) -> None:
+        from .optical import Lens
+        from .simulated_skin import SimulatedSkin
+
+        lens = Lens(**tactile.touch["lens"])
+        width, height = tactile.camera["size"]
+        self.R_ts = np.array(tactile.touch["mount"], float)
+        self.skin = SimulatedSkin(lens, (height, width), seed)
+        self.name, self.sink, self.frozen = "camera", None, False
+        self._frames: list[tuple[float, np.ndarray]] = []
+        self._due, self._now, self._heard = 0.0, 0.0, 0.0
+
+    def open(self) -> None:
+        """There is no wire."""
+
+    close = open
+
+    def __enter__(self) -> SimulatedCamera:
+        self._heard = self._now
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self._frames.clear()
+
+    def send(self, force: np.ndarray, press: np.ndarray, now: float) -> None:
+        """Take a picture if it is due; `press` (3,) [N] normal force, tip's frame."""
+        self._now = now
+        if now < self._due or self.frozen:
+            return
+        self._due = max(self._due, now - 1 / PICTURES) + 1 / PICTURES
+        size = float(np.linalg.norm(press))
+        out = -self.R_ts.T @ press / size if size > 0 else None
+        picture = self.skin.picture(out, size)
+        if self.sink is not None:
+            self.sink(picture, now)
+        self._frames.append((now, picture))
+        self._heard = now
+
+    def take(self) -> list[tuple[float, np.ndarray]]:
+        """Return the pictures since the last call."""
+        frames, self._frames = self._frames, []
+        return frames
+
+    def check(self, stale: float) -> None:
+        """Raise StaleStreamError where no new picture came for longer [s]."""
+        check_age(self.name, self._now - self._heard, stale)
+
+
+class SimulatedDome:
+    """Packets of an OptoForce sensor at 100 Hz, on CAN or to a function of bytes."""
+
+    def __init__(self, tactile: Tactile) -> None:
+        self.tactile, self.silent = tactile, False
+        self.R_ts = np.array(tactile.touch.get("mount", np.eye(3)), float)
+        self.scale = np.array(tactile.touch.get("scale", (400.9,) * 3), float)
+        self.write: Callable[[bytes], None] | None = None
+        self._bus, self._counter, self._due = None, 0, 0.0
+
+    def open(self) -> None:
+        """Open the bus, if the sensor is on one."""
+        if self.tactile.wire == ON_CAN:
+            import can
+
+            self._bus = can.Bus(**self.tactile.can)
+
+    def close(self) -> None:
+        """Close the bus."""
+        if self._bus is not None:
+            self._bus.shutdown()
+
+    def send(self, force: np.ndarray, press: np.ndarray, now: float) -> None:
+        """Send a packet if it is due; `force` (3,) [N] on the tip, in its frame."""
+        if now < self._due or self.silent:
+            return
+        self._due = max(self._due, now - 1 / FORCES) + 1 / FORCES
+        counts = np.rint(self.scale * (self.R_ts.T @ force))
+        limited = np.clip(counts, -32768, 32767).astype(int).tolist()
+        packet = encode_force(ForceFrame(self._counter, 0, tuple(limited)))
+        self._counter = (self._counter + 1) % 65536
+        if self.write is not None:
+            self.write(packet)
+        elif self._bus is not None:
+            for message in to_can(packet, DATA_ID, now):
+                self._bus.send(message)
+
+
+def _skin(tactile: Tactile, seed: int) -> SimulatedCamera | SimulatedDome:
+    if tactile.kind == "densetact":
+        return SimulatedCamera(tactile, seed)
+    if tactile.kind.startswith("optoforce"):
+        return SimulatedDome(tactile)
+    raise RigError("cannot be simulated", where="tactile.kind", got=tactile.kind)

@@ -1,0 +1,275 @@
+"""Move the fingers of a robot, and return what they felt: the world for `explore`.
+
+    with Tape(folder, rig) as tape, Bench(rig, tape=tape, listen_only=False) as bench:
+        world = RobotWorld(bench)
+        data = world.execute(trajectory)
+
+Whatever goes wrong (a silent wire, a fault, a limit, Ctrl-C), all motors get zero
+current before anything else happens; then the error goes on to the caller.
+"""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from tactilenlp.measurements import Measurements
+
+from .assemble import COMPLETE, RATE, assemble
+from .bench import TOUCH_STALE, Bench, FingerBench
+from .clock import HostClock
+from .errors import HardwareError, LimitError, StaleStreamError
+from .impedance import Gains, Limits
+from .motor_board import RECEIVE_TIMEOUT, STALE
+from .motor_can import Quantity
+from .streams import FingerStreams, Stream, touch_stream
+
+CONTROL = 250.0  # [Hz] of commands
+HELD_UP = 0.1  # [s] between commands, beyond which the loop was held up
+RETURN = 0.8  # [s] for the way back out
+SETTLE = 0.2  # [s] at the start of a trajectory, before it is recorded
+KEEP = 0.02  # [s], between looks at whether the thread is still wanted
+STILL = 1e-9  # [m], a finger that is to move less than this is parked
+LEARN = 10.0  # [s] for the sensors to find their zero without contact
+PEAK = 1.875  # [1], peak by mean speed of a minimum-jerk motion
+
+
+class RobotWorld:
+    """Execute trajectories on the robot of an open bench (listen_only=False).
+
+    gains, limits: how stiffly, and what is refused
+    control:       [Hz] of the control loop
+    complete:      [1], least share of valid samples of a finger that takes part
+
+    `measurements` holds all that was felt so far, None before the first action.
+
+    Motors start with the first action.  Between actions a thread keeps the fingers up,
+    unless the clock is a simulated one, which stands still meanwhile.  `stop` ends it.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        gains: Gains | None = None,
+        limits: Limits | None = None,
+        *,
+        control: float = CONTROL,
+        complete: float = COMPLETE,
+    ) -> None:
+        self.bench, self.clock = bench, bench.clock
+        self.gains, self.limits = gains or Gains(), limits or Limits()
+        self.control, self.complete = control, complete
+        self.measurements: Measurements | None = None
+        self._started, self._origin = False, 0.0
+        self._last_tick: float | None = None
+        self._keeper: threading.Thread | None = None
+        self._leave, self._failed = threading.Event(), None
+
+    def execute(self, trajectory) -> Measurements:
+        """Move along a trajectory, return what was felt at 30 Hz, and move back out.
+
+        trajectory: has `time` (n,) [s], of which differences count, and
+        `finger_position` (n, F, 3) [m], followed smoothly (PCHIP).  A finger whose
+        positions are constant stays parked where it is; its samples are not valid.
+
+        The way to the start is straight in the joints and is not recorded.  Raises
+        LimitError before anything moves, any HardwareError afterwards.
+        """
+        try:
+            self._end_keeping()
+            self._start()
+            paths, duration, parked = self._planned(trajectory)
+            self._approach([path[0] for path in paths])
+            self.bench.forget()
+            begin = self._follow(paths, duration)
+            back = [path[::-1] for path in paths]
+            self._follow(back, max(duration, RETURN))
+            data = self._assembled(begin, begin + duration, parked)
+        except BaseException:
+            self.stop()
+            raise
+        past = self.measurements
+        self.measurements = data if past is None else past.append(data)
+        if isinstance(self.clock, HostClock):
+            self._keep()
+        return data
+
+    def stop(self) -> None:
+        """Command zero current on all boards and disable them; never raises."""
+        self.bench.stop()
+        self._leave.set()
+        if self._keeper not in (None, threading.current_thread()):
+            self._keeper.join()
+            self.bench.stop()  # whatever it commanded last
+        self._started, self._last_tick, self._keeper = False, None, None
+
+    def _keep(self) -> None:
+        """Keep the fingers where they are, in a thread."""
+
+        def run() -> None:
+            try:
+                here = self._here()
+                while not self._leave.is_set():
+                    self._follow(here, KEEP)
+            except BaseException as bad:
+                self._failed = bad
+                self.bench.stop()
+
+        self._leave.clear()
+        self._keeper = threading.Thread(target=run, name="keeper", daemon=True)
+        self._keeper.start()
+
+    def _end_keeping(self) -> None:
+        """End that thread; raises what it ended with."""
+        self._leave.set()
+        if self._keeper is not None:
+            self._keeper.join()
+            self._keeper = None
+        if self._failed is not None:
+            failed, self._failed = self._failed, None
+            raise failed
+
+    def _start(self) -> None:
+        """Enable the motors, and let the sensors find their zero."""
+        if self._started:
+            return
+        self.bench.start(RECEIVE_TIMEOUT)
+        self._started, self._last_tick = True, None
+        self.bench.poll()
+        here, end = self._here(), self.clock.now() + LEARN
+        while not all(finger.skin.touches for finger in self.bench.fingers):
+            self._follow(here, 1 / RATE)
+            if self.clock.now() > end:
+                raise StaleStreamError(
+                    "a sensor finds no zero",
+                    where="RobotWorld",
+                    got=f"no touch within {LEARN} s",
+                    next="does it send? see `python -m hardware record` and `check`",
+                )
+        if self.measurements is None:
+            self._origin = self.clock.now()
+
+    def _planned(self, trajectory) -> tuple[list[np.ndarray], float, np.ndarray]:
+        """Return joint paths (n, 3) [rad] at the control rate, duration, who parks."""
+        time = np.asarray(getattr(trajectory, "time", None), float)
+        p_wf = np.asarray(getattr(trajectory, "finger_position", None), float)
+        shape = (time.size, len(self.bench.fingers), 3)
+        good = time.ndim == 1 and time.size > 1 and p_wf.shape == shape
+        if not (good and np.isfinite(p_wf).all() and (np.diff(time) > 0).all()):
+            raise LimitError(
+                "no trajectory",
+                where="execute",
+                got=f"time {time.shape}, finger_position {p_wf.shape}",
+                expected=f"increasing times (n,) [s] and finite {shape} [m]",
+            )
+        duration = float(time[-1] - time[0])
+        parked = np.ptp(p_wf, axis=0).max(axis=1) < STILL
+        steps = max(round(duration * self.control), 2)
+        path = PchipInterpolator(time - time[0], p_wf)(
+            np.linspace(0, duration, steps + 1)
+        )
+        paths = []
+        for k, finger in enumerate(self.bench.fingers):
+            if parked[k]:
+                paths.append(np.repeat(finger.angles[None], steps + 1, axis=0))
+                continue
+            angles = finger.geometry.inverse(path[:, k])
+            self._check(finger, angles, duration / steps)
+            paths.append(angles)
+        return paths, duration, parked
+
+    def _approach(self, goals: list[np.ndarray]) -> None:
+        """Move to joint angles, slowly, and settle there."""
+        here = [finger.angles for finger in self.bench.fingers]
+        far = max(abs(g - h).max() for g, h in zip(goals, here, strict=True))
+        duration = max(PEAK * far / self.limits.approach, SETTLE)
+        s = np.linspace(0, 1, max(round(duration * self.control), 2))[:, None]
+        smooth = s**3 * (10 - 15 * s + 6 * s**2)
+        paths = [h + smooth * (g - h) for h, g in zip(here, goals, strict=True)]
+        for finger, path, goal in zip(self.bench.fingers, paths, goals, strict=True):
+            if not np.array_equal(path[0], goal):
+                self._check(finger, path[1:], duration / len(s))
+        self._follow(paths, duration)
+        self._follow([goal[None].repeat(2, axis=0) for goal in goals], SETTLE)
+
+    def _check(self, finger: FingerBench, angles: np.ndarray, dt: float) -> None:
+        self.limits.check_path(finger.rig.name, finger.geometry, angles, dt)
+
+    def _follow(self, paths: list[np.ndarray], duration: float) -> float:
+        """Track joint paths (n, 3), spread over a duration [s]; return its start."""
+        begin = now = self.clock.now()
+        velocities = [
+            np.gradient(path, duration / (len(path) - 1), axis=0) for path in paths
+        ]
+        step = 0
+        while now < begin + duration:
+            share = (now - begin) / duration
+            for finger, path, speed in zip(
+                self.bench.fingers, paths, velocities, strict=True
+            ):
+                row = share * (len(path) - 1)
+                self._drive(finger, _at(path, row), _at(speed, row))
+            step += 1
+            self.clock.sleep(begin + step / self.control - self.clock.now())
+            self.bench.poll()
+            self.bench.check(STALE, TOUCH_STALE)
+            now = self.clock.now()
+            self._watch(now)
+        return begin
+
+    def _drive(
+        self, finger: FingerBench, target: np.ndarray, velocity: np.ndarray
+    ) -> None:
+        angles, speed = finger.angles, finger.velocities
+        name, geometry = finger.rig.name, finger.geometry
+        self.limits.check_state(name, geometry, angles, speed)
+        finger.apply(self.gains.torques(target, velocity, angles, speed))
+
+    def _watch(self, now: float) -> None:
+        """Raise where commands did not go out for too long: something held them up."""
+        last, self._last_tick = self._last_tick, now
+        if last is not None and now - last > HELD_UP:
+            raise HardwareError(
+                "the control loop was held up",
+                where="RobotWorld",
+                got=f"{now - last:.3f} s",
+                expected=f"a command every {1 / self.control:.3f} s",
+                next="solve in other processes (executor=): they share no lock",
+            )
+
+    def _here(self) -> list[np.ndarray]:
+        return [finger.angles[None].repeat(2, axis=0) for finger in self.bench.fingers]
+
+    def _assembled(self, begin: float, end: float, parked: np.ndarray) -> Measurements:
+        streams = [_streams(finger) for finger in self.bench.fingers]
+        names = [one.name for one in streams]
+        past = self.measurements
+        return assemble(
+            streams,
+            origin=self._origin,
+            start=begin,
+            end=end,
+            action=0 if past is None else int(past.action[-1]) + 1,
+            parked=[name for name, still in zip(names, parked, strict=True) if still],
+            complete=self.complete,
+        )
+
+
+def _at(path: np.ndarray, row: float) -> np.ndarray:
+    """Return a row (3,) between two rows of a path."""
+    low = min(int(row), len(path) - 2)
+    return path[low] + (row - low) * (path[low + 1] - path[low])
+
+
+def _streams(finger: FingerBench) -> FingerStreams:
+    boards = [
+        Stream.sorted(board.name, *board.series(Quantity.POSITION), board.broken)
+        for board in finger.boards
+    ]
+    name, latency = finger.rig.name, finger.rig.tactile.latency
+    touch = touch_stream(f"{name}, tactile", finger.skin.touches)
+    return FingerStreams(
+        name, finger.geometry, finger.joints, tuple(boards), touch, latency
+    )
