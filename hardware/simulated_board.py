@@ -26,7 +26,7 @@ from .motor_can import (
     encode,
 )
 
-STATUS_PERIOD = 1.0  # [s]
+STATUS_PERIOD = 1.0  # [s] of the firmware
 STREAMS = {
     Command.SEND_CURRENT: Quantity.CURRENT,
     Command.SEND_POSITION: Quantity.POSITION,
@@ -42,6 +42,7 @@ class SimulatedBoard:
     config:    of python-can, the same channel as the MotorBoard's
     alignment: [s] until a motor that is enabled first is ready
     streams:   what it can send; fewer make a faster simulation
+    period:    [s] of its status
 
     `current` (2,) [A] is what the motors really get: the references while they are
     enabled and ready, otherwise zero.
@@ -53,8 +54,10 @@ class SimulatedBoard:
         *,
         alignment: float = 0.05,
         streams: tuple[Quantity, ...] = tuple(Quantity),
+        period: float = STATUS_PERIOD,
     ) -> None:
         self.config, self.alignment, self.streams = dict(config), alignment, streams
+        self.period = period
         self.system_enabled, self.fault = True, Fault.NONE
         self.reference = np.zeros(2)
         self.received: list[Content] = []
@@ -78,6 +81,11 @@ class SimulatedBoard:
     def ready(self) -> np.ndarray:
         """Which motors (2,) are aligned."""
         return self._now >= self._ready_at
+
+    @property
+    def live(self) -> bool:
+        """Whether any current flows."""
+        return bool(self.current.any())
 
     @property
     def current(self) -> np.ndarray:
@@ -111,7 +119,7 @@ class SimulatedBoard:
         self._now = now
         if self.silent:
             return
-        if now - self._status_at >= STATUS_PERIOD:
+        if now - self._status_at >= self.period:
             self._status_at = now
             self._bus.send(encode(self._status(), now))
         for quantity, values in measured.items():

@@ -6,8 +6,9 @@ and the weight of the links; encoders tell its true place but for an error of th
 angles.  Skins see the simulated contact force: pictures of a DenseTact, packets of an
 OptoForce.
 
-The robot is a clock: time passes only while somebody waits (`sleep`), so that a run is
-the same to the last digit however fast the computer is.
+While no current flows, somebody holds the fingers.  The robot is a clock: time passes
+only while somebody waits (`sleep`), so that a run is the same to the last digit however
+fast the computer is.
 """
 
 from __future__ import annotations
@@ -26,14 +27,14 @@ from .motor_joints import JointMap
 from .rig import CAMERA, ON_CAN, FingerRig, Rig, Tactile
 from .serial_tactile import DATA_ID, ForceFrame, encode_force, to_can
 from .simulated_board import SimulatedBoard
-from .touch import check_age
+from .touch import INWARD, check_age
 
 NOON = 1.7e9  # [s], the time of day at which the simulation begins
 COULOMB, VISCOUS = 0.043, 0.02  # [N m], [N m s/rad] in a joint; the first measured
 SLIP = 0.05  # [rad/s], below it Coulomb friction is viscous
 WIRES = 500.0  # [Hz] of boards; the real ones send at 1 kHz
 SKIN = 0.02  # [1], share of a change that a skin follows in a step: 12 ms
-PICTURES, FORCES = 30.0, 100.0  # [Hz]
+PICTURES, FORCES = 30.0, 100  # [Hz]
 FRICTION = 0.3, 0.5  # [1], object and ground, object and finger
 SENT = (Quantity.POSITION, Quantity.VELOCITY)
 
@@ -45,7 +46,10 @@ class SimulatedFinger:
         self.rig, self.geometry = rig, rig.geometry
         true = np.array(rig.joints.zero) + zero_error
         self.joints = JointMap(rig.joints.motors, tuple(true.tolist()))
-        self.boards = [SimulatedBoard(c, streams=SENT) for c in rig.boards]
+        self.boards = [
+            SimulatedBoard(c, alignment=0.02, streams=SENT, period=0.05)
+            for c in rig.boards
+        ]
         self.skin = _skin(rig.tactile, seed)
 
     @property
@@ -105,7 +109,7 @@ class SimulatedRobot:
         self._tips, self._velocity = np.array(tips), np.zeros((count, 3))
         self._touch = np.zeros((count, 6))
         self._torque, self._inverse = np.zeros((count, 3)), np.zeros((count, 3, 3))
-        self._wires_due = 0.0
+        self._now = self._wires_due = NOON
 
     def __enter__(self) -> SimulatedRobot:
         for finger in self.fingers:
@@ -132,13 +136,20 @@ class SimulatedRobot:
 
     def now(self) -> float:
         """Return the time [s]."""
-        return NOON + self._plant.steps * STEP
+        return self._now
 
     def sleep(self, duration: float) -> None:
         """Let a duration [s] pass."""
         end = self.now() + duration
-        while self.now() < end - STEP / 2:
-            self._step()
+        while self._now < end - STEP / 2:
+            if self._now >= self._wires_due - STEP / 2:
+                self._wires_due = max(self._wires_due, self._now) + 1 / WIRES
+                self._talk(self._now)
+            live = any(board.live for one in self.fingers for board in one.boards)
+            steps = max(round((min(end, self._wires_due) - self._now) / STEP), 1)
+            for _ in range(steps if live else 0):
+                self._step()
+            self._now += steps * STEP
 
     def reader(self, tactile: Tactile, name: str, sink, clock) -> object:
         """Return what reads a sensor: pictures come by hand, the rest by its wire."""
@@ -150,9 +161,6 @@ class SimulatedRobot:
         return skin
 
     def _step(self) -> None:
-        if self.now() >= self._wires_due:
-            self._wires_due = max(self._wires_due, self.now()) + 1 / WIRES
-            self._talk(self.now())
         # Friction changes with every step, the Jacobian only as fast as the wires.
         velocity = np.einsum("fij,fj->fi", self._inverse, self._velocity)
         drag = VISCOUS * velocity + COULOMB * np.tanh(velocity / SLIP)
@@ -270,6 +278,30 @@ class SimulatedDome:
         elif self._bus is not None:
             for message in to_can(packet, DATA_ID, now):
                 self._bus.send(message)
+
+
+def simulated_rig(kind: str = "densetact", name: str = "simulated") -> Rig:
+    """Return the paper's two opposing fingers on virtual wires.
+
+    kind: densetact (small pictures), optoforce or optoforce_can
+    name: of the channels; two robots in one process need two
+    """
+
+    def bus(channel: str) -> dict:
+        wire = {"interface": "virtual", "channel": f"{name} {channel}"}
+        return wire | {"preserve_timestamps": True}
+
+    fingers = []
+    for k, degrees in enumerate((180.0, 0.0)):  # finger 0 comes from +x, as in the data
+        touch: dict = {"mount": INWARD, "rest": 10}
+        options: dict = {"can": bus(f"{k} tactile")} if kind.endswith("can") else {}
+        if kind == "densetact":
+            touch["lens"] = {"centre": (80.0, 60.0), "edge": 58.0}
+            options["camera"] = {"size": (160, 120)}
+        tactile = Tactile(kind, touch=touch, speed=FORCES, **options)
+        boards = bus(f"{k} board 0"), bus(f"{k} board 1")
+        fingers.append(FingerRig(f"finger {k}", degrees, boards, tactile))
+    return Rig(tuple(fingers))
 
 
 def _skin(tactile: Tactile, seed: int) -> SimulatedCamera | SimulatedDome:

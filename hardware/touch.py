@@ -17,7 +17,10 @@ from .serial_tactile import FieldFrame, ForceFrame
 
 ON, OFF = 6.0, 4.0  # [1], standard deviations of the strength above its mean
 REST = 100  # [samples] of which the zero of a sensor is the mean
-DOWN = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))  # R_ts: z along the link
+# R_ts (3, 3): the sensor's z, out of its top, goes down along the last link, or
+# inwards to the middle of the robot (TriFingerEdu: the tip's +y at any joint angles).
+DOWN = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
+INWARD = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))
 
 
 class Touch(NamedTuple):

@@ -28,11 +28,11 @@ from .streams import FingerStreams, Stream, touch_stream
 
 CONTROL = 250.0  # [Hz] of commands
 HELD_UP = 0.1  # [s] between commands, beyond which the loop was held up
-RETURN = 0.8  # [s] for the way back out
-SETTLE = 0.2  # [s] at the start of a trajectory, before it is recorded
+SETTLE = 0.1  # [s] at the start of a trajectory, before it is recorded
 KEEP = 0.02  # [s], between looks at whether the thread is still wanted
 STILL = 1e-9  # [m], a finger that is to move less than this is parked
 LEARN = 10.0  # [s] for the sensors to find their zero without contact
+THERE = 1e-3  # [rad], closer than that to the start there is no way to go
 PEAK = 1.875  # [1], peak by mean speed of a minimum-jerk motion
 
 
@@ -85,7 +85,7 @@ class RobotWorld:
             self.bench.forget()
             begin = self._follow(paths, duration)
             back = [path[::-1] for path in paths]
-            self._follow(back, max(duration, RETURN))
+            self._follow(back, duration)
             data = self._assembled(begin, begin + duration, parked)
         except BaseException:
             self.stop()
@@ -184,14 +184,14 @@ class RobotWorld:
         """Move to joint angles, slowly, and settle there."""
         here = [finger.angles for finger in self.bench.fingers]
         far = max(abs(g - h).max() for g, h in zip(goals, here, strict=True))
-        duration = max(PEAK * far / self.limits.approach, SETTLE)
+        duration = PEAK * far / self.limits.approach
         s = np.linspace(0, 1, max(round(duration * self.control), 2))[:, None]
         smooth = s**3 * (10 - 15 * s + 6 * s**2)
         paths = [h + smooth * (g - h) for h, g in zip(here, goals, strict=True)]
         for finger, path, goal in zip(self.bench.fingers, paths, goals, strict=True):
-            if not np.array_equal(path[0], goal):
+            if far > THERE and not np.array_equal(path[0], goal):
                 self._check(finger, path[1:], duration / len(s))
-        self._follow(paths, duration)
+        self._follow(paths, duration if far > THERE else 0.0)
         self._follow([goal[None].repeat(2, axis=0) for goal in goals], SETTLE)
 
     def _check(self, finger: FingerBench, angles: np.ndarray, dt: float) -> None:
@@ -200,17 +200,15 @@ class RobotWorld:
     def _follow(self, paths: list[np.ndarray], duration: float) -> float:
         """Track joint paths (n, 3), spread over a duration [s]; return its start."""
         begin = now = self.clock.now()
-        velocities = [
-            np.gradient(path, duration / (len(path) - 1), axis=0) for path in paths
-        ]
+        speeds = [np.gradient(path, axis=0) * (len(path) - 1) for path in paths]
         step = 0
         while now < begin + duration:
             share = (now - begin) / duration
             for finger, path, speed in zip(
-                self.bench.fingers, paths, velocities, strict=True
+                self.bench.fingers, paths, speeds, strict=True
             ):
                 row = share * (len(path) - 1)
-                self._drive(finger, _at(path, row), _at(speed, row))
+                self._drive(finger, _at(path, row), _at(speed, row) / duration)
             step += 1
             self.clock.sleep(begin + step / self.control - self.clock.now())
             self.bench.poll()
