@@ -143,12 +143,7 @@ class Rig:
     def __post_init__(self) -> None:
         names = [finger.name for finger in self.fingers]
         if not names or len(set(names)) < len(names):
-            raise RigError(
-                "fingers need different names",
-                where="fingers",
-                got=names,
-                expected="1+",
-            )
+            raise RigError("no fingers, or two of one name", where="rig", got=names)
         for one in self.fingers:
             if len(one.boards) != 2:
                 raise RigError(
@@ -178,11 +173,10 @@ class Rig:
     def from_dict(cls, content: dict) -> Rig:
         """Return a rig from plain lists and dictionaries; raises RigError."""
         fingers = []
-        given = _made("rig", dict, content, cls)
+        given = _made("rig", dict, _frozen(content), cls)
         for one in given["fingers"]:
             parts = _made("finger", dict, one, FingerRig)
             parts["tactile"] = _made("tactile", Tactile, parts["tactile"], Tactile)
-            parts |= {key: _frozen(v) for key, v in parts.items()}
             fingers.append(FingerRig(**parts))
         return cls(tuple(fingers))
 
@@ -212,5 +206,7 @@ def _required(f) -> bool:
 
 
 def _frozen(value: object) -> object:
-    """Return lists as tuples: JSON has no others."""
-    return tuple(map(_frozen, value)) if isinstance(value, list) else value
+    """Return lists as tuples, at any depth: JSON has no tuples."""
+    if isinstance(value, dict):
+        return {key: _frozen(item) for key, item in value.items()}
+    return tuple(map(_frozen, value)) if isinstance(value, list | tuple) else value

@@ -15,6 +15,7 @@ import json
 import platform
 import time
 from collections.abc import Callable
+from copy import copy
 from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
@@ -70,7 +71,9 @@ class Tape:
         self._close.append(logger.stop)
 
         def sink(message: can.Message) -> None:
-            _written(path, lambda: logger.on_message_received(message))
+            row = copy(message)
+            row.channel = None  # one file per bus; a log cannot hold every name
+            _written(path, lambda: logger.on_message_received(row))
             self.counts[stream] += 1
 
         self.counts[stream] = 0
