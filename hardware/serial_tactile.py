@@ -173,11 +173,12 @@ class AnySkinFramer:
         del self._buffer[:start]
 
     def _frame(self, payload: bytes) -> FieldFrame | None:
-        words = np.frombuffer(payload, "<f4").reshape(-1, 4).astype(float)
-        if not np.isfinite(words).all():
+        words = np.frombuffer(payload, "<f4").reshape(-1, 4)
+        if not np.isfinite(words).all():  # before the cast: some NaNs make it warn
             self.broken += 1
             return None
         self.good += 1
+        words = words.astype(float)
         return FieldFrame(words[:, 0], words[:, 1:])
 
 

@@ -96,6 +96,12 @@ class RobotWorld:
             self._keep()
         return data
 
+    @property
+    def finger_radius(self) -> np.ndarray:
+        """The radii (F,) [m] of the fingertips, as `explore` wants to know them."""
+        geometries = [one.geometry for one in self.bench.rig.fingers]
+        return np.array([geometry.tip_radius for geometry in geometries])
+
     def stop(self) -> None:
         """Command zero current on all boards and disable them; never raises."""
         self.bench.stop()

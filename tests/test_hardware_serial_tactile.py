@@ -166,11 +166,12 @@ def test_a_delimiter_inside_the_numbers_is_no_delimiter():
     assert same(fed(framer, b"".join(map(encode_field, sent))), sent[1:])
 
 
-def test_what_is_no_number_is_broken():
-    sent = fields(4)
-    sent[2].field[0, 0] = np.nan
+@pytest.mark.parametrize("word", ["0000C07F", "0100807F", "0000807F"])
+def test_what_is_no_number_is_broken(word):
+    sent = bytearray(b"".join(map(encode_field, fields(4))))
+    sent[2 * 82 : 2 * 82 + 4] = bytes.fromhex(word)  # quiet NaN, signalling NaN, inf
     framer = AnySkinFramer()
-    assert len(fed(framer, b"".join(map(encode_field, sent)))) == 2
+    assert len(fed(framer, bytes(sent))) == 2
     assert framer.broken == 1
 
 
