@@ -15,6 +15,7 @@ from .errors import MotionError
 from .expansion import carried as carried_on
 from .floating import floated, laid_out, plane_of_touch
 from .guess import Guess
+from .local import SETTLED, doubt
 from .measurements import Measurements
 from .nlp import Problem
 from .options import Options
@@ -33,9 +34,10 @@ from .request import (
 from .result import Estimate
 from .rivals import challenged
 from .scene import Scene
-from .search import RIVAL, Hypothesis, Job, beam, distinct, opened, same
+from .search import RIVAL, Hypothesis, Job, beam, distinct, same
 from .solve import SolverOptions, not_converged, solve_levels
 from .tipping import lifted
+from .trial import opened, resumed, started
 from .tumble import SHARE, contradicts, recovered
 
 log = logging.getLogger("tactilenlp")
@@ -147,6 +149,9 @@ class Solved:
             theta=values["theta"][:, 0],
             x=values["x"][:, self.window.knot],
             objective=self.solution.objective,
+            unknowns=values,
+            multipliers=self.solution.multipliers,
+            bound_multipliers=self.solution.bound_multipliers,
         )
 
 
@@ -240,20 +245,24 @@ def _raise_unless_explained(solved) -> None:
 
 def _refine(job, page, kept, options) -> list[Solved]:
     """Solve the page from the best hypotheses; return them, best first."""
-    limit = min(h.objective for h in kept) + RIVAL
+    known = all(h.unknowns for h in kept)
+    limit = min(h.objective for h in kept) + (doubt(job) if known else RIVAL)
     levels = opened(page.LEVELS, final=True) if job.reductions.planar else None
     if job.scene.ground is None:  # these poses lie in a plane that the object leaves
         levels = getattr(page, "ROUGH", None)
     solved, shared = [], {}
-    for h in [h for h in kept if h.objective <= limit]:
-        if solved and time.monotonic() > job.deadline:
+    for h in sorted(kept, key=lambda h: h.rank):
+        late = solved and time.monotonic() > job.deadline
+        if late or h.objective > limit or (known and len(solved) == SETTLED):
             break
-        solved.append(_solve(job, page, h, options, shared, levels))
+        solved.append(_solve(job, page, h, options, shared, levels, warm=True))
+        if known:  # the others are expected to become no better than they are
+            limit = min(s.solution.objective for s in solved) + doubt(job)
     good = [s for s in solved if s.solution.success]
     if not good and levels is not None and time.monotonic() < job.deadline:
         # The slower way, poses held first, as the page says.
         good = [_solve(job, page, solved[0].hypothesis, options, shared)]
-    return sorted(good or solved, key=lambda s: s.solution.objective)
+    return sorted(good or solved, key=lambda s: s.at.rank)
 
 
 def _carried_on(job, solved, kept, width: int) -> list[Hypothesis]:
@@ -264,8 +273,13 @@ def _carried_on(job, solved, kept, width: int) -> list[Hypothesis]:
     return [*refined, *rest][:width]
 
 
-def _solve(job, page, hypothesis, options, shared=None, levels=None) -> Solved:
-    """Solve the page from one hypothesis; `shared` keeps problem and solvers."""
+def _solve(
+    job, page, hypothesis, options, shared=None, levels=None, warm=False
+) -> Solved:
+    """Solve the page from one hypothesis; `shared` keeps problem and solvers.
+
+    warm: where the hypothesis knows all unknowns, the last level is enough.
+    """
     shared = {} if shared is None else shared
     if not job.reductions.planar and len(hypothesis.x) == PLANAR.unknowns:
         lying = lifted(hypothesis.theta, hypothesis.x)
@@ -275,10 +289,10 @@ def _solve(job, page, hypothesis, options, shared=None, levels=None) -> Solved:
         shared.update(window=window, problem=problem, solvers={}, built=built)
     window, problem = shared["window"], shared["problem"]
     settings = _settings(job, options)
-    start = {"theta": hypothesis.theta, "x": hypothesis.x[:, window.last]}
-    solution = solve_levels(
-        problem, levels or page.LEVELS, start, settings, shared["solvers"]
-    )
+    if warm and hypothesis.fits(problem):
+        levels = resumed(page.LEVELS)
+    start, levels = started(problem, window, hypothesis), levels or page.LEVELS
+    solution = solve_levels(problem, levels, start, settings, shared["solvers"])
     seconds = solution.seconds | {"build": solution.seconds["build"] + shared["built"]}
     solution = replace(solution, seconds=seconds)
     return Solved(hypothesis, problem, window, solution, job)

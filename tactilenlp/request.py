@@ -11,8 +11,8 @@ from formulations.shape import CUBOID, Shape
 
 from .errors import NoContactError, OptionError, StartError
 from .guess import Guess
+from .hypothesis import Hypothesis
 from .result import Estimate
-from .search import Hypothesis
 
 SHAPES = {"cuboid": CUBOID}
 FORMULATIONS = ("quasi_static", "violation_implicit", "paper")

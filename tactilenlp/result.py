@@ -10,11 +10,11 @@ import numpy as np
 
 from .archive import read_npz
 from .errors import FileError, TactileError
+from .hypothesis import Hypothesis
 from .information import Information
 from .measurements import Measurements
 from .modes import Modes
 from .scene import Ground, Scene
-from .search import Hypothesis
 
 MALFORMED = (ValueError, KeyError, TypeError, AttributeError, RecursionError)
 FORMAT = 1  # of the files that `save` writes

@@ -15,7 +15,8 @@ import numpy as np
 
 from .information import ENOUGH, TOUCHED, reduced_covariance
 from .result import poses, touched_faces
-from .search import RIVAL, opened
+from .search import RIVAL
+from .trial import opened
 
 CLAIMED = 0.5  # [prior deviations] a size less certain than this claims nothing
 NEAR = 6e-3  # [m] sizes this close lead to the same optimum
@@ -74,4 +75,4 @@ def resized(hypothesis, axis: int, size: float, touched):
     theta[axis] = size
     turn = x[2] + axis * np.pi / 2
     x[:2] += way * np.array([np.cos(turn), np.sin(turn)])
-    return replace(hypothesis, theta=theta, x=x)
+    return replace(hypothesis, theta=theta, x=x, unknowns={})  # these do not fit it

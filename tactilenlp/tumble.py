@@ -15,10 +15,12 @@ import numpy as np
 
 from formulations import quasi_static
 
+from .extend import extensions
 from .guess import BELOW, carried
+from .hypothesis import Hypothesis
 from .nlp import Problem
 from .reduce import SIDE, Reductions, reduce
-from .search import Hypothesis, beam, extensions
+from .search import beam
 from .tipping import Tip, continuous, fall, lifted, matrices
 
 TOUCH, NORMAL = 0.15e-3, 0.015  # [m], [rad] model errors of a touch of a rigid object

@@ -1,0 +1,93 @@
+"""A hypothesis: one local optimum of where the object is, what it is, how it moved.
+
+Which face was touched, which way the object is turned, how it was pushed: every answer
+is a hypothesis of its own.  They are compared by the body at the first and last pose.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from . import guess as guessing
+
+SAME = 1e-3  # [m] hypotheses whose corners agree this well are one
+HOPELESS = 60.0  # [nats] behind the best start or hypothesis: not followed up
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """One local optimum: theta (n,) [m], x (3, T) planar poses, objective [nats].
+
+    path: the guess it came from, one word an action.  Where a page was solved here, its
+    unknowns by name, (rows, columns), and the multipliers of constraints and bounds.
+    """
+
+    theta: np.ndarray
+    x: np.ndarray
+    objective: float
+    path: tuple[str, ...]
+    iterations: int = 0
+    unknowns: dict = field(default_factory=dict)
+    multipliers: dict = field(default_factory=dict)
+    bound_multipliers: dict = field(default_factory=dict)
+
+    @property
+    def rank(self) -> float:
+        """The objective to sort by: symmetric twins are a tie, the first one wins."""
+        return round(self.objective, 3)
+
+    @property
+    def end(self) -> np.ndarray:
+        """Theta and the last pose (n + 3,)."""
+        return np.r_[self.theta, self.x[:, -1]]
+
+    def at(self, samples: int) -> Hypothesis:
+        """Return the hypothesis of the first samples only."""
+        return replace(self, x=self.x[:, :samples])
+
+    def fits(self, problem) -> bool:
+        """Tell whether the unknowns and multipliers are those of this problem."""
+        size = {n: (v.rows, v.columns) for n, v in problem.variables.items()}
+        rows = {n: t.instances for n, t in problem.constraints.items()}
+        return (
+            size == {name: a.shape for name, a in self.unknowns.items()}
+            and size == {name: a.shape for name, a in self.bound_multipliers.items()}
+            and rows == {name: len(a) for name, a in self.multipliers.items()}
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """What a solve needs to know, picklable: the data so far and how to read them."""
+
+    data: object
+    scene: object
+    shape: object
+    precision: object
+    reductions: object
+    deadline: float
+    first: tuple = ()  # (name, theta, x) guesses of the first touch, if a user has some
+    cuts: tuple = ()  # samples within still spans that need a pose of their own
+
+
+def distinct(shape, found, count: int, hopeless=HOPELESS) -> list[Hypothesis]:
+    """Return the best `count` hypotheses of which no two are the same body."""
+    kept = []
+    for h in sorted(found, key=lambda h: h.rank):
+        if kept and h.objective > kept[0].objective + hopeless:
+            break
+        if len(kept) < count and not any(same(shape, h, k) for k in kept):
+            kept.append(h)
+    return kept
+
+
+def same(shape, a: Hypothesis, b: Hypothesis) -> bool:
+    """Tell whether two hypotheses are one: corners agree at the first and last pose."""
+    for k in (0, -1):
+        corners = [guessing.corners(shape, h.theta, h.x[:, k]) for h in (a, b)]
+        apart = np.linalg.norm(corners[0][:, None] - corners[1][None], axis=2)
+        if max(apart.min(axis=0).max(), apart.min(axis=1).max()) > SAME:
+            return False
+    return True

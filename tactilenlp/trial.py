@@ -1,0 +1,81 @@
+"""Solve a page from hypotheses: in this process, or spread over an executor."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import time
+from dataclasses import replace
+
+from .hypothesis import Hypothesis, Job
+from .nlp import Problem
+from .reduce import reduce
+from .solve import SolverOptions, solve_levels
+
+ROUGH = 1e-3  # tolerance of a page's solves that only rank
+RELAXED = 0.1  # IPOPT's first mu where a page is solved from poses that are guessed
+WARM = 1e-4  # IPOPT's first mu where a page is solved from its own unknowns
+OPEN = 60  # iterations of a page's opened level
+LONGEST = 60.0  # [s] of one solve
+
+
+def posed(job: Job, page, guess=None):
+    """Return the problem that a page poses of a job's data, and the window."""
+    known = job.scene, job.shape, job.precision, job.reductions
+    window = reduce(job.data, *known, guess)
+    problem = Problem()
+    page.build(problem, window, job.scene, job.shape)
+    return problem, window
+
+
+def tried(job, problem, window, levels, h, tolerance, solvers) -> Hypothesis:
+    """Return the hypothesis that solving the levels makes of h."""
+    left = min(LONGEST, max(0.05, job.deadline - time.monotonic()))
+    options = SolverOptions(tolerance=tolerance, time_limit=left)
+    s = solve_levels(problem, levels, started(problem, window, h), options, solvers)
+    theta, x = s.values["theta"][:, 0], s.values["x"][:, window.knot]
+    return Hypothesis(
+        theta, x, s.objective, h.path, s.iterations,
+        s.values, s.multipliers, s.bound_multipliers,
+    )  # fmt: skip
+
+
+def started(problem, window, h: Hypothesis) -> dict:
+    """Return where a solve starts: sizes, poses, and the unknowns where they fit."""
+    known = h.unknowns if h.fits(problem) else {}
+    return {**known, "theta": h.theta, "x": h.x[:, window.last]}
+
+
+def opened(levels, final: bool):
+    """Return levels to solve from guessed poses: nothing fixed, a large first mu."""
+    first = [
+        replace(level, fixed=(), barrier=max(RELAXED, level.barrier), iterations=OPEN)
+        for level in levels
+        if level.fixed
+    ]
+    rest = [level for level in levels if not level.fixed]
+    return [*first, *rest] if final or not first else first
+
+
+def resumed(levels):
+    """Return the last level, to solve it from its own unknowns."""
+    last = levels[-1]
+    return [replace(last, barrier=min(WARM, last.barrier))]
+
+
+def spread(solve_chunk, job: Job, starts, executor, *args) -> list:
+    """Solve every start, in order; spread over the executor in chunks."""
+    if executor is None:
+        return solve_chunk(job, starts, *args)
+    workers = getattr(executor, "_max_workers", None) or os.cpu_count() or 1
+    chunks = [starts[i::workers] for i in range(workers) if starts[i::workers]]
+    futures = [executor.submit(solve_chunk, job, chunk, *args) for chunk in chunks]
+    out = [None] * len(starts)
+    for i, future in enumerate(futures):
+        out[i::workers] = future.result()
+    return out
+
+
+def page_named(page):
+    """Return a page: a module travels between processes by its name."""
+    return importlib.import_module(page) if isinstance(page, str) else page

@@ -1,0 +1,57 @@
+"""What was known goes into the next action as a Gaussian, and comes out as one."""
+
+from time import monotonic
+
+import numpy as np
+import pytest
+
+from formulations import violation_implicit as page
+from formulations.shape import CUBOID
+from tactilenlp import Estimate
+from tactilenlp.extend import before, pasts_of
+from tactilenlp.hypothesis import Job
+from tactilenlp.local import WIDE, continued, settled
+from tactilenlp.precision import precision_of, smoothed
+from tactilenlp.reduce import Reductions
+
+
+@pytest.fixture(scope="module")
+def job(recorded):
+    """The four recorded actions, as the search sees them."""
+    data, scene, _ = recorded
+    data = data.select(range(4))
+    precision = precision_of(data, scene)
+    late = monotonic() + 600
+    data = smoothed(data, precision)
+    return Job(data, scene, CUBOID, precision, Reductions(), late)
+
+
+def test_the_past_is_as_certain_as_the_exact_reduced_hessian_says(job, estimate):
+    # curvature of the barrier here, active constraints there: equal to solver tolerance
+    [(past, by_page)] = pasts_of(before(job), estimate.hypotheses[:1], page)
+    assert by_page
+    rows = np.r_[past.rows("theta"), past.rows("x")]
+    mine = np.sqrt(np.diag(past.covariance)[rows])
+    exact = np.sqrt(np.diag(np.linalg.inv(estimate.information.matrix)))
+    assert np.allclose(mine, exact, rtol=0.1)
+    assert np.allclose(past.mean[past.rows("theta")], estimate.theta)
+
+
+def test_all_actions_together_confirm_what_the_last_one_found_alone(job, estimate):
+    kept = [*estimate.hypotheses]
+    pasts = [past for past, _ in pasts_of(before(job), kept, page)]
+    found = continued(job, page, kept, pasts, width=4)
+    first = settled(job, page, found[:1], width=4)[0]
+    assert abs(first.objective - found[0].objective) < WIDE
+    assert np.allclose(first.theta, found[0].theta, atol=2e-3)  # [m]
+    assert first.x.shape == found[0].x.shape == (3, job.data.samples)
+
+
+def test_an_estimate_from_a_file_starts_the_next_action_as_warm(
+    job, estimate, tmp_path
+):
+    estimate.save(tmp_path / "estimate.npz")
+    again = Estimate.load(tmp_path / "estimate.npz")
+    pair = [pasts_of(before(job), e.hypotheses[:1], page)[0] for e in (estimate, again)]
+    assert all(by_page for _, by_page in pair)
+    assert np.array_equal(pair[0][0].covariance, pair[1][0].covariance)
