@@ -13,7 +13,7 @@ import casadi as ca
 from . import contact
 from .friction import rounding
 
-UNFELT = 100.0  # [nats] for an impulse of one weight not felt: a sensor feels 0.01
+UNFELT = 2000.0  # [nats] for an impulse of one weight not felt: 20 for what would be
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,19 +43,16 @@ class FingerContact:
 
     def work(
         self, theta, x, x_1, lam, p_wf, p_wf_1, rho, t, dt, w, kappa, still, rounding,
-        felt, mu,
+        mu,
     ):  # fmt: skip
-        """Friction that fails to dissipate, and normal impulse that pulls apart.
-
-        felt: 0 for a finger that feels nothing, whose rounding must cost nothing.
-        """
+        """Friction that fails to dissipate, and normal impulse that pulls apart."""
         p_w, n, (t_1, t_2) = self.touch(theta, x, p_wf, rho, t)
         p, R = self.motion.pose(self.shape, theta, x)
         p_1, R_1 = self.motion.pose(self.shape, theta, x_1)
         body_before = p_1 + R_1 @ (R.T @ (p_w - p))
         v = (self.finger.before(p_w, p_wf, p_wf_1) - body_before) / dt
         v_s = ca.vertcat(ca.dot(v, t_1), ca.dot(v, t_2))
-        energy = contact.dissipation(mu, lam, v_s, still, felt * rounding * w)
+        energy = contact.dissipation(mu, lam, v_s, still, rounding * w)
         energy += 0.2 * contact.inelasticity(lam, -ca.dot(v, n), still)
         return kappa * energy * dt / (w * 1e-3)
 
@@ -68,25 +65,27 @@ class FingerContact:
 
 
 def add(nlp, window, fingers, theta, x, lam, mu, w):
-    """Add dissipation with inelasticity, and complementarity, of every push.
+    """Add dissipation with inelasticity where a finger feels, else complementarity.
 
-    lam: its impulse, w [N s]: the weight over its step.
+    lam: the impulse of every push, w [N s]: the weight over its step.  What rounds the
+    cone of a finger that feels nothing neither costs nor earns: all its impulses cost.
     """
-    step, push, a = window.step, window.push, window.apart
-    weights = nlp.parameters["kappa"], nlp.parameters["still"]
-    s, unfelt = push.step, set(a.tolist())
-    felt = [0.0 if i in unfelt else 1.0 for i in range(len(push))]
+    step, push, apart = window.step, window.push, window.apart
+    kappa, still = nlp.parameters["kappa"], nlp.parameters["still"]
+    unfelt = set(apart.tolist())
+    felt = [i for i in range(len(push)) if i not in unfelt]
+    f, s = push.pick(felt), push.step[felt]
     nlp.minimize(
         "finger dissipation", fingers.work, theta, x[:, step.knot[s]],
-        x[:, step.before[s]], lam, push.p_wf, push.p_wf_1, push.radius, push.tangent,
-        step.dt[s], w, *weights, rounding(nlp, mu), felt, mu,
-        role="physics",
+        x[:, step.before[s]], lam[:, felt], f.p_wf, f.p_wf_1, f.radius, f.tangent,
+        step.dt[s], w[felt], kappa, still, rounding(nlp, mu), mu, role="physics",
     )  # fmt: skip
+    f, s = push.pick(apart), push.step[apart]
     nlp.minimize(
-        "finger complementarity", fingers.apart, theta, x[:, step.knot[s[a]]],
-        lam[:, a], push.p_wf[a], push.radius[a], w[a], weights[0], role="physics",
+        "finger complementarity", fingers.apart, theta, x[:, step.knot[s]],
+        lam[:, apart], f.p_wf, f.radius, w[apart], kappa, role="physics",
     )  # fmt: skip
     nlp.report(
-        "finger impulse", fingers.impulse, theta, x[:, step.knot[s]], lam, push.p_wf,
-        push.radius, push.tangent,
+        "finger impulse", fingers.impulse, theta, x[:, step.knot[push.step]], lam,
+        push.p_wf, push.radius, push.tangent,
     )  # fmt: skip

@@ -21,7 +21,8 @@ Departures from the printed equations, named:
                            penalty beside the hard z >= 0
   non-penetration          of the ground is a hard constraint; of a finger it is part of
                            the likelihoods of touch and free samples
-  unfelt                   a finger that feels nothing hardly pushes: UNFELT, linear
+  unfelt                   a finger that feels nothing hardly pushes: UNFELT, linear,
+                           in place of dissipation
   rest                     an action starts at rest: all low corners on the ground
   least impulse            pins what contact leaves open (four corners share a load)
 

@@ -20,7 +20,7 @@ from .tumble import contradicts
 EXACT = 1e-6  # [relative] an exact reduction moves the objective by less
 DECREMENT = 0.1  # [nats] a model reduction's Newton decrement stays below
 SHIFT = 0.1  # [sigma] and no size and no last pose moves further
-CUT = 0.05  # [-] of the longest way within a still span is worth a pose of its own
+CUT = 0.1  # [-] of the longest way within a still span is worth a pose of its own
 SHARE = 0.25  # [-] of all touches may stay unexplained, else the motion is another
 MOST = 0.6  # [-] and so may this share of one action's
 FEW = 4  # touches that may stay unexplained in any action

@@ -54,6 +54,7 @@ def newton_step(problem, x, data, multipliers, pulls, held, chosen) -> Step:
     slack = np.minimum(x - problem.bounds("lower"), problem.bounds("upper") - x) / scale
     fixed = np.abs(pulls) * scale > slack
     fixed[held] = True
+    g[fixed] = 0.0  # their bounds push back
     A = sp.vstack([*rows, sp.identity(len(x), format="csr")[np.nonzero(fixed)[0]]])
     D = sp.diags(scale)
     found = _solved(D @ H @ D, A @ D, scale * g, chosen)

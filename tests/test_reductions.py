@@ -11,12 +11,13 @@ from formulations import violation_implicit as page
 from formulations.shape import CUBOID
 from tactilenlp import Guess, Options, Problem, Scene, certify, solve_estimate
 from tactilenlp.errors import MeasurementError
+from tactilenlp.expansion import carried
 from tactilenlp.metrics import cuboid_errors
 from tactilenlp.newton import newton_step
 from tactilenlp.precision import precision_of
 from tactilenlp.reduce import Reductions, reduce
 from tactilenlp.simulate import World
-from tactilenlp.solve import SolverOptions, solve_levels
+from tactilenlp.solve import SolverOptions, solve, solve_levels
 
 
 @pytest.fixture(scope="module")
@@ -69,6 +70,28 @@ def test_without_friction_no_tangential_impulse_is_possible_and_none_is_paid(
         full[name][1:] = 1e-3 * v.scale[0] * rng.normal(size=(2, v.columns))
         room = whole.value(f"{name} cone", whole.pack(full), whole.data())
         assert room.max() < 0
+
+
+@pytest.mark.parametrize("name", ["far", "absent"])
+def test_what_is_far_or_absent_leaves_the_optimum_where_it_is(found, name):
+    data, scene, h = found
+    exact = SolverOptions(tolerance=1e-8)
+    known = CUBOID, precision_of(data, scene)
+    windows = [
+        reduce(data, scene, *known, Reductions.of(off), guess=(h.theta, h.x))
+        for off in ((), name)
+    ]
+    lean, whole = Problem(), Problem()
+    page.build(lean, windows[0], scene, CUBOID)
+    page.build(whole, windows[1], scene, CUBOID)
+    instances = [sum(t.instances for t in p.terms.values()) for p in (lean, whole)]
+    assert instances[0] < instances[1]
+    start = {"theta": h.theta, "x": h.x[:, windows[0].last]}
+    best = solve_levels(lean, page.LEVELS, start, exact)
+    reduced = SimpleNamespace(window=windows[0], solution=best)
+    start, _, _ = carried(reduced, windows[1], whole)
+    again = solve(whole, replace(exact, barrier=1e-5), start=start)
+    assert again.objective == pytest.approx(best.objective, rel=1e-6, abs=1e-6)
 
 
 def test_a_box_on_ice_is_found_without_tangential_impulses(found):
