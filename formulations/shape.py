@@ -33,8 +33,8 @@ class Shape:
     inertia(theta) -> (3, 3) [m^2] per unit mass, about the origin.
     size_prior: mean and standard deviation [m] of each entry of theta before any touch
     (the paper's cuboids are 30 to 60 mm; two deviations span 5 to 85 mm).
-    symmetries: relabellings of the body's axes that leave the body what it is, each the
-    order of theta and the rotation (3, 3) whose columns are the new axes in the old.
+    symmetries: relabellings of the axes that leave the body what it is, each the order
+    of theta and the rotation (3, 3) whose columns are the new axes in the old.
     words: for each entry of theta; quantities: (name, function of theta) people ask for.
     """
 

@@ -93,7 +93,8 @@ def solve_estimate(
     searched = time.process_time() - cpu
     starts = kept if plane is None else [floated(h, plane) for h in kept]
     solved = _refine(job, page, starts, options)
-    solved = challenged(job, page, solved, options, _solve)
+    if options.rivals:
+        solved = challenged(job, page, solved, options, _solve)
     best = _certified(job, page, solved[0], options)
     if "planar" in best.certificates.broken:
         best = _tumbled(job, page, best, options, executor)

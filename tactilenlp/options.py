@@ -17,7 +17,8 @@ class Options:
     Reductions, or names of reductions to switch off; hypotheses: kept from action to
     action [-]; starts: solved per action [-]; tolerance: of the last solve [-];
     time_limit [s]: then what is left is guessed, and the result is marked; ipopt:
-    passed on verbatim.
+    passed on verbatim; rivals: also solve from other sizes of what was touched on one
+    face only.
     """
 
     seed: int = 0
@@ -27,6 +28,7 @@ class Options:
     tolerance: float = 1e-6
     time_limit: float = 600.0
     ipopt: dict = field(default_factory=dict)
+    rivals: bool = True
 
     def __post_init__(self):
         Reductions.of(self.reduce)

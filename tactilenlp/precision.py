@@ -72,7 +72,7 @@ def smoothed(data: Measurements, precision: Precision) -> Measurements:
 
 
 def smoothing(data: Measurements, precision: Precision):
-    """Yield (rows, S) of every action: its samples, and how they are smoothed (n, n)."""
+    """Yield (rows, S) of every action: its samples, their smoothing matrix (n, n)."""
     for action in np.unique(data.action):
         rows = np.nonzero(data.action == action)[0]
         window = min(WINDOW, len(rows) - 1 + len(rows) % 2)

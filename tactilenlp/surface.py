@@ -45,7 +45,7 @@ def face_sigma(estimate) -> np.ndarray:
         return np.full(len(faces), np.nan)
     R_wo = estimate.rotation()
     turn = np.nan_to_num(maps["rotation"])  # NaN: held by a reduction
-    C = np.linalg.inv(estimate.information.matrix)
+    C = estimate.information.spread
     out = []
     for corner, n_o in faces:
         n_w, middle = R_wo @ n_o, R_wo @ vertices[corner].mean(axis=0)

@@ -1,0 +1,111 @@
+"""Benchmark sigma: what is predicted against the scatter of repeated measurements.
+
+python examples/benchmarks/monte_carlo.py ../shared/scenes/cuboid_02.npz ... --count 60
+
+Each recording is measured again `count` times with new noise and solved from its true
+motion, so that one mode is studied; every result is kept in the folder, and a run that
+was stopped carries on.  `measure` is a plain function of plain arguments: any
+concurrent.futures executor spreads it.
+"""
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
+
+import argparse
+import json
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import cache
+from multiprocessing import get_context
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+from estimate_cuboid import Truth
+from report_monte_carlo import report
+from scipy.spatial.transform import Rotation
+
+from tactilenlp import Measurements, Noise, Options, Scene, observed_information
+from tactilenlp import solve_estimate as solve
+from tactilenlp.noise import add_noise
+
+TILTED = np.radians(20)  # an object whose axes turn this much out of the flat tumbles
+NOISE = {"position": 1e-3, "normal": np.radians(5), "flips": 0.01}  # [m], [rad], [1]
+KINDS = ("exact", "sandwich", "gauss_newton", "paper")
+
+
+@cache
+def known(file: str, actions: int):
+    """Return data, scene, truth, options and a start at the true motion."""
+    data, truth = Measurements.load(file), Truth(file)
+    data = data.select(np.unique(data.action)[:actions])
+    up = Rotation.from_quat(np.roll(truth.quaternion, -1, axis=1)).as_matrix()[:, 2]
+    turned = np.arccos(np.clip(up @ up[0], -1, 1)).max() > TILTED
+    options = Options(reduce=["planar"] if turned else True, rivals=False)
+    first = data.select(np.unique(data.action)[:1])
+    begun = solve(first, Scene.load(file), options=options, throw=False)
+    return data, Scene.load(file), truth, options, begun
+
+
+def measure(file: str, actions: int, number: int, noise: dict) -> dict:
+    """Return the row of one re-measurement: errors and covariances by kind, SI."""
+    from dataclasses import replace
+
+    data, scene, truth, options, begun = known(file, actions)
+    noisy = add_noise(data, Noise(seed=number, **noise))
+    begun = replace(begun, measurements=noisy)
+    began = process_time()
+    estimate = solve(noisy, scene, start=truth.start(begun), options=options, throw=False)
+    last, row = noisy.samples - 1, {"scene": Path(file).stem, "number": number}
+    row |= {"success": estimate.success, "cpu_s": process_time() - began}
+    if not estimate.success:
+        return row
+    R_we, R_wt = (
+        Rotation.from_quat(np.roll(c.quaternion[last], -1)) for c in (estimate, truth)
+    )
+    error = np.r_[
+        estimate.side_lengths - truth.side_lengths,
+        estimate.position[last] - truth.position[last],
+        (R_we * R_wt.inv()).as_rotvec(),
+    ]
+    names = estimate.information.names
+    free = [f"{q} {w}" for q in ("side", "position", "rotation") for w in "xyz"]
+    row |= {"names": names, "error": [error[free.index(n)] for n in names]}
+    row["user"] = estimate.information.covariance().tolist()
+    for kind in KINDS:
+        told = estimate.information.of_hessian()
+        if kind != "exact":
+            told = observed_information(estimate, kind)
+        row[kind] = told.covariance().tolist()
+    return row
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("files", nargs="+", help="recordings that hold their truth")
+    parser.add_argument("--count", type=int, default=400, help="re-measurements each")
+    parser.add_argument("--actions", type=int, default=6)
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--folder", type=Path, default=Path("benchmark/monte_carlo"))
+    arguments = parser.parse_args()
+    arguments.folder.mkdir(parents=True, exist_ok=True)
+    todo = [
+        (file, number, arguments.folder / f"{Path(file).stem}_{number}.json")
+        for number in range(arguments.count)
+        for file in arguments.files
+    ]
+    todo = [task for task in todo if not task[-1].exists()]
+    with ProcessPoolExecutor(arguments.processes, get_context("spawn")) as pool:
+        futures = {
+            pool.submit(measure, file, arguments.actions, number, NOISE): path
+            for file, number, path in todo
+        }
+        for done, future in enumerate(as_completed(futures), 1):
+            futures[future].write_text(json.dumps(future.result()))
+            print(f"\r{done} of {len(futures)}", end="", flush=True)
+    print()
+    report(arguments.folder)
+
+
+if __name__ == "__main__":
+    main()

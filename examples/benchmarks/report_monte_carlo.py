@@ -1,0 +1,126 @@
+"""Report runs of monte_carlo.py: table, CSV and picture of predicted over seen scatter.
+
+python examples/benchmarks/report_monte_carlo.py benchmark/monte_carlo
+
+A parameter counts as observed where the sensors' noise makes more than half of the
+variance that users are told; what physics or priors hold does not scatter.
+"""
+
+import csv
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import chi2
+
+KINDS = ("user", "exact", "sandwich", "gauss_newton", "paper")
+WITHIN = 0.15  # of the scatter a predicted sigma shall be
+KNOWN = 1e-4  # [-] of the others: a direction this sharp is known exactly
+
+
+def rows_of(folder: Path) -> dict[str, list[dict]]:
+    """Return the successful rows by scene, and say how many failed."""
+    found, failed = {}, {}
+    for path in sorted(folder.glob("*.json")):
+        row = json.loads(path.read_text())
+        kept = found if row["success"] else failed
+        kept.setdefault(row["scene"], []).append(row)
+    for scene, rows in failed.items():
+        print(f"{scene}: {len(rows)} of {len(rows) + len(found.get(scene, []))} failed")
+    return {scene: rows for scene, rows in found.items() if len(rows) > 2}
+
+
+def compare(scene: str, rows: list[dict]) -> list[dict]:
+    """Return a line a parameter: scatter, and predicted over seen by kind."""
+    names = rows[0]["names"]
+    error = np.array([row["error"] for row in rows])
+    scatter, sigma = error.std(axis=0, ddof=1), {}
+    for kind in KINDS:
+        variance = [np.diag(row[kind]) for row in rows]
+        sigma[kind] = np.sqrt(np.median(variance, axis=0))
+    lines = []
+    for i, name in enumerate(names):
+        unit = 180 / np.pi if name.startswith("rotation") else 1e3
+        share = (sigma["sandwich"][i] / sigma["user"][i]) ** 2
+        line = {"scene": scene, "parameter": name, "runs": len(rows)}
+        line |= {"bias": error[:, i].mean() * unit, "scatter": scatter[i] * unit}
+        line["observed"] = bool(share > 0.5)
+        line |= {kind: sigma[kind][i] / scatter[i] for kind in KINDS}
+        lines.append(line)
+    return lines
+
+
+def nees(rows: list[dict], kind: str, centre) -> np.ndarray:
+    """Return the squared error in units of the covariance, its rank, (runs, 2)."""
+    out = []
+    for row in rows:
+        C, e = np.array(row[kind]), np.array(row["error"]) - centre
+        d = np.sqrt(np.abs(np.diag(C)))
+        values, vectors = np.linalg.eigh(C / np.outer(d, d))
+        used = values > KNOWN * values.max()
+        out.append((((vectors.T @ (e / d))[used] ** 2 / values[used]).sum(), used.sum()))
+    return np.array(out)
+
+
+def pooled(found: dict, kind: str, truth: bool) -> tuple[float, float, float]:
+    """Return the mean NEES per dimension over all scenes, and its 95 % band."""
+    total, freedom = 0.0, 0.0
+    for rows in found.values():
+        mean = np.mean([row["error"] for row in rows], axis=0)
+        squares = nees(rows, kind, 0 * mean if truth else mean)
+        total += squares[:, 0].sum()
+        freedom += squares[:, 1].sum() * (1 if truth else 1 - 1 / len(rows))
+    low, high = chi2.ppf([0.025, 0.975], freedom) / freedom
+    return total / freedom, low, high
+
+
+def report(folder: Path) -> None:
+    found = rows_of(folder)
+    lines = [line for scene, rows in found.items() for line in compare(scene, rows)]
+    if not lines:
+        print("no runs yet")
+        return
+    with open(folder / "monte_carlo.csv", "w", newline="") as file:
+        writer = csv.DictWriter(file, lines[0])
+        writer.writeheader()
+        writer.writerows(lines)
+    print(f"{'':34} {'runs':>4} {'bias':>7} {'scatter':>7}  predicted / scatter")
+    print(f"{'[mm, deg]':55}" + "".join(f"{kind:>13}" for kind in KINDS))
+    for line in lines:
+        mark = "observed" if line["observed"] else ""
+        name = f"{line['scene']:18} {line['parameter']:11}"
+        print(f"{name} {line['runs']:7} {line['bias']:7.2f} {line['scatter']:7.2f}"
+              + "".join(f"{line[kind]:13.2f}" for kind in KINDS) + f"  {mark}")  # fmt: skip
+    seen = [line for line in lines if line["observed"]]
+    for kind in KINDS:
+        good = np.mean([abs(line[kind] - 1) <= WITHIN for line in seen])
+        middle = np.median([line[kind] for line in seen])
+        about = "{:.2f} (95 % band {:.2f} to {:.2f})".format(*pooled(found, kind, False))
+        true = "{:.2f}".format(pooled(found, kind, True)[0])
+        print(f"{kind:13} {good:4.0%} of {len(seen)} observed within 15 %, median ratio "
+              f"{middle:.2f}; NEES about the mean {about}, about the truth {true}")  # fmt: skip
+    draw(lines, folder / "monte_carlo.png")
+
+
+def draw(lines, file) -> None:
+    """Draw predicted over seen scatter of every parameter, by kind."""
+    from matplotlib import pyplot as plt
+
+    figure, axis = plt.subplots(figsize=(10, 5))
+    axis.axhspan(1 - WITHIN, 1 + WITHIN, color="0.9")
+    axis.axhline(1, color="0.5", linewidth=1)
+    for i, kind in enumerate(KINDS):
+        for observed, marker in ((True, "o"), (False, "x")):
+            y = [line[kind] for line in lines if line["observed"] == observed]
+            x = i + np.linspace(-0.3, 0.3, len(y) + 2)[1:-1]
+            axis.scatter(x, y, 25, color=f"C{i}", marker=marker)
+    axis.set(yscale="log", ylabel="predicted sigma / scatter of the estimates")
+    axis.set_xticks(range(len(KINDS)), KINDS)
+    axis.set_title("dots: observed by touch; crosses: held by physics or priors")
+    figure.savefig(file, dpi=120, bbox_inches="tight")
+    plt.close(figure)
+
+
+if __name__ == "__main__":
+    report(Path(sys.argv[1]))

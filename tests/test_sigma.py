@@ -1,0 +1,233 @@
+"""Sigma tells what is known to err, and names what is not known at all."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from formulations.shape import CUBOID
+from tactilenlp import Estimate, Problem, assumption_sensitivity, observed_information
+from tactilenlp.curvature import curvature_of
+from tactilenlp.errors import OptionError
+from tactilenlp.gauss_newton import without_downward
+from tactilenlp.information import inverse
+from tactilenlp.modes import weighted
+from tactilenlp.observed import KINDS, programme_of
+from tactilenlp.paper_information import half_turns
+from tactilenlp.rivals import resized
+from tactilenlp.search import Hypothesis
+from tactilenlp.sensitivity import score
+from tactilenlp.solve import SolverOptions, solve
+
+UNITS = np.r_[1e3, 1e3, 1e3, 1e3, 1e3, 50.0]  # to mm, a radian as 50 mm
+
+
+@pytest.fixture(scope="module")
+def programme(estimate):
+    return programme_of(estimate)
+
+
+@pytest.fixture(scope="module")
+def curvature(programme):
+    return curvature_of(programme.problem, programme.solution)
+
+
+@pytest.fixture(scope="module")
+def sensitivity(estimate):
+    return assumption_sensitivity(estimate)
+
+
+def chain(slope=0.8, noise=0.1, drift=0.05, steps=12):
+    """A state that drifts from step to step, measured at each: linear and Gaussian."""
+    y = np.random.default_rng(0).normal(size=steps)
+    problem = Problem()
+    gain = problem.variable("gain", 1, guess=0.0, unit="1", scale=1.0)
+    x = problem.variable("x", 1, steps, guess=0.0, unit="m", scale=0.1)
+    problem.minimize("prior", lambda a: a**2 / 2, gain, role="prior")
+    problem.minimize(
+        "felt", lambda x, y: (x - y) ** 2 / (2 * noise**2), x, y, role="likelihood"
+    )
+    problem.minimize(
+        "drift", lambda a, x, x_1: (x - slope * x_1 - a) ** 2 / (2 * drift**2),
+        gain, x[:, 1:], x[:, :-1], role="physics",
+    )  # fmt: skip
+    step = np.eye(steps + 1)[2:] - slope * np.eye(steps + 1)[1:-1]
+    step[:, 0] = -1
+    felt = np.eye(steps + 1)[1:]
+    H = felt.T @ felt / noise**2 + step.T @ step / drift**2
+    H[0, 0] += 1
+    return problem, np.linalg.inv(H)
+
+
+def test_covariance_of_a_linear_gaussian_chain_is_exact_to_the_eighth_digit():
+    problem, C = chain()
+    curvature = curvature_of(problem, solve(problem, SolverOptions(tolerance=1e-10)))
+    chosen = np.array([0, problem.size - 1])
+    found = curvature.response_of(chosen)[0][chosen]
+    assert np.allclose(found, C[np.ix_(chosen, chosen)], rtol=1e-8)
+
+
+def test_hessian_of_the_estimate_is_the_slope_of_its_gradient(curvature):
+    problem, rng = curvature.problem, np.random.default_rng(0)
+    way = rng.normal(size=problem.size) * problem.scale
+    exact, found = curvature.hessian() @ way, []
+    for h in (1e-6, 2e-6):
+        ends = []
+        for side in (1, -1):
+            x = curvature.x + side * h * way
+            moved = type(curvature)(**{**vars_of(curvature), "x": x})
+            ends.append(score(problem, moved)[0])
+        found.append((ends[0] - ends[1]) / (2 * h))
+    extrapolated = (4 * found[0] - found[1]) / 3
+    error = np.abs((extrapolated - exact) * problem.scale).max()
+    assert error < 1e-6 * np.abs(exact * problem.scale).max()
+
+
+def vars_of(curvature):
+    return {name: getattr(curvature, name) for name in curvature.__dataclass_fields__}
+
+
+def test_the_parts_of_the_information_sum_to_the_whole(estimate):
+    information = estimate.information
+    roles = ("likelihood", "physics", "prior", "regulariser", "constraint")
+    total = sum(information.part(role) for role in roles)
+    assert np.allclose(total, information.matrix, rtol=1e-4)
+    assert np.trace(information.part("touch")) > 0
+    with pytest.raises(OptionError, match="likelihood"):
+        information.part("weather")
+
+
+def test_a_size_touched_on_both_faces_is_known_from_touch_and_not_from_the_prior(
+    estimate,
+):
+    information = estimate.information
+    axis = np.argmax(estimate.faces.min(axis=1))
+    touch = information.part("likelihood")[axis, axis]
+    assert touch > 3 * information.part("size prior")[axis, axis]
+
+
+def test_fingers_that_all_shift_carry_the_body_along_and_keep_its_size(sensitivity):
+    for axis, word in enumerate("xy"):
+        total = sum(sensitivity.moves[f"finger {f} offset {word}"] for f in (0, 1))
+        expected = np.zeros(6)
+        expected[3 + axis] = 1.0
+        # the sizes are held by a prior and least impulses as well, hence not exactly
+        assert np.allclose(total, expected, atol=1e-3)
+
+
+def test_a_wrong_mass_moves_impulses_and_not_the_body(sensitivity):
+    assert np.abs(sensitivity.moves["mass"] * UNITS).max() < 0.05  # mm per kg
+
+
+@pytest.mark.parametrize("name", ["friction_finger", "sigma_normal"])
+def test_sensitivity_is_what_solving_again_gives(estimate, programme, sensitivity, name):
+    from dataclasses import replace
+
+    scene, window = estimate.scene, programme.window
+    owner = scene if hasattr(scene, name) and getattr(scene, name) else window
+    step, ends = 2e-3 * getattr(owner, name), []
+    for side in (1, -1):
+        changed = replace(owner, **{name: getattr(owner, name) + side * step})
+        build = programme.sensed.build
+        problem = build(window, changed) if owner is scene else build(changed)
+        solution = solve(
+            problem, SolverOptions(tolerance=1e-10, barrier=1e-9, push=1e-9),
+            start=programme.solution.values,
+        )  # fmt: skip
+        z = np.r_[solution.values["theta"][:, 0], solution.values["x"][:, -1]]
+        ends.append(z)
+    again = (ends[0] - ends[1]) / (2 * step) * UNITS
+    told = sensitivity.moves[name] * UNITS
+    # contacts near their cones' edges change state within the step
+    assert np.abs(again - told).max() < 0.05 * np.abs(again).max() + 1e-3
+
+
+def test_what_curves_down_is_named_and_not_repaired():
+    problem = Problem()
+    a = problem.variable("a", 2, guess=0.0, unit="m", scale=1.0)
+    problem.minimize("bowl", lambda a: ca.sumsqr(a), a, role="prior")
+    problem.minimize("ridge", lambda a: -2 * a[1] ** 2, a, role="physics")
+    saddle = solve(problem, SolverOptions(iterations=1), throw=False)
+    saddle.values["a"][:] = 0.0
+    curvature = curvature_of(problem, saddle)
+    term, direction = curvature.negative
+    assert term == "ridge"
+    assert abs(direction[1]) > 10 * abs(direction[0])
+    assert without_downward(curvature).negative is None
+    assert curvature.response_of(np.array([1]))[0][1, 0] < 0
+
+
+def test_a_direction_that_is_known_exactly_has_a_finite_information():
+    C = np.diag([1e-6, 0.0, 4e-6])
+    assert np.all(np.isfinite(inverse(C)))
+    assert inverse(C)[0, 0] == pytest.approx(1e6)
+
+
+def mode(sizes, yaw, objective=0.0, deviation=1e-4):
+    c, s = np.cos(yaw), np.sin(yaw)
+    R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    z = np.r_[sizes, 0.0, 0.0, yaw]
+    C = np.diag(np.r_[np.full(5, deviation), deviation / 0.02]) ** 2
+    return z, R, objective, C
+
+
+def test_two_bodies_that_are_equally_likely_are_half_their_distance_wide():
+    found = [mode([0.05, 0.03, 0.04], 0.0), mode([0.05, 0.04, 0.04], 0.0)]
+    modes = weighted(CUBOID, 1, found)
+    assert modes.weights == pytest.approx([0.5, 0.5])
+    assert np.sqrt(modes.covariance[1, 1]) == pytest.approx(0.01 / np.sqrt(2), rel=1e-3)
+    assert np.sqrt(modes.covariance[0, 0]) == pytest.approx(1e-4)
+
+
+def test_a_mode_two_nats_worse_weighs_less_and_a_vaguer_one_more():
+    worse = weighted(CUBOID, 1, [mode([0.05, 0.03, 0.04], 0.0),
+                                 mode([0.05, 0.04, 0.04], 0.0, 2.0)])  # fmt: skip
+    assert worse.weights[1] / worse.weights[0] == pytest.approx(np.exp(-2))
+    vague = weighted(CUBOID, 1, [mode([0.05, 0.03, 0.04], 0.0),
+                                 mode([0.05, 0.04, 0.04], 0.0, 0.0, 2e-4)])  # fmt: skip
+    assert vague.weights[1] / vague.weights[0] == pytest.approx(2**6)
+
+
+def test_a_quarter_turn_that_swaps_two_sides_is_the_same_body():
+    found = [mode([0.05, 0.03, 0.04], 0.1), mode([0.03, 0.05, 0.04], 0.1 + np.pi / 2)]
+    assert len(weighted(CUBOID, 1, found).weights) == 1
+
+
+@pytest.mark.parametrize(("axis", "face"), [(0, 0), (1, 0), (0, 1), (1, 1)])
+def test_a_resized_body_keeps_the_face_that_was_touched(axis, face):
+    yaw = 0.7
+    h = Hypothesis(np.array([0.04, 0.05, 0.06]), np.array([[0.1], [0.2], [yaw]]), 0.0, ())
+    touched = np.eye(2)[face] * 5
+    other = resized(h, axis, 0.02, touched)
+    along = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])[axis]
+    side = (-1, 1)[face]
+    where = [along @ o.x[:2, 0] + side * o.theta[axis] / 2 for o in (h, other)]
+    assert where[0] == pytest.approx(where[1])
+    assert other.theta[axis] == 0.02
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_of_information_is_positive_and_has_the_same_names(estimate, kind):
+    information = observed_information(estimate, kind)
+    assert information.names == estimate.information.names
+    assert np.linalg.eigvalsh(information.covariance()).min() > 0
+    assert np.abs(np.diag(information.correlation()) - 1).max() < 1e-12
+
+
+def test_sensor_noise_alone_scatters_less_than_users_are_told(estimate):
+    noise = observed_information(estimate, "sandwich").covariance()
+    told = estimate.information.spread
+    assert np.linalg.eigvalsh((told - noise) * np.outer(UNITS, UNITS)).min() > -1e-9
+
+
+def test_the_papers_link_of_a_pose_with_itself_is_the_identity(programme):
+    x = programme.solution.values["x"][:, -1]
+    half = half_turns(programme.window.motion, x)
+    assert np.linalg.pinv(half) @ half == pytest.approx(np.eye(len(half)))
+
+
+def test_information_survives_a_file(estimate, tmp_path):
+    estimate.save(tmp_path / "estimate.npz")
+    again = Estimate.load(tmp_path / "estimate.npz")
+    assert np.array_equal(again.information.spread, estimate.information.spread)
+    kind = [observed_information(e, "sandwich").matrix for e in (estimate, again)]
+    assert np.array_equal(*kind)
