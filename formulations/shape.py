@@ -35,7 +35,7 @@ class Shape:
     (the paper's cuboids are 30 to 60 mm; two deviations span 5 to 85 mm).
     symmetries: relabellings of the axes that leave the body what it is, each the order
     of theta and the rotation (3, 3) whose columns are the new axes in the old.
-    words: for each entry of theta; quantities: (name, function of theta) people ask for.
+    words: for each entry of theta; quantities: (name, function of theta) to ask for.
     """
 
     name: str

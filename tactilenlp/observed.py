@@ -7,6 +7,8 @@ sandwich          the scatter of the estimate under repeated measurements, by th
 gauss_newton      the same reduction of Hessians without what curves down: no second
                   derivatives of gaps and normals where they lower the information
 paper             eq:obsinfo, past poses taken for the last one: dx_t/dx_{t-1} = 1
+inverse_dynamics  eq:obsinfo, past poses from the last by inverted Jacobians of the
+                  dynamics, which grow with every sample
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from .curvature import curvature_of
 from .errors import OptionError
 from .gauss_newton import without_downward
 from .information import Information, inverse
+from .inverse_dynamics import inverse_dynamics
 from .nlp import Problem
 from .paper_information import paper
 from .precision import Precision, smoothed
@@ -30,7 +33,7 @@ from .scatter import Sensed, moved_by, scatter
 from .sensitivity import Sensitivity, moves
 from .solve import Solution
 
-KINDS = ("exact", "sandwich", "gauss_newton", "paper")
+KINDS = ("exact", "sandwich", "gauss_newton", "paper", "inverse_dynamics")
 
 
 def observed_information(estimate, kind: str = "exact") -> Information:
@@ -51,6 +54,10 @@ def observed_information(estimate, kind: str = "exact") -> Information:
         M = again.chart.back.T @ M @ again.chart.back
         return replace(estimate.information, matrix=M, spread=inverse(M))
     curvature = curvature_of(again.problem, again.solution)
+    if kind == "inverse_dynamics":
+        M = inverse_dynamics(curvature, again.solution, again.window, again.shape)
+        M = again.chart.back.T @ M @ again.chart.back
+        return replace(estimate.information, matrix=M, spread=inverse(M))
     if kind == "gauss_newton":
         curvature = without_downward(curvature)
     pulls, held = curvature.response_of(again.chart.chosen)

@@ -55,7 +55,9 @@ def measure(file: str, actions: int, number: int, noise: dict) -> dict:
     noisy = add_noise(data, Noise(seed=number, **noise))
     begun = replace(begun, measurements=noisy)
     began = process_time()
-    estimate = solve(noisy, scene, start=truth.start(begun), options=options, throw=False)
+    estimate = solve(
+        noisy, scene, start=truth.start(begun), options=options, throw=False
+    )
     last, row = noisy.samples - 1, {"scene": Path(file).stem, "number": number}
     row |= {"success": estimate.success, "cpu_s": process_time() - began}
     if not estimate.success:

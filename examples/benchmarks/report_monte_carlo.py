@@ -59,7 +59,9 @@ def nees(rows: list[dict], kind: str, centre) -> np.ndarray:
         d = np.sqrt(np.abs(np.diag(C)))
         values, vectors = np.linalg.eigh(C / np.outer(d, d))
         used = values > KNOWN * values.max()
-        out.append((((vectors.T @ (e / d))[used] ** 2 / values[used]).sum(), used.sum()))
+        out.append(
+            (((vectors.T @ (e / d))[used] ** 2 / values[used]).sum(), used.sum())
+        )
     return np.array(out)
 
 
@@ -90,16 +92,20 @@ def report(folder: Path) -> None:
     for line in lines:
         mark = "observed" if line["observed"] else ""
         name = f"{line['scene']:18} {line['parameter']:11}"
-        print(f"{name} {line['runs']:7} {line['bias']:7.2f} {line['scatter']:7.2f}"
-              + "".join(f"{line[kind]:13.2f}" for kind in KINDS) + f"  {mark}")  # fmt: skip
+        ratios = "".join(f"{line[kind]:13.2f}" for kind in KINDS)
+        seen = f"{line['runs']:7} {line['bias']:7.2f} {line['scatter']:7.2f}"
+        print(f"{name} {seen}{ratios}  {mark}")
     seen = [line for line in lines if line["observed"]]
     for kind in KINDS:
         good = np.mean([abs(line[kind] - 1) <= WITHIN for line in seen])
         middle = np.median([line[kind] for line in seen])
-        about = "{:.2f} (95 % band {:.2f} to {:.2f})".format(*pooled(found, kind, False))
-        true = "{:.2f}".format(pooled(found, kind, True)[0])
-        print(f"{kind:13} {good:4.0%} of {len(seen)} observed within 15 %, median ratio "
-              f"{middle:.2f}; NEES about the mean {about}, about the truth {true}")  # fmt: skip
+        about = "{:.2f} (95 % band {:.2f} to {:.2f})".format(
+            *pooled(found, kind, False)
+        )
+        true = f"{pooled(found, kind, True)[0]:.2f}"
+        within = f"{good:4.0%} of {len(seen)} observed within 15 %"
+        print(f"{kind:13} {within}, median ratio {middle:.2f}")
+        print(f"{'':13} NEES about the mean {about}, about the truth {true}")
     draw(lines, folder / "monte_carlo.png")
 
 
