@@ -16,13 +16,12 @@ from .chart import WORDS, chart_of
 from .curvature import Curvature, curvature_of
 from .errors import OptionError
 from .modes import Modes, weighted
-from .spread import spread
+from .spread import ENOUGH, spread, unseen
 
 TOUCHED = 0.99  # [-] |n . axis| above which a normal belongs to a face
 HELD = 0.1  # [prior deviations] a size known better than this is observed
 ASTRAY = 0.05  # [m] a position less certain than this is not observed
 LOST = np.radians(45)  # a turn less certain than this is not observed
-ENOUGH = 3  # contact samples that make a face known
 TINY = 1e-12  # [SI] a deviation below which a number is known exactly
 SHARP = 1e-12  # [-] of the other variances: a direction below this is known exactly
 MOST = 4  # unknowns that name a direction
@@ -114,42 +113,24 @@ def information_of(
     pulls, held = pulls @ chart.tangent.T, held @ chart.tangent.T
     C = chart.tangent @ pulls[chart.chosen]
     C = (C + C.T) / 2
-    errors = C
+    errors, doubt = C, np.zeros_like(C)
     if sensed is not None:
         errors = spread(curvature, pulls, held, sensed, window, shape)
+        doubt = unseen(chart, shape, faces, sensed.precision.position)
     found = [(chart.z, chart.R, solution.objective, errors)]
-    for other in rivals:
-        there = chart_of(*other, shape, R_wg)
-        rival, *_ = reduced_covariance(*other[:2], there.chosen)
-        rival = there.tangent @ rival @ there.tangent.T
-        found.append((there.z, there.R, other[1].objective, rival))
+    found += [_rival(other, shape, R_wg) for other in rivals]
     modes = weighted(shape, chart.turning, found)
-    return _described(curvature, chart, pulls, C, modes, shape, faces)
-
-
-def reduced_covariance(problem, solution, chosen: np.ndarray):
-    """Return covariance of the chosen unknowns (SI), active and ambiguous counts.
-
-    chosen: indices into the vector of all unknowns.
-    """
-    curvature = curvature_of(problem, solution)
-    C = curvature.response_of(chosen)[0][chosen]
-    counts = (sum(n.values()) for n in (curvature.active, curvature.ambiguous))
-    return (C + C.T) / 2, *counts
-
-
-def _described(curvature, chart, pulls, C, modes, shape, faces) -> Information:
-    matrix, C_mix = inverse(C), modes.covariance
+    matrix, spreading = inverse(C), modes.covariance + doubt
     parts = {
         name: matrix @ (pulls.T @ (H @ pulls)) @ matrix
         for name, H in curvature.hessians.items()
     }
-    terms = curvature.problem.terms
-    words, directions = _lost(chart, C_mix, shape, faces)
+    terms = problem.terms
+    words, directions = _lost(chart, spreading, shape, faces)
     return Information(
         names=chart.names,
         matrix=matrix,
-        spread=C_mix,
+        spread=spreading,
         parts=parts,
         roles={name: terms[name].role or "constraint" for name in parts},
         modes=modes,
@@ -161,6 +142,25 @@ def _described(curvature, chart, pulls, C, modes, shape, faces) -> Information:
         ambiguous=curvature.ambiguous,
         indefinite=_indefinite(curvature),
     )
+
+
+def _rival(other, shape, R_wg):
+    """Return z, R, objective and covariance of another local optimum."""
+    problem, solution, window = other
+    chart = chart_of(problem, solution, window, shape, R_wg)
+    C, *_ = reduced_covariance(problem, solution, chart.chosen)
+    return chart.z, chart.R, solution.objective, chart.tangent @ C @ chart.tangent.T
+
+
+def reduced_covariance(problem, solution, chosen: np.ndarray):
+    """Return covariance of the chosen unknowns (SI), active and ambiguous counts.
+
+    chosen: indices into the vector of all unknowns.
+    """
+    curvature = curvature_of(problem, solution)
+    C = curvature.response_of(chosen)[0][chosen]
+    counts = (sum(n.values()) for n in (curvature.active, curvature.ambiguous))
+    return (C + C.T) / 2, *counts
 
 
 def inverse(C) -> np.ndarray:

@@ -114,7 +114,7 @@ def programme_of(estimate) -> Programme:
     data, h = smoothed(data, precision), estimate.origin
     window = reduce(
         data, scene, shape, precision, Reductions(**estimate.reductions),
-        guess=(h.theta, h.x),
+        guess=(h.theta, h.x), cuts=estimate.cuts,
     )  # fmt: skip
     build = builder(page, shape, scene)
     problem = build(window)

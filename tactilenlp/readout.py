@@ -64,6 +64,7 @@ def read_off(
         ),
         precision=asdict(job.precision),
         reductions=asdict(solved.job.reductions),
+        cuts=tuple(int(i) for i in solved.job.cuts),
         origin=solved.hypothesis,
         hypotheses=tuple(kept),
         versions=versions(),

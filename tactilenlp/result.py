@@ -53,8 +53,8 @@ class Estimate:
     sample, world frame; impulses by contact, (T, 3) [N s] on the object, world frame,
     over (t-1, t]; unknowns, costs, violations, multipliers by name; hypotheses, best
     first, for the next action; information about shape and final pose.  origin: the
-    hypothesis it was solved from, and reductions in use: with them the programme can
-    be built again.
+    hypothesis it was solved from; reductions and cuts in use: with them the programme
+    can be built again.
     """
 
     measurements: Measurements
@@ -84,6 +84,7 @@ class Estimate:
     information: Information
     precision: dict[str, float]
     reductions: dict[str, bool]
+    cuts: tuple[int, ...]
     origin: Hypothesis
     hypotheses: tuple[Hypothesis, ...]
     versions: dict[str, str]

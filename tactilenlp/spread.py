@@ -9,7 +9,8 @@ is what each part is known to err: the sensors' noise as it enters (scatter.py),
 smoothed and shared between samples and terms; the model error of touched gaps as the
 page states it, that of normals as far as residuals show it; priors and regularisers by
 their own curvature; physics by a share PHYSICS of its curvature, since its penalties
-are no densities; frictions that were given, to FRICTION; hard ground, to UNEVEN.
+are no densities; frictions that were given, to FRICTION; hard ground, to UNEVEN; faces
+that nothing touched, to UNSEEN.  The shares are measured: they make sigma cover.
 """
 
 from __future__ import annotations
@@ -23,6 +24,9 @@ from .sensitivity import move
 PHYSICS = 0.3  # [-] of the physics' curvature is its error: coverage of 20 recordings
 FRICTION = 0.1  # [-] relative deviation of a coefficient of friction that was given
 UNEVEN = {"ground gap": 1.0}  # [REST] deviation of a corner from the hard ground
+UNSEEN = 2.0  # [position noise] deviation of a face that only physics tells
+TUMBLED = 0.1  # [size] and where it is told by how the object tumbled
+ENOUGH = 3  # contact samples that make a face known
 MEDIAN_2 = 1.1774  # median of the length of a standard normal vector in the plane
 PRIORS = ("prior", "regulariser")
 
@@ -69,6 +73,33 @@ def _model_error(curvature, pulls, held, sensed, window, shape) -> np.ndarray:
     along = np.einsum("ktfc,tfc->ktf", by_position, data.normal).reshape(k, -1)
     across = tangential(by_normal, data.normal).reshape(k, -1)
     return gap * along @ along.T + turn * across @ across.T
+
+
+def unseen(chart, shape, faces, noise: float) -> np.ndarray:
+    """Return the covariance (k, k) of faces that nothing touched, SI.
+
+    What physics tells of them is no Gaussian: an optimum among others, and too small
+    rather than too large where finger paths are noisy (noise [m]).  faces (axes, 2):
+    samples that touched each; a body whose unknowns are no lengths of sides has none.
+    """
+    n, k = shape.theta, len(chart.z)
+    total = np.zeros((k, k))
+    if not getattr(shape, "symmetries", ()):
+        return total
+    for axis in range(n):
+        low, high = np.asarray(faces[axis]) >= ENOUGH
+        low |= chart.turning == 1 and axis == 2  # it lies on the ground
+        if low and high:
+            continue
+        way = np.zeros(k)
+        way[axis] = 1.0
+        places = k - n - chart.turning
+        way[n : n + places] = (int(low) - int(high)) / 2 * chart.R[:places, axis]
+        deviation = UNSEEN * noise
+        if chart.turning == 3:
+            deviation = np.hypot(deviation, TUMBLED * chart.z[axis])
+        total += deviation**2 * np.outer(way, way)
+    return total
 
 
 def residual_of_normals(curvature: Curvature, window, shape) -> float:

@@ -6,6 +6,7 @@ import pytest
 
 from formulations.shape import CUBOID
 from tactilenlp import Estimate, Problem, assumption_sensitivity, observed_information
+from tactilenlp.chart import Chart
 from tactilenlp.curvature import curvature_of
 from tactilenlp.errors import OptionError
 from tactilenlp.gauss_newton import without_downward
@@ -17,6 +18,7 @@ from tactilenlp.rivals import resized
 from tactilenlp.search import Hypothesis
 from tactilenlp.sensitivity import score
 from tactilenlp.solve import SolverOptions, solve
+from tactilenlp.spread import UNSEEN, unseen
 
 UNITS = np.r_[1e3, 1e3, 1e3, 1e3, 1e3, 50.0]  # to mm, a radian as 50 mm
 
@@ -245,3 +247,18 @@ def test_information_survives_a_file(estimate, tmp_path):
     assert np.array_equal(again.information.spread, estimate.information.spread)
     kind = [observed_information(e, "sandwich").matrix for e in (estimate, again)]
     assert np.array_equal(*kind)
+
+
+def test_a_face_that_nothing_touched_is_as_doubtful_as_the_fingers_paths_are_noisy():
+    yaw, noise = 0.7, 1e-3
+    c, s = np.cos(yaw), np.sin(yaw)
+    R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    z = np.r_[0.05, 0.03, 0.04, 0.1, 0.2, yaw]
+    chart = Chart(("",) * 6, np.arange(6), np.eye(6), {}, (), z, R, 1)
+    doubt = unseen(chart, CUBOID, [[9, 9], [9, 0], [0, 9]], noise)
+    assert doubt[1, 1] == pytest.approx((UNSEEN * noise) ** 2)
+    assert doubt[0, 0] == doubt[2, 2] == 0
+    # the face that was touched stays where it is: centre less half the side
+    face = np.r_[0, -0.5, 0, -s, c, 0]
+    assert face @ doubt @ face == pytest.approx(0, abs=1e-15)
+    assert not unseen(chart, CUBOID, [[9, 9], [9, 9], [0, 9]], noise).any()
