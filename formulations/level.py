@@ -7,10 +7,15 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Level:
-    """One solve: parameter values by name, variables held fixed, IPOPT's first mu."""
+    """One solve: parameter values by name, variables held fixed, IPOPT's first mu.
+
+    eliminate: unknowns that `nlp.follow` gives are computed from the others at every
+    evaluation (single shooting), instead of solved for (multiple shooting).
+    """
 
     name: str
     parameters: dict = field(default_factory=dict)
     fixed: tuple[str, ...] = ()
     barrier: float = 1e-2
     iterations: int = 200
+    eliminate: bool = False

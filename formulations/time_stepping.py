@@ -124,10 +124,10 @@ class Sliding:
         """Return where a finger touches [m], and its impulse on the body [N s]."""
         (p, R), (p_1, R_1) = self.pose(theta, x), self.pose(theta, x_1)
         phi = self.finger.gap(self.shape, theta, (p, R), p_wf, rho)
-        n = self.finger.normal(self.shape, theta, (p, R), p_wf, rho)
-        p_w = p_wf - rho * n
+        p_w, n = self.finger.touch(self.shape, theta, (p, R), p_wf, rho)
         lam_n = w * positive_part(-phi / (s * dt), ROUND)
-        v = (p_w - p_1 - R_1 @ (R.T @ (p_w - p)) - p_wf[:3] + p_wf_1[:3]) / dt
+        body_before = p_1 + R_1 @ (R.T @ (p_w - p))
+        v = (self.finger.before(p_w, p_wf, p_wf_1) - body_before) / dt
         return p_w, -lam_n * n + coulomb(mu * lam_n, v - n * ca.dot(v, n), s)
 
     def drag(self, theta, x, x_1, dt, w, mu, s, force, moment):

@@ -21,10 +21,11 @@ from .nlp import Problem
 from .options import Options
 from .precision import precision_of, smoothed
 from .readout import read_off
-from .reduce import Reductions, reduce
+from .reduce import Reductions, flat, insisted, reduce
 from .request import (
     carried,
     check_importable,
+    check_plane,
     check_touched,
     check_types,
     first_guess,
@@ -62,9 +63,10 @@ def solve_estimate(
     """Find shape, poses and impulses that explain what the fingers felt (eq:vimp).
 
     data: Measurements.  scene: what is known (default Scene()).  shape: "cuboid" or a
-    Shape.  formulation: "quasi_static", "violation_implicit", "paper" or a page (module
-    with `build` and `LEVELS`).  start: an earlier Estimate of the first actions, or a
-    Guess.  executor: any concurrent.futures executor; processes, not threads.
+    Shape.  formulation: "quasi_static", "violation_implicit", "multiple_shooting",
+    "shooting", "complementarity", "paper" or a page (module with `build`, `LEVELS`).
+    start: an earlier Estimate of the first actions, or a Guess.  executor: any
+    concurrent.futures executor; processes, not threads.
 
     Raises NoContactError, MeasurementError, OptionError, StartError before any solve,
     and NotConverged or MotionError after it unless `throw` is False.
@@ -74,12 +76,13 @@ def solve_estimate(
         data=(data, Measurements), scene=(scene, Scene), options=(options, Options)
     )
     shape, page = shape_of(shape), page_of(formulation)
+    check_plane(page, scene)
     if executor is not None:
         check_importable(page)
     scene.check(data)
     check_touched(data)
     began, cpu = time.monotonic(), time.process_time()
-    job = _job(data, scene, shape, options, began)
+    job = _job(data, scene, shape, options, began, page)
     kept = [] if start is None else carried(start, data)
     # A search is as lean as it can be, whatever the last solve leaves out.
     search = replace(job, reductions=Reductions(), first=first_guess(start, shape))
@@ -96,7 +99,7 @@ def solve_estimate(
     if options.rivals:
         solved = challenged(job, page, solved, options, _solve)
     best = _certified(job, page, solved[0], options)
-    if "planar" in best.certificates.broken:
+    if "planar" in best.certificates.broken and not flat(page):
         best = _tumbled(job, page, best, options, executor)
     seconds = {**best.solution.seconds, "search": searched}
     seconds["total"] = time.process_time() - cpu
@@ -110,7 +113,7 @@ def solve_estimate(
     return estimate
 
 
-def _job(data, scene, shape, options, began) -> Job:
+def _job(data, scene, shape, options, began, page) -> Job:
     """Return what a solve needs: data in the ground's frame, noisy paths smoothed."""
     ground = scene.ground
     if ground is not None:
@@ -121,7 +124,7 @@ def _job(data, scene, shape, options, began) -> Job:
         made = without(made, ["planar"])
     return Job(
         data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
-        reductions=made, deadline=began + options.time_limit,
+        reductions=insisted(page, made), deadline=began + options.time_limit,
     )  # fmt: skip
 
 

@@ -15,6 +15,7 @@ from functools import cache
 import casadi as ca
 
 from .codegen import compiled
+from .errors import PageError
 
 _cache: dict[str, Kind] = {}
 seconds_deriving = [0.0]
@@ -48,6 +49,21 @@ def kind_of(function: Callable, unknowns: list[int], order: list[tuple]) -> Kind
     if key not in _cache:
         _cache[key] = _derive(value)
     return _cache[key]
+
+
+def kind_named(name, trace, function, sizes, order) -> Kind:
+    """Return `trace` of a function; say whose function it was that failed."""
+    try:
+        return trace(function, sizes, order)
+    except PageError:
+        raise
+    except Exception as error:
+        raise PageError(
+            "the term's function cannot be traced",
+            where=name,
+            got=f"{type(error).__name__}: {error}",
+            expected="a pure CasADi expression of its arguments (column vectors)",
+        ) from error
 
 
 def traced(function: Callable, unknowns: list[int], order: list[tuple]) -> Kind:

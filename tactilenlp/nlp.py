@@ -20,8 +20,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from .assembly import assemble
+from .elimination import Eliminated
 from .errors import PageError
-from .kind import Kind, kind_of, mapped, traced
+from .kind import kind_named, kind_of, mapped, traced
 from .terms import (
     Columns,
     Parameter,
@@ -47,6 +48,7 @@ class Problem:
     costs: dict[str, Term] = field(default_factory=dict)
     constraints: dict[str, Term] = field(default_factory=dict)
     reports: dict[str, Term] = field(default_factory=dict)
+    given: dict[str, np.ndarray] = field(default_factory=dict)  # by constraint, indices
     _data: list[np.ndarray] = field(default_factory=list)
     _data_size: int = 0
 
@@ -102,6 +104,19 @@ class Problem:
         )
         if term is not None:
             self.constraints[name] = term
+
+    def follow(self, name: str, function: Callable, *arguments, gives: Columns) -> None:
+        """Constrain the columns `gives` to be `function` of columns that come before.
+
+        Residuals are in scales of the variable; a level may `eliminate` what is given.
+        """
+        scale = gives.variable.scale
+
+        def residual(*local):
+            return (function(*local[:-1]) - local[-1]) / scale
+
+        self.subject_to(name, residual, *arguments, gives, lower=0, upper=0)
+        self.given[name] = gives.indices
 
     def report(self, name: str, function: Callable, *arguments) -> None:
         """Name a quantity to be read off a solution; it costs nothing to solve."""
@@ -214,10 +229,15 @@ class Problem:
         terms = self.terms.values()
         return assemble(terms, self.scale, self._data_size, self.rows)
 
+    @cached_property
+    def eliminated(self) -> Eliminated:
+        """The programme in the unknowns that no other ones give."""
+        return Eliminated(self)
+
     # -- making terms -----------------------------------------------------------------
     def _new(self, name: str, table: dict) -> None:
-        self.__dict__.pop("functions", None)
-        self.__dict__.pop("scale", None)
+        for made in ("functions", "scale", "eliminated"):
+            self.__dict__.pop(made, None)
         if name in table:
             raise PageError("declared twice", where=name, next="give it another name")
 
@@ -247,7 +267,7 @@ class Problem:
             kept.append(np.broadcast_to(indices, (instances, indices.shape[1])))
             order.append((role_of, indices.shape[1]))
         sizes = [indices.shape[1] for indices in unknowns]
-        kind = _trace(name, trace, function, sizes, order)
+        kind = kind_named(name, trace, function, sizes, order)
         if role is not None and kind.rows != 1:
             raise PageError(
                 "a cost is one number", where=name, got=kind.rows, expected="1 row"
@@ -277,17 +297,3 @@ class Problem:
         values = table(argument, name)
         first = self._append_data(values)
         return first + np.arange(values.size).reshape(values.shape)
-
-
-def _trace(name, trace, function, sizes, order) -> Kind:
-    try:
-        return trace(function, sizes, order)
-    except PageError:
-        raise
-    except Exception as error:
-        raise PageError(
-            "the term's function cannot be traced",
-            where=name,
-            got=f"{type(error).__name__}: {error}",
-            expected="a pure CasADi expression of its arguments (column vectors)",
-        ) from error

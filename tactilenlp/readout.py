@@ -106,6 +106,10 @@ def impulses(problem, window, solution, data, scene) -> dict[str, np.ndarray]:
         carried = problem.value("ground impulse", x, values) @ turn
         rows = window.step.sample[window.corner.step]
         out["ground"] = by_sample(carried, rows, T)
+    elif "impulse" in problem.reports:  # of all contacts: what fingers leave over
+        whole = problem.value("impulse", x, values) @ turn
+        out["ground"] = by_sample(whole, window.step.sample, T)
+        out["ground"] -= sum(out[f"finger {i}"] for i in range(data.fingers))
     return out
 
 

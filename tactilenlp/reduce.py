@@ -11,7 +11,7 @@ Each can be switched off alone; `certify.py` checks them after the solve.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import casadi as ca
 import numpy as np
@@ -58,6 +58,16 @@ class Reductions:
                 expected=f"True, False or names to switch off among {names}",
             )
         return cls(**{name: name not in off for name in names})
+
+
+def insisted(page, reductions: Reductions) -> Reductions:
+    """Return the reductions with those switched on or off that a page insists on."""
+    return replace(reductions, **getattr(page, "REDUCTIONS", {}))
+
+
+def flat(page) -> bool:
+    """Tell whether a page states planar motion only."""
+    return getattr(page, "REDUCTIONS", {}).get("planar", False)
 
 
 def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> Window:

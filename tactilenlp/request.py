@@ -9,13 +9,17 @@ import numpy as np
 
 from formulations.shape import CUBOID, Shape
 
-from .errors import NoContactError, OptionError, StartError
+from .errors import NoContactError, OptionError, SceneError, StartError
 from .guess import Guess
 from .hypothesis import Hypothesis
+from .reduce import flat
 from .result import Estimate
 
 SHAPES = {"cuboid": CUBOID}
-FORMULATIONS = ("quasi_static", "violation_implicit", "paper")
+FORMULATIONS = (
+    *("quasi_static", "violation_implicit", "paper"),
+    *("shooting", "multiple_shooting", "complementarity"),
+)
 
 
 def shape_of(shape) -> Shape:
@@ -44,6 +48,18 @@ def page_of(formulation):
                 f"a page needs {name}", where="formulation", got=repr(formulation)
             )
     return formulation
+
+
+def check_plane(page, scene) -> None:
+    """Raise SceneError where a page of planar motion is asked without a ground."""
+    if scene.ground is None and flat(page):
+        raise SceneError(
+            "this page knows planar motion only",
+            where="scene.ground",
+            got="None",
+            expected="a ground on which the object slides",
+            next='use formulation="violation_implicit"',
+        )
 
 
 def check_importable(page) -> None:

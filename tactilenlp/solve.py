@@ -94,9 +94,9 @@ class Solution:
     iterations_by_level: tuple[int, ...] = ()
 
 
-def make_solver(problem: Problem, options: SolverOptions) -> ca.Function:
+def make_solver(problem, options: SolverOptions, eliminate=False) -> ca.Function:
     """Return IPOPT for this problem; solvers of one problem share its derivatives."""
-    functions = problem.functions
+    functions = (problem.eliminated if eliminate else problem).functions
     exact = {k: functions[k] for k in ("grad_f", "jac_g", "hess_lag")}
     settings = options.for_nlpsol() | exact
     try:
@@ -119,14 +119,17 @@ def solve(
     fixed: tuple[str, ...] = (),
     throw: bool = True,
     solver: ca.Function | None = None,
+    eliminate: bool = False,
 ) -> Solution:
     """Minimise from `start` (by name, SI; else the guesses) with some variables fixed.
+
+    eliminate: compute the unknowns that `follow` gives, instead of solving for them.
 
     Raises NotConverged unless the solver succeeded or `throw` is False.
     """
     options = options or SolverOptions()
     began = time.process_time()
-    solver = solver or make_solver(problem, options)
+    solver = solver or make_solver(problem, options, eliminate)
     built = time.process_time() - began
     scale, data = problem.scale, problem.data(parameters)
     x0 = problem.pack(start or {})
@@ -143,20 +146,26 @@ def solve(
     for name in fixed:
         span = problem.variables[name].span
         lower[span] = upper[span] = x0[span]
+    free = problem.eliminated.free if eliminate else slice(None)
+    kept = problem.eliminated.kept if eliminate else slice(None)
     began = time.process_time()
     out = solver(
-        x0=x0 / scale,
+        x0=(x0 / scale)[free],
         p=data,
-        lbx=lower / scale,
-        ubx=upper / scale,
-        lbg=problem.limits("lower"),
-        ubg=problem.limits("upper"),
+        lbx=(lower / scale)[free],
+        ubx=(upper / scale)[free],
+        lbg=problem.limits("lower")[kept],
+        ubg=problem.limits("upper")[kept],
     )
     stats = solver.stats()
-    seconds = {"build": built, "solve": time.process_time() - began}
-    x = np.asarray(out["x"]).ravel() * scale
-    lam_x = np.asarray(out["lam_x"]).ravel() / scale
+    x, lam_x = x0.copy(), np.zeros(problem.size)
+    x[free] = np.asarray(out["x"]).ravel() * scale[free]
+    lam_x[free] = np.asarray(out["lam_x"]).ravel() / scale[free]
     lam_g = np.asarray(out["lam_g"]).ravel()
+    if eliminate:
+        x = problem.eliminated.complete(x, data)
+        lam_g = problem.eliminated.multipliers(x, data, lam_g)
+    seconds = {"build": built, "solve": time.process_time() - began}
     solution = _recompute(problem, x, data, lam_g, lam_x, stats, seconds)
     solution = replace(
         solution,
@@ -190,9 +199,10 @@ def solve_levels(
     for level in levels:
         chosen = replace(options, barrier=level.barrier, iterations=level.iterations)
         key = (level.barrier, level.iterations, options.tolerance, options.time_limit)
+        key += (level.eliminate,)
         began = time.process_time()
         if key not in solvers:
-            solvers[key] = make_solver(problem, chosen)
+            solvers[key] = make_solver(problem, chosen, level.eliminate)
         seconds["build"] += time.process_time() - began
         solution = solve(
             problem,
@@ -202,6 +212,7 @@ def solve_levels(
             fixed=level.fixed,
             throw=False,
             solver=solvers[key],
+            eliminate=level.eliminate,
         )
         start = solution.values
         iterations.append(solution.iterations)

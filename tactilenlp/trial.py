@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from .hypothesis import Hypothesis, Job
 from .nlp import Problem
-from .reduce import reduce
+from .reduce import insisted, reduce
 from .solve import SolverOptions, solve_levels
 
 ROUGH = 1e-3  # tolerance of a page's solves that only rank
@@ -21,8 +21,8 @@ LONGEST = 60.0  # [s] of one solve
 
 def posed(job: Job, page, guess=None):
     """Return the problem that a page poses of a job's data, and the window."""
-    known = job.scene, job.shape, job.precision, job.reductions
-    window = reduce(job.data, *known, guess)
+    made = insisted(page, job.reductions)
+    window = reduce(job.data, job.scene, job.shape, job.precision, made, guess)
     problem = Problem()
     page.build(problem, window, job.scene, job.shape)
     return problem, window

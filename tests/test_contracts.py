@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MACHINE = (
-    *("kind", "codegen", "terms", "assembly", "nlp", "solve"),
+    *("kind", "codegen", "terms", "assembly", "elimination", "nlp", "solve"),
     *("checkup", "differences", "description"),
 )
 TACTILE = re.compile(

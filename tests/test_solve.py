@@ -238,6 +238,7 @@ class Level:
     fixed: tuple = ()
     barrier: float = 1e-2
     iterations: int = 200
+    eliminate: bool = False
 
 
 def test_levels_start_where_the_one_before_ended_and_add_up():

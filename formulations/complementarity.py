@@ -1,0 +1,174 @@
+r"""eq:loss_const with the physics as hard constraints: complementarity, relaxed.
+
+    min  sum_t L_t(theta, x_t)                                   what was felt, eq:loss
+    s.t. |momentum_change_k - sum of impulses| <= slack          x_{t+1} = f(x, lam, r)
+         phi >= 0,  lam_n >= 0,   lam_n phi               <= eps        complementarity
+         |lam_t| <= mu lam_n,     mu lam_n |v_s| + v_s . lam_t <= eps       dissipation
+                                  lam_n v_n               <= eps           inelasticity
+    over theta, x_k, lam_k
+
+Scholtes' relaxation: eps [weights mm] falls from level to level to what is left at the
+end; the cone is exact.  What was felt, what is known and which impulses there are is
+that of violation_implicit.py, where the same products are penalties.  Of the ground in
+planar motion phi = 0 holds by construction.
+
+Departures, named:
+  |v_s|       is rounded by `STILL`, from below: sqrt(v^2 + s^2) - s
+  cone        (mu lam_n)^2 - |lam_t|^2 >= -APEX^2: exact but for an apex without slope
+  phi         of a felt finger, over the `depth` of the likelihood
+  noise       of finger positions enters as it is: nothing gives way
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import casadi as ca
+
+from . import contact
+from .finger_contact import FingerContact
+from .friction import excess, friction, impulses, least
+from .ground_contact import GroundContact
+from .level import Level
+from .rigid_body import momentum_change
+from .violation_implicit import ARM, G, felt
+
+# Of free motion and of contacts without friction nothing has been tried.
+REDUCTIONS = {"planar": True, "frictionless": False}
+LEVELS = (
+    Level("impulses", {"eps": 10.0, "slack": 3.0}, ("theta", "x"), barrier=0.1),
+    Level("loose", {"eps": 1.0, "slack": 0.3}, barrier=0.1),
+    Level("closer", {"eps": 0.1, "slack": 0.03}),
+    Level("close", {"eps": 0.01, "slack": 0.003}),
+    Level("tight", barrier=1e-3),
+)
+SLACK = 3e-4  # [weights] that may be missing in a balance at the end
+EPS = 1e-3  # [weights mm] of every relaxed product at the end
+STILL = 3e-3  # [m/s] rounds the sliding speed, as in violation_implicit.py
+APEX = 3e-3  # [weights] by which the apex of the cone is rounded
+LIFT = 1e-3  # [m] unit of gaps and ways
+
+
+def build(nlp, window, scene, shape):
+    """Fill `nlp` with what was felt, and the physics of every step as constraints."""
+    theta, x = felt(nlp, window, shape)
+    eps = nlp.parameter("eps", EPS, "weights mm")
+    slack = nlp.parameter("slack", SLACK, "weights")
+    fingers = FingerContact(shape, window.motion, window.finger)
+    ground = GroundContact(shape, window.motion)
+    step, push, corner = window.step, window.push, window.corner
+    w = scene.mass * G * step.dt  # (steps,) [N s]
+    w_f, w_g = w[push.step], w[corner.step]
+    size = w.mean() if len(w) else scene.mass * G
+    share = w_g / max(1, len(shape.corners))
+    lam = impulses(nlp, "finger", w_f, size, size / 10)
+    lam_g = impulses(nlp, "ground", w_g, size, share)
+    mu = friction(nlp, "finger friction", scene.friction_finger)
+    mu_g = friction(nlp, "ground friction", scene.friction_ground)
+    balance(nlp, window, scene, fingers, ground, theta, x, lam, lam_g, w, slack)
+
+    def now(s):
+        return theta, x[:, step.knot[s]], x[:, step.before[s]], step.dt[s]
+
+    at = push.p_wf, push.p_wf_1, push.radius, push.tangent
+    speed = partial(finger_speed, fingers)
+    sliding(nlp, "finger", speed, now(push.step), w_f, lam, mu, eps, at)
+    parting(nlp, fingers, speed, now(push.step), w_f, lam, eps, at)
+    at, speed = (corner.signs,), partial(corner_speed, ground)
+    sliding(nlp, "ground", speed, now(corner.step), w_g, lam_g, mu_g, eps, at)
+    s = push.step
+    nlp.report(
+        "finger impulse", fingers.impulse, theta, x[:, step.knot[s]], lam, push.p_wf,
+        push.radius, push.tangent,
+    )  # fmt: skip
+    nlp.report("ground impulse", ground.impulse, lam_g)
+
+
+def balance(nlp, window, scene, fingers, ground, theta, x, lam, lam_g, w, slack):
+    """Constrain every step: change of momentum is the sum of impulses, in weights."""
+    step, push, corner = window.step, window.push, window.corner
+
+    def imbalance(corners, theta, x, x_1, x_2, dt, w, slack, *contacts):
+        linear, angular = momentum_change(
+            fingers.shape, window.motion, theta, x, x_1, x_2, dt
+        )
+        force = scene.mass * (linear + ca.vertcat(0, 0, scene.gravity * dt))
+        moment = scene.mass * angular
+        for i in range(0, 2 * corners, 2):
+            impulse, turning = ground.wrench(theta, x, *contacts[i : i + 2])
+            force, moment = force - impulse, moment - turning
+        for i in range(2 * corners, len(contacts), 4):
+            impulse, turning = fingers.wrench(theta, x, *contacts[i : i + 4])
+            force, moment = force - impulse, moment - turning
+        off = ca.vertcat(force, moment / ARM) / w
+        return ca.vertcat(slack - off, slack + off)
+
+    for count, g in window.groups.items():
+        s, contacts = g.steps, []
+        for c in g.corners.T:
+            contacts += [lam_g[:, c], corner.signs[c]]
+        for j in g.pushes.T:
+            contacts += [lam[:, j], push.p_wf[j], push.radius[j], push.tangent[j]]
+        nlp.subject_to(
+            f"balance, {count} pushing", partial(imbalance, g.corners.shape[1]), theta,
+            x[:, step.knot[s]], x[:, step.before[s]], x[:, step.before_2[s]],
+            step.dt[s], w[s], slack, *contacts, lower=0,
+        )  # fmt: skip
+
+
+def finger_speed(fingers, theta, x, x_1, dt, p_wf, p_wf_1, rho, t):
+    """Return v_n, v_s (2,) [m/s] of the body against a finger; v_n > 0 parts."""
+    p_w, n, (t_1, t_2) = fingers.touch(theta, x, p_wf, rho, t)
+    (p, R), (p_1, R_1) = (
+        fingers.motion.pose(fingers.shape, theta, c) for c in (x, x_1)
+    )
+    body_before = p_1 + R_1 @ (R.T @ (p_w - p))
+    v = (fingers.finger.before(p_w, p_wf, p_wf_1) - body_before) / dt
+    return -ca.dot(v, n), ca.vertcat(ca.dot(v, t_1), ca.dot(v, t_2))
+
+
+def corner_speed(ground, theta, x, x_1, dt, signs):
+    """Return v_n, v_s (2,) [m/s] of a corner against the ground."""
+    v = (ground.corner(theta, x, signs) - ground.corner(theta, x_1, signs)) / dt
+    return v[2], v[:2]
+
+
+def sliding(nlp, name, speed, now, w, lam, mu, eps, where):
+    """Add the friction cone, and maximum dissipation within eps."""
+
+    def dissipation(theta, x, x_1, dt, w, lam, mu, eps, *where):
+        _, v_s = speed(theta, x, x_1, dt, *where)
+        loss = contact.dissipation(mu, lam, v_s, STILL) - mu * lam[0] * STILL
+        return loss * dt / (w * LIFT) - eps
+
+    def cone(lam, mu, w):
+        return contact.cone_squared(mu, lam / w) + APEX**2
+
+    nlp.subject_to(
+        f"{name} dissipation", dissipation, *now, w, lam, mu, eps, *where, upper=0
+    )
+    nlp.subject_to(f"{name} cone", cone, lam, mu, w, lower=0)
+    nlp.report(f"{name} cone, exact", excess, lam, mu, w)
+    nlp.minimize(f"least {name} impulse", least, lam, w, role="regulariser")
+
+
+def parting(nlp, fingers, speed, now, w, lam, eps, where):
+    """Add non-penetration; complementarity and inelasticity within eps."""
+    theta, x, *_ = now
+    depth = nlp.variables["depth"]
+
+    def gap(theta, x, depth, p_wf, _, rho, *__):
+        pose = fingers.motion.pose(fingers.shape, theta, x)
+        return (
+            fingers.finger.gap(fingers.shape, theta, pose, p_wf, rho) + depth
+        ) / LIFT
+
+    def products(theta, x, x_1, dt, w, lam, depth, eps, *where):
+        v_n, _ = speed(theta, x, x_1, dt, *where)
+        both = ca.vertcat(gap(theta, x, depth, *where), v_n * dt / LIFT)
+        return lam[0] / w * both - eps
+
+    nlp.subject_to("finger gap", gap, theta, x, depth, *where, lower=0)
+    nlp.subject_to(
+        "finger complementarity", products, *now, w, lam, depth, eps, *where, upper=0
+    )

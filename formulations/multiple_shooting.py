@@ -1,0 +1,65 @@
+r"""eq:loss_const by multiple shooting: every pose an unknown, every step a constraint.
+
+    min  sum_t L_t(theta, x_t)                                what was felt, eq:loss
+    s.t. x_{t+1} = f_theta(x_t, x_{t-1}, r_t)                 time_stepping.py
+    over theta, x_t
+
+What the fingers felt and what was known is that of violation_implicit.py.  Contact is
+whatever f computes: fingers push where they are, also where they felt nothing, so that
+no sample may be left out and no still span shares a pose (REDUCTIONS); noise of finger
+positions enters f as it is.  f is rounded over `still`; the levels sharpen it.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from .friction import friction
+from .level import Level
+from .rigid_body import momentum_change
+from .time_stepping import STILL, G, Sliding
+from .violation_implicit import felt
+
+# What these equations insist on, whatever the options say.
+REDUCTIONS = {"planar": True, "still": False, "far": False, "absent": False}
+LEVELS = (
+    Level("soft", {"still": 20e-3, "touch scale": 2e-3, "normal scale": 0.2}),
+    Level("sharp", barrier=1e-3),
+)
+
+
+def build(nlp, window, scene, shape):
+    """Fill `nlp` with eq:loss_const, a defect for every step."""
+    theta, x = felt(nlp, window, shape)
+    body = Sliding(shape, window.finger, scene.mass, scene.gravity)
+    mu = friction(nlp, "finger friction", scene.friction_finger)
+    mu_g = friction(nlp, "ground friction", scene.friction_ground)
+    still = nlp.parameter("still", STILL, "m/s")
+    step, push = window.step, window.push
+    for count, g in window.groups.items():
+        s, fingers = g.steps, []
+        for j in g.pushes.T:
+            fingers += [push.p_wf[j], push.p_wf_1[j], push.radius[j]]
+        nlp.follow(
+            f"motion, {count} fingers", body.step, theta, x[:, step.before[s]],
+            x[:, step.before_2[s]], step.dt[s], mu, mu_g, still, *fingers,
+            gives=x[:, step.knot[s]],
+        )  # fmt: skip
+
+    def pushed(theta, x, x_1, dt, mu, still, p_wf, p_wf_1, rho):
+        w = scene.mass * G * dt
+        return body.push(theta, x, x_1, dt, w, mu, still, p_wf, p_wf_1, rho)[1]
+
+    def whole(theta, x, x_1, x_2, dt):
+        linear, _ = momentum_change(shape, window.motion, theta, x, x_1, x_2, dt)
+        return scene.mass * (linear + ca.vertcat(0, 0, scene.gravity * dt))
+
+    s = push.step
+    nlp.report(
+        "finger impulse", pushed, theta, x[:, step.knot[s]], x[:, step.before[s]],
+        step.dt[s], mu, still, push.p_wf, push.p_wf_1, push.radius,
+    )  # fmt: skip
+    nlp.report(
+        "impulse", whole, theta, x[:, step.knot], x[:, step.before],
+        x[:, step.before_2], step.dt,
+    )  # fmt: skip

@@ -1,0 +1,203 @@
+"""Single and multiple shooting, complementarity: one body, three programmes."""
+
+import importlib
+from types import SimpleNamespace
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from formulations import complementarity, multiple_shooting, shooting
+from formulations.shape import CUBOID
+from tactilenlp import Options, Scene, solve_estimate
+from tactilenlp.errors import PageError, SceneError
+from tactilenlp.nlp import Problem
+from tactilenlp.precision import precision_of
+from tactilenlp.reduce import Reductions, insisted, reduce
+from tactilenlp.solve import SolverOptions, solve, solve_levels
+
+STEPS, DT = 20, 0.05
+
+
+def braked(target):
+    """Reach a target in STEPS by throwing a ball against drag, rate and size free."""
+    problem = Problem()
+    drag = problem.variable("drag", 1, lower=0, guess=0.5, unit="1/s", scale=0.1)
+    state = problem.variable(
+        "state", 2, STEPS + 1, guess=[1.0, 0.3], unit="m, m/s", scale=[0.1, 1.0]
+    )
+    now, before = np.arange(1, STEPS + 1), np.arange(STEPS)
+
+    def after(drag, s):
+        v = s[1] / (1 + DT * drag * ca.sqrt(1 + s[1] ** 2))
+        return ca.vertcat(s[0] + DT * v, v)
+
+    problem.follow("motion", after, drag, state[:, before], gives=state[:, now])
+    problem.minimize(
+        "miss", lambda s, p: (s[0] - p) ** 2 / 2e-2, state[:, now], target,
+        role="likelihood",
+    )  # fmt: skip
+    problem.minimize("size", lambda d: (d - 1) ** 2 / 2, drag, role="prior")
+    problem.subject_to("start", lambda s: s[0], state[:, 0], lower=0, upper=0.2)
+    return problem
+
+
+def test_elimination_ends_where_the_whole_programme_does():
+    """Same optimum, same multipliers: shooting against all states as unknowns."""
+    target = 0.9 * (1 - np.exp(-2 * DT * np.arange(1, STEPS + 1)))
+    problem, options = braked(target), SolverOptions(tolerance=1e-9)
+    whole = solve(problem, options)
+    reduced = solve(problem, options, eliminate=True)
+    assert len(problem.eliminated.free) == 3
+    assert reduced.objective == pytest.approx(whole.objective, rel=1e-7)
+    for name, value in whole.values.items():
+        np.testing.assert_allclose(reduced.values[name], value, atol=1e-6)
+    for name, value in whole.multipliers.items():
+        np.testing.assert_allclose(reduced.multipliers[name], value, atol=1e-4)
+    assert max(reduced.violations.values()) < 1e-12
+
+
+def test_the_eliminated_gradient_and_hessian_are_exact():
+    problem = braked(np.linspace(0.1, 1.0, STEPS))
+    functions, data = problem.eliminated.functions, problem.data()
+    u, lam, h = np.array([12.0, 0.5, 1.7]), np.array([0.7]), 1e-6
+    u = u[np.argsort(problem.eliminated.free)]
+
+    def slope(u):
+        out = [np.asarray(f).ravel() for f in functions["grad_f"](u, data)]
+        jac = np.asarray(functions["jac_g"](u, data)[1])
+        return out[0][0], out[1], out[1] + jac.T @ lam
+
+    ways = h * np.eye(3)
+    by_hand = [(slope(u + e)[0] - slope(u - e)[0]) / (2 * h) for e in ways]
+    np.testing.assert_allclose(slope(u)[1], by_hand, rtol=1e-6)
+    by_hand = [(slope(u + e)[2] - slope(u - e)[2]) / (2 * h) for e in ways]
+    H = np.asarray(ca.DM(functions["hess_lag"](u, data, 1.0, lam)))
+    H = H + np.triu(H, 1).T
+    np.testing.assert_allclose(H, by_hand, rtol=1e-5, atol=1e-6 * np.abs(H).max())
+
+
+def test_what_follows_from_itself_is_refused():
+    problem = Problem()
+    x = problem.variable("x", 1, 2, guess=0.0, unit="m", scale=1.0)
+    problem.follow("forth", lambda x: 2 * x, x[:, 0], gives=x[:, 1])
+    problem.follow("back", lambda x: 2 * x, x[:, 1], gives=x[:, 0])
+    with pytest.raises(PageError, match="follow from each other"):
+        _ = problem.eliminated
+    empty = Problem()
+    empty.variable("x", 1, guess=0.0, unit="m", scale=1.0)
+    with pytest.raises(PageError, match="nothing to eliminate"):
+        _ = empty.eliminated
+
+
+@pytest.fixture(scope="module")
+def begun(recorded):
+    """The first two actions, and the pages' problems from a start near the truth."""
+    data, scene, truth = recorded
+    data = data.select([0, 1])
+    T, precision = data.samples, precision_of(data, scene)
+    turn = Rotation.from_quat(np.roll(truth["object_quaternion"][:T], -1, axis=1))
+    yaw = np.unwrap(turn.as_euler("zyx")[:, 0])
+    x = np.vstack([truth["object_position"][:T, :2].T, yaw])
+    theta, x = truth["side_lengths"] * 1.05, x + np.c_[[1e-3, -1e-3, 0.03]]
+
+    def solved(page):
+        made = insisted(page, Reductions())
+        known = (data, scene, CUBOID, precision, made)
+        window, problem = reduce(*known, guess=(theta, x)), Problem()
+        page.build(problem, window, scene, CUBOID)
+        start = {"theta": theta, "x": x[:, window.last]}
+        return SimpleNamespace(
+            problem=problem, window=window,
+            solution=solve_levels(problem, page.LEVELS, start),
+        )  # fmt: skip
+
+    return solved
+
+
+def test_single_and_multiple_shooting_find_the_same_motion(begun, recorded):
+    single, multiple = begun(shooting), begun(multiple_shooting)
+    assert single.solution.success
+    assert multiple.solution.success
+    # Equal programmes: what is left is the tolerance of two solves.
+    assert single.solution.objective == pytest.approx(
+        multiple.solution.objective, abs=1e-3
+    )
+    assert single.solution.violations["motion, 2 fingers"] < 1e-9
+    theta = recorded[2]["side_lengths"]
+    for found in (single, multiple):
+        # y and z are touched on both sides; x is the prior's yet.
+        off = found.solution.values["theta"][1:, 0] - theta[1:]
+        assert np.abs(off).max() < 0.5e-3
+
+
+def test_complementarity_is_solved_to_a_small_residual(begun):
+    found = begun(complementarity)
+    assert found.solution.success
+    assert max(found.solution.violations.values()) < 1e-5
+    problem, solution = found.problem, found.solution
+    x, data = problem.pack(solution.values), problem.data(solution.parameters)
+    for name in ("finger", "ground"):
+        outside = problem.value(f"{name} cone, exact", x, data).max()
+        assert outside <= complementarity.APEX * 1.01
+    gap = problem.value("finger gap", x, data)
+    assert gap.min() > -1e-6
+
+
+EDITED = """
+from formulations import multiple_shooting, shooting
+from formulations.shooting import LEVELS, REDUCTIONS
+
+
+def build(nlp, window, scene, shape):
+    shooting.build(nlp, window, scene, shape)
+    nlp.minimize(
+        "flat prior", lambda theta: ((theta[0] - 0.02) / 1e-3) ** 2 / 2,
+        nlp.variables["theta"], role="prior",
+    )
+"""
+
+
+def test_an_edited_equation_reaches_estimate_and_information(
+    recorded, tmp_path, monkeypatch
+):
+    """A page of a user: a narrow prior on side x, nothing else is changed."""
+    (tmp_path / "my_shooting.py").write_text(EDITED)
+    monkeypatch.syspath_prepend(tmp_path)
+    page = importlib.import_module("my_shooting")
+    data, scene, _ = recorded
+    lean, data = Options(hypotheses=1, starts=2), data.select([0])
+    mine = solve_estimate(data, scene, formulation=page, options=lean)
+    plain = solve_estimate(data, scene, formulation="shooting", options=lean)
+    assert mine.side_lengths[0] == pytest.approx(0.02, abs=2e-3)
+    assert abs(plain.side_lengths[0] - 0.02) > 5e-3
+    assert mine.costs["flat prior"] < 1
+    sigma = [e.information.sigma("side_lengths")[0] for e in (mine, plain)]
+    assert sigma[0] < 1.1e-3 < 3e-3 < sigma[1]
+
+
+def test_the_impulses_of_shooting_balance_the_motion(recorded):
+    data, scene, _ = recorded
+    lean = Options(hypotheses=1, starts=2)
+    e = solve_estimate(
+        data.select([0]), scene, formulation="multiple_shooting", options=lean
+    )
+    total = sum(e.impulses.values())
+    v = np.diff(e.position, axis=0) / data.dt
+    change = scene.mass * np.diff(v, axis=0)
+    # The ground also carries the weight.
+    change[:, 2] += scene.mass * scene.gravity * data.dt
+    np.testing.assert_allclose(total[2:], change, atol=1e-9)
+    assert (
+        np.abs(e.impulses["finger 0"]).max() + np.abs(e.impulses["finger 1"]).max()
+        > 0.1 * scene.mass * scene.gravity * data.dt
+    )
+
+
+def test_a_page_of_planar_motion_asks_for_a_ground(recorded):
+    with pytest.raises(SceneError, match="planar"):
+        solve_estimate(
+            recorded[0].select([0]), Scene(ground=None, gravity=0.0),
+            formulation="shooting",
+        )  # fmt: skip
