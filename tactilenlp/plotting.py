@@ -1,4 +1,4 @@
-"""Draw estimates with matplotlib: pictures for people, in millimetres.
+"""Draw object, fingers and contacts with matplotlib: for people, in millimetres.
 
 Blue was touched, grey was not, a dashed line is the truth, each finger has a colour.
 Every function returns the figure and draws into `axis` where one is given.  `truth`, a
@@ -8,7 +8,7 @@ dict or dataclass, has position, quaternion (wxyz) and side_lengths like an Esti
 import matplotlib.pyplot as plt
 import numpy as np
 import trimesh
-from matplotlib.colors import LightSource
+from matplotlib.colors import LightSource, ListedColormap, LogNorm
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from scipy.spatial import ConvexHull
@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from .information import ENOUGH
 from .result import Estimate
+from .surface import KNOWN, UNKNOWN, face_sigma, information_colour, polygons
 
 # Colours that the colour-blind tell apart (Okabe and Ito, "Color Universal Design").
 TOUCHED, UNTOUCHED, BAND, TRUTH = "#0072B2", "#B5B5B5", "#56B4E9", "#D55E00"
@@ -31,6 +32,10 @@ ARROW, GRID = 7.0, 10.0  # [mm] length of a normal, spacing of the ground's line
 ELEVATION, AZIMUTH = 28.0, -58.0  # [deg] from where a scene is seen
 EYE = Rotation.from_euler("yz", [-ELEVATION, AZIMUTH], degrees=True).apply([1, 0, 0])
 LIGHT = LightSource(azdeg=145, altdeg=50)
+LABEL = {
+    "ha": "center", "va": "center", "fontsize": 7,
+    "bbox": {"boxstyle": "round,pad=0.2", "fc": "w", "ec": "none", "alpha": 0.8},
+}  # fmt: skip
 BELOW = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.12), "ncols": 2}
 WORDS, SIGMA = {True: "face touched", False: "face not touched"}, "±1σ of each face"
 
@@ -39,9 +44,9 @@ WORDS, SIGMA = {True: "face touched", False: "face not touched"}, "±1σ of each
 def plot_scene(estimate: Estimate, sample: int = -1, truth=None, axis=None) -> Figure:
     """Draw what is seen of object, fingers and contacts at a sample, in 3-D."""
     axis = axis or plt.figure(figsize=(4.6, 3.6)).add_subplot(projection="3d")
-    _draw_scene(axis, estimate, sample, truth, _view(estimate, [sample]))
+    draw_scene(axis, estimate, sample, truth, view_of(estimate, [sample]))
     axis.set_title(_when(estimate.measurements, sample))
-    return _with_key(axis, axis, **BELOW)
+    return with_key(axis, axis, **BELOW)
 
 
 @plt.rc_context(STYLE)
@@ -53,71 +58,60 @@ def plot_top(estimate: Estimate, sample: int = -1, truth=None, axis=None) -> Fig
     all actions are carried along with the object; those of the sample's action are big.
     """
     axis = axis or plt.figure(figsize=(4.5, 4.9)).subplots()
-    _draw_top(axis, estimate, sample, truth, _view(estimate, [sample]))
-    return _with_key(axis, axis, **BELOW)
+    draw_top(axis, estimate, sample, truth, view_of(estimate, [sample]))
+    return with_key(axis, axis, **BELOW)
+
+
+@plt.rc_context(STYLE)
+def plot_information(estimate: Estimate, axis=None) -> Figure:
+    """Draw how well each face is known at the last sample: blue hardly, red well.
+
+    A face has the standard deviation of its middle along its normal.
+    """
+    axis = axis or plt.figure(figsize=(4.6, 3.6)).add_subplot(projection="3d")
+    view = view_of(estimate, [-1])
+    _frame(axis, estimate, view)
+    points, R_wo = estimate.vertices, estimate.rotation()
+    shown = zip(polygons(points), face_sigma(estimate), strict=True)
+    for (corners, n_o), sigma in shown:
+        place = (points[corners] @ R_wo.T + estimate.position[-1]) * MM
+        colour = information_colour(sigma) / 255
+        draw_seen(axis, [(place, R_wo @ n_o)], [colour], INK, 4, shade=False)
+        if R_wo @ n_o @ EYE > 0:
+            words = f"{sigma * MM:.2g} mm" if sigma < UNKNOWN else "unknown"
+            axis.text(*place.mean(axis=0), words, zorder=9, **LABEL)
+    for colour, seen, _, _ in _touches(estimate, -1):
+        axis.scatter(*seen.T, s=5, color=colour, zorder=8, depthshade=False)
+    scale = np.geomspace(UNKNOWN, KNOWN, 64)
+    bar = plt.cm.ScalarMappable(
+        LogNorm(KNOWN * MM, UNKNOWN * MM),
+        ListedColormap(information_colour(scale)[::-1] / 255),
+    )
+    axis.figure.colorbar(
+        bar, ax=axis, shrink=0.6, label="deviation of a face [mm]", extend="both"
+    ).ax.invert_yaxis()
+    axis.set_title("What is known of each face")
+    return axis.figure
 
 
 @plt.rc_context(STYLE)
 def plot_estimate(estimate: Estimate, truth=None) -> Figure:
     """Draw the first and the last sample side by side, from above and in 3-D."""
-    figure, view = plt.figure(figsize=(7.0, 6.6)), _view(estimate, [0, -1])
+    figure, view = plt.figure(figsize=(7.0, 6.6)), view_of(estimate, [0, -1])
     figure.suptitle(estimate.summary().partition("\n")[0].replace(" at (", "\nat ("))
     figure.get_layout_engine().set(rect=(0, 0.012, 0.965, 0.988))  # 3-D labels
     solid = {("c", "d"): {"projection": "3d"}}
     axes = figure.subplot_mosaic("ab;cd", height_ratios=(1.5, 1), per_subplot_kw=solid)
     words = "First sample: {} (band: sizes alone)", "Last sample: {}"
     for (top, below), title, sample in zip(("ac", "bd"), words, (0, -1), strict=True):
-        _draw_top(axes[top], estimate, sample, truth, view)
+        draw_top(axes[top], estimate, sample, truth, view)
         axes[top].set_title(title.format(axes[top].get_title()))
-        _draw_scene(axes[below], estimate, sample, truth, view)
-    return _with_key(figure, axes["a"], loc="outside lower center", ncols=3)
+        draw_scene(axes[below], estimate, sample, truth, view)
+    return with_key(figure, axes["a"], loc="outside lower center", ncols=3)
 
 
-@plt.rc_context(STYLE)
-def plot_impulses(estimate: Estimate, axis=None) -> Figure:
-    """Draw normal and tangential parts of each finger's impulses where it touched.
-
-    The friction cone is mu times the normal part.  axis: one Axes, or one per finger.
-    """
-    data = estimate.measurements
-    if axis is None:
-        figure = plt.figure(figsize=(7.0, 0.6 + 1.8 * data.fingers))
-        axis = figure.subplots(data.fingers, sharex=True)
-    axes = np.resize(np.asarray(axis, dtype=object), data.fingers)
-    shown = np.flatnonzero((data.contact & data.valid).any(axis=1))
-    starts = np.flatnonzero(np.diff(data.action[shown], prepend=-1))
-    ticks = [f"{data.time[t]:.1f} s\naction {data.action[t]}" for t in shown[starts]]
-    mu = estimate.unknowns.get("finger friction", estimate.scene.friction_finger)
-    mu, at = np.ravel(mu)[0], np.arange(len(shown))
-    for finger, axis in enumerate(axes):
-        normal, tangential = _parts(estimate, finger, shown)
-        colour = FINGERS[finger % len(FINGERS)]
-        axis.bar(at, normal, 1.0, color=(colour, 0.5), label="normal")
-        axis.step(at, mu * normal, where="mid", color=INK, lw=1,
-                  label=f"friction cone: {mu:.2g} × normal")  # fmt: skip
-        axis.plot(at, tangential, "o", c=colour, ms=4, mec=INK, label="tangential")
-        axis.grid(axis="x", linestyle=":")
-        axis.set_xticks(starts - 0.5, ticks, ha="left")
-        axis.set_ylabel(f"finger {finger} [mN s]")
-        axis.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3)
-    axes[-1].set_xlabel("time [s], samples with contact only")
-    return axes[0].figure
-
-
-@plt.rc_context(STYLE)
-def plot_costs(estimate: Estimate, axis=None) -> Figure:
-    """Draw the costs by term, largest first."""
-    costs = dict(sorted(estimate.costs.items(), key=lambda cost: abs(cost[1])))
-    axis = axis or plt.figure(figsize=(5.6, 0.8 + 0.24 * len(costs))).subplots()
-    values = np.array([*costs.values()])
-    bars = axis.barh([*costs], values, color=np.where(values < 0, UNTOUCHED, TOUCHED))
-    axis.bar_label(bars, [f"{value:.2g}" for value in values], padding=3)
-    axis.margins(x=0.15)
-    axis.set(xlabel="cost [nats]", title=f"Objective {estimate.objective:.2f} nats")
-    return axis.figure
-
-
-def _draw_top(axis, estimate, sample, truth, view) -> None:
+def draw_top(axis, estimate, sample, truth, view) -> None:
+    """Draw a sample from above into an axis that shows the box `view` (2, 3) [mm]."""
     data, (faces, spread) = estimate.measurements, _faces(estimate, sample)
     for corners, normal, touched in (face for face in faces if face[1][2] > -1e-6):
         side, colour = normal[2] < 0.5, TOUCHED if touched else UNTOUCHED
@@ -144,8 +138,39 @@ def _draw_top(axis, estimate, sample, truth, view) -> None:
              aspect="equal", title=_when(data, sample))  # fmt: skip
 
 
-def _draw_scene(axis, estimate, sample, truth, view) -> None:
+def draw_scene(axis, estimate, sample, truth, view) -> None:
+    """Draw a sample in 3-D into an axis that shows the box `view` (2, 3) [mm]."""
     data, (faces, spread) = estimate.measurements, _faces(estimate, sample)
+    _frame(axis, estimate, view)
+    for corners, normal, touched in (face for face in faces if face[1] @ EYE > 0):
+        colour = TOUCHED if touched else UNTOUCHED
+        draw_seen(axis, [(corners, normal)], colour, INK, 4, label=WORDS[touched],
+                   shade=True, lightsource=LIGHT)  # fmt: skip
+    draw_seen(axis, _polygons(spread[0]), (BAND, 0.12), BAND, 5, label=SIGMA)
+    if truth is not None:
+        true = _polygons(_true_corners(truth, sample))
+        draw_seen(axis, true, "none", TRUTH, 6, ls="--", label="truth")
+    for finger, (colour, points, normals, _) in enumerate(_touches(estimate, sample)):
+        seen = normals @ EYE > 0
+        axis.quiver(*points[seen].T, *normals[seen].T, length=ARROW, color=colour,
+                    lw=0.8, arrow_length_ratio=0.3, zorder=7)  # fmt: skip
+        axis.scatter(
+            *points[seen].T, s=8, color=colour, edgecolors=INK, lw=0.4, zorder=8,
+            depthshade=False, label=f"finger {finger} and its contacts",
+        )  # fmt: skip
+        centre = data.finger_position[sample, finger] * MM
+        if np.all((centre > view[0]) & (centre < view[1])):  # 3-D axes do not clip
+            near = max(faces, key=lambda face: face[1] @ (centre - face[0][0]))[1]
+            ball = trimesh.creation.icosphere(3, data.finger_radius[finger] * MM)
+            axis.plot_trisurf(
+                *(ball.vertices + centre).T, triangles=ball.faces, color=colour, lw=0,
+                antialiased=False, lightsource=LIGHT,
+                zorder=9 + EYE @ centre / MM if near @ EYE > 0 else 3,
+            )  # fmt: skip
+
+
+def _frame(axis, estimate, view) -> None:
+    """Set up a 3-D axis that shows the box `view` (2, 3) [mm], with the ground."""
     axis.set(xlim=view[:, 0], ylim=view[:, 1], zlim=view[:, 2], xlabel="x [mm]",
              ylabel="y [mm]", zlabel="z [mm]", proj_type="ortho")  # fmt: skip
     for side, pad in ((axis.xaxis, -4), (axis.yaxis, -4), (axis.zaxis, -10)):
@@ -161,34 +186,9 @@ def _draw_scene(axis, estimate, sample, truth, view) -> None:
         lines = MM * estimate.scene.ground.from_ground(flat[..., 0].transpose(1, 2, 0))
         axis.plot_wireframe(*lines.transpose(2, 0, 1), rstride=1, cstride=1, lw=0.5,
                             color="#D0D0D0", zorder=0)  # fmt: skip
-    for corners, normal, touched in (face for face in faces if face[1] @ EYE > 0):
-        colour = TOUCHED if touched else UNTOUCHED
-        _draw_seen(axis, [(corners, normal)], colour, INK, 4, label=WORDS[touched],
-                   shade=True, lightsource=LIGHT)  # fmt: skip
-    _draw_seen(axis, _polygons(spread[0]), (BAND, 0.12), BAND, 5, label=SIGMA)
-    if truth is not None:
-        true = _polygons(_true_corners(truth, sample))
-        _draw_seen(axis, true, "none", TRUTH, 6, ls="--", label="truth")
-    for finger, (colour, points, normals, _) in enumerate(_touches(estimate, sample)):
-        seen = normals @ EYE > 0
-        axis.quiver(*points[seen].T, *normals[seen].T, length=ARROW, color=colour,
-                    lw=0.8, arrow_length_ratio=0.3, zorder=7)  # fmt: skip
-        axis.scatter(
-            *points[seen].T, s=8, color=colour, edgecolors=INK, lw=0.4, zorder=8,
-            depthshade=False, label=f"finger {finger} and its contacts",
-        )  # fmt: skip
-        centre = data.finger_position[sample, finger] * MM
-        if np.all((centre > view[0]) & (centre < view[1])):  # 3-D axes do not clip
-            near = max(faces, key=lambda face: face[1] @ (centre - face[0][0]))[1]
-            ball = trimesh.creation.icosphere(4, data.finger_radius[finger] * MM)
-            axis.plot_trisurf(
-                *(ball.vertices + centre).T, triangles=ball.faces, color=colour, lw=0,
-                antialiased=False, lightsource=LIGHT,
-                zorder=9 + EYE @ centre / MM if near @ EYE > 0 else 3,
-            )  # fmt: skip
 
 
-def _draw_seen(axis, polygons, face, edge, order, **style) -> None:
+def draw_seen(axis, polygons, face, edge, order, **style) -> None:
     """Draw those of (corners, normal) that face the eye."""
     seen = [corners for corners, normal in polygons if normal @ EYE > 0]
     style |= {"facecolors": face, "edgecolors": edge, "lw": 1, "zorder": order}
@@ -229,12 +229,8 @@ def _face_sigma(estimate, sample, known) -> np.ndarray:
 
 def _polygons(points):
     """Yield corners (k, 3), in order, and outward normal of each face of a hull."""
-    planes = (hull := ConvexHull(points)).equations.round(5)  # one per face
-    for plane in np.unique(planes, axis=0):
-        corners = points[np.unique(hull.simplices[(planes == plane).all(axis=1)])]
-        arms = corners - corners.mean(axis=0)
-        turn = np.arctan2(arms @ np.cross(plane[:3], arms[0]), arms @ arms[0])
-        yield corners[np.argsort(turn)], plane[:3]
+    for corners, normal in polygons(points):
+        yield points[corners], normal
 
 
 def _outline(corners) -> np.ndarray:
@@ -249,12 +245,12 @@ def _true_corners(truth, sample) -> np.ndarray:
     p_wo, quaternion = (np.atleast_2d(truth[k]) for k in ("position", "quaternion"))
     now = sample if len(p_wo) > 1 else 0
     corners = (np.indices((2, 2, 2)).reshape(3, -1).T - 0.5) * truth["side_lengths"]
-    return MM * (_rotations(quaternion[now]).apply(corners) + p_wo[now])
+    return MM * (rotations(quaternion[now]).apply(corners) + p_wo[now])
 
 
 def _touches(estimate, sample):
     """Yield by finger: colour; contacts carried to a sample [mm], normals, if now."""
-    data, R_wo = estimate.measurements, _rotations(estimate.quaternion)
+    data, R_wo = estimate.measurements, rotations(estimate.quaternion)
     for finger, radius in enumerate(data.finger_radius):
         t = np.flatnonzero(data.contact[:, finger] & data.valid[:, finger])
         carry, n_w = R_wo[sample] * R_wo[t].inv(), data.normal[t, finger]
@@ -264,20 +260,7 @@ def _touches(estimate, sample):
         yield FINGERS[finger % len(FINGERS)], points, carry.apply(n_w), now
 
 
-def _parts(estimate, finger, shown):
-    """Return normal and tangential parts [mN s] of a finger's impulses at samples."""
-    R_ow = _rotations(estimate.quaternion[shown]).inv()
-    p_wf = estimate.measurements.finger_position[shown, finger]
-    p_of = R_ow.apply(p_wf - estimate.position[shown])
-    body = trimesh.convex.convex_hull(estimate.vertices)
-    nearest, distance, _ = trimesh.proximity.closest_point_naive(body, p_of)
-    n_o = (p_of - nearest) / distance[:, None]
-    impulse = R_ow.apply(estimate.impulses[f"finger {finger}"][shown]) * MM
-    normal = -np.sum(impulse * n_o, axis=1)
-    return normal, np.linalg.norm(impulse + normal[:, None] * n_o, axis=1)
-
-
-def _rotations(quaternion):
+def rotations(quaternion):
     return Rotation.from_quat(np.roll(quaternion, -1, axis=-1))
 
 
@@ -285,14 +268,14 @@ def _when(data, sample) -> str:
     return f"{data.time[sample]:.1f} s, action {data.action[sample]}"
 
 
-def _view(estimate, samples) -> np.ndarray:
+def view_of(estimate, samples) -> np.ndarray:
     """Return the corners (2, 3) [mm] of what is shown: the object, with some room."""
     points = np.concatenate([estimate.mesh(sample).vertices for sample in samples]) * MM
     below = ROOM * (1, 1, estimate.scene.ground is None)
     return np.stack([points.min(axis=0) - below, points.max(axis=0) + ROOM])
 
 
-def _with_key(owner, axis, **where):
+def with_key(owner, axis, **where):
     """Give a figure or an axis one legend, with every label once; return the figure."""
     entries = dict(zip(*axis.get_legend_handles_labels()[::-1], strict=True))
     owner.legend(entries.values(), entries, **where)

@@ -68,6 +68,7 @@ def read_off(
         origin=solved.hypothesis,
         hypotheses=tuple(kept),
         versions=versions(),
+        progress=solution.progress,
     )
 
 

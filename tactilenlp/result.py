@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import version
 
 import numpy as np
@@ -54,7 +54,7 @@ class Estimate:
     over (t-1, t]; unknowns, costs, violations, multipliers by name; hypotheses, best
     first, for the next action; information about shape and final pose.  origin: the
     hypothesis it was solved from; reductions and cuts in use: with them the programme
-    can be built again.
+    can be built again.  progress of the last solve by iteration, as in Solution.
     """
 
     measurements: Measurements
@@ -88,6 +88,7 @@ class Estimate:
     origin: Hypothesis
     hypotheses: tuple[Hypothesis, ...]
     versions: dict[str, str]
+    progress: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def side_lengths(self) -> np.ndarray:

@@ -14,6 +14,10 @@ from .nlp import Problem
 
 log = logging.getLogger("tactilenlp")
 
+PROGRESS = {  # our names for IPOPT's
+    "objective": "obj", "primal": "inf_pr", "dual": "inf_du", "barrier": "mu",
+}  # fmt: skip
+
 
 def check_positive(options, *names: str) -> None:
     """Raise OptionError unless the named fields are positive numbers."""
@@ -77,6 +81,8 @@ class Solution:
     `values` by variable name, SI, (rows, columns); `costs` by term, summed over the
     instances; `violations` by constraint, the largest; `multipliers` by constraint,
     (instances, rows), and of the bounds by variable name, (rows, columns), SI.
+    `progress` by iteration, as IPOPT says: level, objective, primal and dual
+    infeasibility, barrier.
     """
 
     values: dict[str, np.ndarray]
@@ -92,6 +98,7 @@ class Solution:
     evaluations: int
     seconds: dict[str, float]
     iterations_by_level: tuple[int, ...] = ()
+    progress: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def make_solver(problem, options: SolverOptions, eliminate=False) -> ca.Function:
@@ -196,6 +203,7 @@ def solve_levels(
     options = options or SolverOptions()
     solvers = {} if solvers is None else solvers
     iterations, evaluations, seconds = [], 0, {"build": 0.0, "solve": 0.0}
+    steps = []
     for level in levels:
         chosen = replace(options, barrier=level.barrier, iterations=level.iterations)
         key = (level.barrier, level.iterations, options.tolerance, options.time_limit)
@@ -216,6 +224,7 @@ def solve_levels(
         )
         start = solution.values
         iterations.append(solution.iterations)
+        steps.append(solution.progress)
         evaluations += solution.evaluations
         seconds["solve"] += solution.seconds["solve"]
     return replace(
@@ -224,7 +233,23 @@ def solve_levels(
         iterations_by_level=tuple(iterations),
         evaluations=evaluations,
         seconds=seconds,
+        progress=_joined(steps),
     )
+
+
+def _joined(steps: list[dict]) -> dict[str, np.ndarray]:
+    """Return the progress of all levels in a row, numbered by `level`."""
+    names = [name for name in steps[-1] if name != "level"] if steps else []
+    level = [np.full(len(s["level"]), k) for k, s in enumerate(steps)]
+    joined = {name: np.concatenate([s[name] for s in steps]) for name in names}
+    return {"level": np.concatenate(level), **joined} if names else {}
+
+
+def _progress(stats: dict) -> dict[str, np.ndarray]:
+    """Return what IPOPT says of each iteration; without any, empty arrays."""
+    said = stats.get("iterations") or {}
+    found = {name: np.array(said.get(key, []), float) for name, key in PROGRESS.items()}
+    return {"level": np.zeros(len(found["objective"]), int), **found}
 
 
 def _recompute(problem, x, data, lam_g, lam_x, stats, seconds) -> Solution:
@@ -249,6 +274,7 @@ def _recompute(problem, x, data, lam_g, lam_x, stats, seconds) -> Solution:
         iterations=max(0, int(stats["iter_count"])),
         evaluations=int(stats.get("n_call_nlp_f", 0)),
         seconds=seconds,
+        progress=_progress(stats),
     )
 
 

@@ -13,17 +13,22 @@ import pytest
 from matplotlib.figure import Figure
 
 from tactilenlp import Ground, solve_estimate
-from tactilenlp.errors import TactileError
-from tactilenlp.plotting import (
+from tactilenlp.animation import animate
+from tactilenlp.curves import (
+    plot_cones,
     plot_costs,
-    plot_estimate,
+    plot_errors,
     plot_impulses,
-    plot_scene,
-    plot_top,
+    plot_progress,
 )
+from tactilenlp.errors import OptionError, TactileError
+from tactilenlp.plotting import plot_estimate, plot_information, plot_scene, plot_top
+from tactilenlp.surface import face_sigma, polygons
 
 MM = 1e3  # [mm / m]
-PLOTS = (plot_scene, plot_top, plot_estimate, plot_impulses, plot_costs)
+NUMBERS = (plot_impulses, plot_costs, plot_cones, plot_progress)
+PLOTS = (plot_scene, plot_top, plot_estimate, plot_information, *NUMBERS)
+SOLID = (plot_scene, plot_information)
 BAND = "±1σ of each face"
 
 
@@ -83,6 +88,9 @@ def test_a_figure_is_made_without_warnings_and_without_nan(plot, touched):
 @pytest.mark.parametrize("plot", PLOTS)
 def test_every_axis_has_a_unit(plot, touched):
     for axis in plot(touched).axes:
+        if axis.get_label() == "<colorbar>":
+            assert axis.get_ylabel().endswith("[mm]")
+            continue
         names = "xyz" if axis.name == "3d" else "xy"
         labels = {name: getattr(axis, f"get_{name}label")() for name in names}
         if plot is plot_costs:
@@ -103,10 +111,10 @@ def test_lengths_are_in_millimetres_and_equally_scaled(touched):
     np.testing.assert_allclose(box / box[0], sizes / sizes[0])
 
 
-@pytest.mark.parametrize("plot", [plot_scene, plot_top, plot_impulses, plot_costs])
+@pytest.mark.parametrize("plot", [plot_scene, plot_top, plot_information, *NUMBERS])
 def test_a_given_axis_is_drawn_into_and_no_other(plot, touched):
     figure = plt.figure()
-    style = {"projection": "3d"} if plot is plot_scene else {}
+    style = {"projection": "3d"} if plot in SOLID else {}
     axis, other = (figure.add_subplot(1, 2, k, **style) for k in (1, 2))
     assert plot(touched, axis=axis) is figure
     assert plt.get_fignums() == [figure.number]
@@ -226,10 +234,82 @@ def test_an_unknown_friction_is_read_from_the_estimate(touched):
 
 def test_costs_add_up_to_the_objective(touched):
     bars = plot_costs(touched).axes[0].patches
-    total = sum(bar.get_width() for bar in bars)
-    assert total == pytest.approx(touched.objective, rel=1e-9)
+    data = touched.measurements
+    shown = data.contact.any(axis=1)
+    pushes = [touched.impulses[f"finger {k}"][shown] for k in range(data.fingers)]
+    largest = np.linalg.norm(np.concatenate(pushes), axis=1).max() * MM
+    assert np.hypot(normal, tangential).max() == pytest.approx(largest)
 
 
-def test_a_shape_without_side_lengths_is_refused_with_words(touched):
-    with pytest.raises(TactileError, match="only a cuboid"):
-        plot_top(replace(touched, shape="polytope"))
+def test_progress_ends_at_the_solution_and_has_every_iteration(touched):
+    progress = touched.progress
+    # IPOPT also says where it starts: one line more than iterations, in each level.
+    levels = len(touched.iterations_by_level)
+    assert len(progress["level"]) == touched.iterations + levels
+    assert progress["objective"][-1] == pytest.approx(touched.objective, abs=1e-3)
+    assert progress["dual"][-1] < 1e-4
+    assert (progress["barrier"] > 0).all()
+    with pytest.raises(OptionError, match="no iteration"):
+        plot_progress(replace(touched, progress={}))
+
+
+def test_a_well_known_face_is_red_and_says_how_well(touched):
+    axis = plot_information(touched).axes[0]
+    words = {text.get_text() for text in axis.texts}
+    seen = [s for s in face_sigma(touched) if f"{s * MM:.2g} mm" in words]
+    assert len(seen) + ("unknown" in words) >= 2
+    assert len(polygons(touched.vertices)) == 6
+
+
+def test_errors_and_sigma_shrink_with_actions(touched, estimate, truth):
+    (axis,) = plot_errors([touched, estimate], truth).axes
+    lines = {line.get_label(): line.get_xydata() for line in axis.lines}
+    np.testing.assert_array_equal(lines["side x: predicted ±1σ"][:, 0], [2, 3])
+    sigma = estimate.information.sigma("side_lengths") * MM
+    for k, name in enumerate("xyz"):
+        predicted = lines[f"side {name}: predicted ±1σ"]
+        assert predicted[1, 1] == pytest.approx(sigma[k])
+        assert predicted[1, 1] < 1.05 * predicted[0, 1]
+        assert (lines[f"side {name}: error"][:, 1] < 4 * predicted[:, 1]).all()
+    assert len(plot_errors([touched]).axes[0].lines) == 3
+    with pytest.raises(OptionError, match="nothing to draw"):
+        plot_errors([])
+
+
+@pytest.mark.parametrize("view", ["scene", "top"])
+def test_a_film_has_a_frame_for_every_sample_asked_for(touched, truth, tmp_path, view):
+    from PIL import Image
+
+    path = tmp_path / "film.gif"
+    figure = animate(touched, path, view=view, truth=truth, every=20)
+    assert isinstance(figure, Figure)
+    with Image.open(path) as film:
+        assert film.n_frames == -(-touched.measurements.samples // 20)
+        first = np.asarray(film.convert("RGB"), int)
+        film.seek(film.n_frames - 1)
+        assert (first != np.asarray(film.convert("RGB"), int)).sum() > 1000
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "word"),
+    [
+        ("film.avi", {}, "gif"),
+        ("film.gif", {"view": "below"}, "view"),
+        ("film.gif", {"every": 0}, "every=0"),
+    ],
+)
+def test_a_film_that_cannot_be_made_is_refused(touched, tmp_path, name, change, word):
+    with pytest.raises(OptionError, match=word):
+        animate(touched, tmp_path / name, **change)
+    assert not any(tmp_path.iterdir())
+
+
+def test_without_ffmpeg_an_mp4_is_refused_with_a_way_out(touched, tmp_path):
+    from matplotlib.animation import FFMpegWriter
+
+    if FFMpegWriter.isAvailable():
+        animate(touched, tmp_path / "film.mp4", every=20)
+        assert (tmp_path / "film.mp4").stat().st_size > 1000
+    else:
+        with pytest.raises(OptionError, match="ffmpeg"):
+            animate(touched, tmp_path / "film.mp4")

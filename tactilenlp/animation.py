@@ -1,0 +1,67 @@
+"""Film an estimate: the object and the fingers, sample by sample."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
+from matplotlib.figure import Figure
+
+from .errors import OptionError
+from .plotting import STYLE, draw_scene, draw_top, view_of
+from .result import Estimate
+
+WRITERS = {".gif": PillowWriter, ".mp4": FFMpegWriter}
+VIEWS = {"scene": draw_scene, "top": draw_top}
+
+
+def animate(
+    estimate: Estimate,
+    path: str | os.PathLike,
+    *,
+    view: str = "scene",
+    truth=None,
+    every: int = 1,
+    rate: float = 15.0,
+) -> Figure:
+    """Write a film of the motion, .gif (pillow) or .mp4 (ffmpeg); return its figure.
+
+    view: "scene" (3-D) or "top".  every: samples from frame to frame [1]; rate: frames
+    per second [1/s].
+
+    Raises OptionError for another suffix or view, or where ffmpeg is not installed.
+    """
+    path = Path(path)
+    kind = WRITERS.get(path.suffix.lower())
+    for where, got, known in (
+        ("path", path.suffix, WRITERS), ("view", view, VIEWS),
+    ):  # fmt: skip
+        if got not in known:
+            expected = f"one of {[*known]}"
+            raise OptionError("not known", where=where, got=got, expected=expected)
+    if not kind.isAvailable():
+        raise OptionError(
+            "no program to write it", where="path", got=path.suffix,
+            expected="ffmpeg on the path", next="install ffmpeg, or write a .gif",
+        )  # fmt: skip
+    if not (isinstance(every, int) and every >= 1 and rate > 0):
+        got = f"every={every}, rate={rate}"
+        raise OptionError("out of range", where="animate", got=got)
+    with plt.rc_context(STYLE | {"figure.dpi": 100}):
+        figure = plt.figure(figsize=(4.6, 3.8))
+        style = {"projection": "3d"} if view == "scene" else {}
+        axis = figure.add_subplot(**style)
+        samples = range(0, len(estimate.position), every)
+        box = view_of(estimate, samples)
+        data = estimate.measurements
+
+        def draw(sample):
+            axis.clear()
+            VIEWS[view](axis, estimate, sample, truth, box)
+            axis.set_title(f"{data.time[sample]:.2f} s, action {data.action[sample]}")
+
+        film = FuncAnimation(figure, draw, samples, init_func=lambda: None)
+        film.save(path, kind(fps=rate))
+    return figure
