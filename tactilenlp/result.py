@@ -54,7 +54,7 @@ class Estimate:
     over (t-1, t]; unknowns, costs, violations, multipliers by name; hypotheses, best
     first, for the next action; information about shape and final pose.  origin: the
     hypothesis it was solved from; reductions and cuts in use: with them the programme
-    can be built again.  progress of the last solve by iteration, as in Solution.
+    can be built again.  progress: of the last solve by iteration, as in Solution.
     """
 
     measurements: Measurements

@@ -127,7 +127,7 @@ def test_a_face_that_was_touched_is_redder_than_one_that_was_not(estimate, tmp_p
     touched = np.array(touched)
     assert 0 < touched.sum() < 6
     assert sigma[touched].max() < 1e-3 < sigma[~touched].max()
-    assert sigma.min() == 0.0  # the bottom lies on the ground, by reduction
+    assert sigma.min() < 1e-12  # the bottom lies on the ground, by reduction
     export_shape(estimate, tmp_path / "shape.glb")
     mesh = trimesh.load_mesh(tmp_path / "shape.glb")
     found = np.unique(mesh.visual.vertex_colors[:, :3], axis=0)

@@ -234,6 +234,22 @@ def test_an_unknown_friction_is_read_from_the_estimate(touched):
 
 def test_costs_add_up_to_the_objective(touched):
     bars = plot_costs(touched).axes[0].patches
+    total = sum(bar.get_width() for bar in bars)
+    assert total == pytest.approx(touched.objective, rel=1e-9)
+
+
+def test_a_shape_without_side_lengths_is_refused_with_words(touched):
+    with pytest.raises(TactileError, match="only a cuboid"):
+        plot_top(replace(touched, shape="polytope"))
+
+
+def test_impulses_lie_in_their_cone_and_none_is_lost(touched):
+    (axis,) = plot_cones(touched).axes
+    points = [np.asarray(dots.get_offsets()) for dots in axis.collections[:2]]
+    normal, tangential = np.concatenate(points).T
+    mu = touched.scene.friction_finger
+    # The cone's apex is rounded over 0.003 weights of 0.5 kg in 1/30 s.
+    assert (tangential <= mu * normal + 0.003 * 0.5 * 9.81 / 30 * MM).all()
     data = touched.measurements
     shown = data.contact.any(axis=1)
     pushes = [touched.impulses[f"finger {k}"][shown] for k in range(data.fingers)]
