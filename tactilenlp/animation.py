@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from .errors import OptionError
 from .plotting import STYLE, draw_scene, draw_top, view_of
+from .progress import progress
 from .result import Estimate
 
 WRITERS = {".gif": PillowWriter, ".mp4": FFMpegWriter}
@@ -62,6 +63,9 @@ def animate(
             VIEWS[view](axis, estimate, sample, truth, box)
             axis.set_title(f"{data.time[sample]:.2f} s, action {data.action[sample]}")
 
-        film = FuncAnimation(figure, draw, samples, init_func=lambda: None)
+        frames = progress(samples, "drawing")
+        film = FuncAnimation(
+            figure, draw, frames, init_func=lambda: None, save_count=len(samples)
+        )
         film.save(path, kind(fps=rate))
     return figure

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from .errors import NotConverged, OptionError
+from .interrupt import interruptible
 from .nlp import Problem
 
 log = logging.getLogger("tactilenlp")
@@ -156,14 +157,15 @@ def solve(
     free = problem.eliminated.free if eliminate else slice(None)
     kept = problem.eliminated.kept if eliminate else slice(None)
     began = time.process_time()
-    out = solver(
-        x0=(x0 / scale)[free],
-        p=data,
-        lbx=(lower / scale)[free],
-        ubx=(upper / scale)[free],
-        lbg=problem.limits("lower")[kept],
-        ubg=problem.limits("upper")[kept],
-    )
+    with interruptible():
+        out = solver(
+            x0=(x0 / scale)[free],
+            p=data,
+            lbx=(lower / scale)[free],
+            ubx=(upper / scale)[free],
+            lbg=problem.limits("lower")[kept],
+            ubg=problem.limits("upper")[kept],
+        )
     stats = solver.stats()
     x, lam_x = x0.copy(), np.zeros(problem.size)
     x[free] = np.asarray(out["x"]).ravel() * scale[free]

@@ -1,0 +1,75 @@
+"""Ctrl-C ends a solve, though compiled code would swallow it."""
+
+import contextlib
+import signal
+import threading
+
+import casadi as ca
+import pytest
+
+from tactilenlp.interrupt import interruptible
+from tactilenlp.nlp import Problem
+from tactilenlp.solve import SolverOptions, make_solver, solve
+
+
+@pytest.fixture(autouse=True)
+def _ours():
+    """Let Ctrl-C be what Python makes of it, as for a person at a terminal."""
+    if threading.current_thread() is not threading.main_thread():
+        pytest.skip("signals are heard in the main thread only")
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    signal.signal(signal.SIGINT, before)
+
+
+@contextlib.contextmanager
+def _swallowed():
+    """Press Ctrl-C and lose the exception, as CasADi does."""
+    with contextlib.suppress(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+    yield
+
+
+def bowl():
+    problem = Problem()
+    x = problem.variable("x", 2, guess=1.0, unit="m", scale=1.0)
+    problem.minimize("bowl", ca.sumsqr, x, role="likelihood")
+    return problem
+
+
+def test_a_solve_that_was_interrupted_does_not_come_back_with_a_status():
+    problem = bowl()
+    inner = make_solver(problem, SolverOptions())
+
+    class Deaf:
+        """A solver in which somebody presses Ctrl-C."""
+
+        def __call__(self, **given):
+            with _swallowed():
+                return inner(**given)
+
+        def stats(self):
+            return inner.stats()
+
+    assert solve(problem).success
+    with pytest.raises(KeyboardInterrupt):
+        solve(problem, solver=Deaf())
+    assert solve(problem).success
+
+
+def test_who_handles_ctrl_c_already_goes_on_doing_so():
+    heard = []
+    signal.signal(signal.SIGINT, lambda number, frame: heard.append(number))
+    with interruptible():
+        signal.raise_signal(signal.SIGINT)
+    assert heard == [signal.SIGINT]
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def test_another_thread_may_solve_as_well():
+    found = []
+    thread = threading.Thread(target=lambda: found.append(solve(bowl()).success))
+    thread.start()
+    thread.join()
+    assert found == [True]

@@ -1,0 +1,69 @@
+"""A bar tells who waits at a terminal; pipes, files and the impatient see nothing."""
+
+import io
+
+import pytest
+
+from tactilenlp import progress as module
+from tactilenlp.progress import progress
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that a test sets."""
+    now = [0.0]
+    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
+    return now
+
+
+def walk(clock, steps, seconds, stream, **options):
+    """Take steps that last so many seconds each; return them."""
+    taken = []
+    for step in progress(steps, "solving", stream=stream, **options):
+        taken.append(step)
+        clock[0] += seconds
+    return taken
+
+
+def test_steps_pass_unchanged_and_short_work_is_silent(clock):
+    terminal = Terminal()
+    assert walk(clock, range(10), 0.1, terminal) == list(range(10))
+    assert terminal.getvalue() == ""
+
+
+def test_long_work_draws_a_bar_and_wipes_it(clock):
+    terminal = Terminal()
+    walk(clock, range(10), 1.0, terminal)
+    said = terminal.getvalue()
+    assert "solving [" in said
+    assert "5/10, 5 s left" in said
+    assert said.endswith("\r\033[K")
+
+
+def test_nobody_sees_a_bar_in_a_file(clock):
+    file = io.StringIO()
+    walk(clock, range(10), 1.0, file)
+    assert file.getvalue() == ""
+
+
+def test_an_unknown_number_of_steps_is_counted(clock):
+    terminal = Terminal()
+    walk(clock, iter(range(5)), 1.0, terminal)
+    assert "4 in 4 s" in terminal.getvalue()
+    walk(clock, iter(range(5)), 1.0, terminal, total=5)
+    assert "4/5" in terminal.getvalue()
+
+
+def test_the_line_is_clean_after_ctrl_c(clock):
+    terminal = Terminal()
+    with pytest.raises(KeyboardInterrupt):  # noqa: PT012 (the loop is what is tested)
+        for step in progress(range(10), "solving", stream=terminal):
+            clock[0] += 1.0
+            if step == 6:
+                raise KeyboardInterrupt
+    assert terminal.getvalue().count("\n") == 0
