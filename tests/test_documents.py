@@ -1,0 +1,82 @@
+"""Every code block of every README does what it says, as it is printed."""
+
+import re
+import shlex
+import subprocess
+import sys
+import types
+
+import numpy as np
+import pytest
+from conftest import RECORDED, ROOT
+
+from tactilenlp import Measurements
+
+TRACKED = subprocess.run(
+    ["git", "ls-files", "*.md"], cwd=ROOT, capture_output=True, text=True
+).stdout.split()
+PAGES = TRACKED or ["README.md", "formulations/README.md"]  # an unpacked archive
+BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.S | re.M)
+
+
+def blocks(*languages):
+    """Return (page, number, code) of every block in one of the languages."""
+    found = []
+    for page in PAGES:
+        text = (ROOT / page).read_text(encoding="utf-8")
+        for number, (language, code) in enumerate(BLOCK.findall(text)):
+            if language in languages:
+                found.append(pytest.param(page, code, id=f"{page}-{number}"))
+    return found
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """An empty folder with a recording of two actions, as a reader would have one."""
+    monkeypatch.chdir(tmp_path)
+    with np.load(RECORDED) as file:
+        known = {k: file[k] for k in ("mass", "friction_ground", "friction_finger")
+                 if k in file}  # fmt: skip
+    Measurements.load(RECORDED).select([0, 1]).save("scene.npz")
+    with np.load("scene.npz") as file:
+        arrays = dict(file)
+    np.savez("scene.npz", **arrays, **known)
+    return tmp_path
+
+
+@pytest.mark.parametrize(("page", "code"), blocks("python", "py"))
+def test_python_runs_as_printed(page, code, folder, monkeypatch):
+    # What a block takes as given: one more action, recorded later.
+    given = types.ModuleType("my_page")
+    given.more = Measurements.load(RECORDED).select([2])
+    monkeypatch.setitem(sys.modules, "my_page", given)
+    exec(compile(code, page, "exec"), given.__dict__)
+
+
+@pytest.mark.parametrize(("page", "code"), blocks("sh", "bash", "console"))
+def test_shell_names_files_and_extras_that_exist(page, code):
+    # Installing is the business of .ci/run, which does it in a fresh environment.
+    for line in code.replace("\\\n", " ").splitlines():
+        for word in shlex.split(line, comments=True):
+            if word.endswith(".py"):
+                assert (ROOT / word).is_file(), word
+            for extra in re.findall(r"\.\[(\w+)\]", word):
+                assert f"\n{extra} =" in (ROOT / "setup.cfg").read_text()
+
+
+def test_no_block_is_of_a_kind_that_nothing_checks():
+    known = {"python", "py", "sh", "bash", "console", "text", "math", ""}
+    kinds = {
+        language
+        for page in PAGES
+        for language, _ in BLOCK.findall((ROOT / page).read_text(encoding="utf-8"))
+    }
+    assert kinds <= known, kinds - known
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_to_files_lead_somewhere(page):
+    text = (ROOT / page).read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)#\s]+)", text):
+        if "://" not in target:
+            assert ((ROOT / page).parent / target).exists(), target
