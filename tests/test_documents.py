@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from conftest import RECORDED, ROOT
 
+import tactilenlp
 from tactilenlp import Measurements
 
 TRACKED = subprocess.run(
@@ -80,3 +81,12 @@ def test_links_to_files_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#\s]+)", text):
         if "://" not in target:
             assert ((ROOT / page).parent / target).exists(), target
+
+
+def test_the_reference_is_built_without_warnings(tmp_path):
+    pdoc = pytest.importorskip("pdoc", reason="pdoc is not installed (extra: test)")
+    for name in tactilenlp.__all__:  # they are imported when they are first asked for
+        getattr(tactilenlp, name)
+    pdoc.pdoc("tactilenlp", "formulations", output_directory=tmp_path)
+    text = (tmp_path / "tactilenlp.html").read_text(encoding="utf-8")
+    assert all(f'id="{name}"' in text for name in tactilenlp.__all__)
