@@ -55,6 +55,7 @@ _HOMES = {
     "plot_progress": "curves",
     "plot_errors": "curves",
     "animate": "animation",
+    "plot_gain": "maps",
     "Problem": "nlp",
     "SolverOptions": "solve",
     "Solution": "solve",

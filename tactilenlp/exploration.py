@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from .choose import Choice, CrossEntropy, best_action, choose_action
 from .errors import NoContactError, OptionError
 from .estimate import solve_estimate
 from .expected import ExpectedInformation, vague
+from .guess import Guess
 from .measurements import Measurements
 from .options import Options
 from .result import Estimate
@@ -75,7 +76,7 @@ def explore(
     options: Options | None = None,
     until: float | Callable[[Step], bool] | None = None,
     folder=None,
-    start: Estimate | None = None,
+    start: Estimate | Guess | None = None,
     executor=None,
 ) -> Iterator[Step]:
     """Touch an object and yield a Step after the first touch and after each action.
@@ -87,51 +88,69 @@ def explore(
     directions so far), or a function of a Plan.  until: a deviation of the sizes [m]
     that is enough, or a function of a Step.  folder: keeps every action as soon as it
     is measured; called again with the same folder, exploration goes on from there.
-    start: an Estimate to begin from instead of a first touch.
+    start: an Estimate to begin from instead of a first touch, or a Guess of the object.
 
     An action without contact is data; the next one then aims at the last touched spot.
     """
     space = _space(world, scene, workspace)
-    scene, options = scene or Scene(), options or Options()
-    plan = {"search": search, "budget": budget, "policy": _known(policy), "seed": seed}
-    estimate, past = start, []
-
-    def solve(data):
-        return solve_estimate(
-            data, scene, shape=shape, formulation=formulation, options=options,
-            start=estimate, executor=executor, throw=False,
-        )  # fmt: skip
-
-    for number in range(0 if start is None else 1, actions + 1):
+    settings = {"search": search, "budget": budget, "policy": _known(policy)}
+    estimate, past = start if isinstance(start, Estimate) else None, []
+    for number in range(0 if estimate is None else 1, actions + 1):
         kept = diary.read(folder, number, space)
         if kept is None:
             rng = np.random.default_rng([seed, number])
-            began = time.process_time()
             if estimate is None:
-                action, choice, words = None, None, "first touch"
-                action, data = _first_touch(world, space, centre, rng)
+                acted = _touch_first(world, space, centre, rng)
             else:
-                action, choice, words, target = _next(estimate, space, past, rng, plan)
-                chosen = time.process_time() - began
-                data = world.execute(action.trajectory(target))
-            acted = time.process_time()
-            seconds = {"choose": 0.0 if estimate is None else chosen}
-            seconds["act"] = acted - began - seconds["choose"]
-            diary.write(folder, number, data, action, words)
+                acted = _act(world, space, estimate, past, rng, settings)
+            diary.write(folder, number, acted.data, acted.action, acted.words)
         else:
-            data, action, words = kept
-            choice, seconds, acted = None, {}, time.process_time()
-        before = None if estimate is None else estimate.measurements
-        everything = data if before is None else before.append(data)
-        estimate = diary.estimate(folder, number, everything) or solve(everything)
+            acted = _Acted(*kept)
+        began, data = time.process_time(), acted.data
+        data = data if estimate is None else estimate.measurements.append(data)
+        estimate = diary.estimate(folder, number, data) or solve_estimate(
+            data, scene, shape=shape, formulation=formulation, options=options,
+            start=estimate or start, executor=executor, throw=False,
+        )  # fmt: skip
         diary.keep(folder, number, estimate)
-        seconds["estimate"] = time.process_time() - acted
-        past += [action] if action is not None else []
-        step = Step(number, action, data, estimate, choice, words, seconds)
-        log.info("action %d (%s): %s", number, words, estimate.summary().split("\n")[0])
-        yield step
+        past += [] if acted.action is None else [acted.action]
+        seconds = acted.seconds | {"estimate": time.process_time() - began}
+        known = number, acted.action, acted.data, estimate, acted.choice, acted.words
+        log.info("action %d (%s): %s", number, acted.words, _headline(estimate))
+        yield (step := Step(*known, seconds))
         if until is not None and _enough(step, until):
             return
+
+
+@dataclass(frozen=True, eq=False)
+class _Acted:
+    """What an action measured, and how it came about."""
+
+    data: Measurements
+    action: Action | None
+    words: str
+    choice: Choice | None = None
+    seconds: dict[str, float] = field(default_factory=dict)
+
+
+def _touch_first(world, space, centre, rng) -> _Acted:
+    began = time.process_time()
+    action, data = _first_touch(world, space, centre, rng)
+    seconds = {"choose": 0.0, "act": time.process_time() - began}
+    return _Acted(data, action, "first touch", None, seconds)
+
+
+def _act(world, space, estimate, past, rng, settings) -> _Acted:
+    began = time.process_time()
+    action, choice, words, target = _next(estimate, space, past, rng, settings)
+    chosen = time.process_time()
+    data = world.execute(action.trajectory(target))
+    seconds = {"choose": chosen - began, "act": time.process_time() - chosen}
+    return _Acted(data, action, words, choice, seconds)
+
+
+def _headline(estimate) -> str:
+    return estimate.summary().partition("\n")[0]
 
 
 def _space(world, scene, workspace) -> Workspace:

@@ -63,10 +63,10 @@ def plot_top(estimate: Estimate, sample: int = -1, truth=None, axis=None) -> Fig
 
 
 @plt.rc_context(STYLE)
-def plot_information(estimate: Estimate, axis=None) -> Figure:
+def plot_information(estimate: Estimate, axis=None, key: bool = True) -> Figure:
     """Draw how well each face is known at the last sample: blue hardly, red well.
 
-    A face has the standard deviation of its middle along its normal.
+    A face has the standard deviation of its middle along its normal; key: draw the bar.
     """
     axis = axis or plt.figure(figsize=(4.6, 3.6)).add_subplot(projection="3d")
     view = view_of(estimate, [-1])
@@ -87,9 +87,10 @@ def plot_information(estimate: Estimate, axis=None) -> Figure:
         LogNorm(KNOWN * MM, UNKNOWN * MM),
         ListedColormap(information_colour(scale)[::-1] / 255),
     )
-    axis.figure.colorbar(
-        bar, ax=axis, shrink=0.6, label="deviation of a face [mm]", extend="both"
-    ).ax.invert_yaxis()
+    if key:
+        axis.figure.colorbar(
+            bar, ax=axis, shrink=0.6, label="deviation of a face [mm]", extend="both"
+        ).ax.invert_yaxis()
     axis.set_title("What is known of each face")
     return axis.figure
 

@@ -73,13 +73,6 @@ def test_a_few_chosen_actions_find_the_box(whole):
     assert {"choose", "act", "estimate"} == steps[2].seconds.keys()
 
 
-def test_four_chosen_actions_find_the_box():
-    world = fresh()
-    *_, last = explore(world, actions=4, centre=CENTRE, seed=1, **QUICK)
-    # 0.00 to 0.02 mm on ten other boxes, with all hypotheses
-    assert off(world, last.estimate) < 0.5e-3
-
-
 def test_an_exploration_that_was_interrupted_goes_on_without_losing_an_action(
     whole, tmp_path
 ):

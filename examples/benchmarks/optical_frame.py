@@ -126,7 +126,8 @@ def main() -> None:
         f"within 60 deg: centre {centre:.2f} px off, normal {normal:.2f} deg (median)"
     )
     print(
-        f"threshold {sensor.decide.on:.1f} px^2, largest without a touch {max(false):.2f}"
+        f"threshold {sensor.decide.on:.1f} px^2, "
+        f"largest without a touch {max(false):.2f}"
     )
     print(f"{ms:.1f} ms CPU per picture, budget {BUDGET:g} ms.")
 

@@ -1,0 +1,51 @@
+"""Ask an estimate how sure it is, and of what it knows nothing yet.
+
+    python examples/02_how_sure_are_we.py [picture.png]
+
+The same recording after one, three and six actions: standard deviations by name, what
+was never touched in words, and the surface coloured by how sure each point of it is.
+"""
+
+import sys
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from tactilenlp import Measurements, Scene, plot_information, solve_estimate
+
+plt.switch_backend("Agg")  # the picture goes to a file: no window, no screen needed
+recording = Path(__file__).parent / "data" / "cuboid.npz"
+picture = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("how_sure.png")
+data, scene = Measurements.load(recording), Scene.load(recording)
+
+figure = plt.figure(figsize=(9, 3), layout="constrained")
+estimate = None
+for place, actions in enumerate((1, 3, 6)):
+    # `start` carries the hypotheses of the shorter recording on.
+    estimate = solve_estimate(data.select(range(actions)), scene, start=estimate)
+    information = estimate.information
+    sides = estimate.side_lengths * 1e3
+    sigma = information.sigma("side_lengths") * 1e3
+    print(f"After {actions} actions:")
+    for name, side, deviation in zip("xyz", sides, sigma, strict=True):
+        print(f"  side {name}  {side:6.2f} ± {deviation:5.2f} mm")
+    for axis, deviation in zip("xyz", information.sigma("position"), strict=True):
+        print(f"  position {axis}     ± {deviation * 1e3:5.2f} mm")
+    print(f"  not observed: {'; '.join(information.unobserved) or 'nothing'}")
+    axis = figure.add_subplot(1, 3, place + 1, projection="3d")
+    plot_information(estimate, axis, key=actions == 6)
+    axis.set_title(f"after {actions} action{'s' * (actions > 1)}")
+figure.savefig(picture, dpi=150)
+print(f"The picture is in {picture}.")
+
+# Which axis is called x is free for a box: compare the sizes in order.
+with np.load(recording) as file:
+    off = np.sort(sides) - np.sort(file["side_lengths"]) * 1e3
+ratio = np.abs(off) / sigma[np.argsort(sides)]
+if ratio.max() > 4:
+    sys.exit(f"A size is off by {ratio.max():.1f} standard deviations.")
+print(
+    f"The sizes are off by {np.abs(off).max():.2f} mm at most, "
+    f"{ratio.max():.1f} of their standard deviations."
+)

@@ -1,0 +1,50 @@
+"""Explore an unknown box in simulation: touch, estimate, choose, touch again.
+
+    python examples/04_explore_in_simulation.py [picture.png]
+
+`explore` works with anything that has `execute(trajectory)`: this simulated world, or a
+robot.  The estimator sees booleans and normals only; the world keeps the truth.
+"""
+
+import sys
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from trimesh.creation import box
+from trimesh.transformations import quaternion_matrix, translation_matrix
+
+from tactilenlp import Scene, World, explore, plot_top, surface_distance
+
+LIMIT = 1.0  # [mm] after a first touch and three chosen actions
+
+plt.switch_backend("Agg")  # the picture goes to a file: no window, no screen needed
+picture = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("exploration.png")
+turn = [np.cos(0.3), 0, 0, np.sin(0.3)]  # 0.6 rad about the vertical
+world = World([0.055, 0.038, 0.045], position=[0.01, -0.005], quaternion=turn)
+
+figure, axes = plt.subplots(1, 4, figsize=(14, 4.2), layout="constrained")
+for step in explore(world, Scene(), actions=3, centre=world.pose[:3], seed=0):
+    truth = {
+        "position": world.truth.object_position,
+        "quaternion": world.truth.object_quaternion,
+        "side_lengths": world.side_lengths,
+    }
+    place = translation_matrix(truth["position"][-1])
+    true = box(
+        truth["side_lengths"], place @ quaternion_matrix(truth["quaternion"][-1])
+    )
+    off = 1e3 * surface_distance(step.estimate.mesh(), true).mean
+    gain = f", {step.choice.gain:.1f} nats expected" if step.choice else ""
+    print(f"Action {step.number} ({step.policy}{gain}): {off:.2f} mm off")
+    unseen = "; ".join(step.estimate.information.unobserved) or "nothing"
+    print(f"  not observed: {unseen}")
+    axis = axes[step.number]
+    plot_top(step.estimate, -1, truth, axis)
+    axis.get_legend().remove()
+    axis.set_title(f"action {step.number}: {off:.2f} mm off")
+figure.savefig(picture, dpi=120)
+print(f"The picture is in {picture}.")
+if off > LIMIT:
+    sys.exit(f"The surface is {off:.2f} mm off on average: more than {LIMIT} mm.")
+print(f"Four seconds of touch leave the surface {off:.2f} mm off on average.")

@@ -1,0 +1,95 @@
+"""Compare ways of searching the action space, on states of real explorations.
+
+    python examples/benchmarks/action_search.py folder [--worlds 4] [--known 5000]
+
+States: the estimates of explorations in MuJoCo (a first touch and four chosen actions
+each), kept in the folder.  The best known gain of a state is the largest that any
+search found, one of them with 5 000 evaluations.  Prints the mean gain relative to it
+and CPU time per evaluation; writes search.json.
+"""
+
+import argparse
+import json
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+
+from tactilenlp import Estimate, ExpectedInformation, Scene, World, explore
+from tactilenlp.choose import SEARCHES, best_action
+
+SEED, BUDGETS = 77, (60, 180, 500)
+SIZES, WITHIN = (0.03, 0.06), 0.02  # [m] of the cuboids, of their centres
+
+
+def states(folder: Path, worlds: int) -> list[Path]:
+    """Return the kept estimates, after exploring what is not there yet."""
+    for k in range(worlds):
+        rng = np.random.default_rng([SEED, k])
+        yaw, place = rng.uniform(0, 2 * np.pi), rng.uniform(-WITHIN, WITHIN, 2)
+        turn = [np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)]
+        here = folder / f"world_{k}"
+        if (here / "estimate_04.npz").exists():
+            continue
+        world = World(rng.uniform(*SIZES, 3), position=place, quaternion=turn)
+        centre = world.pose[:3]
+        for step in explore(
+            world, Scene(), actions=4, centre=centre, seed=k, folder=here
+        ):
+            print(here.name, step.number, step.policy, flush=True)
+    return sorted(folder.glob("world_*/estimate_*.npz"))
+
+
+def searched(file: Path, known: int) -> dict:
+    """Return the gains found in one state, by search and budget."""
+    expected = ExpectedInformation(Estimate.load(file))
+    space = expected.workspace
+
+    def gain(angles) -> float:
+        return expected.gain(space.action(angles))
+
+    gain(space.lower)  # compiles
+    found, began = {}, process_time()
+    found["known"] = best_action(gain, space, search="direct_l", budget=known).gain
+    per_gain = (process_time() - began) / known
+    for search in SEARCHES:
+        for budget in BUDGETS:
+            choice = best_action(gain, space, search=search, budget=budget, seed=1)
+            found[f"{search} {budget}"] = choice.gain
+    best = max(found.values())
+    hypotheses = len(expected.beliefs)
+    return {
+        "state": f"{file.parent.name} {file.stem}",
+        "best": best,
+        "hypotheses": hypotheses,
+        "ms_per_gain_and_hypothesis": 1e3 * per_gain / hypotheses,
+        "share": {k: v / best for k, v in found.items()},
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--worlds", type=int, default=4)
+    parser.add_argument("--known", type=int, default=5000)
+    arguments = parser.parse_args()
+    files = states(arguments.folder, arguments.worlds)
+    rows = []
+    for file in files:
+        rows.append(searched(file, arguments.known))
+        print(rows[-1]["state"], f"best known {rows[-1]['best']:.2f} nats", flush=True)
+    (arguments.folder / "search.json").write_text(json.dumps(rows, indent=1))
+    cpu = np.median([row["ms_per_gain_and_hypothesis"] for row in rows])
+    print(f"{len(rows)} states, {cpu:.2f} CPU ms per gain and hypothesis (median)")
+    print(f"{'mean share of the best known gain':<36}" + "".join(
+        f"{b:>8}" for b in BUDGETS
+    ))  # fmt: skip
+    for search in SEARCHES:
+        mean = [np.mean([r["share"][f"{search} {b}"] for r in rows]) for b in BUDGETS]
+        print(f"{search:<36}" + "".join(f"{m:>8.3f}" for m in mean))
+    known = np.mean([row["share"]["known"] for row in rows])
+    print(f"{f'direct_l, {arguments.known} evaluations':<36}{known:>8.3f}")
+
+
+if __name__ == "__main__":
+    main()

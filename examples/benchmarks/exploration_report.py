@@ -1,0 +1,250 @@
+"""Report an exploration study: table, tests, the paper's figures beside ours, pictures.
+
+    python examples/benchmarks/exploration_report.py folder
+
+Reads the trials of exploration_study.py.  Writes table.txt, bch.png (bCH and exact
+surface distance after every action, mean with its 95 % band) and strip.png (learning,
+recentred on the truth).  Outliers are marked and never dropped silently: every mean is
+given with and without them.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from scipy import stats
+from scipy.spatial import ConvexHull
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+PAPER = {"eig": 4.0, "random": 5.0}  # [mm] bCH of its cuboids after 1 + 5 actions
+LOW = 10.0  # [mm] bCH, below which the paper asks the whole band to be
+FENCE = 3.0  # interquartile ranges above the third quartile: an outlier (Tukey)
+COLOURS = {
+    "eig": "#0072B2", "random": "#D55E00", "fisher": "#009E73", "farthest": "#CC79A7",
+}  # fmt: skip
+UNITS = {"p2s_mm": "exact surface distance [mm]", "bch_mm": "bCH [mm]"}
+
+
+def table_of(rows, name: str, policy: str, start: str) -> np.ndarray:
+    """Return (trials, actions) of a column; what failed counts as infinite."""
+    mine = [r for r in rows if r["policy"] == policy and r["start"] == start]
+    trials, last = sorted({r["trial"] for r in mine}), max(r["action"] for r in rows)
+    out = np.full((len(trials), last + 1), np.inf)
+    for r in mine:
+        out[trials.index(r["trial"]), r["action"]] = r.get(name, np.inf)
+    return out
+
+
+def outliers(values: np.ndarray) -> np.ndarray:
+    """Return which values lie beyond Tukey's outer fence, or are infinite."""
+    finite = values[np.isfinite(values)]
+    low, high = np.quantile(finite, [0.25, 0.75]) if len(finite) else (0, 0)
+    return ~(values <= high + FENCE * (high - low))
+
+
+def mean_and_band(values: np.ndarray) -> tuple[float, float]:
+    """Return the mean and half its 95 % band (normal distribution, as in the paper)."""
+    n = len(values)
+    if n < 2:
+        return float(np.mean(values)), np.nan
+    half = stats.t.ppf(0.975, n - 1) * np.std(values, ddof=1) / np.sqrt(n)
+    return float(np.mean(values)), float(half)
+
+
+def summary_lines(rows, name: str) -> list[str]:
+    """Return, for every policy and action, what was reached."""
+    heads = ("mean", "band", "without outliers", "median", "p90", "worst", "n")
+    lines = [f"{UNITS[name]}", " " * 24 + "".join(f"{h:>18}" for h in heads)]
+    for policy, start in ways(rows):
+        table = table_of(rows, name, policy, start)
+        for action, values in enumerate(table.T):
+            far = outliers(values)
+            mean, half = mean_and_band(values)
+            clean, clean_half = mean_and_band(values[~far])
+            rest = f"{clean:.3f} ± {clean_half:.3f} ({far.sum()} out)"
+            q = np.quantile(values, [0.5, 0.9, 1.0], method="higher")
+            words = [f"{mean:.3f}", f"± {half:.3f}", rest, *(f"{v:.3f}" for v in q)]
+            label = f"{policy}, {start}, 1 + {action}"
+            cells = "".join(f"{w:>18}" for w in [*words, len(values)])
+            lines.append(f"{label:<24}{cells}")
+    return lines
+
+
+def comparison_lines(rows, name: str) -> list[str]:
+    """Return tests of every policy against random, corrected for all actions."""
+    lines = [f"against random, {UNITS[name]}: two-tailed t-tests (Bonferroni)"]
+    for policy, start in ways(rows):
+        if policy == "random" or ("random", start) not in ways(rows):
+            continue
+        a, b = (table_of(rows, name, p, start) for p in (policy, "random"))
+        n, many = min(len(a), len(b)), a.shape[1] - 1
+        for action in range(1, a.shape[1]):
+            x, y = a[:n, action], b[:n, action]
+            both = np.isfinite(x) & np.isfinite(y)
+            x, y = x[both], y[both]
+            if len(x) < 3:
+                continue
+            free = stats.ttest_ind(x, y, equal_var=False)
+            pair = stats.ttest_rel(x, y)
+            size = (y - x).mean() / np.std(y - x, ddof=1)
+            low, high = pair.confidence_interval()
+            variance = np.var(x, ddof=1) / np.var(y, ddof=1)
+            lines.append(
+                f"  {policy}, {start}, 1 + {action}: difference {(x - y).mean():+.3f} "
+                f"[{low:+.3f}, {high:+.3f}] mm, p = {min(1, many * free.pvalue):.2g} "
+                f"independent, {min(1, many * pair.pvalue):.2g} paired; effect size "
+                f"{size:.2f}, variance ratio {variance:.2g}, better in "
+                f"{(x < y).sum()} of {len(x)}"
+            )
+    return lines
+
+
+def paper_lines(rows) -> list[str]:
+    """Return the paper's figures beside ours and the floor of its metric."""
+    lines = []
+    for policy, start in ways(rows):
+        bch = table_of(rows, "bch_mm", policy, start)
+        floor = table_of(rows, "bch_floor_mm", policy, start)[:, -1].mean()
+        bands = [mean_and_band(values) for values in bch.T]
+        below = [k for k, (m, h) in enumerate(bands) if m + h < LOW]
+        first = f"1 + {below[0]}" if below else "never"
+        paper = f"; the paper {PAPER[policy]:.0f}" if policy in PAPER else ""
+        lines.append(
+            f"{policy}, {start}: bCH after the last action {bands[-1][0]:.2f} mm"
+            f"{paper}; a perfect estimate scores {floor:.2f}; band below {LOW:.0f} mm "
+            f"after {first}"
+        )
+    return lines
+
+
+def cost_lines(rows) -> list[str]:
+    """Return where CPU time goes, and what failed."""
+    lines = []
+    for policy, start in ways(rows):
+        mine = [r for r in rows if (r["policy"], r["start"]) == (policy, start)]
+        later = [r for r in mine if r["action"] > 0 and "cpu_estimate" in r]
+        cpu = {
+            k: np.median([r[f"cpu_{k}"] for r in later]) for k in ("choose", "estimate")
+        }
+        bad = sum(not r["success"] for r in mine)
+        missed = sum(r.get("contacts") == 0 for r in mine)
+        broken = [r["error"] for r in mine if "error" in r]
+        lines.append(
+            f"{policy}, {start}: CPU s at median: choose {cpu['choose']:.2f}, estimate "
+            f"{cpu['estimate']:.2f}; {bad} of {len(mine)} estimates not converged, "
+            f"{missed} actions without contact, {len(broken)} trials broken {broken}"
+        )
+    return lines
+
+
+def ways(rows) -> list[tuple[str, str]]:
+    return list(dict.fromkeys((r["policy"], r["start"]) for r in rows))
+
+
+def draw_bands(rows, path: Path) -> None:
+    """Draw the paper's figure: mean and 95 % band after every action."""
+    figure, axes = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
+    for axis, (name, label) in zip(axes, UNITS.items(), strict=True):
+        for policy, start in ways(rows):
+            table = table_of(rows, name, policy, start)
+            at, colour = np.arange(table.shape[1]), COLOURS.get(policy, "#333333")
+            kept = [values[~outliers(values)] for values in table.T]
+            mean, half = np.array([mean_and_band(v) for v in kept]).T
+            words = policy if start == "ours" else f"{policy}, start of the paper"
+            style = "-" if start == "ours" else "--"
+            axis.plot(
+                at, mean, style, color=colour, label=f"{words} (n = {len(table)})"
+            )
+            low = np.maximum(mean - half, 1e-3)
+            axis.fill_between(at, low, mean + half, color=colour, alpha=0.15, lw=0)
+            for k, values in enumerate(table.T):
+                far = values[outliers(values) & np.isfinite(values)]
+                axis.plot(np.full(len(far), k), far, "x", color=colour)
+        if name == "bch_mm":
+            floor = [r["bch_floor_mm"] for r in rows if "bch_floor_mm" in r]
+            axis.axhline(
+                np.mean(floor), color="#777777", ls=":", label="a perfect estimate"
+            )
+            for policy, value in PAPER.items():
+                axis.plot([5], [value], "*", ms=9, color=COLOURS[policy], mec="k",
+                          label=f"the paper, {policy}")  # fmt: skip
+        axis.set(xlabel="actions after the first touch", ylabel=label, yscale="log")
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.legend(frameon=False, fontsize=8)
+    figure.suptitle(
+        "Mean and its 95 % band; outliers (×) are left out of the band only"
+    )
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
+
+
+def draw_strip(rows, path: Path) -> None:
+    """Draw how the first trial of every policy learns, recentred on the truth."""
+    shown = [w for w in ways(rows) if w[1] == "ours"] or ways(rows)
+    last = max(r["action"] for r in rows) + 1
+    figure = plt.figure(figsize=(1.9 * last, 2.2 * len(shown)), layout="constrained")
+    logdets = [r["logdet"] for r in rows if "logdet" in r]
+    norm = plt.Normalize(np.quantile(logdets, 0.05), np.quantile(logdets, 0.95))
+    for i, (policy, start) in enumerate(shown):
+        mine = [r for r in rows if (r["policy"], r["start"]) == (policy, start)]
+        mine = [r for r in mine if r["trial"] == mine[0]["trial"] and "vertices" in r]
+        for r in mine:
+            place = i * last + r["action"] + 1
+            axis = figure.add_subplot(len(shown), last, place, projection="3d")
+            solid(axis, r["vertices"], plt.cm.viridis(norm(r["logdet"])), 0.55)
+            solid(axis, r["true_vertices"], (0, 0, 0, 0), 0.0)
+            axis.set(xlim=(-35, 35), ylim=(-35, 35), zlim=(-35, 35))
+            axis.set_box_aspect((1, 1, 1), zoom=1.5)
+            axis.set_axis_off()
+            axis.set_title(f"{policy}, 1 + {r['action']}\n{r['p2s_mm']:.2f} mm", size=8)
+    colours = plt.cm.ScalarMappable(norm, "viridis")
+    bar = figure.colorbar(colours, ax=figure.axes, shrink=0.6, pad=0.01)
+    bar.set_label("log det I [nats, SI]")
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
+
+
+def solid(axis, vertices, colour, alpha: float) -> None:
+    """Draw a convex body; its edges are where facets of different planes meet."""
+    points = np.array(vertices)
+    hull = ConvexHull(points)
+    if alpha:
+        faces = Poly3DCollection(points[hull.simplices], facecolor=colour, alpha=alpha)
+        axis.add_collection3d(faces)
+    for i, (simplex, near) in enumerate(
+        zip(hull.simplices, hull.neighbors, strict=True)
+    ):
+        for k, j in enumerate(near):
+            if j > i and hull.equations[i, :3] @ hull.equations[j, :3] < 0.999:
+                edge = points[np.delete(simplex, k)]
+                axis.plot(*edge.T, color="k" if not alpha else colour, lw=0.9)
+
+
+def report(rows: list[dict], folder: Path) -> None:
+    """Write and print the table, and draw the pictures."""
+    parts = [
+        lines
+        for name in UNITS
+        for lines in (summary_lines(rows, name), comparison_lines(rows, name))
+    ]
+    parts += [paper_lines(rows), cost_lines(rows)]
+    text = "\n\n".join("\n".join(lines) for lines in parts)
+    (folder / "table.txt").write_text(text + "\n")
+    print(text)
+    draw_bands(rows, folder / "bch.png")
+    draw_strip(rows, folder / "strip.png")
+
+
+def main() -> None:
+    folder = Path(sys.argv[1])
+    files = sorted(folder.glob("[0-9]*.json"))
+    report([row for file in files for row in json.loads(file.read_text())], folder)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,84 @@
+"""Draw with matplotlib where touching would tell most: the gain of each direction."""
+
+from __future__ import annotations
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+
+from .choose import Choice
+from .expected import ExpectedInformation
+from .plotting import FINGERS, INK, MM, STYLE, _outline
+
+ROOM = 35.0  # [mm] beside the object that is seen from above
+GRID = 33, 17  # directions by azimuth and declination, for each finger
+
+
+@plt.rc_context(STYLE)
+def plot_gain(estimate, choice: Choice) -> Figure:
+    """Draw the expected gain over the action sphere, and the chosen lines.
+
+    Each finger's half is scanned while the other finger does what was chosen.  Left:
+    all directions; right: from above, with the object that is estimated.
+    """
+    figure = plt.figure(figsize=(8.4, 3.6))
+    sphere, top = figure.subplots(1, 2, width_ratios=(1.6, 1))
+    space, fingers = choice.action.workspace, choice.action.workspace.fingers
+    expected = ExpectedInformation(estimate, space)
+    gains = [_scan(expected, choice, finger) for finger in range(fingers)]
+    norm = plt.Normalize(0, max(choice.gain, *(g.max() for *_, g in gains)))
+    for azimuth, declination, gain in gains:
+        area = sphere.pcolormesh(
+            np.degrees(azimuth), np.degrees(declination), gain, norm=norm,
+            cmap="viridis", shading="gouraud",
+        )  # fmt: skip
+    figure.colorbar(area, ax=sphere, label="expected information gain [nats]")
+    for finger, (a, b) in enumerate(choice.action.angles.reshape(-1, 2)):
+        azimuth = np.degrees(a + 2 * np.pi * finger / fingers)
+        sphere.plot(azimuth, np.degrees(b), "o", ms=9, mfc="none", mec="w", mew=2)
+        sphere.annotate(f"finger {finger}", (azimuth, np.degrees(b)), (0, 9), c="w",
+                        textcoords="offset points", ha="center")  # fmt: skip
+    sphere.set(xlabel="azimuth [deg]", ylabel="declination [deg]",
+               title=f"Chosen: {choice.gain:.1f} nats")  # fmt: skip
+    _draw_lines(top, estimate, choice.action, expected)
+    return figure
+
+
+def _scan(expected, choice, finger: int):
+    """Return azimuths, declinations (n, m) [rad] and gains [nats] of one finger."""
+    space, at = choice.action.workspace, slice(2 * finger, 2 * finger + 2)
+    low, high = space.lower[at], space.upper[at]
+    ascension = np.linspace(low[0], high[0], GRID[0])
+    declination = np.linspace(low[1], high[1], GRID[1])
+    a, b = np.meshgrid(ascension, declination)
+    gain = np.empty_like(a)
+    for index in np.ndindex(a.shape):
+        angles = choice.action.angles.copy()
+        angles[at] = a[index], b[index]
+        gain[index] = expected.gain(space.action(angles))
+    return a + 2 * np.pi * finger / space.fingers, b, gain
+
+
+def _draw_lines(axis, estimate, action, expected) -> None:
+    """Draw the chosen lines from above, the object now, and where it is expected."""
+    way = action.positions(expected.target, 31) * MM
+    now = estimate.mesh().vertices
+    motion = expected.prospect(action).motion[-1]
+    c, s = np.cos(motion[2]), np.sin(motion[2])
+    turn, centre = np.array([[c, -s], [s, c]]), expected.target[:2]
+    then = (now[:, :2] - centre) @ turn.T + centre + motion[:2]
+    for points, style, words in ((now, "-", "estimate"), (then, ":", "expected then")):
+        axis.plot(*_outline(points * MM).T, style, color=INK, label=words)
+    for finger in range(way.shape[1]):
+        colour = FINGERS[finger % len(FINGERS)]
+        axis.plot(*way[:, finger, :2].T, color=colour, label=f"finger {finger}")
+        radius = action.workspace.finger_radius * MM
+        spot = plt.Circle(way[-1, finger, :2], radius, fc=(colour, 0.3), ec=colour)
+        axis.add_patch(spot)
+    low, high = (
+        (now[:, :2] * MM).min(axis=0) - ROOM,
+        (now[:, :2] * MM).max(axis=0) + ROOM,
+    )
+    axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal",
+             xlabel="x [mm]", ylabel="y [mm]", title="From above")  # fmt: skip
+    axis.figure.legend(loc="outside lower right", ncols=4)

@@ -1,0 +1,31 @@
+"""Maps of what may be learnt."""
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from tactilenlp import choose_action, maps, plot_gain
+
+
+@pytest.fixture(autouse=True)
+def closed():
+    yield
+    plt.close("all")
+
+
+def test_the_map_of_gains_marks_the_chosen_action(estimate, monkeypatch):
+    monkeypatch.setattr(maps, "GRID", (5, 3))
+    choice = choose_action(estimate, budget=20)
+    figure = plot_gain(estimate, choice)
+    sphere = figure.axes[0]
+    spots = [line for line in sphere.lines if line.get_marker() == "o"]
+    declinations = [line.get_ydata()[0] for line in spots]
+    assert declinations == pytest.approx(np.degrees(choice.action.angles[1::2]))
+    drawn = np.concatenate([c.get_array().ravel() for c in sphere.collections])
+    assert np.isfinite(drawn).all()
+    assert (drawn >= 0).all()
+    assert f"{choice.gain:.1f}" in sphere.get_title()
