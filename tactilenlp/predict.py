@@ -15,7 +15,6 @@ from .codegen import compiled
 ITERATIONS = 8  # of a time step: the work is then least to a micrometre
 SHARE = 0.2  # [-] deviation of a predicted step, of its way
 LEAST = 1e-5  # [m] and at least
-SHARP = 1e-6  # [m] rounding of edges where the surface itself is asked
 ARM = 20e-3  # [m] a radian of turn counts as this much way
 
 
