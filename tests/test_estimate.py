@@ -273,7 +273,10 @@ def test_every_reduction_can_be_switched_off_alone(recorded):
         assert all(s.name != name for s in full.skipped)
         # an exact reduction keeps the optimum; a still span adds poses whose links
         # cost nothing at rest
-        assert full.objective == pytest.approx(reduced.objective, abs=0.1)
+        # A Newton step foretells 0.1 nats at most for still spans; rounded friction
+        # lets creeping gain a little more.
+        less = 0.3 if name == "still" else 1e-4
+        assert full.objective == pytest.approx(reduced.objective, abs=less)
 
 
 def test_summary_says_what_was_not_observed(recorded):
