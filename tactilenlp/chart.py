@@ -24,8 +24,8 @@ class Chart:
 
     names (k,); chosen (k,): indices into all unknowns; tangent (k, k): from a change of
     those to one of z; maps: (3, k) Jacobian of each quantity by z; fixed: words for
-    what the motion fixes, whose rows are NaN; R (3, 3): the final rotation; turning:
-    how many of the last entries of z turn the body.
+    what the motion fixes, whose rows are NaN; R, R_first (3, 3): the final and the
+    first rotation; turning: how many of the last entries of z turn the body.
     """
 
     names: tuple[str, ...]
@@ -35,6 +35,7 @@ class Chart:
     fixed: tuple[str, ...]
     z: np.ndarray
     R: np.ndarray
+    R_first: np.ndarray
     turning: int
 
     @property
@@ -52,6 +53,8 @@ def chart_of(problem, solution, window, shape, R_wg) -> Chart:
     p, R, quantities, position, rotation = _maps(shape, motion, at)
     position, rotation = R_wg @ position, R_wg @ rotation
     words = getattr(shape, "words", ()) or tuple(f"theta {i}" for i in range(n))
+    values = (ca.DM(solution.values[name][:, 0]) for name in ("theta", "x"))
+    first = np.asarray(ca.DM(motion.pose(shape, *values)[1]))
     names = (*words, *UNKNOWNS[motion.name])
     tangent = np.eye(len(at))
     if motion.name == "free":
@@ -60,6 +63,7 @@ def chart_of(problem, solution, window, shape, R_wg) -> Chart:
         position, rotation = position @ back, rotation @ back
         quantities = {name: J @ back for name, J in quantities.items()}
         at, R = np.r_[at[:n], R_wg @ p, np.zeros(3)], R_wg @ R
+        first = R_wg @ first
     still = np.all(np.abs(rotation) < 1e-12, axis=1)
     rotation[still] = np.nan
     fixed = [f"rotation {w}" for w, held in zip(WORDS, still, strict=True) if held]
@@ -67,7 +71,7 @@ def chart_of(problem, solution, window, shape, R_wg) -> Chart:
         fixed = ["tilt against the ground"]
     maps = quantities | {"position": position, "rotation": rotation}
     turning = 1 if motion.name == "planar" else 3
-    return Chart(names, chosen, tangent, maps, tuple(fixed), at, R, turning)
+    return Chart(names, chosen, tangent, maps, tuple(fixed), at, R, first, turning)
 
 
 def _maps(shape, motion, at):

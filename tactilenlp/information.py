@@ -116,7 +116,8 @@ def information_of(
     errors, doubt = C, np.zeros_like(C)
     if sensed is not None:
         errors = spread(curvature, pulls, held, sensed, window, shape)
-        doubt = unseen(chart, shape, faces, sensed.precision.position)
+        grounded = len(window.corner) > 0
+        doubt = unseen(chart, shape, faces, sensed.precision.position, grounded)
     found = [(chart.z, chart.R, solution.objective, errors)]
     found += [_rival(other, shape, R_wg) for other in rivals]
     modes = weighted(shape, chart.turning, found)

@@ -29,7 +29,7 @@ from .precision import Precision, smoothed
 from .readout import builder
 from .reduce import Reductions, reduce
 from .request import page_of, shape_of
-from .scatter import Sensed, moved_by, scatter
+from .scatter import Sensed, moved_by, scatter, sources
 from .sensitivity import Sensitivity, moves
 from .solve import Solution
 
@@ -65,7 +65,8 @@ def observed_information(estimate, kind: str = "exact") -> Information:
     C = tangent @ pulls[again.chart.chosen] @ tangent.T
     if kind == "sandwich":
         sensed = again.sensed
-        C = scatter(*moved_by(curvature, pulls, held, sensed, again.window), sensed)
+        source = sources(curvature, sensed, again.window)
+        C = scatter(*moved_by(curvature, pulls, held, sensed, source), sensed)
         C = tangent @ C @ tangent.T
     C = (C + C.T) / 2
     return replace(estimate.information, matrix=inverse(C), spread=C)

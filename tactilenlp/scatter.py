@@ -37,16 +37,15 @@ class Sensed:
 
 
 def moved_by(
-    curvature: Curvature, pulls, held, sensed: Sensed, window, terms=None
+    curvature: Curvature, pulls, held, sensed: Sensed, source, terms=None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return how the chosen unknowns move with what each finger measured.
 
     By its position and by its normal, (k, T, F, 3) each [SI], through all terms or the
-    named ones.  pulls, held: see Curvature.response_of.
+    named ones.  pulls, held: see Curvature.response_of; source: see sources.
     """
     shape = (*sensed.data.contact.shape, 3)
     count = int(np.prod(shape))
-    source = _sources(curvature, sensed, window, count)
     moved = np.zeros((2 * count, pulls.shape[1]))
     for name in terms or curvature.hessians:
         term = curvature.problem.terms[name]
@@ -106,13 +105,15 @@ def cross(curvature: Curvature, name: str, columns: Iterable[int]):
     return slope, value
 
 
-def _sources(curvature: Curvature, sensed: Sensed, window, count: int) -> np.ndarray:
+def sources(curvature: Curvature, sensed: Sensed, window) -> np.ndarray:
     """Return for every datum of the programme which measurement it is, -1 if none.
 
     The programme is built again from measurements shifted by CODE times their number:
     positions count from 1, normals after them.
     """
-    number = np.arange(1, count + 1).reshape(*sensed.data.contact.shape, 3)
+    shape = (*sensed.data.contact.shape, 3)
+    count = int(np.prod(shape))
+    number = np.arange(1, count + 1).reshape(shape)
 
     def coded(rows, p_wf, before=0):
         code = np.zeros_like(p_wf)  # a capsule's orientation follows the position
@@ -131,8 +132,7 @@ def _sources(curvature: Curvature, sensed: Sensed, window, count: int) -> np.nda
             push, p_wf=coded(push, push.p_wf), p_wf_1=coded(push, push.p_wf_1, 1)
         ),
     )
-    plain, other = sensed.build(window), sensed.build(changed)
-    code = (other.data() - plain.data()) / CODE
+    code = (sensed.build(changed).data() - curvature.problem.data()) / CODE
     whole = np.rint(code)
     if np.abs(code - whole).max(initial=0.0) > EXACT:
         raise PageError(

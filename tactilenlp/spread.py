@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from .curvature import Curvature
-from .scatter import Sensed, moved_by, scatter, tangential
+from .scatter import Sensed, moved_by, scatter, sources, tangential
 from .sensitivity import move
 
 PHYSICS = 0.3  # [-] of the physics' curvature is its error: coverage of 20 recordings
@@ -27,6 +27,7 @@ UNEVEN = {"ground gap": 1.0}  # [REST] deviation of a corner from the hard groun
 UNSEEN = 2.0  # [position noise] deviation of a face that only physics tells
 TUMBLED = 0.1  # [size] and where it is told by how the object tumbled
 ENOUGH = 3  # contact samples that make a face known
+FLAT = 0.99  # [-] cosine between the vertical and the axis of a face on the ground
 MEDIAN_2 = 1.1774  # median of the length of a standard normal vector in the plane
 PRIORS = ("prior", "regulariser")
 
@@ -36,8 +37,11 @@ def spread(
 ) -> np.ndarray:
     """Return the covariance (k, k) of the chosen unknowns, SI."""
     problem = curvature.problem
-    noise = scatter(*moved_by(curvature, pulls, held, sensed, window), sensed)
-    noise += _model_error(curvature, pulls, held, sensed, window, shape)
+    source = sources(curvature, sensed, window)
+    noise = scatter(*moved_by(curvature, pulls, held, sensed, source), sensed)
+    if "touch" in problem.terms:
+        by = moved_by(curvature, pulls, held, sensed, source, terms=["touch"])
+        noise += _model_error(curvature, *by, sensed, window, shape)
     prior = [n for n, term in problem.costs.items() if term.role in PRIORS]
     physics = [n for n, term in problem.costs.items() if term.role == "physics"]
     physics += [*problem.constraints]
@@ -54,12 +58,10 @@ def spread(
     return (noise + noise.T) / 2
 
 
-def _model_error(curvature, pulls, held, sensed, window, shape) -> np.ndarray:
+def _model_error(curvature, by_position, by_normal, sensed, window, shape):
     """Return what touched gaps and normals that are not as modelled make of it."""
     parameters = curvature.problem.parameters
-    k, data, precision = pulls.shape[1], sensed.data, sensed.precision
-    if "touch" not in curvature.problem.terms:
-        return np.zeros((k, k))
+    k, data, precision = len(by_position), sensed.data, sensed.precision
     touch, normal = (
         float(curvature.data[parameters[name].span][0]) if name in parameters else 0.0
         for name in ("touch scale", "normal scale")
@@ -67,28 +69,28 @@ def _model_error(curvature, pulls, held, sensed, window, shape) -> np.ndarray:
     gap = max(0.0, touch**2 - precision.position**2)
     turn = max(0.0, normal**2 - precision.normal**2)
     turn = min(turn, residual_of_normals(curvature, window, shape) ** 2)
-    by_position, by_normal = moved_by(
-        curvature, pulls, held, sensed, window, terms=["touch"]
-    )
     along = np.einsum("ktfc,tfc->ktf", by_position, data.normal).reshape(k, -1)
     across = tangential(by_normal, data.normal).reshape(k, -1)
     return gap * along @ along.T + turn * across @ across.T
 
 
-def unseen(chart, shape, faces, noise: float) -> np.ndarray:
+def unseen(chart, shape, faces, noise: float, grounded: bool = True) -> np.ndarray:
     """Return the covariance (k, k) of faces that nothing touched, SI.
 
     What physics tells of them is no Gaussian: an optimum among others, and too small
     rather than too large where finger paths are noisy (noise [m]).  faces (axes, 2):
-    samples that touched each; a body whose unknowns are no lengths of sides has none.
+    samples that touched each, grounded: so does the ground at the first and the last
+    sample; a body whose unknowns are no lengths of sides has none.
     """
     n, k = shape.theta, len(chart.z)
     total = np.zeros((k, k))
     if not getattr(shape, "symmetries", ()):
         return total
-    for axis in range(n):
-        low, high = np.asarray(faces[axis]) >= ENOUGH
-        low |= chart.turning == 1 and axis == 2  # it lies on the ground
+    known = np.asarray(faces) >= ENOUGH
+    for R in (chart.R_first, chart.R) if grounded else ():
+        down = np.argmax(np.abs(R[2]))
+        known[down, 0 if R[2, down] > 0 else 1] |= abs(R[2, down]) > FLAT
+    for axis, (low, high) in enumerate(known):
         if low and high:
             continue
         way = np.zeros(k)

@@ -254,7 +254,7 @@ def test_a_face_that_nothing_touched_is_as_doubtful_as_the_fingers_paths_are_noi
     c, s = np.cos(yaw), np.sin(yaw)
     R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     z = np.r_[0.05, 0.03, 0.04, 0.1, 0.2, yaw]
-    chart = Chart(("",) * 6, np.arange(6), np.eye(6), {}, (), z, R, 1)
+    chart = Chart(("",) * 6, np.arange(6), np.eye(6), {}, (), z, R, R, 1)
     doubt = unseen(chart, CUBOID, [[9, 9], [9, 0], [0, 9]], noise)
     assert doubt[1, 1] == pytest.approx((UNSEEN * noise) ** 2)
     assert doubt[0, 0] == doubt[2, 2] == 0

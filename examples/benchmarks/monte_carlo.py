@@ -59,7 +59,7 @@ def measure(file: str, actions: int, number: int, noise: dict) -> dict:
         noisy, scene, start=truth.start(begun), options=options, throw=False
     )
     last, row = noisy.samples - 1, {"scene": Path(file).stem, "number": number}
-    row |= {"success": estimate.success, "cpu_s": process_time() - began}
+    row |= {"success": bool(estimate.success), "cpu_s": process_time() - began}
     if not estimate.success:
         return row
     R_we, R_wt = (
@@ -102,9 +102,13 @@ def main() -> None:
             pool.submit(measure, file, arguments.actions, number, NOISE): path
             for file, number, path in todo
         }
-        for done, future in enumerate(as_completed(futures), 1):
-            futures[future].write_text(json.dumps(future.result()))
-            print(f"\r{done} of {len(futures)}", end="", flush=True)
+        try:
+            for done, future in enumerate(as_completed(futures), 1):
+                futures[future].write_text(json.dumps(future.result()))
+                print(f"\r{done} of {len(futures)}", end="", flush=True)
+        except BaseException:  # what is written stays; do not wait for the rest
+            pool.shutdown(cancel_futures=True)
+            raise
     print()
     report(arguments.folder)
 
