@@ -25,6 +25,7 @@ LOST = np.radians(45)  # a turn less certain than this is not observed
 TINY = 1e-12  # [SI] a deviation below which a number is known exactly
 SHARP = 1e-12  # [-] of the other variances: a direction below this is known exactly
 MOST = 4  # unknowns that name a direction
+RARE = 0.02  # [-] modes of less weight are not spoken of
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +82,26 @@ class Information:
                 expected=f"one of {sorted({*self.roles, *self.roles.values()})}",
             )  # fmt: skip
         return sum(self.parts[n] for n in chosen)
+
+    @property
+    def also(self) -> tuple[str, ...]:
+        """Words for the other bodies that explain the data, by how they differ."""
+        words = []
+        for weight, off in zip(
+            self.modes.weights[1:], self.modes.offsets[1:], strict=True
+        ):
+            if weight < RARE:
+                continue
+            units = [180 / np.pi if "rotation" in n else 1e3 for n in self.names]
+            sigma = np.sqrt(np.diag(self.spread))
+            most = np.argsort(np.abs(off) / np.where(sigma > 0, sigma, 1.0))[::-1][:2]
+            parts = [
+                f"{self.names[i]} {off[i] * units[i]:+.1f} "
+                f"{'deg' if 'rotation' in self.names[i] else 'mm'}"
+                for i in most
+            ]
+            words.append(f"{weight:.0%} that {', '.join(parts)}")
+        return tuple(words)
 
     def of_hessian(self) -> Information:
         """Return the same, its sigma that of the Hessian alone, of this mode alone."""

@@ -141,6 +141,8 @@ class Estimate:
             lines.append(
                 "Not observed: " + "; ".join(self.information.unobserved) + "."
             )
+        if self.information.also:
+            lines.append("Also possible: " + "; ".join(self.information.also) + ".")
         lines += [f"Skipped {s}." for s in self.skipped]
         return "\n".join(lines)
 

@@ -1,5 +1,7 @@
 """Sigma tells what is known to err, and names what is not known at all."""
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -124,8 +126,6 @@ def test_a_wrong_mass_moves_impulses_and_not_the_body(sensitivity):
 def test_sensitivity_is_what_solving_again_gives(
     estimate, programme, sensitivity, name
 ):
-    from dataclasses import replace
-
     scene, window = estimate.scene, programme.window
     owner = scene if hasattr(scene, name) and getattr(scene, name) else window
     step, ends = 2e-3 * getattr(owner, name), []
@@ -239,6 +239,13 @@ def test_the_papers_link_of_a_pose_with_itself_is_the_identity(programme):
     x = programme.solution.values["x"][:, -1]
     half = half_turns(programme.window.motion, x)
     assert np.linalg.pinv(half) @ half == pytest.approx(np.eye(len(half)))
+
+
+def test_another_body_that_explains_the_data_is_spoken_of(estimate):
+    found = [mode([0.05, 0.03, 0.04], 0.0), mode([0.05, 0.04, 0.04], 0.0, 1.0)]
+    modes = weighted(CUBOID, 1, found)
+    information = replace(estimate.information, modes=modes, spread=modes.covariance)
+    assert information.also[0].startswith("27% that side y +10.0 mm")
 
 
 def test_information_survives_a_file(estimate, tmp_path):
