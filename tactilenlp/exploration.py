@@ -90,7 +90,8 @@ def explore(
     is measured; called again with the same folder, exploration goes on from there.
     start: an Estimate to begin from instead of a first touch, or a Guess of the object.
 
-    An action without contact is data; the next one then aims at the last touched spot.
+    An action without contact is data.  After one, or where an estimate lies apart from
+    what was touched, the next action is random and aims at the last touched spot.
     """
     space = _space(world, scene, workspace)
     settings = {"search": search, "budget": budget, "policy": _known(policy)}
@@ -182,8 +183,9 @@ def _next(estimate, space, past, rng, settings):
     """Return the next action, how it was chosen, in words, and where it aims."""
     target, policy = estimate.position[-1], settings["policy"]
     data = estimate.measurements
-    if not (data.contact & data.valid)[data.action == data.action[-1]].any():
-        log.warning("nothing was touched: aiming at the last touched spot")
+    lost = _lost(estimate)
+    if lost:
+        log.warning("%s: aiming at the last touched spot", lost)
         return space.random(rng), None, "sought again", last_touched(data, target)
     plan = Plan(
         estimate, space, tuple(past), rng, settings["search"], settings["budget"]
@@ -200,6 +202,17 @@ def _next(estimate, space, past, rng, settings):
         draw = space.random if policy == "random" else _farthest(plan)
         return draw(rng), None, policy, target
     return choice.action, choice, policy, target
+
+
+def _lost(estimate) -> str:
+    """Return in words why the estimate cannot be aimed at, or nothing."""
+    data = estimate.measurements
+    if not (data.contact & data.valid)[data.action == data.action[-1]].any():
+        return "nothing was touched"
+    apart = (last_touched(data, estimate.position[-1]) - estimate.position[-1])[:2]
+    if np.linalg.norm(apart) > np.linalg.norm(estimate.vertices, axis=1).max():
+        return "the estimate lies apart from what was touched"
+    return ""
 
 
 def last_touched(data: Measurements, otherwise: np.ndarray) -> np.ndarray:
