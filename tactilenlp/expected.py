@@ -15,16 +15,17 @@ import numpy as np
 from formulations import quasi_static, violation_implicit
 from formulations.friction import FRICTION
 
-from .errors import OptionError, TactileError
+from .errors import OptionError, SceneError, TactileError
 from .kind import mapped
 from .predict import pushed, sampled
-from .request import SHAPES
+from .request import shape_of
 from .workspace import Action, Workspace
 
 log = logging.getLogger("tactilenlp")
 
 RATE = 30  # [Hz] of the samples, as the record
 GRAVITY_FREE = 9.81  # [m/s^2] makes a weight where nothing falls
+SLIPPERY = 0.02  # [1] at least: without any friction a push has no end
 VAGUE = 0.1, 3.0  # [m], [rad] of a pose of which nothing is known
 NEGLIGIBLE = 0.02  # [-] of the best's weight: a hypothesis that is not followed
 
@@ -74,9 +75,10 @@ class ExpectedInformation:
             raise OptionError(
                 "out of range", where="hypotheses", got=hypotheses, expected=expected
             )
+        _check_ground(estimate.scene)
         self.workspace = workspace or Workspace(ground=estimate.scene.ground)
         self.estimate, self._sloped = estimate, float(slopes == "motion")
-        self.shape = SHAPES[estimate.shape]
+        self.shape = shape_of(estimate.shape)
         k = len(estimate.information.names)
         self._free, self._none = k > self.shape.theta + 3, np.zeros((k, k))
         self._sensors = _sensors(estimate)
@@ -103,8 +105,7 @@ class ExpectedInformation:
         """Return its way (n, 3), contacts (n, F) and what they tell (k, k)."""
         space, k = action.workspace, len(belief.z)
         path = action.positions(self.target, round(space.duration * RATE) + 1)
-        if space.ground is not None:
-            path = space.ground.to_ground(path)
+        path = self.estimate.scene.ground.to_ground(path)
         r, F = path.reshape(len(path), -1).T, space.fingers
         step = pushed(self.shape, self._free, F, len(path) - 1)
         rest = np.zeros(3), r[:, 0], np.zeros(3), np.zeros((3, k)), np.zeros((3, 3))
@@ -146,9 +147,7 @@ class ExpectedInformation:
     def _told(self, theta: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Return eq:obsinfo of all samples at poses x (u, T), and the size prior."""
         shape, data = self.shape, self.estimate.measurements
-        ground = self.estimate.scene.ground
-        points = data.finger_position
-        points = points if ground is None else ground.to_ground(points)
+        points = self.estimate.scene.ground.to_ground(data.finger_position)
         t, f = np.nonzero(data.valid)
         k = len(theta) + len(x)
         z = np.vstack([np.repeat(theta[:, None], len(t), axis=1), x[:, t]])
@@ -203,11 +202,10 @@ def _poses(estimate, free: bool) -> np.ndarray:
     """Return the poses of an estimate as unknowns (u, T), ground frame."""
     from scipy.spatial.transform import Rotation
 
-    position, ground = estimate.position, estimate.scene.ground
+    ground = estimate.scene.ground
+    position = ground.to_ground(estimate.position)
     turn = Rotation.from_quat(np.roll(estimate.quaternion, -1, axis=1))
-    if ground is not None:
-        position = ground.to_ground(position)
-        turn = Rotation.from_matrix(ground.rotation) * turn
+    turn = Rotation.from_matrix(ground.rotation) * turn
     x = np.hstack([position, turn.as_rotvec()]).T
     return x if free else x[[0, 1, 5]]
 
@@ -234,9 +232,22 @@ def _sensors(estimate) -> np.ndarray:
     return np.array([alpha, np.hypot(touch, p), np.hypot(normal, n)])
 
 
+def _check_ground(scene) -> None:
+    """Raise SceneError without a ground: what floats is not pushed, it drifts away."""
+    if scene.ground is None:
+        raise SceneError(
+            "no action is predicted without a ground",
+            where="scene.ground",
+            got="None",
+            expected="the plane on which the object lies",
+            next="explore with policy='random' or one of your own",
+        )
+
+
 def _known(scene, space: Workspace) -> np.ndarray:
     """Return mu_g, mu_f, weight [N], stiffness [N/m], max_force [N]."""
     ground = FRICTION if scene.friction_ground is None else scene.friction_ground
     finger = FRICTION if scene.friction_finger is None else scene.friction_finger
     weight = scene.mass * (scene.gravity or GRAVITY_FREE)
+    ground = max(ground, SLIPPERY)
     return np.array([ground, finger, weight, space.stiffness, space.max_force])

@@ -17,7 +17,7 @@ from tactilenlp import (
     information_gain,
     solve_estimate,
 )
-from tactilenlp.errors import OptionError, TactileError
+from tactilenlp.errors import OptionError, SceneError, TactileError
 
 SPACE = Workspace()
 NAMES = ("side x", "side y", "side z", "position x", "position y", "rotation z")
@@ -194,6 +194,15 @@ def test_with_left_and_top_touched_the_unseen_right_side_gains_most(left_and_top
     assert side["right"] > 1.5 * max(v for k, v in side.items() if k != "right")
     best = choose_action(estimate, alone, budget=100).action.directions[0]
     assert best @ [np.cos(yaw), np.sin(yaw), 0] > 0.5
+
+
+def test_ice_is_pushed_as_far_as_the_finger_goes_and_a_floating_body_is_refused():
+    ice = SimpleNamespace(**vars(BOX) | {"scene": Scene(friction_ground=0.0)})
+    gains = [ExpectedInformation(ice, SPACE).gain(action) for action in actions(5)]
+    assert np.isfinite(gains).all()
+    floating = Scene(ground=None, gravity=0.0)
+    with pytest.raises(SceneError, match=r"ground.*random"):
+        ExpectedInformation(SimpleNamespace(**vars(BOX) | {"scene": floating}), SPACE)
 
 
 def test_options_that_are_none_are_refused():

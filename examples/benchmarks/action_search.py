@@ -1,6 +1,7 @@
 """Compare ways of searching the action space, on states of real explorations.
 
     python examples/benchmarks/action_search.py folder [--worlds 4] [--known 5000]
+        [--budgets 60 180 500]
 
 States: the estimates of explorations in MuJoCo (a first touch and four chosen actions
 each), kept in the folder.  The best known gain of a state is the largest that any
@@ -18,7 +19,7 @@ import numpy as np
 from tactilenlp import Estimate, ExpectedInformation, Scene, World, explore
 from tactilenlp.choose import SEARCHES, best_action
 
-SEED, BUDGETS = 77, (60, 180, 500)
+SEED = 77
 SIZES, WITHIN = (0.03, 0.06), 0.02  # [m] of the cuboids, of their centres
 
 
@@ -40,7 +41,7 @@ def states(folder: Path, worlds: int) -> list[Path]:
     return sorted(folder.glob("world_*/estimate_*.npz"))
 
 
-def searched(file: Path, known: int) -> dict:
+def searched(file: Path, known: int, budgets) -> dict:
     """Return the gains found in one state, by search and budget."""
     expected = ExpectedInformation(Estimate.load(file))
     space = expected.workspace
@@ -53,7 +54,7 @@ def searched(file: Path, known: int) -> dict:
     found["known"] = best_action(gain, space, search="direct_l", budget=known).gain
     per_gain = (process_time() - began) / known
     for search in SEARCHES:
-        for budget in BUDGETS:
+        for budget in budgets:
             choice = best_action(gain, space, search=search, budget=budget, seed=1)
             found[f"{search} {budget}"] = choice.gain
     best = max(found.values())
@@ -72,20 +73,24 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--worlds", type=int, default=4)
     parser.add_argument("--known", type=int, default=5000)
+    parser.add_argument("--budgets", type=int, nargs="+", default=[60, 180, 500])
     arguments = parser.parse_args()
     files = states(arguments.folder, arguments.worlds)
     rows = []
     for file in files:
-        rows.append(searched(file, arguments.known))
+        rows.append(searched(file, arguments.known, arguments.budgets))
         print(rows[-1]["state"], f"best known {rows[-1]['best']:.2f} nats", flush=True)
     (arguments.folder / "search.json").write_text(json.dumps(rows, indent=1))
     cpu = np.median([row["ms_per_gain_and_hypothesis"] for row in rows])
     print(f"{len(rows)} states, {cpu:.2f} CPU ms per gain and hypothesis (median)")
     print(f"{'mean share of the best known gain':<36}" + "".join(
-        f"{b:>8}" for b in BUDGETS
+        f"{b:>8}" for b in arguments.budgets
     ))  # fmt: skip
     for search in SEARCHES:
-        mean = [np.mean([r["share"][f"{search} {b}"] for r in rows]) for b in BUDGETS]
+        mean = [
+            np.mean([r["share"][f"{search} {b}"] for r in rows])
+            for b in arguments.budgets
+        ]
         print(f"{search:<36}" + "".join(f"{m:>8.3f}" for m in mean))
     known = np.mean([row["share"]["known"] for row in rows])
     print(f"{f'direct_l, {arguments.known} evaluations':<36}{known:>8.3f}")
