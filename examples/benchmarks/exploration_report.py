@@ -59,7 +59,9 @@ def mean_and_band(values: np.ndarray) -> tuple[float, float]:
 def summary_lines(rows, name: str) -> list[str]:
     """Return, for every policy and action, what was reached."""
     heads = ("mean", "band", "without outliers", "median", "p90", "worst", "n")
-    lines = [f"{UNITS[name]}", " " * 24 + "".join(f"{h:>18}" for h in heads)]
+    widths = (10, 10, 28, 10, 10, 10, 5)
+    cells = "".join(f"{h:>{w}}" for h, w in zip(heads, widths, strict=True))
+    lines = [f"{UNITS[name]}", " " * 24 + cells]
     for policy, start in ways(rows):
         table = table_of(rows, name, policy, start)
         for action, values in enumerate(table.T):
@@ -70,7 +72,8 @@ def summary_lines(rows, name: str) -> list[str]:
             q = np.quantile(values, [0.5, 0.9, 1.0], method="higher")
             words = [f"{mean:.3f}", f"± {half:.3f}", rest, *(f"{v:.3f}" for v in q)]
             label = f"{policy}, {start}, 1 + {action}"
-            cells = "".join(f"{w:>18}" for w in [*words, len(values)])
+            pairs = zip([*words, str(len(values))], widths, strict=True)
+            cells = "".join(f"{word:>{width}}" for word, width in pairs)
             lines.append(f"{label:<24}{cells}")
     return lines
 
