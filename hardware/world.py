@@ -84,8 +84,7 @@ class RobotWorld:
             self._approach([path[0] for path in paths])
             self.bench.forget()
             begin = self._follow(paths, duration)
-            back = [path[::-1] for path in paths]
-            self._follow(back, duration)
+            self._follow(self._way_back(paths), duration)
             data = self._assembled(begin, begin + duration, parked)
         except BaseException:
             self.stop()
@@ -199,6 +198,17 @@ class RobotWorld:
                 self._check(finger, path[1:], duration / len(s))
         self._follow(paths, duration if far > THERE else 0.0)
         self._follow([goal[None].repeat(2, axis=0) for goal in goals], SETTLE)
+
+    def _way_back(self, paths: list[np.ndarray]) -> list[np.ndarray]:
+        """Return paths from where the fingers are back to the start, as they came.
+
+        What an object kept a finger from is given up at once: it stops pushing.
+        """
+        back = []
+        for finger, path in zip(self.bench.fingers, paths, strict=True):
+            left = np.linspace(1, 0, len(path))[:, None]
+            back.append(path[::-1] + left * (finger.angles - path[-1]))
+        return back
 
     def _check(self, finger: FingerBench, angles: np.ndarray, dt: float) -> None:
         self.limits.check_path(finger.rig.name, finger.geometry, angles, dt)

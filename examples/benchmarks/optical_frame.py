@@ -123,12 +123,10 @@ def main() -> None:
     ms = np.median([row["ms"] for row in rows])
     print(f"felt {sum(row['felt'] for row in rows)} of {len(rows)} touches")
     print(
-        f"within 60 deg: centre {centre:.2f} px off, normal {normal:.2f} deg (median)"
+        f"within 60 deg: centre {centre:.2f} px, normal {normal:.2f} deg off (median)"
     )
-    print(
-        f"threshold {sensor.decide.on:.1f} px^2, "
-        f"largest without a touch {max(false):.2f}"
-    )
+    on, most = sensor.decide.on, max(false)
+    print(f"threshold {on:.1f} px^2, largest without a touch {most:.2f} px^2")
     print(f"{ms:.1f} ms CPU per picture, budget {BUDGET:g} ms.")
 
 
