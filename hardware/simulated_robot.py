@@ -92,6 +92,7 @@ class SimulatedRobot:
             for k, one in enumerate(rig.fingers)
         ]
         self.after: Callable[[float], None] | None = None
+        self.rig = rig
         self._plant = Plant(
             side_lengths=np.array(side_lengths, float),
             vertices=None,

@@ -43,7 +43,8 @@ class RobotWorld:
     control:       [Hz] of the control loop
     complete:      [1], least share of valid samples of a finger that takes part
 
-    `measurements` holds all that was felt so far, None before the first action.
+    `measurements` holds all that was felt so far, None before the first action;
+    `origin` [s] is the host's time that is 0 there.
 
     Motors start with the first action.  Between actions a thread keeps the fingers up,
     unless the clock is a simulated one, which stands still meanwhile.  `stop` ends it.
@@ -62,7 +63,7 @@ class RobotWorld:
         self.gains, self.limits = gains or Gains(), limits or Limits()
         self.control, self.complete = control, complete
         self.measurements: Measurements | None = None
-        self._started, self._origin = False, 0.0
+        self._started, self.origin = False, 0.0
         self._last_tick: float | None = None
         self._keeper: threading.Thread | None = None
         self._leave, self._failed = threading.Event(), None
@@ -154,7 +155,7 @@ class RobotWorld:
                     next="does it send? see `python -m hardware record` and `check`",
                 )
         if self.measurements is None:
-            self._origin = self.clock.now()
+            self.origin = self.clock.now()
 
     def _planned(self, trajectory) -> tuple[list[np.ndarray], float, np.ndarray]:
         """Return joint paths (n, 3) [rad] at the control rate, duration, who parks."""
@@ -262,7 +263,7 @@ class RobotWorld:
         past = self.measurements
         return assemble(
             streams,
-            origin=self._origin,
+            origin=self.origin,
             start=begin,
             end=end,
             action=0 if past is None else int(past.action[-1]) + 1,

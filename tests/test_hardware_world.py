@@ -44,7 +44,7 @@ def trajectory(*lines, duration=1.0, steps=31):
 
 
 AWAY = [(-0.1, 0.01, 0.05)]
-PUSH = trajectory([(0.09, 0.0, 0.05), (0.01, 0.0, 0.03)], AWAY, duration=0.7)
+PUSH = trajectory([(0.07, 0.0, 0.04), (-0.02, 0.0, 0.03)], AWAY, duration=0.75)
 SQUEEZE = trajectory(
     [(0.09, 0.0, 0.05), (0.02, 0.0, 0.03)],
     [(-0.09, 0.0, 0.05), (-0.02, 0.0, 0.03)],
@@ -140,7 +140,7 @@ def session():
 
 def test_an_action_comes_back_at_30_hz_and_the_next_one_goes_on(session):
     setup, (first, second), _ = session
-    assert 21 <= first.samples <= 22
+    assert 22 <= first.samples <= 23
     assert first.dt == pytest.approx(1 / 30)
     assert (first.action[0], second.action[0]) == (0, 1)
     assert second.time[0] > first.time[-1]
@@ -151,7 +151,7 @@ def test_the_measured_tips_are_where_the_simulated_ones_were(session):
     setup, data, _ = session
     times = np.array([now for now, _ in setup.trace])
     truth = np.array([tips for _, tips in setup.trace])
-    origin = setup.world._origin
+    origin = setup.world.origin
     for one in data:
         true = [
             np.interp(origin + one.time, times, truth[:, k, i])
@@ -177,7 +177,7 @@ def test_pictures_of_a_push_give_contact_and_the_faces_normal(session):
     assert first.contact[begin:, 0].all()
     for data, k, face in ((first, 0, 1.0), (second, 0, 1.0), (second, 1, -1.0)):
         touched = data.normal[data.contact[:, k], k]
-        assert len(touched) > 3
+        assert len(touched) >= 3
         assert np.degrees(np.arccos(face * touched[:, 0])).max() < 8.0
     # the tip was its radius and half the box away when the first touch was felt
     gap = first.finger_position[begin, 0, 0] - 0.01575 - BOX[0] / 2
@@ -189,6 +189,10 @@ def test_the_object_moved_as_the_papers_did(session):
     assert 2e-3 < np.linalg.norm(pose[:2]) < 0.02
 
 
+def test_a_world_tells_the_radii_of_its_fingertips():
+    assert Setup().world.finger_radius.tolist() == [0.01575] * 2
+
+
 def test_a_zero_error_of_one_degree_moves_the_measured_tip_by_millimetres():
     error = np.zeros((2, 3))
     error[0, 0] = np.deg2rad(1.0)
@@ -198,7 +202,7 @@ def test_a_zero_error_of_one_degree_moves_the_measured_tip_by_millimetres():
     last = data.finger_position[-1]
     J = setup.rig.fingers[0].geometry
     lever = np.linalg.norm(J.jacobian(J.inverse(last[0]))[:, 0])
-    ends = [p for now, p in setup.trace if now <= setup.world._origin + data.time[-1]]
+    ends = [p for now, p in setup.trace if now <= setup.world.origin + data.time[-1]]
     off = np.linalg.norm(ends[-1] - last, axis=1)
     assert off[0] == pytest.approx(np.deg2rad(1.0) * lever, rel=0.05)
     assert 2e-3 < off[0] < 5e-3
