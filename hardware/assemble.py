@@ -81,8 +81,8 @@ def assemble(
     _judge(_report(fingers, time, parts), parked, complete)
     takes_part = np.array([one.name not in parked for one in fingers])
     valid = np.stack([part["valid"] for part in parts], axis=1) & takes_part
-    contact = np.stack([part["contact"] for part in parts], axis=1) & valid
     normal = np.stack([part["normal"] for part in parts], axis=1)
+    contact = normal.any(axis=-1) & valid  # a touch without a normal was not valid
     return Measurements(
         time=time - (time[0] if origin is None else origin),
         finger_position=np.stack([part["position"] for part in parts], axis=1),

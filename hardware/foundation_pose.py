@@ -84,21 +84,8 @@ def load_poses(
     Raises RecordingError where there are no files, ClockError where times do not fit.
     """
     files = _files(Path(folder))
-    counters = [int(f.stem) for f in files if re.fullmatch(COUNTER, f.stem)]
-    place = counters if len(counters) == len(files) else list(range(len(files)))
-    count = max(place) + 1 if times is None else len(times)
-    if max(place) >= count:
-        raise ClockError(
-            "more pictures than times",
-            where=str(folder),
-            got=f"picture {max(place)}, {count} times",
-            expected="a time for every picture",
-        )
-    if times is None:
-        log.warning("%s: no times, pictures are taken as %g Hz", folder, rate)
-    time = np.arange(count) / rate if times is None else np.asarray(times, float)
-    if not (np.isfinite(time).all() and (np.diff(time) > 0).all()):
-        raise ClockError("times do not increase", where=str(folder))
+    place = _places(files)
+    time = _times(times, max(place) + 1, rate, str(folder))
     X_wc = np.eye(4) if world_from_camera is None else _given(world_from_camera)
     poses = _nothing(time)
     for k, file in zip(place, files, strict=True):
@@ -121,6 +108,30 @@ def _files(folder: Path) -> list[Path]:
         expected = "ob_in_cam/*.txt as FoundationPose writes them"
         raise RecordingError("no poses", where=str(folder), expected=expected)
     return files
+
+
+def _places(files: list[Path]) -> list[int]:
+    """Return the number of the picture of each file: its counter, or its rank."""
+    counters = [int(f.stem) for f in files if re.fullmatch(COUNTER, f.stem)]
+    return counters if len(counters) == len(files) else list(range(len(files)))
+
+
+def _times(given, count: int, rate: float, where: str) -> np.ndarray:
+    """Return the times (N,) [s] of at least `count` pictures; raises ClockError."""
+    if given is None:
+        log.warning("%s: no times, pictures are taken as %g Hz", where, rate)
+        return np.arange(count) / rate
+    time = np.asarray(given, float)
+    if len(time) < count:
+        raise ClockError(
+            "more pictures than times",
+            where=where,
+            got=f"{count} pictures or more, {len(time)} times",
+            expected="a time for every picture",
+        )
+    if not (np.isfinite(time).all() and (np.diff(time) > 0).all()):
+        raise ClockError("times do not increase", where=where)
+    return time
 
 
 def _natural(path: Path) -> list:

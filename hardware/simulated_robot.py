@@ -19,22 +19,20 @@ import numpy as np
 
 from tactilenlp.plant import STEP, STIFFNESS, Plant
 
-from .errors import RigError
 from .impedance import holding
 from .kinematics import INITIAL
 from .motor_can import Quantity
 from .motor_joints import JointMap
-from .rig import CAMERA, ON_CAN, FingerRig, Rig, Tactile
-from .serial_tactile import DATA_ID, ForceFrame, encode_force, to_can
+from .rig import CAMERA, FingerRig, Rig, Tactile
 from .simulated_board import SimulatedBoard
-from .touch import INWARD, check_age
+from .simulated_sensors import FORCES, simulated_sensor
+from .touch import INWARD
 
 NOON = 1.7e9  # [s], the time of day at which the simulation begins
 COULOMB, VISCOUS = 0.043, 0.02  # [N m], [N m s/rad] in a joint; the first measured
 SLIP = 0.05  # [rad/s], below it Coulomb friction is viscous
 WIRES = 500.0  # [Hz] of boards; the real ones send at 1 kHz
 SKIN = 0.02  # [1], share of a change that a skin follows in a step: 12 ms
-PICTURES, FORCES = 30.0, 100  # [Hz]
 FRICTION = 0.3, 0.5  # [1], object and ground, object and finger
 SENT = (Quantity.POSITION, Quantity.VELOCITY)
 
@@ -50,7 +48,7 @@ class SimulatedFinger:
             SimulatedBoard(c, alignment=0.02, streams=SENT, period=0.05)
             for c in rig.boards
         ]
-        self.skin = _skin(rig.tactile, seed)
+        self.skin = simulated_sensor(rig.tactile, seed)
 
     @property
     def torques(self) -> np.ndarray:
@@ -192,95 +190,6 @@ class SimulatedRobot:
             self.after(now)
 
 
-class SimulatedCamera:
-    """Pictures of a DenseTact at 30 Hz; read as a Camera is."""
-
-    def __init__(self, tactile: Tactile, seed: int) -> None:
-        from .optical import Lens
-        from .simulated_skin import SimulatedSkin
-
-        lens = Lens(**tactile.touch["lens"])
-        width, height = tactile.camera["size"]
-        self.R_ts = np.array(tactile.touch["mount"], float)
-        self.skin = SimulatedSkin(lens, (height, width), seed)
-        self.name, self.sink, self.frozen = "camera", None, False
-        self._frames: list[tuple[float, np.ndarray]] = []
-        self._due, self._now, self._heard = 0.0, 0.0, 0.0
-
-    def open(self) -> None:
-        """There is no wire."""
-
-    close = open
-
-    def __enter__(self) -> SimulatedCamera:
-        self._heard = self._now
-        return self
-
-    def __exit__(self, *exception) -> None:
-        self._frames.clear()
-
-    def send(self, force: np.ndarray, press: np.ndarray, now: float) -> None:
-        """Take a picture if it is due; `press` (3,) [N] normal force, tip's frame."""
-        self._now = now
-        if now < self._due or self.frozen:
-            return
-        self._due = max(self._due, now - 1 / PICTURES) + 1 / PICTURES
-        size = float(np.linalg.norm(press))
-        out = -self.R_ts.T @ press / size if size > 0 else None
-        picture = self.skin.picture(out, size)
-        if self.sink is not None:
-            self.sink(picture, now)
-        self._frames.append((now, picture))
-        self._heard = now
-
-    def take(self) -> list[tuple[float, np.ndarray]]:
-        """Return the pictures since the last call."""
-        frames, self._frames = self._frames, []
-        return frames
-
-    def check(self, stale: float) -> None:
-        """Raise StaleStreamError where no new picture came for longer [s]."""
-        check_age(self.name, self._now - self._heard, stale)
-
-
-class SimulatedDome:
-    """Packets of an OptoForce sensor at 100 Hz, on CAN or to a function of bytes."""
-
-    def __init__(self, tactile: Tactile) -> None:
-        self.tactile, self.silent = tactile, False
-        self.R_ts = np.array(tactile.touch.get("mount", np.eye(3)), float)
-        self.scale = np.array(tactile.touch.get("scale", (400.9,) * 3), float)
-        self.write: Callable[[bytes], None] | None = None
-        self._bus, self._counter, self._due = None, 0, 0.0
-
-    def open(self) -> None:
-        """Open the bus, if the sensor is on one."""
-        if self.tactile.wire == ON_CAN:
-            import can
-
-            self._bus = can.Bus(**self.tactile.can)
-
-    def close(self) -> None:
-        """Close the bus."""
-        if self._bus is not None:
-            self._bus.shutdown()
-
-    def send(self, force: np.ndarray, press: np.ndarray, now: float) -> None:
-        """Send a packet if it is due; `force` (3,) [N] on the tip, in its frame."""
-        if now < self._due or self.silent:
-            return
-        self._due = max(self._due, now - 1 / FORCES) + 1 / FORCES
-        counts = np.rint(self.scale * (self.R_ts.T @ force))
-        limited = np.clip(counts, -32768, 32767).astype(int).tolist()
-        packet = encode_force(ForceFrame(self._counter, 0, tuple(limited)))
-        self._counter = (self._counter + 1) % 65536
-        if self.write is not None:
-            self.write(packet)
-        elif self._bus is not None:
-            for message in to_can(packet, DATA_ID, now):
-                self._bus.send(message)
-
-
 def simulated_rig(kind: str = "densetact", name: str = "simulated") -> Rig:
     """Return the paper's two opposing fingers on virtual wires.
 
@@ -303,11 +212,3 @@ def simulated_rig(kind: str = "densetact", name: str = "simulated") -> Rig:
         boards = bus(f"{k} board 0"), bus(f"{k} board 1")
         fingers.append(FingerRig(f"finger {k}", degrees, boards, tactile))
     return Rig(tuple(fingers))
-
-
-def _skin(tactile: Tactile, seed: int) -> SimulatedCamera | SimulatedDome:
-    if tactile.kind == "densetact":
-        return SimulatedCamera(tactile, seed)
-    if tactile.kind.startswith("optoforce"):
-        return SimulatedDome(tactile)
-    raise RigError("cannot be simulated", where="tactile.kind", got=tactile.kind)

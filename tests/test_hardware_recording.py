@@ -46,6 +46,8 @@ PATH = SimpleNamespace(
 
 def recorded(kind, folder, bus="blf"):
     """Record a short action of the simulated robot; return what its world measured."""
+    if kind == "densetact":
+        pytest.importorskip("cv2", reason="needs tactilenlp[optical]")
     rig = simulated_rig(kind, f"tape {next(numbers)}")
     starts = zip(rig.fingers, ENDS[0], strict=True)
     robot = SimulatedRobot(rig, angles=[f.geometry.inverse(p) for f, p in starts])

@@ -68,6 +68,8 @@ class Setup:
     """A simulated robot, its bench and its world."""
 
     def __init__(self, kind="optoforce_can", tape=None, make=SimulatedRobot, **options):
+        if kind == "densetact":
+            pytest.importorskip("cv2", reason="needs tactilenlp[optical]")
         self.rig = options.pop("rig", None)
         self.rig = self.rig or simulated_rig(kind, f"world {next(numbers)}")
         options.setdefault("angles", poised())
