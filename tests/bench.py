@@ -1,10 +1,13 @@
 """What the tests of the bench share: captures, pseudo-terminals, how much to fuzz."""
 
 import os
+import time
 import tty
 from pathlib import Path
 
 import pytest
+
+from tactilenlp.errors import TactileError
 
 CAPTURES = Path(__file__).resolve().parents[2] / "shared" / "captures"
 # The full run is TACTILENLP_FUZZ=1000000; a tenth of a second per test otherwise.
@@ -55,6 +58,23 @@ def terminal():
     terminal = Terminal()
     yield terminal
     terminal.unplug()
+
+
+def refused(check, since, seconds=10.0):
+    """Check until it refuses; return the error, and when it passed last.
+
+    Seconds count from `since` (monotonic) to the beginning of a check: a computer that
+    is busy with something else makes checks late, not wrong.
+    """
+    passed = 0.0
+    while (began := time.monotonic() - since) < seconds:
+        try:
+            check()
+        except TactileError as bad:
+            return bad, passed
+        passed = began
+        time.sleep(0.001)
+    raise AssertionError("it never refused")
 
 
 class ManualClock:
