@@ -22,6 +22,7 @@ from scipy.sparse.linalg import splu
 LOOSE = 1e-6  # [1 / scaled unknown^2] of a direction that nothing sees
 PINNED = 1e10  # [1 / scaled unknown^2] of one that cannot move
 IMPULSE = "N s"  # unit of what belongs to a step, be it the only one
+HELD = 1e8  # [1 / scaled unknown^2] across an equality
 SLACK = 1e-9  # [-] least slack that a multiplier is divided by
 
 
@@ -90,21 +91,25 @@ def summarise(problem, knot, hypothesis, values, data) -> Past:
 
 def _curvature(problem, hypothesis, x, data):
     """Return the scaled Hessian of the Lagrangian and of the barrier."""
+    D, scale = sp.diags(problem.scale), problem.scale
     H = sum(problem.hessian(name, x, data) for name in problem.costs)
+    barrier = sp.csc_matrix(H.shape)
     for name, multiplier in hypothesis.multipliers.items():
         term = problem.constraints[name]
         H = H + problem.hessian(name, x, data, multiplier)
         value = problem.value(name, x, data)
-        slack = np.minimum(value - term.lower, term.upper - value)
-        stiff = _stiffness(multiplier.ravel(), slack.ravel())
-        A = problem.jacobian(name, x, data)
-        H = H + A.T @ sp.diags(stiff) @ A
-    D, scale = sp.diags(problem.scale), problem.scale
+        slack = np.minimum(value - term.lower, term.upper - value).ravel()
+        A = problem.jacobian(name, x, data) @ D
+        length = np.asarray(A.multiply(A).sum(axis=1)).ravel()
+        equal = np.ravel(term.lower == term.upper)
+        stiff = _stiffness(multiplier.ravel(), slack)
+        stiff[equal] = HELD / np.maximum(length[equal], SLACK)
+        barrier = barrier + A.T @ sp.diags(stiff) @ A
     lower, upper = problem.bounds("lower"), problem.bounds("upper")
     pulls = {v.name: np.zeros((v.rows, v.columns)) for v in problem.variables.values()}
     pulls = problem.pack({**pulls, **hypothesis.bound_multipliers}) * scale
     stiff = _stiffness(pulls, np.minimum(x - lower, upper - x) / scale)
-    return D @ H @ D + sp.diags(stiff)
+    return D @ H @ D + barrier + sp.diags(stiff)
 
 
 def _stiffness(multiplier, slack) -> np.ndarray:

@@ -1,5 +1,6 @@
 """What was known goes into the next action as a Gaussian, and comes out as one."""
 
+from dataclasses import replace
 from time import monotonic
 
 import numpy as np
@@ -9,8 +10,10 @@ from formulations import violation_implicit as page
 from formulations.shape import CUBOID
 from tactilenlp import Estimate
 from tactilenlp.extend import before, pasts_of
-from tactilenlp.hypothesis import Job
+from tactilenlp.hypothesis import Hypothesis, Job
 from tactilenlp.local import WIDE, continued, settled
+from tactilenlp.nlp import Problem
+from tactilenlp.past import summarise
 from tactilenlp.precision import precision_of, smoothed
 from tactilenlp.reduce import Reductions
 
@@ -35,6 +38,31 @@ def test_the_past_is_as_certain_as_the_exact_reduced_hessian_says(job, estimate)
     exact = np.sqrt(np.diag(np.linalg.inv(estimate.information.matrix)))
     assert np.allclose(mine, exact, rtol=0.1)
     assert np.allclose(past.mean[past.rows("theta")], estimate.theta)
+
+
+def test_an_equality_between_poses_carries_their_uncertainty_on():
+    problem = Problem()
+    theta = problem.variable("theta", 1, guess=0.0, unit="m", scale=1e-3)
+    x = problem.variable("x", 1, 2, guess=0.0, unit="m", scale=1e-3)
+    sigma = 2e-3  # [m] of the size and of the first pose; the second is their sum
+
+    def known(a):
+        return (a / sigma) ** 2 / 2
+
+    problem.minimize("size", known, theta, role="prior")
+    problem.minimize("first pose", known, x[:, [0]], role="prior")
+    problem.subject_to(
+        "moves by its size", lambda t, a, b: b - a - t, theta, x[:, [0]], x[:, [1]],
+        lower=0, upper=0,
+    )  # fmt: skip
+    at = Hypothesis(np.zeros(1), np.zeros((1, 2)), 0.0, ())
+    at = replace(at, multipliers={"moves by its size": np.zeros((1, 1))})
+    past = summarise(problem, np.arange(2), at, {}, problem.data())
+    # what holds the equality gives by HELD: a part in 1e7 of these variances
+    assert np.allclose(
+        past.covariance, sigma**2 * np.array([[1, 1], [1, 2]]), rtol=1e-4
+    )
+    assert past.names == ("theta", "x")
 
 
 def test_all_actions_together_confirm_what_the_last_one_found_alone(job, estimate):
