@@ -1,0 +1,232 @@
+"""Benchmark the formulations against each other: run time against error, same starts.
+
+python examples/benchmarks/compare_formulations.py ../shared/scenes/cuboid_0[0-2]*.npz
+With --ablation: the page `paper`, each of its physics terms left out in turn.
+
+Each is one local solve of the page's levels: no search, no second start.  Starts:
+  near    the true path moved by 1 mm and 2 degrees, sizes off by 5 %
+  far     the true path moved by 5 mm and 10 degrees, sizes off by 20 %
+  paper   at rest where the paper starts: sizes 10 to 30 mm, within 20 mm of the true
+          first pose, any yaw
+Two numbers judge a solve.  mm: exact mean distance of the surfaces at the last sample;
+what was never touched is the prior's, the same for all.  best: it converged, within 2
+nats of the lowest objective that this formulation found in this cell (file, actions):
+objectives of different formulations are never compared.  CPU seconds exclude the
+derivation of kinds.  Failed solves are counted, never left out.
+
+Truth is read here, for starts and errors, never by the package.
+"""
+
+import argparse
+import csv
+import importlib
+import time
+from itertools import product
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from scipy.spatial.transform import Rotation
+from trimesh.creation import box
+from trimesh.transformations import rotation_matrix, translation_matrix
+
+from formulations import paper
+from formulations.shape import CUBOID
+from tactilenlp import Measurements, Problem, Scene, SolverOptions, surface_distance
+from tactilenlp.precision import precision_of, smoothed
+from tactilenlp.reduce import Reductions, insisted, reduce
+from tactilenlp.solve import solve_levels
+
+PAGES = (
+    *("quasi_static", "violation_implicit", "paper"),
+    *("shooting", "multiple_shooting", "complementarity"),
+)
+PHYSICS = ("complementarity", "dissipation", "penetration", "inelasticity", "dynamics")
+STARTS = {"near": (1e-3, 2, 0.05), "far": (5e-3, 10, 0.2)}  # m, degrees, of a size
+LIMIT = 20.0  # [s] of a level
+SAME = 2.0  # [nats] of the best objective
+
+
+class Without:
+    """The page `paper` with some of its physics left out."""
+
+    LEVELS = paper.LEVELS
+
+    def __init__(self, *words):
+        self.words = words
+
+    def build(self, nlp, window, scene, shape):
+        minimize = nlp.minimize
+
+        def kept(name, *args, role):
+            if not any(word in name for word in self.words):
+                minimize(name, *args, role=role)
+
+        nlp.minimize = kept
+        paper.build(nlp, window, scene, shape)
+
+
+ABLATION = {"all": Without()} | {f"no {word}": Without(word) for word in PHYSICS}
+
+
+def started(kind, truth, x, seed):
+    """Return theta (3,) and poses (3, T) from which all formulations start."""
+    rng = np.random.default_rng(seed)
+    if kind == "paper":
+        theta, way = rng.uniform(0.01, 0.03, 3), rng.uniform(-0.02, 0.02, 2)
+        first = [*(x[:2, 0] + way), rng.uniform(-np.pi, np.pi)]
+        return theta, np.repeat(np.reshape(first, (3, 1)), x.shape[1], axis=1)
+    way, turn, size = STARTS[kind]
+    theta = truth["side_lengths"] * (1 + size * rng.choice([-1, 1], 3))
+    off = rng.normal(size=2)
+    off = np.r_[way * off / np.linalg.norm(off), np.radians(turn) * rng.choice([-1, 1])]
+    return theta, x + off[:, None]
+
+
+def run(file, na, kind, seed, name, page) -> dict:
+    """Return the row of one formulation, from one start, on the first `na` actions."""
+    truth, data, scene = np.load(file), Measurements.load(file), Scene.load(file)
+    data = data.select(np.unique(data.action)[:na])
+    turn = Rotation.from_quat(np.roll(truth["object_quaternion"], -1, axis=1))
+    yaw = np.unwrap(turn.as_euler("zyx")[:, 0])
+    x = np.vstack([truth["object_position"][:, :2].T, yaw])[:, : data.samples]
+    theta, start = started(kind, truth, x, seed)
+    precision = precision_of(data, scene)
+    known = smoothed(data, precision), scene, CUBOID, precision
+    window = reduce(*known, insisted(page, Reductions()), guess=(theta, start))
+    problem = Problem()
+    page.build(problem, window, scene, CUBOID)
+    _ = problem.functions  # kinds are derived, and compiled, before the clock runs
+    options, solvers = SolverOptions(time_limit=LIMIT), {}
+    began = time.process_time()
+    given = {"theta": theta, "x": start[:, window.last]}
+    s = solve_levels(problem, page.LEVELS, given, options, solvers)
+    cpu = time.process_time() - began
+    sizes, end = s.values["theta"][:, 0], s.values["x"][:, window.knot[-1]]
+    bodies = [(sizes, end), (truth["side_lengths"], x[:, -1])]
+    meshes = [
+        box(
+            t, translation_matrix([*p[:2], t[2] / 2]) @ rotation_matrix(p[2], [0, 0, 1])
+        )
+        for t, p in bodies
+    ]
+    return {
+        "scene": Path(file).stem, "actions": na, "start": kind, "seed": seed,
+        "page": name, "converged": s.success, "nats": s.objective, "cpu_s": cpu,
+        "mm": 1e3 * surface_distance(*meshes).mean, "iterations": s.iterations,
+        "evaluations": s.evaluations, "status": s.status, "unknowns": problem.size,
+        "gained_mJ": 1e3 * gained(problem, window, scene, s),
+    }  # fmt: skip
+
+
+def gained(problem, window, scene, s) -> float:
+    """Return the energy [J] that the motion gained and no finger's impulse gave."""
+    if "finger impulse" not in problem.reports or not len(window.step):
+        return 0.0
+    x, data = problem.pack(s.values), problem.data(s.parameters)
+    step, push, J = window.step, window.push, s.values["theta"][:2, 0]
+    poses = [s.values["x"][:, k] for k in (step.knot, step.before, step.before_2)]
+    v, v_1 = ((poses[i] - poses[i + 1]) / step.dt for i in (0, 1))
+    J = (J @ J) / 12
+    kinetic = [
+        scene.mass / 2 * (u[0] ** 2 + u[1] ** 2 + J * u[2] ** 2) for u in (v, v_1)
+    ]
+    given = np.zeros(len(step))
+    impulse = problem.value("finger impulse", x, data)
+    moved = (push.p_wf - push.p_wf_1) / step.dt[push.step][:, None]
+    np.add.at(given, push.step, np.maximum(0, (impulse * moved).sum(axis=1)))
+    return float(np.maximum(0, kinetic[0] - kinetic[1] - given).sum())
+
+
+def judge(rows) -> None:
+    """Say of each row whether it is the best that its formulation found there."""
+    for r in rows:
+        cell = ("scene", "actions", "page")
+        rivals = [q for q in rows if all(q[k] == r[k] for k in cell) and q["converged"]]
+        lowest = min((q["nats"] for q in rivals), default=-np.inf)
+        r["best"] = bool(r["converged"] and r["nats"] < lowest + SAME)
+
+
+def front(points) -> list[bool]:
+    """Tell which (seconds, mm) no other one beats in both."""
+    return [
+        not any(q[0] <= p[0] and q[1] <= p[1] and q != p for q in points)
+        for p in points
+    ]
+
+
+def table(rows, names) -> list[dict]:
+    """Print medians and quartiles by start, actions, noise; return the medians."""
+    print(f"{'':28}{'page':20}{'solved':>8}{'best':>8}{'mm':>8} (quartiles)  "
+          f"{'CPU s':>7}{'iter':>6}{'eval':>6}{'gain mJ':>9}")  # fmt: skip
+    cells = sorted({(r["start"], r["actions"], "noisy" in r["scene"]) for r in rows})
+    out = []
+    for start, na, noisy in cells:
+        lines = []
+        for name in names:
+            some = [r for r in rows if r["page"] == name and r["start"] == start]
+            some = [r for r in some if r["actions"] == na]
+            some = [r for r in some if ("noisy" in r["scene"]) == noisy]
+            mm = np.quantile([r["mm"] for r in some], (0.5, 0.25, 0.75))
+            wanted = ("cpu_s", "iterations", "evaluations", "gained_mJ")
+            medians = [np.median([r[k] for r in some]) for k in wanted]
+            share = [sum(r[k] for r in some) for k in ("converged", "best")]
+            lines.append((name, len(some), share, mm, medians))
+        edge = front([(line[4][0], line[3][0]) for line in lines])
+        for (name, n, share, mm, medians), on in zip(lines, edge, strict=True):
+            cell = f"{start}, {na} actions{', noisy' * noisy}"
+            print(f"{cell:28}{name:20}{share[0]:>5}/{n:<2}{share[1]:>5}/{n:<2}{mm[0]:8.2f}"
+                  f" ({mm[1]:5.2f} {mm[2]:6.2f}){medians[0]:7.2f}{medians[1]:6.0f}"
+                  f"{medians[2]:6.0f}{medians[3]:9.2f}{'  front' * on}")  # fmt: skip
+            out.append({"cell": cell, "page": name, "cpu_s": medians[0], "mm": mm[0],
+                        "best": share[1] / n, "front": on})  # fmt: skip
+    return out
+
+
+def draw(points, names, path) -> None:
+    """Plot run time against error; size: share at the best optimum; ring: front."""
+    cells = [*dict.fromkeys(p["cell"] for p in points)]
+    shape = (-(-len(cells) // 4), min(4, len(cells)))
+    size = (3.4 * shape[1], 3.0 * shape[0])
+    figure, axes = plt.subplots(*shape, figsize=size, layout="constrained",
+                                sharex=True, sharey=True, squeeze=False)  # fmt: skip
+    for ax, cell in zip(axes.flat, cells, strict=False):
+        for i, name in enumerate(names):
+            (p,) = (p for p in points if (p["cell"], p["page"]) == (cell, name))
+            edge = "black" if p["front"] else "none"
+            ax.scatter(p["cpu_s"], p["mm"], 20 + 120 * p["best"], color=f"C{i}",
+                       edgecolor=edge, linewidth=1.5, label=name)  # fmt: skip
+        ax.set(xscale="log", yscale="log", title=cell)
+        ax.grid(alpha=0.3, which="both")
+    figure.supxlabel("CPU seconds (ring: no other is faster and closer)")
+    figure.supylabel("median surface error [mm] (large: the best optimum found)")
+    handles = axes.flat[0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside upper center", ncols=len(names), frameon=False)
+    figure.savefig(path, dpi=120)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("files", nargs="+")
+    parser.add_argument("--actions", type=int, nargs="+", default=[1, 3, 6])
+    parser.add_argument("--starts", nargs="+", default=["near", "far", "paper"])
+    parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--ablation", action="store_true", help="leave physics out")
+    parser.add_argument("--out", type=Path, default=Path("benchmark"))
+    args = parser.parse_args()
+    pages = {n: importlib.import_module(f"formulations.{n}") for n in PAGES}
+    pages = ABLATION if args.ablation else pages
+    grid = product(args.files, args.actions, args.starts, range(args.seeds))
+    rows = [run(*cell, *page) for cell in grid for page in pages.items()]
+    judge(rows)
+    args.out.mkdir(parents=True, exist_ok=True)
+    stem = "ablation" if args.ablation else "formulations"
+    with open(args.out / f"{stem}.csv", "w", newline="") as stream:
+        writer = csv.DictWriter(stream, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    draw(table(rows, [*pages]), [*pages], args.out / f"{stem}.png")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,232 @@
+"""Show why: the loss of shooting and of violation-implicit, along one unknown each.
+
+python examples/benchmarks/landscape.py [recording.npz]
+
+Left, the paper's example: a step y = H(x - theta) fitted to points by squared error,
+and by the distance of the points to its graph.  Right, a recording: the loss along one
+side of the box and along its first position, all else at the truth.
+
+  shooting             simulate from the first pose; the fingers' likelihood of what
+                       comes out.  A later action begins where the one before ended,
+                       moved by the true jump.  At 30 and 300 Hz, smoothed by s.
+  violation-implicit   the same likelihood at the true path (moved as a whole along the
+                       position) and the physics' violation, least over all impulses.
+
+Printed and in landscape.csv: slopes (5 % and 95 % quantile, and the largest, in nats /
+mm), and local minima on the grid, which count if both their sides rise by 0.1 nats.
+Both losses level off where no sample is explained: each costs 7 nats at the most.
+"""
+
+import argparse
+import csv
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from formulations import multiple_shooting, violation_implicit
+from formulations.finger import SPHERE
+from formulations.shape import CUBOID
+from formulations.time_stepping import Sliding, path
+from tactilenlp import Measurements, Problem, Scene
+from tactilenlp.codegen import compiled
+from tactilenlp.precision import precision_of
+from tactilenlp.reduce import Reductions, insisted, reduce
+from tactilenlp.solve import SolverOptions, make_solver, solve
+
+SHOOTING = {  # name: times 30 Hz, still [m/s]
+    "shooting 30 Hz, s = 100 mm/s": (1, 100e-3),
+    "shooting 30 Hz, s = 20 mm/s": (1, 20e-3),
+    "shooting 30 Hz, s = 2 mm/s": (1, 2e-3),
+    "shooting 300 Hz, s = 2 mm/s": (10, 2e-3),
+}
+VIMP = "violation-implicit"
+WAY = 10e-3  # [m] to either side
+FELT = ("touch", "free")  # what a simulation can be compared with
+RISE = 0.1  # [nats] between two local minima
+
+
+class Recording:
+    """Data of some actions, the true path, and both losses."""
+
+    def __init__(self, file, actions):
+        truth, data = np.load(file), Measurements.load(file)
+        self.data = data.select(actions)
+        self.scene, self.theta = Scene.load(file), truth["side_lengths"]
+        turn = Rotation.from_quat(np.roll(truth["object_quaternion"], -1, axis=1))
+        yaw = np.unwrap(turn.as_euler("zyx")[:, 0])
+        x = np.vstack([truth["object_position"][:, :2].T, yaw])
+        self.x = x[:, np.isin(data.action, actions)]
+        self.body = Sliding(CUBOID, SPHERE, self.scene.mass, self.scene.gravity)
+        self.precision = precision_of(self.data, self.scene)
+        self.paths, self.lam = {}, {}
+        self.rolled, _ = self.problem(multiple_shooting)
+        self.vimp, self.window = self.problem(violation_implicit)
+        self.solver = make_solver(self.vimp, SolverOptions(tolerance=1e-5))
+
+    def problem(self, page):
+        made = insisted(page, Reductions(still=False, far=False))
+        known = self.data, self.scene, CUBOID, self.precision, made
+        window, problem = reduce(*known, guess=(self.theta, self.x)), Problem()
+        page.build(problem, window, self.scene, CUBOID)
+        return problem, window
+
+    def shooting(self, theta, x_0, times, still) -> float:
+        """Return the cost of what is felt along the simulated path."""
+        x, end, x_1 = [], None, None
+        for action in np.unique(self.data.action):
+            rows = np.nonzero(self.data.action == action)[0]
+            start = x_0 if end is None else end + self.x[:, rows[0]] - x_1
+            x.append(self.simulated(theta, start, rows, times, still))
+            end, x_1 = x[-1][:, -1], self.x[:, rows[-1]]
+        problem = self.rolled
+        z = problem.pack({"theta": theta, "x": np.hstack(x)})
+        return sum(float(problem.value(n, z, problem.data()).sum()) for n in FELT)
+
+    def simulated(self, theta, start, rows, times, still):
+        T, scene = len(rows), self.scene
+        fingers = self.data.finger_position[rows].reshape(T, -1)
+        fine = np.linspace(0, T - 1, times * (T - 1) + 1)
+        fingers = np.array([np.interp(fine, range(T), column) for column in fingers.T])
+        if (T, times) not in self.paths:
+            walk = path(self.body, self.data.fingers, len(fine))
+            self.paths[T, times] = compiled([walk])[0]
+        known = [self.data.dt / times, scene.friction_finger, scene.friction_ground]
+        args = theta, [*known, still], fingers, self.data.finger_radius
+        return np.asarray(self.paths[T, times](start, *args))[:, ::times]
+
+    def implicit(self, theta, x) -> float:
+        """Return what is felt, and the least violation of physics over all impulses."""
+        given = {"theta": theta, "x": x} | self.lam
+        s = solve(self.vimp, start=given, fixed=("theta", "x"), throw=False,
+                  solver=self.solver)  # fmt: skip
+        self.lam = {n: s.values[n] for n in ("finger", "ground")} if s.success else {}
+        priors = ("between actions", "size prior", "depth prior")
+        return s.objective - sum(s.costs.get(n, 0.0) for n in priors)
+
+
+def slices(recording, axis, grid):
+    """Return {loss: values on the grid} along side `axis`, along the first position."""
+    side, place = np.eye(3)[axis], np.eye(3)[axis]
+    ways = {"size": [(g * side, 0 * place) for g in grid]}
+    c, s = np.cos(recording.x[2, 0]), np.sin(recording.x[2, 0])
+    across = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ place
+    ways["position"] = [(0 * side, g * across) for g in grid]
+    out = {}
+    for way, points in ways.items():
+        out[way] = {}
+        for name, how in SHOOTING.items():
+            values = [
+                recording.shooting(recording.theta + a, recording.x[:, 0] + b, *how)
+                for a, b in points
+            ]
+            out[way][name] = np.array(values)
+        values = [
+            recording.implicit(recording.theta + a, recording.x + b[:, None])
+            for a, b in points
+        ]
+        out[way][VIMP] = np.array(values)
+    return out
+
+
+def minima(values) -> int:
+    """Count local minima that rise by RISE on both sides."""
+    count, low, high, falling = 0, np.inf, -np.inf, True
+    for v in values:
+        if falling:
+            low = min(low, v)
+            if v > low + RISE:
+                count, falling, high = count + 1, False, v
+        else:
+            high = max(high, v)
+            if v < high - RISE:
+                falling, low = True, v
+    return count + falling
+
+
+def described(losses, grid, **cell):
+    rows = []
+    for way, curves in losses.items():
+        for name, values in curves.items():
+            slope = np.abs(np.diff(values)) / (1e3 * np.diff(grid))
+            low, high = np.quantile(slope, (0.05, 0.95))
+            at = grid[np.argmin(values)]
+            row = {
+                **cell, "along": way, "loss": name, "minima": minima(values),
+                "slope_05": low, "slope_95": high, "slope_most": slope.max(),
+                "lowest_mm": 1e3 * at, "range_nats": np.ptp(values),
+            }  # fmt: skip
+            rows.append(row)
+            print(f"{row['actions']} actions, {way:9}{name:30}", end="")
+            print(
+                f"minima {row['minima']:3d}   slope {low:8.2g} .. {high:8.3g}", end=""
+            )
+            print(f", at most {slope.max():6.3g}   lowest at {1e3 * at:6.2f} mm")
+    return rows
+
+
+def heaviside(axes) -> None:
+    """Draw the paper's example: a step, fitted by squared error or graph distance."""
+    rng = np.random.default_rng(1)
+    points = np.sort(rng.uniform(-2, 2, 12))
+    seen = (points > 0).astype(float)
+    theta = np.linspace(-2, 2, 801)
+    squared = ((seen - (points > theta[:, None])) ** 2).sum(axis=1)
+    # Nearest point of the graph: right below or above, or on the riser at theta.
+    away = np.where(seen == (points > theta[:, None]), 0.0, points - theta[:, None])
+    graph = np.minimum(away**2, 1).sum(axis=1)
+    axes[0].plot([-2, 0, 0, 2], [0, 0, 1, 1], "k-", lw=1)
+    axes[0].plot(points, seen, "o", color="C1")
+    axes[0].set(title="the paper's example: a step", xlabel="x", ylabel="y")
+    axes[1].plot(theta, squared / squared.max(), color="C3", label="squared error")
+    axes[1].plot(theta, graph / graph.max(), color="C0", lw=2.5, label="graph distance")
+    axes[1].set(xlabel="where the step is: theta", ylabel="loss (scaled)")
+    axes[1].legend(frameon=False)
+
+
+def draw(found, grid, file) -> None:
+    figure, axes = plt.subplots(2, 3, figsize=(13, 7), layout="constrained")
+    heaviside(axes[:, 0])
+    colors = ["#f4b183", "#ed7d31", "#c00000", "#5b0f00"]
+    for i, (na, losses) in enumerate(found.items()):
+        for ax, (way, curves) in zip(axes[i, 1:], losses.items(), strict=True):
+            for name, values in curves.items():
+                scaled = (values - values.min()) / np.ptp(values)
+                style = {"color": "C0", "lw": 3} if name == VIMP else {
+                    "color": colors[list(SHOOTING).index(name)], "lw": 1.2}  # fmt: skip
+                ax.plot(1e3 * grid, scaled, label=name, **style)
+            ax.axvline(0, color="gray", lw=0.7, ls=":")
+            what = "side" if way == "size" else "first position"
+            ax.set(xlabel=f"{what} less truth [mm]", ylabel="loss (scaled)",
+                   title=f"{what}, {na} action{'s' * (na > 1)}")  # fmt: skip
+    figure.legend(*axes[0, 1].get_legend_handles_labels(), ncols=5, frameon=False,
+                  loc="outside lower center")  # fmt: skip
+    figure.savefig(file, dpi=120)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    default = Path(__file__).parents[1] / "data" / "cuboid.npz"
+    parser.add_argument("file", nargs="?", type=Path, default=default)
+    parser.add_argument("--one", type=int, default=1, help="the action looked at alone")
+    parser.add_argument("--side", type=int, default=1, help="0, 1, 2: x, y, z")
+    parser.add_argument("--points", type=int, default=121)
+    parser.add_argument("--out", type=Path, default=Path("benchmark"))
+    args = parser.parse_args()
+    grid, found, rows = np.linspace(-WAY, WAY, args.points), {}, []
+    every = np.unique(Measurements.load(args.file).action)
+    for actions in ([args.one], every):
+        na = len(actions)
+        found[na] = slices(Recording(args.file, actions), args.side, grid)
+        rows += described(found[na], grid, recording=args.file.stem, actions=na)
+    args.out.mkdir(parents=True, exist_ok=True)
+    with open(args.out / "landscape.csv", "w", newline="") as stream:
+        writer = csv.DictWriter(stream, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    draw(found, grid, args.out / "landscape.png")
+
+
+if __name__ == "__main__":
+    main()
