@@ -9,6 +9,7 @@ import matplotlib.pyplot as plt
 from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
 from matplotlib.figure import Figure
 
+from .checks import check_types
 from .errors import OptionError
 from .plotting import STYLE, draw_scene, draw_top, view_of
 from .progress import progress
@@ -34,6 +35,7 @@ def animate(
 
     Raises OptionError for another suffix or view, or where ffmpeg is not installed.
     """
+    check_types(estimate=(estimate, Estimate))
     path = Path(path)
     kind = WRITERS.get(path.suffix.lower())
     for where, got, known in (

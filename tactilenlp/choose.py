@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .checks import check_numbers, check_types
 from .errors import OptionError
 from .expected import ExpectedInformation
 from .workspace import Action, Workspace
@@ -31,6 +32,8 @@ class CrossEntropy:
     iterations: int = 3
 
     def __post_init__(self) -> None:
+        given = {name: (getattr(self, name), int) for name in vars(self)}
+        check_types(**given)
         if not (1 < self.best <= self.samples and self.iterations >= 1):
             raise OptionError(
                 "out of range",
@@ -94,6 +97,8 @@ def best_action(
 ) -> Choice:
     """Return the action whose angles (2 F,) score most; a score that fails is worst."""
     began = time.process_time() if began is None else began
+    check_types(search=(search, (str, CrossEntropy)), seed=(seed, (int, np.integer)))
+    check_numbers("", "a whole number from 0", seed=(seed, -1, 2**32 - 1))
     name = search if isinstance(search, str) else "cem"
     if name not in SEARCHES:
         expected = f"one of {SEARCHES} or a CrossEntropy"

@@ -4,20 +4,34 @@ One style with `plotting`; every function returns the figure and draws into `axi
 one is given.
 """
 
+from collections.abc import Iterable
+
 import matplotlib.pyplot as plt
 import numpy as np
 import trimesh
 from matplotlib.figure import Figure
 
+from .checks import check_types
 from .errors import OptionError
-from .plotting import BELOW, FINGERS, INK, MM, STYLE, TOUCHED, UNTOUCHED, rotations
+from .plotting import (
+    BELOW,
+    FINGERS,
+    INK,
+    MM,
+    STYLE,
+    TOUCHED,
+    UNTOUCHED,
+    picture,
+    rotations,
+)
 from .result import Estimate
+from .solve import Solution
 
 SIDES = (("x", "#0072B2", "o"), ("y", "#D55E00", "s"), ("z", "#009E73", "^"))
 LEAST = 1e-12  # what is zero is drawn there on logarithmic axes
 
 
-@plt.rc_context(STYLE)
+@picture
 def plot_impulses(estimate: Estimate, axis=None) -> Figure:
     """Draw normal and tangential parts of each finger's impulses where it touched.
 
@@ -47,7 +61,7 @@ def plot_impulses(estimate: Estimate, axis=None) -> Figure:
     return axes[0].figure
 
 
-@plt.rc_context(STYLE)
+@picture
 def plot_costs(estimate: Estimate, axis=None) -> Figure:
     """Draw the costs by term, largest first."""
     costs = dict(sorted(estimate.costs.items(), key=lambda cost: abs(cost[1])))
@@ -60,7 +74,7 @@ def plot_costs(estimate: Estimate, axis=None) -> Figure:
     return axis.figure
 
 
-@plt.rc_context(STYLE)
+@picture
 def plot_cones(estimate: Estimate, axis=None) -> Figure:
     """Draw the tangential against the normal part of every impulse of a finger.
 
@@ -91,6 +105,7 @@ def plot_progress(solved, axis=None) -> Figure:
 
     solved: an Estimate or a Solution.  Dotted lines part the levels.
     """
+    check_types(solved=(solved, (Estimate, Solution)))
     progress = solved.progress
     if not len(progress.get("level", ())):
         raise OptionError(
@@ -121,9 +136,11 @@ def plot_errors(estimates, truth=None, axis=None) -> Figure:
     truth: side lengths (3,) [m], or a dict with `side_lengths`; None: sigma alone.
     Sides are matched with the true ones by rank: a cuboid has no first side.
     """
+    check_types(estimates=(estimates, Iterable))
     estimates = list(estimates)
     if not estimates:
         raise OptionError("nothing to draw", where="estimates", got="none")
+    check_types(**{f"estimates[{k}]": (e, Estimate) for k, e in enumerate(estimates)})
     axis = axis or plt.figure(figsize=(4.6, 3.4)).subplots()
     actions = [estimate.measurements.actions for estimate in estimates]
     sides = np.array([estimate.side_lengths for estimate in estimates]) * MM

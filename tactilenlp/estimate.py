@@ -11,6 +11,7 @@ from formulations.rigid_body import PLANAR
 from formulations.shape import Shape
 
 from .certify import Certificates, certify, without
+from .checks import check_types
 from .errors import MotionError
 from .expansion import carried as carried_on
 from .floating import floated, laid_out, plane_of_touch
@@ -27,7 +28,6 @@ from .request import (
     check_importable,
     check_plane,
     check_touched,
-    check_types,
     first_guess,
     page_of,
     shape_of,
@@ -72,7 +72,8 @@ def solve_estimate(
     Raises NoContactError, MeasurementError, OptionError, StartError before any solve,
     and NotConverged or MotionError after it unless `throw` is False.
     """
-    scene, options = scene or Scene(), options or Options()
+    scene = Scene() if scene is None else scene
+    options = Options() if options is None else options
     check_types(
         data=(data, Measurements), scene=(scene, Scene), options=(options, Options)
     )

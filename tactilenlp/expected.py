@@ -15,6 +15,7 @@ import numpy as np
 from formulations import quasi_static, violation_implicit
 from formulations.friction import FRICTION
 
+from .checks import check_types
 from .errors import OptionError, SceneError, TactileError
 from .kind import mapped
 from .predict import pushed, sampled
@@ -67,6 +68,11 @@ class ExpectedInformation:
         hypotheses: int = 3,
         slopes: str = "motion",
     ) -> None:
+        check_types(
+            estimate=(estimate, "Estimate"),
+            workspace=(workspace, (Workspace, type(None))),
+            slopes=(slopes, str),
+        )
         if slopes not in ("motion", "identity"):
             expected = "'motion' or 'identity'"
             raise OptionError("unknown", where="slopes", got=slopes, expected=expected)
@@ -167,6 +173,7 @@ def expected_information_gain(
     It aims at the estimated centroid.  See ExpectedInformation for the options, and use
     that to ask for many actions of one estimate.
     """
+    check_types(action=(action, Action))
     expected = ExpectedInformation(estimate, action.workspace, hypotheses, slopes)
     return expected.gain(action)
 

@@ -11,6 +11,7 @@ import numpy as np
 from formulations import known_trajectory as page
 
 from .body import LOST, Body, sharpened
+from .checks import check_types
 from .errors import MotionError, OptionError, SceneError
 from .impacts import gravity_of, impacts, near, steps_of
 from .information import reduced_covariance
@@ -50,7 +51,8 @@ def identify_body(
     nothing touches the ground, NotConverged (unless `throw` is False) after it.
     """
     began = time.process_time()
-    scene, options = scene or Scene(), options or SOLVER
+    scene = Scene() if scene is None else scene
+    options = SOLVER if options is None else options
     _check(trajectories, scene, shape, gauge, options)
     steps, theta, signs, ruler = _prepared(trajectories, scene, shape, guess, gauge)
     chosen = near(steps, (theta * signs).T)
@@ -82,15 +84,12 @@ def identify_body(
 
 
 def _check(trajectories, scene, shape, gauge, options) -> None:
-    for name, value, kind in (
-        ("trajectories", trajectories, Trajectories),
-        ("scene", scene, Scene),
-        ("options", options, SolverOptions),
-    ):
-        if not isinstance(value, kind):
-            got = repr(value)[:80]
-            raise OptionError("wrong type", where=name, got=got, expected=kind.__name__)
-    if shape not in SHAPES:
+    check_types(
+        trajectories=(trajectories, Trajectories),
+        scene=(scene, Scene),
+        options=(options, SolverOptions),
+    )
+    if not isinstance(shape, str) or shape not in SHAPES:
         raise OptionError(
             "unknown shape", where="shape", got=shape, expected=f"one of {SHAPES}"
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from numbers import Real
 
 import numpy as np
 
@@ -37,7 +38,8 @@ class Noise:
                 upper = 1.0
             if field.name == "seed" and not isinstance(value, (int, np.integer)):
                 value = np.nan
-            if not 0 <= value <= upper:
+            number = isinstance(value, Real) and not isinstance(value, bool)
+            if not (number and 0 <= value <= upper):
                 raise OptionError(
                     "out of range",
                     where=f"Noise.{field.name}",

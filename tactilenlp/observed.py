@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .chart import chart_of
+from .checks import check_types
 from .curvature import curvature_of
 from .errors import OptionError
 from .gauss_newton import without_downward
@@ -42,7 +43,8 @@ def observed_information(estimate, kind: str = "exact") -> Information:
     kind: one of KINDS; all but "exact" build the programme of the estimate again, and
     their sigma is that of their matrix.
     """
-    if kind not in KINDS:
+    check_types(estimate=(estimate, "Estimate"))
+    if not isinstance(kind, str) or kind not in KINDS:
         raise OptionError(
             "no such information", where="kind", got=kind, expected=f"one of {KINDS}"
         )
@@ -74,6 +76,7 @@ def observed_information(estimate, kind: str = "exact") -> Information:
 
 def assumption_sensitivity(estimate) -> Sensitivity:
     """Return how shape and final pose move with mass, frictions, sensors, fingers."""
+    check_types(estimate=(estimate, "Estimate"))
     again = programme_of(estimate)
     curvature = curvature_of(again.problem, again.solution)
     pulls, held = curvature.response_of(again.chart.chosen)

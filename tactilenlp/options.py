@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from .checks import check_types
 from .errors import OptionError
 from .reduce import Reductions
 from .solve import check_positive
@@ -31,6 +32,7 @@ class Options:
     rivals: bool = True
 
     def __post_init__(self):
+        check_types(seed=(self.seed, int), ipopt=(self.ipopt, dict))
         Reductions.of(self.reduce)
         for name in ("hypotheses", "starts"):
             value = getattr(self, name)

@@ -5,6 +5,8 @@ Every function returns the figure and draws into `axis` where one is given.  `tr
 dict or dataclass, has position, quaternion (wxyz) and side_lengths like an Estimate.
 """
 
+from functools import wraps
+
 import matplotlib.pyplot as plt
 import numpy as np
 import trimesh
@@ -14,6 +16,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from .checks import check_types
 from .information import ENOUGH
 from .result import Estimate
 from .surface import KNOWN, UNKNOWN, face_sigma, information_colour, polygons
@@ -40,7 +43,19 @@ BELOW = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.12), "ncols": 2}
 WORDS, SIGMA = {True: "face touched", False: "face not touched"}, "±1σ of each face"
 
 
-@plt.rc_context(STYLE)
+def picture(draw):
+    """Return a function that draws an Estimate in our style, and nothing else."""
+
+    @wraps(draw)
+    def styled(estimate, *arguments, **named):
+        check_types(estimate=(estimate, Estimate))
+        with plt.rc_context(STYLE):
+            return draw(estimate, *arguments, **named)
+
+    return styled
+
+
+@picture
 def plot_scene(estimate: Estimate, sample: int = -1, truth=None, axis=None) -> Figure:
     """Draw what is seen of object, fingers and contacts at a sample, in 3-D."""
     axis = axis or plt.figure(figsize=(4.6, 3.6)).add_subplot(projection="3d")
@@ -49,7 +64,7 @@ def plot_scene(estimate: Estimate, sample: int = -1, truth=None, axis=None) -> F
     return with_key(axis, axis, **BELOW)
 
 
-@plt.rc_context(STYLE)
+@picture
 def plot_top(estimate: Estimate, sample: int = -1, truth=None, axis=None) -> Figure:
     """Draw object, one-sigma band, finger paths and contacts at a sample from above.
 
@@ -62,7 +77,7 @@ def plot_top(estimate: Estimate, sample: int = -1, truth=None, axis=None) -> Fig
     return with_key(axis, axis, **BELOW)
 
 
-@plt.rc_context(STYLE)
+@picture
 def plot_information(estimate: Estimate, axis=None, key: bool = True) -> Figure:
     """Draw how well each face is known at the last sample: blue hardly, red well.
 
@@ -95,7 +110,7 @@ def plot_information(estimate: Estimate, axis=None, key: bool = True) -> Figure:
     return axis.figure
 
 
-@plt.rc_context(STYLE)
+@picture
 def plot_estimate(estimate: Estimate, truth=None) -> Figure:
     """Draw the first and the last sample side by side, from above and in 3-D."""
     figure, view = plt.figure(figsize=(7.0, 6.6)), view_of(estimate, [0, -1])

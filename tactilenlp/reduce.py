@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from formulations.rigid_body import FREE, PLANAR
 
+from .checks import check_types
 from .errors import OptionError
 from .fingertip import finger_of, poses
 from .window import Corners, Group, Pushes, Rests, Samples, Steps, Window
@@ -28,6 +29,8 @@ CEILING = 7.0  # [nats] one sample in a thousand is wrong beyond any noise
 MOVES = 0.1e-3  # [m] a guess that moves further in a sample needs poses of its own
 ARM = 20e-3  # [m] one radian of turn counts as this much way
 SIDE = 0.7  # [-] |n_z| below which a normal belongs to a side
+
+NAMES = (tuple, list, set, frozenset)  # of names to switch off
 
 
 @dataclass(frozen=True)
@@ -40,6 +43,9 @@ class Reductions:
     planar: bool = True
     frictionless: bool = True
 
+    def __post_init__(self) -> None:
+        check_types(**{name: (value, bool) for name, value in vars(self).items()})
+
     @classmethod
     def of(cls, choice) -> Reductions:
         """Read True, False, a Reductions, or the names of those to switch off."""
@@ -48,8 +54,8 @@ class Reductions:
         names = [f.name for f in fields(cls)]
         if isinstance(choice, bool):
             return cls(**dict.fromkeys(names, choice))
-        off = (choice,) if isinstance(choice, str) else tuple(choice)
-        unknown = [name for name in off if name not in names]
+        off = (choice,) if not isinstance(choice, NAMES) else tuple(choice)
+        unknown = [n for n in off if not isinstance(n, str) or n not in names]
         if unknown:
             raise OptionError(
                 "no such reduction",

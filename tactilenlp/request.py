@@ -9,6 +9,7 @@ import numpy as np
 
 from formulations.shape import CUBOID, Shape
 
+from .checks import check_types
 from .errors import NoContactError, OptionError, SceneError, StartError
 from .guess import Guess
 from .hypothesis import Hypothesis
@@ -25,7 +26,7 @@ FORMULATIONS = (
 def shape_of(shape) -> Shape:
     if isinstance(shape, Shape):
         return shape
-    if shape not in SHAPES:
+    if not isinstance(shape, str) or shape not in SHAPES:
         raise OptionError(
             "unknown shape", where="shape", got=shape, expected=f"one of {[*SHAPES]}"
         )
@@ -72,17 +73,6 @@ def check_importable(page) -> None:
             expected="a module that `import` finds",
             next="save the page as a file, or leave executor out",
         )
-
-
-def check_types(**given) -> None:
-    for name, (value, kind) in given.items():
-        if not isinstance(value, kind):
-            raise OptionError(
-                "wrong type",
-                where=name,
-                got=repr(value)[:80],
-                expected=f"{kind.__name__}(...)",
-            )
 
 
 def check_touched(data) -> None:

@@ -9,6 +9,7 @@ from importlib.metadata import version
 import numpy as np
 
 from .archive import read_npz
+from .checks import check_sample
 from .errors import FileError, TactileError
 from .hypothesis import Hypothesis
 from .information import Information
@@ -109,6 +110,7 @@ class Estimate:
 
     def rotation(self, sample: int = -1) -> np.ndarray:
         """Return the rotation matrix (3, 3) from body to world at a sample."""
+        check_sample(sample, len(self.quaternion))
         from scipy.spatial.transform import Rotation
 
         w, x, y, z = self.quaternion[sample]

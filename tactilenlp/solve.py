@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
 from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
 
+from .checks import check_numbers, check_types
 from .errors import NotConverged, OptionError
 from .interrupt import interruptible
 from .nlp import Problem
@@ -22,14 +24,8 @@ PROGRESS = {  # our names for IPOPT's
 
 def check_positive(options, *names: str) -> None:
     """Raise OptionError unless the named fields are positive numbers."""
-    for name in names:
-        if not getattr(options, name) > 0:
-            raise OptionError(
-                "out of range",
-                where=name,
-                got=getattr(options, name),
-                expected="a positive number",
-            )
+    given = {name: (getattr(options, name), 0, math.inf) for name in names}
+    check_numbers("", "a positive number", **given)
 
 
 @dataclass(frozen=True)
@@ -49,6 +45,7 @@ class SolverOptions:
     ipopt: dict = field(default_factory=dict)
 
     def __post_init__(self):
+        check_types(ipopt=(self.ipopt, dict))
         check_positive(self, "tolerance", "time_limit", "iterations", "barrier", "push")
 
     def for_nlpsol(self) -> dict:

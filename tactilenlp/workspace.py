@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 from functools import cache
+from numbers import Real
 
 import casadi as ca
 import numpy as np
 
 from formulations import exploration as page
 
+from .checks import check_types
 from .errors import OptionError
 from .scene import Ground
 
@@ -54,8 +56,10 @@ class Workspace:
     def __post_init__(self) -> None:
         if not (isinstance(self.fingers, (int, np.integer)) and self.fingers >= 1):
             raise _wrong("fingers", "an integer >= 1", self.fingers)
+        check_types(ground=(self.ground, (Ground, type(None))))
         for name in (f.name for f in fields(self) if f.type == "float"):
-            if not 0 < getattr(self, name) < np.inf:
+            value = getattr(self, name)
+            if not (isinstance(value, Real) and 0 < value < np.inf):
                 raise _wrong(name, "a number above 0", getattr(self, name))
         if self.bound > np.pi / 2:
             raise _wrong("bound", "at most pi / 2 [rad]", self.bound)

@@ -64,7 +64,7 @@ def test_nothing_imports_the_bench(package):
 @pytest.mark.parametrize("module", MACHINE)
 def test_the_machine_knows_no_tactile_word(module):
     path = ROOT / "tactilenlp" / f"{module}.py"
-    own = {f".{name}" for name in (*MACHINE, "errors", "interrupt")}
+    own = {f".{name}" for name in (*MACHINE, "errors", "interrupt", "checks")}
     assert {m for m in imported(path) if m.startswith(".")} <= own
     outside = {m.split(".")[0] for m in imported(path) if not m.startswith(".")}
     assert not outside & {"formulations", "hardware", "mujoco", "trimesh"}
