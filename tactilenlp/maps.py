@@ -6,6 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
+from .checks import check_types
 from .choose import Choice
 from .expected import ExpectedInformation
 from .plotting import FINGERS, INK, MM, STYLE, _outline
@@ -21,6 +22,7 @@ def plot_gain(estimate, choice: Choice) -> Figure:
     Each finger's half is scanned while the other finger does what was chosen.  Left:
     all directions; right: from above, with the object that is estimated.
     """
+    check_types(estimate=(estimate, "Estimate"), choice=(choice, Choice))
     figure = plt.figure(figsize=(8.4, 3.6))
     sphere, top = figure.subplots(1, 2, width_ratios=(1.6, 1))
     space, fingers = choice.action.workspace, choice.action.workspace.fingers

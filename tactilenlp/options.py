@@ -32,7 +32,9 @@ class Options:
     rivals: bool = True
 
     def __post_init__(self):
-        check_types(seed=(self.seed, int), ipopt=(self.ipopt, dict))
+        check_types(
+            seed=(self.seed, int), ipopt=(self.ipopt, dict), rivals=(self.rivals, bool)
+        )
         Reductions.of(self.reduce)
         for name in ("hypotheses", "starts"):
             value = getattr(self, name)

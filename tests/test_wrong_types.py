@@ -19,7 +19,17 @@ THINGS = ("ball", np.zeros(3), [1, 2], {})
 RESULTS = {"Body", "Choice", "Estimate", "Information", "Problem", "Prospect"}
 RESULTS |= {"Solution", "Step"}  # nobody makes them by hand
 LAZY = {"explore"}  # it yields: nothing is checked before the first step
-FREE = {"_", "executor", "axis", "truth", "throw", "path", "folder", "formulation"}
+FREE = {
+    "_",
+    "executor",
+    "axis",
+    "truth",
+    "throw",
+    "path",
+    "folder",
+    "formulation",
+    "key",
+}
 KNOWN = {"estimate", "solved", "scene", "data", "estimates", "trajectories", "path"}
 
 
