@@ -67,7 +67,8 @@ class FingerContact:
 def add(nlp, window, fingers, theta, x, lam, mu, w):
     """Add dissipation with inelasticity where a finger feels, else complementarity.
 
-    lam: the impulse of every push, w [N s]: the weight over its step.  What rounds the
+    theta: of the body, or of the part that each push sees; lam: the impulse of every
+    push, w [N s]: the weight over its step.  What rounds the
     cone of a finger that feels nothing neither costs nor earns: all its impulses cost.
     """
     step, push, apart = window.step, window.push, window.apart
@@ -76,13 +77,13 @@ def add(nlp, window, fingers, theta, x, lam, mu, w):
     felt = [i for i in range(len(push)) if i not in unfelt]
     f, s = push.pick(felt), push.step[felt]
     nlp.minimize(
-        "finger dissipation", fingers.work, theta, x[:, step.knot[s]],
+        "finger dissipation", fingers.work, theta.pick(felt), x[:, step.knot[s]],
         x[:, step.before[s]], lam[:, felt], f.p_wf, f.p_wf_1, f.radius, f.tangent,
         step.dt[s], w[felt], kappa, still, rounding(nlp, mu), mu, role="physics",
     )  # fmt: skip
     f, s = push.pick(apart), push.step[apart]
     nlp.minimize(
-        "finger complementarity", fingers.apart, theta, x[:, step.knot[s]],
+        "finger complementarity", fingers.apart, theta.pick(apart), x[:, step.knot[s]],
         lam[:, apart], f.p_wf, f.radius, w[apart], kappa, role="physics",
     )  # fmt: skip
     nlp.report(

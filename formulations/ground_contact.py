@@ -72,7 +72,8 @@ class GroundContact:
 def add(nlp, window, ground, theta, x, lam, mu, w):
     """Add dissipation of every corner; complementarity, gap and rest where it can lift.
 
-    lam: its impulse, w [N s]: the weight over its step.
+    theta: of the body, or of the part that each corner sees; lam: its impulse, w [N s]:
+    the weight over its step.
     """
     step, corner, lift, rest = window.step, window.corner, window.lift, window.rest
     kappa, still = nlp.parameters["kappa"], nlp.parameters["still"]
@@ -90,11 +91,20 @@ def add(nlp, window, ground, theta, x, lam, mu, w):
         )  # fmt: skip
     s = lift.step
     nlp.minimize(
-        "ground complementarity", ground.apart, theta, *poses(s), lam[:, : len(s)],
-        lift.signs, step.dt[s], w[: len(s)], kappa, still, role="physics",
+        "ground complementarity", ground.apart, theta.pick(slice(len(s))), *poses(s),
+        lam[:, : len(s)], lift.signs, step.dt[s], w[: len(s)], kappa, still,
+        role="physics",
     )  # fmt: skip
     nlp.subject_to(
-        "ground gap", ground.gap, theta, x[:, step.knot[s]], lift.signs, lower=-ROOM
+        "ground gap", ground.gap, theta.pick(slice(len(s))), x[:, step.knot[s]],
+        lift.signs, lower=-ROOM,
+    )  # fmt: skip
+    nlp.minimize(
+        "rest",
+        ground.off,
+        theta.pick(slice(len(rest))),
+        x[:, rest.knot],
+        rest.signs,
+        role="physics",
     )
-    nlp.minimize("rest", ground.off, theta, x[:, rest.knot], rest.signs, role="physics")
     nlp.report("ground impulse", ground.impulse, lam)

@@ -50,17 +50,7 @@ WEIGHT = 300.0  # [nats / m] price of motion
 def build(nlp, window, scene, shape):
     """Fill `nlp` with what was felt, and least motion."""
     theta, x = sense(nlp, window, shape)
-    weight = nlp.parameter("motion weight", WEIGHT, "nats/m")
-    step = window.step
-
-    def moved(theta, x, x_1, weight):
-        way = way_squared(window.motion, shape, theta, x, x_1)
-        return weight * (ca.sqrt(way + STILL**2) - STILL)
-
-    nlp.minimize(
-        "least motion", moved, theta, x[:, step.knot], x[:, step.before], weight,
-        role="regulariser",
-    )  # fmt: skip
+    least_motion(nlp, window, shape, theta, x)
 
 
 def sense(nlp, window, shape, touch=TOUCH, normal=NORMAL, depth=0.0):
@@ -69,14 +59,30 @@ def sense(nlp, window, shape, touch=TOUCH, normal=NORMAL, depth=0.0):
     touch [m], normal [rad]: model errors of a sample, added to the sensors' own;
     depth [m], number or unknown: how deep every felt finger sits in the surface.
     """
-    motion, finger = window.motion, window.finger
     mean, deviation = shape.size_prior
-    sigma_p, sigma_n = window.sigma_position, window.sigma_normal
     theta, x = declare(nlp, window, shape)
+    likelihood(nlp, window, shape, (theta, theta), x, touch, normal, depth)
+    between_actions(nlp, window, shape, theta, x)
+    nlp.minimize(
+        "size prior",
+        lambda theta: ca.sumsqr((theta - mean) / deviation) / 2,
+        theta,
+        role="prior",
+    )
+    return theta, x
+
+
+def likelihood(nlp, window, shape, theta, x, touch, normal, depth):
+    """Add eq:loss of every sample.
+
+    theta: of the body, or of the parts that (touches, free samples) see; the others as
+    for `sense`.
+    """
+    motion, finger = window.motion, window.finger
+    sigma_p, sigma_n = window.sigma_position, window.sigma_normal
     touch_scale = nlp.parameter("touch scale", ca.hypot(touch, sigma_p), "m")
     normal_scale = nlp.parameter("normal scale", ca.hypot(normal, sigma_n), "rad")
     alpha = nlp.parameter("alpha", 1 / ca.hypot(1 / ALPHA, sigma_p / 1.7), "1/m")
-    gap_scale = nlp.parameter("gap scale", GAP, "m")
 
     def touching(theta, x, depth, p_wf, rho, n_m, sigma, sigma_n):
         pose = motion.pose(shape, theta, x)
@@ -90,28 +96,44 @@ def sense(nlp, window, shape, touch=TOUCH, normal=NORMAL, depth=0.0):
         phi = finger.gap(shape, theta, pose, p_wf, rho)
         return sensing.mixture(sensing.free(phi, alpha), window.ceiling)
 
-    def jumped(theta, x, x_1, gap):
-        return ca.log(1 + way_squared(motion, shape, theta, x, x_1) / gap**2)
-
-    t, f, g = window.touch, window.free, window.gap
+    t, f = window.touch, window.free
     nlp.minimize(
-        "touch", touching, theta, x[:, t.knot], depth, t.p_wf, t.radius, t.normal,
+        "touch", touching, theta[0], x[:, t.knot], depth, t.p_wf, t.radius, t.normal,
         touch_scale, normal_scale, role="likelihood",
     )  # fmt: skip
     nlp.minimize(
-        "free", free, theta, x[:, f.knot], f.p_wf, f.radius, alpha, role="likelihood"
-    )
+        "free", free, theta[1], x[:, f.knot], f.p_wf, f.radius, alpha,
+        role="likelihood",
+    )  # fmt: skip
+
+
+def between_actions(nlp, window, shape, theta, x):
+    """Add the Cauchy link over the unrecorded retraction of the fingers."""
+    motion, g = window.motion, window.gap
+    gap_scale = nlp.parameter("gap scale", GAP, "m")
+
+    def jumped(theta, x, x_1, gap):
+        return ca.log(1 + way_squared(motion, shape, theta, x, x_1) / gap**2)
+
     nlp.minimize(
         "between actions", jumped, theta, x[:, g.knot], x[:, g.before], gap_scale,
         role="prior",
     )  # fmt: skip
+
+
+def least_motion(nlp, window, shape, theta, x):
+    """Add the price of motion: an object that is pushed moves no more than it must."""
+    weight = nlp.parameter("motion weight", WEIGHT, "nats/m")
+    step = window.step
+
+    def moved(theta, x, x_1, weight):
+        way = way_squared(window.motion, shape, theta, x, x_1)
+        return weight * (ca.sqrt(way + STILL**2) - STILL)
+
     nlp.minimize(
-        "size prior",
-        lambda theta: ca.sumsqr((theta - mean) / deviation) / 2,
-        theta,
-        role="prior",
-    )
-    return theta, x
+        "least motion", moved, theta, x[:, step.knot], x[:, step.before], weight,
+        role="regulariser",
+    )  # fmt: skip
 
 
 def declare(nlp, window, shape):

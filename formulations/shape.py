@@ -30,7 +30,8 @@ class Shape:
     normal(theta, q_of, small) -> (3,) outward unit, body frame;
     corner(theta, signs) -> (3,) [m] point that may rest on the ground;
     rest_height(theta) -> [m] of the origin over the ground, lying flat;
-    inertia(theta) -> (3, 3) [m^2] per unit mass, about the origin.
+    inertia(theta) -> (3, 3) [m^2] per unit mass, about the origin;
+    reach(theta) -> number [m] from the origin that no point of the body exceeds.
     size_prior: mean and standard deviation [m] of each entry of theta before any touch
     (the paper's cuboids are 30 to 60 mm; two deviations span 5 to 85 mm).
     symmetries: relabellings of the axes that leave the body what it is, each the order
@@ -51,6 +52,7 @@ class Shape:
     symmetries: tuple = ()
     words: tuple[str, ...] = ()
     quantities: tuple = ()
+    reach: Callable = lambda theta: float(ca.norm_2(ca.DM(theta))) / 2
 
 
 def positive_part(x, width):

@@ -43,6 +43,8 @@ _HOMES = {
     "export_shape": "export",
     "write_report": "report",
     "Noise": "noise",
+    "face_sigma": "surface",
+    "vertex_information": "hull_information",
     "surface_distance": "metrics",
     "cuboid_errors": "metrics",
     "plot_estimate": "plotting",

@@ -20,9 +20,11 @@ from .local import SETTLED, doubt
 from .measurements import Measurements
 from .nlp import Problem
 from .options import Options
+from .polytopes import CREEPING, check, is_polytope, window_of
+from .polytopes import search as polytope_search
 from .precision import precision_of, smoothed
 from .readout import read_off
-from .reduce import Reductions, flat, insisted, reduce
+from .reduce import Reductions, flat, insisted
 from .request import (
     carried,
     check_importable,
@@ -63,11 +65,12 @@ def solve_estimate(
 ) -> Estimate:
     """Find shape, poses and impulses that explain what the fingers felt (eq:vimp).
 
-    data: Measurements.  scene: what is known (default Scene()).  shape: "cuboid" or a
-    Shape.  formulation: "quasi_static", "violation_implicit", "multiple_shooting",
-    "shooting", "complementarity", "paper" or a page (module with `build`, `LEVELS`).
-    start: an earlier Estimate of the first actions, or a Guess.  executor: any
-    concurrent.futures executor; processes, not threads.
+    data: Measurements.  scene: what is known (default Scene()).  shape: "cuboid",
+    "polytope" (20 vertices), formulations.polytope.polytope(30), or a Shape.
+    formulation: "quasi_static", "violation_implicit", "multiple_shooting", "shooting",
+    "complementarity", "paper" or a page (module with `build`, `LEVELS`).  start: an
+    earlier Estimate of the first actions (for a polytope: of any shape), or a Guess.
+    executor: any concurrent.futures executor; processes, not threads.
 
     Raises NoContactError, MeasurementError, OptionError, StartError before any solve,
     and NotConverged or MotionError after it unless `throw` is False.
@@ -77,7 +80,8 @@ def solve_estimate(
     check_types(
         data=(data, Measurements), scene=(scene, Scene), options=(options, Options)
     )
-    shape, page = shape_of(shape), page_of(formulation)
+    shape = shape_of(shape)
+    page = page_of(formulation, shape)
     check_plane(page, scene)
     if executor is not None:
         check_importable(page)
@@ -85,20 +89,11 @@ def solve_estimate(
     check_touched(data)
     began, cpu = time.monotonic(), time.process_time()
     job = _job(data, scene, shape, options, began, page)
-    kept = [] if start is None else carried(start, data)
-    # A search is as lean as it can be, whatever the last solve leaves out.
-    search = replace(job, reductions=Reductions(), first=first_guess(start, shape))
-    plane = None
-    if scene.ground is None:
-        user = start if isinstance(start, Guess) else None
-        plane = plane_of_touch(data, shape.size_prior[0], user)
-        search = laid_out(search, plane)
-    ranks = page if plane is None else None
-    kept = beam(search, kept, options.hypotheses, options.starts, executor, ranks)
+    kept = [] if start is None else carried(start, shape, scene, data)
+    kept, starts = _searched(job, page, kept, start, options, executor)
     searched = time.process_time() - cpu
-    starts = kept if plane is None else [floated(h, plane) for h in kept]
     solved = _refine(job, page, starts, options)
-    if options.rivals:
+    if options.rivals and not is_polytope(shape):
         solved = challenged(job, page, solved, options, _solve)
     best = _certified(job, page, solved[0], options)
     if "planar" in best.certificates.broken and not flat(page):
@@ -113,6 +108,25 @@ def solve_estimate(
     if throw:
         _raise_unless_good(estimate, best)
     return estimate
+
+
+def _searched(job, page, kept, start, options, executor):
+    """Return hypotheses to carry on, and the same as the page starts from them."""
+    # A search is as lean as it can be, whatever the last solve leaves out.
+    search = replace(job, reductions=Reductions())
+    if is_polytope(job.shape):
+        check(job.scene)
+        kept = polytope_search(search, kept)
+        return kept, kept
+    search = replace(search, first=first_guess(start, job.shape))
+    plane = None
+    if job.scene.ground is None:
+        user = start if isinstance(start, Guess) else None
+        plane = plane_of_touch(job.data, job.shape.size_prior[0], user)
+        search = laid_out(search, plane)
+    ranks = page if plane is None else None
+    kept = beam(search, kept, options.hypotheses, options.starts, executor, ranks)
+    return kept, kept if plane is None else [floated(h, plane) for h in kept]
 
 
 def _job(data, scene, shape, options, began, page) -> Job:
@@ -152,7 +166,7 @@ class Solved:
         values = self.solution.values
         return replace(
             self.hypothesis,
-            theta=values["theta"][:, 0],
+            theta=values["theta"].T.ravel(),
             x=values["x"][:, self.window.knot],
             objective=self.solution.objective,
             unknowns=values,
@@ -276,6 +290,8 @@ def _refine(job, page, kept, options) -> list[Solved]:
 def _carried_on(job, solved, kept, width: int) -> list[Hypothesis]:
     """Return the hypotheses for the next action: those that the page prefers first."""
     refined = [s.at for s in solved] if job.reductions.planar else []
+    if is_polytope(job.shape):
+        return refined[:1]
     refined = distinct(job.shape, refined, width, RIVAL)
     rest = [h for h in kept if not any(same(job.shape, h, k) for k in refined)]
     return [*refined, *rest][:width]
@@ -309,17 +325,13 @@ def _solve(
 def _built(job, page, hypothesis):
     """Return window and problem of a page at a hypothesis, and the seconds it took."""
     began = time.process_time()
-    window = reduce(
-        job.data, job.scene, job.shape, job.precision, job.reductions,
-        guess=(hypothesis.theta, hypothesis.x), cuts=job.cuts,
-    )  # fmt: skip
+    window, shape = window_of(job, (hypothesis.theta, hypothesis.x))
     problem = Problem()
-    page.build(problem, window, job.scene, job.shape)
+    page.build(problem, window, job.scene, shape)
     return window, problem, time.process_time() - began
 
 
 def _settings(job, options) -> SolverOptions:
     left = min(LONGEST, max(0.1, job.deadline - time.monotonic()))
-    return SolverOptions(
-        tolerance=options.tolerance, time_limit=left, ipopt=options.ipopt
-    )
+    ipopt = {**(CREEPING if is_polytope(job.shape) else {}), **options.ipopt}
+    return SolverOptions(tolerance=options.tolerance, time_limit=left, ipopt=ipopt)

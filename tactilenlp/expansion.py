@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .nlp import Problem
-from .reduce import reduce
+from .polytopes import window_of
 
 LEFT_OUT = ("still", "far", "absent")
 
@@ -41,11 +41,10 @@ def expand(job, page, solved) -> Expansion:
     """Return a solved page without its reductions of samples, poses and impulses."""
     h, window, solution = solved.hypothesis, solved.window, solved.solution
     whole = replace(job.reductions, **dict.fromkeys(LEFT_OUT, False))
-    again = reduce(
-        job.data, job.scene, job.shape, job.precision, whole, guess=(h.theta, h.x)
-    )
+    more = replace(job, reductions=whole, cuts=())
+    again, shape = window_of(more, (h.theta, h.x))
     problem = Problem()
-    page.build(problem, again, job.scene, job.shape)
+    page.build(problem, again, job.scene, shape)
     values, bounds, multipliers = carried(solved, again, problem)
     free = _rows(_samples(window.free), _samples(again.free))
     unfelt = _rows(_samples(window.push), _samples(again.push))

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from .guess import body_corners
-from .information import TOUCHED, information_of
+from .hull import centroid
+from .hull_information import hull_information, touched_polygons
+from .information import TOUCHED, Information, information_of
 from .nlp import Problem
+from .polytopes import is_polytope
 from .result import Estimate, by_sample, poses, touched_faces, versions
 from .scatter import Sensed
 
@@ -22,11 +26,12 @@ def read_off(
     """
     problem, window, solution = solved.problem, solved.window, solved.solution
     shape, scene = job.shape, job.scene
-    theta = solution.values["theta"][:, 0]
+    theta = solution.values["theta"].T.ravel()
     x = solution.values["x"][:, window.knot]
-    flat = poses(shape, window.motion, theta, x, None)
-    faces = touched_faces(job.data, flat[1], TOUCHED)
-    position, quaternion = poses(shape, window.motion, theta, x, scene.ground)
+    if is_polytope(shape):
+        body, information = hull_read(problem, solution, window, x, scene)
+    else:
+        body, information = box_read(job, page, solved, theta, x, rivals)
     return Estimate(
         measurements=data,
         scene=scene,
@@ -34,9 +39,9 @@ def read_off(
         formulation=getattr(page, "__name__", "page").rpartition(".")[2],
         options=_plain(options),
         theta=theta,
-        position=position,
-        quaternion=quaternion,
-        body_vertices=body_corners(shape, theta),
+        position=body.position,
+        quaternion=body.quaternion,
+        body_vertices=body.vertices,
         impulses=impulses(problem, window, solution, data, scene),
         unknowns=solution.values,
         costs=solution.costs,
@@ -51,17 +56,8 @@ def read_off(
         evaluations=solution.evaluations,
         seconds=seconds,
         skipped=solved.skipped,
-        faces=faces,
-        information=information_of(
-            problem,
-            solution,
-            window,
-            shape,
-            faces,
-            _turn(scene).T,
-            Sensed(job.data, job.precision, builder(page, shape, scene)),
-            [(r.problem, r.solution, r.window) for r in rivals],
-        ),
+        faces=body.faces,
+        information=information,
         precision=asdict(job.precision),
         reductions=asdict(solved.job.reductions),
         cuts=tuple(int(i) for i in solved.job.cuts),
@@ -70,6 +66,57 @@ def read_off(
         versions=versions(),
         progress=solution.progress,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Where a body is: (T, 3) [m], (T, 4) wxyz; vertices (V, 3) [m], body frame.
+
+    faces: how many samples touched each.
+    """
+
+    position: np.ndarray
+    quaternion: np.ndarray
+    vertices: np.ndarray
+    faces: np.ndarray
+
+
+def box_read(job, page, solved, theta, x, rivals) -> tuple[Body, Information]:
+    """Return the body, and what is known of it, of a shape with sizes."""
+    problem, window, solution = solved.problem, solved.window, solved.solution
+    shape, scene = job.shape, job.scene
+    flat = poses(shape, window.motion, theta, x, None)
+    faces = touched_faces(job.data, flat[1], TOUCHED)
+    information = information_of(
+        problem, solution, window, shape, faces, _turn(scene).T,
+        Sensed(job.data, job.precision, builder(page, shape, scene)),
+        [(r.problem, r.solution, r.window) for r in rivals],
+    )  # fmt: skip
+    where = poses(shape, window.motion, theta, x, scene.ground)
+    return Body(*where, body_corners(shape, theta), faces), information
+
+
+def hull_read(problem, solution, window, x, scene) -> tuple[Body, Information]:
+    """Return the body, and what is known of it, of a hull of vertices.
+
+    Its origin is the centroid, its axes are the world's at the last sample.
+    """
+    V = solution.values["theta"].T
+    middle = centroid(V)
+    c, s = np.cos(x[2]), np.sin(x[2])
+    p = np.stack([
+        x[0] + c * middle[0] - s * middle[1],
+        x[1] + s * middle[0] + c * middle[1],
+        np.full(x.shape[1], middle[2]),
+    ], axis=1)  # fmt: skip
+    turn = Rotation.from_rotvec(np.outer(x[2] - x[2, -1], scene.ground.normal))
+    R_wg = _turn(scene).T
+    vertices = (V - middle) @ R_wg.T
+    faces = touched_polygons(window, V, x)
+    body = Body(
+        scene.ground.from_ground(p), turn.as_quat()[:, [3, 0, 1, 2]], vertices, faces
+    )
+    return body, hull_information(problem, solution, faces, R_wg)
 
 
 def builder(page, shape, scene):

@@ -162,7 +162,7 @@ def slippery(scene) -> tuple[str, ...]:
 def is_far(free, scene, shape, motion, guess, precision) -> np.ndarray:
     """Tell which free samples are too far from the guessed object to matter."""
     theta, x = guess
-    reach = np.linalg.norm(theta) / 2
+    reach = shape.reach(theta)
     centre = x[:2, free.sample].T
     away = np.linalg.norm(free.p_wf[:, :2] - centre, axis=1) - reach - free.radius
     away -= scene.finger_length / 2

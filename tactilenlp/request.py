@@ -7,16 +7,19 @@ import sys
 
 import numpy as np
 
+from formulations.polytope import polytope
 from formulations.shape import CUBOID, Shape
 
 from .checks import check_types
 from .errors import NoContactError, OptionError, SceneError, StartError
 from .guess import Guess
 from .hypothesis import Hypothesis
+from .polytopes import is_polytope
 from .reduce import flat
 from .result import Estimate
 
-SHAPES = {"cuboid": CUBOID}
+SHAPES = {"cuboid": CUBOID, "polytope": polytope()}
+POLYTOPES = ("polytope_quasi_static", "polytope_violation_implicit")
 FORMULATIONS = (
     *("quasi_static", "violation_implicit", "paper"),
     *("shooting", "multiple_shooting", "complementarity"),
@@ -33,7 +36,8 @@ def shape_of(shape) -> Shape:
     return SHAPES[shape]
 
 
-def page_of(formulation):
+def page_of(formulation, shape):
+    """Return the page of a name, a polytope's own if there is one, or a user's."""
     if isinstance(formulation, str):
         if formulation not in FORMULATIONS:
             raise OptionError(
@@ -42,7 +46,10 @@ def page_of(formulation):
                 got=formulation,
                 expected=f"one of {FORMULATIONS}, or a page",
             )
-        return importlib.import_module(f"formulations.{formulation}")
+        own = f"{shape.name}_{formulation}"
+        return importlib.import_module(
+            f"formulations.{own if own in POLYTOPES else formulation}"
+        )
     for name in ("build", "LEVELS"):
         if not hasattr(formulation, name):
             raise OptionError(
@@ -117,9 +124,17 @@ def first_guess(start, shape) -> tuple:
     return (("guess", theta, np.r_[position[:2], start.yaw]),)
 
 
-def carried(start, data) -> list[Hypothesis]:
-    """Return the hypotheses to carry on from an earlier estimate."""
+def carried(start, shape, scene, data) -> list[Hypothesis]:
+    """Return the hypotheses to carry on from an earlier estimate.
+
+    A polytope may start from an estimate of any shape, with its vertices and poses.
+    """
     if isinstance(start, Guess):
+        if is_polytope(shape):
+            raise StartError(
+                "a polytope starts without a guess", where="start", got="a Guess",
+                expected="an Estimate, or None",
+            )  # fmt: skip
         return []
     check_types(start=(start, Estimate))
     if not start.measurements.is_prefix_of(data):
@@ -130,4 +145,29 @@ def carried(start, data) -> list[Hypothesis]:
             expected="an estimate whose measurements are a prefix of data",
             next="start from scratch, or append to the same measurements",
         )
+    if is_polytope(shape):
+        return [lying(start, scene)]
+    if start.shape != shape.name:
+        raise StartError(
+            "the start is of another shape", where="start", got=start.shape,
+            expected=shape.name, next="only a polytope starts from any other shape",
+        )  # fmt: skip
     return list(start.hypotheses)
+
+
+def lying(estimate, scene) -> Hypothesis:
+    """Return an estimate of whatever shape as the vertices and planar poses of a hull.
+
+    The ground's frame; the body's axes are the world's at the last sample.
+    """
+    from scipy.spatial.transform import Rotation
+
+    p = scene.ground.to_ground(estimate.position)
+    w, *v = estimate.quaternion.T
+    R = Rotation.from_quat(np.stack([*v, w], axis=1))
+    R = Rotation.from_matrix(scene.ground.rotation) * R
+    yaw = np.unwrap((R * R[-1].inv()).as_rotvec()[:, 2])
+    vertices = R[-1].apply(estimate.vertices)
+    vertices[:, 2] -= vertices[:, 2].min()
+    x = np.vstack([p[:, :2].T, yaw - yaw[-1]])
+    return Hypothesis(vertices.ravel(), x, estimate.objective, (estimate.shape,))

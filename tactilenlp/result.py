@@ -126,14 +126,10 @@ class Estimate:
     def summary(self) -> str:
         """Return a paragraph for people."""
         mm = 1e3
-        sigma = self.information.sigma("side_lengths") * mm
-        sides = " x ".join(
-            f"{s * mm:.2f} ± {e:.2f}" for s, e in zip(self.theta, sigma, strict=True)
-        )
         x, y, z = self.position[-1] * mm
         where = self.information.sigma("position") * mm
         lines = [
-            f"A {self.shape} of {sides} mm at ({x:.2f}, {y:.2f}, {z:.2f}) mm "
+            f"A {self.shape} of {self._sized()} at ({x:.2f}, {y:.2f}, {z:.2f}) mm "
             f"± ({where[0]:.2f}, {where[1]:.2f}, {where[2]:.2f}) mm, {self._turned()}.",
             f"{self.formulation}: {self.status}, objective {self.objective:.2f} nats "
             f"after {self.iterations} iterations, {self.seconds['total']:.1f} CPU s; "
@@ -147,6 +143,21 @@ class Estimate:
             lines.append("Also possible: " + "; ".join(self.information.also) + ".")
         lines += [f"Skipped {s}." for s in self.skipped]
         return "\n".join(lines)
+
+    def _sized(self) -> str:
+        """Return in words how large the body is."""
+        mm = 1e3
+        if "side_lengths" not in self.information.maps:
+            size = np.ptp(self.vertices, axis=0) * mm
+            touched = np.count_nonzero(self.faces)
+            across = " x ".join(f"{s:.1f}" for s in size)
+            return (
+                f"{len(self.vertices)} vertices, {across} mm across, {touched} of "
+                f"{len(self.faces)} faces touched,"
+            )
+        sigma = self.information.sigma("side_lengths") * mm
+        sides = zip(self.theta, sigma, strict=True)
+        return " x ".join(f"{s * mm:.2f} ± {e:.2f}" for s, e in sides) + " mm"
 
     def _turned(self) -> str:
         """Return in words which way the body is turned at the last sample."""

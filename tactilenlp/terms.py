@@ -24,6 +24,10 @@ class Variable:
     scale: np.ndarray
     first: int
 
+    def pick(self, rows) -> Variable:
+        """Return what the chosen instances read: all of it, like any other."""
+        return self
+
     def __getitem__(self, key) -> Columns:
         rows, columns = key if isinstance(key, tuple) and len(key) == 2 else (key, None)
         if not isinstance(rows, slice) or rows != slice(None) or columns is None:
@@ -51,16 +55,24 @@ class Variable:
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """The columns of a variable that the instances of a term read, one each."""
+    """The columns of a variable that the instances of a term read, one or k each.
+
+    columns: (instances,) or (instances, k); k columns are read one below the other.
+    """
 
     variable: Variable
     columns: np.ndarray
 
+    def pick(self, rows) -> Columns:
+        """Return what the chosen instances read."""
+        return Columns(self.variable, self.columns[rows])
+
     @property
     def indices(self) -> np.ndarray:
-        """Global indices, (instances, rows)."""
+        """Global indices, (instances, k rows)."""
         rows = np.arange(self.variable.rows)
-        return self.variable.first + self.columns[:, None] * self.variable.rows + rows
+        first = self.variable.first + self.columns[..., None] * self.variable.rows
+        return (first + rows).reshape(len(self.columns), -1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,7 +43,9 @@ def tried(job, problem, window, levels, h, tolerance, solvers) -> Hypothesis:
 def started(problem, window, h: Hypothesis) -> dict:
     """Return where a solve starts: sizes, poses, and the unknowns where they fit."""
     known = h.unknowns if h.fits(problem) else {}
-    return {**known, "theta": h.theta, "x": h.x[:, window.last]}
+    theta = problem.variables["theta"]
+    theta = h.theta.reshape(theta.columns, theta.rows).T
+    return {**known, "theta": theta, "x": h.x[:, window.last]}
 
 
 def opened(levels, final: bool):

@@ -20,6 +20,7 @@ from .guess import BELOW, carried
 from .hypothesis import Hypothesis
 from .nlp import Problem
 from .reduce import SIDE, Reductions, reduce
+from .request import page_of
 from .search import beam
 from .tipping import Tip, continuous, fall, lifted, matrices
 
@@ -57,7 +58,8 @@ def contradicts(job, window, values) -> list[Evidence]:
     values: theta and x of a flat solution, of whatever page.
     """
     problem = Problem()
-    quasi_static.build(problem, window, job.scene, job.shape)
+    page = page_of("quasi_static", job.shape)
+    page.build(problem, window, job.scene, job.shape)
     known = {name: values[name] for name in ("theta", "x")}
     scale = {
         "touch scale": np.hypot(TOUCH, window.sigma_position),

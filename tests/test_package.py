@@ -7,8 +7,11 @@ import sys
 import types
 from pathlib import Path
 
+import numpy as np
+import pytest
+
 import tactilenlp
-from tactilenlp import solve_estimate
+from tactilenlp import Measurements, Scene, solve_estimate
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -53,3 +56,39 @@ def test_the_versions_of_code_and_citation_agree():
     cited = re.search(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(), re.M)
     assert cited.group(1) == version("tactilenlp")
     assert f"## {cited.group(1)}" in (ROOT / "CHANGELOG.md").read_text()
+
+
+def test_the_shape_of_the_formulations_readme_is_estimated_as_printed():
+    text = (ROOT / "formulations" / "README.md").read_text()
+    code = re.findall(r"```python\n(.*?)```", text, re.S)[1]
+    page = types.ModuleType("my_shape")
+    exec(compile(code, "formulations/README.md", "exec"), page.__dict__)
+    axes, height, rho = np.array([0.05, 0.04, 0.03]), 0.015, 0.01
+    data = probed(axes, height, rho)
+    estimate = solve_estimate(data, Scene(), shape=page.ELLIPSOID)
+    assert estimate.shape == "ellipsoid"
+    assert np.sort(estimate.theta) == pytest.approx(np.sort(axes), abs=1e-3)
+
+
+def probed(axes, height, rho) -> Measurements:
+    """Return what a finger feels that touches a fixed ellipsoid from several sides."""
+    time, position, contact, normal, action = [], [], [], [], []
+    for k, (azimuth, rise) in enumerate(
+        [(0, 0), (90, 0), (180, 0), (270, 0), (30, 70)]
+    ):
+        a, e = np.radians([azimuth, rise])
+        d = np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)])
+        point = d / np.linalg.norm(d / (axes / 2))
+        n = point / axes**2
+        n /= np.linalg.norm(n)
+        for i in range(8):
+            away = max(0, 5 - i) * 4e-3
+            time.append(1.5 * k + i / 30)
+            position.append([point + (rho + away) * n + [0, 0, height]])
+            contact.append([away == 0])
+            normal.append([n * (away == 0)])
+            action.append(k)
+    return Measurements(
+        time=time, finger_position=position, finger_radius=rho, contact=contact,
+        normal=normal, action=action,
+    )  # fmt: skip

@@ -1,0 +1,88 @@
+r"""Vertices and poses of a convex polytope with minimal motion, no impulses.
+
+    min  what was felt, least motion, between actions            (see quasi_static.py)
+       + sum_j (|v_j - m| - r)^2 / (2 (SPREAD r)^2)              (ball prior)
+       + (r - mean)^2 / (2 deviation^2)                          (size prior)
+       + sum_legs v_z^2 / (2 LEG^2)                              (legs on the ground)
+       + sum_j |v_j - v_j0|^2 / (2 STAY^2)                       (stay)
+    s.t. v_z >= 0
+    over v_j, x_k, m, r
+
+A touch reads the vertices nearest to it (window.near), the others are out of its reach:
+what is far from the contact point does not change the nearest point.  `window.legs` are
+the vertices that carry the body, at least three of which rest on the ground.  Where
+nothing was felt, the vertices lie about a sphere (m, r), near where they started: the
+regulariser `stay` pins what slides along the surface at no cost.
+
+The last pose is held (see polytope_planes.py).
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from . import quasi_static
+from .level import Level
+
+REDUCTIONS = {"planar": True}  # the page knows planar motion only
+LEVELS = (
+    Level("coarse", {"touch scale": 1e-3, "normal scale": 0.2}, iterations=40),
+    Level("fine", {"touch scale": 0.3e-3, "normal scale": 0.05}, iterations=40),
+)
+
+TOUCH = 0.2e-3  # [m] model error of a touched gap where motion is only least motion
+NORMAL = 0.02  # [rad] model error of a normal, likewise
+SPREAD = 0.2  # [-] deviation of a vertex from the sphere, in radii
+STAY = 5e-3  # [m] deviation of a vertex from where it started
+LEG = 0.02e-3  # [m] deviation of a leg from the ground
+
+
+def build(nlp, window, scene, shape):
+    """Fill `nlp` with what was felt, and least motion."""
+    _, x = sense(nlp, window, shape)
+    quasi_static.least_motion(nlp, window, shape, 0.0, x)
+
+
+def sense(nlp, window, shape, touch=TOUCH, normal=NORMAL, depth=0.0):
+    """Declare vertices and poses; add what the fingers felt and what was known."""
+    motion = window.motion
+    theta = nlp.variable(
+        "theta", 3, len(window.start), lower=[-ca.inf, -ca.inf, 0.0],
+        guess=window.start.T, unit="m", scale=1e-3,
+    )  # fmt: skip
+    x = nlp.variable(
+        "x", motion.unknowns, window.knots, lower=window.lower, upper=window.upper,
+        guess=0.0, unit=motion.unit, scale=motion.scale,
+    )  # fmt: skip
+    near = theta[:, window.near_touch], theta[:, window.near_free]
+    quasi_static.likelihood(nlp, window, shape, near, x, touch, normal, depth)
+    quasi_static.between_actions(nlp, window, shape, 0.0, x)
+    known(nlp, window, shape, theta)
+    return theta, x
+
+
+def known(nlp, window, shape, theta):
+    """Add what is known of a body before it is touched."""
+    mean, deviation = shape.size_prior
+    ball = nlp.variable(
+        "ball", 4, guess=[*window.start.mean(axis=0), mean],
+        lower=[-ca.inf, -ca.inf, -ca.inf, mean / 10], unit="m", scale=1e-3,
+    )  # fmt: skip
+
+    def off(vertex, ball):
+        away = ca.sqrt(ca.sumsqr(vertex - ball[:3]) + (mean / 100) ** 2)
+        return (away / ball[3] - 1) ** 2 / (2 * SPREAD**2)
+
+    def moved(vertex, start):
+        return ca.sumsqr(vertex - start) / (2 * STAY**2)
+
+    nlp.minimize("ball prior", off, theta, ball, role="prior")
+    nlp.minimize(
+        "size prior", lambda ball: ((ball[3] - mean) / deviation) ** 2 / 2, ball,
+        role="prior",
+    )  # fmt: skip
+    nlp.minimize(
+        "legs on the ground", lambda vertex: (vertex[2] / LEG) ** 2 / 2,
+        theta[:, window.legs], role="prior",
+    )  # fmt: skip
+    nlp.minimize("stay", moved, theta, window.start, role="regulariser")

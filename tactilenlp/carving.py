@@ -1,0 +1,63 @@
+"""Carve a polytope out of what was felt: planes, free fingers, ground and a ball."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .errors import TactileError
+from .hull import (
+    corners,
+    filled,
+    fingers,
+    fitted_ball,
+    merged,
+    nearest,
+    outer,
+    thinned,
+)
+from .planes import Faces, bodily
+
+CUTS = 30  # at most, by fingers that feel nothing
+TOLERANCE = 0.1e-3  # [m] a free finger may sink in so far
+GROUND = np.array([[0.0, 0.0, -1.0, 0.0]])
+
+
+def carved(window, faces: Faces, size, vertices: int) -> np.ndarray:
+    """Return the vertices (vertices, 3) [m] of the body behind the planes."""
+    n = faces.n
+    points, _ = bodily(window.touch, faces.x, n[faces.plane])
+    planes = np.c_[n, np.maximum(faces.b, (points @ n.T).max(axis=0))]
+    ball = fitted_ball(points, size)
+    halfspaces = np.vstack([planes, GROUND, ball.caps()])
+    found = corners(halfspaces)
+    cuts = separating(window, faces, points)
+    for _ in range(CUTS):
+        deep = (found @ cuts[:, :3].T).max(axis=0, initial=-np.inf) - cuts[:, 3]
+        if not len(cuts) or deep.max() < TOLERANCE:
+            break
+        halfspaces = np.vstack([halfspaces, cuts[[np.argmax(deep)]]])
+        try:
+            found = corners(halfspaces)
+        except TactileError:
+            break
+    return filled(thinned(outer(merged(found)), vertices), vertices)
+
+
+def separating(window, faces: Faces, points) -> np.ndarray:
+    """Return half-spaces (n, 4) between the touched points and every free finger."""
+    centre = fingers(window.free, faces.x)
+    if not len(centre):
+        return np.zeros((0, 4))
+    away = centre - nearest_of(points, centre)
+    away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
+    b = (centre * away).sum(axis=1) - window.free.radius
+    return np.c_[away, np.maximum(b, (points @ away.T).max(axis=0))]
+
+
+def nearest_of(points, centre) -> np.ndarray:
+    """Return the points of the hull of `points` nearest to each centre (n, 3)."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if len(points) < 4 or spread[-1] < 1e-4:
+        apart = np.linalg.norm(points[None] - centre[:, None], axis=2)
+        return points[np.argmin(apart, axis=1)]
+    return nearest(outer(points), centre)

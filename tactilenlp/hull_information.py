@@ -1,0 +1,101 @@
+"""What the data say of a hull: covariance of its vertices, which faces were touched.
+
+The last pose of a polytope is held, so that all that is not known is in the vertices:
+they are those of the last sample, in the frame of the world.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .curvature import curvature_of
+from .hull import centroid, fingers
+from .information import Information
+from .modes import single
+from .surface import polygons
+
+FLOOR = 1e-6  # [m] deviation of what a bound holds: a vertex on the ground
+ON = 0.5e-3  # [m] a contact point this near to a face is on it
+FACING = 0.99  # [-] cosine of normals from which a touch is one of the face
+
+
+def hull_information(problem, solution, faces, R_wg) -> Information:
+    """Return the information about the vertices at the last sample, world frame.
+
+    faces: touches of each polygon of the hull; R_wg (3, 3): ground's frame to world.
+    """
+    theta = problem.variables["theta"]
+    chosen = np.arange(theta.span.start, theta.span.stop)
+    curvature = curvature_of(problem, solution)
+    C = curvature.response_of(chosen)[0][chosen]
+    C = (C + C.T) / 2
+    turned_down = np.linalg.eigvalsh(C)[0] < -(FLOOR**2)
+    turn = np.kron(np.eye(theta.columns), R_wg)
+    C = turn @ (C + FLOOR**2 * np.eye(len(C))) @ turn.T
+    V = solution.values["theta"].T
+    middle = _slope_of_centroid(V) @ turn.T
+    maps = {
+        "vertices": np.eye(len(C)) - np.tile(R_wg @ middle, (theta.columns, 1)),
+        "position": R_wg @ middle,
+        "rotation": np.zeros((3, len(C))),
+    }
+    return Information(
+        names=tuple(f"vertex {j} {w}" for j in range(theta.columns) for w in "xyz"),
+        matrix=np.linalg.inv(C),
+        spread=C,
+        parts={},
+        roles={},
+        modes=single(solution.objective, C),
+        maps=maps,
+        unobserved=untouched(faces),
+        directions=np.zeros((len(C), 0)),
+        fixed=("rotation: the body's axes are the world's at the last sample",),
+        active=curvature.active,
+        ambiguous=curvature.ambiguous,
+        indefinite=("vertices",) if turned_down else (),
+    )
+
+
+def untouched(faces) -> tuple[str, ...]:
+    """Name how many faces were never touched."""
+    missing = int(np.count_nonzero(faces == 0))
+    return (f"{missing} of {len(faces)} faces never touched",) if missing else ()
+
+
+def touched_polygons(window, vertices, x) -> np.ndarray:
+    """Return how many touches each polygon of the hull has, as `surface.polygons`."""
+    touch = window.touch
+    centre = fingers(touch, x)
+    pose = x[:, touch.sample]
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    n = touch.normal
+    n = np.stack([c * n[:, 0] + s * n[:, 1], c * n[:, 1] - s * n[:, 0], n[:, 2]], 1)
+    point = centre - touch.radius[:, None] * n
+    out = []
+    for corners, normal in polygons(vertices):
+        off = (point - vertices[corners[0]]) @ normal
+        out.append(np.count_nonzero((np.abs(off) < ON) & (n @ normal > FACING)))
+    return np.array(out)
+
+
+def vertex_information(estimate) -> np.ndarray:
+    """Return log det of the information about each vertex (V,), the others unknown.
+
+    In nats, of lengths in metres: what colours the vertices of the paper's figures.
+    """
+    C = estimate.information.covariance("vertices")
+    blocks = [C[3 * j : 3 * j + 3, 3 * j : 3 * j + 3] for j in range(len(C) // 3)]
+    floor = FLOOR**2 * np.eye(3)
+    return np.array([-np.linalg.slogdet(block + floor)[1] for block in blocks])
+
+
+def _slope_of_centroid(vertices) -> np.ndarray:
+    """Return how the hull's centroid follows its vertices, (3, 3 V), by differences."""
+    step, slopes = 1e-6, []
+    for i in range(vertices.size):
+        moved = vertices.copy().ravel()
+        moved[i] += step
+        ahead = centroid(moved.reshape(-1, 3))
+        moved[i] -= 2 * step
+        slopes.append((ahead - centroid(moved.reshape(-1, 3))) / (2 * step))
+    return np.array(slopes).T

@@ -1,0 +1,116 @@
+"""What a polytope's page sees: a window, and which vertices each contact reads.
+
+All of it follows from where vertices and poses start; the lists stay as they are during
+a solve and are made anew for the next.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from .hull import fingers, nearest
+from .hull import triangles as triangles_of
+from .window import Window
+
+NEAR = 8  # vertices that a contact reads
+LIFTED = 0.5e-3  # [m] a vertex this high still carries the body
+DEPTH = 3.0  # [-] lengths along the surface that one length below it counts for
+
+
+@dataclass(frozen=True, eq=False)
+class HullWindow(Window):
+    """A window, where the vertices start and which of them each contact reads.
+
+    start (V, 3) [m]; near_touch, near_free, near_push (instances, NEAR): vertices;
+    legs (n,): those that carry the body; leg (corners,): of each ground contact;
+    triangles (2 V - 4, 3) of the hull, counterclockwise from outside; body (10,):
+    volume, centroid and second moments; lower, upper (3, knots): the last pose is held.
+    """
+
+    start: np.ndarray = None
+    near_touch: np.ndarray = None
+    near_free: np.ndarray = None
+    near_push: np.ndarray = None
+    legs: np.ndarray = None
+    leg: np.ndarray = None
+    triangles: np.ndarray = None
+    body: np.ndarray = None
+    lower: np.ndarray = None
+    upper: np.ndarray = None
+
+
+def indexed(window, shape, vertices, x) -> HullWindow:
+    """Return the window of a polytope that starts as `vertices` at poses x (3, T)."""
+    lower = np.full((3, window.knots), -np.inf)
+    lower[:, -1] = x[:, -1]
+    triangles = triangles_of(vertices, 2 * len(vertices) - 4)
+    known = {f.name: getattr(window, f.name) for f in fields(Window)}
+    return HullWindow(
+        **known, start=vertices,
+        near_touch=near(window.touch, vertices, x),
+        near_free=near(window.free, vertices, x),
+        near_push=near(window.push, vertices, x),
+        legs=np.array(shape.corners, int)[:, 0],
+        leg=window.corner.signs[:, 0].astype(int),
+        triangles=triangles, body=body(vertices, triangles),
+        lower=lower, upper=np.where(np.isfinite(lower), lower, np.inf),
+    )  # fmt: skip
+
+
+def near(samples, vertices, x) -> np.ndarray:
+    """Return the vertices (samples, NEAR) that can be nearest to each finger.
+
+    Along the hull's surface the nearest to the contact point; what lies deep below the
+    plane of the contact comes last.
+    """
+    count = min(NEAR, len(vertices))
+    if not len(samples):
+        return np.zeros((0, count), int)
+    centre = fingers(samples, x)
+    point = nearest(vertices, centre)
+    n = centre - point
+    n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
+    to = vertices[None] - point[:, None]
+    below = -np.einsum("svk,sk->sv", to, n)
+    far = np.linalg.norm(to, axis=2) + DEPTH * below
+    return np.sort(np.argsort(far, axis=1, kind="stable")[:, :count], axis=1)
+
+
+def legs(vertices, count: int, height: float = LIFTED) -> np.ndarray:
+    """Return at least three and at most `count` vertices that carry the body.
+
+    Of the lowest ones those that span the largest area.
+    """
+    z = vertices[:, 2]
+    low = np.nonzero(z <= max(height, np.sort(z)[2]))[0]
+    try:
+        around = low[ConvexHull(vertices[low, :2]).vertices]  # counterclockwise
+    except QhullError:  # in a row: all of them, the page moves them apart
+        around = low
+    while len(around) > count:
+        flat = vertices[around, :2]
+        u, v = flat - np.roll(flat, 1, axis=0), np.roll(flat, -1, axis=0) - flat
+        lost = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+        around = np.delete(around, np.argmin(lost))
+    return np.sort(around)
+
+
+def body(vertices, triangles) -> np.ndarray:
+    """Return volume [m^3], centroid [m] and second moments [m^2] (10,) of a hull."""
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    volume = (a * np.cross(b, c)).sum(axis=1) / 6
+    s = a + b + c
+    S = sum(p[:, :, None] * p[:, None] for p in (s, a, b, c))
+    S = (volume[:, None, None] * S).sum(axis=0) / 20
+    first = (volume[:, None] * s).sum(axis=0) / 4
+    second = S[[0, 1, 2, 0, 1, 2], [0, 1, 2, 1, 2, 0]]
+    return np.r_[volume.sum(), np.r_[first, second] / volume.sum()]
+
+
+def standing(shape, vertices):
+    """Return the shape whose corners are the vertices that carry the body."""
+    carry = legs(vertices, len(shape.corners))
+    return replace(shape, corners=tuple((int(j), 0, 0) for j in carry))

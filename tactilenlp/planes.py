@@ -1,0 +1,229 @@
+"""Search for a polytope: poses and observed supporting planes, action by action.
+
+Touches whose normals rise equally are runs, each a plane; runs that turn out to be one
+face become one plane.  Poses are planar, in the frame of the ground.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from formulations import polytope_planes
+
+from .hull import centroid, corners, fingers, fitted_ball, nearest
+from .nlp import Problem
+from .reduce import reduce
+from .solve import SolverOptions, solve_levels
+from .window import Window, _Rows
+
+NEAR = 15e-3  # [m] a free finger further than this from a contact point says nothing
+ANGLE, OFFSET = 0.03, 0.2e-3  # [rad], [m] planes that agree this well are one face
+TOLERANCE = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs(_Rows):
+    """Touches and planes that they lie behind."""
+
+    touch: np.ndarray
+    plane: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Outside(_Rows):
+    """Touches whose contact point lies outside a free finger at p_wf, pose knot."""
+
+    touch: np.ndarray
+    knot: np.ndarray
+    p_wf: np.ndarray
+    radius: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class PlanesWindow(Window):
+    """A window, and which touch lies on which plane.
+
+    plane: (touches,) of each touch; planes: how many; slip (n, 2): successive touches
+    of a finger; link (m, 2): their planes, where they are not one already; lower,
+    upper: (3, knots) bounds that hold the last pose.
+    """
+
+    plane: np.ndarray = None
+    planes: int = 0
+    slip: np.ndarray = None
+    link: np.ndarray = None
+    behind: Pairs = None
+    outside: Outside = None
+    lower: np.ndarray = None
+    upper: np.ndarray = None
+
+
+@dataclass(frozen=True, eq=False)
+class Faces:
+    """Planes seen so far: of each touch (touches,), n (planes, 3) outward, b (planes,).
+
+    x (3, T): poses of the body, the last one as in the world.
+    """
+
+    plane: np.ndarray
+    n: np.ndarray
+    b: np.ndarray
+    x: np.ndarray
+    objective: float = np.inf
+    iterations: int = 0
+
+
+def bodily(touch, x, n) -> tuple[np.ndarray, np.ndarray]:
+    """Return contact points (touches, 3) and normals, body frame at poses x (3, T)."""
+    pose = x[:, touch.sample]
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+
+    def back(a):
+        return np.stack([c * a[:, 0] + s * a[:, 1], c * a[:, 1] - s * a[:, 0], a[:, 2]])
+
+    centre = back(touch.p_wf - np.vstack([pose[:2], np.zeros(len(touch))]).T).T
+    normal = back(touch.normal).T
+    n = normal if n is None else n
+    return centre - touch.radius[:, None] * n, normal
+
+
+def windowed(window, faces: Faces) -> PlanesWindow:
+    """Return the window with the pairs of touches, planes and free fingers."""
+    plane, touch = faces.plane, window.touch
+    order = np.lexsort((touch.sample, touch.finger))
+    near = touch.sample[order[1:]] - touch.sample[order[:-1]] == 1
+    near &= touch.finger[order[1:]] == touch.finger[order[:-1]]
+    slip = np.stack([order[1:], order[:-1]], 1)[near]
+    link = np.unique(np.sort(plane[slip], axis=1), axis=0)
+    link = link[link[:, 0] != link[:, 1]]
+    same = near & (plane[order[1:]] == plane[order[:-1]])
+    ends = order[~(np.r_[False, same] & np.r_[same, False])]
+    i, j = np.meshgrid(ends, np.arange(len(faces.b)), indexing="ij")
+    other = plane[i] != j
+    point, _ = bodily(touch, faces.x, faces.n[plane])
+    free = window.free
+    centre, _ = bodily(replace(free, radius=0 * free.radius), faces.x, None)
+    apart = np.linalg.norm(point[ends][:, None] - centre[None], axis=2)
+    a, f = np.nonzero(apart < free.radius + NEAR)
+    lower = np.full((3, window.knots), -np.inf)
+    lower[:, -1] = faces.x[:, -1]
+    known = {k.name: getattr(window, k.name) for k in fields(Window)}
+    return PlanesWindow(
+        **known, plane=plane, planes=len(faces.b), slip=slip, link=link,
+        behind=Pairs(i[other], j[other]),
+        outside=Outside(ends[a], free.knot[f], free.p_wf[f], free.radius[f]),
+        lower=lower, upper=np.where(np.isfinite(lower), lower, np.inf),
+    )  # fmt: skip
+
+
+def solved(job, window, faces: Faces, levels, time_limit: float) -> Faces:
+    """Return the planes and poses that the page finds from `faces`."""
+    window = windowed(window, faces)
+    problem = Problem()
+    polytope_planes.build(problem, window, job.scene, job.shape)
+    start = {"x": faces.x[:, window.last], "plane": np.vstack([faces.n.T, faces.b])}
+    options = SolverOptions(tolerance=TOLERANCE, time_limit=time_limit)
+    s = solve_levels(problem, levels, start, options)
+    m, b = s.values["plane"][:3].T, s.values["plane"][3]
+    n = m / np.linalg.norm(m, axis=1, keepdims=True)
+    x = s.values["x"][:, window.knot]
+    iterations = faces.iterations + s.iterations
+    return replace(faces, n=n, b=b, x=x, objective=s.objective, iterations=iterations)
+
+
+def merged(window, faces: Faces) -> Faces:
+    """Return the planes with those that are one face made one."""
+    n, b, plane = faces.n, faces.b, faces.plane
+    point, _ = bodily(window.touch, faces.x, n[plane])
+    label = np.arange(len(b))
+    off = np.abs(point @ n.T - b)  # (touches, planes)
+    worst = np.array([off[plane == i].max(axis=0) for i in label])
+    agree = np.maximum(worst, worst.T) < np.hypot(OFFSET, window.sigma_position)
+    agree &= n @ n.T > np.cos(ANGLE)
+    for i, j in zip(*np.nonzero(np.triu(agree, 1)), strict=True):
+        if agree[np.ix_(label == label[i], label == label[j])].all():
+            label[label == label[j]] = label[i]
+    kept, label = np.unique(label, return_inverse=True)
+    if len(kept) == len(b):
+        return faces
+    count = np.bincount(plane, minlength=len(b)).astype(float)
+    weight = np.bincount(label, count)
+    mean = np.stack([np.bincount(label, count * n[:, k]) for k in range(3)], 1)
+    mean /= np.linalg.norm(mean, axis=1, keepdims=True)
+    b = np.bincount(label, count * b) / weight
+    return replace(faces, plane=label[plane], n=mean, b=b)
+
+
+def seen(window, vertices, x) -> Faces:
+    """Return the planes that the touches have on a body at poses x (3, T)."""
+    centre = fingers(window.touch, x)
+    point = nearest(vertices, centre)
+    n = centre - point
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    return merged(window, Faces(np.arange(len(n)), n, (n * point).sum(axis=1), x))
+
+
+def extended(job, faces: Faces | None, samples: int) -> Faces:
+    """Return the planes and poses for the first `samples` samples of a job."""
+    data = job.data.select(np.unique(job.data.action[:samples]))
+    window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
+    start = (
+        begun(window, samples, job.shape.size_prior[0])
+        if faces is None
+        else continued(window, faces, samples)
+    )
+    found = solved(job, window, start, polytope_planes.LEVELS, 20.0)
+    joined = merged(window, found)
+    if joined is not found:
+        found = solved(job, window, joined, polytope_planes.LEVELS[1:], 20.0)
+    return anchored(window, found, job.shape.size_prior)
+
+
+def begun(window, samples: int, size: float) -> Faces:
+    """Return the first planes as they were measured, of a body that has not moved."""
+    x = np.zeros((3, samples))
+    x[:2] = middle(window, size)[:, None]
+    n = window.touch.normal
+    point, _ = bodily(window.touch, x, None)
+    return Faces(np.arange(len(n)), n, (point * n).sum(axis=1), x)
+
+
+def continued(window, faces: Faces, samples: int) -> Faces:
+    """Return the planes with those of a new action as measured; nothing moved in it."""
+    touch, before = window.touch, faces.x.shape[1]
+    x = np.hstack([faces.x, np.repeat(faces.x[:, -1:], samples - before, axis=1)])
+    new = touch.sample >= before
+    point, normal = bodily(touch, x, None)
+    plane = np.zeros(len(touch), int)
+    plane[~new], plane[new] = faces.plane, len(faces.b) + np.arange(new.sum())
+    n = np.vstack([faces.n, normal[new]])
+    b = np.r_[faces.b, (point * normal).sum(axis=1)[new]]
+    return replace(faces, plane=plane, n=n, b=b, x=x)
+
+
+def anchored(window, faces: Faces, size) -> Faces:
+    """Return the same motion with the body's origin below its middle."""
+    shift = centroid(roughly(window, faces, size))[:2]
+    c, s = np.cos(faces.x[2]), np.sin(faces.x[2])
+    x = faces.x.copy()
+    x[0] += c * shift[0] - s * shift[1]
+    x[1] += s * shift[0] + c * shift[1]
+    return replace(faces, x=x, b=faces.b - faces.n[:, :2] @ shift)
+
+
+def roughly(window, faces: Faces, size) -> np.ndarray:
+    """Return vertices of what lies behind the planes, the ground and a ball."""
+    n = faces.n
+    points, _ = bodily(window.touch, faces.x, n[faces.plane])
+    ball = fitted_ball(points, size)
+    b = np.maximum(faces.b, (points @ n.T).max(axis=0))
+    ground = [[0, 0, -1, 0]]
+    return corners(np.vstack([np.c_[n, b], ground, ball.caps()]))
+
+
+def middle(window, size: float) -> np.ndarray:
+    """Return a first guess (2,) of where the body is: behind its first touch."""
+    t = window.touch
+    return t.p_wf[0, :2] - (t.radius[0] + size) * t.normal[0, :2]

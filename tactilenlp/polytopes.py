@@ -1,0 +1,97 @@
+"""Search for a convex polytope, and show a page what it needs of one.
+
+Planes and poses first, action by action (planes.py), then a body carved out of the
+planes (carving.py), then its vertices polished with least motion: a hypothesis.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from formulations import polytope_quasi_static
+
+from .carving import carved
+from .errors import SceneError
+from .hull_window import indexed, standing
+from .hypothesis import Hypothesis
+from .nlp import Problem
+from .planes import Faces, extended, seen
+from .reduce import reduce
+from .solve import SolverOptions, solve_levels
+
+TOLERANCE = 1e-4
+CREEPING = {  # IPOPT stops where kinks of the surface let it creep on and on
+    "acceptable_tol": 0.5,  # [nats / mm]
+    "acceptable_obj_change_tol": 1e-4,  # [relative] over as many iterations
+    "acceptable_iter": 8,
+    "acceptable_compl_inf_tol": 1e-4,
+    "acceptable_constr_viol_tol": 1e-4,
+}
+LONGEST = 20.0  # [s] of one solve
+
+
+def is_polytope(shape) -> bool:
+    """Tell whether a shape is a hull of vertices."""
+    return shape.name == "polytope"
+
+
+def check(scene) -> None:
+    """Raise SceneError unless the fingertips are round."""
+    if scene.finger_length > 0:
+        raise SceneError(
+            "a polytope is estimated with round fingertips only",
+            where="finger_length", got=scene.finger_length, expected="0",
+        )  # fmt: skip
+
+
+def window_of(job, guess=None):
+    """Return the window that a page reads, and the shape as the page takes it.
+
+    guess: theta and x, where a page starts.
+    """
+    known = job.scene, job.shape, job.precision, job.reductions
+    if guess is None or not is_polytope(job.shape):
+        return reduce(job.data, *known, guess=guess, cuts=job.cuts), job.shape
+    theta, x = guess
+    vertices = np.reshape(theta, (-1, 3))
+    shape = standing(job.shape, vertices)
+    known = job.scene, shape, job.precision, job.reductions
+    window = reduce(job.data, *known, guess=guess, cuts=job.cuts)
+    return indexed(window, shape, vertices, x), shape
+
+
+def search(job, kept) -> list[Hypothesis]:
+    """Return the hypothesis that explains all actions of a job, with least motion.
+
+    kept: a hypothesis of the first actions, if any, with any number of vertices.
+    """
+    done = kept[0].x.shape[1] if kept else 0
+    faces = _resumed(job, kept[0]) if kept else None
+    for action in np.unique(job.data.action):
+        last = int(np.nonzero(job.data.action == action)[0][-1]) + 1
+        if last <= done or not (job.data.contact & job.data.valid)[:last].any():
+            continue
+        faces = extended(job, faces, last)
+    window = reduce(job.data, job.scene, job.shape, job.precision, job.reductions)
+    vertices = carved(window, faces, job.shape.size_prior, job.shape.theta // 3)
+    return [polished(job, vertices, faces)]
+
+
+def polished(job, vertices, faces: Faces) -> Hypothesis:
+    """Return the carved body with vertices and poses that fit what was felt."""
+    window, shape = window_of(job, (vertices.ravel(), faces.x))
+    problem = Problem()
+    polytope_quasi_static.build(problem, window, job.scene, shape)
+    options = SolverOptions(tolerance=TOLERANCE, time_limit=LONGEST)
+    start = {"theta": vertices.T, "x": faces.x[:, window.last]}
+    s = solve_levels(problem, polytope_quasi_static.LEVELS, start, options)
+    theta, x = s.values["theta"].T.ravel(), s.values["x"][:, window.knot]
+    iterations = faces.iterations + s.iterations
+    return Hypothesis(theta, x, s.objective, ("planes",), iterations)
+
+
+def _resumed(job, h: Hypothesis) -> Faces:
+    """Return the planes that the touches of the first actions have on a known body."""
+    data = job.data.select(np.unique(job.data.action[: h.x.shape[1]]))
+    window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
+    return seen(window, h.theta.reshape(-1, 3), h.x)

@@ -1,0 +1,178 @@
+"""Geometry of hulls: nearest points, moments, carving; degenerate vertices."""
+
+import casadi as ca
+import numpy as np
+import pytest
+import trimesh
+from scipy.optimize import nnls
+
+from formulations.polytope import (
+    inertia_about,
+    polytope,
+    polytope_distance,
+    polytope_normal,
+    towards,
+    whole_moments,
+)
+from tactilenlp import Problem, hull
+from tactilenlp.errors import TactileError
+from tactilenlp.hull_window import body, legs
+
+SMALL = 1e-4  # [m] rounding, as of a fingertip of 10 mm
+CUBE = 0.02 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+
+
+def ball(count, seed=0, radius=0.02):
+    v = np.random.default_rng(seed).normal(size=(count, 3))
+    return radius * v / np.linalg.norm(v, axis=1, keepdims=True)
+
+
+def nearest_exactly(vertices, q):
+    """Solve the least squares of the simplex: the exact vector from hull to q."""
+    heavy = 1e3 * np.ones((1, len(vertices)))
+    w, _ = nnls(np.vstack([vertices.T, heavy]), np.r_[q, 1e3], maxiter=1000)
+    return q - vertices.T @ w
+
+
+def evaluated(vertices, points):
+    V, q = ca.SX.sym("V", 3 * len(vertices)), ca.SX.sym("q", 3)
+    out = [polytope_distance(V, q, 1e-3), polytope_normal(V, q, 1e-3)]
+    f = ca.Function("f", [V, q], out, {"cse": True})
+    d, n = f.map(len(points))(np.tile(vertices.ravel()[:, None], len(points)), points.T)
+    return np.asarray(d).ravel(), np.asarray(n).T
+
+
+@pytest.mark.parametrize(
+    ("q", "distance", "normal"),
+    [
+        ((0.03, 0.001, 0.002), 0.01, (1, 0, 0)),
+        ((0.026, 0.028, 0.001), 0.01, (0.6, 0.8, 0)),
+        ((0.022, 0.021, 0.022), 0.003, (2 / 3, 1 / 3, 2 / 3)),
+    ],
+    ids=["face", "edge", "vertex"],
+)
+def test_distance_and_normal_are_right_for_faces_edges_and_vertices(
+    q, distance, normal
+):
+    d, n = evaluated(CUBE, np.array([q]))
+    assert abs(d[0] - distance) < SMALL
+    assert np.arccos(n[0] @ normal) < 0.02
+
+
+def test_distance_and_normal_are_those_of_the_exact_hull():
+    vertices = ball(20)
+    points = 1.8 * ball(100, seed=1)
+    d, n = evaluated(vertices, points)
+    exact = np.array([nearest_exactly(vertices, q) for q in points])
+    away = np.linalg.norm(exact, axis=1)
+    assert np.abs(d - away).max() < SMALL
+    angle = np.arccos(np.clip((n * exact).sum(axis=1) / away, -1, 1))
+    assert np.median(angle) < 0.01
+    assert angle.max() < 0.1  # where the feature changes, over SMALL
+
+
+def test_a_finger_that_sank_in_reads_how_deep():
+    d, n = evaluated(CUBE, np.array([[0.025, 0.003, 0.001]]))
+    assert abs(d[0] - 5e-3) < SMALL  # half the radius of a fingertip deep
+    assert n[0] == pytest.approx([1, 0, 0], abs=0.01)
+
+
+def test_value_slope_and_curvature_agree_with_finite_differences():
+    V = ball(8, seed=2)
+    z, q = ca.SX.sym("z", 27), None
+    q = z[24:]
+    u = towards(ca.reshape(z[:24], 3, 8), q, SMALL)
+    value = ca.norm_2(u) + 0.01 * ca.dot(u, ca.DM([0.3, -0.5, 0.8])) / ca.norm_2(u)
+    gradient = ca.gradient(value, z)
+    f = ca.Function("f", [z], [value, gradient, ca.jacobian(gradient, z)])
+    at = np.r_[V.ravel(), 1.7 * V[:3].mean(axis=0) + [1e-3, 2e-3, 0]]
+    _, slope, curvature = (np.asarray(o) for o in f(at))
+    for i in np.random.default_rng(0).choice(27, 9, replace=False):
+        step = np.zeros(27)
+        step[i] = 1e-7
+        up, down = f(at + step), f(at - step)
+        assert float(up[0] - down[0]) / 2e-7 == pytest.approx(slope[i, 0], abs=1e-5)
+        bend = np.asarray(up[1] - down[1]).ravel() / 2e-7
+        assert np.abs(bend - curvature[:, i]).max() < 1e-3 * np.abs(curvature).max()
+
+
+@pytest.mark.parametrize(
+    "extra",
+    [CUBE[0], CUBE[[0, 1, 3, 2]].mean(axis=0), np.zeros(3)],
+    ids=["duplicate", "coplanar", "interior"],
+)
+def test_a_degenerate_vertex_changes_nothing_and_gives_no_nan(extra):
+    points = 1.9 * ball(10, seed=3)
+    d, n = evaluated(CUBE, points)
+    more = np.vstack([CUBE, extra])
+    d_more, n_more = evaluated(more, points)
+    assert np.abs(d - d_more).max() < SMALL
+    assert np.abs(n - n_more).max() < 0.05  # 3 degrees, near an edge
+    V, q = ca.SX.sym("V", 3, 9), ca.SX.sym("q", 3)
+    H = ca.hessian(ca.norm_2(towards(V, q, SMALL)), ca.vertcat(ca.vec(V), q))[0]
+    curvature = ca.Function("H", [V, q], [H])
+    assert all(np.isfinite(np.asarray(curvature(more.T, p))).all() for p in points[:5])
+
+
+def test_moments_are_those_of_the_solid():
+    vertices = np.add(ball(20, seed=4), [0.01, 0.02, 0.03])
+    triangles = hull.triangles(vertices, 36)
+    mesh = trimesh.Trimesh(vertices, triangles, process=False)
+    t = ca.SX.sym("t", 36 * 9)
+    f = ca.Function("f", [t], [whole_moments(t)])
+    m = np.asarray(f(vertices[triangles].ravel())).ravel()
+    assert m[0] == pytest.approx(mesh.volume)
+    assert m[1:4] / m[0] == pytest.approx(mesh.center_mass)
+    assert np.r_[m[0], m[1:] / m[0]] == pytest.approx(body(vertices, triangles))
+    inertia = np.asarray(ca.DM(inertia_about(ca.DM(m[1:4] / m[0]), m[4:] / m[0])))
+    assert inertia == pytest.approx(mesh.moment_inertia / mesh.volume, rel=1e-6)
+
+
+def test_half_spaces_of_a_cube_leave_its_corners():
+    n = np.vstack([np.eye(3), -np.eye(3)])
+    found = hull.merged(hull.corners(np.c_[n, np.full(6, 0.02)]))
+    assert sorted(found.round(6).tolist()) == sorted(CUBE.tolist())
+
+
+def test_half_spaces_without_a_common_point_are_refused():
+    with pytest.raises(TactileError, match="leave no body"):
+        hull.corners(np.array([[0, 0, 1, -0.01], [0, 0, -1, -0.01], [1, 0, 0, 0.1]]))
+
+
+def test_thinning_keeps_what_carries_volume():
+    bumps = 1.001 * CUBE[[0, 1, 3, 2]].mean(axis=0) + np.zeros((1, 3))
+    kept = hull.thinned(np.vstack([CUBE, bumps]), 8)
+    assert sorted(kept.round(9).tolist()) == sorted(CUBE.round(9).tolist())
+
+
+def test_missing_vertices_are_put_where_the_hull_stays_as_it_is():
+    more = hull.filled(CUBE, 20)
+    assert len(more) == 20
+    assert trimesh.convex.convex_hull(more).volume == pytest.approx(0.04**3)
+
+
+def test_a_body_stands_on_the_vertices_that_span_most():
+    low = np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0.1, 0, 0.0]])
+    standing = legs(0.01 * np.vstack([low, [[0, 0, 2.0]]]), 4)
+    assert standing.tolist() == [0, 1, 2, 3]
+    assert len(legs(np.vstack([0.01 * ball(9, 5), [[0, 0, -1.0]]]), 4)) >= 3
+
+
+def test_a_term_may_read_several_columns_of_a_variable():
+    nlp = Problem()
+    v = nlp.variable("v", 2, 4, guess=np.arange(8).reshape(4, 2).T, unit="m", scale=1)
+    pairs = np.array([[0, 1], [1, 3], [2, 2]])
+
+    def apart(two, weight):
+        return weight * ca.sumsqr(two[:2] - two[2:]) ** 2
+
+    nlp.minimize("apart", apart, v[:, pairs], [1.0, 2.0, 3.0], role="prior")
+    x = nlp.pack({})
+    assert nlp.value("apart", x, nlp.data())[:, 0].tolist() == [64, 2 * 32**2, 0]
+    assert v[:, pairs].pick([1]).columns.tolist() == [[1, 3]]
+    assert not any("apart" in finding for finding in nlp.check().findings)
+
+
+def test_classes_of_a_number_of_vertices_are_one_object_each():
+    assert polytope(30) is polytope(30)
+    assert polytope(8).theta == 24

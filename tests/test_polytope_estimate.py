@@ -1,0 +1,125 @@
+"""Estimates of polytopes: impulses, ground, degenerate starts, change of class."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from trimesh.convex import convex_hull
+from trimesh.transformations import quaternion_matrix, transform_points
+
+from formulations.polytope import polytope
+from tactilenlp import (
+    Estimate,
+    Guess,
+    Measurements,
+    Scene,
+    face_sigma,
+    solve_estimate,
+    surface_distance,
+    vertex_information,
+)
+from tactilenlp.errors import SceneError, StartError
+
+OCTAHEDRON = ROOT / "examples" / "data" / "octahedron.npz"
+ACTIONS = 4
+
+
+@pytest.fixture(scope="module")
+def octahedron():
+    """Data of the first actions, scene, and the true surface at the last sample."""
+    data = Measurements.load(OCTAHEDRON).select(range(ACTIONS))
+    with np.load(OCTAHEDRON) as file:
+        last = data.samples - 1
+        pose = quaternion_matrix(file["object_quaternion"][last])
+        pose[:3, 3] = file["object_position"][last]
+        truth = convex_hull(transform_points(file["vertices"], pose))
+    return data, Scene.load(OCTAHEDRON), truth
+
+
+@pytest.fixture(scope="module")
+def hull(octahedron):
+    data, scene, _ = octahedron
+    return solve_estimate(data, scene, shape="polytope")
+
+
+def test_the_estimate_lies_about_the_true_octahedron(octahedron, hull):
+    distance = surface_distance(octahedron[2], hull.mesh(), samples=500)
+    assert distance.a_to_b < 3e-3  # half of its faces were not touched yet
+    assert hull.vertices.shape == (20, 3)
+    volume = convex_hull(hull.vertices)
+    assert volume.center_mass == pytest.approx(np.zeros(3), abs=1e-6)
+    assert hull.position[-1] == pytest.approx(hull.mesh().center_mass, abs=1e-6)
+
+
+def test_it_stands_on_three_vertices_and_none_is_below_the_ground(hull):
+    z = np.sort(hull.mesh().vertices[:, 2])
+    assert z[0] > -1e-6
+    assert z[2] < 1e-4
+
+
+def test_fingers_push_where_they_touch_and_nowhere_else(octahedron, hull):
+    data, scene, _ = octahedron
+    for finger in range(data.fingers):
+        push = hull.impulses[f"finger {finger}"]
+        touched = data.contact[:, finger] & data.valid[:, finger]
+        assert not push[~touched].any()
+        assert np.linalg.norm(push[touched], axis=1).max() > 0
+    weight = scene.mass * scene.gravity * data.dt
+    carried = hull.impulses["ground"][:, 2]
+    assert carried[carried != 0] == pytest.approx(weight, rel=1.0)
+
+
+def test_touched_faces_are_better_known_than_others(hull):
+    sigma, touched = face_sigma(hull), hull.faces > 0
+    assert touched.any()
+    assert np.median(sigma[touched]) < np.median(sigma[~touched])
+    assert vertex_information(hull).shape == (20,)
+    assert np.isfinite(vertex_information(hull)).all()
+    assert "faces touched" in hull.summary()
+
+
+def test_an_estimate_survives_the_disk(hull, tmp_path):
+    hull.save(tmp_path / "hull.npz")
+    back = Estimate.load(tmp_path / "hull.npz")
+    assert np.array_equal(back.vertices, hull.vertices)
+    assert np.array_equal(back.faces, hull.faces)
+    assert back.summary() == hull.summary()
+
+
+def test_twenty_vertices_become_thirty_with_the_next_action(octahedron, hull):
+    data = Measurements.load(OCTAHEDRON).select(range(ACTIONS + 1))
+    _, scene, _ = octahedron
+    more = solve_estimate(
+        data, scene, shape=polytope(30), start=hull, formulation="quasi_static"
+    )
+    assert more.vertices.shape == (30, 3)
+    assert len(more.position) == data.samples
+    assert more.hypotheses[0].x.shape == (3, data.samples)
+
+
+def test_a_cuboid_becomes_a_polytope(estimate, recorded):
+    _, scene, _ = recorded
+    data = estimate.measurements
+    hull = solve_estimate(
+        data, scene, shape="polytope", start=estimate, formulation="quasi_static"
+    )
+    assert hull.shape == "polytope"
+    distance = surface_distance(estimate.mesh(), hull.mesh(), samples=500)
+    assert distance.a_to_b < 4e-3  # its untouched sides are now those of a ball
+
+
+def test_what_a_polytope_cannot_do_is_said_before_any_solve(octahedron, hull):
+    data, scene, _ = octahedron
+    up = np.tile([1.0, 0, 0, 0], (data.samples, data.fingers, 1))
+    pointing = replace(data, finger_orientation=up)
+    with pytest.raises(SceneError, match="planar motion only"):
+        solve_estimate(data, replace(scene, ground=None), shape="polytope")
+    capsules = replace(scene, finger_length=0.02)
+    with pytest.raises(SceneError, match="round fingertips"):
+        solve_estimate(pointing, capsules, shape="polytope")
+    guess = Guess(np.full(3, 0.04), np.zeros(2))
+    with pytest.raises(StartError, match="without a guess"):
+        solve_estimate(data, scene, shape="polytope", start=guess)
+    with pytest.raises(StartError, match="another shape"):
+        solve_estimate(data, scene, start=hull)
