@@ -217,9 +217,14 @@ def main() -> None:
     pages = {n: importlib.import_module(f"formulations.{n}") for n in PAGES}
     pages = ABLATION if args.ablation else pages
     grid = product(args.files, args.actions, args.starts, range(args.seeds))
-    rows = [run(*cell, *page) for cell in grid for page in pages.items()]
-    judge(rows)
     args.out.mkdir(parents=True, exist_ok=True)
+    rows = []
+    for cell, page in product(grid, pages.items()):
+        rows.append(run(*cell, *page))
+        r = rows[-1]
+        print(*cell[1:], page[0], f"{r['mm']:.2f} mm {r['cpu_s']:.2f} s", r["status"],
+              flush=True)  # fmt: skip
+    judge(rows)
     stem = "ablation" if args.ablation else "formulations"
     with open(args.out / f"{stem}.csv", "w", newline="") as stream:
         writer = csv.DictWriter(stream, rows[0])
