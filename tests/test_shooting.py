@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from formulations import complementarity, multiple_shooting, shooting
+from formulations import complementarity, multiple_shooting, paper, shooting
 from formulations.shape import CUBOID
 from tactilenlp import Options, Scene, solve_estimate
 from tactilenlp.errors import PageError, SceneError
 from tactilenlp.nlp import Problem
 from tactilenlp.precision import precision_of
 from tactilenlp.reduce import Reductions, insisted, reduce
-from tactilenlp.solve import SolverOptions, solve, solve_levels
+from tactilenlp.solve import SolverOptions, make_solver, solve, solve_levels
 
 STEPS, DT = 20, 0.05
 
@@ -201,3 +201,34 @@ def test_a_page_of_planar_motion_asks_for_a_ground(recorded):
             recorded[0].select([0]), Scene(ground=None, gravity=0.0),
             formulation="shooting",
         )  # fmt: skip
+
+
+def test_the_envelope_gradient_is_that_of_the_inner_minimum(begun):
+    """The paper's descent: min over impulses, then the loss's own slope there."""
+    found = begun(paper)
+    problem, data = found.problem, found.problem.data()
+    options = SolverOptions(tolerance=1e-9, barrier=1e-3)
+    start = {n: found.solution.values[n] for n in ("theta", "x", "finger", "ground")}
+    # Off the optimum, where gaps are zero and min(0, phi)^2 bends.
+    start["theta"] = start["theta"] + 1e-3
+    solver = make_solver(problem, options)
+
+    def inner(start):
+        return solve(
+            problem, options, start=start, fixed=("theta", "x"), throw=False,
+            solver=solver,
+        )  # fmt: skip
+
+    at = inner(start)
+    x = problem.pack(at.values)
+    slope = sum(problem.jacobian(n, x, data).sum(axis=0) for n in problem.costs)
+    values = problem.unpack(np.asarray(slope).ravel())
+    for name, row, column in (("theta", 1, 0), ("x", 0, 10), ("x", 2, 20)):
+        h, ends = 1e-4 * problem.variables[name].scale[row], []
+        for sign in (1, -1):
+            moved = {n: v.copy() for n, v in at.values.items()}
+            moved[name][row, column] += sign * h
+            ends.append(inner(moved).objective)
+        by_hand = (ends[0] - ends[1]) / (2 * h)
+        largest = np.abs(values[name][row]).max()
+        assert values[name][row, column] == pytest.approx(by_hand, abs=2e-3 * largest)
