@@ -16,7 +16,6 @@ from .errors import MotionError
 from .expansion import carried as carried_on
 from .floating import floated, laid_out, plane_of_touch
 from .guess import Guess
-from .local import SETTLED, doubt
 from .measurements import Measurements
 from .nlp import Problem
 from .options import Options
@@ -40,7 +39,7 @@ from .scene import Scene
 from .search import RIVAL, Hypothesis, Job, beam, distinct, same
 from .solve import SolverOptions, not_converged, solve_levels
 from .tipping import lifted
-from .trial import opened, resumed, started
+from .trial import opened
 from .tumble import SHARE, contradicts, recovered
 
 log = logging.getLogger("tactilenlp")
@@ -169,9 +168,6 @@ class Solved:
             theta=values["theta"].T.ravel(),
             x=values["x"][:, self.window.knot],
             objective=self.solution.objective,
-            unknowns=values,
-            multipliers=self.solution.multipliers,
-            bound_multipliers=self.solution.bound_multipliers,
         )
 
 
@@ -267,19 +263,15 @@ def _raise_unless_explained(solved) -> None:
 
 def _refine(job, page, kept, options) -> list[Solved]:
     """Solve the page from the best hypotheses; return them, best first."""
-    known = all(h.unknowns for h in kept)
-    limit = min(h.objective for h in kept) + (doubt(job) if known else RIVAL)
+    limit = min(h.objective for h in kept) + RIVAL
     levels = opened(page.LEVELS, final=True) if job.reductions.planar else None
     if job.scene.ground is None:  # these poses lie in a plane that the object leaves
         levels = getattr(page, "ROUGH", None)
     solved, shared = [], {}
-    for h in sorted(kept, key=lambda h: h.rank):
-        late = solved and time.monotonic() > job.deadline
-        if late or h.objective > limit or (known and len(solved) == SETTLED):
+    for h in [h for h in kept if h.objective <= limit]:
+        if solved and time.monotonic() > job.deadline:
             break
-        solved.append(_solve(job, page, h, options, shared, levels, warm=True))
-        if known:  # the others are expected to become no better than they are
-            limit = min(s.solution.objective for s in solved) + doubt(job)
+        solved.append(_solve(job, page, h, options, shared, levels))
     good = [s for s in solved if s.solution.success]
     if not good and levels is not None and time.monotonic() < job.deadline:
         # The slower way, poses held first, as the page says.
@@ -297,13 +289,8 @@ def _carried_on(job, solved, kept, width: int) -> list[Hypothesis]:
     return [*refined, *rest][:width]
 
 
-def _solve(
-    job, page, hypothesis, options, shared=None, levels=None, warm=False
-) -> Solved:
-    """Solve the page from one hypothesis; `shared` keeps problem and solvers.
-
-    warm: where the hypothesis knows all unknowns, the last level is enough.
-    """
+def _solve(job, page, hypothesis, options, shared=None, levels=None) -> Solved:
+    """Solve the page from one hypothesis; `shared` keeps problem and solvers."""
     shared = {} if shared is None else shared
     if not job.reductions.planar and len(hypothesis.x) == PLANAR.unknowns:
         lying = lifted(hypothesis.theta, hypothesis.x)
@@ -313,9 +300,8 @@ def _solve(
         shared.update(window=window, problem=problem, solvers={}, built=built)
     window, problem = shared["window"], shared["problem"]
     settings = _settings(job, options)
-    if warm and hypothesis.fits(problem):
-        levels = resumed(page.LEVELS)
-    start, levels = started(problem, window, hypothesis), levels or page.LEVELS
+    start = {"theta": hypothesis.theta, "x": hypothesis.x[:, window.last]}
+    levels = levels or page.LEVELS
     solution = solve_levels(problem, levels, start, settings, shared["solvers"])
     seconds = solution.seconds | {"build": solution.seconds["build"] + shared["built"]}
     solution = replace(solution, seconds=seconds)

@@ -16,7 +16,6 @@ from formulations.finger import SPHERE
 from . import guess as guessing
 from .fingertip import as_spheres
 from .hypothesis import Hypothesis, Job
-from .past import Past, summarise
 from .reduce import reduce
 from .trial import posed
 
@@ -27,52 +26,18 @@ STRAIGHT = 0.1  # [-] how readily an object turns that is pushed straight on
 SPREAD = np.r_[0.02, 0.02, 0.02, 0.03, 0.03, 0.5]  # [m, rad] of guesses, at most
 LEAST = np.r_[1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.03]  # [m, rad] of guesses, at least
 ARM = np.r_[1, 1, 1, 1, 1, 20e-3]  # [m] makes a length of a turn
-
-
-def before(job: Job) -> Job:
-    """Return the job without its last action."""
-    earlier = np.unique(job.data.action)[:-1]
-    return replace(job, data=job.data.select(earlier))
-
-
-def pasts_of(job: Job, kept, page=None) -> list[tuple[Past, bool]]:
-    """Return the Gaussian at each hypothesis of a job, and whether a page made it.
-
-    A page's where it was solved here, else that of least motion.
-    """
-    weak, out = posed(job, quasi_static), []
-    full = weak
-    if page is not None and any(h.unknowns for h in kept):
-        full = posed(job, page, (kept[0].theta, kept[0].x))
-    for h in kept:
-        solved = page is not None and h.fits(full[0])
-        problem, window = full if solved else weak
-        h = (
-            h
-            if solved
-            else replace(h, unknowns={}, multipliers={}, bound_multipliers={})
-        )
-        values = {**h.unknowns, "theta": h.theta, "x": h.x[:, window.last]}
-        data = problem.data({} if solved else WEAK)
-        out.append((summarise(problem, window.knot, h, values, data), solved))
-    return out
+LOOSE = 1e-4  # [1 / scaled unknown^2] of a direction that nothing sees
 
 
 def extensions(job: Job, kept: list[Hypothesis]) -> list[Hypothesis]:
     """Return unsolved hypotheses: guesses of how the last action continues each one."""
     if not kept:
         return first_touches(job)
-    pasts = [past for past, _ in pasts_of(before(job), kept)]
-    return [h for _, h in continuations(job, kept, pasts)]
-
-
-def continuations(job: Job, kept, pasts) -> list[tuple[int, Hypothesis]]:
-    """Return (which of kept, guess of how the last action continues it)."""
     data, window = _spherical(job)
     new = np.nonzero(data.action == data.action[-1])[0]
+    earlier = job.data.select(np.unique(job.data.action)[:-1])
     proposed = []
-    for k, (h, past) in enumerate(zip(kept, pasts, strict=True)):
-        P, along = _posterior(past, len(h.theta))
+    for h, P, along in _posteriors(replace(job, data=earlier), kept):
         end = h.end
         end[2] = guessing.height(data, job.shape, end[2])
         guesses = [("on", end, 1.0), ("straight", end, STRAIGHT)]
@@ -81,12 +46,12 @@ def continuations(job: Job, kept, pasts) -> list[tuple[int, Hypothesis]]:
         args = (data, window, job.shape, end[:n], end[n:], data.action[-1])
         for name, theta, x in guessing.realigned(*args):
             guesses.append((name, np.r_[theta, x], 1.0))
-        proposed += [(k, along, name, z, P, turning) for name, z, turning in guesses]
-    ks, alongs, names, *guesses = zip(*proposed, strict=True)
+        proposed += [(h, along, name, z, P, turning) for name, z, turning in guesses]
+    hs, alongs, names, *guesses = zip(*proposed, strict=True)
     given = data, window, job.shape
     z, tails = guessing.follow(*given, *(np.array(g) for g in guesses), new)
-    ends = zip(ks, alongs, names, z, tails, strict=True)
-    return [(k, _continued(kept[k], *end)) for k, *end in ends]
+    ends = zip(hs, alongs, names, z, tails, strict=True)
+    return [_continued(*end) for end in ends]
 
 
 def _spherical(job: Job):
@@ -129,17 +94,27 @@ def first_touches(job: Job) -> list[Hypothesis]:
     return out
 
 
-def _posterior(past: Past, n: int):
-    """Return P (n + 3, n + 3) of theta and last pose, and along (T, 3, n + 3).
+def _posteriors(job: Job, kept):
+    """Return (hypothesis, P, along) by the curvature of least motion at each one.
 
-    P: how far a guess may be off; along: how poses follow a change of these.
+    P (n + 3, n + 3): covariance of theta and last pose; along (T, 3, n + 3): how poses
+    follow a change of these.
     """
-    chosen = np.r_[past.rows("theta"), past.rows("x")]
-    C = past.covariance[np.ix_(chosen, chosen)]
-    gain = np.linalg.solve(C, past.covariance[chosen]).T  # numbers of the body follow
-    along = past.along["x"].transpose(1, 0, 2)[past.knot] @ gain
-    shrink = np.minimum(1, SPREAD / np.sqrt(np.diag(C)))
-    return C * np.outer(shrink, shrink) + np.diag(LEAST**2), along
+    problem, window = posed(job, quasi_static)
+    data, scale, out = problem.data(WEAK), problem.scale, []
+    n, m = job.shape.theta, window.motion.unknowns
+    end = np.r_[:n, problem.size - m : problem.size]
+    for h in kept:
+        x = problem.pack({"theta": h.theta, "x": h.x[:, window.last]})
+        H = sum(problem.hessian(name, x, data) for name in problem.costs).toarray()
+        values, vectors = np.linalg.eigh(H * np.outer(scale, scale))
+        vectors = vectors * scale[:, None]
+        C = (vectors / np.maximum(np.abs(values), LOOSE)) @ vectors[end].T
+        along = np.linalg.solve(C[end], C[n:].T).T.reshape(-1, m, n + m)[window.knot]
+        shrink = np.minimum(1, SPREAD / np.sqrt(np.diag(C[end])))
+        P = C[end] * np.outer(shrink, shrink) + np.diag(LEAST**2)
+        out.append((h, P, along))
+    return out
 
 
 def _kicks(P) -> list[np.ndarray]:

@@ -6,7 +6,7 @@ is a hypothesis of its own.  They are compared by the body at the first and last
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,8 +20,7 @@ HOPELESS = 60.0  # [nats] behind the best start or hypothesis: not followed up
 class Hypothesis:
     """One local optimum: theta (n,) [m], x (3, T) planar poses, objective [nats].
 
-    path: the guess it came from, one word an action.  Where a page was solved here, its
-    unknowns by name, (rows, columns), and the multipliers of constraints and bounds.
+    path: the guess it came from, one word an action.
     """
 
     theta: np.ndarray
@@ -29,9 +28,6 @@ class Hypothesis:
     objective: float
     path: tuple[str, ...]
     iterations: int = 0
-    unknowns: dict = field(default_factory=dict)
-    multipliers: dict = field(default_factory=dict)
-    bound_multipliers: dict = field(default_factory=dict)
 
     @property
     def rank(self) -> float:
@@ -46,16 +42,6 @@ class Hypothesis:
     def at(self, samples: int) -> Hypothesis:
         """Return the hypothesis of the first samples only."""
         return replace(self, x=self.x[:, :samples])
-
-    def fits(self, problem) -> bool:
-        """Tell whether the unknowns and multipliers are those of this problem."""
-        size = {n: (v.rows, v.columns) for n, v in problem.variables.items()}
-        rows = {n: t.instances for n, t in problem.constraints.items()}
-        return (
-            size == {name: a.shape for name, a in self.unknowns.items()}
-            and size == {name: a.shape for name, a in self.bound_multipliers.items()}
-            and rows == {name: len(a) for name, a in self.multipliers.items()}
-        )
 
 
 @dataclass(frozen=True, eq=False)

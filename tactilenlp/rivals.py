@@ -75,4 +75,4 @@ def resized(hypothesis, axis: int, size: float, touched):
     theta[axis] = size
     turn = x[2] + axis * np.pi / 2
     x[:2] += way * np.array([np.cos(turn), np.sin(turn)])
-    return replace(hypothesis, theta=theta, x=x, unknowns={})  # these do not fit it
+    return replace(hypothesis, theta=theta, x=x)

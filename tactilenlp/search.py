@@ -1,9 +1,9 @@
 """The beam: extends, solves, ranks and keeps hypotheses action by action.
 
-Each new action extends every hypothesis kept by a few guesses.  The first actions leave
-much open: guesses are solved by the quasi-static page for all actions so far, and where
-a page with physics is given, that ranks them.  What is known then is a Gaussian, and
-that page searches each further action alone (`local.py`).
+Each new action extends every hypothesis kept by a few guesses; the most promising are
+solved by the quasi-static page, and the best distinct ones are kept.  Least motion
+drags a touch to the nearest edge, so it proposes well and ranks badly: where a page
+with physics is given, that ranks the first ones (`rank`).
 """
 
 from __future__ import annotations
@@ -15,9 +15,8 @@ import numpy as np
 
 from formulations import quasi_static
 
-from .extend import WEAK, before, continuations, extensions, first_touches, pasts_of
+from .extend import WEAK, extensions
 from .hypothesis import Hypothesis, Job, distinct, same
-from .local import BEHIND, continued, settled
 from .trial import ROUGH, opened, page_named, posed, spread, tried
 
 __all__ = ["Hypothesis", "Job", "beam", "distinct", "extensions", "rank", "same"]
@@ -25,14 +24,16 @@ __all__ = ["Hypothesis", "Job", "beam", "distinct", "extensions", "rank", "same"
 TOLERANCE = 1e-4  # of the search's solves; the page that follows is solved tighter
 COARSE = 40.0  # [nats] a start that costs less than this skips the coarse level
 RIVAL = 15.0  # [nats] of least motion behind the best: physics is not asked
+BEHIND = 30.0  # [nats] of physics behind the best: dropped
+RANKED = 2  # actions after which a page ranks
 EARLY = 2  # actions in which sizes are free: twice as many hypotheses
 
 
 def beam(job: Job, kept, width: int, solves: int, executor=None, page=None):
-    """Return the best distinct hypotheses for all actions of a job.
+    """Return the best distinct hypotheses for all actions of a job, by least motion.
 
-    kept: hypotheses of the first actions to carry on, if any; page: ranks them, else
-    least motion does.  `width` are kept of `solves` that are solved by least motion,
+    kept: hypotheses of the first actions to carry on, if any; page: ranks those of
+    the first RANKED actions, while its problem is small.  `width` are kept,
     twice as many in the first actions, and guesses that least motion has not moved.
     """
     done = kept[0].x.shape[1] if kept else 0
@@ -41,33 +42,18 @@ def beam(job: Job, kept, width: int, solves: int, executor=None, page=None):
         if last <= done or not (job.data.contact & job.data.valid)[:last].any():
             continue
         part = replace(job, data=job.data.select(np.unique(job.data.action[:last])))
-        ends = last == len(job.data.time)  # who asked solves the page from what is left
-        kept = _further(part, kept, width, solves, executor, page, i < EARLY, ends)
+        more = 2 if i < EARLY else 1
+        starts = _most_promising(part, extensions(part, kept), solves * more)
+        if time.monotonic() > job.deadline:  # what is left is guessed, not solved
+            kept = starts[:width]
+            continue
+        found = spread(_solve_chunk, part, starts, executor)
+        found += starts if i < EARLY else []
+        kept = distinct(job.shape, found, width * more)
+        kept += starts[:1] if i >= EARLY else []
+        if page is not None and i < RANKED and last < len(job.data.time):
+            kept = rank(part, page, kept, width, executor)
     return kept
-
-
-def _further(job, kept, width, solves, executor, page, early, ends) -> list[Hypothesis]:
-    """Return the hypotheses of a job from those before its last action."""
-    found = pasts_of(before(job), kept, page) if kept else []
-    pasts = [past for past, _ in found]
-    solved = [k for k, (_, by_page) in enumerate(found) if by_page]
-    late = time.monotonic() > job.deadline
-    if solved and not early and not late:
-        known = [kept[k] for k in solved], [pasts[k] for k in solved]
-        kept = continued(job, page, *known, width, executor)
-        return kept if ends else settled(job, page, kept, width)
-    more = 2 if early else 1
-    starts = [h for _, h in continuations(job, kept, pasts)] if kept else None
-    starts = _most_promising(job, starts or first_touches(job), solves * more)
-    if time.monotonic() > job.deadline:  # what is left is guessed, not solved
-        return starts[:width]
-    found = spread(_solve_chunk, job, starts, executor)
-    found += starts if early else []
-    kept = distinct(job.shape, found, width * more)
-    kept += [] if early else starts[:1]
-    if page is None or ends:
-        return kept
-    return settled(job, page, rank(job, page, kept, width, executor), width)
 
 
 def rank(job, page, kept, width, executor=None) -> list[Hypothesis]:

@@ -14,7 +14,6 @@ from .solve import SolverOptions, solve_levels
 
 ROUGH = 1e-3  # tolerance of a page's solves that only rank
 RELAXED = 0.1  # IPOPT's first mu where a page is solved from poses that are guessed
-WARM = 1e-4  # IPOPT's first mu where a page is solved from its own unknowns
 OPEN = 60  # iterations of a page's opened level
 LONGEST = 60.0  # [s] of one solve
 
@@ -32,20 +31,10 @@ def tried(job, problem, window, levels, h, tolerance, solvers) -> Hypothesis:
     """Return the hypothesis that solving the levels makes of h."""
     left = min(LONGEST, max(0.05, job.deadline - time.monotonic()))
     options = SolverOptions(tolerance=tolerance, time_limit=left)
-    s = solve_levels(problem, levels, started(problem, window, h), options, solvers)
+    start = {"theta": h.theta, "x": h.x[:, window.last]}
+    s = solve_levels(problem, levels, start, options, solvers)
     theta, x = s.values["theta"][:, 0], s.values["x"][:, window.knot]
-    return Hypothesis(
-        theta, x, s.objective, h.path, s.iterations,
-        s.values, s.multipliers, s.bound_multipliers,
-    )  # fmt: skip
-
-
-def started(problem, window, h: Hypothesis) -> dict:
-    """Return where a solve starts: sizes, poses, and the unknowns where they fit."""
-    known = h.unknowns if h.fits(problem) else {}
-    theta = problem.variables["theta"]
-    theta = h.theta.reshape(theta.columns, theta.rows).T
-    return {**known, "theta": theta, "x": h.x[:, window.last]}
+    return Hypothesis(theta, x, s.objective, h.path, s.iterations)
 
 
 def opened(levels, final: bool):
@@ -57,12 +46,6 @@ def opened(levels, final: bool):
     ]
     rest = [level for level in levels if not level.fixed]
     return [*first, *rest] if final or not first else first
-
-
-def resumed(levels):
-    """Return the last level, to solve it from its own unknowns."""
-    last = levels[-1]
-    return [replace(last, barrier=min(WARM, last.barrier))]
 
 
 def spread(solve_chunk, job: Job, starts, executor, *args) -> list:
