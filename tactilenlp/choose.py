@@ -6,19 +6,24 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from .checks import check_numbers, check_types
 from .errors import OptionError
 from .expected import ExpectedInformation
+from .surface import polygons
 from .workspace import Action, Workspace
 
 SEARCHES = (
     "direct", "direct_l", "crs2", "isres", "mlsl", "bobyqa", "cem", "random",
 )  # fmt: skip
-POLISH = 0.3  # [-] of the budget that a global search leaves to a local one
-WIDTH = 0.1  # [-] first step of the local search, of every angle's range
+STARTED = 0.3  # [-] of the budget for actions that face a corner, an edge or a face
+POLISH = 0.35  # [-] of the budget that a global search leaves to a local one
+MANY = 100_000  # combinations of fingers: more are drawn, not shuffled
+ROUND = 0.15  # [rad] beyond its bound, a direction is still brought to it
+WIDTH = 0.06  # [-] first step of the local search, of every angle's range
 WORST = -1e3  # [nats] of an action whose gain cannot be computed: nlopt bears no NaN
 POPULATION = 20  # of CRS2 and ISRES in four dimensions; nlopt's own would use it all up
 
@@ -72,10 +77,11 @@ def choose_action(
 ) -> Choice:
     """Return the action with the largest expected information gain (eq:eig).
 
-    search: "direct" or "direct_l" (dividing rectangles, then COBYLA), "crs2", "isres",
-    "mlsl", "bobyqa", "cem" or a CrossEntropy (the paper's: the action is drawn from the
-    last best ones), "random"; budget: evaluations of the gain; equal seeds give equal
-    choices.  hypotheses, slopes: see ExpectedInformation.
+    search: "direct" or "direct_l" (actions that face corners, edges and faces, then
+    dividing rectangles, then COBYLA), "crs2", "isres", "mlsl", "bobyqa", "cem" or a
+    CrossEntropy (the paper's: the action is drawn from the last best ones), "random";
+    budget: evaluations of the gain; equal seeds give equal choices.  hypotheses,
+    slopes: see ExpectedInformation.
     """
     began = time.process_time()
     expected = ExpectedInformation(estimate, workspace, hypotheses, slopes)
@@ -83,6 +89,7 @@ def choose_action(
     return best_action(
         lambda angles: expected.gain(space.action(angles)),
         space, search=search, budget=budget, seed=seed, began=began,
+        facing=facing(estimate, space),
     )  # fmt: skip
 
 
@@ -94,8 +101,12 @@ def best_action(
     budget: int = 180,
     seed: int = 0,
     began: float | None = None,
+    facing: list[np.ndarray] | None = None,
 ) -> Choice:
-    """Return the action whose angles (2 F,) score most; a score that fails is worst."""
+    """Return the action whose angles (2 F,) score most; a score that fails is worst.
+
+    facing: for each finger, angles (n, 2) worth trying, by "direct" and "direct_l".
+    """
     began = time.process_time() if began is None else began
     check_types(search=(search, (str, CrossEntropy)), seed=(seed, (int, np.integer)))
     check_numbers("", "a whole number from 0", seed=(seed, -1, 2**32 - 1))
@@ -115,6 +126,9 @@ def best_action(
             while trial.left:
                 trial(rng.uniform(trial.lower, trial.upper))
         else:
+            if facing and name in ("direct", "direct_l"):
+                for angles in _combined(facing, round(STARTED * budget), rng):
+                    trial(angles)
             _nlopt_search(trial, name, seed, rng)
         best = int(np.argmax(trial.scores))
     return Choice(
@@ -126,6 +140,43 @@ def best_action(
         history=np.array(trial.scores),
         tried=np.array(trial.tried),
     )
+
+
+def facing(estimate, space: Workspace) -> list[np.ndarray]:
+    """Return for each finger the angles (n, 2) that face corner, edge or face."""
+    vertices, R_wo = estimate.vertices, estimate.rotation()
+    points = list(vertices)
+    for face, _ in polygons(vertices):
+        points.append(vertices[face].mean(axis=0))
+        points += [
+            (vertices[i] + vertices[j]) / 2 for i, j in pairwise((*face, face[0]))
+        ]
+    toward = np.unique(np.round(points, 9), axis=0) @ R_wo.T
+    if space.ground is not None:
+        toward = toward @ space.ground.rotation.T
+    azimuth = np.arctan2(toward[:, 1], toward[:, 0])
+    declination = np.arcsin(toward[:, 2] / np.linalg.norm(toward, axis=1))
+    out = []
+    for finger in range(space.fingers):
+        heading = 2 * np.pi * finger / space.fingers
+        ascension = (azimuth - heading + np.pi) % (2 * np.pi) - np.pi
+        at = slice(2 * finger, 2 * finger + 2)
+        low, high = space.lower[at], space.upper[at]
+        angles = np.stack([ascension, declination], axis=1)
+        near = (angles >= low - ROUND) & (angles <= high + ROUND)
+        near = np.clip(angles[near.all(axis=1)], low, high)
+        out.append(near if len(near) else (low + high)[None] / 2)
+    return out
+
+
+def _combined(facing: list[np.ndarray], count: int, rng) -> np.ndarray:
+    """Return at most `count` actions (n, 2 F): each finger faces something."""
+    sizes = [len(angles) for angles in facing]
+    drawn = rng.permutation(min(np.prod(sizes), MANY))[:count]
+    if np.prod(sizes) > MANY:
+        drawn = rng.integers(np.prod(sizes), size=count)
+    picks = np.unravel_index(drawn, sizes)
+    return np.hstack([a[i] for a, i in zip(facing, picks, strict=True)])
 
 
 class _Trial:
@@ -191,6 +242,8 @@ def _run(trial: _Trial, optimiser, start: np.ndarray, spared: int, seed: int) ->
     import nlopt
 
     end, failed = trial.budget - spared, []
+    if len(trial.scores) >= end:  # nlopt bears no stop before its first evaluation
+        return
 
     def objective(angles, _gradient) -> float:
         if len(trial.scores) >= end:  # MLSL and ISRES overrun their maxeval

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from . import diary
-from .choose import Choice, CrossEntropy, best_action, choose_action
+from .choose import Choice, CrossEntropy, best_action, choose_action, facing
 from .errors import NoContactError, OptionError
 from .estimate import solve_estimate
 from .expected import ExpectedInformation, vague
@@ -236,6 +236,7 @@ def _most_fisher(plan: Plan) -> Choice:
         lambda angles: expected.gain(plan.workspace.action(angles)),
         plan.workspace, search=plan.search, budget=plan.budget,
         seed=int(plan.rng.integers(2**31)),
+        facing=facing(plan.estimate, plan.workspace),
     )  # fmt: skip
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactilenlp import CrossEntropy, Workspace, choose_action
-from tactilenlp.choose import SEARCHES, best_action
+from tactilenlp.choose import SEARCHES, best_action, facing
 from tactilenlp.errors import OptionError
 
 SPACE = Workspace()
@@ -102,6 +102,26 @@ def test_a_search_that_is_none_names_those_there_are():
         best_action(bump, SPACE, search="adam")
     with pytest.raises(OptionError, match="budget"):
         best_action(bump, SPACE, budget=0)
+
+
+def test_a_finger_can_face_every_corner_edge_and_face_on_its_side(estimate):
+    right, left = facing(estimate, SPACE)
+    for angles in (right, left):
+        assert (angles >= SPACE.lower[:2]).all()
+        assert (angles <= SPACE.upper[:2]).all()
+    # of a box that lies: on each side at least one face and corner, above one another
+    assert len(right) >= 4
+    arms = estimate.vertices @ estimate.rotation().T
+    heights = np.arcsin(arms[:, 2] / np.linalg.norm(arms, axis=1))
+    assert np.isclose(right[:, 1, None], heights[heights > 0]).any()
+    assert np.isclose(right[:, 1], 0).any()
+    one = facing(estimate, Workspace(fingers=1))[0]
+    assert len(one) > len(right)
+
+
+def test_facing_the_body_finds_what_the_search_of_the_paper_does_not(estimate):
+    chosen = choose_action(estimate, budget=60)
+    assert chosen.gain > choose_action(estimate, search="cem", budget=180).gain
 
 
 def test_choosing_for_an_estimate_takes_less_than_the_action_itself(estimate):

@@ -17,7 +17,7 @@ from time import process_time
 import numpy as np
 
 from tactilenlp import Estimate, ExpectedInformation, Scene, World, explore
-from tactilenlp.choose import SEARCHES, best_action
+from tactilenlp.choose import SEARCHES, best_action, facing
 
 SEED = 77
 SIZES, WITHIN = (0.03, 0.06), 0.02  # [m] of the cuboids, of their centres
@@ -46,16 +46,23 @@ def searched(file: Path, known: int, budgets) -> dict:
     expected = ExpectedInformation(Estimate.load(file))
     space = expected.workspace
 
+    estimate = expected.estimate
+    near = facing(estimate, space)
+
     def gain(angles) -> float:
         return expected.gain(space.action(angles))
 
     gain(space.lower)  # compiles
     found, began = {}, process_time()
-    found["known"] = best_action(gain, space, search="direct_l", budget=known).gain
+    found["known"] = best_action(
+        gain, space, search="direct_l", budget=known, facing=near
+    ).gain
     per_gain = (process_time() - began) / known
     for search in SEARCHES:
         for budget in budgets:
-            choice = best_action(gain, space, search=search, budget=budget, seed=1)
+            choice = best_action(
+                gain, space, search=search, budget=budget, seed=1, facing=near
+            )
             found[f"{search} {budget}"] = choice.gain
     best = max(found.values())
     hypotheses = len(expected.beliefs)
