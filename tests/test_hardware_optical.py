@@ -272,7 +272,7 @@ def test_without_opencv_it_says_what_to_install(monkeypatch):
 # Cameras and files
 
 
-def wait_for(condition, seconds=5.0):
+def wait_for(condition, seconds=60.0):
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, "nothing happened"

@@ -267,7 +267,7 @@ def test_a_skin_knows_whether_it_is_touched_not_where():
 # The port
 
 
-def wait_for(condition, seconds=5.0):
+def wait_for(condition, seconds=60.0):
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, "nothing happened"
