@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tactilenlp import (
+    Estimate,
     ExpectedInformation,
     Scene,
     Workspace,
@@ -23,9 +24,16 @@ SPACE = Workspace()
 NAMES = ("side x", "side y", "side z", "position x", "position y", "rotation z")
 
 
+def known(**given):
+    """Return an estimate of which only this is known."""
+    estimate = object.__new__(Estimate)
+    vars(estimate).update(given)
+    return estimate
+
+
 def believed(sides, x, deviations, hypotheses=()):
     """Return what stands for an estimate: sizes, pose (x, y, yaw), deviations (6,)."""
-    return SimpleNamespace(
+    return known(
         scene=Scene(), shape="cuboid", precision={"position": 0.0, "normal": 0.0},
         theta=np.array(sides), unknowns={"x": np.array(x)[:, None]}, objective=0.0,
         position=np.array([[x[0], x[1], sides[2] / 2]]), hypotheses=hypotheses,
@@ -197,12 +205,12 @@ def test_with_left_and_top_touched_the_unseen_right_side_gains_most(left_and_top
 
 
 def test_ice_is_pushed_as_far_as_the_finger_goes_and_a_floating_body_is_refused():
-    ice = SimpleNamespace(**vars(BOX) | {"scene": Scene(friction_ground=0.0)})
+    ice = known(**vars(BOX) | {"scene": Scene(friction_ground=0.0)})
     gains = [ExpectedInformation(ice, SPACE).gain(action) for action in actions(5)]
     assert np.isfinite(gains).all()
     floating = Scene(ground=None, gravity=0.0)
     with pytest.raises(SceneError, match=r"ground.*random"):
-        ExpectedInformation(SimpleNamespace(**vars(BOX) | {"scene": floating}), SPACE)
+        ExpectedInformation(known(**vars(BOX) | {"scene": floating}), SPACE)
 
 
 def test_options_that_are_none_are_refused():
