@@ -39,7 +39,7 @@ from .scene import Scene
 from .search import RIVAL, Hypothesis, Job, beam, distinct, same
 from .solve import SolverOptions, not_converged, solve_levels
 from .tipping import lifted
-from .trial import opened
+from .trial import opened, started
 from .tumble import SHARE, contradicts, recovered
 
 log = logging.getLogger("tactilenlp")
@@ -300,8 +300,7 @@ def _solve(job, page, hypothesis, options, shared=None, levels=None) -> Solved:
         shared.update(window=window, problem=problem, solvers={}, built=built)
     window, problem = shared["window"], shared["problem"]
     settings = _settings(job, options)
-    start = {"theta": hypothesis.theta, "x": hypothesis.x[:, window.last]}
-    levels = levels or page.LEVELS
+    start, levels = started(problem, window, hypothesis), levels or page.LEVELS
     solution = solve_levels(problem, levels, start, settings, shared["solvers"])
     seconds = solution.seconds | {"build": solution.seconds["build"] + shared["built"]}
     solution = replace(solution, seconds=seconds)

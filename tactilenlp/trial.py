@@ -31,10 +31,16 @@ def tried(job, problem, window, levels, h, tolerance, solvers) -> Hypothesis:
     """Return the hypothesis that solving the levels makes of h."""
     left = min(LONGEST, max(0.05, job.deadline - time.monotonic()))
     options = SolverOptions(tolerance=tolerance, time_limit=left)
-    start = {"theta": h.theta, "x": h.x[:, window.last]}
-    s = solve_levels(problem, levels, start, options, solvers)
+    s = solve_levels(problem, levels, started(problem, window, h), options, solvers)
     theta, x = s.values["theta"][:, 0], s.values["x"][:, window.knot]
     return Hypothesis(theta, x, s.objective, h.path, s.iterations)
+
+
+def started(problem, window, h: Hypothesis) -> dict:
+    """Return where a solve starts: the hypothesis as theta and x of the problem."""
+    theta = problem.variables["theta"]
+    theta = h.theta.reshape(theta.columns, theta.rows).T
+    return {"theta": theta, "x": h.x[:, window.last]}
 
 
 def opened(levels, final: bool):

@@ -1,6 +1,6 @@
 """Estimate a body of unknown class as the convex hull of twenty vertices.
 
-    python examples/03_estimate_a_polytope.py [recording.npz]
+    python examples/05_estimate_a_polytope.py [recording.npz]
 
 Without an argument: examples/data/octahedron.npz, nine actions of two fingers.
 """
