@@ -22,6 +22,11 @@ from itertools import permutations, product
 import casadi as ca
 
 
+def half_diagonal(theta):
+    """Return half the diagonal of a box with sides theta (n,), a number [m]."""
+    return float(ca.norm_2(ca.DM(theta))) / 2
+
+
 @dataclass(frozen=True)
 class Shape:
     """What a page may ask of a body.
@@ -52,7 +57,7 @@ class Shape:
     symmetries: tuple = ()
     words: tuple[str, ...] = ()
     quantities: tuple = ()
-    reach: Callable = lambda theta: float(ca.norm_2(ca.DM(theta))) / 2
+    reach: Callable = half_diagonal
 
 
 def positive_part(x, width):

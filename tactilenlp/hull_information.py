@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from .checks import check_types
 from .curvature import curvature_of
 from .hull import centroid, fingers
 from .information import Information
@@ -83,6 +84,7 @@ def vertex_information(estimate) -> np.ndarray:
 
     In nats, of lengths in metres: what colours the vertices of the paper's figures.
     """
+    check_types(estimate=(estimate, "Estimate"))
     C = estimate.information.covariance("vertices")
     blocks = [C[3 * j : 3 * j + 3, 3 * j : 3 * j + 3] for j in range(len(C) // 3)]
     floor = FLOOR**2 * np.eye(3)

@@ -26,6 +26,7 @@ from .information import Information, inverse
 from .inverse_dynamics import inverse_dynamics
 from .nlp import Problem
 from .paper_information import paper
+from .polytopes import is_polytope
 from .precision import Precision, smoothed
 from .readout import builder
 from .reduce import Reductions, reduce
@@ -103,11 +104,14 @@ class Programme:
 
 def programme_of(estimate) -> Programme:
     """Build the programme of an estimate again, at its solution."""
-    shape, page, scene = (
-        shape_of(estimate.shape),
-        page_of(estimate.formulation),
-        estimate.scene,
-    )
+    shape, scene = shape_of(estimate.shape), estimate.scene
+    if is_polytope(shape):
+        raise OptionError(
+            "the programme of a polytope is not built again",
+            where="estimate", got=estimate.shape, expected="a cuboid",
+            next='ask for kind="exact", which every estimate carries',
+        )  # fmt: skip
+    page = page_of(estimate.formulation, shape)
     precision, ground = Precision(**estimate.precision), scene.ground
     data, R_wg = estimate.measurements, np.eye(3)
     if ground is not None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from .checks import check_types
+
 # Information runs from blue (none) over pale to red (much), as in the paper's first
 # figure; these three are told apart by the colour-blind (after Okabe and Ito).
 BLUE, PALE, RED = (0, 114, 178), (240, 228, 200), (213, 60, 0)
@@ -34,6 +36,7 @@ def face_sigma(estimate) -> np.ndarray:
     shape and pose together, in the order of `polygons`; NaN for all where the
     information knows no corners.
     """
+    check_types(estimate=(estimate, "Estimate"))
     maps, vertices = estimate.information.maps, estimate.vertices
     faces = polygons(vertices)
     k = maps["position"].shape[1]
