@@ -2,7 +2,7 @@
 
     python examples/05_estimate_a_polytope.py [recording.npz]
 
-Without an argument: examples/data/octahedron.npz, nine actions of two fingers.
+Without an argument: examples/data/polytope.npz, nine actions of two fingers.
 """
 
 import sys
@@ -23,7 +23,7 @@ from tactilenlp import (
 
 LIMIT = 1.5  # [mm] an estimate of a clean recording should not be further off
 
-default = Path(__file__).parent / "data" / "octahedron.npz"
+default = Path(__file__).parent / "data" / "polytope.npz"
 recording = Path(sys.argv[1]) if len(sys.argv) > 1 else default
 data, scene = Measurements.load(recording), Scene.load(recording)
 

@@ -1,10 +1,11 @@
 """Learn shape, friction and inertia of a real cube from the way it falls and slides.
 
-    python examples/07_identify_a_tossed_cube.py [tosses.npz]
+    python examples/07_identify_a_tossed_cube.py tosses.npz
 
 Nobody touches it here: a camera saw the pose, 148 times a second, of a cube tossed on a
-board.  Every bounce tells where a corner is, every slide how large friction is.
-Without an argument: four tosses, examples/data/cube_tosses.npz.
+board.  Every bounce tells where a corner is, every slide how large friction is.  The
+file holds toss, position, quaternion and dt, as tactilenlp.Trajectories reads them, of
+the tosses that accompany ContactNets: https://github.com/DAIRLab/contact-nets.
 """
 
 import sys
@@ -15,11 +16,13 @@ import numpy as np
 from tactilenlp import Scene, Trajectories, identify_body
 
 LIMIT = 2.0  # [mm] vertices should not be further off, on average
-default = Path(__file__).parent / "data" / "cube_tosses.npz"
-recording = Path(sys.argv[1]) if len(sys.argv) > 1 else default
+if len(sys.argv) < 2:
+    sys.exit("Name a file of tosses: what it holds is said at the top of this script.")
+recording = Path(sys.argv[1])
 
 # Poses, toss by toss, and what is known: the mass.  Height 0 is that of the board.
 data = Trajectories.load(recording)
+data = data.select(data.tosses[:4])
 scene = Scene(mass=0.37)
 print(f"{recording.name}: {data}")
 

@@ -6,6 +6,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = ROOT.parent / "shared" / "scenes"
+TOSSES = ROOT.parent / "shared" / "captures" / "cube_tosses.npz"
 RECORDED = ROOT / "examples" / "data" / "cuboid.npz"
 
 
@@ -15,6 +16,17 @@ def scenes() -> Path:
     if not SCENES.is_dir():
         pytest.skip(f"no shared scenes beside this checkout ({SCENES})")
     return SCENES
+
+
+@pytest.fixture(scope="session")
+def tosses():
+    """Four tosses of a real cube, 104.8 mm wide, 0.37 kg; skips where absent."""
+    if not TOSSES.is_file():
+        pytest.skip(f"no real tosses beside this checkout ({TOSSES})")
+    from tactilenlp import Trajectories
+
+    every = Trajectories.load(TOSSES)
+    return every.select(every.tosses[:4])
 
 
 @pytest.fixture(scope="session")

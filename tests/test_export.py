@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tactilenlp import Scene, Trajectories, export_shape, identify_body
+from tactilenlp import Scene, export_shape, identify_body
 from tactilenlp.errors import OptionError
 from tactilenlp.surface import BLUE, RED, face_sigma, information_colour, polygons
 
@@ -14,12 +14,8 @@ mujoco = pytest.importorskip("mujoco")
 
 
 @pytest.fixture(scope="module")
-def cube():
-    from pathlib import Path
-
-    folder = Path(__file__).resolve().parents[1] / "examples" / "data"
-    data = Trajectories.load(folder / "cube_tosses.npz")
-    return identify_body(data.select(data.tosses[:1]), Scene(mass=0.37))
+def cube(tosses):
+    return identify_body(tosses.select(tosses.tosses[:1]), Scene(mass=0.37))
 
 
 @pytest.fixture

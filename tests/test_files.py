@@ -5,12 +5,11 @@ import pickle
 
 import numpy as np
 import pytest
-from conftest import RECORDED, ROOT
+from conftest import RECORDED
 
 from tactilenlp import Estimate, Measurements, Scene, Trajectories
 from tactilenlp.errors import FileError, MeasurementError, SceneError, TactileError
 
-TOSSES = ROOT / "examples" / "data" / "cube_tosses.npz"
 CUTS, FLIPS = 12, 40  # damaged copies of each file
 
 
@@ -31,14 +30,24 @@ def saved(estimate, tmp_path_factory):
     return path
 
 
+@pytest.fixture(scope="module")
+def tossed(tmp_path_factory):
+    path = tmp_path_factory.mktemp("tossed") / "tosses.npz"
+    position = np.random.default_rng(0).normal(size=(40, 3))
+    turned = np.tile([1.0, 0.0, 0.0, 0.0], (40, 1))
+    toss = np.zeros(40, int)
+    Trajectories(toss=toss, position=position, quaternion=turned, dt=0.01).save(path)
+    return path
+
+
 @pytest.fixture(params=["measurements", "scene", "estimate", "trajectories"])
-def file(request, saved):
+def file(request, saved, tossed):
     """Return how a kind of file is read, a good one, and the error of a bad one."""
     return {
         "measurements": (Measurements.load, RECORDED, MeasurementError),
         "scene": (Scene.load, RECORDED, SceneError),
         "estimate": (Estimate.load, saved, FileError),
-        "trajectories": (Trajectories.load, TOSSES, MeasurementError),
+        "trajectories": (Trajectories.load, tossed, MeasurementError),
     }[request.param]
 
 

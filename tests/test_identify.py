@@ -4,7 +4,6 @@ The recording is four of ContactNets' tosses; the cube is 104.8 mm wide.
 """
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,14 +16,8 @@ from tactilenlp.errors import MeasurementError, MotionError, OptionError, SceneE
 from tactilenlp.identify import SIGNS, _prepared
 from tactilenlp.impacts import gravity_of, impacts, near, steps_of
 
-TOSSES = Path(__file__).resolve().parents[1] / "examples" / "data" / "cube_tosses.npz"
 HALF, MASS = 52.4e-3, 0.37  # [m], [kg] as measured by who recorded it
 SCENE = Scene(mass=MASS)
-
-
-@pytest.fixture(scope="module")
-def tosses():
-    return Trajectories.load(TOSSES)
 
 
 @pytest.fixture(scope="module")

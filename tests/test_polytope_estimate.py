@@ -21,7 +21,7 @@ from tactilenlp import (
 )
 from tactilenlp.errors import SceneError, StartError
 
-OCTAHEDRON = ROOT / "examples" / "data" / "octahedron.npz"
+OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
 ACTIONS = 4
 
 

@@ -9,7 +9,6 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from conftest import ROOT
 
 import tactilenlp
 from tactilenlp.errors import TactileError
@@ -51,11 +50,14 @@ def cases():
 @pytest.fixture(scope="module")
 def known(estimate, recorded):
     """Return a good argument for each name."""
-    tosses = ROOT / "examples" / "data" / "cube_tosses.npz"
+    fall = np.linspace(0, 1, 9)[:, None] * [0, 0, -1.0]
+    tossed = tactilenlp.Trajectories(
+        toss=np.zeros(9, int), position=fall, quaternion=np.eye(4)[[0] * 9], dt=0.01
+    )
     return {
         "estimate": estimate, "solved": estimate, "estimates": [estimate],
         "scene": recorded[1], "data": recorded[0].select([0]), "path": "nowhere.html",
-        "trajectories": tactilenlp.Trajectories.load(tosses),
+        "trajectories": tossed,
     }  # fmt: skip
 
 
