@@ -30,8 +30,7 @@ from .finger_contact import FingerContact
 from .friction import excess, friction, impulses, least
 from .ground_contact import GroundContact
 from .level import Level
-from .rigid_body import momentum_change
-from .violation_implicit import ARM, G, felt
+from .violation_implicit import ARM, G, acting, felt, unbalanced
 
 # Of free motion and of contacts without friction nothing has been tried.
 REDUCTIONS = {"planar": True, "frictionless": False}
@@ -86,33 +85,21 @@ def build(nlp, window, scene, shape):
 
 def balance(nlp, window, scene, fingers, ground, theta, x, lam, lam_g, w, slack):
     """Constrain every step: change of momentum is the sum of impulses, in weights."""
-    step, push, corner = window.step, window.push, window.corner
+    step = window.step
 
-    def imbalance(corners, theta, x, x_1, x_2, dt, w, slack, *contacts):
-        linear, angular = momentum_change(
-            fingers.shape, window.motion, theta, x, x_1, x_2, dt
+    def imbalance(corners, theta, x, x_1, x_2, dt, w, slack, *acts):
+        force, moment = unbalanced(
+            fingers, ground, scene.gravity, theta, x, x_1, x_2, dt, w, corners, acts
         )
-        force = scene.mass * (linear + ca.vertcat(0, 0, scene.gravity * dt))
-        moment = scene.mass * angular
-        for i in range(0, 2 * corners, 2):
-            impulse, turning = ground.wrench(theta, x, *contacts[i : i + 2])
-            force, moment = force - impulse, moment - turning
-        for i in range(2 * corners, len(contacts), 4):
-            impulse, turning = fingers.wrench(theta, x, *contacts[i : i + 4])
-            force, moment = force - impulse, moment - turning
         off = ca.vertcat(force, moment / ARM) / w
         return ca.vertcat(slack - off, slack + off)
 
     for count, g in window.groups.items():
-        s, contacts = g.steps, []
-        for c in g.corners.T:
-            contacts += [lam_g[:, c], corner.signs[c]]
-        for j in g.pushes.T:
-            contacts += [lam[:, j], push.p_wf[j], push.radius[j], push.tangent[j]]
+        s = g.steps
         nlp.subject_to(
             f"balance, {count} pushing", partial(imbalance, g.corners.shape[1]), theta,
             x[:, step.knot[s]], x[:, step.before[s]], x[:, step.before_2[s]],
-            step.dt[s], w[s], slack, *contacts, lower=0,
+            step.dt[s], w[s], slack, *acting(window, g, lam, lam_g), lower=0,
         )  # fmt: skip
 
 

@@ -21,14 +21,12 @@ from functools import partial
 import casadi as ca
 
 from . import finger_contact, ground_contact
-from .finger_contact import FingerContact
-from .friction import cone, friction, impulses
-from .ground_contact import GroundContact
+from .friction import cone
 from .level import Level
 from .polytope import inertia_about, whole_moments
 from .polytope_quasi_static import sense
 from .rigid_body import momentum_change
-from .violation_implicit import ARM, DEPTH, NORMAL, TOUCH, WEIGHTS, G
+from .violation_implicit import ARM, WEIGHTS, G, contacts, felt
 
 REDUCTIONS = {"planar": True}  # the page knows planar motion only
 LEVELS = (
@@ -52,21 +50,13 @@ MOMENTS = ca.DM([1e-6] + 3 * [1e-8] + 6 * [1e-10])  # [m^3, m^4, m^5] scale of e
 
 def build(nlp, window, scene, shape):
     """Fill `nlp` with eq:vimp: what was felt, then the physics of every step."""
-    theta, x = felt(nlp, window, shape)
+    theta, x = felt(nlp, window, shape, sense)
     for name, (value, unit) in WEIGHTS.items():
         nlp.parameter(name, value, unit)
-    fingers = FingerContact(shape, window.motion, window.finger)
-    ground = GroundContact(shape, window.motion)
     w = scene.mass * G * window.step.dt  # (steps,) [N s]
-    w_f, w_g = w[window.push.step], w[window.corner.step]
-    size = w.mean() if len(w) else scene.mass * G
-    share = w_g / max(1, len(shape.corners))
-
-    slips = window.frictionless
-    lam = impulses(nlp, "finger", w_f, size, frictionless=slips)
-    lam_g = impulses(nlp, "ground", w_g, size, share, frictionless=slips)
-    mu = friction(nlp, "finger friction", scene.friction_finger)
-    mu_g = friction(nlp, "ground friction", scene.friction_ground if len(w_g) else 0)
+    (fingers, lam, mu, w_f), (ground, lam_g, mu_g, w_g) = contacts(
+        nlp, window, scene, shape, w
+    )
     pushed, leg = theta[:, window.near_push], theta[:, window.leg]
     body = mass(nlp, window, theta)
     balance(nlp, window, scene, fingers, ground, body, pushed, leg, x, lam, lam_g, w)
@@ -74,16 +64,6 @@ def build(nlp, window, scene, shape):
     ground_contact.add(nlp, window, ground, leg, x, lam_g, mu_g, w_g)
     cone(nlp, "finger", lam, mu, w_f)
     cone(nlp, "ground", lam_g, mu_g, w_g)
-
-
-def felt(nlp, window, shape):
-    """Declare theta and x; add what was felt, by fingers that sink in a little."""
-    depth = nlp.variable("depth", 1, guess=0.0, unit="m", scale=DEPTH)
-    theta, x = sense(nlp, window, shape, TOUCH, NORMAL, depth)
-    nlp.minimize(
-        "depth prior", lambda depth: (depth / DEPTH) ** 2 / 2, depth, role="prior"
-    )
-    return theta, x
 
 
 def mass(nlp, window, theta):
@@ -121,33 +101,33 @@ def balance(nlp, window, scene, fingers, ground, body, pushed, leg, x, lam, lam_
     motion = replace(window.motion, pose=about_centroid)
     uniform = replace(fingers.shape, inertia=inertia)
 
-    def imbalance(corners, body, x, x_1, x_2, dt, w, sigma, *contacts):
+    def imbalance(corners, body, x, x_1, x_2, dt, w, sigma, *acts):
         linear, angular = momentum_change(uniform, motion, body, x, x_1, x_2, dt)
         force, moment = ca.vertcat(0, 0, scene.gravity * dt) + linear, angular
         force, moment = scene.mass * force, scene.mass * moment
         arm = pose(uniform, body, x)[1] @ body[1:4]
         for i in range(0, 3 * corners, 3):
-            v, *rest = contacts[i : i + 3]
+            v, *rest = acts[i : i + 3]
             impulse, turning = ground.wrench(v, x, *rest)
             force, moment = force - impulse, moment - turning + ca.cross(arm, impulse)
-        for i in range(3 * corners, len(contacts), 5):
-            V, *rest = contacts[i : i + 5]
+        for i in range(3 * corners, len(acts), 5):
+            V, *rest = acts[i : i + 5]
             impulse, turning = fingers.wrench(V, x, *rest)
             force, moment = force - impulse, moment - turning + ca.cross(arm, impulse)
         return (ca.sumsqr(force) + ca.sumsqr(moment) / ARM**2) / (2 * (sigma * w) ** 2)
 
     for count, g in window.groups.items():
-        s, contacts = g.steps, []
+        s, acts = g.steps, []
         for c in g.corners.T:
-            contacts += [leg.pick(c), lam_g[:, c], corner.signs[c]]
+            acts += [leg.pick(c), lam_g[:, c], corner.signs[c]]
         for j in g.pushes.T:
-            contacts += [
+            acts += [
                 pushed.pick(j), lam[:, j], push.p_wf[j], push.radius[j], push.tangent[j]
             ]  # fmt: skip
         nlp.minimize(
             f"balance, {count} pushing", partial(imbalance, g.corners.shape[1]), body,
             x[:, step.knot[s]], x[:, step.before[s]], x[:, step.before_2[s]],
-            step.dt[s], w[s], sigma, *contacts, role="physics",
+            step.dt[s], w[s], sigma, *acts, role="physics",
         )  # fmt: skip
 
 

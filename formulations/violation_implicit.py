@@ -93,18 +93,10 @@ def build(nlp, window, scene, shape):
     theta, x = felt(nlp, window, shape)
     for name, (value, unit) in WEIGHTS.items():
         nlp.parameter(name, value, unit)
-    fingers = FingerContact(shape, window.motion, window.finger)
-    ground = GroundContact(shape, window.motion)
     w = scene.mass * G * window.step.dt  # (steps,) [N s]
-    w_f, w_g = w[window.push.step], w[window.corner.step]
-    size = w.mean() if len(w) else scene.mass * G
-    share = w_g / max(1, len(shape.corners))
-
-    slips = window.frictionless
-    lam = impulses(nlp, "finger", w_f, size, frictionless=slips)
-    lam_g = impulses(nlp, "ground", w_g, size, share, frictionless=slips)
-    mu = friction(nlp, "finger friction", scene.friction_finger)
-    mu_g = friction(nlp, "ground friction", scene.friction_ground if len(w_g) else 0)
+    (fingers, lam, mu, w_f), (ground, lam_g, mu_g, w_g) = contacts(
+        nlp, window, scene, shape, w
+    )
     balance(nlp, window, scene, fingers, ground, theta, x, lam, lam_g, w)
     finger_contact.add(nlp, window, fingers, theta, x, lam, mu, w_f)
     ground_contact.add(nlp, window, ground, theta, x, lam_g, mu_g, w_g)
@@ -112,14 +104,31 @@ def build(nlp, window, scene, shape):
     cone(nlp, "ground", lam_g, mu_g, w_g)
 
 
-def felt(nlp, window, shape):
+def felt(nlp, window, shape, sense=quasi_static.sense):
     """Declare theta and x; add what was felt, by fingers that sink in a little."""
     depth = nlp.variable("depth", 1, guess=0.0, unit="m", scale=DEPTH)
-    theta, x = quasi_static.sense(nlp, window, shape, TOUCH, NORMAL, depth)
+    theta, x = sense(nlp, window, shape, TOUCH, NORMAL, depth)
     nlp.minimize(
         "depth prior", lambda depth: (depth / DEPTH) ** 2 / 2, depth, role="prior"
     )
     return theta, x
+
+
+def contacts(nlp, window, scene, shape, w):
+    """Declare impulses and friction of fingers and ground; w: weights of the steps.
+
+    Returns functions, impulses, coefficient and weights [N s] of each.
+    """
+    w_f, w_g = w[window.push.step], w[window.corner.step]
+    size = w.mean() if len(w) else scene.mass * G
+    share, slips = w_g / max(1, len(shape.corners)), window.frictionless
+    lam = impulses(nlp, "finger", w_f, size, frictionless=slips)
+    lam_g = impulses(nlp, "ground", w_g, size, share, frictionless=slips)
+    mu = friction(nlp, "finger friction", scene.friction_finger)
+    mu_g = friction(nlp, "ground friction", scene.friction_ground if len(w_g) else 0)
+    fingers = FingerContact(shape, window.motion, window.finger)
+    ground = GroundContact(shape, window.motion)
+    return (fingers, lam, mu, w_f), (ground, lam_g, mu_g, w_g)
 
 
 def balance(nlp, window, scene, fingers, ground, theta, x, lam, lam_g, w):
@@ -127,32 +136,45 @@ def balance(nlp, window, scene, fingers, ground, theta, x, lam, lam_g, w):
 
     |momentum change less impulses|^2 / (2 sigma^2), in weights w over the step.
     """
-    step, push, corner = window.step, window.push, window.corner
-    sigma = nlp.parameters["balance sigma"]
+    step, sigma = window.step, nlp.parameters["balance sigma"]
 
-    def imbalance(corners, theta, x, x_1, x_2, dt, w, sigma, *contacts):
-        linear, angular = momentum_change(
-            fingers.shape, window.motion, theta, x, x_1, x_2, dt
+    def imbalance(corners, theta, x, x_1, x_2, dt, w, sigma, *acts):
+        force, moment = unbalanced(
+            fingers, ground, scene.gravity, theta, x, x_1, x_2, dt, w, corners, acts
         )
-        mass = w / (G * dt)  # data, so that every mass shares this kind
-        force = mass * linear + ca.vertcat(0, 0, mass * scene.gravity * dt)
-        moment = mass * angular
-        for i in range(0, 2 * corners, 2):
-            impulse, turning = ground.wrench(theta, x, *contacts[i : i + 2])
-            force, moment = force - impulse, moment - turning
-        for i in range(2 * corners, len(contacts), 4):
-            impulse, turning = fingers.wrench(theta, x, *contacts[i : i + 4])
-            force, moment = force - impulse, moment - turning
         return (ca.sumsqr(force) + ca.sumsqr(moment) / ARM**2) / (2 * (sigma * w) ** 2)
 
     for count, g in window.groups.items():
-        s, contacts = g.steps, []
-        for c in g.corners.T:
-            contacts += [lam_g[:, c], corner.signs[c]]
-        for j in g.pushes.T:
-            contacts += [lam[:, j], push.p_wf[j], push.radius[j], push.tangent[j]]
+        s = g.steps
         nlp.minimize(
             f"balance, {count} pushing", partial(imbalance, g.corners.shape[1]), theta,
             x[:, step.knot[s]], x[:, step.before[s]], x[:, step.before_2[s]],
-            step.dt[s], w[s], sigma, *contacts, role="physics",
+            step.dt[s], w[s], sigma, *acting(window, g, lam, lam_g), role="physics",
         )  # fmt: skip
+
+
+def acting(window, group, lam, lam_g):
+    """Return what `unbalanced` takes of every corner, then of every push of a group."""
+    push, corner, acts = window.push, window.corner, []
+    for c in group.corners.T:
+        acts += [lam_g[:, c], corner.signs[c]]
+    for j in group.pushes.T:
+        acts += [lam[:, j], push.p_wf[j], push.radius[j], push.tangent[j]]
+    return acts
+
+
+def unbalanced(fingers, ground, gravity, theta, x, x_1, x_2, dt, w, corners, acts):
+    """Return momentum change less impulses over a step: force, moment [N s, N s m]."""
+    linear, angular = momentum_change(
+        fingers.shape, fingers.motion, theta, x, x_1, x_2, dt
+    )
+    mass = w / (G * dt)  # data, so that every mass shares this kind
+    force = mass * linear + ca.vertcat(0, 0, mass * gravity * dt)
+    moment = mass * angular
+    for i in range(0, 2 * corners, 2):
+        impulse, turning = ground.wrench(theta, x, *acts[i : i + 2])
+        force, moment = force - impulse, moment - turning
+    for i in range(2 * corners, len(acts), 4):
+        impulse, turning = fingers.wrench(theta, x, *acts[i : i + 4])
+        force, moment = force - impulse, moment - turning
+    return force, moment
