@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import logging
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from types import ModuleType
 
-from formulations.rigid_body import PLANAR
 from formulations.shape import Shape
 
-from .certify import Certificates, certify, without
+from .certify import certify, without
 from .checks import check_types
 from .errors import MotionError
 from .expansion import carried as carried_on
 from .floating import floated, laid_out, plane_of_touch
 from .guess import Guess
 from .measurements import Measurements
-from .nlp import Problem
 from .options import Options
-from .polytopes import CREEPING, check, is_polytope, window_of
+from .polytopes import check, is_polytope
 from .polytopes import search as polytope_search
 from .precision import precision_of, smoothed
 from .readout import read_off
@@ -37,14 +35,13 @@ from .result import Estimate
 from .rivals import challenged
 from .scene import Scene
 from .search import RIVAL, Hypothesis, Job, beam, distinct, same
-from .solve import SolverOptions, not_converged, solve_levels
-from .tipping import lifted
-from .trial import opened, started
+from .solve import not_converged, solve_levels
+from .solving import Solved, built_at, settings_of, solved_from
+from .trial import opened
 from .tumble import SHARE, contradicts, recovered
 
 log = logging.getLogger("tactilenlp")
 
-LONGEST = 60.0  # [s] that one level may take
 CLOSE = 1e-5  # IPOPT's first mu where a solution is known but for what was left out
 ASTRAY = 1.0  # [nats] more freedom costs no more than what new resting steps do
 PUT_BACK = 2  # times that a problem is solved again with what it needs after all
@@ -93,7 +90,7 @@ def solve_estimate(
     searched = time.process_time() - cpu
     solved = _refine(job, page, starts, options)
     if options.rivals and not is_polytope(shape):
-        solved = challenged(job, page, solved, options, _solve)
+        solved = challenged(job, page, solved, options, solved_from)
     best = _certified(job, page, solved[0], options)
     if "planar" in best.certificates.broken and not flat(page):
         best = _tumbled(job, page, best, options, executor)
@@ -143,34 +140,6 @@ def _job(data, scene, shape, options, began, page) -> Job:
     )  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class Solved:
-    """A page solved from one hypothesis: problem, window, solution."""
-
-    hypothesis: Hypothesis
-    problem: Problem
-    window: object
-    solution: object
-    job: Job
-    certificates: Certificates = field(default_factory=lambda: Certificates(()))
-
-    @property
-    def skipped(self) -> tuple:
-        """What was left out, each with its check."""
-        return self.certificates.skipped
-
-    @property
-    def at(self) -> Hypothesis:
-        """The hypothesis moved to the solution."""
-        values = self.solution.values
-        return replace(
-            self.hypothesis,
-            theta=values["theta"].T.ravel(),
-            x=values["x"][:, self.window.knot],
-            objective=self.solution.objective,
-        )
-
-
 def _certified(job, page, solved, options) -> Solved:
     """Check what was dropped; put back what was needed and solve again.
 
@@ -195,13 +164,13 @@ def _certified(job, page, solved, options) -> Solved:
 
 def _solved_on(job, page, solved, options) -> Solved:
     """Solve again, with less left out, from where a solve ended."""
-    window, problem, built = _built(job, page, solved.hypothesis)
+    window, problem, built = built_at(job, page, solved.hypothesis)
     start, _, _ = carried_on(solved, window, problem)
     last = replace(page.LEVELS[-1], barrier=CLOSE)
-    settings = _settings(job, options)
+    settings = settings_of(job, options)
     solution = solve_levels(problem, (last,), start, settings)
     if not solution.success:
-        return _solve(job, page, solved.at, options)
+        return solved_from(job, page, solved.at, options)
     seconds = solution.seconds | {"build": solution.seconds["build"] + built}
     return Solved(
         solved.hypothesis, problem, window, replace(solution, seconds=seconds), job
@@ -214,7 +183,9 @@ def _tumbled(job, page, flat, options, executor) -> Solved:
     found = recovered(job, evidence, options.hypotheses, options.starts, executor)
     free = replace(job, reductions=without(job.reductions, ["planar"]))
     levels = getattr(page, "ROUGH", page.LEVELS)
-    solved = [_solve(free, page, h, options, levels=levels) for h in found[:TUMBLES]]
+    solved = [
+        solved_from(free, page, h, options, levels=levels) for h in found[:TUMBLES]
+    ]
     better = [
         s for s in solved
         if s.solution.success and s.solution.objective < flat.solution.objective
@@ -271,11 +242,11 @@ def _refine(job, page, kept, options) -> list[Solved]:
     for h in [h for h in kept if h.objective <= limit]:
         if solved and time.monotonic() > job.deadline:
             break
-        solved.append(_solve(job, page, h, options, shared, levels))
+        solved.append(solved_from(job, page, h, options, shared, levels))
     good = [s for s in solved if s.solution.success]
     if not good and levels is not None and time.monotonic() < job.deadline:
         # The slower way, poses held first, as the page says.
-        good = [_solve(job, page, solved[0].hypothesis, options, shared)]
+        good = [solved_from(job, page, solved[0].hypothesis, options, shared)]
     return sorted(good or solved, key=lambda s: s.at.rank)
 
 
@@ -287,36 +258,3 @@ def _carried_on(job, solved, kept, width: int) -> list[Hypothesis]:
     refined = distinct(job.shape, refined, width, RIVAL)
     rest = [h for h in kept if not any(same(job.shape, h, k) for k in refined)]
     return [*refined, *rest][:width]
-
-
-def _solve(job, page, hypothesis, options, shared=None, levels=None) -> Solved:
-    """Solve the page from one hypothesis; `shared` keeps problem and solvers."""
-    shared = {} if shared is None else shared
-    if not job.reductions.planar and len(hypothesis.x) == PLANAR.unknowns:
-        lying = lifted(hypothesis.theta, hypothesis.x)
-        hypothesis = replace(hypothesis, x=lying)
-    if not shared:
-        window, problem, built = _built(job, page, hypothesis)
-        shared.update(window=window, problem=problem, solvers={}, built=built)
-    window, problem = shared["window"], shared["problem"]
-    settings = _settings(job, options)
-    start, levels = started(problem, window, hypothesis), levels or page.LEVELS
-    solution = solve_levels(problem, levels, start, settings, shared["solvers"])
-    seconds = solution.seconds | {"build": solution.seconds["build"] + shared["built"]}
-    solution = replace(solution, seconds=seconds)
-    return Solved(hypothesis, problem, window, solution, job)
-
-
-def _built(job, page, hypothesis):
-    """Return window and problem of a page at a hypothesis, and the seconds it took."""
-    began = time.process_time()
-    window, shape = window_of(job, (hypothesis.theta, hypothesis.x))
-    problem = Problem()
-    page.build(problem, window, job.scene, shape)
-    return window, problem, time.process_time() - began
-
-
-def _settings(job, options) -> SolverOptions:
-    left = min(LONGEST, max(0.1, job.deadline - time.monotonic()))
-    ipopt = {**(CREEPING if is_polytope(job.shape) else {}), **options.ipopt}
-    return SolverOptions(tolerance=options.tolerance, time_limit=left, ipopt=ipopt)

@@ -1,0 +1,79 @@
+"""Solve a page from a hypothesis: window, problem, solution, kept together."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field, replace
+
+from formulations.rigid_body import PLANAR
+
+from .certify import Certificates
+from .hypothesis import Hypothesis, Job
+from .nlp import Problem
+from .polytopes import CREEPING, is_polytope, window_of
+from .solve import SolverOptions, solve_levels
+from .tipping import lifted
+from .trial import started
+
+LONGEST = 60.0  # [s] that one level may take
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """A page solved from one hypothesis: problem, window, solution."""
+
+    hypothesis: Hypothesis
+    problem: Problem
+    window: object
+    solution: object
+    job: Job
+    certificates: Certificates = field(default_factory=lambda: Certificates(()))
+
+    @property
+    def skipped(self) -> tuple:
+        """What was left out, each with its check."""
+        return self.certificates.skipped
+
+    @property
+    def at(self) -> Hypothesis:
+        """The hypothesis moved to the solution."""
+        values = self.solution.values
+        return replace(
+            self.hypothesis,
+            theta=values["theta"].T.ravel(),
+            x=values["x"][:, self.window.knot],
+            objective=self.solution.objective,
+        )
+
+
+def solved_from(job, page, hypothesis, options, shared=None, levels=None) -> Solved:
+    """Solve the page from one hypothesis; `shared` keeps problem and solvers."""
+    shared = {} if shared is None else shared
+    if not job.reductions.planar and len(hypothesis.x) == PLANAR.unknowns:
+        lying = lifted(hypothesis.theta, hypothesis.x)
+        hypothesis = replace(hypothesis, x=lying)
+    if not shared:
+        window, problem, built = built_at(job, page, hypothesis)
+        shared.update(window=window, problem=problem, solvers={}, built=built)
+    window, problem = shared["window"], shared["problem"]
+    settings = settings_of(job, options)
+    start, levels = started(problem, window, hypothesis), levels or page.LEVELS
+    solution = solve_levels(problem, levels, start, settings, shared["solvers"])
+    seconds = solution.seconds | {"build": solution.seconds["build"] + shared["built"]}
+    solution = replace(solution, seconds=seconds)
+    return Solved(hypothesis, problem, window, solution, job)
+
+
+def built_at(job, page, hypothesis):
+    """Return window and problem of a page at a hypothesis, and the seconds it took."""
+    began = time.process_time()
+    window, shape = window_of(job, (hypothesis.theta, hypothesis.x))
+    problem = Problem()
+    page.build(problem, window, job.scene, shape)
+    return window, problem, time.process_time() - began
+
+
+def settings_of(job, options) -> SolverOptions:
+    left = min(LONGEST, max(0.1, job.deadline - time.monotonic()))
+    ipopt = {**(CREEPING if is_polytope(job.shape) else {}), **options.ipopt}
+    return SolverOptions(tolerance=options.tolerance, time_limit=left, ipopt=ipopt)
