@@ -7,13 +7,14 @@ import logging
 import sys
 from pathlib import Path
 
-from .errors import TactileError
+from .errors import Interrupted, TactileError
 
 EPILOG = """examples:
   python -m tactilenlp estimate scene.npz
   python -m tactilenlp estimate scene.npz --mass 0.4 --save estimate.npz
   python -m tactilenlp report estimate.npz --output report.html --shape shape.glb
 """
+STOPPED = 130  # as shells say of a program that Ctrl-C ended
 KNOWN = {  # what a scene may be told: option, unit
     "mass": "[kg] of the object",
     "friction_ground": "[1] of the object and the ground",
@@ -59,19 +60,30 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser().parse_args(arguments)
     logging.basicConfig(level=logging.INFO if given.verbose else logging.WARNING)
     try:
-        estimate = {"estimate": _estimate, "report": _load}[given.command](given)
-        print(estimate.summary())
-        if given.output:
-            estimate.report(given.output)
-        if given.shape:
-            estimate.export(given.shape)
+        _hand_out({"estimate": _estimate, "report": _load}[given.command](given), given)
     except (TactileError, OSError) as error:
         print(error, file=sys.stderr)
         return 2
+    except Interrupted as stop:
+        print(stop, file=sys.stderr)
+        if stop.estimate is not None:
+            _hand_out(stop.estimate, given)
+        return STOPPED
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
-        return 130  # as shells say of a program that Ctrl-C ended
+        return STOPPED
     return 0
+
+
+def _hand_out(estimate, given) -> None:
+    """Print an estimate, and write whatever was asked for."""
+    print(estimate.summary())
+    if getattr(given, "save", None):
+        estimate.save(given.save)
+    if given.output:
+        estimate.report(given.output)
+    if given.shape:
+        estimate.export(given.shape)
 
 
 def _estimate(given):
@@ -79,15 +91,12 @@ def _estimate(given):
 
     overrides = {name: getattr(given, name) for name in KNOWN}
     overrides = {name: value for name, value in overrides.items() if value is not None}
-    estimate = solve_estimate(
+    return solve_estimate(
         Measurements.load(given.file),
         Scene.load(given.file, **overrides),
         shape=given.form,
         formulation=given.formulation,
     )
-    if given.save:
-        estimate.save(given.save)
-    return estimate
 
 
 def _load(given):

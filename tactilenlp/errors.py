@@ -88,3 +88,14 @@ class NotConverged(TactileError):
 
 class MotionError(NotConverged):
     """The data contradict every motion that was tried, for instance by tumbling."""
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C ended a solve: `estimate` is what was found so far, marked, or None.
+
+    It is Ctrl-C, no error: `except Exception` lets it pass, so that loops end as well.
+    """
+
+    def __init__(self, words: str, estimate=None):
+        self.estimate = estimate
+        super().__init__(words)

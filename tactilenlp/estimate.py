@@ -20,6 +20,7 @@ from .options import Options
 from .polytopes import check, is_polytope
 from .polytopes import search as polytope_search
 from .precision import precision_of, smoothed
+from .progress import progress
 from .readout import read_off
 from .reduce import Reductions, flat, insisted
 from .request import (
@@ -39,6 +40,7 @@ from .solve import not_converged, solve_levels
 from .solving import Solved, built_at, settings_of, solved_from
 from .trial import opened
 from .tumble import SHARE, contradicts, recovered
+from .unfinished import SoFar, interrupted
 
 log = logging.getLogger("tactilenlp")
 
@@ -69,7 +71,8 @@ def solve_estimate(
     executor: any concurrent.futures executor; processes, not threads.
 
     Raises NoContactError, MeasurementError, OptionError, StartError before any solve,
-    and NotConverged or MotionError after it unless `throw` is False.
+    and NotConverged or MotionError after it unless `throw` is False.  Ctrl-C raises
+    Interrupted, whose `estimate` is of the actions done by then: a start to go on from.
     """
     scene = Scene() if scene is None else scene
     options = Options() if options is None else options
@@ -83,37 +86,47 @@ def solve_estimate(
         check_importable(page)
     scene.check(data)
     check_touched(data)
-    began, cpu = time.monotonic(), time.process_time()
-    job = _job(data, scene, shape, options, began, page)
-    kept = [] if start is None else carried(start, shape, scene, data)
-    kept, starts = _searched(job, page, kept, start, options, executor)
-    searched = time.process_time() - cpu
-    solved = _refine(job, page, starts, options)
-    if options.rivals and not is_polytope(shape):
-        solved = challenged(job, page, solved, options, solved_from)
-    best = _certified(job, page, solved[0], options)
-    if "planar" in best.certificates.broken and not flat(page):
-        best = _tumbled(job, page, best, options, executor)
-    seconds = {**best.solution.seconds, "search": searched}
-    seconds["total"] = time.process_time() - cpu
-    late = time.monotonic() > job.deadline
-    kept = _carried_on(job, solved, kept, options.hypotheses)
-    rivals = [s for s in solved if s.window.motion is best.window.motion]
-    rivals = [s for s in rivals if s.solution.success]
-    estimate = read_off(data, job, page, options, best, kept, seconds, late, rivals)
+    job = _job(data, scene, shape, options, time.monotonic(), page)
+    so_far = SoFar([] if start is None else carried(start, shape, scene, data))
+    try:
+        estimate, best = _found(data, job, page, start, options, executor, so_far)
+    except KeyboardInterrupt as stop:
+        raise interrupted(data, job, page, options, so_far) from stop
     if throw:
         _raise_unless_good(estimate, best)
     return estimate
 
 
+def _found(data, job, page, start, options, executor, so_far):
+    """Return the estimate of a job, and the solved page that it was read off."""
+    kept, starts = _searched(job, page, so_far.kept, start, options, executor)
+    so_far.kept, searched = kept, time.process_time() - so_far.began
+    solved = _refine(job, page, starts, options, so_far.solved)
+    if options.rivals and not is_polytope(job.shape):
+        solved = challenged(job, page, solved, options, solved_from)
+    best = _certified(job, page, solved[0], options)
+    if "planar" in best.certificates.broken and not flat(page):
+        best = _tumbled(job, page, best, options, executor)
+    seconds = {**best.solution.seconds, "search": searched}
+    seconds["total"] = time.process_time() - so_far.began
+    late = time.monotonic() > job.deadline
+    kept = _carried_on(job, solved, kept, options.hypotheses)
+    rivals = [s for s in solved if s.window.motion is best.window.motion]
+    rivals = [s for s in rivals if s.solution.success]
+    return read_off(data, job, page, options, best, kept, seconds, late, rivals), best
+
+
 def _searched(job, page, kept, start, options, executor):
-    """Return hypotheses to carry on, and the same as the page starts from them."""
+    """Return hypotheses to carry on, and the same as the page starts from them.
+
+    kept: a list of those to begin with; holds those of the actions done so far.
+    """
     # A search is as lean as it can be, whatever the last solve leaves out.
     search = replace(job, reductions=Reductions())
     if is_polytope(job.shape):
         check(job.scene)
-        kept = polytope_search(search, kept)
-        return kept, kept
+        found = polytope_search(search, kept)
+        return found, found
     search = replace(search, first=first_guess(start, job.shape))
     plane = None
     if job.scene.ground is None:
@@ -121,8 +134,9 @@ def _searched(job, page, kept, start, options, executor):
         plane = plane_of_touch(job.data, job.shape.size_prior[0], user)
         search = laid_out(search, plane)
     ranks = page if plane is None else None
-    kept = beam(search, kept, options.hypotheses, options.starts, executor, ranks)
-    return kept, kept if plane is None else [floated(h, plane) for h in kept]
+    widths = options.hypotheses, options.starts
+    found = beam(search, kept, *widths, executor, ranks, so_far=kept)
+    return found, found if plane is None else [floated(h, plane) for h in found]
 
 
 def _job(data, scene, shape, options, began, page) -> Job:
@@ -232,14 +246,17 @@ def _raise_unless_explained(solved) -> None:
         )
 
 
-def _refine(job, page, kept, options) -> list[Solved]:
-    """Solve the page from the best hypotheses; return them, best first."""
+def _refine(job, page, kept, options, solved) -> list[Solved]:
+    """Solve the page from the best hypotheses; return them, best first.
+
+    solved: an empty list to leave them in, for whoever interrupts.
+    """
     limit = min(h.objective for h in kept) + RIVAL
     levels = opened(page.LEVELS, final=True) if job.reductions.planar else None
     if job.scene.ground is None:  # these poses lie in a plane that the object leaves
         levels = getattr(page, "ROUGH", None)
-    solved, shared = [], {}
-    for h in [h for h in kept if h.objective <= limit]:
+    shared = {}
+    for h in progress([h for h in kept if h.objective <= limit], "solve"):
         if solved and time.monotonic() > job.deadline:
             break
         solved.append(solved_from(job, page, h, options, shared, levels))

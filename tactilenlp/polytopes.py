@@ -16,6 +16,7 @@ from .hull_window import indexed, standing
 from .hypothesis import Hypothesis
 from .nlp import Problem
 from .planes import Faces, extended, seen
+from .progress import progress
 from .reduce import reduce
 from .solve import SolverOptions, solve_levels
 
@@ -67,7 +68,7 @@ def search(job, kept) -> list[Hypothesis]:
     """
     done = kept[0].x.shape[1] if kept else 0
     faces = _resumed(job, kept[0]) if kept else None
-    for action in np.unique(job.data.action):
+    for action in progress(np.unique(job.data.action), "search"):
         last = int(np.nonzero(job.data.action == action)[0][-1]) + 1
         if last <= done or not (job.data.contact & job.data.valid)[:last].any():
             continue

@@ -8,6 +8,7 @@ with physics is given, that ranks the first ones (`rank`).
 
 from __future__ import annotations
 
+import logging
 import time
 from dataclasses import replace
 
@@ -17,9 +18,12 @@ from formulations import quasi_static
 
 from .extend import WEAK, extensions
 from .hypothesis import Hypothesis, Job, distinct, same
+from .progress import progress
 from .trial import ROUGH, opened, page_named, posed, spread, tried
 
 __all__ = ["Hypothesis", "Job", "beam", "distinct", "extensions", "rank", "same"]
+
+log = logging.getLogger("tactilenlp")
 
 TOLERANCE = 1e-4  # of the search's solves; the page that follows is solved tighter
 COARSE = 40.0  # [nats] a start that costs less than this skips the coarse level
@@ -29,15 +33,19 @@ RANKED = 2  # actions after which a page ranks
 EARLY = 2  # actions in which sizes are free: twice as many hypotheses
 
 
-def beam(job: Job, kept, width: int, solves: int, executor=None, page=None):
+def beam(
+    job: Job, kept, width: int, solves: int, executor=None, page=None, so_far=None
+):
     """Return the best distinct hypotheses for all actions of a job, by least motion.
 
     kept: hypotheses of the first actions to carry on, if any; page: ranks those of
     the first RANKED actions, while its problem is small.  `width` are kept,
     twice as many in the first actions, and guesses that least motion has not moved.
+    so_far: a list to leave them in after each action, for whoever interrupts.
     """
     done = kept[0].x.shape[1] if kept else 0
-    for i, action in enumerate(np.unique(job.data.action)):
+    actions = np.unique(job.data.action)
+    for i, action in enumerate(progress(actions, "search")):
         last = int(np.nonzero(job.data.action == action)[0][-1]) + 1
         if last <= done or not (job.data.contact & job.data.valid)[:last].any():
             continue
@@ -53,6 +61,10 @@ def beam(job: Job, kept, width: int, solves: int, executor=None, page=None):
         kept += starts[:1] if i >= EARLY else []
         if page is not None and i < RANKED and last < len(job.data.time):
             kept = rank(part, page, kept, width, executor)
+        if so_far is not None:
+            so_far[:] = kept
+        words = "searched %d of %d actions: %d hypotheses, the best of %.1f nats"
+        log.info(words, i + 1, len(actions), len(kept), kept[0].objective)
     return kept
 
 

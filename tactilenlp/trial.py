@@ -62,8 +62,12 @@ def spread(solve_chunk, job: Job, starts, executor, *args) -> list:
     chunks = [starts[i::workers] for i in range(workers) if starts[i::workers]]
     futures = [executor.submit(solve_chunk, job, chunk, *args) for chunk in chunks]
     out = [None] * len(starts)
-    for i, future in enumerate(futures):
-        out[i::workers] = future.result()
+    try:
+        for i, future in enumerate(futures):
+            out[i::workers] = future.result()
+    finally:  # after an error or Ctrl-C nobody waits for the others
+        for future in futures:
+            future.cancel()
     return out
 
 

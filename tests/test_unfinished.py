@@ -1,0 +1,98 @@
+"""Ctrl-C leaves what was found so far, marked as unfinished, good to go on from."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+from conftest import RECORDED
+
+from tactilenlp import Estimate, Options, solve_estimate
+from tactilenlp.errors import Interrupted
+
+QUICK = Options(hypotheses=2, starts=3, rivals=False)
+LONGEST = 60.0  # [s] until a process that was told to stop must have ended
+
+
+@pytest.fixture
+def pressed(monkeypatch):
+    """Return a function: press Ctrl-C after so many calls of a module's function."""
+
+    def press(module, name, calls):
+        inner, count = getattr(module, name), [0]
+
+        def counted(*arguments, **more):
+            count[0] += 1
+            if count[0] > calls:
+                raise KeyboardInterrupt
+            return inner(*arguments, **more)
+
+        monkeypatch.setattr(module, name, counted)
+
+    return press
+
+
+def test_a_search_leaves_the_actions_it_is_through_with(recorded, pressed, monkeypatch):
+    from tactilenlp import search
+
+    data, scene, _ = recorded
+    data = data.select(range(3))
+    pressed(search, "extensions", 2)
+    with pytest.raises(Interrupted, match="2 of 3 actions") as stop:
+        solve_estimate(data, scene, options=QUICK, throw=False)
+    found = stop.value.estimate
+    assert not found.success
+    assert found.status.startswith("interrupted, 2 of 3 actions")
+    assert found.measurements == data.select(range(2))
+    assert "interrupted" in found.summary()
+    monkeypatch.undo()
+    whole = solve_estimate(data, scene, options=QUICK, start=found)
+    never = solve_estimate(data, scene, options=QUICK)
+    assert whole.measurements == data
+    assert whole.objective == pytest.approx(never.objective, abs=1e-3)  # [nats]
+    assert whole.theta == pytest.approx(never.theta, abs=1e-5)
+
+
+def test_solved_pages_are_left_as_they_are(recorded, pressed, tmp_path):
+    data, scene, _ = recorded
+    data = data.select(range(2))
+    pressed(sys.modules["tactilenlp.estimate"], "certify", 0)
+    with pytest.raises(Interrupted) as stop:
+        solve_estimate(data, scene, options=QUICK)
+    found = stop.value.estimate
+    assert found.formulation == "violation_implicit"
+    assert found.status.startswith("interrupted, 2 of 2 actions, Solve")
+    assert found.seconds["total"] > found.seconds["solve"]
+    found.save(tmp_path / "unfinished.npz")
+    assert Estimate.load(tmp_path / "unfinished.npz").status == found.status
+
+
+def test_before_anything_is_found_there_is_nothing(recorded, pressed):
+    from tactilenlp import search
+
+    pressed(search, "extensions", 0)
+    with pytest.raises(KeyboardInterrupt, match="before anything") as stop:
+        solve_estimate(recorded[0], recorded[1], options=QUICK)
+    assert stop.value.estimate is None
+    assert not isinstance(stop.value, Exception)  # no `except Exception` swallows it
+
+
+def test_a_real_ctrl_c_ends_the_command_and_leaves_a_file(tmp_path):
+    """The signal meets compiled code, as it does at a terminal."""
+    saved = tmp_path / "estimate.npz"
+    words = ["--verbose", "estimate", str(RECORDED), "--save", str(saved)]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "tactilenlp", *words],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    for line in process.stderr:
+        if "2 of " in line:  # actions searched: there is something to leave
+            break
+    os.kill(process.pid, signal.SIGINT)
+    said, error = process.communicate(timeout=LONGEST)
+    assert process.returncode == 130, error
+    assert "stopped by Ctrl-C" in error
+    assert "Traceback" not in error
+    assert said.startswith("A cuboid of ")
+    assert Estimate.load(saved).status.startswith("interrupted, ")
