@@ -7,13 +7,14 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from .filing import versions
 from .guess import body_corners
 from .hull import centroid
 from .hull_information import hull_information, touched_polygons
 from .information import TOUCHED, Information, information_of
 from .nlp import Problem
 from .polytopes import is_polytope
-from .result import Estimate, by_sample, poses, touched_faces, versions
+from .result import Estimate, by_sample, poses, touched_faces
 from .scatter import Sensed
 
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
-from importlib.metadata import version
 
 import numpy as np
 
-from .archive import read_npz
+from . import filing
 from .checks import check_sample
 from .errors import FileError, TactileError
 from .hypothesis import Hypothesis
@@ -17,10 +15,8 @@ from .measurements import Measurements
 from .modes import Modes
 from .scene import Ground, Scene
 
-MALFORMED = (ValueError, KeyError, TypeError, AttributeError, RecursionError)
-FORMAT = 1  # of the files that `save` writes
+FORMAT, VERSION = "estimate", 2  # of the files that `save` writes
 UNKNOWN_TURN = 45.0  # [deg] a standard deviation beyond which a turn is unknown
-LIBRARIES = ("tactilenlp", "casadi", "numpy", "scipy")
 
 
 @dataclass(frozen=True)
@@ -170,11 +166,7 @@ class Estimate:
 
     def save(self, path) -> None:
         """Write one .npz: plain arrays and a JSON header, readable without us."""
-        arrays: dict[str, np.ndarray] = {}
-        header = _pack(self, "", arrays)
-        header["format"] = FORMAT
-        with open(path, "wb") as file:
-            np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
+        filing.write(path, FORMAT, VERSION, self, KINDS)
 
     def report(self, path) -> None:
         """Write one HTML page to turn and scrub through; it needs no network."""
@@ -191,81 +183,20 @@ class Estimate:
     @classmethod
     def load(cls, path) -> Estimate:
         """Read what `save` wrote, to the last digit; FileError of anything else."""
-        arrays = read_npz(path, None, error=FileError)
-        where = {"where": str(path), "next": "write it with Estimate.save"}
-        if "header" not in arrays:
-            raise FileError("not an estimate", got=f"keys {sorted(arrays)}", **where)
-        try:
-            header = json.loads(str(arrays.pop("header")))
-            found = header.pop("format")
-            estimate = _unpack(header, arrays) if found == FORMAT else None
-        except MALFORMED as bad:
-            got = f"{type(bad).__name__}: {bad}"
-            raise FileError("the header is damaged", got=got, **where) from bad
-        if found != FORMAT:
-            expected = f"format {FORMAT}"
-            raise FileError("another format", got=found, expected=expected, **where)
+        estimate = filing.read(path, FORMAT, VERSION, KINDS)
         if not isinstance(estimate, cls):
             got = type(estimate).__name__
-            raise FileError("not an estimate", got=got, **where)
+            raise FileError("not an estimate", where=str(path), got=got)
         return estimate
 
 
-KINDS = {
+KINDS = {  # what a file of an estimate is made of
     kind.__name__: kind
     for kind in (
-        Estimate,
-        Skipped,
-        Information,
-        Modes,
-        Measurements,
-        Scene,
-        Ground,
-        Hypothesis,
+        *(Estimate, Skipped, Information, Modes, Measurements),
+        *(Scene, Ground, Hypothesis),
     )
 }
-
-
-def _pack(value, name: str, arrays: dict):
-    """Return a JSON tree of `value`; arrays go to `arrays` under their path."""
-    if isinstance(value, np.ndarray):
-        arrays[name] = value
-        return {"array": name}
-    if type(value).__name__ in KINDS:
-        fields = {k: getattr(value, k) for k in type(value).__dataclass_fields__}
-        inner = {
-            k: _pack(v, f"{name}/{k}".strip("/"), arrays) for k, v in fields.items()
-        }
-        return {"kind": type(value).__name__, "fields": inner}
-    if isinstance(value, dict):
-        return {"dict": {k: _pack(v, f"{name}/{k}", arrays) for k, v in value.items()}}
-    if isinstance(value, (tuple, list)):
-        return {"list": [_pack(v, f"{name}/{i}", arrays) for i, v in enumerate(value)]}
-    if isinstance(value, np.generic):
-        return value.item()
-    return value
-
-
-def _unpack(tree, arrays: dict):
-    if not isinstance(tree, dict):
-        return tree
-    if "array" in tree:
-        return arrays[tree["array"]]
-    if "dict" in tree:
-        return {k: _unpack(v, arrays) for k, v in tree["dict"].items()}
-    if "list" in tree:
-        return tuple(_unpack(v, arrays) for v in tree["list"])
-    kind = KINDS[tree["kind"]]
-    fields = {k: _unpack(v, arrays) for k, v in tree["fields"].items()}
-    for name, declared in kind.__dataclass_fields__.items():
-        if declared.type == "np.ndarray" and not isinstance(fields[name], np.ndarray):
-            raise TypeError(f"{name} of {kind.__name__} is no array")
-    return kind(**fields)
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of the libraries that made a result."""
-    return {name: version(name) for name in LIBRARIES}
 
 
 def poses(shape, motion, theta, x, ground):

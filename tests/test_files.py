@@ -1,6 +1,7 @@
 """Files from strangers: read without running anything, refused in words if damaged."""
 
 import contextlib
+import json
 import pickle
 
 import numpy as np
@@ -9,8 +10,10 @@ from conftest import RECORDED
 
 from tactilenlp import Estimate, Measurements, Scene, Trajectories
 from tactilenlp.errors import FileError, MeasurementError, SceneError, TactileError
+from tactilenlp.result import VERSION
 
 CUTS, FLIPS = 12, 40  # damaged copies of each file
+CURRENT = f'{{"format": "estimate", "version": {VERSION}'  # of a header
 
 
 class Burglar:
@@ -111,19 +114,56 @@ def test_nothing_in_a_file_is_executed(file, tmp_path):
     [
         ("{", "damaged"),
         ("[]", "damaged"),
-        ('{"format": 99}', "another format"),
-        ('{"format": 1}', "damaged"),
-        ('{"format": 1, "kind": "Popen", "fields": {}}', "damaged"),
-        ('{"format": 1, "kind": "Estimate", "fields": {}}', "damaged"),
-        ('{"format": 1, "kind": "Ground", "fields": {}}', "not an estimate"),
-        ('{"format": 1, "array": "nowhere"}', "damaged"),
-        ('{"format": 1, "list": ' + "[" * 5000 + "]" * 5000 + "}", "damaged"),
+        ('{"format": 1, "kind": "Estimate", "fields": {}}', "got version 1; read it"),
+        ('{"format": "estimate", "version": 0}', "got version 0; read it with"),
+        ('{"format": "exploration", "version": 1}', "not an estimate"),
+        ('{"format": [], "version": {}}', "not an estimate"),
+        ('{"format": "estimate", "version": 0, "written_by": 3}', "damaged"),
+        (CURRENT, "damaged"),
+        (CURRENT + ', "content": 3', "not an estimate"),
+        (CURRENT + ', "content": {"kind": "Popen", "fields": {}}', "damaged"),
+        (CURRENT + ', "content": {"kind": [], "fields": {}}', "damaged"),
+        (CURRENT + ', "content": {"kind": "Estimate"}', "damaged"),
+        (CURRENT + ', "content": {"kind": "Estimate", "fields": {}}', "no Estimate.th"),
+        (CURRENT + ', "content": {"array": "nowhere"}', "damaged"),
+        (CURRENT + ', "content": ' + "[" * 5000 + "]" * 5000, "damaged"),
     ],
 )
 def test_a_strange_header_is_refused(header, word, tmp_path):
+    header += "}" if header.startswith(CURRENT) else ""
     np.savez(tmp_path / "bad.npz", header=np.array(header))
     with pytest.raises(FileError, match=word):
         Estimate.load(tmp_path / "bad.npz")
+
+
+def test_a_file_with_other_fields_says_which_and_who_wrote_it(saved, tmp_path):
+    with np.load(saved) as archive:
+        arrays = dict(archive)
+    header = json.loads(str(arrays.pop("header")))
+    fields = header["content"]["fields"]
+    fields["colour"] = fields.pop("status")
+    header["written_by"]["tactilenlp"] = "7.0"
+    np.savez(tmp_path / "other.npz", header=np.array(json.dumps(header)), **arrays)
+    with pytest.raises(FileError) as caught:
+        Estimate.load(tmp_path / "other.npz")
+    assert caught.value.got == "Estimate.colour, no Estimate.status"
+    assert "7.0" in caught.value.next
+    assert str(tmp_path / "other.npz") in str(caught.value)
+
+
+def test_an_estimate_is_read_without_us(saved, estimate):
+    """As README.md says: numpy, json, and the names of the fields."""
+    with np.load(saved) as file:
+        header = json.loads(str(file["header"]))
+        fields = header["content"]["fields"]
+        assert np.array_equal(file[fields["theta"]["array"]], estimate.theta)
+        data = fields["measurements"]["fields"]
+        assert np.array_equal(file[data["time"]["array"]], estimate.measurements.time)
+        sides = fields["information"]["fields"]["names"]["list"]
+    assert header["format"] == "estimate"
+    assert {"tactilenlp", "numpy"} <= header["written_by"].keys()
+    assert fields["status"] == estimate.status
+    assert tuple(sides) == estimate.information.names
 
 
 def test_an_estimate_with_a_field_missing_is_refused(saved, tmp_path):

@@ -1,0 +1,136 @@
+"""Keep results in one .npz that can be read without us: a JSON header, plain arrays.
+
+The header says format, version and who wrote it; its `content` is a tree in which
+{"array": name} stands for an array of the file, {"kind": name, "fields": {...}} for one
+of our dataclasses, {"dict": ...} and {"list": ...} for what they say.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from .archive import read_npz
+from .errors import FileError
+
+MALFORMED = (ValueError, KeyError, TypeError, AttributeError, RecursionError)
+LIBRARIES = ("tactilenlp", "casadi", "numpy", "scipy")
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of the libraries that made a result."""
+    return {name: version(name) for name in LIBRARIES}
+
+
+def write(path, name: str, number: int, content, kinds: dict) -> None:
+    """Write content as version `number` of the format `name`: whole, or not at all."""
+    arrays: dict[str, np.ndarray] = {}
+    header = {"format": name, "version": number, "written_by": versions()}
+    header["content"] = _pack(content, "", arrays, kinds)
+    part = Path(path).with_name(f".{Path(path).name}.part")
+    with open(part, "wb") as file:
+        np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
+    os.replace(part, path)
+
+
+def read(path, name: str, number: int, kinds: dict):
+    """Return what `write` wrote, to the last digit; FileError of anything else."""
+    arrays = read_npz(path, None, error=FileError)
+    if "header" not in arrays:
+        got = f"keys {sorted(arrays)}"
+        raise FileError(f"not an {name}", where=str(path), got=got)
+    try:
+        header = json.loads(str(arrays.pop("header")))
+        _check_version(header, name, number, str(path))
+        tree = header["content"]
+        _check_fields(tree, kinds, header, str(path))
+        return _unpack(tree, arrays, kinds)
+    except FileError:
+        raise
+    except MALFORMED as bad:
+        got = f"{type(bad).__name__}: {bad}"
+        raise FileError("the header is damaged", where=str(path), got=got) from bad
+
+
+def _check_version(header: dict, name: str, number: int, where: str) -> None:
+    """Raise FileError unless a header is of this format, in this version."""
+    found = header["format"]
+    if "version" not in header:  # the first files had a number alone
+        found, header = name, header | {"version": found}
+    if found != name:
+        raise FileError(f"not an {name}", where=where, got=f"an {found}")
+    if header["version"] != number:
+        got = f"version {header['version']}"
+        raise _foreign(got, f"version {number}", header, where)
+
+
+def _foreign(got: str, expected: str, header: dict, where: str) -> FileError:
+    """Return the error of a file whose form is not that of this program."""
+    by = header.get("written_by", {}).get("tactilenlp", "an older one")
+    here = version("tactilenlp")
+    return FileError(
+        "written in another version of this format", got=got, expected=expected,
+        next=f"read it with the tactilenlp that wrote it ({by}, this is {here}), or "
+        "estimate the measurements again", where=where,
+    )  # fmt: skip
+
+
+def _check_fields(tree, kinds: dict, header: dict, where: str) -> None:
+    """Raise FileError where a kind in the file has other fields than ours has."""
+    if isinstance(tree, dict) and "kind" in tree:
+        kind, fields = tree["kind"], tree["fields"]
+        ours = kinds[kind].__dataclass_fields__
+        if differ := sorted(set(ours) ^ set(fields)):
+            words = [f"{'no ' if f in ours else ''}{kind}.{f}" for f in differ]
+            expected = f"the {len(ours)} fields of {kind} in this version"
+            raise _foreign(", ".join(words), expected, header, where)
+        tree = fields
+    for branch in _branches(tree):
+        _check_fields(branch, kinds, header, where)
+
+
+def _branches(tree):
+    if isinstance(tree, dict):
+        return tree.values()
+    return tree if isinstance(tree, list) else ()
+
+
+def _pack(value, name: str, arrays: dict, kinds: dict):
+    """Return a JSON tree of `value`; arrays go to `arrays` under their path."""
+    if isinstance(value, np.ndarray):
+        arrays[name] = value
+        return {"array": name}
+
+    def inner(pairs):
+        return {k: _pack(v, f"{name}/{k}".strip("/"), arrays, kinds) for k, v in pairs}
+
+    if type(value).__name__ in kinds:
+        fields = type(value).__dataclass_fields__
+        fields = inner((k, getattr(value, k)) for k in fields)
+        return {"kind": type(value).__name__, "fields": fields}
+    if isinstance(value, dict):
+        return {"dict": inner(value.items())}
+    if isinstance(value, (tuple, list)):
+        return {"list": [*inner(enumerate(value)).values()]}
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _unpack(tree, arrays: dict, kinds: dict):
+    if not isinstance(tree, dict):
+        return tree
+    if "array" in tree:
+        return arrays[tree["array"]]
+    if "dict" in tree:
+        return {k: _unpack(v, arrays, kinds) for k, v in tree["dict"].items()}
+    if "list" in tree:
+        return tuple(_unpack(v, arrays, kinds) for v in tree["list"])
+    kind = kinds[tree["kind"]]
+    fields = {k: _unpack(v, arrays, kinds) for k, v in tree["fields"].items()}
+    for name, declared in kind.__dataclass_fields__.items():
+        if declared.type == "np.ndarray" and not isinstance(fields[name], np.ndarray):
+            raise TypeError(f"{name} of {kind.__name__} is no array")
+    return kind(**fields)
