@@ -1,74 +1,96 @@
-"""Keep an exploration on disk, action by action, so that it can be taken up again."""
+"""Keep an exploration in one file, step by step, so that it can be taken up again."""
 
 from __future__ import annotations
 
-import json
 import os
-from pathlib import Path
+from dataclasses import dataclass, field
 
-from .errors import StartError
+from . import filing, result
+from .choose import Choice
+from .errors import FileError, StartError
 from .measurements import Measurements
 from .result import Estimate
-from .workspace import Action, Workspace
+from .workspace import Action, Trajectory, Workspace
+
+FORMAT, VERSION = "exploration", 1  # of the files that are kept
 
 
-def write(folder, number: int, data: Measurements, action, words: str) -> None:
-    """Keep an action and what it measured, at once and whole; no folder, no diary."""
-    if folder is None:
-        return
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    plain = {"policy": words, "action": None if action is None else action.as_dict()}
-    _whole(folder / f"action_{number:02d}.json", lambda path: path.write_text(
-        json.dumps(plain)
-    ))  # fmt: skip
-    _whole(folder / f"action_{number:02d}.npz", data.save)
+@dataclass(frozen=True, eq=False)
+class Step:
+    """What one action brought: 0 is the first touch.
+
+    measurements: of this action only; estimate: of all data so far, None in a file that
+    was left before it was found; choice: how it was chosen, None where nothing was
+    searched; policy: in words; seconds (CPU): choose, act, estimate; told: the
+    trajectories that the world was given, more than one where it was swept.
+    """
+
+    number: int
+    action: Action | None
+    measurements: Measurements
+    estimate: Estimate | None
+    choice: Choice | None
+    policy: str
+    seconds: dict[str, float]
+    told: tuple[Trajectory, ...] = ()
 
 
-def read(folder, number: int, space: Workspace):
-    """Return data, action and policy of an action that was kept, or None."""
-    if folder is None:
-        return None
-    file = Path(folder) / f"action_{number:02d}.npz"
-    if not file.exists():
-        return None
-    plain = json.loads(file.with_suffix(".json").read_text())
-    action = plain["action"]
-    if action is not None:
-        action = Action(action["angles"], space, tuple(action["active"]))
-    return Measurements.load(file), action, plain["policy"]
+@dataclass(frozen=True, eq=False)
+class Exploration:
+    """The steps of an exploration, in order, as `explore(file=...)` keeps them."""
 
+    steps: tuple[Step, ...] = field(default_factory=tuple)
 
-def keep(folder, number: int, estimate: Estimate) -> None:
-    """Keep the estimate of all data up to an action."""
-    if folder is None:
-        return
-    file = Path(folder) / f"estimate_{number:02d}.npz"
-    if not file.exists():
-        _whole(file, estimate.save)
+    @property
+    def estimate(self) -> Estimate | None:
+        """The last estimate, of all data that it was made of; None if there is none."""
+        found = [step.estimate for step in self.steps if step.estimate is not None]
+        return found[-1] if found else None
 
+    def at(self, number: int) -> Step | None:
+        """Return the step of this number, or None."""
+        return next((step for step in self.steps if step.number == number), None)
 
-def estimate(folder, number: int, data: Measurements) -> Estimate | None:
-    """Return the estimate that was kept, of exactly these data, or None."""
-    if folder is None:
-        return None
-    file = Path(folder) / f"estimate_{number:02d}.npz"
-    if not file.exists():
-        return None
-    found = Estimate.load(file)
-    if found.measurements == data:
+    def with_step(self, step: Step) -> Exploration:
+        """Return the exploration with this step in place of its number's, or added."""
+        others = [s for s in self.steps if s.number != step.number]
+        return Exploration(tuple(sorted([*others, step], key=lambda s: s.number)))
+
+    def save(self, path) -> None:
+        """Write one .npz: plain arrays and a JSON header, readable without us."""
+        filing.write(path, FORMAT, VERSION, self, KINDS)
+
+    @classmethod
+    def load(cls, path) -> Exploration:
+        """Read what `save` wrote, to the last digit; FileError of anything else."""
+        found = filing.read(path, FORMAT, VERSION, KINDS)
+        if not isinstance(found, cls):
+            got = type(found).__name__
+            raise FileError("not an exploration", where=str(path), got=got)
         return found
+
+
+KINDS = result.KINDS | {
+    kind.__name__: kind
+    for kind in (Exploration, Step, Action, Choice, Trajectory, Workspace)
+}
+
+
+def taken_up(file) -> Exploration:
+    """Return the exploration that a file keeps; an empty one where there is no file."""
+    if file is None or not os.path.exists(file):
+        return Exploration()
+    return Exploration.load(file)
+
+
+def check_same(estimate: Estimate, data: Measurements, file) -> None:
+    """Raise StartError unless a kept estimate is of exactly these data."""
+    if estimate.measurements == data:
+        return
     raise StartError(
         "the kept estimate is of other data",
         where=str(file),
-        got=repr(found.measurements),
+        got=repr(estimate.measurements),
         expected=repr(data),
-        next="explore into an empty folder",
+        next="explore into a new file",
     )
-
-
-def _whole(path: Path, save) -> None:
-    """Write a file that is there whole or not at all."""
-    part = path.with_name(f".{path.name}")
-    save(part)
-    os.replace(part, path)

@@ -5,18 +5,19 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from . import diary
 from .choose import Choice, CrossEntropy, best_action, choose_action, facing
+from .diary import Exploration, Step, check_same, taken_up
 from .errors import NoContactError, OptionError
 from .estimate import solve_estimate
 from .expected import ExpectedInformation, vague
 from .guess import Guess
 from .measurements import Measurements
 from .options import Options
+from .progress import progress, wipe
 from .result import Estimate
 from .scene import Scene
 from .sweep import sweep
@@ -28,24 +29,6 @@ POLICIES = ("eig", "random", "fisher", "farthest")
 INWARD = 0.015  # [m] behind a touched point where an object that was lost is sought
 LEVEL = 0.02  # [m] above the ground, aimed at where no estimate says more
 TRIES = 400  # actions drawn for the policy "farthest"
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """What one action brought: 0 is the first touch.
-
-    measurements: of this action only; estimate: of all data so far; choice: how it was
-    chosen, None where nothing was searched; policy: in words; seconds (CPU): choose,
-    act, estimate.
-    """
-
-    number: int
-    action: Action | None
-    measurements: Measurements
-    estimate: Estimate
-    choice: Choice | None
-    policy: str
-    seconds: dict[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +58,7 @@ def explore(
     budget: int = 180,
     options: Options | None = None,
     until: float | Callable[[Step], bool] | None = None,
-    folder=None,
+    file=None,
     start: Estimate | Guess | None = None,
     executor=None,
 ) -> Iterator[Step]:
@@ -86,8 +69,8 @@ def explore(
     centre, the workspace is swept until something is touched (not counted).  policy:
     "eig", "random", "fisher" (information of the action alone), "farthest" (from all
     directions so far), or a function of a Plan.  until: a deviation of the sizes [m]
-    that is enough, or a function of a Step.  folder: keeps every action as soon as it
-    is measured; called again with the same folder, exploration goes on from there.
+    that is enough, or a function of a Step.  file: keeps every action as soon as it is
+    measured, as an Exploration; called again with the same file, it goes on from there.
     start: an Estimate to begin from instead of a first touch, or a Guess of the object.
 
     An action without contact is data.  After one, or where an estimate lies apart from
@@ -96,58 +79,58 @@ def explore(
     space = _space(world, scene, workspace)
     settings = {"search": search, "budget": budget, "policy": _known(policy)}
     estimate, past = start if isinstance(start, Estimate) else None, []
-    for number in range(0 if estimate is None else 1, actions + 1):
-        kept = diary.read(folder, number, space)
-        if kept is None:
+    diary, numbers = taken_up(file), range(0 if estimate is None else 1, actions + 1)
+    for number in progress(numbers, "explore"):
+        step = diary.at(number)
+        if step is None:
             rng = np.random.default_rng([seed, number])
             if estimate is None:
-                acted = _touch_first(world, space, centre, rng)
+                step = _touch_first(world, space, centre, rng)
             else:
-                acted = _act(world, space, estimate, past, rng, settings)
-            diary.write(folder, number, acted.data, acted.action, acted.words)
-        else:
-            acted = _Acted(*kept)
-        began, data = time.process_time(), acted.data
+                step = _act(world, space, number, estimate, past, rng, settings)
+            diary = _kept(diary.with_step(step), file)
+        data = step.measurements
         data = data if estimate is None else estimate.measurements.append(data)
-        estimate = diary.estimate(folder, number, data) or solve_estimate(
-            data, scene, shape=shape, formulation=formulation, options=options,
-            start=estimate or start, executor=executor, throw=False,
-        )  # fmt: skip
-        diary.keep(folder, number, estimate)
-        past += [] if acted.action is None else [acted.action]
-        seconds = acted.seconds | {"estimate": time.process_time() - began}
-        known = number, acted.action, acted.data, estimate, acted.choice, acted.words
-        log.info("action %d (%s): %s", number, acted.words, _headline(estimate))
-        yield (step := Step(*known, seconds))
+        if step.estimate is None:
+            began = time.process_time()
+            found = solve_estimate(
+                data, scene, shape=shape, formulation=formulation, options=options,
+                start=estimate or start, executor=executor, throw=False,
+            )  # fmt: skip
+            seconds = step.seconds | {"estimate": time.process_time() - began}
+            step = replace(step, estimate=found, seconds=seconds)
+            diary = _kept(diary.with_step(step), file)
+        check_same(step.estimate, data, file)
+        estimate = step.estimate
+        past += [] if step.action is None else [step.action]
+        log.info("action %d (%s): %s", number, step.policy, _headline(estimate))
+        wipe()
+        yield step
         if until is not None and _enough(step, until):
             return
 
 
-@dataclass(frozen=True, eq=False)
-class _Acted:
-    """What an action measured, and how it came about."""
-
-    data: Measurements
-    action: Action | None
-    words: str
-    choice: Choice | None = None
-    seconds: dict[str, float] = field(default_factory=dict)
+def _kept(diary: Exploration, file) -> Exploration:
+    """Return the diary, kept in a file if there is to be one."""
+    if file is not None:
+        diary.save(file)
+    return diary
 
 
-def _touch_first(world, space, centre, rng) -> _Acted:
+def _touch_first(world, space, centre, rng) -> Step:
     began = time.process_time()
-    action, data = _first_touch(world, space, centre, rng)
+    action, data, told = _first_touch(world, space, centre, rng)
     seconds = {"choose": 0.0, "act": time.process_time() - began}
-    return _Acted(data, action, "first touch", None, seconds)
+    return Step(0, action, data, None, None, "first touch", seconds, told)
 
 
-def _act(world, space, estimate, past, rng, settings) -> _Acted:
+def _act(world, space, number, estimate, past, rng, settings) -> Step:
     began = time.process_time()
     action, choice, words, target = _next(estimate, space, past, rng, settings)
-    chosen = time.process_time()
-    data = world.execute(action.trajectory(target))
+    chosen, told = time.process_time(), action.trajectory(target)
+    data = world.execute(told)
     seconds = {"choose": chosen - began, "act": time.process_time() - chosen}
-    return _Acted(data, action, words, choice, seconds)
+    return Step(number, action, data, None, choice, words, seconds, (told,))
 
 
 def _headline(estimate) -> str:
@@ -266,20 +249,22 @@ def _enough(step: Step, until) -> bool:
 
 
 def _first_touch(world, space: Workspace, centre, rng):
-    """Return action and data of the first touch: of one finger, else of a sweep."""
-    alone = tuple(f == 0 for f in range(space.fingers))
+    """Return action, data and trajectories of a first touch: one finger, or a sweep."""
+    alone, told = tuple(f == 0 for f in range(space.fingers)), []
     if centre is not None:
         centre = np.asarray(centre, float)
         centre = np.r_[centre, LEVEL] if centre.shape == (2,) else centre
         action = space.random(rng, alone)
-        data = world.execute(action.trajectory(centre))
+        told.append(action.trajectory(centre))
+        data = world.execute(told[-1])
         if touched(data):
-            return action, data
+            return action, data, tuple(told)
         log.warning("the first finger met nothing: the workspace is swept")
     for trajectory in sweep(space, centre):
+        told.append(trajectory)
         data = world.execute(trajectory)
         if touched(data):
-            return None, data
+            return None, data, tuple(told)
     raise NoContactError(
         "nothing was touched",
         where="explore",

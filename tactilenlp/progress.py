@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator
 PATIENCE = 2.0  # [s] that nobody needs to be told of
 EVERY = 0.2  # [s] between two pictures of the bar
 WIDTH = 30  # characters of the bar
+WIPED = "\r\033[K"  # back to the start of the line, which is cleared
 
 
 def progress(
@@ -34,8 +35,15 @@ def progress(
             yield step
     finally:
         if shown:
-            stream.write("\r\033[K")  # back to the start of the line, which is cleared
-            stream.flush()
+            wipe(stream)
+
+
+def wipe(stream=None) -> None:
+    """Clear the line of a bar, before somebody else writes: on a terminal only."""
+    stream = sys.stderr if stream is None else stream
+    if getattr(stream, "isatty", lambda: False)():
+        stream.write(WIPED)
+        stream.flush()
 
 
 def _bar(words: str, done: int, total: int | None, seconds: float) -> str:

@@ -1,5 +1,6 @@
 """The loop: touch, estimate, choose, touch again; stop, resume, and get lost."""
 
+import json
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -10,6 +11,7 @@ from trimesh.transformations import quaternion_matrix, translation_matrix
 
 from tactilenlp import (
     Action,
+    Exploration,
     Measurements,
     Options,
     Workspace,
@@ -77,29 +79,50 @@ def test_an_exploration_that_was_interrupted_goes_on_without_losing_an_action(
     whole, tmp_path
 ):
     steps, _ = whole
-    world = Recorder(fresh(), left=2)
+    world, file = Recorder(fresh(), left=2), tmp_path / "exploration.npz"
     with pytest.raises(ConnectionError):
-        for _ in explore(world, folder=tmp_path, **SAME):
+        for _ in explore(world, file=file, **SAME):
             pass
-    (tmp_path / "estimate_01.npz").unlink()  # lost while it was solved
+    left = Exploration.load(file)
+    lost = replace(left.at(1), estimate=None)  # stopped while it was solved
+    left.with_step(lost).save(file)
     world.left = 1
-    again = list(explore(world, folder=tmp_path, **SAME))
+    again = list(explore(world, file=file, **SAME))
     assert len(world.trajectories) == 3
     assert again[-1].estimate.measurements == steps[-1].estimate.measurements
     assert np.array_equal(again[-1].estimate.theta, steps[-1].estimate.theta)
     assert np.array_equal(again[1].action.angles, steps[1].action.angles)
-    from_disk = list(explore(None, folder=tmp_path, workspace=Workspace(), **SAME))
+    from_disk = list(explore(None, file=file, workspace=Workspace(), **SAME))
     assert from_disk[-1].estimate.objective == steps[-1].estimate.objective
 
 
-def test_a_folder_of_another_exploration_is_refused(whole, tmp_path):
+def test_a_file_of_another_exploration_is_refused(whole, tmp_path):
     steps, _ = whole
-    steps[0].measurements.save(tmp_path / "action_00.npz")
-    plain = '{"policy": "first touch", "action": null}'
-    (tmp_path / "action_00.json").write_text(plain)
-    steps[1].estimate.save(tmp_path / "estimate_00.npz")
+    mixed = replace(steps[0], estimate=steps[1].estimate)
+    Exploration((mixed,)).save(tmp_path / "mixed.npz")
     with pytest.raises(StartError, match="other data"):
-        next(explore(None, folder=tmp_path, workspace=Workspace()))
+        next(explore(None, file=tmp_path / "mixed.npz", workspace=Workspace()))
+
+
+def test_an_exploration_is_one_file_that_is_read_without_us(whole, tmp_path):
+    """As README.md says: numpy, json, and the names of the fields."""
+    steps, _ = whole
+    Exploration(tuple(steps)).save(tmp_path / "exploration.npz")
+    with np.load(tmp_path / "exploration.npz") as file:
+        header = json.loads(str(file["header"]))
+        assert header["format"] == "exploration"
+        kept = [s["fields"] for s in header["content"]["fields"]["steps"]["list"]]
+        assert [k["policy"] for k in kept] == [s.policy for s in steps]
+        felt = kept[1]["measurements"]["fields"]["contact"]["array"]
+        assert np.array_equal(file[felt], steps[1].measurements.contact)
+        angles = kept[1]["action"]["fields"]["angles"]["array"]
+        assert np.array_equal(file[angles], steps[1].action.angles)
+    again = Exploration.load(tmp_path / "exploration.npz")
+    assert again.estimate.objective == steps[-1].estimate.objective
+    assert again.steps[2].choice.gain == steps[2].choice.gain
+    assert again.steps[2].seconds == steps[2].seconds
+    told = again.steps[1].told[0].finger_position
+    assert np.array_equal(told, steps[1].told[0].finger_position)
 
 
 def test_exploration_ends_when_enough_is_known(whole):

@@ -6,47 +6,47 @@
 States: the estimates of explorations in MuJoCo (a first touch and four chosen actions
 each), kept in the folder.  The best known gain of a state is the largest that any
 search found, one of them with 5 000 evaluations.  Prints the mean gain relative to it
-and CPU time per evaluation; writes search.json.
+and CPU time per evaluation; keeps search.jsonl (study.py) and goes on from there.
 """
 
 import argparse
-import json
 from pathlib import Path
 from time import process_time
 
 import numpy as np
+from study import add_executor, executor_of, run_study
 
-from tactilenlp import Estimate, ExpectedInformation, Scene, World, explore
+from tactilenlp import ExpectedInformation, Exploration, Scene, World, explore
 from tactilenlp.choose import SEARCHES, best_action, facing
 
-SEED = 77
+SEED, ACTIONS = 77, 4
 SIZES, WITHIN = (0.03, 0.06), 0.02  # [m] of the cuboids, of their centres
 
 
-def states(folder: Path, worlds: int) -> list[Path]:
-    """Return the kept estimates, after exploring what is not there yet."""
+def states(folder: Path, worlds: int) -> list[tuple[str, int]]:
+    """Return files and steps of estimates, after exploring what is not there yet."""
     for k in range(worlds):
         rng = np.random.default_rng([SEED, k])
         yaw, place = rng.uniform(0, 2 * np.pi), rng.uniform(-WITHIN, WITHIN, 2)
         turn = [np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)]
-        here = folder / f"world_{k}"
-        if (here / "estimate_04.npz").exists():
+        here = folder / f"world_{k}.npz"
+        if here.exists() and Exploration.load(here).at(ACTIONS):
             continue
         world = World(rng.uniform(*SIZES, 3), position=place, quaternion=turn)
         centre = world.pose[:3]
         for step in explore(
-            world, Scene(), actions=4, centre=centre, seed=k, folder=here
+            world, Scene(), actions=ACTIONS, centre=centre, seed=k, file=here
         ):
             print(here.name, step.number, step.policy, flush=True)
-    return sorted(folder.glob("world_*/estimate_*.npz"))
+    files = [folder / f"world_{k}.npz" for k in range(worlds)]
+    return [(str(file), number) for file in files for number in range(ACTIONS + 1)]
 
 
-def searched(file: Path, known: int, budgets) -> dict:
+def searched(file: str, number: int, known: int, budgets) -> dict:
     """Return the gains found in one state, by search and budget."""
-    expected = ExpectedInformation(Estimate.load(file))
+    estimate = Exploration.load(file).at(number).estimate
+    expected = ExpectedInformation(estimate)
     space = expected.workspace
-
-    estimate = expected.estimate
     near = facing(estimate, space)
 
     def gain(angles) -> float:
@@ -67,7 +67,7 @@ def searched(file: Path, known: int, budgets) -> dict:
     best = max(found.values())
     hypotheses = len(expected.beliefs)
     return {
-        "state": f"{file.parent.name} {file.stem}",
+        "state": f"{Path(file).stem} action {number}",
         "best": best,
         "hypotheses": hypotheses,
         "ms_per_gain_and_hypothesis": 1e3 * per_gain / hypotheses,
@@ -81,13 +81,15 @@ def main() -> None:
     parser.add_argument("--worlds", type=int, default=4)
     parser.add_argument("--known", type=int, default=5000)
     parser.add_argument("--budgets", type=int, nargs="+", default=[60, 180, 500])
+    add_executor(parser)
     arguments = parser.parse_args()
-    files = states(arguments.folder, arguments.worlds)
-    rows = []
-    for file in files:
-        rows.append(searched(file, arguments.known, arguments.budgets))
-        print(rows[-1]["state"], f"best known {rows[-1]['best']:.2f} nats", flush=True)
-    (arguments.folder / "search.json").write_text(json.dumps(rows, indent=1))
+    asked = arguments.known, arguments.budgets
+    cases = [(*state, *asked) for state in states(arguments.folder, arguments.worlds)]
+    with executor_of(arguments, __file__) as executor:
+        rows = run_study(
+            arguments.folder / "search.jsonl", "action search", searched, cases,
+            executor, say=lambda _, r: f"{r['state']} best known {r['best']:.2f} nats",
+        )  # fmt: skip
     cpu = np.median([row["ms_per_gain_and_hypothesis"] for row in rows])
     print(f"{len(rows)} states, {cpu:.2f} CPU ms per gain and hypothesis (median)")
     print(f"{'mean share of the best known gain':<36}" + "".join(

@@ -12,6 +12,7 @@ import csv
 from pathlib import Path
 
 import numpy as np
+from study import add_executor, executor_of, run_study
 
 from tactilenlp import Scene, Trajectories, identify_body
 
@@ -20,8 +21,15 @@ SIZES, GROUPS = (1, 4, 16, 64), 8  # tosses of a group; groups of a size, at mos
 MM = 1e3
 
 
-def run(data, size, group, shape, file) -> dict:
+def known_of(file) -> dict[str, float]:
+    """Return the numbers that the file has of its cube."""
+    with np.load(file, allow_pickle=False) as archive:
+        return {k: float(archive[k]) for k in archive.files if not archive[k].ndim}
+
+
+def run(recording, size, group, shape) -> dict:
     """Return one row: errors [mm], sigma [mm], ratios, friction, inertia, seconds."""
+    data, file = Trajectories.load(recording), known_of(recording)
     chosen = data.tosses[group :: len(data.tosses) // size][:size]
     body = identify_body(data.select(chosen), Scene(mass=file["mass"]), shape=shape)
     true = file["half_width"] * SIGNS
@@ -85,25 +93,28 @@ def main() -> None:
     parser.add_argument("file", type=Path)
     parser.add_argument("folder", type=Path, nargs="?", default=Path("benchmark"))
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)
+    add_executor(parser)
     given = parser.parse_args()
     given.folder.mkdir(parents=True, exist_ok=True)
     data = Trajectories.load(given.file)
-    with np.load(given.file, allow_pickle=False) as archive:
-        file = {
-            key: float(archive[key]) for key in archive.files if not archive[key].ndim
-        }
-    rows = []
-    for size in given.sizes:
-        for group in range(min(GROUPS, len(data.tosses) // size)):
-            for shape in ("cuboid", "corners"):
-                rows.append(run(data, size, group, shape, file))
-                print({k: round(v, 3) if isinstance(v, float) else v
-                       for k, v in rows[-1].items()}, flush=True)  # fmt: skip
+    known = known_of(given.file)
+    cases = [
+        (str(given.file), size, group, shape)
+        for size in given.sizes
+        for group in range(min(GROUPS, len(data.tosses) // size))
+        for shape in ("cuboid", "corners")
+    ]
+    with executor_of(given, __file__) as executor:
+        rows = run_study(
+            given.folder / "cube_tosses.jsonl", "cube tosses", run, cases, executor,
+            say=lambda _, row: {k: round(v, 3) if isinstance(v, float) else v
+                                for k, v in row.items()},
+        )  # fmt: skip
     with open(given.folder / "cube_tosses.csv", "w", newline="") as stream:
         table = csv.DictWriter(stream, rows[0])
         table.writeheader()
         table.writerows(rows)
-    draw(rows, file["friction_reported"], given.folder / "cube_tosses.png")
+    draw(rows, known["friction_reported"], given.folder / "cube_tosses.png")
 
 
 if __name__ == "__main__":

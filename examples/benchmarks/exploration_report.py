@@ -8,7 +8,6 @@ recentred on the truth).  Outliers are marked and never dropped silently: every 
 given with and without them.
 """
 
-import json
 import sys
 from pathlib import Path
 
@@ -16,11 +15,13 @@ import matplotlib
 import numpy as np
 from scipy import stats
 from scipy.spatial import ConvexHull
+from study import results_of
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
+FILE = "exploration.jsonl"  # of the study, in its folder
 PAPER = {"eig": 4.0, "random": 5.0}  # [mm] bCH of its cuboids after 1 + 5 actions
 LOW = 10.0  # [mm] bCH, below which the paper asks the whole band to be
 FENCE = 3.0  # interquartile ranges above the third quartile: an outlier (Tukey)
@@ -245,8 +246,9 @@ def report(rows: list[dict], folder: Path) -> None:
 
 def main() -> None:
     folder = Path(sys.argv[1])
-    files = sorted(folder.glob("[0-9]*.json"))
-    report([row for file in files for row in json.loads(file.read_text())], folder)
+    found = results_of(folder / FILE, "exploration")
+    rows = sorted((row for trial in found for row in trial), key=lambda r: r["trial"])
+    report(rows, folder)
 
 
 if __name__ == "__main__":

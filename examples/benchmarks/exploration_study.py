@@ -2,14 +2,15 @@
 
     python examples/benchmarks/exploration_study.py folder [--trials 10] [--actions 5]
         [--policies eig random fisher farthest] [--starts ours paper]
-        [--executor processes|dask|none] [--address tcp://scheduler:8786]
+        [--executor processes|dask|mpi|none] [--address tcp://scheduler:8786]
 
 Cuboids of 3 to 6 cm at random poses within 2 cm of the centre; one finger touches
 first, centred on the truth, then two fingers act five times.  A trial has the same
-object, pose and first touch under every policy: pairs.  Every trial is kept as JSON as
-soon as it is done; called again, the study goes on from there.  `ours` starts from the
-first touch, `paper` from a random guess of 1 to 3 cm.  Writes trials.csv and what
-exploration_report.py makes of it.  Dask is an extra: pip install "tactilenlp[dask]".
+object, pose and first touch under every policy: pairs.  Every trial is kept in one file
+(study.py) as soon as it is done; called again, the study goes on from there.  `ours`
+starts from the first touch, `paper` from a random guess of 1 to 3 cm.  Writes
+trials.csv and what exploration_report.py makes of it.  Dask and MPI are extras: pip
+install "tactilenlp[dask]" or "[mpi]".
 """
 
 import os
@@ -18,14 +19,12 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread a process: before Nu
 
 import argparse
 import csv
-import json
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from itertools import product
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-from exploration_report import report
+from exploration_report import FILE, report
+from study import add_executor, executor_of, run_study
 from trimesh.creation import box
 from trimesh.transformations import quaternion_matrix, translation_matrix
 
@@ -128,55 +127,26 @@ def picture(world: World, estimate) -> dict:
     }
 
 
-class Inline(Executor):
-    """Run at once, in this process."""
-
-    def submit(self, function, *arguments) -> Future:
-        done = Future()
-        done.set_result(function(*arguments))
-        return done
-
-
-def executor_of(arguments) -> Executor:
-    """Return where trials run: here, on the cores, or on a Dask cluster."""
-    if arguments.executor == "none":
-        return Inline()
-    if arguments.executor == "processes":
-        workers = arguments.workers or os.cpu_count()
-        return ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
-    from distributed import Client, LocalCluster
-
-    if arguments.address:
-        client = Client(arguments.address)
-        client.upload_file(__file__)  # what the workers are to run
-        client.upload_file(str(Path(__file__).with_name("exploration_report.py")))
-    else:
-        workers = arguments.workers or os.cpu_count()
-        client = Client(LocalCluster(n_workers=workers, threads_per_worker=1))
-    return client.get_executor(pure=False)
-
-
 def study(arguments) -> list[dict]:
     """Run what is not there yet; return the rows of all trials."""
     folder = Path(arguments.folder)
     folder.mkdir(parents=True, exist_ok=True)
-    cases = list(product(range(arguments.trials), arguments.policies, arguments.starts))
-    files = {case: folder / "{:03d}_{}_{}.json".format(*case) for case in cases}
-    rest = arguments.actions, arguments.budget
-    with executor_of(arguments) as executor:
-        futures = {
-            executor.submit(run, *case, *rest): case
-            for case in cases
-            if not files[case].exists()
-        }
-        for future in as_completed(futures):
-            case, rows = futures[future], future.result()
-            part = files[case].with_suffix(".part")
-            part.write_text(json.dumps(rows, default=float))
-            part.replace(files[case])
-            last = rows[-1]
-            print(*case, last.get("error") or f"{last['p2s_mm']:.3f} mm", flush=True)
-    return [row for case in cases for row in json.loads(files[case].read_text())]
+    asked = arguments.trials, arguments.policies, arguments.starts
+    rest = {"actions": arguments.actions, "budget": arguments.budget}
+    cases = [(*case, *rest.values()) for case in product(range(asked[0]), *asked[1:])]
+    scripts = __file__, Path(__file__).with_name("exploration_report.py")
+    with executor_of(arguments, *scripts) as executor:
+        found = run_study(
+            folder / FILE, "exploration", run, cases, executor, rest, _words
+        )
+    return [row for rows in found for row in rows]
+
+
+def _words(case, rows) -> str:
+    last = rows[-1]
+    trial, policy, start, *_ = case
+    ended = last.get("error") or f"{last['p2s_mm']:.3f} mm"
+    return f"trial {trial}, {policy}, {start}: {ended}"
 
 
 def write_csv(rows: list[dict], path: Path) -> None:
@@ -196,10 +166,7 @@ def main() -> None:
     parser.add_argument("--budget", type=int, default=180)
     parser.add_argument("--policies", nargs="+", default=["eig", "random"])
     parser.add_argument("--starts", nargs="+", default=["ours"])
-    kinds = ["processes", "dask", "none"]
-    parser.add_argument("--executor", choices=kinds, default="processes")
-    parser.add_argument("--workers", type=int, help="processes, all cores by default")
-    parser.add_argument("--address", help="of a running Dask scheduler")
+    add_executor(parser)
     arguments = parser.parse_args()
     rows = study(arguments)
     write_csv(rows, Path(arguments.folder) / "trials.csv")

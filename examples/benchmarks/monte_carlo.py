@@ -3,9 +3,9 @@
 python examples/benchmarks/monte_carlo.py ../shared/scenes/cuboid_02.npz ... --count 60
 
 Each recording is measured again `count` times with new noise and solved from its true
-motion, so that one mode is studied; every result is kept in the folder, and a run that
-was stopped carries on.  `measure` is a plain function of plain arguments: any
-concurrent.futures executor spreads it.
+motion, so that one mode is studied; every result is kept in the folder's one file
+(study.py), and a run that was stopped carries on.  `measure` is a plain function of
+plain arguments: any concurrent.futures executor spreads it.
 """
 
 import os
@@ -13,17 +13,16 @@ import os
 os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
 
 import argparse
-import json
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
 from functools import cache
-from multiprocessing import get_context
 from pathlib import Path
 from time import process_time
 
 import numpy as np
 from estimate_cuboid import Truth
-from report_monte_carlo import report
+from report_monte_carlo import FILE, report
 from scipy.spatial.transform import Rotation
+from study import add_executor, executor_of, run_study
 
 from tactilenlp import Measurements, Noise, Options, Scene, observed_information
 from tactilenlp import solve_estimate as solve
@@ -49,8 +48,6 @@ def known(file: str, actions: int):
 
 def measure(file: str, actions: int, number: int, noise: dict) -> dict:
     """Return the row of one re-measurement: errors and covariances by kind, SI."""
-    from dataclasses import replace
-
     data, scene, truth, options, begun = known(file, actions)
     noisy = add_noise(data, Noise(seed=number, **noise))
     begun = replace(begun, measurements=noisy)
@@ -87,29 +84,23 @@ def main() -> None:
     parser.add_argument("files", nargs="+", help="recordings that hold their truth")
     parser.add_argument("--count", type=int, default=400, help="re-measurements each")
     parser.add_argument("--actions", type=int, default=6)
-    parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--folder", type=Path, default=Path("benchmark/monte_carlo"))
+    add_executor(parser)
     arguments = parser.parse_args()
     arguments.folder.mkdir(parents=True, exist_ok=True)
-    todo = [
-        (file, number, arguments.folder / f"{Path(file).stem}_{number}.json")
+    cases = [
+        (file, arguments.actions, number, NOISE)
         for number in range(arguments.count)
         for file in arguments.files
     ]
-    todo = [task for task in todo if not task[-1].exists()]
-    with ProcessPoolExecutor(arguments.processes, get_context("spawn")) as pool:
-        futures = {
-            pool.submit(measure, file, arguments.actions, number, NOISE): path
-            for file, number, path in todo
-        }
-        try:
-            for done, future in enumerate(as_completed(futures), 1):
-                futures[future].write_text(json.dumps(future.result()))
-                print(f"\r{done} of {len(futures)}", end="", flush=True)
-        except BaseException:  # what is written stays; do not wait for the rest
-            pool.shutdown(cancel_futures=True)
-            raise
-    print()
+    here = Path(__file__).parent
+    scripts = [here / f"{n}.py" for n in ("report_monte_carlo", "report_cuboid")]
+    scripts += [here / "estimate_cuboid.py", __file__]
+    about = {"actions": arguments.actions, "noise": NOISE}
+    with executor_of(arguments, *scripts) as executor:
+        run_study(
+            arguments.folder / FILE, "monte carlo", measure, cases, executor, about
+        )
     report(arguments.folder)
 
 

@@ -7,13 +7,14 @@ variance that users are told; what physics or priors hold does not scatter.
 """
 
 import csv
-import json
 import sys
 from pathlib import Path
 
 import numpy as np
 from scipy.stats import chi2
+from study import results_of
 
+FILE = "monte_carlo.jsonl"  # of the study, in its folder
 KINDS = ("user", "exact", "sandwich", "gauss_newton", "paper")
 WITHIN = 0.15  # of the scatter a predicted sigma shall be
 KNOWN = 1e-4  # [-] of the others: a direction this sharp is known exactly
@@ -22,8 +23,8 @@ KNOWN = 1e-4  # [-] of the others: a direction this sharp is known exactly
 def rows_of(folder: Path) -> dict[str, list[dict]]:
     """Return the successful rows by scene, and say how many failed."""
     found, failed = {}, {}
-    for path in sorted(folder.glob("*.json")):
-        row = json.loads(path.read_text())
+    rows = results_of(folder / FILE, "monte carlo")
+    for row in sorted(rows, key=lambda row: row["scene"]):
         kept = found if row["success"] else failed
         kept.setdefault(row["scene"], []).append(row)
     for scene, rows in failed.items():

@@ -1,0 +1,125 @@
+"""Run the trials of a study on any executor; keep them in one file, go on from there.
+
+The file is text, one JSON value a line.  The first line says what it is: "format",
+"version", "study" (its name), "about" (what all trials share), "written_by" (versions).
+Each further line is a trial that ended: "case" (its arguments), "result".  A line that
+was cut short, as by a power failure, is dropped and its trial run again:
+
+    header, *trials = map(json.loads, open("study.jsonl"))
+"""
+
+import json
+import os
+from argparse import ArgumentParser
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from multiprocessing import get_context
+from pathlib import Path
+
+from tactilenlp.errors import FileError
+from tactilenlp.filing import versions
+from tactilenlp.progress import progress, wipe
+
+FORMAT, VERSION = "tactilenlp study", 1
+EXECUTORS = ("processes", "dask", "mpi", "none")
+
+
+def run_study(path, name, function, cases, executor=None, about=None, say=None) -> list:
+    """Return function(*case) of every case, in order; run what the file has not yet.
+
+    cases: lists of plain values; results: plain values as well.  executor: of
+    concurrent.futures, None runs here; say(case, result): words for each that ended.
+    """
+    header = {"format": FORMAT, "version": VERSION, "study": name, "about": about}
+    kept, cases = _taken_up(Path(path), header), [list(case) for case in cases]
+    todo = [case for case in cases if json.dumps(case) not in kept]
+    with open(path, "a", encoding="utf-8") as file:
+        if not file.tell():
+            file.write(json.dumps(header | {"written_by": versions()}) + "\n")
+        ended = _ended(executor, function, todo)
+        for case, result in progress(ended, name, total=len(todo)):
+            kept[json.dumps(case)] = result
+            line = json.dumps({"case": case, "result": result}, default=float)
+            file.write(line + "\n")
+            file.flush()
+            if say is not None:
+                wipe()
+                print(say(case, result), flush=True)
+    return [kept[json.dumps(case)] for case in cases]
+
+
+def results_of(path, name: str) -> list:
+    """Return what is kept of a study so far, in the order in which trials ended."""
+    return [*_taken_up(Path(path), {"study": name}).values()]
+
+
+def _taken_up(path: Path, expected: dict) -> dict:
+    """Return the results in a file by their case; drop a last line that was cut."""
+    text = path.read_text(encoding="utf-8") if path.exists() else ""
+    whole = text[: text.rfind("\n") + 1]
+    if whole != text:
+        path.write_text(whole, encoding="utf-8")
+    if not whole:
+        return {}
+    where = {"where": str(path), "next": "give another file, or delete this one"}
+    try:
+        found, *trials = [json.loads(line) for line in whole.splitlines()]
+        other = {k: found.get(k) for k, v in expected.items() if found.get(k) != v}
+        kept = {json.dumps(trial["case"]): trial["result"] for trial in trials}
+    except (ValueError, KeyError, TypeError, AttributeError) as bad:
+        got = f"{type(bad).__name__}: {bad}"
+        raise FileError("no file of a study", got=got, **where) from bad
+    if other:
+        expected = f"{ {k: expected[k] for k in other} }"
+        raise FileError("of another study", got=other, expected=expected, **where)
+    return kept
+
+
+def _ended(executor, function, cases):
+    """Yield each case and its result as it ends; what ends badly ends the study."""
+    if executor is None:
+        for case in cases:
+            yield case, function(*case)
+        return
+    futures = {executor.submit(function, *case): case for case in cases}
+    try:
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    finally:  # after an error or Ctrl-C nobody waits for the others
+        for future in futures:
+            future.cancel()
+
+
+def add_executor(parser: ArgumentParser) -> None:
+    """Add the arguments that `executor_of` reads."""
+    parser.add_argument("--executor", choices=EXECUTORS, default="processes")
+    parser.add_argument("--workers", type=int, help="processes, all cores by default")
+    parser.add_argument("--address", help="of a running Dask scheduler")
+
+
+@contextmanager
+def executor_of(arguments, *files):
+    """Give where trials run: None for here, the cores, a Dask cluster, or MPI.
+
+    files: the scripts that workers of a cluster import beside this one.
+    """
+    workers = arguments.workers or os.cpu_count()
+    if arguments.executor == "none":
+        yield None
+    elif arguments.executor == "processes":
+        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+            yield pool
+    elif arguments.executor == "mpi":
+        from mpi4py.futures import MPIPoolExecutor
+
+        with MPIPoolExecutor(workers) as pool:
+            yield pool
+    else:
+        from distributed import Client
+
+        at = {"n_workers": workers, "threads_per_worker": 1}  # a cluster of our own
+        at = {"address": arguments.address} if arguments.address else at
+        with Client(**at) as client:
+            for file in (__file__, *files) if arguments.address else ():
+                client.upload_file(str(file))
+            yield client.get_executor(pure=False)

@@ -1,0 +1,103 @@
+"""A study is one file: kept trial by trial, taken up again, read without us."""
+
+import json
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from tactilenlp.errors import FileError
+
+BENCHMARKS = Path(__file__).resolve().parents[1] / "examples" / "benchmarks"
+CASES = [(2, "a"), (3, "b"), (4, "c")]
+
+
+@pytest.fixture
+def study(monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    import study
+
+    return study
+
+
+def squared(number, word):
+    return {"square": number**2, "word": word}
+
+
+def test_results_come_in_the_order_of_the_cases(study, tmp_path):
+    here = study.run_study(tmp_path / "a.jsonl", "squares", squared, CASES)
+    with ThreadPoolExecutor(2) as pool:
+        there = study.run_study(tmp_path / "b.jsonl", "squares", squared, CASES, pool)
+    assert [r["square"] for r in here] == [4, 9, 16]
+    assert there == here
+    assert study.results_of(tmp_path / "a.jsonl", "squares") == here
+
+
+def test_a_study_is_read_without_us(study, tmp_path):
+    study.run_study(tmp_path / "a.jsonl", "squares", squared, CASES, about={"n": 2})
+    with open(tmp_path / "a.jsonl") as file:
+        header, *trials = map(json.loads, file)
+    assert header["format"] == "tactilenlp study"
+    assert header["version"] == study.VERSION
+    assert header["about"] == {"n": 2}
+    assert "tactilenlp" in header["written_by"]
+    assert trials[1] == {"case": [3, "b"], "result": {"square": 9, "word": "b"}}
+
+
+def test_what_is_kept_is_not_run_again_and_a_cut_line_is(study, tmp_path):
+    file, ran = tmp_path / "a.jsonl", []
+
+    def stopped(number, word):
+        ran.append(number)
+        if ran == [2, 3]:
+            raise KeyboardInterrupt
+        return squared(number, word)
+
+    with pytest.raises(KeyboardInterrupt):
+        study.run_study(file, "squares", stopped, CASES)
+    file.write_text(file.read_text() + '{"case": [3, "b"], "res')
+    rows = study.run_study(file, "squares", stopped, CASES)
+    assert ran == [2, 3, 3, 4]
+    assert rows == [squared(*case) for case in CASES]
+    assert study.run_study(file, "squares", stopped, CASES) == rows
+    assert len(ran) == 4
+
+
+def test_a_trial_that_fails_ends_the_study_and_cancels_the_rest(study, tmp_path):
+    ran = []
+
+    def fails(number, word):
+        ran.append(number)
+        time.sleep(0.05)
+        raise ZeroDivisionError(word)
+
+    many = [(k, "") for k in range(100)]
+    with ThreadPoolExecutor(1) as pool, pytest.raises(ZeroDivisionError):
+        study.run_study(tmp_path / "a.jsonl", "s", fails, many, pool)
+    assert len(ran) < 50  # a few more begin before the first is heard of
+
+
+@pytest.mark.parametrize(
+    ("content", "word"),
+    [
+        ("time, x\n", "no file of a study"),
+        ("[]\n", "no file of a study"),
+        ('{"format": "tactilenlp study"}\n{}\n', "no file of a study"),
+        ('{"format": "tactilenlp study", "version": 0}\n', "'version': 0"),
+        ('{"format": "tactilenlp study", "version": 1, "study": 3}\n', "'study': 3"),
+    ],
+)
+def test_another_file_is_refused_and_left_as_it_is(study, content, word, tmp_path):
+    file = tmp_path / "a.jsonl"
+    file.write_text(content)
+    with pytest.raises(FileError, match=word):
+        study.run_study(file, "squares", squared, CASES)
+    assert file.read_text() == content
+
+
+def test_other_settings_are_another_study(study, tmp_path):
+    file = tmp_path / "a.jsonl"
+    study.run_study(file, "squares", squared, CASES, about={"n": 2})
+    with pytest.raises(FileError, match=r"'n': 3.*'n': 2.*another file"):
+        study.run_study(file, "squares", squared, CASES, about={"n": 3})
