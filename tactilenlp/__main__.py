@@ -4,16 +4,26 @@ from __future__ import annotations
 
 import argparse
 import logging
+import math
 import sys
 from pathlib import Path
 
-from .errors import Interrupted, TactileError
+from .errors import FileError, Interrupted, TactileError
+from .filing import format_of
 
 EPILOG = """examples:
   python -m tactilenlp estimate scene.npz
   python -m tactilenlp estimate scene.npz --mass 0.4 --save estimate.npz
+  python -m tactilenlp explore box.npz --sides 0.05 0.035 0.04 --actions 5
   python -m tactilenlp report estimate.npz --output report.html --shape shape.glb
+
+Ctrl-C leaves what was found so far, marked as interrupted.
 """
+EXPLORING = """Explore a box in simulation: touch it once, estimate, choose the next
+touch, touch again.  FILE keeps every touch, as soon as it is felt, and every estimate;
+where it is there already, exploration goes on from it (give the same box and seed)."""
+NOISE = {"position": 1e-3, "normal": math.radians(5), "flips": 0.01}  # m, rad, 1
+SIZES, WITHIN = (0.03, 0.06), 0.02  # [m] of boxes that are drawn, of their places
 STOPPED = 130  # as shells say of a program that Ctrl-C ended
 KNOWN = {  # what a scene may be told: option, unit
     "mass": "[kg] of the object",
@@ -42,17 +52,37 @@ def parser() -> argparse.ArgumentParser:
         estimate.add_argument(option, type=float, help=f"{words}; else from the file")
     _add_outputs(estimate)
 
-    report = commands.add_parser("report", help="show an estimate that was saved")
-    report.add_argument("file", type=Path, help="an estimate, .npz")
+    _add_explore(commands)
+    report = commands.add_parser("report", help="show what was saved")
+    report.add_argument("file", type=Path, help="an estimate or an exploration, .npz")
     _add_outputs(report)
     return top
 
 
-def _add_outputs(command) -> None:
-    command.add_argument("--output", type=Path, help="write a page to look at, .html")
-    command.add_argument(
-        "--shape", type=Path, help="write the shape: .stl .obj .ply .glb .xml .urdf"
+def _add_explore(commands) -> None:
+    explore = commands.add_parser(
+        "explore", help="explore a box in simulation", description=EXPLORING
     )
+    add = explore.add_argument
+    add("file", type=Path, help="the exploration, .npz: is written, or taken up again")
+    words = "[m] of the box; drawn from the seed where none are given"
+    add("--sides", type=float, nargs=3, metavar=("X", "Y", "Z"), help=words)
+    add("--actions", type=int, default=5, help="after the first touch (default 5)")
+    add("--policy", default="eig", help="eig, random, fisher or farthest (default eig)")
+    add("--seed", type=int, default=0, help="of place, turn and choices (default 0)")
+    words = "sensors with 1 mm, 5 deg and 1 %% flipped booleans (default: clean)"
+    add("--noisy", action="store_true", help=words)
+    for name, words in KNOWN.items():
+        add(f"--{name.replace('_', '-')}", type=float, help=f"{words}, and known")
+    _add_outputs(explore)
+    add("--save", type=Path, help="keep the last estimate alone as .npz")
+
+
+def _add_outputs(command) -> None:
+    words = "write a page to look at, .html"
+    command.add_argument("--output", type=Path, metavar="PAGE", help=words)
+    words = "write the shape: .stl .obj .ply .glb .xml (MJCF) .urdf"
+    command.add_argument("--shape", type=Path, metavar="MODEL", help=words)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -60,7 +90,8 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser().parse_args(arguments)
     logging.basicConfig(level=logging.INFO if given.verbose else logging.WARNING)
     try:
-        _hand_out({"estimate": _estimate, "report": _load}[given.command](given), given)
+        run = {"estimate": _estimate, "explore": _explore, "report": _load}
+        _hand_out(run[given.command](given), given)
     except (TactileError, OSError) as error:
         print(error, file=sys.stderr)
         return 2
@@ -89,20 +120,89 @@ def _hand_out(estimate, given) -> None:
 def _estimate(given):
     from . import Measurements, Scene, solve_estimate
 
-    overrides = {name: getattr(given, name) for name in KNOWN}
-    overrides = {name: value for name, value in overrides.items() if value is not None}
     return solve_estimate(
         Measurements.load(given.file),
-        Scene.load(given.file, **overrides),
+        Scene.load(given.file, **_known(given)),
         shape=given.form,
         formulation=given.formulation,
     )
 
 
-def _load(given):
-    from . import Estimate
+def _known(given) -> dict[str, float]:
+    """Return what a user says to be known of the scene."""
+    said = {name: getattr(given, name) for name in KNOWN}
+    return {name: value for name, value in said.items() if value is not None}
 
-    return Estimate.load(given.file)
+
+def _explore(given):
+    """Explore a simulated box from where the file left it; return the last estimate."""
+    from . import Scene, explore, surface_distance
+    from .diary import taken_up
+
+    world = _world(given)
+    centre, scene = world.pose[:3], Scene(**_known(given))
+    _replay(world, taken_up(given.file), given.file)
+    for step in explore(
+        world, scene, given.actions, given.policy, seed=given.seed, centre=centre,
+        file=given.file,
+    ):  # fmt: skip
+        gain = f", {step.choice.gain:.1f} nats expected" if step.choice else ""
+        off = 1e3 * surface_distance(step.estimate.mesh(), _true(world, step)).mean
+        words = f"the surface is {off:.2f} mm off on average"
+        print(f"Action {step.number} ({step.policy}{gain}): {words}.", flush=True)
+    return step.estimate
+
+
+def _true(world, step):
+    """Return the box where it lay when a step's record ended."""
+    from trimesh.creation import box
+    from trimesh.transformations import quaternion_matrix
+
+    time, truth = world.measurements.time, world.truth
+    row = int(time.searchsorted(step.measurements.time[-1]))
+    place = quaternion_matrix(truth.object_quaternion[row])
+    place[:3, 3] = truth.object_position[row]
+    return box(world.side_lengths, place)
+
+
+def _world(given):
+    """Return the box where it lies at first."""
+    import numpy as np
+
+    from . import Noise, World
+
+    rng = np.random.default_rng(given.seed)
+    sides, place = rng.uniform(*SIZES, 3), rng.uniform(-WITHIN, WITHIN, 2)
+    yaw = rng.uniform(0, 2 * np.pi)
+    noise = Noise(seed=given.seed, **NOISE) if given.noisy else Noise()
+    return World(
+        given.sides or sides, position=place, noise=noise, **_known(given),
+        quaternion=[np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)],
+    )  # fmt: skip
+
+
+def _replay(world, exploration, file) -> None:
+    """Bring the world to where an exploration left it."""
+    for step in exploration.steps:
+        felt = [world.execute(told) for told in step.told]
+        if not felt or felt[-1] != step.measurements:
+            raise FileError(
+                "the exploration of another box, or from another seed",
+                where=str(file), got=f"step {step.number}, which this box feels not so",
+                next="give the box and the seed that it began with, or another file",
+            )  # fmt: skip
+
+
+def _load(given):
+    """Return the estimate of a file, or the last one of an exploration."""
+    from . import Estimate, Exploration
+
+    if format_of(given.file) != "exploration":
+        return Estimate.load(given.file)
+    found = Exploration.load(given.file).estimate
+    if found is None:
+        raise FileError("no estimate yet", where=str(given.file), next="explore on")
+    return found
 
 
 if __name__ == "__main__":

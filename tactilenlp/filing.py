@@ -56,6 +56,15 @@ def read(path, name: str, number: int, kinds: dict):
         raise FileError("the header is damaged", where=str(path), got=got) from bad
 
 
+def format_of(path) -> str:
+    """Return what a file says that it is; an empty word where it says nothing."""
+    header = read_npz(path, ["header"], error=FileError).get("header")
+    try:
+        return str(json.loads(str(header))["format"])
+    except MALFORMED:
+        return ""
+
+
 def _check_version(header: dict, name: str, number: int, where: str) -> None:
     """Raise FileError unless a header is of this format, in this version."""
     found = header["format"]

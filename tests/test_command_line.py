@@ -37,12 +37,28 @@ def test_a_recording_becomes_an_estimate_a_page_and_a_model(short, tmp_path, cap
 
 
 def test_help_is_there_for_every_command():
-    for command in ([], ["estimate"], ["report"]):
+    for command in ([], ["estimate"], ["explore"], ["report"]):
         done = subprocess.run(
             [sys.executable, "-m", "tactilenlp", *command, "--help"],
             capture_output=True, text=True, check=True,
         )  # fmt: skip
         assert "usage: python -m tactilenlp" in done.stdout
+
+
+def test_a_box_is_explored_taken_up_again_and_reported(tmp_path, capsys):
+    file = tmp_path / "box.npz"
+    words = ["explore", str(file), "--sides", "0.05", "0.035", "0.04", "--seed", "3"]
+    assert main([*words, "--policy", "random", "--actions", "1"]) == 0
+    first = capsys.readouterr().out
+    assert first.count("mm off on average") == 2
+    assert main([*words, "--policy", "random", "--actions", "2"]) == 0
+    later = capsys.readouterr().out
+    assert later.startswith(first.partition("A cuboid of")[0])
+    assert later.count("mm off on average") == 3
+    assert main(["report", str(file)]) == 0
+    assert later.endswith(capsys.readouterr().out)
+    assert main([*words[:-1], "4"]) == 2
+    assert "another seed" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
