@@ -2,13 +2,15 @@
 
 python examples/benchmarks/cube_tosses.py ../shared/captures/cube_tosses.npz [folder]
 
-The tosses are dealt into groups that share none; every group is solved on its own.
+Each deal shuffles the tosses and splits them into groups that share none; every group
+is solved on its own.
 Errors are those of the sharp vertices against the cube's own half width (in the file),
 of inertia and friction against what the authors of the recording report.
 """
 
 import argparse
 import csv
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -27,10 +29,11 @@ def known_of(file) -> dict[str, float]:
         return {k: float(archive[k]) for k in archive.files if not archive[k].ndim}
 
 
-def run(recording, size, group, shape) -> dict:
+def run(recording, deal, size, group, shape) -> dict:
     """Return one row: errors [mm], sigma [mm], ratios, friction, inertia, seconds."""
     data, file = Trajectories.load(recording), known_of(recording)
-    chosen = data.tosses[group :: len(data.tosses) // size][:size]
+    shuffled = np.random.default_rng(deal).permutation(data.tosses)
+    chosen = np.sort(shuffled[group * size : (group + 1) * size])
     body = identify_body(data.select(chosen), Scene(mass=file["mass"]), shape=shape)
     true = file["half_width"] * SIGNS
     error = np.stack([v - true[np.argmin(((true - v) ** 2).sum(1))]
@@ -38,7 +41,7 @@ def run(recording, size, group, shape) -> dict:
     off = np.linalg.norm(error, axis=1) * MM
     ratio = (error / body.sigma["vertices"])[np.setdiff1d(range(8), body.unobserved)]
     return {
-        "shape": shape, "tosses": size, "group": group,
+        "shape": shape, "tosses": size, "deal": deal, "group": group,
         "vertex_mean_mm": off.mean(), "vertex_worst_mm": off.max(),
         "sigma_mm": np.median(body.sigma["vertices"]) * MM,
         "rms_error_over_sigma": np.sqrt(np.mean(ratio**2)),
@@ -48,6 +51,23 @@ def run(recording, size, group, shape) -> dict:
         "gauge": body.gauge, "radius_mm": body.radius * MM,
         "iterations": body.iterations, "cpu_s": body.seconds["total"],
     }  # fmt: skip
+
+
+def tell(rows) -> None:
+    """Print median and worst of every size, by shape."""
+    print("shape    tosses groups  vertices off [mm]  sigma [mm]  friction ± sigma  "
+          "CPU s (worst)")  # fmt: skip
+    for shape, size in dict.fromkeys((r["shape"], r["tosses"]) for r in rows):
+        mine = [r for r in rows if (r["shape"], r["tosses"]) == (shape, size)]
+
+        def column(name, rows=mine):
+            return np.array([r[name] for r in rows])
+
+        off, names = column("vertex_mean_mm"), ("sigma_mm", "friction", "friction_sigma")
+        sigma, mu, spread = (np.median(column(name)) for name in names)
+        print(f"{shape:<8} {size:>6} {len(mine):>6}  {np.median(off):7.2f}, worst "
+              f"{off.max():5.2f} {sigma:7.2f}      {mu:.2f} ± {spread:.2f}     "
+              f"{column('cpu_s').max():6.1f}")  # fmt: skip
 
 
 def draw(rows, friction, file) -> None:
@@ -93,14 +113,16 @@ def main() -> None:
     parser.add_argument("file", type=Path)
     parser.add_argument("folder", type=Path, nargs="?", default=Path("benchmark"))
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)
+    words = "seeds that shuffle the tosses"
+    parser.add_argument("--deals", type=int, nargs="+", default=[0], help=words)
     add_executor(parser)
     given = parser.parse_args()
     given.folder.mkdir(parents=True, exist_ok=True)
     data = Trajectories.load(given.file)
     known = known_of(given.file)
     cases = [
-        (str(given.file), size, group, shape)
-        for size in given.sizes
+        (str(given.file), deal, size, group, shape)
+        for deal, size in product(given.deals, given.sizes)
         for group in range(min(GROUPS, len(data.tosses) // size))
         for shape in ("cuboid", "corners")
     ]
@@ -114,6 +136,7 @@ def main() -> None:
         table = csv.DictWriter(stream, rows[0])
         table.writeheader()
         table.writerows(rows)
+    tell(rows)
     draw(rows, known["friction_reported"], given.folder / "cube_tosses.png")
 
 
