@@ -63,7 +63,8 @@ def tell(rows) -> None:
         def column(name, rows=mine):
             return np.array([r[name] for r in rows])
 
-        off, names = column("vertex_mean_mm"), ("sigma_mm", "friction", "friction_sigma")
+        off = column("vertex_mean_mm")
+        names = "sigma_mm", "friction", "friction_sigma"
         sigma, mu, spread = (np.median(column(name)) for name in names)
         print(f"{shape:<8} {size:>6} {len(mine):>6}  {np.median(off):7.2f}, worst "
               f"{off.max():5.2f} {sigma:7.2f}      {mu:.2f} ± {spread:.2f}     "
