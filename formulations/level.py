@@ -10,7 +10,9 @@ class Level:
     """One solve: parameter values by name, variables held fixed, IPOPT's first mu.
 
     eliminate: unknowns that `nlp.follow` gives are computed from the others at every
-    evaluation (single shooting), instead of solved for (multiple shooting).
+    evaluation (single shooting), instead of solved for (multiple shooting).  warm:
+    IPOPT's first mu where the level before leaves its multipliers, None: they are not
+    taken.
     """
 
     name: str
@@ -19,3 +21,4 @@ class Level:
     barrier: float = 1e-2
     iterations: int = 200
     eliminate: bool = False
+    warm: float | None = None

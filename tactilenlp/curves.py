@@ -25,7 +25,7 @@ from .plotting import (
     rotations,
 )
 from .result import Estimate
-from .solve import Solution
+from .solution import Solution
 
 SIDES = (("x", "#0072B2", "o"), ("y", "#D55E00", "s"), ("z", "#009E73", "^"))
 LEAST = 1e-12  # what is zero is drawn there on logarithmic axes

@@ -36,7 +36,8 @@ from .result import Estimate
 from .rivals import challenged
 from .scene import Scene
 from .search import RIVAL, Hypothesis, Job, beam, distinct, same
-from .solve import not_converged, solve_levels
+from .solution import not_converged
+from .solve import solve_levels
 from .solving import Solved, built_at, settings_of, solved_from
 from .trial import opened
 from .tumble import SHARE, contradicts, recovered
@@ -179,10 +180,12 @@ def _certified(job, page, solved, options) -> Solved:
 def _solved_on(job, page, solved, options) -> Solved:
     """Solve again, with less left out, from where a solve ended."""
     window, problem, built = built_at(job, page, solved.hypothesis)
-    start, _, _ = carried_on(solved, window, problem)
-    last = replace(page.LEVELS[-1], barrier=CLOSE)
-    settings = settings_of(job, options)
-    solution = solve_levels(problem, (last,), start, settings)
+    values, pulls, multipliers = carried_on(solved, window, problem)
+    start = replace(
+        solved.solution, values=values, bound_multipliers=pulls, multipliers=multipliers
+    )
+    last = replace(page.LEVELS[-1], warm=CLOSE)
+    solution = solve_levels(problem, (last,), start, settings_of(job, options))
     if not solution.success:
         return solved_from(job, page, solved.at, options)
     seconds = solution.seconds | {"build": solution.seconds["build"] + built}

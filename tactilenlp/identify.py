@@ -17,7 +17,8 @@ from .impacts import gravity_of, impacts, near, steps_of
 from .information import reduced_covariance
 from .nlp import Problem
 from .scene import Scene
-from .solve import SolverOptions, not_converged, solve_levels
+from .solution import not_converged
+from .solve import SolverOptions, solve_levels
 from .trajectories import Trajectories
 
 log = logging.getLogger("tactilenlp")

@@ -33,7 +33,7 @@ from .reduce import Reductions, reduce
 from .request import page_of, shape_of
 from .scatter import Sensed, moved_by, scatter, sources
 from .sensitivity import Sensitivity, moves
-from .solve import Solution
+from .solution import Solution
 
 KINDS = ("exact", "sandwich", "gauss_newton", "paper", "inverse_dynamics")
 

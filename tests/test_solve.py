@@ -239,6 +239,7 @@ class Level:
     barrier: float = 1e-2
     iterations: int = 200
     eliminate: bool = False
+    warm: float | None = None
 
 
 def test_levels_start_where_the_one_before_ended_and_add_up():
@@ -253,6 +254,24 @@ def test_levels_start_where_the_one_before_ended_and_add_up():
     assert sum(last.iterations_by_level) == last.iterations
     assert last.iterations_by_level[:2] == first.iterations_by_level
     assert len(solvers) == 1  # the same barrier and iterations: one solver
+
+
+def test_a_level_that_takes_the_multipliers_before_it_has_less_to_do():
+    problem = cone([1.0, 3.0, 4.0])
+    cold = [Level(), Level(barrier=1e-5)]
+    warm = [Level(), Level(warm=1e-5)]
+    ends = [solve_levels(problem, levels, {}) for levels in (cold, warm)]
+    np.testing.assert_allclose(ends[0].values["f"], ends[1].values["f"], atol=1e-5)
+    assert ends[1].iterations_by_level[1] < ends[0].iterations_by_level[1]
+    assert ends[1].success
+
+
+def test_a_start_may_be_a_solution_of_the_same_problem():
+    problem = cone([1.0, 3.0, 4.0])
+    known = solve(problem)
+    again = solve(problem, SolverOptions(barrier=1e-7), start=known)
+    assert again.success
+    assert again.iterations <= 3 < known.iterations
 
 
 # Failure is loud
