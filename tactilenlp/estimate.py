@@ -20,7 +20,7 @@ from .options import Options
 from .polytopes import check, is_polytope
 from .polytopes import search as polytope_search
 from .precision import precision_of, smoothed
-from .progress import progress
+from .race import raced
 from .readout import read_off
 from .reduce import Reductions, flat, insisted
 from .request import (
@@ -104,7 +104,7 @@ def _found(data, job, page, start, options, executor, so_far):
     so_far.kept, searched = kept, time.process_time() - so_far.began
     solved = _refine(job, page, starts, options, so_far.solved)
     if options.rivals and not is_polytope(job.shape):
-        solved = challenged(job, page, solved, options, solved_from)
+        solved = challenged(job, page, solved, options)
     best = _certified(job, page, solved[0], options)
     if "planar" in best.certificates.broken and not flat(page):
         best = _tumbled(job, page, best, options, executor)
@@ -255,19 +255,17 @@ def _refine(job, page, kept, options, solved) -> list[Solved]:
     solved: an empty list to leave them in, for whoever interrupts.
     """
     limit = min(h.objective for h in kept) + RIVAL
-    levels = opened(page.LEVELS, final=True) if job.reductions.planar else None
+    own = page.LEVELS
+    levels = opened(own, final=True) if job.reductions.planar else own
     if job.scene.ground is None:  # these poses lie in a plane that the object leaves
-        levels = getattr(page, "ROUGH", None)
-    shared = {}
-    for h in progress([h for h in kept if h.objective <= limit], "solve"):
-        if solved and time.monotonic() > job.deadline:
-            break
-        solved.append(solved_from(job, page, h, options, shared, levels))
+        levels = getattr(page, "ROUGH", own)
+    promising = [h for h in kept if h.objective <= limit]
+    solved = raced(job, page, promising, options, levels, solved=solved)
     good = [s for s in solved if s.solution.success]
-    if not good and levels is not None and time.monotonic() < job.deadline:
+    if not good and levels is not own and time.monotonic() < job.deadline:
         # The slower way, poses held first, as the page says.
-        good = [solved_from(job, page, solved[0].hypothesis, options, shared)]
-    return sorted(good or solved, key=lambda s: s.at.rank)
+        good = [solved_from(job, page, solved[0].hypothesis, options)]
+    return good or solved
 
 
 def _carried_on(job, solved, kept, width: int) -> list[Hypothesis]:

@@ -8,45 +8,36 @@ it is; what is found competes with the estimate and widens its sigma.
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 import numpy as np
 
 from .information import ENOUGH, TOUCHED, reduced_covariance
+from .race import raced
 from .result import poses, touched_faces
-from .search import RIVAL
 from .trial import opened
 
 CLAIMED = 0.5  # [prior deviations] a size less certain than this claims nothing
-NEAR = 6e-3  # [m] sizes this close lead to the same optimum
+NEAR = 6e-3  # [m] sizes this close to the best one's lead to the same optimum
+KNOWN = 3e-3  # [m] sizes this close to those of another hypothesis are known
 
 
-def challenged(job, page, solved, options, solve) -> list:
-    """Return the solved hypotheses and their rivals of other sizes, best first.
-
-    solve: (job, page, hypothesis, options, shared, levels) -> solved.
-    """
-    best, shared = solved[0], {}
-    if not (job.reductions.planar and best.solution.success):
+def challenged(job, page, solved, options) -> list:
+    """Return the solved hypotheses and their rivals of other sizes, best first."""
+    if not (job.reductions.planar and solved[0].solution.success):
         return solved
-    found = list(solved)
-    for h in other_sizes(job, best):
-        if time.monotonic() > job.deadline:
-            break
-        rough = opened(page.LEVELS, final=False)
-        rival = solve(job, page, h, options, shared, rough)
-        if rival.solution.objective > best.solution.objective + RIVAL:
-            continue
-        rival = solve(job, page, rival.at, options, shared, page.LEVELS[-1:])
-        if rival.solution.success:
-            found.append(rival)
+    levels = opened(page.LEVELS, final=True)
+    rivals = raced(job, page, other_sizes(job, solved), options, levels, known=solved)
+    found = [*solved, *(s for s in rivals if s.solution.success)]
     return sorted(found, key=lambda s: (not s.solution.success, s.solution.objective))
 
 
-def other_sizes(job, best) -> list:
-    """Return the best hypothesis with other sizes that physics alone speaks against."""
-    shape, at = job.shape, best.at
+def other_sizes(job, solved) -> list:
+    """Return the best hypothesis with other sizes that physics alone speaks against.
+
+    solved: the best first; sizes that one of them has are no others.
+    """
+    best, shape, at = solved[0], job.shape, solved[0].at
     if not getattr(shape, "symmetries", ()):
         return []  # not a body whose unknowns are the lengths of its sides
     mean, deviation = shape.size_prior
@@ -59,7 +50,8 @@ def other_sizes(job, best) -> list:
         if known or np.sqrt(max(C[axis, axis], 0.0)) > CLAIMED * deviation:
             continue
         for size in (mean - deviation, mean):
-            if abs(size - at.theta[axis]) > NEAR:
+            off = [abs(size - s.at.theta[axis]) for s in solved]
+            if off[0] > NEAR and min(off) > KNOWN:
                 proposed.append(resized(at, axis, size, faces[axis]))
     return proposed
 

@@ -58,7 +58,8 @@ def beam(
         found = spread(_solve_chunk, part, starts, executor)
         found += starts if i < EARLY else []
         kept = distinct(job.shape, found, width * more)
-        kept += starts[:1] if i >= EARLY else []
+        if i >= EARLY and not any(same(job.shape, starts[0], h) for h in kept):
+            kept = [*kept, starts[0]]
         if page is not None and i < RANKED and last < len(job.data.time):
             kept = rank(part, page, kept, width, executor)
         if so_far is not None:

@@ -11,6 +11,7 @@ from .certify import Certificates
 from .hypothesis import Hypothesis, Job
 from .nlp import Problem
 from .polytopes import CREEPING, is_polytope, window_of
+from .solution import after
 from .solve import SolverOptions, solve_levels
 from .tipping import lifted
 from .trial import started
@@ -20,7 +21,10 @@ LONGEST = 60.0  # [s] that one level may take
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """A page solved from one hypothesis: problem, window, solution."""
+    """A page solved from one hypothesis: problem, window, solution.
+
+    rough: where the levels before the last one had brought the hypothesis.
+    """
 
     hypothesis: Hypothesis
     problem: Problem
@@ -28,6 +32,7 @@ class Solved:
     solution: object
     job: Job
     certificates: Certificates = field(default_factory=lambda: Certificates(()))
+    rough: Hypothesis | None = None
 
     @property
     def skipped(self) -> tuple:
@@ -46,8 +51,13 @@ class Solved:
         )
 
 
-def solved_from(job, page, hypothesis, options, shared=None, levels=None) -> Solved:
-    """Solve the page from one hypothesis; `shared` keeps problem and solvers."""
+def solved_from(
+    job, page, hypothesis, options, shared=None, levels=None, before=None
+) -> Solved:
+    """Solve the page from one hypothesis; `shared` keeps problem and solvers.
+
+    before: what earlier levels found from this hypothesis, to go on from.
+    """
     shared = {} if shared is None else shared
     if not job.reductions.planar and len(hypothesis.x) == PLANAR.unknowns:
         lying = lifted(hypothesis.theta, hypothesis.x)
@@ -57,8 +67,10 @@ def solved_from(job, page, hypothesis, options, shared=None, levels=None) -> Sol
         shared.update(window=window, problem=problem, solvers={}, built=built)
     window, problem = shared["window"], shared["problem"]
     settings = settings_of(job, options)
-    start, levels = started(problem, window, hypothesis), levels or page.LEVELS
+    start = started(problem, window, hypothesis) if before is None else before
+    levels = levels or page.LEVELS
     solution = solve_levels(problem, levels, start, settings, shared["solvers"])
+    solution = solution if before is None else after(before, solution)
     seconds = solution.seconds | {"build": solution.seconds["build"] + shared["built"]}
     solution = replace(solution, seconds=seconds)
     return Solved(hypothesis, problem, window, solution, job)

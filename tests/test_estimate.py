@@ -267,9 +267,11 @@ def test_a_process_pool_gives_the_same_digits(recorded):
 def test_every_reduction_can_be_switched_off_alone(recorded):
     data, scene, _ = recorded
     data = data.select(range(2))
-    reduced = solve_estimate(data, scene)
+    # Of one hypothesis: rivals wander between optima a fifth of a nat apart.
+    reduced = solve_estimate(data, scene, options=Options(rivals=False))
     for name in ("still", "far", "absent"):
-        full = solve_estimate(data, scene, options=Options(reduce=[name]))
+        options = Options(reduce=[name], rivals=False)
+        full = solve_estimate(data, scene, options=options)
         assert all(s.name != name for s in full.skipped)
         # an exact reduction keeps the optimum; a still span adds poses whose links
         # cost nothing at rest
