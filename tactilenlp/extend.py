@@ -33,7 +33,7 @@ def extensions(job: Job, kept: list[Hypothesis]) -> list[Hypothesis]:
     """Return unsolved hypotheses: guesses of how the last action continues each one."""
     if not kept:
         return first_touches(job)
-    data, window = _spherical(job)
+    data, window = spherical(job)
     new = np.nonzero(data.action == data.action[-1])[0]
     earlier = job.data.select(np.unique(job.data.action)[:-1])
     proposed = []
@@ -54,7 +54,7 @@ def extensions(job: Job, kept: list[Hypothesis]) -> list[Hypothesis]:
     return [_continued(*end) for end in ends]
 
 
-def _spherical(job: Job):
+def spherical(job: Job):
     """Return data and window as if every fingertip were a sphere."""
     window = reduce(job.data, job.scene, job.shape, job.precision, job.reductions)
     return as_spheres(job.data, job.scene), replace(window, finger=SPHERE)
@@ -73,7 +73,7 @@ def _continued(h, along, name, end, tail) -> Hypothesis:
 
 def first_touches(job: Job) -> list[Hypothesis]:
     """Return the guesses of the first touch, at rest before it."""
-    (data, window), shape = _spherical(job), job.shape
+    (data, window), shape = spherical(job), job.shape
     touches = (guessing.onsets(data, action) for action in np.unique(data.action))
     t, f = next(touch[0] for touch in touches if touch)
     guesses = job.first or guessing.first_guesses(data, shape, t, f)

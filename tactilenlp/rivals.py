@@ -1,4 +1,8 @@
-"""Ask for other sizes of what was touched on one face only, or on none.
+"""Ask for another past, and for other sizes of what was touched on one face or none.
+
+A search goes forward: what the first touches leave open is told by later ones, when
+the path is chosen already.  So the path is followed backward once more, from where it
+is well known, and the page solved from there.
 
 Pushes and friction make optima of an untouched size that look sharp: a thin body and a
 thick one can explain the same data, nats apart.  Where physics alone claims to know
@@ -12,6 +16,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from .extend import spherical
+from .guess import follow
 from .information import ENOUGH, TOUCHED, reduced_covariance
 from .race import raced
 from .result import poses, touched_faces
@@ -19,6 +25,9 @@ from .trial import opened
 
 CLAIMED = 0.5  # [prior deviations] a size less certain than this claims nothing
 NEAR = 6e-3  # [m] sizes this close to the best one's lead to the same optimum
+PASTS = 3  # actions that have a middle to go back from
+KNOWN_SIZE = 1e-4  # [m] deviation of sizes, where a path is followed backward
+KNOWN_POSE = np.r_[3e-4, 3e-4, 5e-3]  # [m, m, rad] and of the pose it starts from
 KNOWN = 3e-3  # [m] sizes this close to those of another hypothesis are known
 
 
@@ -27,9 +36,30 @@ def challenged(job, page, solved, options) -> list:
     if not (job.reductions.planar and solved[0].solution.success):
         return solved
     levels = opened(page.LEVELS, final=True)
-    rivals = raced(job, page, other_sizes(job, solved), options, levels, known=solved)
-    found = [*solved, *(s for s in rivals if s.solution.success)]
-    return sorted(found, key=lambda s: (not s.solution.success, s.solution.objective))
+    for proposed in (other_pasts, other_sizes):
+        rivals = raced(job, page, proposed(job, solved), options, levels, known=solved)
+        solved = [*solved, *(s for s in rivals if s.solution.success)]
+        solved = sorted(solved, key=lambda s: s.at.rank)
+    return solved
+
+
+def other_pasts(job, solved) -> list:
+    """Return the best hypothesis with its first half followed backward from the second.
+
+    Poses before the middle action, from its first one: size and pose are known there,
+    so every earlier touch moves the path as little as it can.
+    """
+    at, action = solved[0].at, job.data.action
+    actions = np.unique(action)
+    if len(actions) < PASTS:
+        return []
+    middle = int(np.argmax(action == actions[(len(actions) + 1) // 2]))
+    data, window = spherical(job)
+    z = np.r_[at.theta, at.x[:, middle]]
+    spread = np.diag(np.r_[np.full(len(at.theta), KNOWN_SIZE), KNOWN_POSE] ** 2)
+    given = data, window, job.shape, z[None], spread[None], np.ones(1)
+    _, path = follow(*given, np.arange(middle)[::-1])
+    return [replace(at, x=np.hstack([path[0][:, ::-1], at.x[:, middle:]]))]
 
 
 def other_sizes(job, solved) -> list:
