@@ -11,9 +11,10 @@ from matplotlib.figure import Figure
 
 from .checks import check_types
 from .errors import OptionError
-from .plotting import STYLE, draw_scene, draw_top, view_of
+from .plotting import draw_scene, draw_top, view_of
 from .progress import progress
 from .result import Estimate
+from .style import STYLE, check_axes
 
 WRITERS = {".gif": PillowWriter, ".mp4": FFMpegWriter}
 VIEWS = {"scene": draw_scene, "top": draw_top}
@@ -27,11 +28,12 @@ def animate(
     truth=None,
     every: int = 1,
     rate: float = 15.0,
+    axis=None,
 ) -> Figure:
     """Write a film of the motion, .gif (pillow) or .mp4 (ffmpeg); return its figure.
 
     view: "scene" (3-D) or "top".  every: samples from frame to frame [1]; rate: frames
-    per second [1/s].
+    per second [1/s]; axis: is drawn into, 3-D for "scene".
 
     Raises OptionError for another suffix or view, or where ffmpeg is not installed.
     """
@@ -53,9 +55,11 @@ def animate(
         got = f"every={every}, rate={rate}"
         raise OptionError("out of range", where="animate", got=got)
     with plt.rc_context(STYLE | {"figure.dpi": 100}):
-        figure = plt.figure(figsize=(4.6, 3.8))
         style = {"projection": "3d"} if view == "scene" else {}
-        axis = figure.add_subplot(**style)
+        if axis is None:
+            axis = plt.figure(figsize=(4.6, 3.8)).add_subplot(**style)
+        (axis,) = check_axes(axis, 1)
+        figure = axis.figure
         samples = range(0, len(estimate.position), every)
         box = view_of(estimate, samples)
         data = estimate.measurements

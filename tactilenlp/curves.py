@@ -1,6 +1,6 @@
 """Draw numbers with matplotlib: impulses, costs, progress, errors against actions.
 
-One style with `plotting`; every function returns the figure and draws into `axis` where
+Every function returns the figure and draws into `axis` where
 one is given.
 """
 
@@ -10,22 +10,23 @@ import matplotlib.pyplot as plt
 import numpy as np
 import trimesh
 from matplotlib.figure import Figure
+from scipy.spatial.transform import Rotation
 
 from .checks import check_types
 from .errors import OptionError
-from .plotting import (
-    BELOW,
+from .result import Estimate
+from .solution import Solution
+from .style import (
     FINGERS,
     INK,
     MM,
     STYLE,
     TOUCHED,
     UNTOUCHED,
+    below,
+    check_axes,
     picture,
-    rotations,
 )
-from .result import Estimate
-from .solution import Solution
 
 SIDES = (("x", "#0072B2", "o"), ("y", "#D55E00", "s"), ("z", "#009E73", "^"))
 LEAST = 1e-12  # what is zero is drawn there on logarithmic axes
@@ -41,10 +42,11 @@ def plot_impulses(estimate: Estimate, axis=None) -> Figure:
     if axis is None:
         figure = plt.figure(figsize=(7.0, 0.6 + 1.8 * data.fingers))
         axis = figure.subplots(data.fingers, sharex=True)
-    axes = np.resize(np.asarray(axis, dtype=object), data.fingers)
+    one = np.size(np.asarray(axis, dtype=object)) == 1
+    axes = check_axes(axis, 1) * data.fingers if one else check_axes(axis, data.fingers)
     shown = np.flatnonzero((data.contact & data.valid).any(axis=1))
     starts = np.flatnonzero(np.diff(data.action[shown], prepend=-1))
-    ticks = [f"{data.time[t]:.1f} s\naction {data.action[t]}" for t in shown[starts]]
+    ticks = [f"{data.time[t]:.1f}\n{data.action[t]}" for t in shown[starts]]
     mu, at = _friction(estimate), np.arange(len(shown))
     for finger, axis in enumerate(axes):
         normal, tangential = _parts(estimate, finger, shown)
@@ -57,7 +59,7 @@ def plot_impulses(estimate: Estimate, axis=None) -> Figure:
         axis.set_xticks(starts - 0.5, ticks, ha="left")
         axis.set_ylabel(f"finger {finger} [mN s]")
         axis.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3)
-    axes[-1].set_xlabel("time [s], samples with contact only")
+    axes[-1].set_xlabel("time [s] over action, where an action's contact begins")
     return axes[0].figure
 
 
@@ -78,7 +80,9 @@ def plot_costs(estimate: Estimate, axis=None) -> Figure:
 def plot_cones(estimate: Estimate, axis=None) -> Figure:
     """Draw the tangential against the normal part of every impulse of a finger.
 
-    Inside the shaded cone a contact sticks; on its edge it slides.
+    Inside the shaded cone a contact sticks; on its edge it slides.  The normal is that
+    of the nearest face: beside an edge, where a page has one between two faces, a point
+    may lie a little off.
     """
     axis = axis or plt.figure(figsize=(4.2, 3.4)).subplots()
     data, mu, most = estimate.measurements, _friction(estimate), 1e-3
@@ -124,7 +128,7 @@ def plot_progress(solved, axis=None) -> Figure:
     objective = progress["objective"][-1]
     axis.set(xlabel="iteration [1]", ylabel="size [see key]",
              title=f"{solved.status}, {objective:.2f} nats")  # fmt: skip
-    axis.legend(**BELOW)
+    axis.legend(**below(axis))
     return axis.figure
 
 
@@ -158,7 +162,7 @@ def plot_errors(estimates, truth=None, axis=None) -> Figure:
                           ms=5, label=f"side {name}: error")  # fmt: skip
     axis.set(xlabel="actions [1]", ylabel="of a side length [mm]")
     axis.xaxis.get_major_locator().set_params(integer=True)
-    axis.legend(**BELOW)
+    axis.legend(**below(axis))
     return axis.figure
 
 
@@ -169,7 +173,7 @@ def _friction(estimate) -> float:
 
 def _parts(estimate, finger, shown):
     """Return normal and tangential parts [mN s] of a finger's impulses at samples."""
-    R_ow = rotations(estimate.quaternion[shown]).inv()
+    R_ow = _rotations(estimate.quaternion[shown]).inv()
     p_wf = estimate.measurements.finger_position[shown, finger]
     p_of = R_ow.apply(p_wf - estimate.position[shown])
     body = trimesh.convex.convex_hull(estimate.vertices)
@@ -178,3 +182,7 @@ def _parts(estimate, finger, shown):
     impulse = R_ow.apply(estimate.impulses[f"finger {finger}"][shown]) * MM
     normal = -np.sum(impulse * n_o, axis=1)
     return normal, np.linalg.norm(impulse + normal[:, None] * n_o, axis=1)
+
+
+def _rotations(quaternion):
+    return Rotation.from_quat(np.roll(quaternion, -1, axis=-1))

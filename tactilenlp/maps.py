@@ -9,22 +9,27 @@ from matplotlib.figure import Figure
 from .checks import check_types
 from .choose import Choice
 from .expected import ExpectedInformation
-from .plotting import FINGERS, INK, MM, STYLE, _outline
+from .plotting import outline
+from .style import FINGERS, INK, MM, STYLE, below, check_axes
 
 ROOM = 35.0  # [mm] beside the object that is seen from above
 GRID = 33, 17  # directions by azimuth and declination, for each finger
 
 
 @plt.rc_context(STYLE)
-def plot_gain(estimate, choice: Choice) -> Figure:
+def plot_gain(estimate, choice: Choice, axis=None) -> Figure:
     """Draw the expected gain over the action sphere, and the chosen lines.
 
     Each finger's half is scanned while the other finger does what was chosen.  Left:
-    all directions; right: from above, with the object that is estimated.
+    all directions; right: from above, with the object that is estimated.  axis: these
+    two Axes, or one for the directions alone.
     """
     check_types(estimate=(estimate, "Estimate"), choice=(choice, Choice))
-    figure = plt.figure(figsize=(8.4, 3.6))
-    sphere, top = figure.subplots(1, 2, width_ratios=(1.6, 1))
+    if axis is None:
+        axis = plt.figure(figsize=(8.4, 3.6)).subplots(1, 2, width_ratios=(1.6, 1))
+    one = np.size(np.asarray(axis, dtype=object)) == 1
+    sphere, *top = check_axes(axis, 1 if one else 2)
+    figure = sphere.figure
     space, fingers = choice.action.workspace, choice.action.workspace.fingers
     expected = ExpectedInformation(estimate, space)
     gains = [_scan(expected, choice, finger) for finger in range(fingers)]
@@ -42,7 +47,8 @@ def plot_gain(estimate, choice: Choice) -> Figure:
                         textcoords="offset points", ha="center")  # fmt: skip
     sphere.set(xlabel="azimuth [deg]", ylabel="declination [deg]",
                title=f"Chosen: {choice.gain:.1f} nats")  # fmt: skip
-    _draw_lines(top, estimate, choice.action, expected)
+    for beside in top:
+        _draw_lines(beside, estimate, choice.action, expected)
     return figure
 
 
@@ -70,7 +76,7 @@ def _draw_lines(axis, estimate, action, expected) -> None:
     turn, centre = np.array([[c, -s], [s, c]]), expected.target[:2]
     then = (now[:, :2] - centre) @ turn.T + centre + motion[:2]
     for points, style, words in ((now, "-", "estimate"), (then, ":", "expected then")):
-        axis.plot(*_outline(points * MM).T, style, color=INK, label=words)
+        axis.plot(*outline(points * MM).T, style, color=INK, label=words)
     for finger in range(way.shape[1]):
         colour = FINGERS[finger % len(FINGERS)]
         axis.plot(*way[:, finger, :2].T, color=colour, label=f"finger {finger}")
@@ -83,4 +89,4 @@ def _draw_lines(axis, estimate, action, expected) -> None:
     )
     axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal",
              xlabel="x [mm]", ylabel="y [mm]", title="From above")  # fmt: skip
-    axis.figure.legend(loc="outside lower right", ncols=4)
+    axis.legend(**below(axis))

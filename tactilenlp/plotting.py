@@ -2,10 +2,9 @@
 
 Blue was touched, grey was not, a dashed line is the truth, each finger has a colour.
 Every function returns the figure and draws into `axis` where one is given.  `truth`, a
-dict or dataclass, has position, quaternion (wxyz) and side_lengths like an Estimate.
+dict or dataclass, has position, quaternion (wxyz) and side_lengths, or vertices, like
+an Estimate.
 """
-
-from functools import wraps
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -16,20 +15,23 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from .checks import check_types
-from .information import ENOUGH
+from .faces import faces_of
 from .result import Estimate
+from .style import (
+    BAND,
+    FINGERS,
+    INK,
+    MM,
+    TOUCHED,
+    TRUTH,
+    UNTOUCHED,
+    below,
+    check_axes,
+    picture,
+    with_key,
+)
 from .surface import KNOWN, UNKNOWN, face_sigma, information_colour, polygons
 
-# Colours that the colour-blind tell apart (Okabe and Ito, "Color Universal Design").
-TOUCHED, UNTOUCHED, BAND, TRUTH = "#0072B2", "#B5B5B5", "#56B4E9", "#D55E00"
-INK, FINGERS = "#333333", ("#009E73", "#CC79A7", "#E69F00", "#F0E442")
-STYLE = {
-    "font.size": 8, "legend.fontsize": 8, "legend.frameon": False, "figure.dpi": 150,
-    "axes.spines.top": False, "axes.spines.right": False, "axes3d.grid": False,
-    "axes.titlesize": 9, "axes.xmargin": 0.01, "figure.constrained_layout.use": True,
-}  # fmt: skip
-MM = 1e3  # [mm / m], also [mN s / N s]
 ROOM = np.array([26.0, 26.0, 22.0])  # [mm] beside and above the object: a fingertip
 ARROW, GRID = 7.0, 10.0  # [mm] length of a normal, spacing of the ground's lines
 ELEVATION, AZIMUTH = 28.0, -58.0  # [deg] from where a scene is seen
@@ -39,20 +41,8 @@ LABEL = {
     "ha": "center", "va": "center", "fontsize": 7,
     "bbox": {"boxstyle": "round,pad=0.2", "fc": "w", "ec": "none", "alpha": 0.8},
 }  # fmt: skip
-BELOW = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.12), "ncols": 2}
+WORTH = 100.0  # [mm^2] a face seen this large has room for a label
 WORDS, SIGMA = {True: "face touched", False: "face not touched"}, "±1σ of each face"
-
-
-def picture(draw):
-    """Return a function that draws an Estimate in our style, and nothing else."""
-
-    @wraps(draw)
-    def styled(estimate, *arguments, **named):
-        check_types(estimate=(estimate, Estimate))
-        with plt.rc_context(STYLE):
-            return draw(estimate, *arguments, **named)
-
-    return styled
 
 
 @picture
@@ -61,7 +51,7 @@ def plot_scene(estimate: Estimate, sample: int = -1, truth=None, axis=None) -> F
     axis = axis or plt.figure(figsize=(4.6, 3.6)).add_subplot(projection="3d")
     draw_scene(axis, estimate, sample, truth, view_of(estimate, [sample]))
     axis.set_title(_when(estimate.measurements, sample))
-    return with_key(axis, axis, **BELOW)
+    return with_key(axis, axis, **below(axis))
 
 
 @picture
@@ -74,7 +64,7 @@ def plot_top(estimate: Estimate, sample: int = -1, truth=None, axis=None) -> Fig
     """
     axis = axis or plt.figure(figsize=(4.5, 4.9)).subplots()
     draw_top(axis, estimate, sample, truth, view_of(estimate, [sample]))
-    return with_key(axis, axis, **BELOW)
+    return with_key(axis, axis, **below(axis))
 
 
 @picture
@@ -92,7 +82,7 @@ def plot_information(estimate: Estimate, axis=None, key: bool = True) -> Figure:
         place = (points[corners] @ R_wo.T + estimate.position[-1]) * MM
         colour = information_colour(sigma) / 255
         draw_seen(axis, [(place, R_wo @ n_o)], [colour], INK, 4, shade=False)
-        if R_wo @ n_o @ EYE > 0:
+        if _extent(place, R_wo @ n_o) > WORTH:
             words = f"{sigma * MM:.2g} mm" if sigma < UNKNOWN else "unknown"
             axis.text(*place.mean(axis=0), words, zorder=9, **LABEL)
     for colour, seen, _, _ in _touches(estimate, -1):
@@ -104,40 +94,56 @@ def plot_information(estimate: Estimate, axis=None, key: bool = True) -> Figure:
     )
     if key:
         axis.figure.colorbar(
-            bar, ax=axis, shrink=0.6, label="deviation of a face [mm]", extend="both"
-        ).ax.invert_yaxis()
+            bar, ax=axis, shrink=0.6, pad=0.12, extend="both",
+            label="deviation of a face [mm]",
+        ).ax.invert_yaxis()  # fmt: skip
     axis.set_title("What is known of each face")
     return axis.figure
 
 
 @picture
-def plot_estimate(estimate: Estimate, truth=None) -> Figure:
-    """Draw the first and the last sample side by side, from above and in 3-D."""
-    figure, view = plt.figure(figsize=(7.0, 6.6)), view_of(estimate, [0, -1])
-    figure.suptitle(estimate.summary().partition("\n")[0].replace(" at (", "\nat ("))
+def plot_estimate(estimate: Estimate, truth=None, axis=None) -> Figure:
+    """Draw the first and the last sample side by side, from above and in 3-D.
+
+    axis: four Axes, from above of the first and the last sample, then in 3-D of both.
+    """
+    view = view_of(estimate, [0, -1])
+    axes = _four_axes(estimate) if axis is None else check_axes(axis, 4)
+    alone = " (band: sizes alone)" if estimate.shape == "cuboid" else ""
+    words = f"First sample: {{}}{alone}", "Last sample: {}"
+    for k, (title, sample) in enumerate(zip(words, (0, -1), strict=True)):
+        draw_top(axes[k], estimate, sample, truth, view)
+        axes[k].set_title(title.format(axes[k].get_title()))
+        draw_scene(axes[k + 2], estimate, sample, truth, view)
+    if axis is not None:
+        return with_key(axes[0], axes[0], **below(axes[0]))
+    return with_key(axes[0].figure, axes[0], loc="outside lower center", ncols=3)
+
+
+def _four_axes(estimate) -> list:
+    """Return the axes of a figure of its own, two flat and two in 3-D."""
+    figure = plt.figure(figsize=(7.0, 6.6))
+    said = estimate.summary().partition("\n")[0]
+    figure.suptitle(said.replace(" at (", "\nat (").replace(", turned", ",\nturned"))
     figure.get_layout_engine().set(rect=(0, 0.012, 0.965, 0.988))  # 3-D labels
     solid = {("c", "d"): {"projection": "3d"}}
-    axes = figure.subplot_mosaic("ab;cd", height_ratios=(1.5, 1), per_subplot_kw=solid)
-    words = "First sample: {} (band: sizes alone)", "Last sample: {}"
-    for (top, below), title, sample in zip(("ac", "bd"), words, (0, -1), strict=True):
-        draw_top(axes[top], estimate, sample, truth, view)
-        axes[top].set_title(title.format(axes[top].get_title()))
-        draw_scene(axes[below], estimate, sample, truth, view)
-    return with_key(figure, axes["a"], loc="outside lower center", ncols=3)
+    ratios = {"height_ratios": (1.5, 1), "per_subplot_kw": solid}
+    return [*figure.subplot_mosaic("ab;cd", **ratios).values()]
 
 
 def draw_top(axis, estimate, sample, truth, view) -> None:
     """Draw a sample from above into an axis that shows the box `view` (2, 3) [mm]."""
-    data, (faces, spread) = estimate.measurements, _faces(estimate, sample)
-    for corners, normal, touched in (face for face in faces if face[1][2] > -1e-6):
-        side, colour = normal[2] < 0.5, TOUCHED if touched else UNTOUCHED
-        axis.fill(*corners[:, :2].T, fc=(colour, 0.25), ec=colour, lw=1 + side,
-                  zorder=2 + side, label=WORDS[touched])  # fmt: skip
-    ring = np.concatenate([_outline(spread[0]), _outline(spread[1])[::-1]])
-    axis.fill(*ring.T, fc=(BAND, 0.5), lw=0, zorder=2.5, label=SIGMA)
+    data, (faces, spread) = estimate.measurements, faces_of(estimate, sample)
+    for face in (face for face in faces if face.normal[2] > -1e-6):
+        side, colour = face.normal[2] < 0.5, TOUCHED if face.touched else UNTOUCHED
+        axis.fill(*face.corners[:, :2].T, fc=(colour, 0.25), ec=colour, lw=1 + side,
+                  zorder=2 + side, label=WORDS[face.touched])  # fmt: skip
+    if spread is not None:
+        ring = np.concatenate([outline(spread[0]), outline(spread[1])[::-1]])
+        axis.fill(*ring.T, fc=(BAND, 0.5), lw=0, zorder=2.5, label=SIGMA)
     if truth is not None:
-        outline = _outline(_true_corners(truth, sample))
-        axis.plot(*outline.T, "--", color=TRUTH, lw=1.3, zorder=6, label="truth")
+        true = outline(_true_corners(truth, sample))
+        axis.plot(*true.T, "--", color=TRUTH, lw=1.3, zorder=6, label="truth")
     during = data.action == data.action[sample]
     for finger, (colour, points, normals, now) in enumerate(_touches(estimate, sample)):
         path = data.finger_position[:, finger] * MM
@@ -156,13 +162,14 @@ def draw_top(axis, estimate, sample, truth, view) -> None:
 
 def draw_scene(axis, estimate, sample, truth, view) -> None:
     """Draw a sample in 3-D into an axis that shows the box `view` (2, 3) [mm]."""
-    data, (faces, spread) = estimate.measurements, _faces(estimate, sample)
+    data, (faces, spread) = estimate.measurements, faces_of(estimate, sample)
     _frame(axis, estimate, view)
-    for corners, normal, touched in (face for face in faces if face[1] @ EYE > 0):
-        colour = TOUCHED if touched else UNTOUCHED
-        draw_seen(axis, [(corners, normal)], colour, INK, 4, label=WORDS[touched],
-                   shade=True, lightsource=LIGHT)  # fmt: skip
-    draw_seen(axis, _polygons(spread[0]), (BAND, 0.12), BAND, 5, label=SIGMA)
+    for face in (face for face in faces if face.normal @ EYE > 0):
+        colour = TOUCHED if face.touched else UNTOUCHED
+        draw_seen(axis, [(face.corners, face.normal)], colour, INK, 4, shade=True,
+                  lightsource=LIGHT, label=WORDS[face.touched])  # fmt: skip
+    if spread is not None:
+        draw_seen(axis, _polygons(spread[0]), (BAND, 0.12), BAND, 5, label=SIGMA)
     if truth is not None:
         true = _polygons(_true_corners(truth, sample))
         draw_seen(axis, true, "none", TRUTH, 6, ls="--", label="truth")
@@ -176,7 +183,7 @@ def draw_scene(axis, estimate, sample, truth, view) -> None:
         )  # fmt: skip
         centre = data.finger_position[sample, finger] * MM
         if np.all((centre > view[0]) & (centre < view[1])):  # 3-D axes do not clip
-            near = max(faces, key=lambda face: face[1] @ (centre - face[0][0]))[1]
+            near = max(faces, key=lambda f: f.normal @ (centre - f.corners[0])).normal
             ball = trimesh.creation.icosphere(3, data.finger_radius[finger] * MM)
             axis.plot_trisurf(
                 *(ball.vertices + centre).T, triangles=ball.faces, color=colour, lw=0,
@@ -211,36 +218,10 @@ def draw_seen(axis, polygons, face, edge, order, **style) -> None:
     axis.add_collection3d(Poly3DCollection(seen, **style))
 
 
-def _faces(estimate, sample):
-    """Return corners, normal, touched or not of each face; all corners +-1 sigma."""
-    R_wo, p_wo = estimate.rotation(sample), estimate.position[sample] * MM
-    known = estimate.faces >= ENOUGH
-    known[2, 0] |= estimate.scene.ground is not None
-    sides, half = np.sign(estimate.vertices), estimate.side_lengths / 2 * MM
-    sigma = np.minimum(_face_sigma(estimate, sample, known) * MM, ROOM[0])
-    out = np.where(sides < 0, *sigma.T)
-    spread = [sides * np.maximum(half + s, 0.02 * half) for s in (out, -out)]
-    faces = []
-    for corners, n_o in _polygons(estimate.vertices * MM):
-        touched = bool(known[np.argmax(abs(n_o)), int(n_o.sum() > 0)])
-        faces.append((corners @ R_wo.T + p_wo, R_wo @ n_o, touched))
-    return faces, [corners @ R_wo.T + p_wo for corners in spread]
-
-
-def _face_sigma(estimate, sample, known) -> np.ndarray:
-    """Return the standard deviation of each face along its normal, (3, 2) [m].
-
-    At the last sample of n' p + side / 2; else of the side, on the face not touched.
-    """
-    information = estimate.information
-    if range(len(estimate.position))[sample] < len(estimate.position) - 1:
-        share = np.where(known.sum(axis=1, keepdims=True) == 1, ~known, 0.5)
-        return information.sigma("side_lengths")[:, None] * share
-    along = estimate.rotation().T @ information.maps["position"]
-    J = np.stack([-along, along], 1) + information.maps["side_lengths"][:, None] / 2
-    C = information.spread
-    variance = np.einsum("asj,jk,ask->as", J, C, J)
-    return np.sqrt(np.where(variance < 0, np.inf, variance))
+def _extent(corners, normal) -> float:
+    """Return the area [mm^2] that the eye sees of a flat face; below 0 from behind."""
+    turned = np.cross(corners - corners[0], np.roll(corners, -1, axis=0) - corners[0])
+    return np.linalg.norm(turned.sum(axis=0)) / 2 * (normal @ EYE)
 
 
 def _polygons(points):
@@ -249,24 +230,27 @@ def _polygons(points):
         yield points[corners], normal
 
 
-def _outline(corners) -> np.ndarray:
+def outline(corners) -> np.ndarray:
     """Return the closed outline (k, 2) of corners (n, 3) seen from above."""
     ring = ConvexHull(corners[:, :2]).vertices
     return corners[np.append(ring, ring[0]), :2]
 
 
 def _true_corners(truth, sample) -> np.ndarray:
-    """Return the corners (8, 3) [mm] of the true cuboid at a sample, world frame."""
+    """Return the corners (n, 3) [mm] of the true body at a sample, world frame."""
     truth = truth if isinstance(truth, dict) else vars(truth)
     p_wo, quaternion = (np.atleast_2d(truth[k]) for k in ("position", "quaternion"))
     now = sample if len(p_wo) > 1 else 0
-    corners = (np.indices((2, 2, 2)).reshape(3, -1).T - 0.5) * truth["side_lengths"]
-    return MM * (rotations(quaternion[now]).apply(corners) + p_wo[now])
+    corners = truth.get("vertices")
+    if corners is None:
+        corners = np.indices((2, 2, 2)).reshape(3, -1).T - 0.5
+        corners = corners * truth["side_lengths"]
+    return MM * (_rotations(quaternion[now]).apply(corners) + p_wo[now])
 
 
 def _touches(estimate, sample):
     """Yield by finger: colour; contacts carried to a sample [mm], normals, if now."""
-    data, R_wo = estimate.measurements, rotations(estimate.quaternion)
+    data, R_wo = estimate.measurements, _rotations(estimate.quaternion)
     for finger, radius in enumerate(data.finger_radius):
         t = np.flatnonzero(data.contact[:, finger] & data.valid[:, finger])
         carry, n_w = R_wo[sample] * R_wo[t].inv(), data.normal[t, finger]
@@ -276,7 +260,7 @@ def _touches(estimate, sample):
         yield FINGERS[finger % len(FINGERS)], points, carry.apply(n_w), now
 
 
-def rotations(quaternion):
+def _rotations(quaternion):
     return Rotation.from_quat(np.roll(quaternion, -1, axis=-1))
 
 
@@ -289,10 +273,3 @@ def view_of(estimate, samples) -> np.ndarray:
     points = np.concatenate([estimate.mesh(sample).vertices for sample in samples]) * MM
     below = ROOM * (1, 1, estimate.scene.ground is None)
     return np.stack([points.min(axis=0) - below, points.max(axis=0) + ROOM])
-
-
-def with_key(owner, axis, **where):
-    """Give a figure or an axis one legend, with every label once; return the figure."""
-    entries = dict(zip(*axis.get_legend_handles_labels()[::-1], strict=True))
-    owner.legend(entries.values(), entries, **where)
-    return axis.figure

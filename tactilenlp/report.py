@@ -145,6 +145,7 @@ def _sigma(estimate) -> list[list[str]]:
         for axis, value, s in zip(AXES, values, information.sigma(name), strict=True):
             words = f"± {s * factor:.2f} {unit}" if np.isfinite(s) else "not known"
             words = "fixed by a reduction" if np.isnan(s) else words
+            words = "none: a hull's axes are the world's" if s == 0.0 else words
             if name != "rotation":
                 words = f"{value * factor:.2f} {words}"
             rows.append([f"{WORDS[name]} {axis}", words])

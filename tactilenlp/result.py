@@ -160,6 +160,8 @@ class Estimate:
         w, x, y, z = self.quaternion[-1]
         yaw = np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
         off = np.degrees(np.nanmax(self.information.sigma("rotation")))
+        if off == 0.0:  # a hull has no axes of its own
+            return "its axes those of the world"
         if off > UNKNOWN_TURN:
             return "turned no one knows how"
         return f"turned by {yaw:.2f} ± {off:.2f} deg about the vertical"

@@ -48,3 +48,22 @@ def estimate(recorded):
 
     data, scene, _ = recorded
     return solve_estimate(data.select(range(3)), scene)
+
+
+@pytest.fixture(scope="session")
+def touched(recorded):
+    """The estimate of two actions, after which some faces are still untouched."""
+    from tactilenlp import solve_estimate
+
+    data, scene, _ = recorded
+    return solve_estimate(data.select(range(2)), scene)
+
+
+@pytest.fixture
+def truth(recorded, touched):
+    file = recorded[2]
+    return {
+        "position": file["object_position"][: touched.measurements.samples],
+        "quaternion": file["object_quaternion"][: touched.measurements.samples],
+        "side_lengths": file["side_lengths"],
+    }

@@ -29,3 +29,13 @@ def test_the_map_of_gains_marks_the_chosen_action(estimate, monkeypatch):
     assert np.isfinite(drawn).all()
     assert (drawn >= 0).all()
     assert f"{choice.gain:.1f}" in sphere.get_title()
+
+
+def test_the_map_is_drawn_into_one_axis_or_two(estimate, monkeypatch):
+    monkeypatch.setattr(maps, "GRID", (3, 2))
+    choice = choose_action(estimate, budget=20)
+    figure, axes = plt.subplots(1, 2)
+    assert plot_gain(estimate, choice, axis=axes) is figure
+    assert all(axis.has_data() for axis in axes)
+    alone, axis = plt.subplots()
+    assert plot_gain(estimate, choice, axis=axis) is alone

@@ -10,18 +10,13 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from conftest import RECORDED
 from matplotlib.figure import Figure
 
-from tactilenlp import Ground, solve_estimate
-from tactilenlp.animation import animate
-from tactilenlp.curves import (
-    plot_cones,
-    plot_costs,
-    plot_errors,
-    plot_impulses,
-    plot_progress,
-)
-from tactilenlp.errors import OptionError, TactileError
+from tactilenlp import Ground, Measurements, Scene, solve_estimate
+from tactilenlp.curves import plot_cones, plot_costs, plot_impulses, plot_progress
+from tactilenlp.errors import OptionError
+from tactilenlp.faces import faces_of
 from tactilenlp.plotting import plot_estimate, plot_information, plot_scene, plot_top
 from tactilenlp.surface import face_sigma, polygons
 
@@ -30,23 +25,6 @@ NUMBERS = (plot_impulses, plot_costs, plot_cones, plot_progress)
 PLOTS = (plot_scene, plot_top, plot_estimate, plot_information, *NUMBERS)
 SOLID = (plot_scene, plot_information)
 BAND = "±1σ of each face"
-
-
-@pytest.fixture(scope="session")
-def touched(recorded):
-    """The estimate of two actions, after which some faces are still untouched."""
-    data, scene, _ = recorded
-    return solve_estimate(data.select(range(2)), scene)
-
-
-@pytest.fixture
-def truth(recorded, touched):
-    file = recorded[2]
-    return {
-        "position": file["object_position"][: touched.measurements.samples],
-        "quaternion": file["object_quaternion"][: touched.measurements.samples],
-        "side_lengths": file["side_lengths"],
-    }
 
 
 @pytest.fixture(autouse=True)
@@ -121,13 +99,6 @@ def test_a_given_axis_is_drawn_into_and_no_other(plot, touched):
     assert axis.has_data()
     assert not other.has_data()
     figure.canvas.draw()
-
-
-def test_each_finger_gets_the_axis_given_for_it(touched):
-    axes = plt.figure().subplots(touched.measurements.fingers)
-    plot_impulses(touched, axis=axes)
-    words = [axis.get_ylabel() for axis in axes]
-    assert words == [f"finger {k} [mN s]" for k in range(len(axes))]
 
 
 @pytest.mark.parametrize("sample", [0, 17, -1])
@@ -213,62 +184,6 @@ def test_a_scene_without_ground_has_no_ground_and_a_tilted_one_is_tilted(touched
     assert bare.axes[0].get_zlim()[0] < 0
 
 
-def test_parts_of_an_impulse_add_up_to_it(touched):
-    data = touched.measurements
-    figure = plot_impulses(touched)
-    shown = data.contact.any(axis=1)
-    for finger, axis in enumerate(figure.axes):
-        normal = np.array([bar.get_height() for bar in axis.patches])
-        (dots,) = labelled(axis, "tangential")
-        total = np.linalg.norm(touched.impulses[f"finger {finger}"][shown], axis=1) * MM
-        np.testing.assert_allclose(np.hypot(normal, dots.get_ydata()), total, atol=1e-9)
-        assert (normal >= -1e-6).all()  # a finger pushes, it does not pull
-
-
-def test_an_unknown_friction_is_read_from_the_estimate(touched):
-    scene = replace(touched.scene, friction_finger=None)
-    unknowns = touched.unknowns | {"finger friction": np.array([[0.37]])}
-    axis = plot_impulses(replace(touched, scene=scene, unknowns=unknowns)).axes[0]
-    assert labelled(axis, "friction cone: 0.37 × normal")
-
-
-def test_costs_add_up_to_the_objective(touched):
-    bars = plot_costs(touched).axes[0].patches
-    total = sum(bar.get_width() for bar in bars)
-    assert total == pytest.approx(touched.objective, rel=1e-9)
-
-
-def test_a_shape_without_side_lengths_is_refused_with_words(touched):
-    with pytest.raises(TactileError, match="only a cuboid"):
-        plot_top(replace(touched, shape="polytope"))
-
-
-def test_impulses_lie_in_their_cone_and_none_is_lost(touched):
-    (axis,) = plot_cones(touched).axes
-    points = [np.asarray(dots.get_offsets()) for dots in axis.collections[:2]]
-    normal, tangential = np.concatenate(points).T
-    mu = touched.scene.friction_finger
-    # The cone's apex is rounded over 0.003 weights of 0.5 kg in 1/30 s.
-    assert (tangential <= mu * normal + 0.003 * 0.5 * 9.81 / 30 * MM).all()
-    data = touched.measurements
-    shown = data.contact.any(axis=1)
-    pushes = [touched.impulses[f"finger {k}"][shown] for k in range(data.fingers)]
-    largest = np.linalg.norm(np.concatenate(pushes), axis=1).max() * MM
-    assert np.hypot(normal, tangential).max() == pytest.approx(largest)
-
-
-def test_progress_ends_at_the_solution_and_has_every_iteration(touched):
-    progress = touched.progress
-    # IPOPT also says where it starts: one line more than iterations, in each level.
-    levels = len(touched.iterations_by_level)
-    assert len(progress["level"]) == touched.iterations + levels
-    assert progress["objective"][-1] == pytest.approx(touched.objective, abs=1e-3)
-    assert progress["dual"][-1] < 1e-4
-    assert (progress["barrier"] > 0).all()
-    with pytest.raises(OptionError, match="no iteration"):
-        plot_progress(replace(touched, progress={}))
-
-
 def test_a_well_known_face_is_red_and_says_how_well(touched):
     axis = plot_information(touched).axes[0]
     words = {text.get_text() for text in axis.texts}
@@ -277,55 +192,51 @@ def test_a_well_known_face_is_red_and_says_how_well(touched):
     assert len(polygons(touched.vertices)) == 6
 
 
-def test_errors_and_sigma_shrink_with_actions(touched, estimate, truth):
-    (axis,) = plot_errors([touched, estimate], truth).axes
-    lines = {line.get_label(): line.get_xydata() for line in axis.lines}
-    np.testing.assert_array_equal(lines["side x: predicted ±1σ"][:, 0], [2, 3])
-    sigma = estimate.information.sigma("side_lengths") * MM
-    for k, name in enumerate("xyz"):
-        predicted = lines[f"side {name}: predicted ±1σ"]
-        assert predicted[1, 1] == pytest.approx(sigma[k])
-        assert predicted[1, 1] < 1.05 * predicted[0, 1]
-        assert (lines[f"side {name}: error"][:, 1] < 4 * predicted[:, 1]).all()
-    assert len(plot_errors([touched]).axes[0].lines) == 3
-    with pytest.raises(OptionError, match="nothing to draw"):
-        plot_errors([])
+@pytest.fixture(scope="module")
+def hull():
+    """A polytope after two actions: least motion is enough for a picture."""
+    file = RECORDED.with_name("polytope.npz")
+    data = Measurements.load(file).select(range(2))
+    how = {"shape": "polytope", "formulation": "quasi_static", "throw": False}
+    return solve_estimate(data, Scene.load(file), **how)
 
 
-@pytest.mark.parametrize("view", ["scene", "top"])
-def test_a_film_has_a_frame_for_every_sample_asked_for(touched, truth, tmp_path, view):
-    from PIL import Image
-
-    path = tmp_path / "film.gif"
-    figure = animate(touched, path, view=view, truth=truth, every=20)
-    assert isinstance(figure, Figure)
-    with Image.open(path) as film:
-        assert film.n_frames == -(-touched.measurements.samples // 20)
-        first = np.asarray(film.convert("RGB"), int)
-        film.seek(film.n_frames - 1)
-        assert (first != np.asarray(film.convert("RGB"), int)).sum() > 1000
+@pytest.mark.parametrize("plot", PLOTS)
+def test_a_polytope_is_drawn_as_well(plot, hull):
+    figure = plot(hull)  # warnings are errors in all tests
+    figure.canvas.draw()
+    ink = np.asarray(figure.canvas.buffer_rgba())[..., :3].min(axis=2) < 250
+    assert ink.mean() > 0.005
+    for sample in (0, -1):
+        faces, band = faces_of(hull, sample)
+        corners = np.concatenate([*(face.corners for face in faces), *band])
+        assert np.isfinite(corners).all()
 
 
-@pytest.mark.parametrize(
-    ("name", "change", "word"),
-    [
-        ("film.avi", {}, "gif"),
-        ("film.gif", {"view": "below"}, "view"),
-        ("film.gif", {"every": 0}, "every=0"),
-    ],
-)
-def test_a_film_that_cannot_be_made_is_refused(touched, tmp_path, name, change, word):
-    with pytest.raises(OptionError, match=word):
-        animate(touched, tmp_path / name, **change)
-    assert not any(tmp_path.iterdir())
+def test_the_band_of_a_polytope_lies_about_its_outline(hull):
+    axis = plot_top(hull).axes[0]
+    (band,) = labelled(axis, BAND)
+    reach = np.ptp(hull.mesh().vertices[:, :2], axis=0) * MM
+    assert (np.ptp(band.get_xy(), axis=0) > reach).all()
+    assert labelled(axis, "face touched")
+    assert labelled(axis, "face not touched")  # two actions do not meet them all
 
 
-def test_without_ffmpeg_an_mp4_is_refused_with_a_way_out(touched, tmp_path):
-    from matplotlib.animation import FFMpegWriter
+def test_the_truth_of_a_polytope_are_its_vertices(hull):
+    truth = {"position": hull.position, "quaternion": hull.quaternion}
+    axis = plot_top(hull, truth=truth | {"vertices": hull.vertices}).axes[0]
+    (line,) = labelled(axis, "truth")
+    reach = np.ptp(hull.mesh().vertices[:, :2], axis=0) * MM
+    assert np.ptp(line.get_xydata(), axis=0) == pytest.approx(reach)
 
-    if FFMpegWriter.isAvailable():
-        animate(touched, tmp_path / "film.mp4", every=20)
-        assert (tmp_path / "film.mp4").stat().st_size > 1000
-    else:
-        with pytest.raises(OptionError, match="ffmpeg"):
-            animate(touched, tmp_path / "film.mp4")
+
+def test_four_axes_of_ones_own_are_drawn_into(touched):
+    figure = plt.figure()
+    axes = [figure.add_subplot(2, 2, k) for k in (1, 2)]
+    axes += [figure.add_subplot(2, 2, k, projection="3d") for k in (3, 4)]
+    assert plot_estimate(touched, axis=axes) is figure
+    assert all(axis.has_data() for axis in axes)
+    with pytest.raises(OptionError, match="expected 4 matplotlib Axes, got 1 things"):
+        plot_estimate(touched, axis=axes[0])
+    with pytest.raises(OptionError, match="expected 2 matplotlib Axes"):
+        plot_impulses(touched, axis=axes)
