@@ -22,8 +22,10 @@ from __future__ import annotations
 import casadi as ca
 
 from . import sensing
+from .finger_offset import displaced
 from .level import Level
 
+OFFSETS = True  # of fingers may be unknown
 LEVELS = (
     Level(
         "coarse",
@@ -49,6 +51,7 @@ WEIGHT = 300.0  # [nats / m] price of motion
 
 def build(nlp, window, scene, shape):
     """Fill `nlp` with what was felt, and least motion."""
+    window = displaced(nlp, window, scene)
     theta, x = sense(nlp, window, shape)
     least_motion(nlp, window, shape, theta, x)
 

@@ -15,6 +15,7 @@ Departures from the printed equations, named:
   dissipation              v_s lam_n mu |v_s| instead of lam_n |v_s|^2: the printed form
                            is no power, and is not zero where friction opposes sliding
   depth                    felt fingers sit a common, unknown way inside the surface
+  offset                   of a finger from where it says, unknown: see finger_offset.py
   |v_s|, cone apex         rounded (STILL, ROUND), else no second derivative at rest
   complementarity          of a felt finger is the touch cost; of the ground in planar
                            motion it holds by construction, else lam_n z is an exact
@@ -37,11 +38,13 @@ import casadi as ca
 
 from . import finger_contact, ground_contact, quasi_static
 from .finger_contact import FingerContact
+from .finger_offset import displaced
 from .friction import cone, friction, impulses
 from .ground_contact import GroundContact
 from .level import Level
 from .rigid_body import momentum_change
 
+OFFSETS = True  # of fingers may be unknown
 LEVELS = (
     Level(
         "impulses",
@@ -90,6 +93,7 @@ WEIGHTS = {  # parameters, each with its unit
 
 def build(nlp, window, scene, shape):
     """Fill `nlp` with eq:vimp: what was felt, then the physics of every step."""
+    window = displaced(nlp, window, scene)
     theta, x = felt(nlp, window, shape)
     for name, (value, unit) in WEIGHTS.items():
         nlp.parameter(name, value, unit)

@@ -161,9 +161,13 @@ def _positive_definite(M) -> bool:
 
 
 def _lowest(M) -> np.ndarray:
-    """Return the unit eigenvector of the smallest eigenvalue."""
+    """Return the unit eigenvector of the smallest eigenvalue, which is negative."""
     if M.shape[0] <= DENSE:
         return np.linalg.eigh(M.toarray())[1][:, 0]
     from scipy.sparse.linalg import eigsh
 
-    return eigsh(M, k=1, which="SA", v0=np.ones(M.shape[0]))[1][:, 0]
+    below, one = -1.0, sp.identity(M.shape[0], format="csc")
+    while not _positive_definite(M - below * one):
+        below *= 2.0
+    # Next to the shift only the lowest is left: Lanczos alone takes thousands of steps.
+    return eigsh(M, k=1, sigma=below, v0=np.ones(M.shape[0]))[1][:, 0]

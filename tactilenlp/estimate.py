@@ -26,6 +26,7 @@ from .reduce import Reductions, flat, insisted
 from .request import (
     carried,
     check_importable,
+    check_offset,
     check_plane,
     check_touched,
     first_guess,
@@ -83,6 +84,7 @@ def solve_estimate(
     shape = shape_of(shape)
     page = page_of(formulation, shape)
     check_plane(page, scene)
+    check_offset(page, scene)
     if executor is not None:
         check_importable(page)
     scene.check(data)

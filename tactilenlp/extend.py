@@ -17,7 +17,7 @@ from . import guess as guessing
 from .fingertip import as_spheres
 from .hypothesis import Hypothesis, Job
 from .reduce import reduce
-from .trial import posed
+from .trial import posed, started
 
 WEAK = {"motion weight": 100.0}  # [nats/m] a third of the page's: guesses stay put
 KICKS = 2  # directions in which a hypothesis is least certain, tried both ways
@@ -39,17 +39,21 @@ def extensions(job: Job, kept: list[Hypothesis]) -> list[Hypothesis]:
     proposed = []
     for h, P, along in _posteriors(replace(job, data=earlier), kept):
         end = h.end
-        end[2] = guessing.height(data, job.shape, end[2])
+        end[2] = guessing.height(h.seen(data), job.shape, end[2])
         guesses = [("on", end, 1.0), ("straight", end, STRAIGHT)]
         guesses += [(f"kick {i}", end + d, 1.0) for i, d in enumerate(_kicks(P))]
         n = len(h.theta)
-        args = (data, window, job.shape, end[:n], end[n:], data.action[-1])
+        args = (h.seen(data), window, job.shape, end[:n], end[n:], data.action[-1])
         for name, theta, x in guessing.realigned(*args):
             guesses.append((name, np.r_[theta, x], 1.0))
         proposed += [(h, along, name, z, P, turning) for name, z, turning in guesses]
     hs, alongs, names, *guesses = zip(*proposed, strict=True)
     given = data, window, job.shape
-    z, tails = guessing.follow(*given, *(np.array(g) for g in guesses), new)
+    offsets = [
+        np.zeros((3, data.fingers)) if h.offset is None else h.offset for h in hs
+    ]
+    guesses = [np.array(g) for g in guesses]
+    z, tails = guessing.follow(*given, *guesses, new, np.array(offsets))
     ends = zip(hs, alongs, names, z, tails, strict=True)
     return [_continued(*end) for end in ends]
 
@@ -68,7 +72,8 @@ def _continued(h, along, name, end, tail) -> Hypothesis:
         past = guessing.carried(h.x, h.x[:, -1], end[n:])
     else:
         past = h.x + (along @ change).T
-    return Hypothesis(end[:n], np.hstack([past, tail]), np.inf, (*h.path, name))
+    x = np.hstack([past, tail])
+    return replace(h, theta=end[:n], x=x, objective=np.inf, path=(*h.path, name))
 
 
 def first_touches(job: Job) -> list[Hypothesis]:
@@ -103,14 +108,15 @@ def _posteriors(job: Job, kept):
     problem, window = posed(job, quasi_static)
     data, scale, out = problem.data(WEAK), problem.scale, []
     n, m = job.shape.theta, window.motion.unknowns
-    end = np.r_[:n, problem.size - m : problem.size]
+    theta, poses = (problem.variables[name].span for name in ("theta", "x"))
+    end = np.r_[theta, poses.stop - m : poses.stop]
     for h in kept:
-        x = problem.pack({"theta": h.theta, "x": h.x[:, window.last]})
+        x = problem.pack(started(problem, window, h))
         H = sum(problem.hessian(name, x, data) for name in problem.costs).toarray()
         values, vectors = np.linalg.eigh(H * np.outer(scale, scale))
         vectors = vectors * scale[:, None]
         C = (vectors / np.maximum(np.abs(values), LOOSE)) @ vectors[end].T
-        along = np.linalg.solve(C[end], C[n:].T).T.reshape(-1, m, n + m)[window.knot]
+        along = np.linalg.solve(C[end], C[poses].T).T.reshape(-1, m, n + m)[window.knot]
         shrink = np.minimum(1, SPREAD / np.sqrt(np.diag(C[end])))
         P = C[end] * np.outer(shrink, shrink) + np.diag(LEAST**2)
         out.append((h, P, along))

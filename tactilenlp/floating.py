@@ -56,4 +56,5 @@ def floated(h, ground: Ground):
     x = lifted(h.theta, h.x)
     p = ground.from_ground(x[:3].T)
     R = ground.rotation.T @ matrices(x)
-    return replace(h, x=np.vstack([p.T, continuous(R).T]))
+    offset = None if h.offset is None else ground.rotation.T @ h.offset
+    return replace(h, x=np.vstack([p.T, continuous(R).T]), offset=offset)

@@ -165,20 +165,22 @@ def realigned(data, window, shape, theta, x, action):
     return out
 
 
-def follow(data, window, shape, z, spread, turning, samples):
+def follow(data, window, shape, z, spread, turning, samples, offsets=0.0):
     """Follow guesses z (S, n + 3) of theta and pose through `samples`, all at once.
 
+    offsets: of the fingers (S, 3, F) [m], if these are not where they say.
     spread (S, n + 3, n + 3): how far z may be off; turning (S,) [-]: how readily the
     object turns, in TURN.  A first run corrects z by what is felt, a second one finds
     the path from there.  Returns z (S, n + 3) and the poses (S, 3, samples).
     """
-    given = data, window, shape
+    shift = np.broadcast_to(offsets, (len(z), 3, data.fingers)).swapaxes(1, 2)
+    given = data, window, shape, shift
     z, _ = _filtered(*given, z, spread, turning, samples)
     tight = np.broadcast_to(np.diag(TIGHT**2), spread.shape)
     return _filtered(*given, z, tight, turning, samples)
 
 
-def _filtered(data, window, shape, z, spread, turning, samples):
+def _filtered(data, window, shape, shift, z, spread, turning, samples):
     """Run an extended Kalman filter: the state is (theta, x before, x now).
 
     Touched gaps and normals are fitted, a finger that feels nothing is pushed out.
@@ -200,7 +202,7 @@ def _filtered(data, window, shape, z, spread, turning, samples):
         P[:, -m:, -m:] += walk[:, :, None] ** 2 * np.eye(m)
         prior, z = np.linalg.inv(P), mean
         for _ in range(PASSES if touched else 1):
-            H, g = _pull(data, window, shape, z, t, felt[t], noise)
+            H, g = _pull(data, window, shape, shift, z, t, felt[t], noise)
             g += np.einsum("sij,sj->si", prior, z - mean)
             change = np.linalg.solve(prior + H, g[..., None])[..., 0]
             change /= np.maximum(1, np.abs(change / longest).max(axis=1, keepdims=True))
@@ -212,7 +214,7 @@ def _filtered(data, window, shape, z, spread, turning, samples):
     return mean[:, : n + m], np.stack(path, axis=2)
 
 
-def _pull(data, window, shape, z, t, felt, noise):
+def _pull(data, window, shape, shift, z, t, felt, noise):
     """Return Hessians and gradients of what the fingers say of states z (S, n + 6)."""
     n, m = shape.theta, window.motion.unknowns
     local = np.r_[:n, n + m : n + 2 * m]
@@ -223,8 +225,9 @@ def _pull(data, window, shape, z, t, felt, noise):
         return H, g
     residuals = mapped(_residuals(shape, window.motion, window.finger), S * F)
     now = np.tile(fingers, S)
+    there = data.finger_position[t, now] + shift[:, fingers].reshape(-1, 3)
     phi, dphi, off, doff = residuals(
-        np.repeat(z[:, local], F, axis=0).T, data.finger_position[t, now].T,
+        np.repeat(z[:, local], F, axis=0).T, there.T,
         data.finger_radius[now][None], data.normal[t, now].T,
     )  # fmt: skip
     phi = np.asarray(phi).reshape(S, F)

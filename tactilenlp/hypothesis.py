@@ -20,7 +20,8 @@ HOPELESS = 60.0  # [nats] behind the best start or hypothesis: not followed up
 class Hypothesis:
     """One local optimum: theta (n,) [m], x (3, T) planar poses, objective [nats].
 
-    path: the guess it came from, one word an action.
+    path: the guess it came from, one word an action; offset (3, F) [m] of the fingers,
+    where these are not known exactly.
     """
 
     theta: np.ndarray
@@ -28,6 +29,7 @@ class Hypothesis:
     objective: float
     path: tuple[str, ...]
     iterations: int = 0
+    offset: np.ndarray | None = None
 
     @property
     def rank(self) -> float:
@@ -38,6 +40,12 @@ class Hypothesis:
     def end(self) -> np.ndarray:
         """Theta and the last pose (n + 3,)."""
         return np.r_[self.theta, self.x[:, -1]]
+
+    def seen(self, data):
+        """Return the measurements with the fingers where this hypothesis has them."""
+        if self.offset is None:
+            return data
+        return replace(data, finger_position=data.finger_position + self.offset.T)
 
     def at(self, samples: int) -> Hypothesis:
         """Return the hypothesis of the first samples only."""

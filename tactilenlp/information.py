@@ -16,6 +16,7 @@ from .chart import WORDS, chart_of
 from .curvature import Curvature, curvature_of
 from .errors import OptionError
 from .modes import Modes, weighted
+from .offset import covariance_of_offsets
 from .spread import ENOUGH, spread, unseen
 
 TOUCHED = 0.99  # [-] |n . axis| above which a normal belongs to a face
@@ -38,7 +39,8 @@ class Information:
     name, rows of NaN where a reduction fixed it (`fixed`).  unobserved: words for what
     only the prior holds, directions (k, r): unit vectors [prior deviations] of it;
     active, ambiguous: how many rows of each constraint or bound hold with equality, or
-    nearly; indefinite: terms by which the reduced Hessian curves down, and along what.
+    nearly; indefinite: terms by which the reduced Hessian curves down, and along what;
+    offsets (3 F, 3 F) [m^2]: the covariance of fingers that are not where they say.
     """
 
     names: tuple[str, ...]
@@ -54,19 +56,29 @@ class Information:
     active: dict[str, int]
     ambiguous: dict[str, int]
     indefinite: tuple[str, ...]
+    offsets: np.ndarray | None = None
 
     def covariance(self, name: str | None = None) -> np.ndarray:
-        """Return the covariance (3, 3) of a quantity, or (k, k) of `names`, SI."""
+        """Return the covariance (3, 3) of a quantity, or (k, k) of `names`, SI.
+
+        "finger_offset": (3 F, 3 F), finger by finger, where the scene leaves it open.
+        """
         if name is None:
             return self.spread
+        if name == "finger_offset" and self.offsets is not None:
+            return self.offsets
         jacobian = self._map(name)
         return jacobian @ self.spread @ jacobian.T
 
     def sigma(self, name: str) -> np.ndarray:
-        """Return standard deviations (3,), SI; NaN where fixed by a reduction."""
+        """Return standard deviations (3,), SI; NaN where fixed by a reduction.
+
+        "finger_offset": (F, 3), where the scene leaves it open.
+        """
         variance = np.diag(self.covariance(name)).copy()
         variance[variance < 0] = np.inf
-        return np.sqrt(variance)
+        sigma = np.sqrt(variance)
+        return sigma.reshape(-1, 3) if name == "finger_offset" else sigma
 
     def correlation(self) -> np.ndarray:
         """Return the correlation matrix (k, k) of `names`."""
@@ -143,6 +155,7 @@ def information_of(
     found += [_rival(other, shape, R_wg) for other in rivals]
     modes = weighted(shape, chart.turning, found)
     matrix, spreading = inverse(C), modes.covariance + doubt
+    offsets = covariance_of_offsets(curvature, sensed, window, shape, R_wg)
     parts = {
         name: matrix @ (pulls.T @ (H @ pulls)) @ matrix
         for name, H in curvature.hessians.items()
@@ -163,6 +176,7 @@ def information_of(
         active=curvature.active,
         ambiguous=curvature.ambiguous,
         indefinite=_indefinite(curvature),
+        offsets=offsets,
     )
 
 

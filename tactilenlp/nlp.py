@@ -28,6 +28,7 @@ from .terms import (
     Parameter,
     Term,
     Variable,
+    apart,
     block,
     instances_of,
     known,
@@ -252,13 +253,12 @@ class Problem:
     ):
         """Return the term, or None if it has no instance (nothing to pay for)."""
         self._new(name, {**self.terms, **self.reports})
+        function, arguments = apart(function, arguments)
         instances = instances_of(name, arguments)
         if instances == 0:
             return None
         unknowns, data, order = [], [], []
         for argument in arguments:
-            if isinstance(argument, Variable):
-                argument = argument[:, :]
             self._check_owner(name, argument)
             if isinstance(argument, Columns):
                 indices, role_of, kept = argument.indices, "z", unknowns

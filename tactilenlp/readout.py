@@ -13,6 +13,7 @@ from .hull import centroid
 from .hull_information import hull_information, touched_polygons
 from .information import TOUCHED, Information, information_of
 from .nlp import Problem
+from .offset import offsets_of
 from .polytopes import is_polytope
 from .result import Estimate, by_sample, poses, touched_faces
 from .scatter import Sensed
@@ -66,6 +67,7 @@ def read_off(
         hypotheses=tuple(kept),
         versions=versions(),
         progress=solution.progress,
+        finger_offset=offsets_of(solution.values, _turn(scene).T),
     )
 
 

@@ -108,7 +108,8 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
     corner, lift, rest = _ground(scene, shape, motion, step, first, guess)
     gap = np.nonzero(first)[0][1:]
     return Window(
-        motion=motion, finger=finger_of(scene), knots=int(knot[-1]) + 1, knot=knot,
+        motion=motion, finger=finger_of(scene), fingers=data.fingers,
+        knots=int(knot[-1]) + 1, knot=knot,
         touch=everything.pick(felt), free=free, step=step,
         gap=_gaps(data, knot, np.zeros(0, int) if coasts(scene) else gap),
         push=push, apart=np.nonzero(~data.contact[push.sample, push.finger])[0],

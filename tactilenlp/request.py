@@ -70,6 +70,18 @@ def check_plane(page, scene) -> None:
         )
 
 
+def check_offset(page, scene) -> None:
+    """Raise SceneError where a page takes fingers to be where they say, and none is."""
+    if scene.sigma_offset is not None and not getattr(page, "OFFSETS", False):
+        raise SceneError(
+            "this page takes the fingers to be where they say",
+            where="scene.sigma_offset",
+            got=f"{scene.sigma_offset} m with {getattr(page, '__name__', page)!r}",
+            expected="None",
+            next='use formulation="violation_implicit" or "quasi_static", of a cuboid',
+        )
+
+
 def check_importable(page) -> None:
     """Raise OptionError unless other processes can import the page by its name."""
     if sys.modules.get(getattr(page, "__name__", "")) is not page:

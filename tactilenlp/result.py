@@ -13,6 +13,7 @@ from .hypothesis import Hypothesis
 from .information import Information
 from .measurements import Measurements
 from .modes import Modes
+from .offset import words
 from .scene import Ground, Scene
 
 FORMAT, VERSION = "estimate", 2  # of the files that `save` writes
@@ -52,6 +53,8 @@ class Estimate:
     first, for the next action; information about shape and final pose.  origin: the
     hypothesis it was solved from; reductions and cuts in use: with them the programme
     can be built again.  progress: of the last solve by iteration, as in Solution.
+    finger_offset (F, 3) [m]: how far fingers are from where they say, world frame; None
+    where the scene knows (Scene.sigma_offset).
     """
 
     measurements: Measurements
@@ -86,6 +89,7 @@ class Estimate:
     hypotheses: tuple[Hypothesis, ...]
     versions: dict[str, str]
     progress: dict[str, np.ndarray] = field(default_factory=dict)
+    finger_offset: np.ndarray | None = None
 
     @property
     def side_lengths(self) -> np.ndarray:
@@ -131,6 +135,8 @@ class Estimate:
             f"after {self.iterations} iterations, {self.seconds['total']:.1f} CPU s; "
             f"largest violation {max(self.violations.values(), default=0.0):.1g}.",
         ]
+        if self.finger_offset is not None:
+            lines.append(words(self.finger_offset, self.information.offsets))
         if self.information.unobserved:
             lines.append(
                 "Not observed: " + "; ".join(self.information.unobserved) + "."

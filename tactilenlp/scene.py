@@ -86,9 +86,11 @@ class Scene:
     sigma_position:  [m], standard deviation of each coordinate of a finger position
     sigma_normal:    [1], about rad, standard deviation of each component of a normal
     flip_rate:       [1], probability that a contact boolean is wrong
+    sigma_offset:    [m], standard deviation of each coordinate of a constant offset of
+                     each finger, which is estimated; None: fingers are where they say
 
     The default mass and frictions are those of the recorded scenes.  A sensor figure
-    that is None is estimated from the data.
+    that is None is estimated from the data, but for sigma_offset.
     """
 
     mass: float = 0.5
@@ -100,6 +102,7 @@ class Scene:
     sigma_position: float | None = None
     sigma_normal: float | None = None
     flip_rate: float | None = None
+    sigma_offset: float | None = None
 
     def __post_init__(self) -> None:
         never, inf = np.nextafter(0.0, 1.0), np.inf  # the least number above zero
@@ -112,6 +115,7 @@ class Scene:
             ("sigma_position", True, never, inf, "a standard deviation above 0 m"),
             ("sigma_normal", True, never, inf, "a standard deviation above 0"),
             ("flip_rate", True, 0.0, 0.5, "a probability in [0, 0.5)"),
+            ("sigma_offset", True, never, inf, "a standard deviation above 0 m"),
         ):
             value = getattr(self, name)
             if value is None and unknown:

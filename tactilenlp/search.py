@@ -19,7 +19,7 @@ from formulations import quasi_static
 from .extend import WEAK, extensions
 from .hypothesis import Hypothesis, Job, distinct, same
 from .progress import progress
-from .trial import ROUGH, opened, page_named, posed, spread, tried
+from .trial import ROUGH, opened, page_named, posed, spread, started, tried
 
 __all__ = ["Hypothesis", "Job", "beam", "distinct", "extensions", "rank", "same"]
 
@@ -91,7 +91,7 @@ def _most_promising(job: Job, starts, count: int) -> list[Hypothesis]:
     problem, window = posed(job, quasi_static)
     data, costed = problem.data(WEAK), []
     for h in starts:
-        x = problem.pack({"theta": h.theta, "x": h.x[:, window.last]})
+        x = problem.pack(started(problem, window, h))
         cost = sum(float(problem.value(n, x, data).sum()) for n in problem.costs)
         costed.append(replace(h, objective=cost))
     return distinct(job.shape, costed, count)

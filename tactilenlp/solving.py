@@ -47,6 +47,7 @@ class Solved:
             self.hypothesis,
             theta=values["theta"].T.ravel(),
             x=values["x"][:, self.window.knot],
+            offset=values.get("finger offset"),
             objective=self.solution.objective,
         )
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
+from casadi import vertcat
 
 from .errors import PageError
 from .kind import Kind
@@ -67,12 +70,36 @@ class Columns:
         """Return what the chosen instances read."""
         return Columns(self.variable, self.columns[rows])
 
+    def below(self, data: np.ndarray) -> Joined:
+        """Return an argument: data (instances, numbers), and these unknowns below."""
+        return Joined((data, self))
+
     @property
     def indices(self) -> np.ndarray:
         """Global indices, (instances, k rows)."""
         rows = np.arange(self.variable.rows)
         first = self.variable.first + self.columns[..., None] * self.variable.rows
         return (first + rows).reshape(len(self.columns), -1)
+
+
+@dataclass(frozen=True, eq=False)
+class Joined:
+    """Arguments that a term's function reads as one vector, one below the other.
+
+    parts: data (instances, numbers) or Columns, of the same instances.
+    """
+
+    parts: tuple
+
+    def __len__(self) -> int:
+        return instances_of("joined", self.parts)
+
+    def __getitem__(self, rows) -> Joined:
+        """Return what the chosen instances read."""
+        parts = (
+            p.pick(rows) if isinstance(p, Columns) else p[rows] for p in self.parts
+        )
+        return Joined(tuple(parts))
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,6 +226,24 @@ def instances_of(name: str, arguments) -> int:
             "arguments disagree on the number of instances", where=name, got=lengths
         )
     return several.pop() if several else 1
+
+
+def apart(function: Callable, arguments) -> tuple[Callable, list]:
+    """Return a function of the parts of joined arguments, and all those parts.
+
+    A whole variable becomes its columns.
+    """
+    groups = [a.parts if isinstance(a, Joined) else (a,) for a in arguments]
+    parts = [part for group in groups for part in group]
+    parts = [p[:, :] if isinstance(p, Variable) else p for p in parts]
+    if len(parts) == len(groups):
+        return function, parts
+
+    def of_parts(*locals_of_parts):
+        left = iter(locals_of_parts)
+        return function(*(vertcat(*islice(left, len(group))) for group in groups))
+
+    return of_parts, parts
 
 
 def limit(values, shape: tuple[int, int], name: str) -> np.ndarray:

@@ -33,14 +33,18 @@ def tried(job, problem, window, levels, h, tolerance, solvers) -> Hypothesis:
     options = SolverOptions(tolerance=tolerance, time_limit=left)
     s = solve_levels(problem, levels, started(problem, window, h), options, solvers)
     theta, x = s.values["theta"][:, 0], s.values["x"][:, window.knot]
-    return Hypothesis(theta, x, s.objective, h.path, s.iterations)
+    offset = s.values.get("finger offset")
+    return Hypothesis(theta, x, s.objective, h.path, s.iterations, offset)
 
 
 def started(problem, window, h: Hypothesis) -> dict:
-    """Return where a solve starts: the hypothesis as theta and x of the problem."""
+    """Return where a solve starts: the hypothesis as unknowns of the problem."""
     theta = problem.variables["theta"]
     theta = h.theta.reshape(theta.columns, theta.rows).T
-    return {"theta": theta, "x": h.x[:, window.last]}
+    start = {"theta": theta, "x": h.x[:, window.last]}
+    if h.offset is not None and "finger offset" in problem.variables:
+        start["finger offset"] = h.offset
+    return start
 
 
 def opened(levels, final: bool):

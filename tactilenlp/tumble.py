@@ -23,6 +23,7 @@ from .reduce import SIDE, Reductions, reduce
 from .request import page_of
 from .search import beam
 from .tipping import Tip, continuous, fall, lifted, matrices
+from .trial import started
 
 TOUCH, NORMAL = 0.15e-3, 0.015  # [m], [rad] model errors of a touch of a rigid object
 WRONG = 0.8  # [ceilings] a touch that costs more is not explained
@@ -60,7 +61,7 @@ def contradicts(job, window, values) -> list[Evidence]:
     problem = Problem()
     page = page_of("quasi_static", job.shape)
     page.build(problem, window, job.scene, job.shape)
-    known = {name: values[name] for name in ("theta", "x")}
+    known = {name: values[name] for name in problem.variables if name in values}
     scale = {
         "touch scale": np.hypot(TOUCH, window.sigma_position),
         "normal scale": np.hypot(NORMAL, window.sigma_normal),
@@ -233,7 +234,7 @@ def _costed(job, found) -> list[Hypothesis]:
     names = [n for n, t in problem.costs.items() if t.role in ("likelihood", "prior")]
 
     def cost(h):
-        x = problem.pack({"theta": h.theta, "x": h.x})
+        x = problem.pack(started(problem, window, h))
         return sum(float(problem.value(name, x, data).sum()) for name in names)
 
     return sorted((replace(h, objective=cost(h)) for h in found), key=_objective)

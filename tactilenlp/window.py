@@ -106,6 +106,7 @@ class Window:
 
     motion: Motion
     finger: Finger
+    fingers: int
     knots: int
     knot: np.ndarray
     touch: Samples

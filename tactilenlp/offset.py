@@ -1,0 +1,42 @@
+"""What is known of fingers that are not where they say, in the world."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .spread import spread
+
+NAME = "finger offset"  # of the unknown, in a page that has it
+
+
+def offsets_of(values: dict, R_wg) -> np.ndarray | None:
+    """Return by how much each finger is off (F, 3) [m]; None where that is known."""
+    return (R_wg @ values[NAME]).T if NAME in values else None
+
+
+def covariance_of_offsets(curvature, sensed, window, shape, R_wg) -> np.ndarray | None:
+    """Return the covariance (3 F, 3 F) [m^2], finger by finger.
+
+    sensed: the measurements, without which it is that of the Hessian.
+    """
+    variables = curvature.problem.variables
+    if NAME not in variables:
+        return None
+    span = variables[NAME].span
+    chosen = np.arange(span.start, span.stop)
+    turn = np.kron(np.eye(len(chosen) // 3), R_wg)
+    pulls, held = (part @ turn.T for part in curvature.response_of(chosen))
+    if sensed is None:
+        C = turn @ pulls[chosen]
+        return (C + C.T) / 2
+    return spread(curvature, pulls, held, sensed, window, shape)
+
+
+def words(offset: np.ndarray, C: np.ndarray) -> str:
+    """Return offsets (F, 3) [m] in words, with their deviations."""
+    mm, each = 1e3, []
+    for f, sigma in enumerate(np.sqrt(np.diag(C)).reshape(-1, 3)):
+        pairs = zip(offset[f] * mm, sigma * mm, strict=True)
+        by = ", ".join(f"{way:.1f} ± {doubt:.1f}" for way, doubt in pairs)
+        each.append(f"finger {f} by ({by}) mm")
+    return "Off from where they say: " + "; ".join(each) + "."

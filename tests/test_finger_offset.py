@@ -1,0 +1,204 @@
+"""Fingers that are not where they say: an unknown of the page, with a prior."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from formulations import quasi_static, violation_implicit
+from tactilenlp import (
+    Action,
+    Estimate,
+    Options,
+    Scene,
+    Workspace,
+    expected_information_gain,
+    kind,
+    observed_information,
+    solve_estimate,
+    surface_distance,
+)
+from tactilenlp.errors import SceneError
+from tactilenlp.nlp import Problem
+from tactilenlp.precision import precision_of
+from tactilenlp.reduce import Reductions, reduce
+from tactilenlp.request import shape_of
+
+SIGMA = 2e-3  # [m]
+OFF = np.array([[1.5, -1.0, 0.5], [-2.0, 1.0, -0.5]]) * 1e-3  # [m]
+
+
+# Fewer hypotheses than by default: two actions are searched in a second or two.
+LEAN = Options(hypotheses=2, starts=4, rivals=False)
+
+
+def lean(data, scene, start=None):
+    return solve_estimate(data, scene, options=LEAN, start=start, throw=False)
+
+
+def programme(data, scene, page=violation_implicit, **off):
+    problem, shape = Problem(), shape_of("cuboid")
+    window = reduce(data, scene, shape, precision_of(data), Reductions(**off))
+    page.build(problem, window, scene, shape)
+    return problem, window
+
+
+def moved(data, way):
+    """Return data whose fingers say that they are elsewhere by `way` (F, 3) [m]."""
+    return replace(data, finger_position=data.finger_position + way)
+
+
+@pytest.fixture(scope="module")
+def exact(recorded):
+    """The estimate of two actions, of fingers that are where they say."""
+    data, scene, _ = recorded
+    return lean(data.select(range(2)), scene)
+
+
+@pytest.fixture(scope="module")
+def told(recorded):
+    """The estimate of the same actions whose fingers are OFF, and the scene."""
+    data, scene, _ = recorded
+    scene = replace(scene, sigma_offset=SIGMA)
+    return lean(moved(data.select(range(2)), -OFF), scene), scene
+
+
+@pytest.mark.parametrize("page", [quasi_static, violation_implicit])
+@pytest.mark.parametrize("planar", [True, False])
+def test_derivatives_with_offsets_are_those_of_finite_differences(
+    recorded, page, planar, monkeypatch
+):
+    monkeypatch.setattr(kind, "_cache", {})  # interpreted: compiling takes longer
+    monkeypatch.setattr(kind, "compiled", lambda functions: functions)
+    data, scene, _ = recorded
+    scene = replace(scene, sigma_offset=SIGMA)
+    problem, _ = programme(data.select([1]), scene, page, planar=planar)
+    rng = np.random.default_rng(0)
+    start = {
+        name: v.guess + 0.3 * v.scale[:, None] * rng.normal(size=v.guess.shape)
+        for name, v in problem.variables.items()
+    }
+    assert start["finger offset"].shape == (3, 2)
+    report = problem.check(start)
+    worst = max(max(errors) for errors in report.derivatives.values())
+    assert max(worst, report.assembled) < 1e-4, str(report)
+
+
+@pytest.mark.parametrize("page", [quasi_static, violation_implicit])
+def test_an_offset_is_the_same_as_fingers_elsewhere(recorded, page):
+    data, scene, _ = recorded
+    data = data.select([0, 1])
+    known, _ = programme(moved(data, OFF), scene, page)
+    open_, _ = programme(data, replace(scene, sigma_offset=SIGMA), page)
+    rng, size = np.random.default_rng(1), {}
+    for name, v in known.variables.items():
+        size[name] = v.guess + 0.3 * v.scale[:, None] * rng.normal(size=v.guess.shape)
+    x = known.pack(size), open_.pack(size | {"finger offset": OFF.T})
+    for name in known.terms:
+        values = [
+            p.value(name, at, p.data()) for p, at in zip((known, open_), x, strict=True)
+        ]
+        assert np.allclose(*values, rtol=1e-9, atol=1e-9), name
+    cost = open_.value("finger offset prior", x[1], open_.data())[:, 0]
+    assert cost == pytest.approx((OFF**2).sum(axis=1) / (2 * SIGMA**2))
+
+
+def test_nothing_is_paid_where_fingers_are_where_they_say(recorded):
+    data, scene, _ = recorded
+    problem, _ = programme(data.select([0, 1]), scene)
+    assert "finger offset" not in problem.variables
+    assert "finger offset prior" not in problem.terms
+
+
+def test_a_prior_that_is_certain_is_the_same_as_none(recorded, exact):
+    data, scene, _ = recorded
+    again = lean(data.select(range(2)), replace(scene, sigma_offset=1e-9))
+    assert again.objective == pytest.approx(exact.objective, abs=1e-4)
+    assert np.abs(again.side_lengths - exact.side_lengths).max() < 1e-6
+    assert np.abs(again.position - exact.position).max() < 1e-6
+    assert np.abs(again.finger_offset).max() < 1e-8
+    sigmas = (e.information.sigma("side_lengths") for e in (again, exact))
+    assert np.allclose(*sigmas, rtol=1e-2)
+
+
+def test_a_known_offset_is_found_within_its_sigma(told):
+    estimate, _ = told
+    sigma = estimate.information.sigma("finger_offset")
+    assert sigma.shape == (2, 3)
+    off = (estimate.finger_offset - OFF).ravel()
+    # what all fingers share is known by the prior alone
+    C = estimate.information.covariance("finger_offset")
+    both = np.tile(np.eye(3), 2) / 2
+    common = np.sqrt(np.diag(both @ C @ both.T))
+    assert common[:2] == pytest.approx(SIGMA / np.sqrt(2), rel=0.1)
+    assert off @ np.linalg.solve(C, off) / 6 < 2.1  # 95 % of chi^2 of six
+    assert (sigma < 1.1 * SIGMA).all()
+
+
+def test_the_body_is_found_within_a_sigma_that_tells_of_the_offset(
+    told, recorded, exact
+):
+    found, _ = told
+    _, known, _ = recorded
+    ignorant = lean(found.measurements, known)
+    for quantity in ("side_lengths", "position"):
+        sigma = found.information.sigma(quantity)
+        sharp = exact.information.sigma(quantity)
+        assert (sigma > 5 * sharp)[sharp < 1e-3].all()
+    off = found.position[-1] - exact.position[-1]
+    assert (np.abs(off) < 3 * found.information.sigma("position")).all()
+    true = exact.mesh()
+    near, far = (surface_distance(e.mesh(), true).mean for e in (found, ignorant))
+    assert near < far
+    assert found.objective < ignorant.objective - 10.0
+
+
+def test_a_world_that_is_moved_moves_the_body_and_no_offset(told):
+    estimate, scene = told
+    way = np.array([0.03, -0.02, 0.0])
+    again = lean(moved(estimate.measurements, way), scene)
+    assert again.objective == pytest.approx(estimate.objective, abs=1e-3)
+    assert np.abs(again.finger_offset - estimate.finger_offset).max() < 1e-5
+    assert np.abs(again.position - estimate.position - way).max() < 1e-5
+
+
+def test_offsets_survive_a_file_and_are_told(told, tmp_path):
+    estimate, _ = told
+    estimate.save(tmp_path / "estimate.npz")
+    again = Estimate.load(tmp_path / "estimate.npz")
+    assert np.array_equal(again.finger_offset, estimate.finger_offset)
+    assert np.array_equal(again.information.offsets, estimate.information.offsets)
+    assert again.scene.sigma_offset == SIGMA
+    assert "finger 1 by (" in again.summary()
+    more = observed_information(again, kind="gauss_newton")
+    assert np.isfinite(more.sigma("side_lengths")).all()
+
+
+def test_hypotheses_carry_offsets_to_the_next_action(told, recorded):
+    estimate, scene = told
+    data, _, _ = recorded
+    assert all(h.offset is not None for h in estimate.hypotheses)
+    later = lean(moved(data.select(range(3)), -OFF), scene, start=estimate)
+    sigma = estimate.information.sigma("finger_offset")
+    assert (np.abs(later.finger_offset - OFF) < 3 * sigma).all()
+
+
+@pytest.mark.parametrize("formulation", ["paper", "multiple_shooting"])
+def test_pages_that_know_no_offsets_say_so(recorded, formulation):
+    data, scene, _ = recorded
+    scene = replace(scene, sigma_offset=SIGMA)
+    with pytest.raises(SceneError, match=r"sigma_offset.*violation_implicit"):
+        solve_estimate(data, scene, formulation=formulation)
+    with pytest.raises(SceneError, match="where they say"):
+        solve_estimate(data, scene, shape="polytope")
+    with pytest.raises(SceneError, match="sigma_offset"):
+        Scene(sigma_offset=0.0)
+
+
+def test_an_action_can_be_chosen_though_fingers_are_off(told):
+    found, _ = told
+    space = Workspace(finger_radius=float(found.measurements.finger_radius[0]))
+    action = Action(np.array([0.2, 0.1, -0.2, 0.1]), space)
+    gain = expected_information_gain(found, action)
+    assert np.isfinite(gain)
+    assert gain > 0
