@@ -8,7 +8,7 @@ function theorem, and each sample's Fisher information (page `exploration`) is s
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -46,11 +46,16 @@ class Prospect:
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """One hypothesis: theta and x_T (k,), what is known of them (k, k), its weight."""
+    """One hypothesis: theta and x_T (k,), what is known of them, its weight.
+
+    offset (F, 3) [m]: of the fingers; where that is unknown, information (k + 3 F,
+    k + 3 F) is about it, too.
+    """
 
     z: np.ndarray
     information: np.ndarray
     weight: float
+    offset: np.ndarray
 
 
 class ExpectedInformation:
@@ -86,7 +91,9 @@ class ExpectedInformation:
         self.estimate, self._sloped = estimate, float(slopes == "motion")
         self.shape = shape_of(estimate.shape)
         k = len(estimate.information.names)
-        self._free, self._none = k > self.shape.theta + 3, np.zeros((k, k))
+        self._off = estimate.finger_offset is not None
+        self._free = k > self.shape.theta + 3
+        self._size = k + self._off * 3 * self.workspace.fingers
         self._sensors = _sensors(estimate)
         self.beliefs = self._believed(hypotheses)
         self._known = _known(estimate.scene, self.workspace)
@@ -98,25 +105,28 @@ class ExpectedInformation:
 
     def gain(self, action: Action) -> float:
         """Return the expected information gain in nats, over the hypotheses."""
-        return sum(
-            b.weight * information_gain(b.information, self._ahead(b, action)[2])
+        gains = [
+            information_gain(b.information, self._ahead(b, action)[2], len(b.z))
             for b in self.beliefs
-        )
+        ]
+        return float(np.dot([b.weight for b in self.beliefs], gains))
 
     def prospect(self, action: Action, hypothesis: int = 0) -> Prospect:
         """Return what the action is predicted to do, from one hypothesis."""
-        return Prospect(*self._ahead(self.beliefs[hypothesis], action))
+        b = self.beliefs[hypothesis]
+        motion, contact, F = self._ahead(b, action)
+        return Prospect(motion, contact, F[: len(b.z), : len(b.z)])
 
     def _ahead(self, belief: Belief, action: Action):
         """Return its way (n, 3), contacts (n, F) and what they tell (k, k)."""
-        space, k = action.workspace, len(belief.z)
+        space, k = action.workspace, self._size
         path = action.positions(self.target, round(space.duration * RATE) + 1)
-        path = self.estimate.scene.ground.to_ground(path)
+        path = self.estimate.scene.ground.to_ground(path) + belief.offset
         r, F = path.reshape(len(path), -1).T, space.fingers
-        step = pushed(self.shape, self._free, F, len(path) - 1)
+        step = pushed(self.shape, self._free, F, len(path) - 1, self._off)
         rest = np.zeros(3), r[:, 0], np.zeros(3), np.zeros((3, k)), np.zeros((3, 3))
         _, _, s, _, _, told, p = step(
-            *rest, self._none, belief.z, r[:, :-1], r[:, 1:],
+            *rest, np.zeros((k, k)), belief.z, r[:, :-1], r[:, 1:],
             np.full(F, space.finger_radius), self._known, self._sensors, self._sloped,
         )  # fmt: skip
         return s.full().T, p.full().T, told[:, -k:].full()
@@ -125,22 +135,27 @@ class ExpectedInformation:
         """Return the hypotheses to follow, best first, weights summing to one."""
         estimate, n = self.estimate, self.shape.theta
         best = np.r_[estimate.theta, estimate.unknowns["x"][:, -1]]
+        none = np.zeros((3, 1))
+        offset = estimate.unknowns.get("finger offset", none).T
         rest = [] if self._free else list(estimate.hypotheses[:count])
         same = [np.allclose(h.end, best, atol=1e-6) for h in rest]
         rest = [h for h, mine in zip(rest, same, strict=True) if not mine][: count - 1]
         weights = [np.exp(min(0.0, estimate.objective - h.objective)) for h in rest]
-        found = [Belief(best, self._known_of_best(), 1.0)]
+        found = [Belief(best, self._known_of_best(), 1.0, offset)]
         for h, weight in zip(rest, weights, strict=True):
             if weight > NEGLIGIBLE:
-                found.append(Belief(h.end, self._told(h.theta, h.x), weight))
+                off = (none if h.offset is None else h.offset).T
+                found.append(Belief(h.end, self._told(h.theta, h.x, off), weight, off))
         total = sum(b.weight for b in found)
         return [
-            Belief(b.z, _loosened(b.information, n), b.weight / total) for b in found
+            replace(b, information=_loosened(b, n), weight=b.weight / total)
+            for b in found
         ]
 
     def _known_of_best(self) -> np.ndarray:
         """Return the information of the estimate; eq:obsinfo where it is indefinite."""
         matrix = self.estimate.information.matrix
+        matrix = self.estimate.information.with_offsets if self._off else matrix
         least = np.linalg.eigvalsh(_scaled(matrix))[0]
         if least > 0:
             return matrix
@@ -148,12 +163,14 @@ class ExpectedInformation:
             "the information of the estimate is indefinite (least eigenvalue %.2g): "
             "choosing by the sum of its samples' (eq:obsinfo)", least,
         )  # fmt: skip
-        return self._told(self.estimate.theta, _poses(self.estimate, self._free))
+        offset = self.estimate.unknowns.get("finger offset", np.zeros((3, 1))).T
+        x = _poses(self.estimate, self._free)
+        return self._told(self.estimate.theta, x, offset)
 
-    def _told(self, theta: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Return eq:obsinfo of all samples at poses x (u, T), and the size prior."""
+    def _told(self, theta, x: np.ndarray, offset: np.ndarray) -> np.ndarray:
+        """Return eq:obsinfo of all samples at poses x (u, T), and the priors."""
         shape, data = self.shape, self.estimate.measurements
-        points = self.estimate.scene.ground.to_ground(data.finger_position)
+        points = self.estimate.scene.ground.to_ground(data.finger_position) + offset
         t, f = np.nonzero(data.valid)
         k = len(theta) + len(x)
         z = np.vstack([np.repeat(theta[:, None], len(t), axis=1), x[:, t]])
@@ -161,8 +178,25 @@ class ExpectedInformation:
             z, points[t, f].T, data.finger_radius[f][None],
             data.contact[t, f][None].astype(float), self._sensors,
         )  # fmt: skip
-        information = found.full().reshape(k, len(t), k).sum(axis=1)
-        return information + vague(shape, len(x))
+        found = found.full().reshape(k + 3, len(t), k + 3)
+        information = self.vague()
+        information[:k, :k] += found[:k, :, :k].sum(axis=1)
+        for finger in range(data.fingers) if self._off else ():
+            mine, at = f == finger, k + 3 * finger + np.arange(3)
+            both = np.r_[:k, at]
+            part = found[:, mine].sum(axis=1)
+            part[:k, :k] = 0.0
+            information[np.ix_(both, both)] += part
+        return information
+
+    def vague(self) -> np.ndarray:
+        """Return the information before any touch, of the offsets as well."""
+        k = len(self.estimate.information.names)
+        information = np.eye(self._size)
+        information[:k, :k] = vague(self.shape, k - self.shape.theta)
+        if self._off:
+            information[k:, k:] /= self.estimate.scene.sigma_offset**2
+        return information
 
 
 def expected_information_gain(
@@ -185,11 +219,16 @@ def vague(shape, unknowns: int) -> np.ndarray:
     return np.diag(1 / np.r_[np.full(shape.theta, shape.size_prior[1]), pose] ** 2)
 
 
-def information_gain(known: np.ndarray, told: np.ndarray) -> float:
+def information_gain(known, told, asked: int | None = None) -> float:
     """Return (logdet(I + F) - logdet(I)) / 2 in nats, by two Cholesky factors.
 
-    known: I (k, k), positive definite; told: F (k, k), positive semidefinite.
+    known: I (k, k), positive definite; told: F (k, k), positive semidefinite; asked:
+    how many of the first unknowns count, all others being marginalised.
     """
+    if asked is not None and asked < len(known):  # logdet of a Schur complement
+        rest = slice(asked, None)
+        nuisance = information_gain(known[rest, rest], told[rest, rest])
+        return information_gain(known, told) - nuisance
     scale = 1 / np.sqrt(np.abs(np.diag(known)))
     known, told = known * np.outer(scale, scale), told * np.outer(scale, scale)
     try:
@@ -222,11 +261,12 @@ def _scaled(matrix: np.ndarray) -> np.ndarray:
     return matrix * np.outer(scale, scale)
 
 
-def _loosened(information: np.ndarray, theta: int) -> np.ndarray:
+def _loosened(belief: Belief, theta: int) -> np.ndarray:
     """Return the information once the fingers have gone: the pose may slip a little."""
+    information, k = belief.information, len(belief.z)
     slip = np.zeros(len(information))
-    slip[theta:] = quasi_static.GAP
-    slip[-1 if len(slip) == theta + 3 else -3 :] /= quasi_static.ARM
+    slip[theta:k] = quasi_static.GAP
+    slip[k - (1 if k == theta + 3 else 3) : k] /= quasi_static.ARM
     loosened = np.linalg.inv(np.linalg.inv(information) + np.diag(slip**2))
     return (loosened + loosened.T) / 2
 

@@ -13,7 +13,7 @@ from .choose import Choice, CrossEntropy, best_action, choose_action, facing
 from .diary import Exploration, Step, check_same, taken_up
 from .errors import NoContactError, OptionError
 from .estimate import solve_estimate
-from .expected import ExpectedInformation, vague
+from .expected import ExpectedInformation
 from .guess import Guess
 from .measurements import Measurements
 from .options import Options
@@ -212,9 +212,8 @@ def last_touched(data: Measurements, otherwise: np.ndarray) -> np.ndarray:
 def _most_fisher(plan: Plan) -> Choice:
     """Return the action that tells most to one who knows nothing but a rough size."""
     expected = ExpectedInformation(plan.estimate, plan.workspace)
-    shape, beliefs = expected.shape, expected.beliefs
-    prior = vague(shape, len(beliefs[0].z) - shape.theta)
-    expected.beliefs = [replace(b, information=prior) for b in beliefs]
+    prior = expected.vague()
+    expected.beliefs = [replace(b, information=prior) for b in expected.beliefs]
     return best_action(
         lambda angles: expected.gain(plan.workspace.action(angles)),
         plan.workspace, search=plan.search, budget=plan.budget,

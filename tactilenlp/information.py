@@ -16,7 +16,7 @@ from .chart import WORDS, chart_of
 from .curvature import Curvature, curvature_of
 from .errors import OptionError
 from .modes import Modes, weighted
-from .offset import covariance_of_offsets
+from .offset import covariance_of_offsets, covariance_with_offsets
 from .spread import ENOUGH, spread, unseen
 
 TOUCHED = 0.99  # [-] |n . axis| above which a normal belongs to a face
@@ -40,7 +40,8 @@ class Information:
     only the prior holds, directions (k, r): unit vectors [prior deviations] of it;
     active, ambiguous: how many rows of each constraint or bound hold with equality, or
     nearly; indefinite: terms by which the reduced Hessian curves down, and along what;
-    offsets (3 F, 3 F) [m^2]: the covariance of fingers that are not where they say.
+    offsets (3 F, 3 F) [m^2]: the covariance of fingers that are not where they say;
+    with_offsets (k + 3 F, k + 3 F): the matrix without marginalising these.
     """
 
     names: tuple[str, ...]
@@ -57,6 +58,7 @@ class Information:
     ambiguous: dict[str, int]
     indefinite: tuple[str, ...]
     offsets: np.ndarray | None = None
+    with_offsets: np.ndarray | None = None
 
     def covariance(self, name: str | None = None) -> np.ndarray:
         """Return the covariance (3, 3) of a quantity, or (k, k) of `names`, SI.
@@ -156,6 +158,9 @@ def information_of(
     modes = weighted(shape, chart.turning, found)
     matrix, spreading = inverse(C), modes.covariance + doubt
     offsets = covariance_of_offsets(curvature, sensed, window, shape, R_wg)
+    with_offsets = None
+    if offsets is not None:
+        with_offsets = inverse(covariance_with_offsets(curvature, chart))
     parts = {
         name: matrix @ (pulls.T @ (H @ pulls)) @ matrix
         for name, H in curvature.hessians.items()
@@ -177,6 +182,7 @@ def information_of(
         ambiguous=curvature.ambiguous,
         indefinite=_indefinite(curvature),
         offsets=offsets,
+        with_offsets=with_offsets,
     )
 
 

@@ -32,6 +32,20 @@ def covariance_of_offsets(curvature, sensed, window, shape, R_wg) -> np.ndarray 
     return spread(curvature, pulls, held, sensed, window, shape)
 
 
+def covariance_with_offsets(curvature, chart) -> np.ndarray:
+    """Return the covariance (k + 3 F, k + 3 F) by the Hessian, offsets last.
+
+    Of shape and final pose in their chart, and of the offsets as the page has them.
+    """
+    span = curvature.problem.variables[NAME].span
+    chosen = np.r_[chart.chosen, span.start : span.stop]
+    C = curvature.response_of(chosen)[0][chosen]
+    tangent, k = np.eye(len(chosen)), len(chart.chosen)
+    tangent[:k, :k] = chart.tangent
+    C = tangent @ C @ tangent.T
+    return (C + C.T) / 2
+
+
 def words(offset: np.ndarray, C: np.ndarray) -> str:
     """Return offsets (F, 3) [m] in words, with their deviations."""
     mm, each = 1e3, []

@@ -19,22 +19,24 @@ ARM = 20e-3  # [m] a radian of turn counts as this much way
 
 
 @cache
-def pushed(shape, free: bool, fingers: int, steps: int) -> ca.Function:
+def pushed(shape, free: bool, fingers: int, steps: int, off=False) -> ca.Function:
     """Return (d, p, s, M, P, F; z, goal_1, goal, rho, known, sensors, sloped), all.
 
     s (3,): planar way of the body since x_T, d (3,): its last part; p (3 F,) [m]: where
     fingers are; goal_1, goal: where they should be, before and now; M, P, F: as in the
     page `exploration`; z: theta and x_T; known: as in `pushing`; sensors: alpha,
-    sigma, sigma_n; sloped: 1, or 0 for dx_t/dx_T = I.
+    sigma, sigma_n; sloped: 1, or 0 for dx_t/dx_T = I.  off: M and F have columns for
+    an offset (3,) of every finger after those of z; where fingers are includes them.
     Gives the first six anew, and the probabilities (F,) that a finger feels the body.
     """
-    return _step(shape, free, fingers).mapaccum("pushed", steps, 6)
+    return _step(shape, free, fingers, off).mapaccum("pushed", steps, 6)
 
 
 @cache
-def _step(shape, free: bool, fingers: int) -> ca.Function:
+def _step(shape, free: bool, fingers: int, off: bool) -> ca.Function:
     z, theta, pose = _unknowns(shape, free)
-    k, rows = z.numel(), [slice(3 * f, 3 * f + 3) for f in range(fingers)]
+    rows = [slice(3 * f, 3 * f + 3) for f in range(fingers)]
+    k = z.numel() + off * 3 * fingers
     p, goal_1, goal, r = (ca.SX.sym(name, 3 * fingers) for name in ("p", "g", "h", "r"))
     rho, known = ca.SX.sym("rho", fingers), ca.SX.sym("known", 5)
     sensors, sloped = ca.SX.sym("sensors", 3), ca.SX.sym("sloped")
@@ -60,14 +62,18 @@ def _step(shape, free: bool, fingers: int) -> ca.Function:
     step, at = d, [s, z, p, ca.vertcat(*meant), rho, known]
     for _ in range(ITERATIONS):
         step = better(step, *at)
-    D_s, D_z, p_now = _slopes(body, s, d, rest, given)(step, *at)
+    D_s, D_z, D_r, p_now = _slopes(body, s, d, rest, given)(step, *at)
+    D_z = ca.horzcat(D_z, D_r) if off else D_z
     now = s + step
     M_now = M + sloped * (D_s @ M + D_z)
     A = ca.DM.eye(3) + D_s
     P_now = sloped * (A @ P @ A.T + exploration.wandered(step, SHARE, LEAST, ARM))
     felt, F_now, feel = [], F, _feeling(shape, free)
     for f, p_wf in enumerate(meant):
-        chance, weights, h, h_s = feel(z, now, p_wf, rho[f], sensors)
+        chance, weights, h, h_s, h_r = feel(z, now, p_wf, rho[f], sensors)
+        if off:
+            others = [ca.DM.zeros(4, 3) for _ in range(fingers)]
+            h = ca.horzcat(h, *others[:f], h_r, *others[f + 1 :])
         felt.append(chance)
         for i in range(4):
             F_now, M_now, P_now = exploration.told(
@@ -79,11 +85,14 @@ def _step(shape, free: bool, fingers: int) -> ca.Function:
 
 
 def _slopes(body, s, d, rest, given) -> ca.Function:
-    """Return how the step d follows s and z (implicit function theorem), and tips."""
+    """Return how the step d follows s, z and fingers that are elsewhere, and tips.
+
+    By the implicit function theorem.
+    """
     loads = ca.SX.sym("loads", 1 + len(rest[0]))
     pull = pushing.balance(*body, s, d, *rest, ca.vertsplit(loads))
-    by_d, by_s, by_z = (ca.jacobian(pull, v) for v in (d, s, given[2]))
-    out = [-pushing.solve_3(by_d, by) for by in (by_s, by_z)]
+    by_d, by_s, by_z, by_p, by_r = (ca.jacobian(pull, v) for v in (d, s, *given[2:5]))
+    out = [-pushing.solve_3(by_d, by) for by in (by_s, by_z, by_p + by_r)]
     out.append(ca.vertcat(*pushing.tips(*body, s, d, *rest, ca.vertsplit(loads))))
     slopes = ca.Function("slopes", [*given, loads], out, {"cse": True})
     at = ca.vertcat(*pushing.loads_of(*body, s + d, *rest))
@@ -92,7 +101,7 @@ def _slopes(body, s, d, rest, given) -> ca.Function:
 
 @cache
 def _feeling(shape, free: bool) -> ca.Function:
-    """Return (z, s, r, rho, sensors) -> p, weights (4,), slopes (4, k) and (4, 3).
+    """Return (z, s, r, rho, sensors) -> p, weights (4,), slopes by z, s and r (4, ...).
 
     The rows are gap and normal of one finger's sample.
     """
@@ -105,23 +114,24 @@ def _feeling(shape, free: bool) -> ca.Function:
     sensed = ca.vertcat(phi, SPHERE.normal(shape, theta, at, r, rho))
     p, w = exploration.probability(phi, alpha), exploration.worth(phi, alpha, sigma)
     weights = ca.vertcat(w, *[p / sigma_n**2] * 3)
-    slopes = [ca.densify(ca.jacobian(sensed, v)) for v in (z, s)]
+    slopes = [ca.densify(ca.jacobian(sensed, v)) for v in (z, s, r)]
     inputs = [z, s, r, rho, sensors]
     return ca.Function("feeling", inputs, [p, weights, *slopes], {"cse": True})
 
 
 @cache
 def sampled(shape, free: bool) -> ca.Function:
-    """Return (z, r, rho, c, sensors) -> (k, k) what a sample with boolean c told.
+    """Return (z, r, rho, c, sensors) -> (k + 3, k + 3) what a sample of boolean c told.
 
-    z: theta and the pose at that sample, by which slopes are taken (dx_t/dx_T = I).
+    Of z, theta and the pose at that sample, by which slopes are taken (dx_t/dx_T = I),
+    and of where the finger is.
     """
     z, theta, pose = _unknowns(shape, free)
     r, rho, c = ca.SX.sym("r", 3), ca.SX.sym("rho"), ca.SX.sym("c")
     sensors = ca.SX.sym("sensors", 3)
     phi = SPHERE.gap(shape, theta, pose, r, rho)
     n = SPHERE.normal(shape, theta, pose, r, rho)
-    slopes = [ca.jacobian(v, z) for v in (phi, n)]
+    slopes = [ca.jacobian(v, ca.vertcat(z, r)) for v in (phi, n)]
     told = exploration.sample_information(c, phi, *slopes, *ca.vertsplit(sensors))
     inputs, out = [z, r, rho, c, sensors], [ca.densify(told)]
     return compiled([ca.Function("sampled", inputs, out, {"cse": True})])[0]

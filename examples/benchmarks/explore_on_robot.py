@@ -53,7 +53,7 @@ SCENES = {
     "unknown": Scene(sigma_normal=NORMAL, sigma_offset=OFFSET),
     "ignored": Scene(sigma_normal=NORMAL),
 }
-OPTIONS = Options(time_limit=60.0)  # what contradicts itself would take minutes
+OPTIONS = Options(time_limit=30.0)  # what contradicts itself would take minutes
 KEYS = {"p2s_mm": "exact surface distance [mm]", "bch_mm": "bCH [mm]"}
 COLOURS = {"eig": "#0072B2", "random": "#D55E00"}
 LINES = {"unknown": "-", "ignored": ":"}
