@@ -10,7 +10,10 @@ STEP = 1 / 4080  # [s]; an impact at 0.2 m/s sinks in by 0.07 mm, most of it in 
 # Contacts settle in 1 ms (MuJoCo wants two steps at least) without rebound, under the
 # largest impedance that MuJoCo takes: 8 N sink in by less than 0.1 um.  Friction is ten
 # times as stiff: no creep is left that the slow noslip solver could remove.
-CONTACT = 'condim="3" solref="0.001 1" solimp="0.9999 0.9999 0.001"'
+CONTACT = 'condim="3" solref="{} {}" solimp="0.9999 0.9999 0.001"'
+SETTLING = 0.001  # [s] of a contact without rebound
+BOUNCING = 0.005  # [s] of one that rebounds: many steps long, or it gains energy
+LIVELIEST = 0.9  # [1] restitution: with more, contacts ring on and on
 OPTION = 'integrator="implicitfast" cone="elliptic" impratio="10" tolerance="1e-10"'
 FINGER_MASS = 0.05  # [kg], a fingertip; the object feels it in impacts only
 STIFFNESS = 3125.0  # [N/m] of the servo: a finger alone reaches 250 rad/s
@@ -32,6 +35,7 @@ class Plant:
     ground:         [m] height of the ground plane, or None
     gravity:        [m/s^2]
     max_force:      [N] of a finger's servo
+    restitution:    [1] of all contacts
 
     The arguments are checked by who calls.
     """
@@ -48,10 +52,13 @@ class Plant:
         ground: float | None,
         gravity: float,
         max_force: float,
+        restitution: float = 0.0,
     ) -> None:
         import mujoco  # lazily: importing this module stays light
 
-        xml = _xml(side_lengths, vertices, mass, friction, finger_radius, ground)
+        contact = _contact(restitution)
+        body = side_lengths, vertices, mass
+        xml = _xml(*body, friction, finger_radius, ground, contact)
         self._model = mujoco.MjModel.from_xml_string(xml)
         self._model.opt.gravity[:] = 0.0, 0.0, -gravity
         self._data = mujoco.MjData(self._model)
@@ -165,6 +172,7 @@ def _xml(
     friction: tuple[float, float],
     finger_radius: np.ndarray,
     ground: float | None,
+    contact: str,
 ) -> str:
     """Return MuJoCo's description; it takes the larger friction of two geoms."""
     mesh, plane, geom = "", "", 'type="mesh" mesh="object"'
@@ -182,9 +190,24 @@ def _xml(
         for radius in finger_radius.tolist()
     )
     return f"""<mujoco><option timestep="{STEP}" {OPTION}/>
-        <default><geom {CONTACT}/></default>{mesh}
+        <default><geom {contact}/></default>{mesh}
         <worldbody>{plane}<body><freejoint/><geom name="object" {geom} mass="{mass}"
             friction="0 0 0"/></body>{fingers}</worldbody></mujoco>"""
+
+
+def _contact(restitution: float) -> str:
+    """Return MuJoCo's parameters of a contact that gives back so much of its speed.
+
+    A spring and a damper that only push let go when their force is zero, which leaves
+    exp(-z (pi - atan(2 z s / (1 - 2 z^2))) / s) of the speed, z the damping ratio and
+    s = sqrt(1 - z^2) (Schwager and Poeschel, 2007).
+    """
+    if restitution == 0:
+        return CONTACT.format(SETTLING, 1)
+    z = np.linspace(0.01, 0.99, 1000)
+    s = np.sqrt(1 - z**2)
+    left = np.exp(-z / s * (np.pi - np.arctan2(2 * z * s, 1 - 2 * z**2)))
+    return CONTACT.format(BOUNCING, np.interp(-restitution, -left, z))
 
 
 def _text(numbers: np.ndarray) -> str:

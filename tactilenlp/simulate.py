@@ -11,14 +11,12 @@ import numpy as np
 from .errors import OptionError, SceneError
 from .measurements import Measurements
 from .noise import Noise, add_noise
-from .plant import STEP, Plant
+from .plant import LIVELIEST, STEP, Plant
+from .retraction import STILL, retraction
 
 RATE = 30  # [Hz] of the record, as the tactile sensors of the paper
-SUBSTEPS = round(1 / (RATE * STEP))  # steps per sample
 WINDOW = 40  # steps (10 ms) at the end of a sample over which the sensor averages
-BACK_OFF, BACK_OFF_TIME = 0.008, 0.2  # [m], [s] first, out along the contact normal
-RETURN_TIME, PAUSE = 0.4, 0.2  # [s] back the way it came; the object comes to rest
-STILL = 1e-9  # [m] a finger that is to move less than this is parked
+PAUSE = 0.2  # [s] after an action: the object comes to rest
 SUNK = 1e-5  # [m] a body may be placed below the ground; more would make it jump
 SHAPE = ("side_lengths", "vertices")
 KNOWN = {  # what a world is told: unit and length
@@ -32,8 +30,18 @@ KNOWN = {  # what a world is told: unit and length
     "max_force": ("N > 0", -1),
     "contact_force": ("N >= 0", -1),
     "settle": ("s >= 0", -1),
+    "rate": ("Hz > 0", -1),
+    "restitution": (">= 0", -1),
 }
-PLANT = (*SHAPE, "mass", "finger_radius", "ground", "gravity", "max_force")
+PLANT = (
+    *SHAPE,
+    "mass",
+    "finger_radius",
+    "ground",
+    "gravity",
+    "max_force",
+    "restitution",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +82,8 @@ class World:
     max_force:       [N], the most that the servo of a finger applies
     contact_force:   [N] a contact is reported above this normal force (10 ms average)
     settle:          [s] that the object rests before the first action
+    rate:            [Hz] of the record, made a whole number of the solver's steps
+    restitution:     [1] of an impact's speed that comes back, at most 0.9
     noise:           what the sensors add; `truth` stays clean
 
     `measurements` and `truth` hold all that was recorded, None before the first action.
@@ -95,6 +105,8 @@ class World:
     max_force: float = 8.0
     contact_force: float = 0.05
     settle: float = 0.3
+    rate: float = RATE
+    restitution: float = 0.0
     noise: Noise = Noise()  # noqa: RUF009 (it is frozen)
 
     def __post_init__(self) -> None:
@@ -105,6 +117,8 @@ class World:
             value = getattr(self, name)
             if value is not None or name not in ("side_lengths", "ground"):
                 setattr(self, name, _checked(name, value, *rule))
+        if self.restitution > LIVELIEST:
+            raise _wrong("restitution", f"at most {LIVELIEST}", self.restitution)
         if self.ground is None and self.gravity > 0:
             raise _wrong("ground", "a height [m] where there is gravity", None)
         if self.vertices is None:
@@ -138,23 +152,24 @@ class World:
         positions are constant stays parked: it is there, but its samples are not valid.
 
         Fingers appear at the start of the trajectory; the way there is not simulated.
-        The record runs at 30 Hz to the end.  Then, unrecorded and in 0.8 s, each finger
-        backs off along its contact normal and returns the way it came.
+        The record runs at `rate` to the end.  Then, unrecorded and in 0.8 s, each
+        finger backs off along its contact normal and returns the way it came.
 
         Raises OptionError where a trajectory is malformed or starts inside a body.
         """
         path, duration, parked = _path(trajectory, len(self.finger_radius))
-        steps = np.arange(int(duration * RATE + 1e-6) * SUBSTEPS + 1)
+        each = max(1, round(1 / (self.rate * STEP)))  # steps per sample
+        steps = np.arange(int(duration / (each * STEP) + 1e-6) * each + 1)
         reference = path(np.minimum(steps * STEP, duration))
         self._plant.place(reference[0])
-        time = (self._plant.steps + steps[::SUBSTEPS]) * STEP
+        time = (self._plant.steps + steps[::each]) * STEP
         rows = [self._row(np.zeros((1, len(parked), 6)))]
-        for k in range(0, len(steps) - 1, SUBSTEPS):
-            touch = self._plant.follow(reference[k : k + SUBSTEPS + 1])
+        for k in range(0, len(steps) - 1, each):
+            touch = self._plant.follow(reference[k : k + each + 1])
             rows.append(self._row(touch))
         true = Truth(*map(np.array, zip(*rows, strict=True)))
         out = self._plant.fingers, true.normal[-1]
-        self._plant.follow(_retraction(*out, path, duration, parked))
+        self._plant.follow(retraction(*out, path, duration, parked))
         self._plant.hold(PAUSE)
         return self._keep(time, true, parked)
 
@@ -220,28 +235,6 @@ def _path(trajectory, F: int) -> tuple[Callable, float, np.ndarray]:
         raise _wrong("finger_position", expected, got, kind=OptionError)
     parked = np.ptp(position, axis=0).max(axis=1) < STILL
     return PchipInterpolator(time - time[0], position), time[-1] - time[0], parked
-
-
-def _retraction(
-    here: np.ndarray, normal: np.ndarray, path: Callable, duration: float, parked
-) -> np.ndarray:
-    """Return the references (n, F, 3) [m] out along the normal, then back on the path.
-
-    The path is moved to where the finger is; the offset fades with the way left.
-    """
-    out = here + BACK_OFF * _smooth(BACK_OFF_TIME) * normal
-    back = path(duration * (1 - _smooth(RETURN_TIME)[:, 0, 0]))
-    steps = np.diff(back, axis=0, prepend=back[:1])
-    way = np.linalg.norm(steps, axis=-1).cumsum(axis=0)
-    left = 1 - way / np.maximum(way[-1], STILL)
-    back = back + left[:, :, None] * (out[-1] - back[0])
-    return np.where(parked[:, None], path(0.0), np.concatenate([out, back[1:]]))
-
-
-def _smooth(duration: float) -> np.ndarray:
-    """Return the minimum-jerk profile from 0 to 1 at every step, (n, 1, 1)."""
-    s = np.linspace(0, 1, round(duration / STEP) + 1)
-    return (s**3 * (10 - 15 * s + 6 * s**2))[:, None, None]
 
 
 def _pose(position, quaternion, corners: np.ndarray, ground: float | None):

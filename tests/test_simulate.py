@@ -107,6 +107,29 @@ def test_impulse_of_finger_becomes_momentum_on_frictionless_ground():
     assert abs(impulse[1]) < 1e-6
 
 
+def test_a_box_that_falls_comes_back_up_by_the_square_of_its_restitution():
+    away = np.tile([[[1.0, 0.0, 1.0]]], (2, 1, 1))
+    wait = SimpleNamespace(time=np.array([0.0, 0.5]), finger_position=away)
+    fall = {"position": (0, 0, 0.07), "settle": 0, "finger_radius": [0.01]}
+    for e in (0.3, 0.6):
+        world = World([0.04] * 3, restitution=e, rate=510, **fall)
+        world.execute(wait)
+        z = world.truth.object_position[:, 2]
+        landed = np.argmax(z < 0.0205) + 5  # samples: the contact is over
+        # A contact of milliseconds: the speed is right to a twentieth.
+        assert np.sqrt((z[landed:].max() - 0.02) / 0.05) == pytest.approx(e, abs=0.05)
+
+
+def test_a_record_of_another_rate_sees_the_same_motion():
+    slow, fast = World(SIZES), World(SIZES, rate=120)
+    seldom, often = slow.execute(push()), fast.execute(push())
+    assert often.dt == pytest.approx(1 / 120)
+    np.testing.assert_allclose(often.time[::4], seldom.time, atol=1e-12)
+    np.testing.assert_array_equal(
+        fast.truth.object_position[::4], slow.truth.object_position
+    )
+
+
 def test_fingers_sink_in_by_less_than_a_tenth_of_a_millimetre():
     for mass in (0.5, 2.0):
         world = World(SIZES, mass=mass)
@@ -332,6 +355,8 @@ def test_noise_is_repeatable_and_one_kind_leaves_the_others_alone(recorded):
         ({"quaternion": (1, 1, 0, 0)}, "quaternion"),
         ({"max_force": None}, "max_force"),
         ({"settle": -1.0}, "settle"),
+        ({"rate": 0.0}, "rate"),
+        ({"restitution": 0.95}, "restitution"),
     ],
 )
 def test_impossible_world_is_refused_by_name(options, name):
