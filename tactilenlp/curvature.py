@@ -26,7 +26,8 @@ LOOSE = 1e-9  # [1 / scaled unknown^2] of a direction that nothing sees
 TIE = 1e2  # [-] a multiplier within this factor of its slack is neither on nor off
 FIRM = 1e6  # [-] price of leaving active constraints, in Hessian entries
 NEGATIVE = 1e-10  # [-] of the largest curvature: less than rounding is no direction
-DENSE = 1500  # unknowns up to which eigenvectors come from a dense matrix
+GROWTH = 4.0  # [-] of a shift that does not make a matrix positive definite
+ROUNDS = 40  # of inverse iteration
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,10 +96,10 @@ class Curvature:
         H = self._scaled(self.hessian())
         largest = max(abs(H).max(), 1.0)
         tight = H + FIRM * self.A.T @ self.A
-        level = tight + NEGATIVE * largest * sp.identity(H.shape[0])
-        if _positive_definite(level):
+        shift = NEGATIVE * largest
+        if _positive_definite(tight + shift * sp.identity(H.shape[0])):
             return None
-        direction = _lowest(tight) * self.problem.scale
+        direction = _lowest(tight, shift) * self.problem.scale
         bends = {n: direction @ (h @ direction) for n, h in self.hessians.items()}
         return min(bends, key=bends.get), direction
 
@@ -160,14 +161,18 @@ def _positive_definite(M) -> bool:
     return bool(np.all(lu.U.diagonal() > 0))
 
 
-def _lowest(M) -> np.ndarray:
-    """Return the unit eigenvector of the smallest eigenvalue, which is negative."""
-    if M.shape[0] <= DENSE:
-        return np.linalg.eigh(M.toarray())[1][:, 0]
-    from scipy.sparse.linalg import eigsh
+def _lowest(M, shift: float) -> np.ndarray:
+    """Return a unit vector along which M curves down the most, or nearly so.
 
-    below, one = -1.0, sp.identity(M.shape[0], format="csc")
-    while not _positive_definite(M - below * one):
-        below *= 2.0
-    # Next to the shift only the lowest is left: Lanczos alone takes thousands of steps.
-    return eigsh(M, k=1, sigma=below, v0=np.ones(M.shape[0]))[1][:, 0]
+    Inverse iteration of M + shift 1, shift grown until that is positive definite: it
+    always ends, where Lanczos' method on a large M may not.
+    """
+    one = sp.identity(M.shape[0])
+    while not _positive_definite(M + shift * one):
+        shift *= GROWTH
+    inverse = splu((M + shift * one).tocsc(), permc_spec="MMD_AT_PLUS_A")
+    v = np.random.default_rng(0).normal(size=M.shape[0])
+    for _ in range(ROUNDS):
+        v = inverse.solve(v)
+        v /= np.linalg.norm(v)
+    return v

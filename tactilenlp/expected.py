@@ -90,6 +90,7 @@ class ExpectedInformation:
         self.workspace = workspace or Workspace(ground=estimate.scene.ground)
         self.estimate, self._sloped = estimate, float(slopes == "motion")
         self.shape = shape_of(estimate.shape)
+        _check_moves(self.shape)
         k = len(estimate.information.names)
         self._off = estimate.finger_offset is not None
         self._free = k > self.shape.theta + 3
@@ -288,6 +289,19 @@ def _check_ground(scene) -> None:
             got="None",
             expected="the plane on which the object lies",
             next="explore with policy='random' or one of your own",
+        )
+
+
+def _check_moves(shape) -> None:
+    """Raise OptionError for a shape whose way under a push cannot be predicted."""
+    if shape.inertia is None:
+        raise OptionError(
+            "no action is predicted for this shape",
+            where="estimate.shape",
+            got=shape.name,
+            expected="a shape with inertia and a foot, as a cuboid has",
+            next="estimate a cuboid to choose actions, or explore with "
+            "policy='random' or 'farthest'",
         )
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from .chart import chart_of
 from .checks import check_types
 from .curvature import curvature_of
-from .errors import OptionError
+from .errors import OptionError, TactileError
 from .gauss_newton import without_downward
 from .information import Information, inverse
 from .inverse_dynamics import inverse_dynamics
@@ -59,6 +59,7 @@ def observed_information(estimate, kind: str = "exact") -> Information:
     curvature = curvature_of(again.problem, again.solution)
     if kind == "inverse_dynamics":
         M = inverse_dynamics(curvature, again.solution, again.window, again.shape)
+        _check_finite(M)
         M = again.chart.back.T @ M @ again.chart.back
         return replace(estimate.information, matrix=M, spread=inverse(M))
     if kind == "gauss_newton":
@@ -73,6 +74,15 @@ def observed_information(estimate, kind: str = "exact") -> Information:
         C = tangent @ C @ tangent.T
     C = (C + C.T) / 2
     return replace(estimate.information, matrix=inverse(C), spread=C)
+
+
+def _check_finite(M) -> None:
+    if not np.isfinite(M).all():
+        raise TactileError(
+            "the product of inverted Jacobians overflows", where="inverse_dynamics",
+            got="an infinite entry", expected="finite information",
+            next='ask for kind="exact", or for fewer actions',
+        )  # fmt: skip
 
 
 def assumption_sensitivity(estimate) -> Sensitivity:

@@ -79,7 +79,8 @@ class Columns:
         """Global indices, (instances, k rows)."""
         rows = np.arange(self.variable.rows)
         first = self.variable.first + self.columns[..., None] * self.variable.rows
-        return (first + rows).reshape(len(self.columns), -1)
+        width = int(np.prod(self.columns.shape[1:])) * len(rows)  # also of no instance
+        return (first + rows).reshape(len(self.columns), width)
 
 
 @dataclass(frozen=True, eq=False)

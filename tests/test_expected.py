@@ -218,3 +218,8 @@ def test_options_that_are_none_are_refused():
         ExpectedInformation(BOX, slopes="none")
     with pytest.raises(OptionError, match="hypotheses"):
         ExpectedInformation(BOX, hypotheses=0)
+
+
+def test_a_hull_is_refused_in_words_where_its_way_cannot_be_predicted(estimate):
+    with pytest.raises(OptionError, match="no action is predicted for this shape"):
+        ExpectedInformation(replace(estimate, shape="polytope"))

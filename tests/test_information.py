@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tactilenlp import Problem, observed_information
-from tactilenlp.errors import OptionError
+from tactilenlp.errors import OptionError, TactileError
 from tactilenlp.information import reduced_covariance, unobserved
 from tactilenlp.solve import SolverOptions, solve
 
@@ -124,3 +124,11 @@ def test_a_gaussian_prior_alone_gives_back_its_deviation():
     problem.minimize("prior", lambda a: ca.sumsqr(a / 0.02) / 2, a, role="prior")
     C, _, _ = reduced_covariance(problem, solve(problem), np.array([0]))
     assert np.sqrt(C.item()) == pytest.approx(0.02, rel=1e-6)
+
+
+def test_jacobians_whose_product_overflows_are_refused_in_words(estimate, monkeypatch):
+    k = len(estimate.information.names)
+    flood = np.full((k, k), np.inf)
+    monkeypatch.setattr("tactilenlp.observed.inverse_dynamics", lambda *_: flood)
+    with pytest.raises(TactileError, match="overflows"):
+        observed_information(estimate, "inverse_dynamics")

@@ -466,3 +466,9 @@ def test_unknowns_and_parameters_that_no_term_reads_are_named():
 
 def test_a_check_is_the_same_for_the_same_seed():
     assert str(merged().check(seed=5)) == str(merged().check(seed=5))
+
+
+def test_columns_that_no_instance_reads_have_indices_all_the_same():
+    x = Problem().variable("x", 3, 5, guess=0.0, unit="m", scale=1.0)
+    assert x[:, []].indices.shape == (0, 3)
+    assert x[:, np.zeros((0, 2), int)].indices.shape == (0, 6)

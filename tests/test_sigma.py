@@ -160,6 +160,21 @@ def test_what_curves_down_is_named_and_not_repaired():
     assert curvature.response_of(np.array([1]))[0][1, 0] < 0
 
 
+def test_what_curves_down_is_found_among_thousands_of_unknowns():
+    """Where curvatures span twelve decades and Lanczos' method would not end."""
+    problem, stiff = Problem(), np.logspace(-6, 6, 2000)
+    a = problem.variable("a", 1, 2000, guess=0.0, unit="m", scale=1.0)
+    problem.minimize("bowl", lambda a, k: k * a**2, a, stiff, role="prior")
+    problem.minimize("ridge", lambda a: -(a**2), a[:, [1000]], role="physics")
+    problem.minimize("pair", lambda a, b: -3 * a * b, a[:, [7]], a[:, [8]],
+                     role="regulariser")  # fmt: skip
+    saddle = solve(problem, SolverOptions(iterations=1), throw=False)
+    saddle.values["a"][:] = 0.0
+    term, direction = curvature_of(problem, saddle).negative
+    assert term == "pair"
+    assert set(np.argsort(np.abs(direction))[-2:]) == {7, 8}
+
+
 def test_a_direction_that_is_known_exactly_has_a_finite_information():
     C = np.diag([1e-6, 0.0, 4e-6])
     assert np.all(np.isfinite(inverse(C)))

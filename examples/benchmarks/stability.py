@@ -1,0 +1,260 @@
+"""Stress the estimator: a table of cells, each with a rule that it must pass.
+
+    python examples/benchmarks/stability.py folder [--axes friction "time step"]
+        [--ways cuboid polytope] [--core] [--executor processes|dask|none]
+
+A cell is one value of one axis, solved one way.  It passes if it is right to a
+millimetre, or no error exceeds five of its own sigmas; if two solves that must agree
+do; or if it ends with a typed error where the axis says beforehand that it may.
+Never: a number that is not finite, a confident wrong answer, a crash, a hang.
+
+Rows are kept in stability.jsonl as soon as a cell is done; called again, the suite goes
+on from there.  Writes stability.csv and stability.png.  The axes, with their rules and
+with what may be refused, are in stability_world.py, stability_sensors.py and
+stability_solver.py, the judge in stability_judge.py.
+"""
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread a process: before NumPy
+
+import argparse
+import csv
+import json
+import signal
+import sys
+import time
+import warnings
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+import stability_sensors
+import stability_solver
+import stability_world
+from stability_judge import (
+    COLOURS,
+    CRASH,
+    ERROR,
+    GOOD,
+    HANG,
+    RIGHT,
+    UNTOLD,
+    refused,
+    row,
+)
+
+from tactilenlp.errors import TactileError
+
+AXES = {
+    axis.name: axis
+    for axis in (*stability_solver.AXES, *stability_world.AXES, *stability_sensors.AXES)
+}
+LIMIT = 240  # [s] that a cell may take by the clock; its process dies then
+CORE = (  # a dozen cells for the tests: every verdict and every kind of rule
+    ("internal units", "mm", "quasi-static"),
+    ("labels", "body turned 90 deg", "cuboid"),
+    ("information prior", "1e-6", "cuboid"),
+    ("information prior", "1e+6", "cuboid"),
+    ("stuck sensor", "all, never", "cuboid"),
+    ("samples twice", "same time", "cuboid"),
+    ("start", "3x, 180 deg", "cuboid"),
+    ("mass", "100 kg", "cuboid"),
+    ("friction", "finger 0", "cuboid"),
+    ("flips", "3 %", "cuboid"),
+    ("contacts", "last sample", "cuboid"),
+    ("actions", "1", "cuboid"),
+)
+KEYS = ("axis", "value", "way")
+
+
+def run(cell) -> list[dict]:
+    """Return the rows of a cell; whatever goes wrong is a row as well."""
+    name, value, way = cell
+    axis, began = AXES[name], time.process_time()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            rows = axis.check(value, way)
+    except TactileError as error:
+        rows = [refused(error)]
+    except Exception as error:  # any other is a defect: it counts, by its name
+        said = f"{type(error).__name__}: {' '.join(str(error).split())[:160]}"
+        rows = [row("estimate", CRASH, words=said)]
+    seconds = time.process_time() - began
+    return [finished(cell, r, seconds / len(rows)) for r in rows]
+
+
+def finished(cell, found: dict, seconds: float) -> dict:
+    """Return the row with its cell, its cost, and whether it passes."""
+    allowed = AXES[cell[0]].allows(*cell[1:])
+    allowed |= found["part"] == "gain" and cell[2] in UNTOLD
+    good = (*GOOD, ERROR) if allowed else GOOD
+    plain = {k: float(v) if isinstance(v, np.floating) else v for k, v in found.items()}
+    label = dict(zip(KEYS, cell, strict=True))
+    passed = found["verdict"] in good
+    return label | plain | {"passed": passed, "cpu_s": seconds, "may_refuse": allowed}
+
+
+def limited(cell) -> list[dict]:
+    """Run a cell in a process of its own pool, which dies if it takes too long."""
+    signal.alarm(LIMIT)
+    rows = run(cell)
+    signal.alarm(0)
+    return rows
+
+
+def in_processes(cells, workers: int, task=limited):
+    """Yield the rows of each cell; one that kills its process twice is a hang."""
+    waiting, suspects = list(cells), []
+    while waiting:
+        lost = yield from in_pool(waiting, workers, task)
+        suspects += lost[:workers]  # those that ran when the process died: each alone
+        waiting = lost[workers:]
+    for cell in suspects:
+        if (yield from in_pool([cell], 1, task)):
+            yield [finished(cell, row("estimate", HANG), float(LIMIT))]
+
+
+def in_pool(cells, workers: int, task):
+    """Yield the rows of each cell until a process dies; return what is left."""
+    left = []
+    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+        for cell, future in [(cell, pool.submit(task, cell)) for cell in cells]:
+            try:
+                yield future.result()
+            except BrokenProcessPool:
+                left.append(cell)
+    return left
+
+
+def in_dask(cells, address):
+    from distributed import Client, as_completed  # an extra: tactilenlp[dask]
+
+    with Client(address) as client:
+        for future in as_completed(client.map(run, cells, pure=False)):
+            yield future.result()
+
+
+def chosen(arguments) -> list[tuple]:
+    """Return the cells that are asked for."""
+    if arguments.core:
+        return list(CORE)
+    names = arguments.axes or [*AXES]
+    cells = [cell for name in names for cell in AXES[name].cells()]
+    return [c for c in cells if not arguments.ways or c[2] in arguments.ways]
+
+
+def suite(arguments) -> list[dict]:
+    """Run what is missing of the cells that are asked for; return all their rows."""
+    arguments.folder.mkdir(parents=True, exist_ok=True)
+    kept, wanted = arguments.folder / "stability.jsonl", chosen(arguments)
+    rows = [json.loads(line) for line in kept.read_text().splitlines()] if (
+        kept.exists()) else []  # fmt: skip
+    done = {tuple(r[k] for k in KEYS) for r in rows}
+    missing = [cell for cell in wanted if cell not in done]
+    ways = {
+        "none": lambda: map(run, missing),
+        "processes": lambda: in_processes(missing, arguments.workers),
+        "dask": lambda: in_dask(missing, arguments.address),
+    }
+    for new in ways[arguments.executor]():
+        rows += new
+        with open(kept, "a") as stream:
+            stream.writelines(json.dumps(r) + "\n" for r in new)
+        for r in new:
+            print(said(r), flush=True)
+    order = {cell: i for i, cell in enumerate(wanted)}
+    rows = [r for r in rows if tuple(r[k] for k in KEYS) in order]
+    return sorted(rows, key=lambda r: order[tuple(r[k] for k in KEYS)])
+
+
+def said(r) -> str:
+    """Return a row in words."""
+    mark = "  " if r["passed"] else "! "
+    size = f"{r['error_mm']:.2f} mm, sigma {r['sigma_mm']:.2f}, "
+    size = size if np.isfinite(r["error_mm"]) else ""
+    return (f"{mark}{r['axis']} | {r['value']} | {r['way']}, {r['part']}: "
+            f"{r['verdict']} ({size}{r['words']}) {r['cpu_s']:.1f} s")  # fmt: skip
+
+
+def summary(rows) -> str:
+    """Return how many rows pass, in all and of each axis; name those that do not."""
+    lines = [f"{'axis':22}{'rows':>6}{'pass':>6}{'right':>7}{'CPU s':>8}  rule"]
+    for name in dict.fromkeys(r["axis"] for r in rows):
+        some = [r for r in rows if r["axis"] == name]
+        right = sum(r["verdict"] == RIGHT for r in some)
+        lines.append(f"{name:22}{len(some):>6}{sum(r['passed'] for r in some):>6}"
+                     f"{right:>7}{sum(r['cpu_s'] for r in some):8.0f}"
+                     f"  {AXES[name].rule}")  # fmt: skip
+    firm = [r for r in rows if not r["may_refuse"]]
+    refusals = sum(r["verdict"] == ERROR for r in firm)
+    passed = sum(r["passed"] for r in rows)
+    lines += [said(r) for r in rows if not r["passed"]]
+    lines.append(
+        f"{passed} of {len(rows)} rows pass ({passed / len(rows):.1%}); of {len(firm)} "
+        f"that must estimate {refusals} refused."
+    )
+    return "\n".join(lines)
+
+
+def draw(rows, path) -> None:
+    """Plot one row of squares for every axis and way, coloured by the worst verdict."""
+    import matplotlib.pyplot as plt
+    from matplotlib.patches import Patch
+
+    worst = {verdict: i for i, verdict in enumerate(COLOURS)}
+    lines = list(dict.fromkeys((r["axis"], r["way"]) for r in rows))
+    width = max(len(AXES[name].values) for name, _ in lines)
+    size = (5 + 0.42 * width, 1.5 + 0.26 * len(lines))
+    figure, ax = plt.subplots(figsize=size, layout="constrained")
+    for y, (name, way) in enumerate(lines):
+        for x, value in enumerate(AXES[name].values):
+            cell = [r for r in rows if (r["axis"], r["way"], r["value"]) == (
+                name, way, value)]  # fmt: skip
+            if not cell:
+                continue
+            r = max(cell, key=lambda r: (not r["passed"], worst[r["verdict"]]))
+            ax.add_patch(plt.Rectangle((x, y), 0.92, 0.86, color=COLOURS[r["verdict"]]))
+            if not r["passed"]:
+                ax.text(x + 0.46, y + 0.43, "x", color="white", ha="center",
+                        va="center", weight="bold")  # fmt: skip
+    labels = [f"{name}: {way}" for name, way in lines]
+    ax.set_yticks(np.arange(len(lines)) + 0.43, labels, fontsize=8)
+    ax.set(xlim=(0, width), ylim=(len(lines), 0), xticks=[],
+           xlabel="values of the axis as in its file; x: rule not met")  # fmt: skip
+    for side in ("top", "right", "bottom", "left"):
+        ax.spines[side].set_visible(False)
+    shown = [v for v in COLOURS if any(r["verdict"] == v for r in rows)]
+    patches = [Patch(color=COLOURS[v], label=v) for v in shown]
+    figure.legend(handles=patches, loc="outside upper center", ncols=4, frameon=False)
+    figure.savefig(path, dpi=130)
+    plt.close(figure)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--axes", nargs="+", choices=[*AXES], metavar="AXIS")
+    parser.add_argument("--ways", nargs="+", metavar="WAY")
+    parser.add_argument("--core", action="store_true", help="the tests' dozen cells")
+    parser.add_argument("--executor", default="processes",
+                        choices=["processes", "dask", "none"])  # fmt: skip
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--address", help="of a Dask scheduler")
+    arguments = parser.parse_args()
+    rows = suite(arguments)
+    with open(arguments.folder / "stability.csv", "w", newline="") as stream:
+        writer = csv.DictWriter(stream, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    draw(rows, arguments.folder / "stability.png")
+    print(summary(rows))
+    if not all(r["passed"] for r in rows):
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,150 @@
+"""Axes of the stress suite that vary the world: objects, contacts, time steps."""
+
+from __future__ import annotations
+
+import numpy as np
+from stability_judge import Axis, Case, estimated
+from stability_scenes import SIDES, act, box, case_of, move, reach, recorded, turned
+
+HONEST = "right to 1 mm, or no error beyond 5 sigma"
+EASY = 0.03  # [m] that a finger travels to or past a face
+GRAZE = 0.2e-3  # [m] by which a grazing finger overlaps a face
+
+
+def friction(value: str) -> Case:
+    contact, mu = value.split()
+    return recorded(**{f"friction_{contact}": float(mu)})
+
+
+def mass(value: str) -> Case:
+    return recorded(mass=float(value.split()[0]))
+
+
+def radius(value: str) -> Case:
+    rho = 1e-3 * float(value.split()[0])
+    return recorded(finger_radius=(rho, rho))
+
+
+def size(value: str) -> Case:
+    longest = 1e-2 * float(value.split()[0])
+    return recorded(sides=tuple(longest * side / max(SIDES) for side in SIDES))
+
+
+def restitution(value: str) -> Case:
+    return recorded(restitution=float(value))
+
+
+def rate(value: str) -> Case:
+    return recorded(3, rate=float(value.split("/")[1].split()[0]))
+
+
+def contacts(value: str) -> Case:
+    """Squeeze x, touch in the way that the value names, squeeze y, press the top."""
+    world = box()
+    act(world, 0)
+    move(world, *CONTACTS[value](world))
+    act(world, 2)
+    act(world, 3)
+    return case_of(world)
+
+
+def axes_of(world):
+    """Return the box's middle (3,) [m], and unit vectors along its x and y (3,)."""
+    yaw = turned(world)
+    x = np.r_[np.cos(yaw), np.sin(yaw), 0]
+    return world.pose[:3], x, np.r_[-x[1], x[0], 0]
+
+
+def parked(world):
+    """Return the way of a finger that does not move."""
+    middle, x, _ = axes_of(world)
+    away = middle - 3 * reach(world).radius * x
+    return away, away
+
+
+def grazing(world):
+    middle, x, y = axes_of(world)
+    a, b, _ = np.array(world.side_lengths) / 2
+    beside = middle + (b + world.finger_radius[0] - GRAZE) * y
+    return (beside - (a + EASY) * x, beside + (a + EASY) * x), parked(world)
+
+
+def edge(world):
+    middle, x, y = axes_of(world)
+    out = (x + y) / np.sqrt(2)
+    edge = middle + world.side_lengths[0] / 2 * x + world.side_lengths[1] / 2 * y
+    return (edge + EASY * out, edge - EASY / 3 * out), parked(world)
+
+
+def corner(world):
+    middle, x, y = axes_of(world)
+    a, b, c = np.array(world.side_lengths) / 2
+    out = (x + y + [0, 0, 1]) / np.sqrt(3)
+    tip = middle + a * x + b * y + [0, 0, c]
+    return (tip + EASY * out, tip - EASY / 4 * out), parked(world)
+
+
+def first_sample(world):
+    middle, x, _ = axes_of(world)
+    at = middle + (world.side_lengths[0] / 2 + world.finger_radius[0]) * x
+    return (at + 1e-6 * x, at - EASY / 2 * x), parked(world)
+
+
+def last_sample(world):
+    middle, x, _ = axes_of(world)
+    at = middle + (world.side_lengths[0] / 2 + world.finger_radius[0]) * x
+    return (at + EASY * x, at - 1e-3 * x), parked(world)
+
+
+def one_face(world):
+    middle, x, y = axes_of(world)
+    at = middle + (world.side_lengths[0] / 2 + world.finger_radius[0]) * x
+    apart = 1.2 * world.finger_radius[0] * y
+    return tuple((at + EASY * x + s * apart, at - EASY / 2 * x + s * apart)
+                 for s in (1, -1))  # fmt: skip
+
+
+CONTACTS = {
+    "grazing": grazing, "edge": edge, "corner": corner, "first sample": first_sample,
+    "last sample": last_sample, "two fingers on a face": one_face,
+}  # fmt: skip
+
+AXES = (
+    Axis(
+        "time step", HONEST, ("1/15 s", "1/30 s", "1/60 s", "1/120 s", "1/1020 s"),
+        estimated(rate),
+        {"cuboid": True, "polytope": ("1/15 s", "1/60 s"),
+         "multiple shooting": ("1/60 s",), "complementarity": ("1/60 s",)},
+    ),
+    Axis(
+        "friction", HONEST,
+        tuple(f"{of} {mu}" for of in ("ground", "finger") for mu in (0, 0.05, 1, 3)),
+        estimated(friction),
+        {"cuboid": True, "polytope": ("ground 0.05", "ground 1", "finger 0"),
+         "shooting": ("ground 0.05", "finger 3"), "complementarity": ("ground 1",)},
+    ),
+    Axis(
+        "mass", HONEST, ("0.001 kg", "0.02 kg", "2 kg", "10 kg", "100 kg"),
+        estimated(mass),
+        {"cuboid": True, "polytope": ("0.001 kg", "100 kg"),
+         "shooting": ("0.001 kg", "100 kg"), "complementarity": ("0.001 kg", "10 kg")},
+    ),
+    Axis(
+        "finger radius", HONEST, ("2 mm", "5 mm", "20 mm", "30 mm"), estimated(radius),
+        {"cuboid": True, "polytope": ("2 mm", "30 mm"), "shooting": ("2 mm",)},
+    ),
+    Axis(
+        "object size", HONEST, ("1 cm", "2 cm", "10 cm", "20 cm", "30 cm"),
+        estimated(size),
+        {"cuboid": True, "polytope": ("2 cm", "10 cm"), "shooting": ("2 cm", "10 cm")},
+    ),
+    Axis(
+        "restitution", HONEST, ("0.1", "0.3", "0.5"), estimated(restitution),
+        {"cuboid": True, "polytope": ("0.5",), "multiple shooting": ("0.5",)},
+    ),
+    Axis(
+        "contacts", HONEST, tuple(CONTACTS), estimated(contacts),
+        {"cuboid": True, "polytope": ("grazing", "corner"),
+         "shooting": ("edge", "two fingers on a face"), "complementarity": ("corner",)},
+    ),
+)  # fmt: skip
