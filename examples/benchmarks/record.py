@@ -1,0 +1,187 @@
+"""Keep what a benchmark found, and tell how a new run differs from it.
+
+    python examples/benchmarks/record.py keep stability benchmark/stability.csv
+    python examples/benchmarks/record.py compare stability benchmark/stability.csv
+
+A record is one small CSV in results/: a line for every group of rows and quantity, its
+value, the tolerance within which a new value counts as the same, and which way is
+worse; above them the date and the versions that made it.  A tolerance may be edited by
+hand.  `compare` ends with an exit code that is not zero where anything is worse by more
+than its tolerance, or missing.  CPU seconds are of one machine: compare them on that.
+"""
+
+import argparse
+import csv
+import sys
+from collections import defaultdict
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+
+from tactilenlp.result import versions
+
+RESULTS = Path(__file__).parent / "results"
+FIELDS = ("group", "quantity", "value", "tolerance", "worse", "rows")
+STATISTICS = {"median": np.median, "worst": np.max, "share": np.mean}
+WORDS = {"True": 1.0, "False": 0.0, "": np.nan, "None": np.nan}
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number of a group: the statistic of a column, and what counts as the same.
+
+    worse: "up" or "down"; relative [-] and least [its unit]: the tolerance is the
+    larger one of both.
+    """
+
+    column: str
+    statistic: str
+    worse: str
+    relative: float = 0.0
+    least: float = 0.0
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How the rows of a benchmark's CSV become few lines."""
+
+    by: tuple[str, ...]
+    quantities: tuple[Quantity, ...]
+
+
+ERROR = Quantity("mm", "median", "up", 0.25, 0.05)
+SECONDS = Quantity("cpu_s", "median", "up", 0.5, 0.1)
+ITERATIONS = Quantity("iterations", "median", "up", 0.25, 2)
+SOLVED = Quantity("converged", "share", "down", 0.0, 0.1)
+RECIPES = {
+    "stability": Recipe(
+        ("axis", "way"),
+        (Quantity("passed", "share", "down"), Quantity("cpu_s", "worst", "up", 1, 5)),
+    ),
+    "formulations": Recipe(
+        ("start", "actions", "page"), (ERROR, SOLVED, ITERATIONS, SECONDS)
+    ),
+    "ablation": Recipe(
+        ("start", "actions", "page"),
+        (ERROR, SOLVED, Quantity("gained_mJ", "median", "up", 0.5, 0.05)),
+    ),
+    "estimate_cuboid": Recipe(
+        ("noisy", "knowledge", "formulation", "path", "na", "start"),
+        (
+            Quantity("mean_mm", "median", "up", 0.25, 0.05),
+            Quantity("mean_mm", "worst", "up", 0.25, 0.2),
+            Quantity("success", "share", "down"),
+            SECONDS,
+        ),
+    ),
+    "exploration_study": Recipe(
+        ("policy", "start", "action"),
+        (
+            Quantity("p2s_mm", "median", "up", 0.5, 0.05),
+            Quantity("p2s_mm", "worst", "up", 0.5, 0.5),
+        ),
+    ),
+}
+
+
+def number(word: str) -> float:
+    """Return a cell of a CSV as a number; NaN where there is none."""
+    return WORDS[word] if word in WORDS else float(word)
+
+
+def read(path) -> list[dict]:
+    """Return the rows of a CSV; lines that begin with # are remarks."""
+    lines = Path(path).read_text().splitlines()
+    return list(csv.DictReader(line for line in lines if not line.startswith("#")))
+
+
+def condensed(name: str, rows) -> list[dict]:
+    """Return the lines of a record: every quantity of every group."""
+    recipe, groups = RECIPES[name], defaultdict(list)
+    for row in rows:
+        groups[", ".join(row[column] for column in recipe.by)].append(row)
+    lines = []
+    for group, some in groups.items():
+        for q in recipe.quantities:
+            values = np.array([number(row[q.column]) for row in some])
+            values = values[~np.isnan(values)]
+            value = STATISTICS[q.statistic](values) if len(values) else np.nan
+            tolerance = max(q.least, q.relative * abs(value))
+            lines.append({
+                "group": group, "quantity": f"{q.statistic} {q.column}",
+                "value": f"{value:.6g}", "tolerance": f"{tolerance:.3g}",
+                "worse": q.worse, "rows": len(some),
+            })  # fmt: skip
+    return lines
+
+
+def keep(name: str, rows, folder=RESULTS) -> Path:
+    """Write the record of a benchmark, with date and versions."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with open(folder / f"{name}.csv", "w", newline="") as stream:
+        made = ", ".join(f"{k} {v}" for k, v in versions().items())
+        stream.write(f"# {date.today()}\n# {made}\n")
+        writer = csv.DictWriter(stream, FIELDS)
+        writer.writeheader()
+        writer.writerows(condensed(name, rows))
+    return folder / f"{name}.csv"
+
+
+def compared(name: str, rows, folder=RESULTS) -> list[dict]:
+    """Return for every line of the record how the new run differs from it."""
+    new = {(r["group"], r["quantity"]): r for r in condensed(name, rows)}
+    out = []
+    for old in read(folder / f"{name}.csv"):
+        line = new.get((old["group"], old["quantity"]))
+        before, tolerance = float(old["value"]), float(old["tolerance"])
+        now = float(line["value"]) if line else np.nan
+        out.append({**old, "now": now, "verdict": judged(before, now, tolerance, old)})
+    return out
+
+
+def judged(before: float, now: float, tolerance: float, old) -> str:
+    """Return in a word how a value moved."""
+    if np.isnan(now):
+        return "same" if np.isnan(before) else "missing"
+    if np.isnan(before):
+        return "better"
+    rise = now - before if old["worse"] == "up" else before - now
+    if abs(rise) <= tolerance + 1e-9 * abs(before):
+        return "same"
+    return "worse" if rise > 0 else "better"
+
+
+def show(lines) -> None:
+    """Print what changed, and how much did not."""
+    print(f"{'':8}{'record':>10}{'now':>10}{'tolerance':>11}  quantity, group")
+    for line in lines:
+        if line["verdict"] != "same":
+            print(f"{line['verdict']:8}{float(line['value']):10.4g}{line['now']:10.4g}"
+                  f"{float(line['tolerance']):11.2g}  {line['quantity']}, "
+                  f"{line['group']}")  # fmt: skip
+    counts = {v: sum(line["verdict"] == v for line in lines)
+              for v in ("same", "better", "worse", "missing")}  # fmt: skip
+    print(", ".join(f"{n} {v}" for v, n in counts.items()))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("verb", choices=["keep", "compare"])
+    parser.add_argument("name", choices=[*RECIPES])
+    parser.add_argument("csv", type=Path, help="what the benchmark wrote")
+    parser.add_argument("--results", type=Path, default=RESULTS, help="of the records")
+    arguments = parser.parse_args()
+    rows = read(arguments.csv)
+    if arguments.verb == "keep":
+        print(keep(arguments.name, rows, arguments.results))
+        return
+    lines = compared(arguments.name, rows, arguments.results)
+    show(lines)
+    if any(line["verdict"] in ("worse", "missing") for line in lines):
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()
