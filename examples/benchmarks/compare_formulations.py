@@ -1,7 +1,10 @@
 """Benchmark the formulations against each other: run time against error, same starts.
 
-python examples/benchmarks/compare_formulations.py ../shared/scenes/cuboid_0[0-2]*.npz
-With --ablation: the page `paper`, each of its physics terms left out in turn.
+    python examples/benchmarks/compare_formulations.py ../shared/scenes/cuboid_*.npz
+
+With --ablation: the page `paper`, each of its physics terms left out in turn.  Called
+again with the same --out, it runs what is missing.  (Called `formulations.py`, this
+script would hide the package `formulations` from everything beside it.)
 
 Each is one local solve of the page's levels: no search, no second start.  Starts:
   near    the true path moved by 1 mm and 2 degrees, sizes off by 5 %
@@ -18,7 +21,6 @@ Truth is read here, for starts and errors, never by the package.
 """
 
 import argparse
-import csv
 import importlib
 import time
 from itertools import product
@@ -26,6 +28,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from resume import resumed, write_csv
 from scipy.spatial.transform import Rotation
 from trimesh.creation import box
 from trimesh.transformations import rotation_matrix, translation_matrix
@@ -43,7 +46,8 @@ PAGES = (
 )
 PHYSICS = ("complementarity", "dissipation", "penetration", "inelasticity", "dynamics")
 STARTS = {"near": (1e-3, 2, 0.05), "far": (5e-3, 10, 0.2)}  # m, degrees, of a size
-LIMIT = 20.0  # [s] of a level
+LIMIT, WAIT = 20.0, 600.0  # [CPU s], [s] of a level
+KEYS = ("file", "actions", "start", "seed", "page")
 SAME = 2.0  # [nats] of the best objective
 
 
@@ -97,7 +101,7 @@ def run(file, na, kind, seed, name, page) -> dict:
     problem = Problem()
     page.build(problem, window, scene, CUBOID)
     _ = problem.functions  # kinds are derived, and compiled, before the clock runs
-    options, solvers = SolverOptions(time_limit=LIMIT), {}
+    options, solvers = SolverOptions(time_limit=WAIT, ipopt={"max_cpu_time": LIMIT}), {}
     began = time.process_time()
     given = {"theta": theta, "x": start[:, window.last]}
     s = solve_levels(problem, page.LEVELS, given, options, solvers)
@@ -111,8 +115,9 @@ def run(file, na, kind, seed, name, page) -> dict:
         for t, p in bodies
     ]
     return {
-        "scene": Path(file).stem, "actions": na, "start": kind, "seed": seed,
-        "page": name, "converged": s.success, "nats": s.objective, "cpu_s": cpu,
+        "file": file, "scene": Path(file).stem, "actions": na, "start": kind,
+        "seed": seed, "page": name, "converged": s.success, "nats": s.objective,
+        "cpu_s": cpu,
         "mm": 1e3 * surface_distance(*meshes).mean, "iterations": s.iterations,
         "evaluations": s.evaluations, "status": s.status, "unknowns": problem.size,
         "gained_mJ": 1e3 * gained(problem, window, scene, s),
@@ -217,19 +222,19 @@ def main() -> None:
     pages = {n: importlib.import_module(f"formulations.{n}") for n in PAGES}
     pages = ABLATION if args.ablation else pages
     grid = product(args.files, args.actions, args.starts, range(args.seeds))
-    args.out.mkdir(parents=True, exist_ok=True)
-    rows = []
-    for cell, page in product(grid, pages.items()):
-        rows.append(run(*cell, *page))
-        r = rows[-1]
-        print(*cell[1:], page[0], f"{r['mm']:.2f} mm {r['cpu_s']:.2f} s", r["status"],
-              flush=True)  # fmt: skip
-    judge(rows)
     stem = "ablation" if args.ablation else "formulations"
-    with open(args.out / f"{stem}.csv", "w", newline="") as stream:
-        writer = csv.DictWriter(stream, rows[0])
-        writer.writeheader()
-        writer.writerows(rows)
+    cells = [(*cell, name) for cell, name in product(grid, pages)]
+
+    def run_all(missing):
+        for *cell, name in missing:
+            r = run(*cell, name, pages[name])
+            print(*cell[1:], name, f"{r['mm']:.2f} mm {r['cpu_s']:.2f} s", r["status"],
+                  flush=True)  # fmt: skip
+            yield [r]
+
+    rows = resumed(args.out / f"{stem}.jsonl", KEYS, cells, run_all)
+    judge(rows)
+    write_csv(args.out / f"{stem}.csv", rows)
     draw(table(rows, [*pages]), [*pages], args.out / f"{stem}.png")
 
 

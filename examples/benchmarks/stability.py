@@ -19,8 +19,6 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread a process: before NumPy
 
 import argparse
-import csv
-import json
 import signal
 import sys
 import time
@@ -34,6 +32,7 @@ import numpy as np
 import stability_sensors
 import stability_solver
 import stability_world
+from resume import resumed, write_csv
 from stability_judge import (
     COLOURS,
     CRASH,
@@ -151,26 +150,20 @@ def chosen(arguments) -> list[tuple]:
 
 def suite(arguments) -> list[dict]:
     """Run what is missing of the cells that are asked for; return all their rows."""
-    arguments.folder.mkdir(parents=True, exist_ok=True)
-    kept, wanted = arguments.folder / "stability.jsonl", chosen(arguments)
-    rows = [json.loads(line) for line in kept.read_text().splitlines()] if (
-        kept.exists()) else []  # fmt: skip
-    done = {tuple(r[k] for k in KEYS) for r in rows}
-    missing = [cell for cell in wanted if cell not in done]
     ways = {
-        "none": lambda: map(run, missing),
-        "processes": lambda: in_processes(missing, arguments.workers),
-        "dask": lambda: in_dask(missing, arguments.address),
+        "none": lambda cells: map(run, cells),
+        "processes": lambda cells: in_processes(cells, arguments.workers),
+        "dask": lambda cells: in_dask(cells, arguments.address),
     }
-    for new in ways[arguments.executor]():
-        rows += new
-        with open(kept, "a") as stream:
-            stream.writelines(json.dumps(r) + "\n" for r in new)
-        for r in new:
-            print(said(r), flush=True)
-    order = {cell: i for i, cell in enumerate(wanted)}
-    rows = [r for r in rows if tuple(r[k] for k in KEYS) in order]
-    return sorted(rows, key=lambda r: order[tuple(r[k] for k in KEYS)])
+
+    def run_all(cells):
+        for rows in ways[arguments.executor](cells):
+            for r in rows:
+                print(said(r), flush=True)
+            yield rows
+
+    kept = arguments.folder / "stability.jsonl"
+    return resumed(kept, KEYS, chosen(arguments), run_all)
 
 
 def said(r) -> str:
@@ -248,10 +241,7 @@ def main() -> None:
     parser.add_argument("--address", help="of a Dask scheduler")
     arguments = parser.parse_args()
     rows = suite(arguments)
-    with open(arguments.folder / "stability.csv", "w", newline="") as stream:
-        writer = csv.DictWriter(stream, rows[0])
-        writer.writeheader()
-        writer.writerows(rows)
+    write_csv(arguments.folder / "stability.csv", rows)
     draw(rows, arguments.folder / "stability.png")
     print(summary(rows))
     if not all(r["passed"] for r in rows):
