@@ -15,6 +15,7 @@ from formulations import polytope_planes
 from .hull import centroid, corners, fingers, fitted_ball, nearest
 from .nlp import Problem
 from .reduce import reduce
+from .runs import DOUBT, runs
 from .solve import SolverOptions, solve_levels
 from .window import Window, _Rows
 
@@ -141,14 +142,16 @@ def merged(window, faces: Faces) -> Faces:
     off = np.abs(point @ n.T - b)  # (touches, planes)
     worst = np.array([off[plane == i].max(axis=0) for i in label])
     agree = np.maximum(worst, worst.T) < np.hypot(OFFSET, window.sigma_position)
-    agree &= n @ n.T > np.cos(ANGLE)
+    count = np.bincount(plane, minlength=len(b))
+    doubt = DOUBT * window.sigma_normal * np.sqrt(1 / count + 1 / count[:, None])
+    agree &= n @ n.T > np.cos(np.minimum(np.hypot(ANGLE, doubt), np.pi / 2))
     for i, j in zip(*np.nonzero(np.triu(agree, 1)), strict=True):
         if agree[np.ix_(label == label[i], label == label[j])].all():
             label[label == label[j]] = label[i]
     kept, label = np.unique(label, return_inverse=True)
     if len(kept) == len(b):
         return faces
-    count = np.bincount(plane, minlength=len(b)).astype(float)
+    count = count.astype(float)
     weight = np.bincount(label, count)
     mean = np.stack([np.bincount(label, count * n[:, k]) for k in range(3)], 1)
     mean /= np.linalg.norm(mean, axis=1, keepdims=True)
@@ -185,9 +188,7 @@ def begun(window, samples: int, size: float) -> Faces:
     """Return the first planes as they were measured, of a body that has not moved."""
     x = np.zeros((3, samples))
     x[:2] = middle(window, size)[:, None]
-    n = window.touch.normal
-    point, _ = bodily(window.touch, x, None)
-    return Faces(np.arange(len(n)), n, (point * n).sum(axis=1), x)
+    return Faces(*as_measured(window, window.touch, x), x)
 
 
 def continued(window, faces: Faces, samples: int) -> Faces:
@@ -195,12 +196,24 @@ def continued(window, faces: Faces, samples: int) -> Faces:
     touch, before = window.touch, faces.x.shape[1]
     x = np.hstack([faces.x, np.repeat(faces.x[:, -1:], samples - before, axis=1)])
     new = touch.sample >= before
-    point, normal = bodily(touch, x, None)
+    own, n, b = as_measured(window, touch.pick(new), x)
     plane = np.zeros(len(touch), int)
-    plane[~new], plane[new] = faces.plane, len(faces.b) + np.arange(new.sum())
-    n = np.vstack([faces.n, normal[new]])
-    b = np.r_[faces.b, (point * normal).sum(axis=1)[new]]
-    return replace(faces, plane=plane, n=n, b=b, x=x)
+    plane[~new], plane[new] = faces.plane, len(faces.b) + own
+    return replace(
+        faces, plane=plane, n=np.vstack([faces.n, n]), b=np.r_[faces.b, b], x=x
+    )
+
+
+def as_measured(window, touch, x) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the planes of touches at poses x, one for each run: plane, n, b."""
+    plane = runs(touch, window.sigma_normal)
+    _, normal = bodily(touch, x, None)
+    count = np.bincount(plane)
+    n = np.stack([np.bincount(plane, normal[:, k]) for k in range(3)], 1)
+    n = n / np.linalg.norm(n, axis=1, keepdims=True)
+    point, _ = bodily(touch, x, n[plane])
+    b = np.bincount(plane, (point * n[plane]).sum(axis=1)) / count
+    return plane, n, b
 
 
 def anchored(window, faces: Faces, size) -> Faces:

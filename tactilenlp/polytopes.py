@@ -6,6 +6,8 @@ planes (carving.py), then its vertices polished with least motion: a hypothesis.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from formulations import polytope_quasi_static
@@ -18,6 +20,7 @@ from .nlp import Problem
 from .planes import Faces, extended, seen
 from .progress import progress
 from .reduce import reduce
+from .runs import credible
 from .solve import SolverOptions, solve_levels
 
 TOLERANCE = 1e-4
@@ -66,6 +69,7 @@ def search(job, kept) -> list[Hypothesis]:
 
     kept: a hypothesis of the first actions, if any, with any number of vertices.
     """
+    job = replace(job, data=credible(job.data, job.precision.normal))
     done = kept[0].x.shape[1] if kept else 0
     faces = _resumed(job, kept[0]) if kept else None
     for action in progress(np.unique(job.data.action), "search"):

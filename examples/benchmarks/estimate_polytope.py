@@ -39,7 +39,8 @@ def truth(file, last):
         p, vertices = known["object_position"], known["vertices"]
         t, f = np.nonzero(known["truth_contact"][: last + 1])
         n = known["truth_normal"][t, f]
-        r = known["truth_finger_position"][t, f] - known["finger_radius"] * n
+        radius = np.broadcast_to(known["finger_radius"], known["truth_contact"].shape)
+        r = known["truth_finger_position"][t, f] - radius[t, f, None] * n
     body = R[t].inv().apply(r - p[t])
     return convex_hull(R[last].apply(vertices) + p[last]), R[last].apply(body) + p[last]
 

@@ -1,0 +1,101 @@
+"""Which touches lie on one plane of a body, and which are none: flips and noise."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from trimesh.convex import convex_hull
+from trimesh.transformations import quaternion_matrix, transform_points
+
+from tactilenlp import Measurements, Scene, solve_estimate, surface_distance
+from tactilenlp.noise import Noise, add_noise
+from tactilenlp.runs import credible, runs
+
+OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
+NOISE = Noise(position=1e-3, normal=np.radians(5), flips=0.01)
+
+
+@pytest.fixture(scope="module")
+def octahedron():
+    return Measurements.load(OCTAHEDRON)
+
+
+def touches(angles, samples=None, finger=0):
+    """Return touches of a finger whose normals lie at these azimuths [rad]."""
+    angles = np.asarray(angles, float)
+    n = np.stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))], axis=1)
+    samples = np.arange(len(angles)) if samples is None else np.asarray(samples)
+    return SimpleNamespace(
+        sample=samples, finger=np.full(len(angles), finger), normal=n
+    )
+
+
+def lone_silence(data):
+    """Return (sample, finger) amid a touch of one finger."""
+    c = data.contact & data.valid
+    amid = c[2:] & c[1:-1] & c[:-2] & (data.action[2:] == data.action[:-2])[:, None]
+    t, f = np.argwhere(amid)[0]
+    return t + 1, f
+
+
+def test_a_touch_that_stands_alone_says_nothing(octahedron):
+    free = ~octahedron.contact & octahedron.valid
+    contact, normal = octahedron.contact.copy(), octahedron.normal.copy()
+    t = int(np.argmax(free[:, 0]))  # the hand is still on its way: all silent
+    contact[t, 0], normal[t, 0] = True, [0.0, 0.6, 0.8]
+    flipped = replace(octahedron, contact=contact, normal=normal)
+    assert not credible(flipped, 0.0).valid[t, 0]
+    assert credible(flipped, 0.0).valid[t + 1, 0]
+
+
+def test_a_silence_amid_a_touch_says_nothing(octahedron):
+    t, f = lone_silence(octahedron)
+    contact, normal = octahedron.contact.copy(), octahedron.normal.copy()
+    contact[t, f], normal[t, f] = False, 0.0
+    found = credible(replace(octahedron, contact=contact, normal=normal), 0.0)
+    assert not found.valid[t, f]
+    assert found.valid[t - 1, f]
+    assert found.valid[t + 1, f]
+
+
+def test_lasting_touches_stay_what_they_are(octahedron):
+    found = credible(octahedron, np.radians(5))
+    assert (found.contact == octahedron.contact).all()
+    felt = octahedron.contact & octahedron.valid
+    assert (found.valid & felt).sum() >= felt.sum() - 1
+
+
+def test_a_noisy_face_is_one_run_and_two_faces_are_two():
+    rng, sigma = np.random.default_rng(0), np.radians(5)
+    one = touches(sigma * rng.normal(size=14))
+    assert runs(one, sigma).tolist() == [0] * 14
+    two = touches(np.repeat([0.0, 0.7], 7) + sigma * rng.normal(size=14))
+    assert runs(two, sigma).tolist() == [0] * 7 + [1] * 7
+
+
+def test_exact_normals_that_differ_are_different_runs():
+    rolling = touches([0, 0, 0, 0.1, 0.2, 0.2])
+    assert runs(rolling, 0.0).tolist() == [0, 0, 0, 1, 2, 2]
+
+
+def test_a_finger_that_let_go_begins_a_run():
+    parted = touches(np.zeros(6), samples=[0, 1, 3, 7, 8, 9])
+    assert runs(parted, 0.0).tolist() == [0, 0, 0, 1, 1, 1]
+    assert runs(touches([]), 0.0).tolist() == []
+
+
+def test_a_body_is_found_from_noisy_sensors(octahedron):
+    data = octahedron.select(range(6))
+    with np.load(OCTAHEDRON) as file:
+        pose = quaternion_matrix(file["object_quaternion"][data.samples - 1])
+        pose[:3, 3] = file["object_position"][data.samples - 1]
+        truth = convex_hull(transform_points(file["vertices"], pose))
+    found = solve_estimate(
+        add_noise(data, NOISE), Scene.load(OCTAHEDRON), shape="polytope",
+        formulation="quasi_static",
+    )  # fmt: skip
+    distance = surface_distance(truth, found.mesh(), samples=500)
+    assert distance.a_to_b < 2.5e-3  # 1 mm in every position; two thirds of the touches
+    assert distance.b_to_a < 4e-3  # what was not touched is a ball about the corners
