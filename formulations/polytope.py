@@ -43,6 +43,17 @@ def towards(vertices, q_of, small):
 
     small: length [m] over which edges and corners are rounded.
     """
+    return _towards(vertices.shape[1])(vertices, q_of, small)
+
+
+@cache
+def _towards(count):
+    """Return (vertices (3, count), q_of, small) -> u, written out once a process."""
+    V, q, small = ca.SX.sym("V", 3, count), ca.SX.sym("q", 3), ca.SX.sym("small")
+    return ca.Function("towards", [V, q, small], [_written_out(V, q, small)])
+
+
+def _written_out(vertices, q_of, small):
     origin = vertices[:, 0]
     V, q = vertices - origin, q_of - origin
     size = ca.sqrt(ca.sumsqr(q_of - ca.sum2(vertices) / vertices.shape[1]))

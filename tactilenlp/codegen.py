@@ -2,8 +2,8 @@
 
 C from CasADi's code generator runs ten to twenty times as fast as its virtual machine
 on the Hessians of contact terms.  The library is kept in the user's cache folder under
-the hash of its source; without a C compiler, or with TACTILENLP_COMPILE=0, the virtual
-machine evaluates the very same expressions.
+the hash of what it follows from.  Without a C compiler, or with TACTILENLP_COMPILE=0,
+the virtual machine evaluates the very same expressions.
 """
 
 from __future__ import annotations
@@ -25,24 +25,43 @@ log = logging.getLogger("tactilenlp")
 FLAGS = ("-O1", "-shared", "-fPIC", "-ffp-contract=off")
 
 
-def compiled(functions: list[ca.Function]) -> list[ca.Function]:
-    """Return the functions compiled, or as they are where nothing can compile them."""
+def compiled(functions: list[ca.Function], origin: str = "") -> list[ca.Function]:
+    """Return the functions compiled, or as they are where nothing can compile them.
+
+    origin: what the functions follow from, the same for `kept`; by default their own
+    source.
+    """
     if compiler() is None:
         return functions
     generator = ca.CodeGenerator("kind.c")
     for function in functions:
         generator.add(function)
     source = generator.dump()
-    key = hashlib.sha256(" ".join([compiler(), *FLAGS, source]).encode()).hexdigest()
-    library = cache_folder() / f"{key[:32]}.so"
+    library = _library(origin or source)
     if not library.exists() and not _compile(source, library):
         return functions
+    return _read(library, [f.name() for f in functions]) or functions
+
+
+def kept(names, origin: str) -> list[ca.Function] | None:
+    """Return the functions that were compiled from this origin before, if any were."""
+    if compiler() is None or not _library(origin).exists():
+        return None
+    return _read(_library(origin), names)
+
+
+def _library(origin: str) -> Path:
+    known = " ".join([compiler(), *FLAGS, ca.__version__, origin])
+    return cache_folder() / f"{hashlib.sha256(known.encode()).hexdigest()[:32]}.so"
+
+
+def _read(library: Path, names) -> list[ca.Function] | None:
     try:
-        return [ca.external(f.name(), str(library)) for f in functions]
+        return [ca.external(name, str(library)) for name in names]
     except RuntimeError as error:  # a library of another machine, or half a file
         log.warning("a compiled kind cannot be read and is dropped: %s", error)
         library.unlink(missing_ok=True)
-        return functions
+        return None
 
 
 @cache

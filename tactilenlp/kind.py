@@ -1,12 +1,15 @@
-"""Derive one kind of term: value, gradient, Jacobian, Hessian, once per process.
+"""Derive one kind of term: value, gradient, Jacobian, Hessian, once per machine.
 
 A kind is a small pure function of a few local unknowns and data.  It is traced with
 CasADi SX, differentiated exactly and kept under the hash of its expression, so that
-an edited page is derived anew and an unedited one never twice.
+an edited page is derived anew and an unedited one never twice: in this process, and
+where a compiler is there on this machine (codegen.py).
 """
 
 from __future__ import annotations
 
+import inspect
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,9 +17,10 @@ from functools import cache
 
 import casadi as ca
 
-from .codegen import compiled
+from .codegen import compiled, kept
 from .errors import PageError
 
+PARTS = ("value", "first", "second", "patterns")
 _cache: dict[str, Kind] = {}
 seconds_deriving = [0.0]
 
@@ -47,7 +51,8 @@ def kind_of(function: Callable, unknowns: list[int], order: list[tuple]) -> Kind
     value = _trace(function, unknowns, order)
     key = value.serialize()
     if key not in _cache:
-        _cache[key] = _derive(value)
+        found = kept(PARTS, _origin(value))
+        _cache[key] = _derive(value) if found is None else _kind(*found)
     return _cache[key]
 
 
@@ -80,39 +85,54 @@ def _trace(function, unknowns, order) -> ca.Function:
     zs, ds = iter(z), iter(d)
     value = function(*(next(zs) if role == "z" else next(ds) for role, _ in order))
     value = ca.densify(ca.vec(ca.SX(value)))
-    return ca.Function("kind", [ca.vertcat(*z), ca.vertcat(*d)], [value], {"cse": True})
+    return ca.Function("kind", [ca.vertcat(*z), ca.vertcat(*d)], [value])
+
+
+def _origin(traced: ca.Function) -> str:
+    """Return all that a kind follows from: the expression, and how it is derived."""
+    return _rules() + traced.serialize()
+
+
+@cache
+def _rules() -> str:
+    return inspect.getsource(sys.modules[__name__])
 
 
 def _derive(traced: ca.Function) -> Kind:
     began = time.perf_counter()
     z = ca.SX.sym("z", traced.size1_in(0))
     d = ca.SX.sym("d", traced.size1_in(1))
-    value = ca.densify(traced(z, d))
+    value = ca.cse(ca.densify(traced(z, d)))
     multiplier = ca.SX.sym("l", value.numel())
     jacobian = ca.jacobian(value, z)
     hessian = ca.triu(ca.hessian(ca.dot(multiplier, value), z)[0])
     nonzeros = [ca.vertcat(*matrix.nonzeros()) for matrix in (jacobian, hessian)]
     nonzeros = [ca.SX(0, 1) if n.is_empty() else ca.densify(n) for n in nonzeros]
+    patterns = [ca.DM(matrix.sparsity(), 1) for matrix in (jacobian, hessian)]
     cse = {"cse": True}
-    value, first, second = compiled(
-        [
-            ca.Function("value", [z, d], [value], cse),
-            ca.Function("first", [z, d], [value, nonzeros[0]], cse),
-            ca.Function("second", [z, d, multiplier], [nonzeros[1]], cse),
-        ]
-    )
-    kind = Kind(
-        rows=multiplier.numel(),
-        unknowns=z.numel(),
-        data=d.numel(),
+    functions = [
+        ca.Function("value", [z, d], [value], cse),
+        ca.Function("first", [z, d], [value, nonzeros[0]], cse),
+        ca.Function("second", [z, d, multiplier], [nonzeros[1]], cse),
+        ca.Function("patterns", [], patterns),
+    ]
+    kind = _kind(*compiled(functions, _origin(traced)))
+    seconds_deriving[0] += time.perf_counter() - began
+    return kind
+
+
+def _kind(value, first, second, patterns) -> Kind:
+    """Return the kind of these functions; the outputs of `patterns` are its own."""
+    return Kind(
+        rows=value.size1_out(0),
+        unknowns=value.size1_in(0),
+        data=value.size1_in(1),
         value=value,
         first=first,
         second=second,
-        jacobian_sparsity=jacobian.sparsity(),
-        hessian_sparsity=hessian.sparsity(),
+        jacobian_sparsity=patterns.sparsity_out(0),
+        hessian_sparsity=patterns.sparsity_out(1),
     )
-    seconds_deriving[0] += time.perf_counter() - began
-    return kind
 
 
 @cache

@@ -67,3 +67,13 @@ def truth(recorded, touched):
         "quaternion": file["object_quaternion"][: touched.measurements.samples],
         "side_lengths": file["side_lengths"],
     }
+
+
+@pytest.fixture
+def interpreted(monkeypatch):
+    """Derive every kind anew, evaluate it by the virtual machine, compile nothing."""
+    from tactilenlp import kind
+
+    monkeypatch.setattr(kind, "_cache", {})
+    monkeypatch.setattr(kind, "kept", lambda names, origin: None)
+    monkeypatch.setattr(kind, "compiled", lambda functions, origin: functions)

@@ -15,7 +15,6 @@ from formulations import contact, quasi_static, sensing, violation_implicit
 from formulations.finger import SPHERE, capsule
 from formulations.rigid_body import FREE, PLANAR, momentum_change, rotation, turn
 from formulations.shape import CUBOID
-from tactilenlp import kind
 from tactilenlp.measurements import Measurements
 from tactilenlp.nlp import Problem
 from tactilenlp.precision import Precision
@@ -509,13 +508,6 @@ CASES = {
         "scene": {"ground": None, "gravity": 0.0},
     },
 }
-
-
-@pytest.fixture
-def interpreted(monkeypatch):
-    """Evaluate kinds by the virtual machine: compiling takes longer than a test."""
-    monkeypatch.setattr(kind, "_cache", {})
-    monkeypatch.setattr(kind, "compiled", lambda functions: functions)
 
 
 @pytest.fixture(scope="module")

@@ -165,13 +165,11 @@ def test_a_parameter_changes_the_programme_without_building_it_anew():
     assert values[1] - values[0] == pytest.approx(costs[2] - costs[0], rel=1e-12)
 
 
-def test_compiled_kinds_and_the_virtual_machine_give_the_same_digits(monkeypatch):
+def test_compiled_kinds_and_the_virtual_machine_give_the_same_digits(request):
     if compiler() is None:
         pytest.skip("no C compiler here")
-    monkeypatch.setattr(kind, "_cache", {})
     fast = merged()
-    monkeypatch.setattr(kind, "_cache", {})
-    monkeypatch.setattr(kind, "compiled", lambda functions: functions)
+    request.getfixturevalue("interpreted")
     plain = merged()
     x, data = fast.pack({}), fast.data()
     assert fast.costs["swing"].kind.value.class_name() == "External"
@@ -209,11 +207,9 @@ print(compiler() is None, solve(problem).values["x"].ravel().tolist())
 
 
 @pytest.fixture
-def derivations(monkeypatch):
+def derivations(monkeypatch, interpreted):
     """Count derivations, with nothing derived so far."""
     done, derive = [], kind._derive
-    monkeypatch.setattr(kind, "_cache", {})
-    monkeypatch.setattr(kind, "compiled", lambda functions: functions)
     monkeypatch.setattr(
         kind, "_derive", lambda traced: done.append(1) or derive(traced)
     )
@@ -233,6 +229,36 @@ def test_a_function_is_derived_once_however_often_and_wide_it_is_used(derivation
     other = fit(Problem(), "a", lambda x, d: x[0] ** 3 * d)
     assert first is again is other
     assert len(derivations) == 1
+
+
+def test_a_kind_is_derived_once_on_a_machine(monkeypatch, tmp_path):
+    if compiler() is None:
+        pytest.skip("no C compiler here")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    done, derive, found = [], kind._derive, []
+    monkeypatch.setattr(
+        kind, "_derive", lambda traced: done.append(1) or derive(traced)
+    )
+    for _ in range(2):  # two processes, as far as the kinds can tell
+        monkeypatch.setattr(kind, "_cache", {})
+        problem = Problem()
+        fit(problem, "a", lambda x, d: x[0] ** 3 * d)
+        found.append(problem)
+    assert len(done) == 1
+    kinds = [problem.costs["a"].kind for problem in found]
+    assert kinds[0].jacobian_sparsity == kinds[1].jacobian_sparsity
+    assert kinds[0].hessian_sparsity == kinds[1].hessian_sparsity
+    x, data = found[0].pack({}), found[0].data()
+    slopes = [problem.jacobian("a", x, data).toarray() for problem in found]
+    np.testing.assert_array_equal(*slopes)
+    library = next(tmp_path.rglob("*.so"))
+    spoilt = tmp_path / "spoilt" / "tactilenlp" / library.name
+    spoilt.parent.mkdir(parents=True)
+    spoilt.write_bytes(b"no library")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "spoilt"))
+    monkeypatch.setattr(kind, "_cache", {})
+    fit(Problem(), "a", lambda x, d: x[0] ** 3 * d)
+    assert len(done) == 2
 
 
 def test_an_edited_function_is_derived_anew(derivations):
