@@ -55,7 +55,7 @@ def build(nlp, window, scene, shape):
         nlp.parameter(name, value, unit)
     w = scene.mass * G * window.step.dt  # (steps,) [N s]
     (fingers, lam, mu, w_f), (ground, lam_g, mu_g, w_g) = contacts(
-        nlp, window, scene, shape, w
+        nlp, window, scene, shape, w, window.share
     )
     pushed, leg = theta[:, window.near_push], theta[:, window.leg]
     body = mass(nlp, window, theta)

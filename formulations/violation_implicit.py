@@ -118,16 +118,19 @@ def felt(nlp, window, shape, sense=quasi_static.sense):
     return theta, x
 
 
-def contacts(nlp, window, scene, shape, w):
+def contacts(nlp, window, scene, shape, w, share=None):
     """Declare impulses and friction of fingers and ground; w: weights of the steps.
 
-    Returns functions, impulses, coefficient and weights [N s] of each.
+    share: of the weight, that each ground contact carries at first; by default all
+    corners carry the same.  Returns functions, impulses, coefficient and weights [N s]
+    of each.
     """
     w_f, w_g = w[window.push.step], w[window.corner.step]
     size = w.mean() if len(w) else scene.mass * G
-    share, slips = w_g / max(1, len(shape.corners)), window.frictionless
+    share = 1 / max(1, len(shape.corners)) if share is None else share
+    slips = window.frictionless
     lam = impulses(nlp, "finger", w_f, size, frictionless=slips)
-    lam_g = impulses(nlp, "ground", w_g, size, share, frictionless=slips)
+    lam_g = impulses(nlp, "ground", w_g, size, w_g * share, frictionless=slips)
     mu = friction(nlp, "finger friction", scene.friction_finger)
     mu_g = friction(nlp, "ground friction", scene.friction_ground if len(w_g) else 0)
     fingers = FingerContact(shape, window.motion, window.finger)

@@ -12,7 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .expansion import expand
+from .holding import held
 from .newton import newton_step
+from .polytopes import is_polytope
 from .reduce import ARM, Reductions
 from .result import Skipped
 from .tumble import contradicts
@@ -48,7 +50,12 @@ def certify(job, page, solved) -> Certificates:
     if made.still or made.far or made.absent:
         whole = expand(job, page, solved)
         found += [far(solved, whole)] * made.far + [absent(solved, whole)] * made.absent
-        if made.still and len(solved.window.knot) > solved.window.knots:
+        shared = made.still and len(solved.window.knot) > solved.window.knots
+        if shared and is_polytope(job.shape):
+            hold = held(job.scene, solved, whole)
+            found.append(resting(solved, hold))
+            cuts = hold.cuts
+        elif shared:
             step = _step(solved, whole)
             found.append(still(solved, step))
             cuts = () if found[-1].holds else _cuts(solved.window, whole, step)
@@ -104,6 +111,17 @@ def still(solved, step) -> Skipped:
         "still", f"{dropped} poses", "nothing touched or moved the object",
         f"Newton decrement of separate poses {step.decrement:.2g} nats, shift "
         f"{shift:.2g} sigma, in {DECREMENT} of either", worst, 1.0, holds,
+    )  # fmt: skip
+
+
+def resting(solved, hold) -> Skipped:
+    """Friction holds a body at rest against all that pulls it."""
+    window = solved.window
+    return Skipped(
+        "still", f"{len(window.knot) - window.knots} poses",
+        "nothing touched or moved the object",
+        "hardest pull on a body at rest, in what friction holds", hold.share, 1.0,
+        hold.share <= 1,
     )  # fmt: skip
 
 

@@ -42,7 +42,7 @@ def expand(job, page, solved) -> Expansion:
     h, window, solution = solved.hypothesis, solved.window, solved.solution
     whole = replace(job.reductions, **dict.fromkeys(LEFT_OUT, False))
     more = replace(job, reductions=whole, cuts=())
-    again, shape = window_of(more, (h.theta, h.x))
+    again, shape = window_of(more, (h.theta, h.x), solved.at.theta)
     problem = Problem()
     page.build(problem, again, job.scene, shape)
     values, bounds, multipliers = carried(solved, again, problem)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from scipy.optimize import nnls
 from scipy.spatial import ConvexHull, QhullError
 
 from .hull import fingers, nearest
@@ -17,6 +18,7 @@ from .window import Window
 
 NEAR = 8  # vertices that a contact reads
 LIFTED = 0.5e-3  # [m] a vertex this high still carries the body
+ALIKE, WHOLE = 1e-3, 1e3  # weights of equal shares, and of a sum of one
 DEPTH = 3.0  # [-] lengths along the surface that one length below it counts for
 
 
@@ -25,7 +27,8 @@ class HullWindow(Window):
     """A window, where the vertices start and which of them each contact reads.
 
     start (V, 3) [m]; near_touch, near_free, near_push (instances, NEAR): vertices;
-    legs (n,): those that carry the body; leg (corners,): of each ground contact;
+    legs (n,): those that carry the body; leg (corners,): of each ground contact, share
+    (corners,): of the weight that it carries at rest;
     triangles (2 V - 4, 3) of the hull, counterclockwise from outside; body (10,):
     volume, centroid and second moments; lower, upper (3, knots): the last pose is held.
     """
@@ -36,25 +39,32 @@ class HullWindow(Window):
     near_push: np.ndarray = None
     legs: np.ndarray = None
     leg: np.ndarray = None
+    share: np.ndarray = None
     triangles: np.ndarray = None
     body: np.ndarray = None
     lower: np.ndarray = None
     upper: np.ndarray = None
 
 
-def indexed(window, shape, vertices, x) -> HullWindow:
-    """Return the window of a polytope that starts as `vertices` at poses x (3, T)."""
+def indexed(window, shape, vertices, x, resting=None) -> HullWindow:
+    """Return the window of a polytope that starts as `vertices` at poses x (3, T).
+
+    resting: the vertices (V, 3) as which it carries its weight, by default the same.
+    """
     lower = np.full((3, window.knots), -np.inf)
     lower[:, -1] = x[:, -1]
     triangles = triangles_of(vertices, 2 * len(vertices) - 4)
     known = {f.name: getattr(window, f.name) for f in fields(Window)}
+    stand, leg = np.array(shape.corners, int)[:, 0], window.corner.signs[:, 0]
+    share = np.zeros(len(vertices))
+    resting = vertices if resting is None else resting
+    share[stand] = shares(resting[stand], body(resting, triangles)[1:4])
     return HullWindow(
         **known, start=vertices,
         near_touch=near(window.touch, vertices, x),
         near_free=near(window.free, vertices, x),
         near_push=near(window.push, vertices, x),
-        legs=np.array(shape.corners, int)[:, 0],
-        leg=window.corner.signs[:, 0].astype(int),
+        legs=stand, leg=leg.astype(int), share=share[leg.astype(int)],
         triangles=triangles, body=body(vertices, triangles),
         lower=lower, upper=np.where(np.isfinite(lower), lower, np.inf),
     )  # fmt: skip
@@ -96,6 +106,19 @@ def legs(vertices, count: int, height: float = LIFTED) -> np.ndarray:
         lost = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
         around = np.delete(around, np.argmin(lost))
     return np.sort(around)
+
+
+def shares(legs, centroid) -> np.ndarray:
+    """Return the shares (n,) of the weight that legs (n, 3) carry at rest.
+
+    They balance it about the centroid as far as legs that only push can, all alike
+    where that leaves a choice.
+    """
+    n, arms = len(legs), (legs - centroid)[:, :2].T
+    arms = arms / np.abs(arms).max()
+    rows = np.vstack([arms, ALIKE * np.eye(n), np.full(n, WHOLE)])
+    found, _ = nnls(rows, np.r_[0, 0, np.full(n, ALIKE / n), WHOLE])
+    return found / found.sum()
 
 
 def body(vertices, triangles) -> np.ndarray:

@@ -48,10 +48,11 @@ def check(scene) -> None:
         )  # fmt: skip
 
 
-def window_of(job, guess=None):
+def window_of(job, guess=None, resting=None):
     """Return the window that a page reads, and the shape as the page takes it.
 
-    guess: theta and x, where a page starts.
+    guess: theta and x, where a page starts.  resting: theta as which a hull carries its
+    weight where it rests, by default that of the guess.
     """
     known = job.scene, job.shape, job.precision, job.reductions
     if guess is None or not is_polytope(job.shape):
@@ -61,7 +62,8 @@ def window_of(job, guess=None):
     shape = standing(job.shape, vertices)
     known = job.scene, shape, job.precision, job.reductions
     window = reduce(job.data, *known, guess=guess, cuts=job.cuts)
-    return indexed(window, shape, vertices, x), shape
+    resting = vertices if resting is None else np.reshape(resting, (-1, 3))
+    return indexed(window, shape, vertices, x, resting), shape
 
 
 def search(job, kept) -> list[Hypothesis]:

@@ -28,6 +28,7 @@ FAR = 30e-3  # [m] a free finger this far beyond the sensor's doubt is not asked
 CEILING = 7.0  # [nats] one sample in a thousand is wrong beyond any noise
 MOVES = 0.1e-3  # [m] a guess that moves further in a sample needs poses of its own
 ARM = 20e-3  # [m] one radian of turn counts as this much way
+SLIPPERY = 0.1  # [-] friction of the ground, where it is not known: little
 SIDE = 0.7  # [-] |n_z| below which a normal belongs to a side
 
 NAMES = (tuple, list, set, frozenset)  # of names to switch off
@@ -132,7 +133,7 @@ def may_move(data, scene, first) -> np.ndarray:
         return np.logical_or.accumulate(contact) & ~first
     way = np.linalg.norm(np.diff(data.finger_position, axis=0), axis=2)
     speed = np.where(data.contact[1:], way, 0.0).max(initial=0.0) / data.dt
-    mu = scene.friction_ground if scene.friction_ground is not None else 0.1
+    mu = SLIPPERY if scene.friction_ground is None else scene.friction_ground
     settle = int(np.ceil(speed / (mu * scene.gravity * data.dt)))
     moving = contact.copy()
     since = np.where(contact, 0, settle + 1)

@@ -16,7 +16,7 @@ from formulations.polytope import (
 )
 from tactilenlp import Problem, hull
 from tactilenlp.errors import TactileError
-from tactilenlp.hull_window import body, legs
+from tactilenlp.hull_window import body, legs, shares
 
 SMALL = 1e-4  # [m] rounding, as of a fingertip of 10 mm
 CUBE = 0.02 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
@@ -176,3 +176,16 @@ def test_a_term_may_read_several_columns_of_a_variable():
 def test_classes_of_a_number_of_vertices_are_one_object_each():
     assert polytope(30) is polytope(30)
     assert polytope(8).theta == 24
+
+
+def test_legs_share_the_weight_by_the_law_of_the_lever():
+    square = CUBE[CUBE[:, 2] < 0]
+    assert shares(square, np.zeros(3)) == pytest.approx(np.full(4, 1 / 4), abs=1e-5)
+    off = np.array([0.01, 0.0, 0.0])  # half way to the side at x = 20 mm
+    assert shares(square, off) @ square == pytest.approx([0.01, 0, -0.02], abs=1e-6)
+    three = square[:3]
+    share = shares(three, three.T @ [0.2, 0.3, 0.5])
+    assert share == pytest.approx([0.2, 0.3, 0.5], abs=1e-4)
+    outside = shares(three, np.array([0.03, 0.03, 0.0]))  # it would topple
+    assert outside.min() >= 0
+    assert outside.sum() == pytest.approx(1)

@@ -15,6 +15,7 @@ from tactilenlp import (
     Measurements,
     Scene,
     face_sigma,
+    holding,
     solve_estimate,
     surface_distance,
     vertex_information,
@@ -77,6 +78,24 @@ def test_touched_faces_are_better_known_than_others(hull):
     assert vertex_information(hull).shape == (20,)
     assert np.isfinite(vertex_information(hull)).all()
     assert "faces touched" in hull.summary()
+
+
+def shared_poses(estimate):
+    """Return how many poses were left out, and whether that holds."""
+    found = [s for s in estimate.skipped if s.name == "still"]
+    return sum(int(s.dropped.split()[0]) for s in found), all(s.holds for s in found)
+
+
+def test_friction_holds_a_hull_that_nothing_touches(octahedron, monkeypatch):
+    data, scene, _ = octahedron
+    given = data.select(range(2)), scene
+    told = {"shape": "polytope", "formulation": "quasi_static", "throw": False}
+    still, holds = shared_poses(solve_estimate(*given, **told))
+    assert holds
+    assert still > data.samples / 4
+    monkeypatch.setattr(holding, "WEIGHTS", {"kappa": (0.01, "nats/mm")})
+    sliding, _ = shared_poses(solve_estimate(*given, **told))
+    assert sliding < still  # what friction does not hold has poses of its own
 
 
 def test_an_estimate_survives_the_disk(hull, tmp_path):

@@ -1,0 +1,71 @@
+"""Check that friction holds what shares a pose: the certificate of still spans.
+
+Were a body at rest to move within a span that nothing touches, the objective would
+fall by its pull, in nats per metre, and friction would dissipate more than that.  It is
+rounded where a page is solved: poses of their own would creep, which no body does.  The
+pull at a sample is the slope of the objective in the poses before it in its span.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from formulations.violation_implicit import WEIGHTS
+
+from .reduce import SLIPPERY
+
+LEAST = 1.0  # [nats / m] on ice a body at rest is pulled by nothing, up to rounding
+
+
+@dataclass(frozen=True, eq=False)
+class Hold:
+    """How hard still spans are pulled: largest share of what friction holds [-].
+
+    cuts: the samples of the hardest pull in each span that friction does not hold.
+    """
+
+    share: float
+    cuts: tuple[int, ...]
+
+
+def held(scene, solved, whole) -> Hold:
+    """Return how well friction holds the still spans of a solved page.
+
+    whole: the problem with a pose for every sample, at the solution (Expansion).
+    """
+    problem, v = whole.problem, whole.problem.variables["x"]
+    slope = np.zeros(problem.size)
+    for name in problem.costs:
+        slope += np.asarray(problem.jacobian(name, whole.x, whole.data).sum(axis=0))[0]
+    for name, multiplier in whole.multipliers.items():
+        jacobian = problem.jacobian(name, whole.x, whole.data)
+        slope += jacobian.T @ multiplier.ravel()
+    slope = slope[v.span].reshape(v.columns, v.rows)[whole.window.knot]
+    knot, arm = solved.window.knot, _arm(whole.window)
+    price, cuts, worst = _price(scene, solved.solution), [], 0.0
+    for k in np.unique(knot):
+        rows = np.nonzero(knot == k)[0]
+        pull = np.cumsum(slope[rows[:-1]], axis=0)
+        pull = np.hypot(np.linalg.norm(pull[:, :2], axis=1), pull[:, 2] / arm) / price
+        worst = max(worst, pull.max(initial=0.0))
+        if pull.max(initial=0.0) > 1:
+            cuts.append(int(rows[1 + np.argmax(pull)]))
+    return Hold(float(worst), tuple(cuts))
+
+
+def _arm(window) -> float:
+    """Return the arm [m] at which the ground's friction resists a turn."""
+    legs = window.start[window.legs]
+    return float(np.linalg.norm((legs - window.body[1:4])[:, :2], axis=1).mean())
+
+
+def _price(scene, solution) -> float:
+    """Return what friction takes of a body that slides [nats / m]."""
+    known = {"kappa": WEIGHTS["kappa"][0], "ground friction": scene.friction_ground}
+    if known["ground friction"] is None:
+        known["ground friction"] = SLIPPERY
+    known |= solution.parameters | solution.values
+    kappa, mu = (float(np.ravel(known[k])[0]) for k in ("kappa", "ground friction"))
+    return max(1e3 * kappa * mu, LEAST)
