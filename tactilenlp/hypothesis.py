@@ -66,20 +66,25 @@ class Job:
     cuts: tuple = ()  # samples within still spans that need a pose of their own
 
 
-def distinct(shape, found, count: int, hopeless=HOPELESS) -> list[Hypothesis]:
+ENDS = (0, -1)  # the poses by which bodies are compared: the first and the last
+
+
+def distinct(
+    shape, found, count: int, hopeless=HOPELESS, samples=ENDS
+) -> list[Hypothesis]:
     """Return the best `count` hypotheses of which no two are the same body."""
     kept = []
     for h in sorted(found, key=lambda h: h.rank):
         if kept and h.objective > kept[0].objective + hopeless:
             break
-        if len(kept) < count and not any(same(shape, h, k) for k in kept):
+        if len(kept) < count and not any(same(shape, h, k, samples) for k in kept):
             kept.append(h)
     return kept
 
 
-def same(shape, a: Hypothesis, b: Hypothesis) -> bool:
-    """Tell whether two hypotheses are one: corners agree at the first and last pose."""
-    for k in (0, -1):
+def same(shape, a: Hypothesis, b: Hypothesis, samples=ENDS) -> bool:
+    """Tell whether two hypotheses are one: corners agree at the given samples."""
+    for k in samples:
         corners = [guessing.corners(shape, h.theta, h.x[:, k]) for h in (a, b)]
         apart = np.linalg.norm(corners[0][:, None] - corners[1][None], axis=2)
         if max(apart.min(axis=0).max(), apart.min(axis=1).max()) > SAME:

@@ -9,8 +9,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MACHINE = (
-    *("kind", "codegen", "terms", "assembly", "elimination", "nlp", "solve"),
-    *("checkup", "differences", "description"),
+    *("kind", "codegen", "terms", "assembly", "elimination", "nlp"),
+    *("solve", "solution", "checkup", "differences", "description"),
 )
 TACTILE = re.compile(
     r"finger|touch|contact|friction|pose\b|poses|object_|ground|tactile"

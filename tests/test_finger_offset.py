@@ -68,7 +68,7 @@ def test_derivatives_with_offsets_are_those_of_finite_differences(
     recorded, page, planar, monkeypatch
 ):
     monkeypatch.setattr(kind, "_cache", {})  # interpreted: compiling takes longer
-    monkeypatch.setattr(kind, "compiled", lambda functions: functions)
+    monkeypatch.setattr(kind, "compiled", lambda functions, origin: functions)
     data, scene, _ = recorded
     scene = replace(scene, sigma_offset=SIGMA)
     problem, _ = programme(data.select([1]), scene, page, planar=planar)
