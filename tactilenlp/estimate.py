@@ -106,7 +106,8 @@ def _found(data, job, page, start, options, executor, so_far):
     so_far.kept, searched = kept, time.process_time() - so_far.began
     solved = _refine(job, page, starts, options, so_far.solved)
     if options.rivals and not is_polytope(job.shape):
-        solved = challenged(job, page, solved, options)
+        before = start.measurements.actions if isinstance(start, Estimate) else 0
+        solved = challenged(job, page, solved, options, before)
     best = _certified(job, page, solved[0], options)
     if "planar" in best.certificates.broken and not flat(page):
         best = _tumbled(job, page, best, options, executor)

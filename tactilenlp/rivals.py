@@ -31,9 +31,15 @@ KNOWN_POSE = np.r_[3e-4, 3e-4, 5e-3]  # [m, m, rad] and of the pose it starts fr
 KNOWN = 3e-3  # [m] sizes this close to those of another hypothesis are known
 
 
-def challenged(job, page, solved, options) -> list:
-    """Return the solved hypotheses and their rivals of other sizes, best first."""
+def challenged(job, page, solved, options, before=0) -> list:
+    """Return the solved hypotheses and their rivals, best first.
+
+    before: actions of the estimate that this one carries on; its rivals, if they are
+    any good, are among the hypotheses.
+    """
     if not (job.reductions.planar and solved[0].solution.success):
+        return solved
+    if middle(job.data.actions) == middle(before):
         return solved
     levels = opened(page.LEVELS, final=True)
     for proposed in (other_pasts, other_sizes):
@@ -41,6 +47,11 @@ def challenged(job, page, solved, options) -> list:
         solved = [*solved, *(s for s in rivals if s.solution.success)]
         solved = sorted(solved, key=lambda s: s.at.rank)
     return solved
+
+
+def middle(actions: int) -> int:
+    """Return how many of so many actions make the first half."""
+    return (actions + 1) // 2
 
 
 def other_pasts(job, solved) -> list:
@@ -53,13 +64,13 @@ def other_pasts(job, solved) -> list:
     actions = np.unique(action)
     if len(actions) < PASTS:
         return []
-    middle = int(np.argmax(action == actions[(len(actions) + 1) // 2]))
+    start = int(np.argmax(action == actions[middle(len(actions))]))
     data, window = spherical(job)
-    z = np.r_[at.theta, at.x[:, middle]]
+    z = np.r_[at.theta, at.x[:, start]]
     spread = np.diag(np.r_[np.full(len(at.theta), KNOWN_SIZE), KNOWN_POSE] ** 2)
     given = data, window, job.shape, z[None], spread[None], np.ones(1)
-    _, path = follow(*given, np.arange(middle)[::-1])
-    return [replace(at, x=np.hstack([path[0][:, ::-1], at.x[:, middle:]]))]
+    _, path = follow(*given, np.arange(start)[::-1])
+    return [replace(at, x=np.hstack([path[0][:, ::-1], at.x[:, start:]]))]
 
 
 def other_sizes(job, solved) -> list:
