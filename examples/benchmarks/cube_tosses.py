@@ -130,7 +130,7 @@ def main() -> None:
     with executor_of(given, __file__) as executor:
         rows = run_study(
             given.folder / "cube_tosses.jsonl", "cube tosses", run, cases, executor,
-            say=lambda _, row: {k: round(v, 3) if isinstance(v, float) else v
+            say=lambda _, row: {k: round(float(v), 3) if isinstance(v, float) else v
                                 for k, v in row.items()},
         )  # fmt: skip
     with open(given.folder / "cube_tosses.csv", "w", newline="") as stream:

@@ -1,0 +1,88 @@
+"""Measure what a second core brings: one estimate, and a study of several.
+
+python examples/benchmarks/executors.py [recording.npz ...] [--pairs 5] [--workers 2]
+
+Each pair times the same work here and on a pool of processes that is warm already (all
+has been imported and compiled), one right after the other, so that whatever else the
+machine does meets both.  Wall-clock seconds: run it where nothing else runs; the load
+before and after is printed.
+"""
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
+
+import argparse
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from tactilenlp import Measurements, Scene, solve_estimate
+
+RECORDING = Path(__file__).resolve().parents[1] / "data" / "cuboid.npz"
+TRIALS = 4  # of the study: each is one estimate
+
+
+def estimate(file, actions=None, executor=None):
+    """Return the estimate of a recording's first actions (default: all)."""
+    data = Measurements.load(file)
+    data = data.select(np.unique(data.action)[:actions])
+    return solve_estimate(data, Scene.load(file), executor=executor, throw=False)
+
+
+def trial(file) -> float:
+    """Return the objective [nats] of one trial of the study."""
+    return estimate(file).objective
+
+
+def seconds(function, *arguments) -> float:
+    began = perf_counter()
+    function(*arguments)
+    return perf_counter() - began
+
+
+def study(file, pool=None) -> None:
+    run = map if pool is None else pool.map
+    list(run(trial, [file] * TRIALS))
+
+
+def alone(file, pool=None) -> None:
+    estimate(file, executor=pool)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("files", nargs="*", default=[str(RECORDING)])
+    parser.add_argument("--pairs", type=int, default=5)
+    parser.add_argument("--workers", type=int, default=2)
+    given = parser.parse_args()
+    print("load before:", *(f"{load:.1f}" for load in os.getloadavg()))
+    with ProcessPoolExecutor(given.workers, mp_context=get_context("spawn")) as pool:
+        for file in given.files:
+            found = estimate(file)
+            share = found.seconds["search"] / found.seconds["total"]
+            most = 1 / (1 - share + share / given.workers)
+            print(f"{Path(file).stem}: the search is {share:.0%} of one estimate;")
+            print(f"  {given.workers} processes speed one up {most:.2f} times at most")
+            alone(file, pool), study(file, pool)  # warms every process
+            timed("one estimate", alone, file, pool, given.pairs)
+            timed(f"{TRIALS} estimates", study, file, pool, given.pairs)
+    print("load after:", *(f"{load:.1f}" for load in os.getloadavg()))
+
+
+def timed(name, work, file, pool, count) -> None:
+    """Print what pairs of runs, here and on the pool, have taken."""
+    ways = (file,), (file, pool)
+    pairs = np.array([[seconds(work, *way) for way in ways] for _ in range(count)])
+    here, there = np.median(pairs, axis=0)
+    gain = pairs[:, 0] / pairs[:, 1]
+    print(f"  {name}: {here:.2f} s here, {there:.2f} s on the pool; speed-up "
+          f"{np.median(gain):.2f} ({gain.min():.2f} to {gain.max():.2f})",
+          flush=True)  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
