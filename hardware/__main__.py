@@ -24,6 +24,32 @@ Record a robot with tactile fingers, and turn the record into measurements.
 
 rig.json says which finger is on which wires; hardware/README.md has one to start from.
 """
+RECORD = """\
+Listen to a robot and write all frames, bytes and pictures with their times to a new
+folder, until --seconds have passed or Ctrl-C.  Ends with 1, all data so far on disk,
+where a wire falls silent for longer than --patience.
+
+    python -m hardware record rig.json touches/ --seconds 60
+"""
+REPLAY = """\
+Send a recording out again at its own pace: CAN frames on buses, serial bytes on
+pseudo-terminals.  Writes the rig to listen to; what listens cannot tell the difference.
+
+    python -m hardware replay touches/ --rig replayed.json --interface virtual
+"""
+CHECK = """\
+Say of every stream how many samples came, how regularly, and how many are missing, and
+of every finger how many samples of the grid are valid.  Ends with 1 where these are
+fewer than --complete.
+
+    python -m hardware check touches/
+"""
+ASSEMBLE = """\
+Bring all streams to one grid and write tactilenlp.Measurements.  What is missing is
+marked as not valid, never as no contact; too much missing is refused.
+
+    python -m hardware assemble touches/ touches.npz
+"""
 TICK = 0.005  # [s] between looks at the wires
 
 
@@ -98,6 +124,12 @@ def _replay(options: argparse.Namespace) -> int:
     return 0
 
 
+class _Help(
+    argparse.RawDescriptionHelpFormatter, argparse.ArgumentDefaultsHelpFormatter
+):
+    """Keep the lines of a description, and tell what an option is unless given."""
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         "python -m hardware",
@@ -105,10 +137,16 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_subparsers(required=True, metavar="record|replay|check|assemble")
-    _record_options(add.add_parser("record", help="listen to a robot, into a folder"))
-    _replay_options(add.add_parser("replay", help="send a recording out on wires"))
-    check = add.add_parser("check", help="say how complete a recording is")
-    turn = add.add_parser("assemble", help="write a recording as measurements (.npz)")
+
+    def command_of(name: str, help: str, description: str) -> argparse.ArgumentParser:
+        return add.add_parser(
+            name, help=help, description=description, formatter_class=_Help
+        )
+
+    _record_options(command_of("record", "listen to a robot, into a folder", RECORD))
+    _replay_options(command_of("replay", "send a recording out on wires", REPLAY))
+    check = command_of("check", "say how complete a recording is", CHECK)
+    turn = command_of("assemble", "write a recording as measurements (.npz)", ASSEMBLE)
     for command, do in ((check, _check), (turn, _assemble)):
         command.set_defaults(do=do)
         command.add_argument("folder", help="a recording")

@@ -292,11 +292,14 @@ def test_a_magnetic_skin_is_a_rig_too():
 # The command line
 
 
-def test_help_explains_itself():
-    for words in ([], ["record"], ["replay"], ["check"], ["assemble"]):
+def test_help_explains_itself(capsys):
+    for name in ("record", "replay", "check", "assemble"):
         with pytest.raises(SystemExit) as leave:
-            main([*words, "--help"])
+            main([name, "--help"])
         assert leave.value.code == 0
+        said = capsys.readouterr().out
+        assert f"    python -m hardware {name} " in said  # one that can be copied
+        assert "default:" in said
     done = subprocess.run(
         [sys.executable, "-W", "error", "-m", "hardware", "--help"],
         capture_output=True,
