@@ -11,8 +11,8 @@ so that a tip at rest is 3 to 5 mm from where it says, as in the paper.
 The fingers' offsets are unknowns of the estimates that choose the actions ("unknown");
 beside them the same touches are estimated as if there were none ("ignored").  The truth
 serves only to judge.  Every trial is kept as JSON as soon as it is done; called again,
-the study goes on from there.  Writes trials.csv, table.txt and real.png, the paper's
-figure.
+the study goes on from there; its touches stay beside it (.npz).  Writes trials.csv,
+table.txt and real.png, the paper's figure.
 """
 
 import os
@@ -71,23 +71,24 @@ def zero_errors(rig, rng) -> np.ndarray:
     return np.array(out)
 
 
-def run(number: int, policy: str, options: argparse.Namespace) -> list[dict]:
-    """Return a row for either scene after the first touch and after each action."""
+def robot_of(number: int, policy: str) -> SimulatedRobot:
+    """Return the robot of a trial: the same object and errors under every policy."""
     rng = np.random.default_rng([number, 5])
     place, yaw = rng.uniform(-NEAR, NEAR, 2), rng.uniform(-np.pi, np.pi)
     rig = simulated_rig("densetact", f"{number} {policy}")
-    robot = SimulatedRobot(
-        rig,
-        BOX,
-        position=place,
+    return SimulatedRobot(
+        rig, BOX, position=place, seed=number, zero_error=zero_errors(rig, rng),
         quaternion=(np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)),
-        zero_error=zero_errors(rig, rng),
-        seed=number,
-    )
+    )  # fmt: skip
+
+
+def run(number: int, policy: str, options: argparse.Namespace) -> list[dict]:
+    """Return a row for either scene after the first touch and after each action."""
+    robot = robot_of(number, policy)
+    begin, rows, ignored = robot.pose[:3], [], None
     past: list[tuple[float, np.ndarray]] = []
     robot.after = lambda now: past.append((now, robot.pose))
     wires = {"clock": robot, "reader": robot.reader, "listen_only": False}
-    rows, ignored = [], None
     with robot, Bench(robot.rig, **wires) as bench:
         world = RobotWorld(bench)
         stiffness, force = PUSH
@@ -97,28 +98,26 @@ def run(number: int, policy: str, options: argparse.Namespace) -> list[dict]:
         )  # fmt: skip
         for step in explore(
             world, SCENES["unknown"], options.actions, policy, seed=number,
-            workspace=space, centre=(*place, BOX[2] / 2), budget=options.budget,
-            options=OPTIONS,
+            workspace=space, centre=begin, budget=options.budget, options=OPTIONS,
         ):  # fmt: skip
-            began = process_time()
-            data = step.estimate.measurements
+            data, began = step.estimate.measurements, process_time()
             ignored = solve_estimate(
                 data, SCENES["ignored"], start=ignored, options=OPTIONS, throw=False
             )
-            seconds = {
-                "unknown": step.seconds["estimate"],
-                "ignored": process_time() - began,
-            }
+            seconds = step.seconds["estimate"], process_time() - began
             now = [now for now, _ in past]
             pose = past[np.searchsorted(now, world.origin + data.time[-1])][1]
-            moved = np.linalg.norm(pose[:2] - place)
-            for scene, estimate in (("unknown", step.estimate), ("ignored", ignored)):
-                row = {"trial": number, "policy": policy, "step": step.number}
-                row |= {"offset": scene, "moved_mm": 1e3 * moved}
-                row |= errors(estimate, pose) | {"cpu_s": seconds[scene]}
-                rows.append(row | {"choose_s": step.seconds["choose"]})
-            known, ignorant = (f"{row['p2s_mm']:.2f}" for row in rows[-2:])
+            row = {"trial": number, "policy": policy, "step": step.number}
+            row["moved_mm"] = 1e3 * np.linalg.norm(pose[:2] - begin[:2])
+            row |= {"choose_s": step.seconds["choose"], "pose": pose.tolist()}
+            for offset, estimate, cpu in zip(
+                SCENES, (step.estimate, ignored), seconds, strict=True
+            ):
+                rows.append(row | {"offset": offset, "cpu_s": cpu})
+                rows[-1] |= errors(estimate, pose)
+            known, ignorant = (f"{one['p2s_mm']:.2f}" for one in rows[-2:])
             print(number, policy, step.number, known, ignorant, "mm", flush=True)
+    data.save(options.folder / f"{number:03d}_{policy}.npz")
     return rows
 
 
@@ -130,8 +129,11 @@ def errors(estimate, pose: np.ndarray) -> dict:
     true, found = trimesh.creation.box(BOX, transform=placed), estimate.mesh()
     off, C = error_of(estimate, pose, turn), estimate.information.covariance()
     sides, place, yaw = np.split(off, [3, 5])
+    centred = found.copy()
+    centred.apply_translation(pose[:3] - estimate.position[-1])
     return {
         "p2s_mm": 1e3 * surface_distance(found, true).mean,
+        "centred_mm": 1e3 * surface_distance(centred, true).mean,
         "bch_mm": 1e3 * chamfer_code(found, true),
         "bch_floor_mm": 1e3 * chamfer_floor(true),
         "side_mm": 1e3 * np.abs(sides).max(),
@@ -188,15 +190,20 @@ def half_band(values: np.ndarray) -> float:
 
 
 def table(rows: list[dict], policies: list[str], steps: range) -> str:
-    """Return medians and means after every action, NEES, and the paper's test."""
+    """Return medians and means after every action, NEES, and the paper's test.
+
+    centred: of an estimate moved to the true centre, which the fingers cannot know.
+    """
     head = f"{'policy':8}{'offset':9}{'step':>5}{'p2s median':>12}{'worst':>7}"
+    head += f"{'centred':>9}"
     lines = [head + f"{'bCH mean':>10}{'NEES mean':>11}{'median':>8}{'p of bCH':>10}"]
     for policy, offset, step in product(policies, SCENES, steps):
-        p2s, bch, nees = (
+        p2s, centred, bch, nees = (
             column(rows, key, policy, offset, step)
-            for key in ("p2s_mm", "bch_mm", "nees")
+            for key in ("p2s_mm", "centred_mm", "bch_mm", "nees")
         )
         words = f"{policy:8}{offset:9}{step:5}{np.median(p2s):12.2f}{p2s.max():7.2f}"
+        words += f"{np.median(centred):9.2f}"
         words += f"{bch.mean():10.2f}{nees.mean():11.2f}{np.median(nees):8.2f}"
         if policy == policies[0] and len(policies) > 1 and len(bch) > 1:
             other = column(rows, "bch_mm", policies[1], offset, step)
@@ -228,7 +235,8 @@ def main() -> None:
             part.replace(file)
         rows += json.loads(file.read_text())
     with open(options.folder / "trials.csv", "w", newline="") as stream:
-        writer = csv.DictWriter(stream, rows[0])
+        names = [name for name in rows[0] if name != "pose"]
+        writer = csv.DictWriter(stream, names, extrasaction="ignore")
         writer.writeheader()
         writer.writerows(rows)
     steps = range(options.actions + 1)

@@ -1,0 +1,82 @@
+"""The study on the simulated robot: its conditions, its judgement, its figure."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+BENCHMARKS = Path(__file__).resolve().parents[1] / "examples" / "benchmarks"
+
+
+@pytest.fixture
+def study(monkeypatch):
+    pytest.importorskip("cv2", reason="needs tactilenlp[optical]")
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    import explore_on_robot
+
+    return explore_on_robot
+
+
+def test_tips_at_rest_are_as_far_off_as_the_papers(study):
+    rig = study.simulated_rig("densetact", "far off")
+    degrees = []
+    for seed in range(20):
+        error = study.zero_errors(rig, np.random.default_rng(seed))
+        for finger, one in zip(rig.fingers, error, strict=True):
+            jacobian = finger.geometry.jacobian(study.INITIAL)
+            assert 3e-3 < np.linalg.norm(jacobian @ one) < 5e-3
+        degrees += np.degrees(error).ravel().tolist()
+    assert 0.5 < np.std(degrees) < 1.2  # about one degree
+
+
+def test_trials_are_the_same_under_every_policy(study):
+    one, other = (study.robot_of(3, policy) for policy in ("eig", "random"))
+    assert np.array_equal(one.pose, other.pose)
+    assert np.array_equal(one.fingers[0].joints.zero, other.fingers[0].joints.zero)
+    assert np.abs(one.pose[:2]).max() <= study.NEAR
+
+
+@pytest.mark.parametrize("quarters", range(-2, 3))
+def test_an_error_does_not_depend_on_how_the_sides_are_named(study, quarters):
+    pose = np.r_[0.01, -0.01, 0.0265, np.cos(0.2), 0, 0, np.sin(0.2)]
+    turn = Rotation.from_quat(np.roll(pose[3:], -1))
+    found = turn * Rotation.from_rotvec([0, 0, quarters * np.pi / 2 + 0.01])
+    sides = np.array(study.BOX)[[1, 0, 2] if quarters % 2 else [0, 1, 2]]
+    estimate = SimpleNamespace(
+        rotation=found.as_matrix,
+        side_lengths=sides + np.array([0.001, 0.0, 0.0]),
+        position=(pose[:3] + np.array([0.002, 0.0, 0.0]))[None],
+    )
+    off = study.error_of(estimate, pose, turn)
+    assert off == pytest.approx([0.001, 0, 0, 0.002, 0, 0.01], abs=1e-12)
+
+
+def rows(study):
+    rng = np.random.default_rng(0)
+    return [
+        {
+            "trial": n, "policy": policy, "step": k, "offset": offset,
+            "p2s_mm": (2.0 if policy == "eig" else 4.0) * rng.uniform(0.9, 1.1),
+            "centred_mm": 1.0, "bch_mm": (6.0 if policy == "eig" else 9.0) * rng.uniform(0.9, 1.1),
+            "nees": 1.0 if offset == "unknown" else 100.0,
+        }
+        for n in range(6)
+        for policy in ("eig", "random")
+        for offset in study.SCENES
+        for k in range(3)
+    ]  # fmt: skip
+
+
+def test_the_table_tells_medians_and_the_papers_test(study):
+    words = study.table(rows(study), ["eig", "random"], range(3))
+    last = words.splitlines()[3].split()
+    assert last[:3] == ["eig", "unknown", "2"]
+    assert float(last[3]) == pytest.approx(2.0, abs=0.2)
+    assert float(last[-1]) < 0.05  # of a difference of a half, six against six
+
+
+def test_the_figure_is_drawn(study, tmp_path):
+    study.draw(tmp_path / "real.png", rows(study), ["eig", "random"], range(3))
+    assert (tmp_path / "real.png").stat().st_size > 10_000
