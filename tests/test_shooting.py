@@ -10,7 +10,15 @@ from scipy.spatial.transform import Rotation
 
 from formulations import complementarity, multiple_shooting, paper, shooting
 from formulations.shape import CUBOID
-from tactilenlp import Options, Scene, solve_estimate
+from tactilenlp import (
+    ExpectedInformation,
+    Options,
+    Scene,
+    Workspace,
+    expected_information_gain,
+    information_gain,
+    solve_estimate,
+)
 from tactilenlp.errors import PageError, SceneError
 from tactilenlp.nlp import Problem
 from tactilenlp.precision import precision_of
@@ -159,7 +167,7 @@ def build(nlp, window, scene, shape):
 """
 
 
-def test_an_edited_equation_reaches_estimate_and_information(
+def test_an_edited_equation_reaches_estimate_information_and_gain(
     recorded, tmp_path, monkeypatch
 ):
     """A page of a user: a narrow prior on side x, nothing else is changed."""
@@ -175,6 +183,15 @@ def test_an_edited_equation_reaches_estimate_and_information(
     assert mine.costs["flat prior"] < 1
     sigma = [e.information.sigma("side_lengths")[0] for e in (mine, plain)]
     assert sigma[0] < 1.1e-3 < 3e-3 < sigma[1]
+    # An action that would tell side x to a millimetre tells little that is new.
+    known = [ExpectedInformation(e).beliefs[0].information for e in (mine, plain)]
+    told = np.zeros_like(known[0])
+    told[0, 0] = 1e6
+    gains = [information_gain(k, told) for k in known]
+    assert gains[0] < np.log(2) / 2 + 0.01 < 1 < gains[1]
+    for e in (mine, plain):
+        action = Workspace().action([0.0, 0.2, 0.3, 0.2])
+        assert 0 < expected_information_gain(e, action) < 100
 
 
 def test_the_impulses_of_shooting_balance_the_motion(recorded):
