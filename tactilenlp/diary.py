@@ -6,6 +6,7 @@ import os
 from dataclasses import dataclass, field
 
 from . import filing, result
+from .checks import check_types
 from .choose import Choice
 from .errors import FileError, StartError
 from .measurements import Measurements
@@ -40,6 +41,10 @@ class Exploration:
     """The steps of an exploration, in order, as `explore(file=...)` keeps them."""
 
     steps: tuple[Step, ...] = field(default_factory=tuple)
+
+    def __post_init__(self):
+        check_types(steps=(self.steps, tuple))
+        check_types(**{f"steps[{k}]": (s, Step) for k, s in enumerate(self.steps)})
 
     @property
     def estimate(self) -> Estimate | None:

@@ -59,7 +59,8 @@ def rows(study):
         {
             "trial": n, "policy": policy, "step": k, "offset": offset,
             "p2s_mm": (2.0 if policy == "eig" else 4.0) * rng.uniform(0.9, 1.1),
-            "centred_mm": 1.0, "bch_mm": (6.0 if policy == "eig" else 9.0) * rng.uniform(0.9, 1.1),
+            "centred_mm": 1.0,
+            "bch_mm": (6.0 if policy == "eig" else 9.0) * rng.uniform(0.9, 1.1),
             "nees": 1.0 if offset == "unknown" else 100.0,
         }
         for n in range(6)
