@@ -272,13 +272,10 @@ def _refine(job, page, kept, options, solved) -> list[Solved]:
 
 
 def _carried_on(job, solved, kept, width: int) -> list[Hypothesis]:
-    """Return the hypotheses for the next action: those that the page prefers first.
-
-    Of two pasts that end alike, the better one: what comes next cannot part them.
-    """
+    """Return the hypotheses for the next action: those that the page prefers first."""
     refined = [s.at for s in solved] if job.reductions.planar else []
     if is_polytope(job.shape):
         return refined[:1]
-    refined = distinct(job.shape, refined, width, RIVAL, samples=(-1,))
+    refined = distinct(job.shape, refined, width, RIVAL)
     rest = [h for h in kept if not any(same(job.shape, h, k) for k in refined)]
     return [*refined, *rest][:width]

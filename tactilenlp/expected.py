@@ -17,6 +17,7 @@ from formulations.friction import FRICTION
 
 from .checks import check_types
 from .errors import OptionError, SceneError, TactileError
+from .hypothesis import Hypothesis, distinct
 from .kind import mapped
 from .predict import pushed, sampled
 from .request import shape_of
@@ -138,9 +139,11 @@ class ExpectedInformation:
         best = np.r_[estimate.theta, estimate.unknowns["x"][:, -1]]
         none = np.zeros((3, 1))
         offset = estimate.unknowns.get("finger offset", none).T
-        rest = [] if self._free else list(estimate.hypotheses[:count])
-        same = [np.allclose(h.end, best, atol=1e-6) for h in rest]
-        rest = [h for h, mine in zip(rest, same, strict=True) if not mine][: count - 1]
+        rest = []
+        if not self._free:  # of two pasts that end alike, the better one
+            here = Hypothesis(best[:n], best[n:, None], -np.inf, ())
+            ended = here, *estimate.hypotheses
+            rest = distinct(self.shape, ended, count, np.inf, samples=(-1,))[1:]
         weights = [np.exp(min(0.0, estimate.objective - h.objective)) for h in rest]
         found = [Belief(best, self._known_of_best(), 1.0, offset)]
         for h, weight in zip(rest, weights, strict=True):

@@ -44,7 +44,7 @@ def beam(
     so_far: a list to leave them in after each action, for whoever interrupts.
     """
     done = kept[0].x.shape[1] if kept else 0
-    actions = np.unique(job.data.action)
+    actions, physical = np.unique(job.data.action), bool(kept)
     for i, action in enumerate(progress(actions, "search")):
         last = int(np.nonzero(job.data.action == action)[0][-1]) + 1
         if last <= done or not (job.data.contact & job.data.valid)[:last].any():
@@ -58,8 +58,10 @@ def beam(
         found = spread(_solve_chunk, part, starts, executor)
         found += starts if i < EARLY else []
         kept = distinct(job.shape, found, width * more)
-        if i >= EARLY and not any(same(job.shape, starts[0], h) for h in kept):
-            kept = [*kept, starts[0]]
+        if i >= EARLY:  # as it was: its past may be one that physics found
+            twin = any(same(job.shape, starts[0], h) for h in kept)
+            kept = kept if twin and not physical else [*kept, starts[0]]
+        physical = False
         if page is not None and i < RANKED and last < len(job.data.time):
             kept = rank(part, page, kept, width, executor)
         if so_far is not None:
