@@ -6,12 +6,13 @@ import os
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
 from matplotlib.figure import Figure
 
-from .checks import check_types
+from .checks import check_numbers, check_path, check_types
 from .errors import OptionError
-from .plotting import draw_scene, draw_top, view_of
+from .plotting import draw_scene, draw_top, true_corners, view_of
 from .progress import progress
 from .result import Estimate
 from .style import STYLE, check_axes
@@ -38,6 +39,8 @@ def animate(
     Raises OptionError for another suffix or view, or where ffmpeg is not installed.
     """
     check_types(estimate=(estimate, Estimate))
+    check_path(path)
+    check_numbers("", "frames per second above 0", rate=(rate, 0, np.inf))
     path = Path(path)
     kind = WRITERS.get(path.suffix.lower())
     for where, got, known in (
@@ -51,9 +54,11 @@ def animate(
             "no program to write it", where="path", got=path.suffix,
             expected="ffmpeg on the path", next="install ffmpeg, or write a .gif",
         )  # fmt: skip
-    if not (isinstance(every, int) and every >= 1 and rate > 0):
-        got = f"every={every}, rate={rate}"
+    if not (isinstance(every, int) and every >= 1):
+        got = f"every={every}"
         raise OptionError("out of range", where="animate", got=got)
+    if truth is not None:  # an error while a film is written would leave half of it
+        true_corners(truth, 0)
     with plt.rc_context(STYLE | {"figure.dpi": 100}):
         style = {"projection": "3d"} if view == "scene" else {}
         if axis is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from numbers import Integral, Real
 
 from .errors import OptionError
@@ -17,11 +18,20 @@ def check_types(**given) -> None:
     for name, (value, kind) in given.items():
         kinds = kind if isinstance(kind, tuple) else (kind,)
         if not any(_is(value, k) for k in kinds):
-            names = " or ".join(getattr(k, "__name__", str(k)) for k in kinds)
-            expected = f"{names}(...)"
+            names = [getattr(k, "__name__", str(k)) for k in kinds]
+            said = ["None" if n == "NoneType" else f"{n}(...)" for n in names]
+            expected = " or ".join(said)
             raise OptionError(
                 "wrong type", where=name, got=_short(value), expected=expected
             )
+
+
+def check_path(path) -> None:
+    """Raise OptionError unless this may be the path of a file."""
+    if not isinstance(path, (str, os.PathLike)):
+        raise OptionError(
+            "no path", where="path", got=_short(path), expected="a str or a Path"
+        )
 
 
 def check_numbers(where: str, expected: str, **given) -> None:

@@ -150,7 +150,12 @@ def plot_errors(estimates, truth=None, axis=None) -> Figure:
     sides = np.array([estimate.side_lengths for estimate in estimates]) * MM
     sigma = np.array([e.information.sigma("side_lengths") for e in estimates]) * MM
     if truth is not None:
-        true = truth["side_lengths"] if isinstance(truth, dict) else truth
+        true = truth.get("side_lengths") if isinstance(truth, dict) else truth
+        if np.shape(true) != (3,):
+            raise OptionError(
+                "cannot be drawn", where="truth", got=repr(truth)[:80],
+                expected="side lengths (3,) [m], or a dict that has them",
+            )  # fmt: skip
         order = np.argsort(np.argsort(sides[:, :2], axis=1), axis=1)  # z stands alone
         flat = np.sort(np.ravel(true)[:2])[order]
         wrong = abs(sides - np.c_[flat, np.full(len(sides), np.ravel(true)[2])] * MM)

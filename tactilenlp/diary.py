@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from . import filing, result
 from .checks import check_types
@@ -40,7 +40,11 @@ class Step:
 class Exploration:
     """The steps of an exploration, in order, as `explore(file=...)` keeps them."""
 
-    steps: tuple[Step, ...] = field(default_factory=tuple)
+    steps: tuple[Step, ...] = ()
+
+    def __post_init__(self):
+        check_types(steps=(self.steps, tuple))
+        check_types(**{f"steps[{k}]": (s, Step) for k, s in enumerate(self.steps)})
 
     def __post_init__(self):
         check_types(steps=(self.steps, tuple))
@@ -58,6 +62,7 @@ class Exploration:
 
     def with_step(self, step: Step) -> Exploration:
         """Return the exploration with this step in place of its number's, or added."""
+        check_types(step=(step, Step))
         others = [s for s in self.steps if s.number != step.number]
         return Exploration(tuple(sorted([*others, step], key=lambda s: s.number)))
 

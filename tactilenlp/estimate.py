@@ -25,7 +25,7 @@ from .readout import read_off
 from .reduce import Reductions, flat, insisted
 from .request import (
     carried,
-    check_importable,
+    check_executor,
     check_offset,
     check_plane,
     check_touched,
@@ -85,8 +85,7 @@ def solve_estimate(
     page = page_of(formulation, shape)
     check_plane(page, scene)
     check_offset(page, scene)
-    if executor is not None:
-        check_importable(page)
+    check_executor(executor, page)
     scene.check(data)
     check_touched(data)
     job = _job(data, scene, shape, options, time.monotonic(), page)

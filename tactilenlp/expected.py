@@ -229,6 +229,13 @@ def information_gain(known, told, asked: int | None = None) -> float:
     known: I (k, k), positive definite; told: F (k, k), positive semidefinite; asked:
     how many of the first unknowns count, all others being marginalised.
     """
+    known, told = (np.asarray(matrix, float) for matrix in (known, told))
+    if known.ndim != 2 or known.shape != told.shape or len(known) != known.shape[1]:
+        raise OptionError(
+            "wrong shape", where="information_gain",
+            expected="two square matrices of one size",
+            got=f"{known.shape} and {told.shape}",
+        )  # fmt: skip
     if asked is not None and asked < len(known):  # logdet of a Schur complement
         rest = slice(asked, None)
         nuisance = information_gain(known[rest, rest], told[rest, rest])

@@ -9,25 +9,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .checks import check_numbers, check_path, check_types
 from .choose import Choice, CrossEntropy, best_action, choose_action, facing
 from .diary import Exploration, Step, check_same, taken_up
-from .errors import NoContactError, OptionError
+from .errors import OptionError
 from .estimate import solve_estimate
 from .expected import ExpectedInformation
+from .first_touch import first_touch
 from .guess import Guess
 from .measurements import Measurements
 from .options import Options
 from .progress import progress, wipe
 from .result import Estimate
 from .scene import Scene
-from .sweep import sweep
 from .workspace import Action, Workspace
 
 log = logging.getLogger("tactilenlp")
 
 POLICIES = ("eig", "random", "fisher", "farthest")
 INWARD = 0.015  # [m] behind a touched point where an object that was lost is sought
-LEVEL = 0.02  # [m] above the ground, aimed at where no estimate says more
 TRIES = 400  # actions drawn for the policy "farthest"
 
 
@@ -76,6 +76,7 @@ def explore(
     An action without contact is data.  After one, or where an estimate lies apart from
     what was touched, the next action is random and aims at the last touched spot.
     """
+    _check(world, scene, actions, seed, workspace, until, file, start)
     space = _space(world, scene, workspace)
     settings = {"search": search, "budget": budget, "policy": _known(policy)}
     estimate, past = start if isinstance(start, Estimate) else None, []
@@ -110,6 +111,28 @@ def explore(
             return
 
 
+def _check(world, scene, actions, seed, workspace, until, file, start) -> None:
+    """Raise OptionError for what cannot be explored, before anything moves."""
+    # A file can stand for a world that is not there: for actions that it has.
+    if world is not None and not callable(getattr(world, "execute", None)):
+        raise OptionError(
+            "nothing to explore", where="world", got=repr(world)[:80],
+            expected="an object with execute(trajectory) -> Measurements",
+        )  # fmt: skip
+    none = type(None)
+    check_types(
+        scene=(scene, (Scene, none)), workspace=(workspace, (Workspace, none)),
+        start=(start, (Estimate, Guess, none)), actions=(actions, (int, np.integer)),
+        seed=(seed, (int, np.integer)),
+    )  # fmt: skip
+    check_numbers("", "a whole number from 0", actions=(actions, -1, np.inf))
+    check_numbers("", "a whole number from 0", seed=(seed, -1, np.inf))
+    if until is not None and not callable(until):
+        check_numbers("", "a deviation above 0 [m], or a function", until=(until, 0, 1))
+    if file is not None:
+        check_path(file)
+
+
 def _kept(diary: Exploration, file) -> Exploration:
     """Return the diary, kept in a file if there is to be one."""
     if file is not None:
@@ -119,7 +142,7 @@ def _kept(diary: Exploration, file) -> Exploration:
 
 def _touch_first(world, space, centre, rng) -> Step:
     began = time.process_time()
-    action, data, told = _first_touch(world, space, centre, rng)
+    action, data, told = first_touch(world, space, centre, rng)
     seconds = {"choose": 0.0, "act": time.process_time() - began}
     return Step(0, action, data, None, None, "first touch", seconds, told)
 
@@ -245,35 +268,3 @@ def _enough(step: Step, until) -> bool:
         return bool(until(step))
     deviation = step.estimate.information.sigma("side_lengths")
     return bool(np.nanmax(deviation) <= until)
-
-
-def _first_touch(world, space: Workspace, centre, rng):
-    """Return action, data and trajectories of a first touch: one finger, or a sweep."""
-    alone, told = tuple(f == 0 for f in range(space.fingers)), []
-    if centre is not None:
-        centre = np.asarray(centre, float)
-        centre = np.r_[centre, LEVEL] if centre.shape == (2,) else centre
-        action = space.random(rng, alone)
-        told.append(action.trajectory(centre))
-        data = world.execute(told[-1])
-        if touched(data):
-            return action, data, tuple(told)
-        log.warning("the first finger met nothing: the workspace is swept")
-    for trajectory in sweep(space, centre):
-        told.append(trajectory)
-        data = world.execute(trajectory)
-        if touched(data):
-            return None, data, tuple(told)
-    raise NoContactError(
-        "nothing was touched",
-        where="explore",
-        got=f"a sweep of {2 * space.radius:.2g} m without contact",
-        expected="an object in the workspace",
-        next="give centre=(x, y), where the object may be",
-    )
-
-
-def touched(data: Measurements) -> bool:
-    """Tell whether contact was felt for two samples in a row: no flipped boolean."""
-    felt = data.contact & data.valid
-    return bool((felt[1:] & felt[:-1]).any())

@@ -8,7 +8,7 @@ from xml.etree import ElementTree as xml
 
 import numpy as np
 
-from .checks import check_types
+from .checks import check_path, check_types
 from .errors import OptionError
 from .surface import face_sigma, information_colour, polygons
 
@@ -30,6 +30,7 @@ def export_shape(estimate, path: str | os.PathLike) -> None:
     Raises OptionError for another suffix.
     """
     check_types(estimate=(estimate, ("Estimate", "Body")))
+    check_path(path)
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix in MESHES:

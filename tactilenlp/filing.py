@@ -7,6 +7,7 @@ of our dataclasses, {"dict": ...} and {"list": ...} for what they say.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 from importlib.metadata import version
@@ -15,9 +16,11 @@ from pathlib import Path
 import numpy as np
 
 from .archive import read_npz
+from .checks import check_path
 from .errors import FileError
 
 MALFORMED = (ValueError, KeyError, TypeError, AttributeError, RecursionError)
+SOME = 5  # names that are shown of a file that is something else
 LIBRARIES = ("tactilenlp", "casadi", "numpy", "scipy")
 
 
@@ -28,9 +31,13 @@ def versions() -> dict[str, str]:
 
 def write(path, name: str, number: int, content, kinds: dict) -> None:
     """Write content as version `number` of the format `name`: whole, or not at all."""
+    check_path(path)
     arrays: dict[str, np.ndarray] = {}
     header = {"format": name, "version": number, "written_by": versions()}
     header["content"] = _pack(content, "", arrays, kinds)
+    folder = Path(path).parent
+    if not folder.is_dir():
+        raise FileNotFoundError(errno.ENOENT, "No such folder", str(folder))
     part = Path(path).with_name(f".{Path(path).name}.part")
     with open(part, "wb") as file:
         np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
@@ -41,8 +48,11 @@ def read(path, name: str, number: int, kinds: dict):
     """Return what `write` wrote, to the last digit; FileError of anything else."""
     arrays = read_npz(path, None, error=FileError)
     if "header" not in arrays:
-        got = f"keys {sorted(arrays)}"
-        raise FileError(f"not an {name}", where=str(path), got=got)
+        some = ", ".join(sorted(arrays)[:SOME])
+        raise FileError(
+            f"not an {name}", where=str(path), got=f"no header, but {some}, ...",
+            expected="what `save` wrote", next="Measurements.load reads recordings",
+        )  # fmt: skip
     try:
         header = json.loads(str(arrays.pop("header")))
         _check_version(header, name, number, str(path))

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from tactilenlp.archive import read_npz
+from tactilenlp.checks import check_types
 from tactilenlp.errors import MeasurementError
 
 UNIT_TOLERANCE = 1e-3  # [1], beyond it a vector is wrong, not merely rounded
@@ -104,6 +105,7 @@ class Measurements:
 
     def append(self, other: Measurements) -> Measurements:
         """Return these data and then those of `other`, its actions numbered on."""
+        check_types(other=(other, Measurements))
         mine, theirs = self._arrays(), other._arrays()
         radius, end = self.finger_radius, self.time[-1]
         differ = not np.array_equal(radius, other.finger_radius)

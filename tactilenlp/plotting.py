@@ -15,6 +15,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from .errors import OptionError
 from .faces import faces_of
 from .result import Estimate
 from .style import (
@@ -27,6 +28,7 @@ from .style import (
     UNTOUCHED,
     below,
     check_axes,
+    check_solid,
     picture,
     with_key,
 )
@@ -142,7 +144,7 @@ def draw_top(axis, estimate, sample, truth, view) -> None:
         ring = np.concatenate([outline(spread[0]), outline(spread[1])[::-1]])
         axis.fill(*ring.T, fc=(BAND, 0.5), lw=0, zorder=2.5, label=SIGMA)
     if truth is not None:
-        true = outline(_true_corners(truth, sample))
+        true = outline(true_corners(truth, sample))
         axis.plot(*true.T, "--", color=TRUTH, lw=1.3, zorder=6, label="truth")
     during = data.action == data.action[sample]
     for finger, (colour, points, normals, now) in enumerate(_touches(estimate, sample)):
@@ -171,7 +173,7 @@ def draw_scene(axis, estimate, sample, truth, view) -> None:
     if spread is not None:
         draw_seen(axis, _polygons(spread[0]), (BAND, 0.12), BAND, 5, label=SIGMA)
     if truth is not None:
-        true = _polygons(_true_corners(truth, sample))
+        true = _polygons(true_corners(truth, sample))
         draw_seen(axis, true, "none", TRUTH, 6, ls="--", label="truth")
     for finger, (colour, points, normals, _) in enumerate(_touches(estimate, sample)):
         seen = normals @ EYE > 0
@@ -194,6 +196,7 @@ def draw_scene(axis, estimate, sample, truth, view) -> None:
 
 def _frame(axis, estimate, view) -> None:
     """Set up a 3-D axis that shows the box `view` (2, 3) [mm], with the ground."""
+    check_solid(axis)
     axis.set(xlim=view[:, 0], ylim=view[:, 1], zlim=view[:, 2], xlabel="x [mm]",
              ylabel="y [mm]", zlabel="z [mm]", proj_type="ortho")  # fmt: skip
     for side, pad in ((axis.xaxis, -4), (axis.yaxis, -4), (axis.zaxis, -10)):
@@ -236,9 +239,15 @@ def outline(corners) -> np.ndarray:
     return corners[np.append(ring, ring[0]), :2]
 
 
-def _true_corners(truth, sample) -> np.ndarray:
+def true_corners(truth, sample) -> np.ndarray:
     """Return the corners (n, 3) [mm] of the true body at a sample, world frame."""
-    truth = truth if isinstance(truth, dict) else vars(truth)
+    truth = truth if isinstance(truth, dict) else getattr(truth, "__dict__", {})
+    sized = truth.keys() & {"side_lengths", "vertices"}
+    if not (sized and {"position", "quaternion"} <= truth.keys()):
+        raise OptionError(
+            "cannot be drawn", where="truth", got=f"{sorted(truth)}",
+            expected="position, quaternion (wxyz) and side_lengths or vertices",
+        )  # fmt: skip
     p_wo, quaternion = (np.atleast_2d(truth[k]) for k in ("position", "quaternion"))
     now = sample if len(p_wo) > 1 else 0
     corners = truth.get("vertices")

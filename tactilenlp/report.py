@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .checks import check_types
+from .checks import check_path, check_types
 from .surface import BLUE, PALE, RED, face_sigma, information_colour, polygons
 
 FINGERS = ((0, 158, 115), (204, 121, 167), (230, 159, 0), (240, 228, 66))
@@ -26,6 +26,7 @@ AXES = ("x", "y", "z")
 def write_report(estimate, path: str | os.PathLike) -> None:
     """Write one page: motion to turn and scrub, measurements, words, costs."""
     check_types(estimate=(estimate, "Estimate"))
+    check_path(path)
     page = files("tactilenlp").joinpath("report.html").read_text(encoding="utf-8")
     content = json.dumps(_content(estimate), separators=(",", ":"), allow_nan=False)
     # No word of a file may open or close a tag.

@@ -82,8 +82,15 @@ def check_offset(page, scene) -> None:
         )
 
 
-def check_importable(page) -> None:
+def check_executor(executor, page) -> None:
     """Raise OptionError unless other processes can import the page by its name."""
+    if executor is None:
+        return
+    if not hasattr(executor, "submit"):
+        raise OptionError(
+            "no executor", where="executor", got=repr(executor),
+            expected="one of concurrent.futures, such as ProcessPoolExecutor(2)",
+        )  # fmt: skip
     if sys.modules.get(getattr(page, "__name__", "")) is not page:
         raise OptionError(
             "other processes cannot import this page",
@@ -118,6 +125,14 @@ def first_guess(start, shape) -> tuple:
     if not isinstance(start, Guess):
         return ()
     theta = np.asarray(start.side_lengths, float)
+    if theta.max() > shape.bounds[1]:
+        raise StartError(
+            "too large",
+            where="start.side_lengths",
+            got=theta.tolist(),
+            expected=f"lengths of at most {shape.bounds[1]} m",
+            next="divide by 1000 if these are millimetres",
+        )
     position = np.asarray(start.position, float)
     if theta.shape != (shape.theta,) or not np.all(theta > 0):
         raise StartError(

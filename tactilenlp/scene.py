@@ -14,6 +14,7 @@ from tactilenlp.measurements import Measurements
 UNIT_TOLERANCE = 1e-6  # [1], a normal further from unit length was not normalised
 UNIT_EXACT = 1e-12  # [1], a normal closer to unit length is left alone
 FLIP_LIMIT = -0.9  # [1], cosine below which the shortest rotation to +z is ill-defined
+HEAVIEST = 100.0  # [kg] no finger pushes more: beyond it a mass is in grams
 KNOWN_KEYS = ("mass", "friction_ground", "friction_finger")  # read from a file
 
 
@@ -107,7 +108,7 @@ class Scene:
     def __post_init__(self) -> None:
         never, inf = np.nextafter(0.0, 1.0), np.inf  # the least number above zero
         for name, unknown, low, high, expected in (
-            ("mass", False, never, inf, "a mass above 0 kg"),
+            ("mass", False, never, HEAVIEST, f"a mass in (0, {HEAVIEST:.0f}) kg"),
             ("friction_ground", True, 0.0, 10.0, "a coefficient in [0, 10)"),
             ("friction_finger", True, 0.0, 10.0, "a coefficient in [0, 10)"),
             ("gravity", False, 0.0, inf, "an acceleration of 0 m/s^2 or more"),

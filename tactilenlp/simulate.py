@@ -17,6 +17,7 @@ from .retraction import STILL, retraction
 RATE = 30  # [Hz] of the record, as the tactile sensors of the paper
 WINDOW = 40  # steps (10 ms) at the end of a sample over which the sensor averages
 PAUSE = 0.2  # [s] after an action: the object comes to rest
+LARGEST = 5.0  # [m] of a side: fingers push nothing longer
 SUNK = 1e-5  # [m] a body may be placed below the ground; more would make it jump
 SHAPE = ("side_lengths", "vertices")
 KNOWN = {  # what a world is told: unit and length
@@ -284,6 +285,8 @@ def _checked(name: str, value, unit: str, length: int | None = -1):
     shape = () if length == -1 else (length or max(array.size, 1),)
     if array.shape != shape or not (np.isfinite(array) & (array >= low)).all():
         raise _wrong(name, f"finite, shape {shape}, [{unit}]", value)
+    if name == "side_lengths" and array.max() > LARGEST:
+        raise _wrong(name, f"at most {LARGEST} m", value, "divide by 1000 if in mm")
     return array if shape else float(array)
 
 

@@ -31,6 +31,8 @@ def picture(draw):
     @wraps(draw)
     def styled(estimate, *arguments, **named):
         check_types(estimate=(estimate, Estimate))
+        if named.get("axis") is not None:
+            check_axes(named["axis"], np.size(np.asarray(named["axis"], object)))
         with plt.rc_context(STYLE):
             return draw(estimate, *arguments, **named)
 
@@ -45,6 +47,16 @@ def check_axes(axis, count: int) -> list:
     raise OptionError(
         "wrong number of axes", where="axis", got=f"{len(axes)} things",
         expected=f"{count} matplotlib Axes",
+    )  # fmt: skip
+
+
+def check_solid(axis):
+    """Return an axis that is 3-D; OptionError otherwise."""
+    if hasattr(axis, "zaxis"):
+        return axis
+    raise OptionError(
+        "a flat axis", where="axis", got=type(axis).__name__,
+        expected='an axis of add_subplot(projection="3d")',
     )  # fmt: skip
 
 

@@ -16,6 +16,7 @@ from .errors import OptionError
 from .scene import Ground
 
 RATE = 100  # [Hz] of a trajectory's points
+FARTHEST = 10.0  # [m] no hand reaches further, as in Measurements
 SIMULATION, ROBOT = 2 * np.pi / 5, np.pi / 4  # [rad] bounds of the paper
 ALONE = np.pi  # [rad] a single finger may come from anywhere
 
@@ -63,6 +64,9 @@ class Workspace:
                 raise _wrong(name, "a number above 0", getattr(self, name))
         if self.bound > np.pi / 2:
             raise _wrong("bound", "at most pi / 2 [rad]", self.bound)
+        if self.radius > FARTHEST:
+            fix = "divide by 1000 if these are millimetres"
+            raise _wrong("radius", f"at most {FARTHEST:.0f} m", self.radius, fix)
         if self.radius <= self.apart:
             fix = "lines start outside the space kept between fingers"
             raise _wrong("radius", f"above {self.apart:.3g} m", self.radius, fix)
