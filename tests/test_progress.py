@@ -67,3 +67,18 @@ def test_the_line_is_clean_after_ctrl_c(clock):
             if step == 6:
                 raise KeyboardInterrupt
     assert terminal.getvalue().count("\n") == 0
+
+
+def test_a_search_and_an_exploration_draw_bars(recorded, monkeypatch):
+    from tactilenlp import Options, World, explore, solve_estimate
+
+    terminal, quick = Terminal(), Options(hypotheses=2, starts=2)
+    monkeypatch.setattr(module.sys, "stderr", terminal)
+    monkeypatch.setattr(module, "PATIENCE", -1.0)  # as if it took long
+    lean = {"formulation": "quasi_static", "options": quick}
+    solve_estimate(recorded[0].select([0, 1]), recorded[1], **lean)
+    assert "search [" in terminal.getvalue()
+    world = World((0.05, 0.04, 0.03))
+    for _ in explore(world, actions=1, centre=(0, 0), policy="random", **lean):
+        assert terminal.getvalue().endswith(module.WIPED)  # the user may write now
+    assert "explore [" in terminal.getvalue()
