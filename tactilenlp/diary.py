@@ -46,10 +46,6 @@ class Exploration:
         check_types(steps=(self.steps, tuple))
         check_types(**{f"steps[{k}]": (s, Step) for k, s in enumerate(self.steps)})
 
-    def __post_init__(self):
-        check_types(steps=(self.steps, tuple))
-        check_types(**{f"steps[{k}]": (s, Step) for k, s in enumerate(self.steps)})
-
     @property
     def estimate(self) -> Estimate | None:
         """The last estimate, of all data that it was made of; None if there is none."""
