@@ -10,9 +10,9 @@ so that a tip at rest is 3 to 5 mm from where it says, as in the paper.
 
 The fingers' offsets are unknowns of the estimates that choose the actions ("unknown");
 beside them the same touches are estimated as if there were none ("ignored").  The truth
-serves only to judge.  Every trial is kept as JSON as soon as it is done; called again,
-the study goes on from there; its touches stay beside it (.npz).  Writes trials.csv,
-table.txt and real.png, the paper's figure.
+serves only to judge.  Every trial is kept in trials.jsonl as soon as it is done, its
+touches beside it (.npz); called again, the study goes on from there.  Writes
+trials.csv, table.txt and real.png, the paper's figure.
 """
 
 import os
@@ -20,8 +20,6 @@ import os
 os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
 
 import argparse
-import csv
-import json
 from itertools import product
 from pathlib import Path
 from time import process_time
@@ -32,6 +30,7 @@ matplotlib.use("Agg")
 import numpy as np
 import trimesh
 from matplotlib import pyplot as plt
+from resume import resumed, write_csv
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
@@ -224,21 +223,15 @@ def main() -> None:
     parser.add_argument("--policies", nargs="+", default=["eig", "random"])
     parser.add_argument("--budget", type=int, default=60, help="evaluations per choice")
     options = parser.parse_args()
-    options.folder.mkdir(parents=True, exist_ok=True)
-    rows = []
     numbers = range(options.first, options.first + options.trials)
-    for number, policy in product(numbers, options.policies):
-        file = options.folder / f"{number:03d}_{policy}.json"
-        if not file.exists():
-            part = file.with_suffix(".part")
-            part.write_text(json.dumps(run(number, policy, options)))
-            part.replace(file)
-        rows += json.loads(file.read_text())
-    with open(options.folder / "trials.csv", "w", newline="") as stream:
-        names = [name for name in rows[0] if name != "pose"]
-        writer = csv.DictWriter(stream, names, extrasaction="ignore")
-        writer.writeheader()
-        writer.writerows(rows)
+    cells = list(product(numbers, options.policies))
+
+    def run_all(missing):
+        return (run(number, policy, options) for number, policy in missing)
+
+    kept = options.folder / "trials.jsonl"
+    rows = resumed(kept, ("trial", "policy"), cells, run_all)
+    write_csv(options.folder / "trials.csv", rows)
     steps = range(options.actions + 1)
     words = table(rows, options.policies, steps)
     (options.folder / "table.txt").write_text(words + "\n")
