@@ -3,7 +3,7 @@ r"""Poses and shape with minimal motion, no impulses: the cheap first stage.
     min  sum_touch  -log( exp(-touch(phi) - |n - n_m|^2 / 2 sigma_n^2) + exp(-ceiling) )
        + sum_free   -log( exp(-log(1 + exp(-alpha phi)))               + exp(-ceiling) )
        + sum_gaps   log(1 + way^2 / gap^2)                  (between actions)
-       + sum_sizes  (theta - mean)^2 / (2 deviation^2)      (size prior)
+       + sum_sizes  2 log(1 + (theta - mean)^2 / (2 deviation)^2)      (size prior)
        + sum_steps  weight (sqrt(way^2 + still^2) - still)  (least motion)
     over theta, x_k
 
@@ -68,7 +68,7 @@ def sense(nlp, window, shape, touch=TOUCH, normal=NORMAL, depth=0.0):
     between_actions(nlp, window, shape, theta, x)
     nlp.minimize(
         "size prior",
-        lambda theta: ca.sumsqr((theta - mean) / deviation) / 2,
+        lambda theta: ca.sum1(sensing.heavy_tailed((theta - mean) / deviation)),
         theta,
         role="prior",
     )

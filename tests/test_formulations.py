@@ -715,3 +715,13 @@ def raised(data):
     p = data.finger_position.copy()
     p[data.normal[..., 2] > 0.5] += [0, 0, 0.005]
     return replace(data, finger_position=p)
+
+
+def test_a_size_ten_deviations_off_is_rare_but_not_impossible():
+    z = ca.SX.sym("z")
+    cost = sensing.heavy_tailed(z)
+    curve = ca.Function("curve", [z], [cost, ca.hessian(cost, z)[0]])
+    assert [float(v) for v in curve(0)] == pytest.approx([0, 1])
+    assert float(curve(0.5)[0]) == pytest.approx(0.5**2 / 2, rel=0.05)
+    assert float(curve(10)[0]) < 7  # nats, where a Gaussian asks for 50
+    assert float(curve(-10)[0]) == pytest.approx(float(curve(10)[0]))
