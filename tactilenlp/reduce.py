@@ -29,6 +29,7 @@ CEILING = 7.0  # [nats] one sample in a thousand is wrong beyond any noise
 MOVES = 0.1e-3  # [m] a guess that moves further in a sample needs poses of its own
 ARM = 20e-3  # [m] one radian of turn counts as this much way
 SLIPPERY = 0.1  # [-] friction of the ground, where it is not known: little
+DOUBLE = 0.1  # [sample intervals] sooner than this, a sample has come twice
 SIDE = 0.7  # [-] |n_z| below which a normal belongs to a side
 
 NAMES = (tuple, list, set, frozenset)  # of names to switch off
@@ -90,6 +91,9 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
     if motion is FREE and guess is not None:
         moving = (moving | moves(guess[1])) & ~first
     moving[list(cuts)] = True
+    original = originals(data, first)
+    moving &= original == np.arange(len(first))
+    before = np.r_[0, original[:-1]]
     knot = np.cumsum(moving | first) - 1
     sample, finger = np.nonzero(data.valid)
     felt = data.contact[sample, finger]
@@ -104,8 +108,8 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
     known = moving & ~first
     if coasts(scene):  # how fast it was at the start of a later action no one knows
         known[1:] &= ~first[:-1] | (data.action[1:] == data.action[0])
-    step = _steps(data, knot, first, np.nonzero(known)[0])
-    push = _pushes(data, p_wf, everything, felt, step, choice.absent)
+    step = _steps(data, knot, first, before, np.nonzero(known)[0])
+    push = _pushes(data, p_wf, everything, felt, step, before, choice.absent)
     corner, lift, rest = _ground(scene, shape, motion, step, first, guess)
     gap = np.nonzero(first)[0][1:]
     return Window(
@@ -144,6 +148,16 @@ def may_move(data, scene, first) -> np.ndarray:
     return moving & ~first
 
 
+def originals(data, first) -> np.ndarray:
+    """Return for every sample its index, or that of the one which it repeats (T,).
+
+    A sample that comes twice, a moment later, shares the pose of the first: as a time
+    step of its own it would turn a micrometre into a blow.
+    """
+    late = np.diff(data.time, prepend=-np.inf) >= DOUBLE * data.dt
+    return np.maximum.accumulate(np.where(late | first, np.arange(len(first)), 0))
+
+
 def coasts(scene) -> bool:
     """Tell whether nothing brakes the object: it floats, or lies on ice."""
     return scene.ground is None or scene.gravity == 0 or scene.friction_ground == 0
@@ -171,11 +185,12 @@ def is_far(free, scene, shape, motion, guess, precision) -> np.ndarray:
     return away > FAR + 10 * precision.position
 
 
-def _steps(data, knot, first, samples) -> Steps:
+def _steps(data, knot, first, before, samples) -> Steps:
     """Return the steps that end at `samples`; an action starts at rest."""
-    two = np.where(first[samples - 1], samples - 1, samples - 2)
-    dt = data.time[samples] - data.time[samples - 1]
-    return Steps(samples, knot[samples], knot[samples - 1], knot[two], dt)
+    one = before[samples]
+    two = np.where(first[one], one, before[one])
+    dt = data.time[samples] - data.time[one]
+    return Steps(samples, knot[samples], knot[one], knot[two], dt)
 
 
 def _gaps(data, knot, start) -> Steps:
@@ -185,7 +200,7 @@ def _gaps(data, knot, start) -> Steps:
     return Steps(start, knot[start], before, before, dt)
 
 
-def _pushes(data, p_wf, everything, felt, step, only_felt) -> Pushes:
+def _pushes(data, p_wf, everything, felt, step, before, only_felt) -> Pushes:
     index = np.full(len(data.time), -1)
     index[step.sample] = np.arange(len(step))
     chosen = (index[everything.sample] >= 0) & (felt | (not only_felt))
@@ -195,8 +210,8 @@ def _pushes(data, p_wf, everything, felt, step, only_felt) -> Pushes:
     length = np.linalg.norm(side, axis=1, keepdims=True)
     sideways = (length > SIDE).ravel()[:, None]
     tangent = np.where(sideways, side / np.maximum(length, SIDE), [1.0, 0.0, 0.0])
-    now, before = p_wf[s, f], p_wf[s - 1, f]
-    return Pushes(s, f, index[s], now, before, data.finger_radius[f], tangent)
+    now, then = p_wf[s, f], p_wf[before[s], f]
+    return Pushes(s, f, index[s], now, then, data.finger_radius[f], tangent)
 
 
 def _ground(scene, shape, motion, step, first, guess):

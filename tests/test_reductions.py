@@ -254,3 +254,27 @@ def test_still_spans_that_are_doubted_get_poses_of_their_own_where_they_would_mo
     sigma = apart.information.sigma("side_lengths")
     for e in (merged, cut):
         assert (np.abs(e.side_lengths - apart.side_lengths) < 0.1 * sigma).all()
+
+
+def test_a_sample_that_comes_twice_is_no_time_step(recorded):
+    """Its pose is the first one's, and the next step starts from that."""
+    data, scene, _ = recorded
+    felt = data.contact[:-1].any(axis=1) & data.contact[1:].any(axis=1)
+    again = int(np.argmax(felt)) + 1  # while a finger pushes
+    rows = np.sort(np.r_[np.arange(data.samples), again])
+    arrays = {n: a[rows] for n, a in vars(data).items()
+              if a is not None and n != "finger_radius"}  # fmt: skip
+    arrays["time"] = arrays["time"] + 1e-3 * (np.arange(len(rows)) == again + 1)
+    twice = replace(data, **arrays)
+    precision = precision_of(data, scene)
+    one, two = (
+        reduce(d, scene, CUBOID, precision, Reductions(still=False))
+        for d in (data, twice)
+    )
+    assert two.knots == one.knots
+    assert two.knot[again] == two.knot[again + 1]
+    extra = data.contact[again].sum()
+    assert len(two.touch.sample) == len(one.touch.sample) + extra
+    for name in ("knot", "before", "before_2", "dt"):
+        np.testing.assert_array_equal(getattr(two.step, name), getattr(one.step, name))
+    np.testing.assert_array_equal(two.push.p_wf_1, one.push.p_wf_1)
