@@ -12,7 +12,9 @@ class Level:
     eliminate: unknowns that `nlp.follow` gives are computed from the others at every
     evaluation (single shooting), instead of solved for (multiple shooting).  warm:
     IPOPT's first mu where the level before leaves its multipliers, None: they are not
-    taken.
+    taken.  anew: the page is filled again where the level before ended:
+    what it chose by where it started, as which vertices a contact reads, is chosen
+    again.
     """
 
     name: str
@@ -22,3 +24,4 @@ class Level:
     iterations: int = 200
     eliminate: bool = False
     warm: float | None = None
+    anew: bool = False

@@ -41,9 +41,9 @@ LEVELS = (
             "still": 6e-3,
         },
         barrier=1e-1,
-        iterations=60,
+        iterations=20,
     ),
-    Level("joint", barrier=1e-2),
+    Level("joint", barrier=1e-2, anew=True),
 )
 MOMENTS = ca.DM([1e-6] + 3 * [1e-8] + 6 * [1e-10])  # [m^3, m^4, m^5] scale of each
 

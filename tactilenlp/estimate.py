@@ -168,8 +168,9 @@ def _certified(job, page, solved, options) -> Solved:
         if not back:
             break
         log.info("needed after all: %s", ", ".join(back))
-        if found.cuts and not job.cuts:
-            job = replace(job, cuts=found.cuts)
+        more = {*found.cuts, *job.cuts}
+        if found.cuts and (not job.cuts or is_polytope(job.shape)):
+            job = replace(job, cuts=tuple(sorted(more)))
             back.remove("still")
         job = replace(job, reductions=without(job.reductions, back))
         again = _solved_on(job, page, solved, options)

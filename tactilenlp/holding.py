@@ -16,6 +16,7 @@ from formulations.violation_implicit import WEIGHTS
 
 from .reduce import SLIPPERY
 
+HARDLY = 0.5  # [-] what is pulled so hard may give way when another span is cut
 LEAST = 1.0  # [nats / m] on ice a body at rest is pulled by nothing, up to rounding
 
 
@@ -23,7 +24,8 @@ LEAST = 1.0  # [nats / m] on ice a body at rest is pulled by nothing, up to roun
 class Hold:
     """How hard still spans are pulled: largest share of what friction holds [-].
 
-    cuts: the samples of the hardest pull in each span that friction does not hold.
+    cuts: the samples of the hardest pull in each span that friction hardly holds, if it
+    does not hold one of them.
     """
 
     share: float
@@ -50,9 +52,9 @@ def held(scene, solved, whole) -> Hold:
         pull = np.cumsum(slope[rows[:-1]], axis=0)
         pull = np.hypot(np.linalg.norm(pull[:, :2], axis=1), pull[:, 2] / arm) / price
         worst = max(worst, pull.max(initial=0.0))
-        if pull.max(initial=0.0) > 1:
+        if pull.max(initial=0.0) > HARDLY:
             cuts.append(int(rows[1 + np.argmax(pull)]))
-    return Hold(float(worst), tuple(cuts))
+    return Hold(float(worst), tuple(cuts) if worst > 1 else ())
 
 
 def _arm(window) -> float:

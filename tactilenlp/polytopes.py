@@ -14,6 +14,7 @@ from formulations import polytope_quasi_static
 
 from .carving import carved
 from .errors import SceneError
+from .hull import filled, outer
 from .hull_window import indexed, standing
 from .hypothesis import Hypothesis
 from .nlp import Problem
@@ -64,6 +65,13 @@ def window_of(job, guess=None, resting=None):
     window = reduce(job.data, *known, guess=guess, cuts=job.cuts)
     resting = vertices if resting is None else np.reshape(resting, (-1, 3))
     return indexed(window, shape, vertices, x, resting), shape
+
+
+def reseeded(h: Hypothesis) -> Hypothesis:
+    """Return a hull whose invisible vertices, those inside of it, are moved onto it."""
+    vertices = h.theta.reshape(-1, 3)
+    onto = filled(outer(vertices), len(vertices))
+    return replace(h, theta=onto.ravel())
 
 
 def search(job, kept) -> list[Hypothesis]:

@@ -8,14 +8,16 @@ from dataclasses import dataclass, field, replace
 from formulations.rigid_body import PLANAR
 
 from .certify import Certificates
+from .expansion import carried
 from .hypothesis import Hypothesis, Job
 from .nlp import Problem
-from .polytopes import CREEPING, is_polytope, window_of
+from .polytopes import CREEPING, is_polytope, reseeded, window_of
 from .solution import after
 from .solve import SolverOptions, solve_levels
 from .tipping import lifted
 from .trial import started
 
+CHOSEN_AGAIN = ("theta", "x", "body")  # where a page that is filled anew starts
 LONGEST = 60.0  # [s] that one level may take
 
 
@@ -69,11 +71,37 @@ def solved_from(
     window, problem = shared["window"], shared["problem"]
     settings = settings_of(job, options)
     start = started(problem, window, hypothesis) if before is None else before
-    levels = levels or page.LEVELS
-    solution = solve_levels(problem, levels, start, settings, shared["solvers"])
+    first, *later = _rounds(levels or page.LEVELS)
+    solution = solve_levels(problem, first, start, settings, shared["solvers"])
     solution = solution if before is None else after(before, solution)
     seconds = solution.seconds | {"build": solution.seconds["build"] + shared["built"]}
     solution = replace(solution, seconds=seconds)
+    solved = Solved(hypothesis, problem, window, solution, job)
+    for levels in later:
+        solved = _anew(job, page, solved, levels, options)
+    return solved
+
+
+def _rounds(levels) -> list[list]:
+    """Return the levels in a row, parted before each that fills its page anew."""
+    rounds = [[]]
+    for level in levels:
+        if level.anew and rounds[-1]:
+            rounds.append([])
+        rounds[-1].append(level)
+    return rounds
+
+
+def _anew(job, page, solved, levels, options) -> Solved:
+    """Fill the page again where a solve ended and go on with more levels."""
+    hypothesis = reseeded(solved.at) if is_polytope(job.shape) else solved.at
+    window, problem, built = built_at(job, page, hypothesis)
+    values, _, _ = carried(solved, window, problem)
+    kept = {name: values[name] for name in values if name not in CHOSEN_AGAIN}
+    start = kept | started(problem, window, hypothesis)
+    solution = solve_levels(problem, levels, start, settings_of(job, options))
+    seconds = solution.seconds | {"build": solution.seconds["build"] + built}
+    solution = after(solved.solution, replace(solution, seconds=seconds))
     return Solved(hypothesis, problem, window, solution, job)
 
 

@@ -17,6 +17,8 @@ from formulations.polytope import (
 from tactilenlp import Problem, hull
 from tactilenlp.errors import TactileError
 from tactilenlp.hull_window import body, legs, shares
+from tactilenlp.hypothesis import Hypothesis
+from tactilenlp.polytopes import reseeded
 
 SMALL = 1e-4  # [m] rounding, as of a fingertip of 10 mm
 CUBE = 0.02 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
@@ -189,3 +191,14 @@ def test_legs_share_the_weight_by_the_law_of_the_lever():
     outside = shares(three, np.array([0.03, 0.03, 0.0]))  # it would topple
     assert outside.min() >= 0
     assert outside.sum() == pytest.approx(1)
+
+
+def test_an_invisible_vertex_is_moved_onto_the_hull_which_stays_as_it_is():
+    inside = [[0.001, 0.002, 0.0], [0.0, 0.0, 0.01]]
+    h = Hypothesis(np.vstack([inside, CUBE]).ravel(), np.zeros((3, 1)), 0.0, ())
+    moved = reseeded(h).theta.reshape(-1, 3)
+    assert moved.shape == (10, 3)
+    assert hull.outer(moved).shape == (8, 3)
+    away = np.abs(moved).max(axis=1)
+    assert away == pytest.approx(np.full(10, 0.02))  # every one is on a face
+    assert body(moved, hull.triangles(moved, 16))[0] == pytest.approx(0.04**3)

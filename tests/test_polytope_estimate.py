@@ -8,6 +8,7 @@ from conftest import ROOT
 from trimesh.convex import convex_hull
 from trimesh.transformations import quaternion_matrix, transform_points
 
+from formulations import polytope_violation_implicit
 from formulations.polytope import polytope
 from tactilenlp import (
     Estimate,
@@ -21,6 +22,11 @@ from tactilenlp import (
     vertex_information,
 )
 from tactilenlp.errors import SceneError, StartError
+from tactilenlp.estimate import _job
+from tactilenlp.options import Options
+from tactilenlp.polytopes import search
+from tactilenlp.reduce import Reductions
+from tactilenlp.solving import solved_from
 
 OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
 ACTIONS = 4
@@ -51,6 +57,22 @@ def test_the_estimate_lies_about_the_true_octahedron(octahedron, hull):
     volume = convex_hull(hull.vertices)
     assert volume.center_mass == pytest.approx(np.zeros(3), abs=1e-6)
     assert hull.position[-1] == pytest.approx(hull.mesh().center_mass, abs=1e-6)
+
+
+def test_the_solve_goes_on_from_a_page_that_is_filled_anew(octahedron):
+    data, scene, _ = octahedron
+    page = polytope_violation_implicit
+    assert [level.anew for level in page.LEVELS] == [False, True]
+    job = _job(data.select([0]), scene, polytope(), Options(), 0.0, page)
+    job = replace(job, deadline=np.inf)
+    (h,) = search(replace(job, reductions=Reductions()), [])
+    solved = solved_from(job, page, h, Options())
+    solution = solved.solution
+    assert solution.success
+    assert len(solution.iterations_by_level) == 2
+    assert sum(solution.iterations_by_level) == solution.iterations
+    assert np.unique(solution.progress["level"]).tolist() == [0, 1]
+    assert not np.allclose(solved.hypothesis.theta, h.theta)  # it was moved on
 
 
 def test_it_stands_on_three_vertices_and_none_is_below_the_ground(hull):
