@@ -157,12 +157,16 @@ class ExpectedInformation:
         ]
 
     def _known_of_best(self) -> np.ndarray:
-        """Return the information of the estimate; eq:obsinfo where it is indefinite."""
+        """Return the information of the estimate; eq:obsinfo where it is indefinite.
+
+        What curves down by less than a vague prior curves up is not known, no more.
+        """
         matrix = self.estimate.information.matrix
         matrix = self.estimate.information.with_offsets if self._off else matrix
-        least = np.linalg.eigvalsh(_scaled(matrix))[0]
-        if least > 0:
-            return matrix
+        for known in (matrix, matrix + self.vague()):
+            least = np.linalg.eigvalsh(_scaled(known))[0]
+            if least > 0:
+                return known
         log.warning(
             "the information of the estimate is indefinite (least eigenvalue %.2g): "
             "choosing by the sum of its samples' (eq:obsinfo)", least,

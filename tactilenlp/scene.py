@@ -107,8 +107,9 @@ class Scene:
 
     def __post_init__(self) -> None:
         never, inf = np.nextafter(0.0, 1.0), np.inf  # the least number above zero
+        most = np.nextafter(HEAVIEST, inf)
         for name, unknown, low, high, expected in (
-            ("mass", False, never, HEAVIEST, f"a mass in (0, {HEAVIEST:.0f}) kg"),
+            ("mass", False, never, most, f"a mass in (0, {HEAVIEST:.0f}] kg"),
             ("friction_ground", True, 0.0, 10.0, "a coefficient in [0, 10)"),
             ("friction_finger", True, 0.0, 10.0, "a coefficient in [0, 10)"),
             ("gravity", False, 0.0, inf, "an acceleration of 0 m/s^2 or more"),
