@@ -30,7 +30,8 @@ def judge(suite):
 
 def asked(folder, **changes):
     given = {"folder": folder, "axes": None, "ways": None, "core": True,
-             "executor": "none", "workers": 1, "address": None}  # fmt: skip
+             "report": False, "executor": "none", "workers": 1,
+             "address": None}  # fmt: skip
     return Namespace(**given | changes)
 
 

@@ -39,6 +39,7 @@ from stability_judge import (
     ERROR,
     GOOD,
     HANG,
+    HONEST,
     RIGHT,
     UNTOLD,
     refused,
@@ -66,6 +67,7 @@ CORE = (  # a dozen cells for the tests: every verdict and every kind of rule
     ("contacts", "last sample", "cuboid"),
     ("actions", "1", "cuboid"),
 )
+WIDE = 1.1  # [in] of a cell in the picture
 KEYS = ("axis", "value", "way")
 
 
@@ -157,6 +159,8 @@ def suite(arguments) -> list[dict]:
     }
 
     def run_all(cells):
+        if arguments.report:
+            return
         for rows in ways[arguments.executor](cells):
             for r in rows:
                 print(said(r), flush=True)
@@ -176,21 +180,29 @@ def said(r) -> str:
 
 
 def summary(rows) -> str:
-    """Return how many rows pass, in all and of each axis; name those that do not."""
-    lines = [f"{'axis':22}{'rows':>6}{'pass':>6}{'right':>7}{'CPU s':>8}  rule"]
-    for name in dict.fromkeys(r["axis"] for r in rows):
-        some = [r for r in rows if r["axis"] == name]
-        right = sum(r["verdict"] == RIGHT for r in some)
-        lines.append(f"{name:22}{len(some):>6}{sum(r['passed'] for r in some):>6}"
-                     f"{right:>7}{sum(r['cpu_s'] for r in some):8.0f}"
+    """Return how many cells pass, in all and of each axis; name those that do not.
+
+    A cell passes if each of its parts does.
+    """
+    cells = {}
+    for r in rows:
+        cells.setdefault(tuple(r[k] for k in KEYS), []).append(r)
+    passed = {cell: all(r["passed"] for r in some) for cell, some in cells.items()}
+    lines = [f"{'axis':20}{'cells':>6}{'pass':>6}{'right':>6}{'CPU s':>7}  rule"]
+    for name in dict.fromkeys(cell[0] for cell in cells):
+        some = [cell for cell in cells if cell[0] == name]
+        right = sum(cells[cell][0]["verdict"] == RIGHT for cell in some)
+        seconds = sum(r["cpu_s"] for cell in some for r in cells[cell])
+        good = sum(passed[cell] for cell in some)
+        lines.append(f"{name:20}{len(some):>6}{good:>6}{right:>6}{seconds:7.0f}"
                      f"  {AXES[name].rule}")  # fmt: skip
     firm = [r for r in rows if not r["may_refuse"]]
     refusals = sum(r["verdict"] == ERROR for r in firm)
-    passed = sum(r["passed"] for r in rows)
     lines += [said(r) for r in rows if not r["passed"]]
+    good = sum(passed.values())
     lines.append(
-        f"{passed} of {len(rows)} rows pass ({passed / len(rows):.1%}); of {len(firm)} "
-        f"that must estimate {refusals} refused."
+        f"{good} of {len(cells)} cells pass ({good / len(cells):.1%}); of {len(firm)} "
+        f"parts that must estimate {refusals} refused."
     )
     return "\n".join(lines)
 
@@ -203,7 +215,7 @@ def draw(rows, path) -> None:
     worst = {verdict: i for i, verdict in enumerate(COLOURS)}
     lines = list(dict.fromkeys((r["axis"], r["way"]) for r in rows))
     width = max(len(AXES[name].values) for name, _ in lines)
-    size = (5 + 0.42 * width, 1.5 + 0.26 * len(lines))
+    size = (2.5 + WIDE * width, 1.2 + 0.26 * len(lines))
     figure, ax = plt.subplots(figsize=size, layout="constrained")
     for y, (name, way) in enumerate(lines):
         for x, value in enumerate(AXES[name].values):
@@ -213,13 +225,14 @@ def draw(rows, path) -> None:
                 continue
             r = max(cell, key=lambda r: (not r["passed"], worst[r["verdict"]]))
             ax.add_patch(plt.Rectangle((x, y), 0.92, 0.86, color=COLOURS[r["verdict"]]))
-            if not r["passed"]:
-                ax.text(x + 0.46, y + 0.43, "x", color="white", ha="center",
-                        va="center", weight="bold")  # fmt: skip
+            dark = r["verdict"] not in (HONEST, ERROR)
+            ax.text(x + 0.46, y + 0.43, value + " x" * (not r["passed"]), fontsize=6,
+                    color="white" if dark else "black", ha="center", va="center",
+                    weight="normal" if r["passed"] else "bold")  # fmt: skip
     labels = [f"{name}: {way}" for name, way in lines]
     ax.set_yticks(np.arange(len(lines)) + 0.43, labels, fontsize=8)
     ax.set(xlim=(0, width), ylim=(len(lines), 0), xticks=[],
-           xlabel="values of the axis as in its file; x: rule not met")  # fmt: skip
+           xlabel="x, bold: the rule is not met")  # fmt: skip
     for side in ("top", "right", "bottom", "left"):
         ax.spines[side].set_visible(False)
     shown = [v for v in COLOURS if any(r["verdict"] == v for r in rows)]
@@ -235,6 +248,7 @@ def main() -> None:
     parser.add_argument("--axes", nargs="+", choices=[*AXES], metavar="AXIS")
     parser.add_argument("--ways", nargs="+", metavar="WAY")
     parser.add_argument("--core", action="store_true", help="the tests' dozen cells")
+    parser.add_argument("--report", action="store_true", help="of what is there")
     parser.add_argument("--executor", default="processes",
                         choices=["processes", "dask", "none"])  # fmt: skip
     parser.add_argument("--workers", type=int, default=1)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from stability_judge import Axis, Case, estimated
+from stability_judge import RULE, Axis, Case, estimated
 from stability_scenes import noisy, recorded
 
-HONEST = "right to 1 mm, or no error beyond 5 sigma"
 LATE = 1e-3  # [s] after which a sample comes a second time
 BLIND = 10  # samples that are lost in a row, a third of a second
 
@@ -22,8 +21,12 @@ def flips(value: str) -> Case:
 
 
 def positions(value: str) -> Case:
-    kind, size, _ = value.split()
-    return noisy(**{{"white": "position"}.get(kind, kind): 1e-3 * float(size)})
+    kind, size, *told = value.split()
+    size = 1e-3 * float(size)
+    case = noisy(**{{"white": "position"}.get(kind, kind): size})
+    if "told" not in told:
+        return case
+    return replace(case, scene=replace(case.scene, sigma_offset=size))
 
 
 def together(value: str) -> Case:
@@ -86,19 +89,19 @@ def dropped(value: str) -> Case:
 
 AXES = (
     Axis(
-        "noise of normals", HONEST, ("1 deg", "5 deg", "15 deg", "30 deg"),
+        "noise of normals", RULE, ("1 deg", "5 deg", "15 deg", "30 deg"),
         estimated(normals),
         {"cuboid": True, "polytope": ("5 deg", "15 deg"), "shooting": ("5 deg",)},
     ),
     Axis(
-        "flips", HONEST, ("1 %", "3 %", "10 %"), estimated(flips),
+        "flips", RULE, ("1 %", "3 %", "10 %"), estimated(flips),
         {"cuboid": True, "polytope": ("3 %",), "shooting": ("3 %",),
          "complementarity": ("3 %",)},
     ),
     Axis(
-        "noise of positions", HONEST,
+        "noise of positions", RULE,
         ("white 0.3 mm", "white 1 mm", "white 3 mm", "bias 1 mm", "bias 3 mm",
-         "bias 5 mm"),
+         "bias 5 mm", "bias 1 mm told", "bias 3 mm told", "bias 5 mm told"),
         estimated(positions),
         {"cuboid": True, "polytope": ("white 1 mm", "bias 1 mm"),
          "shooting": ("bias 1 mm",), "complementarity": ("white 0.3 mm",)},
@@ -106,16 +109,16 @@ AXES = (
         may_refuse=(("white 0.3 mm", "complementarity"),),
     ),
     Axis(
-        "all noises", HONEST, tuple(f"draw {k}" for k in range(6)), estimated(together),
+        "all noises", RULE, tuple(f"draw {k}" for k in range(6)), estimated(together),
         {"cuboid": True, "polytope": ("draw 0", "draw 1")},
     ),
     Axis(
-        "samples twice", HONEST, ("same time", "a moment later"), estimated(repeated),
+        "samples twice", RULE, ("same time", "a moment later"), estimated(repeated),
         {"cuboid": True, "polytope": True},
         may_refuse=(("same time", "*"),),  # two samples of one instant: no velocity
     ),
     Axis(
-        "stuck sensor", HONEST,
+        "stuck sensor", RULE,
         ("finger 1, never", "finger 1, always", "all, never", "all, always"),
         estimated(stuck), {"cuboid": True, "polytope": ("finger 1, never",)},
         # Nothing felt at all, or contact in mid-air: no body explains it.
@@ -124,7 +127,7 @@ AXES = (
         ),
     ),
     Axis(
-        "dropped spans", HONEST,
+        "dropped spans", RULE,
         ("around onset", "the end", "a finger in an action", "a tenth at random"),
         estimated(dropped), {"cuboid": True, "polytope": ("around onset",)},
     ),

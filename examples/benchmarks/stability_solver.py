@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from resource import RUSAGE_SELF, getrusage
 from types import SimpleNamespace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from stability_judge import Axis, Case, estimated, row, same, solved
+from stability_judge import RULE, Axis, Case, estimated, row, same, solved
 from stability_pages import Edited, InUnits, page_of
 from stability_scenes import recorded
 
@@ -37,9 +37,7 @@ EXACT, CLOSE, END = 1e-6, 1e-6, 0.01  # [relative], [m], [sigma] of two solves
 TIGHT = 1e-9  # tolerance of solves that are compared
 OFF = np.array([1e-3, -1e-3, 0.03])  # [m, m, rad] of a start from the true path
 LINEAR = 2.0  # [-] of the cost per sample: what a linear cost stays within
-DECADES = range(-3, 4)
 WEIGHTS = ("kappa", "still", "balance sigma", "cone rounding")
-HONEST = "right to 1 mm, or no error beyond 5 sigma"
 LOCAL = ("cuboid", "shooting", "complementarity")
 
 
@@ -177,10 +175,9 @@ def starts(value: str) -> Case:
     return replace(case, start=Guess(sides, case.truth.position[0, :2] + 0.01, yaw))
 
 
-def weights(value: str) -> Case:
+def weighted(name: str, value: str) -> Case:
     """Multiply a smoothing or a penalty of the page."""
-    name, factor = value.split(" x")
-    page = Edited(page_of("cuboid"), factors={name: float(factor)})
+    page = Edited(page_of("cuboid"), factors={name: float(value.split("x")[1])})
     return replace(recorded(), page=page)
 
 
@@ -259,24 +256,24 @@ AXES = (
          "complementarity": ("body turned 90 deg",)},
     ),
     Axis(
-        "start", HONEST,
+        "start", RULE,
         tuple(f"{size}x, {turn} deg" for size, turn in
               ((0.3, 0), (0.5, 90), (1, 180), (2, 45), (3, 0), (3, 180))),
         estimated(starts),
         {"cuboid": True, "shooting": ("0.5x, 90 deg", "2x, 45 deg"),
          "complementarity": ("1x, 180 deg",)},
     ),
-    Axis(
-        "weights", HONEST,
-        tuple(f"{name} x1e{k:+d}" for name in WEIGHTS for k in DECADES if k),
-        estimated(weights), {"cuboid": True},
-        # A thousand times stiffer or softer than physics: it need not converge.
-        may_refuse=tuple(
-            (f"{name} x1e{k:+d}", "*") for name in WEIGHTS for k in (-3, 3)
-        ),
+    *(
+        Axis(
+            name, RULE, tuple(f"x1e{k:+d}" for k in (-3, -2, -1, 1, 2, 3)),
+            estimated(partial(weighted, name)), {"cuboid": True},
+            # A thousand times stiffer or softer than physics: it need not converge.
+            may_refuse=(("x1e-3", "*"), ("x1e+3", "*")),
+        )
+        for name in WEIGHTS
     ),
     Axis(
-        "assumed wrong", HONEST,
+        "assumed wrong", RULE,
         tuple(f"{name} x{f}" for name in ("mass", "friction") for f in (0.5, 2)),
         estimated(assumed),
         {"cuboid": True, "polytope": ("mass x2", "friction x0.5"),
@@ -292,7 +289,7 @@ AXES = (
         may_refuse=(("spral", "*"),),  # CasADi may come without it
     ),
     Axis(
-        "actions", HONEST, ("1", "2", "6", "10", "20"), estimated(many),
+        "actions", RULE, ("1", "2", "6", "10", "20"), estimated(many),
         {"cuboid": True, "polytope": ("1", "6")},
     ),
     Axis(
