@@ -26,7 +26,8 @@ def raced(job, page, hypotheses, options, levels, known=(), solved=None) -> list
     interrupts.
     """
     solved, shared, rough = [] if solved is None else solved, {}, []
-    apart = len(levels) == 1 or levels[-2].fixed or not job.reductions.planar
+    apart = len(levels) == 1 or levels[-2].fixed or levels[-1].anew
+    apart = apart or not job.reductions.planar
     for h in progress(hypotheses, "solve"):
         if (known or solved or rough) and time.monotonic() > job.deadline:
             break
