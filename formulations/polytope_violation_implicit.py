@@ -11,6 +11,10 @@ The same as violation_implicit.py but for two things.  Every contact reads the v
 near it, not all.  The body's centroid c and its second moments S, unknowns of their
 own, are tied to the vertices by the sums over the hull's triangles: mass known, density
 uniform; an impulse balance then reads nine numbers of the body, not all vertices.
+
+Which vertices a contact reads and which triangles the hull has follows from where the
+page starts.  Its last level fills it anew where the one before ended: vertices that had
+become invisible, inside the hull, are moved onto it, and the solve goes on.
 """
 
 from __future__ import annotations

@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import ROOT
+from scipy.spatial.transform import Rotation
 from trimesh.convex import convex_hull
+from trimesh.proximity import closest_point
 from trimesh.transformations import quaternion_matrix, transform_points
 
 from formulations import polytope_violation_implicit
@@ -148,6 +150,26 @@ def test_a_cuboid_becomes_a_polytope(estimate, recorded):
     assert hull.shape == "polytope"
     distance = surface_distance(estimate.mesh(), hull.mesh(), samples=500)
     assert distance.a_to_b < 4e-3  # its untouched sides are now those of a ball
+
+
+def contact_points(estimate):
+    """Return where the fingers touched (n, 3) [m], on the body at its last pose."""
+    data = estimate.measurements
+    t, f = np.nonzero(data.contact & data.valid)
+    point = data.finger_position[t, f] - data.finger_radius[f, None] * data.normal[t, f]
+    R = Rotation.from_quat(np.roll(estimate.quaternion, -1, axis=1))
+    body = R[t].inv().apply(point - estimate.position[t])
+    return R[-1].apply(body) + estimate.position[-1]
+
+
+def test_a_cuboid_seen_as_a_polytope_has_the_same_faces_where_it_was_touched(
+    estimate, recorded
+):
+    hull = solve_estimate(estimate.measurements, recorded[1], shape="polytope")
+    points = contact_points(estimate)
+    away = closest_point(hull.mesh(), points)[1]
+    assert np.median(away) < 0.3e-3
+    assert away.mean() < 1e-3
 
 
 def test_what_a_polytope_cannot_do_is_said_before_any_solve(octahedron, hull):

@@ -70,17 +70,21 @@ def measured(file, actions, vertices, stage, start=None):
 
 
 def summary(rows):
-    """Print mean and worst by actions, vertices and stage, targets beside them."""
+    """Print mean, median, p90 and worst by actions, vertices and stage; the targets."""
     figures = ("t2e_mm", "e2t_mm", "touched_mm", "third_mm", "cpu_s")
-    print(f"{'actions vertices stage start':40} solved", *(f"{f:>14}" for f in figures))
+    print(f"{'actions vertices stage start':40} solved", *(f"{f:>27}" for f in figures))
     keys = ("actions", "vertices", "stage", "start")
     for group in dict.fromkeys(tuple(r[k] for k in keys) for r in rows):
         mine = [r for r in rows if tuple(r[k] for k in keys) == group]
         solved = sum(r["solved"] for r in mine)
         cells = [[r[f] for r in mine] for f in figures]
-        text = [f"{np.mean(c):6.2f} /{max(c):6.2f}" for c in cells]
-        print(f"{group!s:40} {solved:2}/{len(mine):2}", *(f"{t:>14}" for t in text))
-    print("mean / worst; targets of the means, 9 actions, impulses:", TARGETS)
+        spread = [(np.mean(c), *np.quantile(c, (0.5, 0.9, 1.0))) for c in cells]
+        text = [" /".join(f"{value:5.2f}" for value in s) for s in spread]
+        print(f"{group!s:40} {solved:2}/{len(mine):2}", *(f"{t:>27}" for t in text))
+    print(
+        "mean / median / p90 / worst; targets of the means, 9 actions, impulses:",
+        TARGETS,
+    )
 
 
 def picture(rows, path):
