@@ -36,7 +36,7 @@ def raced(job, page, hypotheses, options, levels, known=(), solved=None) -> list
         else:
             rough.append(solved_from(job, page, h, options, shared, levels[:-1]))
     ends = [end for s in known for end in (s.at, s.rough) if end is not None]
-    for s in sorted(rough, key=lambda s: s.solution.objective):
+    for s in sorted(rough, key=lambda s: s.at.rank):
         if any(same(job.shape, s.at, end) for end in ends):
             continue
         if _behind(s, [*known, *solved]):
@@ -44,7 +44,7 @@ def raced(job, page, hypotheses, options, levels, known=(), solved=None) -> list
         given = s.hypothesis, options, shared, levels[-1:], s.solution
         solved.append(replace(solved_from(job, page, *given), rough=s.at))
         ends.append(s.at)
-    return sorted(solved, key=lambda s: (not s.solution.success, s.solution.objective))
+    return sorted(solved, key=lambda s: (not s.solution.success, s.at.rank))
 
 
 def _behind(rough: Solved, solved) -> bool:

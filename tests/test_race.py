@@ -1,0 +1,98 @@
+"""Hypotheses race: what ends alike is solved once, a past is followed backward."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from formulations import violation_implicit as page
+from formulations.shape import CUBOID
+from tactilenlp import Options
+from tactilenlp.estimate import _job
+from tactilenlp.hypothesis import distinct, same
+from tactilenlp.race import raced
+from tactilenlp.rivals import middle, other_pasts
+from tactilenlp.trial import opened
+
+LEVELS = opened(page.LEVELS, final=True)
+
+
+@pytest.fixture(scope="module")
+def case(recorded):
+    """Two actions of the shipped recording, and the true motion as a hypothesis."""
+    from tactilenlp import solve_estimate
+
+    data, scene, _ = recorded
+    data = data.select(range(2))
+    estimate = solve_estimate(data, scene, options=Options(rivals=False))
+    job = _job(data, scene, CUBOID, Options(), time.monotonic(), page)
+    return job, estimate.hypotheses[0]
+
+
+def pushed(h, way):
+    """Return the hypothesis with all poses moved by way [m]."""
+    return replace(h, x=h.x + np.array([[way], [0.0], [0.0]]))
+
+
+def test_hypotheses_that_come_together_are_solved_to_the_end_once(case):
+    job, h = case
+    solved = raced(job, page, [h, pushed(h, 1e-3), pushed(h, -1e-3)], Options(), LEVELS)
+    assert len(solved) == 1
+    assert solved[0].solution.success
+    assert len(solved[0].solution.iterations_by_level) == len(LEVELS)
+    alone = raced(job, page, [h], Options(), LEVELS)
+    assert solved[0].solution.objective == pytest.approx(
+        alone[0].solution.objective, abs=0.3
+    )
+
+
+def test_what_is_known_or_hopeless_is_not_solved_to_the_end(case):
+    job, h = case
+    known = raced(job, page, [h], Options(), LEVELS)
+    assert raced(job, page, [pushed(h, 5e-4)], Options(), LEVELS, known=known) == []
+    # A known one that costs 100 nats less than anything: nothing comes near it.
+    cheap = replace(known[0].solution, objective=h.objective - 100)
+    lucky = replace(known[0], solution=cheap, rough=None)
+    far = pushed(h, 30e-3)
+    assert raced(job, page, [far], Options(), LEVELS, known=[lucky]) == []
+
+
+def test_levels_that_hold_poses_are_solved_one_by_one(case):
+    job, h = case
+    kept = []
+    solved = raced(job, page, [h, h], Options(), page.LEVELS, solved=kept)
+    assert len(solved) == len(kept) == 2
+
+
+def test_a_past_that_jumps_is_followed_backward_without_the_jump(recorded):
+    from tactilenlp import solve_estimate
+
+    data, scene, _ = recorded
+    data = data.select(range(4))
+    job = _job(data, scene, CUBOID, Options(), time.monotonic(), page)
+    h = solve_estimate(data, scene, options=Options(rivals=False)).hypotheses[0]
+    start = int(np.argmax(data.action == np.unique(data.action)[middle(4)]))
+    jumped = h.x.copy()
+    jumped[:2, :start] += 8e-3  # the object was 11 mm off before the third action
+
+    class Solved:
+        at = replace(h, x=jumped)
+
+    (past,) = other_pasts(job, [Solved])
+    np.testing.assert_array_equal(past.x[:, start:], h.x[:, start:])
+    link = np.linalg.norm(past.x[:2, start] - past.x[:2, start - 1])
+    assert link < 1e-3
+    off = np.linalg.norm((past.x - h.x)[:2, :start], axis=0)
+    assert np.median(off) < 4e-3  # least motion alone is some millimetres off
+
+
+def test_two_pasts_that_end_alike_are_one_where_only_the_end_counts(case):
+    _, h = case
+    x = h.x.copy()
+    x[0, :-1] += 5e-3
+    other = replace(h, x=x, objective=h.objective + 1)
+    assert not same(CUBOID, h, other)
+    assert same(CUBOID, h, other, samples=(-1,))
+    assert len(distinct(CUBOID, [h, other], 4)) == 2
+    assert distinct(CUBOID, [other, h], 4, samples=(-1,)) == [h]
