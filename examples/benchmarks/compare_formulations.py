@@ -200,7 +200,7 @@ def draw(points, names, path) -> None:
     """Plot run time against error; size: share at the best optimum; ring: front."""
     cells = [*dict.fromkeys(p["cell"] for p in points)]
     shape = (-(-len(cells) // 4), min(4, len(cells)))
-    size = (3.4 * shape[1], 3.0 * shape[0])
+    size = (3.4 * shape[1], 0.9 + 3.0 * shape[0])
     figure, axes = plt.subplots(*shape, figsize=size, layout="constrained",
                                 sharex=True, sharey=True, squeeze=False)  # fmt: skip
     for ax, cell in zip(axes.flat, cells, strict=False):
@@ -212,9 +212,9 @@ def draw(points, names, path) -> None:
         ax.set(xscale="log", yscale="log", title=cell)
         ax.grid(alpha=0.3, which="both")
     figure.supxlabel("CPU seconds (ring: no other is faster and closer)")
-    figure.supylabel("median surface error [mm] (large: the best optimum found)")
+    figure.supylabel("median mm (large: best optimum found)")
     handles = axes.flat[0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside upper center", ncols=len(names), frameon=False)
+    figure.legend(*handles, loc="outside upper center", ncols=4, frameon=False)
     figure.savefig(path, dpi=120)
 
 
