@@ -27,7 +27,7 @@ from .level import Level
 REDUCTIONS = {"planar": True}  # the page knows planar motion only
 LEVELS = (
     Level("coarse", {"touch scale": 1e-3, "normal scale": 0.2}, iterations=40),
-    Level("fine", {"touch scale": 0.3e-3, "normal scale": 0.05}, iterations=40),
+    Level("fine", {"touch scale": 0.3e-3, "normal scale": 0.05}),
 )
 
 TOUCH = 0.2e-3  # [m] model error of a touched gap where motion is only least motion

@@ -33,6 +33,7 @@ CREEPING = {  # IPOPT stops where kinks of the surface let it creep on and on
     "acceptable_constr_viol_tol": 1e-4,
 }
 LONGEST = 20.0  # [s] of one solve
+ENOUGH = 40  # iterations of a level that only starts another page
 
 
 def is_polytope(shape) -> bool:
@@ -99,7 +100,8 @@ def polished(job, vertices, faces: Faces) -> Hypothesis:
     polytope_quasi_static.build(problem, window, job.scene, shape)
     options = SolverOptions(tolerance=TOLERANCE, time_limit=LONGEST)
     start = {"theta": vertices.T, "x": faces.x[:, window.last]}
-    s = solve_levels(problem, polytope_quasi_static.LEVELS, start, options)
+    levels = [replace(k, iterations=ENOUGH) for k in polytope_quasi_static.LEVELS]
+    s = solve_levels(problem, levels, start, options)
     theta, x = s.values["theta"].T.ravel(), s.values["x"][:, window.knot]
     iterations = faces.iterations + s.iterations
     return Hypothesis(theta, x, s.objective, ("planes",), iterations)
