@@ -132,7 +132,7 @@ def may_move(data, scene, first) -> np.ndarray:
     It may while a finger touches it, and until friction with the ground has stopped it:
     v / (mu g) seconds after the last touch, at the speed v of the fastest finger.
     """
-    contact = (data.contact & data.valid).any(axis=1)
+    contact = maybe_touching(data).any(axis=1)
     if coasts(scene):
         return np.logical_or.accumulate(contact) & ~first
     way = np.linalg.norm(np.diff(data.finger_position, axis=0), axis=2)
@@ -146,6 +146,24 @@ def may_move(data, scene, first) -> np.ndarray:
             since[t] = since[t - 1] + 1
             moving[t] = since[t] <= settle
     return moving & ~first
+
+
+def maybe_touching(data) -> np.ndarray:
+    """Tell where a finger felt contact, or nothing is known beside such samples (T, F).
+
+    Samples that were not measured may have been contact where the last one before them,
+    or the next one after them, was; a finger that never measures in an action is away.
+    """
+    felt = data.contact & data.valid
+    maybe = felt.copy()
+    for order in (range(1, len(felt)), range(len(felt) - 2, -1, -1)):
+        way = 1 if order.step < 0 else -1
+        held = felt.copy()
+        for t in order:
+            if data.action[t] == data.action[t + way]:
+                held[t] |= ~data.valid[t] & held[t + way]
+        maybe |= held
+    return maybe
 
 
 def originals(data, first) -> np.ndarray:

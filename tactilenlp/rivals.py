@@ -82,7 +82,9 @@ def other_sizes(job, solved) -> list:
     if not getattr(shape, "symmetries", ()):
         return []  # not a body whose unknowns are the lengths of its sides
     mean, deviation = shape.size_prior
-    C, *_ = reduced_covariance(best.problem, best.solution, np.arange(shape.theta))
+    sizes = best.problem.variables["theta"].span
+    chosen = np.arange(sizes.start, sizes.stop)
+    C, *_ = reduced_covariance(best.problem, best.solution, chosen)
     _, turned = poses(shape, best.window.motion, at.theta, at.x, None)
     faces = touched_faces(job.data, turned, TOUCHED)
     proposed = []

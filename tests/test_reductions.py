@@ -15,7 +15,7 @@ from tactilenlp.expansion import carried
 from tactilenlp.metrics import cuboid_errors
 from tactilenlp.newton import newton_step
 from tactilenlp.precision import precision_of
-from tactilenlp.reduce import Reductions, reduce
+from tactilenlp.reduce import Reductions, may_move, maybe_touching, reduce
 from tactilenlp.simulate import World
 from tactilenlp.solve import SolverOptions, solve, solve_levels
 
@@ -278,3 +278,19 @@ def test_a_sample_that_comes_twice_is_no_time_step(recorded):
     for name in ("knot", "before", "before_2", "dt"):
         np.testing.assert_array_equal(getattr(two.step, name), getattr(one.step, name))
     np.testing.assert_array_equal(two.push.p_wf_1, one.push.p_wf_1)
+
+
+def test_what_was_not_measured_beside_a_touch_may_have_moved_the_object(recorded):
+    data, scene, _ = recorded
+    data = data.select([1])
+    t, f = np.argwhere(data.contact & data.valid)[0] + [2, 0]
+    valid, contact, normal = data.valid.copy(), data.contact.copy(), data.normal.copy()
+    valid[t:, f], contact[t:, f], normal[t:, f] = False, False, 0.0
+    lost = replace(data, valid=valid, contact=contact, normal=normal)
+    assert maybe_touching(lost)[t:, f].all()
+    first = np.arange(lost.samples) == 0
+    assert may_move(lost, scene, first)[t:].all()
+    # A finger that measures nothing in a whole action takes no part in it.
+    valid[:, f], contact[:, f], normal[:, f] = False, False, 0.0
+    away = replace(data, valid=valid, contact=contact, normal=normal)
+    assert not maybe_touching(away)[:, f].any()
