@@ -15,7 +15,7 @@ from .progress import progress
 from .search import RIVAL
 from .solving import Solved, solved_from
 
-UNSURE = 30.0  # [nats] behind the best, at a rough level that stopped early: dropped
+UNSURE = 100.0  # [nats] behind the best, at a rough level that stopped early: dropped
 
 
 def raced(job, page, hypotheses, options, levels, known=(), solved=None) -> list:
