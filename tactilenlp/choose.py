@@ -6,24 +6,24 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
+from .approach import combined, facing
 from .checks import check_numbers, check_types
 from .errors import OptionError
 from .expected import ExpectedInformation
-from .surface import polygons
 from .workspace import Action, Workspace
 
 SEARCHES = (
-    "direct", "direct_l", "crs2", "isres", "mlsl", "bobyqa", "cem", "random",
+    "facing", "direct", "direct_l", "crs2", "isres", "mlsl", "bobyqa", "cem", "random",
 )  # fmt: skip
-STARTED = 0.3  # [-] of the budget for actions that face a corner, an edge or a face
+STARTED = 0.3  # [-] of the budget for actions that face something, before DIRECT
+FACED = 0.4  # [-] and of that of "facing", which polishes the best of them
 POLISH = 0.35  # [-] of the budget that a global search leaves to a local one
-MANY = 100_000  # combinations of fingers: more are drawn, not shuffled
-ROUND = 0.15  # [rad] beyond its bound, a direction is still brought to it
-WIDTH = 0.06  # [-] first step of the local search, of every angle's range
+WIDTH = 0.06  # [-] first step of a local search, of every angle's range
+WIDE = 0.12  # [-] that of the first one from an action that faces something
+CLOSE = 3e-3  # [rad] at which it leaves off: the gain has kinks, not one smooth top
 WORST = -1e3  # [nats] of an action whose gain cannot be computed: nlopt bears no NaN
 POPULATION = 20  # of CRS2 and ISRES in four dimensions; nlopt's own would use it all up
 
@@ -69,7 +69,7 @@ def choose_action(
     estimate,
     workspace: Workspace | None = None,
     *,
-    search: str | CrossEntropy = "direct",
+    search: str | CrossEntropy = "facing",
     budget: int = 180,
     seed: int = 0,
     hypotheses: int = 3,
@@ -77,8 +77,9 @@ def choose_action(
 ) -> Choice:
     """Return the action with the largest expected information gain (eq:eig).
 
-    search: "direct" or "direct_l" (actions that face corners, edges and faces, then
-    dividing rectangles, then COBYLA), "crs2", "isres", "mlsl", "bobyqa", "cem" or a
+    search: "facing" (actions that face corners, edges and faces; from the best of them
+    COBYLA, then Subplex), "direct" or "direct_l" (some that face, then dividing
+    rectangles, then COBYLA), "crs2", "isres", "mlsl", "bobyqa", "cem" or a
     CrossEntropy (the paper's: the action is drawn from the last best ones), "random";
     budget: evaluations of the gain; equal seeds give equal choices.  hypotheses,
     slopes: see ExpectedInformation.
@@ -97,7 +98,7 @@ def best_action(
     score: Callable,
     space: Workspace,
     *,
-    search: str | CrossEntropy = "direct",
+    search: str | CrossEntropy = "facing",
     budget: int = 180,
     seed: int = 0,
     began: float | None = None,
@@ -105,7 +106,7 @@ def best_action(
 ) -> Choice:
     """Return the action whose angles (2 F,) score most; a score that fails is worst.
 
-    facing: for each finger, angles (n, 2) worth trying, by "direct" and "direct_l".
+    facing: for each finger, angles (n, 2) worth trying, by "facing" and "direct".
     """
     began = time.process_time() if began is None else began
     check_types(search=(search, (str, CrossEntropy)), seed=(seed, (int, np.integer)))
@@ -126,8 +127,9 @@ def best_action(
             while trial.left:
                 trial(rng.uniform(trial.lower, trial.upper))
         else:
-            if facing and name in ("direct", "direct_l"):
-                for angles in _combined(facing, round(STARTED * budget), rng):
+            shares = {"facing": FACED, "direct": STARTED, "direct_l": STARTED}
+            if facing and name in shares:
+                for angles in combined(facing, round(shares[name] * budget), rng):
                     trial(angles)
             _nlopt_search(trial, name, seed, rng)
         best = int(np.argmax(trial.scores))
@@ -140,43 +142,6 @@ def best_action(
         history=np.array(trial.scores),
         tried=np.array(trial.tried),
     )
-
-
-def facing(estimate, space: Workspace) -> list[np.ndarray]:
-    """Return for each finger the angles (n, 2) that face corner, edge or face."""
-    vertices, R_wo = estimate.vertices, estimate.rotation()
-    points = list(vertices)
-    for face, _ in polygons(vertices):
-        points.append(vertices[face].mean(axis=0))
-        points += [
-            (vertices[i] + vertices[j]) / 2 for i, j in pairwise((*face, face[0]))
-        ]
-    toward = np.unique(np.round(points, 9), axis=0) @ R_wo.T
-    if space.ground is not None:
-        toward = toward @ space.ground.rotation.T
-    azimuth = np.arctan2(toward[:, 1], toward[:, 0])
-    declination = np.arcsin(toward[:, 2] / np.linalg.norm(toward, axis=1))
-    out = []
-    for finger in range(space.fingers):
-        heading = 2 * np.pi * finger / space.fingers
-        ascension = (azimuth - heading + np.pi) % (2 * np.pi) - np.pi
-        at = slice(2 * finger, 2 * finger + 2)
-        low, high = space.lower[at], space.upper[at]
-        angles = np.stack([ascension, declination], axis=1)
-        near = (angles >= low - ROUND) & (angles <= high + ROUND)
-        near = np.clip(angles[near.all(axis=1)], low, high)
-        out.append(near if len(near) else (low + high)[None] / 2)
-    return out
-
-
-def _combined(facing: list[np.ndarray], count: int, rng) -> np.ndarray:
-    """Return at most `count` actions (n, 2 F): each finger faces something."""
-    sizes = [len(angles) for angles in facing]
-    drawn = rng.permutation(min(np.prod(sizes), MANY))[:count]
-    if np.prod(sizes) > MANY:
-        drawn = rng.integers(np.prod(sizes), size=count)
-    picks = np.unravel_index(drawn, sizes)
-    return np.hstack([a[i] for a, i in zip(facing, picks, strict=True)])
 
 
 class _Trial:
@@ -206,7 +171,7 @@ class _Trial:
 
 
 def _nlopt_search(trial: _Trial, name: str, seed: int, rng) -> None:
-    """Search globally, then polish from the best; or locally from random starts."""
+    """Search globally, then polish from the best; or locally from several starts."""
     import nlopt
 
     n = len(trial.lower)
@@ -224,17 +189,41 @@ def _nlopt_search(trial: _Trial, name: str, seed: int, rng) -> None:
         local.set_xtol_rel(1e-2)
         optimiser.set_local_optimizer(local)
         _run(trial, optimiser, rng.uniform(trial.lower, trial.upper), 0, seed)
+    elif name == "facing":
+        return _polish_in_turn(trial, seed, rng)
     local = nlopt.LN_BOBYQA if name == "bobyqa" else nlopt.LN_COBYLA
     start = trial.best if trial.tried else (trial.lower + trial.upper) / 2
     while trial.left:  # from the best, then from anywhere
-        before = len(trial.scores)
-        optimiser = nlopt.opt(local, n)
-        optimiser.set_initial_step(WIDTH * (trial.upper - trial.lower))
-        optimiser.set_xtol_abs(1e-3)
-        _run(trial, optimiser, start, 0, seed)
-        if len(trial.scores) == before:
-            trial(start)
+        _polish(trial, local, start, WIDTH, 1e-3, seed)
         start = rng.uniform(trial.lower, trial.upper)
+
+
+def _polish_in_turn(trial: _Trial, seed: int, rng) -> None:
+    """Search locally from what was tried, best first; each time on from the very best.
+
+    COBYLA leaves a start fast; Subplex, on subspaces, gets along kinks where it stalls.
+    """
+    import nlopt
+
+    order = np.argsort(trial.scores)[::-1]
+    starts = [trial.tried[i] for i in order] or [(trial.lower + trial.upper) / 2]
+    while trial.left:
+        start = starts.pop(0) if starts else rng.uniform(trial.lower, trial.upper)
+        _polish(trial, nlopt.LN_COBYLA, start, WIDE, CLOSE, seed)
+        _polish(trial, nlopt.LN_SBPLX, trial.best, WIDTH, CLOSE, seed)
+
+
+def _polish(trial: _Trial, local, start, width: float, close: float, seed) -> None:
+    """Search locally from a start until steps are close [rad]; try once at least."""
+    import nlopt
+
+    before = len(trial.scores)
+    optimiser = nlopt.opt(local, len(trial.lower))
+    optimiser.set_initial_step(width * (trial.upper - trial.lower))
+    optimiser.set_xtol_abs(close)
+    _run(trial, optimiser, start, 0, seed)
+    if trial.left and len(trial.scores) == before:
+        trial(start)
 
 
 def _run(trial: _Trial, optimiser, start: np.ndarray, spared: int, seed: int) -> None:

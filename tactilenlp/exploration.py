@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .approach import facing
 from .checks import check_numbers, check_path, check_types
-from .choose import Choice, CrossEntropy, best_action, choose_action, facing
+from .choose import Choice, CrossEntropy, best_action, choose_action
 from .diary import Exploration, Step, check_same, taken_up
 from .errors import OptionError
 from .estimate import solve_estimate
@@ -54,7 +55,7 @@ def explore(
     workspace: Workspace | None = None,
     formulation="violation_implicit",
     centre=None,
-    search: str | CrossEntropy = "direct",
+    search: str | CrossEntropy = "facing",
     budget: int = 180,
     options: Options | None = None,
     until: float | Callable[[Step], bool] | None = None,

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from tactilenlp import CrossEntropy, Workspace, choose_action
-from tactilenlp.choose import SEARCHES, best_action, facing
+from tactilenlp.approach import facing
+from tactilenlp.choose import SEARCHES, best_action
 from tactilenlp.errors import OptionError
 
 SPACE = Workspace()
@@ -121,7 +122,21 @@ def test_a_finger_can_face_every_corner_edge_and_face_on_its_side(estimate):
 
 def test_facing_the_body_finds_what_the_search_of_the_paper_does_not(estimate):
     chosen = choose_action(estimate, budget=60)
+    assert chosen.search == "facing"
     assert chosen.gain > choose_action(estimate, search="cem", budget=180).gain
+
+
+def test_actions_that_face_the_body_come_first_and_the_best_are_polished(estimate):
+    near = facing(estimate, SPACE)
+    choice = best_action(bump, SPACE, budget=100, facing=near)
+    pairs = {(*a, *b) for a in near[0] for b in near[1]}
+    faced = [tuple(angles) in pairs for angles in choice.tried]
+    first = min(40, len(pairs))  # four tenths, or all that there are
+    assert all(faced[:first])
+    # the first local search begins where facing scored most
+    begun = choice.tried[first : first + 2]
+    assert choice.tried[choice.history[:first].argmax()] == pytest.approx(begun[0])
+    assert choice.gain > choice.history[:first].max() + 0.5
 
 
 def test_choosing_for_an_estimate_takes_less_than_the_action_itself(estimate):

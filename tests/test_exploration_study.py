@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tactilenlp.surface import polygons
+
 BENCHMARKS = Path(__file__).resolve().parents[1] / "examples" / "benchmarks"
 
 
@@ -21,7 +23,7 @@ def modules(monkeypatch):
     return exploration_study, exploration_report
 
 
-def fake_run(trial, policy, start, actions, budget):
+def fake_run(trial, policy, start, actions, budget, objects):
     rng = np.random.default_rng([trial, len(policy)])
     worse = 2.0 if policy == "random" else 1.0
     corners = (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5) * 40
@@ -42,6 +44,7 @@ def asked(folder, executor="none", **changes):
     given = {
         "folder": folder, "trials": 4, "actions": 2, "budget": 9, "workers": 2,
         "policies": ["eig", "random"], "starts": ["ours"], "address": None,
+        "objects": "cuboid",
     }  # fmt: skip
     return Namespace(**given | {"executor": executor} | changes)
 
@@ -80,6 +83,33 @@ def test_a_trial_is_the_same_object_and_first_touch_under_every_policy(modules):
     assert (sizes <= 0.06).all()
 
 
+def test_platonic_solids_lie_on_a_face_and_fill_a_sphere_of_two_centimetres(modules):
+    study, _ = modules
+    for trial, (count, faces) in enumerate(
+        [(4, 4), (8, 6), (6, 8), (20, 12), (12, 20)]
+    ):
+        world = study.world_of(trial, "polytope")
+        points = world.vertices
+        assert len(points) == count
+        assert len(polygons(points)) == faces
+        assert np.linalg.norm(points, axis=1) == pytest.approx(0.02)
+        low = points[:, 2] < points[:, 2].min() + 1e-9
+        assert low.sum() == {4: 3, 8: 4, 6: 3, 20: 5, 12: 3}[count]
+        assert np.linalg.norm(world.pose[:2]) < 0.021
+
+
+def test_a_platonic_solid_is_explored_and_every_error_told(modules):
+    study, _ = modules
+    rows = study.run(0, "random", "ours", 1, 10, "polytope")
+    assert [r["action"] for r in rows] == [0, 1]
+    assert len(rows[-1]["vertices"]) == 20
+    assert len(rows[-1]["true_vertices"]) == 4
+    for name in ("p2s_mm", "bch_mm", "position_mm", "logdet", "sigma_side_mm"):
+        assert np.isfinite(rows[-1][name])
+    # a ball of the size that was felt is nowhere farther than the solid is large
+    assert rows[-1]["p2s_mm"] < 20
+
+
 def test_a_trial_that_breaks_is_a_row_and_counts_as_infinitely_wrong(
     modules, tmp_path, monkeypatch
 ):
@@ -91,7 +121,7 @@ def test_a_trial_that_breaks_is_a_row_and_counts_as_infinitely_wrong(
     monkeypatch.setattr(study, "explore", broken)
     rows = study.run(0, "eig", "ours", 2, 10)
     assert "no simulator" in rows[0]["error"]
-    rows += fake_run(1, "eig", "ours", 2, 10)
+    rows += fake_run(1, "eig", "ours", 2, 10, "cuboid")
     table = report.table_of(rows, "p2s_mm", "eig", "ours")
     assert np.isinf(table[0]).all()
     assert report.outliers(table[:, 2]).tolist() == [True, False]

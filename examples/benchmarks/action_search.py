@@ -1,12 +1,14 @@
 """Compare ways of searching the action space, on states of real explorations.
 
     python examples/benchmarks/action_search.py folder [--worlds 4] [--known 5000]
-        [--budgets 60 180 500]
+        [--budgets 60 180 500] [--seed 77] [--searches direct cem ...]
 
 States: the estimates of explorations in MuJoCo (a first touch and four chosen actions
 each), kept in the folder.  The best known gain of a state is the largest that any
-search found, one of them with 5 000 evaluations.  Prints the mean gain relative to it
-and CPU time per evaluation; keeps search.jsonl (study.py) and goes on from there.
+search found, two of them with half of 5 000 evaluations each.  Prints the mean gain
+relative to it and CPU time per evaluation; keeps search.jsonl (study.py) and goes on
+from there.  The constants of the searches were chosen on the worlds of seed 77, and
+not on those of any other.
 """
 
 import argparse
@@ -17,16 +19,17 @@ import numpy as np
 from study import add_executor, executor_of, run_study
 
 from tactilenlp import ExpectedInformation, Exploration, Scene, World, explore
-from tactilenlp.choose import SEARCHES, best_action, facing
+from tactilenlp.approach import facing
+from tactilenlp.choose import SEARCHES, best_action
 
-SEED, ACTIONS = 77, 4
+SEED, ACTIONS = 77, 4  # of the worlds; after each, a state
 SIZES, WITHIN = (0.03, 0.06), 0.02  # [m] of the cuboids, of their centres
 
 
-def states(folder: Path, worlds: int) -> list[tuple[str, int]]:
+def states(folder: Path, worlds: int, seed: int) -> list[tuple[str, int]]:
     """Return files and steps of estimates, after exploring what is not there yet."""
     for k in range(worlds):
-        rng = np.random.default_rng([SEED, k])
+        rng = np.random.default_rng([seed, k])
         yaw, place = rng.uniform(0, 2 * np.pi), rng.uniform(-WITHIN, WITHIN, 2)
         turn = [np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)]
         here = folder / f"world_{k}.npz"
@@ -42,7 +45,7 @@ def states(folder: Path, worlds: int) -> list[tuple[str, int]]:
     return [(str(file), number) for file in files for number in range(ACTIONS + 1)]
 
 
-def searched(file: str, number: int, known: int, budgets) -> dict:
+def searched(file: str, number: int, known: int, budgets, searches) -> dict:
     """Return the gains found in one state, by search and budget."""
     estimate = Exploration.load(file).at(number).estimate
     expected = ExpectedInformation(estimate)
@@ -54,11 +57,12 @@ def searched(file: str, number: int, known: int, budgets) -> dict:
 
     gain(space.lower)  # compiles
     found, began = {}, process_time()
-    found["known"] = best_action(
-        gain, space, search="direct_l", budget=known, facing=near
-    ).gain
+    found["known"] = max(
+        best_action(gain, space, search=search, budget=known // 2, facing=near).gain
+        for search in ("facing", "direct_l")
+    )
     per_gain = (process_time() - began) / known
-    for search in SEARCHES:
+    for search in searches:
         for budget in budgets:
             choice = best_action(
                 gain, space, search=search, budget=budget, seed=1, facing=near
@@ -81,10 +85,13 @@ def main() -> None:
     parser.add_argument("--worlds", type=int, default=4)
     parser.add_argument("--known", type=int, default=5000)
     parser.add_argument("--budgets", type=int, nargs="+", default=[60, 180, 500])
+    parser.add_argument("--searches", nargs="+", default=SEARCHES, choices=SEARCHES)
+    parser.add_argument("--seed", type=int, default=SEED, help="of the worlds")
     add_executor(parser)
     arguments = parser.parse_args()
-    asked = arguments.known, arguments.budgets
-    cases = [(*state, *asked) for state in states(arguments.folder, arguments.worlds)]
+    asked = arguments.known, arguments.budgets, arguments.searches
+    found = states(arguments.folder, arguments.worlds, arguments.seed)
+    cases = [(*state, *asked) for state in found]
     with executor_of(arguments, __file__) as executor:
         rows = run_study(
             arguments.folder / "search.jsonl", "action search", searched, cases,
@@ -95,14 +102,14 @@ def main() -> None:
     print(f"{'mean share of the best known gain':<36}" + "".join(
         f"{b:>8}" for b in arguments.budgets
     ))  # fmt: skip
-    for search in SEARCHES:
+    for search in arguments.searches:
         mean = [
             np.mean([r["share"][f"{search} {b}"] for r in rows])
             for b in arguments.budgets
         ]
         print(f"{search:<36}" + "".join(f"{m:>8.3f}" for m in mean))
     known = np.mean([row["share"]["known"] for row in rows])
-    print(f"{f'direct_l, {arguments.known} evaluations':<36}{known:>8.3f}")
+    print(f"{f'the best of {arguments.known} evaluations':<36}{known:>8.3f}")
 
 
 if __name__ == "__main__":

@@ -22,7 +22,9 @@ import matplotlib.pyplot as plt
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 FILE = "exploration.jsonl"  # of the study, in its folder
-PAPER = {"eig": 4.0, "random": 5.0}  # [mm] bCH of its cuboids after 1 + 5 actions
+PAPER = {  # [mm] bCH, after 1 + 5 and 1 + 8 actions
+    "cuboid": {"eig": 4.0, "random": 5.0}, "polytope": {"eig": 5.0},
+}  # fmt: skip
 LOW = 10.0  # [mm] bCH, below which the paper asks the whole band to be
 FENCE = 3.0  # interquartile ranges above the third quartile: an outlier (Tukey)
 COLOURS = {
@@ -110,14 +112,14 @@ def comparison_lines(rows, name: str) -> list[str]:
 
 def paper_lines(rows) -> list[str]:
     """Return the paper's figures beside ours and the floor of its metric."""
-    lines = []
+    lines, theirs = [], PAPER[objects_of(rows)]
     for policy, start in ways(rows):
         bch = table_of(rows, "bch_mm", policy, start)
         floor = table_of(rows, "bch_floor_mm", policy, start)[:, -1].mean()
         bands = [mean_and_band(values) for values in bch.T]
         below = [k for k, (m, h) in enumerate(bands) if m + h < LOW]
         first = f"1 + {below[0]}" if below else "never"
-        paper = f"; the paper {PAPER[policy]:.0f}" if policy in PAPER else ""
+        paper = f"; the paper {theirs[policy]:.0f}" if policy in theirs else ""
         lines.append(
             f"{policy}, {start}: bCH after the last action {bands[-1][0]:.2f} mm"
             f"{paper}; a perfect estimate scores {floor:.2f}; band below {LOW:.0f} mm "
@@ -150,6 +152,10 @@ def ways(rows) -> list[tuple[str, str]]:
     return list(dict.fromkeys((r["policy"], r["start"]) for r in rows))
 
 
+def objects_of(rows) -> str:
+    return rows[0].get("objects", "cuboid")
+
+
 def draw_bands(rows, path: Path) -> None:
     """Draw the paper's figure: mean and 95 % band after every action."""
     figure, axes = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
@@ -174,9 +180,9 @@ def draw_bands(rows, path: Path) -> None:
             axis.axhline(
                 np.mean(floor), color="#777777", ls=":", label="a perfect estimate"
             )
-            for policy, value in PAPER.items():
-                axis.plot([5], [value], "*", ms=9, color=COLOURS[policy], mec="k",
-                          label=f"the paper, {policy}")  # fmt: skip
+            for policy, value in PAPER[objects_of(rows)].items():
+                star = {"marker": "*", "ms": 9, "color": COLOURS[policy], "mec": "k"}
+                axis.plot(at[-1], value, label=f"the paper, {policy}", **star)
         axis.set(xlabel="actions after the first touch", ylabel=label, yscale="log")
         axis.spines[["top", "right"]].set_visible(False)
         axis.legend(frameon=False, fontsize=8)

@@ -1,16 +1,18 @@
-"""Repeat the paper's simulation study: how fast do chosen actions find a cuboid?
+"""Repeat the paper's simulation study: how fast do chosen actions find an object?
 
-    python examples/benchmarks/exploration_study.py folder [--trials 10] [--actions 5]
+    python examples/benchmarks/exploration_study.py folder [--trials 10]
+        [--objects cuboid|polytope] [--actions 5]
         [--policies eig random fisher farthest] [--starts ours paper]
         [--executor processes|dask|mpi|none] [--address tcp://scheduler:8786]
 
-Cuboids of 3 to 6 cm at random poses within 2 cm of the centre; one finger touches
-first, centred on the truth, then two fingers act five times.  A trial has the same
-object, pose and first touch under every policy: pairs.  Every trial is kept in one file
-(study.py) as soon as it is done; called again, the study goes on from there.  `ours`
-starts from the first touch, `paper` from a random guess of 1 to 3 cm.  Writes
-trials.csv and what exploration_report.py makes of it.  Dask and MPI are extras: pip
-install "tactilenlp[dask]" or "[mpi]".
+Cuboids of 3 to 6 cm, or Platonic solids of 2 cm bounding radius which are estimated
+with 20 vertices, at random poses within 2 cm of the centre (exploration_objects.py);
+one finger touches first, centred on the truth, then two fingers act five times, eight
+times on a solid.  A trial has the same object, pose and first touch under every policy:
+pairs.  Every trial is kept in one file (study.py) as soon as it is done; called again,
+the study goes on from there.  `ours` starts from the first touch, `paper` from a random
+guess of 1 to 3 cm (cuboids only).  Writes trials.csv and what exploration_report.py
+makes of it.  Dask and MPI are extras: pip install "tactilenlp[dask]" or "[mpi]".
 """
 
 import os
@@ -23,94 +25,39 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+from exploration_objects import corners, errors, guess_of, world_of
 from exploration_report import FILE, report
 from study import add_executor, executor_of, run_study
-from trimesh.creation import box
-from trimesh.transformations import quaternion_matrix, translation_matrix
+from trimesh.transformations import quaternion_matrix
 
-from tactilenlp import Guess, Scene, World, explore, metrics
+from tactilenlp import Scene, World, explore
 
-SIZES, WITHIN = (0.03, 0.06), 0.02  # [m] of the cuboids, of their centres
-GUESSED = (0.01, 0.03)  # [m] sizes of the paper's guesses
-SEED = 2026  # of all trials; trial k has generators of (SEED, k)
-POINTS = 1000  # a surface
+ACTIONS = {"cuboid": 5, "polytope": 8}  # of the paper, after the first touch
 
 
-def world_of(trial: int) -> World:
-    """Return the trial's object where it lies at first."""
-    rng = np.random.default_rng([SEED, trial])
-    yaw = rng.uniform(0, 2 * np.pi)
-    return World(
-        rng.uniform(*SIZES, 3),
-        position=WITHIN * np.sqrt(rng.random()) * circle(rng),
-        quaternion=[np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)],
-    )
-
-
-def circle(rng) -> np.ndarray:
-    angle = rng.uniform(0, 2 * np.pi)
-    return np.array([np.cos(angle), np.sin(angle)])
-
-
-def guess_of(trial: int, start: str) -> Guess | None:
-    """Return the paper's guess: small, anywhere within 2 cm of the centre; or none."""
-    if start == "ours":
-        return None
-    rng = np.random.default_rng([SEED, trial, 1])
-    place = WITHIN * np.sqrt(rng.random()) * circle(rng)
-    return Guess(rng.uniform(*GUESSED, 3), place, rng.uniform(0, 2 * np.pi))
-
-
-def errors(world: World, estimate) -> dict:
-    """Return every metric of an estimate at the end of the last action [mm, deg]."""
-    truth, mm = world.truth, 1e3
-    where, turn = truth.object_position[-1], truth.object_quaternion[-1]
-    true = box(world.side_lengths, translation_matrix(where) @ quaternion_matrix(turn))
-    found = estimate.mesh()
-    exact = metrics.surface_distance(found, true, samples=POINTS)
-    sides, pose = (
-        estimate.side_lengths,
-        (estimate.position[-1], estimate.quaternion[-1]),
-    )
-    off = metrics.cuboid_errors(sides, *pose, world.side_lengths, where, turn)
-    moved = np.linalg.norm(where - truth.object_position[0])
-    information = estimate.information
-    return {
-        "p2s_mm": exact.mean * mm,
-        "p2s_max_mm": exact.maximum * mm,
-        "bch_mm": metrics.chamfer_code(found, true, POINTS) * mm,
-        "bch_floor_mm": metrics.chamfer_floor(true, POINTS) * mm,
-        "side_mm": np.abs(off.side_lengths).max() * mm,
-        "position_mm": np.linalg.norm(off.position) * mm,
-        "rotation_deg": np.degrees(off.rotation_angle),
-        "logdet": np.linalg.slogdet(information.matrix)[1],
-        "sigma_side_mm": information.sigma("side_lengths").max() * mm,
-        "unobserved": len(information.unobserved),
-        "success": estimate.success,
-        "tilt_deg": np.degrees(np.arccos(min(1, 1 - 2 * (turn[1:3] ** 2).sum()))),
-        "moved_mm": moved * mm,
-    }
-
-
-def run(trial: int, policy: str, start: str, actions: int, budget: int) -> list[dict]:
+def run(
+    trial: int, policy: str, start: str, actions: int, budget: int, objects="cuboid"
+) -> list[dict]:
     """Return one row an action of a trial."""
-    world, rows = world_of(trial), []
+    world, rows = world_of(trial, objects), []
     centre, guess = world.pose[:3], guess_of(trial, start)
     given = {"policy": policy, "actions": actions, "seed": trial, "budget": budget}
+    about = {"trial": trial, "policy": policy, "start": start, "objects": objects}
+    given |= {"shape": objects}
     try:
         for step in explore(world, Scene(), centre=centre, start=guess, **given):
-            row = {"trial": trial, "policy": policy, "start": start}
-            row |= {"action": step.number, "did": step.policy}
+            row = about | {"action": step.number, "did": step.policy}
             row |= errors(world, step.estimate)
             row["contacts"] = int(step.measurements.contact.sum())
             row["gain"] = step.choice.gain if step.choice else np.nan
             row |= {f"cpu_{name}": s for name, s in step.seconds.items()}
-            row["sides_mm"] = [s * 1e3 for s in step.estimate.side_lengths]
+            if objects == "cuboid":
+                row["sides_mm"] = [s * 1e3 for s in step.estimate.side_lengths]
             row |= picture(world, step.estimate)
             rows.append(row)
     except Exception as error:  # a trial that breaks is a row, not the study's end
-        row = {"trial": trial, "policy": policy, "start": start, "success": False}
-        rows.append(row | {"action": len(rows), "error": f"{error!r:.300}"})
+        told = {"action": len(rows), "error": f"{error!r:.300}", "success": False}
+        rows.append(about | told)
     return rows
 
 
@@ -120,10 +67,9 @@ def picture(world: World, estimate) -> dict:
     centre = world.truth.object_position[-1]
     spot = lambda p: ((p - centre) * 1e3).round(3).tolist()  # noqa: E731
     true = quaternion_matrix(world.truth.object_quaternion[-1])[:3, :3]
-    corners = np.indices((2, 2, 2)).reshape(3, 8).T - 0.5
     return {
         "vertices": spot(where + estimate.vertices @ turn.T),
-        "true_vertices": spot(centre + (corners * world.side_lengths) @ true.T),
+        "true_vertices": spot(centre + corners(world) @ true.T),
     }
 
 
@@ -132,9 +78,13 @@ def study(arguments) -> list[dict]:
     folder = Path(arguments.folder)
     folder.mkdir(parents=True, exist_ok=True)
     asked = arguments.trials, arguments.policies, arguments.starts
-    rest = {"actions": arguments.actions, "budget": arguments.budget}
+    actions = arguments.actions
+    actions = ACTIONS[arguments.objects] if actions is None else actions
+    rest = {"actions": actions, "budget": arguments.budget}
+    rest |= {"objects": arguments.objects}
     cases = [(*case, *rest.values()) for case in product(range(asked[0]), *asked[1:])]
-    scripts = __file__, Path(__file__).with_name("exploration_report.py")
+    others = (f"exploration_{name}.py" for name in ("objects", "report"))
+    scripts = __file__, *(Path(__file__).with_name(name) for name in others)
     with executor_of(arguments, *scripts) as executor:
         found = run_study(
             folder / FILE, "exploration", run, cases, executor, rest, _words
@@ -162,12 +112,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("folder")
     parser.add_argument("--trials", type=int, default=10)
-    parser.add_argument("--actions", type=int, default=5)
+    parser.add_argument("--objects", choices=ACTIONS, default="cuboid")
+    parser.add_argument("--actions", type=int, help="5, or 8 on a polytope")
     parser.add_argument("--budget", type=int, default=180)
-    parser.add_argument("--policies", nargs="+", default=["eig", "random"])
+    parser.add_argument("--policies", nargs="+", help="eig random by default")
     parser.add_argument("--starts", nargs="+", default=["ours"])
     add_executor(parser)
     arguments = parser.parse_args()
+    if arguments.policies is None:
+        chosen = "eig" if arguments.objects == "cuboid" else "farthest"
+        arguments.policies = [chosen, "random"]
+    asked = {*arguments.starts, *arguments.policies}
+    if arguments.objects == "polytope" and asked & {"paper", "eig", "fisher"}:
+        parser.error("polytopes: --starts ours, --policies random farthest only")
     rows = study(arguments)
     write_csv(rows, Path(arguments.folder) / "trials.csv")
     report(rows, Path(arguments.folder))
