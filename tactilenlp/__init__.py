@@ -29,7 +29,7 @@ _HOMES = {
     "Trajectory": "workspace",
     "ExpectedInformation": "expected",
     "expected_information_gain": "expected",
-    "information_gain": "expected",
+    "information_gain": "nats",
     "choose_action": "choose",
     "Choice": "choose",
     "CrossEntropy": "choose",

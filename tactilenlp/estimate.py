@@ -69,7 +69,8 @@ def solve_estimate(
     "polytope" (20 vertices), formulations.polytope.polytope(30), or a Shape.
     formulation: "quasi_static", "violation_implicit", "multiple_shooting", "shooting",
     "complementarity", "paper" or a page (module with `build`, `LEVELS`).  start: an
-    earlier Estimate of the first actions (for a polytope: of any shape), or a Guess.
+    earlier Estimate of the first actions (for a polytope: of any shape), even of a part
+    of an action that still runs, or a Guess.
     executor: any concurrent.futures executor; processes, not threads.
 
     Raises NoContactError, MeasurementError, OptionError, StartError before any solve,

@@ -76,6 +76,9 @@ def explore(
 
     An action without contact is data.  After one, or where an estimate lies apart from
     what was touched, the next action is random and aims at the last touched spot.
+
+    While an action runs, whoever has its samples so far may look ahead, repeatedly:
+    solve_estimate(estimate.measurements.append(so_far), scene, start=estimate).
     """
     _check(world, scene, actions, seed, workspace, until, file, start)
     space = _space(world, scene, workspace)

@@ -154,7 +154,8 @@ def first_guess(start, shape) -> tuple:
 def carried(start, shape, scene, data) -> list[Hypothesis]:
     """Return the hypotheses to carry on from an earlier estimate.
 
-    A polytope may start from an estimate of any shape, with its vertices and poses.
+    Where that ends within an action which goes on, this action is fitted anew.  A
+    polytope may start from an estimate of any shape, with its vertices and poses.
     """
     if isinstance(start, Guess):
         if is_polytope(shape):
@@ -172,25 +173,32 @@ def carried(start, shape, scene, data) -> list[Hypothesis]:
             expected="an estimate whose measurements are a prefix of data",
             next="start from scratch, or append to the same measurements",
         )
+    done = _whole(start.measurements.samples, data)
     if is_polytope(shape):
-        return [lying(start, scene)]
+        return [lying(start, scene, done)] if done else []
     if start.shape != shape.name:
         raise StartError(
             "the start is of another shape", where="start", got=start.shape,
             expected=shape.name, next="only a polytope starts from any other shape",
         )  # fmt: skip
-    return list(start.hypotheses)
+    return [h.at(done) for h in start.hypotheses] if done else []
 
 
-def lying(estimate, scene) -> Hypothesis:
+def _whole(samples: int, data) -> int:
+    """Return how many of the first samples are of actions that end with them."""
+    last = np.flatnonzero(data.action == data.action[samples - 1])
+    return samples if last[-1] < samples else int(last[0])
+
+
+def lying(estimate, scene, samples: int | None = None) -> Hypothesis:
     """Return an estimate of whatever shape as the vertices and planar poses of a hull.
 
-    The ground's frame; the body's axes are the world's at the last sample.
+    The ground's frame; the body's axes are the world's at the last of so many samples.
     """
     from scipy.spatial.transform import Rotation
 
-    p = scene.ground.to_ground(estimate.position)
-    w, *v = estimate.quaternion.T
+    p = scene.ground.to_ground(estimate.position[:samples])
+    w, *v = estimate.quaternion[:samples].T
     R = Rotation.from_quat(np.stack([*v, w], axis=1))
     R = Rotation.from_matrix(scene.ground.rotation) * R
     yaw = np.unwrap((R * R[-1].inv()).as_rotvec()[:, 2])
