@@ -20,7 +20,7 @@ from time import process_time
 import numpy as np
 from scipy.spatial.transform import Rotation
 from trimesh.convex import convex_hull
-from trimesh.proximity import closest_point
+from trimesh.proximity import closest_point_naive
 
 from formulations.polytope import polytope
 from tactilenlp import Measurements, Scene, solve_estimate, surface_distance
@@ -58,7 +58,7 @@ def measured(file, actions, vertices, stage, start=None):
     mesh, points = truth(file, data.samples - 1)
     d = surface_distance(mesh, estimate.mesh())
     z = np.sort(estimate.mesh().vertices[:, 2])
-    touched = closest_point(estimate.mesh(), points)[1]
+    touched = closest_point_naive(estimate.mesh(), points)[1]
     return {
         "scene": Path(file).stem, "actions": actions, "vertices": vertices,
         "stage": stage, "start": "scratch" if start is None else "incremental",
