@@ -31,7 +31,7 @@ print(f"Not observed: {'; '.join(estimate.information.unobserved) or 'nothing'}.
 
 # What the fingers can do: straight lines to the centroid, within 2 pi / 5.
 workspace = Workspace()
-choice = choose_action(estimate, workspace, search="direct", budget=180, seed=0)
+choice = choose_action(estimate, workspace, search="facing", budget=180, seed=0)
 for finger, direction in enumerate(choice.action.directions):
     print(f"Finger {finger} comes from {np.round(direction, 2)}.")
 print(f"{choice.evaluations} actions tried in {choice.seconds:.2f} CPU s.")
