@@ -91,11 +91,14 @@ class Curvature:
         """The term and direction (n,) [SI] of most negative curvature, None if none.
 
         Inertia by the pivots of H + FIRM A'A, which is positive definite if and only
-        if the Hessian reduced to the null space of A is.
+        if the Hessian reduced to the null space of A is.  A Hessian that is not finite,
+        as that of a failed solve may be, curves nowhere that can be named.
         """
         H = self._scaled(self.hessian())
         largest = max(abs(H).max(), 1.0)
         tight = H + FIRM * self.A.T @ self.A
+        if not np.isfinite(tight.data).all():
+            return None
         shift = NEGATIVE * largest
         if _positive_definite(tight + shift * sp.identity(H.shape[0])):
             return None

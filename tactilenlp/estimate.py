@@ -21,7 +21,7 @@ from .polytopes import check, is_polytope
 from .polytopes import search as polytope_search
 from .precision import precision_of, smoothed
 from .race import raced
-from .readout import read_off
+from .readout import name_of, read_off
 from .reduce import Reductions, flat, insisted
 from .request import (
     carried,
@@ -106,7 +106,7 @@ def _found(data, job, page, start, options, executor, so_far):
     so_far.kept, searched = kept, time.process_time() - so_far.began
     solved = _refine(job, page, starts, options, so_far.solved)
     if options.rivals and not is_polytope(job.shape):
-        before = start.measurements.actions if isinstance(start, Estimate) else 0
+        before = start.measurements.actions if _was_challenged(start, page) else 0
         solved = challenged(job, page, solved, options, before)
     best = _certified(job, page, solved[0], options)
     if "planar" in best.certificates.broken and not flat(page):
@@ -118,6 +118,13 @@ def _found(data, job, page, start, options, executor, so_far):
     rivals = [s for s in solved if s.window.motion is best.window.motion]
     rivals = [s for s in rivals if s.solution.success]
     return read_off(data, job, page, options, best, kept, seconds, late, rivals), best
+
+
+def _was_challenged(start, page) -> bool:
+    """Tell whether a start is an estimate whose rivals this page was asked for."""
+    if not (isinstance(start, Estimate) and start.success):
+        return False
+    return start.options["rivals"] and start.formulation == name_of(page)
 
 
 def _searched(job, page, kept, start, options, executor):

@@ -37,6 +37,8 @@ def raced(job, page, hypotheses, options, levels, known=(), solved=None) -> list
             rough.append(solved_from(job, page, h, options, shared, levels[:-1]))
     ends = [end for s in known for end in (s.at, s.rough) if end is not None]
     for s in sorted(rough, key=lambda s: s.at.rank):
+        if (known or solved) and time.monotonic() > job.deadline:
+            break
         if any(same(job.shape, s.at, end) for end in ends):
             continue
         if _behind(s, [*known, *solved]):

@@ -38,7 +38,7 @@ def read_off(
         measurements=data,
         scene=scene,
         shape=shape.name,
-        formulation=getattr(page, "__name__", "page").rpartition(".")[2],
+        formulation=name_of(page),
         options=_plain(options),
         theta=theta,
         position=body.position,
@@ -69,6 +69,11 @@ def read_off(
         progress=solution.progress,
         finger_offset=offsets_of(solution.values, _turn(scene).T),
     )
+
+
+def name_of(page) -> str:
+    """Return the name by which an estimate knows its page."""
+    return getattr(page, "__name__", "page").rpartition(".")[2]
 
 
 @dataclass(frozen=True, eq=False)

@@ -107,10 +107,10 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
         free = free.pick(~is_far(free, scene, shape, motion, guess, precision))
     known = moving & ~first
     if coasts(scene):  # how fast it was at the start of a later action no one knows
-        known[1:] &= ~first[:-1] | (data.action[1:] == data.action[0])
+        known &= ~first[before] | (data.action == data.action[0])
     step = _steps(data, knot, first, before, np.nonzero(known)[0])
     push = _pushes(data, p_wf, everything, felt, step, before, choice.absent)
-    corner, lift, rest = _ground(scene, shape, motion, step, first, guess)
+    corner, lift, rest = _ground(scene, shape, motion, step, first, knot, guess)
     gap = np.nonzero(first)[0][1:]
     return Window(
         motion=motion, finger=finger_of(scene), fingers=data.fingers,
@@ -232,7 +232,7 @@ def _pushes(data, p_wf, everything, felt, step, before, only_felt) -> Pushes:
     return Pushes(s, f, index[s], now, then, data.finger_radius[f], tangent)
 
 
-def _ground(scene, shape, motion, step, first, guess):
+def _ground(scene, shape, motion, step, first, knot, guess):
     """Return the ground contacts of every step, those that lift, and the rests.
 
     An action starts at rest.  The guess says which corners are low at every step.
@@ -247,8 +247,8 @@ def _ground(scene, shape, motion, step, first, guess):
         return corner, none, Rests(none.step, none.signs)
     start = np.nonzero(first)[0]
     low = lowest(shape, guess, start)
-    knot = np.searchsorted(step.sample, start) + np.arange(len(start))
-    return corner, corner, Rests(np.repeat(knot, low.shape[1]), low.reshape(-1, 3))
+    at = np.repeat(knot[start], low.shape[1])
+    return corner, corner, Rests(at, low.reshape(-1, 3))
 
 
 def lowest(shape, guess, samples) -> np.ndarray:

@@ -68,8 +68,9 @@ def other_pasts(job, solved) -> list:
     data, window = spherical(job)
     z = np.r_[at.theta, at.x[:, start]]
     spread = np.diag(np.r_[np.full(len(at.theta), KNOWN_SIZE), KNOWN_POSE] ** 2)
+    offset = np.zeros((3, data.fingers)) if at.offset is None else at.offset
     given = data, window, job.shape, z[None], spread[None], np.ones(1)
-    _, path = follow(*given, np.arange(start)[::-1])
+    _, path = follow(*given, np.arange(start)[::-1], offset[None])
     return [replace(at, x=np.hstack([path[0][:, ::-1], at.x[:, start:]]))]
 
 

@@ -74,8 +74,7 @@ def solved_from(
     first, *later = _rounds(levels or page.LEVELS)
     solution = solve_levels(problem, first, start, settings, shared["solvers"])
     solution = solution if before is None else after(before, solution)
-    seconds = solution.seconds | {"build": solution.seconds["build"] + shared["built"]}
-    solution = replace(solution, seconds=seconds)
+    solution.seconds["build"] += shared.pop("built", 0.0)  # it was built once
     solved = Solved(hypothesis, problem, window, solution, job)
     for levels in later:
         solved = _anew(job, page, solved, levels, options)
