@@ -107,7 +107,7 @@ class Information:
             if weight < RARE:
                 continue
             units = [180 / np.pi if "rotation" in n else 1e3 for n in self.names]
-            sigma = np.sqrt(np.diag(self.spread))
+            sigma = np.sqrt(np.maximum(np.diag(self.spread), 0.0))
             most = np.argsort(np.abs(off) / np.where(sigma > 0, sigma, 1.0))[::-1][:2]
             parts = [
                 f"{self.names[i]} {off[i] * units[i]:+.1f} "
