@@ -109,15 +109,9 @@ def best_action(
     facing: for each finger, angles (n, 2) worth trying, by "facing" and "direct".
     """
     began = time.process_time() if began is None else began
-    check_types(search=(search, (str, CrossEntropy)), seed=(seed, (int, np.integer)))
+    name = check_search(search, budget)
+    check_types(seed=(seed, (int, np.integer)))
     check_numbers("", "a whole number from 0", seed=(seed, -1, 2**32 - 1))
-    name = search if isinstance(search, str) else "cem"
-    if name not in SEARCHES:
-        expected = f"one of {SEARCHES} or a CrossEntropy"
-        raise OptionError("no such search", where="search", got=name, expected=expected)
-    if not (isinstance(budget, (int, np.integer)) and budget >= 2):
-        expected = "an integer >= 2"
-        raise OptionError("too few", where="budget", got=budget, expected=expected)
     trial = _Trial(score, space.lower, space.upper, budget)
     rng = np.random.default_rng(seed)
     if name == "cem":
@@ -142,6 +136,19 @@ def best_action(
         history=np.array(trial.scores),
         tried=np.array(trial.tried),
     )
+
+
+def check_search(search, budget) -> str:
+    """Return the name of a search; OptionError where it or its budget is none."""
+    check_types(search=(search, (str, CrossEntropy)))
+    name = search if isinstance(search, str) else "cem"
+    if name not in SEARCHES:
+        expected = f"one of {SEARCHES} or a CrossEntropy"
+        raise OptionError("no such search", where="search", got=name, expected=expected)
+    if not (isinstance(budget, (int, np.integer)) and budget >= 2):
+        expected = "an integer >= 2"
+        raise OptionError("too few", where="budget", got=budget, expected=expected)
+    return name
 
 
 class _Trial:

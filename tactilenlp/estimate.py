@@ -17,21 +17,17 @@ from .floating import floated, laid_out, plane_of_touch
 from .guess import Guess
 from .measurements import Measurements
 from .options import Options
-from .polytopes import check, is_polytope
+from .polytopes import is_polytope
 from .polytopes import search as polytope_search
 from .precision import precision_of, smoothed
 from .race import raced
 from .readout import name_of, read_off
 from .reduce import Reductions, flat, insisted
 from .request import (
+    asked,
     carried,
-    check_executor,
-    check_offset,
-    check_plane,
     check_touched,
     first_guess,
-    page_of,
-    shape_of,
 )
 from .result import Estimate
 from .rivals import challenged
@@ -77,16 +73,8 @@ def solve_estimate(
     and NotConverged or MotionError after it unless `throw` is False.  Ctrl-C raises
     Interrupted, whose `estimate` is of the actions done by then: a start to go on from.
     """
-    scene = Scene() if scene is None else scene
-    options = Options() if options is None else options
-    check_types(
-        data=(data, Measurements), scene=(scene, Scene), options=(options, Options)
-    )
-    shape = shape_of(shape)
-    page = page_of(formulation, shape)
-    check_plane(page, scene)
-    check_offset(page, scene)
-    check_executor(executor, page)
+    check_types(data=(data, Measurements))
+    scene, shape, options, page = asked(scene, shape, formulation, options, executor)
     scene.check(data)
     check_touched(data)
     job = _job(data, scene, shape, options, time.monotonic(), page)
@@ -135,7 +123,6 @@ def _searched(job, page, kept, start, options, executor):
     # A search is as lean as it can be, whatever the last solve leaves out.
     search = replace(job, reductions=Reductions())
     if is_polytope(job.shape):
-        check(job.scene)
         found = polytope_search(search, kept)
         return found, found
     search = replace(search, first=first_guess(start, job.shape))

@@ -11,16 +11,17 @@ import numpy as np
 
 from .approach import facing
 from .checks import check_numbers, check_path, check_types
-from .choose import Choice, CrossEntropy, best_action, choose_action
+from .choose import Choice, CrossEntropy, best_action, check_search, choose_action
 from .diary import Exploration, Step, check_same, taken_up
 from .errors import OptionError
 from .estimate import solve_estimate
-from .expected import ExpectedInformation
+from .expected import ExpectedInformation, _check_ground, _check_moves
 from .first_touch import first_touch
 from .guess import Guess
 from .measurements import Measurements
 from .options import Options
 from .progress import progress, wipe
+from .request import asked, check_start, shape_of
 from .result import Estimate
 from .scene import Scene
 from .workspace import Action, Workspace
@@ -28,6 +29,7 @@ from .workspace import Action, Workspace
 log = logging.getLogger("tactilenlp")
 
 POLICIES = ("eig", "random", "fisher", "farthest")
+PREDICTING = ("eig", "fisher")  # those of them that foresee what an action brings
 INWARD = 0.015  # [m] behind a touched point where an object that was lost is sought
 TRIES = 400  # actions drawn for the policy "farthest"
 
@@ -80,9 +82,13 @@ def explore(
     While an action runs, whoever has its samples so far may look ahead, repeatedly:
     solve_estimate(estimate.measurements.append(so_far), scene, start=estimate).
     """
-    _check(world, scene, actions, seed, workspace, until, file, start)
-    space = _space(world, scene, workspace)
+    _check(world, actions, seed, workspace, until, file, start)
     settings = {"search": search, "budget": budget, "policy": _known(policy)}
+    check_search(search, budget)
+    scene, shape, options, page = asked(scene, shape, formulation, options, executor)
+    check_start(start, shape, scene)
+    _check_predicted(policy, actions, start, shape, scene)
+    space = _space(world, scene, workspace)
     estimate, past = start if isinstance(start, Estimate) else None, []
     diary, numbers = taken_up(file), range(0 if estimate is None else 1, actions + 1)
     for number in progress(numbers, "explore"):
@@ -99,7 +105,7 @@ def explore(
         if step.estimate is None:
             began = time.process_time()
             found = solve_estimate(
-                data, scene, shape=shape, formulation=formulation, options=options,
+                data, scene, shape=shape, formulation=page, options=options,
                 start=estimate or start, executor=executor, throw=False,
             )  # fmt: skip
             seconds = step.seconds | {"estimate": time.process_time() - began}
@@ -115,7 +121,7 @@ def explore(
             return
 
 
-def _check(world, scene, actions, seed, workspace, until, file, start) -> None:
+def _check(world, actions, seed, workspace, until, file, start) -> None:
     """Raise OptionError for what cannot be explored, before anything moves."""
     # A file can stand for a world that is not there: for actions that it has.
     if world is not None and not callable(getattr(world, "execute", None)):
@@ -125,7 +131,7 @@ def _check(world, scene, actions, seed, workspace, until, file, start) -> None:
         )  # fmt: skip
     none = type(None)
     check_types(
-        scene=(scene, (Scene, none)), workspace=(workspace, (Workspace, none)),
+        workspace=(workspace, (Workspace, none)),
         start=(start, (Estimate, Guess, none)), actions=(actions, (int, np.integer)),
         seed=(seed, (int, np.integer)),
     )  # fmt: skip
@@ -135,6 +141,23 @@ def _check(world, scene, actions, seed, workspace, until, file, start) -> None:
         check_numbers("", "a deviation above 0 [m], or a function", until=(until, 0, 1))
     if file is not None:
         check_path(file)
+
+
+def _check_predicted(policy, actions, start, shape, scene) -> None:
+    """Raise for a policy that predicts what cannot be predicted.
+
+    The first action is chosen by the start, if that is an Estimate, others by what is
+    asked for.
+    """
+    started = isinstance(start, Estimate)
+    if policy not in PREDICTING:
+        return
+    if started and actions:
+        _check_ground(start.scene)
+        _check_moves(shape_of(start.shape))
+    if actions > started:
+        _check_ground(scene)
+        _check_moves(shape_of(shape.name))  # what it says of itself when it is chosen
 
 
 def _kept(diary: Exploration, file) -> Exploration:
@@ -168,7 +191,7 @@ def _space(world, scene, workspace) -> Workspace:
     """Return the workspace: as given, or with the fingers and the ground that are."""
     if workspace is not None:
         return workspace
-    ground = Scene().ground if scene is None else scene.ground
+    ground = scene.ground
     radius = getattr(world, "finger_radius", None)
     if radius is None:
         return Workspace(ground=ground)

@@ -14,9 +14,12 @@ from .checks import check_types
 from .errors import NoContactError, OptionError, SceneError, StartError
 from .guess import Guess
 from .hypothesis import Hypothesis
+from .options import Options
+from .polytopes import check as check_round
 from .polytopes import is_polytope
 from .reduce import flat
 from .result import Estimate
+from .scene import Scene
 
 SHAPES = {"cuboid": CUBOID, "polytope": polytope()}
 POLYTOPES = ("polytope_quasi_static", "polytope_violation_implicit")
@@ -24,6 +27,28 @@ FORMULATIONS = (
     *("quasi_static", "violation_implicit", "paper"),
     *("shooting", "multiple_shooting", "complementarity"),
 )
+
+
+def asked(scene, shape, formulation, options, executor) -> tuple:
+    """Return scene, shape, options and page, or raise what is wrong with them."""
+    scene = Scene() if scene is None else scene
+    options = Options() if options is None else options
+    check_types(scene=(scene, Scene), options=(options, Options))
+    shape = shape_of(shape)
+    page = page_of(formulation, shape)
+    check_plane(page, scene)
+    check_offset(page, scene)
+    check_executor(executor, page)
+    if is_polytope(shape):
+        check_round(scene)
+    return scene, shape, options, page
+
+
+def check_start(start, shape, scene) -> None:
+    """Raise for an Estimate or a Guess from which this shape cannot start."""
+    if start is not None:
+        carried(start, shape, scene, getattr(start, "measurements", None))
+        first_guess(start, shape)
 
 
 def shape_of(shape) -> Shape:

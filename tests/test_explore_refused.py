@@ -1,0 +1,68 @@
+"""What cannot be explored is said before a finger moves, or a file is taken up."""
+
+from dataclasses import replace
+
+import pytest
+
+from tactilenlp import Guess, Scene, explore
+from tactilenlp.errors import OptionError, SceneError, StartError
+
+AFLOAT = Scene(ground=None)
+LONG = Scene(finger_length=0.01)
+
+
+class Moved(Exception):
+    """A finger moved."""
+
+
+class Robot:
+    """Whatever it is told, it says that it moved."""
+
+    def execute(self, trajectory):
+        raise Moved
+
+
+@pytest.mark.parametrize(
+    ("wrong", "error", "word"),
+    [
+        ({"formulation": "quasistatic"}, OptionError, "formulation"),
+        ({"shape": "ball"}, OptionError, "shape"),
+        ({"options": {"starts": 3}}, OptionError, "options"),
+        ({"search": "adam"}, OptionError, "search"),
+        ({"budget": 1}, OptionError, "budget"),
+        ({"executor": 2}, OptionError, "executor"),
+        ({"policy": "best"}, OptionError, "policy"),
+        ({"scene": AFLOAT, "formulation": "shooting"}, SceneError, "planar"),
+        ({"scene": AFLOAT}, SceneError, "no action is predicted"),
+        ({"scene": AFLOAT, "policy": "fisher"}, SceneError, "no action is predicted"),
+        ({"shape": "polytope"}, OptionError, "no action is predicted"),
+        ({"scene": LONG, "shape": "polytope", "actions": 0}, SceneError, "round"),
+    ],
+)
+def test_what_cannot_be_explored_is_refused_before_anything_moves(wrong, error, word):
+    with pytest.raises(error, match=word):
+        next(explore(Robot(), **wrong))
+
+
+def test_a_start_that_does_not_fit_is_refused_before_anything_moves(touched):
+    other = replace(touched, shape="polytope")
+    given = {"scene": touched.scene, "policy": "random"}
+    with pytest.raises(StartError, match="another shape"):
+        next(explore(Robot(), start=other, **given))
+    guess = Guess((50.0, 40.0, 40.0), (0.0, 0.0))  # mm
+    with pytest.raises(StartError, match="millimetres"):
+        next(explore(Robot(), start=guess, **given))
+
+
+@pytest.mark.parametrize(
+    "fine",
+    [
+        {"shape": "polytope", "actions": 0},
+        {"shape": "polytope", "policy": "random"},
+        {"scene": AFLOAT, "policy": "farthest"},
+        {"scene": AFLOAT, "policy": lambda plan: plan.workspace.random(plan.rng)},
+    ],
+)
+def test_what_predicts_nothing_is_not_held_up(fine):
+    with pytest.raises(Moved):
+        next(explore(Robot(), centre=(0.0, 0.0, 0.02), **fine))
