@@ -14,6 +14,7 @@ from .result import Estimate
 from .workspace import Action, Trajectory, Workspace
 
 FORMAT, VERSION = "exploration", 1  # of the files that are kept
+OTHER = {"measurements": "other data"}  # what is said of a field that differs
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,14 +90,16 @@ def taken_up(file) -> Exploration:
     return Exploration.load(file)
 
 
-def check_same(estimate: Estimate, data: Measurements, file) -> None:
-    """Raise StartError unless a kept estimate is of exactly these data."""
-    if estimate.measurements == data:
-        return
-    raise StartError(
-        "the kept estimate is of other data",
-        where=str(file),
-        got=repr(estimate.measurements),
-        expected=repr(data),
-        next="explore into a new file",
-    )
+def check_same(estimate: Estimate, data: Measurements, asked: dict, file) -> None:
+    """Raise StartError unless a kept estimate is of these data and of what is asked.
+
+    asked: what its scene, shape and formulation are to be.
+    """
+    for name, value in {"measurements": data, **asked}.items():
+        kept = getattr(estimate, name)
+        if kept != value:
+            raise StartError(
+                f"the kept estimate is of {OTHER.get(name, f'another {name}')}",
+                where=str(file), got=f"{name} {kept!r}", expected=repr(value),
+                next="explore into another file, or ask for what this one is of",
+            )  # fmt: skip

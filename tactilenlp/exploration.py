@@ -21,6 +21,7 @@ from .guess import Guess
 from .measurements import Measurements
 from .options import Options
 from .progress import progress, wipe
+from .readout import name_of
 from .request import asked, check_start, shape_of
 from .result import Estimate
 from .scene import Scene
@@ -88,6 +89,7 @@ def explore(
     scene, shape, options, page = asked(scene, shape, formulation, options, executor)
     check_start(start, shape, scene)
     _check_predicted(policy, actions, start, shape, scene)
+    same = {"scene": scene, "shape": shape.name, "formulation": name_of(page)}
     space = _space(world, scene, workspace)
     estimate, past = start if isinstance(start, Estimate) else None, []
     diary, numbers = taken_up(file), range(0 if estimate is None else 1, actions + 1)
@@ -111,7 +113,7 @@ def explore(
             seconds = step.seconds | {"estimate": time.process_time() - began}
             step = replace(step, estimate=found, seconds=seconds)
             diary = _kept(diary.with_step(step), file)
-        check_same(step.estimate, data, file)
+        check_same(step.estimate, data, same, file)
         estimate = step.estimate
         past += [] if step.action is None else [step.action]
         log.info("action %d (%s): %s", number, step.policy, _headline(estimate))

@@ -127,6 +127,11 @@ def hull_read(problem, solution, window, x, scene) -> tuple[Body, Information]:
     return body, hull_information(problem, solution, faces, R_wg)
 
 
+def name_of(page) -> str:
+    """Return what an estimate calls the page that it is of."""
+    return getattr(page, "__name__", "page").rpartition(".")[2]
+
+
 def builder(page, shape, scene):
     """Return build(window, scene): the page's programme of another window or scene."""
 

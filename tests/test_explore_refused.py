@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from tactilenlp import Guess, Scene, explore
+from tactilenlp import Exploration, Guess, Scene, Step, explore
 from tactilenlp.errors import OptionError, SceneError, StartError
 
 AFLOAT = Scene(ground=None)
@@ -52,6 +52,37 @@ def test_a_start_that_does_not_fit_is_refused_before_anything_moves(touched):
     guess = Guess((50.0, 40.0, 40.0), (0.0, 0.0))  # mm
     with pytest.raises(StartError, match="millimetres"):
         next(explore(Robot(), start=guess, **given))
+
+
+@pytest.fixture
+def kept(touched, tmp_path):
+    """A file of a first touch, and what it was made with."""
+    step = Step(0, None, touched.measurements, touched, None, "by hand", {})
+    Exploration((step,)).save(tmp_path / "kept.npz")
+    return {"file": tmp_path / "kept.npz", "scene": touched.scene, "actions": 0}
+
+
+def test_a_file_goes_on_with_what_it_was_made_with(kept, touched):
+    (step,) = explore(None, **kept)
+    assert step.estimate.objective == touched.objective
+
+
+@pytest.mark.parametrize(
+    ("other", "field"),
+    [
+        ({"scene": Scene(mass=0.7)}, "scene"),
+        ({"shape": "polytope"}, "shape"),
+        ({"formulation": "quasi_static"}, "formulation"),
+    ],
+)
+def test_a_file_made_with_other_settings_is_not_taken_up(kept, other, field):
+    with pytest.raises(StartError, match=f"of another {field}") as caught:
+        next(explore(None, **kept | other))
+    error = caught.value
+    assert str(kept["file"]) == error.where
+    assert "another file" in error.next
+    assert repr(other[field]) in error.expected
+    assert error.got not in (None, error.expected)
 
 
 @pytest.mark.parametrize(
