@@ -13,7 +13,7 @@ import numpy as np
 from formulations import polytope_quasi_static
 
 from .carving import carved
-from .errors import SceneError
+from .errors import NoContactError, SceneError
 from .hull import filled, outer
 from .hull_window import indexed, standing
 from .hypothesis import Hypothesis
@@ -80,7 +80,7 @@ def search(job, kept) -> list[Hypothesis]:
 
     kept: a hypothesis of the first actions, if any, with any number of vertices.
     """
-    job = replace(job, data=credible(job.data, job.precision.normal))
+    job = replace(job, data=_backed(job.data, job.precision.normal))
     done = kept[0].x.shape[1] if kept else 0
     faces = _resumed(job, kept[0]) if kept else None
     for action in progress(np.unique(job.data.action), "search"):
@@ -105,6 +105,20 @@ def polished(job, vertices, faces: Faces) -> Hypothesis:
     theta, x = s.values["theta"].T.ravel(), s.values["x"][:, window.knot]
     iterations = faces.iterations + s.iterations
     return Hypothesis(theta, x, s.objective, ("planes",), iterations)
+
+
+def _backed(data, sigma: float):
+    """Return the data less what stands alone; NoContactError where nothing is left."""
+    left = credible(data, sigma)
+    if (left.contact & left.valid).any():
+        return left
+    raise NoContactError(
+        "no touch is backed by its neighbours",
+        where="normal",
+        got=f"{int((data.contact & data.valid).sum())} touches, none like another",
+        expected="a finger that feels about one normal for two samples or more",
+        next="check the frame of the normals, or record a touch that lasts",
+    )
 
 
 def _resumed(job, h: Hypothesis) -> Faces:

@@ -10,6 +10,7 @@ from trimesh.convex import convex_hull
 from trimesh.transformations import quaternion_matrix, transform_points
 
 from tactilenlp import Measurements, Scene, solve_estimate, surface_distance
+from tactilenlp.errors import NoContactError
 from tactilenlp.noise import Noise, add_noise
 from tactilenlp.runs import credible, runs
 
@@ -58,6 +59,18 @@ def test_a_silence_amid_a_touch_says_nothing(octahedron):
     assert not found.valid[t, f]
     assert found.valid[t - 1, f]
     assert found.valid[t + 1, f]
+
+
+def test_normals_that_turn_between_samples_are_refused_by_name(recorded):
+    data, scene, _ = recorded
+    data = data.select([0])
+    turn = 2 * np.pi / 3 * np.arange(data.samples)  # no two of three samples agree
+    way = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)[:, None]
+    spun = replace(data, normal=np.where(data.contact[..., None], way, 0.0))
+    with pytest.raises(NoContactError, match=r"normal: no touch is backed") as caught:
+        solve_estimate(spun, scene, shape="polytope")
+    assert "touches, none like another" in caught.value.got
+    assert caught.value.next
 
 
 def test_lasting_touches_stay_what_they_are(octahedron):
