@@ -16,11 +16,11 @@ from formulations import quasi_static, violation_implicit
 from formulations.friction import FRICTION
 
 from .checks import check_types
-from .errors import OptionError, SceneError
+from .errors import OptionError
 from .hypothesis import Hypothesis, distinct
 from .kind import mapped
 from .nats import information_gain
-from .predict import pushed, sampled
+from .predict import check_ground, check_moves, pushed, sampled
 from .request import shape_of
 from .workspace import Action, Workspace
 
@@ -88,14 +88,15 @@ class ExpectedInformation:
             raise OptionError(
                 "out of range", where="hypotheses", got=hypotheses, expected=expected
             )
-        _check_ground(estimate.scene)
+        check_ground(estimate.scene)
         self.workspace = workspace or Workspace(ground=estimate.scene.ground)
         self.estimate, self._sloped = estimate, float(slopes == "motion")
         self.shape = shape_of(estimate.shape)
-        _check_moves(self.shape)
+        check_moves(self.shape)
         k = len(estimate.information.names)
         self._off = estimate.finger_offset is not None
         self._free = k > self.shape.theta + 3
+        self._check_fingers(self.workspace)
         self._size = k + self._off * 3 * self.workspace.fingers
         self._sensors = _sensors(estimate)
         self.beliefs = self._believed(hypotheses)
@@ -123,6 +124,7 @@ class ExpectedInformation:
     def _ahead(self, belief: Belief, action: Action):
         """Return its way (n, 3), contacts (n, F) and what they tell (k, k)."""
         space, k = action.workspace, self._size
+        self._check_fingers(space)
         path = action.positions(self.target, round(space.duration * RATE) + 1)
         path = self.estimate.scene.ground.to_ground(path) + belief.offset
         r, F = path.reshape(len(path), -1).T, space.fingers
@@ -133,6 +135,18 @@ class ExpectedInformation:
             np.full(F, space.finger_radius), self._known, self._sensors, self._sloped,
         )  # fmt: skip
         return s.full().T, p.full().T, told[:, -k:].full()
+
+    def _check_fingers(self, space: Workspace) -> None:
+        """Raise OptionError where the offsets known are those of other fingers."""
+        fingers = self.estimate.measurements.fingers if self._off else space.fingers
+        if space.fingers != fingers:
+            raise OptionError(
+                "the offsets that the estimate knows are of other fingers",
+                where="workspace.fingers",
+                got=space.fingers,
+                expected=f"{fingers}, as were measured",
+                next="plan with these, or estimate without Scene.sigma_offset",
+            )
 
     def _believed(self, count: int) -> list[Belief]:
         """Return the hypotheses to follow, best first, weights summing to one."""
@@ -261,31 +275,6 @@ def _sensors(estimate) -> np.ndarray:
     alpha = 1 / np.hypot(1 / quasi_static.ALPHA, p / 1.7)
     touch, normal = violation_implicit.TOUCH, violation_implicit.NORMAL
     return np.array([alpha, np.hypot(touch, p), np.hypot(normal, n)])
-
-
-def _check_ground(scene) -> None:
-    """Raise SceneError without a ground: what floats is not pushed, it drifts away."""
-    if scene.ground is None:
-        raise SceneError(
-            "no action is predicted without a ground",
-            where="scene.ground",
-            got="None",
-            expected="the plane on which the object lies",
-            next="explore with policy='random' or one of your own",
-        )
-
-
-def _check_moves(shape) -> None:
-    """Raise OptionError for a shape whose way under a push cannot be predicted."""
-    if shape.inertia is None:
-        raise OptionError(
-            "no action is predicted for this shape",
-            where="estimate.shape",
-            got=shape.name,
-            expected="a shape with inertia and a foot, as a cuboid has",
-            next="estimate a cuboid to choose actions, or explore with "
-            "policy='random' or 'farthest'",
-        )
 
 
 def _known(scene, space: Workspace) -> np.ndarray:

@@ -11,6 +11,7 @@ from formulations.finger import SPHERE
 from formulations.rigid_body import FREE, PLANAR
 
 from .codegen import compiled
+from .errors import OptionError, SceneError
 
 ITERATIONS = 8  # of a time step: the work is then least to a micrometre
 SHARE = 0.2  # [-] deviation of a predicted step, of its way
@@ -143,3 +144,28 @@ def _unknowns(shape, free: bool):
     z = ca.SX.sym("z", shape.theta + motion.unknowns)
     theta = z[: shape.theta]
     return z, theta, motion.pose(shape, theta, z[shape.theta :])
+
+
+def check_ground(scene) -> None:
+    """Raise SceneError without a ground: what floats is not pushed, it drifts away."""
+    if scene.ground is None:
+        raise SceneError(
+            "no action is predicted without a ground",
+            where="scene.ground",
+            got="None",
+            expected="the plane on which the object lies",
+            next="explore with policy='random' or one of your own",
+        )
+
+
+def check_moves(shape) -> None:
+    """Raise OptionError for a shape whose way under a push cannot be predicted."""
+    if shape.inertia is None:
+        raise OptionError(
+            "no action is predicted for this shape",
+            where="estimate.shape",
+            got=shape.name,
+            expected="a shape with inertia and a foot, as a cuboid has",
+            next="estimate a cuboid to choose actions, or explore with "
+            "policy='random' or 'farthest'",
+        )

@@ -17,7 +17,7 @@ from tactilenlp import (
     observed_information,
     solve_estimate,
 )
-from tactilenlp.errors import SceneError
+from tactilenlp.errors import OptionError, SceneError
 from tactilenlp.expected import ExpectedInformation, information_gain
 from tactilenlp.nlp import Problem
 from tactilenlp.precision import precision_of
@@ -233,6 +233,19 @@ def test_a_certain_prior_tells_of_an_action_what_none_does(certain, exact, actio
         for e in (certain, exact)
     ]
     assert gains[0] == pytest.approx(gains[1], rel=1e-3)
+
+
+def test_an_action_of_fingers_that_were_not_measured_is_refused(told, exact, action):
+    alone = Workspace(fingers=1)
+    with pytest.raises(OptionError, match=r"workspace\.fingers.*expected 2.*got 1"):
+        ExpectedInformation(told[0], alone)
+    expected = ExpectedInformation(told[0], action.workspace, hypotheses=1)
+    for ask in (expected.gain, expected.prospect):
+        with pytest.raises(OptionError, match=r"workspace\.fingers"):
+            ask(alone.action([0.2, 0.1]))
+    # fingers that are where they say may be others
+    known = ExpectedInformation(exact, alone, hypotheses=1)
+    assert np.isfinite(known.gain(alone.action([0.2, 0.1])))
 
 
 def test_a_body_follows_fingers_that_are_elsewhere():
