@@ -174,11 +174,15 @@ class ExpectedInformation:
     def _known_of_best(self) -> np.ndarray:
         """Return the information of the estimate; eq:obsinfo where it is indefinite.
 
-        What curves down by less than a vague prior curves up is not known, no more.
+        What curves down by less than a vague prior of the pose curves up is not known,
+        no more.  Priors of sizes and offsets are in the estimate's programme already.
         """
+        here = slice(self.shape.theta, len(self.estimate.information.names))
+        anywhere = np.zeros((self._size, self._size))
+        anywhere[here, here] = self.vague()[here, here]
         matrix = self.estimate.information.matrix
         matrix = self.estimate.information.with_offsets if self._off else matrix
-        for known in (matrix, matrix + self.vague()):
+        for known in (matrix, matrix + anywhere):
             least = np.linalg.eigvalsh(_scaled(known))[0]
             if least > 0:
                 return known

@@ -133,6 +133,16 @@ def test_hypotheses_are_averaged_by_their_objectives(estimate):
     assert [b.weight for b in alone.beliefs] == [1.0]
 
 
+def test_a_pose_that_curves_down_a_little_is_anywhere_and_sizes_stay_as_known():
+    matrix = BOX.information.matrix.copy()
+    matrix[5, 5] = -0.01  # of the turn; a pose anywhere has 1 / 9
+    information = SimpleNamespace(names=NAMES, matrix=matrix)
+    expected = ExpectedInformation(known(**vars(BOX) | {"information": information}))
+    C = np.linalg.inv(expected.beliefs[0].information)
+    assert np.sqrt(np.diag(C))[:3] == pytest.approx(VAGUELY[:3], rel=1e-9)
+    assert C[5, 5] == pytest.approx(1 / (1 / 9 - 0.01), rel=1e-2)
+
+
 def test_an_indefinite_information_is_said_and_replaced_by_the_samples(
     estimate, caplog
 ):
