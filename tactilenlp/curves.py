@@ -179,7 +179,7 @@ def _friction(estimate) -> float:
 def _parts(estimate, finger, shown):
     """Return normal and tangential parts [mN s] of a finger's impulses at samples."""
     R_ow = _rotations(estimate.quaternion[shown]).inv()
-    p_wf = estimate.measurements.finger_position[shown, finger]
+    p_wf = estimate.seen_positions[shown, finger]
     p_of = R_ow.apply(p_wf - estimate.position[shown])
     body = trimesh.convex.convex_hull(estimate.vertices)
     nearest, distance, _ = trimesh.proximity.closest_point_naive(body, p_of)

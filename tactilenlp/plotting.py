@@ -148,7 +148,7 @@ def draw_top(axis, estimate, sample, truth, view) -> None:
         axis.plot(*true.T, "--", color=TRUTH, lw=1.3, zorder=6, label="truth")
     during = data.action == data.action[sample]
     for finger, (colour, points, normals, now) in enumerate(_touches(estimate, sample)):
-        path = data.finger_position[:, finger] * MM
+        path = estimate.seen_positions[:, finger] * MM
         axis.plot(*path[during, :2].T, ".-", ms=2.5, lw=0.8, color=colour, zorder=4)
         axis.add_patch(plt.Circle(
             path[sample, :2], data.finger_radius[finger] * MM, fc=(colour, 0.35),
@@ -183,7 +183,7 @@ def draw_scene(axis, estimate, sample, truth, view) -> None:
             *points[seen].T, s=8, color=colour, edgecolors=INK, lw=0.4, zorder=8,
             depthshade=False, label=f"finger {finger} and its contacts",
         )  # fmt: skip
-        centre = data.finger_position[sample, finger] * MM
+        centre = estimate.seen_positions[sample, finger] * MM
         if np.all((centre > view[0]) & (centre < view[1])):  # 3-D axes do not clip
             near = max(faces, key=lambda f: f.normal @ (centre - f.corners[0])).normal
             ball = trimesh.creation.icosphere(3, data.finger_radius[finger] * MM)
@@ -263,7 +263,7 @@ def _touches(estimate, sample):
     for finger, radius in enumerate(data.finger_radius):
         t = np.flatnonzero(data.contact[:, finger] & data.valid[:, finger])
         carry, n_w = R_wo[sample] * R_wo[t].inv(), data.normal[t, finger]
-        arms = data.finger_position[t, finger] - radius * n_w - estimate.position[t]
+        arms = estimate.seen_positions[t, finger] - radius * n_w - estimate.position[t]
         points = MM * (carry.apply(arms) + estimate.position[sample])
         now = data.action[t] == data.action[sample]
         yield FINGERS[finger % len(FINGERS)], points, carry.apply(n_w), now

@@ -52,7 +52,7 @@ def _content(estimate) -> dict:
         "faces": _faces(estimate),
         "finger": [
             {
-                "position": _plain(data.finger_position[:, f]),
+                "position": _plain(estimate.seen_positions[:, f]),
                 "radius": float(data.finger_radius[f]),
                 "contact": (data.contact & data.valid)[:, f].tolist(),
                 "valid": data.valid[:, f].tolist(),
@@ -104,10 +104,10 @@ def _faces(estimate) -> list[dict]:
 
 def _touches(estimate) -> list[dict]:
     """Return every contact: its point and normal on the body as it was then."""
-    data, found = estimate.measurements, []
+    data, centre, found = estimate.measurements, estimate.seen_positions, []
     for t, f in np.argwhere(data.contact & data.valid):
         R_wo, n_w = estimate.rotation(t), data.normal[t, f]
-        p_w = data.finger_position[t, f] - data.finger_radius[f] * n_w
+        p_w = centre[t, f] - data.finger_radius[f] * n_w
         point, normal = R_wo.T @ (p_w - estimate.position[t]), R_wo.T @ n_w
         found.append(
             {

@@ -108,6 +108,12 @@ class Estimate:
         """Vertices (V, 3) [m], body frame."""
         return self.body_vertices
 
+    @property
+    def seen_positions(self) -> np.ndarray:
+        """Where the fingers were (T, F, 3) [m], world: as they say, plus offset."""
+        said = self.measurements.finger_position
+        return said if self.finger_offset is None else said + self.finger_offset
+
     def rotation(self, sample: int = -1) -> np.ndarray:
         """Return the rotation matrix (3, 3) from body to world at a sample."""
         check_sample(sample, len(self.quaternion))

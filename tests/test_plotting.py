@@ -176,6 +176,25 @@ def test_contacts_lie_on_the_surface(touched):
         assert (abs(p_ow) <= touched.side_lengths[:2] / 2 + 5e-4).all()
 
 
+def test_fingers_are_drawn_where_they_were_not_where_they_say(touched, tmp_path):
+    off = np.array([[1.5, -1.0, 0.5], [-2.0, 1.0, -0.5]]) * 1e-3
+    data = touched.measurements
+    said = replace(data, finger_position=data.finger_position - off)
+    information = replace(touched.information, offsets=1e-6 * np.eye(6))
+    same = replace(
+        touched, measurements=said, finger_offset=off, information=information
+    )
+    assert np.allclose(same.seen_positions, data.finger_position, rtol=0, atol=1e-12)
+    for plot in (plot_top, plot_scene, plot_impulses):
+        for one, other in zip(drawn(plot(touched)), drawn(plot(same)), strict=True):
+            np.testing.assert_allclose(one, other, atol=1e-6)
+    for name, estimate in (("one", touched), ("other", same)):
+        estimate.report(tmp_path / name)
+    pages = [(tmp_path / name).read_text("utf-8") for name in ("one", "other")]
+    fingers = [page.split('"finger":')[1].split('"grid":')[0] for page in pages]
+    assert fingers[0] == fingers[1]
+
+
 def test_a_scene_without_ground_has_no_ground_and_a_tilted_one_is_tilted(touched):
     bare = plot_scene(replace(touched, scene=replace(touched.scene, ground=None)))
     tilted = Ground(normal=(0.0, 0.6, 0.8))
