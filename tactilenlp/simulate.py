@@ -83,7 +83,8 @@ class World:
     max_force:       [N], the most that the servo of a finger applies
     contact_force:   [N] a contact is reported above this normal force (10 ms average)
     settle:          [s] that the object rests before the first action
-    rate:            [Hz] of the record, made a whole number of the solver's steps
+    rate:            [Hz] of the record, made a whole number of the solver's steps, at
+                     most 4080; above 102 a contact's average is over its sample only
     restitution:     [1] of an impact's speed that comes back, at most 0.9
     noise:           what the sensors add; `truth` stays clean
 
@@ -120,6 +121,9 @@ class World:
                 setattr(self, name, _checked(name, value, *rule))
         if self.restitution > LIVELIEST:
             raise _wrong("restitution", f"at most {LIVELIEST}", self.restitution)
+        if self.rate * STEP > 1:
+            fix = "a sample is one step of the solver at least"
+            raise _wrong("rate", f"at most {1 / STEP:.0f} Hz", self.rate, fix)
         if self.ground is None and self.gravity > 0:
             raise _wrong("ground", "a height [m] where there is gravity", None)
         if self.vertices is None:

@@ -356,6 +356,7 @@ def test_noise_is_repeatable_and_one_kind_leaves_the_others_alone(recorded):
         ({"max_force": None}, "max_force"),
         ({"settle": -1.0}, "settle"),
         ({"rate": 0.0}, "rate"),
+        ({"rate": 1e5}, "rate.*at most 4080 Hz"),
         ({"restitution": 0.95}, "restitution"),
     ],
 )
