@@ -16,6 +16,7 @@ from formulations.violation_implicit import WEIGHTS
 
 from .reduce import SLIPPERY
 
+BY_METRE = 1e3  # [mm / m]: the page weighs friction in nats per mm
 HARDLY = 0.5  # [-] what is pulled so hard may give way when another span is cut
 LEAST = 1.0  # [nats / m] on ice a body at rest is pulled by nothing, up to rounding
 
@@ -64,10 +65,14 @@ def _arm(window) -> float:
 
 
 def _price(scene, solution) -> float:
-    """Return what friction takes of a body that slides [nats / m]."""
+    """Return what friction takes of a body that slides [nats / m].
+
+    The price is that of the physics (violation_implicit) whatever page was solved, also
+    one that weighs no dissipation; only its own `kappa` and coefficient come first.
+    """
     known = {"kappa": WEIGHTS["kappa"][0], "ground friction": scene.friction_ground}
     if known["ground friction"] is None:
         known["ground friction"] = SLIPPERY
     known |= solution.parameters | solution.values
     kappa, mu = (float(np.ravel(known[k])[0]) for k in ("kappa", "ground friction"))
-    return max(1e3 * kappa * mu, LEAST)
+    return max(BY_METRE * kappa * mu, LEAST)
