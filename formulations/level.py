@@ -13,8 +13,8 @@ class Level:
     evaluation (single shooting), instead of solved for (multiple shooting).  warm:
     IPOPT's first mu where the level before leaves its multipliers, None: they are not
     taken; after a level that holds something fixed it is ignored.  anew: the page is
-    filled again where the level before ended: what it chose by where it started, as which vertices a contact reads, is chosen
-    again.
+    filled again where the level before ended: what it chose by where it started, as
+    which vertices a contact reads, is chosen again.
     """
 
     name: str

@@ -71,11 +71,6 @@ def read_off(
     )
 
 
-def name_of(page) -> str:
-    """Return the name by which an estimate knows its page."""
-    return getattr(page, "__name__", "page").rpartition(".")[2]
-
-
 @dataclass(frozen=True, eq=False)
 class Body:
     """Where a body is: (T, 3) [m], (T, 4) wxyz; vertices (V, 3) [m], body frame.
