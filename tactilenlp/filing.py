@@ -7,11 +7,13 @@ of our dataclasses, {"dict": ...} and {"list": ...} for what they say.
 
 from __future__ import annotations
 
-import errno
 import json
 import os
+import stat
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 
 import numpy as np
 
@@ -35,13 +37,50 @@ def write(path, name: str, number: int, content, kinds: dict) -> None:
     arrays: dict[str, np.ndarray] = {}
     header = {"format": name, "version": number, "written_by": versions()}
     header["content"] = _pack(content, "", arrays, kinds)
-    folder = Path(path).parent
+    header = np.array(json.dumps(header))
+    check_folder(path, str(path))
+    with _whole(path) as file:
+        np.savez_compressed(file, header=header, **arrays)
+
+
+def check_folder(path, where: str) -> None:
+    """Raise FileError unless the folder of a file to be written is there."""
+    folder = Path(path).absolute().parent
     if not folder.is_dir():
-        raise FileNotFoundError(errno.ENOENT, "No such folder", str(folder))
-    part = Path(path).with_name(f".{Path(path).name}.part")
-    with open(part, "wb") as file:
-        np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
-    os.replace(part, path)
+        raise FileError(
+            "no such folder", where=where, got=str(folder),
+            expected="a file in a folder that is there",
+            next="make the folder, or write elsewhere",
+        )  # fmt: skip
+
+
+@contextmanager
+def _whole(path):
+    """Open a new file beside `path` to write, which takes its place once it is whole.
+
+    It has a name of its own, as another program may be writing to the same path.
+    """
+    path = Path(path)
+    where = {"dir": path.parent, "prefix": f".{path.name}."}
+    with NamedTemporaryFile(**where, delete=False) as part:
+        try:
+            yield part
+            part.close()
+            os.chmod(part.name, _mode(path))
+            os.replace(part.name, path)
+        except BaseException:  # Ctrl-C as well
+            part.close()
+            Path(part.name).unlink(missing_ok=True)
+            raise
+
+
+def _mode(path: Path) -> int:
+    """Return the permissions of the file that is replaced, or of any new one."""
+    if path.exists():
+        return stat.S_IMODE(path.stat().st_mode)
+    mask = os.umask(0)  # cannot be read without being set
+    os.umask(mask)
+    return 0o666 & ~mask
 
 
 def read(path, name: str, number: int, kinds: dict):
@@ -78,8 +117,11 @@ def format_of(path) -> str:
 def _check_version(header: dict, name: str, number: int, where: str) -> None:
     """Raise FileError unless a header is of this format, in this version."""
     found = header["format"]
-    if "version" not in header:  # the first files had a number alone
-        found, header = name, header | {"version": found}
+    if "version" not in header and isinstance(found, int):
+        # The first files had a number alone, and were estimates.
+        of = "" if name == "estimate" else " of an estimate"
+        expected = f"version {number}{of and f' of an {name}'}"
+        raise _foreign(f"version {found}{of}", expected, header, where)
     if found != name:
         raise FileError(f"not an {name}", where=where, got=f"an {found}")
     if header["version"] != number:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import RECORDED
 
-from tactilenlp import Estimate, Measurements, Scene, Trajectories
+from tactilenlp import Estimate, Exploration, Measurements, Scene, Trajectories
 from tactilenlp.errors import FileError, MeasurementError, SceneError, TactileError
 from tactilenlp.result import VERSION
 
@@ -114,6 +114,7 @@ def test_nothing_in_a_file_is_executed(file, tmp_path):
     [
         ("{", "damaged"),
         ("[]", "damaged"),
+        ('{"format": "estimate"}', "damaged"),
         ('{"format": 1, "kind": "Estimate", "fields": {}}', "got version 1; read it"),
         ('{"format": "estimate", "version": 0}', "got version 0; read it with"),
         ('{"format": "exploration", "version": 1}', "not an estimate"),
@@ -174,3 +175,50 @@ def test_an_estimate_with_a_field_missing_is_refused(saved, tmp_path):
         np.savez(tmp_path / "bad.npz", **kept)
         with pytest.raises(FileError):
             Estimate.load(tmp_path / "bad.npz")
+
+
+def test_an_old_estimate_is_one_to_an_exploration_as_well(tmp_path):
+    old = '{"format": 1, "kind": "Estimate", "fields": {}}'
+    np.savez(tmp_path / "old.npz", header=np.array(old))
+    with pytest.raises(FileError, match="another version") as caught:
+        Exploration.load(tmp_path / "old.npz")
+    assert caught.value.got == "version 1 of an estimate"
+
+
+def test_a_save_that_fails_leaves_what_was_there_and_nothing_else(
+    estimate, tmp_path, monkeypatch
+):
+    path = tmp_path / "estimate.npz"
+    estimate.save(path)
+    before = path.read_bytes()
+
+    def full(file, **arrays):
+        file.write(b"a part")
+        raise OSError("no space left")
+
+    monkeypatch.setattr(np, "savez_compressed", full)
+    with pytest.raises(OSError, match="no space"):
+        estimate.save(path)
+    assert [*tmp_path.iterdir()] == [path]
+    assert path.read_bytes() == before
+
+
+def test_a_file_is_open_to_whom_it_was_and_a_new_one_to_whom_any_is(tmp_path):
+    (tmp_path / "any").touch()
+    path = tmp_path / "exploration.npz"
+    Exploration().save(path)
+    assert path.stat().st_mode == (tmp_path / "any").stat().st_mode
+    path.chmod(0o640)
+    Exploration().save(path)
+    assert path.stat().st_mode & 0o777 == 0o640
+    assert Exploration.load(path).steps == ()
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path):
+    path = tmp_path / "nowhere" / "exploration.npz"
+    with pytest.raises(FileError, match="no such folder") as caught:
+        Exploration().save(path)
+    error = caught.value
+    assert (error.where, error.got) == (str(path), str(path.parent))
+    assert error.expected
+    assert error.next
