@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from .errors import FileError, Interrupted, TactileError
-from .filing import format_of
+from .filing import check_folder, format_of
 
 EPILOG = """examples:
   python -m tactilenlp estimate scene.npz
@@ -90,20 +90,39 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser().parse_args(arguments)
     logging.basicConfig(level=logging.INFO if given.verbose else logging.WARNING)
     try:
-        run = {"estimate": _estimate, "explore": _explore, "report": _load}
-        _hand_out(run[given.command](given), given)
+        _check_folders(given)
+        found, code = _found(given)
+        if found is not None:
+            _hand_out(found, given)
     except (TactileError, OSError) as error:
         print(error, file=sys.stderr)
         return 2
-    except Interrupted as stop:
-        print(stop, file=sys.stderr)
-        if stop.estimate is not None:
-            _hand_out(stop.estimate, given)
-        return STOPPED
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
         return STOPPED
-    return 0
+    return code
+
+
+def _found(given) -> tuple:
+    """Return the estimate of a command, or None, and the code to leave with."""
+    run = {"estimate": _estimate, "explore": _explore, "report": _load}
+    try:
+        return run[given.command](given), 0
+    except Interrupted as stop:
+        print(stop, file=sys.stderr)
+        return stop.estimate, STOPPED
+
+
+def _check_folders(given) -> None:
+    """Raise FileError where something is to be written to a folder that is not there.
+
+    Before anything is solved, which takes minutes.
+    """
+    for name in ("save", "output", "shape"):
+        if path := getattr(given, name, None):
+            check_folder(path, f"--{name}")
+    if given.command == "explore":
+        check_folder(given.file, "FILE")
 
 
 def _hand_out(estimate, given) -> None:

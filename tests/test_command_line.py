@@ -9,6 +9,7 @@ from conftest import RECORDED
 
 from tactilenlp import Estimate, Measurements
 from tactilenlp.__main__ import main
+from tactilenlp.errors import Interrupted
 
 
 @pytest.fixture(scope="module")
@@ -78,3 +79,44 @@ def test_what_cannot_be_done_is_one_line_and_no_traceback(command, word, capsys)
     assert word in said.err
     assert said.err.count("\n") == 1
     assert said.out == ""
+
+
+@pytest.mark.parametrize("option", ["--save", "--output", "--shape"])
+def test_a_folder_that_is_not_there_is_said_before_minutes_are_spent(
+    option, tmp_path, capsys, monkeypatch
+):
+    def solved(*given, **others):
+        pytest.fail("it was solved first")
+
+    monkeypatch.setattr("tactilenlp.estimate.solve_estimate", solved)
+    path = tmp_path / "nowhere" / "shape.stl"
+    assert main(["estimate", str(RECORDED), option, str(path)]) == 2
+    said = capsys.readouterr()
+    assert said.err.startswith(f"{option}: no such folder")
+    assert said.err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "word"), [("a.stl", 130, "A cuboid of"), ("a.txt", 2, ".stl")]
+)
+def test_what_is_handed_out_after_ctrl_c_may_fail_in_words_too(
+    touched, name, code, word, tmp_path, capsys, monkeypatch
+):
+    def stopped(given):
+        raise Interrupted("stopped after 2 actions", touched)
+
+    monkeypatch.setattr("tactilenlp.__main__._estimate", stopped)
+    assert main(["estimate", "any.npz", "--shape", str(tmp_path / name)]) == code
+    said = capsys.readouterr()
+    assert said.err.startswith("stopped after 2 actions\n")
+    assert word in said.out + said.err
+    assert (tmp_path / name).exists() == (code == 130)
+
+
+def test_ctrl_c_before_anything_was_found_is_said(capsys, monkeypatch):
+    def stopped(given):
+        raise Interrupted("stopped before anything was found")
+
+    monkeypatch.setattr("tactilenlp.__main__._estimate", stopped)
+    assert main(["estimate", "any.npz"]) == 130
+    assert capsys.readouterr().out == ""
