@@ -20,8 +20,10 @@ EPILOG = """examples:
 Ctrl-C leaves what was found so far, marked as interrupted.
 """
 EXPLORING = """Explore a box in simulation: touch it once, estimate, choose the next
-touch, touch again.  FILE keeps every touch, as soon as it is felt, and every estimate;
-where it is there already, exploration goes on from it (give the same box and seed)."""
+touch, touch again.  The first finger aims at the centre of the simulated box, which
+the program knows; what follows is chosen from what is felt.  FILE keeps every touch, as
+soon as it is felt, and every estimate; where it is there already, exploration goes on
+from it (give the same box and seed)."""
 NOISE = {"position": 1e-3, "normal": math.radians(5), "flips": 0.01}  # m, rad, 1
 SIZES, WITHIN = (0.03, 0.06), 0.02  # [m] of boxes that are drawn, of their places
 STOPPED = 130  # as shells say of a program that Ctrl-C ended
