@@ -15,11 +15,12 @@ from .choose import Choice, CrossEntropy, best_action, check_search, choose_acti
 from .diary import Exploration, Step, check_same, taken_up
 from .errors import OptionError
 from .estimate import solve_estimate
-from .expected import ExpectedInformation, _check_ground, _check_moves
+from .expected import ExpectedInformation
 from .first_touch import first_touch
 from .guess import Guess
 from .measurements import Measurements
 from .options import Options
+from .predict import check_ground, check_moves
 from .progress import progress, wipe
 from .readout import name_of
 from .request import asked, check_start, shape_of
@@ -155,11 +156,11 @@ def _check_predicted(policy, actions, start, shape, scene) -> None:
     if policy not in PREDICTING:
         return
     if started and actions:
-        _check_ground(start.scene)
-        _check_moves(shape_of(start.shape))
+        check_ground(start.scene)
+        check_moves(shape_of(start.shape))
     if actions > started:
-        _check_ground(scene)
-        _check_moves(shape_of(shape.name))  # what it says of itself when it is chosen
+        check_ground(scene)
+        check_moves(shape_of(shape.name))  # what it says of itself when it is chosen
 
 
 def _kept(diary: Exploration, file) -> Exploration:
