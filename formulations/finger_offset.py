@@ -17,15 +17,15 @@ from dataclasses import replace
 
 import casadi as ca
 
+NAME = "finger offset"
+
 
 def displaced(nlp, window, scene):
     """Return the window with every finger off by its e_f; as it is, where none is."""
     sigma = scene.sigma_offset
     if sigma is None:
         return window
-    e = nlp.variable(
-        "finger offset", 3, window.fingers, guess=0.0, unit="m", scale=sigma
-    )
+    e = nlp.variable(NAME, 3, window.fingers, guess=0.0, unit="m", scale=sigma)
     nlp.minimize("finger offset prior", prior, e, sigma, role="prior")
 
     def off(rows, *places):

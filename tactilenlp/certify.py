@@ -13,6 +13,7 @@ import numpy as np
 
 from .expansion import expand
 from .holding import held
+from .lagrangian import gradient
 from .newton import newton_step
 from .polytopes import is_polytope
 from .reduce import ARM, Reductions
@@ -87,10 +88,7 @@ def absent(solved, whole) -> Skipped | None:
     if "finger" not in whole.problem.variables or not len(whole.unfelt):
         return None
     problem, variable = whole.problem, whole.problem.variables["finger"]
-    slope = sum(
-        np.asarray(problem.jacobian(name, whole.x, whole.data).sum(axis=0)).ravel()
-        for name in problem.costs
-    )
+    slope = gradient(problem, whole.x, whole.data)
     normal = slope[variable.span].reshape(variable.columns, -1)[whole.unfelt, 0]
     gain = float(max(0.0, (-normal * variable.scale[0]).max()))
     return Skipped(

@@ -10,6 +10,7 @@ import scipy.sparse as sp
 from scipy.linalg import qr
 
 from .differences import STEP, WRONG, assembled_error, derivative_errors
+from .lagrangian import gradient
 
 if TYPE_CHECKING:
     from .nlp import Problem
@@ -89,9 +90,8 @@ def check(problem: Problem, start: dict | None = None, seed: int = 0) -> Report:
         assembled = assembled_error(problem, x, data, rng)
     scale = sp.diags(problem.scale)
     J = [problem.jacobian(name, x, data) @ scale for name in problem.constraints]
-    g, c = np.zeros(problem.size), np.zeros(problem.size)
+    g, c = gradient(problem, x, data), np.zeros(problem.size)
     for name in problem.costs:
-        g += np.asarray(problem.jacobian(name, x, data).sum(axis=0)).ravel()
         c += problem.hessian(name, x, data).diagonal()
     g, c = np.abs(g) * problem.scale, np.abs(c) * problem.scale**2
     variables = problem.variables.values()

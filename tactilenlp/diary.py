@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from . import filing, result
 from .checks import check_types
 from .choose import Choice
-from .errors import FileError, StartError
+from .errors import StartError
 from .measurements import Measurements
 from .result import Estimate
 from .workspace import Action, Trajectory, Workspace
@@ -70,11 +70,7 @@ class Exploration:
     @classmethod
     def load(cls, path) -> Exploration:
         """Read what `save` wrote, to the last digit; FileError of anything else."""
-        found = filing.read(path, FORMAT, VERSION, KINDS)
-        if not isinstance(found, cls):
-            got = type(found).__name__
-            raise FileError("not an exploration", where=str(path), got=got)
-        return found
+        return filing.read(path, FORMAT, VERSION, KINDS, cls)
 
 
 KINDS = result.KINDS | {

@@ -23,12 +23,7 @@ from .precision import precision_of, smoothed
 from .race import raced
 from .readout import name_of, read_off
 from .reduce import Reductions, flat, insisted
-from .request import (
-    asked,
-    carried,
-    check_touched,
-    first_guess,
-)
+from .request import asked, carried, check_touched, first_guess
 from .result import Estimate
 from .rivals import challenged
 from .scene import Scene
@@ -186,10 +181,8 @@ def _solved_on(job, page, solved, options) -> Solved:
     solution = solve_levels(problem, (last,), start, settings_of(job, options))
     if not solution.success:
         return solved_from(job, page, solved.at, options)
-    seconds = solution.seconds | {"build": solution.seconds["build"] + built}
-    return Solved(
-        solved.hypothesis, problem, window, replace(solution, seconds=seconds), job
-    )
+    solution.seconds["build"] += built
+    return Solved(solved.hypothesis, problem, window, solution, job)
 
 
 def _tumbled(job, page, flat, options, executor) -> Solved:

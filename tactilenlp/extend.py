@@ -49,9 +49,7 @@ def extensions(job: Job, kept: list[Hypothesis]) -> list[Hypothesis]:
         proposed += [(h, along, name, z, P, turning) for name, z, turning in guesses]
     hs, alongs, names, *guesses = zip(*proposed, strict=True)
     given = data, window, job.shape
-    offsets = [
-        np.zeros((3, data.fingers)) if h.offset is None else h.offset for h in hs
-    ]
+    offsets = [np.broadcast_to(h.shift, (3, data.fingers)) for h in hs]
     guesses = [np.array(g) for g in guesses]
     z, tails = guessing.follow(*given, *guesses, new, np.array(offsets))
     ends = zip(hs, alongs, names, z, tails, strict=True)

@@ -83,8 +83,8 @@ def _mode(path: Path) -> int:
     return 0o666 & ~mask
 
 
-def read(path, name: str, number: int, kinds: dict):
-    """Return what `write` wrote, to the last digit; FileError of anything else."""
+def read(path, name: str, number: int, kinds: dict, kind: type):
+    """Return what `write` wrote of a kind, to the last digit; FileError of others."""
     arrays = read_npz(path, None, error=FileError)
     if "header" not in arrays:
         some = ", ".join(sorted(arrays)[:SOME])
@@ -97,12 +97,16 @@ def read(path, name: str, number: int, kinds: dict):
         _check_version(header, name, number, str(path))
         tree = header["content"]
         _check_fields(tree, kinds, header, str(path))
-        return _unpack(tree, arrays, kinds)
+        found = _unpack(tree, arrays, kinds)
     except FileError:
         raise
     except MALFORMED as bad:
         got = f"{type(bad).__name__}: {bad}"
         raise FileError("the header is damaged", where=str(path), got=got) from bad
+    if not isinstance(found, kind):
+        got = type(found).__name__
+        raise FileError(f"not an {name}", where=str(path), got=got)
+    return found
 
 
 def format_of(path) -> str:

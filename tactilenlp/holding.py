@@ -14,6 +14,7 @@ import numpy as np
 
 from formulations.violation_implicit import WEIGHTS
 
+from .lagrangian import gradient
 from .reduce import SLIPPERY
 
 BY_METRE = 1e3  # [mm / m]: the page weighs friction in nats per mm
@@ -38,13 +39,8 @@ def held(scene, solved, whole) -> Hold:
 
     whole: the problem with a pose for every sample, at the solution (Expansion).
     """
-    problem, v = whole.problem, whole.problem.variables["x"]
-    slope = np.zeros(problem.size)
-    for name in problem.costs:
-        slope += np.asarray(problem.jacobian(name, whole.x, whole.data).sum(axis=0))[0]
-    for name, multiplier in whole.multipliers.items():
-        jacobian = problem.jacobian(name, whole.x, whole.data)
-        slope += jacobian.T @ multiplier.ravel()
+    v = whole.problem.variables["x"]
+    slope = gradient(whole.problem, whole.x, whole.data, whole.multipliers)
     slope = slope[v.span].reshape(v.columns, v.rows)[whole.window.knot]
     knot, arm = solved.window.knot, _arm(whole.window)
     price, cuts, worst = _price(scene, solved.solution), [], 0.0

@@ -14,6 +14,7 @@ from . import guess as guessing
 
 SAME = 1e-3  # [m] hypotheses whose corners agree this well are one
 HOPELESS = 60.0  # [nats] behind the best start or hypothesis: not followed up
+ENDS = (0, -1)  # the poses by which bodies are compared: the first and the last
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +48,11 @@ class Hypothesis:
             return data
         return replace(data, finger_position=data.finger_position + self.offset.T)
 
+    @property
+    def shift(self) -> np.ndarray:
+        """The offset of the fingers (3, F) [m]; (3, 1) of zeros where it is known."""
+        return np.zeros((3, 1)) if self.offset is None else self.offset
+
     def at(self, samples: int) -> Hypothesis:
         """Return the hypothesis of the first samples only."""
         return replace(self, x=self.x[:, :samples])
@@ -64,9 +70,6 @@ class Job:
     deadline: float
     first: tuple = ()  # (name, theta, x) guesses of the first touch, if a user has some
     cuts: tuple = ()  # samples within still spans that need a pose of their own
-
-
-ENDS = (0, -1)  # the poses by which bodies are compared: the first and the last
 
 
 def distinct(

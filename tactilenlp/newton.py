@@ -15,6 +15,8 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from .lagrangian import gradient
+
 LOOSE = 1e-9  # [1 / scaled unknown^2] keeps what nothing sees from being singular
 
 
@@ -38,16 +40,14 @@ def newton_step(problem, x, data, multipliers, pulls, held, chosen) -> Step:
     indices of unknowns that do not move; chosen: those whose shift is asked for.
     """
     scale = problem.scale
-    H, g = sp.csc_matrix((problem.size,) * 2), np.array(pulls, float)
+    g = pulls + gradient(problem, x, data, multipliers)
+    H, rows = sp.csc_matrix((problem.size,) * 2), []
     for name in problem.costs:
         H = H + problem.hessian(name, x, data)
-        g += np.asarray(problem.jacobian(name, x, data).sum(axis=0)).ravel()
-    rows = []
     for name, term in problem.constraints.items():
         multiplier = multipliers[name]
         jacobian = problem.jacobian(name, x, data)
         H = H + problem.hessian(name, x, data, multiplier)
-        g += jacobian.T @ multiplier.ravel()
         value = problem.value(name, x, data)
         slack = np.minimum(value - term.lower, term.upper - value).ravel()
         rows.append(jacobian[np.abs(multiplier).ravel() > slack])

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from .spread import spread
+from formulations.finger_offset import NAME
 
-NAME = "finger offset"  # of the unknown, in a page that has it
+from .spread import spread
 
 
 def offsets_of(values: dict, R_wg) -> np.ndarray | None:

@@ -46,7 +46,7 @@ def raced(job, page, hypotheses, options, levels, known=(), solved=None) -> list
         given = s.hypothesis, options, shared, levels[-1:], s.solution
         solved.append(replace(solved_from(job, page, *given), rough=s.at))
         ends.append(s.at)
-    return sorted(solved, key=lambda s: (not s.solution.success, s.at.rank))
+    return sorted(solved, key=lambda s: s.rank)
 
 
 def _behind(rough: Solved, solved) -> bool:

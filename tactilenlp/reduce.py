@@ -154,16 +154,18 @@ def maybe_touching(data) -> np.ndarray:
     Samples that were not measured may have been contact where the last one before them,
     or the next one after them, was; a finger that never measures in an action is away.
     """
-    felt = data.contact & data.valid
-    maybe = felt.copy()
-    for order in (range(1, len(felt)), range(len(felt) - 2, -1, -1)):
-        way = 1 if order.step < 0 else -1
-        held = felt.copy()
-        for t in order:
-            if data.action[t] == data.action[t + way]:
-                held[t] |= ~data.valid[t] & held[t + way]
-        maybe |= held
-    return maybe
+    felt, action = data.contact & data.valid, data.action[:, None]
+    before = _last(data.valid, felt, action)
+    after = _last(data.valid[::-1], felt[::-1], action[::-1])[::-1]
+    return felt | before | after
+
+
+def _last(valid, felt, action) -> np.ndarray:
+    """Tell whether the last valid sample, of the same action, was felt (T, F)."""
+    t = np.arange(len(valid))[:, None]
+    last = np.maximum.accumulate(np.where(valid, t, 0), axis=0)
+    same = np.take_along_axis(np.broadcast_to(action, valid.shape), last, 0) == action
+    return same & np.take_along_axis(felt, last, 0)
 
 
 def originals(data, first) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from . import filing
 from .checks import check_sample
-from .errors import FileError, TactileError
+from .errors import TactileError
 from .hypothesis import Hypothesis
 from .information import Information
 from .measurements import Measurements
@@ -197,11 +197,7 @@ class Estimate:
     @classmethod
     def load(cls, path) -> Estimate:
         """Read what `save` wrote, to the last digit; FileError of anything else."""
-        estimate = filing.read(path, FORMAT, VERSION, KINDS)
-        if not isinstance(estimate, cls):
-            got = type(estimate).__name__
-            raise FileError("not an estimate", where=str(path), got=got)
-        return estimate
+        return filing.read(path, FORMAT, VERSION, KINDS, cls)
 
 
 KINDS = {  # what a file of an estimate is made of

@@ -45,7 +45,7 @@ def challenged(job, page, solved, options, before=0) -> list:
     for proposed in (other_pasts, other_sizes):
         rivals = raced(job, page, proposed(job, solved), options, levels, known=solved)
         solved = [*solved, *(s for s in rivals if s.solution.success)]
-        solved = sorted(solved, key=lambda s: s.at.rank)
+        solved = sorted(solved, key=lambda s: s.rank)
     return solved
 
 
@@ -68,9 +68,8 @@ def other_pasts(job, solved) -> list:
     data, window = spherical(job)
     z = np.r_[at.theta, at.x[:, start]]
     spread = np.diag(np.r_[np.full(len(at.theta), KNOWN_SIZE), KNOWN_POSE] ** 2)
-    offset = np.zeros((3, data.fingers)) if at.offset is None else at.offset
-    given = data, window, job.shape, z[None], spread[None], np.ones(1)
-    _, path = follow(*given, np.arange(start)[::-1], offset[None])
+    given = at.seen(data), window, job.shape, z[None], spread[None], np.ones(1)
+    _, path = follow(*given, np.arange(start)[::-1])
     return [replace(at, x=np.hstack([path[0][:, ::-1], at.x[:, start:]]))]
 
 

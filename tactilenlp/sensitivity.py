@@ -16,6 +16,7 @@ import numpy as np
 
 from .curvature import Curvature
 from .errors import OptionError
+from .lagrangian import gradient
 
 STEP = 1e-4  # [-] relative change of what was assumed
 OFFSET = 1e-6  # [m] shift of a finger
@@ -122,14 +123,10 @@ def shifted(window, finger: int, axis: int, way: float):
 def score(problem, curvature: Curvature, data=None) -> tuple[np.ndarray, np.ndarray]:
     """Return the gradient of L and the values of all constraints at the solution."""
     data = problem.data() if data is None else data
-    x, slope, values = curvature.x, np.zeros(len(curvature.x)), [np.zeros(0)]
-    for name in problem.costs:
-        slope += np.asarray(problem.jacobian(name, x, data).sum(axis=0)).ravel()
-    for name in problem.constraints:
-        multiplier = curvature.multipliers[name].ravel()
-        slope += problem.jacobian(name, x, data).T @ multiplier
-        values.append(problem.value(name, x, data).ravel())
-    return slope, np.concatenate(values)
+    x = curvature.x
+    values = [problem.value(name, x, data).ravel() for name in problem.constraints]
+    slope = gradient(problem, x, data, curvature.multipliers)
+    return slope, np.concatenate([np.zeros(0), *values])
 
 
 def _difference(pulls, held, ends, step) -> np.ndarray:

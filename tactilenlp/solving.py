@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field, replace
 
+from formulations.finger_offset import NAME as OFFSET
 from formulations.rigid_body import PLANAR
 
 from .certify import Certificates
@@ -42,6 +43,11 @@ class Solved:
         return self.certificates.skipped
 
     @property
+    def rank(self) -> tuple[bool, float]:
+        """What to sort by: what failed comes last."""
+        return not self.solution.success, round(self.solution.objective, 3)
+
+    @property
     def at(self) -> Hypothesis:
         """The hypothesis moved to the solution."""
         values = self.solution.values
@@ -49,7 +55,7 @@ class Solved:
             self.hypothesis,
             theta=values["theta"].T.ravel(),
             x=values["x"][:, self.window.knot],
-            offset=values.get("finger offset"),
+            offset=values.get(OFFSET),
             objective=self.solution.objective,
         )
 
@@ -99,8 +105,8 @@ def _anew(job, page, solved, levels, options) -> Solved:
     kept = {name: values[name] for name in values if name not in CHOSEN_AGAIN}
     start = kept | started(problem, window, hypothesis)
     solution = solve_levels(problem, levels, start, settings_of(job, options))
-    seconds = solution.seconds | {"build": solution.seconds["build"] + built}
-    solution = after(solved.solution, replace(solution, seconds=seconds))
+    solution.seconds["build"] += built
+    solution = after(solved.solution, solution)
     return Solved(hypothesis, problem, window, solution, job)
 
 

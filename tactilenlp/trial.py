@@ -7,6 +7,8 @@ import os
 import time
 from dataclasses import replace
 
+from formulations.finger_offset import NAME as OFFSET
+
 from .hypothesis import Hypothesis, Job
 from .nlp import Problem
 from .reduce import insisted, reduce
@@ -33,7 +35,7 @@ def tried(job, problem, window, levels, h, tolerance, solvers) -> Hypothesis:
     options = SolverOptions(tolerance=tolerance, time_limit=left)
     s = solve_levels(problem, levels, started(problem, window, h), options, solvers)
     theta, x = s.values["theta"][:, 0], s.values["x"][:, window.knot]
-    offset = s.values.get("finger offset")
+    offset = s.values.get(OFFSET)
     return Hypothesis(theta, x, s.objective, h.path, s.iterations, offset)
 
 
@@ -42,8 +44,8 @@ def started(problem, window, h: Hypothesis) -> dict:
     theta = problem.variables["theta"]
     theta = h.theta.reshape(theta.columns, theta.rows).T
     start = {"theta": theta, "x": h.x[:, window.last]}
-    if h.offset is not None and "finger offset" in problem.variables:
-        start["finger offset"] = h.offset
+    if h.offset is not None and OFFSET in problem.variables:
+        start[OFFSET] = h.offset
     return start
 
 

@@ -32,7 +32,7 @@ def interrupted(data, job, page, options, so_far: SoFar) -> Interrupted:
     search is through with; before the first of them, and for a floating object whose
     hypotheses lie in a plane of their own, nothing.
     """
-    whole, solved = data.actions, min(so_far.solved, key=_rank, default=None)
+    whole, solved = data.actions, min(so_far.solved, key=lambda s: s.rank, default=None)
     if solved is None and so_far.kept and job.scene.ground is not None:
         page = page_of("quasi_static", job.shape)
         best = min(so_far.kept, key=lambda h: h.rank)
@@ -52,7 +52,3 @@ def interrupted(data, job, page, options, so_far: SoFar) -> Interrupted:
         "start=... goes on from it",
         estimate,
     )
-
-
-def _rank(solved):
-    return not solved.solution.success, solved.solution.objective
