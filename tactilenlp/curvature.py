@@ -22,7 +22,8 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-LOOSE = 1e-9  # [1 / scaled unknown^2] of a direction that nothing sees
+from .saddle import factorised
+
 TIE = 1e2  # [-] a multiplier within this factor of its slack is neither on nor off
 FIRM = 1e6  # [-] price of leaving active constraints, in Hessian entries
 NEGATIVE = 1e-10  # [-] of the largest curvature: less than rounding is no direction
@@ -70,7 +71,7 @@ class Curvature:
         chosen unknowns change by -(pulls' ds + constraints' dg), everything in SI.
         """
         scale, n = self.problem.scale, len(self.x)
-        right = np.zeros((self.factor.shape[0], len(chosen)))
+        right = np.zeros((n + self.A.shape[0], len(chosen)))
         right[chosen, np.arange(len(chosen))] = scale[chosen]
         answer = self.factor.solve(right)
         held = np.zeros((self.problem.rows, len(chosen)))
@@ -80,11 +81,7 @@ class Curvature:
     @cached_property
     def factor(self):
         """The factorised matrix K, scaled."""
-        H = self._scaled(self.hessian())
-        H = H + LOOSE * sp.identity(H.shape[0])
-        floor = -LOOSE * sp.identity(self.A.shape[0])
-        K = sp.bmat([[H, self.A.T], [self.A, floor]], format="csc")
-        return splu(K, permc_spec="MMD_AT_PLUS_A")  # a tenth of the fill
+        return factorised(self._scaled(self.hessian()), self.A)
 
     @cached_property
     def negative(self) -> tuple[str, np.ndarray] | None:

@@ -15,9 +15,10 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
-from .curvature import LOOSE, Curvature
+from .curvature import Curvature
 from .gauss_newton import local_hessians, scattered
 from .paper_information import chained
+from .saddle import LOOSE
 
 
 def inverse_dynamics(curvature: Curvature, solution, window, shape) -> np.ndarray:

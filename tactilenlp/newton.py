@@ -13,11 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from .lagrangian import gradient
-
-LOOSE = 1e-9  # [1 / scaled unknown^2] keeps what nothing sees from being singular
+from .saddle import factorised
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,12 +63,10 @@ def _solved(H, A, g, chosen) -> Step:
     n, m = H.shape[0], A.shape[0]
     norms = np.sqrt(np.asarray(A.multiply(A).sum(axis=1)).ravel())
     A = sp.diags(1 / np.maximum(norms, 1e-12)) @ A
-    H = H + LOOSE * sp.identity(n)
-    K = sp.bmat([[H, A.T], [A, -LOOSE * sp.identity(m)]], format="csc")
     right = np.zeros((n + m, 1 + len(chosen)))
     right[:n, 0] = -g
     right[chosen, 1 + np.arange(len(chosen))] = 1.0
-    found = splu(K).solve(right)[:n]
+    found = factorised(H, A).solve(right)[:n]
     variance = np.diag(found[chosen, 1:]).copy()
     variance[variance <= 0] = np.nan
     step = found[:, 0]
