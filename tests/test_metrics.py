@@ -5,10 +5,11 @@ import time
 import numpy as np
 import pytest
 import trimesh
-from numpy.testing import assert_allclose, assert_array_equal
+from bodies import POSITION, QUATERNION, ROUNDING, SAMPLING, SIDES, cuboid, matrix, wxyz
+from numpy.testing import assert_allclose
 from scipy.integrate import dblquad
 from scipy.spatial.transform import Rotation
-from trimesh.creation import box, icosphere
+from trimesh.creation import icosphere
 from trimesh.transformations import quaternion_matrix, translation_matrix
 
 from tactilenlp.errors import OptionError, TactileError
@@ -16,35 +17,8 @@ from tactilenlp.metrics import (
     chamfer_code,
     chamfer_floor,
     chamfer_paper,
-    cuboid_errors,
-    polytope_pose_error,
     surface_distance,
 )
-
-SIDES = np.array([0.03, 0.045, 0.06])
-POSITION = np.array([0.1, -0.2, 0.03])
-QUATERNION = np.array([0.5, -0.5, 0.1, np.sqrt(0.49)])  # of unit length, wxyz
-# 2000 evenly spread points integrate the distance between two boxes to about 0.2 %
-# (one sigma over seeds, measured); five of these for a fixed seed.
-SAMPLING = 0.01
-ROUNDING = 1e-12  # metres and radians, on bodies of centimetres
-
-
-def cuboid(side_lengths, position=(0, 0, 0), quaternion=(1, 0, 0, 0)):
-    return box(
-        side_lengths, translation_matrix(position) @ quaternion_matrix(quaternion)
-    )
-
-
-def matrix(quaternion):
-    return quaternion_matrix(quaternion)[:3, :3]
-
-
-def wxyz(rotation):
-    return np.roll(Rotation.from_matrix(rotation).as_quat(), 1)
-
-
-# --- exact surface distance ---
 
 
 def test_two_equal_boxes_are_at_distance_zero():
@@ -208,134 +182,6 @@ def test_chamfer_code_of_distant_bodies_is_twice_their_surface_distance():
     )
 
 
-# --- sizes and pose modulo symmetry ---
-
-
-@pytest.mark.parametrize("symmetry", Rotation.create_group("O").as_matrix())
-def test_each_of_the_24_relabelings_of_a_box_is_no_error(symmetry):
-    sides = np.abs(symmetry.T) @ SIDES
-    rotation = matrix(QUATERNION) @ symmetry
-    error = cuboid_errors(sides, POSITION, wxyz(rotation), SIDES, POSITION, -QUATERNION)
-    assert_allclose(error.side_lengths, 0, atol=ROUNDING)
-    assert_allclose(error.position, 0, atol=ROUNDING)
-    assert error.rotation_angle == pytest.approx(0, abs=ROUNDING)
-    assert_allclose(sides[error.permutation], SIDES, atol=ROUNDING)
-    assert_allclose(error.symmetry, symmetry.T, atol=ROUNDING)
-
-
-def test_errors_are_signed_and_belong_to_the_true_axes():
-    symmetry = Rotation.from_rotvec([0, 0, np.pi / 2]).as_matrix()
-    turn = np.array([0.02, -0.01, 0.03])
-    rotation = Rotation.from_rotvec(turn).as_matrix() @ matrix(QUATERNION) @ symmetry
-    size_error, shift = np.array([0.001, -0.002, 0.003]), np.array([1e-3, 0, -2e-3])
-    sides = (SIDES + size_error)[[1, 0, 2]]
-    error = cuboid_errors(
-        sides, POSITION + shift, wxyz(rotation), SIDES, POSITION, QUATERNION
-    )
-    assert_allclose(error.side_lengths, size_error, atol=ROUNDING)
-    assert_allclose(error.position, shift, atol=ROUNDING)
-    assert_allclose(error.rotation_vector, turn, atol=ROUNDING)
-    assert error.rotation_angle == pytest.approx(np.linalg.norm(turn), rel=1e-9)
-    assert_array_equal(error.permutation, [1, 0, 2])
-
-
-def test_a_covariance_permutes_with_the_sizes():
-    rng = np.random.default_rng(0)
-    root = rng.normal(size=(3, 3))
-    covariance = root @ root.T
-    for symmetry in Rotation.create_group("O").as_matrix():
-        rotation = matrix(QUATERNION) @ symmetry
-        labels = cuboid_errors(
-            SIDES, POSITION, wxyz(rotation), SIDES, POSITION, QUATERNION
-        ).permutation
-        relabel = np.eye(3)[labels]
-        assert_allclose(
-            covariance[np.ix_(labels, labels)], relabel @ covariance @ relabel.T
-        )
-        # The relabeled body axes are the true ones up to sign: a size travels along.
-        assert_allclose(relabel, np.abs(symmetry), atol=ROUNDING)
-
-
-def test_the_relabeled_estimate_differs_from_the_truth_by_the_rotation_vector():
-    rng = np.random.default_rng(1)
-    for estimate, truth in Rotation.random(40, rng).as_matrix().reshape(20, 2, 3, 3):
-        error = cuboid_errors(
-            SIDES, POSITION, wxyz(estimate), SIDES, POSITION, wxyz(truth)
-        )
-        turned = Rotation.from_rotvec(error.rotation_vector).as_matrix() @ truth
-        assert_allclose(estimate @ error.symmetry, turned, atol=ROUNDING)
-        # No two cubes differ by more than 62.8 degrees (the disorientation of cubes).
-        assert error.rotation_angle <= np.deg2rad(62.8) + np.deg2rad(1)
-        assert np.linalg.det(error.symmetry) == pytest.approx(1)
-
-
-@pytest.mark.parametrize("degrees", [44.8, 45.0, 45.2])
-def test_near_forty_five_degrees_the_sizes_tell_the_labels(degrees):
-    yaw = Rotation.from_rotvec([0, 0, np.deg2rad(degrees)]).as_matrix()
-    error = cuboid_errors(SIDES, POSITION, wxyz(yaw), SIDES, POSITION, [1, 0, 0, 0])
-    assert_allclose(error.side_lengths, 0, atol=ROUNDING)
-    assert error.rotation_angle == pytest.approx(np.deg2rad(degrees), rel=1e-9)
-
-
-def test_moving_both_cuboids_moves_no_error():
-    move = matrix(QUATERNION)
-    estimate = Rotation.from_rotvec([0.1, 0.7, -0.2]).as_matrix()
-    plain = cuboid_errors(
-        1.1 * SIDES, [0.001, 0, 0], wxyz(estimate), SIDES, [0, 0, 0], [1, 0, 0, 0]
-    )
-    moved = cuboid_errors(
-        1.1 * SIDES,
-        POSITION + move @ [0.001, 0, 0],
-        wxyz(move @ estimate),
-        SIDES,
-        POSITION,
-        QUATERNION,
-    )
-    assert_allclose(moved.side_lengths, plain.side_lengths, atol=ROUNDING)
-    assert_allclose(moved.position, move @ plain.position, atol=ROUNDING)
-    assert_allclose(moved.rotation_vector, move @ plain.rotation_vector, atol=1e-9)
-
-
-def wedge():
-    """Return a tetrahedron whose volume centroid is (1, 2, 3) cm."""
-    corners = np.vstack((np.zeros(3), np.diag([0.04, 0.08, 0.12])))
-    return trimesh.Trimesh(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
-
-
-def test_a_polytope_is_compared_at_its_hull_centroid():
-    body, shift = wedge(), np.array([0.001, -0.002, 0.003])
-    # Turned about its own centroid, so only the shift moves this.
-    centroid = np.array([0.01, 0.02, 0.03])
-    about = translation_matrix(centroid + shift) @ quaternion_matrix(QUATERNION)
-    moved = body.copy().apply_transform(about @ translation_matrix(-centroid))
-    error = polytope_pose_error(moved, QUATERNION, body, [1, 0, 0, 0])
-    turn = Rotation.from_quat(np.roll(QUATERNION, -1))
-    assert_allclose(error.position, shift, atol=ROUNDING)
-    assert error.rotation_angle == pytest.approx(turn.magnitude(), rel=1e-9)
-    assert_allclose(error.rotation_vector, turn.as_rotvec(), atol=ROUNDING)
-
-
-def test_more_vertices_on_one_face_do_not_move_the_centroid():
-    body = wedge()
-    lopsided = body.subdivide(face_index=[0]).subdivide(face_index=[0, 1])
-    pose = [1, 0, 0, 0]
-    error = polytope_pose_error(lopsided, pose, body, pose)
-    assert_allclose(error.position, 0, atol=ROUNDING)
-
-
-def test_a_symmetry_of_the_polytope_is_no_error():
-    group = Rotation.create_group("C5").as_matrix()
-    estimate = Rotation.from_rotvec([0, 0, 2 * np.pi / 5 + 0.01]).as_matrix()
-    body = wedge()
-    with_symmetry = polytope_pose_error(body, wxyz(estimate), body, [1, 0, 0, 0], group)
-    without = polytope_pose_error(body, wxyz(estimate), body, [1, 0, 0, 0])
-    assert_allclose(with_symmetry.rotation_vector, [0, 0, 0.01], atol=ROUNDING)
-    assert without.rotation_angle == pytest.approx(2 * np.pi / 5 + 0.01)
-
-
-# --- bad input ---
-
-
 @pytest.mark.parametrize(
     "mesh", [None, "box", trimesh.Trimesh(), trimesh.PointCloud(np.eye(3))]
 )
@@ -373,33 +219,3 @@ def test_seed_must_not_be_negative():
 def test_points_of_another_shape_are_refused(points):
     with pytest.raises(TactileError, match=r"points_b: unusable.*finite numbers"):
         chamfer_paper(np.zeros((1, 3)), points)
-
-
-@pytest.mark.parametrize(
-    ("index", "value", "where"),
-    [
-        (0, [0.03, 0, 0.06], "side_lengths.*positive"),
-        (0, [0.03, 0.06], "side_lengths.*shape"),
-        (1, [0, 0, np.inf], "position.*finite"),
-        (2, [1, 0, 0], "quaternion.*shape"),
-        (2, [0, 0, 0, 0], "quaternion.*length 1"),
-        (3, [-0.03, 0.04, 0.05], "true_side_lengths.*positive"),
-        (4, None, "true_position"),
-        (5, [1, 1, 0, 0], "true_quaternion.*length 1"),
-    ],
-)
-def test_a_cuboid_that_cannot_be_is_refused(index, value, where):
-    body = [SIDES, POSITION, QUATERNION] * 2
-    body[index] = value
-    with pytest.raises(TactileError, match=where):
-        cuboid_errors(*body)
-
-
-def test_reflections_and_flat_bodies_are_refused():
-    body, flat = wedge(), trimesh.Trimesh(np.eye(3), [[0, 1, 2]])
-    pose = [1, 0, 0, 0]
-    for wrong in (np.diag([1, 1, -1]), 2 * np.eye(3)):
-        with pytest.raises(TactileError, match=r"symmetries.*rotation"):
-            polytope_pose_error(body, pose, body, pose, [np.eye(3), wrong])
-    with pytest.raises(TactileError, match=r"true_mesh.*plane"):
-        polytope_pose_error(body, pose, flat, pose)

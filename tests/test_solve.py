@@ -1,107 +1,24 @@
 """A pendulum, a fit and a cone, solved by a machine that knows none of them."""
 
-import pickle
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
-import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
+from swing_up import (
+    DT,
+    STEPS,
+    TIGHT,
+    TORQUE,
+    cone,
+    decay,
+    faster,
+    pendulum,
+    stationarity,
+)
 
-from tactilenlp.errors import NotConverged, OptionError, PageError
-from tactilenlp.nlp import Problem
 from tactilenlp.solve import SolverOptions, make_solver, solve, solve_levels
-
-GRAVITY, LENGTH, MASS = 9.81, 0.5, 1.0  # [m/s^2] [m] [kg]
-STEPS, DT = 40, 0.05  # swing up in two seconds
-TORQUE = 2.5  # [N m], less than the 4.9 that would lift the pendulum at once
-TIGHT = SolverOptions(tolerance=1e-9)
-
-
-def faster(state, torque):
-    """Return the rate of (angle, speed) of a pendulum, angle 0 hanging down."""
-    arm = MASS * LENGTH**2
-    return -GRAVITY / LENGTH * np.sin(state[0]) + torque / arm
-
-
-def pendulum(scale=1.0):
-    """Swing a pendulum up with little torque: trapezoidal rule, state by state."""
-    problem = Problem()
-    way = np.linspace(0, np.pi, STEPS + 1)
-    state = problem.variable(
-        "state", 2, STEPS + 1, guess=[way, 0 * way], unit="rad, rad/s",
-        scale=np.array([1.0, 5.0]) * scale,
-    )  # fmt: skip
-    torque = problem.variable(
-        "torque", 1, STEPS + 1, lower=-TORQUE, upper=TORQUE, guess=0.1, unit="N m",
-        scale=scale,
-    )  # fmt: skip
-    dt = problem.parameter("dt", DT, "s")
-
-    def rate(s, u):
-        arm = MASS * LENGTH**2
-        return ca.vertcat(s[1], -GRAVITY / LENGTH * ca.sin(s[0]) + u / arm)
-
-    def defect(s, s_1, u, u_1, dt):
-        return s - s_1 - dt / 2 * (rate(s, u) + rate(s_1, u_1))
-
-    now, before = np.arange(1, STEPS + 1), np.arange(STEPS)
-    problem.minimize(
-        "effort", lambda u, dt: dt * ca.sumsqr(u), torque, dt, role="regulariser"
-    )
-    problem.subject_to(
-        "dynamics", defect, state[:, now], state[:, before], torque[:, now],
-        torque[:, before], dt, lower=0, upper=0,
-    )  # fmt: skip
-    problem.subject_to("start", lambda s: s, state[:, 0], lower=0, upper=0)
-    problem.subject_to("end", lambda s: s, state[:, -1], lower=[np.pi, 0],
-                       upper=[np.pi, 0])  # fmt: skip
-    return problem
-
-
-def decay():
-    """Fit a decay with an offset to noisy samples."""
-    rng = np.random.default_rng(4)
-    t = np.linspace(0, 3, 30)
-    y = 2.0 * np.exp(-1.3 * t) + 0.5 + 0.02 * rng.normal(size=30)
-    problem = Problem()
-    c = problem.variable("c", 3, guess=[1, 1, 0], unit="V, 1/s, V", scale=[1, 1, 0.1])
-
-    def misfit(c, t, y):
-        return (c[0] * ca.exp(-c[1] * t) + c[2] - y) ** 2 / 2
-
-    problem.minimize("misfit", misfit, c, t, y, role="likelihood")
-    return problem, t, y
-
-
-def cone(target, rounding=1e-3):
-    """Find the vector of a friction cone that is nearest to `target`."""
-    problem = Problem()
-    f = problem.variable("f", 3, guess=[1.0, 0, 0], lower=[0, -np.inf, -np.inf],
-                         unit="N", scale=1)  # fmt: skip
-    goal = problem.parameter("target", target, "N")
-    problem.minimize(
-        "apart", lambda f, g: ca.sumsqr(f - g) / 2, f, goal, role="physics"
-    )
-    problem.subject_to(
-        "cone", lambda f: f[0] - ca.sqrt(ca.sumsqr(f[1:]) + rounding**2), f, lower=0
-    )
-    return problem
-
-
-def stationarity(problem, solution):
-    """Return the slope of the Lagrangian at a solution, from its named multipliers."""
-    x, data = problem.pack(solution.values), problem.data(solution.parameters)
-    slope = problem.pack(solution.bound_multipliers)
-    for name in problem.costs:
-        slope += np.asarray(problem.jacobian(name, x, data).sum(axis=0)).ravel()
-    for name in problem.constraints:
-        slope += problem.jacobian(name, x, data).T @ solution.multipliers[name].ravel()
-    return slope * problem.scale
-
-
-# What is solved is solved
 
 
 def test_a_pendulum_swings_up_as_its_differential_equation_says():
@@ -272,95 +189,3 @@ def test_a_start_may_be_a_solution_of_the_same_problem():
     again = solve(problem, SolverOptions(barrier=1e-7), start=known)
     assert again.success
     assert again.iterations <= 3 < known.iterations
-
-
-# Failure is loud
-
-
-def impossible():
-    problem = Problem()
-    x = problem.variable("x", 1, guess=0.0, unit="m", scale=1)
-    problem.minimize("small", lambda x: x**2, x, role="prior")
-    problem.subject_to("above the table", lambda x: x, x, lower=3.0)
-    problem.subject_to("below the lamp", lambda x: x, x, upper=1.0)
-    problem.subject_to("anywhere", lambda x: x, x, lower=-9.0)
-    return problem
-
-
-def test_an_infeasible_problem_names_its_worst_terms_and_carries_them():
-    problem = impossible()
-    with pytest.raises(NotConverged, match="Infeasible") as caught:
-        solve(problem)
-    error = caught.value
-    assert "above the table by" in error.got
-    assert "below the lamp by" in error.got
-    for name in problem.terms:
-        assert name in error.problem
-    violations = error.solution.violations
-    # Two metres apart, shared between the two however the solver likes.
-    assert violations["above the table"] + violations["below the lamp"] >= 2.0 - 1e-6
-    assert violations["anywhere"] == 0.0
-
-
-def test_the_error_survives_a_journey_between_processes():
-    with pytest.raises(NotConverged) as caught:
-        solve(impossible())
-    error = pickle.loads(pickle.dumps(caught.value))
-    assert str(error) == str(caught.value)
-    assert error.solution.violations == caught.value.solution.violations
-    np.testing.assert_array_equal(
-        error.solution.values["x"], caught.value.solution.values["x"]
-    )
-
-
-def test_without_throw_the_result_comes_back_marked():
-    solution = solve(impossible(), throw=False)
-    assert not solution.success
-    assert "Infeasible" in solution.status
-
-
-def test_a_time_limit_ends_with_the_iterate_reached_and_says_so():
-    problem, hurry = pendulum(), SolverOptions(time_limit=1e-6)
-    solution = solve(problem, hurry, throw=False)
-    assert not solution.success
-    assert solution.status == "Maximum_WallTime_Exceeded"
-    assert np.isfinite(solution.objective)
-    assert solution.values["state"].shape == (2, STEPS + 1)
-    with pytest.raises(NotConverged, match="WallTime") as caught:
-        solve(problem, hurry)
-    assert caught.value.solution.violations.keys() == problem.constraints.keys()
-
-
-def test_a_linear_solver_that_is_not_there_does_not_pass_silently():
-    problem, _, _ = decay()
-    missing = SolverOptions(ipopt={"linear_solver": "ma27"})
-    with pytest.raises(NotConverged, match="Invalid_Option"):
-        solve(problem, missing)
-    solution = solve(problem, missing, throw=False)
-    assert not solution.success
-    np.testing.assert_array_equal(solution.values["c"][:, 0], [1, 1, 0])
-
-
-def test_a_function_that_leaves_the_numbers_does_not_pass_silently():
-    problem = Problem()
-    x = problem.variable("x", 1, guess=-1.0, unit="m", scale=1)
-    problem.minimize("root", lambda x: ca.sqrt(x) + x**2, x, role="prior")
-    with pytest.raises(NotConverged, match="Invalid_Number"):
-        solve(problem)
-
-
-@pytest.mark.parametrize(
-    ("option", "value"),
-    [("tolerance", 0.0), ("time_limit", -1.0), ("iterations", 0), ("push", np.nan)],
-)
-def test_an_option_out_of_range_is_named(option, value):
-    with pytest.raises(OptionError, match=f"{option}: out of range"):
-        replace(SolverOptions(), **{option: value})
-
-
-def test_an_unknown_start_or_parameter_is_named():
-    problem = pendulum()
-    with pytest.raises(PageError, match="angle: no such variable"):
-        solve(problem, start={"angle": 0.0})
-    with pytest.raises(PageError, match="step: no such parameter"):
-        solve(problem, parameters={"step": 0.0})

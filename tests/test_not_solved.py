@@ -1,0 +1,106 @@
+"""What cannot be solved is said loudly, by name."""
+
+import pickle
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from swing_up import (
+    STEPS,
+    decay,
+    pendulum,
+)
+
+from tactilenlp.errors import NotConverged, OptionError, PageError
+from tactilenlp.nlp import Problem
+from tactilenlp.solve import SolverOptions, solve
+
+
+def impossible():
+    problem = Problem()
+    x = problem.variable("x", 1, guess=0.0, unit="m", scale=1)
+    problem.minimize("small", lambda x: x**2, x, role="prior")
+    problem.subject_to("above the table", lambda x: x, x, lower=3.0)
+    problem.subject_to("below the lamp", lambda x: x, x, upper=1.0)
+    problem.subject_to("anywhere", lambda x: x, x, lower=-9.0)
+    return problem
+
+
+def test_an_infeasible_problem_names_its_worst_terms_and_carries_them():
+    problem = impossible()
+    with pytest.raises(NotConverged, match="Infeasible") as caught:
+        solve(problem)
+    error = caught.value
+    assert "above the table by" in error.got
+    assert "below the lamp by" in error.got
+    for name in problem.terms:
+        assert name in error.problem
+    violations = error.solution.violations
+    # Two metres apart, shared between the two however the solver likes.
+    assert violations["above the table"] + violations["below the lamp"] >= 2.0 - 1e-6
+    assert violations["anywhere"] == 0.0
+
+
+def test_the_error_survives_a_journey_between_processes():
+    with pytest.raises(NotConverged) as caught:
+        solve(impossible())
+    error = pickle.loads(pickle.dumps(caught.value))
+    assert str(error) == str(caught.value)
+    assert error.solution.violations == caught.value.solution.violations
+    np.testing.assert_array_equal(
+        error.solution.values["x"], caught.value.solution.values["x"]
+    )
+
+
+def test_without_throw_the_result_comes_back_marked():
+    solution = solve(impossible(), throw=False)
+    assert not solution.success
+    assert "Infeasible" in solution.status
+
+
+def test_a_time_limit_ends_with_the_iterate_reached_and_says_so():
+    problem, hurry = pendulum(), SolverOptions(time_limit=1e-6)
+    solution = solve(problem, hurry, throw=False)
+    assert not solution.success
+    assert solution.status == "Maximum_WallTime_Exceeded"
+    assert np.isfinite(solution.objective)
+    assert solution.values["state"].shape == (2, STEPS + 1)
+    with pytest.raises(NotConverged, match="WallTime") as caught:
+        solve(problem, hurry)
+    assert caught.value.solution.violations.keys() == problem.constraints.keys()
+
+
+def test_a_linear_solver_that_is_not_there_does_not_pass_silently():
+    problem, _, _ = decay()
+    missing = SolverOptions(ipopt={"linear_solver": "ma27"})
+    with pytest.raises(NotConverged, match="Invalid_Option"):
+        solve(problem, missing)
+    solution = solve(problem, missing, throw=False)
+    assert not solution.success
+    np.testing.assert_array_equal(solution.values["c"][:, 0], [1, 1, 0])
+
+
+def test_a_function_that_leaves_the_numbers_does_not_pass_silently():
+    problem = Problem()
+    x = problem.variable("x", 1, guess=-1.0, unit="m", scale=1)
+    problem.minimize("root", lambda x: ca.sqrt(x) + x**2, x, role="prior")
+    with pytest.raises(NotConverged, match="Invalid_Number"):
+        solve(problem)
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("tolerance", 0.0), ("time_limit", -1.0), ("iterations", 0), ("push", np.nan)],
+)
+def test_an_option_out_of_range_is_named(option, value):
+    with pytest.raises(OptionError, match=f"{option}: out of range"):
+        replace(SolverOptions(), **{option: value})
+
+
+def test_an_unknown_start_or_parameter_is_named():
+    problem = pendulum()
+    with pytest.raises(PageError, match="angle: no such variable"):
+        solve(problem, start={"angle": 0.0})
+    with pytest.raises(PageError, match="step: no such parameter"):
+        solve(problem, parameters={"step": 0.0})
