@@ -5,6 +5,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tactilenlp.errors import FileError
@@ -32,6 +33,24 @@ def test_results_come_in_the_order_of_the_cases(study, tmp_path):
     assert [r["square"] for r in here] == [4, 9, 16]
     assert there == here
     assert study.results_of(tmp_path / "a.jsonl", "squares") == here
+
+
+def numbers(count):
+    return {"count": np.int64(count), "odd": np.bool_(count % 2), "span": (0, count)}
+
+
+def test_a_result_is_the_same_whether_it_is_new_or_was_kept(study, tmp_path):
+    file = tmp_path / "deep" / "a.jsonl"
+    new = study.run_study(file, "numbers", numbers, [(3,)])
+    assert new == study.run_study(file, "numbers", numbers, [(3,)])
+    assert new == [{"count": 3, "odd": True, "span": [0, 3]}]
+    assert type(new[0]["count"]) is int
+    assert new[0]["odd"] is True
+
+
+def test_a_table_has_a_column_for_every_key_of_any_row(study, tmp_path):
+    study.write_csv(tmp_path / "a.csv", [{"a": 1}, {"a": 2, "b": "x, y"}])
+    assert (tmp_path / "a.csv").read_text() == 'a,b\n1,\n2,"x, y"\n'
 
 
 def test_a_study_is_read_without_us(study, tmp_path):

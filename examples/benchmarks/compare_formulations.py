@@ -1,10 +1,11 @@
 """Benchmark the formulations against each other: run time against error, same starts.
 
     python examples/benchmarks/compare_formulations.py ../shared/scenes/cuboid_*.npz
+        [--out folder] [--executor processes|dask|mpi|none]
 
 With --ablation: the page `paper`, each of its physics terms left out in turn.  Called
-again with the same --out, it runs what is missing.  (Called `formulations.py`, this
-script would hide the package `formulations` from everything beside it.)
+again with the same --out, it runs what is missing (study.py).  (This script, called
+`formulations.py`, would hide the package `formulations` from everything beside it.)
 
 Each is one local solve of the page's levels: no search, no second start.  The levels
 of shooting begin soft, those of violation_implicit sharp, as it follows a first stage;
@@ -22,6 +23,10 @@ derivation of kinds.  Failed solves are counted, never left out.
 Truth is read here, for starts and errors, never by the package.
 """
 
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread a process: before NumPy
+
 import argparse
 import importlib
 import time
@@ -30,8 +35,8 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from resume import resumed, write_csv
 from scipy.spatial.transform import Rotation
+from study import add_executor, executor_of, run_study, write_csv
 from trimesh.creation import box
 from trimesh.transformations import rotation_matrix, translation_matrix
 
@@ -49,7 +54,6 @@ PAGES = (
 PHYSICS = ("complementarity", "dissipation", "penetration", "inelasticity", "dynamics")
 STARTS = {"near": (1e-3, 2, 0.05), "far": (5e-3, 10, 0.2)}  # m, degrees, of a size
 LIMIT, WAIT = 20.0, 600.0  # [CPU s], [s] of a level
-KEYS = ("file", "actions", "start", "seed", "page")
 SAME = 2.0  # [nats] of the best objective
 
 
@@ -79,6 +83,16 @@ class Without:
 
 
 ABLATION = {"all": Without()} | {f"no {word}": Without(word) for word in PHYSICS}
+FORMULATIONS = (*PAGES, "loose first")
+
+
+def page_of(name: str):
+    """Return the page of a name that the table has."""
+    if name in ABLATION:
+        return ABLATION[name]
+    if name == "loose first":
+        return LooseFirst
+    return importlib.import_module(f"formulations.{name}")
 
 
 def started(kind, truth, x, seed):
@@ -95,8 +109,9 @@ def started(kind, truth, x, seed):
     return theta, x + off[:, None]
 
 
-def run(file, na, kind, seed, name, page) -> dict:
+def run(file, na, kind, seed, name) -> dict:
     """Return the row of one formulation, from one start, on the first `na` actions."""
+    page = page_of(name)
     truth, data, scene = np.load(file), Measurements.load(file), Scene.load(file)
     data = data.select(np.unique(data.action)[:na])
     turn = Rotation.from_quat(np.roll(truth["object_quaternion"], -1, axis=1))
@@ -218,6 +233,12 @@ def draw(points, names, path) -> None:
     figure.savefig(path, dpi=120)
 
 
+def said(case, r) -> str:
+    """Return a solve that ended in words."""
+    cell = " ".join(map(str, case[1:]))
+    return f"{cell} {r['mm']:.2f} mm {r['cpu_s']:.2f} s {r['status']}"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("files", nargs="+")
@@ -226,25 +247,17 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--ablation", action="store_true", help="leave physics out")
     parser.add_argument("--out", type=Path, default=Path("benchmark"))
+    add_executor(parser, "none")
     args = parser.parse_args()
-    pages = {n: importlib.import_module(f"formulations.{n}") for n in PAGES}
-    pages["loose first"] = LooseFirst
-    pages = ABLATION if args.ablation else pages
-    grid = product(args.files, args.actions, args.starts, range(args.seeds))
+    names = [*(ABLATION if args.ablation else FORMULATIONS)]
     stem = "ablation" if args.ablation else "formulations"
-    cells = [(*cell, name) for cell, name in product(grid, pages)]
-
-    def run_all(missing):
-        for *cell, name in missing:
-            r = run(*cell, name, pages[name])
-            print(*cell[1:], name, f"{r['mm']:.2f} mm {r['cpu_s']:.2f} s", r["status"],
-                  flush=True)  # fmt: skip
-            yield [r]
-
-    rows = resumed(args.out / f"{stem}.jsonl", KEYS, cells, run_all)
+    asked = args.files, args.actions, args.starts, range(args.seeds), names
+    kept = args.out / f"{stem}.jsonl"
+    with executor_of(args, __file__) as executor:
+        rows = run_study(kept, stem, run, product(*asked), executor, say=said)
     judge(rows)
     write_csv(args.out / f"{stem}.csv", rows)
-    draw(table(rows, [*pages]), [*pages], args.out / f"{stem}.png")
+    draw(table(rows, names), names, args.out / f"{stem}.png")
 
 
 if __name__ == "__main__":

@@ -9,12 +9,11 @@ of inertia and friction against what the authors of the recording report.
 """
 
 import argparse
-import csv
 from itertools import product
 from pathlib import Path
 
 import numpy as np
-from study import add_executor, executor_of, run_study
+from study import add_executor, executor_of, run_study, write_csv
 
 from tactilenlp import Scene, Trajectories, identify_body
 
@@ -118,7 +117,6 @@ def main() -> None:
     parser.add_argument("--deals", type=int, nargs="+", default=[0], help=words)
     add_executor(parser)
     given = parser.parse_args()
-    given.folder.mkdir(parents=True, exist_ok=True)
     data = Trajectories.load(given.file)
     known = known_of(given.file)
     cases = [
@@ -133,10 +131,7 @@ def main() -> None:
             say=lambda _, row: {k: round(float(v), 3) if isinstance(v, float) else v
                                 for k, v in row.items()},
         )  # fmt: skip
-    with open(given.folder / "cube_tosses.csv", "w", newline="") as stream:
-        table = csv.DictWriter(stream, rows[0])
-        table.writeheader()
-        table.writerows(rows)
+    write_csv(given.folder / "cube_tosses.csv", rows)
     tell(rows)
     draw(rows, known["friction_reported"], given.folder / "cube_tosses.png")
 

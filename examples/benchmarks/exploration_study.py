@@ -20,14 +20,13 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread a process: before NumPy
 
 import argparse
-import csv
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 from exploration_objects import corners, errors, guess_of, world_of
 from exploration_report import FILE, report
-from study import add_executor, executor_of, run_study
+from study import add_executor, executor_of, run_study, write_csv
 from trimesh.transformations import quaternion_matrix
 
 from tactilenlp import Scene, World, explore
@@ -76,7 +75,6 @@ def picture(world: World, estimate) -> dict:
 def study(arguments) -> list[dict]:
     """Run what is not there yet; return the rows of all trials."""
     folder = Path(arguments.folder)
-    folder.mkdir(parents=True, exist_ok=True)
     asked = arguments.trials, arguments.policies, arguments.starts
     actions = arguments.actions
     actions = ACTIONS[arguments.objects] if actions is None else actions
@@ -99,13 +97,9 @@ def _words(case, rows) -> str:
     return f"trial {trial}, {policy}, {start}: {ended}"
 
 
-def write_csv(rows: list[dict], path: Path) -> None:
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    names = [n for n in names if not n.endswith("vertices")]
-    with open(path, "w", newline="") as stream:
-        table = csv.DictWriter(stream, names, extrasaction="ignore")
-        table.writeheader()
-        table.writerows(rows)
+def tabled(row: dict) -> dict:
+    """Return what a table has of a row: all but the vertices."""
+    return {k: v for k, v in row.items() if not k.endswith("vertices")}
 
 
 def main() -> None:
@@ -126,7 +120,7 @@ def main() -> None:
     if arguments.objects == "polytope" and asked & {"paper", "eig", "fisher"}:
         parser.error("polytopes: --starts ours, --policies random farthest only")
     rows = study(arguments)
-    write_csv(rows, Path(arguments.folder) / "trials.csv")
+    write_csv(Path(arguments.folder) / "trials.csv", [*map(tabled, rows)])
     report(rows, Path(arguments.folder))
 
 

@@ -1,7 +1,7 @@
 """Explore on the simulated robot under the paper's conditions, through all its wires.
 
     python examples/benchmarks/explore_on_robot.py folder [--trials 6]
-        [--policies eig random] [--actions 5]
+        [--policies eig random] [--actions 5] [--executor processes|dask|mpi|none]
 
 A box of 58 x 49 x 53 mm and 0.5 kg, two opposing fingers of a TriFingerEdu with
 rendered DenseTact pictures, approach angles within pi / 4, starts at random within
@@ -10,8 +10,8 @@ so that a tip at rest is 3 to 5 mm from where it says, as in the paper.
 
 The fingers' offsets are unknowns of the estimates that choose the actions ("unknown");
 beside them the same touches are estimated as if there were none ("ignored").  The truth
-serves only to judge.  Every trial is kept in trials.jsonl as soon as it is done, its
-touches beside it (.npz); called again, the study goes on from there.  Writes
+serves only to judge.  Every trial is kept in trials.jsonl (study.py) as soon as it is
+done, its touches beside it (.npz); called again, the study goes on from there.  Writes
 trials.csv, table.txt and real.png, the paper's figure.
 """
 
@@ -20,6 +20,7 @@ import os
 os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
 
 import argparse
+from functools import partial
 from itertools import product
 from pathlib import Path
 from time import process_time
@@ -30,9 +31,9 @@ matplotlib.use("Agg")
 import numpy as np
 import trimesh
 from matplotlib import pyplot as plt
-from resume import resumed, write_csv
 from scipy import stats
 from scipy.spatial.transform import Rotation
+from study import add_executor, executor_of, run_study, write_csv
 
 from hardware.bench import Bench
 from hardware.kinematics import INITIAL
@@ -81,7 +82,9 @@ def robot_of(number: int, policy: str) -> SimulatedRobot:
     )  # fmt: skip
 
 
-def run(number: int, policy: str, options: argparse.Namespace) -> list[dict]:
+def run(
+    number: int, policy: str, actions: int, budget: int, folder: Path
+) -> list[dict]:
     """Return a row for either scene after the first touch and after each action."""
     robot = robot_of(number, policy)
     begin, rows, ignored = robot.pose[:3], [], None
@@ -96,8 +99,8 @@ def run(number: int, policy: str, options: argparse.Namespace) -> list[dict]:
             stiffness=stiffness, max_force=force,
         )  # fmt: skip
         for step in explore(
-            world, SCENES["unknown"], options.actions, policy, seed=number,
-            workspace=space, centre=begin, budget=options.budget, options=OPTIONS,
+            world, SCENES["unknown"], actions, policy, seed=number,
+            workspace=space, centre=begin, budget=budget, options=OPTIONS,
         ):  # fmt: skip
             data, began = step.estimate.measurements, process_time()
             ignored = solve_estimate(
@@ -114,10 +117,14 @@ def run(number: int, policy: str, options: argparse.Namespace) -> list[dict]:
             ):
                 rows.append(row | {"offset": offset, "cpu_s": cpu})
                 rows[-1] |= errors(estimate, pose)
-            known, ignorant = (f"{one['p2s_mm']:.2f}" for one in rows[-2:])
-            print(number, policy, step.number, known, ignorant, "mm", flush=True)
-    data.save(options.folder / f"{number:03d}_{policy}.npz")
+    data.save(folder / f"{number:03d}_{policy}.npz")
     return rows
+
+
+def said(case, rows) -> str:
+    """Return a trial that ended in words."""
+    known, ignored = (f"{r['offset']} {r['p2s_mm']:.2f} mm" for r in rows[-2:])
+    return f"trial {case[0]}, {case[1]}: offset {known}, {ignored}"
 
 
 def errors(estimate, pose: np.ndarray) -> dict:
@@ -222,15 +229,15 @@ def main() -> None:
     parser.add_argument("--actions", type=int, default=5)
     parser.add_argument("--policies", nargs="+", default=["eig", "random"])
     parser.add_argument("--budget", type=int, default=60, help="evaluations per choice")
+    add_executor(parser)
     options = parser.parse_args()
     numbers = range(options.first, options.first + options.trials)
-    cells = list(product(numbers, options.policies))
-
-    def run_all(missing):
-        return (run(number, policy, options) for number, policy in missing)
-
-    kept = options.folder / "trials.jsonl"
-    rows = resumed(kept, ("trial", "policy"), cells, run_all)
+    about = {"actions": options.actions, "budget": options.budget}
+    kept, cases = options.folder / "trials.jsonl", product(numbers, options.policies)
+    trial = partial(run, folder=options.folder, **about)
+    with executor_of(options, __file__) as executor:
+        found = run_study(kept, "robot", trial, cases, executor, about, said)
+    rows = [row for rows in found for row in rows]
     write_csv(options.folder / "trials.csv", rows)
     steps = range(options.actions + 1)
     words = table(rows, options.policies, steps)

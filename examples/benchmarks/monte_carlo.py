@@ -87,7 +87,6 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=Path("benchmark/monte_carlo"))
     add_executor(parser)
     arguments = parser.parse_args()
-    arguments.folder.mkdir(parents=True, exist_ok=True)
     cases = [
         (file, arguments.actions, number, NOISE)
         for number in range(arguments.count)

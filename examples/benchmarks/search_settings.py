@@ -2,12 +2,13 @@
 
     python examples/benchmarks/search_settings.py ../shared/scenes/cuboid_0*.npz
         ../shared/scenes/platonic_*_0.npz [--actions 6] [--out benchmark]
+        [--executor processes|dask|mpi|none]
 
 Whole estimates, from scratch, one setting changed at a time from the default.  Only the
 tolerance is a setting of a polytope's search.  `reached`: converged, within 2 nats of
 the lowest objective that any setting found for this file.  mm: exact mean distance of
 the surfaces at the last sample.  Failed estimates are counted as infinitely wrong.
-Called again with the same --out, it runs what is missing.
+Called again with the same --out, it runs what is missing (study.py).
 """
 
 import os
@@ -21,7 +22,7 @@ from time import process_time
 import matplotlib.pyplot as plt
 import numpy as np
 from compare_formulations import front
-from resume import resumed, write_csv
+from study import add_executor, executor_of, run_study, write_csv
 from trimesh.convex import convex_hull
 from trimesh.transformations import quaternion_matrix, translation_matrix
 
@@ -127,12 +128,19 @@ def draw(points, path) -> None:
     plt.close(figure)
 
 
+def said(case, r) -> str:
+    """Return an estimate that ended in words."""
+    cell = " ".join([Path(case[0]).stem, *map(str, case[1:])])
+    return f"{cell} {r['mm']:.2f} mm {r['cpu_s']:.1f} s {r['status']}"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("files", nargs="+")
     parser.add_argument("--actions", type=int, nargs="+", default=[6])
     parser.add_argument("--settings", nargs="+", default=[*SETTINGS], choices=SETTINGS)
     parser.add_argument("--out", type=Path, default=Path("benchmark"))
+    add_executor(parser, "none")
     args = parser.parse_args()
     cells = [
         (file, actions, setting)
@@ -140,14 +148,10 @@ def main() -> None:
         if "side_lengths" in np.load(file) or setting in OF_POLYTOPES
     ]  # fmt: skip
 
-    def run_all(missing):
-        for cell in missing:
-            r = run(*cell)
-            print(Path(cell[0]).stem, *cell[1:], f"{r['mm']:.2f} mm {r['cpu_s']:.1f} s",
-                  r["status"], flush=True)  # fmt: skip
-            yield [r]
-
-    rows = resumed(args.out / "search_settings.jsonl", KEYS, cells, run_all)
+    kept = args.out / "search_settings.jsonl"
+    scripts = Path(__file__).with_name("compare_formulations.py"), __file__
+    with executor_of(args, *scripts) as executor:
+        rows = run_study(kept, "search settings", run, cells, executor, say=said)
     judge(rows)
     write_csv(args.out / "search_settings.csv", rows)
     draw(table(rows), args.out / "search_settings.png")

@@ -1,17 +1,18 @@
 """Stress the estimator: a table of cells, each with a rule that it must pass.
 
     python examples/benchmarks/stability.py folder [--axes friction "time step"]
-        [--ways cuboid polytope] [--core] [--executor processes|dask|none]
+        [--ways cuboid polytope] [--core] [--executor processes|dask|mpi|none]
 
 A cell is one value of one axis, solved one way.  It passes if it is right to a
 millimetre, or no error exceeds five of its own sigmas; if two solves that must agree
 do; or if it ends with a typed error where the axis says beforehand that it may.
 Never: a number that is not finite, a confident wrong answer, a crash, a hang.
 
-Rows are kept in stability.jsonl as soon as a cell is done; called again, the suite goes
-on from there.  Writes stability.csv and stability.png.  The axes, with their rules and
-with what may be refused, are in stability_world.py, stability_sensors.py and
-stability_solver.py, the judge in stability_judge.py.
+Rows are kept in stability.jsonl (study.py) as soon as a cell is done; called again, the
+suite goes on from there.  Only with `processes` is the time of a cell limited.  Writes
+stability.csv and stability.png.  The axes, with their rules and with what may be
+refused, are in stability_world.py, stability_sensors.py and stability_solver.py, the
+judge in stability_judge.py.
 """
 
 import os
@@ -21,10 +22,12 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread a process: before Nu
 import argparse
 import signal
 import sys
+import threading
 import time
 import warnings
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -32,7 +35,6 @@ import numpy as np
 import stability_sensors
 import stability_solver
 import stability_world
-from resume import resumed, write_csv
 from stability_judge import (
     COLOURS,
     CRASH,
@@ -45,6 +47,7 @@ from stability_judge import (
     refused,
     row,
 )
+from study import add_executor, executor_of, results_of, run_study, write_csv
 
 from tactilenlp.errors import TactileError
 
@@ -69,11 +72,14 @@ CORE = (  # a dozen cells for the tests: every verdict and every kind of rule
 )
 WIDE = 1.1  # [in] of a cell in the picture
 KEYS = ("axis", "value", "way")
+PARTS = ("judge", "pages", "scenes", "sensors", "solver", "world")  # in import order
+CHILD = threading.local()  # .pool: the process in which a thread runs its cells
+SCRIPTS = *(Path(__file__).with_name(f"stability_{p}.py") for p in PARTS), __file__
 
 
-def run(cell) -> list[dict]:
+def run(name, value, way) -> list[dict]:
     """Return the rows of a cell; whatever goes wrong is a row as well."""
-    name, value, way = cell
+    cell = name, value, way
     axis, began = AXES[name], time.process_time()
     try:
         with warnings.catch_warnings():
@@ -99,46 +105,41 @@ def finished(cell, found: dict, seconds: float) -> dict:
     return label | plain | {"passed": passed, "cpu_s": seconds, "may_refuse": allowed}
 
 
-def limited(cell) -> list[dict]:
-    """Run a cell in a process of its own pool, which dies if it takes too long."""
+def timed(*cell) -> list[dict]:
+    """Run a cell in a process that dies if it takes too long."""
     signal.setitimer(signal.ITIMER_PROF, LIMIT)
     signal.setitimer(signal.ITIMER_REAL, WAIT)
-    rows = run(cell)
+    rows = run(*cell)
     signal.setitimer(signal.ITIMER_PROF, 0)
     signal.setitimer(signal.ITIMER_REAL, 0)
     return rows
 
 
-def in_processes(cells, workers: int, task=limited):
-    """Yield the rows of each cell; one that kills its process twice is a hang."""
-    waiting, suspects = list(cells), []
-    while waiting:
-        lost = yield from in_pool(waiting, workers, task)
-        suspects += lost[:workers]  # those that ran when the process died: each alone
-        waiting = lost[workers:]
-    for cell in suspects:
-        if (yield from in_pool([cell], 1, task)):
-            yield [finished(cell, row("estimate", HANG), float(LIMIT))]
+def limited(*cell, task=timed) -> list[dict]:
+    """Run a cell in the child of this thread; one that kills it twice is a hang.
+
+    A thread has one process of its own, cell after cell, until it dies or the thread
+    ends.  (Processes that started children themselves would wait for them for ever.)
+    """
+    for _ in range(2):
+        if not hasattr(CHILD, "pool"):
+            CHILD.pool = ProcessPoolExecutor(1, get_context("spawn"))
+        try:
+            return CHILD.pool.submit(task, *cell).result()
+        except BrokenProcessPool:
+            del CHILD.pool
+    return [finished(cell, row("estimate", HANG), float(LIMIT))]
 
 
-def in_pool(cells, workers: int, task):
-    """Yield the rows of each cell until a process dies; return what is left."""
-    left = []
-    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
-        for cell, future in [(cell, pool.submit(task, cell)) for cell in cells]:
-            try:
-                yield future.result()
-            except BrokenProcessPool:
-                left.append(cell)
-    return left
-
-
-def in_dask(cells, address):
-    from distributed import Client, as_completed  # an extra: tactilenlp[dask]
-
-    with Client(address) as client:
-        for future in as_completed(client.map(run, cells, pure=False)):
-            yield future.result()
+@contextmanager
+def watched(arguments):
+    """Give where cells run, and how: beside a process each that may be killed."""
+    if arguments.executor == "processes":
+        with ThreadPoolExecutor(arguments.workers or os.cpu_count()) as pool:
+            yield pool, limited
+    else:
+        with executor_of(arguments, *SCRIPTS) as executor:
+            yield executor, run
 
 
 def chosen(arguments) -> list[tuple]:
@@ -152,22 +153,19 @@ def chosen(arguments) -> list[tuple]:
 
 def suite(arguments) -> list[dict]:
     """Run what is missing of the cells that are asked for; return all their rows."""
-    ways = {
-        "none": lambda cells: map(run, cells),
-        "processes": lambda cells: in_processes(cells, arguments.workers),
-        "dask": lambda cells: in_dask(cells, arguments.address),
-    }
-
-    def run_all(cells):
-        if arguments.report:
-            return
-        for rows in ways[arguments.executor](cells):
-            for r in rows:
-                print(said(r), flush=True)
-            yield rows
-
-    kept = arguments.folder / "stability.jsonl"
-    return resumed(kept, KEYS, chosen(arguments), run_all)
+    kept, cells = arguments.folder / "stability.jsonl", chosen(arguments)
+    if arguments.report:
+        rows = [r for found in results_of(kept, "stability") for r in found]
+        place = {cell: i for i, cell in enumerate(cells)}
+        rows = [(tuple(r[k] for k in KEYS), r) for r in rows]
+        rows = [(place[cell], r) for cell, r in rows if cell in place]
+        return [r for _, r in sorted(rows, key=lambda pair: pair[0])]
+    with watched(arguments) as (executor, task):
+        found = run_study(
+            kept, "stability", task, cells, executor,
+            say=lambda _, rows: "\n".join(map(said, rows)),
+        )  # fmt: skip
+    return [r for rows in found for r in rows]
 
 
 def said(r) -> str:
@@ -249,10 +247,7 @@ def main() -> None:
     parser.add_argument("--ways", nargs="+", metavar="WAY")
     parser.add_argument("--core", action="store_true", help="the tests' dozen cells")
     parser.add_argument("--report", action="store_true", help="of what is there")
-    parser.add_argument("--executor", default="processes",
-                        choices=["processes", "dask", "none"])  # fmt: skip
-    parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--address", help="of a Dask scheduler")
+    add_executor(parser)
     arguments = parser.parse_args()
     rows = suite(arguments)
     write_csv(arguments.folder / "stability.csv", rows)

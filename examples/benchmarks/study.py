@@ -8,6 +8,7 @@ was cut short, as by a power failure, is dropped and its trial run again:
     header, *trials = map(json.loads, open("study.jsonl"))
 """
 
+import csv
 import json
 import os
 from argparse import ArgumentParser
@@ -27,9 +28,11 @@ EXECUTORS = ("processes", "dask", "mpi", "none")
 def run_study(path, name, function, cases, executor=None, about=None, say=None) -> list:
     """Return function(*case) of every case, in order; run what the file has not yet.
 
-    cases: lists of plain values; results: plain values as well.  executor: of
-    concurrent.futures, None runs here; say(case, result): words for each that ended.
+    cases: lists of plain values; results: plain values or NumPy's numbers, returned as
+    the file has them.  executor: of concurrent.futures, None runs here; say(case,
+    result): words for each that ended.
     """
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
     header = {"format": FORMAT, "version": VERSION, "study": name, "about": about}
     kept, cases = _taken_up(Path(path), header), [list(case) for case in cases]
     todo = [case for case in cases if json.dumps(case) not in kept]
@@ -38,10 +41,11 @@ def run_study(path, name, function, cases, executor=None, about=None, say=None) 
             file.write(json.dumps(header | {"written_by": versions()}) + "\n")
         ended = _ended(executor, function, todo)
         for case, result in progress(ended, name, total=len(todo)):
-            kept[json.dumps(case)] = result
-            line = json.dumps({"case": case, "result": result}, default=float)
+            line = json.dumps({"case": case, "result": result}, default=_plain)
             file.write(line + "\n")
             file.flush()
+            # The same values whether a trial is new or was kept: tuples are lists.
+            kept[json.dumps(case)] = result = json.loads(line)["result"]
             if say is not None:
                 wipe()
                 print(say(case, result), flush=True)
@@ -51,6 +55,20 @@ def run_study(path, name, function, cases, executor=None, about=None, say=None) 
 def results_of(path, name: str) -> list:
     """Return what is kept of a study so far, in the order in which trials ended."""
     return [*_taken_up(Path(path), {"study": name}).values()]
+
+
+def write_csv(path, rows: list[dict]) -> None:
+    """Write rows as one table; a column for every key that any of them has."""
+    with open(path, "w", newline="", encoding="utf-8") as stream:
+        names = dict.fromkeys(key for row in rows for key in row)
+        table = csv.DictWriter(stream, [*names])
+        table.writeheader()
+        table.writerows(rows)
+
+
+def _plain(value):
+    """Return a NumPy number or boolean as Python's."""
+    return value.item()
 
 
 def _taken_up(path: Path, expected: dict) -> dict:
@@ -90,9 +108,9 @@ def _ended(executor, function, cases):
             future.cancel()
 
 
-def add_executor(parser: ArgumentParser) -> None:
-    """Add the arguments that `executor_of` reads."""
-    parser.add_argument("--executor", choices=EXECUTORS, default="processes")
+def add_executor(parser: ArgumentParser, default: str = "processes") -> None:
+    """Add the arguments that `executor_of` reads; "none" where seconds are compared."""
+    parser.add_argument("--executor", choices=EXECUTORS, default=default)
     parser.add_argument("--workers", type=int, help="processes, all cores by default")
     parser.add_argument("--address", help="of a running Dask scheduler")
 
