@@ -118,7 +118,7 @@ def _searched(job, page, kept, start, options, executor):
     # A search is as lean as it can be, whatever the last solve leaves out.
     search = replace(job, reductions=Reductions())
     if is_polytope(job.shape):
-        found = polytope_search(search, kept)
+        found = polytope_search(search, kept, so_far=kept)
         return found, found
     search = replace(search, first=first_guess(start, job.shape))
     plane = None

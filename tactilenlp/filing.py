@@ -37,10 +37,15 @@ def write(path, name: str, number: int, content, kinds: dict) -> None:
     arrays: dict[str, np.ndarray] = {}
     header = {"format": name, "version": number, "written_by": versions()}
     header["content"] = _pack(content, "", arrays, kinds)
-    header = np.array(json.dumps(header))
+    write_npz(path, {"header": np.array(json.dumps(header)), **arrays})
+
+
+def write_npz(path, arrays: dict) -> None:
+    """Write arrays by name as an .npz file at this very path: whole, or not at all."""
+    check_path(path)
     check_folder(path, str(path))
     with _whole(path) as file:
-        np.savez_compressed(file, header=header, **arrays)
+        np.savez_compressed(file, **arrays)
 
 
 def check_folder(path, where: str) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from tactilenlp.archive import read_npz
 from tactilenlp.checks import check_types
 from tactilenlp.errors import MeasurementError
+from tactilenlp.filing import write_npz
 
 UNIT_TOLERANCE = 1e-3  # [1], beyond it a vector is wrong, not merely rounded
 UNIT_EXACT = 1e-12  # [1], below it a length is left alone: round trips stay exact
@@ -78,8 +79,7 @@ class Measurements:
 
     def save(self, path: str | os.PathLike) -> None:
         """Write an .npz file that loads to equal Measurements, to the last digit."""
-        with open(path, "wb") as stream:  # a stream: savez would add a suffix to a path
-            np.savez_compressed(stream, **self._arrays())
+        write_npz(path, self._arrays())
 
     @property
     def samples(self) -> int:

@@ -75,36 +75,49 @@ def reseeded(h: Hypothesis) -> Hypothesis:
     return replace(h, theta=onto.ravel())
 
 
-def search(job, kept) -> list[Hypothesis]:
+def search(job, kept, so_far=None) -> list[Hypothesis]:
     """Return the hypothesis that explains all actions of a job, with least motion.
 
     kept: a hypothesis of the first actions, if any, with any number of vertices.
+    so_far: a list in which Ctrl-C leaves that of the actions done by then.
     """
     job = replace(job, data=_backed(job.data, job.precision.normal))
     done = kept[0].x.shape[1] if kept else 0
     faces = _resumed(job, kept[0]) if kept else None
-    for action in progress(np.unique(job.data.action), "search"):
-        last = int(np.nonzero(job.data.action == action)[0][-1]) + 1
-        if last <= done or not (job.data.contact & job.data.valid)[:last].any():
-            continue
-        faces = extended(job, faces, last)
-    window = reduce(job.data, job.scene, job.shape, job.precision, job.reductions)
+    try:
+        for action in progress(np.unique(job.data.action), "search"):
+            last = int(np.nonzero(job.data.action == action)[0][-1]) + 1
+            if last <= done or not (job.data.contact & job.data.valid)[:last].any():
+                continue
+            faces = extended(job, faces, last)
+        return [polished(job, body_of(job, faces))]
+    except KeyboardInterrupt:
+        if so_far is not None and faces is not None:
+            so_far[:] = [body_of(job, faces)]
+        raise
+
+
+def body_of(job, faces: Faces) -> Hypothesis:
+    """Return the body that planes of the first samples carve out, where they saw it."""
+    data = job.data.select(np.unique(job.data.action[: faces.x.shape[1]]))
+    window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
     vertices = carved(window, faces, job.shape.size_prior, job.shape.theta // 3)
-    return [polished(job, vertices, faces)]
+    found = vertices.ravel(), faces.x, faces.objective, ("planes",), faces.iterations
+    return Hypothesis(*found)
 
 
-def polished(job, vertices, faces: Faces) -> Hypothesis:
+def polished(job, body: Hypothesis) -> Hypothesis:
     """Return the carved body with vertices and poses that fit what was felt."""
-    window, shape = window_of(job, (vertices.ravel(), faces.x))
+    window, shape = window_of(job, (body.theta, body.x))
     problem = Problem()
     polytope_quasi_static.build(problem, window, job.scene, shape)
     options = SolverOptions(tolerance=TOLERANCE, time_limit=LONGEST)
-    start = {"theta": vertices.T, "x": faces.x[:, window.last]}
+    start = {"theta": body.theta.reshape(-1, 3).T, "x": body.x[:, window.last]}
     levels = [replace(k, iterations=ENOUGH) for k in polytope_quasi_static.LEVELS]
     s = solve_levels(problem, levels, start, options)
     theta, x = s.values["theta"].T.ravel(), s.values["x"][:, window.knot]
-    iterations = faces.iterations + s.iterations
-    return Hypothesis(theta, x, s.objective, ("planes",), iterations)
+    iterations = body.iterations + s.iterations
+    return Hypothesis(theta, x, s.objective, body.path, iterations)
 
 
 def _backed(data, sigma: float):

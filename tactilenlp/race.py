@@ -23,9 +23,20 @@ def raced(job, page, hypotheses, options, levels, known=(), solved=None) -> list
 
     levels: of the page, the last one decides; known: solved already, what is found
     competes with them; solved: an empty list to leave results in, for whoever
-    interrupts.
+    interrupts, rough ones until there are others.
     """
-    solved, shared, rough = [] if solved is None else solved, {}, []
+    solved, rough = [] if solved is None else solved, []
+    try:
+        _race(job, page, hypotheses, options, levels, known, solved, rough)
+    except KeyboardInterrupt:
+        solved += [] if solved else rough
+        raise
+    return sorted(solved, key=lambda s: s.rank)
+
+
+def _race(job, page, hypotheses, options, levels, known, solved, rough) -> None:
+    """Fill `rough` with hypotheses before the last level, `solved` with those after."""
+    shared = {}
     apart = len(levels) == 1 or levels[-2].fixed or levels[-1].anew
     apart = apart or not job.reductions.planar
     for h in progress(hypotheses, "solve"):
@@ -46,7 +57,6 @@ def raced(job, page, hypotheses, options, levels, known=(), solved=None) -> list
         given = s.hypothesis, options, shared, levels[-1:], s.solution
         solved.append(replace(solved_from(job, page, *given), rough=s.at))
         ends.append(s.at)
-    return sorted(solved, key=lambda s: s.rank)
 
 
 def _behind(rough: Solved, solved) -> bool:

@@ -9,6 +9,7 @@ from dataclasses import KW_ONLY, dataclass
 import numpy as np
 
 from .errors import OptionError, SceneError
+from .filing import write_npz
 from .measurements import Measurements
 from .noise import Noise, add_noise
 from .plant import LIVELIEST, STEP, Plant
@@ -209,8 +210,7 @@ class World:
         arrays["final_position"] = self.truth.object_position[-1]
         arrays["final_quaternion"] = self.truth.object_quaternion[-1]
         arrays |= {"contact_force_threshold": self.contact_force, "solver_step": STEP}
-        with open(path, "wb") as stream:  # a stream: savez would add a suffix to a path
-            np.savez_compressed(stream, **arrays)
+        write_npz(path, arrays)
 
     def _row(self, touch: np.ndarray) -> tuple:
         """Return one sample of Truth from the forces (n, F, 6) [N] since the last."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from .archive import read_npz
 from .errors import MeasurementError
+from .filing import write_npz
 
 UNIT_TOLERANCE = 1e-3  # [1], a quaternion further from unit length is none
 LARGEST = 100.0  # [m], no tracked body is further off: beyond it the file is in mm
@@ -71,8 +72,7 @@ class Trajectories:
 
     def save(self, path: str | os.PathLike) -> None:
         """Write an .npz file that loads to the same trajectories."""
-        with open(path, "wb") as stream:
-            np.savez_compressed(stream, **{key: getattr(self, key) for key in KEYS})
+        write_npz(path, {key: getattr(self, key) for key in KEYS})
 
     @property
     def tosses(self) -> np.ndarray:

@@ -28,9 +28,10 @@ class SoFar:
 def interrupted(data, job, page, options, so_far: SoFar) -> Interrupted:
     """Return Ctrl-C that carries the best estimate of what was found by now.
 
-    Of solved pages, the best; before there is one, least motion of the actions that the
-    search is through with; before the first of them, and for a floating object whose
-    hypotheses lie in a plane of their own, nothing.
+    Of solved pages, the best, or roughly solved ones where no other is there yet;
+    before these, least motion of the actions that the search is through with; before
+    the first of them, and for a floating object whose hypotheses lie in a plane of
+    their own, nothing.
     """
     whole, solved = data.actions, min(so_far.solved, key=lambda s: s.rank, default=None)
     if solved is None and so_far.kept and job.scene.ground is not None:

@@ -185,11 +185,14 @@ def test_an_old_estimate_is_one_to_an_exploration_as_well(tmp_path):
     assert caught.value.got == "version 1 of an estimate"
 
 
+@pytest.mark.parametrize("kind", ["estimate", "measurements", "trajectories"])
 def test_a_save_that_fails_leaves_what_was_there_and_nothing_else(
-    estimate, tmp_path, monkeypatch
+    kind, estimate, tossed, tmp_path, monkeypatch
 ):
-    path = tmp_path / "estimate.npz"
-    estimate.save(path)
+    path = tmp_path / "file.npz"
+    tosses, felt = Trajectories.load(tossed), estimate.measurements
+    made = {"estimate": estimate, "measurements": felt, "trajectories": tosses}[kind]
+    made.save(path)
     before = path.read_bytes()
 
     def full(file, **arrays):
@@ -198,7 +201,7 @@ def test_a_save_that_fails_leaves_what_was_there_and_nothing_else(
 
     monkeypatch.setattr(np, "savez_compressed", full)
     with pytest.raises(OSError, match="no space"):
-        estimate.save(path)
+        made.save(path)
     assert [*tmp_path.iterdir()] == [path]
     assert path.read_bytes() == before
 

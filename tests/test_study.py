@@ -120,3 +120,35 @@ def test_other_settings_are_another_study(study, tmp_path):
     study.run_study(file, "squares", squared, CASES, about={"n": 2})
     with pytest.raises(FileError, match=r"'n': 3.*'n': 2.*another file"):
         study.run_study(file, "squares", squared, CASES, about={"n": 3})
+
+
+def test_what_is_mapped_keeps_its_order_and_may_say_what_stands_for_a_failure(study):
+    def inverse(number):
+        return 1 / number
+
+    cases = [(2,), (0,), (4,)]
+    with ThreadPoolExecutor(2) as pool:
+        for executor in (None, pool):
+            lost = lambda case, error: (case, type(error))  # noqa: E731
+            found = list(study.mapped(executor, inverse, cases, lost))
+            assert found == [0.5, ((0,), ZeroDivisionError), 0.25]
+            with pytest.raises(ZeroDivisionError):
+                list(study.mapped(executor, inverse, cases))
+
+
+ONE_RUN = {  # benchmarks of which there is nothing to spread, and why
+    "executors": "measures executors",
+    "exploration_report": "reads a study",
+    "optical_frame": "times one picture",
+    "paper_descent": "one descent",
+    "record": "reads a table",
+    "report_cuboid": "reads runs",
+    "report_monte_carlo": "reads a study",
+}
+
+
+def test_every_study_takes_an_executor():
+    texts = {p.stem: p.read_text(encoding="utf-8") for p in BENCHMARKS.glob("*.py")}
+    scripts = {name for name, text in texts.items() if '"__main__"' in text}
+    spread = {name for name in scripts if "add_executor(" in texts[name]}
+    assert scripts - spread == {*ONE_RUN}

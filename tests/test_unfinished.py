@@ -5,10 +5,20 @@ import signal
 import subprocess
 import sys
 
+import numpy as np
 import pytest
-from conftest import RECORDED
+from conftest import RECORDED, ROOT
+from trimesh.convex import convex_hull
+from trimesh.transformations import quaternion_matrix, transform_points
 
-from tactilenlp import Estimate, Options, solve_estimate
+from tactilenlp import (
+    Estimate,
+    Measurements,
+    Options,
+    Scene,
+    solve_estimate,
+    surface_distance,
+)
 from tactilenlp.errors import Interrupted
 
 QUICK = Options(hypotheses=2, starts=3, rivals=False)
@@ -66,6 +76,41 @@ def test_solved_pages_are_left_as_they_are(recorded, pressed, tmp_path):
     assert found.seconds["total"] > found.seconds["solve"]
     found.save(tmp_path / "unfinished.npz")
     assert Estimate.load(tmp_path / "unfinished.npz").status == found.status
+
+
+def test_rough_levels_of_a_race_are_better_than_least_motion(recorded, pressed):
+    from tactilenlp import race
+
+    data, scene, _ = recorded
+    data = data.select(range(2))
+    pressed(race, "solved_from", 1)  # one hypothesis, before its last level
+    with pytest.raises(Interrupted) as stop:
+        solve_estimate(data, scene, options=QUICK)
+    found = stop.value.estimate
+    assert found.formulation == "violation_implicit"
+    assert found.status.startswith("interrupted, 2 of 2 actions")
+    assert found.impulses["finger 0"].any()
+
+
+def test_a_search_for_a_polytope_leaves_what_its_planes_carve_out(pressed, monkeypatch):
+    from tactilenlp import polytopes
+
+    file = ROOT / "examples" / "data" / "polytope.npz"
+    data, scene = Measurements.load(file).select(range(3)), Scene.load(file)
+    pressed(polytopes, "extended", 2)
+    with pytest.raises(Interrupted, match="2 of 3 actions") as stop:
+        solve_estimate(data, scene, shape="polytope")
+    found = stop.value.estimate
+    assert not found.success
+    assert found.measurements == data.select(range(2))
+    assert found.vertices.shape == (20, 3)
+    monkeypatch.undo()
+    whole = solve_estimate(data, scene, shape="polytope", start=found, throw=False)
+    with np.load(file) as truth:
+        pose = quaternion_matrix(truth["object_quaternion"][data.samples - 1])
+        pose[:3, 3] = truth["object_position"][data.samples - 1]
+        true = convex_hull(transform_points(truth["vertices"], pose))
+    assert surface_distance(whole.mesh(), true).mean < 4e-3  # [m], few faces touched
 
 
 def test_before_anything_is_found_there_is_nothing(recorded, pressed):

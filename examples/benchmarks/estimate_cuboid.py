@@ -2,6 +2,7 @@
 
 python examples/benchmarks/estimate_cuboid.py ../shared/scenes/cuboid_*.npz
 ... ../shared/scenes/stress_*.npz --actions 6 --knowledge known default "mass x2"
+    [--executor processes|dask|mpi|none] [--workers 1]
 
 Truth is read here, never by the package: it judges the result, and it starts a second
 solve of the same page at the true motion, whose objective a good search must reach.
@@ -13,12 +14,9 @@ import os
 os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
 
 import argparse
-import csv
 import json
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import product
-from multiprocessing import get_context
 from pathlib import Path
 from time import process_time
 from timeit import repeat
@@ -26,6 +24,7 @@ from timeit import repeat
 import numpy as np
 from report_cuboid import report
 from scipy.spatial.transform import Rotation
+from study import add_executor, executor_of, mapped, write_csv
 from trimesh.creation import box
 from trimesh.sample import sample_surface
 from trimesh.transformations import quaternion_matrix, translation_matrix
@@ -213,16 +212,21 @@ def cases_of(arguments) -> list[Case]:
     return cases
 
 
-def run_all(cases, processes):
+def run_all(cases, executor):
     """Yield all rows so far; where a process dies, each of its runs has failed."""
     rows = []
-    with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
-        for case, future in [(case, pool.submit(run_case, case)) for case in cases]:
-            lost = {"success": False, "error": repr(future.exception())}
-            lost = [case.label(na) | lost for na in case.actions]
-            rows += lost if future.exception() else future.result()
-            print(len(rows), "rows, done:", *vars(case).values(), flush=True)
-            yield rows
+    found = mapped(executor, run_case, [(case,) for case in cases], lost)
+    for case, new in zip(cases, found, strict=True):
+        rows += new
+        print(len(rows), "rows, done:", *vars(case).values(), flush=True)
+        yield rows
+
+
+def lost(arguments, error) -> list[dict]:
+    """Return the rows of a case that failed."""
+    (case,) = arguments
+    said = {"success": False, "error": repr(error)}
+    return [case.label(na) | said for na in case.actions]
 
 
 def main() -> None:
@@ -233,15 +237,15 @@ def main() -> None:
     add("--formulations", nargs="+", default=every, choices=every)
     add("--paths", nargs="+", default=paths, choices=paths)
     add("--knowledge", nargs="+", default=["known"], choices=KNOWLEDGE)
-    add("--processes", type=int, default=2)
     add("--out", type=Path, default=Path("benchmark"))
+    add_executor(parser)
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    for rows in run_all(cases_of(arguments), arguments.processes):
-        (arguments.out / "runs.json").write_text(json.dumps(rows))
-    names = list(dict.fromkeys(key for row in rows for key in row))
-    with open(arguments.out / "runs.csv", "w", newline="") as stream:
-        csv.writer(stream).writerows([names, *([*map(r.get, names)] for r in rows)])
+    scripts = Path(__file__).with_name("report_cuboid.py"), __file__
+    with executor_of(arguments, *scripts) as executor:
+        for rows in run_all(cases_of(arguments), executor):
+            (arguments.out / "runs.json").write_text(json.dumps(rows))
+    write_csv(arguments.out / "runs.csv", rows)
     report([arguments.out / "runs.json"])
 
 

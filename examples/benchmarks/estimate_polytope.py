@@ -2,6 +2,7 @@
 
 python examples/benchmarks/estimate_polytope.py ../shared/scenes/platonic_*_?.npz
 ... --actions 3 6 9 --vertices 8 20 30 --table polytope.csv --picture polytope.png
+    [--executor processes|dask|mpi|none]
 
 Truth is read here, never by the package.  t2e, e2t: mean distance of the true surface
 to the estimated one, and back; touched: of the true contact points to the estimate.
@@ -13,12 +14,13 @@ import os
 os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
 
 import argparse
-import csv
+from itertools import product
 from pathlib import Path
 from time import process_time
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from study import add_executor, executor_of, mapped, write_csv
 from trimesh.convex import convex_hull
 from trimesh.proximity import closest_point_naive
 
@@ -69,6 +71,15 @@ def measured(file, actions, vertices, stage, start=None):
     }, estimate  # fmt: skip
 
 
+def rows_of(file, vertices, stage, actions, incremental):
+    """Return the rows of a file for every number of actions, and for one more."""
+    rows = [measured(file, n, vertices, stage)[0] for n in actions]
+    if incremental:
+        _, early = measured(file, actions[-1] - 1, vertices, stage)
+        rows.append(measured(file, actions[-1], vertices, stage, early)[0])
+    return rows
+
+
 def summary(rows):
     """Print mean, median, p90 and worst by actions, vertices and stage; the targets."""
     figures = ("t2e_mm", "e2t_mm", "touched_mm", "third_mm", "cpu_s")
@@ -117,20 +128,15 @@ def main():
     parser.add_argument("--incremental", action="store_true", help="one more action")
     parser.add_argument("--table", default="polytope.csv")
     parser.add_argument("--picture")
-    chosen, rows = parser.parse_args(), []
-    for file in chosen.scenes:
-        for n in chosen.vertices:
-            for stage in chosen.stages:
-                for actions in chosen.actions:
-                    row, _ = measured(file, actions, n, stage)
-                    rows.append(row)
-                if chosen.incremental:
-                    _, early = measured(file, actions - 1, n, stage)
-                    rows.append(measured(file, actions, n, stage, early)[0])
-    with open(chosen.table, "w", newline="") as out:
-        writer = csv.DictWriter(out, rows[0])
-        writer.writeheader()
-        writer.writerows(rows)
+    add_executor(parser, "none")
+    chosen = parser.parse_args()
+    cases = product(
+        chosen.scenes, chosen.vertices, chosen.stages, [chosen.actions],
+        [chosen.incremental],
+    )  # fmt: skip
+    with executor_of(chosen, __file__) as executor:
+        rows = [row for some in mapped(executor, rows_of, cases) for row in some]
+    write_csv(chosen.table, rows)
     summary(rows)
     if chosen.picture:
         picture(rows, chosen.picture)

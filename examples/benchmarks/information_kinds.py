@@ -1,6 +1,7 @@
 """Benchmark kinds of information: cost and conditioning against the number of samples.
 
 python examples/benchmarks/information_kinds.py ../shared/scenes/stress_long_cuboid.npz
+    [--executor processes|dask|mpi|none], for the starts of each estimate
 
 Past poses carried to the last one by inverted Jacobians of the dynamics (the paper's
 first idea) lose all digits within an action; the joint programme does not.
@@ -11,12 +12,12 @@ import os
 os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
 
 import argparse
-import csv
 from pathlib import Path
 from time import process_time
 
 import numpy as np
 from matplotlib import pyplot as plt
+from study import add_executor, executor_of, write_csv
 
 from tactilenlp import Measurements, Scene, observed_information, solve_estimate
 from tactilenlp.curvature import curvature_of
@@ -31,13 +32,15 @@ def condition(matrix) -> float:
     return float(np.linalg.cond(matrix * np.outer(UNITS, UNITS)))
 
 
-def rows_of(file: Path, actions) -> tuple[list[dict], object]:
+def rows_of(file: Path, actions, executor) -> tuple[list[dict], object]:
     """Return a row for each number of actions, and the last estimate."""
     data, scene = Measurements.load(file), Scene.load(file)
     rows, estimate = [], None
     for na in actions:
         part = data.select(np.unique(data.action)[:na])
-        estimate = solve_estimate(part, scene, start=estimate, throw=False)
+        estimate = solve_estimate(
+            part, scene, start=estimate, executor=executor, throw=False
+        )
         again = programme_of(estimate)
         row = {"actions": na, "samples": part.samples, "unknowns": again.problem.size}
         began = process_time()
@@ -56,13 +59,12 @@ def main() -> None:
     parser.add_argument("file", type=Path)
     parser.add_argument("--actions", type=int, nargs="+", default=[2, 4, 6, 10, 15, 20])
     parser.add_argument("--folder", type=Path, default=Path("benchmark"))
+    add_executor(parser, "none")
     arguments = parser.parse_args()
     arguments.folder.mkdir(parents=True, exist_ok=True)
-    rows, estimate = rows_of(arguments.file, arguments.actions)
-    with open(arguments.folder / "information_kinds.csv", "w", newline="") as file:
-        writer = csv.DictWriter(file, rows[0])
-        writer.writeheader()
-        writer.writerows(rows)
+    with executor_of(arguments) as executor:
+        rows, estimate = rows_of(arguments.file, arguments.actions, executor)
+    write_csv(arguments.folder / "information_kinds.csv", rows)
     again = programme_of(estimate)
     link, _ = links(
         curvature_of(again.problem, again.solution), again.window, again.shape

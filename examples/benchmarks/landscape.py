@@ -1,6 +1,7 @@
 """Show why: the loss of shooting and of violation-implicit, along one unknown each.
 
 python examples/benchmarks/landscape.py [recording.npz]
+    [--executor processes|dask|mpi|none]
 
 Left, the paper's example: a step y = H(x - theta) fitted to points by squared error,
 and by the distance of the points to its graph.  Right, a recording: the loss along one
@@ -18,12 +19,13 @@ Both losses level off where no sample is explained: each costs 7 nats at the mos
 """
 
 import argparse
-import csv
+from itertools import product
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 from scipy.spatial.transform import Rotation
+from study import add_executor, executor_of, mapped, write_csv
 
 from formulations import multiple_shooting, violation_implicit
 from formulations.finger import SPHERE
@@ -42,6 +44,7 @@ SHOOTING = {  # name: times 30 Hz, still [m/s]
     "shooting 300 Hz, s = 2 mm/s": (10, 2e-3),
 }
 VIMP = "violation-implicit"
+ALONG = ("size", "position")
 WAY = 10e-3  # [m] to either side
 FELT = ("touch", "free")  # what a simulation can be compared with
 RISE = 0.1  # [nats] between two local minima
@@ -106,28 +109,26 @@ class Recording:
         return s.objective - sum(s.costs.get(n, 0.0) for n in priors)
 
 
-def slices(recording, axis, grid):
-    """Return {loss: values on the grid} along side `axis`, along the first position."""
-    side, place = np.eye(3)[axis], np.eye(3)[axis]
-    ways = {"size": [(g * side, 0 * place) for g in grid]}
-    c, s = np.cos(recording.x[2, 0]), np.sin(recording.x[2, 0])
-    across = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ place
-    ways["position"] = [(0 * side, g * across) for g in grid]
+def slices(file, actions, axis, way, grid):
+    """Return {loss: values on the grid} along side `axis`, or the first position."""
+    recording, side = Recording(file, actions), np.eye(3)[axis]
+    points = [(g * side, 0 * side) for g in grid]
+    if way == "position":
+        c, s = np.cos(recording.x[2, 0]), np.sin(recording.x[2, 0])
+        across = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ side
+        points = [(0 * side, g * across) for g in grid]
     out = {}
-    for way, points in ways.items():
-        out[way] = {}
-        for name, how in SHOOTING.items():
-            values = [
-                recording.shooting(recording.theta + a, recording.x[:, 0] + b, *how)
-                for a, b in points
-            ]
-            out[way][name] = np.array(values)
+    for name, how in SHOOTING.items():
         values = [
-            recording.implicit(recording.theta + a, recording.x + b[:, None])
+            recording.shooting(recording.theta + a, recording.x[:, 0] + b, *how)
             for a, b in points
         ]
-        out[way][VIMP] = np.array(values)
-    return out
+        out[name] = np.array(values)
+    values = [
+        recording.implicit(recording.theta + a, recording.x + b[:, None])
+        for a, b in points
+    ]
+    return out | {VIMP: np.array(values)}
 
 
 def minima(values) -> int:
@@ -213,18 +214,21 @@ def main() -> None:
     parser.add_argument("--side", type=int, default=1, help="0, 1, 2: x, y, z")
     parser.add_argument("--points", type=int, default=121)
     parser.add_argument("--out", type=Path, default=Path("benchmark"))
+    add_executor(parser, "none")
     args = parser.parse_args()
-    grid, found, rows = np.linspace(-WAY, WAY, args.points), {}, []
-    every = np.unique(Measurements.load(args.file).action)
-    for actions in ([args.one], every):
-        na = len(actions)
-        found[na] = slices(Recording(args.file, actions), args.side, grid)
-        rows += described(found[na], grid, recording=args.file.stem, actions=na)
+    grid, rows = np.linspace(-WAY, WAY, args.points), []
+    every = np.unique(Measurements.load(args.file).action).tolist()
+    cases = list(product(([args.one], every), ALONG))
+    asked = [(args.file, some, args.side, way, grid) for some, way in cases]
+    found = {1: {}, len(every): {}}
+    with executor_of(args, __file__) as executor:
+        losses = mapped(executor, slices, asked)
+        for (some, way), curves in zip(cases, losses, strict=True):
+            found[len(some)][way] = curves
+    for na, curves in found.items():
+        rows += described(curves, grid, recording=args.file.stem, actions=na)
     args.out.mkdir(parents=True, exist_ok=True)
-    with open(args.out / "landscape.csv", "w", newline="") as stream:
-        writer = csv.DictWriter(stream, rows[0])
-        writer.writeheader()
-        writer.writerows(rows)
+    write_csv(args.out / "landscape.csv", rows)
     draw(found, grid, args.out / "landscape.png")
 
 

@@ -1,6 +1,7 @@
 """Benchmark the printed equations: the page `paper`, and the default's departures.
 
 python examples/benchmarks/paper_terms.py ../shared/scenes/cuboid_0[0-2]*.npz
+    [--executor processes|dask|mpi|none]
 
 Solved from the same hypotheses: the default page, `paper`, and the default with one
 departure undone as it is built: a function of `formulations` gives way to the printed
@@ -13,7 +14,6 @@ in weights.  CPU seconds exclude the derivation of kinds: who derives some is ru
 """
 
 import argparse
-import csv
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -25,6 +25,7 @@ from unittest.mock import patch
 import casadi as ca
 import matplotlib.pyplot as plt
 import numpy as np
+from study import add_executor, executor_of, mapped, write_csv
 from trimesh.creation import box
 from trimesh.transformations import quaternion_matrix, translation_matrix
 
@@ -179,13 +180,13 @@ def main() -> None:
     parser.add_argument("files", nargs="+")
     parser.add_argument("--actions", type=int, default=6)
     parser.add_argument("--out", type=Path, default=Path("benchmark"))
+    add_executor(parser, "none")
     args = parser.parse_args()
-    rows = [run(f, args.actions, page) for f, page in product(args.files, PAGES)]
+    cases = product(args.files, [args.actions], PAGES)
+    with executor_of(args, __file__) as executor:
+        rows = list(mapped(executor, run, cases))
     args.out.mkdir(parents=True, exist_ok=True)
-    with open(args.out / "paper_terms.csv", "w", newline="") as stream:
-        writer = csv.DictWriter(stream, dict.fromkeys(k for r in rows for k in r))
-        writer.writeheader()
-        writer.writerows(rows)
+    write_csv(args.out / "paper_terms.csv", rows)
     table(rows)
     figure, axes = plt.subplots(figsize=(7, 5), layout="constrained")
     for r in (r for r in rows if "mm" in r):

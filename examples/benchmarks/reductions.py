@@ -1,6 +1,7 @@
 """Benchmark each reduction: sizes, time and optimum with it and without it.
 
 python examples/benchmarks/reductions.py ../shared/scenes/cuboid_0?.npz
+    [--executor processes|dask|mpi|none]
 
 Both ways of writing one problem start at the same hypothesis, the best of a search.
 Times are medians of passes that try all ways in turn, so that ratios are of one run;
@@ -17,13 +18,13 @@ import os
 os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
 
 import argparse
-import csv
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import process_time
 from types import SimpleNamespace
 
 import numpy as np
+from study import add_executor, executor_of, mapped, write_csv
 
 from formulations import violation_implicit as page
 from formulations.shape import CUBOID
@@ -158,7 +159,12 @@ def tried(*arguments) -> dict:
 
 
 def scene_table(file, passes) -> list[dict]:
-    """Return a row for every way of writing the problem of one recording."""
+    """Return a row for every way of writing the problem of one recording.
+
+    file: None, for the box that floats.
+    """
+    if file is None:
+        return timed("a floating box", *floating(), passes)
     data, scene = Measurements.load(file), Scene.load(file)
     best = solve_estimate(data, scene, throw=False).hypotheses[0]
     ways = problems(data, scene)
@@ -228,19 +234,17 @@ def main() -> None:
     parser.add_argument("files", nargs="+")
     parser.add_argument("--passes", type=int, default=3)
     parser.add_argument("--out", type=Path, default=Path("benchmark"))
+    add_executor(parser, "none")
     arguments = parser.parse_args()
-    rows = []
-    for file in arguments.files:
-        rows += (found := scene_table(file, arguments.passes))
-        print_table(found)
-    rows += (found := timed("a floating box", *floating(), arguments.passes))
-    print_table(found)
+    rows, files = [], [*arguments.files, None]
+    with executor_of(arguments, __file__) as executor:
+        cases = [(file, arguments.passes) for file in files]
+        for found in mapped(executor, scene_table, cases):
+            rows += found
+            print_table(found)
     print_pairs(rows)
     arguments.out.mkdir(parents=True, exist_ok=True)
-    with open(arguments.out / "reductions.csv", "w", newline="") as stream:
-        writer = csv.DictWriter(stream, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
+    write_csv(arguments.out / "reductions.csv", rows)
 
 
 if __name__ == "__main__":

@@ -108,6 +108,28 @@ def _ended(executor, function, cases):
             future.cancel()
 
 
+def mapped(executor, function, cases, lost=None):
+    """Yield function(*case) of every case, in their order; nothing is kept.
+
+    lost(case, error): what stands for a case that failed or took its process along;
+    without it, what ends badly ends all.
+    """
+    cases = [tuple(case) for case in cases]
+    futures = [executor.submit(function, *case) for case in cases if executor]
+    try:
+        for k, case in enumerate(cases):
+            try:
+                result = futures[k].result() if executor else function(*case)
+            except Exception as error:
+                if lost is None:
+                    raise
+                result = lost(case, error)
+            yield result
+    finally:
+        for future in futures:
+            future.cancel()
+
+
 def add_executor(parser: ArgumentParser, default: str = "processes") -> None:
     """Add the arguments that `executor_of` reads; "none" where seconds are compared."""
     parser.add_argument("--executor", choices=EXECUTORS, default=default)
