@@ -10,6 +10,7 @@ from pathlib import Path
 
 from .errors import FileError, Interrupted, TactileError
 from .filing import check_folder, format_of
+from .interrupt import interruptible
 
 EPILOG = """examples:
   python -m tactilenlp estimate scene.npz
@@ -109,7 +110,8 @@ def _found(given) -> tuple:
     """Return the estimate of a command, or None, and the code to leave with."""
     run = {"estimate": _estimate, "explore": _explore, "report": _load}
     try:
-        return run[given.command](given), 0
+        with interruptible():
+            return run[given.command](given), 0
     except Interrupted as stop:
         print(stop, file=sys.stderr)
         return stop.estimate, STOPPED

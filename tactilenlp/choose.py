@@ -13,6 +13,7 @@ from .approach import combined, facing
 from .checks import check_numbers, check_types
 from .errors import OptionError
 from .expected import ExpectedInformation
+from .interrupt import interruptible
 from .workspace import Action, Workspace
 
 SEARCHES = (
@@ -65,6 +66,7 @@ class Choice:
     tried: np.ndarray
 
 
+@interruptible()
 def choose_action(
     estimate,
     workspace: Workspace | None = None,

@@ -15,6 +15,7 @@ from .errors import MotionError
 from .expansion import carried as carried_on
 from .floating import floated, laid_out, plane_of_touch
 from .guess import Guess
+from .interrupt import interruptible
 from .measurements import Measurements
 from .options import Options
 from .polytopes import is_polytope
@@ -75,7 +76,8 @@ def solve_estimate(
     job = _job(data, scene, shape, options, time.monotonic(), page)
     so_far = SoFar([] if start is None else carried(start, shape, scene, data))
     try:
-        estimate, best = _found(data, job, page, start, options, executor, so_far)
+        with interruptible():
+            estimate, best = _found(data, job, page, start, options, executor, so_far)
     except KeyboardInterrupt as stop:
         raise interrupted(data, job, page, options, so_far) from stop
     if throw:

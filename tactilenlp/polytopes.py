@@ -17,6 +17,7 @@ from .errors import NoContactError, SceneError
 from .hull import filled, outer
 from .hull_window import indexed, standing
 from .hypothesis import Hypothesis
+from .interrupt import interruptible
 from .nlp import Problem
 from .planes import Faces, extended, seen
 from .progress import progress
@@ -82,19 +83,25 @@ def search(job, kept, so_far=None) -> list[Hypothesis]:
     so_far: a list in which Ctrl-C leaves that of the actions done by then.
     """
     job = replace(job, data=_backed(job.data, job.precision.normal))
-    done = kept[0].x.shape[1] if kept else 0
-    faces = _resumed(job, kept[0]) if kept else None
+    faces = [_resumed(job, kept[0])] if kept else []
     try:
-        for action in progress(np.unique(job.data.action), "search"):
-            last = int(np.nonzero(job.data.action == action)[0][-1]) + 1
-            if last <= done or not (job.data.contact & job.data.valid)[:last].any():
-                continue
-            faces = extended(job, faces, last)
-        return [polished(job, body_of(job, faces))]
+        with interruptible():
+            for last in progress(_ends(job.data), "search"):
+                if not kept or last > kept[0].x.shape[1]:
+                    faces[:] = [extended(job, faces[0] if faces else None, last)]
+            return [polished(job, body_of(job, faces[0]))]
     except KeyboardInterrupt:
-        if so_far is not None and faces is not None:
-            so_far[:] = [body_of(job, faces)]
+        if so_far is not None:
+            so_far[:] = [body_of(job, one) for one in faces]
         raise
+
+
+def _ends(data) -> list[int]:
+    """Return the samples up to each action, from the first in which one is felt."""
+    ends = [
+        int(np.nonzero(data.action == a)[0][-1]) + 1 for a in np.unique(data.action)
+    ]
+    return [last for last in ends if (data.contact & data.valid)[:last].any()]
 
 
 def body_of(job, faces: Faces) -> Hypothesis:

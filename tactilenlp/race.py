@@ -11,6 +11,7 @@ import time
 from dataclasses import replace
 
 from .hypothesis import same
+from .interrupt import interruptible
 from .progress import progress
 from .search import RIVAL
 from .solving import Solved, solved_from
@@ -27,7 +28,8 @@ def raced(job, page, hypotheses, options, levels, known=(), solved=None) -> list
     """
     solved, rough = [] if solved is None else solved, []
     try:
-        _race(job, page, hypotheses, options, levels, known, solved, rough)
+        with interruptible():
+            _race(job, page, hypotheses, options, levels, known, solved, rough)
     except KeyboardInterrupt:
         solved += [] if solved else rough
         raise

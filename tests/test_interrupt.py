@@ -58,6 +58,37 @@ def test_a_solve_that_was_interrupted_does_not_come_back_with_a_status():
     assert solve(problem).success
 
 
+def test_whatever_compiled_code_makes_of_ctrl_c_it_is_ctrl_c_again():
+    with pytest.raises(KeyboardInterrupt) as stop, interruptible(), _swallowed():
+        raise SystemError("returned a result with an exception set")
+    assert isinstance(stop.value.__cause__, SystemError)
+    with pytest.raises(SystemError), interruptible():  # nobody pressed Ctrl-C
+        raise SystemError("a defect")
+
+
+def test_ctrl_c_that_was_lost_between_blocks_is_raised_by_the_next_one():
+    done = []
+
+    def work():
+        with _swallowed():
+            pass
+        with interruptible():
+            done.append("inner")
+        done.append("outer")
+
+    with pytest.raises(KeyboardInterrupt), interruptible():
+        work()
+    assert done == ["inner"]
+
+
+def test_after_ctrl_c_the_rest_of_a_block_goes_on():
+    with interruptible():
+        for _ in range(2):
+            with pytest.raises(KeyboardInterrupt), interruptible(), _swallowed():
+                pass
+        assert solve(bowl()).success
+
+
 def test_who_handles_ctrl_c_already_goes_on_doing_so():
     heard = []
     signal.signal(signal.SIGINT, lambda number, frame: heard.append(number))

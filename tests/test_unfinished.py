@@ -130,6 +130,8 @@ def test_a_real_ctrl_c_ends_the_command_and_leaves_a_file(tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-m", "tactilenlp", *words],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        # What runs in the background of a shell would not hear it, nor its children.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )  # fmt: skip
     for line in process.stderr:
         if "2 of " in line:  # actions searched: there is something to leave
