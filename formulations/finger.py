@@ -76,6 +76,11 @@ def segment_core(half_length, shape, theta, pose, p_wf, rho):
     return c_wf + u * a_wf
 
 
+def as_it_is(normal, p_wf):
+    """Return the normal: the finger knows how it is turned."""
+    return normal
+
+
 def frozen(value, quantum):
     """Return the value, rounded to whole quanta: a constant to any derivative."""
     return ca.floor(value / quantum) * quantum
@@ -102,13 +107,15 @@ class Finger:
 
     numbers: how many p_wf has; core(shape, theta, pose, p_wf, rho) -> (3,) [m] nearest
     point of the core, world frame; before(p_w, p_wf, p_wf_1) -> (3,) [m] where the
-    finger's own point p_w was when the finger was at p_wf_1.
+    finger's own point p_w was when the finger was at p_wf_1; felt(normal, p_wf) -> (3,)
+    the normal as the finger says it is.
     """
 
     name: str
     numbers: int
     core: Callable
     before: Callable
+    felt: Callable = as_it_is
 
     def gap(self, shape, theta, pose, p_wf, rho):
         """Return the gap [m] between body and finger."""

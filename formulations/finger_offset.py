@@ -9,6 +9,15 @@ same way all over a workspace of some centimetres: it varies by 0.1 to 0.3 mm.
 What all e_f have in common moves the world: only the prior holds it.  Along a line on
 which two fingers face each other, their difference is a wider body: only the prior
 tells these two apart, until the body has turned or the fingers have changed sides.
+
+Where the joints are known (an object of fields `place`, `slope`, `turn`, `covariance`,
+a finger each), the same angles put a finger elsewhere and turn it, with p its place:
+
+    p_wf + e_f + ((p_wf - p) . slope) e_f             n - (turn e_f) x n
+    sum_f  e_f' covariance^-1 e_f / 2
+
+n as the finger says it is: a side that stands upright leans as the finger does.  That
+tells what all e_f have in common, where no distance can.
 """
 
 from __future__ import annotations
@@ -17,7 +26,8 @@ from dataclasses import replace
 
 import casadi as ca
 
-NAME = "finger offset"
+NAME = "finger offset"  # of the unknown, in a page that has it
+PLACE, SLOPE, TURN = 3, 27, 9  # numbers of a finger whose joints are known
 
 
 def displaced(nlp, window, scene):
@@ -25,15 +35,26 @@ def displaced(nlp, window, scene):
     sigma = scene.sigma_offset
     if sigma is None:
         return window
-    e = nlp.variable(NAME, 3, window.fingers, guess=0.0, unit="m", scale=sigma)
-    nlp.minimize("finger offset prior", prior, e, sigma, role="prior")
+    joints = scene.joints
+    e = nlp.variable(
+        NAME, 3, window.fingers, guess=0.0, unit="m", scale=scene.typical_offset
+    )
+    if joints is None:
+        nlp.minimize(f"{NAME} prior", prior, e, sigma, role="prior")
+    else:
+        nlp.minimize(f"{NAME} prior", prior_within, e, joints.information, role="prior")
 
     def off(rows, *places):
-        there = {name: e[:, rows.finger].below(getattr(rows, name)) for name in places}
+        there = {name: e[:, rows.finger].below(known(rows, name)) for name in places}
         return replace(rows, **there)
 
+    def known(rows, name):
+        said = getattr(rows, name)
+        return said if joints is None else joints.beside(said, rows.finger)
+
+    finger = elsewhere if joints is None else turned
     return replace(
-        window, finger=elsewhere(window.finger), touch=off(window.touch, "p_wf"),
+        window, finger=finger(window.finger), touch=off(window.touch, "p_wf"),
         free=off(window.free, "p_wf"), push=off(window.push, "p_wf", "p_wf_1"),
     )  # fmt: skip
 
@@ -43,6 +64,11 @@ def prior(e, sigma):
     return ca.sumsqr(e) / (2 * sigma**2)
 
 
+def prior_within(e, information):
+    """Return the cost of an offset (3,) [m]; information: (9,) of it, [1 / m^2]."""
+    return ca.bilin(ca.reshape(information, 3, 3), e, e) / 2
+
+
 def elsewhere(finger):
     """Return the finger whose p_wf has below it the offset (3,) [m]."""
     n = finger.numbers
@@ -50,10 +76,34 @@ def elsewhere(finger):
     def at(p_wf):
         return ca.vertcat(p_wf[:3] + p_wf[n:], p_wf[3:n])
 
+    return moved(finger, n + 3, at)
+
+
+def turned(finger):
+    """Return the finger whose p_wf has below it place, slope and turn, then e_f."""
+    n = finger.numbers
+    ends = n + PLACE, n + PLACE + SLOPE, n + PLACE + SLOPE + TURN
+
+    def at(p_wf):
+        way, e = p_wf[:3] - p_wf[n : ends[0]], p_wf[ends[2] :]
+        slope = ca.reshape(p_wf[ends[0] : ends[1]], 9, 3)
+        off = e + ca.reshape(slope @ way, 3, 3) @ e
+        return ca.vertcat(p_wf[:3] + off, p_wf[3:n])
+
+    def felt(normal, p_wf):
+        turn = ca.reshape(p_wf[ends[1] : ends[2]], 3, 3)
+        return normal - ca.cross(turn @ p_wf[ends[2] :], normal)
+
+    return replace(moved(finger, ends[2] + 3, at), felt=felt)
+
+
+def moved(finger, numbers, at):
+    """Return the finger that is at(p_wf), p_wf of so many numbers."""
+
     def core(shape, theta, pose, p_wf, rho):
         return finger.core(shape, theta, pose, at(p_wf), rho)
 
     def before(p_w, p_wf, p_wf_1):
         return finger.before(p_w, at(p_wf), at(p_wf_1))
 
-    return replace(finger, numbers=n + 3, core=core, before=before)
+    return replace(finger, numbers=numbers, core=core, before=before)

@@ -90,7 +90,7 @@ def likelihood(nlp, window, shape, theta, x, touch, normal, depth):
     def touching(theta, x, depth, p_wf, rho, n_m, sigma, sigma_n):
         pose = motion.pose(shape, theta, x)
         phi = finger.gap(shape, theta, pose, p_wf, rho) + depth
-        n = finger.normal(shape, theta, pose, p_wf, rho)
+        n = finger.felt(finger.normal(shape, theta, pose, p_wf, rho), p_wf)
         cost = sensing.touch(phi, sigma) + sensing.normal(n, n_m, sigma_n)
         return sensing.mixture(cost, window.ceiling)
 

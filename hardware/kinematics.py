@@ -102,6 +102,14 @@ class Finger:
             columns.append(np.stack([d_planar, -d_depth * s0, d_depth * c0], axis=-1))
         return self._R_wm @ np.stack(columns, axis=-1)
 
+    def turning(self, angles: np.ndarray) -> np.ndarray:
+        """Return the axes of the joints (..., 3, 3), columns, in the world."""
+        angles = np.asarray(angles, float)
+        a0, a1 = np.array(self.axes[:2])
+        bent = _about(self.axes[0], angles[..., 0]) @ a1
+        columns = [np.broadcast_to(a0, bent.shape), bent, bent]
+        return self.base_rotation @ np.stack(columns, axis=-1)
+
     def inverse(self, position: np.ndarray) -> np.ndarray:
         """Return the angles (..., 3) [rad] that bring the tip to (..., 3) [m], world.
 
@@ -168,6 +176,7 @@ ROBOTS = {  # the authors' tip is that of a DenseTact with a margin
     "edu_dair": replace(EDU, height=0.282, offset=0.0395, tip_radius=0.01575),
     "pro": PRO,
 }
+STEP = 1e-4  # [m] of differences of a Jacobian
 INITIAL = (0.0, 0.9, -1.7)  # [rad], the pose in which the robots start
 
 
@@ -180,6 +189,23 @@ def finger(robot: str = "edu_dair", degrees: float = 0.0) -> Finger:
         expected, fix = f"one of {list(ROBOTS)}", "or make a Finger of your own"
         raise RigError("no such robot", got=robot, expected=expected, next=fix)
     return replace(ROBOTS[robot], angle=math.radians(degrees))
+
+
+def joints_about(fingers, places) -> dict[str, np.ndarray]:
+    """Return what tactilenlp.JointZeros asks of fingers: place, jacobian, change.
+
+    places: (F, 3) [m], where the tip of each works, world; to a few centimetres.
+    """
+    found = {"place": [], "jacobian": [], "change": []}
+    for finger, place in zip(fingers, np.asarray(places, float), strict=True):
+        ends = place + STEP * np.array([np.eye(3), -np.eye(3)])
+        ahead, behind = finger.jacobian(finger.inverse(ends))
+        angles = finger.inverse(place)
+        both = [finger.jacobian(angles), finger.turning(angles)]
+        found["place"].append(place)
+        found["jacobian"].append(np.concatenate(both))
+        found["change"].append(np.moveaxis(ahead - behind, 0, -1) / (2 * STEP))
+    return {name: np.array(values) for name, values in found.items()}
 
 
 def _turned(angle: float) -> np.ndarray:

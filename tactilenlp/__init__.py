@@ -16,6 +16,7 @@ _HOMES = {
     "Measurements": "measurements",
     "Scene": "scene",
     "Ground": "scene",
+    "JointZeros": "joint_zeros",
     "Options": "options",
     "Reductions": "reduce",
     "Guess": "guess",

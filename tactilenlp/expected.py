@@ -20,6 +20,7 @@ from .errors import OptionError
 from .hypothesis import Hypothesis, distinct
 from .kind import mapped
 from .nats import information_gain
+from .offset import prior_of_offsets
 from .predict import check_ground, check_moves, pushed, sampled
 from .request import shape_of
 from .workspace import Action, Workspace
@@ -222,7 +223,8 @@ class ExpectedInformation:
         information = np.eye(self._size)
         information[:k, :k] = vague(self.shape, k - self.shape.theta)
         if self._off:
-            information[k:, k:] /= self.estimate.scene.sigma_offset**2
+            known = prior_of_offsets(self.estimate.scene, self.workspace.fingers)
+            information[k:, k:] = known
         return information
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from formulations.finger_offset import NAME
 
@@ -44,6 +45,13 @@ def covariance_with_offsets(curvature, chart) -> np.ndarray:
     tangent[:k, :k] = chart.tangent
     C = tangent @ C @ tangent.T
     return (C + C.T) / 2
+
+
+def prior_of_offsets(scene, fingers: int) -> np.ndarray:
+    """Return the information (3 F, 3 F) [1 / m^2] before any touch, ground's frame."""
+    if scene.joints is None:
+        return np.eye(3 * fingers) / scene.sigma_offset**2
+    return block_diag(*scene.joints.information.reshape(-1, 3, 3))
 
 
 def words(offset: np.ndarray, C: np.ndarray) -> str:

@@ -101,7 +101,7 @@ def check_offset(page, scene) -> None:
         raise SceneError(
             "this page takes the fingers to be where they say",
             where="scene.sigma_offset",
-            got=f"{scene.sigma_offset} m with {getattr(page, '__name__', page)!r}",
+            got=f"an offset with {getattr(page, '__name__', page)!r}",
             expected="None",
             next='use formulation="violation_implicit" or "quasi_static", of a cuboid',
         )

@@ -11,6 +11,7 @@ from .checks import check_sample
 from .errors import TactileError
 from .hypothesis import Hypothesis
 from .information import Information
+from .joint_zeros import JointZeros
 from .measurements import Measurements
 from .modes import Modes
 from .offset import words
@@ -111,8 +112,12 @@ class Estimate:
     @property
     def seen_positions(self) -> np.ndarray:
         """Where the fingers were (T, F, 3) [m], world: as they say, plus offset."""
-        said = self.measurements.finger_position
-        return said if self.finger_offset is None else said + self.finger_offset
+        said, joints = self.measurements.finger_position, self.scene.sigma_offset
+        if self.finger_offset is None:
+            return said
+        if isinstance(joints, JointZeros):
+            return said + joints.off(said, self.finger_offset)
+        return said + self.finger_offset
 
     def rotation(self, sample: int = -1) -> np.ndarray:
         """Return the rotation matrix (3, 3) from body to world at a sample."""
@@ -204,7 +209,7 @@ KINDS = {  # what a file of an estimate is made of
     kind.__name__: kind
     for kind in (
         *(Estimate, Skipped, Information, Modes, Measurements),
-        *(Scene, Ground, Hypothesis),
+        *(Scene, Ground, JointZeros, Hypothesis),
     )
 }
 

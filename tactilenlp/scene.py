@@ -9,6 +9,7 @@ import numpy as np
 
 from tactilenlp.archive import read_npz
 from tactilenlp.errors import MeasurementError, OptionError, SceneError
+from tactilenlp.joint_zeros import JointZeros
 from tactilenlp.measurements import Measurements
 
 UNIT_TOLERANCE = 1e-6  # [1], a normal further from unit length was not normalised
@@ -88,7 +89,8 @@ class Scene:
     sigma_normal:    [1], about rad, standard deviation of each component of a normal
     flip_rate:       [1], probability that a contact boolean is wrong
     sigma_offset:    [m], standard deviation of each coordinate of a constant offset of
-                     each finger, which is estimated; None: fingers are where they say
+                     each finger, which is estimated; None: fingers are where they say;
+                     JointZeros: the offset is that of wrong zero angles of joints
 
     The default mass and frictions are those of the recorded scenes.  A sensor figure
     that is None is estimated from the data, but for sigma_offset.
@@ -103,7 +105,7 @@ class Scene:
     sigma_position: float | None = None
     sigma_normal: float | None = None
     flip_rate: float | None = None
-    sigma_offset: float | None = None
+    sigma_offset: float | JointZeros | None = None
 
     def __post_init__(self) -> None:
         never, inf = np.nextafter(0.0, 1.0), np.inf  # the least number above zero
@@ -120,7 +122,8 @@ class Scene:
             ("sigma_offset", True, never, inf, "a standard deviation above 0 m"),
         ):
             value = getattr(self, name)
-            if value is None and unknown:
+            given = name == "sigma_offset" and isinstance(value, JointZeros)
+            if given or (value is None and unknown):
                 continue
             fix = "None if unknown" if unknown else "this must be known, give a guess"
             number = _number(name, value, expected, low, high, fix)
@@ -133,6 +136,11 @@ class Scene:
                 expected="a Ground, or None",
                 next="write Ground(height=..., normal=...)",
             )
+        if self.ground is None and isinstance(self.sigma_offset, JointZeros):
+            raise SceneError(
+                "wrong joints are told from level ground only", where="sigma_offset",
+                got="JointZeros", expected="a ground, or one number [m]",
+            )  # fmt: skip
 
     @classmethod
     def load(cls, path: str | os.PathLike, **overrides: object) -> Scene:
@@ -152,6 +160,19 @@ class Scene:
                 )
         return cls(**read_npz(path, KNOWN_KEYS, error=SceneError) | overrides)
 
+    @property
+    def joints(self) -> JointZeros | None:
+        """The joints whose zero angles are wrong, in the ground's frame; or None."""
+        known = isinstance(self.sigma_offset, JointZeros)
+        return self.sigma_offset.seen_from(self.ground) if known else None
+
+    @property
+    def typical_offset(self) -> float:
+        """The deviation [m] of a coordinate of a finger's offset."""
+        if self.joints is None:
+            return self.sigma_offset or 0.0
+        return float(np.sqrt(np.mean(np.linalg.eigvalsh(self.joints.covariance))))
+
     def check(self, data: Measurements) -> None:
         """Raise MeasurementError where the centre of a finger lies below the ground.
 
@@ -166,6 +187,13 @@ class Scene:
                 expected=f"unit quaternions for capsules of {self.finger_length} m",
                 next="record it, or set Scene(finger_length=0) for spheres",
             )
+        if self.joints is not None and self.joints.fingers != data.fingers:
+            raise SceneError(
+                "joints of other fingers", where="sigma_offset",
+                got=f"those of {self.joints.fingers}",
+                expected=f"those of the {data.fingers} fingers measured",
+                next="stack place, jacobian and change of every finger",
+            )  # fmt: skip
         if self.ground is None:
             return
         height = self.ground.distance(data.finger_position)

@@ -61,11 +61,11 @@ def rows(study):
             "p2s_mm": (2.0 if policy == "eig" else 4.0) * rng.uniform(0.9, 1.1),
             "centred_mm": 1.0,
             "bch_mm": (6.0 if policy == "eig" else 9.0) * rng.uniform(0.9, 1.1),
-            "nees": 1.0 if offset == "unknown" else 100.0,
+            "nees": 1.0 if offset == "joints" else 100.0,
         }
         for n in range(6)
         for policy in ("eig", "random")
-        for offset in study.SCENES
+        for offset in study.OFFSETS
         for k in range(3)
     ]  # fmt: skip
 
@@ -73,7 +73,7 @@ def rows(study):
 def test_the_table_tells_medians_and_the_papers_test(study):
     words = study.table(rows(study), ["eig", "random"], range(3))
     last = words.splitlines()[3].split()
-    assert last[:3] == ["eig", "unknown", "2"]
+    assert last[:3] == ["eig", "joints", "2"]
     assert float(last[3]) == pytest.approx(2.0, abs=0.2)
     assert float(last[-1]) < 0.05  # of a difference of a half, six against six
 

@@ -8,8 +8,9 @@ rendered DenseTact pictures, approach angles within pi / 4, starts at random wit
 2 cm.  The zero angles of all joints are wrong by about a degree, constant in a trial,
 so that a tip at rest is 3 to 5 mm from where it says, as in the paper.
 
-The fingers' offsets are unknowns of the estimates that choose the actions ("unknown");
-beside them the same touches are estimated as if there were none ("ignored").  The truth
+The fingers' joint zeros are unknowns of the estimates that choose the actions
+("joints"); beside them the same touches are estimated with a constant offset of each
+finger as an unknown ("constant"), and as if there were none ("ignored").  The truth
 serves only to judge.  Every trial is kept in trials.jsonl (study.py) as soon as it is
 done, its touches beside it (.npz); called again, the study goes on from there.  Writes
 trials.csv, table.txt and real.png, the paper's figure.
@@ -36,10 +37,17 @@ from scipy.spatial.transform import Rotation
 from study import add_executor, executor_of, run_study, write_csv
 
 from hardware.bench import Bench
-from hardware.kinematics import INITIAL
+from hardware.kinematics import INITIAL, joints_about
 from hardware.simulated_robot import SimulatedRobot, simulated_rig
 from hardware.world import RobotWorld
-from tactilenlp import Options, Scene, Workspace, explore, solve_estimate
+from tactilenlp import (
+    JointZeros,
+    Options,
+    Scene,
+    Workspace,
+    explore,
+    solve_estimate,
+)
 from tactilenlp.metrics import chamfer_code, chamfer_floor, surface_distance
 
 BOX = (0.058, 0.049, 0.053)  # [m], the paper's
@@ -49,14 +57,12 @@ TIP = 3e-3, 5e-3  # [m], the paper's error of a fingertip at rest
 PUSH = 160.0, 1.7  # [N/m], [N] of a finger: stiffness and strength of its joints
 NORMAL = 0.03  # [rad]: a pixel of 58 px for 80 degrees, and a degree of the joints
 OFFSET = 4e-3 / np.sqrt(3)  # [m] deviation of each coordinate of a tip 4 mm off
-SCENES = {
-    "unknown": Scene(sigma_normal=NORMAL, sigma_offset=OFFSET),
-    "ignored": Scene(sigma_normal=NORMAL),
-}
+PLACES = [[0.05, 0.0, 0.04], [-0.05, 0.0, 0.04]]  # [m] about which either tip works
+OFFSETS = ("joints", "constant", "ignored")  # how the fingers' errors are estimated
 OPTIONS = Options(time_limit=30.0)  # what contradicts itself would take minutes
 KEYS = {"p2s_mm": "exact surface distance [mm]", "bch_mm": "bCH [mm]"}
 COLOURS = {"eig": "#0072B2", "random": "#D55E00"}
-LINES = {"unknown": "-", "ignored": ":"}
+LINES = {"joints": "-", "constant": "--", "ignored": ":"}
 
 
 def zero_errors(rig, rng) -> np.ndarray:
@@ -82,12 +88,22 @@ def robot_of(number: int, policy: str) -> SimulatedRobot:
     )  # fmt: skip
 
 
+def scenes_of(rig) -> dict[str, Scene]:
+    """Return what is known of the fingers, in the order of OFFSETS."""
+    about = joints_about([finger.geometry for finger in rig.fingers], PLACES)
+    known = {"joints": JointZeros(ZERO, **about), "constant": OFFSET, "ignored": None}
+    return {
+        name: Scene(sigma_normal=NORMAL, sigma_offset=known[name]) for name in OFFSETS
+    }
+
+
 def run(
     number: int, policy: str, actions: int, budget: int, folder: Path
 ) -> list[dict]:
-    """Return a row for either scene after the first touch and after each action."""
+    """Return a row for each scene after the first touch and after each action."""
     robot = robot_of(number, policy)
-    begin, rows, ignored = robot.pose[:3], [], None
+    begin, rows, scenes = robot.pose[:3], [], scenes_of(robot.rig)
+    found = dict.fromkeys(OFFSETS)
     past: list[tuple[float, np.ndarray]] = []
     robot.after = lambda now: past.append((now, robot.pose))
     wires = {"clock": robot, "reader": robot.reader, "listen_only": False}
@@ -99,23 +115,25 @@ def run(
             stiffness=stiffness, max_force=force,
         )  # fmt: skip
         for step in explore(
-            world, SCENES["unknown"], actions, policy, seed=number,
+            world, scenes["joints"], actions, policy, seed=number,
             workspace=space, centre=begin, budget=budget, options=OPTIONS,
         ):  # fmt: skip
-            data, began = step.estimate.measurements, process_time()
-            ignored = solve_estimate(
-                data, SCENES["ignored"], start=ignored, options=OPTIONS, throw=False
-            )
-            seconds = step.seconds["estimate"], process_time() - began
+            data, seconds = step.estimate.measurements, {}
+            for offset in OFFSETS[1:]:
+                began = process_time()
+                found[offset] = solve_estimate(
+                    data, scenes[offset], start=found[offset], options=OPTIONS,
+                    throw=False,
+                )  # fmt: skip
+                seconds[offset] = process_time() - began
+            found["joints"], seconds["joints"] = step.estimate, step.seconds["estimate"]
             now = [now for now, _ in past]
             pose = past[np.searchsorted(now, world.origin + data.time[-1])][1]
             row = {"trial": number, "policy": policy, "step": step.number}
             row["moved_mm"] = 1e3 * np.linalg.norm(pose[:2] - begin[:2])
             row |= {"choose_s": step.seconds["choose"], "pose": pose.tolist()}
-            for offset, estimate, cpu in zip(
-                SCENES, (step.estimate, ignored), seconds, strict=True
-            ):
-                rows.append(row | {"offset": offset, "cpu_s": cpu})
+            for offset, estimate in found.items():
+                rows.append(row | {"offset": offset, "cpu_s": seconds[offset]})
                 rows[-1] |= errors(estimate, pose)
     data.save(folder / f"{number:03d}_{policy}.npz")
     return rows
@@ -123,8 +141,8 @@ def run(
 
 def said(case, rows) -> str:
     """Return a trial that ended in words."""
-    known, ignored = (f"{r['offset']} {r['p2s_mm']:.2f} mm" for r in rows[-2:])
-    return f"trial {case[0]}, {case[1]}: offset {known}, {ignored}"
+    last = (f"{r['offset']} {r['p2s_mm']:.2f} mm" for r in rows[-len(OFFSETS) :])
+    return f"trial {case[0]}, {case[1]}: {', '.join(last)}"
 
 
 def errors(estimate, pose: np.ndarray) -> dict:
@@ -173,13 +191,13 @@ def draw(path: Path, rows: list[dict], policies: list[str], steps: range) -> Non
     """Save mean and 95 % interval of the mean of each policy after every step."""
     figure, panels = plt.subplots(1, 2, figsize=(9, 3.4))
     for axes, (key, title) in zip(panels, KEYS.items(), strict=True):
-        for policy, offset in product(policies, SCENES):
+        for policy, offset in product(policies, OFFSETS):
             groups = [column(rows, key, policy, offset, step) for step in steps]
             means = np.array([g.mean() for g in groups])
             halves = np.array([half_band(g) for g in groups])
             style = {"color": COLOURS.get(policy), "linestyle": LINES[offset]}
-            axes.plot(steps, means, label=f"{policy}, offset {offset}", **style)
-            if offset == "unknown":
+            axes.plot(steps, means, label=f"{policy}, {offset}", **style)
+            if offset == OFFSETS[0]:
                 band = means - halves, means + halves
                 axes.fill_between(steps, *band, color=style["color"], alpha=0.2)
         axes.set(xlabel="actions after the first touch", ylabel=title, ylim=(0, None))
@@ -203,7 +221,7 @@ def table(rows: list[dict], policies: list[str], steps: range) -> str:
     head = f"{'policy':8}{'offset':9}{'step':>5}{'p2s median':>12}{'worst':>7}"
     head += f"{'centred':>9}"
     lines = [head + f"{'bCH mean':>10}{'NEES mean':>11}{'median':>8}{'p of bCH':>10}"]
-    for policy, offset, step in product(policies, SCENES, steps):
+    for policy, offset, step in product(policies, OFFSETS, steps):
         p2s, centred, bch, nees = (
             column(rows, key, policy, offset, step)
             for key in ("p2s_mm", "centred_mm", "bch_mm", "nees")
