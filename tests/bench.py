@@ -5,8 +5,10 @@ import time
 import tty
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from hardware.serial_tactile import ForceFrame
 from tactilenlp.errors import TactileError
 
 CAPTURES = Path(__file__).resolve().parents[2] / "shared" / "captures"
@@ -91,3 +93,18 @@ class ManualClock:
             self.time += self.step
             if self.tick is not None:
                 self.tick(self.time)
+
+
+def wait_for(condition, seconds=60.0):
+    """Wait until something is so; fails where it never is."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "nothing happened"
+        time.sleep(0.002)
+
+
+def forces(n, seed=0):
+    """Return n successive frames of an OptoForce sensor."""
+    rng = np.random.default_rng(seed)
+    counts = rng.integers(-3000, 3000, (n, 3)).tolist()
+    return [ForceFrame((65500 + k) % 65536, 0, tuple(c)) for k, c in enumerate(counts)]

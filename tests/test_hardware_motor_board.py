@@ -1,67 +1,21 @@
-"""A motor board on a bus: what is heard, how it starts, how it always ends."""
+"""A motor board on a bus: what is heard, and what is said to whom."""
 
-import itertools
-import logging
 import time
 
 import can
 import numpy as np
 import pytest
-from bench import ManualClock
+from bench_board import Wired, channels
 
-from hardware.errors import BoardError, BusError, LimitError, RigError, StaleStreamError
+from hardware.errors import BoardError, BusError, StaleStreamError
 from hardware.motor_board import MotorBoard
 from hardware.motor_can import (
-    Command,
     EncoderIndex,
-    Fault,
-    Order,
     Pair,
     Quantity,
-    Reference,
-    Status,
     encode,
 )
-from hardware.motor_joints import JointMap, start_motors
 from hardware.simulated_board import SimulatedBoard
-
-channels = itertools.count()
-POSITION = {Quantity.POSITION: np.array([1.25, -2.5])}
-
-
-class Wired:
-    """A board and its simulated other end on one virtual bus, on one manual clock."""
-
-    def __init__(self, **options):
-        channel = f"board {next(channels)}"
-        config = {"interface": "virtual", "channel": channel}
-        config["preserve_timestamps"] = True
-        self.clock = ManualClock(tick=self.tick)
-        self.firmware = SimulatedBoard(config)
-        self.board = MotorBoard(config, name="board 0", clock=self.clock, **options)
-
-    def tick(self, now):
-        self.firmware.listen(now)
-        self.firmware.talk(POSITION, now)
-
-    def __enter__(self):
-        self.firmware.__enter__()
-        self.board.__enter__()
-        return self
-
-    def __exit__(self, *exception):
-        self.board.__exit__(*exception)
-        self.firmware.listen(self.clock.now())
-        self.firmware.__exit__(*exception)
-
-
-def driven():
-    return Wired(listen_only=False)
-
-
-def status(fault=Fault.NONE):
-    return encode(Status(True, (True, True), (True, True), fault), time.time())
-
 
 # Listening
 
@@ -191,172 +145,3 @@ def test_a_board_that_is_not_open_says_so():
     with pytest.raises(BusError, match="with"):
         board.poll()
     board.stop()
-
-
-# Driving
-
-
-def test_the_start_sequence_is_the_documented_one():
-    with driven() as wired:
-        wired.board.start()
-        wired.clock.sleep(0.002)
-        assert wired.firmware.received == [
-            Reference((0.0, 0.0)),
-            Order(Command.RECEIVE_TIMEOUT, 0),
-            Order(Command.ENABLE_SYSTEM, 1),
-            Order(Command.SEND_ALL, 1),
-            Order(Command.ENABLE_MOTOR_1, 1),
-            Order(Command.ENABLE_MOTOR_2, 1),
-        ]
-
-
-def test_motors_are_started_when_they_are_aligned():
-    with driven() as wired:
-        start_motors([wired.board], wired.clock, timeout=0.02)
-        assert wired.board.ready
-        wired.board.command(0.5, -0.25)
-        wired.clock.sleep(0.01)
-        assert wired.firmware.current.tolist() == [0.5, -0.25]
-
-
-@pytest.mark.parametrize("fault", [Fault.ENCODER, Fault.POSITION_ROLLOVER])
-def test_a_fault_while_starting_stops_every_board(fault):
-    with driven() as wired:
-        wired.firmware.alignment = 60.0
-
-        begin = wired.clock.now()
-
-        def fail(now):
-            if now - begin > 0.1:
-                wired.firmware.fail(fault)
-            wired.tick(now)
-
-        wired.clock.tick = fail
-        with pytest.raises(BoardError, match=fault.name):
-            start_motors([wired.board], wired.clock)
-        wired.firmware.listen(wired.clock.now())
-        assert_left_in_peace(wired)
-
-
-def test_motors_that_never_align_are_given_up():
-    with driven() as wired:
-        wired.firmware.alignment = 60.0
-        with pytest.raises(BoardError, match="is not ready"):
-            start_motors([wired.board], wired.clock, patience=1.5)
-        wired.firmware.listen(wired.clock.now())
-        assert_left_in_peace(wired)
-
-
-@pytest.mark.parametrize(
-    "leave", [KeyboardInterrupt, SystemExit, RuntimeError, StaleStreamError, None]
-)
-def test_zero_current_comes_first_on_every_way_out(leave):
-    try:
-        with driven() as wired:
-            start_motors([wired.board], wired.clock)
-            wired.board.command(1.0, 1.0)
-            wired.clock.sleep(0.005)
-            assert wired.firmware.current.any()
-            if leave is not None:
-                raise leave("out")
-    except (KeyboardInterrupt, SystemExit, RuntimeError, StaleStreamError):
-        assert leave is not None
-    assert_left_in_peace(wired)
-
-
-def assert_left_in_peace(wired):
-    """The last words were: zero current, motors off, system off."""
-    assert wired.firmware.received[-4:] == [
-        Reference((0.0, 0.0)),
-        Order(Command.ENABLE_MOTOR_1, 0),
-        Order(Command.ENABLE_MOTOR_2, 0),
-        Order(Command.ENABLE_SYSTEM, 0),
-    ]
-    assert not wired.firmware.current.any()
-
-
-def test_stopping_twice_is_as_good_as_once():
-    with driven() as wired:
-        wired.board.stop()
-        wired.board.stop()
-    wired.board.stop()
-
-
-def test_stopping_a_bus_that_is_gone_is_logged_and_goes_on(caplog):
-    with driven() as wired:
-        wired.board._bus.shutdown()
-        with caplog.at_level(logging.WARNING):
-            wired.board.stop()
-        assert len(caplog.records) == 4  # each of the four frames was tried
-        with pytest.raises(BusError, match="cannot write"):
-            wired.board.command(0.0, 0.0)
-
-
-@pytest.mark.parametrize("current", [2.001, -2.001, np.nan, np.inf])
-def test_a_current_beyond_the_bound_is_never_sent(current):
-    with driven() as wired:
-        with pytest.raises(LimitError, match="at most 2"):
-            wired.board.command(0.0, current)
-        wired.firmware.listen(wired.clock.now())
-        assert wired.firmware.received == []
-
-
-def test_the_firmware_switches_off_when_it_hears_nothing():
-    with driven() as wired:
-        start_motors([wired.board], wired.clock, timeout=0.02)
-        wired.board.command(0.5, 0.0)
-        wired.clock.sleep(0.03)  # this program hangs
-        assert not wired.firmware.current.any()
-        wired.board.poll()
-        with pytest.raises(BoardError, match="RECEIVE_TIMEOUT"):
-            wired.board.check()
-
-
-def test_the_sink_gets_what_comes_and_what_goes():
-    seen = []
-    with Wired(listen_only=False, sink=seen.append) as wired:
-        start_motors([wired.board], wired.clock)
-    assert {message.is_rx for message in seen} == {True, False}
-    assert seen[0].arbitration_id == 0x005
-
-
-# The joints of a finger
-
-
-def test_motors_and_joints_are_mapped_there_and_back():
-    joints = JointMap(zero=(0.1, -0.2, 0.3))
-    angles = np.random.default_rng(0).uniform(-1, 1, (50, 3))
-    assert np.allclose(joints.angles(joints.revolutions(angles)), angles, atol=1e-15)
-    assert np.allclose(joints.velocities(joints.krpm(angles)), angles, atol=1e-15)
-    assert np.allclose(joints.torques(joints.currents(angles)), angles, atol=1e-15)
-
-
-def test_the_first_joint_is_on_the_second_board():
-    revolutions = JointMap().revolutions([2 * np.pi / 9, 0.0, 0.0])
-    assert np.allclose(revolutions, [[0, 0], [1, 0]])
-    plain = JointMap(motors=((0, 0), (0, 1), (1, 0)))
-    assert np.allclose(plain.revolutions([2 * np.pi / 9, 0, 0]), [[1, 0], [0, 0]])
-
-
-def test_one_turn_per_second_of_a_motor_is_a_ninth_at_the_joint():
-    krpm = np.array([[0.0, 0.0], [0.06, 0.0]])  # 60 turns a minute, in thousands
-    assert JointMap().velocities(krpm) == pytest.approx([2 * np.pi / 9, 0, 0])
-
-
-def test_two_amperes_are_the_torque_limit_of_the_urdf():
-    assert JointMap().torques(np.full((2, 2), 2.0)) == pytest.approx([0.36] * 3)
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"motors": ((0, 0), (0, 0), (1, 0))},
-        {"motors": ((0, 0), (0, 1))},
-        {"motors": ((0, 0), (0, 1), (2, 0))},
-        {"zero": (0.0, 0.0)},
-        {"zero": (0.0, np.nan, 0.0)},
-    ],
-)
-def test_a_map_that_cannot_be_is_refused(wrong):
-    with pytest.raises(RigError):
-        JointMap(**wrong)

@@ -1,12 +1,11 @@
-"""A camera behind a soft dome: flow, its parts, where something presses."""
+"""A camera behind a soft dome: flow, where something presses, its normal."""
 
 import math
 import sys
-import time
 
 import numpy as np
 import pytest
-from bench import capture, refused
+from bench import capture
 
 pytest.importorskip("cv2", reason='needs the extra: pip install "tactilenlp[optical]"')
 import cv2
@@ -14,12 +13,8 @@ import cv2
 from hardware.errors import (
     FrameError,
     HardwareError,
-    RecordingError,
     RigError,
-    StaleStreamError,
 )
-from hardware.frames import Camera, pictures
-from hardware.hodge import Hodge
 from hardware.optical import LEAST, Lens, OpticalTouch
 from hardware.optical_flow import Flow, grey, normalised
 from hardware.simulated_skin import SimulatedSkin
@@ -27,11 +22,6 @@ from hardware.simulated_skin import SimulatedSkin
 SHAPE = (240, 320)  # [px]
 LENS = Lens((160.0, 120.0), 118.0)
 IDENTITY = tuple(map(tuple, np.eye(3).tolist()))
-
-
-def disc(n=41):
-    off = np.indices((n, n)) - (n - 1) / 2
-    return (off**2).sum(axis=0) <= (n / 2) ** 2
 
 
 def towards(polar, azimuth):
@@ -50,71 +40,6 @@ def sensor(skin):
     sensor = OpticalTouch(LENS, mount=IDENTITY)
     sensor.learn([skin.picture() for _ in range(5)])
     return sensor
-
-
-# The decomposition
-
-
-def test_the_three_parts_add_up_and_are_orthogonal():
-    hodge = Hodge(disc(), spacing=3.0)
-    flow = np.random.default_rng(0).normal(size=(41, 41, 2))
-    parts = hodge.decompose(flow)
-    edge = hodge._along(flow)
-    # energies add up only if the parts are orthogonal
-    assert sum(parts.energy.values()) == pytest.approx(edge @ edge, rel=1e-10)
-    assert list(parts.energy) == ["irrotational", "solenoidal", "harmonic"]
-    assert min(parts.energy.values()) > 0
-
-
-def field(make):
-    y, x = np.indices((41, 41)) - 20.0
-    return np.stack(make(x, y), axis=-1)
-
-
-def bump(x, y, s=5.0):
-    return np.exp(-(x**2 + y**2) / (2 * s * s))
-
-
-@pytest.mark.parametrize(
-    ("name", "make"),
-    [
-        ("irrotational", lambda x, y: (x * bump(x, y), y * bump(x, y))),
-        ("solenoidal", lambda x, y: (-y * bump(x, y), x * bump(x, y))),
-        ("harmonic", lambda x, y: (np.ones_like(x), 2 * np.ones_like(x))),
-        ("harmonic", lambda x, y: (x, -y)),  # a pure shear neither spreads nor swirls
-    ],
-)
-def test_a_pure_flow_lands_in_its_own_part(name, make):
-    flow = field(make)
-    parts = Hodge(disc()).decompose(flow)
-    total = sum(parts.energy.values())
-    assert parts.energy[name] > 0.999 * total
-    # the parts are shown at nodes; edges are means of two nodes, hence a blur
-    inside = Hodge(disc(31)).mask
-    off = np.abs(getattr(parts, name) - flow)[5:-5, 5:-5][inside]
-    assert off.max() < 0.06 * np.abs(flow).max()
-
-
-def test_the_potential_of_a_gradient_is_what_it_was_up_to_a_constant():
-    h = 3.0
-    y, x = h * (np.indices((41, 41)) - 20.0)
-    psi = bump(x - 30, y + 21, 12.0)  # cut by the rim, which must not bend it
-    flow = np.stack([np.gradient(psi, h, axis=1), np.gradient(psi, h, axis=0)], -1)
-    mask = disc()
-    sheared = flow + np.array([0.7, -0.3])
-    found = Hodge(mask, h).potential(sheared)
-    off = (found - psi)[mask]
-    assert np.ptp(off) < 0.1  # central differences of a bump four nodes wide
-    assert np.median(found[mask]) == pytest.approx(0.0, abs=1e-12)
-    peak = np.unravel_index(np.where(mask, found, -1).argmax(), mask.shape)
-    assert np.abs(np.subtract(peak, (13, 30))).max() <= 1
-
-
-def test_a_mask_without_inside_is_refused():
-    with pytest.raises(FrameError, match="three nodes wide"):
-        Hodge(np.eye(5, dtype=bool))
-    with pytest.raises(FrameError, match="wrong shape"):
-        Hodge(disc()).decompose(np.zeros((40, 41, 2)))
 
 
 # The flow
@@ -267,69 +192,3 @@ def test_without_opencv_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(HardwareError, match=r"tactilenlp\[optical\]"):
         Flow(np.zeros((20, 20), np.uint8))
-
-
-# Cameras and files
-
-
-def wait_for(condition, seconds=60.0):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "nothing happened"
-        time.sleep(0.002)
-
-
-def test_a_camera_that_freezes_is_missed_within_200_ms():
-    rng, frozen = np.random.default_rng(0), []
-
-    def read():
-        time.sleep(0.01)
-        if not frozen:
-            read.picture = rng.integers(0, 255, (20, 20)).astype(np.uint8)
-        return read.picture  # the driver gives the same buffer again and again
-
-    with Camera(read, name="finger 1") as camera:
-        wait_for(lambda: camera.good > 5)
-        camera.check(stale=10.0)
-        frozen.append(True)
-        wait_for(lambda: camera.frozen > 0)
-        error, passed = refused(camera.check, since=time.monotonic())
-        assert isinstance(error, StaleStreamError)
-        assert "finger 1: no touch is sensed" in str(error)
-        assert passed < 0.2
-        stamps = [stamp for stamp, _ in camera.take()]
-    assert len(stamps) == camera.good
-    assert stamps == sorted(stamps)
-
-
-def test_a_camera_that_is_not_there_is_said_with_the_reason(capfd):
-    with Camera("/dev/nowhere.mkv") as camera:
-        wait_for(lambda: camera._why)
-        time.sleep(0.12)
-        with pytest.raises(StaleStreamError, match="cannot be opened"):
-            camera.check()
-
-
-def test_a_sink_that_fails_ends_in_its_own_error(skin):
-    def full(frame, now):
-        raise RecordingError("the disk is full")
-
-    with Camera(skin.picture, sink=full) as camera:
-        wait_for(lambda: camera._broken_down)
-        with pytest.raises(RecordingError, match="the disk is full"):
-            camera.check()
-
-
-def test_pictures_are_read_in_their_natural_order(tmp_path):
-    for k in (0, 1, 2, 10, 11, 100):
-        cv2.imwrite(str(tmp_path / f"{k}.png"), np.full((4, 4), k, np.uint8))
-    assert [p[0, 0] for p in pictures(tmp_path)] == [0, 1, 2, 10, 11, 100]
-    (tmp_path / "5.png").write_bytes(b"no picture")
-    with pytest.raises(RecordingError, match=r"5\.png"):
-        list(pictures(tmp_path))
-
-
-def test_a_folder_without_pictures_is_refused(tmp_path, capfd):
-    for nothing in (tmp_path, tmp_path / "film.mkv"):
-        with pytest.raises(RecordingError, match="no pictures"):
-            list(pictures(nothing))

@@ -1,69 +1,25 @@
 """Recordings: what was heard comes back, on wires or as measurements."""
 
-import itertools
 import json
-import os
 import shutil
-import subprocess
-import sys
-from dataclasses import replace
-from types import SimpleNamespace
 
-import can
 import numpy as np
 import pytest
-from bench import terminal
+from bench_tape import recorded, taped
 
-from hardware.__main__ import main
-from hardware.assemble import assemble, examine
-from hardware.bench import Bench
-from hardware.errors import HardwareError, RecordingError, RigError
+from hardware.assemble import assemble
+from hardware.errors import HardwareError, RecordingError
 from hardware.motor_can import Pair, Quantity, decode, encode
 from hardware.recording import Recording, device_times
-from hardware.replay import Replay
-from hardware.rig import FingerRig, Rig, Tactile
+from hardware.rig import Rig
 from hardware.serial_tactile import (
-    AnySkinFramer,
     ForceFrame,
-    encode_field,
     encode_force,
 )
-from hardware.simulated_robot import SimulatedRobot, simulated_rig
-from hardware.tape import MANIFEST, Tape, stream_name
-from hardware.world import RobotWorld
-from tactilenlp.measurements import Measurements
+from hardware.simulated_robot import simulated_rig
+from hardware.tape import MANIFEST, Tape
 
-__all__ = ["terminal"]  # a fixture
-numbers = itertools.count()
-S = np.linspace(0, 1, 11)[:, None, None]
-ENDS = np.array(
-    [[[0.1, 0, 0.06], [-0.1, 0, 0.06]], [[0.08, 0, 0.06], [-0.08, 0, 0.06]]]
-)
-PATH = SimpleNamespace(
-    time=0.4 * S[:, 0, 0], finger_position=ENDS[0] + S * (ENDS[1] - ENDS[0])
-)
-
-
-def recorded(kind, folder, bus="blf"):
-    """Record a short action of the simulated robot; return what its world measured."""
-    if kind == "densetact":
-        pytest.importorskip("cv2", reason="needs tactilenlp[optical]")
-    rig = simulated_rig(kind, f"tape {next(numbers)}")
-    starts = zip(rig.fingers, ENDS[0], strict=True)
-    robot = SimulatedRobot(rig, angles=[f.geometry.inverse(p) for f, p in starts])
-    options = {"clock": robot, "reader": robot.reader, "listen_only": False}
-    tape = Tape(folder, rig, bus=bus)
-    with robot, tape, Bench(rig, tape=tape, **options) as bench:
-        world = RobotWorld(bench)
-        data = world.execute(PATH)
-    return data, world.origin
-
-
-@pytest.fixture(scope="module")
-def taped(tmp_path_factory):
-    """A recording with OptoForce sensors on CAN, and what was measured live."""
-    folder = tmp_path_factory.mktemp("tape") / "touches"
-    return folder, *recorded("optoforce_can", folder)
+__all__ = ["taped"]  # a fixture
 
 
 # What comes back
@@ -233,193 +189,3 @@ def test_a_table_whose_end_is_missing_gives_what_is_whole(tmp_path):
     table.write_text("time,bytes\nnoon,5\n")
     with pytest.raises(RecordingError, match=r"s\.csv"):
         list(Recording(tmp_path / "tape").chunks("s"))
-
-
-# Rigs
-
-
-def test_a_rig_survives_its_file(tmp_path):
-    for kind in ("densetact", "optoforce", "optoforce_can"):
-        rig = simulated_rig(kind)
-        rig.save(tmp_path / "rig.json")
-        assert Rig.load(tmp_path / "rig.json") == rig
-
-
-@pytest.mark.parametrize(
-    ("change", "word"),
-    [
-        ({"fingers": []}, "no fingers"),
-        ({"finger": []}, "missing"),
-        ({"fingers": [{"name": "a"}]}, "missing.*degrees"),
-        ({"fingers": [{"nom": "a"}]}, "missing"),
-    ],
-)
-def test_a_rig_that_is_not_understood_says_what_it_may_hold(tmp_path, change, word):
-    path = tmp_path / "rig.json"
-    path.write_text(json.dumps(change))
-    with pytest.raises(RigError, match=word):
-        Rig.load(path)
-
-
-def test_parts_of_a_rig_are_checked_when_it_is_made():
-    one = simulated_rig("optoforce_can").fingers[0]
-    with pytest.raises(RigError, match="two boards"):
-        Rig((replace(one, boards=({},)),))
-    with pytest.raises(RigError, match="two of one name"):
-        Rig((one, one))
-    with pytest.raises(RigError, match="no such sensor"):
-        Tactile("camera")
-    with pytest.raises(RigError, match="no such robot"):
-        Rig((replace(one, robot="trio"),))
-    with pytest.raises(RigError, match="wrong options"):
-        Tactile("optoforce", touch={"colour": "red"}).toucher()
-    with pytest.raises(RigError, match="wrong options"):
-        Tactile("densetact", touch={}).toucher()
-    with pytest.raises(RigError, match="no rig"):
-        Rig.load("/nowhere/rig.json")
-
-
-def test_a_magnetic_skin_is_a_rig_too():
-    tactile = Tactile("anyskin", source="/dev/ttyACM0", touch={"on": 80.0, "off": 50.0})
-    reader = tactile.reader("skin", None, None)
-    assert isinstance(reader.framer, AnySkinFramer)
-    assert reader.baudrate == 115_200
-    rest = SimpleNamespace(temperature=np.zeros(5), field=np.zeros((5, 3)))
-    assert len(encode_field(rest)) == 82
-    assert tactile.toucher().decide.on == 80.0
-
-
-# The command line
-
-
-def test_help_explains_itself(capsys):
-    for name in ("record", "replay", "check", "assemble"):
-        with pytest.raises(SystemExit) as leave:
-            main([name, "--help"])
-        assert leave.value.code == 0
-        said = capsys.readouterr().out
-        assert f"    python -m hardware {name} " in said  # one that can be copied
-        assert "default:" in said
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-m", "hardware", "--help"],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    for word in ("record", "replay", "check", "assemble", "rig.json"):
-        assert word in done.stdout
-
-
-def test_a_recording_is_checked_and_assembled(taped, tmp_path, capsys):
-    folder, _, _ = taped
-    assert main(["check", str(folder)]) == 0
-    told = capsys.readouterr().out
-    assert "finger 1, board 0" in told
-    assert "ended as it should and is complete enough." in told
-    assert main(["check", str(folder), "--complete", "1.1"]) == 1
-    out = tmp_path / "touches.npz"
-    assert main(["assemble", str(folder), str(out)]) == 0
-    data = Measurements.load(out)
-    assert data.fingers == 2
-    assert str(data.samples) in capsys.readouterr().out
-    assert main(["assemble", str(folder), str(out), "--complete", "1.1"]) == 1
-    assert "CompletenessError" in capsys.readouterr().err
-
-
-def test_what_is_no_recording_is_told_without_a_traceback(tmp_path, capsys):
-    assert main(["check", str(tmp_path)]) == 1
-    assert capsys.readouterr().err.startswith("RecordingError: ")
-
-
-def test_a_recording_sent_out_again_can_be_recorded_again(taped, tmp_path):
-    folder, _, _ = taped
-
-    def config(number):
-        return {"interface": "virtual", "channel": f"again {number}"}
-
-    with Replay(Recording(folder), config) as replay:
-        tape = Tape(tmp_path / "copy", replay.rig)
-        with tape, Bench(replay.rig, tape=tape) as bench:
-            count = replay.run(speed=100)
-            bench.poll()
-    for stream in ("finger_0_board_0", "finger_1_board_1", "finger_1_tactile"):
-        first, second = (
-            [bytes(m.data) for m in Recording(f).messages(stream) if m.is_rx]
-            for f in (folder, tmp_path / "copy")
-        )
-        assert second == first
-    assert count == sum(tape.counts.values())
-    assert count > 500
-
-
-def test_serial_bytes_are_sent_to_a_terminal(tmp_path):
-    rig = simulated_rig("optoforce", f"tape {next(numbers)}")
-    sent = [encode_force(ForceFrame(k, 0, (k, 0, -k))) for k in range(20)]
-    with Tape(tmp_path / "tape", rig) as tape:
-        for one in rig.fingers:
-            for k in range(2):
-                bus = tape.can(stream_name(one.name, f"board {k}"))
-                bus(encode(Pair(Quantity.POSITION, (0.0, 0.0)), 1.0))
-            sink = tape.bytes(stream_name(one.name, "tactile"))
-            for k, packet in enumerate(sent):
-                sink(packet, 1.0 + k / 1000)
-
-    def config(number):
-        return {"interface": "virtual", "channel": f"sent {number}"}
-
-    with Replay(Recording(tmp_path / "tape"), config) as replay:
-        port = os.open(replay.rig.fingers[1].tactile.source, os.O_RDWR | os.O_NOCTTY)
-        assert replay.run(speed=10) == 2 * (2 + 20)
-        assert os.read(port, 4096) == b"".join(sent)
-        os.close(port)
-        with pytest.raises(HardwareError, match="no speed"):
-            replay.run(speed=0)
-
-
-def test_recording_ends_well_by_hand(tmp_path, monkeypatch, capsys):
-    rig = simulated_rig("optoforce_can", f"tape {next(numbers)}")
-    rig.save(tmp_path / "rig.json")
-    monkeypatch.setattr("hardware.__main__.time.sleep", interrupt)
-    assert main(["record", str(tmp_path / "rig.json"), str(tmp_path / "tape")]) == 0
-    assert "stopped by hand" in capsys.readouterr().err
-    assert Recording(tmp_path / "tape").complete
-
-
-def interrupt(seconds):
-    raise KeyboardInterrupt
-
-
-def test_recording_a_silent_robot_ends_with_what_is_silent(tmp_path, capsys):
-    rig = simulated_rig("optoforce_can", f"tape {next(numbers)}")
-    rig.save(tmp_path / "rig.json")
-    words = ["record", str(tmp_path / "rig.json"), str(tmp_path / "tape"), "--ask"]
-    assert main([*words, "--patience", "0.1"]) == 1
-    assert "StaleStreamError: finger 0, board 0" in capsys.readouterr().err
-    assert not Recording(tmp_path / "tape").complete
-
-
-def test_asking_sends_zero_current_and_enables_nothing(tmp_path):
-    rig = simulated_rig("optoforce_can", f"tape {next(numbers)}")
-    heard = []
-    with can.Bus(**rig.fingers[0].boards[0]) as bus:
-        asked = Bench(rig, listen_only=False)
-        with asked:
-            asked.boards[0].ask()
-        while (message := bus.recv(timeout=0)) is not None:
-            heard.append(bytes(message.data))
-    assert heard[:2] == [bytes(8), bytes.fromhex("0000000100000014")]
-    assert bytes.fromhex("0000000100000002") not in heard
-
-
-def test_a_report_is_read_by_people(taped):
-    folder, _, _ = taped
-    report = examine(Recording(folder).fingers())
-    lines = str(report).splitlines()
-    assert len(lines) == 2 * 3 + 2
-    assert "Hz" in lines[0]
-    assert "% of" in lines[-1]
-
-
-def test_a_finger_is_described_by_its_fields():
-    names = set(FingerRig.__dataclass_fields__)
-    assert {"name", "degrees", "boards", "tactile", "zero", "motors"} <= names

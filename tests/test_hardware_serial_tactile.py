@@ -1,17 +1,10 @@
-"""Tactile sensors on serial lines and on CAN: framing, rubbish, unplugging."""
+"""Frames of tactile sensors: cut anywhere, damaged, rubbish."""
 
-import itertools
-import os
-import time
-
-import can
 import numpy as np
 import pytest
-import serial
-from bench import FUZZ, ManualClock, Terminal, capture, refused, terminal
+from bench import FUZZ, capture, forces
 
-from hardware.errors import BusError, FrameError, HardwareError, StaleStreamError
-from hardware.serial_reader import OptoForceCan, SerialTactile
+from hardware.errors import FrameError
 from hardware.serial_tactile import (
     CONFIG_ID,
     DATA_ID,
@@ -24,17 +17,8 @@ from hardware.serial_tactile import (
     encode_force,
     to_can,
 )
-from hardware.touch import FieldTouch, ForceTouch, Hysteresis, Tare
 
-__all__ = ["terminal"]  # a fixture
 REAL = bytes.fromhex("AA07080A2D6A0000FFF7FFFB00070551")
-channels = itertools.count()
-
-
-def forces(n, seed=0):
-    rng = np.random.default_rng(seed)
-    counts = rng.integers(-3000, 3000, (n, 3)).tolist()
-    return [ForceFrame((65500 + k) % 65536, 0, tuple(c)) for k, c in enumerate(counts)]
 
 
 def fields(n, chips=5, seed=0):
@@ -210,189 +194,3 @@ def test_flipped_bits_break_frames_and_nothing_else(framer, make, encode):
     assert n - 2 * len(hit) - 1 <= len(found) <= n
     if make is forces:  # the checksum sees every single bit
         assert set(found) <= set(sent)
-
-
-# Touches
-
-
-def test_contact_begins_and_ends_at_two_thresholds():
-    decide = Hysteresis(on=2.0, off=1.0)
-    strengths = [0.5, 1.5, 2.5, 1.5, 0.9, 1.5]
-    assert [decide(s) for s in strengths] == [False, False, True, True, False, False]
-    for on, off in ((1.0, 2.0), (1.0, 0.0), (np.nan, 1.0)):
-        with pytest.raises(FrameError, match="off <= on"):
-            Hysteresis(on, off)
-
-
-def test_thresholds_are_above_everything_felt_without_contact():
-    quiet = np.random.default_rng(0).normal(5.0, 0.5, 1000)
-    learnt = Hysteresis.learn(quiet, least=1.0)
-    assert quiet.max() < learnt.on < 9.0
-    assert not any(map(learnt, quiet))
-    assert Hysteresis.learn(np.zeros(10), least=1.0).on == 1.0
-    with pytest.raises(FrameError, match="without contact"):
-        Hysteresis.learn([], least=1.0)
-
-
-def test_the_zero_is_the_mean_at_rest():
-    tare = Tare(10)
-    assert [tare(np.array([k])) for k in range(10)] == [None] * 10
-    assert tare(np.array([4.5])).tolist() == [0.0]
-
-
-def test_a_pressed_dome_gives_the_normal_of_what_presses_it():
-    touch = ForceTouch(scale=(100, 100, 100), rest=5, mount=np.eye(3))
-    x, y, z = 7, -3, 11
-    for k in range(5):
-        assert touch(k, ForceFrame(k, 0, (x, y, z))) is None
-    light = touch(5, ForceFrame(5, 0, (x, y, z - 10)))
-    assert (light.contact, light.normal.tolist()) == (False, [0, 0, 0])
-    pressed = touch(6, ForceFrame(6, 0, (x + 30, y, z - 40)))
-    assert pressed.contact
-    assert pressed.strength == pytest.approx(0.5)  # [N]
-    # from the object to the finger: into the dome
-    assert pressed.normal == pytest.approx([0.6, 0, -0.8])
-    assert not touch(7, ForceFrame(7, 1 << 10, (0, 0, 0))).valid
-
-
-def test_a_skin_knows_whether_it_is_touched_not_where():
-    touch = FieldTouch(on=10, off=5, rest=1)
-    quiet = FieldFrame(np.full(5, 21.0), np.zeros((5, 3)))
-    assert touch(0.0, quiet) is None
-    felt = touch(1.0, quiet._replace(field=np.full((5, 3), 4.0)))
-    assert felt.contact
-    assert not felt.normal.any()
-
-
-# The port
-
-
-def wait_for(condition, seconds=60.0):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "nothing happened"
-        time.sleep(0.002)
-
-
-def test_a_port_delivers_the_real_capture_exactly(terminal):
-    data = capture("optoforce_omd_serial.bin").read_bytes()
-    chunks = []
-    sensor = SerialTactile(
-        terminal.name, OptoForceFramer(), sink=lambda c, t: chunks.append(c)
-    )
-    with sensor:
-        wait_for(lambda: sensor._opened)
-        terminal.write(data)
-        wait_for(lambda: sensor.framer.good == 34320)
-    assert sensor.framer.broken == 54
-    frames = sensor.take()
-    assert len(frames) == 34320
-    assert sensor.take() == []
-    stamps = [stamp for stamp, _ in frames]
-    assert stamps == sorted(stamps)
-    assert b"".join(chunks)[: len(data)] == data
-
-
-def test_the_sensor_is_configured_when_it_is_opened(terminal):
-    packet = encode_configuration(333, 150)
-    with SerialTactile(terminal.name, OptoForceFramer(), configure=packet):
-        got = b""
-        end = time.monotonic() + 5
-        while len(got) < len(packet) and time.monotonic() < end:
-            got += terminal.read()
-    assert got == packet
-
-
-def test_an_unplugged_sensor_is_missed_at_once_and_found_again(tmp_path):
-    link = tmp_path / "ttyACM0"  # udev gives the same name again
-    first = Terminal()
-    link.symlink_to(first.name)
-    with SerialTactile(str(link), OptoForceFramer(), name="finger 0") as sensor:
-        wait_for(lambda: sensor._opened)
-        first.write(REAL)
-        wait_for(lambda: sensor.framer.good == 1)
-        sensor.check(stale=10.0)
-        first.unplug()
-        link.unlink()
-        error, passed = refused(sensor.check, since=time.monotonic())
-        assert isinstance(error, StaleStreamError)
-        assert "finger 0: no touch is sensed" in str(error)
-        assert passed < 0.2
-        second = Terminal()
-        link.symlink_to(second.name)
-        wait_for(lambda: sensor.reconnects == 1)
-        second.write(REAL)
-        wait_for(lambda: sensor.framer.good == 2)
-        sensor.check(stale=10.0)
-        second.unplug()
-
-
-def test_a_silent_sensor_costs_no_time(terminal):
-    with SerialTactile(terminal.name, OptoForceFramer()) as sensor:
-        wait_for(lambda: sensor._opened)
-        before = time.process_time()
-        time.sleep(0.3)
-        assert time.process_time() - before < 0.1
-        with pytest.raises(StaleStreamError, match="silence"):
-            sensor.check()
-
-
-def test_a_port_that_is_not_there_is_said_with_the_reason():
-    with SerialTactile("/dev/nowhere", OptoForceFramer()) as sensor:
-        time.sleep(0.15)
-        with pytest.raises(StaleStreamError, match="No such file"):
-            sensor.check()
-
-
-def test_a_port_is_read_by_one_only(terminal):
-    with SerialTactile(terminal.name, OptoForceFramer()) as sensor:
-        wait_for(lambda: sensor._opened)
-        with SerialTactile(terminal.name, OptoForceFramer()) as other:
-            wait_for(lambda: other._why)
-            assert "lock" in other._why or "Resource" in other._why
-        with pytest.raises(serial.SerialException):
-            serial.Serial(terminal.name, exclusive=True)
-
-
-def test_a_sink_that_fails_ends_in_its_own_error(terminal):
-    def full(chunk, now):
-        raise HardwareError("the disk is full")
-
-    with SerialTactile(terminal.name, OptoForceFramer(), sink=full) as sensor:
-        wait_for(lambda: sensor._opened)
-        terminal.write(REAL)
-        wait_for(lambda: sensor._broken_down)
-        with pytest.raises(HardwareError, match="the disk is full"):
-            sensor.check()
-
-
-def test_a_sensor_on_can_is_read_beside_the_boards():
-    config = {"interface": "virtual", "channel": f"tactile {next(channels)}"}
-    clock = ManualClock()
-    with can.Bus(**config) as bus, OptoForceCan(config, clock=clock) as sensor:
-        for frame in forces(30):
-            for message in to_can(encode_force(frame), DATA_ID):
-                bus.send(message)
-            bus.send(can.Message(arbitration_id=0x30, data=bytes(8)))
-        restarted = can.Message(arbitration_id=DATA_ID, data=bytes(8))
-        restarted.is_error_frame = True
-        bus.send(restarted)
-        assert [frame for _, frame in sensor.take()] == forces(30)
-        assert sensor.framer.skipped == 0
-        sensor.check()
-        clock.sleep(0.2)
-        with pytest.raises(StaleStreamError):
-            sensor.check()
-
-
-def test_a_sensor_on_a_bus_that_is_not_there_says_so():
-    with pytest.raises(BusError, match="cannot be opened"):
-        OptoForceCan({"interface": "socketcan", "channel": "can97"}).__enter__()
-    assert OptoForceCan().take() == []
-
-
-def test_ports_are_closed_when_they_are_left(terminal):
-    before = len(os.listdir("/proc/self/fd"))
-    with SerialTactile(terminal.name, OptoForceFramer()) as sensor:
-        wait_for(lambda: sensor._opened)
-    assert len(os.listdir("/proc/self/fd")) == before

@@ -1,0 +1,154 @@
+"""Whatever goes wrong on the robot, it ends in time and without current."""
+
+import can
+import pytest
+from bench import Terminal, terminal, wait_for
+from bench_robot import FREE, Setup, numbers, stop_a_board
+
+from hardware.errors import (
+    BoardError,
+    BusError,
+    CompletenessError,
+    HardwareError,
+    LimitError,
+    StaleStreamError,
+)
+from hardware.impedance import Limits
+from hardware.motor_can import Fault
+from hardware.recording import Recording
+from hardware.simulated_robot import simulated_rig
+
+__all__ = ["terminal"]  # a fixture
+
+
+def stop_a_sensor(setup):
+    setup.robot.fingers[0].skin.silent = True
+
+
+def fail_a_board(setup):
+    setup.robot.fingers[0].boards[1].fail(Fault.ENCODER)
+
+
+def close_a_bus(setup):
+    setup.bench.fingers[0].boards[0]._bus.shutdown()
+
+
+def report_bus_off(setup):
+    frame = can.Message(arbitration_id=0x40, data=bytes(8), is_error_frame=True)
+    setup.robot.fingers[1].boards[1]._bus.send(frame)
+
+
+def press_ctrl_c(setup):
+    raise KeyboardInterrupt
+
+
+def hang(setup):
+    setup.world._last_tick -= 1.0  # as if a second had passed since
+
+
+@pytest.mark.parametrize(
+    ("harm", "error", "word"),
+    [
+        (stop_a_board, StaleStreamError, "finger 1, board 0: no position"),
+        (stop_a_sensor, StaleStreamError, "finger 0, tactile: no touch"),
+        (fail_a_board, BoardError, "finger 0, board 1.*ENCODER"),
+        (close_a_bus, BusError, "finger 0, board 0: cannot"),
+        (report_bus_off, BusError, "the bus is off"),
+        (press_ctrl_c, KeyboardInterrupt, "^$"),
+        (hang, HardwareError, "held up"),
+    ],
+)
+def test_whatever_goes_wrong_ends_within_200_ms_without_current(
+    harm, error, word, tmp_path
+):
+    with Setup(tape=tmp_path / "tape") as setup:
+        setup.world._start()
+        done = setup.after(0.2, lambda: harm(setup))
+        with pytest.raises(error, match=word):
+            setup.world.execute(FREE)
+        assert setup.robot.now() - done[0] < 0.2
+        if harm is not close_a_bus:  # that board hears nothing, its time-out must do
+            assert setup.left_in_peace()
+    # all data so far are on disk, and say that it ended early
+    recording = Recording(tmp_path / "tape")
+    for streams in recording.fingers():
+        for stream in (*streams.boards, streams.touch):
+            assert stream.time[-1] > done[0] - 0.02
+            assert stream.time[0] < done[0] - 0.2
+
+
+def test_a_board_that_hears_nothing_any_more_switches_itself_off():
+    with Setup() as setup:
+        setup.world._start()
+        setup.after(0.2, lambda: close_a_bus(setup))
+        with pytest.raises(BusError):
+            setup.world.execute(FREE)
+        setup.robot.sleep(0.12)
+        assert not setup.robot.fingers[0].boards[0].current.any()
+
+
+def test_a_camera_that_freezes_ends_it_within_200_ms(tmp_path):
+    with Setup("densetact", tape=tmp_path / "tape") as setup:
+        setup.world._start()
+
+        def freeze():
+            setup.robot.fingers[1].skin.frozen = True
+
+        done = setup.after(0.2, freeze)
+        with pytest.raises(StaleStreamError, match="finger 1, tactile: no touch"):
+            setup.world.execute(FREE)
+        assert setup.robot.now() - done[0] < 0.2
+        assert setup.left_in_peace()
+    pictures = list(Recording(tmp_path / "tape").pictures("finger_1_tactile"))
+    assert len(pictures) > 12
+    assert pictures[-1][0] == pytest.approx(done[0], abs=0.035)
+
+
+def test_a_terminal_that_is_pulled_out_ends_it_within_200_ms(tmp_path, terminal):
+    from dataclasses import replace
+
+    rig = simulated_rig("optoforce", f"world {next(numbers)}")
+    second = Terminal()
+    ends = terminal, second
+    wired = [
+        replace(one, tactile=replace(one.tactile, source=end.name))
+        for one, end in zip(rig.fingers, ends, strict=True)
+    ]
+    rig = replace(rig, fingers=tuple(wired))
+    with Setup(rig=rig, tape=tmp_path / "tape") as setup:
+        readers = [one.skin.reader for one in setup.bench.fingers]
+        for reader in readers:
+            wait_for(lambda reader=reader: reader._opened)
+        for one, end, reader in zip(setup.robot.fingers, ends, readers, strict=True):
+
+            def write(packet, end=end, reader=reader):
+                if end.master is not None:  # simulated time waits for the real wire
+                    count = reader.framer.good + 1
+                    end.write(packet)
+                    wait_for(lambda: reader.framer.good >= count)
+
+            one.skin.write = write
+        setup.world._start()
+        done = setup.after(0.2, second.unplug)
+        with pytest.raises(StaleStreamError, match="finger 1, tactile"):
+            setup.world.execute(FREE)
+        assert setup.robot.now() - done[0] < 0.2
+        assert setup.left_in_peace()
+    chunks = list(Recording(tmp_path / "tape").chunks("finger_1_tactile"))
+    assert chunks[-1][0] > done[0] - 0.03
+
+
+def test_a_joint_that_runs_away_is_stopped():
+    with Setup() as setup:
+        setup.world.limits = Limits(top_speed=0.05)
+        with pytest.raises(LimitError, match="runs away"):
+            setup.world.execute(FREE)
+        assert setup.left_in_peace()
+
+
+def test_an_action_that_misses_too_much_is_refused():
+    with Setup() as setup:
+        setup.world.complete = 1.01
+        with pytest.raises(CompletenessError, match="valid"):
+            setup.world.execute(FREE)
+        assert setup.left_in_peace()

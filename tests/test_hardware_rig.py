@@ -1,0 +1,67 @@
+"""The description of a robot: it survives its file, and says what it may hold."""
+
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from hardware.errors import RigError
+from hardware.rig import Rig, Tactile
+from hardware.serial_tactile import (
+    AnySkinFramer,
+    encode_field,
+)
+from hardware.simulated_robot import simulated_rig
+
+
+def test_a_rig_survives_its_file(tmp_path):
+    for kind in ("densetact", "optoforce", "optoforce_can"):
+        rig = simulated_rig(kind)
+        rig.save(tmp_path / "rig.json")
+        assert Rig.load(tmp_path / "rig.json") == rig
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"fingers": []}, "no fingers"),
+        ({"finger": []}, "missing"),
+        ({"fingers": [{"name": "a"}]}, "missing.*degrees"),
+        ({"fingers": [{"nom": "a"}]}, "missing"),
+    ],
+)
+def test_a_rig_that_is_not_understood_says_what_it_may_hold(tmp_path, change, word):
+    path = tmp_path / "rig.json"
+    path.write_text(json.dumps(change))
+    with pytest.raises(RigError, match=word):
+        Rig.load(path)
+
+
+def test_parts_of_a_rig_are_checked_when_it_is_made():
+    one = simulated_rig("optoforce_can").fingers[0]
+    with pytest.raises(RigError, match="two boards"):
+        Rig((replace(one, boards=({},)),))
+    with pytest.raises(RigError, match="two of one name"):
+        Rig((one, one))
+    with pytest.raises(RigError, match="no such sensor"):
+        Tactile("camera")
+    with pytest.raises(RigError, match="no such robot"):
+        Rig((replace(one, robot="trio"),))
+    with pytest.raises(RigError, match="wrong options"):
+        Tactile("optoforce", touch={"colour": "red"}).toucher()
+    with pytest.raises(RigError, match="wrong options"):
+        Tactile("densetact", touch={}).toucher()
+    with pytest.raises(RigError, match="no rig"):
+        Rig.load("/nowhere/rig.json")
+
+
+def test_a_magnetic_skin_is_a_rig_too():
+    tactile = Tactile("anyskin", source="/dev/ttyACM0", touch={"on": 80.0, "off": 50.0})
+    reader = tactile.reader("skin", None, None)
+    assert isinstance(reader.framer, AnySkinFramer)
+    assert reader.baudrate == 115_200
+    rest = SimpleNamespace(temperature=np.zeros(5), field=np.zeros((5, 3)))
+    assert len(encode_field(rest)) == 82
+    assert tactile.toucher().decide.on == 80.0
