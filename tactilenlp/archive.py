@@ -11,6 +11,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from tactilenlp.checks import check_path
 from tactilenlp.errors import MeasurementError
 
 UNREADABLE = (  # AttributeError, TypeError: np.load gave an array, it was an .npy file
@@ -27,6 +28,7 @@ def read_npz(
 
     Raises `error` for what is no .npz file, FileNotFoundError for no file at all.
     """
+    check_path(path)
     arrays, where = {}, os.fspath(path)
     with open(path, "rb") as stream:
         try:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from numbers import Integral, Real
 
+import numpy as np
+
 from .errors import OptionError
 
 LONGEST = 80  # characters of a value that are shown
@@ -48,14 +50,49 @@ def check_numbers(where: str, expected: str, **given) -> None:
             )  # fmt: skip
 
 
-def check_sample(sample, samples: int) -> None:
+def check_sample(sample, samples: int, name: str = "sample") -> None:
     """Raise OptionError unless `sample` is a whole number that picks one of so many."""
     whole = isinstance(sample, Integral) and not isinstance(sample, bool)
     if not (whole and -samples <= sample < samples):
         raise OptionError(
-            "no such sample", where="sample", got=_short(sample),
+            f"no such {name}", where=name, got=_short(sample),
             expected=f"a whole number from {-samples} to {samples - 1}",
         )  # fmt: skip
+
+
+def checked_array(where: str, value, *shape: int, unit: str) -> np.ndarray:
+    """Return the value as floats of this shape, finite; OptionError if it is none.
+
+    shape: sizes; -1 in front stands for any number of axes of any size.
+    """
+    try:
+        array = np.asarray(value, float)
+    except (TypeError, ValueError):  # words, None among numbers, ragged lists
+        array = np.full(0, np.nan)
+    tail = shape[1:] if shape[0] == -1 else shape
+    fit = array.ndim >= len(tail) if shape[0] == -1 else array.ndim == len(shape)
+    found = array.shape[array.ndim - len(tail) :]
+    if fit and np.isfinite(array).all() and found == tail:
+        return array
+    words = ", ".join("..." if n == -1 else str(n) for n in shape)
+    raise OptionError(
+        "not the numbers that it should be", where=where, got=_short(value),
+        expected=f"({words}{',' * (len(shape) == 1)}) finite numbers {unit}".strip(),
+    )  # fmt: skip
+
+
+def checked_choice(where: str, value, known, error=OptionError) -> np.ndarray:
+    """Return an iterable of whole numbers among those known; `error` otherwise."""
+    try:
+        wanted = np.asarray(list(value))
+    except TypeError:  # it is no iterable
+        wanted = np.full(0, np.nan)
+    if wanted.dtype.kind not in "iu" or not np.isin(wanted, known).all():
+        raise error(
+            "cannot select", where=where, got=_short(value),
+            expected=f"whole numbers among {np.asarray(known).tolist()}",
+        )  # fmt: skip
+    return wanted
 
 
 def _is(value, kind) -> bool:

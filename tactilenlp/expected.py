@@ -15,7 +15,7 @@ import numpy as np
 from formulations import quasi_static, violation_implicit
 from formulations.friction import FRICTION
 
-from .checks import check_types
+from .checks import check_sample, check_types
 from .errors import OptionError
 from .hypothesis import Hypothesis, distinct
 from .kind import mapped
@@ -118,12 +118,14 @@ class ExpectedInformation:
 
     def prospect(self, action: Action, hypothesis: int = 0) -> Prospect:
         """Return what the action is predicted to do, from one hypothesis."""
+        check_sample(hypothesis, len(self.beliefs), "hypothesis")
         b = self.beliefs[hypothesis]
         motion, contact, F = self._ahead(b, action)
         return Prospect(motion, contact, F[: len(b.z), : len(b.z)])
 
     def _ahead(self, belief: Belief, action: Action):
         """Return its way (n, 3), contacts (n, F) and what they tell (k, k)."""
+        check_types(action=(action, Action))
         space, k = action.workspace, self._size
         self._check_fingers(space)
         path = action.positions(self.target, round(space.duration * RATE) + 1)

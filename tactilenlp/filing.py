@@ -57,6 +57,10 @@ def check_folder(path, where: str) -> None:
             expected="a file in a folder that is there",
             next="make the folder, or write elsewhere",
         )  # fmt: skip
+    if Path(path).is_dir():  # an empty word is this folder
+        expected = "the path of a file"
+        got = repr(str(path))
+        raise FileError("a folder", where=where or "path", got=got, expected=expected)
 
 
 @contextmanager

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .chart import WORDS, chart_of
+from .checks import check_types
 from .curvature import Curvature, curvature_of
 from .errors import OptionError
 from .modes import Modes, weighted
@@ -65,6 +66,7 @@ class Information:
 
         "finger_offset": (3 F, 3 F), finger by finger, where the scene leaves it open.
         """
+        check_types(name=(name, (str, type(None))))
         if name is None:
             return self.spread
         if name == "finger_offset" and self.offsets is not None:
@@ -77,6 +79,7 @@ class Information:
 
         "finger_offset": (F, 3), where the scene leaves it open.
         """
+        check_types(name=(name, str))
         variance = np.diag(self.covariance(name)).copy()
         variance[variance < 0] = np.inf
         sigma = np.sqrt(variance)
@@ -89,6 +92,7 @@ class Information:
 
     def part(self, name: str) -> np.ndarray:
         """Return what one term, or all terms of a role, add to the matrix (k, k)."""
+        check_types(name=(name, str))
         chosen = [n for n, role in self.roles.items() if name in (n, role)]
         if not chosen:
             raise OptionError(

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from tactilenlp.archive import read_npz
-from tactilenlp.checks import check_types
+from tactilenlp.checks import check_types, checked_choice
 from tactilenlp.errors import MeasurementError
 from tactilenlp.filing import write_npz
 
@@ -122,19 +122,21 @@ class Measurements:
 
     def select(self, actions: Iterable[int]) -> Measurements:
         """Return the samples of these actions, in time order; numbers are kept."""
-        present, wanted = np.unique(self.action), np.asarray(list(actions))
-        known = wanted.dtype.kind in "iu" and np.isin(wanted, present).all()
-        fix = f"choose from {present.tolist()}"
-        _reject("action", not known, "cannot select", repr(actions), fix)
+        wanted = checked_choice(
+            "action", actions, np.unique(self.action), MeasurementError
+        )
         return Measurements(**self._arrays(np.isin(self.action, wanted)))
 
     def transformed(self, R: np.ndarray, t: np.ndarray) -> Measurements:
         """Return the data in a frame v: p_v = R p_w + t, R (3, 3), t (3,) [m]."""
-        R_vw, t_vw = np.asarray(R, float), np.asarray(t, float)
+        try:
+            R_vw, t_vw = np.asarray(R, float), np.asarray(t, float)
+        except (TypeError, ValueError):  # words, ragged lists
+            R_vw = t_vw = np.zeros(0)
         rigid = R_vw.shape == (3, 3) and t_vw.shape == (3,) and np.isfinite(R_vw).all()
         rigid = rigid and abs(R_vw @ R_vw.T - np.eye(3)).max() <= ROTATION_TOLERANCE
         if not (rigid and np.linalg.det(R_vw) > 0):
-            parts = {"where": "R, t", "got": f"{R_vw.tolist()}, {t_vw.tolist()}"}
+            parts = {"where": "R, t", "got": f"{R}, {t}"}
             parts |= {"expected": "a rotation matrix (3, 3) and an offset (3,) [m]"}
             raise MeasurementError("no rigid motion", next="check R R' = 1", **parts)
         moved = self._arrays() | {"normal": self.normal @ R_vw.T}
@@ -150,6 +152,7 @@ class Measurements:
 
     def is_prefix_of(self, other: Measurements) -> bool:
         """Return whether `other` begins with exactly these data."""
+        check_types(other=(other, Measurements))
         mine, theirs = self._arrays(), other._arrays(slice(self.samples))
         return mine.keys() == theirs.keys() and all(
             np.array_equal(mine[key], theirs[key]) for key in mine

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from tactilenlp.archive import read_npz
+from tactilenlp.checks import check_types, checked_array
 from tactilenlp.errors import MeasurementError, OptionError, SceneError
 from tactilenlp.joint_zeros import JointZeros
 from tactilenlp.measurements import Measurements
@@ -62,15 +63,18 @@ class Ground:
 
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Return the signed distance (...) [m] of world points (..., 3) [m]."""
-        return np.asarray(points) @ np.array(self.normal) - self.height
+        points = checked_array("points", points, -1, 3, unit="[m]")
+        return points @ np.array(self.normal) - self.height
 
     def to_ground(self, points: np.ndarray) -> np.ndarray:
         """Map points (..., 3) [m] from the world to the ground frame."""
-        return (np.asarray(points) - self.origin) @ self.rotation.T
+        points = checked_array("points", points, -1, 3, unit="[m]")
+        return (points - self.origin) @ self.rotation.T
 
     def from_ground(self, points: np.ndarray) -> np.ndarray:
         """Map points (..., 3) [m] from the ground frame back to the world."""
-        return np.asarray(points) @ self.rotation + self.origin
+        points = checked_array("points", points, -1, 3, unit="[m]")
+        return points @ self.rotation + self.origin
 
 
 @dataclass(frozen=True)
@@ -179,6 +183,7 @@ class Scene:
         The surface of a fingertip may touch the ground; samples not valid are skipped.
         Raise it as well where capsules were not measured which way they point.
         """
+        check_types(data=(data, Measurements))
         if self.finger_length > 0 and data.finger_orientation is None:
             raise MeasurementError(
                 "no one says which way the fingertips point",

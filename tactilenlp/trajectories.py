@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .archive import read_npz
+from .checks import checked_choice
 from .errors import MeasurementError
 from .filing import write_npz
 
@@ -81,10 +82,7 @@ class Trajectories:
 
     def select(self, tosses: Iterable[int]) -> Trajectories:
         """Return some tosses, by number, in the order of recording."""
-        wanted = np.asarray(list(tosses))
-        if wanted.dtype.kind not in "iu" or not np.isin(wanted, self.toss).all():
-            expected = f"numbers among {self.tosses.tolist()}"
-            raise _wrong("tosses", expected, wanted.tolist())
+        wanted = checked_choice("tosses", tosses, self.tosses, MeasurementError)
         rows = np.isin(self.toss, wanted)
         return Trajectories(
             toss=self.toss[rows], position=self.position[rows],

@@ -11,7 +11,7 @@ import numpy as np
 
 from formulations import exploration as page
 
-from .checks import check_types
+from .checks import check_numbers, check_types, checked_array
 from .errors import OptionError
 from .scene import Ground
 
@@ -107,10 +107,11 @@ class Workspace:
 
     def action(self, angles, active=None) -> Action:
         """Return the action with these angles (2 F,) [rad], checked."""
-        return Action(np.array(angles, float), self, active)
+        return Action(angles, self, active)
 
     def random(self, rng: np.random.Generator, active=None) -> Action:
         """Return an action drawn uniformly from all angles."""
+        check_types(rng=(rng, np.random.Generator))
         return self.action(rng.uniform(self.lower, self.upper), active)
 
 
@@ -127,7 +128,9 @@ class Action:
     active: tuple[bool, ...] | None = None
 
     def __post_init__(self) -> None:
-        space, angles = self.workspace, np.array(self.angles, float).ravel()
+        check_types(workspace=(self.workspace, Workspace))
+        space = self.workspace
+        angles = checked_array("angles", self.angles, -1, unit="[rad]").ravel()
         inside = angles.shape == space.lower.shape
         inside = inside and (space.lower - 1e-9 <= angles).all()
         if not (inside and (angles <= space.upper + 1e-9).all()):
@@ -148,16 +151,14 @@ class Action:
 
     def trajectory(self, target) -> Trajectory:
         """Return the way of all fingers towards a target (3,) [m], world frame."""
-        target = np.asarray(target, float)
-        if target.shape != (3,) or not np.isfinite(target).all():
-            raise _wrong("target", "(3,) finite [m]", target)
         n = round(self.workspace.duration * RATE) + 1
         time = np.linspace(0, self.workspace.duration, n)
         return Trajectory(time, self.positions(target, n))
 
     def positions(self, target: np.ndarray, n: int) -> np.ndarray:
         """Return the places (n, F, 3) [m] at n instants, world frame."""
-        space = self.workspace
+        space, target = self.workspace, checked_array("target", target, 3, unit="[m]")
+        check_numbers("", "a whole number of instants from 2", n=(n, 1, 1e6))
         if space.ground is not None:
             target = space.ground.to_ground(target)
         alone = sum(self.active) == 1

@@ -204,7 +204,7 @@ def test_selected_actions_keep_their_numbers_and_the_order_of_time():
 
 @pytest.mark.parametrize("actions", [[], [3], [0, -1], [True, False, True], ["0"]])
 def test_selecting_what_is_not_there_names_what_is(actions):
-    with pytest.raises(MeasurementError, match=r"choose from \[0, 1, 2\]"):
+    with pytest.raises(MeasurementError, match=r"numbers among \[0, 1, 2\]"):
         measurements().select(actions)
 
 
