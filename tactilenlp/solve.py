@@ -120,22 +120,15 @@ def solve(
     scale, data = problem.scale, problem.data(parameters)
     free = problem.eliminated.free if eliminate else slice(None)
     kept = problem.eliminated.kept if eliminate else slice(None)
-    given = {}
-    if warm:
-        pulls = [warm.multipliers[name].ravel() for name in problem.constraints]
-        given = {"lam_g0": np.concatenate([np.zeros(0), *pulls])[kept]}
-        given["lam_x0"] = (problem.pack(warm.bound_multipliers) * scale)[free]
+    given = _pulls(problem, warm, free, kept) if warm else {}
     began = time.process_time()
     with interruptible():
         out = solver(
-            x0=(x / scale)[free],
-            p=data,
-            lbx=(lower / scale)[free],
-            ubx=(upper / scale)[free],
-            lbg=problem.limits("lower")[kept],
-            ubg=problem.limits("upper")[kept],
+            x0=(x / scale)[free], p=data,
+            lbx=(lower / scale)[free], ubx=(upper / scale)[free],
+            lbg=problem.limits("lower")[kept], ubg=problem.limits("upper")[kept],
             **given,
-        )
+        )  # fmt: skip
     lam_x = np.zeros(problem.size)
     x[free] = np.asarray(out["x"]).ravel() * scale[free]
     lam_x[free] = np.asarray(out["lam_x"]).ravel() / scale[free]
@@ -149,6 +142,16 @@ def solve(
     if throw and not solution.success:
         raise not_converged(problem, solution)
     return solution
+
+
+def _pulls(problem, warm: Solution, free, kept) -> dict:
+    """Return the multipliers of a solution as IPOPT takes them, scaled."""
+    rows = [warm.multipliers[name].ravel() for name in problem.constraints]
+    bounds = problem.pack(warm.bound_multipliers) * problem.scale
+    return {
+        "lam_g0": np.concatenate([np.zeros(0), *rows])[kept],
+        "lam_x0": bounds[free],
+    }
 
 
 def _start(problem, values, fixed):

@@ -16,10 +16,9 @@ from .polytopes import CREEPING, is_polytope, reseeded, window_of
 from .solution import after
 from .solve import SolverOptions, solve_levels
 from .tipping import lifted
-from .trial import started
+from .trial import LONGEST, started
 
 CHOSEN_AGAIN = ("theta", "x", "body")  # where a page that is filled anew starts
-LONGEST = 60.0  # [s] that one level may take
 
 
 @dataclass(frozen=True, eq=False)

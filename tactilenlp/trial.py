@@ -17,7 +17,7 @@ from .solve import SolverOptions, solve_levels
 ROUGH = 1e-3  # tolerance of a page's solves that only rank
 RELAXED = 0.1  # IPOPT's first mu where a page is solved from poses that are guessed
 OPEN = 60  # iterations of a page's opened level
-LONGEST = 60.0  # [s] of one solve
+LONGEST = 60.0  # [s] that one level of a page may take
 
 
 def posed(job: Job, page, guess=None):
