@@ -21,6 +21,7 @@ from .options import Options
 from .polytopes import is_polytope
 from .polytopes import search as polytope_search
 from .precision import precision_of, smoothed
+from .profile import profiled
 from .race import raced
 from .readout import name_of, read_off
 from .reduce import Reductions, flat, insisted
@@ -96,6 +97,8 @@ def _found(data, job, page, start, options, executor, so_far):
     best = _certified(job, page, solved[0], options)
     if "planar" in best.certificates.broken and not flat(page):
         best = _tumbled(job, page, best, options, executor)
+    elif options.rivals and best.solution.success:
+        best = _profiled(job, page, best, options)
     seconds = {**best.solution.seconds, "search": searched}
     seconds["total"] = time.process_time() - so_far.began
     late = time.monotonic() > job.deadline
@@ -170,6 +173,18 @@ def _certified(job, page, solved, options) -> Solved:
             break  # another optimum, which is worse: what does not hold is said
         solved, found = again, certify(job, page, again)
     return replace(solved, certificates=found)
+
+
+def _profiled(job, page, best, options) -> Solved:
+    """Return the best with the profile of its sizes; or a better one that is met."""
+    profile, better = profiled(job, page, best, options)
+    if better is not None:
+        again = solved_from(job, page, better, options, levels=page.LEVELS[-1:])
+        again = _certified(job, page, again, options)
+        if again.rank < best.rank:
+            best = again
+            profile, _ = profiled(job, page, best, options)
+    return replace(best, profile=profile)
 
 
 def _solved_on(job, page, solved, options) -> Solved:

@@ -137,7 +137,7 @@ class Information:
 
 
 def information_of(
-    problem, solution, window, shape, faces, R_wg, sensed=None, rivals=()
+    problem, solution, window, shape, faces, R_wg, sensed=None, rivals=(), profile=None
 ) -> Information:
     """Return the information about theta and the last pose of a solved programme.
 
@@ -156,7 +156,8 @@ def information_of(
     if sensed is not None:
         errors = spread(curvature, pulls, held, sensed, window, shape)
         grounded = len(window.corner) > 0
-        doubt = unseen(chart, shape, faces, sensed.precision.position, grounded)
+        noise = sensed.precision.position
+        doubt = unseen(chart, shape, faces, noise, grounded, profile)
     found = [(chart.z, chart.R, solution.objective, errors)]
     found += [_rival(other, shape, R_wg) for other in rivals]
     modes = weighted(shape, chart.turning, found)

@@ -93,7 +93,7 @@ def box_read(job, page, solved, theta, x, rivals) -> tuple[Body, Information]:
     information = information_of(
         problem, solution, window, shape, faces, _turn(scene).T,
         Sensed(job.data, job.precision, builder(page, shape, scene)),
-        [(r.problem, r.solution, r.window) for r in rivals],
+        [(r.problem, r.solution, r.window) for r in rivals], solved.profile,
     )  # fmt: skip
     where = poses(shape, window.motion, theta, x, scene.ground)
     return Body(*where, body_corners(shape, theta), faces), information

@@ -26,6 +26,8 @@ from .trial import opened
 CLAIMED = 0.5  # [prior deviations] a size less certain than this claims nothing
 NEAR = 6e-3  # [m] sizes this close to the best one's lead to the same optimum
 PASTS = 3  # actions that have a middle to go back from
+JUMPS = 3  # of a path at most that are followed over, the longest first
+JUMP = 1e-3  # [m] between actions: nothing moves an object then
 KNOWN_SIZE = 1e-4  # [m] deviation of sizes, where a path is followed backward
 KNOWN_POSE = np.r_[3e-4, 3e-4, 5e-3]  # [m, m, rad] and of the pose it starts from
 KNOWN = 3e-3  # [m] sizes this close to those of another hypothesis are known
@@ -37,16 +39,16 @@ def challenged(job, page, solved, options, before=0) -> list:
     before: actions of the estimate that this one carries on; its rivals, if they are
     any good, are among the hypotheses.
     """
-    if not (job.reductions.planar and solved[0].solution.success):
+    if not job.reductions.planar:
         return solved
-    if middle(job.data.actions) == middle(before):
-        return solved
-    levels = opened(page.LEVELS, final=True)
-    for proposed in (other_pasts, other_sizes):
+    proposals, levels = [unbroken] * JUMPS, opened(page.LEVELS, final=True)
+    if middle(job.data.actions) != middle(before):
+        proposals += [other_pasts, other_sizes]
+    for proposed in proposals:
         rivals = raced(job, page, proposed(job, solved), options, levels, known=solved)
-        solved = [*solved, *(s for s in rivals if s.solution.success)]
-        solved = sorted(solved, key=lambda s: s.rank)
-    return solved
+        solved = sorted([*solved, *rivals], key=lambda s: s.rank)
+    good = [s for s in solved if s.solution.success]
+    return good or solved
 
 
 def middle(actions: int) -> int:
@@ -65,12 +67,40 @@ def other_pasts(job, solved) -> list:
     if len(actions) < PASTS:
         return []
     start = int(np.argmax(action == actions[middle(len(actions))]))
+    return [replace(at, x=_followed(job, at, start, backward=True))]
+
+
+def unbroken(job, solved) -> list:
+    """Return the best hypothesis without its longest jump between actions, if any.
+
+    Nothing moves an object while no finger is near: a jump is a wrong turn, taken
+    before it or after it.  So the path is followed from one side over the other.
+    """
+    at, action = solved[0].at, job.data.action
+    first = 1 + np.nonzero(np.diff(action))[0]
+    if not len(first):
+        return []
+    way = np.linalg.norm(at.x[:2, first] - at.x[:2, first - 1], axis=0)
+    start = int(first[np.argmax(way)])
+    if way.max() < JUMP:
+        return []
+    return [
+        replace(at, x=_followed(job, at, start, backward)) for backward in (True, False)
+    ]
+
+
+def _followed(job, at, start: int, backward: bool) -> np.ndarray:
+    """Return poses (3, T) followed backward from `start`, or forward over it."""
     data, window = spherical(job)
-    z = np.r_[at.theta, at.x[:, start]]
+    here, samples = start - (not backward), np.arange(at.x.shape[1])
+    z = np.r_[at.theta, at.x[:, here]]
     spread = np.diag(np.r_[np.full(len(at.theta), KNOWN_SIZE), KNOWN_POSE] ** 2)
     given = at.seen(data), window, job.shape, z[None], spread[None], np.ones(1)
-    _, path = follow(*given, np.arange(start)[::-1])
-    return [replace(at, x=np.hstack([path[0][:, ::-1], at.x[:, start:]]))]
+    if backward:
+        _, path = follow(*given, samples[:start][::-1])
+        return np.hstack([path[0][:, ::-1], at.x[:, start:]])
+    _, path = follow(*given, samples[start:])
+    return np.hstack([at.x[:, :start], path[0]])
 
 
 def other_sizes(job, solved) -> list:
@@ -79,7 +109,7 @@ def other_sizes(job, solved) -> list:
     solved: the best first; sizes that one of them has are no others.
     """
     best, shape, at = solved[0], job.shape, solved[0].at
-    if not getattr(shape, "symmetries", ()):
+    if not (best.solution.success and getattr(shape, "symmetries", ())):
         return []  # not a body whose unknowns are the lengths of its sides
     mean, deviation = shape.size_prior
     sizes = best.problem.variables["theta"].span
@@ -103,11 +133,13 @@ def resized(hypothesis, axis: int, size: float, touched):
     """Return a planar hypothesis of another size [m], its touched face where it was.
 
     touched (2,): samples on the face at the lower and at the upper end of the axis.
+    The height (axis 2) of what lies on the ground leaves a planar pose where it is.
     """
     theta, x = hypothesis.theta.copy(), hypothesis.x.copy()
     low, high = np.asarray(touched) >= ENOUGH
     way = (size - theta[axis]) / 2 * (int(low) - int(high))
     theta[axis] = size
-    turn = x[2] + axis * np.pi / 2
-    x[:2] += way * np.array([np.cos(turn), np.sin(turn)])
+    if axis < 2:
+        turn = x[2] + axis * np.pi / 2
+        x[:2] += way * np.array([np.cos(turn), np.sin(turn)])
     return replace(hypothesis, theta=theta, x=x)

@@ -156,7 +156,8 @@ def _pulls(problem, warm: Solution, free, kept) -> dict:
 
 def _start(problem, values, fixed):
     """Return where to start within the bounds, and the bounds, fixed ones closed."""
-    unknown = [name for name in fixed if name not in problem.variables]
+    names = [name for name in fixed if isinstance(name, str)]
+    unknown = [name for name in names if name not in problem.variables]
     if unknown:
         raise OptionError(
             "no such variable",
@@ -166,9 +167,9 @@ def _start(problem, values, fixed):
         )
     lower, upper = problem.bounds("lower"), problem.bounds("upper")
     x = np.clip(problem.pack(values), lower, upper)
-    for name in fixed:
-        span = problem.variables[name].span
-        lower[span] = upper[span] = x[span]
+    for held in fixed:
+        where = problem.variables[held].span if isinstance(held, str) else held
+        lower[where] = upper[where] = x[where]
     return x, lower, upper
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from formulations.finger_offset import NAME as OFFSET
 from formulations.rigid_body import PLANAR
 
@@ -25,7 +27,8 @@ CHOSEN_AGAIN = ("theta", "x", "body")  # where a page that is filled anew starts
 class Solved:
     """A page solved from one hypothesis: problem, window, solution.
 
-    rough: where the levels before the last one had brought the hypothesis.
+    rough: where the levels before the last one had brought the hypothesis; profile:
+    deviation (axes,) [m] of each size that touch leaves open (profile.py).
     """
 
     hypothesis: Hypothesis
@@ -35,6 +38,7 @@ class Solved:
     job: Job
     certificates: Certificates = field(default_factory=lambda: Certificates(()))
     rough: Hypothesis | None = None
+    profile: np.ndarray | None = None
 
     @property
     def skipped(self) -> tuple:

@@ -74,7 +74,9 @@ def _model_error(curvature, by_position, by_normal, sensed, window, shape):
     return gap * along @ along.T + turn * across @ across.T
 
 
-def unseen(chart, shape, faces, noise: float, grounded: bool = True) -> np.ndarray:
+def unseen(
+    chart, shape, faces, noise: float, grounded: bool = True, profile=None
+) -> np.ndarray:
     """Return the covariance (k, k) of faces that nothing touched, SI.
 
     What physics tells of them is no Gaussian: an optimum among others, and too small
@@ -98,6 +100,8 @@ def unseen(chart, shape, faces, noise: float, grounded: bool = True) -> np.ndarr
         places = k - n - chart.turning
         way[n : n + places] = (int(low) - int(high)) / 2 * chart.R[:places, axis]
         deviation = UNSEEN * noise
+        if profile is not None:
+            deviation = max(deviation, profile[axis])
         if chart.turning == 3:
             deviation = np.hypot(deviation, TUMBLED * chart.z[axis])
         total += deviation**2 * np.outer(way, way)

@@ -12,7 +12,7 @@ from tactilenlp import Options
 from tactilenlp.estimate import _job
 from tactilenlp.hypothesis import distinct, same
 from tactilenlp.race import raced
-from tactilenlp.rivals import middle, other_pasts
+from tactilenlp.rivals import JUMP, middle, other_pasts, unbroken
 from tactilenlp.trial import opened
 
 LEVELS = opened(page.LEVELS, final=True)
@@ -79,12 +79,24 @@ def test_a_past_that_jumps_is_followed_backward_without_the_jump(recorded):
     class Solved:
         at = replace(h, x=jumped)
 
+    for path in unbroken(job, [Solved]):
+        link = np.linalg.norm(path.x[:2, start] - path.x[:2, start - 1])
+        assert link < JUMP
     (past,) = other_pasts(job, [Solved])
     np.testing.assert_array_equal(past.x[:, start:], h.x[:, start:])
     link = np.linalg.norm(past.x[:2, start] - past.x[:2, start - 1])
     assert link < 1e-3
     off = np.linalg.norm((past.x - h.x)[:2, :start], axis=0)
     assert np.median(off) < 4e-3  # least motion alone is some millimetres off
+
+
+def test_a_path_without_jumps_is_left_alone(case):
+    job, h = case
+
+    class Solved:
+        at = h
+
+    assert unbroken(job, [Solved]) == []
 
 
 def test_two_pasts_that_end_alike_are_one_where_only_the_end_counts(case):

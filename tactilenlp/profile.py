@@ -1,0 +1,114 @@
+r"""How far a size may be off at the price of two nats: the profile of the objective.
+
+The optimum of a size that touch leaves open is often a kink: cones and sliding are not
+smooth, and from there the objective grows as the distance, not as its square.  It looks
+sharp to a Hessian and is not.  So the page is solved again with the size s held
+elsewhere, all else free, farther each time until it costs PRICE,
+
+    sigma = |s - s_0| / sqrt(2 (L(s) - L(s_0))),
+
+as of a Gaussian with the same likelihood ratio.  Where L is lower than at s_0, a better
+optimum is near.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from .hypothesis import Hypothesis
+from .information import ENOUGH, TOUCHED, reduced_covariance
+from .result import poses, touched_faces
+from .rivals import resized
+from .solve import solve_levels
+from .solving import settings_of
+from .trial import OPEN, ROUGH, started
+
+PRICE = 2.0  # [nats] two deviations of a Gaussian
+CLAIMED = 0.3  # [prior deviations] a size less certain than this claims little
+FIRST = 3.0  # [deviations by the Hessian] of the first step: 4.5 nats of a Gaussian
+NEAR = 0.5e-3  # [m] the first step is this far at least
+GROWTH = 10.0  # [-] of a step at most
+LEAST = 0.1  # [nats] a price below this is as good as none
+WARM = 1e-3  # IPOPT's first mu where a size is held elsewhere
+GAIN = 0.1  # [nats] a better optimum is better by this at least
+
+
+def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]:
+    """Return the deviation (n,) [m] of sizes that touch leaves open, 0 of others.
+
+    And a hypothesis that is better than the solved one: None, unless one was met.
+    """
+    profile, open_axes = np.zeros(job.shape.theta), left_open(job, solved)
+    if not open_axes:
+        return profile, None
+    sizes = solved.problem.variables["theta"].span
+    chosen = np.arange(sizes.start, sizes.stop)
+    C, *_ = reduced_covariance(solved.problem, solved.solution, chosen)
+    known = np.sqrt(np.maximum(np.diag(C), 0.0))
+    for axis, touched in open_axes:
+        given = axis, known[axis], touched
+        profile[axis], better = _deviation(job, page, solved, options, *given)
+        if better is not None:
+            return profile, better
+    return profile, None
+
+
+def left_open(job, solved) -> list[tuple[int, np.ndarray]]:
+    """Return the axes of which a face was never touched, with samples on each face.
+
+    Of a body whose unknowns are its sides and that lies flat, on the ground.
+    """
+    at, shape = solved.at, job.shape
+    if not (job.reductions.planar and getattr(shape, "symmetries", ())):
+        return []
+    _, turned = poses(shape, solved.window.motion, at.theta, at.x, None)
+    faces = touched_faces(job.data, turned, TOUCHED)
+    faces[2, 0] += ENOUGH
+    return [(i, faces[i]) for i in range(3) if faces[i].min() < ENOUGH]
+
+
+def _deviation(job, page, solved, options, axis: int, known: float, touched):
+    """Return the deviation [m] of a size, 0 where its Hessian claims little.
+
+    known: deviation [m] by the Hessian.  And a better hypothesis, or None.
+    """
+    prior, deviation, shared = job.shape.size_prior[1], 0.0, {}
+    for way in (1, -1):
+        step = max(FIRST * known, NEAR)
+        while max(known, deviation) < CLAIMED * prior:
+            given = axis, way * step, touched, shared
+            there = _elsewhere(job, page, solved, options, *given)
+            if there is None:
+                break
+            price = there.objective - solved.at.objective
+            if price < -GAIN:
+                return 0.0, there
+            deviation = max(deviation, step / np.sqrt(2 * max(price, LEAST)))
+            if price >= PRICE:
+                break
+            step *= min(GROWTH, 1.5 * PRICE / max(price, LEAST))
+    return min(deviation, prior), None
+
+
+def _elsewhere(job, page, solved, options, axis, change, touched, shared):
+    """Return the hypothesis of one size held elsewhere, None where none was found.
+
+    One that is feasible is enough: the least price is no more than its price.
+    """
+    size = solved.at.theta[axis] + change
+    if size < job.shape.bounds[0] or time.monotonic() > job.deadline:
+        return None
+    moved = resized(solved.at, axis, size, touched)
+    place = started(solved.problem, solved.window, moved)
+    start = replace(solved.solution, values=solved.solution.values | place)
+    held = solved.problem.variables["theta"].span.start + axis
+    changed = {"warm": WARM, "fixed": (np.array([held]),), "iterations": OPEN}
+    level = replace(page.LEVELS[-1], **changed)
+    settings = replace(settings_of(job, options), tolerance=ROUGH)
+    found = solve_levels(solved.problem, (level,), start, settings, shared)
+    if max(found.violations.values(), default=0.0) > ROUGH:
+        return None
+    return replace(solved, solution=found).at

@@ -1,0 +1,81 @@
+"""How far a size may be off: by what it costs to be elsewhere, not by curvature."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from formulations.shape import CUBOID
+from tactilenlp import profile as profile_of
+from tactilenlp.hypothesis import Hypothesis
+from tactilenlp.profile import CLAIMED, PRICE, profiled
+
+SHARP = 0.4e-3  # [m] that a Hessian claims
+PRIOR = CUBOID.size_prior[1]
+AT = Hypothesis(np.full(3, 0.04), np.zeros((3, 2)), 0.0, ())
+
+
+def deviation(monkeypatch, price):
+    """Return what `_deviation` makes of a price [nats] of a change [m]."""
+
+    def elsewhere(job, page, solved, options, axis, change, touched, shared):
+        cost = price(change)
+        return None if cost is None else replace(AT, objective=cost)
+
+    monkeypatch.setattr(profile_of, "_elsewhere", elsewhere)
+    job, solved = SimpleNamespace(shape=CUBOID), SimpleNamespace(at=AT)
+    return profile_of._deviation(job, None, solved, None, 0, SHARP, (0, 9))
+
+
+def test_a_parabola_has_the_deviation_of_its_curvature(monkeypatch):
+    found, better = deviation(monkeypatch, lambda d: (d / SHARP) ** 2 / 2)
+    assert better is None
+    assert found == pytest.approx(SHARP)
+
+
+def test_a_kink_is_as_wide_as_its_slopes_say(monkeypatch):
+    slope = 80.0  # [nats / m] where the kink itself looks as sharp as SHARP
+    found, _ = deviation(monkeypatch, lambda d: slope * abs(d))
+    assert found > 10 * SHARP
+    assert slope * found < PRICE  # no farther than what costs two deviations
+
+
+def test_the_flatter_side_of_a_size_tells_how_far_it_may_be_off(monkeypatch):
+    def price(d):  # on its right an exponential of 2 mm, on its left a parabola
+        return 500 * d if d > 0 else (d / SHARP) ** 2 / 2
+
+    assert deviation(monkeypatch, price)[0] == pytest.approx(2e-3, rel=0.3)
+
+
+def test_what_costs_nothing_is_known_by_its_prior_alone(monkeypatch):
+    assert deviation(monkeypatch, lambda d: 0.0)[0] == pytest.approx(PRIOR, rel=0.9)
+    assert deviation(monkeypatch, lambda d: 0.0)[0] >= CLAIMED * PRIOR
+
+
+def test_where_nothing_is_found_nothing_is_said(monkeypatch):
+    assert deviation(monkeypatch, lambda d: None) == (0.0, None)
+
+
+def test_a_better_place_is_handed_back(monkeypatch):
+    found, better = deviation(monkeypatch, lambda d: -3.0 if d > 0 else 9.0)
+    assert found == 0.0
+    assert better.objective == -3.0
+
+
+def test_an_untouched_size_is_no_surer_than_its_profile(touched, recorded):
+    truth = recorded[2]["side_lengths"]
+    untouched = [i for i, faces in enumerate(touched.faces) if faces.min() == 0]
+    assert untouched
+    sigma = touched.information.sigma("side_lengths")
+    error = np.sort(touched.side_lengths) - np.sort(truth)
+    assert np.abs(error).max() < 3 * sigma.max()
+
+
+def test_a_body_without_sides_has_no_profile(monkeypatch):
+    job = SimpleNamespace(
+        shape=replace(CUBOID, symmetries=()), reductions=SimpleNamespace(planar=True)
+    )
+    found, better = profiled(job, None, SimpleNamespace(at=AT), None)
+    assert better is None
+    assert not found.any()
