@@ -15,7 +15,6 @@ from trimesh.transformations import quaternion_matrix, transform_points
 from tactilenlp import (
     Measurements,
     Scene,
-    face_sigma,
     solve_estimate,
     surface_distance,
     vertex_information,
@@ -32,9 +31,9 @@ early = solve_estimate(data.select(range(6)), scene, shape="polytope")
 estimate = solve_estimate(data, scene, shape="polytope", start=early)
 print(estimate.summary())
 
-# How well each face is known, and each vertex; how many samples touched a face.
-touched = estimate.faces > 0
-sigma = 1e3 * face_sigma(estimate)
+# The plane of every face, touched or not: how well it is known; and so each vertex.
+planes = estimate.supporting_planes()
+touched, sigma = planes.touches > 0, 1e3 * planes.sigma
 print(f"Touched faces are known to {np.median(sigma[touched]):.2f} mm (median),")
 print(f"the others to {np.median(sigma[~touched]):.2f} mm.")
 best = int(np.argmax(vertex_information(estimate)))

@@ -46,6 +46,7 @@ _HOMES = {
     "write_report": "report",
     "Noise": "noise",
     "face_sigma": "surface",
+    "SupportingPlanes": "surface",
     "vertex_information": "hull_information",
     "surface_distance": "metrics",
     "cuboid_errors": "metrics",

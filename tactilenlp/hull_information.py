@@ -13,26 +13,35 @@ from .curvature import curvature_of
 from .hull import centroid, fingers
 from .information import Information
 from .modes import single
+from .spread import spread
 from .surface import polygons
+from .tension import tension
 
 FLOOR = 1e-6  # [m] deviation of what a bound holds: a vertex on the ground
 ON = 0.5e-3  # [m] a contact point this near to a face is on it
 FACING = 0.99  # [-] cosine of normals from which a touch is one of the face
 
 
-def hull_information(problem, solution, faces, R_wg) -> Information:
+def hull_information(
+    problem, solution, window, shape, faces, R_wg, sensed
+) -> Information:
     """Return the information about the vertices at the last sample, world frame.
 
-    faces: touches of each polygon of the hull; R_wg (3, 3): ground's frame to world.
+    faces: touches of each polygon of the hull; R_wg (3, 3): ground's frame to world;
+    sensed: the measurements, whose noise sigma tells (spread.py), beside what pulls at
+    each other (tension.py).
     """
     theta = problem.variables["theta"]
     chosen = np.arange(theta.span.start, theta.span.stop)
     curvature = curvature_of(problem, solution)
-    C = curvature.response_of(chosen)[0][chosen]
-    C = (C + C.T) / 2
+    pulls, held = curvature.response_of(chosen)
+    C = (pulls[chosen] + pulls[chosen].T) / 2
     turned_down = np.linalg.eigvalsh(C)[0] < -(FLOOR**2)
     turn = np.kron(np.eye(theta.columns), R_wg)
-    C = turn @ (C + FLOOR**2 * np.eye(len(C))) @ turn.T
+    floor = FLOOR**2 * np.eye(len(C))
+    errors = spread(curvature, pulls, held, sensed, window, shape)
+    errors = errors + tension(curvature, pulls, window, sensed.data.action)
+    C, errors = (turn @ (M + floor) @ turn.T for M in (C, errors))
     V = solution.values["theta"].T
     middle = _slope_of_centroid(V) @ turn.T
     maps = {
@@ -43,10 +52,10 @@ def hull_information(problem, solution, faces, R_wg) -> Information:
     return Information(
         names=tuple(f"vertex {j} {w}" for j in range(theta.columns) for w in "xyz"),
         matrix=np.linalg.inv(C),
-        spread=C,
+        spread=errors,
         parts={},
         roles={},
-        modes=single(solution.objective, C),
+        modes=single(solution.objective, errors),
         maps=maps,
         unobserved=untouched(faces),
         directions=np.zeros((len(C), 0)),

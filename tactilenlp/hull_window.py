@@ -45,6 +45,10 @@ class HullWindow(Window):
     lower: np.ndarray = None
     upper: np.ndarray = None
 
+    def seen_by_touches(self, theta) -> np.ndarray:
+        """Return the vertices (3 NEAR, touches) that each touch reads of theta."""
+        return theta.T[self.near_touch].reshape(len(self.touch), -1).T
+
 
 def indexed(window, shape, vertices, x, resting=None) -> HullWindow:
     """Return the window of a polytope that starts as `vertices` at poses x (3, T).

@@ -31,7 +31,7 @@ def read_off(
     theta = solution.values["theta"].T.ravel()
     x = solution.values["x"][:, window.knot]
     if is_polytope(shape):
-        body, information = hull_read(problem, solution, window, x, scene)
+        body, information = hull_read(job, page, solved, x)
     else:
         body, information = box_read(job, page, solved, theta, x, rivals)
     return Estimate(
@@ -99,11 +99,13 @@ def box_read(job, page, solved, theta, x, rivals) -> tuple[Body, Information]:
     return Body(*where, body_corners(shape, theta), faces), information
 
 
-def hull_read(problem, solution, window, x, scene) -> tuple[Body, Information]:
+def hull_read(job, page, solved, x) -> tuple[Body, Information]:
     """Return the body, and what is known of it, of a hull of vertices.
 
     Its origin is the centroid, its axes are the world's at the last sample.
     """
+    problem, window, solution = solved.problem, solved.window, solved.solution
+    scene = job.scene
     V = solution.values["theta"].T
     middle = centroid(V)
     c, s = np.cos(x[2]), np.sin(x[2])
@@ -119,7 +121,10 @@ def hull_read(problem, solution, window, x, scene) -> tuple[Body, Information]:
     body = Body(
         scene.ground.from_ground(p), turn.as_quat()[:, [3, 0, 1, 2]], vertices, faces
     )
-    return body, hull_information(problem, solution, faces, R_wg)
+    sensed = Sensed(job.data, job.precision, builder(page, job.shape, scene))
+    return body, hull_information(
+        problem, solution, window, job.shape, faces, R_wg, sensed
+    )
 
 
 def name_of(page) -> str:

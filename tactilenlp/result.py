@@ -16,6 +16,7 @@ from .measurements import Measurements
 from .modes import Modes
 from .offset import words
 from .scene import Ground, Scene
+from .surface import SupportingPlanes, supporting_planes
 
 FORMAT, VERSION = "estimate", 2  # of the files that `save` writes
 UNKNOWN_TURN = 45.0  # [deg] a standard deviation beyond which a turn is unknown
@@ -134,6 +135,10 @@ class Estimate:
         points = self.vertices @ self.rotation(sample).T + self.position[sample]
         return trimesh.convex.convex_hull(points)
 
+    def supporting_planes(self) -> SupportingPlanes:
+        """Return the planes of all faces, touched or not; sigma of each offset."""
+        return supporting_planes(self)
+
     def summary(self) -> str:
         """Return a paragraph for people."""
         mm = 1e3
@@ -164,9 +169,11 @@ class Estimate:
             size = np.ptp(self.vertices, axis=0) * mm
             touched = np.count_nonzero(self.faces)
             across = " x ".join(f"{s:.1f}" for s in size)
+            known = self.supporting_planes().sigma[self.faces > 0] * mm
+            words = f" to ± {np.median(known):.2f} mm (median)" if touched else ""
             return (
                 f"{len(self.vertices)} vertices, {across} mm across, {touched} of "
-                f"{len(self.faces)} faces touched,"
+                f"{len(self.faces)} faces touched{words},"
             )
         sigma = self.information.sigma("side_lengths") * mm
         sides = zip(self.theta, sigma, strict=True)

@@ -116,13 +116,14 @@ def residual_of_normals(curvature: Curvature, window, shape) -> float:
     if not len(touch):
         return 0.0
     values = curvature.problem.unpack(curvature.x)
-    sizes = shape.theta, window.motion.unknowns, touch.p_wf.shape[1], 1
+    seen = window.seen_by_touches(values["theta"])
+    sizes = len(seen), window.motion.unknowns, touch.p_wf.shape[1], 1
     symbols = [ca.SX.sym("s", n) for n in sizes]
     theta, x, p_wf, rho = symbols
     pose = window.motion.pose(shape, theta, x)
     normal = window.finger.normal(shape, theta, pose, p_wf, rho)
     modelled = ca.Function("normal", symbols, [normal]).map(len(touch))(
-        np.repeat(values["theta"], len(touch), axis=1), values["x"][:, touch.knot],
+        seen, values["x"][:, touch.knot],
         touch.p_wf.T, touch.radius[None],
     )  # fmt: skip
     off = np.linalg.norm(np.asarray(modelled).T - touch.normal, axis=1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from .checks import check_types
@@ -29,6 +31,42 @@ def polygons(points: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     return faces
 
 
+@dataclass(frozen=True, eq=False)
+class SupportingPlanes:
+    """The planes behind which a body lies at the last sample, a row for each face.
+
+    normal (n, 3) outward unit, world frame; offset (n,) [m]: the body lies where
+    normal . p <= offset; sigma (n,) [m]: standard deviation of the offset, the normal
+    as it is: that of the face's least certain corner; corners: indices of vertices;
+    touches (n,): samples that touched the face, -1 where the estimate does not tell.
+    """
+
+    normal: np.ndarray
+    offset: np.ndarray
+    sigma: np.ndarray
+    corners: tuple[np.ndarray, ...]
+    touches: np.ndarray
+
+
+def supporting_planes(estimate) -> SupportingPlanes:
+    """Return the planes of all faces, touched or not, in the order of `polygons`.
+
+    sigma is NaN for all where the information knows no corners.
+    """
+    check_types(estimate=(estimate, "Estimate"))
+    R_wo, faces = estimate.rotation(), polygons(estimate.vertices)
+    corners = tuple(corner for corner, _ in faces)
+    n = np.array([R_wo @ normal for _, normal in faces])
+    p = estimate.vertices @ R_wo.T + estimate.position[-1]
+    b = np.array([(p[c] @ m).max() for c, m in zip(corners, n, strict=True)])
+    sigma = np.full(len(faces), np.nan)
+    if (moves := _moves_of_corners(estimate)) is not None:
+        each = zip(corners, n, strict=True)
+        sigma = np.array([_deviations(estimate, moves[c], m).max() for c, m in each])
+    touches = estimate.faces if estimate.faces.ndim == 1 else -np.ones(len(faces), int)
+    return SupportingPlanes(n, b, sigma, corners, touches)
+
+
 def face_sigma(estimate) -> np.ndarray:
     """Return how well each face is known at the last sample, (faces,) [m].
 
@@ -37,25 +75,40 @@ def face_sigma(estimate) -> np.ndarray:
     information knows no corners.
     """
     check_types(estimate=(estimate, "Estimate"))
+    faces, moves = polygons(estimate.vertices), _moves_of_corners(estimate)
+    if moves is None:
+        return np.full(len(faces), np.nan)
+    R_wo = estimate.rotation()
+    return np.concatenate([
+        _deviations(estimate, moves[corner].mean(axis=0, keepdims=True), R_wo @ n_o)
+        for corner, n_o in faces
+    ])  # fmt: skip
+
+
+def _moves_of_corners(estimate) -> np.ndarray | None:
+    """Return how each vertex moves with the unknowns (V, 3, k), world frame [m].
+
+    None where the information knows no corners.
+    """
     maps, vertices = estimate.information.maps, estimate.vertices
-    faces = polygons(vertices)
     k = maps["position"].shape[1]
     if "vertices" in maps:
         corners = maps["vertices"].reshape(-1, 3, k)
     elif "side_lengths" in maps and len(vertices) == 8:
         corners = np.sign(vertices)[:, :, None] / 2 * maps["side_lengths"]
     else:
-        return np.full(len(faces), np.nan)
+        return None
     R_wo = estimate.rotation()
     turn = np.nan_to_num(maps["rotation"])  # NaN: held by a reduction
-    C = estimate.information.spread
-    out = []
-    for corner, n_o in faces:
-        n_w, middle = R_wo @ n_o, R_wo @ vertices[corner].mean(axis=0)
-        J = n_w @ (maps["position"] + R_wo @ corners[corner].mean(axis=0))
-        J = J + np.cross(middle, n_w) @ turn
-        out.append(J @ C @ J)
-    return np.sqrt(np.where(np.array(out) < 0, np.inf, out))
+    turned = -np.cross(vertices @ R_wo.T, turn.T[:, None]).transpose(1, 2, 0)
+    return maps["position"] + R_wo @ corners + turned
+
+
+def _deviations(estimate, moves, n) -> np.ndarray:
+    """Return deviations (c,) [m] along n (3,) of points that move by (c, 3, k)."""
+    J = n @ moves
+    variance = ((J @ estimate.information.spread) * J).sum(axis=1)
+    return np.sqrt(np.where(variance < 0, np.inf, variance))
 
 
 def information_colour(sigma) -> np.ndarray:

@@ -128,3 +128,7 @@ class Window:
     def last(self) -> np.ndarray:
         """The last sample of every pose (knots,)."""
         return np.r_[np.nonzero(np.diff(self.knot))[0], len(self.knot) - 1]
+
+    def seen_by_touches(self, theta) -> np.ndarray:
+        """Return what each touch reads (n, touches) of a body theta (rows, columns)."""
+        return np.repeat(theta.T.reshape(-1, 1), len(self.touch), axis=1)
