@@ -155,12 +155,13 @@ def information_of(
     errors, doubt = C, np.zeros_like(C)
     if sensed is not None:
         errors = spread(curvature, pulls, held, sensed, window, shape)
-        grounded = len(window.corner) > 0
-        noise = sensed.precision.position
-        doubt = unseen(chart, shape, faces, noise, grounded, profile)
     found = [(chart.z, chart.R, solution.objective, errors)]
     found += [_rival(other, shape, R_wg) for other in rivals]
     modes = weighted(shape, chart.turning, found)
+    if sensed is not None:
+        noise, grounded = sensed.precision.position, len(window.corner) > 0
+        beyond = _beyond(profile, modes.covariance)
+        doubt = unseen(chart, shape, faces, noise, grounded, beyond)
     matrix, spreading = inverse(C), modes.covariance + doubt
     offsets = covariance_of_offsets(curvature, sensed, window, shape, R_wg)
     with_offsets = None
@@ -189,6 +190,13 @@ def information_of(
         offsets=offsets,
         with_offsets=with_offsets,
     )
+
+
+def _beyond(profile, C):
+    """Return what deviations of sizes (n,) [m] are beyond those of a covariance C."""
+    if profile is None:
+        return None
+    return np.sqrt(np.maximum(profile**2 - np.diag(C)[: len(profile)], 0.0))
 
 
 def _rival(other, shape, R_wg):

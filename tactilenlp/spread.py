@@ -82,7 +82,8 @@ def unseen(
     What physics tells of them is no Gaussian: an optimum among others, and too small
     rather than too large where finger paths are noisy (noise [m]).  faces (axes, 2):
     samples that touched each, grounded: so does the ground at the first and the last
-    sample; a body whose unknowns are no lengths of sides has none.
+    sample; profile (n,) [m]: deviation by which their sizes may be off at least; a body
+    whose unknowns are no lengths of sides has none.
     """
     n, k = shape.theta, len(chart.z)
     total = np.zeros((k, k))

@@ -11,6 +11,7 @@ ROOT = Path(__file__).resolve().parents[1]
 MACHINE = (
     *("kind", "codegen", "terms", "assembly", "elimination", "nlp"),
     *("solve", "solution", "checkup", "differences", "description"),
+    *("lagrangian", "saddle"),
 )
 TACTILE = re.compile(
     r"finger|touch|contact|friction|pose\b|poses|object_|ground|tactile"
