@@ -1,9 +1,10 @@
 r"""How far a size may be off at the price of two nats: the profile of the objective.
 
-The optimum of a size that touch leaves open is often a kink: cones and sliding are not
-smooth, and from there the objective grows as the distance, not as its square.  It looks
-sharp to a Hessian and is not.  So the page is solved again with the size s held
-elsewhere, all else free, farther each time until it costs PRICE,
+The optimum of a size that touch leaves open, or tells by way of a path, is often a
+kink: cones and sliding are not smooth, and from there the objective grows as the
+distance, not as its square.  It looks sharp to a Hessian and is not.  So the page is
+solved again with the size s held elsewhere, all else free, farther each time until it
+costs PRICE,
 
     sigma = |s - s_0| / sqrt(2 (L(s) - L(s_0))),
 
@@ -27,6 +28,7 @@ from .solving import settings_of
 from .trial import OPEN, ROUGH, started
 
 PRICE = 2.0  # [nats] two deviations of a Gaussian
+TOLD = 0.3e-3  # [m] two faces that fingers felt tell their distance this well
 CLAIMED = 0.3  # [prior deviations] a size less certain than this claims little
 FIRST = 3.0  # [deviations by the Hessian] of the first step: 4.5 nats of a Gaussian
 NEAR = 0.5e-3  # [m] the first step is this far at least
@@ -41,14 +43,17 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
 
     And a hypothesis that is better than the solved one: None, unless one was met.
     """
-    profile, open_axes = np.zeros(job.shape.theta), left_open(job, solved)
-    if not open_axes:
-        return profile, None
+    profile = np.zeros(job.shape.theta)
+    if not (job.reductions.planar and getattr(job.shape, "symmetries", ())):
+        return profile, None  # not a body whose unknowns are its sides, lying flat
     sizes = solved.problem.variables["theta"].span
     chosen = np.arange(sizes.start, sizes.stop)
     C, *_ = reduced_covariance(solved.problem, solved.solution, chosen)
     known = np.sqrt(np.maximum(np.diag(C), 0.0))
-    for axis, touched in open_axes:
+    told = max(TOLD, job.precision.position)
+    for axis, touched in enumerate(_touched(job, solved)):
+        if touched.min() >= ENOUGH and known[axis] < told:
+            continue
         given = axis, known[axis], touched
         profile[axis], better = _deviation(job, page, solved, options, *given)
         if better is not None:
@@ -56,18 +61,13 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
     return profile, None
 
 
-def left_open(job, solved) -> list[tuple[int, np.ndarray]]:
-    """Return the axes of which a face was never touched, with samples on each face.
-
-    Of a body whose unknowns are its sides and that lies flat, on the ground.
-    """
-    at, shape = solved.at, job.shape
-    if not (job.reductions.planar and getattr(shape, "symmetries", ())):
-        return []
-    _, turned = poses(shape, solved.window.motion, at.theta, at.x, None)
+def _touched(job, solved) -> np.ndarray:
+    """Return how many samples touched each face (3, 2), the ground the lowest one."""
+    at = solved.at
+    _, turned = poses(job.shape, solved.window.motion, at.theta, at.x, None)
     faces = touched_faces(job.data, turned, TOUCHED)
     faces[2, 0] += ENOUGH
-    return [(i, faces[i]) for i in range(3) if faces[i].min() < ENOUGH]
+    return faces
 
 
 def _deviation(job, page, solved, options, axis: int, known: float, touched):

@@ -29,6 +29,7 @@ PASTS = 3  # actions that have a middle to go back from
 JUMPS = 3  # of a path at most that are followed over, the longest first
 JUMP = 3e-3  # [m] between actions that is worth a rival: noise makes smaller ones
 KNOWN_SIZE = 1e-4  # [m] deviation of sizes, where a path is followed backward
+OPEN_SIZE = 10e-3  # [m] and where a jump may come from sizes that are wrong
 KNOWN_POSE = np.r_[3e-4, 3e-4, 5e-3]  # [m, m, rad] and of the pose it starts from
 KNOWN = 3e-3  # [m] sizes this close to those of another hypothesis are known
 
@@ -41,12 +42,19 @@ def challenged(job, page, solved, options, before=0) -> list:
     """
     if not job.reductions.planar:
         return solved
-    proposals, levels = [unbroken] * JUMPS, opened(page.LEVELS, final=True)
-    if middle(job.data.actions) != middle(before):
-        proposals += [other_pasts, other_sizes]
-    for proposed in proposals:
+    levels = opened(page.LEVELS, final=True)
+
+    def with_rivals(solved, proposed) -> list:
         rivals = raced(job, page, proposed(job, solved), options, levels, known=solved)
-        solved = sorted([*solved, *rivals], key=lambda s: s.rank)
+        return sorted([*solved, *rivals], key=lambda s: s.rank)
+
+    for _ in range(JUMPS):
+        best, solved = solved[0], with_rivals(solved, unbroken)
+        if solved[0] is best:
+            break
+    if middle(job.data.actions) != middle(before):
+        for proposed in (other_pasts, other_sizes):
+            solved = with_rivals(solved, proposed)
     good = [s for s in solved if s.solution.success]
     return good or solved
 
@@ -67,7 +75,7 @@ def other_pasts(job, solved) -> list:
     if len(actions) < PASTS:
         return []
     start = int(np.argmax(action == actions[middle(len(actions))]))
-    return [replace(at, x=_followed(job, at, start, backward=True))]
+    return [_followed(job, at, start, True, KNOWN_SIZE)]
 
 
 def unbroken(job, solved) -> list:
@@ -84,23 +92,26 @@ def unbroken(job, solved) -> list:
     start = int(first[np.argmax(way)])
     if way.max() < JUMP:
         return []
-    return [
-        replace(at, x=_followed(job, at, start, backward)) for backward in (True, False)
-    ]
+    ways = ((b, size) for b in (True, False) for size in (KNOWN_SIZE, OPEN_SIZE))
+    return [_followed(job, at, start, *way) for way in ways]
 
 
-def _followed(job, at, start: int, backward: bool) -> np.ndarray:
-    """Return poses (3, T) followed backward from `start`, or forward over it."""
+def _followed(job, at, start: int, backward: bool, size: float):
+    """Return the hypothesis followed backward from `start`, or forward over it.
+
+    size [m]: by how much the sizes may be off.
+    """
     data, window = spherical(job)
     here, samples = start - (not backward), np.arange(at.x.shape[1])
     z = np.r_[at.theta, at.x[:, here]]
-    spread = np.diag(np.r_[np.full(len(at.theta), KNOWN_SIZE), KNOWN_POSE] ** 2)
+    spread = np.diag(np.r_[np.full(len(at.theta), size), KNOWN_POSE] ** 2)
     given = at.seen(data), window, job.shape, z[None], spread[None], np.ones(1)
-    if backward:
-        _, path = follow(*given, samples[:start][::-1])
-        return np.hstack([path[0][:, ::-1], at.x[:, start:]])
-    _, path = follow(*given, samples[start:])
-    return np.hstack([at.x[:, :start], path[0]])
+    order = samples[:start][::-1] if backward else samples[start:]
+    end, path = follow(*given, order)
+    parts = (
+        [path[0][:, ::-1], at.x[:, start:]] if backward else [at.x[:, :start], path[0]]
+    )
+    return replace(at, theta=end[0, : len(at.theta)], x=np.hstack(parts))
 
 
 def other_sizes(job, solved) -> list:
