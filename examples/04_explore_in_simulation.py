@@ -42,7 +42,12 @@ for step in explore(world, Scene(), actions=3, centre=world.pose[:3], seed=0):
     axis = axes[step.number]
     plot_top(step.estimate, -1, truth, axis)
     axis.get_legend().remove()
+    axis.set(xlim=(-80, 80), ylim=(-80, 80))
     axis.set_title(f"action {step.number}: {off:.2f} mm off")
+key = {
+    word: drawn for drawn, word in zip(*axis.get_legend_handles_labels(), strict=True)
+}
+figure.legend(key.values(), key, loc="outside lower center", ncols=6, frameon=False)
 figure.savefig(picture, dpi=120)
 print(f"The picture is in {picture}.")
 if off > LIMIT:

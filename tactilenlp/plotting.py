@@ -73,7 +73,7 @@ def plot_top(estimate: Estimate, sample: int = -1, truth=None, axis=None) -> Fig
 def plot_information(estimate: Estimate, axis=None, key: bool = True) -> Figure:
     """Draw how well each face is known at the last sample: blue hardly, red well.
 
-    A face has the standard deviation of its middle along its normal; key: draw the bar.
+    A face has the standard deviation [mm] of its middle along its normal; key: the bar.
     """
     axis = axis or plt.figure(figsize=(4.6, 3.6)).add_subplot(projection="3d")
     view = view_of(estimate, [-1])
@@ -85,7 +85,7 @@ def plot_information(estimate: Estimate, axis=None, key: bool = True) -> Figure:
         colour = information_colour(sigma) / 255
         draw_seen(axis, [(place, R_wo @ n_o)], [colour], INK, 4, shade=False)
         if _extent(place, R_wo @ n_o) > WORTH:
-            words = f"{sigma * MM:.2g} mm" if sigma < UNKNOWN else "unknown"
+            words = f"{sigma * MM:.2g}" if sigma < UNKNOWN else "unknown"
             axis.text(*place.mean(axis=0), words, zorder=9, **LABEL)
     for colour, seen, _, _ in _touches(estimate, -1):
         axis.scatter(*seen.T, s=5, color=colour, zorder=8, depthshade=False)

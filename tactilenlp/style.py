@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import wraps
+from inspect import signature
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -31,12 +32,29 @@ def picture(draw):
     @wraps(draw)
     def styled(estimate, *arguments, **named):
         check_types(estimate=(estimate, Estimate))
-        if named.get("axis") is not None:
-            check_axes(named["axis"], np.size(np.asarray(named["axis"], object)))
+        given = signature(draw).bind(estimate, *arguments, **named).arguments
         with plt.rc_context(STYLE):
+            if given.get("axis") is not None:
+                count = np.size(np.asarray(given["axis"], object))
+                for axis in check_axes(given["axis"], count):
+                    dress(axis)
             return draw(estimate, *arguments, **named)
 
     return styled
+
+
+def dress(axis) -> None:
+    """Give an axis that was made without our style the letters and lines of it."""
+    for side in ("top", "right"):
+        axis.spines[side].set_visible(False)
+    size = plt.rcParams["font.size"]
+    solid = [axis.zaxis] if hasattr(axis, "zaxis") else []
+    for ruler in (axis.xaxis, axis.yaxis, *solid):
+        ruler.label.set_size(size)
+        ruler.set_tick_params(labelsize=size)
+    axis.title.set_size(plt.rcParams["axes.titlesize"])
+    if solid:
+        axis.grid(False)
 
 
 def check_axes(axis, count: int) -> list:
