@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 import logging
-import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 
-from .clock import Clock, HostClock
+from .clock import Clock
 from .errors import BusError, HardwareError, RecordingError
 from .optical_flow import opencv
-from .touch import check_age
+from .reader import Reader
 
 log = logging.getLogger(__name__)
-STALE = 0.1  # [s], three frames at 30 Hz
+HANG = 1.0  # [s], a driver that hangs in a read for longer is left behind
 FIRST_WAIT, LONGEST_WAIT = 0.1, 2.0  # [s] between attempts to open the camera again
 NATURAL = "f_%05d.png"  # how recorded pictures are named
 
 
-class Camera:
+class Camera(Reader):
     """Read a camera in a thread; `with` opens, and waits for no picture.
 
     source:   number or path of the camera, or a function that waits for the next
@@ -46,41 +45,11 @@ class Camera:
         sink: Callable[[np.ndarray, float], None] | None = None,
         clock: Clock | None = None,
     ) -> None:
-        self.source, self.name, self.sink = source, name, sink
+        super().__init__(name, clock, HANG)
+        self.source, self.sink = source, sink
         self.size, self.rate, self.exposure = size, rate, exposure
-        self.clock = clock or HostClock()
         self.good = self.frozen = self.reconnects = 0
-        self._frames: list[tuple[float, np.ndarray]] = []
         self._last: np.ndarray | None = None
-        self._heard, self._why = self.clock.now(), ""
-        self._broken_down: HardwareError | None = None
-        self._lock, self._leave = threading.Lock(), threading.Event()
-        self._thread: threading.Thread | None = None
-
-    def __enter__(self) -> Camera:
-        self._leave.clear()
-        self._heard = self.clock.now()
-        self._thread = threading.Thread(target=self._run, name=self.name, daemon=True)
-        self._thread.start()
-        return self
-
-    def __exit__(self, *exception) -> None:
-        self._leave.set()
-        if self._thread is not None:  # a driver that hangs in a read is left behind
-            self._thread.join(timeout=1.0)
-            self._thread = None
-
-    def take(self) -> list[tuple[float, np.ndarray]]:
-        """Return the pictures since the last call, each with its time [s]."""
-        with self._lock:
-            frames, self._frames = self._frames, []
-        return frames
-
-    def check(self, stale: float = STALE) -> None:
-        """Raise StaleStreamError where no new picture came for longer [s]."""
-        if self._broken_down is not None:
-            raise self._broken_down
-        check_age(self.name, self.clock.now() - self._heard, stale, self._why)
 
     def _run(self) -> None:
         wait = FIRST_WAIT
@@ -132,9 +101,7 @@ class Camera:
         self._last, self.good = frame, self.good + 1
         if self.sink is not None:
             self.sink(frame, now)
-        self._heard, self._why = now, ""
-        with self._lock:
-            self._frames.append((now, frame))
+        self._keep(now, [frame])
 
 
 def pictures(path: str | Path) -> Iterator[np.ndarray]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import threading
 from collections.abc import Callable
 from typing import Protocol
 
@@ -14,10 +13,10 @@ from . import serial_tactile as codec
 from .can_bus import open_bus, waiting
 from .clock import Clock, HostClock
 from .errors import HardwareError
+from .reader import STALE, Reader
 from .touch import check_age
 
 log = logging.getLogger(__name__)
-STALE = 0.1  # [s]
 FIRST_WAIT, LONGEST_WAIT = 0.05, 2.0  # [s] between attempts to open the port again
 READ_TIME = 0.02  # [s] that a read waits for a first byte
 LOST = serial.SerialException, OSError  # a port that vanishes raises the one or other
@@ -35,7 +34,7 @@ class Framer(Protocol):
     def reset(self) -> None: ...
 
 
-class SerialTactile:
+class SerialTactile(Reader):
     """Feed a framer from a port, in a thread; `with` opens, and waits for no sensor.
 
     url:       "/dev/ttyACM0" or what else pyserial opens
@@ -59,45 +58,10 @@ class SerialTactile:
         sink: Callable[[bytes, float], None] | None = None,
         clock: Clock | None = None,
     ) -> None:
-        self.url, self.framer, self.baudrate, self.name = url, framer, baudrate, name
+        super().__init__(name, clock)
+        self.url, self.framer, self.baudrate = url, framer, baudrate
         self.configure, self.sink = configure, sink
-        self.clock = clock or HostClock()
-        self.reconnects = 0
-        self._frames: list[tuple[float, object]] = []
-        self._heard, self._opened = self.clock.now(), 0
-        self._why, self._broken_down = "", None
-        self._lock, self._leave = threading.Lock(), threading.Event()
-        self._thread: threading.Thread | None = None
-
-    def __enter__(self) -> SerialTactile:
-        self._leave.clear()
-        self._heard = self.clock.now()
-        self._thread = threading.Thread(target=self._run, name=self.name, daemon=True)
-        self._thread.start()
-        return self
-
-    def __exit__(self, *exception) -> None:
-        self._leave.set()
-        if self._thread is not None:
-            self._thread.join()
-            self._thread = None
-
-    def take(self) -> list[tuple[float, object]]:
-        """Return the frames since the last call, each with its time of arrival [s]."""
-        with self._lock:
-            frames, self._frames = self._frames, []
-        return frames
-
-    @property
-    def age(self) -> float:
-        """The time [s] since a good frame came, or since the sensor was opened."""
-        return self.clock.now() - self._heard
-
-    def check(self, stale: float = STALE) -> None:
-        """Raise StaleStreamError, or what the thread ended with."""
-        if self._broken_down is not None:
-            raise self._broken_down
-        check_age(self.name, self.age, stale, self._why)
+        self.reconnects = self._opened = 0
 
     def _run(self) -> None:
         wait = FIRST_WAIT
@@ -135,11 +99,8 @@ class SerialTactile:
                 continue
             if self.sink is not None:
                 self.sink(chunk, now)
-            frames = [(now, frame) for frame in self.framer.feed(chunk)]
-            if frames:
-                self._heard, self._why = now, ""
-                with self._lock:
-                    self._frames += frames
+            if frames := self.framer.feed(chunk):
+                self._keep(now, frames)
 
 
 class OptoForceCan(can.Listener):

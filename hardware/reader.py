@@ -1,0 +1,67 @@
+"""Read something in a thread: begin, take what came, say if nothing comes, end."""
+
+from __future__ import annotations
+
+import threading
+
+from .clock import Clock, HostClock
+from .errors import HardwareError
+from .touch import check_age
+
+STALE = 0.1  # [s], three pictures at 30 Hz
+
+
+class Reader:
+    """A thread that runs `_run` of whoever inherits, from `with` until it is left.
+
+    name:  of what is read, in errors
+    clock: whose time everything is stamped with
+    hang:  [s] that leaving waits for a read that does not end, None: for ever
+
+    `_run` calls `_keep` with what came, says in `_why` why nothing does, and leaves
+    in `_broken_down` an error that it ended with.
+    """
+
+    def __init__(self, name: str, clock: Clock | None, hang: float | None = None):
+        self.name, self.clock, self._hang = name, clock or HostClock(), hang
+        self._came: list[tuple[float, object]] = []
+        self._heard, self._why = self.clock.now(), ""
+        self._broken_down: HardwareError | None = None
+        self._lock, self._leave = threading.Lock(), threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def __enter__(self):
+        self._leave.clear()
+        self._heard = self.clock.now()
+        self._thread = threading.Thread(target=self._run, name=self.name, daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self._leave.set()
+        if self._thread is not None:
+            self._thread.join(timeout=self._hang)
+            self._thread = None
+
+    def take(self) -> list[tuple[float, object]]:
+        """Return what came since the last call, each with its time of arrival [s]."""
+        with self._lock:
+            came, self._came = self._came, []
+        return came
+
+    @property
+    def age(self) -> float:
+        """The time [s] since something came, or since this was opened."""
+        return self.clock.now() - self._heard
+
+    def check(self, stale: float = STALE) -> None:
+        """Raise StaleStreamError if nothing came for longer [s], or what ended it."""
+        if self._broken_down is not None:
+            raise self._broken_down
+        check_age(self.name, self.age, stale, self._why)
+
+    def _keep(self, now: float, came: list) -> None:
+        """Keep what came at a time, for who takes it."""
+        self._heard, self._why = now, ""
+        with self._lock:
+            self._came += [(now, one) for one in came]
