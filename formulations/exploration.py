@@ -92,16 +92,16 @@ def sample_information(c, phi, J_phi, J_n, alpha, sigma, sigma_n):
     return gap * J_phi.T @ J_phi + c / sigma_n**2 * J_n.T @ J_n
 
 
-def told(F, M, P, h, h_s, w):
-    """Return F, M, P after a measurement of information w, slopes h (1, k), h_s (1, 3).
+def told(M, P, h, h_s, w):
+    """Return e, M, P after a measurement of information w, slopes h (1, k), h_s (1, 3).
 
-    F (k, k): information about omega; M (3, k), P (3, 3): mean's slope and covariance
-    of s.
+    e (1, k): e'e is what it tells of omega; M (3, k), P (3, 3): mean's slope and
+    covariance of s.
     """
     e = h + h_s @ M
     lag = P @ h_s.T
     gain = w / (1 + w * (h_s @ lag))
-    return F + gain * e.T @ e, M - gain * lag @ e, P - gain * lag @ lag.T
+    return ca.sqrt(gain) * e, M - gain * lag @ e, P - gain * lag @ lag.T
 
 
 def wandered(d, share, least, arm):

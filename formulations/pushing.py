@@ -59,7 +59,9 @@ def reached(shape, finger, theta, pose, p_wf, goal, rho, depth):
 
     All the way, unless that is more than depth [m] inside the body.
     """
-    phi, phi_goal = (finger.gap(shape, theta, pose, p, rho) for p in (p_wf, goal))
+    phi, n, _ = contact_of(shape, finger, theta, pose, p_wf, rho)
+    behind = phi + ca.dot(n, goal - p_wf)  # of the tangent plane: no less
+    phi_goal = ca.fmax(finger.gap(shape, theta, pose, goal, rho), behind)
     room = ca.fmax(phi, 0)
     share = ca.fmin(1, (room + depth) / (room + ca.fmax(-phi_goal, depth)))
     return p_wf + share * (goal - p_wf)
@@ -87,14 +89,14 @@ def balance(shape, finger, theta, pose, s, d, fingers, known, loads):
     """Return the gradient (3,) [N, N, N m] of the work by d, zero at the step.
 
     pose: of the body where s = 0; fingers: (r, p, rho) each; known: mu_g, mu_f, weight
-    [N], stiffness [N/m], max_force [N]; loads: N and lam_f, held fixed.
+    [N], stiffness [N/m], max_force [N], foot c^2 [m^2]; loads: N, lam_f, held fixed.
     """
     return _pull(shape, finger, theta, pose, s, d, fingers, known, loads)[0]
 
 
 def loads_of(shape, finger, theta, pose, s, fingers, known):
     """Return N and lam_f [N] where the body is at s."""
-    _, _, weight, stiffness, max_force = known
+    _, _, weight, stiffness, max_force, _ = known
     at, forces, down = moved(pose, s), [], weight
     for p_wf, _, rho in fingers:
         phi, n, _ = contact_of(shape, finger, theta, at, p_wf, rho)
@@ -112,9 +114,9 @@ def improved(shape, finger, theta, pose, s, d, fingers, known):
 
 def _pull(shape, finger, theta, pose, s, d, fingers, known, loads):
     """Return gradient and majorised Hessian of the work by d."""
-    mu_g, mu_f, _, stiffness, max_force = known
+    mu_g, mu_f, _, stiffness, max_force, foot = known
     at = moved(pose, s + d)
-    metric = ca.diag(ca.vertcat(1, 1, foot_squared(shape, theta, at[1])))
+    metric = ca.diag(ca.vertcat(1, 1, foot))
     drag = mu_g * loads[0] / ca.sqrt(ca.bilin(metric, d, d) + SLIP**2)
     g, H = drag * metric @ d, drag * metric
     for (p_wf, p_wf_1, rho), load in zip(fingers, loads[1:], strict=True):

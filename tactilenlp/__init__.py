@@ -37,7 +37,7 @@ _HOMES = {
     "explore": "exploration",
     "Step": "diary",
     "Exploration": "diary",
-    "Plan": "exploration",
+    "Plan": "policies",
     "World": "simulate",
     "Trajectories": "trajectories",
     "Body": "body",

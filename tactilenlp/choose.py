@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from formulations.shape import Shape
+
 from .approach import combined, facing
 from .checks import check_numbers, check_types
 from .errors import OptionError
@@ -76,6 +78,7 @@ def choose_action(
     seed: int = 0,
     hypotheses: int = 3,
     slopes: str = "motion",
+    shape: Shape | None = None,
 ) -> Choice:
     """Return the action with the largest expected information gain (eq:eig).
 
@@ -84,10 +87,10 @@ def choose_action(
     rectangles, then COBYLA), "crs2", "isres", "mlsl", "bobyqa", "cem" or a
     CrossEntropy (the paper's: the action is drawn from the last best ones), "random";
     budget: evaluations of the gain; equal seeds give equal choices.  hypotheses,
-    slopes: see ExpectedInformation.
+    slopes, shape: see ExpectedInformation.
     """
     began = time.process_time()
-    expected = ExpectedInformation(estimate, workspace, hypotheses, slopes)
+    expected = ExpectedInformation(estimate, workspace, hypotheses, slopes, shape)
     space = expected.workspace
     return best_action(
         lambda angles: expected.gain(space.action(angles)),

@@ -6,14 +6,16 @@ from functools import cache
 
 import casadi as ca
 
-from formulations import exploration, pushing
+from formulations import exploration, pushed_hull, pushing
 from formulations.finger import SPHERE
 from formulations.rigid_body import FREE, PLANAR
 
 from .codegen import compiled
 from .errors import OptionError, SceneError
+from .polytopes import is_polytope
 
 ITERATIONS = 8  # of a time step: the work is then least to a micrometre
+REMEMBERED = 30  # samples of one call
 SHARE = 0.2  # [-] deviation of a predicted step, of its way
 LEAST = 1e-5  # [m] and at least
 ARM = 20e-3  # [m] a radian of turn counts as this much way
@@ -35,29 +37,20 @@ def pushed(shape, free: bool, fingers: int, steps: int, off=False) -> ca.Functio
 
 @cache
 def _step(shape, free: bool, fingers: int, off: bool) -> ca.Function:
+    sym = symbol(shape)
     z, theta, pose = _unknowns(shape, free)
-    rows = [slice(3 * f, 3 * f + 3) for f in range(fingers)]
     k = z.numel() + off * 3 * fingers
-    p, goal_1, goal, r = (ca.SX.sym(name, 3 * fingers) for name in ("p", "g", "h", "r"))
-    rho, known = ca.SX.sym("rho", fingers), ca.SX.sym("known", 5)
-    sensors, sloped = ca.SX.sym("sensors", 3), ca.SX.sym("sloped")
-    d, s, M = ca.SX.sym("d", 3), ca.SX.sym("s", 3), ca.SX.sym("M", 3, k)
-    P, F = ca.SX.sym("P", 3, 3), ca.SX.sym("F", k, k)
-    tips = [(r[at], p[at], rho[f]) for f, at in enumerate(rows)]
-    body, rest = (shape, SPHERE, theta, pose), (tips, ca.vertsplit(known))
+    p, goal_1, goal, r = (sym(name, 3 * fingers) for name in ("p", "g", "h", "r"))
+    rho, known = sym("rho", fingers), sym("known", 5)
+    sensors, sloped = sym("sensors", 3), sym("sloped")
+    d, s, M = sym("d", 3), sym("s", 3), sym("M", 3, k)
+    P, F = sym("P", 3, 3), sym("F", k, k)
+    body, laws = (shape, SPHERE, theta, pose), ca.vertsplit(known)
     here = shape, SPHERE, theta, pushing.moved(pose, s)
-    meant = [
-        pushing.reached(
-            *here,
-            p[at],
-            goal[at],
-            rho[f],
-            known[4] / known[3] + ca.norm_2(goal[at] - goal_1[at]),
-        )
-        for f, at in enumerate(rows)
-    ]
+    meant = _meant(here, p, goal_1, goal, rho, laws)
 
-    given = [d, s, z, p, r, rho, known]
+    tips = [*zip(*map(_triples, (r, p)), ca.vertsplit(rho), strict=True)]
+    rest, given = (tips, [*laws, _foot(*body)]), [d, s, z, p, r, rho, known]
     better = pushing.improved(*body, s, d, *rest)
     better = ca.Function("improved", given, [better], {"cse": True})
     step, at = d, [s, z, p, ca.vertcat(*meant), rho, known]
@@ -65,24 +58,46 @@ def _step(shape, free: bool, fingers: int, off: bool) -> ca.Function:
         step = better(step, *at)
     D_s, D_z, D_r, p_now = _slopes(body, s, d, rest, given)(step, *at)
     D_z = ca.horzcat(D_z, D_r) if off else D_z
-    now = s + step
+    now, A = s + step, ca.DM.eye(3) + D_s
     M_now = M + sloped * (D_s @ M + D_z)
-    A = ca.DM.eye(3) + D_s
     P_now = sloped * (A @ P @ A.T + exploration.wandered(step, SHARE, LEAST, ARM))
-    felt, F_now, feel = [], F, _feeling(shape, free)
+    felt, told, feel = [], [], _feeling(shape, free)
     for f, p_wf in enumerate(meant):
         chance, weights, h, h_s, h_r = feel(z, now, p_wf, rho[f], sensors)
         if off:
             others = [ca.DM.zeros(4, 3) for _ in range(fingers)]
             h = ca.horzcat(h, *others[:f], h_r, *others[f + 1 :])
         felt.append(chance)
-        for i in range(4):
-            F_now, M_now, P_now = exploration.told(
-                F_now, M_now, P_now, h[i, :], h_s[i, :], weights[i]
-            )
-    out = [step, p_now, now, *map(ca.densify, (M_now, P_now, F_now)), ca.vertcat(*felt)]
+        rows, M_now, P_now = _sample_told(M_now, P_now, h, h_s, weights)
+        told += rows
+    E = ca.vertcat(*told)
+    out = [step, p_now, now, *map(ca.densify, (M_now, P_now, F + E.T @ E))]
     given = [d, p, s, M, P, F, z, goal_1, goal, rho, known, sensors, sloped]
-    return compiled([ca.Function("step", given, out, {"cse": True})])[0]
+    step = ca.Function("step", given, [*out, ca.vertcat(*felt)], {"cse": True})
+    return compiled([step])[0]
+
+
+def _meant(here, p, goal_1, goal, rho, laws) -> list:
+    """Return where each finger is meant to be, no deeper than its servo presses."""
+    ways = zip(*map(_triples, (p, goal_1, goal)), ca.vertsplit(rho), strict=True)
+    deep = laws[4] / laws[3]
+    return [
+        pushing.reached(*here, p_wf, to, size, deep + ca.norm_2(to - before))
+        for p_wf, before, to, size in ways
+    ]
+
+
+def _sample_told(M, P, h, h_s, weights):
+    """Return rows of what the four numbers of one sample tell, and M, P after it."""
+    rows = []
+    for i in range(4):
+        e, M, P = exploration.told(M, P, h[i, :], h_s[i, :], weights[i])
+        rows.append(e)
+    return rows, M, P
+
+
+def _triples(column) -> list:
+    return ca.vertsplit(column, 3)
 
 
 def _slopes(body, s, d, rest, given) -> ca.Function:
@@ -90,7 +105,7 @@ def _slopes(body, s, d, rest, given) -> ca.Function:
 
     By the implicit function theorem.
     """
-    loads = ca.SX.sym("loads", 1 + len(rest[0]))
+    loads = symbol(body[0])("loads", 1 + len(rest[0]))
     pull = pushing.balance(*body, s, d, *rest, ca.vertsplit(loads))
     by_d, by_s, by_z, by_p, by_r = (ca.jacobian(pull, v) for v in (d, s, *given[2:5]))
     out = [-pushing.solve_3(by_d, by) for by in (by_s, by_z, by_p + by_r)]
@@ -107,8 +122,7 @@ def _feeling(shape, free: bool) -> ca.Function:
     The rows are gap and normal of one finger's sample.
     """
     z, theta, pose = _unknowns(shape, free)
-    s, r, rho = ca.SX.sym("s", 3), ca.SX.sym("r", 3), ca.SX.sym("rho")
-    sensors = ca.SX.sym("sensors", 3)
+    s, r, rho, sensors = (symbol(shape)("in", n) for n in (3, 3, 1, 3))
     alpha, sigma, sigma_n = ca.vertsplit(sensors)
     at = pushing.moved(pose, s)
     phi = SPHERE.gap(shape, theta, at, r, rho)
@@ -118,6 +132,38 @@ def _feeling(shape, free: bool) -> ca.Function:
     slopes = [ca.densify(ca.jacobian(sensed, v)) for v in (z, s, r)]
     inputs = [z, s, r, rho, sensors]
     return ca.Function("feeling", inputs, [p, weights, *slopes], {"cse": True})
+
+
+@cache
+def remembered(shape, fingers: int) -> ca.Function:
+    """Return (M, P, F; z, r, rho, c, valid, Q, sensors), REMEMBERED samples backward.
+
+    M, P, F: as in the page `exploration`, s being the pose of a hull at a sample, as
+    seen from now; r (3 F,) [m]: where the fingers were on it as it lies now; c, valid
+    (F,): booleans; Q (3,): variance of the step after the sample.  Gives M, P, F anew.
+    """
+    return _remembered(shape, fingers).mapaccum("remembered", REMEMBERED, 3)
+
+
+@cache
+def _remembered(shape, fingers: int) -> ca.Function:
+    sym, k = symbol(shape), shape.theta
+    z, r, rho = sym("z", k), sym("r", 3 * fingers), sym("rho", fingers)
+    c, valid, Q = sym("c", fingers), sym("valid", fingers), sym("Q", 3)
+    M, P, F = sym("M", 3, k), sym("P", 3, 3), sym("F", k, k)
+    sensors, feel = sym("sensors", 3), _feeling(shape, False)
+    alpha, sigma, sigma_n = ca.vertsplit(sensors)
+    given = [M, P, F, z, r, rho, c, valid, Q, sensors]
+    P, told = P + ca.diag(Q), []
+    for f, p_wf in enumerate(_triples(r)):
+        chance, _, h, h_s, _ = feel(z, ca.DM.zeros(3), p_wf, rho[f], sensors)
+        gap = alpha**2 * chance * (1 - chance) + c[f] / sigma**2
+        weights = valid[f] * ca.vertcat(gap, *[c[f] / sigma_n**2] * 3)
+        rows, M, P = _sample_told(M, P, h, h_s, weights)
+        told += rows
+    E = ca.vertcat(*told)
+    out = [ca.densify(v) for v in (M, P, F + E.T @ E)]
+    return compiled([ca.Function("remembered", given, out, {"cse": True})])[0]
 
 
 @cache
@@ -138,8 +184,26 @@ def sampled(shape, free: bool) -> ca.Function:
     return compiled([ca.Function("sampled", inputs, out, {"cse": True})])[0]
 
 
+def _foot(shape, finger, theta, pose):
+    """Return c^2 [m^2] of the page `pushing`."""
+    if is_polytope(shape):
+        return pushed_hull.legs_squared(theta)
+    return pushing.foot_squared(shape, theta, pose[1])
+
+
+def symbol(shape):
+    """Return what makes symbols: a hull's nearest point is called, not written out."""
+    return ca.MX.sym if is_polytope(shape) else ca.SX.sym
+
+
 def _unknowns(shape, free: bool):
-    """Return z, and the shape and the pose that it means."""
+    """Return z, and the shape and the pose that it means.
+
+    A hull is its vertices where they lie now, about its centroid.
+    """
+    if is_polytope(shape):
+        z = ca.MX.sym("z", shape.theta)
+        return z, z, pushed_hull.HERE
     motion = FREE if free else PLANAR
     z = ca.SX.sym("z", shape.theta + motion.unknowns)
     theta = z[: shape.theta]
@@ -160,7 +224,7 @@ def check_ground(scene) -> None:
 
 def check_moves(shape) -> None:
     """Raise OptionError for a shape whose way under a push cannot be predicted."""
-    if shape.inertia is None:
+    if shape.inertia is None and not is_polytope(shape):
         raise OptionError(
             "no action is predicted for this shape",
             where="estimate.shape",

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from formulations.shape import CUBOID
 from tactilenlp import (
     Estimate,
     ExpectedInformation,
@@ -37,6 +38,7 @@ def believed(sides, x, deviations, hypotheses=()):
         scene=Scene(), shape="cuboid", precision={"position": 0.0, "normal": 0.0},
         theta=np.array(sides), unknowns={"x": np.array(x)[:, None]}, objective=0.0,
         position=np.array([[x[0], x[1], sides[2] / 2]]), hypotheses=hypotheses,
+        measurements=SimpleNamespace(dt=1 / 30),
         information=SimpleNamespace(
             names=NAMES, matrix=np.diag(1 / np.array(deviations) ** 2)
         ),
@@ -230,6 +232,19 @@ def test_options_that_are_none_are_refused():
         ExpectedInformation(BOX, hypotheses=0)
 
 
-def test_a_hull_is_refused_in_words_where_its_way_cannot_be_predicted(estimate):
+def test_a_shape_without_inertia_is_refused_in_words():
+    massless = replace(CUBOID, inertia=None)
     with pytest.raises(OptionError, match="no action is predicted for this shape"):
-        ExpectedInformation(replace(estimate, shape="polytope"))
+        ExpectedInformation(BOX, shape=massless)
+    with pytest.raises(OptionError, match=r"shape.*cuboid.*got bowl"):
+        ExpectedInformation(BOX, shape=replace(CUBOID, name="bowl"))
+
+
+def test_an_action_is_sampled_as_often_as_the_record():
+    """Three times the samples of one push tell nearly three times as much."""
+    fast = known(**vars(BOX) | {"measurements": SimpleNamespace(dt=1 / 90)})
+    action = SPACE.action([0.1, 0.1, 0.1, 0.1])
+    slow, fast = (ExpectedInformation(e, SPACE).prospect(action) for e in (BOX, fast))
+    assert (len(slow.motion), len(fast.motion)) == (30, 90)
+    assert fast.motion[-1, :2] == pytest.approx(slow.motion[-1, :2], abs=1e-3)
+    assert fast.contact.sum() == pytest.approx(3 * slow.contact.sum(), rel=0.15)

@@ -20,9 +20,8 @@ from tactilenlp import (
     solve_estimate,
     surface_distance,
 )
-from tactilenlp.errors import NoContactError, OptionError, StartError
-from tactilenlp.exploration import _farthest, _lost, last_touched
-from tactilenlp.sweep import sweep
+from tactilenlp.errors import OptionError, StartError
+from tactilenlp.policies import astray, farthest, last_touched
 
 CENTRE = (0.01, -0.01)  # [m] of the box below
 SIDES = (0.05, 0.035, 0.04)
@@ -172,40 +171,6 @@ def test_exploration_ends_when_enough_is_known(whole):
     assert np.array_equal(loose[0].estimate.theta, steps[0].estimate.theta)
 
 
-def test_without_a_centre_the_workspace_is_swept_until_something_is_touched():
-    world = Recorder(fresh(position=(0.03, 0.0)))
-    (step,) = explore(world, actions=0, **LEAST)
-    assert step.action is None
-    assert len(world.trajectories) > 1
-    assert step.measurements.contact.any()
-    assert step.estimate.measurements.actions == 1  # what met nothing is not counted
-
-
-def test_an_empty_workspace_says_so():
-    class Nothing:
-        def execute(self, trajectory):
-            n, F = 31, trajectory.finger_position.shape[1]
-            self.time = getattr(self, "time", 0.0) + 2.0
-            return Measurements(
-                time=self.time + np.linspace(0, 1, n),
-                finger_position=trajectory.finger_position[:: 100 // 30][:n],
-                finger_radius=np.full(F, 0.01), contact=np.zeros((n, F), bool),
-                normal=np.zeros((n, F, 3)), action=np.zeros(n, int),
-            )  # fmt: skip
-
-    with pytest.raises(NoContactError, match=r"centre=\(x, y\)"):
-        next(explore(Nothing()))
-
-
-def test_the_sweep_passes_within_a_finger_of_every_place():
-    space = Workspace()
-    p = np.concatenate([t.finger_position[:, 0] for t in sweep(space, np.zeros(3))])
-    rng = np.random.default_rng(0)
-    for place in rng.uniform(-0.1, 0.1, (200, 2)):
-        nearest = np.linalg.norm(p[:, :2] - place, axis=1).min()
-        assert nearest < space.finger_radius + 0.006  # of a box 12 mm wide
-
-
 def test_a_guess_wholly_outside_the_object_recovers(whole):
     """The estimate is 7 cm off: what was touched says where to go."""
     steps, _ = whole
@@ -260,9 +225,9 @@ def test_what_was_touched_last_is_sought_again():
 
 def test_an_estimate_apart_from_what_was_touched_is_not_aimed_at(whole):
     estimate = whole[0][1].estimate
-    assert _lost(estimate) == ""
+    assert astray(estimate) == ""
     far = replace(estimate, position=estimate.position + np.r_[0.08, 0, 0])
-    assert "apart from what was touched" in _lost(far)
+    assert "apart from what was touched" in astray(far)
 
 
 @pytest.mark.parametrize("policy", ["random", "fisher", "farthest"])
@@ -282,7 +247,7 @@ def test_farthest_turns_away_from_what_was_tried():
     past = [space.action([0.8, 0.1, 0.8, 0.1])] * 2
     data = SimpleNamespace(measurements=None)
     plan = SimpleNamespace(past=past, workspace=space, rng=rng, estimate=data)
-    angles = _farthest(plan)(rng).angles
+    angles = farthest(plan)(rng).angles
     assert (angles[[0, 2]] < 0.2).all() or (angles[[1, 3]] > 0.9).any()
 
 

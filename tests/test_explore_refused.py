@@ -4,11 +4,13 @@ from dataclasses import replace
 
 import pytest
 
+from formulations.shape import CUBOID
 from tactilenlp import Exploration, Guess, Scene, Step, explore
 from tactilenlp.errors import OptionError, SceneError, StartError
 
 AFLOAT = Scene(ground=None)
 LONG = Scene(finger_length=0.01)
+MASSLESS = replace(CUBOID, name="ghost", inertia=None)
 
 
 class Moved(Exception):
@@ -35,7 +37,7 @@ class Robot:
         ({"scene": AFLOAT, "formulation": "shooting"}, SceneError, "planar"),
         ({"scene": AFLOAT}, SceneError, "no action is predicted"),
         ({"scene": AFLOAT, "policy": "fisher"}, SceneError, "no action is predicted"),
-        ({"shape": "polytope"}, OptionError, "no action is predicted"),
+        ({"shape": MASSLESS}, OptionError, "no action is predicted"),
         ({"scene": LONG, "shape": "polytope", "actions": 0}, SceneError, "round"),
     ],
 )
@@ -89,7 +91,8 @@ def test_a_file_made_with_other_settings_is_not_taken_up(kept, other, field):
     "fine",
     [
         {"shape": "polytope", "actions": 0},
-        {"shape": "polytope", "policy": "random"},
+        {"shape": "polytope"},
+        {"shape": MASSLESS, "policy": "random"},
         {"scene": AFLOAT, "policy": "farthest"},
         {"scene": AFLOAT, "policy": lambda plan: plan.workspace.random(plan.rng)},
     ],

@@ -1,0 +1,84 @@
+r"""A hull of vertices as the page `pushing` reads it: calls, not written out.
+
+The nearest point of a hull takes Newton steps by the dozen (polytope.py).  A step of
+`pushing` asks for it two dozen times, so here it is one function that is called; u from
+the nearest point to q is then brought to
+
+    u + V w(u) = q,    w = softmax(V'u / eps)
+
+by one more step, which alone has derivatives: exact to first order.
+
+The body's origin is its centroid, and its foot its lowest vertices.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import casadi as ca
+
+from . import polytope
+from .finger import frozen
+
+HALVINGS, LAST = 8, 4  # of the rounding, and Newton steps at its end: 1e-5 m at worst
+LIFTED = 0.5e-3  # [m] a vertex this high carries a third of what the lowest does
+HERE = (ca.DM.zeros(3), ca.DM.eye(3))  # pose: vertices are as they lie now
+
+
+def as_pushed(shape):
+    """Return a polytope whose distance and normal are calls."""
+    return replace(shape, distance=distance, normal=normal)
+
+
+def distance(theta, q_of, small):
+    """Return the distance [m] from the hull of the point q_of, which is outside."""
+    u = towards(theta, q_of, small)
+    return ca.sqrt(ca.sumsqr(u) + polytope.TINY**2)
+
+
+def normal(theta, q_of, small):
+    """Return the outward unit normal towards the point q_of outside of the hull."""
+    u = towards(theta, q_of, small)
+    return u / ca.sqrt(ca.sumsqr(u) + polytope.TINY**2)
+
+
+def towards(theta, q_of, small):
+    """Return u (3,) [m] from the nearest point of the hull to q_of."""
+    count = theta.numel() // 3
+    V = ca.reshape(theta, 3, count)
+    origin = V[:, 0]
+    V, q = V - origin, q_of - origin
+    small = small / polytope.SHARP
+    nearest, exact = _functions(count)
+    return exact(nearest(V, q, small), V, q, small)
+
+
+@cache
+def _functions(count):
+    """Return nearest(V, q, small) -> u, a constant, and exact(u, V, q, small) -> u."""
+    sizes = (3, 1), (1, 1), (3, count), (3, 1)
+    given = u, small, V, q = [ca.SX.sym("in", *size) for size in sizes]
+    eps = small * frozen(ca.sqrt(ca.sumsqr(q - ca.sum2(V) / count)), 1e-6)
+    residual, slope = polytope._residual(V, q, u, eps)
+    better = u - polytope._solve(slope, residual)
+    step = ca.Function("newton", given, [better], {"cse": True})
+    better = u - polytope._solve(frozen(slope, 2.0**-40), residual)
+    exact = ca.Function(
+        "exact", [u, V, q, small], [better],
+        {"cse": True, "is_diff_in": [False, True, True, True]},
+    )  # fmt: skip
+    given = V, q, small = [ca.MX.sym("in", *size) for size in (*sizes[2:], (1, 1))]
+    halved = [polytope.ROUND * 2.0**-k for k in range(HALVINGS)]
+    widths = small + ca.DM([*halved, *[0] * LAST]).T
+    every = step.mapaccum(HALVINGS + LAST)(q - ca.sum2(V) / count, widths, V, q)
+    constant = {"is_diff_in": [False] * 3}
+    return ca.Function("nearest", given, [every[:, -1]], constant), exact
+
+
+def legs_squared(theta):
+    """Return c^2 [m^2] of a hull: the mean square distance of its lowest vertices."""
+    V = ca.reshape(theta, 3, theta.numel() // 3)
+    height = V[2, :].T
+    carries = ca.exp((ca.mmin(height) - height) / LIFTED)
+    return ca.sum1(V[:2, :] ** 2) @ carries / ca.sum1(carries)
