@@ -117,13 +117,14 @@ class ExpectedInformation:
         r = path[n - near :].reshape(near + 1, -1).T
         step = pushed(self.shape, self._free, F, near, self._off)
         rest = np.zeros(3), r[:, 0], np.zeros(3), np.zeros((3, k)), np.zeros((3, 3))
-        _, _, s, _, _, told, p = step(
-            *rest, np.zeros((k, k)), belief.z, r[:, :-1], r[:, 1:],
+        _, _, s, _, _, p, E = step(
+            *rest, belief.z, r[:, :-1], r[:, 1:],
             np.full(F, space.finger_radius), self._known, self._sensors, self._sloped,
         )  # fmt: skip
         motion, contact = np.zeros((n, 3)), np.zeros((n, F))
         motion[n - near :], contact[n - near :] = s.full().T, p.full().T
-        return motion, contact, told[:, -k:].full()
+        E = E.full().reshape(4 * F, near, k)
+        return motion, contact, np.einsum("ftk,ftl->kl", E, E)
 
     def _near(self, belief: Belief, path, space) -> int:
         """Return how many last steps of a path (n + 1, F, 3) come near the body."""

@@ -100,17 +100,19 @@ def felt(estimate, shape, vertices, points) -> np.ndarray:
     Q = SHARE**2 * way + LEAST**2 + quasi_static.GAP**2 * (np.diff(data.action) != 0)
     Q = np.r_[Q, 0.0][:, None] / np.r_[1, 1, ARM**2]  # of the step after each sample
     r, k, z = points.reshape(len(points), -1), vertices.size, vertices.ravel()
-    now = np.zeros((3, k)), np.zeros((3, 3)), np.zeros((k, k))
+    now, out = (np.zeros((3, k)), np.zeros((3, 3))), np.zeros((k, k))
     step = remembered(shape, data.fingers)
     for end in range(data.samples, 0, -REMEMBERED):
         back = np.arange(end - 1, end - 1 - REMEMBERED, -1)
         here, at = back >= 0, np.maximum(back, 0)  # before the first: says nothing
-        every = step(
+        M, P, E = step(
             *now, z, r[at].T, data.finger_radius, data.contact[at].T.astype(float),
             here * data.valid[at].T, here * Q[at].T, hull_sensors(estimate),
         )  # fmt: skip
-        now = [every[0][:, -k:], every[1][:, -3:], every[2][:, -k:]]
-    return now[2].full()
+        now = M[:, -k:], P[:, -3:]
+        rows = E.full().reshape(-1, k)
+        out += rows.T @ rows
+    return out
 
 
 def contacts(estimate, vertices, points):

@@ -23,16 +23,17 @@ ARM = 20e-3  # [m] a radian of turn counts as this much way
 
 @cache
 def pushed(shape, free: bool, fingers: int, steps: int, off=False) -> ca.Function:
-    """Return (d, p, s, M, P, F; z, goal_1, goal, rho, known, sensors, sloped), all.
+    """Return (d, p, s, M, P; z, goal_1, goal, rho, known, sensors, sloped), all.
 
     s (3,): planar way of the body since x_T, d (3,): its last part; p (3 F,) [m]: where
-    fingers are; goal_1, goal: where they should be, before and now; M, P, F: as in the
+    fingers are; goal_1, goal: where they should be, before and now; M, P: as in the
     page `exploration`; z: theta and x_T; known: as in `pushing`; sensors: alpha,
-    sigma, sigma_n; sloped: 1, or 0 for dx_t/dx_T = I.  off: M and F have columns for
-    an offset (3,) of every finger after those of z; where fingers are includes them.
-    Gives the first six anew, and the probabilities (F,) that a finger feels the body.
+    sigma, sigma_n; sloped: 1, or 0 for dx_t/dx_T = I.  off: M has columns for an
+    offset (3,) of every finger after those of z; where fingers are includes them.
+    Gives the first five anew, the probabilities (F,) that a finger feels the body, and
+    E (4 F, k): E'E is what the fingers tell.
     """
-    return _step(shape, free, fingers, off).mapaccum("pushed", steps, 6)
+    return _step(shape, free, fingers, off).mapaccum("pushed", steps, 5)
 
 
 @cache
@@ -44,7 +45,7 @@ def _step(shape, free: bool, fingers: int, off: bool) -> ca.Function:
     rho, known = sym("rho", fingers), sym("known", 5)
     sensors, sloped = sym("sensors", 3), sym("sloped")
     d, s, M = sym("d", 3), sym("s", 3), sym("M", 3, k)
-    P, F = sym("P", 3, 3), sym("F", k, k)
+    P = sym("P", 3, 3)
     body, laws = (shape, SPHERE, theta, pose), ca.vertsplit(known)
     here = shape, SPHERE, theta, pushing.moved(pose, s)
     meant = _meant(here, p, goal_1, goal, rho, laws)
@@ -70,11 +71,10 @@ def _step(shape, free: bool, fingers: int, off: bool) -> ca.Function:
         felt.append(chance)
         rows, M_now, P_now = _sample_told(M_now, P_now, h, h_s, weights)
         told += rows
-    E = ca.vertcat(*told)
-    out = [step, p_now, now, *map(ca.densify, (M_now, P_now, F + E.T @ E))]
-    given = [d, p, s, M, P, F, z, goal_1, goal, rho, known, sensors, sloped]
-    step = ca.Function("step", given, [*out, ca.vertcat(*felt)], {"cse": True})
-    return compiled([step])[0]
+    out = [step, p_now, now, M_now, P_now, ca.vertcat(*felt), ca.vertcat(*told)]
+    given = [d, p, s, M, P, z, goal_1, goal, rho, known, sensors, sloped]
+    out = [ca.densify(v) for v in out]
+    return compiled([ca.Function("step", given, out, {"cse": True})])[0]
 
 
 def _meant(here, p, goal_1, goal, rho, laws) -> list:
@@ -136,13 +136,14 @@ def _feeling(shape, free: bool) -> ca.Function:
 
 @cache
 def remembered(shape, fingers: int) -> ca.Function:
-    """Return (M, P, F; z, r, rho, c, valid, Q, sensors), REMEMBERED samples backward.
+    """Return (M, P; z, r, rho, c, valid, Q, sensors), REMEMBERED samples backward.
 
-    M, P, F: as in the page `exploration`, s being the pose of a hull at a sample, as
-    seen from now; r (3 F,) [m]: where the fingers were on it as it lies now; c, valid
-    (F,): booleans; Q (3,): variance of the step after the sample.  Gives M, P, F anew.
+    M, P: as in the page `exploration`, s being the pose of a hull at a sample, as seen
+    from now; r (3 F,) [m]: where the fingers were on it as it lies now; c, valid (F,):
+    booleans; Q (3,): variance of the step after the sample.  Gives M, P anew and E
+    (4 F, k): E'E is what the fingers told.
     """
-    return _remembered(shape, fingers).mapaccum("remembered", REMEMBERED, 3)
+    return _remembered(shape, fingers).mapaccum("remembered", REMEMBERED, 2)
 
 
 @cache
@@ -150,10 +151,10 @@ def _remembered(shape, fingers: int) -> ca.Function:
     sym, k = symbol(shape), shape.theta
     z, r, rho = sym("z", k), sym("r", 3 * fingers), sym("rho", fingers)
     c, valid, Q = sym("c", fingers), sym("valid", fingers), sym("Q", 3)
-    M, P, F = sym("M", 3, k), sym("P", 3, 3), sym("F", k, k)
+    M, P = sym("M", 3, k), sym("P", 3, 3)
     sensors, feel = sym("sensors", 3), _feeling(shape, False)
     alpha, sigma, sigma_n = ca.vertsplit(sensors)
-    given = [M, P, F, z, r, rho, c, valid, Q, sensors]
+    given = [M, P, z, r, rho, c, valid, Q, sensors]
     P, told = P + ca.diag(Q), []
     for f, p_wf in enumerate(_triples(r)):
         chance, _, h, h_s, _ = feel(z, ca.DM.zeros(3), p_wf, rho[f], sensors)
@@ -161,8 +162,7 @@ def _remembered(shape, fingers: int) -> ca.Function:
         weights = valid[f] * ca.vertcat(gap, *[c[f] / sigma_n**2] * 3)
         rows, M, P = _sample_told(M, P, h, h_s, weights)
         told += rows
-    E = ca.vertcat(*told)
-    out = [ca.densify(v) for v in (M, P, F + E.T @ E)]
+    out = [ca.densify(v) for v in (M, P, ca.vertcat(*told))]
     return compiled([ca.Function("remembered", given, out, {"cse": True})])[0]
 
 

@@ -215,7 +215,7 @@ def test_the_prediction_agrees_with_a_simulation_of_the_same_body():
 
 
 def test_choosing_for_a_hull_asks_for_no_more_than_its_budget(cube):
-    """Cost is evaluations times a prediction: 5 ms of CPU each, 0.9 s at 180."""
+    """Cost is evaluations times a prediction: 4 ms of CPU each, 0.75 s at 180."""
     choice = choose_action(cube, SPACE, budget=30)
     assert choice.evaluations == 30
     assert choice.gain == choice.history.max() > np.median(choice.history)

@@ -40,6 +40,13 @@ def fake_run(trial, policy, start, actions, budget, objects):
     ]  # fmt: skip
 
 
+def test_the_strip_shows_what_is_known_of_each_vertex_where_there_are_such(modules):
+    _, report = modules
+    (row, *_) = fake_run(0, "eig", "ours", 0, 10, "polytope")
+    assert report.nats_of(row).tolist() == [0.0]  # log det of the whole
+    assert len(report.nats_of(row | {"vertex_nats": [30.0] * 8})) == 8
+
+
 def asked(folder, executor="none", **changes):
     given = {
         "folder": folder, "trials": 4, "actions": 2, "budget": 9, "workers": 2,
@@ -100,10 +107,11 @@ def test_platonic_solids_lie_on_a_face_and_fill_a_sphere_of_two_centimetres(modu
 
 def test_a_platonic_solid_is_explored_and_every_error_told(modules):
     study, _ = modules
-    rows = study.run(0, "random", "ours", 1, 10, "polytope")
-    assert [r["action"] for r in rows] == [0, 1]
-    assert len(rows[-1]["vertices"]) == 20
-    assert len(rows[-1]["true_vertices"]) == 4
+    rows = study.run(3, "eig", "ours", 1, 10, "polytope")
+    assert [r["did"] for r in rows] == ["first touch", "eig"]
+    assert rows[1]["gain"] > 1
+    assert len(rows[-1]["vertices"]) == len(rows[-1]["vertex_nats"]) == 20
+    assert len(rows[-1]["true_vertices"]) == 20
     for name in ("p2s_mm", "bch_mm", "position_mm", "logdet", "sigma_side_mm"):
         assert np.isfinite(rows[-1][name])
     # a ball of the size that was felt is nowhere farther than the solid is large

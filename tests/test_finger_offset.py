@@ -263,7 +263,7 @@ def test_a_body_follows_fingers_that_are_elsewhere():
         r = np.hstack([lines[0] + first, lines[1]]).T
         rest = np.zeros(3), r[:, 0], np.zeros(3), np.zeros((3, k)), np.zeros((3, 3))
         out = step(
-            *rest, np.zeros((k, k)), z, r[:, :-1], r[:, 1:], [0.01, 0.01], known,
+            *rest, z, r[:, :-1], r[:, 1:], [0.01, 0.01], known,
             mute, 1.0,
         )  # fmt: skip
         return out[2].full()[:, -1], out[3].full()[:, -k:]

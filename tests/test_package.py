@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import tactilenlp
-from tactilenlp import Measurements, Scene, solve_estimate
+from tactilenlp import Measurements, Scene, Workspace, choose_action, solve_estimate
+from tactilenlp.errors import OptionError
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -68,6 +69,13 @@ def test_the_shape_of_the_formulations_readme_is_estimated_as_printed():
     estimate = solve_estimate(data, Scene(), shape=page.ELLIPSOID)
     assert estimate.shape == "ellipsoid"
     assert np.sort(estimate.theta) == pytest.approx(np.sort(axes), abs=1e-3)
+    # one's own shape is at hand, not in the estimate, that keeps its name
+    choice = choose_action(
+        estimate, Workspace(fingers=1), budget=30, shape=page.ELLIPSOID
+    )
+    assert choice.gain == choice.history.max() > 0.1
+    with pytest.raises(OptionError, match="unknown shape"):
+        choose_action(estimate)
 
 
 def probed(axes, height, rho) -> Measurements:

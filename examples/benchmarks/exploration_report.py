@@ -194,45 +194,58 @@ def draw_bands(rows, path: Path) -> None:
 
 
 def draw_strip(rows, path: Path) -> None:
-    """Draw how the first trial of every policy learns, recentred on the truth."""
+    """Draw how the first trial of every policy learns, recentred on the truth.
+
+    Colours are information: of the whole, or of a polytope's vertices one by one.
+    """
     shown = [w for w in ways(rows) if w[1] == "ours"] or ways(rows)
     last = max(r["action"] for r in rows) + 1
     figure = plt.figure(figsize=(1.9 * last, 2.2 * len(shown)), layout="constrained")
-    logdets = [r["logdet"] for r in rows if "logdet" in r]
-    norm = plt.Normalize(np.quantile(logdets, 0.05), np.quantile(logdets, 0.95))
+    known = np.concatenate([nats_of(r) for r in rows if "logdet" in r])
+    norm = plt.Normalize(*np.quantile(known, [0.05, 0.95]))
     for i, (policy, start) in enumerate(shown):
         mine = [r for r in rows if (r["policy"], r["start"]) == (policy, start)]
         mine = [r for r in mine if r["trial"] == mine[0]["trial"] and "vertices" in r]
         for r in mine:
             place = i * last + r["action"] + 1
             axis = figure.add_subplot(len(shown), last, place, projection="3d")
-            solid(axis, r["vertices"], plt.cm.viridis(norm(r["logdet"])), 0.55)
-            solid(axis, r["true_vertices"], (0, 0, 0, 0), 0.0)
+            solid(axis, r["vertices"], plt.cm.coolwarm(norm(nats_of(r))))
+            solid(axis, r["true_vertices"])
             axis.set(xlim=(-35, 35), ylim=(-35, 35), zlim=(-35, 35))
             axis.set_box_aspect((1, 1, 1), zoom=1.5)
             axis.set_axis_off()
             axis.set_title(f"{policy}, 1 + {r['action']}\n{r['p2s_mm']:.2f} mm", size=8)
-    colours = plt.cm.ScalarMappable(norm, "viridis")
+    colours = plt.cm.ScalarMappable(norm, "coolwarm")
     bar = figure.colorbar(colours, ax=figure.axes, shrink=0.6, pad=0.01)
-    bar.set_label("log det I [nats, SI]")
+    each = "of each vertex " if "vertex_nats" in rows[0] else ""
+    bar.set_label(f"log det I {each}[nats, SI]")
     figure.savefig(path, dpi=150)
     plt.close(figure)
 
 
-def solid(axis, vertices, colour, alpha: float) -> None:
-    """Draw a convex body; its edges are where facets of different planes meet."""
+def nats_of(row) -> np.ndarray:
+    """Return log det I of each vertex (V,), or of the whole (1,)."""
+    return np.atleast_1d(row.get("vertex_nats", row["logdet"]))
+
+
+def solid(axis, vertices, colours=None) -> None:
+    """Draw a convex body; its edges are where facets of different planes meet.
+
+    colours: one, or one for each vertex, which a facet mixes; none: the edges only.
+    """
     points = np.array(vertices)
-    hull = ConvexHull(points)
-    if alpha:
-        faces = Poly3DCollection(points[hull.simplices], facecolor=colour, alpha=alpha)
+    hull, line = ConvexHull(points), "k"
+    if colours is not None:
+        mixed = np.broadcast_to(colours, (len(points), 4))[hull.simplices].mean(axis=1)
+        faces = Poly3DCollection(points[hull.simplices], facecolor=mixed, alpha=0.55)
         axis.add_collection3d(faces)
+        line = colours.mean(axis=0)
     for i, (simplex, near) in enumerate(
         zip(hull.simplices, hull.neighbors, strict=True)
     ):
         for k, j in enumerate(near):
             if j > i and hull.equations[i, :3] @ hull.equations[j, :3] < 0.999:
-                edge = points[np.delete(simplex, k)]
-                axis.plot(*edge.T, color="k" if not alpha else colour, lw=0.9)
+                axis.plot(*points[np.delete(simplex, k)].T, color=line, lw=0.9)
 
 
 def report(rows: list[dict], folder: Path) -> None:

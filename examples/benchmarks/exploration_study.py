@@ -29,7 +29,7 @@ from exploration_report import FILE, report
 from study import add_executor, executor_of, run_study, write_csv
 from trimesh.transformations import quaternion_matrix
 
-from tactilenlp import Scene, World, explore
+from tactilenlp import Scene, World, explore, vertex_information
 
 ACTIONS = {"cuboid": 5, "polytope": 8}  # of the paper, after the first touch
 
@@ -52,6 +52,8 @@ def run(
             row |= {f"cpu_{name}": s for name, s in step.seconds.items()}
             if objects == "cuboid":
                 row["sides_mm"] = [s * 1e3 for s in step.estimate.side_lengths]
+            else:
+                row["vertex_nats"] = vertex_information(step.estimate).tolist()
             row |= picture(world, step.estimate)
             rows.append(row)
     except Exception as error:  # a trial that breaks is a row, not the study's end
@@ -98,8 +100,9 @@ def _words(case, rows) -> str:
 
 
 def tabled(row: dict) -> dict:
-    """Return what a table has of a row: all but the vertices."""
-    return {k: v for k, v in row.items() if not k.endswith("vertices")}
+    """Return what a table has of a row: all but what there is of each vertex."""
+    lists = "vertices", "vertex_nats"
+    return {k: v for k, v in row.items() if not k.endswith(lists)}
 
 
 def main() -> None:
