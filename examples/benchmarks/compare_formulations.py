@@ -9,7 +9,8 @@ again with the same --out, it runs what is missing (study.py).  (This script, ca
 
 Each is one local solve of the page's levels: no search, no second start.  The levels
 of shooting begin soft, those of violation_implicit sharp, as it follows a first stage;
-"loose first" is the same page with levels that begin soft.  Starts:
+"loose first" is that page with levels that begin soft, "shooting, sharp" single
+shooting without its soft level.  Starts:
   near    the true path moved by 1 mm and 2 degrees, sizes off by 5 %
   far     the true path moved by 5 mm and 10 degrees, sizes off by 20 %
   paper   at rest where the paper starts: sizes 10 to 30 mm, within 20 mm of the true
@@ -40,7 +41,7 @@ from study import add_executor, executor_of, run_study, write_csv
 from trimesh.creation import box
 from trimesh.transformations import rotation_matrix, translation_matrix
 
-from formulations import paper, violation_implicit
+from formulations import paper, shooting, violation_implicit
 from formulations.shape import CUBOID
 from tactilenlp import Measurements, Problem, Scene, SolverOptions, surface_distance
 from tactilenlp.precision import precision_of, smoothed
@@ -63,6 +64,13 @@ class LooseFirst:
     build, LEVELS = staticmethod(violation_implicit.build), violation_implicit.ROUGH
 
 
+class SharpShooting:
+    """Single shooting as it is written: no softer problem is solved first."""
+
+    build, REDUCTIONS = staticmethod(shooting.build), shooting.REDUCTIONS
+    LEVELS = shooting.LEVELS[-1:]
+
+
 class Without:
     """The page `paper` with some of its physics left out."""
 
@@ -83,7 +91,7 @@ class Without:
 
 
 ABLATION = {"all": Without()} | {f"no {word}": Without(word) for word in PHYSICS}
-FORMULATIONS = (*PAGES, "loose first")
+FORMULATIONS = (*PAGES, "loose first", "shooting, sharp")
 
 
 def page_of(name: str):
@@ -92,6 +100,8 @@ def page_of(name: str):
         return ABLATION[name]
     if name == "loose first":
         return LooseFirst
+    if name == "shooting, sharp":
+        return SharpShooting
     return importlib.import_module(f"formulations.{name}")
 
 
