@@ -196,9 +196,10 @@ def _filtered(data, window, shape, shift, z, spread, turning, samples):
     low = np.r_[np.full(n, shape.bounds[0]), np.full(2 * m, -np.inf)]
     longest = np.r_[np.full(n, STEP[0]), STEP, STEP]
     felt, path = sustained(data), []
+    moving = np.isin(np.arange(len(felt)), window.step.sample)  # touched, or sliding on
     for t in samples:
         touched = felt[t].any()
-        walk = way * (MOVE if touched else REST)
+        walk = way * (MOVE if touched or moving[t] else REST)
         P[:, -m:, -m:] += walk[:, :, None] ** 2 * np.eye(m)
         prior, z = np.linalg.inv(P), mean
         for _ in range(PASSES if touched else 1):

@@ -8,7 +8,8 @@ objective is the negative logarithm of a true density.  Here the middle of the s
 is what each part is known to err: the sensors' noise as it enters (scatter.py),
 smoothed and shared between samples and terms; the model error of touched gaps as the
 page states it, that of normals as far as residuals show it; priors and regularisers by
-their own curvature; physics by a share PHYSICS of its curvature, since its penalties
+their own curvature; whole touches that the estimate cannot bring together, by how far
+apart it leaves them; physics by a share PHYSICS of its curvature, since its penalties
 are no densities; frictions that were given, to FRICTION; hard ground, to UNEVEN; faces
 that nothing touched, to UNSEEN.  The shares are measured: they make sigma cover.
 """
@@ -16,6 +17,8 @@ that nothing touched, to UNSEEN.  The shares are measured: they make sigma cover
 from __future__ import annotations
 
 import numpy as np
+
+from formulations.finger_offset import NAME as OFFSET
 
 from .curvature import Curvature
 from .scatter import Sensed, moved_by, scatter, sources, tangential
@@ -27,6 +30,7 @@ UNEVEN = {"ground gap": 1.0}  # [REST] deviation of a corner from the hard groun
 UNSEEN = 2.0  # [position noise] deviation of a face that only physics tells
 TUMBLED = 0.1  # [size] and where it is told by how the object tumbled
 ENOUGH = 3  # contact samples that make a face known
+DOUBTED = 1.0  # [touch scale] gaps of a whole touch beyond this contradict the model
 FLAT = 0.99  # [-] cosine between the vertical and the axis of a face on the ground
 MEDIAN_2 = 1.1774  # median of the length of a standard normal vector in the plane
 PRIORS = ("prior", "regulariser")
@@ -69,9 +73,46 @@ def _model_error(curvature, by_position, by_normal, sensed, window, shape):
     gap = max(0.0, touch**2 - precision.position**2)
     turn = max(0.0, normal**2 - precision.normal**2)
     turn = min(turn, residual_of_normals(curvature, window, shape) ** 2)
-    along = np.einsum("ktfc,tfc->ktf", by_position, data.normal).reshape(k, -1)
+    along = np.einsum("ktfc,tfc->ktf", by_position, data.normal)
     across = tangential(by_normal, data.normal).reshape(k, -1)
-    return gap * along @ along.T + turn * across @ across.T
+    runs = np.stack([along[:, t, f].sum(axis=1) for t, f in touches(window, data)], 1)
+    off = gaps_of_touches(curvature, window, shape, data)
+    apart = 2 * max(0.0, off.max() ** 2 - (DOUBTED * touch) ** 2)
+    along = along.reshape(k, -1)
+    noise = gap * along @ along.T + turn * across @ across.T
+    return noise + apart * runs @ runs.T
+
+
+def touches(window, data) -> list:
+    """Return (samples, finger) of every touch: a finger's in an action."""
+    touch, found = window.touch, {}
+    actions = data.action[touch.sample]
+    for sample, finger, action in zip(touch.sample, touch.finger, actions, strict=True):
+        found.setdefault((action, finger), []).append(sample)
+    return [(np.array(samples), finger) for (_, finger), samples in found.items()]
+
+
+def gaps_of_touches(curvature: Curvature, window, shape, data) -> np.ndarray:
+    """Return how far each touch as a whole is from the surface [m], by its median.
+
+    Two fingers that disagree about a face leave the error of either, less a half of
+    what both have in common: neither noise nor the size of the body explains it.  A
+    touch of fewer than ENOUGH samples may be a wrong boolean, and counts as none.
+    """
+    touch = window.touch
+    values = curvature.problem.unpack(curvature.x)
+    p_wf = touch.p_wf.T.copy()
+    if OFFSET in values:
+        p_wf[:3] += values[OFFSET][:, touch.finger]
+    gap = at_touches(window, shape, values, p_wf, window.finger.gap)[:, 0]
+    gap = gap + np.ravel(values.get("depth", 0.0))[0]
+    keys = zip(touch.sample, touch.finger, strict=True)
+    number = {key: i for i, key in enumerate(keys)}
+    return np.array([
+        abs(np.median([gap[number[t, finger]] for t in samples]))
+        if len(samples) >= ENOUGH else 0.0
+        for samples, finger in touches(window, data)
+    ])  # fmt: skip
 
 
 def unseen(
@@ -111,24 +152,32 @@ def unseen(
 
 def residual_of_normals(curvature: Curvature, window, shape) -> float:
     """Return the standard deviation of felt normals about the modelled ones [rad]."""
-    import casadi as ca
-
     touch = window.touch
     if not len(touch):
         return 0.0
     values = curvature.problem.unpack(curvature.x)
-    seen = window.seen_by_touches(values["theta"])
-    sizes = len(seen), window.motion.unknowns, touch.p_wf.shape[1], 1
-    symbols = [ca.SX.sym("s", n) for n in sizes]
-    theta, x, p_wf, rho = symbols
-    pose = window.motion.pose(shape, theta, x)
-    normal = window.finger.normal(shape, theta, pose, p_wf, rho)
-    modelled = ca.Function("normal", symbols, [normal]).map(len(touch))(
-        seen, values["x"][:, touch.knot],
-        touch.p_wf.T, touch.radius[None],
-    )  # fmt: skip
-    off = np.linalg.norm(np.asarray(modelled).T - touch.normal, axis=1)
+    normal = at_touches(window, shape, values, touch.p_wf.T, window.finger.normal)
+    off = np.linalg.norm(normal - touch.normal, axis=1)
     return float(np.median(off)) / MEDIAN_2
+
+
+def at_touches(window, shape, values, p_wf, of) -> np.ndarray:
+    """Return what a finger's function gives at every touch sample, a row each.
+
+    of(shape, theta, pose, p_wf, rho): window.finger.gap or normal; p_wf (numbers, n).
+    """
+    import casadi as ca
+
+    touch = window.touch
+    seen = window.seen_by_touches(values["theta"])
+    sizes = len(seen), window.motion.unknowns, len(p_wf), 1
+    symbols = [ca.SX.sym("s", n) for n in sizes]
+    theta, x, p, rho = symbols
+    found = of(shape, theta, window.motion.pose(shape, theta, x), p, rho)
+    modelled = ca.Function("modelled", symbols, [found]).map(len(touch))(
+        seen, values["x"][:, touch.knot], p_wf, touch.radius[None]
+    )  # fmt: skip
+    return np.asarray(modelled).T
 
 
 def _positive(M) -> np.ndarray:

@@ -20,7 +20,7 @@ from tactilenlp.rivals import resized
 from tactilenlp.search import Hypothesis
 from tactilenlp.sensitivity import score
 from tactilenlp.solve import SolverOptions, solve
-from tactilenlp.spread import UNSEEN, unseen
+from tactilenlp.spread import UNSEEN, gaps_of_touches, touches, unseen
 
 UNITS = np.r_[1e3, 1e3, 1e3, 1e3, 1e3, 50.0]  # to mm, a radian as 50 mm
 
@@ -284,3 +284,20 @@ def test_a_face_that_nothing_touched_is_as_doubtful_as_the_fingers_paths_are_noi
     face = np.r_[0, -0.5, 0, -s, c, 0]
     assert face @ doubt @ face == pytest.approx(0, abs=1e-15)
     assert not unseen(chart, CUBOID, [[9, 9], [9, 9], [0, 9]], noise).any()
+
+
+def test_a_finger_moved_off_its_face_is_off_by_as_much_in_that_touch_alone(
+    programme, curvature
+):
+    data, window = programme.sensed.data, programme.window
+    every = touches(window, data)
+    samples, finger = every[0]
+    touch = window.touch
+    mine = np.isin(touch.sample, samples) & (touch.finger == finger)
+    p_wf = touch.p_wf + 2e-3 * mine[:, None] * touch.normal
+    moved = replace(window, touch=replace(touch, p_wf=p_wf))
+    before = gaps_of_touches(curvature, window, programme.shape, data)
+    after = gaps_of_touches(curvature, moved, programme.shape, data)
+    assert before.max() < 0.1e-3  # the recording contradicts no touch of its own
+    assert after[0] == pytest.approx(2e-3, abs=0.1e-3)
+    assert np.allclose(after[1:], before[1:])

@@ -56,7 +56,7 @@ AXES = {
     for axis in (*stability_solver.AXES, *stability_world.AXES, *stability_sensors.AXES)
 }
 LIMIT, WAIT = 120, 3600  # [CPU s], [s] that a cell may take; its process dies then
-CORE = (  # a dozen cells for the tests: every verdict and every kind of rule
+CORE = (  # few cells for the tests: every verdict and every kind of rule
     ("internal units", "mm", "quasi-static"),
     ("labels", "body turned 90 deg", "cuboid"),
     ("information prior", "1e-6", "cuboid"),
@@ -66,7 +66,9 @@ CORE = (  # a dozen cells for the tests: every verdict and every kind of rule
     ("start", "3x, 180 deg", "cuboid"),
     ("mass", "100 kg", "cuboid"),
     ("friction", "finger 0", "cuboid"),
+    ("friction", "ground 0.05", "cuboid"),
     ("flips", "3 %", "cuboid"),
+    ("noise of positions", "bias 5 mm", "cuboid"),
     ("contacts", "last sample", "cuboid"),
     ("actions", "1", "cuboid"),
 )
@@ -245,7 +247,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--axes", nargs="+", choices=[*AXES], metavar="AXIS")
     parser.add_argument("--ways", nargs="+", metavar="WAY")
-    parser.add_argument("--core", action="store_true", help="the tests' dozen cells")
+    parser.add_argument("--core", action="store_true", help="the tests' cells")
     parser.add_argument("--report", action="store_true", help="of what is there")
     add_executor(parser)
     arguments = parser.parse_args()
