@@ -18,8 +18,8 @@ class Options:
     Reductions, or names of reductions to switch off; hypotheses: kept from action to
     action [-]; starts: solved per action [-]; tolerance: of the last solve [-];
     time_limit [s]: then what is left is guessed, and the result is marked; ipopt:
-    passed on verbatim; rivals: also solve from other sizes of what was touched on one
-    face only.
+    passed on verbatim; rivals: also solve from other sizes and paths, and with sizes
+    held elsewhere, which tells how far those that touch leaves open may be off.
     """
 
     seed: int = 0
