@@ -41,6 +41,7 @@ log = logging.getLogger("tactilenlp")
 
 CLOSE = 1e-5  # IPOPT's first mu where a solution is known but for what was left out
 ASTRAY = 1.0  # [nats] more freedom costs no more than what new resting steps do
+LOST = 40.0  # [nats an action] beyond least motion: opened poses ran away
 PUT_BACK = 2  # times that a problem is solved again with what it needs after all
 TUMBLES = 3  # guesses of a tumble at most that are solved in free motion
 
@@ -270,10 +271,12 @@ def _refine(job, page, kept, options, solved) -> list[Solved]:
     promising = [h for h in kept if h.objective <= limit]
     solved = raced(job, page, promising, options, levels, solved=solved)
     good = [s for s in solved if s.solution.success]
-    if not good and levels is not own and time.monotonic() < job.deadline:
+    bound = min(h.objective for h in kept) + LOST * job.data.actions
+    lost = not good or good[0].solution.objective > bound
+    if lost and levels is not own and time.monotonic() < job.deadline:
         # The slower way, poses held first, as the page says.
-        good = [solved_from(job, page, solved[0].hypothesis, options)]
-    return good or solved
+        good = [*good, solved_from(job, page, solved[0].hypothesis, options)]
+    return sorted(good or solved, key=lambda s: s.rank)
 
 
 def _carried_on(job, solved, kept, width: int) -> list[Hypothesis]:
