@@ -10,6 +10,7 @@ import numpy as np
 
 from .checks import check_types
 from .curvature import curvature_of
+from .dragging import dragging
 from .hull import centroid, fingers
 from .information import Information
 from .modes import single
@@ -29,7 +30,7 @@ def hull_information(
 
     faces: touches of each polygon of the hull; R_wg (3, 3): ground's frame to world;
     sensed: the measurements, whose noise sigma tells (spread.py), beside what pulls at
-    each other (tension.py).
+    each other (tension.py) and fingers that may have stuck (dragging.py).
     """
     theta = problem.variables["theta"]
     chosen = np.arange(theta.span.start, theta.span.stop)
@@ -40,7 +41,8 @@ def hull_information(
     turn = np.kron(np.eye(theta.columns), R_wg)
     floor = FLOOR**2 * np.eye(len(C))
     errors = spread(curvature, pulls, held, sensed, window, shape)
-    errors = errors + tension(curvature, pulls, window, sensed.data.action)
+    for doubt in (tension, dragging):
+        errors = errors + doubt(curvature, pulls, window, sensed.data.action)
     C, errors = (turn @ (M + floor) @ turn.T for M in (C, errors))
     V = solution.values["theta"].T
     middle = _slope_of_centroid(V) @ turn.T

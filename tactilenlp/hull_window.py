@@ -12,6 +12,8 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull, QhullError
 
+from formulations.quasi_static import ALPHA
+
 from .hull import fingers, nearest
 from .hull import triangles as triangles_of
 from .window import Window
@@ -19,6 +21,7 @@ from .window import Window
 NEAR = 8  # vertices that a contact reads
 LIFTED = 0.5e-3  # [m] a vertex this high still carries the body
 ALIKE, WHOLE = 1e-3, 1e3  # weights of equal shares, and of a sum of one
+CLEAR = 20.0  # [-] lengths over which a free finger's cost falls by a factor of e
 DEPTH = 3.0  # [-] lengths along the surface that one length below it counts for
 
 
@@ -72,6 +75,20 @@ def indexed(window, shape, vertices, x, resting=None) -> HullWindow:
         triangles=triangles, body=body(vertices, triangles),
         lower=lower, upper=np.where(np.isfinite(lower), lower, np.inf),
     )  # fmt: skip
+
+
+def without_clear(window, vertices, x):
+    """Return the window less the free fingers that are certainly clear of a hull.
+
+    At a gap of CLEAR / alpha (eq:bool) a free sample costs exp(-CLEAR) nats.
+    """
+    softness = np.hypot(1 / ALPHA, window.sigma_position / 1.7)  # quasi_static.py
+    free = window.free
+    if not len(free):
+        return window
+    centre = fingers(free, x)
+    gap = np.linalg.norm(centre - nearest(vertices, centre), axis=1) - free.radius
+    return replace(window, free=free.pick(gap < CLEAR * softness))
 
 
 def near(samples, vertices, x) -> np.ndarray:

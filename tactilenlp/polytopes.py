@@ -15,7 +15,7 @@ from formulations import polytope_quasi_static
 from .carving import carved
 from .errors import NoContactError, SceneError
 from .hull import filled, outer
-from .hull_window import indexed, standing
+from .hull_window import indexed, standing, without_clear
 from .hypothesis import Hypothesis
 from .interrupt import interruptible
 from .nlp import Problem
@@ -29,8 +29,8 @@ TOLERANCE = 1e-4
 CREEPING = {  # IPOPT stops where kinks of the surface let it creep on and on
     "acceptable_tol": 0.5,  # [nats / mm]
     "acceptable_obj_change_tol": 1e-4,  # [relative] over as many iterations
-    "acceptable_iter": 8,
-    "acceptable_compl_inf_tol": 1e-4,
+    "acceptable_iter": 5,
+    "acceptable_compl_inf_tol": 1e-2,
     "acceptable_constr_viol_tol": 1e-4,
 }
 LONGEST = 20.0  # [s] of one solve
@@ -65,6 +65,8 @@ def window_of(job, guess=None, resting=None):
     shape = standing(job.shape, vertices)
     known = job.scene, shape, job.precision, job.reductions
     window = reduce(job.data, *known, guess=guess, cuts=job.cuts)
+    if job.reductions.far:
+        window = without_clear(window, vertices, x)
     resting = vertices if resting is None else np.reshape(resting, (-1, 3))
     return indexed(window, shape, vertices, x, resting), shape
 

@@ -1,7 +1,6 @@
 """Estimates of polytopes: impulses, ground, degenerate starts, change of class."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,16 +23,12 @@ from tactilenlp import (
     surface_distance,
     vertex_information,
 )
-from tactilenlp.curvature import curvature_of
 from tactilenlp.errors import SceneError, StartError
 from tactilenlp.estimate import _job
-from tactilenlp.nlp import Problem
 from tactilenlp.options import Options
 from tactilenlp.polytopes import search
 from tactilenlp.reduce import Reductions
-from tactilenlp.solve import solve
 from tactilenlp.solving import solved_from
-from tactilenlp.tension import tension
 
 OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
 ACTIONS = 4
@@ -116,33 +111,6 @@ def test_the_body_lies_behind_its_supporting_planes(octahedron, hull):
     assert (planes.sigma >= face_sigma(hull) - 1e-9).all()  # a corner and the middle
     off = np.abs((truth @ planes.normal.T).max(axis=0) - planes.offset)
     assert np.mean(off < 3 * planes.sigma + 1e-4) > 0.9
-
-
-def test_terms_that_pull_at_each_other_widen_sigma():
-    apart = [by_two_touches(gap) for gap in (0.0, 2e-3)]
-    # Two touches of one number: the curvature is 2, each pulls with half their gap.
-    assert apart == pytest.approx([0.0, 2 * (2e-3 / 4) ** 2], rel=1e-6)
-
-
-def by_two_touches(gap):
-    """Return the tension [m^2] of a length that two fingers feel, so far apart."""
-    problem = Problem()
-    theta, x = (
-        problem.variable(name, 1, guess=0.0, unit="m", scale=1.0)
-        for name in ("theta", "x")
-    )
-    felt = np.array([[0.0], [gap]])
-    problem.minimize(
-        "touch", lambda t, y: (t - y) ** 2 / 2, theta, felt, role="likelihood"
-    )
-    problem.minimize("rest", lambda x: x**2 / 2, x, role="physics")
-    window = SimpleNamespace(
-        touch=SimpleNamespace(sample=np.zeros(2, int), finger=np.arange(2)),
-        last=np.zeros(1, int),
-    )
-    curvature = curvature_of(problem, solve(problem))
-    pulls, _ = curvature.response_of(np.array([0]))
-    return tension(curvature, pulls, window, np.zeros(1, int)).item()
 
 
 def shared_poses(estimate):

@@ -1,12 +1,19 @@
-"""Benchmark `solve_estimate(shape="polytope")`: error and cost by actions and stage.
+"""Benchmark `solve_estimate(shape="polytope")`: error and cost by actions, stage, n_v.
 
-python examples/benchmarks/estimate_polytope.py ../shared/scenes/platonic_*_?.npz
-... --actions 3 6 9 --vertices 8 20 30 --table polytope.csv --picture polytope.png
-    [--executor processes|dask|mpi|none]
+    python examples/benchmarks/estimate_polytope.py folder scenes/platonic_*_?.npz
+        [--actions 3 6 9] [--vertices 8 20 50] [--hard 5] [--incremental]
+        [--executor processes|dask|mpi|none]
+
+Called again with the same folder, it runs what is missing.  Hulls of 20 vertices are
+solved with and without impulses, from all of --actions; the others with impulses, from
+the most actions.  --hard records Platonic solids on slippery ground with sticky fingers
+(the paper's 0.1 and 1.0) and adds them.  --incremental: the last action alone as well.
 
 Truth is read here, never by the package.  t2e, e2t: mean distance of the true surface
-to the estimated one, and back; touched: of the true contact points to the estimate.
-CPU seconds exclude the derivation of kinds.
+to the estimated one, and back; touched: of the true contact points to the estimate;
+third: height of the third-lowest vertex; ratio: median of |error| / sigma of supporting
+planes with three touches or more, wrong: those beyond 1 mm and 5 sigma.  CPU seconds
+exclude the derivation of kinds.
 """
 
 import os
@@ -14,24 +21,30 @@ import os
 os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
 
 import argparse
-from itertools import product
+from dataclasses import replace
 from pathlib import Path
 from time import process_time
 
 import numpy as np
+from exploration_objects import SEED, world_of
 from scipy.spatial.transform import Rotation
-from study import add_executor, executor_of, mapped, write_csv
+from study import add_executor, executor_of, run_study, write_csv
 from trimesh.convex import convex_hull
 from trimesh.proximity import closest_point_naive
 
 from formulations.polytope import polytope
-from tactilenlp import Measurements, Scene, solve_estimate, surface_distance
+from tactilenlp import Measurements, Scene, Workspace, solve_estimate, surface_distance
 from tactilenlp.kind import seconds_deriving
 
 STAGES = {"vertices": "quasi_static", "impulses": "violation_implicit"}
+SCRATCH, INCREMENTAL = "scratch", "incremental"
 TARGETS = {  # of nine actions of clean scenes, with impulses
     "t2e_mm": 1.0, "e2t_mm": 1.2, "touched_mm": 0.25, "third_mm": 0.1, "cpu_s": 6.0,
 }  # fmt: skip
+USUAL = 20  # vertices
+TOUCHED, CLOSE, SIGMAS = 3, 1e-3, 5.0  # touches, [m], [-]
+SLIPPERY, STICKY = 0.1, 1.0  # friction of ground and fingers of the hard case
+MISSED = 4e-3  # [m] by which an action of the hard case aims beside the centroid
 
 
 def truth(file, last):
@@ -47,99 +60,171 @@ def truth(file, last):
     return convex_hull(R[last].apply(vertices) + p[last]), R[last].apply(body) + p[last]
 
 
-def measured(file, actions, vertices, stage, start=None):
-    """Return one row of the table, and the estimate."""
-    data = Measurements.load(file)
-    data = data.select(np.unique(data.action)[:actions])
+def measured(file, vertices, stage, actions, begun):
+    """Return one row of the table."""
+    data, scene = Measurements.load(file), Scene.load(file)
+    names = np.unique(data.action)[:actions]
+    told = {
+        "shape": polytope(vertices), "formulation": STAGES[stage], "throw": False,
+    }  # fmt: skip
+    start = None
+    if begun == INCREMENTAL:
+        start = solve_estimate(data.select(names[:-1]), scene, **told)
+    data = data.select(names)
     began, derived = process_time(), seconds_deriving[0]
-    estimate = solve_estimate(
-        data, Scene.load(file), shape=polytope(vertices), formulation=STAGES[stage],
-        start=start, throw=False,
-    )  # fmt: skip
-    cpu = process_time() - began
+    estimate = solve_estimate(data, scene, start=start, **told)
+    kinds = seconds_deriving[0] - derived
+    cpu = process_time() - began - kinds
     mesh, points = truth(file, data.samples - 1)
     d = surface_distance(mesh, estimate.mesh())
     z = np.sort(estimate.mesh().vertices[:, 2])
     touched = closest_point_naive(estimate.mesh(), points)[1]
     return {
-        "scene": Path(file).stem, "actions": actions, "vertices": vertices,
-        "stage": stage, "start": "scratch" if start is None else "incremental",
-        "solved": estimate.success, "t2e_mm": 1e3 * d.a_to_b, "e2t_mm": 1e3 * d.b_to_a,
+        "scene": Path(file).stem, "actions": len(names), "vertices": vertices,
+        "stage": stage, "start": begun, "solved": bool(estimate.success),
+        "t2e_mm": 1e3 * d.a_to_b, "e2t_mm": 1e3 * d.b_to_a,
         "touched_mm": 1e3 * touched.mean(), "third_mm": 1e3 * z[2],
-        "iterations": estimate.iterations, "cpu_s": cpu,
-        "kinds_s": seconds_deriving[0] - derived,
-    }, estimate  # fmt: skip
+        **sure(estimate, mesh), "iterations": estimate.iterations, "cpu_s": cpu,
+        "kinds_s": kinds,
+    }  # fmt: skip
 
 
-def rows_of(file, vertices, stage, actions, incremental):
-    """Return the rows of a file for every number of actions, and for one more."""
-    rows = [measured(file, n, vertices, stage)[0] for n in actions]
-    if incremental:
-        _, early = measured(file, actions[-1] - 1, vertices, stage)
-        rows.append(measured(file, actions[-1], vertices, stage, early)[0])
-    return rows
+def sure(estimate, mesh) -> dict:
+    """Return how the errors of touched supporting planes compare with their sigma."""
+    planes = estimate.supporting_planes()
+    off = np.abs((mesh.vertices @ planes.normal.T).max(axis=0) - planes.offset)
+    known = planes.touches >= TOUCHED
+    off, sigma = off[known], np.maximum(planes.sigma[known], 1e-9)
+    wrong = (off > CLOSE) & (off > SIGMAS * sigma)
+    ratio = float(np.median(off / sigma)) if known.any() else np.nan
+    return {"planes": int(known.sum()), "ratio": ratio, "wrong": int(wrong.sum())}
+
+
+def played(world, path: Path, trial: int, actions: int) -> Path:
+    """Record random actions on a world's body in a file, once; return its path."""
+    if path.exists():
+        return path
+    rng, space = np.random.default_rng([SEED, trial, 2]), Workspace()
+    for _ in range(actions):
+        target = world.pose[:3] + rng.normal(0, MISSED, 3)
+        world.execute(space.random(rng).trajectory(target))
+    world.save(path)
+    return path
+
+
+def hard(folder: Path, trial: int, actions: int) -> str:
+    """Record a Platonic solid on slippery ground under sticky fingers."""
+    known = {"friction_ground": SLIPPERY, "friction_finger": STICKY}
+    world = replace(world_of(trial, "polytope"), **known)
+    return str(played(world, folder / f"hard_{trial}.npz", trial, actions))
+
+
+def cells_of(chosen) -> list[tuple]:
+    """Return what to run: file, vertices, stage, actions, start."""
+    most = max(chosen.actions)
+    slippery = [hard(chosen.folder, k, most) for k in range(chosen.hard)]
+    cells = []
+    for file in [*chosen.scenes, *slippery]:
+        for n in chosen.vertices:
+            whole = n == USUAL and file not in slippery
+            for stage in STAGES if n == USUAL else ["impulses"]:
+                actions = chosen.actions if whole else [most]
+                cells += [(file, n, stage, a, SCRATCH) for a in actions]
+            if n == USUAL and chosen.incremental:
+                cells.append((file, n, "impulses", most, INCREMENTAL))
+    return cells
+
+
+def group_of(row) -> tuple:
+    """Return what rows of one line of the summary have in common."""
+    case = "hard" if row["scene"].startswith("hard_") else "given"
+    return (case, *(row[k] for k in ("vertices", "stage", "actions", "start")))
+
+
+def said(_, row) -> str:
+    """Return a row in words."""
+    case = " ".join(map(str, group_of(row)[1:]))
+    return f"{row['scene']} {case}: {row['t2e_mm']:.2f} mm, {row['cpu_s']:.1f} s"
 
 
 def summary(rows):
-    """Print mean, median, p90 and worst by actions, vertices and stage; the targets."""
+    """Print mean, median, p90 and worst of each group; the targets."""
     figures = ("t2e_mm", "e2t_mm", "touched_mm", "third_mm", "cpu_s")
-    print(f"{'actions vertices stage start':40} solved", *(f"{f:>27}" for f in figures))
-    keys = ("actions", "vertices", "stage", "start")
-    for group in dict.fromkeys(tuple(r[k] for k in keys) for r in rows):
-        mine = [r for r in rows if tuple(r[k] for k in keys) == group]
+    header = "case vertices stage actions start"
+    print(f"{header:46} solved", *(f"{f:>26}" for f in figures), " ratio  wrong")
+    for group in sorted({group_of(r) for r in rows}):
+        mine = [r for r in rows if group_of(r) == group]
         solved = sum(r["solved"] for r in mine)
         cells = [[r[f] for r in mine] for f in figures]
         spread = [(np.mean(c), *np.quantile(c, (0.5, 0.9, 1.0))) for c in cells]
         text = [" /".join(f"{value:5.2f}" for value in s) for s in spread]
-        print(f"{group!s:40} {solved:2}/{len(mine):2}", *(f"{t:>27}" for t in text))
+        ratio = np.nanmedian([r["ratio"] for r in mine])
+        wrong, planes = (sum(r[k] for r in mine) for k in ("wrong", "planes"))
+        print(
+            f"{' '.join(map(str, group)):46} {solved:2}/{len(mine):2}",
+            *(f"{t:>26}" for t in text), f"{ratio:6.2f} {wrong:2}/{planes}",
+        )  # fmt: skip
     print(
-        "mean / median / p90 / worst; targets of the means, 9 actions, impulses:",
-        TARGETS,
+        "mean / median / p90 / worst; targets of means, 9 actions, impulses:", TARGETS
     )
 
 
 def picture(rows, path):
-    """Draw error against actions and against CPU seconds, a curve for each stage."""
+    """Draw error against actions, CPU seconds and number of vertices, by stage."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(1, 2, figsize=(9, 3.5), sharey=True)
-    for stage in STAGES:
-        mine = [r for r in rows if r["stage"] == stage and r["start"] == "scratch"]
-        for ax, key in zip(axes, ("actions", "cpu_s"), strict=True):
-            ax.plot([r[key] for r in mine], [r["t2e_mm"] for r in mine], "o", alpha=0.5,
-                    label=stage)  # fmt: skip
-            ax.set_xlabel({"actions": "actions", "cpu_s": "CPU time [s]"}[key])
-    axes[0].axhline(TARGETS["t2e_mm"], color="0.5", linestyle="--")
+    figure, axes = plt.subplots(1, 3, figsize=(11, 3.6), sharey=True)
+    most = max(r["actions"] for r in rows)
+    rows = [r for r in rows if r["start"] == SCRATCH]
+    for case, mark, line in (("given", "o", "-"), ("hard", "x", "--")):
+        for stage, colour in zip(STAGES, ("#0072B2", "#D53C00"), strict=True):
+            mine = [r for r in rows if group_of(r)[0] == case and r["stage"] == stage]
+            usual = [r for r in mine if r["vertices"] == USUAL]
+            last = [r for r in mine if r["actions"] == most]
+            shown = {"actions": usual, "cpu_s": usual, "vertices": last}
+            look = {"color": colour, "label": f"{stage}, {case}" if mine else None}
+            for ax, (key, those) in zip(axes, shown.items(), strict=True):
+                error = np.array([r["t2e_mm"] for r in those])
+                where = np.array([r[key] for r in those])
+                ax.plot(where, error, mark, alpha=0.4, **look)
+                if key != "cpu_s":
+                    at = np.unique(where)
+                    mean = [error[where == a].mean() for a in at]
+                    ax.plot(at, mean, line, color=colour)
+    for ax, label in zip(
+        axes, ("actions", "CPU time [s]", f"vertices, {most} actions"), strict=True
+    ):
+        ax.axhline(TARGETS["t2e_mm"], color="0.5", linestyle=":")
+        ax.set_xlabel(label)
     axes[0].set_ylabel("truth to estimate [mm]")
-    axes[1].legend()
+    axes[0].set_ylim(bottom=0)
+    axes[1].legend(fontsize="small")
     figure.tight_layout()
     figure.savefig(path, dpi=150)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("scenes", nargs="+")
-    parser.add_argument("--actions", type=int, nargs="+", default=[9])
-    parser.add_argument("--vertices", type=int, nargs="+", default=[20])
-    parser.add_argument("--stages", nargs="+", default=[*STAGES], choices=STAGES)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("scenes", nargs="*")
+    parser.add_argument("--actions", type=int, nargs="+", default=[3, 6, 9])
+    parser.add_argument("--vertices", type=int, nargs="+", default=[8, 20, 50])
+    parser.add_argument("--hard", type=int, default=5, help="scenes to record")
     parser.add_argument("--incremental", action="store_true", help="one more action")
-    parser.add_argument("--table", default="polytope.csv")
-    parser.add_argument("--picture")
     add_executor(parser, "none")
     chosen = parser.parse_args()
-    cases = product(
-        chosen.scenes, chosen.vertices, chosen.stages, [chosen.actions],
-        [chosen.incremental],
-    )  # fmt: skip
-    with executor_of(chosen, __file__) as executor:
-        rows = [row for some in mapped(executor, rows_of, cases) for row in some]
-    write_csv(chosen.table, rows)
+    chosen.folder.mkdir(parents=True, exist_ok=True)
+    with executor_of(chosen, *Path(__file__).parent.glob("*.py")) as executor:
+        rows = run_study(
+            chosen.folder / "polytope.jsonl", "polytope", measured, cells_of(chosen),
+            executor, say=said,
+        )  # fmt: skip
+    write_csv(chosen.folder / "polytope.csv", rows)
     summary(rows)
-    if chosen.picture:
-        picture(rows, chosen.picture)
+    picture(rows, chosen.folder / "polytope.png")
 
 
 if __name__ == "__main__":

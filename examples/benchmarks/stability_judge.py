@@ -19,7 +19,6 @@ from tactilenlp import (
     Options,
     Scene,
     Workspace,
-    face_sigma,
     metrics,
     observed_information,
     solve_estimate,
@@ -27,7 +26,6 @@ from tactilenlp import (
 from tactilenlp.errors import TactileError
 from tactilenlp.hull import centroid
 from tactilenlp.observed import KINDS
-from tactilenlp.surface import polygons
 
 RIGHT, HONEST, ERROR = "right", "honest sigma", "typed error"
 WRONG, NAN, OFF = "confident wrong", "not finite", "rule broken"
@@ -161,14 +159,11 @@ def _of_hull(estimate, truth):
     true = _corners(truth)
     vertices = estimate.vertices @ estimate.rotation().T + estimate.position[-1]
     out = []
-    faces = zip(
-        polygons(estimate.vertices), face_sigma(estimate), estimate.faces, strict=True
-    )
-    for i, ((corners, n_o), sigma, touches) in enumerate(faces):
-        n = estimate.rotation() @ n_o
-        off = abs((true @ n).max() - (vertices[corners] @ n).max())
-        if touches:
-            out.append((f"face {i}, {touches} touches", off, sigma))
+    planes = estimate.supporting_planes()
+    off = np.abs((true @ planes.normal.T).max(axis=0) - planes.offset)
+    for i in np.flatnonzero(planes.touches):
+        touched = f"face {i}, {planes.touches[i]} touches"
+        out.append((touched, off[i], planes.sigma[i]))
     middle = np.abs(centroid(vertices) - truth.position[-1])
     sigma = estimate.information.sigma("position")
     return out + [

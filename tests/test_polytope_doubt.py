@@ -1,0 +1,102 @@
+"""What widens a hull's sigma, and which fingers it does not ask: by hand."""
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from tactilenlp.curvature import curvature_of
+from tactilenlp.dragging import STUCK, dragging, slips
+from tactilenlp.hull_window import CLEAR, without_clear
+from tactilenlp.nlp import Problem
+from tactilenlp.solve import solve
+from tactilenlp.tension import tension
+from tactilenlp.window import Pushes, Samples, Steps
+
+RADIUS = 0.01
+
+
+@dataclass(frozen=True)
+class Free:
+    """As much of a window as free fingers need."""
+
+    free: Samples
+    sigma_position: float = 0.0
+
+
+def felt(p_wf, normal, finger=0):
+    """Return one touch a sample of a finger at p_wf (n, 3)."""
+    n = len(p_wf)
+    normal = np.broadcast_to(np.asarray(normal, float), (n, 3))
+    own = np.full(n, finger)
+    return Samples(np.arange(n), own, np.arange(n), p_wf, np.full(n, RADIUS), normal)
+
+
+def test_terms_that_pull_at_each_other_widen_sigma():
+    apart = [by_two_touches(gap) for gap in (0.0, 2e-3)]
+    # Two touches of one number: the curvature is 2, each pulls with half their gap.
+    assert apart == pytest.approx([0.0, 2 * (2e-3 / 4) ** 2], rel=1e-6)
+
+
+def by_two_touches(gap):
+    """Return the tension [m^2] of a length that two fingers feel, so far apart."""
+    problem = Problem()
+    theta, x = (
+        problem.variable(name, 1, guess=0.0, unit="m", scale=1.0)
+        for name in ("theta", "x")
+    )
+    y = np.array([[0.0], [gap]])
+    problem.minimize(
+        "touch", lambda t, y: (t - y) ** 2 / 2, theta, y, role="likelihood"
+    )
+    problem.minimize("rest", lambda x: x**2 / 2, x, role="physics")
+    window = SimpleNamespace(
+        touch=SimpleNamespace(sample=np.zeros(2, int), finger=np.arange(2)),
+        last=np.zeros(1, int),
+    )
+    curvature = curvature_of(problem, solve(problem))
+    pulls, _ = curvature.response_of(np.array([0]))
+    return tension(curvature, pulls, window, np.zeros(1, int)).item()
+
+
+def test_a_finger_that_slides_may_have_taken_the_body_along():
+    slip = 3e-3
+    problem = Problem()
+    theta = problem.variable("theta", 1, guess=0.0, unit="m", scale=1.0)
+    x = problem.variable("x", 3, columns=2, guess=0.0, unit="m, m, rad", scale=1.0)
+    problem.minimize(  # a face is touched before the slide, and never again
+        "touch", lambda t, x: 1e4 * ((t + x[0]) ** 2 + ca.sumsqr(x[1:])), theta,
+        x[:, [0]], role="likelihood",
+    )  # fmt: skip
+    problem.minimize(
+        "friction", lambda x, y: 1e3 * ca.sumsqr(x - y), x[:, [1]], x[:, [0]],
+        role="physics",
+    )  # fmt: skip
+    problem.minimize("last", lambda x: 1e8 * ca.sumsqr(x), x[:, [1]], role="prior")
+    at = np.array([[0.0, 0.0, 0.02]])
+    push = Pushes(
+        np.array([1]), np.array([0]), np.array([0]), at + np.array([slip, 0, 0]), at,
+        np.array([RADIUS]), np.array([[0, 1, 0]]),
+    )  # fmt: skip
+    one = np.array([1])
+    window = SimpleNamespace(
+        push=push, step=Steps(one, one, 0 * one, 0 * one, np.ones(1)), last=np.arange(2)
+    )
+    curvature = curvature_of(problem, solve(problem))
+    assert slips(curvature, window) == pytest.approx(np.array([[slip, 0]]))
+    pulls, _ = curvature.response_of(np.array([0]))
+    found = dragging(curvature, pulls, window, np.zeros(2, int)).item()
+    assert found == pytest.approx(STUCK * slip**2, rel=1e-3)
+
+
+def test_a_finger_far_from_the_hull_is_not_asked():
+    cube = 0.02 * (np.indices((2, 2, 2)).reshape(3, 8).T - [0.5, 0.5, 0])
+    reach = 0.01 + RADIUS + CLEAR / 1500 * np.array([0.5, 0.99, 1.01, 3.0])
+    p = np.stack([reach, 0 * reach, np.full(4, 0.01)], axis=1)
+    free = felt(p, [0, 0, 0])
+    whole = Free(free)
+    left = without_clear(whole, cube, np.zeros((3, 4))).free
+    assert left.sample.tolist() == [0, 1]
+    assert np.log1p(np.exp(-1500 * (reach[2] - 0.01 - RADIUS))) < 1e-8
