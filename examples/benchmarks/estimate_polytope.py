@@ -13,7 +13,7 @@ Truth is read here, never by the package.  t2e, e2t: mean distance of the true s
 to the estimated one, and back; touched: of the true contact points to the estimate;
 third: height of the third-lowest vertex; ratio: median of |error| / sigma of supporting
 planes with three touches or more, wrong: those beyond 1 mm and 5 sigma.  CPU seconds
-exclude the derivation of kinds.
+exclude the derivation of kinds: who derives some is run again.
 """
 
 import os
@@ -71,10 +71,11 @@ def measured(file, vertices, stage, actions, begun):
     if begun == INCREMENTAL:
         start = solve_estimate(data.select(names[:-1]), scene, **told)
     data = data.select(names)
-    began, derived = process_time(), seconds_deriving[0]
-    estimate = solve_estimate(data, scene, start=start, **told)
-    kinds = seconds_deriving[0] - derived
-    cpu = process_time() - began - kinds
+    derived = -1.0
+    while derived != seconds_deriving[0]:  # who derives kinds is run again
+        derived, began = seconds_deriving[0], process_time()
+        estimate = solve_estimate(data, scene, start=start, **told)
+        cpu = process_time() - began
     mesh, points = truth(file, data.samples - 1)
     d = surface_distance(mesh, estimate.mesh())
     z = np.sort(estimate.mesh().vertices[:, 2])
@@ -85,7 +86,6 @@ def measured(file, vertices, stage, actions, begun):
         "t2e_mm": 1e3 * d.a_to_b, "e2t_mm": 1e3 * d.b_to_a,
         "touched_mm": 1e3 * touched.mean(), "third_mm": 1e3 * z[2],
         **sure(estimate, mesh), "iterations": estimate.iterations, "cpu_s": cpu,
-        "kinds_s": kinds,
     }  # fmt: skip
 
 
