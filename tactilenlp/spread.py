@@ -30,7 +30,7 @@ UNEVEN = {"ground gap": 1.0}  # [REST] deviation of a corner from the hard groun
 UNSEEN = 2.0  # [position noise] deviation of a face that only physics tells
 TUMBLED = 0.1  # [size] and where it is told by how the object tumbled
 ENOUGH = 3  # contact samples that make a face known
-DOUBTED = 1.0  # [touch scale] gaps of a whole touch beyond this contradict the model
+DOUBTED = 2.0  # [touch scale] the gap of a whole touch beyond this is no noise
 FLAT = 0.99  # [-] cosine between the vertical and the axis of a face on the ground
 MEDIAN_2 = 1.1774  # median of the length of a standard normal vector in the plane
 PRIORS = ("prior", "regulariser")
@@ -75,9 +75,10 @@ def _model_error(curvature, by_position, by_normal, sensed, window, shape):
     turn = min(turn, residual_of_normals(curvature, window, shape) ** 2)
     along = np.einsum("ktfc,tfc->ktf", by_position, data.normal)
     across = tangential(by_normal, data.normal).reshape(k, -1)
-    runs = np.stack([along[:, t, f].sum(axis=1) for t, f in touches(window, data)], 1)
-    off = gaps_of_touches(curvature, window, shape, data)
-    apart = 2 * max(0.0, off.max() ** 2 - (DOUBTED * touch) ** 2)
+    runs = [along[:, t, f].sum(axis=1) for t, f in touches(window, data)]
+    runs = np.reshape(runs, (len(runs), k)).T
+    off = gaps_of_touches(curvature, window, shape, data).max(initial=0.0)
+    apart = 2 * off**2 if off > DOUBTED * touch else 0.0  # two that disagree share it
     along = along.reshape(k, -1)
     noise = gap * along @ along.T + turn * across @ across.T
     return noise + apart * runs @ runs.T
@@ -95,9 +96,8 @@ def touches(window, data) -> list:
 def gaps_of_touches(curvature: Curvature, window, shape, data) -> np.ndarray:
     """Return how far each touch as a whole is from the surface [m], by its median.
 
-    Two fingers that disagree about a face leave the error of either, less a half of
-    what both have in common: neither noise nor the size of the body explains it.  A
-    touch of fewer than ENOUGH samples may be a wrong boolean, and counts as none.
+    Neither noise nor any body explains it where fingers disagree about a face.  A touch
+    of fewer than ENOUGH samples may be a wrong boolean: it counts as none.
     """
     touch = window.touch
     values = curvature.problem.unpack(curvature.x)

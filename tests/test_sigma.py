@@ -286,18 +286,14 @@ def test_a_face_that_nothing_touched_is_as_doubtful_as_the_fingers_paths_are_noi
     assert not unseen(chart, CUBOID, [[9, 9], [9, 9], [0, 9]], noise).any()
 
 
-def test_a_finger_moved_off_its_face_is_off_by_as_much_in_that_touch_alone(
-    programme, curvature
-):
+def test_a_finger_off_its_face_is_off_in_that_touch_alone(programme, curvature):
     data, window = programme.sensed.data, programme.window
-    every = touches(window, data)
-    samples, finger = every[0]
-    touch = window.touch
+    (samples, finger), touch = touches(window, data)[0], window.touch
     mine = np.isin(touch.sample, samples) & (touch.finger == finger)
     p_wf = touch.p_wf + 2e-3 * mine[:, None] * touch.normal
     moved = replace(window, touch=replace(touch, p_wf=p_wf))
     before = gaps_of_touches(curvature, window, programme.shape, data)
     after = gaps_of_touches(curvature, moved, programme.shape, data)
-    assert before.max() < 0.1e-3  # the recording contradicts no touch of its own
+    assert before.max() < 0.1e-3  # this recording contradicts itself nowhere
     assert after[0] == pytest.approx(2e-3, abs=0.1e-3)
     assert np.allclose(after[1:], before[1:])
