@@ -14,6 +14,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from formulations import quasi_static, violation_implicit
+from formulations.finger_offset import NAME as OFFSET
 
 from .hypothesis import Hypothesis, distinct
 from .kind import mapped
@@ -50,8 +51,7 @@ def believed(estimate, shape, fingers: int, count: int) -> list[Belief]:
     """
     n = shape.theta
     best = np.r_[estimate.theta, estimate.unknowns["x"][:, -1]]
-    none = np.zeros((3, 1))
-    offset = estimate.unknowns.get("finger offset", none).T
+    offset = estimate.unknowns.get(OFFSET, np.zeros((3, 1))).T
     before = before_any_touch(estimate, shape, fingers)
     rest = []
     if not freely(estimate, shape):  # of two pasts that end alike, the better one
@@ -62,7 +62,7 @@ def believed(estimate, shape, fingers: int, count: int) -> list[Belief]:
     found = [Belief(best, known_of_best(estimate, shape, before), before, 1.0, offset)]
     for h, weight in zip(rest, weights, strict=True):
         if weight > NEGLIGIBLE:
-            off = (none if h.offset is None else h.offset).T
+            off = h.shift.T
             known = before + told(estimate, shape, h.theta, h.x, off, len(before))
             found.append(Belief(h.end, known, before, weight, off))
     total = sum(b.weight for b in found)
@@ -112,7 +112,7 @@ def known_of_best(estimate, shape, before: np.ndarray) -> np.ndarray:
         "the information of the estimate is indefinite (least eigenvalue %.2g): "
         "choosing by the sum of its samples' (eq:obsinfo)", least,
     )  # fmt: skip
-    offset = estimate.unknowns.get("finger offset", np.zeros((3, 1))).T
+    offset = estimate.unknowns.get(OFFSET, np.zeros((3, 1))).T
     x = _poses(estimate, freely(estimate, shape))
     return before + told(estimate, shape, estimate.theta, x, offset, len(before))
 
