@@ -73,10 +73,14 @@ def _touched(job, solved) -> np.ndarray:
 def _deviation(job, page, solved, options, axis: int, known: float, touched):
     """Return the deviation [m] of a size, 0 where its Hessian claims little.
 
-    known: deviation [m] by the Hessian.  And a better hypothesis, or None.
+    known: deviation [m] by the Hessian.  And a better hypothesis, or None.  A larger
+    body is the flatter side: what lies behind a felt face contradicts no finger.  A
+    smaller one is asked for where a larger one says nothing.
     """
     prior, deviation, shared = job.shape.size_prior[1], 0.0, {}
     for way in (1, -1):
+        if deviation:
+            break
         step = max(FIRST * known, NEAR)
         while max(known, deviation) < CLAIMED * prior:
             given = axis, way * step, touched, shared

@@ -41,7 +41,7 @@ def test_a_kink_is_as_wide_as_its_slopes_say(monkeypatch):
     assert slope * found < PRICE  # no farther than what costs two deviations
 
 
-def test_the_flatter_side_of_a_size_tells_how_far_it_may_be_off(monkeypatch):
+def test_a_larger_body_tells_how_far_a_size_may_be_off(monkeypatch):
     def price(d):  # on its right an exponential of 2 mm, on its left a parabola
         return 500 * d if d > 0 else (d / SHARP) ** 2 / 2
 
@@ -55,6 +55,13 @@ def test_what_costs_nothing_is_known_by_its_prior_alone(monkeypatch):
 
 def test_where_nothing_is_found_nothing_is_said(monkeypatch):
     assert deviation(monkeypatch, lambda d: None) == (0.0, None)
+
+
+def test_a_smaller_body_is_asked_for_where_a_larger_one_says_nothing(monkeypatch):
+    def price(d):
+        return None if d > 0 else (d / SHARP) ** 2 / 2
+
+    assert deviation(monkeypatch, price)[0] == pytest.approx(SHARP)
 
 
 def test_a_better_place_is_handed_back(monkeypatch):
