@@ -19,6 +19,7 @@ TOUCH = 0.5e-3  # [m] deviation of a touched gap while following
 NORMAL = 0.15  # [rad] deviation of a measured normal while following
 MOVE = np.array([2e-3, 2e-3, 0.1])  # [m, m, rad] of a touched object in one sample
 TIGHT = np.r_[1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-3]  # [m, rad] of what is not corrected
+BRIEF = 5  # samples: friction of 0.3 stops a body that a finger left in three
 REST = np.array([1e-4, 1e-4, 5e-3])  # [m, m, rad] of one that nothing touches
 PASSES = 4  # Gauss-Newton passes per sample with contact
 SETTLED = 1e-5  # [m, rad] a smaller step ends the passes
@@ -196,10 +197,10 @@ def _filtered(data, window, shape, shift, z, spread, turning, samples):
     low = np.r_[np.full(n, shape.bounds[0]), np.full(2 * m, -np.inf)]
     longest = np.r_[np.full(n, STEP[0]), STEP, STEP]
     felt, path = sustained(data), []
-    moving = np.isin(np.arange(len(felt)), window.step.sample)  # touched, or sliding on
+    sliding = _sliding_on(felt, window)
     for t in samples:
         touched = felt[t].any()
-        walk = way * (MOVE if touched or moving[t] else REST)
+        walk = way * (MOVE if touched or sliding[t] else REST)
         P[:, -m:, -m:] += walk[:, :, None] ** 2 * np.eye(m)
         prior, z = np.linalg.inv(P), mean
         for _ in range(PASSES if touched else 1):
@@ -213,6 +214,19 @@ def _filtered(data, window, shape, shift, z, spread, turning, samples):
         mean, P = z, np.linalg.inv(prior + H)
         path.append(z[:, -m:])
     return mean[:, : n + m], np.stack(path, axis=2)
+
+
+def _sliding_on(felt, window) -> np.ndarray:
+    """Tell the samples (T,) through which an untouched body slides on, as on ice.
+
+    On other ground it stops within BRIEF samples, and hardly moves in these.
+    """
+    moving = np.isin(np.arange(len(felt)), window.step.sample)
+    alone = moving & ~felt.any(axis=1)
+    ends = np.flatnonzero(np.diff(np.r_[False, alone, False]))
+    for first, last in ends.reshape(-1, 2):
+        alone[first:last] = last - first > BRIEF
+    return alone
 
 
 def _pull(data, window, shape, shift, z, t, felt, noise):
