@@ -11,6 +11,7 @@ from .filing import versions
 from .guess import body_corners
 from .hull import centroid
 from .hull_information import hull_information, touched_polygons
+from .hull_window import standing
 from .information import TOUCHED, Information, information_of
 from .nlp import Problem
 from .offset import offsets_of
@@ -121,10 +122,9 @@ def hull_read(job, page, solved, x) -> tuple[Body, Information]:
     body = Body(
         scene.ground.from_ground(p), turn.as_quat()[:, [3, 0, 1, 2]], vertices, faces
     )
-    sensed = Sensed(job.data, job.precision, builder(page, job.shape, scene))
-    return body, hull_information(
-        problem, solution, window, job.shape, faces, R_wg, sensed
-    )
+    shape = standing(job.shape, solved.hypothesis.theta.reshape(-1, 3))  # as solved
+    sensed = Sensed(job.data, job.precision, builder(page, shape, scene))
+    return body, hull_information(problem, solution, window, shape, faces, R_wg, sensed)
 
 
 def name_of(page) -> str:
