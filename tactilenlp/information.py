@@ -144,7 +144,7 @@ def information_of(
     faces: (axes, 2) number of samples that touched each face; R_wg (3, 3): from the
     ground's frame, in which the programme is written, to the world.  sensed: the
     measurements, without which sigma is that of the Hessian; rivals: (problem,
-    solution, window) of other local optima.
+    solution, window) of other local optima; profile (n, k): of sizes (profile.py).
     """
     curvature = curvature_of(problem, solution)
     chart = chart_of(problem, solution, window, shape, R_wg)
@@ -160,8 +160,8 @@ def information_of(
     modes = weighted(shape, chart.turning, found)
     if sensed is not None:
         noise, grounded = sensed.precision.position, len(window.corner) > 0
-        beyond = _beyond(profile, modes.covariance)
-        doubt = unseen(chart, shape, faces, noise, grounded, beyond)
+        doubt = unseen(chart, shape, faces, noise, grounded)
+        doubt += _beyond(profile, modes.covariance)
     matrix, spreading = inverse(C), modes.covariance + doubt
     offsets = covariance_of_offsets(curvature, sensed, window, shape, R_wg)
     with_offsets = None
@@ -192,11 +192,14 @@ def information_of(
     )
 
 
-def _beyond(profile, C):
-    """Return what deviations of sizes (n,) [m] are beyond those of a covariance C."""
-    if profile is None:
-        return None
-    return np.sqrt(np.maximum(profile**2 - np.diag(C)[: len(profile)], 0.0))
+def _beyond(profile, C) -> np.ndarray:
+    """Return the covariance (k, k) that the profile (n, k) of sizes has beyond C."""
+    beyond = np.zeros_like(C)
+    for size, off in enumerate(() if profile is None else profile):
+        more = off[size] ** 2 - max(C[size, size], 0.0)
+        if more > 0:
+            beyond += more / off[size] ** 2 * np.outer(off, off)
+    return beyond
 
 
 def _rival(other, shape, R_wg):

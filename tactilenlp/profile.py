@@ -1,4 +1,4 @@
-r"""How far a size may be off at the price of two nats: the profile of the objective.
+r"""How far a size may be off at the price of four nats: the profile of the objective.
 
 The optimum of a size that touch leaves open, or tells by way of a path, is often a
 kink: cones and sliding are not smooth, and from there the objective grows as the
@@ -8,8 +8,8 @@ costs PRICE,
 
     sigma = |s - s_0| / sqrt(2 (L(s) - L(s_0))),
 
-as of a Gaussian with the same likelihood ratio.  Where L is lower than at s_0, a better
-optimum is near.
+as of a Gaussian with the same likelihood ratio; the other sizes and the final pose go
+along as they do on that way.  Where L is lower than at s_0, a better optimum is near.
 """
 
 from __future__ import annotations
@@ -19,15 +19,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from formulations.rigid_body import PLANAR
+
 from .hypothesis import Hypothesis
-from .information import ENOUGH, TOUCHED, reduced_covariance
+from .information import ENOUGH, TINY, TOUCHED, reduced_covariance
 from .result import poses, touched_faces
 from .rivals import resized
 from .solve import solve_levels
 from .solving import settings_of
 from .trial import OPEN, ROUGH, started
 
-PRICE = 2.0  # [nats] two deviations of a Gaussian
+PRICE = 4.0  # [nats] nearly three deviations of a Gaussian
 TOLD = 0.3e-3  # [m] two faces that fingers felt tell their distance this well
 CLAIMED = 0.3  # [prior deviations] a size less certain than this claims little
 FIRST = 3.0  # [deviations by the Hessian] of the first step: 4.5 nats of a Gaussian
@@ -35,26 +37,31 @@ NEAR = 0.5e-3  # [m] the first step is this far at least
 GROWTH = 10.0  # [-] of a step at most
 LEAST = 0.1  # [nats] a price below this is as good as none
 WARM = 1e-3  # IPOPT's first mu where a size is held elsewhere
+PATIENCE = 3  # times OPEN iterations, after which a place is given up
 GAIN = 0.1  # [nats] a better optimum is better by this at least
 
 
 def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]:
-    """Return the deviation (n,) [m] of sizes that touch leaves open, 0 of others.
+    """Return by how much sizes and final pose are off (n, k) where each size is.
 
-    And a hypothesis that is better than the solved one: None, unless one was met.
+    Row i: a deviation of size i [m] that touch leaves open, and what sizes [m], position
+    [m] and yaw [rad] do then; 0 of other sizes.  And a hypothesis that is better than
+    the solved one: None, unless one was met.
     """
-    profile = np.zeros(job.shape.theta)
+    n = job.shape.theta
+    profile = np.zeros((n, n + PLANAR.unknowns))
     if not (job.reductions.planar and getattr(job.shape, "symmetries", ())):
         return profile, None  # not a body whose unknowns are its sides, lying flat
-    sizes = solved.problem.variables["theta"].span
-    chosen = np.arange(sizes.start, sizes.stop)
+    sizes, x = (solved.problem.variables[name] for name in ("theta", "x"))
+    chosen = np.r_[sizes.span, x.span.stop - x.rows : x.span.stop]
     C, *_ = reduced_covariance(solved.problem, solved.solution, chosen)
-    known = np.sqrt(np.maximum(np.diag(C), 0.0))
+    known = np.sqrt(np.maximum(np.diag(C)[:n], 0.0))
     told = max(TOLD, job.precision.position)
     for axis, touched in enumerate(_touched(job, solved)):
         if touched.min() >= ENOUGH and known[axis] < told:
             continue
-        given = axis, known[axis], touched
+        sharp = C[axis] / max(known[axis], TINY)
+        given = axis, sharp, touched
         profile[axis], better = _deviation(job, page, solved, options, *given)
         if better is not None:
             return profile, better
@@ -70,31 +77,40 @@ def _touched(job, solved) -> np.ndarray:
     return faces
 
 
-def _deviation(job, page, solved, options, axis: int, known: float, touched):
-    """Return the deviation [m] of a size, 0 where its Hessian claims little.
+def _deviation(job, page, solved, options, axis: int, off: np.ndarray, touched):
+    """Return by how much sizes and final pose are off (k,) where the size is.
 
-    known: deviation [m] by the Hessian.  And a better hypothesis, or None.  A larger
-    body is the flatter side: what lies behind a felt face contradicts no finger.  A
-    smaller one is asked for where a larger one says nothing.
+    off (k,): by the Hessian, which may claim too much.  And a better hypothesis, or
+    None.  A larger body is the flatter side: what lies behind a felt face contradicts
+    no finger.  A smaller one is asked for where a larger one says nothing.
     """
-    prior, deviation, shared = job.shape.size_prior[1], 0.0, {}
+    prior, shared = job.shape.size_prior[1], {}
+    first, here = max(FIRST * off[axis], NEAR), _final(solved.at)
+    off = off * min(1.0, prior / max(off[axis], TINY))
     for way in (1, -1):
-        if deviation:
-            break
-        step = max(FIRST * known, NEAR)
-        while max(known, deviation) < CLAIMED * prior:
+        step, answered = first, False
+        while abs(off[axis]) < CLAIMED * prior:
             given = axis, way * step, touched, shared
             there = _elsewhere(job, page, solved, options, *given)
             if there is None:
                 break
-            price = there.objective - solved.at.objective
+            price, answered = there.objective - solved.at.objective, True
             if price < -GAIN:
-                return 0.0, there
-            deviation = max(deviation, step / np.sqrt(2 * max(price, LEAST)))
+                return off, there
+            found = min(step / np.sqrt(2 * max(price, LEAST)), prior)
+            if found > abs(off[axis]):
+                off = (_final(there) - here) * found / step
             if price >= PRICE:
                 break
             step *= min(GROWTH, 1.5 * PRICE / max(price, LEAST))
-    return min(deviation, prior), None
+        if answered:
+            break
+    return off, None
+
+
+def _final(hypothesis) -> np.ndarray:
+    """Return sizes and final pose of a hypothesis (k,)."""
+    return np.r_[hypothesis.theta, hypothesis.x[:, -1]]
 
 
 def _elsewhere(job, page, solved, options, axis, change, touched, shared):
@@ -112,7 +128,8 @@ def _elsewhere(job, page, solved, options, axis, change, touched, shared):
     changed = {"warm": WARM, "fixed": (np.array([held]),), "iterations": OPEN}
     level = replace(page.LEVELS[-1], **changed)
     settings = replace(settings_of(job, options), tolerance=ROUGH)
-    found = solve_levels(solved.problem, (level,), start, settings, shared)
-    if max(found.violations.values(), default=0.0) > ROUGH:
-        return None
-    return replace(solved, solution=found).at
+    for _ in range(PATIENCE):
+        start = solve_levels(solved.problem, (level,), start, settings, shared)
+        if max(start.violations.values(), default=0.0) <= ROUGH:
+            return replace(solved, solution=start).at
+    return None

@@ -13,6 +13,7 @@ it is; what is found competes with the estimate and widens its sigma.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -38,7 +39,7 @@ def challenged(job, page, solved, options, before=0) -> list:
     """Return the solved hypotheses and their rivals, best first.
 
     before: actions of the estimate that this one carries on; its rivals, if they are
-    any good, are among the hypotheses.
+    any good, are among the hypotheses, so others are asked for only now and then.
     """
     if not job.reductions.planar:
         return solved
@@ -48,11 +49,13 @@ def challenged(job, page, solved, options, before=0) -> list:
         rivals = raced(job, page, proposed(job, solved), options, levels, known=solved)
         return sorted([*solved, *rivals], key=lambda s: s.rank)
 
+    anew = middle(job.data.actions) != middle(before)
+    over = partial(unbroken, since=0 if anew else before)
     for _ in range(JUMPS):
-        best, solved = solved[0], with_rivals(solved, unbroken)
+        best, solved = solved[0], with_rivals(solved, over)
         if solved[0] is best:
             break
-    if middle(job.data.actions) != middle(before):
+    if anew:
         for proposed in (other_pasts, other_sizes):
             solved = with_rivals(solved, proposed)
     good = [s for s in solved if s.solution.success]
@@ -78,14 +81,16 @@ def other_pasts(job, solved) -> list:
     return [_followed(job, at, start, True, KNOWN_SIZE)]
 
 
-def unbroken(job, solved) -> list:
+def unbroken(job, solved, since=0) -> list:
     """Return the best hypothesis without its longest jump between actions, if any.
+
+    since: the first so many actions were asked about before.
 
     Nothing moves an object while no finger is near: a jump is a wrong turn, taken
     before it or after it.  So the path is followed from one side over the other.
     """
     at, action = solved[0].at, job.data.action
-    first = 1 + np.nonzero(np.diff(action))[0]
+    first = 1 + np.nonzero(np.diff(action))[0][max(since - 1, 0) :]
     if not len(first):
         return []
     way = np.linalg.norm(at.x[:2, first] - at.x[:2, first - 1], axis=0)

@@ -27,8 +27,8 @@ CHOSEN_AGAIN = ("theta", "x", "body")  # where a page that is filled anew starts
 class Solved:
     """A page solved from one hypothesis: problem, window, solution.
 
-    rough: where the levels before the last one had brought the hypothesis; profile:
-    deviation (axes,) [m] of each size that touch leaves open (profile.py).
+    rough: where the levels before the last one had brought the hypothesis; profile
+    (n, k): how far off each size may be, and what the rest does then (profile.py).
     """
 
     hypothesis: Hypothesis

@@ -115,16 +115,13 @@ def gaps_of_touches(curvature: Curvature, window, shape, data) -> np.ndarray:
     ])  # fmt: skip
 
 
-def unseen(
-    chart, shape, faces, noise: float, grounded: bool = True, profile=None
-) -> np.ndarray:
+def unseen(chart, shape, faces, noise: float, grounded: bool = True) -> np.ndarray:
     """Return the covariance (k, k) of faces that nothing touched, SI.
 
     What physics tells of them is no Gaussian: an optimum among others, and too small
     rather than too large where finger paths are noisy (noise [m]).  faces (axes, 2):
     samples that touched each, grounded: so does the ground at the first and the last
-    sample; profile (n,) [m]: deviation by which their sizes may be off at least; a body
-    whose unknowns are no lengths of sides has none.
+    sample; a body whose unknowns are no lengths of sides has none.
     """
     n, k = shape.theta, len(chart.z)
     total = np.zeros((k, k))
@@ -142,8 +139,6 @@ def unseen(
         places = k - n - chart.turning
         way[n : n + places] = (int(low) - int(high)) / 2 * chart.R[:places, axis]
         deviation = UNSEEN * noise
-        if profile is not None:
-            deviation = max(deviation, profile[axis])
         if chart.turning == 3:
             deviation = np.hypot(deviation, TUMBLED * chart.z[axis])
         total += deviation**2 * np.outer(way, way)

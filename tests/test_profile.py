@@ -17,15 +17,24 @@ AT = Hypothesis(np.full(3, 0.04), np.zeros((3, 2)), 0.0, ())
 
 
 def deviation(monkeypatch, price):
-    """Return what `_deviation` makes of a price [nats] of a change [m]."""
+    """Return what `_deviation` makes of a price [nats] of a change [m].
+
+    The body moves by half of what it grows.
+    """
 
     def elsewhere(job, page, solved, options, axis, change, touched, shared):
-        cost = price(change)
-        return None if cost is None else replace(AT, objective=cost)
+        cost, grown = price(change), np.r_[change, 0, 0]
+        if cost is None:
+            return None
+        there = {"theta": AT.theta + grown, "x": AT.x + grown[:, None] / 2}
+        return replace(AT, objective=cost, **there)
 
     monkeypatch.setattr(profile_of, "_elsewhere", elsewhere)
     job, solved = SimpleNamespace(shape=CUBOID), SimpleNamespace(at=AT)
-    return profile_of._deviation(job, None, solved, None, 0, SHARP, (0, 9))
+    sharp = np.r_[1, 0, 0, 1 / 2, 0, 0] * SHARP
+    off, better = profile_of._deviation(job, None, solved, None, 0, sharp, (0, 9))
+    assert off == pytest.approx(sharp / SHARP * off[0])
+    return abs(off[0]), better
 
 
 def test_a_parabola_has_the_deviation_of_its_curvature(monkeypatch):
@@ -38,14 +47,17 @@ def test_a_kink_is_as_wide_as_its_slopes_say(monkeypatch):
     slope = 80.0  # [nats / m] where the kink itself looks as sharp as SHARP
     found, _ = deviation(monkeypatch, lambda d: slope * abs(d))
     assert found > 10 * SHARP
-    assert slope * found < PRICE  # no farther than what costs two deviations
+    assert slope * found < PRICE  # no farther than where that is the price
 
 
 def test_a_larger_body_tells_how_far_a_size_may_be_off(monkeypatch):
     def price(d):  # on its right an exponential of 2 mm, on its left a parabola
         return 500 * d if d > 0 else (d / SHARP) ** 2 / 2
 
-    assert deviation(monkeypatch, price)[0] == pytest.approx(2e-3, rel=0.3)
+    where_it_costs_so_much = np.sqrt(PRICE / 2) * 2e-3
+    assert deviation(monkeypatch, price)[0] == pytest.approx(
+        where_it_costs_so_much, rel=0.3
+    )
 
 
 def test_what_costs_nothing_is_known_by_its_prior_alone(monkeypatch):
@@ -53,8 +65,8 @@ def test_what_costs_nothing_is_known_by_its_prior_alone(monkeypatch):
     assert deviation(monkeypatch, lambda d: 0.0)[0] >= CLAIMED * PRIOR
 
 
-def test_where_nothing_is_found_nothing_is_said(monkeypatch):
-    assert deviation(monkeypatch, lambda d: None) == (0.0, None)
+def test_where_nothing_is_found_the_hessian_is_all_that_is_said(monkeypatch):
+    assert deviation(monkeypatch, lambda d: None) == (SHARP, None)
 
 
 def test_a_smaller_body_is_asked_for_where_a_larger_one_says_nothing(monkeypatch):
@@ -66,7 +78,7 @@ def test_a_smaller_body_is_asked_for_where_a_larger_one_says_nothing(monkeypatch
 
 def test_a_better_place_is_handed_back(monkeypatch):
     found, better = deviation(monkeypatch, lambda d: -3.0 if d > 0 else 9.0)
-    assert found == 0.0
+    assert found == SHARP
     assert better.objective == -3.0
 
 
