@@ -44,9 +44,9 @@ GAIN = 0.1  # [nats] a better optimum is better by this at least
 def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]:
     """Return by how much sizes and final pose are off (n, k) where each size is.
 
-    Row i: a deviation of size i [m] that touch leaves open, and what sizes [m], position
-    [m] and yaw [rad] do then; 0 of other sizes.  And a hypothesis that is better than
-    the solved one: None, unless one was met.
+    Row i: a deviation of size i [m] that touch leaves open, and what sizes [m],
+    position [m] and yaw [rad] do then; 0 of other sizes.  And a hypothesis that is
+    better than the solved one: None, unless one was met.
     """
     n = job.shape.theta
     profile = np.zeros((n, n + PLANAR.unknowns))
