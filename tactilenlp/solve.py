@@ -191,7 +191,8 @@ def solve_levels(
     whole = None
     for level in levels:
         warm = isinstance(start, Solution) and level.warm is not None
-        barrier = level.warm if warm else level.barrier
+        # Far from an optimum a small mu is slow, however good the multipliers.
+        barrier = level.warm if warm and start.success else level.barrier
         chosen = replace(options, barrier=barrier, iterations=level.iterations)
         key = (barrier, level.iterations, options.tolerance, options.time_limit)
         key += (level.eliminate, warm)

@@ -183,6 +183,16 @@ def test_a_level_that_takes_the_multipliers_before_it_has_less_to_do():
     assert ends[1].success
 
 
+def test_after_a_level_that_stopped_early_the_barrier_is_that_of_a_cold_start():
+    problem = cone([1.0, 3.0, 4.0])
+    for iterations, barrier in ((200, 1e-5), (1, 0.1)):
+        solvers, next_one = {}, Level(barrier=0.1, warm=1e-5)
+        first = Level(iterations=iterations)
+        end = solve_levels(problem, [first, next_one], {}, solvers=solvers)
+        assert end.success
+        assert [key[0] for key in solvers] == [first.barrier, barrier]
+
+
 def test_a_start_may_be_a_solution_of_the_same_problem():
     problem = cone([1.0, 3.0, 4.0])
     known = solve(problem)
