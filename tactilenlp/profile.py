@@ -22,9 +22,8 @@ import numpy as np
 from formulations.rigid_body import PLANAR
 
 from .hypothesis import Hypothesis
-from .information import ENOUGH, TINY, TOUCHED, reduced_covariance
-from .result import poses, touched_faces
-from .rivals import resized
+from .information import ENOUGH, TINY
+from .rivals import final_covariance, resized
 from .solve import solve_levels
 from .solving import settings_of
 from .trial import OPEN, ROUGH, started
@@ -52,12 +51,11 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
     profile = np.zeros((n, n + PLANAR.unknowns))
     if not (job.reductions.planar and getattr(job.shape, "symmetries", ())):
         return profile, None  # not a body whose unknowns are its sides, lying flat
-    sizes, x = (solved.problem.variables[name] for name in ("theta", "x"))
-    chosen = np.r_[sizes.span, x.span.stop - x.rows : x.span.stop]
-    C, *_ = reduced_covariance(solved.problem, solved.solution, chosen)
+    C, faces = final_covariance(solved), solved.touched
+    faces[2, 0] += ENOUGH  # the ground touches the lowest one
     known = np.sqrt(np.maximum(np.diag(C)[:n], 0.0))
     told = max(TOLD, job.precision.position)
-    for axis, touched in enumerate(_touched(job, solved)):
+    for axis, touched in enumerate(faces):
         if touched.min() >= ENOUGH and known[axis] < told:
             continue
         sharp = C[axis] / max(known[axis], TINY)
@@ -66,15 +64,6 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
         if better is not None:
             return profile, better
     return profile, None
-
-
-def _touched(job, solved) -> np.ndarray:
-    """Return how many samples touched each face (3, 2), the ground the lowest one."""
-    at = solved.at
-    _, turned = poses(job.shape, solved.window.motion, at.theta, at.x, None)
-    faces = touched_faces(job.data, turned, TOUCHED)
-    faces[2, 0] += ENOUGH
-    return faces
 
 
 def _deviation(job, page, solved, options, axis: int, off: np.ndarray, touched):

@@ -12,11 +12,11 @@ from .guess import body_corners
 from .hull import centroid
 from .hull_information import hull_information, touched_polygons
 from .hull_window import standing
-from .information import TOUCHED, Information, information_of
+from .information import Information, information_of
 from .nlp import Problem
 from .offset import offsets_of
 from .polytopes import is_polytope
-from .result import Estimate, by_sample, poses, touched_faces
+from .result import Estimate, by_sample, poses
 from .scatter import Sensed
 
 
@@ -89,8 +89,7 @@ def box_read(job, page, solved, theta, x, rivals) -> tuple[Body, Information]:
     """Return the body, and what is known of it, of a shape with sizes."""
     problem, window, solution = solved.problem, solved.window, solved.solution
     shape, scene = job.shape, job.scene
-    flat = poses(shape, window.motion, theta, x, None)
-    faces = touched_faces(job.data, flat[1], TOUCHED)
+    faces = solved.touched
     information = information_of(
         problem, solution, window, shape, faces, _turn(scene).T,
         Sensed(job.data, job.precision, builder(page, shape, scene)),

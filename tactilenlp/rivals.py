@@ -19,9 +19,8 @@ import numpy as np
 
 from .extend import spherical
 from .guess import follow
-from .information import ENOUGH, TOUCHED, reduced_covariance
+from .information import ENOUGH, reduced_covariance
 from .race import raced
-from .result import poses, touched_faces
 from .trial import opened
 
 CLAIMED = 0.5  # [prior deviations] a size less certain than this claims nothing
@@ -128,12 +127,7 @@ def other_sizes(job, solved) -> list:
     if not (best.solution.success and getattr(shape, "symmetries", ())):
         return []  # not a body whose unknowns are the lengths of its sides
     mean, deviation = shape.size_prior
-    sizes = best.problem.variables["theta"].span
-    chosen = np.arange(sizes.start, sizes.stop)
-    C, *_ = reduced_covariance(best.problem, best.solution, chosen)
-    _, turned = poses(shape, best.window.motion, at.theta, at.x, None)
-    faces = touched_faces(job.data, turned, TOUCHED)
-    proposed = []
+    C, faces, proposed = final_covariance(best), best.touched, []
     for axis in (0, 1):
         known = faces[axis].min() >= ENOUGH
         if known or np.sqrt(max(C[axis, axis], 0.0)) > CLAIMED * deviation:
@@ -143,6 +137,14 @@ def other_sizes(job, solved) -> list:
             if off[0] > NEAR and min(off) > KNOWN:
                 proposed.append(resized(at, axis, size, faces[axis]))
     return proposed
+
+
+def final_covariance(solved) -> np.ndarray:
+    """Return the covariance (k, k) of sizes and final pose by the Hessian, SI."""
+    theta, x = (solved.problem.variables[name] for name in ("theta", "x"))
+    sizes, last = theta.span, x.span.stop - x.rows
+    chosen = np.r_[sizes.start : sizes.stop, last : x.span.stop]
+    return reduced_covariance(solved.problem, solved.solution, chosen)[0]
 
 
 def resized(hypothesis, axis: int, size: float, touched):

@@ -13,8 +13,10 @@ from formulations.rigid_body import PLANAR
 from .certify import Certificates
 from .expansion import carried
 from .hypothesis import Hypothesis, Job
+from .information import TOUCHED
 from .nlp import Problem
 from .polytopes import CREEPING, is_polytope, reseeded, window_of
+from .result import poses, touched_faces
 from .solution import after
 from .solve import SolverOptions, solve_levels
 from .tipping import lifted
@@ -49,6 +51,13 @@ class Solved:
     def rank(self) -> tuple[bool, float]:
         """What to sort by: what failed comes last."""
         return not self.solution.success, round(self.solution.objective, 3)
+
+    @property
+    def touched(self) -> np.ndarray:
+        """How many samples touched each face of a box, (3, 2): lower end, upper end."""
+        at, motion = self.at, self.window.motion
+        _, turned = poses(self.job.shape, motion, at.theta, at.x, None)
+        return touched_faces(self.job.data, turned, TOUCHED)
 
     @property
     def at(self) -> Hypothesis:
