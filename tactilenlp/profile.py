@@ -30,6 +30,7 @@ from .trial import OPEN, ROUGH, started
 
 PRICE = 4.0  # [nats] nearly three deviations of a Gaussian
 TOLD = 0.3e-3  # [m] two faces that fingers felt tell their distance this well
+TWICE = 2.0  # [deviations] or, of noisy fingers, so much worse than their mean at most
 CLAIMED = 0.3  # [prior deviations] a size less certain than this claims little
 FIRST = 3.0  # [deviations by the Hessian] of the first step: 4.5 nats of a Gaussian
 NEAR = 0.5e-3  # [m] the first step is this far at least
@@ -54,9 +55,8 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
     C, faces = final_covariance(solved), solved.touched
     faces[2, 0] += ENOUGH  # the ground touches the lowest one
     known = np.sqrt(np.maximum(np.diag(C)[:n], 0.0))
-    told = max(TOLD, job.precision.position)
     for axis, touched in enumerate(faces):
-        if touched.min() >= ENOUGH and known[axis] < told:
+        if touched.min() >= ENOUGH and known[axis] < told(job, touched):
             continue
         sharp = C[axis] / max(known[axis], TINY)
         given = axis, sharp, touched
@@ -64,6 +64,11 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
         if better is not None:
             return profile, better
     return profile, None
+
+
+def told(job, touched) -> float:
+    """Return how well two faces (2,) felt so many times tell their distance [m]."""
+    return max(TOLD, TWICE * job.precision.position * np.sqrt(np.sum(1 / touched)))
 
 
 def _deviation(job, page, solved, options, axis: int, off: np.ndarray, touched):
