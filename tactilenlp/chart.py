@@ -44,11 +44,15 @@ class Chart:
         return np.linalg.inv(self.tangent)
 
 
+def final_unknowns(problem) -> np.ndarray:
+    """Return the indices (k,) of shape and last pose in the vector of all unknowns."""
+    theta, x = problem.variables["theta"].span, problem.variables["x"]
+    return np.r_[theta.start : theta.stop, x.span.stop - x.rows : x.span.stop]
+
+
 def chart_of(problem, solution, window, shape, R_wg) -> Chart:
     """Return the chart at a solution; R_wg (3, 3): from the ground to the world."""
-    theta, x = problem.variables["theta"], problem.variables["x"]
-    motion, n = window.motion, shape.theta
-    chosen = np.r_[theta.first : theta.first + n, x.span.stop - x.rows : x.span.stop]
+    motion, n, chosen = window.motion, shape.theta, final_unknowns(problem)
     at = np.r_[solution.values["theta"][:, 0], solution.values["x"][:, -1]]
     p, R, quantities, position, rotation = _maps(shape, motion, at)
     position, rotation = R_wg @ position, R_wg @ rotation

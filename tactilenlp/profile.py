@@ -16,14 +16,17 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from formulations.rigid_body import PLANAR
 
+from .chart import final_unknowns
+from .curvature import curvature_of
 from .hypothesis import Hypothesis
 from .information import ENOUGH, TINY
-from .rivals import final_covariance, resized
+from .rivals import resized
 from .solve import solve_levels
 from .solving import settings_of
 from .trial import OPEN, ROUGH, started
@@ -35,8 +38,8 @@ CLAIMED = 0.3  # [prior deviations] a size less certain than this claims little
 FIRST = 3.0  # [deviations by the Hessian] of the first step: 4.5 nats of a Gaussian
 NEAR = 0.5e-3  # [m] the first step is this far at least
 GROWTH = 10.0  # [-] of a step at most
-LEAST = 0.1  # [nats] a price below this is as good as none
-WARM = 1e-3  # IPOPT's first mu where a size is held elsewhere
+LEAST = 0.5  # [nats] of one deviation: what costs less is one deviation off at least
+WARM = 1e-5  # IPOPT's first mu where a size is held elsewhere
 PATIENCE = 3  # times OPEN iterations, after which a place is given up
 GAIN = 0.1  # [nats] a better optimum is better by this at least
 
@@ -52,15 +55,17 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
     profile = np.zeros((n, n + PLANAR.unknowns))
     if not (job.reductions.planar and getattr(job.shape, "symmetries", ())):
         return profile, None  # not a body whose unknowns are its sides, lying flat
-    C, faces = final_covariance(solved), solved.touched
+    chosen, faces = final_unknowns(solved.problem), solved.touched
     faces[2, 0] += ENOUGH  # the ground touches the lowest one
-    known = np.sqrt(np.maximum(np.diag(C)[:n], 0.0))
+    pulls, _ = curvature_of(solved.problem, solved.solution).response_of(chosen)
+    known = np.sqrt(np.maximum(np.diag(pulls[chosen])[:n], 0.0))
+    elsewhere = partial(_elsewhere, job, page, solved, options, {})
     for axis, touched in enumerate(faces):
         if touched.min() >= ENOUGH and known[axis] < told(job, touched):
             continue
-        sharp = C[axis] / max(known[axis], TINY)
-        given = axis, sharp, touched
-        profile[axis], better = _deviation(job, page, solved, options, *given)
+        pull = pulls[:, axis] / max(known[axis], TINY)
+        given = solved.at, job.shape, axis, pull, pull[chosen], touched
+        profile[axis], better = _deviation(elsewhere, *given)
         if better is not None:
             return profile, better
     return profile, None
@@ -71,24 +76,28 @@ def told(job, touched) -> float:
     return max(TOLD, TWICE * job.precision.position * np.sqrt(np.sum(1 / touched)))
 
 
-def _deviation(job, page, solved, options, axis: int, off: np.ndarray, touched):
+def _deviation(elsewhere, at, shape, axis: int, pull, off, touched):
     """Return by how much sizes and final pose are off (k,) where the size is.
 
-    off (k,): by the Hessian, which may claim too much.  And a better hypothesis, or
-    None.  A larger body is the flatter side: what lies behind a felt face contradicts
-    no finger.  A smaller one is asked for where a larger one says nothing.
+    elsewhere(axis, along, moved): the hypothesis `at` with that size held where it is
+    moved, or None.  pull, off: by the Hessian, which may claim too much, what all
+    unknowns, and sizes and final pose (k,) do where the size is off by a deviation, SI.
+    And a better hypothesis, or None.  A larger body is the flatter side: what lies
+    behind a felt face contradicts no finger.  A smaller one is asked for where a larger
+    one says nothing.
     """
-    prior, shared = job.shape.size_prior[1], {}
-    first, here = max(FIRST * off[axis], NEAR), _final(solved.at)
-    off = off * min(1.0, prior / max(off[axis], TINY))
+    prior, known, here = shape.size_prior[1], max(off[axis], TINY), _final(at)
+    first, off = max(FIRST * known, NEAR), off * min(1.0, prior / known)
     for way in (1, -1):
+        behind = way > 0 and touched.min() < ENOUGH
         step, answered = first, False
         while abs(off[axis]) < CLAIMED * prior:
-            given = axis, way * step, touched, shared
-            there = _elsewhere(job, page, solved, options, *given)
+            size, along = at.theta[axis] + way * step, way * step / known * pull
+            moved = resized(at, axis, size, touched) if behind else None
+            there = elsewhere(axis, along, moved)
             if there is None:
                 break
-            price, answered = there.objective - solved.at.objective, True
+            price, answered = there.objective - at.objective, True
             if price < -GAIN:
                 return off, there
             found = min(step / np.sqrt(2 * max(price, LEAST)), prior)
@@ -107,23 +116,30 @@ def _final(hypothesis) -> np.ndarray:
     return np.r_[hypothesis.theta, hypothesis.x[:, -1]]
 
 
-def _elsewhere(job, page, solved, options, axis, change, touched, shared):
+def _elsewhere(job, page, solved, options, shared, axis, along, moved):
     """Return the hypothesis of one size held elsewhere, None where none was found.
 
-    One that is feasible is enough: the least price is no more than its price.
+    shared: keeps solvers.  It starts where all unknowns are moved `along`, or, with a
+    hypothesis `moved`, where nothing else is.  A cheap one that is feasible is enough:
+    the least price is no more than its price.
     """
-    size = solved.at.theta[axis] + change
-    if size < job.shape.bounds[0] or time.monotonic() > job.deadline:
+    problem = solved.problem
+    held = problem.variables["theta"].span.start + axis
+    x = problem.pack(solved.solution.values) + along
+    if x[held] < job.shape.bounds[0] or time.monotonic() > job.deadline:
         return None
-    moved = resized(solved.at, axis, size, touched)
-    place = started(solved.problem, solved.window, moved)
-    start = replace(solved.solution, values=solved.solution.values | place)
-    held = solved.problem.variables["theta"].span.start + axis
+    values = problem.unpack(x)
+    if moved is not None:
+        values = solved.solution.values | started(problem, solved.window, moved)
+    start = replace(solved.solution, values=values)
     changed = {"warm": WARM, "fixed": (np.array([held]),), "iterations": OPEN}
     level = replace(page.LEVELS[-1], **changed)
     settings = replace(settings_of(job, options), tolerance=ROUGH)
     for _ in range(PATIENCE):
-        start = solve_levels(solved.problem, (level,), start, settings, shared)
-        if max(start.violations.values(), default=0.0) <= ROUGH:
+        start = solve_levels(problem, (level,), start, settings, shared)
+        cheap = start.objective < solved.solution.objective + PRICE
+        if max(start.violations.values(), default=0.0) > ROUGH:
+            continue
+        if start.success or cheap:
             return replace(solved, solution=start).at
     return None

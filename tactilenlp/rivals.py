@@ -17,6 +17,7 @@ from functools import partial
 
 import numpy as np
 
+from .chart import final_unknowns
 from .extend import spherical
 from .guess import follow
 from .information import ENOUGH, reduced_covariance
@@ -127,7 +128,9 @@ def other_sizes(job, solved) -> list:
     if not (best.solution.success and getattr(shape, "symmetries", ())):
         return []  # not a body whose unknowns are the lengths of its sides
     mean, deviation = shape.size_prior
-    C, faces, proposed = final_covariance(best), best.touched, []
+    chosen = final_unknowns(best.problem)
+    C, *_ = reduced_covariance(best.problem, best.solution, chosen)
+    faces, proposed = best.touched, []
     for axis in (0, 1):
         known = faces[axis].min() >= ENOUGH
         if known or np.sqrt(max(C[axis, axis], 0.0)) > CLAIMED * deviation:
@@ -137,14 +140,6 @@ def other_sizes(job, solved) -> list:
             if off[0] > NEAR and min(off) > KNOWN:
                 proposed.append(resized(at, axis, size, faces[axis]))
     return proposed
-
-
-def final_covariance(solved) -> np.ndarray:
-    """Return the covariance (k, k) of sizes and final pose by the Hessian, SI."""
-    theta, x = (solved.problem.variables[name] for name in ("theta", "x"))
-    sizes, last = theta.span, x.span.stop - x.rows
-    chosen = np.r_[sizes.start : sizes.stop, last : x.span.stop]
-    return reduced_covariance(solved.problem, solved.solution, chosen)[0]
 
 
 def resized(hypothesis, axis: int, size: float, touched):

@@ -16,68 +16,71 @@ PRIOR = CUBOID.size_prior[1]
 AT = Hypothesis(np.full(3, 0.04), np.zeros((3, 2)), 0.0, ())
 
 
-def deviation(monkeypatch, price):
+def deviation(price, touched=(0, 9)):
     """Return what `_deviation` makes of a price [nats] of a change [m].
 
-    The body moves by half of what it grows.
+    The body moves by half of what it grows.  A larger one starts where it was.
     """
+    sharp = np.r_[1, 0, 0, 1 / 2, 0, 0] * SHARP
 
-    def elsewhere(job, page, solved, options, axis, change, touched, shared):
+    def elsewhere(axis, along, moved):
+        change = along[axis]
+        assert (moved is None) == (change < 0 or min(touched) > 0)
         cost, grown = price(change), np.r_[change, 0, 0]
         if cost is None:
             return None
         there = {"theta": AT.theta + grown, "x": AT.x + grown[:, None] / 2}
         return replace(AT, objective=cost, **there)
 
-    monkeypatch.setattr(profile_of, "_elsewhere", elsewhere)
-    job, solved = SimpleNamespace(shape=CUBOID), SimpleNamespace(at=AT)
-    sharp = np.r_[1, 0, 0, 1 / 2, 0, 0] * SHARP
-    off, better = profile_of._deviation(job, None, solved, None, 0, sharp, (0, 9))
+    given = AT, CUBOID, 0, sharp, sharp, np.array(touched)
+    off, better = profile_of._deviation(elsewhere, *given)
     assert off == pytest.approx(sharp / SHARP * off[0])
     return abs(off[0]), better
 
 
-def test_a_parabola_has_the_deviation_of_its_curvature(monkeypatch):
-    found, better = deviation(monkeypatch, lambda d: (d / SHARP) ** 2 / 2)
+def test_a_parabola_has_the_deviation_of_its_curvature():
+    found, better = deviation(lambda d: (d / SHARP) ** 2 / 2)
     assert better is None
     assert found == pytest.approx(SHARP)
 
 
-def test_a_kink_is_as_wide_as_its_slopes_say(monkeypatch):
+def test_a_kink_is_as_wide_as_its_slopes_say():
     slope = 80.0  # [nats / m] where the kink itself looks as sharp as SHARP
-    found, _ = deviation(monkeypatch, lambda d: slope * abs(d))
+    found, _ = deviation(lambda d: slope * abs(d))
     assert found > 10 * SHARP
     assert slope * found < PRICE  # no farther than where that is the price
 
 
-def test_a_larger_body_tells_how_far_a_size_may_be_off(monkeypatch):
+def test_a_larger_body_tells_how_far_a_size_may_be_off():
     def price(d):  # on its right an exponential of 2 mm, on its left a parabola
         return 500 * d if d > 0 else (d / SHARP) ** 2 / 2
 
     where_it_costs_so_much = np.sqrt(PRICE / 2) * 2e-3
-    assert deviation(monkeypatch, price)[0] == pytest.approx(
-        where_it_costs_so_much, rel=0.3
-    )
+    assert deviation(price)[0] == pytest.approx(where_it_costs_so_much, rel=0.3)
 
 
-def test_what_costs_nothing_is_known_by_its_prior_alone(monkeypatch):
-    assert deviation(monkeypatch, lambda d: 0.0)[0] == pytest.approx(PRIOR, rel=0.9)
-    assert deviation(monkeypatch, lambda d: 0.0)[0] >= CLAIMED * PRIOR
+def test_faces_that_were_felt_go_along_with_a_larger_body():
+    assert deviation(lambda d: (d / SHARP) ** 2 / 2, (9, 9))[0] == pytest.approx(SHARP)
 
 
-def test_where_nothing_is_found_the_hessian_is_all_that_is_said(monkeypatch):
-    assert deviation(monkeypatch, lambda d: None) == (SHARP, None)
+def test_what_costs_nothing_is_known_by_its_prior_alone():
+    assert deviation(lambda d: 0.0)[0] == pytest.approx(PRIOR, rel=0.9)
+    assert deviation(lambda d: 0.0)[0] >= CLAIMED * PRIOR
 
 
-def test_a_smaller_body_is_asked_for_where_a_larger_one_says_nothing(monkeypatch):
+def test_where_nothing_is_found_the_hessian_is_all_that_is_said():
+    assert deviation(lambda d: None) == (SHARP, None)
+
+
+def test_a_smaller_body_is_asked_for_where_a_larger_one_says_nothing():
     def price(d):
         return None if d > 0 else (d / SHARP) ** 2 / 2
 
-    assert deviation(monkeypatch, price)[0] == pytest.approx(SHARP)
+    assert deviation(price)[0] == pytest.approx(SHARP)
 
 
-def test_a_better_place_is_handed_back(monkeypatch):
-    found, better = deviation(monkeypatch, lambda d: -3.0 if d > 0 else 9.0)
+def test_a_better_place_is_handed_back():
+    found, better = deviation(lambda d: -3.0 if d > 0 else 9.0)
     assert found == SHARP
     assert better.objective == -3.0
 
@@ -91,7 +94,7 @@ def test_an_untouched_size_is_no_surer_than_its_profile(touched, recorded):
     assert np.abs(error).max() < 3 * sigma.max()
 
 
-def test_a_body_without_sides_has_no_profile(monkeypatch):
+def test_a_body_without_sides_has_no_profile():
     job = SimpleNamespace(
         shape=replace(CUBOID, symmetries=()), reductions=SimpleNamespace(planar=True)
     )
