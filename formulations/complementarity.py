@@ -85,19 +85,24 @@ def build(nlp, window, scene, shape):
 
 def balance(nlp, window, scene, fingers, ground, theta, x, lam, lam_g, w, slack):
     """Constrain every step: change of momentum is the sum of impulses, in weights."""
-    step = window.step
+    step, shape = window.step, fingers.shape
 
     def imbalance(corners, theta, x, x_1, x_2, dt, w, slack, *acts):
         force, moment = unbalanced(
             fingers, ground, scene.gravity, theta, x, x_1, x_2, dt, w, corners, acts
         )
-        off = ca.vertcat(force, moment / ARM) / w
+        R_ow = window.motion.pose(shape, theta, x)[1].T  # a slack that turns along
+        off = ca.vertcat(R_ow @ force, R_ow @ moment / ARM) / w
         return ca.vertcat(slack - off, slack + off)
 
+    def given_way(w):  # to one weight in x, y, z, and about each at ARM
+        return ca.vertcat(-ca.DM.eye(6), ca.DM.eye(6)) + 0 * w
+
     for count, g in window.groups.items():
-        s = g.steps
+        s, name = g.steps, f"balance, {count} pushing"
+        nlp.report(f"{name}, gives", given_way, w[s])
         nlp.subject_to(
-            f"balance, {count} pushing", partial(imbalance, g.corners.shape[1]), theta,
+            name, partial(imbalance, g.corners.shape[1]), theta,
             x[:, step.knot[s]], x[:, step.before[s]], x[:, step.before_2[s]],
             step.dt[s], w[s], slack, *acting(window, g, lam, lam_g), lower=0,
         )  # fmt: skip

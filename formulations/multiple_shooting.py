@@ -36,15 +36,21 @@ def build(nlp, window, scene, shape):
     mu_g = friction(nlp, "ground friction", scene.friction_ground)
     still = nlp.parameter("still", STILL, "m/s")
     step, push = window.step, window.push
+
+    def given_way(*step):
+        return ca.diag(1 / x.scale) @ body.gives(*step)
+
     for count, g in window.groups.items():
         s, fingers = g.steps, []
         for j in g.pushes.T:
             fingers += [push.p_wf[j], push.p_wf_1[j], push.radius[j]]
-        nlp.follow(
-            f"motion, {count} fingers", body.step, theta, x[:, step.before[s]],
-            x[:, step.before_2[s]], step.dt[s], mu, mu_g, still, *fingers,
-            gives=x[:, step.knot[s]],
+        name, end = f"motion, {count} fingers", x[:, step.knot[s]]
+        begun = (
+            theta, x[:, step.before[s]], x[:, step.before_2[s]], step.dt[s], mu, mu_g,
+            still, *fingers,
         )  # fmt: skip
+        nlp.follow(name, body.step, *begun, gives=end)
+        nlp.report(f"{name}, gives", given_way, end, *begun)
 
     def pushed(theta, x, x_1, dt, mu, still, p_wf, p_wf_1, rho):
         w = scene.mass * G * dt

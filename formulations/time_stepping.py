@@ -82,6 +82,15 @@ class Sliding:
             x -= ca.inv_minor(A) @ balance(x, still, *given)
         return x
 
+    def gives(self, x, theta, x_1, x_2, dt, mu, mu_g, still, *fingers):
+        """Return by how much the end x (3,) of a step gives way to an impulse (3, 3).
+
+        For one weight in x, in y, and about yaw at ARM: the inverse slope of F.
+        """
+        given = theta, x_1, x_2, dt, mu, mu_g, *fingers
+        slope = self._functions([ca.SX(a).numel() for a in given])[1]
+        return ca.inv_minor(slope(x, still, *given))
+
     def _functions(self, sizes):
         """Return (x, s, *given) -> F (3,); -> dF/dx (3, 3); -> x a Newton step further.
 

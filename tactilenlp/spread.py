@@ -10,7 +10,8 @@ smoothed and shared between samples and terms; the model error of touched gaps a
 page states it, that of normals as far as residuals show it; priors and regularisers by
 their own curvature; whole touches that the estimate cannot bring together, by how far
 apart it leaves them; physics by a share PHYSICS of its curvature, since its penalties
-are no densities; frictions that were given, to FRICTION; hard ground, to UNEVEN; faces
+are no densities, and where it is a hard constraint by the impulse that such a penalty
+lets be missing; frictions that were given, to FRICTION; hard ground, to UNEVEN; faces
 that nothing touched, to UNSEEN.  The shares are measured: they make sigma cover.
 """
 
@@ -19,12 +20,14 @@ from __future__ import annotations
 import numpy as np
 
 from formulations.finger_offset import NAME as OFFSET
+from formulations.violation_implicit import WEIGHTS
 
 from .curvature import Curvature
 from .scatter import Sensed, moved_by, scatter, sources, tangential
 from .sensitivity import move
 
 PHYSICS = 0.3  # [-] of the physics' curvature is its error: coverage of 20 recordings
+BALANCE = WEIGHTS["balance sigma"][0]  # [weights] that may be missing in a step
 FRICTION = 0.1  # [-] relative deviation of a coefficient of friction that was given
 UNEVEN = {"ground gap": 1.0}  # [REST] deviation of a corner from the hard ground
 UNSEEN = 2.0  # [position noise] deviation of a face that only physics tells
@@ -51,6 +54,7 @@ def spread(
     physics += [*problem.constraints]
     noise += _positive(pulls.T @ (curvature.hessian(prior) @ pulls))
     noise += PHYSICS * _positive(pulls.T @ (curvature.hessian(physics) @ pulls))
+    noise += PHYSICS * missing_impulses(curvature, held)
     for name in ("finger friction", "ground friction"):
         if name in problem.parameters:
             moved = move(curvature, pulls, held, {name: 1.0}, relative=True)
@@ -60,6 +64,23 @@ def spread(
             rows = held[problem.constraints[name].span]
             noise += deviation**2 * rows.T @ rows
     return (noise + noise.T) / 2
+
+
+def missing_impulses(curvature: Curvature, held) -> np.ndarray:
+    """Return what impulses of BALANCE weights, missing in hard balances, make of it.
+
+    A page reports how such a constraint gives way to one weight, "<its name>, gives".
+    """
+    problem, total = curvature.problem, np.zeros((held.shape[1],) * 2)
+    for name, term in problem.constraints.items():
+        if f"{name}, gives" not in problem.reports:
+            continue
+        gives = problem.value(f"{name}, gives", curvature.x, curvature.data)
+        gives = gives.reshape(term.instances, -1, term.kind.rows)  # column by column
+        rows = held[term.span].reshape(term.instances, term.kind.rows, -1)
+        moved = (gives @ rows).reshape(-1, len(total))
+        total += BALANCE**2 * moved.T @ moved
+    return total
 
 
 def _model_error(curvature, by_position, by_normal, sensed, window, shape):

@@ -19,11 +19,13 @@ from tactilenlp import (
     information_gain,
     solve_estimate,
 )
+from tactilenlp.curvature import curvature_of
 from tactilenlp.errors import PageError, SceneError
 from tactilenlp.nlp import Problem
 from tactilenlp.precision import precision_of
 from tactilenlp.reduce import Reductions, insisted, reduce
 from tactilenlp.solve import SolverOptions, make_solver, solve, solve_levels
+from tactilenlp.spread import missing_impulses
 
 STEPS, DT = 20, 0.05
 
@@ -151,6 +153,19 @@ def test_complementarity_is_solved_to_a_small_residual(begun):
         assert outside <= complementarity.APEX * 1.01
     gap = problem.value("finger gap", x, data)
     assert gap.min() > -1e-6
+
+
+@pytest.mark.parametrize("page", [multiple_shooting, complementarity])
+def test_hard_physics_are_doubted_as_much_as_penalised_ones(begun, page):
+    """An impulse may be missing: it moves the last pose, not a size felt twice."""
+    found = begun(page)
+    curvature = curvature_of(found.problem, found.solution)
+    sizes, x = (found.problem.variables[name].span for name in ("theta", "x"))
+    chosen = np.r_[sizes.start : sizes.stop, x.stop - 3 : x.stop]
+    _, held = curvature.response_of(chosen)
+    sigma = np.sqrt(np.diag(missing_impulses(curvature, held)))
+    assert 0.05e-3 < np.linalg.norm(sigma[3:5]) < 5e-3
+    assert sigma[1:3].max() < 0.05e-3
 
 
 EDITED = """

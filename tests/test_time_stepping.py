@@ -166,3 +166,22 @@ def test_a_recorded_push_is_followed_within_a_millimetre(recorded):
     assert len(moved) >= 3
     assert np.median([f.off for f in moved]) < 0.5e-3
     assert np.median([f.turn for f in moved]) < np.radians(0.6)
+
+
+def test_a_step_gives_way_to_an_impulse_as_its_balance_says(step):
+    """Solved again with an impulse of a hundredth of a weight, pushed on the way."""
+    dt, impulse = 1 / 30, np.array([0.01, -0.005, 0.008])
+    x_1, x_2 = np.array([0.002, 0.0, 0.0]), np.zeros(3)
+    finger = np.array([-0.033, 0.005, 0.015]), np.array([-0.035, 0.005, 0.015]), RHO
+    given = SIDES, x_1, x_2, dt, 0.5, MU_G, *finger
+    z = np.concatenate([SIDES, x_1, x_2])
+    data = np.concatenate([[dt, 0.5, MU_G, STILL], *finger[:2], [RHO]])
+    x = np.asarray(step.value(z, data)).ravel()
+    way = np.asarray(ca.evalf(BODY.gives(x, *given[:6], STILL, *given[6:]))) @ impulse
+    balance, slope, _ = BODY._functions([np.size(a) for a in given])
+    moved = x.copy()
+    for _ in range(20):
+        off = np.asarray(balance(moved, STILL, *given)).ravel() - impulse
+        moved -= np.linalg.solve(np.asarray(slope(moved, STILL, *given)), off)
+    assert np.linalg.norm(way) > 1e-6
+    assert moved - x == pytest.approx(way, rel=0.1, abs=0.1 * np.linalg.norm(way))
