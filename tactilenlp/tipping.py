@@ -21,17 +21,18 @@ class Tip:
     """A cuboid that tips about a bottom edge, from planar pose `x` (3,).
 
     It falls towards -side of its horizontal `axis`; angle (n,) [rad] at the samples
-    of the action, 0 before it tips.
+    of the action, 0 before it tips; end [rad]: at last, FLAT, or 0 where it falls back.
     """
 
     axis: int
     side: float
     angle: np.ndarray
+    end: float = FLAT
 
     @property
     def renamed(self) -> np.ndarray:
-        """Return S (3, 3): q_lying = S q_o once it has turned by 90 degrees."""
-        over = -self.side * FLAT * np.cross([0, 0, 1.0], np.eye(3)[self.axis])
+        """Return S (3, 3): q_lying = S q_o once it has turned by 90 degrees, or not."""
+        over = -self.side * self.end * np.cross([0, 0, 1.0], np.eye(3)[self.axis])
         return Rotation.from_rotvec(over).as_matrix().round()
 
     @property
@@ -49,7 +50,7 @@ class Tip:
         R_wo, fall = Rotation.from_euler("z", x[2]).as_matrix(), self.fall(x)
         p_wo = np.r_[x[:2], theta[2] / 2]
         edge = np.r_[(p_wo + fall * theta[self.axis] / 2)[:2], 0.0]
-        over = np.outer([*self.angle, FLAT], np.cross([0, 0, 1.0], fall))
+        over = np.outer([*self.angle, self.end], np.cross([0, 0, 1.0], fall))
         R = Rotation.from_rotvec(over).as_matrix()
         return edge + R @ (p_wo - edge), R @ R_wo
 

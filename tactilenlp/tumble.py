@@ -22,7 +22,7 @@ from .nlp import Problem
 from .reduce import SIDE, Reductions, reduce
 from .request import page_of
 from .search import beam
-from .tipping import Tip, continuous, fall, lifted, matrices
+from .tipping import FLAT, Tip, continuous, fall, lifted, matrices
 from .trial import started
 
 TOUCH, NORMAL = 0.15e-3, 0.015  # [m], [rad] model errors of a touch of a rigid object
@@ -155,7 +155,7 @@ def tumbled(job, kept) -> list[Tumble]:
     for h in extensions(job, kept):
         h = _raised(job, h)
         start, tip = _tipped(job, h)
-        for share in DEPTHS if tip is not None else ():
+        for share, tip in _ways(tip) if tip is not None else ():
             thin, name = _thinned(h, tip, share), f"tips {len(out)}"
             p, R = tip.poses(thin.theta, thin.x[:, start])
             flat = lifted(thin.theta, thin.x[:, : start + 1])
@@ -163,6 +163,17 @@ def tumbled(job, kept) -> list[Tumble]:
             x = np.hstack([flat, fallen.T])
             out.append(Tumble(thin.theta, x, name, thin, start, tip))
     return out
+
+
+def _ways(tip: Tip) -> list:
+    """Return (share of the depth, tip): over the edge, and back if it still stands.
+
+    Where the record ends while it is tipped less than halfway, nobody saw it fall.
+    """
+    ways = [(share, tip) for share in DEPTHS]
+    if tip.angle[-1] < FLAT / 2:
+        ways.append((1.0, replace(tip, end=0.0)))
+    return ways
 
 
 def _raised(job, h: Hypothesis) -> Hypothesis:
