@@ -52,7 +52,7 @@ LEVELS = (
         fixed=("theta", "x"),
         barrier=1e-1,
     ),
-    Level("joint", barrier=1e-3, warm=1e-5),
+    Level("joint", barrier=1e-3, warm=1e-5, iterations=400),
 )
 ROUGH = (  # from poses that are guessed, not solved: centimetres off where it tumbles
     LEVELS[0],

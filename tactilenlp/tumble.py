@@ -154,8 +154,8 @@ def tumbled(job, kept) -> list[Tumble]:
     out = []
     for h in extensions(job, kept):
         h = _raised(job, h)
-        start, tip = _tipped(job, h)
-        for share, tip in _ways(tip) if tip is not None else ():
+        start, tipped = _tipped(job, h)
+        for share, tip in _ways(tipped) if tipped is not None else ():
             thin, name = _thinned(h, tip, share), f"tips {len(out)}"
             p, R = tip.poses(thin.theta, thin.x[:, start])
             flat = lifted(thin.theta, thin.x[:, : start + 1])
