@@ -1,8 +1,8 @@
 """What is believed before an action: the hypotheses of an estimate, and how well known.
 
-Of a shape with sizes: theta and x_T by the exact information of the estimate, or where
-that is indefinite, and of other hypotheses, by eq:obsinfo of all samples.  Of a hull of
-vertices see hull_beliefs.py.
+Of a shape with sizes: theta and x_T by the exact information of the estimate, but no
+better in any direction than its sigma says; where that information is indefinite, and
+of other hypotheses, by eq:obsinfo of all samples.  Of a hull see hull_beliefs.py.
 """
 
 from __future__ import annotations
@@ -11,11 +11,13 @@ import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, eigh
 
 from formulations import quasi_static, violation_implicit
 from formulations.finger_offset import NAME as OFFSET
+from formulations.rigid_body import FREE, PLANAR
 
+from .chart import tangent_of
 from .hypothesis import Hypothesis, distinct
 from .kind import mapped
 from .offset import prior_of_offsets
@@ -67,8 +69,12 @@ def believed(estimate, shape, fingers: int, count: int) -> list[Belief]:
             found.append(Belief(h.end, known, before, weight, off))
     total = sum(b.weight for b in found)
     return [
-        replace(b, information=_loosened(b, n), weight=b.weight / total) for b in found
-    ]
+        replace(
+            b, weight=b.weight / total,
+            information=_loosened(b, n, _into_names(estimate, shape, b.z)),
+        )
+        for b in found
+    ]  # fmt: skip
 
 
 def freely(estimate, shape) -> bool:
@@ -98,6 +104,10 @@ def known_of_best(estimate, shape, before: np.ndarray) -> np.ndarray:
     What curves down by less than a vague prior of the pose curves up is not known, no
     more.  Priors of sizes and offsets are in the estimate's programme already.
     """
+    T = np.eye(len(before))
+    k = len(estimate.information.names)
+    at = np.r_[estimate.theta, estimate.unknowns["x"][:, -1]]
+    T[:k, :k] = _into_names(estimate, shape, at)
     here = slice(shape.theta, len(estimate.information.names))
     anywhere = np.zeros_like(before)
     anywhere[here, here] = before[here, here]
@@ -107,7 +117,8 @@ def known_of_best(estimate, shape, before: np.ndarray) -> np.ndarray:
     for known in (matrix, matrix + anywhere):
         least = np.linalg.eigvalsh(_scaled(known))[0]
         if least > 0:
-            return known
+            known = as_doubtful(known, estimate.information)
+            return T.T @ known @ T
     log.warning(
         "the information of the estimate is indefinite (least eigenvalue %.2g): "
         "choosing by the sum of its samples' (eq:obsinfo)", least,
@@ -115,6 +126,29 @@ def known_of_best(estimate, shape, before: np.ndarray) -> np.ndarray:
     offset = estimate.unknowns.get(OFFSET, np.zeros((3, 1))).T
     x = _poses(estimate, freely(estimate, shape))
     return before + told(estimate, shape, estimate.theta, x, offset, len(before))
+
+
+def as_doubtful(known: np.ndarray, information) -> np.ndarray:
+    """Return what is known, made as doubtful as sigma in every direction.
+
+    The optimum of a size that touch leaves open may be a kink: sharp to a Hessian, and
+    not to the profile that sigma tells (profile.py).  Other modes are hypotheses of
+    their own, and no doubt about this one.
+    """
+    modes, k = information.modes, len(information.names)
+    S = information.spread - modes.covariance + modes.covariances[0]
+    C = np.linalg.inv(known)
+    values, V = eigh(S, C[:k, :k])  # V'CV = 1
+    back = C[:k, :k] @ V
+    C[:k, :k] += (back * np.maximum(values - 1, 0.0)) @ back.T
+    wider = np.linalg.inv(C)
+    return (wider + wider.T) / 2
+
+
+def _into_names(estimate, shape, at) -> np.ndarray:
+    """Return from a change of theta and x_T, `at` (k,), to one of the names."""
+    motion = FREE if freely(estimate, shape) else PLANAR
+    return tangent_of(shape, motion, at, estimate.scene.ground.rotation.T)
 
 
 def told(estimate, shape, theta, x, offset, size: int) -> np.ndarray:
@@ -169,11 +203,16 @@ def _scaled(matrix: np.ndarray) -> np.ndarray:
     return matrix * np.outer(scale, scale)
 
 
-def _loosened(belief: Belief, theta: int) -> np.ndarray:
-    """Return the information once the fingers have gone: the pose may slip a little."""
-    information, k = belief.information, len(belief.z)
-    slip = np.zeros(len(information))
-    slip[theta:k] = quasi_static.GAP
-    slip[k - (1 if k == theta + 3 else 3) : k] /= quasi_static.ARM
-    loosened = np.linalg.inv(np.linalg.inv(information) + np.diag(slip**2))
+def _loosened(belief: Belief, theta: int, tangent) -> np.ndarray:
+    """Return the information once the fingers have gone: the pose may slip a little.
+
+    tangent (k, k): from a change of z to one whose turns are about the world's axes.
+    """
+    k, C = len(belief.z), np.linalg.inv(belief.information)
+    slip = np.zeros(k)
+    slip[theta:] = quasi_static.GAP
+    slip[k - (1 if k == theta + 3 else 3) :] /= quasi_static.ARM
+    back = np.linalg.inv(tangent)
+    C[:k, :k] += (back * slip**2) @ back.T
+    loosened = np.linalg.inv(C)
     return (loosened + loosened.T) / 2

@@ -62,7 +62,7 @@ def chart_of(problem, solution, window, shape, R_wg) -> Chart:
     names = (*words, *UNKNOWNS[motion.name])
     tangent = np.eye(len(at))
     if motion.name == "free":
-        tangent = np.vstack([np.eye(n, len(at)), position, rotation])
+        tangent = _tangent(n, position, rotation)
         back = np.linalg.inv(tangent)
         position, rotation = position @ back, rotation @ back
         quantities = {name: J @ back for name, J in quantities.items()}
@@ -76,6 +76,18 @@ def chart_of(problem, solution, window, shape, R_wg) -> Chart:
     maps = quantities | {"position": position, "rotation": rotation}
     turning = 1 if motion.name == "planar" else 3
     return Chart(names, chosen, tangent, maps, tuple(fixed), at, R, first, turning)
+
+
+def tangent_of(shape, motion, at, R_wg) -> np.ndarray:
+    """Return from a change of theta and a pose's unknowns, `at` (k,), to one of z."""
+    if motion.name != "free":
+        return np.eye(len(at))
+    *_, position, rotation = _maps(shape, motion, at)
+    return _tangent(shape.theta, R_wg @ position, R_wg @ rotation)
+
+
+def _tangent(n: int, position, rotation) -> np.ndarray:
+    return np.vstack([np.eye(n, n + 6), position, rotation])
 
 
 def _maps(shape, motion, at):
