@@ -11,10 +11,8 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from trimesh.creation import box
-from trimesh.transformations import quaternion_matrix, translation_matrix
 
-from tactilenlp import Scene, World, explore, plot_top, surface_distance
+from tactilenlp import Scene, World, explore, plot_top
 
 LIMIT = 1.0  # [mm] after a first touch and three chosen actions
 
@@ -30,11 +28,7 @@ for step in explore(world, Scene(), actions=3, centre=world.pose[:3], seed=0):
         "quaternion": world.truth.object_quaternion,
         "side_lengths": world.side_lengths,
     }
-    place = translation_matrix(truth["position"][-1])
-    true = box(
-        truth["side_lengths"], place @ quaternion_matrix(truth["quaternion"][-1])
-    )
-    off = 1e3 * surface_distance(step.estimate.mesh(), true).mean
+    off = 1e3 * step.errors["surface"]
     gain = f", {step.choice.gain:.1f} nats expected" if step.choice else ""
     print(f"Action {step.number} ({step.policy}{gain}): {off:.2f} mm off")
     unseen = "; ".join(step.estimate.information.unobserved) or "nothing"

@@ -159,7 +159,7 @@ def _known(given) -> dict[str, float]:
 
 def _explore(given):
     """Explore a simulated box from where the file left it; return the last estimate."""
-    from . import Scene, explore, surface_distance
+    from . import Scene, explore
     from .diary import taken_up
 
     world = _world(given)
@@ -170,22 +170,9 @@ def _explore(given):
         file=given.file,
     ):  # fmt: skip
         gain = f", {step.choice.gain:.1f} nats expected" if step.choice else ""
-        off = 1e3 * surface_distance(step.estimate.mesh(), _true(world, step)).mean
-        words = f"the surface is {off:.2f} mm off on average"
+        words = f"the surface is {1e3 * step.errors['surface']:.2f} mm off on average"
         print(f"Action {step.number} ({step.policy}{gain}): {words}.", flush=True)
     return step.estimate
-
-
-def _true(world, step):
-    """Return the box where it lay when a step's record ended."""
-    from trimesh.creation import box
-    from trimesh.transformations import quaternion_matrix
-
-    time, truth = world.measurements.time, world.truth
-    row = int(time.searchsorted(step.measurements.time[-1]))
-    place = quaternion_matrix(truth.object_quaternion[row])
-    place[:3, 3] = truth.object_position[row]
-    return box(world.side_lengths, place)
 
 
 def _world(given):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from . import filing, result
 from .checks import check_types
@@ -24,7 +24,8 @@ class Step:
     measurements: of this action only; estimate: of all data so far, None in a file that
     was left before it was found; choice: how it was chosen, None where nothing was
     searched; policy: in words; seconds (CPU): choose, act, estimate; told: the
-    trajectories that the world was given, more than one where it was swept.
+    trajectories that the world was given, more than one where it was swept; errors
+    [SI]: how far off the estimate is, where the world knows its truth (judge.py).
     """
 
     number: int
@@ -35,6 +36,7 @@ class Step:
     policy: str
     seconds: dict[str, float]
     told: tuple[Trajectory, ...] = ()
+    errors: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

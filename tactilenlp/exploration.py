@@ -17,6 +17,7 @@ from .errors import OptionError
 from .estimate import solve_estimate
 from .first_touch import first_touch
 from .guess import Guess
+from .judge import errors_of
 from .options import Options
 from .policies import Plan, check_predicted, chosen, known_policy
 from .progress import progress, wipe
@@ -50,7 +51,8 @@ def explore(
 ) -> Iterator[Step]:
     """Touch an object and yield a Step after the first touch and after each action.
 
-    world: anything with `execute(trajectory) -> Measurements`.  centre: where a first
+    world: anything with `execute(trajectory) -> Measurements`; one that keeps a truth,
+    as World does, is compared with it in step.errors.  centre: where a first
     finger aims, (2,) or (3,) [m], as in the paper; where it meets nothing, or without a
     centre, the workspace is swept until something is touched (not counted).  policy:
     "eig", "random", "fisher" (information of the action alone), "farthest" (from all
@@ -93,7 +95,7 @@ def explore(
         data = step.measurements
         data = data if estimate is None else estimate.measurements.append(data)
         if step.estimate is None:
-            step = _estimated(step, solve, data, estimate or start)
+            step = _estimated(world, step, solve, data, estimate or start)
             diary = _kept(diary.with_step(step), file)
         check_same(step.estimate, data, same, file)
         estimate = step.estimate
@@ -105,12 +107,13 @@ def explore(
             return
 
 
-def _estimated(step: Step, solve, data, start) -> Step:
-    """Return the step with the estimate of all data so far."""
+def _estimated(world, step: Step, solve, data, start) -> Step:
+    """Return the step with the estimate of all data so far, and how far off it is."""
     began = time.process_time()
     found = solve(data, start=start)
     seconds = step.seconds | {"estimate": time.process_time() - began}
-    return replace(step, estimate=found, seconds=seconds)
+    errors = errors_of(world, found)
+    return replace(step, estimate=found, seconds=seconds, errors=errors)
 
 
 def _check(world, actions, seed, workspace, until, file, start) -> None:

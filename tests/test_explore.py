@@ -73,6 +73,19 @@ def test_a_few_chosen_actions_find_the_box(whole):
     assert not steps[0].measurements.valid[:, 1].any()  # one finger touches first
     assert steps[2].choice.gain > 1
     assert {"choose", "act", "estimate"} == steps[2].seconds.keys()
+    assert steps[2].errors == {}  # a Recorder tells no truth
+
+
+def test_an_exploration_of_a_world_that_knows_its_truth_is_judged(whole):
+    steps, _ = whole
+    world = fresh()
+    again = list(explore(world, **SAME))
+    # the truth judges, and decides nothing
+    assert np.array_equal(again[2].action.angles, steps[2].action.angles)
+    assert again[2].errors["surface"] == pytest.approx(
+        off(world, again[2].estimate), rel=0.05
+    )
+    assert again[0].errors["surface"] > again[2].errors["surface"]
 
 
 def test_an_exploration_that_was_interrupted_goes_on_without_losing_an_action(
@@ -158,6 +171,7 @@ def test_an_exploration_is_one_file_that_is_read_without_us(whole, tmp_path):
     assert again.estimate.objective == steps[-1].estimate.objective
     assert again.steps[2].choice.gain == steps[2].choice.gain
     assert again.steps[2].seconds == steps[2].seconds
+    assert again.steps[2].errors == steps[2].errors
     told = again.steps[1].told[0].finger_position
     assert np.array_equal(told, steps[1].told[0].finger_position)
 
