@@ -109,7 +109,7 @@ def best_action(
     began: float | None = None,
     facing: list[np.ndarray] | None = None,
 ) -> Choice:
-    """Return the action whose angles (2 F,) score most; a score that fails is worst.
+    """Return the action whose angles (2 F,) score most; NaN and infinity are worst.
 
     facing: for each finger, angles (n, 2) worth trying, by "facing" and "direct".
     """
@@ -193,7 +193,8 @@ def _nlopt_search(trial: _Trial, name: str, seed: int, rng) -> None:
         _run(trial, nlopt.opt(kind, n), middle, round(POLISH * trial.budget), seed)
     elif name in ("crs2", "isres"):
         optimiser = nlopt.opt(nlopt.GN_CRS2_LM if name == "crs2" else nlopt.GN_ISRES, n)
-        optimiser.set_population(min(POPULATION, trial.budget - 1))
+        # CRS2 refuses a population of fewer than n + 1.
+        optimiser.set_population(max(n + 1, min(POPULATION, trial.budget - 1)))
         _run(trial, optimiser, rng.uniform(trial.lower, trial.upper), 0, seed)
     elif name == "mlsl":
         optimiser = nlopt.opt(nlopt.G_MLSL_LDS, n)

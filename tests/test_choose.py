@@ -1,5 +1,6 @@
 """The search for an action: every way of searching, and every trap of nlopt."""
 
+import nlopt
 import numpy as np
 import pytest
 
@@ -82,6 +83,40 @@ def test_an_error_in_the_gain_is_not_swallowed(search):
 
     with pytest.raises(ZeroDivisionError, match="a bug"):
         best_action(broken, SPACE, search=search, budget=20)
+
+
+@pytest.mark.parametrize("search", SEARCHES)
+@pytest.mark.parametrize("fingers", [1, 3])
+def test_the_least_budgets_are_spent_whatever_the_dimension(search, fingers):
+    space = Workspace(fingers=fingers)
+    for budget in (2, 3, 5):
+        given = {"search": search, "budget": budget}
+        choice = best_action(lambda a: -np.abs(a).sum(), space, **given)
+        # cross-entropy needs two samples in each of its iterations
+        assert choice.evaluations == (6 if search == "cem" else budget)
+
+
+@pytest.mark.parametrize("search", [s for s in SEARCHES if s not in ("cem", "random")])
+def test_what_was_tried_counts_though_rounding_stops_a_search(search, monkeypatch):
+    class Limited(nlopt.opt):
+        def optimize(self, start):
+            super().optimize(start)
+            raise nlopt.RoundoffLimited
+
+    monkeypatch.setattr(nlopt, "opt", Limited)
+    choice = best_action(bump, SPACE, search=search, budget=60, seed=0)
+    assert choice.evaluations == 60
+    assert choice.gain == choice.history.max() == bump(choice.action.angles)
+
+
+@pytest.mark.parametrize("search", ["facing", "direct", "direct_l"])
+def test_a_start_beyond_the_bounds_by_rounding_is_moved_inside(search):
+    corner = np.array([SPACE.upper[:2], SPACE.upper[2:]]) + 1e-7
+    near = [angles[None] for angles in corner]
+    given = {"search": search, "budget": 40, "facing": near}
+    choice = best_action(lambda a: a.sum(), SPACE, **given)
+    assert choice.gain == pytest.approx(SPACE.upper.sum())
+    assert (choice.tried <= SPACE.upper).all()
 
 
 def test_cross_entropy_takes_the_options_of_the_paper():

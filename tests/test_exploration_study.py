@@ -135,6 +135,17 @@ def test_a_trial_that_breaks_is_a_row_and_counts_as_infinitely_wrong(
     assert report.outliers(table[:, 2]).tolist() == [True, False]
 
 
+def test_other_metrics_are_told_of_every_action_by_their_medians(modules):
+    _, report = modules
+    rows = [r for k in range(3) for r in fake_run(k, "eig", "ours", 2, 10, "cuboid")]
+    head, *lines = report.rest_lines(rows)
+    assert head.split()[-1] == "2"
+    # what no row has is left out, as are sides of a solid
+    assert len(lines) == 1
+    assert lines[0].startswith("log det I")
+    assert [float(word) for word in lines[0].split()[-3:]] == [0.0, 10.0, 20.0]
+
+
 def test_outliers_lie_beyond_three_interquartile_ranges(modules):
     _, report = modules
     values = np.array([1.0, 2, 3, 4, 5, 9.9, 10.1])

@@ -31,6 +31,11 @@ COLOURS = {
     "eig": "#0072B2", "random": "#D55E00", "fisher": "#009E73", "farthest": "#CC79A7",
 }  # fmt: skip
 UNITS = {"p2s_mm": "exact surface distance [mm]", "bch_mm": "bCH [mm]"}
+REST = {  # what else is told of every action, by its median
+    "p2s_max_mm": "largest distance [mm]", "side_mm": "worst side [mm]",
+    "position_mm": "position [mm]", "rotation_deg": "rotation [deg]",
+    "sigma_side_mm": "largest sigma of a size [mm]", "logdet": "log det I [nats, SI]",
+}  # fmt: skip
 
 
 def table_of(rows, name: str, policy: str, start: str) -> np.ndarray:
@@ -78,6 +83,22 @@ def summary_lines(rows, name: str) -> list[str]:
             pairs = zip([*words, str(len(values))], widths, strict=True)
             cells = "".join(f"{word:>{width}}" for word, width in pairs)
             lines.append(f"{label:<24}{cells}")
+    return lines
+
+
+def rest_lines(rows) -> list[str]:
+    """Return the medians of all other metrics after every action."""
+    last = max(r["action"] for r in rows)
+    heads = "".join(f"{f'1 + {k}':>10}" for k in range(last + 1))
+    lines = [f"{'medians':<48}{heads}"]
+    for name, label in REST.items():
+        for policy, start in ways(rows):
+            if not any(name in r for r in rows):  # of cuboids only
+                continue
+            table = table_of(rows, name, policy, start)
+            middle = np.quantile(table, 0.5, axis=0, method="higher")
+            cells = "".join(f"{value:>10.3f}" for value in middle)
+            lines.append(f"{f'{label}, {policy}, {start}':<48}{cells}")
     return lines
 
 
@@ -170,6 +191,8 @@ def draw_bands(rows, path: Path) -> None:
             axis.plot(
                 at, mean, style, color=colour, label=f"{words} (n = {len(table)})"
             )
+            with_all = [np.mean(values) for values in table.T]
+            axis.plot(at, with_all, style, color=colour, lw=0.7, alpha=0.6)
             low = np.maximum(mean - half, 1e-3)
             axis.fill_between(at, low, mean + half, color=colour, alpha=0.15, lw=0)
             for k, values in enumerate(table.T):
@@ -181,14 +204,13 @@ def draw_bands(rows, path: Path) -> None:
                 np.mean(floor), color="#777777", ls=":", label="a perfect estimate"
             )
             for policy, value in PAPER[objects_of(rows)].items():
-                star = {"marker": "*", "ms": 9, "color": COLOURS[policy], "mec": "k"}
-                axis.plot(at[-1], value, label=f"the paper, {policy}", **star)
+                star = {"marker": "*", "s": 80, "color": COLOURS[policy], "ec": "k"}
+                axis.scatter(at[-1], value, label=f"the paper, {policy}", **star)
         axis.set(xlabel="actions after the first touch", ylabel=label, yscale="log")
         axis.spines[["top", "right"]].set_visible(False)
         axis.legend(frameon=False, fontsize=8)
-    figure.suptitle(
-        "Mean and its 95 % band; outliers (×) are left out of the band only"
-    )
+    words = "Mean and its 95 % band without outliers (×); thin lines: means with them"
+    figure.suptitle(words)
     figure.savefig(path, dpi=150)
     plt.close(figure)
 
@@ -203,6 +225,8 @@ def draw_strip(rows, path: Path) -> None:
     figure = plt.figure(figsize=(1.9 * last, 2.2 * len(shown)), layout="constrained")
     known = np.concatenate([nats_of(r) for r in rows if "logdet" in r])
     norm = plt.Normalize(*np.quantile(known, [0.05, 0.95]))
+    true = np.concatenate([r["true_vertices"] for r in rows if "vertices" in r])
+    wide = np.tile([-1, 1], (3, 1)) * np.abs(true).max()
     for i, (policy, start) in enumerate(shown):
         mine = [r for r in rows if (r["policy"], r["start"]) == (policy, start)]
         mine = [r for r in mine if r["trial"] == mine[0]["trial"] and "vertices" in r]
@@ -211,8 +235,8 @@ def draw_strip(rows, path: Path) -> None:
             axis = figure.add_subplot(len(shown), last, place, projection="3d")
             solid(axis, r["vertices"], plt.cm.coolwarm(norm(nats_of(r))))
             solid(axis, r["true_vertices"])
-            axis.set(xlim=(-35, 35), ylim=(-35, 35), zlim=(-35, 35))
-            axis.set_box_aspect((1, 1, 1), zoom=1.5)
+            axis.set(**dict(zip(("xlim", "ylim", "zlim"), wide, strict=True)))
+            axis.set_box_aspect((1, 1, 1), zoom=1.4)
             axis.set_axis_off()
             axis.set_title(f"{policy}, 1 + {r['action']}\n{r['p2s_mm']:.2f} mm", size=8)
     colours = plt.cm.ScalarMappable(norm, "coolwarm")
@@ -255,7 +279,7 @@ def report(rows: list[dict], folder: Path) -> None:
         for name in UNITS
         for lines in (summary_lines(rows, name), comparison_lines(rows, name))
     ]
-    parts += [paper_lines(rows), cost_lines(rows)]
+    parts += [rest_lines(rows), paper_lines(rows), cost_lines(rows)]
     text = "\n\n".join("\n".join(lines) for lines in parts)
     (folder / "table.txt").write_text(text + "\n")
     print(text)
