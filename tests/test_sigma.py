@@ -14,8 +14,7 @@ from tactilenlp.errors import OptionError
 from tactilenlp.gauss_newton import without_downward
 from tactilenlp.information import inverse
 from tactilenlp.modes import weighted
-from tactilenlp.observed import KINDS, programme_of
-from tactilenlp.paper_information import half_turns
+from tactilenlp.observed import programme_of
 from tactilenlp.rivals import resized
 from tactilenlp.search import Hypothesis
 from tactilenlp.sensitivity import score
@@ -224,36 +223,6 @@ def test_a_resized_body_keeps_the_face_that_was_touched(axis, face):
     where = [along @ o.x[:2, 0] + side * o.theta[axis] / 2 for o in (h, other)]
     assert where[0] == pytest.approx(where[1])
     assert other.theta[axis] == 0.02
-
-
-@pytest.mark.parametrize("kind", KINDS[:-1])
-def test_every_kind_of_information_is_positive_and_has_the_same_names(estimate, kind):
-    information = observed_information(estimate, kind)
-    assert information.names == estimate.information.names
-    assert np.linalg.eigvalsh(information.covariance()).min() > 0
-    assert np.abs(np.diag(information.correlation()) - 1).max() < 1e-12
-
-
-def test_inverted_dynamics_lose_all_digits_where_the_joint_programme_does_not(estimate):
-    inverted = observed_information(estimate, "inverse_dynamics").matrix
-    numbers = [
-        np.linalg.cond(M / np.outer(UNITS, UNITS))
-        for M in (inverted, estimate.information.matrix)
-    ]
-    assert numbers[0] > 1e12
-    assert numbers[1] < 1e8
-
-
-def test_sensor_noise_alone_scatters_less_than_users_are_told(estimate):
-    noise = observed_information(estimate, "sandwich").covariance()
-    told = estimate.information.spread
-    assert np.linalg.eigvalsh((told - noise) * np.outer(UNITS, UNITS)).min() > -1e-9
-
-
-def test_the_papers_link_of_a_pose_with_itself_is_the_identity(programme):
-    x = programme.solution.values["x"][:, -1]
-    half = half_turns(programme.window.motion, x)
-    assert np.linalg.pinv(half) @ half == pytest.approx(np.eye(len(half)))
 
 
 def test_another_body_that_explains_the_data_is_spoken_of(estimate):

@@ -1,0 +1,84 @@
+"""Kinds of information, to compare: each is what its definition says."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from tactilenlp import observed_information
+from tactilenlp.observed import KINDS, programme_of
+from tactilenlp.paper_information import half_turns, paper
+
+UNITS = np.r_[1e3, 1e3, 1e3, 1e3, 1e3, 50.0]  # to mm, a radian as 50 mm
+STEP = 1e-6  # [m, rad] of central differences
+
+
+@pytest.fixture(scope="module")
+def programme(estimate):
+    return programme_of(estimate)
+
+
+@pytest.mark.parametrize("kind", KINDS[:-1])
+def test_every_kind_of_information_is_positive_and_has_the_same_names(estimate, kind):
+    information = observed_information(estimate, kind)
+    assert information.names == estimate.information.names
+    assert np.linalg.eigvalsh(information.covariance()).min() > 0
+    assert np.abs(np.diag(information.correlation()) - 1).max() < 1e-12
+
+
+def test_inverted_dynamics_lose_all_digits_where_the_joint_programme_does_not(estimate):
+    inverted = observed_information(estimate, "inverse_dynamics").matrix
+    numbers = [
+        np.linalg.cond(M / np.outer(UNITS, UNITS))
+        for M in (inverted, estimate.information.matrix)
+    ]
+    assert numbers[0] > 1e12
+    assert numbers[1] < 1e8
+
+
+def test_sensor_noise_alone_scatters_less_than_users_are_told(estimate):
+    noise = observed_information(estimate, "sandwich").covariance()
+    told = estimate.information.spread
+    assert np.linalg.eigvalsh((told - noise) * np.outer(UNITS, UNITS)).min() > -1e-9
+
+
+def test_the_papers_link_of_a_pose_with_itself_is_the_identity(programme):
+    x = programme.solution.values["x"][:, -1]
+    half = half_turns(programme.window.motion, x)
+    assert np.linalg.pinv(half) @ half == pytest.approx(np.eye(len(half)))
+
+
+def test_the_papers_information_is_eq_obsinfo_summed_by_hand(programme):
+    """Slopes by differences; a past turn counts by half angles: cos over cos."""
+    problem, window, shape = programme.problem, programme.window, programme.shape
+    theta, x = (programme.solution.values[name] for name in ("theta", "x"))
+    alpha, sigma = (
+        float(problem.parameters[name].value[0]) for name in ("alpha", "normal scale")
+    )
+    z, p, rho = (
+        ca.SX.sym("z", 6),
+        ca.SX.sym("p", window.touch.p_wf.shape[1]),
+        ca.SX.sym("r"),
+    )
+    at = shape, z[:3], window.motion.pose(shape, z[:3], z[3:]), p, rho
+    out = ca.vertcat(window.finger.gap(*at), window.finger.normal(*at))
+    felt = ca.Function("felt", [z, p, rho], [out])
+    M = np.zeros((6, 6))
+    for samples, touched in ((window.touch, True), (window.free, False)):
+        rows = zip(samples.knot, samples.p_wf, samples.radius, strict=True)
+        for knot, p_wf, radius in rows:
+            here = np.r_[theta[:, 0], x[:, knot]]
+            ends = [
+                felt(here[:, None] + side * STEP * np.eye(6), p_wf, radius).full()
+                for side in (1, -1)
+            ]
+            J = (ends[0] - ends[1]) / (2 * STEP)
+            J[:, 5] *= np.cos(x[2, -1] / 2) / np.cos(x[2, knot] / 2)
+            chance = 1 / (1 + np.exp(alpha * float(felt(here, p_wf, radius)[0])))
+            M += alpha**2 * chance * (1 - chance) * np.outer(J[0], J[0])
+            M += touched * J[1:].T @ J[1:] / sigma**2
+    found = paper(problem, programme.solution, window, shape)
+    # differences of the smoothed corners are good to a hundredth of a per cent
+    assert (
+        np.abs((found - M) / np.outer(UNITS, UNITS)).max()
+        < 1e-4 * np.abs(M / np.outer(UNITS, UNITS)).max()
+    )
