@@ -1,0 +1,78 @@
+"""The benchmark of sigma: it must find a sigma that is too small, or a bias."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+BENCHMARKS = Path(__file__).resolve().parents[1] / "examples" / "benchmarks"
+NAMES = ["side x", "position x", "rotation z"]
+C = np.array([[4.0, 1.0, 0.0], [1.0, 1.0, 0.2], [0.0, 0.2, 9.0]]) * 1e-6
+KINDS = ("user", "exact", "sandwich", "gauss_newton", "paper")
+
+
+@pytest.fixture
+def report(monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    import report_monte_carlo
+
+    return report_monte_carlo
+
+
+def rows(count=400, bias=0.0, **covariances):
+    """Return re-measurements with errors of covariance C, as the benchmark has them."""
+    noise = np.random.default_rng(0).multivariate_normal(np.zeros(3), C, count)
+    told = {kind: covariances.get(kind, C).tolist() for kind in KINDS}
+    return [
+        {"scene": "made", "success": True, "number": k, "names": NAMES,
+         "error": (bias + error).tolist()} | told
+        for k, error in enumerate(noise)
+    ]  # fmt: skip
+
+
+def test_a_true_sigma_is_found_true_and_half_of_it_is_not(report):
+    lines = report.compare("made", rows(user=C / 4, sandwich=C / 5))
+    low, high = report.told_by(400)
+    assert (
+        0.93 < low < 1 < high < 1.08
+    )  # of a scatter of 400 runs: 1 -+ 1.96 / sqrt(800)
+    for line in lines:
+        assert low < line["exact"] < high
+        assert line["user"] == pytest.approx(line["exact"] / 2)
+        assert line["observed"]
+
+
+def test_squared_errors_are_one_a_dimension_where_the_covariance_is_true(report):
+    found = {"made": rows(user=C / 4)}
+    mean, low, high = report.pooled(found, "exact", truth=False)
+    assert low < mean < high
+    assert report.pooled(found, "user", truth=False)[0] == pytest.approx(4 * mean)
+
+
+def test_a_bias_shows_about_the_truth_and_not_about_the_mean(report):
+    found = {"made": rows(bias=np.array([2e-3, 0, 0]))}
+    mean, low, high = report.pooled(found, "exact", truth=False)
+    assert low < mean < high
+    assert report.pooled(found, "exact", truth=True)[0] > high
+
+
+def test_what_is_known_exactly_counts_as_no_dimension(report):
+    flat = C.copy()
+    flat[2] = flat[:, 2] = 0
+    squares = report.nees(rows(5, exact=flat), "exact", np.zeros(3))
+    assert squares[:, 1].tolist() == [2] * 5
+
+
+def test_a_report_is_a_table_a_file_and_a_picture(report, tmp_path, capsys):
+    header = {"format": "tactilenlp study", "version": 1, "study": "monte carlo"}
+    lines = [header] + [{"case": [k], "result": r} for k, r in enumerate(rows(20))]
+    lines.append({"case": [20], "result": {"scene": "made", "success": False}})
+    text = "".join(json.dumps(line) + "\n" for line in lines)
+    (tmp_path / report.FILE).write_text(text)
+    report.report(tmp_path)
+    said = capsys.readouterr().out
+    assert "made: 1 of 21 failed" in said
+    assert "as far as the runs can tell" in said
+    assert (tmp_path / "monte_carlo.png").stat().st_size > 1000
+    assert (tmp_path / "monte_carlo.csv").read_text().count("\n") == 4
