@@ -185,6 +185,18 @@ def test_exploration_ends_when_enough_is_known(whole):
     assert np.array_equal(loose[0].estimate.theta, steps[0].estimate.theta)
 
 
+def test_exploration_goes_on_until_the_last_size_is_as_sure_as_wanted(whole, tmp_path):
+    steps, _ = whole
+    Exploration(tuple(steps)).save(tmp_path / "exploration.npz")
+    kept = {"file": tmp_path / "exploration.npz", "workspace": Workspace()}
+    sure = [s.estimate.information.sigma("side_lengths").max() for s in steps]
+    assert min(sure[1:]) < sure[0]
+    for wanted in sorted({1.01 * s for s in sure} | {1e-6}):
+        took = len(list(explore(None, until=wanted, **kept, **SAME)))
+        enough = [k + 1 for k, s in enumerate(sure) if s <= wanted]
+        assert took == min(enough, default=3)
+
+
 def test_a_guess_wholly_outside_the_object_recovers(whole):
     """The estimate is 7 cm off: what was touched says where to go."""
     steps, _ = whole

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from tactilenlp import Problem, observed_information
+from tactilenlp.curvature import curvature_of
 from tactilenlp.errors import OptionError, TactileError
 from tactilenlp.information import reduced_covariance, unobserved
 from tactilenlp.solve import SolverOptions, solve
@@ -69,13 +70,28 @@ def test_an_active_bound_leaves_no_variance_and_conditions_the_rest(samples):
     assert C[1, 1] == pytest.approx(SIGMA**2 / len(t), rel=1e-4)
 
 
+def test_what_is_active_is_told_by_name_and_what_may_be_is_too(samples):
+    t, y = samples
+    free = solved_slope(y, t)
+    told = {}
+    for word, upper in (("on", free - 0.1), ("tie", free), ("off", free + 0.1)):
+        curvature = curvature_of(*fit(y, t, upper=upper))
+        told[word] = curvature.active["bounds of slope"]
+        told[word] = told[word], curvature.ambiguous["bounds of slope"]
+        assert curvature.active["bounds of offset"] == 0
+    assert told["on"] == (1, 0)
+    assert told["off"] == (0, 0)
+    assert told["tie"][1] == 1  # multiplier and slack both vanish: nobody can tell
+
+
+def solved_slope(y, t):
+    return fit(y, t)[1].values["slope"].item()
+
+
 def test_predicted_scatter_is_the_scatter_of_repeated_experiments():
     rng = np.random.default_rng(1)
     t = np.linspace(0, 1, 10)
-    found = [
-        fit(0.5 * t + SIGMA * rng.normal(size=10), t)[1].values["slope"].item()
-        for _ in range(200)
-    ]
+    found = [solved_slope(0.5 * t + SIGMA * rng.normal(size=10), t) for _ in range(200)]
     predicted = np.sqrt(least_squares_covariance(t)[0, 0])
     # 200 draws know a standard deviation to 5 %, taken three times
     assert np.std(found) == pytest.approx(predicted, rel=0.15)
@@ -106,6 +122,9 @@ def test_information_of_an_estimate_is_positive_and_speaks_of_all_it_names(estim
     assert (information.sigma("side_lengths") > 0).all()
     assert np.isnan(information.sigma("rotation")[:2]).all()
     assert information.fixed == ("rotation x", "rotation y")
+    bounds = {f"bounds of {name}" for name in ("theta", "x", "finger", "ground")}
+    assert bounds < information.active.keys() == information.ambiguous.keys()
+    assert information.indefinite == ()
     assert information.sigma("position")[2] == pytest.approx(
         information.sigma("side_lengths")[2] / 2
     )
