@@ -15,6 +15,7 @@ finds its way back after rubbish.
 from __future__ import annotations
 
 import struct
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import can
@@ -57,7 +58,8 @@ class ForceFrame(NamedTuple):
         return self.status >> 4 & 0x3F != 0
 
 
-class FieldFrame(NamedTuple):
+@dataclass(frozen=True, eq=False, slots=True)
+class FieldFrame:
     """One sample of a magnetic skin: (M,) [deg C] and (M, 3) [uT] of M chips."""
 
     temperature: np.ndarray

@@ -8,7 +8,7 @@ object: it points from object to finger, against the outward normal of the skin.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -23,7 +23,8 @@ DOWN = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
 INWARD = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))
 
 
-class Touch(NamedTuple):
+@dataclass(frozen=True, eq=False, slots=True)
+class Touch:
     """One sample of a fingertip.
 
     time:    [s] of the host

@@ -1,5 +1,7 @@
 """What a sensor feels becomes a touch: thresholds, zero, normal."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -55,6 +57,6 @@ def test_a_skin_knows_whether_it_is_touched_not_where():
     touch = FieldTouch(on=10, off=5, rest=1)
     quiet = FieldFrame(np.full(5, 21.0), np.zeros((5, 3)))
     assert touch(0.0, quiet) is None
-    felt = touch(1.0, quiet._replace(field=np.full((5, 3), 4.0)))
+    felt = touch(1.0, replace(quiet, field=np.full((5, 3), 4.0)))
     assert felt.contact
     assert not felt.normal.any()
