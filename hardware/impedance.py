@@ -16,6 +16,7 @@ from .errors import LimitError
 from .kinematics import Finger
 
 GRAVITY = 9.81  # [m/s^2]
+ROUNDING = 1e-9  # [m] of forward and inverse kinematics
 # Mass [kg], and where its centre is in the mechanism's frame (kinematics.py) [m]:
 # across, down the upper and down the lower link.  From the authors' URDF.
 LINKS = (
@@ -91,9 +92,13 @@ class Limits:
     margin: float = 0.1
 
     def check_path(
-        self, name: str, finger: Finger, angles: np.ndarray, dt: float
+        self, name: str, finger: Finger, angles: np.ndarray, dt: float, begun=np.inf
     ) -> None:
-        """Refuse a path (n, 3) [rad] of samples dt [s] apart; raises LimitError."""
+        """Refuse a path (n, 3) [rad] of samples dt [s] apart; raises LimitError.
+
+        begun: [m], height of the tip's surface from which it goes: a finger that has
+        sagged below `lowest` may leave, but no lower.
+        """
         outside = (angles < finger.lower) | (angles > finger.upper)
         if outside.any():
             step, joint = np.argwhere(outside)[0].tolist()
@@ -114,12 +119,13 @@ class Limits:
                 next="stretch the trajectory",
             )
         height = finger.forward(angles)[:, 2].min() - finger.tip_radius
-        if height < self.lowest:
+        lowest = min(self.lowest, begun)
+        if height < lowest - ROUNDING:
             raise LimitError(
                 "the tip would touch the ground",
                 where=name,
                 got=f"{1e3 * height:.1f} mm above it",
-                expected=f"{1e3 * self.lowest:.1f} mm or more",
+                expected=f"{1e3 * lowest:.1f} mm or more",
                 next="choose a higher trajectory",
             )
 

@@ -24,6 +24,7 @@ from .errors import HardwareError, LimitError, StaleStreamError
 from .impedance import Gains, Limits
 from .motor_board import RECEIVE_TIMEOUT, STALE
 from .motor_can import Quantity
+from .paths import PEAK, row_of, way_back, way_there
 from .streams import FingerStreams, Stream, touch_stream
 
 CONTROL = 250.0  # [Hz] of commands
@@ -33,7 +34,6 @@ KEEP = 0.02  # [s], between looks at whether the thread is still wanted
 STILL = 1e-9  # [m], a finger that is to move less than this is parked
 LEARN = 10.0  # [s] for the sensors to find their zero without contact
 THERE = 1e-3  # [rad], closer than that to the start there is no way to go
-PEAK = 1.875  # [1], peak by mean speed of a minimum-jerk motion
 
 
 class RobotWorld:
@@ -75,8 +75,8 @@ class RobotWorld:
         `finger_position` (n, F, 3) [m], followed smoothly (PCHIP).  A finger whose
         positions are constant stays parked where it is; its samples are not valid.
 
-        The way to the start is straight in the joints and is not recorded.  Raises
-        LimitError before anything moves, any HardwareError afterwards.
+        The way to the start (paths.py) is not recorded.  Raises LimitError before
+        anything moves, any HardwareError afterwards.
         """
         try:
             self._end_keeping()
@@ -85,7 +85,8 @@ class RobotWorld:
             self._approach([path[0] for path in paths])
             self.bench.forget()
             begin = self._follow(paths, duration)
-            self._follow(self._way_back(paths), duration)
+            here = [finger.angles for finger in self.bench.fingers]
+            self._follow(list(map(way_back, paths, here)), duration)
             data = self._assembled(begin, begin + duration, parked)
         except BaseException:
             self.stop()
@@ -191,28 +192,19 @@ class RobotWorld:
         here = [finger.angles for finger in self.bench.fingers]
         far = max(abs(g - h).max() for g, h in zip(goals, here, strict=True))
         duration = PEAK * far / self.limits.approach
-        s = np.linspace(0, 1, max(round(duration * self.control), 2))[:, None]
-        smooth = s**3 * (10 - 15 * s + 6 * s**2)
-        paths = [h + smooth * (g - h) for h, g in zip(here, goals, strict=True)]
-        for finger, path, goal in zip(self.bench.fingers, paths, goals, strict=True):
-            if far > THERE and not np.array_equal(path[0], goal):
-                self._check(finger, path[1:], duration / len(s))
+        steps = max(round(duration * self.control), 2)
+        paths = []
+        for finger, start, goal in zip(self.bench.fingers, here, goals, strict=True):
+            path = way_there(finger.geometry, start, goal, steps)
+            if far > THERE and not np.array_equal(start, goal):
+                begun = finger.position[2] - finger.geometry.tip_radius
+                self._check(finger, path[1:], duration / steps, begun)
+            paths.append(path)
         self._follow(paths, duration if far > THERE else 0.0)
         self._follow([goal[None].repeat(2, axis=0) for goal in goals], SETTLE)
 
-    def _way_back(self, paths: list[np.ndarray]) -> list[np.ndarray]:
-        """Return paths from where the fingers are back to the start, as they came.
-
-        What an object kept a finger from is given up at once: it stops pushing.
-        """
-        back = []
-        for finger, path in zip(self.bench.fingers, paths, strict=True):
-            left = np.linspace(1, 0, len(path))[:, None]
-            back.append(path[::-1] + left * (finger.angles - path[-1]))
-        return back
-
-    def _check(self, finger: FingerBench, angles: np.ndarray, dt: float) -> None:
-        self.limits.check_path(finger.rig.name, finger.geometry, angles, dt)
+    def _check(self, finger: FingerBench, angles: np.ndarray, *path: float) -> None:
+        self.limits.check_path(finger.rig.name, finger.geometry, angles, *path)
 
     def _follow(self, paths: list[np.ndarray], duration: float) -> float:
         """Track joint paths (n, 3), spread over a duration [s]; return its start."""
@@ -225,7 +217,7 @@ class RobotWorld:
                 self.bench.fingers, paths, speeds, strict=True
             ):
                 row = share * (len(path) - 1)
-                self._drive(finger, _at(path, row), _at(speed, row) / duration)
+                self._drive(finger, row_of(path, row), row_of(speed, row) / duration)
             step += 1
             self.clock.sleep(begin + step / self.control - self.clock.now())
             self.bench.poll()
@@ -270,12 +262,6 @@ class RobotWorld:
             parked=[name for name, still in zip(names, parked, strict=True) if still],
             complete=self.complete,
         )
-
-
-def _at(path: np.ndarray, row: float) -> np.ndarray:
-    """Return a row (3,) between two rows of a path."""
-    low = min(int(row), len(path) - 2)
-    return path[low] + (row - low) * (path[low + 1] - path[low])
 
 
 def _streams(finger: FingerBench) -> FingerStreams:

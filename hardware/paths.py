@@ -1,0 +1,43 @@
+"""Lay paths of a finger's joints (n, 3) [rad]: to a start, and back out to it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .kinematics import Finger
+
+PEAK = 1.875  # [1], peak by mean speed of a minimum-jerk motion
+
+
+def way_there(
+    geometry: Finger, here: np.ndarray, goal: np.ndarray, steps: int
+) -> np.ndarray:
+    """Return a minimum-jerk path between joint angles (3,), straight in the joints.
+
+    A finger hangs from its base: swung from side to side its tip dips like a pendulum.
+    Where it would be lower than the straight line between both ends, it is raised.
+    """
+    s = np.linspace(0, 1, steps)[:, None]
+    smooth = s**3 * (10 - 15 * s + 6 * s**2)
+    path = here + smooth * (goal - here)
+    p_wf = geometry.forward(path)
+    height = p_wf[0, 2] + smooth[:, 0] * (p_wf[-1, 2] - p_wf[0, 2])
+    low = p_wf[:, 2] < height
+    p_wf[low, 2] = height[low]
+    path[low] = geometry.inverse(p_wf[low])
+    return path
+
+
+def way_back(path: np.ndarray, here: np.ndarray) -> np.ndarray:
+    """Return the path from where a finger is back to its start, as it came.
+
+    What an object kept it from is given up at once: it stops pushing.
+    """
+    left = np.linspace(1, 0, len(path))[:, None]
+    return path[::-1] + left * (here - path[-1])
+
+
+def row_of(path: np.ndarray, row: float) -> np.ndarray:
+    """Return a row (3,) between two rows of a path."""
+    low = min(int(row), len(path) - 2)
+    return path[low] + (row - low) * (path[low + 1] - path[low])
