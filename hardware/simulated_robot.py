@@ -193,7 +193,7 @@ class SimulatedRobot:
 def simulated_rig(kind: str = "densetact", name: str = "simulated") -> Rig:
     """Return the paper's two opposing fingers on virtual wires.
 
-    kind: densetact (small pictures), optoforce or optoforce_can
+    kind: densetact (320 x 240 px), optoforce or optoforce_can
     name: of the channels; two robots in one process need two
     """
 
@@ -206,8 +206,8 @@ def simulated_rig(kind: str = "densetact", name: str = "simulated") -> Rig:
         touch: dict = {"mount": INWARD, "rest": 10}
         options: dict = {"can": bus(f"{k} tactile")} if kind.endswith("can") else {}
         if kind == "densetact":
-            touch["lens"] = {"centre": (80.0, 60.0), "edge": 58.0}
-            options["camera"] = {"size": (160, 120)}
+            touch["lens"] = {"centre": (160.0, 120.0), "edge": 118.0}
+            options["camera"] = {"size": (320, 240)}
         tactile = Tactile(kind, touch=touch, speed=FORCES, **options)
         boards = bus(f"{k} board 0"), bus(f"{k} board 1")
         fingers.append(FingerRig(f"finger {k}", degrees, boards, tactile))

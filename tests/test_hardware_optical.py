@@ -116,6 +116,18 @@ def test_the_centre_of_pressure_is_within_a_pixel(skin, sensor, polar, force):
         assert sensed.agreement > 0.85
 
 
+def test_a_touch_that_the_rim_cuts_off_is_not_pulled_inwards(skin, sensor):
+    off = []
+    for polar in (70, 75):
+        for azimuth in range(0, 360, 45):
+            push = towards(polar, azimuth)
+            sensed = sensor.sense(skin.picture(push, 1.5))
+            off.append(LENS.direction(sensed.centre) @ push)
+    off = np.degrees(np.arccos(off))  # plain weighted means are 2.5 to 5 degrees off
+    assert np.median(off) < 1.5
+    assert np.percentile(off, 90) < 3.0
+
+
 def test_the_normal_points_from_the_object_into_the_dome(skin, sensor):
     push = towards(30, 100)
     for k in range(3):
