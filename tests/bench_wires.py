@@ -19,6 +19,18 @@ JOINTS = JointMap(zero=(0.02, -0.4, 1.1))
 NAMES = "finger 0", "finger 1"
 
 
+def slcan(terminal):
+    """Return the configuration of python-can for an adapter on a terminal."""
+    config = {"interface": "slcan", "channel": terminal.name}
+    return config | {"bitrate": 1_000_000, "sleep_after_open": 0}
+
+
+def line(message):
+    """Write a frame as an slcan adapter does."""
+    data = bytes(message.data)
+    return f"t{message.arbitration_id:03X}{len(data)}{data.hex().upper()}\r".encode()
+
+
 def on_the_wire(stamps, angles, keep=None):
     """Send joint angles (n, 3) [rad] as frames of two boards, and read them back."""
     boards = [MotorBoard({}, name=f"board {k}") for k in range(2)]

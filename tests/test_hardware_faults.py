@@ -1,9 +1,12 @@
 """Whatever goes wrong on the robot, it ends in time and without current."""
 
+from dataclasses import replace
+
 import can
 import pytest
 from bench import Terminal, terminal, wait_for
 from bench_robot import FREE, Setup, numbers, stop_a_board
+from bench_wires import line, slcan
 
 from hardware.errors import (
     BoardError,
@@ -105,8 +108,6 @@ def test_a_camera_that_freezes_ends_it_within_200_ms(tmp_path):
 
 
 def test_a_terminal_that_is_pulled_out_ends_it_within_200_ms(tmp_path, terminal):
-    from dataclasses import replace
-
     rig = simulated_rig("optoforce", f"world {next(numbers)}")
     second = Terminal()
     ends = terminal, second
@@ -136,6 +137,61 @@ def test_a_terminal_that_is_pulled_out_ends_it_within_200_ms(tmp_path, terminal)
         assert setup.left_in_peace()
     chunks = list(Recording(tmp_path / "tape").chunks("finger_1_tactile"))
     assert chunks[-1][0] > done[0] - 0.03
+
+
+class Adapter:
+    """An slcan adapter, between a terminal and the virtual bus of a board."""
+
+    def __init__(self, terminal, config):
+        self.terminal, self.bus, self.rest = terminal, can.Bus(**config), b""
+
+    def carry(self, port):
+        """Carry what waits both ways; simulated time waits for the real wire."""
+        if self.terminal.master is None:
+            return
+        *lines, self.rest = (self.rest + self.terminal.read()).split(b"\r")
+        for one in lines:
+            if one.startswith(b"t"):  # others open the channel
+                data = bytes.fromhex(one[5:].decode())
+                message = can.Message(
+                    arbitration_id=int(one[1:4], 16), data=data, is_extended_id=False
+                )
+                self.bus.send(message)
+        while (message := self.bus.recv(timeout=0)) is not None:
+            self.terminal.write(line(message))
+            wait_for(lambda: port.in_waiting)
+
+
+def test_a_can_adapter_that_is_pulled_out_ends_it_within_200_ms(tmp_path, terminal):
+    setup = Setup(tape=tmp_path / "tape")
+    first, second = setup.rig.fingers
+    adapter = Adapter(terminal, second.boards[0])
+    wired = replace(second, boards=(slcan(terminal), second.boards[1]))
+    setup.bench.rig = replace(setup.rig, fingers=(first, wired))
+    with adapter.bus, setup:
+        port = setup.bench.fingers[1].boards[0]._bus.serialPortOrig
+
+        setup.robot.after = lambda now: adapter.carry(port)
+        setup.world._start()
+        due = setup.robot.now() + 0.2
+
+        def look(now):
+            adapter.carry(port)
+            if now >= due and terminal.master is not None:
+                terminal.unplug()
+
+        setup.robot.after = look
+        with pytest.raises(BusError, match="finger 1, board 0: cannot"):
+            setup.world.execute(FREE)
+        assert setup.robot.now() - due < 0.2
+        setup.robot.sleep(0.12)  # the board behind it hears nothing: its time-out
+        boards = [board for one in setup.robot.fingers for board in one.boards]
+        assert not any(board.current.any() for board in boards)
+        for board in boards[:2] + boards[3:]:
+            assert not board.reference.any()
+    recording = Recording(tmp_path / "tape")
+    assert len(list(recording.messages("finger_1_board_0"))) > 100
+    assert recording.fingers()[0].touch.time[-1] > due - 0.02
 
 
 def test_a_joint_that_runs_away_is_stopped():

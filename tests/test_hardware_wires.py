@@ -8,6 +8,7 @@ import can
 import numpy as np
 import pytest
 from bench import FUZZ, refused, terminal
+from bench_wires import line, slcan
 
 from hardware.errors import BusError, HardwareError, StaleStreamError
 from hardware.motor_board import MotorBoard
@@ -18,20 +19,12 @@ ZERO_CURRENT = b"t00580000000000000000\r"
 ports = itertools.count(43200 + os.getpid() % 1000)
 
 
-def line(message):
-    """Write a frame as an slcan adapter does."""
-    data = bytes(message.data)
-    return f"t{message.arbitration_id:03X}{len(data)}{data.hex().upper()}\r".encode()
-
-
 def position(k):
     return encode(Pair(Quantity.POSITION, (k / 64, -k / 64)))
 
 
-def slcan(terminal, **options):
-    config = {"interface": "slcan", "channel": terminal.name}
-    config |= {"bitrate": 1_000_000, "sleep_after_open": 0}
-    return MotorBoard(config, name="board 0", **options)
+def opened(terminal, **options):
+    return MotorBoard(slcan(terminal), name="board 0", **options)
 
 
 def poll_until(board, condition, seconds=60.0):
@@ -42,7 +35,7 @@ def poll_until(board, condition, seconds=60.0):
 
 
 def test_frames_come_through_an_slcan_adapter(terminal):
-    with slcan(terminal) as board:
+    with opened(terminal) as board:
         terminal.write(b"".join(line(position(k)) for k in range(200)))
         poll_until(board, lambda: len(board.series(Quantity.POSITION)[0]) == 200)
         values = board.series(Quantity.POSITION)[1]
@@ -51,7 +44,7 @@ def test_frames_come_through_an_slcan_adapter(terminal):
 
 
 def test_lines_that_were_garbled_on_the_way_are_counted_not_raised(terminal):
-    with slcan(terminal) as board:
+    with opened(terminal) as board:
         for rubbish in (b"t0308ZZ\r", b"t9\r", b"t03080102\r", b"t\r"):
             terminal.write(rubbish + line(position(7)))
         poll_until(board, lambda: len(board.series(Quantity.POSITION)[0]) == 4)
@@ -66,7 +59,7 @@ def test_lines_that_were_garbled_on_the_way_are_counted_not_raised(terminal):
 
 def test_random_bytes_on_the_line_never_raise_or_hang(terminal):
     rng = np.random.default_rng(0)
-    with slcan(terminal) as board:
+    with opened(terminal) as board:
         for _ in range(FUZZ // 2000):
             bits = rng.integers(0, 256, 200, dtype=np.uint8)
             bits[rng.random(200) < 0.1] = ord("\r")
@@ -81,7 +74,7 @@ def test_random_bytes_on_the_line_never_raise_or_hang(terminal):
 
 
 def test_driving_over_slcan_ends_with_zero_current(terminal):
-    with slcan(terminal, listen_only=False) as board:
+    with opened(terminal, listen_only=False) as board:
         board.start()
         board.command(0.5, 0.5)
         time.sleep(0.02)
@@ -91,7 +84,7 @@ def test_driving_over_slcan_ends_with_zero_current(terminal):
 
 
 def test_an_adapter_that_is_pulled_out_is_missed_within_200_ms(terminal):
-    with slcan(terminal) as board:
+    with opened(terminal) as board:
         terminal.write(line(position(0)))
         poll_until(board, lambda: len(board.series(Quantity.POSITION)[0]) == 1)
         board.check(stale=10.0)
