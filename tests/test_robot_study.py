@@ -53,6 +53,16 @@ def test_an_error_does_not_depend_on_how_the_sides_are_named(study, quarters):
     assert off == pytest.approx([0.001, 0, 0, 0.002, 0, 0.01], abs=1e-12)
 
 
+def test_a_trial_goes_through_all_wires_and_is_judged_again(study, tmp_path):
+    told = study.run(3, "random", 0, 60, tmp_path)
+    assert [row["step"] for row in told] == [0]
+    assert told[0]["moved_mm"] < 20
+    (row,) = study.judge(3, "random", "ignored", [told], tmp_path)
+    assert row["offset"] == "ignored"
+    assert row["pose"] == told[0]["pose"]
+    assert row["nees"] > told[0]["nees"]  # who knows of no errors is too sure
+
+
 def rows(study):
     rng = np.random.default_rng(0)
     return [

@@ -1,7 +1,8 @@
 """Explore on the simulated robot under the paper's conditions, through all its wires.
 
     python examples/benchmarks/explore_on_robot.py folder [--trials 6]
-        [--policies eig random] [--actions 5] [--executor processes|dask|mpi|none]
+        [--policies eig random] [--actions 5] [--offsets constant ignored]
+        [--executor processes|dask|mpi|none]
 
 A box of 58 x 49 x 53 mm and 0.5 kg, two opposing fingers of a TriFingerEdu with
 rendered DenseTact pictures, approach angles within pi / 4, starts at random within
@@ -9,11 +10,11 @@ rendered DenseTact pictures, approach angles within pi / 4, starts at random wit
 so that a tip at rest is 3 to 5 mm from where it says, as in the paper.
 
 The fingers' joint zeros are unknowns of the estimates that choose the actions
-("joints"); beside them the same touches are estimated with a constant offset of each
+("joints"); afterwards the same touches are estimated with a constant offset of each
 finger as an unknown ("constant"), and as if there were none ("ignored").  The truth
-serves only to judge.  Every trial is kept in trials.jsonl (study.py) as soon as it is
-done, its touches beside it (.npz); called again, the study goes on from there.  Writes
-trials.csv, table.txt and real.png, the paper's figure.
+serves only to judge.  Every trial is kept in trials.jsonl and judged.jsonl (study.py)
+as soon as it is done, its touches beside them (.npz); called again, the study goes on
+from there.  Writes trials.csv, table.txt and real.png, the paper's figure.
 """
 
 import os
@@ -22,7 +23,7 @@ os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
 
 import argparse
 from functools import partial
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
 from time import process_time
 
@@ -42,6 +43,7 @@ from hardware.simulated_robot import SimulatedRobot, simulated_rig
 from hardware.world import RobotWorld
 from tactilenlp import (
     JointZeros,
+    Measurements,
     Options,
     Scene,
     Workspace,
@@ -100,11 +102,9 @@ def scenes_of(rig) -> dict[str, Scene]:
 def run(
     number: int, policy: str, actions: int, budget: int, folder: Path
 ) -> list[dict]:
-    """Return a row for each scene after the first touch and after each action."""
-    robot = robot_of(number, policy)
-    begin, rows, scenes = robot.pose[:3], [], scenes_of(robot.rig)
-    found = dict.fromkeys(OFFSETS)
-    past: list[tuple[float, np.ndarray]] = []
+    """Return a row after the first touch and after each action; keep what was felt."""
+    robot, past, rows = robot_of(number, policy), [], []
+    begin, scene = robot.pose[:3], scenes_of(robot.rig)["joints"]
     robot.after = lambda now: past.append((now, robot.pose))
     wires = {"clock": robot, "reader": robot.reader, "listen_only": False}
     with robot, Bench(robot.rig, **wires) as bench:
@@ -115,34 +115,42 @@ def run(
             stiffness=stiffness, max_force=force,
         )  # fmt: skip
         for step in explore(
-            world, scenes["joints"], actions, policy, seed=number,
-            workspace=space, centre=begin, budget=budget, options=OPTIONS,
+            world, scene, actions, policy, seed=number, workspace=space,
+            centre=begin, budget=budget, options=OPTIONS,
         ):  # fmt: skip
-            data, seconds = step.estimate.measurements, {}
-            for offset in OFFSETS[1:]:
-                began = process_time()
-                found[offset] = solve_estimate(
-                    data, scenes[offset], start=found[offset], options=OPTIONS,
-                    throw=False,
-                )  # fmt: skip
-                seconds[offset] = process_time() - began
-            found["joints"], seconds["joints"] = step.estimate, step.seconds["estimate"]
+            data = step.estimate.measurements
             now = [now for now, _ in past]
             pose = past[np.searchsorted(now, world.origin + data.time[-1])][1]
             row = {"trial": number, "policy": policy, "step": step.number}
-            row["moved_mm"] = 1e3 * np.linalg.norm(pose[:2] - begin[:2])
-            row |= {"choose_s": step.seconds["choose"], "pose": pose.tolist()}
-            for offset, estimate in found.items():
-                rows.append(row | {"offset": offset, "cpu_s": seconds[offset]})
-                rows[-1] |= errors(estimate, pose)
+            row |= {"last": int(data.action[-1]), "pose": pose.tolist()}
+            row |= {"moved_mm": 1e3 * np.linalg.norm(pose[:2] - begin[:2])}
+            row |= {"choose_s": step.seconds["choose"], "offset": OFFSETS[0]}
+            row |= {"cpu_s": step.seconds["estimate"]}
+            rows.append(row | errors(step.estimate, pose))
     data.save(folder / f"{number:03d}_{policy}.npz")
     return rows
 
 
+def judge(
+    number: int, policy: str, offset: str, told: list[list[dict]], folder: Path
+) -> list[dict]:
+    """Return rows of the same touches, the fingers' errors taken another way."""
+    data = Measurements.load(folder / f"{number:03d}_{policy}.npz")
+    scene, found, out = scenes_of(simulated_rig("densetact"))[offset], None, []
+    for row in chain.from_iterable(told):
+        if (row["trial"], row["policy"]) != (number, policy):
+            continue
+        part, began = data.select(range(row["last"] + 1)), process_time()
+        found = solve_estimate(part, scene, start=found, options=OPTIONS, throw=False)
+        row = row | {"offset": offset, "cpu_s": process_time() - began}
+        out.append(row | errors(found, np.array(row["pose"])))
+    return out
+
+
 def said(case, rows) -> str:
     """Return a trial that ended in words."""
-    last = (f"{r['offset']} {r['p2s_mm']:.2f} mm" for r in rows[-len(OFFSETS) :])
-    return f"trial {case[0]}, {case[1]}: {', '.join(last)}"
+    last = rows[-1]
+    return f"trial {case[0]}, {case[1]}: {last['offset']} {last['p2s_mm']:.2f} mm"
 
 
 def errors(estimate, pose: np.ndarray) -> dict:
@@ -191,7 +199,7 @@ def draw(path: Path, rows: list[dict], policies: list[str], steps: range) -> Non
     """Save mean and 95 % interval of the mean of each policy after every step."""
     figure, panels = plt.subplots(1, 2, figsize=(9, 3.4))
     for axes, (key, title) in zip(panels, KEYS.items(), strict=True):
-        for policy, offset in product(policies, OFFSETS):
+        for policy, offset in product(policies, offsets_of(rows)):
             groups = [column(rows, key, policy, offset, step) for step in steps]
             means = np.array([g.mean() for g in groups])
             halves = np.array([half_band(g) for g in groups])
@@ -204,6 +212,12 @@ def draw(path: Path, rows: list[dict], policies: list[str], steps: range) -> Non
     panels[0].legend(fontsize=8)
     figure.tight_layout()
     figure.savefig(path, dpi=120)
+    plt.close(figure)
+
+
+def offsets_of(rows: list[dict]) -> list[str]:
+    """Return which of OFFSETS were estimated."""
+    return [one for one in OFFSETS if any(row["offset"] == one for row in rows)]
 
 
 def half_band(values: np.ndarray) -> float:
@@ -219,9 +233,9 @@ def table(rows: list[dict], policies: list[str], steps: range) -> str:
     centred: of an estimate moved to the true centre, which the fingers cannot know.
     """
     head = f"{'policy':8}{'offset':9}{'step':>5}{'p2s median':>12}{'worst':>7}"
-    head += f"{'centred':>9}"
-    lines = [head + f"{'bCH mean':>10}{'NEES mean':>11}{'median':>8}{'p of bCH':>10}"]
-    for policy, offset, step in product(policies, OFFSETS, steps):
+    head += f"{'centred':>9}{'bCH mean':>10}{'NEES mean':>11}{'median':>8}"
+    lines = [head + f"{'p of bCH':>10}{'paired':>8}"]
+    for policy, offset, step in product(policies, offsets_of(rows), steps):
         p2s, centred, bch, nees = (
             column(rows, key, policy, offset, step)
             for key in ("p2s_mm", "centred_mm", "bch_mm", "nees")
@@ -231,10 +245,13 @@ def table(rows: list[dict], policies: list[str], steps: range) -> str:
         words += f"{bch.mean():10.2f}{nees.mean():11.2f}{np.median(nees):8.2f}"
         if policy == policies[0] and len(policies) > 1 and len(bch) > 1:
             other = column(rows, "bch_mm", policies[1], offset, step)
-            p = stats.ttest_ind(bch, other).pvalue
-            words += f"{min(1.0, p * (len(steps) - 1)):10.3f}"
+            alone = stats.ttest_ind(bch, other).pvalue
+            paired = stats.ttest_rel(bch, other).pvalue
+            times = len(steps) - 1
+            words += f"{min(1.0, alone * times):10.3f}{min(1.0, paired * times):8.3f}"
         lines.append(words)
-    lines.append("p: two-tailed t-test of independent samples, times the actions")
+    lines.append("p: two-tailed t-test of independent samples (the paper's), times the")
+    lines.append("actions; paired: of differences, the same body and errors in both")
     return "\n".join(lines)
 
 
@@ -247,20 +264,33 @@ def main() -> None:
     parser.add_argument("--actions", type=int, default=5)
     parser.add_argument("--policies", nargs="+", default=["eig", "random"])
     parser.add_argument("--budget", type=int, default=60, help="evaluations per choice")
+    parser.add_argument(
+        "--offsets", nargs="*", choices=OFFSETS[1:], default=OFFSETS[1:],
+        help="other ways to take the fingers' errors, once all touches are there",
+    )  # fmt: skip
     add_executor(parser)
     options = parser.parse_args()
     numbers = range(options.first, options.first + options.trials)
+    cases = list(product(numbers, options.policies))
     about = {"actions": options.actions, "budget": options.budget}
-    kept, cases = options.folder / "trials.jsonl", product(numbers, options.policies)
-    trial = partial(run, folder=options.folder, **about)
+    size = simulated_rig("densetact").fingers[0].tactile.camera["size"]
+    kept, where = about | {"pictures": list(size)}, options.folder
+    trial = partial(run, folder=where, **about)
     with executor_of(options, __file__) as executor:
-        found = run_study(kept, "robot", trial, cases, executor, about, said)
-    rows = [row for rows in found for row in rows]
-    write_csv(options.folder / "trials.csv", rows)
+        told = run_study(
+            where / "trials.jsonl", "robot", trial, cases, executor, kept, said
+        )
+        again = partial(judge, told=told, folder=where)
+        more = [(*case, offset) for offset in options.offsets for case in cases]
+        judged = run_study(
+            where / "judged.jsonl", "robot judged", again, more, executor, kept, said
+        )
+    rows = list(chain.from_iterable(told + judged))
+    write_csv(where / "trials.csv", rows)
     steps = range(options.actions + 1)
     words = table(rows, options.policies, steps)
-    (options.folder / "table.txt").write_text(words + "\n")
-    draw(options.folder / "real.png", rows, options.policies, steps)
+    (where / "table.txt").write_text(words + "\n")
+    draw(where / "real.png", rows, options.policies, steps)
     print(words)
 
 
