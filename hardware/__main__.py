@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 import time
 
@@ -26,8 +27,8 @@ rig.json says which finger is on which wires; hardware/README.md has one to star
 """
 RECORD = """\
 Listen to a robot and write all frames, bytes and pictures with their times to a new
-folder, until --seconds have passed or Ctrl-C.  Ends with 1, all data so far on disk,
-where a wire falls silent for longer than --patience.
+folder, until --seconds have passed, Ctrl-C or `kill`.  Ends with 1, all data so far on
+disk, where a wire falls silent for longer than --patience.
 
     python -m hardware record rig.json touches/ --seconds 60
 """
@@ -73,6 +74,7 @@ def _record(options: argparse.Namespace) -> int:
         try:
             for board in bench.boards if options.ask else ():
                 board.ask()
+            print(f"Listening to {', '.join(tape.counts)}.", flush=True)
             while time.monotonic() - began < options.seconds:
                 time.sleep(TICK)
                 bench.poll()
@@ -189,4 +191,5 @@ def _replay_options(replay: argparse.ArgumentParser) -> None:
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # `kill` is a Ctrl-C
     sys.exit(main())

@@ -8,6 +8,7 @@ import can
 import pytest
 from bench import terminal
 from bench_tape import numbers, taped
+from conftest import ROOT
 
 from hardware.__main__ import main
 from hardware.assemble import examine
@@ -121,6 +122,22 @@ def test_recording_ends_well_by_hand(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("hardware.__main__.time.sleep", interrupt)
     assert main(["record", str(tmp_path / "rig.json"), str(tmp_path / "tape")]) == 0
     assert "stopped by hand" in capsys.readouterr().err
+    assert Recording(tmp_path / "tape").complete
+
+
+def test_a_recording_that_is_killed_is_closed_first(tmp_path):
+    rig = simulated_rig("optoforce_can", f"tape {next(numbers)}")
+    rig.save(tmp_path / "rig.json")
+    words = ["record", "rig.json", "tape", "--patience", "60"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "hardware", *words], cwd=tmp_path, text=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    ) as process:  # fmt: skip
+        assert "finger_1_board_1" in process.stdout.readline()
+        process.terminate()
+        assert "stopped by hand" in process.communicate(timeout=60)[1]
+    assert process.returncode == 0
     assert Recording(tmp_path / "tape").complete
 
 
