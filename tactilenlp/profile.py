@@ -80,34 +80,35 @@ def _deviation(elsewhere, at, shape, axis: int, pull, off, touched):
     """Return by how much sizes and final pose are off (k,) where the size is.
 
     elsewhere(axis, along, moved): the hypothesis `at` with that size held where it is
-    moved, or None.  pull, off: by the Hessian, which may claim too much, what all
-    unknowns, and sizes and final pose (k,) do where the size is off by a deviation, SI.
-    And a better hypothesis, or None.  A larger body is the flatter side: what lies
-    behind a felt face contradicts no finger.  A smaller one is asked for where a larger
-    one says nothing.
+    moved, or None.  pull, off: what all unknowns, and sizes and final pose (k,) do by
+    the Hessian where the size is off by a deviation, SI; it is believed where it claims
+    little, or where there is no profile.  And a better hypothesis, or None.
+
+    A larger body is the flatter side: what lies behind a felt face contradicts no
+    finger.  A smaller one is asked for where a larger one says nothing.
     """
     prior, known, here = shape.size_prior[1], max(off[axis], TINY), _final(at)
     first, off = max(FIRST * known, NEAR), off * min(1.0, prior / known)
     for way in (1, -1):
         behind = way > 0 and touched.min() < ENOUGH
-        step, answered = first, False
-        while abs(off[axis]) < CLAIMED * prior:
+        step, found = first, None
+        while abs((off if found is None else found)[axis]) < CLAIMED * prior:
             size, along = at.theta[axis] + way * step, way * step / known * pull
             moved = resized(at, axis, size, touched) if behind else None
             there = elsewhere(axis, along, moved)
             if there is None:
                 break
-            price, answered = there.objective - at.objective, True
+            price = there.objective - at.objective
             if price < -GAIN:
                 return off, there
-            found = min(step / np.sqrt(2 * max(price, LEAST)), prior)
-            if found > abs(off[axis]):
-                off = (_final(there) - here) * found / step
+            deviation = min(step / np.sqrt(2 * max(price, LEAST)), prior)
+            if found is None or deviation > abs(found[axis]):
+                found = (_final(there) - here) * deviation / step
             if price >= PRICE:
                 break
             step *= min(GROWTH, 1.5 * PRICE / max(price, LEAST))
-        if answered:
-            break
+        if found is not None:
+            return found, None
     return off, None
 
 
