@@ -10,7 +10,8 @@ concave problem of three unknowns,
 
     max_u  u . q - |u|^2 / 2 - eps log sum exp(u . v_j / eps),   w = softmax(V'u / eps),
 
-solved by Newton's method while eps falls.  eps = small |q - middle|: the hull is
+solved by Newton's method while eps falls, a step along du/deps before each: without
+it steps overshoot on large faces and run away.  eps = small |q - middle|: the hull is
 rounded over lengths of `small`.  The distance is |u|, the outward normal u / |u|, right
 for faces, edges and vertices as long as q is outside: a sphere of radius rho around q
 may sink in by nearly rho.  A doubled, coplanar or interior vertex changes nothing.
@@ -24,15 +25,18 @@ with the origin: polynomials of the vertices for a given list of triangles.
 from __future__ import annotations
 
 from functools import cache
+from itertools import pairwise
 
 import casadi as ca
 
 from .finger import frozen
 from .shape import Shape
 
-HALVINGS = 10  # of eps, from ROUND [m] on
-ROUND = 10e-3
-SHARP = 10  # lengths of rounding in `small`, a tenth of the finger: 0.1 mm
+WIDTHS = (*(10e-3 * 2.0**-k for k in range(10)), 0.0)  # [m] added to small, in turn
+SHARP = 30  # lengths of rounding in `small`, a tenth of the finger: 0.03 mm
+FIRST = 4  # Newton steps while the hull is most round
+FAR = 5.0  # [-] by which these change log w_j - log w_k at most
+LAST = 3  # Newton steps where the hull is sharp, before freezing
 TINY = 1e-6  # [m] a distance is not exactly zero, so that it has derivatives
 LEGS = 4  # vertices at most that carry the body
 EXACT = 2  # Newton steps after freezing: as many exact derivatives
@@ -59,17 +63,43 @@ def _written_out(vertices, q_of, small):
     size = ca.sqrt(ca.sumsqr(q_of - ca.sum2(vertices) / vertices.shape[1]))
     size = frozen(size, 1e-6)
     u = q - ca.sum2(V) / V.shape[1]
-    for k in range(HALVINGS + 1):
-        eps = size * (small + ROUND * 2.0**-k * (k < HALVINGS))
-        for _ in range(2):
-            residual, slope = _residual(V, q, u, eps)
-            u = u - _solve(slope, residual)
-    eps = size * small
+    rounding = [size * (small + width) for width in WIDTHS]
+    for _ in range(FIRST):
+        u = _begun(V, q, u, rounding[0])
+    for before, eps in pairwise(rounding):
+        u = _followed(V, q, u, before, eps)
+    for _ in range(LAST):
+        u = _newton(V, q, u, eps)
     u = frozen(u, 2.0**-60)
     slope = frozen(_residual(V, q, u, eps)[1], 2.0**-40)
     for _ in range(EXACT):
         u = u - _solve(slope, _residual(V, q, u, eps)[0])
     return u
+
+
+def _newton(V, q, u, eps):
+    """Return u after one of Newton's steps."""
+    residual, slope = _residual(V, q, u, eps)
+    return u - _solve(slope, residual)
+
+
+def _begun(V, q, u, eps):
+    """Return u after a step from afar, which log w_j / w_k changes by FAR at most."""
+    residual, slope = _residual(V, q, u, eps)
+    step = _solve(slope, residual)
+    change = V.T @ step / eps
+    change = ca.mmax(change) - ca.mmin(change)
+    return u - step * ca.fmin(1, FAR / (change + 1e-12))
+
+
+def _followed(V, q, u, before, eps):
+    """Return u once the rounding fell to eps: a step along du/deps, and Newton's."""
+    residual, slope = _residual(V, q, u, before)
+    height = V.T @ u / before
+    w = ca.exp(height - ca.mmax(height))
+    w = w / ca.sum1(w)
+    bend = -V @ (w * (height - ca.dot(w, height))) / before
+    return _newton(V, q, u - _solve(slope, residual + (eps - before) * bend), eps)
 
 
 def _residual(V, q, u, eps):

@@ -21,7 +21,6 @@ import casadi as ca
 from . import polytope
 from .finger import frozen
 
-HALVINGS, LAST = 8, 4  # of the rounding, and Newton steps at its end: 1e-5 m at worst
 LIFTED = 0.5e-3  # [m] a vertex this high carries a third of what the lowest does
 HERE = (ca.DM.zeros(3), ca.DM.eye(3))  # pose: vertices are as they lie now
 
@@ -59,21 +58,33 @@ def _functions(count):
     """Return nearest(V, q, small) -> u, a constant, and exact(u, V, q, small) -> u."""
     sizes = (3, 1), (1, 1), (3, count), (3, 1)
     given = u, small, V, q = [ca.SX.sym("in", *size) for size in sizes]
-    eps = small * frozen(ca.sqrt(ca.sumsqr(q - ca.sum2(V) / count)), 1e-6)
-    residual, slope = polytope._residual(V, q, u, eps)
-    better = u - polytope._solve(slope, residual)
-    step = ca.Function("newton", given, [better], {"cse": True})
+    size = frozen(ca.sqrt(ca.sumsqr(q - ca.sum2(V) / count)), 1e-6)
+    residual, slope = polytope._residual(V, q, u, small * size)
     better = u - polytope._solve(frozen(slope, 2.0**-40), residual)
     exact = ca.Function(
         "exact", [u, V, q, small], [better],
         {"cse": True, "is_diff_in": [False, True, True, True]},
     )  # fmt: skip
+    ends = ca.SX.sym("ends", 2)  # rounding before a step and after it
+    steps = {
+        "begun": (small, polytope._begun(V, q, u, small * size)),
+        "followed": (ends, polytope._followed(V, q, u, ends[0] * size, ends[1] * size)),
+        "newton": (small, polytope._newton(V, q, u, small * size)),
+    }
+    begun, followed, newton = (
+        ca.Function(name, [u, widths, V, q], [after], {"cse": True})
+        for name, (widths, after) in steps.items()
+    )
     given = V, q, small = [ca.MX.sym("in", *size) for size in (*sizes[2:], (1, 1))]
-    halved = [polytope.ROUND * 2.0**-k for k in range(HALVINGS)]
-    widths = small + ca.DM([*halved, *[0] * LAST]).T
-    every = step.mapaccum(HALVINGS + LAST)(q - ca.sum2(V) / count, widths, V, q)
+    widths, u = small + ca.DM(polytope.WIDTHS).T, q - ca.sum2(V) / count
+    for _ in range(polytope.FIRST):
+        u = begun(u, widths[0], V, q)
+    ends = ca.vertcat(widths[:, :-1], widths[:, 1:])
+    u = followed.mapaccum(ends.shape[1])(u, ends, V, q)[:, -1]
+    for _ in range(polytope.LAST):
+        u = newton(u, small, V, q)
     constant = {"is_diff_in": [False] * 3}
-    return ca.Function("nearest", given, [every[:, -1]], constant), exact
+    return ca.Function("nearest", given, [u], constant), exact
 
 
 def legs_squared(theta):

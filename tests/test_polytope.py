@@ -73,6 +73,24 @@ def test_distance_and_normal_are_those_of_the_exact_hull():
     assert angle.max() < 0.1  # where the feature changes, over SMALL
 
 
+def test_the_nearest_point_is_found_on_large_faces_and_by_their_edges():
+    rng = np.random.default_rng(4)
+    for sides in rng.uniform(0.01, 0.1, (20, 3)):
+        corners = CUBE / 0.04 * sides
+        on = sides / 2 * rng.choice([-0.98, -0.5, 0.3, 0.9], (20, 3))
+        axis = rng.integers(0, 3, 20)
+        points = on.copy()
+        points[range(20), axis] = (
+            np.sign(on[range(20), axis]) * (sides / 2 + 0.01)[axis]
+        )
+        exact = np.array([nearest_exactly(corners, q) for q in points])
+        away = np.linalg.norm(exact, axis=1)
+        d, n = evaluated(corners, points)
+        assert np.abs(d - away).max() < SMALL / 2
+        off = np.linalg.norm(n - exact / away[:, None], axis=1)
+        assert off.max() < 0.06  # rounding: a short side next to its edge
+
+
 def test_a_finger_that_sank_in_reads_how_deep():
     d, n = evaluated(CUBE, np.array([[0.025, 0.003, 0.001]]))
     assert abs(d[0] - 5e-3) < SMALL  # half the radius of a fingertip deep
