@@ -28,7 +28,7 @@ def carved(window, faces: Faces, size, vertices: int) -> np.ndarray:
     points, _ = bodily(window.touch, faces.x, n[faces.plane])
     planes = np.c_[n, np.maximum(faces.b, (points @ n.T).max(axis=0))]
     ball = fitted_ball(points, size)
-    halfspaces = np.vstack([planes, GROUND, ball.caps()])
+    halfspaces = np.vstack([planes, GROUND, ball.caps(points)])
     found = corners(halfspaces)
     cuts = separating(window, faces, points)
     for _ in range(CUTS):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares, linprog
-from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
+from scipy.spatial import ConvexHull, HalfspaceIntersection, KDTree, QhullError
 
 from .errors import TactileError
 
@@ -19,6 +19,7 @@ MERGED = 1e-3  # [m] vertices nearer than this are one
 LEAST = 1e-4  # [m] a body is at least this thick
 INSIDE, OUTSIDE = 0.3, 0.06  # [radii] deviations of a contact point from the ball
 INDEPENDENT = 30  # touches at most that say something new of the ball
+PLACE = 0.25  # [radii] contact points this near to each other say it once
 HEIGHT = (0.7, 0.25)  # [radii] mean and deviation of the ball's centre over the ground
 GOLDEN = np.pi * (3 - np.sqrt(5))
 
@@ -30,9 +31,17 @@ class Ball:
     centre: np.ndarray
     radius: float
 
-    def caps(self, count: int = CAPS) -> np.ndarray:
-        """Return half-spaces (count, 4) that touch the ball, spread evenly."""
-        n = directions(count)
+    def caps(self, points, count: int = CAPS) -> np.ndarray:
+        """Return half-spaces (count, 4) that touch the ball, spread evenly.
+
+        They are turned towards the farthest of the points (n, 3), so that they turn
+        with the body and not with the world's axes.
+        """
+        away = (points - self.centre)[:, :2]
+        x, y = away[np.argmax(np.linalg.norm(away, axis=1))]
+        turn = np.arctan2(y, x)
+        c, s = np.cos(turn), np.sin(turn)
+        n = directions(count) @ [[c, s, 0], [-s, c, 0], [0, 0, 1]]
         return np.c_[n, n @ self.centre + self.radius]
 
 
@@ -175,11 +184,13 @@ def fitted_ball(points, size) -> Ball:
     in the middle of faces more often than at corners: INSIDE the ball, not OUTSIDE.
     """
     mean, deviation = size
-    often = np.sqrt(max(1.0, len(points) / INDEPENDENT))
+    place = PLACE * mean
+    share = 1 / KDTree(points).query_ball_point(points, place, return_length=True)
+    weight = np.sqrt(share * min(1.0, INDEPENDENT / share.sum()))
 
     def residual(z):
         away = np.linalg.norm(points - z[:3], axis=1) / z[3] - 1
-        away = np.where(away > 0, away / OUTSIDE, away / INSIDE) / often
+        away = np.where(away > 0, away / OUTSIDE, away / INSIDE) * weight
         above = (z[2] / z[3] - HEIGHT[0]) / HEIGHT[1]
         return np.r_[away, above, (z[3] - mean) / deviation]
 
@@ -197,15 +208,25 @@ def fingers(samples, x) -> np.ndarray:
 
 def nearest(vertices, points) -> np.ndarray:
     """Return the points (n, 3) of a hull that are nearest to given ones outside."""
+    return nearest_triangles(vertices, points)[0]
+
+
+def nearest_triangles(vertices, points) -> tuple[np.ndarray, np.ndarray]:
+    """Return the points (n, 3) of a hull nearest to given ones outside.
+
+    And the vertices (n, 3) of the triangle on which each lies.
+    """
     import trimesh
 
-    tri = vertices[ConvexHull(vertices).simplices]
-    out = np.full_like(points, np.inf)
+    simplices = ConvexHull(vertices).simplices
+    out, on = np.full_like(points, np.inf), np.zeros((len(points), 3), int)
     best = np.full(len(points), np.inf)
-    for corners in tri:
+    for simplex in simplices:
         found = trimesh.triangles.closest_point(
-            np.broadcast_to(corners, (len(points), 3, 3)), points
+            np.broadcast_to(vertices[simplex], (len(points), 3, 3)), points
         )
         away = np.linalg.norm(found - points, axis=1)
-        out[away < best], best = found[away < best], np.minimum(away, best)
-    return out
+        closer = away < best
+        out[closer], on[closer] = found[closer], simplex
+        best = np.minimum(away, best)
+    return out, on

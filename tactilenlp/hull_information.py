@@ -11,6 +11,7 @@ import numpy as np
 from .checks import check_types
 from .curvature import curvature_of
 from .dragging import dragging
+from .guessed import guessed
 from .hull import centroid, fingers
 from .information import Information
 from .modes import single
@@ -30,7 +31,8 @@ def hull_information(
 
     faces: touches of each polygon of the hull; R_wg (3, 3): ground's frame to world;
     sensed: the measurements, whose noise sigma tells (spread.py), beside what pulls at
-    each other (tension.py) and fingers that may have stuck (dragging.py).
+    each other (tension.py), fingers that may have stuck (dragging.py) and what nothing
+    touched (guessed.py).
     """
     theta = problem.variables["theta"]
     chosen = np.arange(theta.span.start, theta.span.stop)
@@ -43,6 +45,7 @@ def hull_information(
     errors = spread(curvature, pulls, held, sensed, window, shape)
     for doubt in (tension, dragging):
         errors = errors + doubt(curvature, pulls, window, sensed.data.action)
+    errors = errors + guessed(curvature, pulls)
     C, errors = (turn @ (M + floor) @ turn.T for M in (C, errors))
     V = solution.values["theta"].T
     middle = _slope_of_centroid(V) @ turn.T

@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from formulations.quasi_static import ALPHA
 
-from .hull import fingers, nearest
+from .hull import fingers, nearest, nearest_triangles
 from .hull import triangles as triangles_of
 from .window import Window
 
@@ -94,19 +94,21 @@ def without_clear(window, vertices, x):
 def near(samples, vertices, x) -> np.ndarray:
     """Return the vertices (samples, NEAR) that can be nearest to each finger.
 
-    Along the hull's surface the nearest to the contact point; what lies deep below the
-    plane of the contact comes last.
+    First those of the triangle that the contact point is on: a large face can have many
+    vertices nearer than its corners.  Then along the hull's surface the nearest to that
+    point; what lies deep below the plane of the contact comes last.
     """
     count = min(NEAR, len(vertices))
     if not len(samples):
         return np.zeros((0, count), int)
     centre = fingers(samples, x)
-    point = nearest(vertices, centre)
+    point, on = nearest_triangles(vertices, centre)
     n = centre - point
     n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
     to = vertices[None] - point[:, None]
     below = -np.einsum("svk,sk->sv", to, n)
     far = np.linalg.norm(to, axis=2) + DEPTH * below
+    np.put_along_axis(far, on, -1.0, axis=1)
     return np.sort(np.argsort(far, axis=1, kind="stable")[:, :count], axis=1)
 
 

@@ -233,7 +233,7 @@ def roughly(window, faces: Faces, size) -> np.ndarray:
     ball = fitted_ball(points, size)
     b = np.maximum(faces.b, (points @ n.T).max(axis=0))
     ground = [[0, 0, -1, 0]]
-    return corners(np.vstack([np.c_[n, b], ground, ball.caps()]))
+    return corners(np.vstack([np.c_[n, b], ground, ball.caps(points)]))
 
 
 def middle(window, size: float) -> np.ndarray:

@@ -6,10 +6,13 @@ from types import SimpleNamespace
 import casadi as ca
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 
 from tactilenlp.curvature import curvature_of
 from tactilenlp.dragging import STUCK, dragging, slips
-from tactilenlp.hull_window import CLEAR, without_clear
+from tactilenlp.guessed import guessed
+from tactilenlp.hull import INSIDE, Ball
+from tactilenlp.hull_window import CLEAR, near, without_clear
 from tactilenlp.nlp import Problem
 from tactilenlp.solve import solve
 from tactilenlp.tension import tension
@@ -100,3 +103,46 @@ def test_a_finger_far_from_the_hull_is_not_asked():
     left = without_clear(whole, cube, np.zeros((3, 4))).free
     assert left.sample.tolist() == [0, 1]
     assert np.log1p(np.exp(-1500 * (reach[2] - 0.01 - RADIUS))) < 1e-8
+
+
+def test_a_finger_on_a_large_face_reads_the_corners_around_it():
+    box = (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5) * [0.1, 0.03, 0.03]
+    crowd = box[4:] - [1e-3, 0, 0]  # at one end of the box, eight of its corners
+    vertices = np.vstack([box, crowd, box[4:] - [2e-3, 0, 0]])
+    touch = felt(np.array([[0.045, 0.015 + RADIUS, 0.0]]), [0, 1, 0])
+    read = vertices[near(touch, vertices, np.zeros((3, 1)))[0]]
+    point = [0.045, 0.015, 0.0]
+    _, off = nnls(np.vstack([read.T, np.ones(len(read))]), [*point, 1])
+    assert off < 1e-9  # it is a mean of what is read
+
+
+def test_caps_of_a_ball_turn_with_the_points_that_were_felt():
+    ball = Ball(np.array([0.01, 0.02, 0.03]), 0.04)
+    points = np.random.default_rng(0).normal(size=(5, 3))
+    c, s = np.cos(0.7), np.sin(0.7)
+    R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    turned = Ball(R @ ball.centre, ball.radius).caps(points @ R.T)
+    caps = ball.caps(points)
+    assert turned == pytest.approx(np.c_[caps[:, :3] @ R.T, caps[:, 3]])
+
+
+@pytest.mark.parametrize("price", [0.0, 1e12], ids=["unseen", "touched"])
+def test_a_vertex_that_nothing_holds_is_as_uncertain_as_the_ball(price):
+    problem, ball = Problem(), np.array([0, 0, 0.03, 0.03])
+    at = ball[:3] + 0.03 * np.array([[0, 0, 1], [1, 0, 0], [0, -1, 0]])
+    theta = problem.variable("theta", 3, 3, guess=at.T, unit="m", scale=1e-3)
+    held = problem.variable("ball", 4, guess=ball, unit="m", scale=1e-3)
+    for name, cost, *of in (
+        ("stay", lambda v, v_0: 1e4 * ca.sumsqr(v - v_0), theta, at),
+        ("ball prior", lambda b: 1e4 * ca.sumsqr(b - ball), held),
+        ("touch", lambda v: price * (v[2] - 0.06) ** 2, theta[:, [0]]),
+    ):
+        problem.minimize(name, cost, *of, role="prior")
+    curvature = curvature_of(problem, solve(problem))
+    pulls, _ = curvature.response_of(np.arange(9))
+    C = guessed(curvature, pulls)
+    top = 0.0 if price else INSIDE * 0.03
+    assert np.sqrt(np.diag(C)[[2, 3, 7]]) == pytest.approx(
+        [top, INSIDE * 0.03, INSIDE * 0.03], abs=1e-6
+    )
+    assert C[3, 7] < 0  # outward of both means x of one and -y of the other
