@@ -27,6 +27,7 @@ from tactilenlp.errors import SceneError, StartError
 from tactilenlp.estimate import _job
 from tactilenlp.options import Options
 from tactilenlp.polytopes import search
+from tactilenlp.readout import hull_read
 from tactilenlp.reduce import Reductions
 from tactilenlp.solving import solved_from
 
@@ -81,6 +82,22 @@ def test_it_stands_on_three_vertices_and_none_is_below_the_ground(hull):
     z = np.sort(hull.mesh().vertices[:, 2])
     assert z[0] > -1e-6
     assert z[2] < 1e-4
+
+
+def test_a_hull_on_three_legs_is_read_with_these(octahedron):
+    data, scene, _ = octahedron
+    page, options = polytope_violation_implicit, Options()
+    job = _job(data.select([0]), scene, polytope(), options, 0.0, page)
+    job = replace(job, deadline=np.inf)
+    (found,) = search(replace(job, reductions=Reductions()), [])
+    vertices = found.theta.reshape(-1, 3)
+    vertices[np.argsort(vertices[:, 2])[3:], 2] += 2e-3  # a fourth might carry as well
+    found = replace(found, theta=vertices.ravel())
+    solved = solved_from(job, page, found, options, levels=page.LEVELS[:1])
+    assert len(solved.window.legs) == 3 < len(job.shape.corners)
+    body, information = hull_read(job, page, solved, solved.at.x)
+    assert np.isfinite(body.vertices).all()
+    assert np.isfinite(information.spread).all()
 
 
 def test_fingers_push_where_they_touch_and_nowhere_else(octahedron, hull):
