@@ -199,16 +199,18 @@ def draw(path: Path, rows: list[dict], policies: list[str], steps: range) -> Non
     """Save mean and 95 % interval of the mean of each policy after every step."""
     figure, panels = plt.subplots(1, 2, figsize=(9, 3.4))
     for axes, (key, title) in zip(panels, KEYS.items(), strict=True):
+        top = 0.0  # of the means: intervals of a few trials would press them flat
         for policy, offset in product(policies, offsets_of(rows)):
             groups = [column(rows, key, policy, offset, step) for step in steps]
-            means = np.array([g.mean() for g in groups])
-            halves = np.array([half_band(g) for g in groups])
+            means, halves = np.array([(g.mean(), half_band(g)) for g in groups]).T
+            top = max(top, means.max())
             style = {"color": COLOURS.get(policy), "linestyle": LINES[offset]}
             axes.plot(steps, means, label=f"{policy}, {offset}", **style)
             if offset == OFFSETS[0]:
                 band = means - halves, means + halves
                 axes.fill_between(steps, *band, color=style["color"], alpha=0.2)
-        axes.set(xlabel="actions after the first touch", ylabel=title, ylim=(0, None))
+        axes.set(xlabel="actions after the first touch", ylabel=title)
+        axes.set_ylim(0, 1.3 * top)
     panels[0].legend(fontsize=8)
     figure.tight_layout()
     figure.savefig(path, dpi=120)
