@@ -1,0 +1,216 @@
+"""Benchmark bodies that the shape's class does not hold: error against its best fit.
+
+    python examples/benchmarks/mismatch.py folder [--trials 3] [--actions 9]
+        [--executor processes|dask|mpi|none]
+
+A cylinder and an ellipsoid are estimated as a hull of 20 vertices, prisms and a
+cylinder as a cuboid.  Each is touched at random in simulation.  best: exact surface
+distance of the member of the class that was fitted to the true surface itself; error:
+that of the estimate.  Errors of faces that three touches met or more are compared with
+their sigma; wrong: those beyond 1 mm and 5 sigma.  nats: cost of a touch, which tells
+that something does not fit (touches of a body of the class cost a tenth or so).
+
+Called again with the same folder, it runs what is missing.  Writes mismatch.csv.
+"""
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
+
+import argparse
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+import trimesh
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+from study import add_executor, executor_of, run_study, write_csv
+from trimesh.convex import convex_hull
+from trimesh.transformations import quaternion_matrix, translation_matrix
+
+from tactilenlp import Scene, Workspace, World, solve_estimate, surface_distance
+from tactilenlp.errors import TactileError
+from tactilenlp.hull import filled, nearest_triangles, outer, thinned
+
+POINTS = 1000  # of the true surface, to which a class is fitted
+ROUNDS, STEP = 30, 0.5  # of the fit of vertices, and how far it goes each time
+TOUCHED, CLOSE, SIGMAS = 3, 1e-3, 5.0  # touches, [m], [-]
+MISSED = 4e-3  # [m] by which an action aims beside the centroid
+SEED = 2027
+
+
+def prism(sides: int, radius=0.025, height=0.04) -> np.ndarray:
+    """Return the corners (2 sides, 3) [m] of an upright prism."""
+    turn = 2 * np.pi * np.arange(sides) / sides
+    ring = radius * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+    up = np.array([0, 0, height / 2])
+    return np.vstack([ring - up, ring + up])
+
+
+def ellipsoid(semi_axes=(0.028, 0.02, 0.016)) -> np.ndarray:
+    return trimesh.creation.icosphere(subdivisions=3).vertices * semi_axes
+
+
+BODIES = {  # the body's name, its class -> corners (V, 3) [m]
+    ("cylinder", "polytope"): prism(48),
+    ("ellipsoid", "polytope"): ellipsoid(),
+    ("cylinder", "cuboid"): prism(48),
+    ("hexagonal prism", "cuboid"): prism(6),
+    ("triangular prism", "cuboid"): prism(3),
+}
+
+
+def played(name: str, shape: str, trial: int, actions: int) -> World:
+    """Return the world in which a body was touched at random."""
+    number = [*BODIES].index((name, shape))
+    rng = np.random.default_rng([SEED, number, trial])
+    yaw, space = rng.uniform(0, 2 * np.pi), Workspace()
+    turn = [np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)]
+    world = World(vertices=BODIES[name, shape], quaternion=turn)
+    for _ in range(actions):
+        target = world.pose[:3] + rng.normal(0, MISSED, 3)
+        world.execute(space.random(rng).trajectory(target))
+    return world
+
+
+def true_mesh(world):
+    """Return the true surface at the last sample."""
+    truth = world.truth
+    mesh = convex_hull(world.vertices)
+    turn = quaternion_matrix(truth.object_quaternion[-1])
+    mesh.apply_transform(translation_matrix(truth.object_position[-1]) @ turn)
+    return mesh
+
+
+def best_hull(mesh, count: int = 20):
+    """Return the hull of so many vertices fitted to a surface by nearest points."""
+    points, _ = trimesh.sample.sample_surface_even(mesh, POINTS, seed=SEED)
+    V = filled(thinned(mesh.vertices, count), count)
+    found, best = convex_hull(V), np.inf
+    for _ in range(ROUNDS):
+        V = filled(outer(V), count)
+        on, corners = nearest_triangles(V, points)
+        off = points - on
+        share = np.zeros((len(points), count))
+        each = trimesh.triangles.points_to_barycentric(V[corners], on)
+        np.put_along_axis(share, corners, each, axis=1)
+        move = np.linalg.lstsq(share, off, rcond=1e-3)[0]
+        hull = convex_hull(V)
+        distance = surface_distance(hull, mesh, POINTS).mean
+        if distance < best:
+            found, best = hull, distance
+        V = V + STEP * move
+    return found
+
+
+def best_box(mesh):
+    """Return the box that lies on the ground and fits a surface best."""
+
+    def box(z):
+        R = Rotation.from_euler("z", z[2]).as_matrix()
+        place = translation_matrix([z[0], z[1], z[5] / 2])
+        place[:3, :3] = R
+        return trimesh.creation.box(np.abs(z[3:]) + 1e-4, place)
+
+    def off(z):
+        return 1e3 * surface_distance(box(z), mesh, POINTS // 4).mean
+
+    ends = []
+    for yaw in np.pi / 12 * np.arange(6):
+        flat = Rotation.from_euler("z", -yaw).apply(mesh.vertices - mesh.centroid)
+        sides = 0.9 * np.ptp(flat, axis=0)
+        start = np.r_[mesh.centroid[:2], yaw, sides[:2], np.ptp(mesh.vertices[:, 2])]
+        steps = np.vstack([start, start + np.diag([2e-3, 2e-3, 0.1, *3 * [3e-3]])])
+        told = {"initial_simplex": steps, "maxiter": 150}
+        ends.append(minimize(off, start, method="Nelder-Mead", options=told))
+    return box(min(ends, key=lambda end: end.fun).x)
+
+
+def touches_of(estimate, planes) -> np.ndarray:
+    """Return how many samples touched each supporting plane."""
+    if estimate.shape != "cuboid":
+        return planes.touches
+    n = planes.normal @ estimate.rotation()
+    axis, side = np.argmax(np.abs(n), axis=1), (n.sum(axis=1) > 0).astype(int)
+    return estimate.faces[axis, side]
+
+
+def measured(name: str, shape: str, trial: int, actions: int) -> dict:
+    """Return one row of the table."""
+    world = played(name, shape, trial, actions)
+    mesh, data = true_mesh(world), world.measurements
+    known = ("mass", "friction_ground", "friction_finger", "gravity")
+    scene = Scene(**{key: getattr(world, key) for key in known})
+    fit = best_hull(mesh) if shape == "polytope" else best_box(mesh)
+    row = {"body": name, "class": shape, "trial": trial, "actions": actions}
+    row["best_mm"] = 1e3 * surface_distance(fit, mesh).mean
+    began = process_time()
+    try:
+        estimate = solve_estimate(data, scene, shape=shape)
+    except TactileError as error:
+        said = f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
+        return row | {"said": said, "cpu_s": process_time() - began}
+    row |= {"said": "", "cpu_s": process_time() - began}
+    planes = estimate.supporting_planes()
+    off = np.abs((mesh.vertices @ planes.normal.T).max(axis=0) - planes.offset)
+    known = touches_of(estimate, planes) >= TOUCHED
+    off, sigma = off[known], np.maximum(planes.sigma[known], 1e-9)
+    distance = surface_distance(estimate.mesh(), mesh)
+    return row | {
+        "error_mm": 1e3 * distance.mean,
+        "worst_mm": 1e3 * distance.maximum,
+        "faces": int(known.sum()),
+        "ratio": float(np.median(off / sigma)) if len(off) else np.nan,
+        "wrong": int(((off > CLOSE) & (off > SIGMAS * sigma)).sum()),
+        "nats": estimate.costs["touch"] / int((data.contact & data.valid).sum()),
+    }
+
+
+def said(_, row) -> str:
+    """Return a row in words."""
+    text = f"{row['body']} as {row['class']} {row['trial']}: best {row['best_mm']:.2f}"
+    if row["said"]:
+        return f"{text} mm, {row['said']}"
+    return (f"{text}, error {row['error_mm']:.2f} mm, {row['wrong']} of "
+            f"{row['faces']} faces wrong, {row['nats']:.2f} nats a touch")  # fmt: skip
+
+
+def summary(rows) -> None:
+    """Print medians of each body, its confident errors and refusals."""
+    print(f"{'body':18}{'class':10}  best  error mm   ratio  wrong    nats  refused")
+    for name, shape in BODIES:
+        mine = [r for r in rows if (r["body"], r["class"]) == (name, shape)]
+        good = [r for r in mine if not r["said"]]
+        if not good:
+            print(f"{name:18}{shape:10}none of {len(mine)}")
+            continue
+        keys = "best_mm", "error_mm", "ratio", "nats"
+        best, error, ratio, nats = (np.median([r[k] for r in good]) for k in keys)
+        wrong, faces = (sum(r[k] for r in good) for k in ("wrong", "faces"))
+        print(
+            f"{name:18}{shape:10}{best:6.2f}{error:10.2f}{ratio:8.2f}"
+            f"{wrong:4}/{faces:<3}{nats:7.2f}{len(mine) - len(good):5}/{len(mine)}"
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--trials", type=int, default=3)
+    parser.add_argument("--actions", type=int, default=9)
+    add_executor(parser)
+    chosen = parser.parse_args()
+    chosen.folder.mkdir(parents=True, exist_ok=True)
+    cells = [
+        (*body, k, chosen.actions) for body in BODIES for k in range(chosen.trials)
+    ]
+    with executor_of(chosen, *Path(__file__).parent.glob("study.py")) as executor:
+        path = chosen.folder / "mismatch.jsonl"
+        rows = run_study(path, "mismatch", measured, cells, executor, say=said)
+    write_csv(chosen.folder / "mismatch.csv", rows)
+    summary(rows)
+
+
+if __name__ == "__main__":
+    main()
