@@ -41,7 +41,7 @@ LEVELS = (
     Level("close", {"eps": 0.01, "slack": 0.003}),
     Level("tight", barrier=1e-3),
 )
-SLACK = 3e-4  # [weights] that may be missing in a balance at the end
+SLACK = 1e-4  # [weights] that may be missing in a balance at the end
 EPS = 1e-3  # [weights mm] of every relaxed product at the end
 STILL = 3e-3  # [m/s] rounds the sliding speed, as in violation_implicit.py
 APEX = 3e-3  # [weights] by which the apex of the cone is rounded
@@ -85,14 +85,13 @@ def build(nlp, window, scene, shape):
 
 def balance(nlp, window, scene, fingers, ground, theta, x, lam, lam_g, w, slack):
     """Constrain every step: change of momentum is the sum of impulses, in weights."""
-    step, shape = window.step, fingers.shape
+    step = window.step
 
     def imbalance(corners, theta, x, x_1, x_2, dt, w, slack, *acts):
         force, moment = unbalanced(
             fingers, ground, scene.gravity, theta, x, x_1, x_2, dt, w, corners, acts
         )
-        R_ow = window.motion.pose(shape, theta, x)[1].T  # a slack that turns along
-        off = ca.vertcat(R_ow @ force, R_ow @ moment / ARM) / w
+        off = ca.vertcat(force, moment / ARM) / w
         return ca.vertcat(slack - off, slack + off)
 
     def given_way(w):  # to one weight in x, y, z, and about each at ARM
