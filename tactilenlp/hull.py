@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares, linprog
-from scipy.spatial import ConvexHull, HalfspaceIntersection, KDTree, QhullError
+from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 from .errors import TactileError
 
@@ -19,7 +19,6 @@ MERGED = 1e-3  # [m] vertices nearer than this are one
 LEAST = 1e-4  # [m] a body is at least this thick
 INSIDE, OUTSIDE = 0.3, 0.06  # [radii] deviations of a contact point from the ball
 INDEPENDENT = 30  # touches at most that say something new of the ball
-PLACE = 0.25  # [radii] contact points this near to each other say it once
 HEIGHT = (0.7, 0.25)  # [radii] mean and deviation of the ball's centre over the ground
 GOLDEN = np.pi * (3 - np.sqrt(5))
 
@@ -184,13 +183,11 @@ def fitted_ball(points, size) -> Ball:
     in the middle of faces more often than at corners: INSIDE the ball, not OUTSIDE.
     """
     mean, deviation = size
-    place = PLACE * mean
-    share = 1 / KDTree(points).query_ball_point(points, place, return_length=True)
-    weight = np.sqrt(share * min(1.0, INDEPENDENT / share.sum()))
+    often = np.sqrt(max(1.0, len(points) / INDEPENDENT))
 
     def residual(z):
         away = np.linalg.norm(points - z[:3], axis=1) / z[3] - 1
-        away = np.where(away > 0, away / OUTSIDE, away / INSIDE) * weight
+        away = np.where(away > 0, away / OUTSIDE, away / INSIDE) / often
         above = (z[2] / z[3] - HEIGHT[0]) / HEIGHT[1]
         return np.r_[away, above, (z[3] - mean) / deviation]
 
