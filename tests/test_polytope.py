@@ -220,12 +220,3 @@ def test_an_invisible_vertex_is_moved_onto_the_hull_which_stays_as_it_is():
     away = np.abs(moved).max(axis=1)
     assert away == pytest.approx(np.full(10, 0.02))  # every one is on a face
     assert body(moved, hull.triangles(moved, 16))[0] == pytest.approx(0.04**3)
-
-
-def test_a_touch_that_lasts_says_of_the_ball_what_a_short_one_does():
-    points = np.array([[0.027, 0, 0.03], [-0.027, 0, 0.03], [0, 0.019, 0.028]])
-    size = polytope().size_prior
-    once, often = (hull.fitted_ball(points.repeat(n, axis=0), size) for n in (1, 20))
-    assert often.centre == pytest.approx(once.centre, abs=1e-6)
-    assert often.radius == pytest.approx(once.radius, rel=1e-4)
-    assert 0 < once.centre[2] < once.radius  # it stands on the ground or in it
