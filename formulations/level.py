@@ -11,11 +11,11 @@ class Level:
 
     eliminate: unknowns that `nlp.follow` gives are computed from the others at every
     evaluation (single shooting), instead of solved for (multiple shooting).  warm:
-    the level before leaves its multipliers, and IPOPT's first mu is this, or `barrier`
-    where that level did not converge; None: they are not taken, nor after a level that
-    holds something fixed.  anew: the page is filled again where the level before ended:
-    what it chose by where it started, as which vertices a contact reads, is chosen
-    again.
+    the level before leaves its multipliers, and IPOPT's first mu is this, or first
+    `barrier` where that level did not converge; None: they are not taken, nor after a
+    level that holds something fixed.  anew: the page is filled again where the level
+    before ended: what it chose by where it started, as which vertices a contact reads,
+    is chosen again.
     """
 
     name: str

@@ -40,7 +40,7 @@ NEAR = 0.5e-3  # [m] the first step is this far at least
 GROWTH = 10.0  # [-] of a step at most
 LEAST = 0.5  # [nats] of one deviation: what costs less is one deviation off at least
 WARM = 1e-5  # IPOPT's first mu where a size is held elsewhere
-PATIENCE = 3  # times OPEN iterations, after which a place is given up
+PATIENCE = 2  # times that a place is gone on from before it is given up
 GAIN = 0.1  # [nats] a better optimum is better by this at least
 
 

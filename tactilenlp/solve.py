@@ -190,30 +190,48 @@ def solve_levels(
     solvers = {} if solvers is None else solvers
     whole = None
     for level in levels:
-        warm = isinstance(start, Solution) and level.warm is not None
-        # Far from an optimum a small mu is slow, however good the multipliers.
-        barrier = level.warm if warm and start.success else level.barrier
-        chosen = replace(options, barrier=barrier, iterations=level.iterations)
-        key = (barrier, level.iterations, options.tolerance, options.time_limit)
-        key += (level.eliminate, warm)
-        began = time.process_time()
-        if key not in solvers:
-            solvers[key] = make_solver(problem, chosen, level.eliminate, warm)
-        built = time.process_time() - began
-        if not warm and isinstance(start, Solution):
-            start = start.values
-        solution = solve(
-            problem,
-            chosen,
-            start=start,
-            parameters=level.parameters,
-            fixed=level.fixed,
-            throw=False,
-            solver=solvers[key],
-            eliminate=level.eliminate,
-        )
-        solution.seconds["build"] += built
+        for barrier, warm in _barriers(level, start):
+            solution = _at(problem, level, barrier, warm, start, options, solvers)
+            whole = solution if whole is None else after(whole, solution)
+            if solution.success:
+                break
         # What is held fixed has multipliers that say nothing of the next level.
         start = solution.values if level.fixed else solution
-        whole = solution if whole is None else after(whole, solution)
     return whole
+
+
+def _barriers(level, start) -> list[tuple[float, bool]]:
+    """Return IPOPT's first mu to try, and whether multipliers are taken with it.
+
+    Far from an optimum a small mu is slow, however good the multipliers, so it comes
+    last there; a stiff problem may need it all the same.
+    """
+    if level.warm is None or not isinstance(start, Solution):
+        return [(level.barrier, False)]
+    near = [(level.warm, True)]
+    return near if start.success else [(level.barrier, True), *near]
+
+
+def _at(problem, level, barrier, warm, start, options, solvers) -> Solution:
+    """Solve one level from `start`, warm: with the multipliers of a solution."""
+    chosen = replace(options, barrier=barrier, iterations=level.iterations)
+    key = (barrier, level.iterations, options.tolerance, options.time_limit)
+    key += (level.eliminate, warm)
+    began = time.process_time()
+    if key not in solvers:
+        solvers[key] = make_solver(problem, chosen, level.eliminate, warm)
+    built = time.process_time() - began
+    if not warm and isinstance(start, Solution):
+        start = start.values
+    solution = solve(
+        problem,
+        chosen,
+        start=start,
+        parameters=level.parameters,
+        fixed=level.fixed,
+        throw=False,
+        solver=solvers[key],
+        eliminate=level.eliminate,
+    )
+    solution.seconds["build"] += built
+    return solution

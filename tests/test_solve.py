@@ -183,6 +183,15 @@ def test_a_level_that_takes_the_multipliers_before_it_has_less_to_do():
     assert ends[1].success
 
 
+def test_what_a_cold_barrier_does_not_solve_is_tried_with_the_warm_one():
+    problem, solvers = cone([1.0, 3.0, 4.0]), {}
+    levels = [Level(iterations=1), Level(iterations=2, barrier=0.1, warm=1e-5)]
+    end = solve_levels(problem, levels, {}, solvers=solvers)
+    assert not end.success
+    assert [key[0] for key in solvers] == [levels[0].barrier, 0.1, 1e-5]
+    assert sum(end.iterations_by_level) == end.iterations == 5
+
+
 def test_after_a_level_that_stopped_early_the_barrier_is_that_of_a_cold_start():
     problem = cone([1.0, 3.0, 4.0])
     for iterations, barrier in ((200, 1e-5), (1, 0.1)):
