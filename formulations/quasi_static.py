@@ -2,7 +2,7 @@ r"""Poses and shape with minimal motion, no impulses: the cheap first stage.
 
     min  sum_touch  -log( exp(-touch(phi) - |n - n_m|^2 / 2 sigma_n^2) + exp(-ceiling) )
        + sum_free   -log( exp(-log(1 + exp(-alpha phi)))               + exp(-ceiling) )
-       + sum_gaps   log(1 + (way - slide)^2 / gap^2)        (between actions)
+       + sum_gaps   log(1 + way^2 / gap^2)                  (between actions)
        + sum_sizes  2 log(1 + (theta - mean)^2 / (2 deviation)^2)      (size prior)
        + sum_steps  weight (sqrt(way^2 + still^2) - still)  (least motion)
     over theta, x_k
@@ -14,8 +14,7 @@ must.
 Departures from eq:loss, named: the touch cost is two-sided (a felt finger is on the
 surface, not somewhere inside it), every sample's cost is bounded (a flipped boolean),
 and a Cauchy link between actions stands for the unrecorded retraction of the fingers,
-which mostly moves nothing and sometimes centimetres.  An object that still moves when
-a record ends slides on until the ground has braked it, slide = v |v| / (2 mu g).
+which mostly moves nothing and sometimes centimetres.
 """
 
 from __future__ import annotations
@@ -45,10 +44,8 @@ TOUCH = 0.3e-3  # [m] model error of a touched gap where motion is only least mo
 NORMAL = 0.1  # [rad] model error of a normal, likewise
 ALPHA = 1500.0  # [1/m] steepness of eq:bool
 GAP = 0.5e-3  # [m] way of the object between actions
-UNSURE = 0.2  # [-] of the way that it slides on: friction differs from place to place
 ARM = 20e-3  # [m] one radian of turn counts as this much way
 STILL = 0.3e-3  # [m] below this, motion is quadratic
-CREEP = 1e-3  # [m/s] rounds the speed of an object that slides on
 WEIGHT = 300.0  # [nats / m] price of motion
 
 
@@ -118,16 +115,12 @@ def between_actions(nlp, window, shape, theta, x):
     motion, g = window.motion, window.gap
     gap_scale = nlp.parameter("gap scale", GAP, "m")
 
-    def jumped(theta, x, x_1, x_2, dt, braking, gap):
-        p_1, p_2 = (motion.pose(shape, theta, c)[0][:2] for c in (x_1, x_2))
-        v = (p_1 - p_2) / dt
-        slide = v * ca.sqrt(ca.sumsqr(v) + CREEP**2) / (2 * braking)
-        way = way_squared(motion, shape, theta, x, x_1, ca.vertcat(slide, 0))
-        return ca.log(1 + way / (gap**2 + UNSURE**2 * ca.sumsqr(slide)))
+    def jumped(theta, x, x_1, gap):
+        return ca.log(1 + way_squared(motion, shape, theta, x, x_1) / gap**2)
 
     nlp.minimize(
-        "between actions", jumped, theta, x[:, g.knot], x[:, g.before],
-        x[:, g.before_2], g.dt, window.braking, gap_scale, role="prior",
+        "between actions", jumped, theta, x[:, g.knot], x[:, g.before], gap_scale,
+        role="prior",
     )  # fmt: skip
 
 
@@ -160,10 +153,7 @@ def declare(nlp, window, shape):
     return theta, x
 
 
-def way_squared(motion, shape, theta, x, x_1, less=0):
-    """Squared way of the body between two poses [m^2], a turn counted over ARM.
-
-    less: the way (3,) [m] that it is expected to go.
-    """
+def way_squared(motion, shape, theta, x, x_1):
+    """Squared way of the body between two poses [m^2], a turn counted over ARM."""
     (p, R), (p_1, R_1) = (motion.pose(shape, theta, c) for c in (x, x_1))
-    return ca.sumsqr(p - p_1 - less) + ARM**2 * ca.sumsqr(R - R_1) / 2
+    return ca.sumsqr(p - p_1) + ARM**2 * ca.sumsqr(R - R_1) / 2

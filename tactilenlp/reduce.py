@@ -17,7 +17,6 @@ import casadi as ca
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from formulations.friction import FRICTION
 from formulations.rigid_body import FREE, PLANAR
 
 from .checks import check_types
@@ -118,7 +117,6 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
         knots=int(knot[-1]) + 1, knot=knot,
         touch=everything.pick(felt), free=free, step=step,
         gap=_gaps(data, knot, np.zeros(0, int) if coasts(scene) else gap),
-        braking=braking(scene),
         push=push, apart=np.nonzero(~data.contact[push.sample, push.finger])[0],
         corner=corner, lift=lift, rest=rest,
         groups=_groups(len(step), push, corner),
@@ -185,12 +183,6 @@ def coasts(scene) -> bool:
     return scene.ground is None or scene.gravity == 0 or scene.friction_ground == 0
 
 
-def braking(scene) -> float:
-    """Return how friction with the ground slows the object down [m/s^2]."""
-    mu = FRICTION if scene.friction_ground is None else scene.friction_ground
-    return np.inf if coasts(scene) else mu * scene.gravity
-
-
 def moves(x) -> np.ndarray:
     """Tell for every sample of x (6, T) whether the guess moves on the way to it."""
     way = np.abs(np.diff(x, axis=1, prepend=x[:, :1]))
@@ -222,14 +214,10 @@ def _steps(data, knot, first, before, samples) -> Steps:
 
 
 def _gaps(data, knot, start) -> Steps:
-    """Return the gaps between actions that end at the samples `start`.
-
-    dt: of the last step before, at whose speed the object goes on.
-    """
-    last = start - 1
-    two = np.where(data.action[last - 1] == data.action[last], last - 1, last)
-    dt = np.where(two < last, data.time[last] - data.time[two], data.dt)
-    return Steps(start, knot[start], knot[last], knot[two], dt)
+    """Return the gaps between actions that end at the samples `start`."""
+    before = knot[start - 1]
+    dt = data.time[start] - data.time[start - 1]
+    return Steps(start, knot[start], before, before, dt)
 
 
 def _pushes(data, p_wf, everything, felt, step, before, only_felt) -> Pushes:

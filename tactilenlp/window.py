@@ -98,8 +98,6 @@ class Window:
     apart: the pushes of fingers that feel nothing (rows of push);
     lift: the ground contacts that can leave the ground (none in planar motion);
     rest: corners on the ground at poses without a step (none in planar motion);
-    gap: the steps between actions, dt that of the last recorded one before;
-    braking [m/s^2]: how the ground slows a sliding object down;
     groups: the steps by number of pushing fingers;
     frictionless: "finger", "ground" where these carry no tangential impulse;
     sigma_position [m], sigma_normal [rad]: sensor noise;
@@ -115,7 +113,6 @@ class Window:
     free: Samples
     step: Steps
     gap: Steps
-    braking: float
     push: Pushes
     apart: np.ndarray
     corner: Corners
