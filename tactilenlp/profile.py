@@ -82,15 +82,17 @@ def _deviation(elsewhere, at, shape, axis: int, pull, off, touched):
     elsewhere(axis, along, moved): the hypothesis `at` with that size held where it is
     moved, or None.  pull, off: what all unknowns, and sizes and final pose (k,) do by
     the Hessian where the size is off by a deviation, SI; it is believed where it claims
-    little, or where there is no profile.  And a better hypothesis, or None.
+    little, where there is no profile, and of an open size where it claims less.  And a
+    better hypothesis, or None.
 
     A larger body is the flatter side: what lies behind a felt face contradicts no
     finger.  A smaller one is asked for where a larger one says nothing.
     """
     prior, known, here = shape.size_prior[1], max(off[axis], TINY), _final(at)
     first, off = max(FIRST * known, NEAR), off * min(1.0, prior / known)
+    is_open = touched.min() < ENOUGH
     for way in (1, -1):
-        behind = way > 0 and touched.min() < ENOUGH
+        behind = way > 0 and is_open
         step, found = first, None
         while abs((off if found is None else found)[axis]) < CLAIMED * prior:
             size, along = at.theta[axis] + way * step, way * step / known * pull
@@ -108,7 +110,8 @@ def _deviation(elsewhere, at, shape, axis: int, pull, off, touched):
                 break
             step *= min(GROWTH, 1.5 * PRICE / max(price, LEAST))
         if found is not None:
-            return found, None
+            wider = abs(found[axis]) > abs(off[axis]) or not is_open
+            return found if wider else off, None
     return off, None
 
 
