@@ -77,3 +77,15 @@ def interpreted(monkeypatch):
     monkeypatch.setattr(kind, "_cache", {})
     monkeypatch.setattr(kind, "kept", lambda names, origin: None)
     monkeypatch.setattr(kind, "compiled", lambda functions, origin: functions)
+
+
+@pytest.fixture(scope="module")
+def pushed():
+    """A world after two pushes, and what each of them returned."""
+    from pushes import SIZES, push
+
+    from tactilenlp import World
+
+    world = World(SIZES)
+    first = world.execute(push())
+    return world, first, world.execute(push(reach=-0.05))
