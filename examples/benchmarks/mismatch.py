@@ -27,11 +27,12 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 from study import add_executor, executor_of, run_study, write_csv
 from trimesh.convex import convex_hull
-from trimesh.transformations import quaternion_matrix, translation_matrix
+from trimesh.transformations import translation_matrix
 
 from tactilenlp import Scene, Workspace, World, solve_estimate, surface_distance
 from tactilenlp.errors import TactileError
 from tactilenlp.hull import filled, nearest_triangles, outer, thinned
+from tactilenlp.judge import true_mesh
 
 POINTS = 1000  # of the true surface, to which a class is fitted
 ROUNDS, STEP = 30, 0.5  # of the fit of vertices, and how far it goes each time
@@ -72,15 +73,6 @@ def played(name: str, shape: str, trial: int, actions: int) -> World:
         target = world.pose[:3] + rng.normal(0, MISSED, 3)
         world.execute(space.random(rng).trajectory(target))
     return world
-
-
-def true_mesh(world):
-    """Return the true surface at the last sample."""
-    truth = world.truth
-    mesh = convex_hull(world.vertices)
-    turn = quaternion_matrix(truth.object_quaternion[-1])
-    mesh.apply_transform(translation_matrix(truth.object_position[-1]) @ turn)
-    return mesh
 
 
 def best_hull(mesh, count: int = 20):
@@ -139,7 +131,8 @@ def touches_of(estimate, planes) -> np.ndarray:
 def measured(name: str, shape: str, trial: int, actions: int) -> dict:
     """Return one row of the table."""
     world = played(name, shape, trial, actions)
-    mesh, data = true_mesh(world), world.measurements
+    data = world.measurements
+    mesh = true_mesh(world, data.time[-1])
     known = ("mass", "friction_ground", "friction_finger", "gravity")
     scene = Scene(**{key: getattr(world, key) for key in known})
     fit = best_hull(mesh) if shape == "polytope" else best_box(mesh)
