@@ -95,18 +95,21 @@ def _begun(V, q, u, eps):
 def _followed(V, q, u, before, eps):
     """Return u once the rounding fell to eps: a step along du/deps, and Newton's."""
     residual, slope = _residual(V, q, u, before)
-    height = V.T @ u / before
-    w = ca.exp(height - ca.mmax(height))
-    w = w / ca.sum1(w)
+    height, w = _weights(V, u, before)
     bend = -V @ (w * (height - ca.dot(w, height))) / before
     return _newton(V, q, u - _solve(slope, residual + (eps - before) * bend), eps)
 
 
-def _residual(V, q, u, eps):
-    """Return u + V w(u) - q and its slope in u (3, 3)."""
+def _weights(V, u, eps):
+    """Return V'u / eps and its softmax w (V)."""
     height = V.T @ u / eps
     w = ca.exp(height - frozen(ca.mmax(height), 1.0))
-    w = w / ca.sum1(w)
+    return height, w / ca.sum1(w)
+
+
+def _residual(V, q, u, eps):
+    """Return u + V w(u) - q and its slope in u (3, 3)."""
+    _, w = _weights(V, u, eps)
     c = V @ w
     slope = ca.DM.eye(3) + (V @ ca.diag(w) @ V.T - c @ c.T) / eps
     return u + c - q, slope
