@@ -2,7 +2,8 @@
 
 A search goes forward: what the first touches leave open is told by later ones, when
 the path is chosen already.  So the path is followed backward once more, from where it
-is well known, and the page solved from there.
+is well known, and the page solved from there.  No finger feels how far a body turned
+while it was pushed, so that is tried several ways.
 
 Pushes and friction make optima of an untouched size that look sharp: a thin body and a
 thick one can explain the same data, nats apart.  Where physics alone claims to know
@@ -22,6 +23,7 @@ from .extend import spherical
 from .guess import follow
 from .information import ENOUGH, reduced_covariance
 from .race import raced
+from .solving import solved_from
 from .trial import opened
 
 CLAIMED = 0.5  # [prior deviations] a size less certain than this claims nothing
@@ -29,6 +31,7 @@ NEAR = 6e-3  # [m] sizes this close to the best one's lead to the same optimum
 PASTS = 3  # actions that have a middle to go back from
 JUMPS = 3  # of a path at most that are followed over, the longest first
 JUMP = 3e-3  # [m] between actions that is worth a rival: noise makes smaller ones
+TURNING = (1.0, 0.3, 0.1)  # [-] how readily an object may have turned in the past
 KNOWN_SIZE = 1e-4  # [m] deviation of sizes, where a path is followed backward
 OPEN_SIZE = 10e-3  # [m] and where a jump may come from sizes that are wrong
 KNOWN_POSE = np.r_[3e-4, 3e-4, 5e-3]  # [m, m, rad] and of the pose it starts from
@@ -47,7 +50,7 @@ def challenged(job, page, solved, options, before=0) -> list:
 
     def with_rivals(solved, proposed) -> list:
         rivals = raced(job, page, proposed(job, solved), options, levels, known=solved)
-        return sorted([*solved, *rivals], key=lambda s: s.rank)
+        return sorted([*solved, *rivals], key=rank)
 
     anew = middle(job.data.actions) != middle(before)
     over = partial(unbroken, since=0 if anew else before)
@@ -58,8 +61,26 @@ def challenged(job, page, solved, options, before=0) -> list:
     if anew:
         for proposed in (other_pasts, other_sizes):
             solved = with_rivals(solved, proposed)
+        solved = sorted([*solved, *softened(job, page, solved, options)], key=rank)
     good = [s for s in solved if s.solution.success]
     return good or solved
+
+
+def rank(solved) -> tuple:
+    """Return what to sort solved hypotheses by: the best comes first."""
+    return solved.rank
+
+
+def softened(job, page, solved, options) -> list:
+    """Return the best one solved anew from where its own softer problem ends, if any.
+
+    A page that has levels for guessed poses (`ROUGH`) says how to soften it: kinks of
+    sliding and sticking that hold a path are rounded there, and it slips over them.
+    """
+    levels = getattr(page, "ROUGH", ())[-2:]
+    return (
+        [solved_from(job, page, solved[0].at, options, levels=levels)] if levels else []
+    )
 
 
 def middle(actions: int) -> int:
@@ -71,14 +92,15 @@ def other_pasts(job, solved) -> list:
     """Return the best hypothesis with its first half followed backward from the second.
 
     Poses before the middle action, from its first one: size and pose are known there,
-    so every earlier touch moves the path as little as it can.
+    so every earlier touch moves the path as little as it can, and turns it more or less
+    readily (TURNING).
     """
     at, action = solved[0].at, job.data.action
     actions = np.unique(action)
     if len(actions) < PASTS:
         return []
     start = int(np.argmax(action == actions[middle(len(actions))]))
-    return [_followed(job, at, start, True, KNOWN_SIZE)]
+    return [_followed(job, at, start, True, KNOWN_SIZE, turn) for turn in TURNING]
 
 
 def unbroken(job, solved, since=0) -> list:
@@ -101,16 +123,16 @@ def unbroken(job, solved, since=0) -> list:
     return [_followed(job, at, start, *way) for way in ways]
 
 
-def _followed(job, at, start: int, backward: bool, size: float):
+def _followed(job, at, start: int, backward: bool, size: float, turning=1.0):
     """Return the hypothesis followed backward from `start`, or forward over it.
 
-    size [m]: by how much the sizes may be off.
+    size [m]: by how much the sizes may be off; turning [-]: how readily it turns.
     """
     data, window = spherical(job)
     here, samples = start - (not backward), np.arange(at.x.shape[1])
     z = np.r_[at.theta, at.x[:, here]]
     spread = np.diag(np.r_[np.full(len(at.theta), size), KNOWN_POSE] ** 2)
-    given = at.seen(data), window, job.shape, z[None], spread[None], np.ones(1)
+    given = at.seen(data), window, job.shape, z[None], spread[None], np.array([turning])
     order = samples[:start][::-1] if backward else samples[start:]
     end, path = follow(*given, order)
     parts = (

@@ -6,13 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from formulations import quasi_static
 from formulations import violation_implicit as page
 from formulations.shape import CUBOID
 from tactilenlp import Options
 from tactilenlp.estimate import _job
 from tactilenlp.hypothesis import distinct, same
 from tactilenlp.race import raced
-from tactilenlp.rivals import JUMP, middle, other_pasts, unbroken
+from tactilenlp.rivals import JUMP, middle, other_pasts, softened, unbroken
 from tactilenlp.trial import opened
 
 LEVELS = opened(page.LEVELS, final=True)
@@ -82,12 +83,28 @@ def test_a_past_that_jumps_is_followed_backward_without_the_jump(recorded):
     for path in unbroken(job, [Solved]):
         link = np.linalg.norm(path.x[:2, start] - path.x[:2, start - 1])
         assert link < JUMP
-    (past,) = other_pasts(job, [Solved])
-    np.testing.assert_array_equal(past.x[:, start:], h.x[:, start:])
-    link = np.linalg.norm(past.x[:2, start] - past.x[:2, start - 1])
-    assert link < 1e-3
-    off = np.linalg.norm((past.x - h.x)[:2, :start], axis=0)
-    assert np.median(off) < 4e-3  # least motion alone is some millimetres off
+    pasts = other_pasts(job, [Solved])
+    for past in pasts:
+        np.testing.assert_array_equal(past.x[:, start:], h.x[:, start:])
+        link = np.linalg.norm(past.x[:2, start] - past.x[:2, start - 1])
+        assert link < 1e-3
+        off = np.linalg.norm((past.x - h.x)[:2, :start], axis=0)
+        assert np.median(off) < 4e-3  # least motion alone is some millimetres off
+    turned = [np.abs(np.diff(past.x[2, :start])).sum() for past in pasts]
+    assert turned == sorted(turned, reverse=True)  # the less readily, the less
+
+
+def test_what_a_softer_problem_leads_to_is_an_optimum_of_the_page(case):
+    job, h = case
+    solved = raced(job, page, [h], Options(), LEVELS)
+    (again,) = softened(job, page, solved, Options())
+    assert again.solution.success
+    assert again.solution.parameters == solved[0].solution.parameters
+    assert again.solution.objective < solved[0].solution.objective + 0.5
+
+
+def test_a_page_that_is_never_softened_has_no_such_rival(case):
+    assert softened(case[0], quasi_static, [], Options()) == []
 
 
 def test_a_path_without_jumps_is_left_alone(case):
