@@ -5,8 +5,8 @@
 
 A term is a small function and the columns of the unknowns that each of its instances
 reads (DESIGN.md, "The NLP machine").  Its kind is derived once, mapped over the
-instances and scattered into the global sparse derivatives by constant matrices, so
-that building hardly depends on the number of instances and evaluating is linear in it.
+instances and summed where it belongs in the global sparse derivatives, so that
+building hardly depends on the number of instances and evaluating is linear in it.
 Unknowns are in SI units for the page and scaled for the solver here, nowhere else.
 """
 
