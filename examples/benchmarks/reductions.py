@@ -1,16 +1,22 @@
 """Benchmark each reduction: sizes, time and optimum with it and without it.
 
 python examples/benchmarks/reductions.py ../shared/scenes/cuboid_0?.npz
-    [--executor processes|dask|mpi|none]
+    ../shared/scenes/platonic_*_?.npz [--executor processes|dask|mpi|none]
 
-Both ways of writing one problem start at the same hypothesis, the best of a search.
+A recording whose truth has vertices is estimated as a polytope, any other as a cuboid.
+All ways of writing one problem start at the same hypothesis, the best of a search.
 Times are medians of passes that try all ways in turn, so that ratios are of one run;
 a first pass, uncounted, derives the kinds.
 
 Still, far, absent and planar leave out what one recording does not need.  Frictionless,
 one finger and no ground are other scenes, each written with and without what it has
 not: tangential impulses that no cone allows, a finger that never measures, a ground
-without friction a metre below a simulated box that floats.
+without friction a metre below a simulated box that floats.  A polytope's page insists
+on planar motion over a ground: it has no row without.
+
+put back: the optimum to which the leanest way goes on, solved to the end, and to which
+it goes on from there once what was left out is put back.  Exact reductions leave it
+where it is; still spans that get poses of their own may gain a little.
 """
 
 import os
@@ -18,16 +24,18 @@ import os
 os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
 
 import argparse
+import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from time import process_time
 from types import SimpleNamespace
 
 import numpy as np
+from reductions_report import BASE, NONE, failed, print_pairs, print_table
 from study import add_executor, executor_of, mapped, write_csv
 
-from formulations import violation_implicit as page
-from formulations.shape import CUBOID
+from formulations import polytope_violation_implicit, violation_implicit
+from formulations.polytope import polytope
+from formulations.shape import CUBOID, Shape
 from tactilenlp import (
     Ground,
     Measurements,
@@ -36,27 +44,24 @@ from tactilenlp import (
     SolverOptions,
     solve_estimate,
 )
+from tactilenlp.expansion import carried
 from tactilenlp.floating import floated, plane_of_touch
+from tactilenlp.hypothesis import Hypothesis, Job
+from tactilenlp.polytopes import is_polytope, search, window_of
 from tactilenlp.precision import precision_of, smoothed
-from tactilenlp.reduce import Reductions, reduce
+from tactilenlp.reduce import Reductions, flat
 from tactilenlp.simulate import World
 from tactilenlp.solve import solve_levels
+from tactilenlp.solving import Solved, built_at, settings_of, solved_from
 from tactilenlp.tipping import lifted
 
-BASE = "all reductions"
+PAGES = {"cuboid": violation_implicit, "polytope": polytope_violation_implicit}
+SHAPES = {"cuboid": CUBOID, "polytope": polytope()}
 EXACT = ("still", "far", "absent")
-NONE = (*EXACT, "planar")
-PAIRS = {  # what is left out: with it, without it
-    **{name: (f"without {name}", BASE) for name in NONE},
-    "frictionless": ("tangential impulses kept", "no friction"),
-    "one finger": ("second finger never valid", "no second finger"),
-    "no ground": ("ground out of reach", "no ground"),
-    "still, far, absent": ("planar alone", BASE),
-    "all": ("no reduction", BASE),
-}
-SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 REACH = 1.0  # [m] over a ground out of reach
-HEADS = ("variables", "constraints", "terms", "presolve", "joint", "ms/it", "CPU s")
+LONGEST = 600.0  # [s] of one problem
+TO_THE_END = SolverOptions(ipopt={"acceptable_iter": 0})  # however slowly it creeps
+NEAR = 1e-5  # IPOPT's first mu from an optimum
 
 
 @dataclass(frozen=True)
@@ -67,6 +72,20 @@ class Way:
     scene: Scene
     off: tuple = ()
     up: float = 0.0
+    shape: Shape = CUBOID
+
+    @property
+    def page(self):
+        """The joint page of the shape."""
+        return PAGES[self.shape.name]
+
+    def job(self) -> Job:
+        """Return what a solve needs to know."""
+        precision = precision_of(self.data, self.scene)
+        return Job(
+            smoothed(self.data, precision), self.scene, self.shape, precision,
+            Reductions.of(self.off), deadline=time.monotonic() + LONGEST,
+        )  # fmt: skip
 
 
 def one_finger(data, arrays: bool) -> Measurements:
@@ -82,7 +101,7 @@ def one_finger(data, arrays: bool) -> Measurements:
     return Measurements(**given | {"finger_radius": data.finger_radius[:1]})
 
 
-def problems(data, scene) -> dict[str, Way]:
+def problems(data, scene, shape) -> dict[str, Way]:
     """Return the ways of writing the problem of a recording, and of scenes like it."""
     slippery = replace(scene, friction_ground=0.0, friction_finger=0.0)
     out = {BASE: Way(data, scene), "planar alone": Way(data, scene, EXACT)}
@@ -90,14 +109,17 @@ def problems(data, scene) -> dict[str, Way]:
     if data.fingers > 1:
         out["second finger never valid"] = Way(one_finger(data, False), scene)
         out["no second finger"] = Way(one_finger(data, True), scene)
-    return out | {
+    out |= {
         "no reduction": Way(data, scene, NONE),
         "no friction": Way(data, slippery),
         "tangential impulses kept": Way(data, slippery, ("frictionless",)),
     }
+    if flat(PAGES[shape.name]):
+        out = {name: way for name, way in out.items() if "planar" not in way.off}
+    return {name: replace(way, shape=shape) for name, way in out.items()}
 
 
-def floating() -> tuple[dict[str, Way], np.ndarray, np.ndarray]:
+def floating() -> tuple[dict[str, Way], Hypothesis]:
     """Return both ways for a box that two fingers squeeze, and where it was found."""
     world = World((0.04, 0.06, 0.05), position=(0, 0, 0.2), ground=None, gravity=0.0)
     left, right = [(-0.06, 0.008, 0.204), (0, 0.008, 0.204)], [(0.07, -0.01, 0.196)]
@@ -111,30 +133,58 @@ def floating() -> tuple[dict[str, Way], np.ndarray, np.ndarray]:
         "ground out of reach": Way(raised, below, ("planar",), REACH),
     }
     best = solve_estimate(data, scene, throw=False).hypotheses[0]
-    h = floated(best, plane_of_touch(data, CUBOID.size_prior[0]))
-    return ways, h.theta, h.x
+    return ways, floated(best, plane_of_touch(data, CUBOID.size_prior[0]))
 
 
-def written(way, theta, x):
-    """Return the problem and its start, from theta (3,) [m], planar poses x (3, T)."""
-    precision = precision_of(way.data, way.scene)
-    data, choice = smoothed(way.data, precision), Reductions.of(way.off)
-    if not choice.planar:
-        x = lifted(theta, x) if len(x) == 3 else x
-        x = x + np.array([[0], [0], [way.up], [0], [0], [0]])
-    window = reduce(data, way.scene, CUBOID, precision, choice, guess=(theta, x))
+def written(way, h) -> tuple[Job, Hypothesis, dict]:
+    """Return a job, where its solve starts, and its problem, from planar poses of h."""
+    job = way.job()
+    if not job.reductions.planar:
+        x = lifted(h.theta, h.x) if len(h.x) == 3 else h.x
+        h = replace(h, x=x + np.array([[0], [0], [way.up], [0], [0], [0]]))
+    window, shape = window_of(job, (h.theta, h.x))
     if way.up:  # it does not rest there
         window = replace(window, rest=window.rest.pick(slice(0)))
     problem = Problem()
-    page.build(problem, window, way.scene, CUBOID)
-    return problem, {"theta": theta, "x": x[:, window.last]}
+    way.page.build(problem, window, way.scene, shape)
+    return job, h, {"window": window, "problem": problem, "solvers": {}}
 
 
-def solved(way, theta, x) -> dict:
-    """Build and solve one problem."""
-    began = process_time()
-    problem, start = written(way, theta, x)
-    solution = solve_levels(problem, page.LEVELS, start, SolverOptions())
+def begun(way, h) -> Solved:
+    """Return a problem solved from a hypothesis."""
+    job, h, made = written(way, h)
+    return solved_from(job, way.page, h, SolverOptions(), made)
+
+
+def gone_on(way, found) -> Solved:
+    """Return a solve that went on to the end, with what `way` does not leave out."""
+    job = way.job()
+    window, problem, _ = built_at(job, way.page, found.hypothesis)
+    values, pulls, multipliers = carried(found, window, problem)
+    start = replace(
+        found.solution, values=values, bound_multipliers=pulls, multipliers=multipliers
+    )
+    last = replace(way.page.LEVELS[-1], warm=NEAR)
+    solution = solve_levels(problem, (last,), start, settings_of(job, TO_THE_END))
+    return Solved(found.hypothesis, problem, window, solution, job)
+
+
+def put_back(ways, h) -> dict[str, float]:
+    """Return the optimum with all reductions, and with each of EXACT put back there."""
+    lean = gone_on(ways[BASE], begun(ways[BASE], h))
+    found = {BASE: lean}
+    found |= {k: gone_on(ways[k], lean) for k in (f"without {name}" for name in EXACT)}
+    return {
+        name: one.solution.objective if one.solution.success else np.nan
+        for name, one in found.items()
+    }
+
+
+def solved(way, h) -> dict:
+    """Build and solve one problem, from a hypothesis; return its row."""
+    began = time.process_time()
+    found = begun(way, h)
+    problem, solution = found.problem, found.solution
     *presolve, joint = solution.iterations_by_level
     return {
         "variables": problem.size,
@@ -143,7 +193,7 @@ def solved(way, theta, x) -> dict:
         "presolve": sum(presolve),
         "joint": joint,
         "ms/it": 1e3 * solution.seconds["solve"] / max(1, solution.iterations),
-        "CPU s": process_time() - began,
+        "CPU s": time.process_time() - began,
         "optimum": solution.objective,
         "status": solution.status,
     }
@@ -154,8 +204,7 @@ def tried(*arguments) -> dict:
     try:
         return solved(*arguments)
     except Exception as error:  # whatever it is, it is a line of the table
-        failure = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        return dict.fromkeys((*HEADS, "optimum"), np.nan) | {"status": failure}
+        return failed(error)
 
 
 def scene_table(file, passes) -> list[dict]:
@@ -164,69 +213,31 @@ def scene_table(file, passes) -> list[dict]:
     file: None, for the box that floats.
     """
     if file is None:
-        return timed("a floating box", *floating(), passes)
+        ways, h = floating()
+        return timed("a floating box", ways, h, passes, {})
     data, scene = Measurements.load(file), Scene.load(file)
-    best = solve_estimate(data, scene, throw=False).hypotheses[0]
-    ways = problems(data, scene)
-    return timed(Path(file).stem, ways, best.theta, best.x, passes)
+    with np.load(file) as known:
+        shape = SHAPES["polytope" if "vertices" in known else "cuboid"]
+    ways = problems(data, scene, shape)
+    if is_polytope(shape):  # its page takes a refined hull for one that is still rough
+        h = search(ways[BASE].job(), [])[0]
+    else:
+        h = solve_estimate(data, scene, throw=False).hypotheses[0]
+    return timed(Path(file).stem, ways, h, passes, put_back(ways, h))
 
 
-def timed(scene, ways, theta, x, passes) -> list[dict]:
+def timed(scene, ways, h, passes, back) -> list[dict]:
     """Return a row for every way, with median times; a first pass is not counted."""
     _, *runs = [
-        {name: tried(way, theta, x) for name, way in ways.items()}
-        for _ in range(passes + 1)
+        {name: tried(way, h) for name, way in ways.items()} for _ in range(passes + 1)
     ]
     rows = []
-    for name in ways:
-        row = {"scene": scene, "way": name} | runs[-1][name]
+    for name, way in ways.items():
+        row = {"scene": scene, "class": way.shape.name, "way": name} | runs[-1][name]
         for key in ("ms/it", "CPU s"):
             row[key] = float(np.median([run[name][key] for run in runs]))
-        rows.append(row)
+        rows.append(row | {"put back": back.get(name, np.nan)})
     return rows
-
-
-def print_table(rows) -> None:
-    print(f"\n{rows[0]['scene']:28}" + "".join(f"{head:>12}" for head in HEADS)
-          + "       optimum")  # fmt: skip
-    for row in rows:
-        sizes = "".join(f"{row[head]:12.0f}" for head in HEADS[:5])
-        print(
-            f"{row['way']:28}{sizes}{row['ms/it']:12.2f}{row['CPU s']:12.2f}"
-            f"{row['optimum']:14.4f}"
-            f"  {'' if row['status'] == 'Solve_Succeeded' else row['status'][:200]}",
-            flush=True,
-        )
-
-
-def print_pairs(rows) -> None:
-    """Print what each reduction saves, medians over the scenes where both converge."""
-    print("\nWhat is left out         scenes    variables          terms"
-          "          ms/it          CPU s   times faster (least, most)"
-          "   optimum apart (median, most)")  # fmt: skip
-    found = {(row["scene"], row["way"]): row for row in rows}
-    for name, (more, less) in PAIRS.items():
-        both = [
-            (found[scene, more], found[scene, less])
-            for scene in {row["scene"]: None for row in rows}
-            if (scene, more) in found
-        ]
-        good = [pair for pair in both if all(r["status"] in SOLVED for r in pair)]
-        text = f"{name:22}{len(good):4} of {len(both):2}"
-        if good:
-            for key, digits in (
-                ("variables", 0),
-                ("terms", 0),
-                ("ms/it", 2),
-                ("CPU s", 2),
-            ):
-                before, after = (np.median([p[k][key] for p in good]) for k in (0, 1))
-                text += f"{before:9.{digits}f}{after:7.{digits}f}"
-            ratio = [a["CPU s"] / b["CPU s"] for a, b in good]
-            apart = [abs(a["optimum"] - b["optimum"]) for a, b in good]
-            text += f"{np.median(ratio):10.2f} ({min(ratio):.2f}, {max(ratio):.2f})"
-            text += f"{np.median(apart):20.1e} {max(apart):.1e}"
-        print(text)
 
 
 def main() -> None:
@@ -237,12 +248,13 @@ def main() -> None:
     add_executor(parser, "none")
     arguments = parser.parse_args()
     rows, files = [], [*arguments.files, None]
-    with executor_of(arguments, __file__) as executor:
+    with executor_of(arguments, *Path(__file__).parent.glob("reduc*.py")) as executor:
         cases = [(file, arguments.passes) for file in files]
         for found in mapped(executor, scene_table, cases):
             rows += found
             print_table(found)
-    print_pairs(rows)
+    for name in dict.fromkeys(row["class"] for row in rows):
+        print_pairs(name, [row for row in rows if row["class"] == name])
     arguments.out.mkdir(parents=True, exist_ok=True)
     write_csv(arguments.out / "reductions.csv", rows)
 
