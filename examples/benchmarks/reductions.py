@@ -101,8 +101,23 @@ def one_finger(data, arrays: bool) -> Measurements:
     return Measurements(**given | {"finger_radius": data.finger_radius[:1]})
 
 
-def problems(data, scene, shape) -> dict[str, Way]:
+def recorded(file) -> Way:
+    """Return the leanest way of writing the problem of a recording."""
+    with np.load(file) as known:
+        shape = SHAPES["polytope" if "vertices" in known else "cuboid"]
+    return Way(Measurements.load(file), Scene.load(file), shape=shape)
+
+
+def searched(way) -> Hypothesis:
+    """Return the best hypothesis of a search."""
+    if is_polytope(way.shape):  # its page takes a refined one for a rough one
+        return search(way.job(), [])[0]
+    return solve_estimate(way.data, way.scene, throw=False).hypotheses[0]
+
+
+def problems(way) -> dict[str, Way]:
     """Return the ways of writing the problem of a recording, and of scenes like it."""
+    data, scene = way.data, way.scene
     slippery = replace(scene, friction_ground=0.0, friction_finger=0.0)
     out = {BASE: Way(data, scene), "planar alone": Way(data, scene, EXACT)}
     out |= {f"without {name}": Way(data, scene, (name,)) for name in NONE}
@@ -114,9 +129,9 @@ def problems(data, scene, shape) -> dict[str, Way]:
         "no friction": Way(data, slippery),
         "tangential impulses kept": Way(data, slippery, ("frictionless",)),
     }
-    if flat(PAGES[shape.name]):
-        out = {name: way for name, way in out.items() if "planar" not in way.off}
-    return {name: replace(way, shape=shape) for name, way in out.items()}
+    if flat(way.page):
+        out = {name: one for name, one in out.items() if "planar" not in one.off}
+    return {name: replace(one, shape=way.shape) for name, one in out.items()}
 
 
 def floating() -> tuple[dict[str, Way], Hypothesis]:
@@ -215,14 +230,8 @@ def scene_table(file, passes) -> list[dict]:
     if file is None:
         ways, h = floating()
         return timed("a floating box", ways, h, passes, {})
-    data, scene = Measurements.load(file), Scene.load(file)
-    with np.load(file) as known:
-        shape = SHAPES["polytope" if "vertices" in known else "cuboid"]
-    ways = problems(data, scene, shape)
-    if is_polytope(shape):  # its page takes a refined hull for one that is still rough
-        h = search(ways[BASE].job(), [])[0]
-    else:
-        h = solve_estimate(data, scene, throw=False).hypotheses[0]
+    way = recorded(file)
+    ways, h = problems(way), searched(way)
     return timed(Path(file).stem, ways, h, passes, put_back(ways, h))
 
 
