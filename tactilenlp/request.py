@@ -72,6 +72,14 @@ def page_of(formulation, shape):
                 expected=f"one of {FORMULATIONS}, or a page",
             )
         own = f"{shape.name}_{formulation}"
+        if is_polytope(shape) and own not in POLYTOPES:
+            raise OptionError(
+                "no page of this name for a polytope",
+                where="formulation",
+                got=formulation,
+                expected='"quasi_static" or "violation_implicit"',
+                next='use shape="cuboid", or give a page of your own',
+            )
         return importlib.import_module(
             f"formulations.{own if own in POLYTOPES else formulation}"
         )
@@ -91,7 +99,7 @@ def check_plane(page, scene) -> None:
             where="scene.ground",
             got="None",
             expected="a ground on which the object slides",
-            next='use formulation="violation_implicit"',
+            next='use shape="cuboid" and formulation="violation_implicit"',
         )
 
 

@@ -23,7 +23,7 @@ from tactilenlp import (
     surface_distance,
     vertex_information,
 )
-from tactilenlp.errors import SceneError, StartError
+from tactilenlp.errors import OptionError, SceneError, StartError
 from tactilenlp.estimate import _job
 from tactilenlp.options import Options
 from tactilenlp.polytopes import search
@@ -204,6 +204,8 @@ def test_what_a_polytope_cannot_do_is_said_before_any_solve(octahedron, hull):
     pointing = replace(data, finger_orientation=up)
     with pytest.raises(SceneError, match="planar motion only"):
         solve_estimate(data, replace(scene, ground=None), shape="polytope")
+    with pytest.raises(OptionError, match="formulation: no page"):
+        solve_estimate(data, scene, shape="polytope", formulation="shooting")
     capsules = replace(scene, finger_length=0.02)
     with pytest.raises(SceneError, match="round fingertips"):
         solve_estimate(pointing, capsules, shape="polytope")
