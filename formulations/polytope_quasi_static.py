@@ -43,8 +43,39 @@ def build(nlp, window, scene, shape):
     quasi_static.least_motion(nlp, window, shape, 0.0, x)
 
 
-def sense(nlp, window, shape, touch=TOUCH, normal=NORMAL, depth=0.0):
-    """Declare vertices and poses; add what the fingers felt and what was known."""
+def ball(nlp, window, shape, theta):
+    """Add what is known of a body before it is touched."""
+    mean, deviation = shape.size_prior
+    sphere = nlp.variable(
+        "ball", 4, guess=[*window.start.mean(axis=0), mean],
+        lower=[-ca.inf, -ca.inf, -ca.inf, mean / 10], unit="m", scale=1e-3,
+    )  # fmt: skip
+
+    def off(vertex, ball):
+        away = ca.sqrt(ca.sumsqr(vertex - ball[:3]) + (mean / 100) ** 2)
+        return (away / ball[3] - 1) ** 2 / (2 * SPREAD**2)
+
+    def moved(vertex, start):
+        return ca.sumsqr(vertex - start) / (2 * STAY**2)
+
+    nlp.minimize("ball prior", off, theta, sphere, role="prior")
+    nlp.minimize(
+        "size prior", lambda ball: ((ball[3] - mean) / deviation) ** 2 / 2,
+        sphere,
+        role="prior",
+    )  # fmt: skip
+    nlp.minimize(
+        "legs on the ground", lambda vertex: (vertex[2] / LEG) ** 2 / 2,
+        theta[:, window.legs], role="prior",
+    )  # fmt: skip
+    nlp.minimize("stay", moved, theta, window.start, role="regulariser")
+
+
+def sense(nlp, window, shape, touch=TOUCH, normal=NORMAL, depth=0.0, known=ball):
+    """Declare vertices and poses; add what the fingers felt and what was known.
+
+    known(nlp, window, shape, theta): adds what was, by default before any touch.
+    """
     motion = window.motion
     theta = nlp.variable(
         "theta", 3, len(window.start), lower=[-ca.inf, -ca.inf, 0.0],
@@ -59,30 +90,3 @@ def sense(nlp, window, shape, touch=TOUCH, normal=NORMAL, depth=0.0):
     quasi_static.between_actions(nlp, window, shape, 0.0, x)
     known(nlp, window, shape, theta)
     return theta, x
-
-
-def known(nlp, window, shape, theta):
-    """Add what is known of a body before it is touched."""
-    mean, deviation = shape.size_prior
-    ball = nlp.variable(
-        "ball", 4, guess=[*window.start.mean(axis=0), mean],
-        lower=[-ca.inf, -ca.inf, -ca.inf, mean / 10], unit="m", scale=1e-3,
-    )  # fmt: skip
-
-    def off(vertex, ball):
-        away = ca.sqrt(ca.sumsqr(vertex - ball[:3]) + (mean / 100) ** 2)
-        return (away / ball[3] - 1) ** 2 / (2 * SPREAD**2)
-
-    def moved(vertex, start):
-        return ca.sumsqr(vertex - start) / (2 * STAY**2)
-
-    nlp.minimize("ball prior", off, theta, ball, role="prior")
-    nlp.minimize(
-        "size prior", lambda ball: ((ball[3] - mean) / deviation) ** 2 / 2, ball,
-        role="prior",
-    )  # fmt: skip
-    nlp.minimize(
-        "legs on the ground", lambda vertex: (vertex[2] / LEG) ** 2 / 2,
-        theta[:, window.legs], role="prior",
-    )  # fmt: skip
-    nlp.minimize("stay", moved, theta, window.start, role="regulariser")

@@ -33,6 +33,8 @@ from .rigid_body import momentum_change
 from .violation_implicit import ARM, WEIGHTS, G, contacts, felt
 
 REDUCTIONS = {"planar": True}  # the page knows planar motion only
+EXTENDS = True  # an estimate is extended by one action: polytope_extension.py
+ALIKE = True  # functions of terms depend on page, shape and scene, not on the window
 LEVELS = (
     Level(
         "loose",
@@ -52,8 +54,11 @@ LEVELS = (
 MOMENTS = ca.DM([1e-6] + 3 * [1e-8] + 6 * [1e-10])  # [m^3, m^4, m^5] scale of each
 
 
-def build(nlp, window, scene, shape):
-    """Fill `nlp` with eq:vimp: what was felt, then the physics of every step."""
+def build(nlp, window, scene, shape, sense=sense):
+    """Fill `nlp` with eq:vimp: what was felt, then the physics of every step.
+
+    sense: declares vertices and poses and adds what was felt and known of them.
+    """
     theta, x = felt(nlp, window, shape, sense)
     for name, (value, unit) in WEIGHTS.items():
         nlp.parameter(name, value, unit)

@@ -15,6 +15,7 @@ from .errors import MotionError
 from .expansion import carried as carried_on
 from .floating import floated, laid_out, plane_of_touch
 from .guess import Guess
+from .hull_update import updated
 from .interrupt import interruptible
 from .measurements import Measurements
 from .options import Options
@@ -89,24 +90,33 @@ def solve_estimate(
 
 def _found(data, job, page, start, options, executor, so_far):
     """Return the estimate of a job, and the solved page that it was read off."""
+    update, good = updated(job, page, start, options, _certified)
+    if good:
+        so_far.kept = [update.at]
+        return _read(data, job, page, options, update, so_far, 0.0, [update]), update
     kept, starts = _searched(job, page, so_far.kept, start, options, executor)
-    so_far.kept, searched = kept, time.process_time() - so_far.began
+    so_far.kept, searched = kept, so_far.spent
     solved = _refine(job, page, starts, options, so_far.solved)
     if options.rivals and not is_polytope(job.shape):
         before = start.measurements.actions if _was_challenged(start, page) else 0
         solved = challenged(job, page, solved, options, before)
-    best = _certified(job, page, solved[0], options)
+    solved = sorted([*solved, update], key=lambda s: s.rank) if update else solved
+    best = _certified(replace(job, cuts=solved[0].job.cuts), page, solved[0], options)
     if "planar" in best.certificates.broken and not flat(page):
         best = _tumbled(job, page, best, options, executor)
     elif options.rivals and best.solution.success:
         best = _profiled(job, page, best, options)
-    seconds = {**best.solution.seconds, "search": searched}
-    seconds["total"] = time.process_time() - so_far.began
-    late = time.monotonic() > job.deadline
-    kept = _carried_on(job, solved, kept, options.hypotheses)
-    rivals = [s for s in solved if s.window.motion is best.window.motion]
-    rivals = [s for s in rivals if s.solution.success]
-    return read_off(data, job, page, options, best, kept, seconds, late, rivals), best
+    so_far.kept = _carried_on(job, solved, kept, options.hypotheses)
+    alike = [s for s in solved if s.window.motion is best.window.motion]
+    rivals = [s for s in alike if s.solution.success]
+    return _read(data, job, page, options, best, so_far, searched, rivals), best
+
+
+def _read(data, job, page, options, best, so_far, searched, rivals) -> Estimate:
+    """Return the estimate read off the best page; searched [s] of CPU."""
+    own = {"search": searched, "total": so_far.spent}
+    seconds, late = {**best.solution.seconds, **own}, time.monotonic() > job.deadline
+    return read_off(data, job, page, options, best, so_far.kept, seconds, late, rivals)
 
 
 def _was_challenged(start, page) -> bool:

@@ -14,6 +14,7 @@ import numpy as np
 
 from .nlp import Problem
 from .polytopes import window_of
+from .terms import shared
 
 LEFT_OUT = ("still", "far", "absent")
 
@@ -43,11 +44,11 @@ def expand(job, page, solved) -> Expansion:
     whole = replace(job.reductions, **dict.fromkeys(LEFT_OUT, False))
     more = replace(job, reductions=whole, cuts=())
     again, shape = window_of(more, (h.theta, h.x), solved.at.theta)
-    problem = Problem()
+    problem = Problem(kinds=shared(page, solved.problem))
     page.build(problem, again, job.scene, shape)
     values, bounds, multipliers = carried(solved, again, problem)
-    free = _rows(_samples(window.free), _samples(again.free))
-    unfelt = _rows(_samples(window.push), _samples(again.push))
+    free = rows_of(samples_of(window.free), samples_of(again.free))
+    unfelt = rows_of(samples_of(window.push), samples_of(again.push))
     return Expansion(
         window=again, problem=problem, x=problem.pack(values),
         data=problem.data(solution.parameters), multipliers=multipliers,
@@ -64,8 +65,8 @@ def carried(solved, again, problem) -> tuple[dict, dict, dict]:
     window, solution = solved.window, solved.solution
     came_from = {
         "x": window.knot[again.last],
-        "finger": _rows(_samples(window.push), _samples(again.push)),
-        "ground": _rows(_corners(window), _corners(again)),
+        "finger": rows_of(samples_of(window.push), samples_of(again.push)),
+        "ground": rows_of(corners_of(window), corners_of(again)),
     }
     values, bounds, multipliers = {}, {}, {}
     for name, v in problem.variables.items():
@@ -89,18 +90,18 @@ def _columns(old, source, otherwise) -> np.ndarray:
     return out
 
 
-def _samples(rows):
+def samples_of(rows):
     return list(zip(rows.sample.tolist(), rows.finger.tolist(), strict=True))
 
 
-def _corners(window):
+def corners_of(window):
     """Return (sample, which corner of its step) of every ground contact."""
     steps = window.step.sample[window.corner.step].tolist()
     width = max(1, len(window.corner) // max(1, len(window.step)))
     return [(s, i % width) for i, s in enumerate(steps)]
 
 
-def _rows(old, new) -> np.ndarray:
+def rows_of(old, new) -> np.ndarray:
     """Return for every entry of `new` where it is in `old`, or -1."""
     place = {key: i for i, key in enumerate(old)}
     return np.array([place.get(key, -1) for key in new], int)

@@ -50,6 +50,7 @@ class Problem:
     constraints: dict[str, Term] = field(default_factory=dict)
     reports: dict[str, Term] = field(default_factory=dict)
     given: dict[str, np.ndarray] = field(default_factory=dict)  # by constraint, indices
+    kinds: dict[tuple, object] = field(default_factory=dict)  # shared by like problems
     _data: list[np.ndarray] = field(default_factory=list)
     _data_size: int = 0
 
@@ -267,17 +268,17 @@ class Problem:
             kept.append(np.broadcast_to(indices, (instances, indices.shape[1])))
             order.append((role_of, indices.shape[1]))
         sizes = [indices.shape[1] for indices in unknowns]
-        kind = kind_named(name, trace, function, sizes, order)
+        if (key := (name, *order)) not in self.kinds:
+            self.kinds[key] = kind_named(name, trace, function, sizes, order)
+        kind = self.kinds[key]
         if role is not None and kind.rows != 1:
-            raise PageError(
-                "a cost is one number", where=name, got=kind.rows, expected="1 row"
-            )
+            told = {"where": name, "got": kind.rows, "expected": "1 row"}
+            raise PageError("a cost is one number", **told)
         limits = {k: limit(v, (instances, kind.rows), name) for k, v in limits.items()}
         if limits and not np.all(limits["lower"] <= limits["upper"]):
             raise PageError("limits cross, or are NaN", where=name)
         empty = np.zeros((instances, 0), int)
-        unknowns = np.hstack([empty, *unknowns])
-        data = np.hstack([empty, *data])
+        unknowns, data = np.hstack([empty, *unknowns]), np.hstack([empty, *data])
         return Term(name, kind, role, unknowns, data, first_row=first_row, **limits)
 
     def _check_owner(self, name: str, argument) -> None:
@@ -295,5 +296,4 @@ class Problem:
         if isinstance(argument, Parameter):
             return np.arange(argument.span.start, argument.span.stop)[None]
         values = table(argument, name)
-        first = self._append_data(values)
-        return first + np.arange(values.size).reshape(values.shape)
+        return self._append_data(values) + np.arange(values.size).reshape(values.shape)

@@ -22,6 +22,7 @@ from .window import Window, _Rows
 NEAR = 15e-3  # [m] a free finger further than this from a contact point says nothing
 ANGLE, OFFSET = 0.03, 0.2e-3  # [rad], [m] planes that agree this well are one face
 TOLERANCE = 1e-4
+LONGEST = 20.0  # [s] of one solve
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,14 +120,51 @@ def windowed(window, faces: Faces) -> PlanesWindow:
     )  # fmt: skip
 
 
+def since(window: PlanesWindow, x, planes: int) -> PlanesWindow:
+    """Return what a new action adds to a past of poses x (3, T), held, and planes."""
+    past, touch = x.shape[1], window.touch
+    new, first = touch.sample >= past, window.knot[past]
+    behind, outside = window.behind, window.outside
+    lower, upper = np.full((2, 3, window.knots), [[[-np.inf]], [[np.inf]]])
+    lower[:, :first] = upper[:, :first] = x[:, window.last[:first]]
+    return replace(
+        window, lower=lower, upper=upper,
+        slip=window.slip[new[window.slip].any(axis=1)],
+        link=window.link[(window.link >= planes).any(axis=1)],
+        behind=behind.pick(new[behind.touch] | (behind.plane >= planes)),
+        outside=outside.pick(new[outside.touch] | (outside.knot >= first)),
+        step=window.step.pick(window.step.sample >= past),
+        gap=window.gap.pick(window.gap.sample >= past),
+    )  # fmt: skip
+
+
+def onward(job, faces: Faces) -> np.ndarray:
+    """Return the poses x (3, T) of one more action; its past is held as it is."""
+    window = reduce(job.data, job.scene, job.shape, job.precision, job.reductions)
+    start, known = continued(window, faces, job.data.samples), len(faces.b)
+    window = since(windowed(window, start), faces.x, known)
+    problem = Problem()
+    polytope_planes.build(problem, window, job.scene, job.shape)
+    plane = problem.variables["plane"]
+    held = plane.first + np.arange(plane.rows * known)
+    levels = [replace(level, fixed=(held,)) for level in polytope_planes.LEVELS]
+    s = from_faces(problem, window, start, levels, LONGEST)
+    return s.values["x"][:, window.knot]
+
+
+def from_faces(problem, window, faces: Faces, levels, time_limit: float):
+    """Return what the levels of the page find from `faces`."""
+    start = {"x": faces.x[:, window.last], "plane": np.vstack([faces.n.T, faces.b])}
+    options = SolverOptions(tolerance=TOLERANCE, time_limit=time_limit)
+    return solve_levels(problem, levels, start, options)
+
+
 def solved(job, window, faces: Faces, levels, time_limit: float) -> Faces:
     """Return the planes and poses that the page finds from `faces`."""
     window = windowed(window, faces)
     problem = Problem()
     polytope_planes.build(problem, window, job.scene, job.shape)
-    start = {"x": faces.x[:, window.last], "plane": np.vstack([faces.n.T, faces.b])}
-    options = SolverOptions(tolerance=TOLERANCE, time_limit=time_limit)
-    s = solve_levels(problem, levels, start, options)
+    s = from_faces(problem, window, faces, levels, time_limit)
     m, b = s.values["plane"][:3].T, s.values["plane"][3]
     n = m / np.linalg.norm(m, axis=1, keepdims=True)
     x = s.values["x"][:, window.knot]
@@ -177,10 +215,10 @@ def extended(job, faces: Faces | None, samples: int) -> Faces:
         if faces is None
         else continued(window, faces, samples)
     )
-    found = solved(job, window, start, polytope_planes.LEVELS, 20.0)
+    found = solved(job, window, start, polytope_planes.LEVELS, LONGEST)
     joined = merged(window, found)
     if joined is not found:
-        found = solved(job, window, joined, polytope_planes.LEVELS[1:], 20.0)
+        found = solved(job, window, joined, polytope_planes.LEVELS[1:], LONGEST)
     return anchored(window, found, job.shape.size_prior)
 
 

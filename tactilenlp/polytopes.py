@@ -84,8 +84,8 @@ def search(job, kept, so_far=None) -> list[Hypothesis]:
     kept: a hypothesis of the first actions, if any, with any number of vertices.
     so_far: a list in which Ctrl-C leaves that of the actions done by then.
     """
-    job = replace(job, data=_backed(job.data, job.precision.normal))
-    faces = [_resumed(job, kept[0])] if kept else []
+    job = replace(job, data=backed(job.data, job.precision.normal))
+    faces = [resumed(job, kept[0])] if kept else []
     try:
         with interruptible():
             for last in progress(_ends(job.data), "search"):
@@ -129,7 +129,7 @@ def polished(job, body: Hypothesis) -> Hypothesis:
     return Hypothesis(theta, x, s.objective, body.path, iterations)
 
 
-def _backed(data, sigma: float):
+def backed(data, sigma: float):
     """Return the data less what stands alone; NoContactError where nothing is left."""
     left = credible(data, sigma)
     if (left.contact & left.valid).any():
@@ -143,7 +143,7 @@ def _backed(data, sigma: float):
     )
 
 
-def _resumed(job, h: Hypothesis) -> Faces:
+def resumed(job, h: Hypothesis) -> Faces:
     """Return the planes that the touches of the first actions have on a known body."""
     data = job.data.select(np.unique(job.data.action[: h.x.shape[1]]))
     window = reduce(data, job.scene, job.shape, job.precision, job.reductions)

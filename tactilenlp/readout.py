@@ -18,6 +18,7 @@ from .offset import offsets_of
 from .polytopes import is_polytope
 from .result import Estimate, by_sample, poses
 from .scatter import Sensed
+from .terms import shared
 
 
 def read_off(
@@ -122,7 +123,8 @@ def hull_read(job, page, solved, x) -> tuple[Body, Information]:
         scene.ground.from_ground(p), turn.as_quat()[:, [3, 0, 1, 2]], vertices, faces
     )
     shape = standing(job.shape, solved.hypothesis.theta.reshape(-1, 3))  # as solved
-    sensed = Sensed(job.data, job.precision, builder(page, shape, scene))
+    kinds = shared(page, problem)
+    sensed = Sensed(job.data, job.precision, builder(page, shape, scene, kinds))
     return body, hull_information(problem, solution, window, shape, faces, R_wg, sensed)
 
 
@@ -131,12 +133,15 @@ def name_of(page) -> str:
     return getattr(page, "__name__", "page").rpartition(".")[2]
 
 
-def builder(page, shape, scene):
-    """Return build(window, scene): the page's programme of another window or scene."""
+def builder(page, shape, scene, kinds=None):
+    """Return build(window, scene): the page's programme of another window or scene.
 
-    def build(window, scene=scene) -> Problem:
-        problem = Problem()
-        page.build(problem, window, scene, shape)
+    kinds: of the terms of a programme of this page, shape and scene, if any is.
+    """
+
+    def build(window, other=scene) -> Problem:
+        problem = Problem(kinds=kinds if kinds and other is scene else {})
+        page.build(problem, window, other, shape)
         return problem
 
     return build

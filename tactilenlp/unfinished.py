@@ -24,6 +24,11 @@ class SoFar:
     solved: list = field(default_factory=list)
     began: float = field(default_factory=time.process_time)  # [s] of CPU
 
+    @property
+    def spent(self) -> float:
+        """The seconds of CPU since."""
+        return time.process_time() - self.began
+
 
 def interrupted(data, job, page, options, so_far: SoFar) -> Interrupted:
     """Return Ctrl-C that carries the best estimate of what was found by now.

@@ -1,0 +1,57 @@
+r"""How a polytope moved in one more action: its past is a Gaussian of its vertices.
+
+    min  what was felt in the action                          (polytope_quasi_static.py)
+       + (v - v_0)' Lambda (v - v_0) / 2                                      (the past)
+       + least motion, or the physics of every step     (polytope_violation_implicit.py)
+    s.t. v_z >= 0
+    over v_j, x_k of the action, and lam_k
+
+v_0 and Lambda are the vertices and the information about them at the last pose of the
+past, which is held: all that was felt before says no more than how far they may move.
+Two pages: `build` with least motion, `build_pushed` with impulses.  They start the
+joint programme of all actions and are the result of nothing.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import casadi as ca
+
+from . import polytope_quasi_static, polytope_violation_implicit, quasi_static
+from .level import Level
+
+LEVELS = (
+    Level("coarse", {"touch scale": 1e-3, "normal scale": 0.2}, iterations=40),
+    Level("fine", {"touch scale": 0.3e-3, "normal scale": 0.05}, iterations=40),
+)
+PUSHED = (Level("pushed", barrier=1e-1, iterations=60),)
+
+
+def build(nlp, window, scene, shape):
+    """Fill `nlp` with what was felt in the action, the past, and least motion."""
+    _, x = sense(nlp, window, shape)
+    quasi_static.least_motion(nlp, window, shape, 0.0, x)
+
+
+def build_pushed(nlp, window, scene, shape):
+    """Fill `nlp` with eq:vimp of the action, and the past."""
+    polytope_violation_implicit.build(nlp, window, scene, shape, sense)
+
+
+def past(nlp, window, shape, theta):
+    """Add the past: window.information (3 V, 3 V) [1/m^2] about the vertices."""
+    n = theta.rows * theta.columns
+
+    def known(v, v_0, information):
+        d = v - v_0
+        return d.T @ ca.reshape(information, n, n) @ d / 2
+
+    vertices = theta[:, [[*range(theta.columns)]]]
+    nlp.minimize(
+        "past", known, vertices, window.past.reshape(1, n),
+        window.information.reshape(1, n * n), role="prior",
+    )  # fmt: skip
+
+
+sense = partial(polytope_quasi_static.sense, known=past)

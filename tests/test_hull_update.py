@@ -1,0 +1,136 @@
+"""One action more for a polytope: its past is known, the rest is guessed and joined."""
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+from formulations import polytope_violation_implicit
+from formulations.polytope import polytope
+from tactilenlp import Measurements, Scene, hull_update, solve_estimate
+from tactilenlp.estimate import _job
+from tactilenlp.hypothesis import Hypothesis
+from tactilenlp.options import Options
+
+OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
+PAGE = polytope_violation_implicit
+
+
+@pytest.fixture(scope="module")
+def octahedron():
+    return Measurements.load(OCTAHEDRON), Scene.load(OCTAHEDRON)
+
+
+@pytest.fixture(scope="module")
+def early(octahedron):
+    data, scene = octahedron
+    return solve_estimate(data.select(range(3)), scene, shape="polytope")
+
+
+def job_of(octahedron, actions):
+    data, scene = octahedron
+    options = Options()
+    job = _job(data.select(range(actions)), scene, polytope(), options, 0.0, PAGE)
+    return replace(job, deadline=np.inf)
+
+
+def went_the_whole_way(caplog):
+    return any("whole way" in record.getMessage() for record in caplog.records)
+
+
+def test_an_action_more_ends_no_worse_than_all_from_scratch(octahedron, early, caplog):
+    data, scene = octahedron[0].select(range(4)), octahedron[1]
+    caplog.set_level(logging.INFO, "tactilenlp")
+    later = solve_estimate(data, scene, shape="polytope", start=early)
+    assert not went_the_whole_way(caplog)
+    assert later.position.shape == (data.samples, 3)
+    assert later.quaternion[-1] == pytest.approx([1, 0, 0, 0], abs=1e-9)
+    whole = solve_estimate(data, scene, shape="polytope")
+    assert later.objective < whole.objective + 1.0  # [nats]
+    assert later.seconds["search"] == 0 < whole.seconds["search"]
+
+
+def test_a_touch_that_no_hull_explains_sends_the_whole_way(octahedron, early, caplog):
+    data, scene = octahedron[0].select(range(4)), octahedron[1]
+    wrong = early.unknowns["theta"] * [[0.5], [0.5], [1.0]]  # far inside every touch
+    doubtful = replace(early, unknowns=early.unknowns | {"theta": wrong})
+    caplog.set_level(logging.INFO, "tactilenlp")
+    solve_estimate(data, scene, shape="polytope", start=doubtful, throw=False)
+    assert went_the_whole_way(caplog)
+
+
+def test_only_an_estimate_of_all_actions_but_one_is_extended(octahedron, early):
+    assert hull_update.extends(early, job_of(octahedron, 4), PAGE)
+    assert not hull_update.extends(early, job_of(octahedron, 5), PAGE)
+    assert not hull_update.extends(early, job_of(octahedron, 3), PAGE)
+    assert not hull_update.extends(None, job_of(octahedron, 4), PAGE)
+    failed = replace(early, success=False)
+    assert not hull_update.extends(failed, job_of(octahedron, 4), PAGE)
+
+
+def test_the_past_is_posed_again_as_it_was_solved(octahedron, early):
+    past = hull_update.past_of(
+        replace(job_of(octahedron, 4), cuts=early.cuts), PAGE, early
+    )
+    x, data = past.problem.pack(early.unknowns), past.problem.data()
+    for name in past.problem.costs:
+        cost = past.problem.value(name, x, data).sum()
+        # the sensors' noise is told from one action more
+        assert cost == pytest.approx(early.costs[name], rel=1e-2, abs=1e-6), name
+    assert not hull_update.denied(past)
+
+
+def test_the_window_of_an_action_is_that_of_its_samples(octahedron, early):
+    job = job_of(octahedron, 4)
+    past = hull_update.past_of(replace(job, cuts=early.cuts), PAGE, early)
+    samples = past.at.x.shape[1]
+    more = job.data.samples - samples
+    x = np.hstack([past.at.x, np.repeat(past.at.x[:, -1:], more, axis=1)])
+    whole, _ = hull_update.window_of(job, (past.at.theta, x))
+    window = hull_update.of_action(whole, past.at, hull_update.information(early))
+    for rows in (window.touch, window.free, window.step, window.push, window.gap):
+        assert (rows.sample >= samples).all()
+    assert (window.step.sample[window.push.step] == window.push.sample).all()
+    assert sum(len(g.steps) for g in window.groups.values()) == len(window.step)
+    for count, g in window.groups.items():
+        assert (window.push.step[g.pushes] == g.steps[:, None]).all(), count
+        assert (window.corner.step[g.corners] == g.steps[:, None]).all(), count
+    held = window.lower == window.upper
+    assert held[:, : whole.knot[samples]].all()
+    assert not held[:, whole.knot[samples] :].any()
+
+
+def test_the_world_sees_the_same_motion_in_other_axes():
+    rng = np.random.default_rng(0)
+    h = Hypothesis(rng.normal(size=12), rng.normal(size=(3, 5)), 0.0, ("any",))
+    same, turn = hull_update.aligned(h)
+    assert same.x[2, -1] == 0
+    assert turn @ h.theta[:3] == pytest.approx(same.theta[:3])
+    for k in range(5):
+        seen = []
+        for one in (h, same):
+            c, s = np.cos(one.x[2, k]), np.sin(one.x[2, k])
+            turned = one.theta.reshape(-1, 3)[:, :2] @ [[c, s], [-s, c]]
+            seen.append(turned + one.x[:2, k])
+        assert seen[1] == pytest.approx(seen[0])
+
+
+def test_other_legs_carry_the_same_force_and_moment():
+    old = np.array([[0.03, 0, 0], [-0.02, 0.02, 0], [-0.02, -0.02, 0]])
+    legs = np.array([[0.03, 0.01, 0], [0.02, -0.02, 0], [-0.03, 0, 0], [0, 0.03, 0]])
+    yaw, rng = np.array([0.3, -1.0]), np.random.default_rng(1)
+    impulses = rng.normal(size=(3, 2, 3))
+    impulses[0] = [[1.0, 0.5, 0.7], [0.4, 0.3, 0.6]]
+    found = hull_update.spread_over(old, legs, yaw, impulses)
+    for k, angle in enumerate(yaw):
+        c, s = np.cos(angle), np.sin(angle)
+        R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        wrenches = []
+        for feet, lam in ((old, impulses[:, k]), (legs, found[:, k])):
+            force = lam[[1, 2, 0]].T
+            moment = np.cross(feet @ R.T, force).sum(axis=0)
+            wrenches.append(np.r_[force.sum(axis=0), moment])
+        assert wrenches[1] == pytest.approx(wrenches[0], abs=1e-9)
+    assert (found[0] >= 0).all()
