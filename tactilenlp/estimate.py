@@ -15,7 +15,7 @@ from .errors import MotionError
 from .expansion import carried as carried_on
 from .floating import floated, laid_out, plane_of_touch
 from .guess import Guess
-from .hull_update import updated
+from .hull_update import explained, updated
 from .interrupt import interruptible
 from .measurements import Measurements
 from .options import Options
@@ -100,23 +100,23 @@ def _found(data, job, page, start, options, executor, so_far):
     if options.rivals and not is_polytope(job.shape):
         before = start.measurements.actions if _was_challenged(start, page) else 0
         solved = challenged(job, page, solved, options, before)
-    solved = sorted([*solved, update], key=lambda s: s.rank) if update else solved
+    solved = explained(job, page, solved, options, update)
     best = _certified(replace(job, cuts=solved[0].job.cuts), page, solved[0], options)
     if "planar" in best.certificates.broken and not flat(page):
         best = _tumbled(job, page, best, options, executor)
     elif options.rivals and best.solution.success:
         best = _profiled(job, page, best, options)
     so_far.kept = _carried_on(job, solved, kept, options.hypotheses)
-    alike = [s for s in solved if s.window.motion is best.window.motion]
-    rivals = [s for s in alike if s.solution.success]
+    alike = [s for s in solved if s.solution.success]
+    rivals = [s for s in alike if s.window.motion is best.window.motion]
     return _read(data, job, page, options, best, so_far, searched, rivals), best
 
 
 def _read(data, job, page, options, best, so_far, searched, rivals) -> Estimate:
     """Return the estimate read off the best page; searched [s] of CPU."""
-    own = {"search": searched, "total": so_far.spent}
-    seconds, late = {**best.solution.seconds, **own}, time.monotonic() > job.deadline
-    return read_off(data, job, page, options, best, so_far.kept, seconds, late, rivals)
+    seconds = best.solution.seconds | {"search": searched, "total": so_far.spent}
+    given = page, options, best, so_far.kept, seconds, time.monotonic() > job.deadline
+    return read_off(data, job, *given, rivals)
 
 
 def _was_challenged(start, page) -> bool:

@@ -33,16 +33,16 @@ from .reduce import ARM, Reductions
 from .result import Estimate
 from .solution import Solution, after
 from .solve import SolverOptions, solve_levels
-from .solving import Solved, built_at, settings_of
+from .solving import Solved, built_at, loosened, settings_of
 from .spread import touches
 from .window import Corners, Group
 
 log = logging.getLogger("tactilenlp")
 
 CLOSE = 1e-4  # IPOPT's first mu where all but one action is known
-ADDED, USUAL = 5.0, 2.0  # [nats], [cost of an action so far]: what one more may cost
-DENIED = 0.5  # [ceiling] a touch whose median sample costs more is not explained
-FEW = 3  # samples that a wrong boolean or two can be
+ADDED, USUAL = 3.0, 2.0  # [nats], [cost of an action so far]: what one more may cost
+DENIED = 0.5  # [ceiling] a sample that costs more is not explained
+FEW = 3  # such samples of a touch, more than a wrong boolean or two
 PICKED = (
     ("near_touch", "touch"), ("near_free", "free"), ("near_push", "push"),
     ("leg", "corner"), ("share", "corner"),
@@ -70,19 +70,36 @@ def updated(job: Job, page, start, options, certified) -> tuple[Solved | None, b
         return None, False
     job = replace(job, cuts=start.cuts)
     past = past_of(job, page, start)
-    if denied(past):
-        log.info("the estimate does not explain a touch: the whole way is gone")
-        return None, False
     found = joint(job, page, past, guessed(job, past, information(start)), options)
-    more = found.solution.objective - start.objective
     usual = max(start.objective, 0.0) / start.measurements.actions
-    good = more < ADDED + USUAL * usual and found.solution.success
-    if good and not denied(found):
+    most = start.objective + ADDED + USUAL * usual
+
+    def good(found) -> bool:
+        cheap = found.solution.objective < most
+        return cheap and found.solution.success and not denied(found)
+
+    if not good(found):
+        found = loosened(job, page, found, options)
+    if good(found):
         found = certified(job, page, found, options)
         if not found.certificates.broken:
             return found, True
+    more = found.solution.objective - start.objective
     log.info("an action more costs %+.0f nats, or breaks: the whole way is gone", more)
     return found, False
+
+
+def explained(job: Job, page, solved, options, update=None) -> list[Solved]:
+    """Return solves, best first; the best is gone over where it denies a touch.
+
+    update: what an update ended with, one of them, if it was tried.
+    """
+    best, *others = solved
+    if getattr(page, "EXTENDS", False) and denied(best):
+        log.info("a touch is not explained: once more, loosely first")
+        best = loosened(job, page, best, options)
+    found = [best, *others]
+    return found if update is None else sorted([*found, update], key=lambda s: s.rank)
 
 
 def extends(start, job: Job, page) -> bool:
@@ -123,17 +140,17 @@ def information(start) -> np.ndarray:
     return (vectors * np.maximum(values, WEAKEST)) @ vectors.T
 
 
-def denied(solved: Solved) -> bool:
-    """Tell whether a touch as a whole is not explained: a finger's in an action."""
+def denied(solved: Solved) -> int:
+    """Return how many touches, a finger's in an action each, are not explained."""
     problem, window, s = solved.problem, solved.window, solved.solution
     if "touch" not in problem.terms:
-        return False
+        return 0
     x, data = problem.pack(s.values), problem.data(s.parameters)
+    wrong = problem.value("touch", x, data)[:, 0] > DENIED * window.ceiling
     keys = zip(window.touch.sample, window.touch.finger, strict=True)
-    cost = dict(zip(keys, problem.value("touch", x, data)[:, 0], strict=True))
-    wholes = [(t, f) for t, f in touches(window, solved.job.data) if len(t) >= FEW]
-    medians = [np.median([cost[t, f] for t in samples]) for samples, f in wholes]
-    return max(medians, default=0.0) > DENIED * window.ceiling
+    wrong = dict(zip(keys, wrong, strict=True))
+    wholes = touches(window, solved.job.data)
+    return sum(sum(wrong[t, f] for t in samples) >= FEW for samples, f in wholes)
 
 
 def guessed(job: Job, past: Solved, about) -> Solved:

@@ -125,6 +125,14 @@ def _anew(job, page, solved, levels, options) -> Solved:
     return Solved(hypothesis, problem, window, solution, job)
 
 
+def loosened(job, page, solved, options) -> Solved:
+    """Return the better of a solve and of one that goes on from it, level by level."""
+    again = solved
+    for level in page.LEVELS:
+        again = _anew(job, page, again, [level], options)
+    return min(solved, again, key=lambda s: s.rank)
+
+
 def built_at(job, page, hypothesis, kinds=None):
     """Return window and problem of a page at a hypothesis, and the seconds it took.
 
