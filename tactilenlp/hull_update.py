@@ -62,9 +62,9 @@ def updated(job: Job, page, start, options, certified) -> tuple[Solved | None, b
     """Return the page of all actions, solved from an estimate of all but the last one.
 
     And whether that is good: no touch of the past or of the new action is left
-    unexplained, it costs no more than an action does, and what was dropped holds by
-    certified(job, page, solved, options).  Else the whole way is to be gone, and the
-    better of the two kept.  None where `start` is no such estimate, or a wrong one.
+    unexplained, it costs no more than an action does, and what was dropped holds, by
+    certified(job, page, solved, options), if it did before.  Else the whole way is to
+    be gone, and the better of the two kept.  None where `start` is no such estimate.
     """
     if not extends(start, job, page):
         return None, False
@@ -82,8 +82,10 @@ def updated(job: Job, page, start, options, certified) -> tuple[Solved | None, b
         found = loosened(job, page, found, options)
     if good(found):
         found = certified(job, page, found, options)
-        if not found.certificates.broken:
-            return found, True
+        if {*found.certificates.broken} <= {
+            s.name for s in start.skipped if not s.holds
+        }:
+            return found, True  # nothing breaks that had held
     more = found.solution.objective - start.objective
     log.info("an action more costs %+.0f nats, or breaks: the whole way is gone", more)
     return found, False
