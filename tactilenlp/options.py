@@ -24,7 +24,7 @@ class Options:
 
     seed: int = 0
     reduce: object = True
-    hypotheses: int = 4
+    hypotheses: int = 3
     starts: int = 8
     tolerance: float = 1e-6
     time_limit: float = 600.0
