@@ -62,10 +62,17 @@ def weighted(shape, turning: int, found) -> Modes:
             kept.append((off, objective, C))
     offsets, objectives, covariances = (np.array(a) for a in zip(*kept, strict=True))
     unit = np.outer(units, units) / SAME**2
-    volumes = [np.linalg.slogdet(C * unit)[1] / 2 for C in covariances]
+    volumes = [_log_volume(C * unit) for C in covariances]
     evidence = np.array(volumes) - objectives
     weights = np.exp(evidence - evidence.max())
     return Modes(weights / weights.sum(), offsets, covariances, objectives)
+
+
+def _log_volume(C) -> float:
+    """Return log sqrt(det C), no direction thinner than rounding lets one tell."""
+    values = np.linalg.eigvalsh(C)
+    least = max(np.finfo(float).eps * values.max(), np.finfo(float).tiny)
+    return float(np.log(np.maximum(values, least)).sum() / 2)
 
 
 def aligned(shape, turning: int, mode, reference):

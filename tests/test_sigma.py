@@ -210,6 +210,15 @@ def test_a_quarter_turn_that_swaps_two_sides_is_the_same_body():
     assert len(weighted(CUBOID, 1, found).weights) == 1
 
 
+def test_a_mode_of_which_a_direction_is_certain_has_a_weight():
+    """A covariance that is singular to the last digit has a volume all the same."""
+    flat = np.diag([1e-8, 1e-8, 1e-8, 100.0, 100.0, 0.0])
+    found = [(np.full(6, 0.05), np.eye(3), 1.0, flat)]
+    modes = weighted(CUBOID, 1, found)
+    assert modes.weights == pytest.approx([1.0])
+    assert np.isfinite(modes.covariance).all()
+
+
 @pytest.mark.parametrize(("axis", "face"), [(0, 0), (1, 0), (0, 1), (1, 1)])
 def test_a_resized_body_keeps_the_face_that_was_touched(axis, face):
     yaw = 0.7
