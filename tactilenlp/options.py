@@ -24,7 +24,7 @@ class Options:
 
     seed: int = 0
     reduce: object = True
-    hypotheses: int = 3
+    hypotheses: int = 4
     starts: int = 8
     tolerance: float = 1e-6
     time_limit: float = 600.0
