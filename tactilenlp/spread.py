@@ -8,11 +8,12 @@ objective is the negative logarithm of a true density.  Here the middle of the s
 is what each part is known to err: the sensors' noise as it enters (scatter.py),
 smoothed and shared between samples and terms; the model error of touched gaps as the
 page states it, that of normals as far as residuals show it; priors and regularisers by
-their own curvature; whole touches that the estimate cannot bring together, by how far
-apart it leaves them; physics by a share PHYSICS of its curvature, since its penalties
-are no densities, and where it is a hard constraint by the impulse that such a penalty
-lets be missing; frictions that were given, to FRICTION; hard ground, to UNEVEN; faces
-that nothing touched, to UNSEEN.  The shares are measured: they make sigma cover.
+their own curvature, as what keeps K from being singular; whole touches that the
+estimate cannot bring together, by how far apart it leaves them; physics by a share
+PHYSICS of its curvature, since its penalties are no densities, and where it is a hard
+constraint by the impulse that such a penalty lets be missing; frictions that were
+given, to FRICTION; hard ground, to UNEVEN; faces that nothing touched, to UNSEEN.
+The shares are measured: they make sigma cover.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from formulations.finger_offset import NAME as OFFSET
 from formulations.violation_implicit import WEIGHTS
 
 from .curvature import Curvature
+from .saddle import LOOSE
 from .scatter import Sensed, moved_by, scatter, sources, tangential
 from .sensitivity import move
 
@@ -55,6 +57,8 @@ def spread(
     noise += _positive(pulls.T @ (curvature.hessian(prior) @ pulls))
     noise += PHYSICS * _positive(pulls.T @ (curvature.hessian(physics) @ pulls))
     noise += PHYSICS * missing_impulses(curvature, held)
+    seen_by_none = pulls / problem.scale[:, None]
+    noise += LOOSE * seen_by_none.T @ seen_by_none  # it is a prior of what nothing sees
     for name in ("finger friction", "ground friction"):
         if name in problem.parameters:
             moved = move(curvature, pulls, held, {name: 1.0}, relative=True)

@@ -16,10 +16,11 @@ from tactilenlp.information import inverse
 from tactilenlp.modes import weighted
 from tactilenlp.observed import programme_of
 from tactilenlp.rivals import resized
+from tactilenlp.saddle import LOOSE
 from tactilenlp.search import Hypothesis
 from tactilenlp.sensitivity import score
 from tactilenlp.solve import SolverOptions, solve
-from tactilenlp.spread import UNSEEN, gaps_of_touches, touches, unseen
+from tactilenlp.spread import UNSEEN, gaps_of_touches, spread, touches, unseen
 
 UNITS = np.r_[1e3, 1e3, 1e3, 1e3, 1e3, 50.0]  # to mm, a radian as 50 mm
 
@@ -275,3 +276,18 @@ def test_a_finger_off_its_face_is_off_in_that_touch_alone(programme, curvature):
     assert before.max() < 0.1e-3  # this recording contradicts itself nowhere
     assert after[0] == pytest.approx(2e-3, abs=0.1e-3)
     assert np.allclose(after[1:], before[1:])
+
+
+def test_what_nothing_sees_is_as_wide_as_what_keeps_the_matrix_regular(
+    programme, curvature
+):
+    nothing = {name: 0 * H for name, H in curvature.hessians.items()}
+    blind = curvature.with_hessians(nothing)
+    free = np.diff(curvature.A.tocsc().indptr) == 0  # in no active constraint
+    impulses = programme.problem.variables["finger"].span
+    chosen = impulses.start + np.flatnonzero(free[impulses])[:3]  # no finger's sample
+    pulls, held = blind.response_of(chosen)
+    given = pulls, held, programme.sensed, programme.window, programme.shape
+    errors = np.diag(spread(blind, *given))
+    scale = programme.problem.scale[chosen]
+    assert np.all(errors > 0.99 * scale**2 / LOOSE)
