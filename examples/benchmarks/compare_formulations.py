@@ -228,6 +228,8 @@ def draw(points, names, path) -> None:
     size = (3.4 * shape[1], 0.9 + 3.0 * shape[0])
     figure, axes = plt.subplots(*shape, figsize=size, layout="constrained",
                                 sharex=True, sharey=True, squeeze=False)  # fmt: skip
+    for ax in axes.flat[len(cells) :]:
+        ax.set_axis_off()
     for ax, cell in zip(axes.flat, cells, strict=False):
         for i, name in enumerate(names):
             (p,) = (p for p in points if (p["cell"], p["page"]) == (cell, name))
