@@ -12,7 +12,6 @@ from formulations.shape import Shape
 from .certify import certify, without
 from .checks import check_types
 from .errors import MotionError
-from .expansion import carried as carried_on
 from .floating import floated, laid_out, plane_of_touch
 from .guess import Guess
 from .hull_update import explained, updated
@@ -32,8 +31,7 @@ from .rivals import challenged
 from .scene import Scene
 from .search import RIVAL, Hypothesis, Job, beam, distinct, same
 from .solution import not_converged
-from .solve import solve_levels
-from .solving import Solved, built_at, settings_of, solved_from
+from .solving import Solved, best_first, gone_on, settings_of, solved_from
 from .trial import opened
 from .tumble import SHARE, contradicts, recovered
 from .unfinished import SoFar, interrupted
@@ -200,17 +198,10 @@ def _profiled(job, page, best, options) -> Solved:
 
 def _solved_on(job, page, solved, options) -> Solved:
     """Solve again, with less left out, from where a solve ended."""
-    window, problem, built = built_at(job, page, solved.hypothesis)
-    values, pulls, multipliers = carried_on(solved, window, problem)
-    start = replace(
-        solved.solution, values=values, bound_multipliers=pulls, multipliers=multipliers
-    )
-    last = replace(page.LEVELS[-1], warm=CLOSE)
-    solution = solve_levels(problem, (last,), start, settings_of(job, options))
-    if not solution.success:
-        return solved_from(job, page, solved.at, options)
-    solution.seconds["build"] += built
-    return Solved(solved.hypothesis, problem, window, solution, job)
+    again = gone_on(job, page, solved, settings_of(job, options), CLOSE)
+    if again.solution.success:
+        return again
+    return solved_from(job, page, solved.at, options)
 
 
 def _tumbled(job, page, flat, options, executor) -> Solved:
@@ -286,7 +277,7 @@ def _refine(job, page, kept, options, solved) -> list[Solved]:
     if lost and levels is not own and time.monotonic() < job.deadline:
         # The slower way, poses held first, as the page says.
         good = [*good, solved_from(job, page, solved[0].hypothesis, options)]
-    return sorted(good or solved, key=lambda s: s.rank)
+    return best_first(good or solved)
 
 
 def _carried_on(job, solved, kept, width: int) -> list[Hypothesis]:

@@ -19,7 +19,7 @@ from .expansion import carried, corners_of, rows_of, samples_of
 from .hull_window import HullWindow
 from .hypothesis import Hypothesis, Job
 from .nlp import Problem
-from .planes import onward
+from .planes import held, onward
 from .polytopes import (
     CREEPING,
     LONGEST,
@@ -33,7 +33,7 @@ from .reduce import ARM, Reductions
 from .result import Estimate
 from .solution import Solution, after
 from .solve import SolverOptions, solve_levels
-from .solving import Solved, built_at, loosened, settings_of
+from .solving import Solved, best_first, built_at, loosened, settings_of
 from .spread import touches
 from .window import Corners, Group
 
@@ -101,7 +101,7 @@ def explained(job: Job, page, solved, options, update=None) -> list[Solved]:
         log.info("a touch is not explained: once more, loosely first")
         best = loosened(job, page, best, options)
     found = [best, *others]
-    return found if update is None else sorted([*found, update], key=lambda s: s.rank)
+    return found if update is None else best_first([*found, update])
 
 
 def extends(start, job: Job, page) -> bool:
@@ -184,9 +184,7 @@ def guessed(job: Job, past: Solved, about) -> Solved:
 def of_action(window: HullWindow, past: Hypothesis, about) -> ActionWindow:
     """Return the part of a window that comes after the samples of the past, held."""
     samples = past.x.shape[1]
-    first = window.knot[samples]
-    lower, upper = np.full((2, 3, window.knots), [[[-np.inf]], [[np.inf]]])
-    lower[:, :first] = upper[:, :first] = past.x[:, window.last[:first]]
+    lower, upper = held(window, past.x)
     parts = {f.name: getattr(window, f.name) for f in fields(HullWindow)}
     new = {k: parts[k].sample >= samples for k in ("touch", "free", "step", "push")}
     new["corner"] = new["step"][window.corner.step]

@@ -125,8 +125,7 @@ def since(window: PlanesWindow, x, planes: int) -> PlanesWindow:
     past, touch = x.shape[1], window.touch
     new, first = touch.sample >= past, window.knot[past]
     behind, outside = window.behind, window.outside
-    lower, upper = np.full((2, 3, window.knots), [[[-np.inf]], [[np.inf]]])
-    lower[:, :first] = upper[:, :first] = x[:, window.last[:first]]
+    lower, upper = held(window, x)
     return replace(
         window, lower=lower, upper=upper,
         slip=window.slip[new[window.slip].any(axis=1)],
@@ -136,6 +135,14 @@ def since(window: PlanesWindow, x, planes: int) -> PlanesWindow:
         step=window.step.pick(window.step.sample >= past),
         gap=window.gap.pick(window.gap.sample >= past),
     )  # fmt: skip
+
+
+def held(window, x) -> tuple[np.ndarray, np.ndarray]:
+    """Return bounds (3, knots) of poses, below and above: those x (3, T) of a past."""
+    past = window.knot[x.shape[1]]
+    lower, upper = np.full((2, 3, window.knots), [[[-np.inf]], [[np.inf]]])
+    lower[:, :past] = upper[:, :past] = x[:, window.last[:past]]
+    return lower, upper
 
 
 def onward(job, faces: Faces) -> np.ndarray:

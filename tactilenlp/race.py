@@ -14,7 +14,7 @@ from .hypothesis import same
 from .interrupt import interruptible
 from .progress import progress
 from .search import RIVAL
-from .solving import Solved, solved_from
+from .solving import Solved, best_first, solved_from
 
 UNSURE = 100.0  # [nats] behind the best, at a rough level that stopped early: dropped
 
@@ -33,7 +33,7 @@ def raced(job, page, hypotheses, options, levels, known=(), solved=None) -> list
     except KeyboardInterrupt:
         solved += [] if solved else rough
         raise
-    return sorted(solved, key=lambda s: s.rank)
+    return best_first(solved)
 
 
 def _race(job, page, hypotheses, options, levels, known, solved, rough) -> None:

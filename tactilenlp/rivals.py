@@ -23,7 +23,7 @@ from .extend import spherical
 from .guess import follow
 from .information import ENOUGH, reduced_covariance
 from .race import raced
-from .solving import solved_from
+from .solving import best_first, solved_from
 from .trial import opened
 
 CLAIMED = 0.5  # [prior deviations] a size less certain than this claims nothing
@@ -50,7 +50,7 @@ def challenged(job, page, solved, options, before=0) -> list:
 
     def with_rivals(solved, proposed) -> list:
         rivals = raced(job, page, proposed(job, solved), options, levels, known=solved)
-        return sorted([*solved, *rivals], key=rank)
+        return best_first([*solved, *rivals])
 
     anew = middle(job.data.actions) != middle(before)
     over = partial(unbroken, since=0 if anew else before)
@@ -61,14 +61,9 @@ def challenged(job, page, solved, options, before=0) -> list:
     if anew:
         for proposed in (other_pasts, other_sizes):
             solved = with_rivals(solved, proposed)
-        solved = sorted([*solved, *softened(job, page, solved, options)], key=rank)
+        solved = best_first([*solved, *softened(job, page, solved, options)])
     good = [s for s in solved if s.solution.success]
     return good or solved
-
-
-def rank(solved) -> tuple:
-    """Return what to sort solved hypotheses by: the best comes first."""
-    return solved.rank
 
 
 def softened(job, page, solved, options) -> list:

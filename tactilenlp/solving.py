@@ -125,6 +125,27 @@ def _anew(job, page, solved, levels, options) -> Solved:
     return Solved(hypothesis, problem, window, solution, job)
 
 
+def gone_on(job, page, solved, settings, warm) -> Solved:
+    """Return a solve that goes on, with less left out, from where another one ended.
+
+    warm: IPOPT's first mu.
+    """
+    window, problem, built = built_at(job, page, solved.hypothesis)
+    values, pulls, multipliers = carried(solved, window, problem)
+    start = replace(
+        solved.solution, values=values, bound_multipliers=pulls, multipliers=multipliers
+    )
+    last = replace(page.LEVELS[-1], warm=warm)
+    solution = solve_levels(problem, (last,), start, settings)
+    solution.seconds["build"] += built
+    return Solved(solved.hypothesis, problem, window, solution, job)
+
+
+def best_first(solved) -> list[Solved]:
+    """Return solves, the best first; what failed comes last."""
+    return sorted(solved, key=lambda s: s.rank)
+
+
 def loosened(job, page, solved, options) -> Solved:
     """Return the better of a solve and of one that goes on from it, level by level."""
     again = solved

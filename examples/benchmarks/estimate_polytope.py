@@ -24,7 +24,9 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 from time import process_time
+from types import SimpleNamespace
 
+import matplotlib.pyplot as plt
 import numpy as np
 from exploration_objects import SEED, world_of
 from scipy.spatial.transform import Rotation
@@ -42,6 +44,7 @@ TARGETS = {  # of nine actions of clean scenes, with impulses
     "t2e_mm": 1.0, "e2t_mm": 1.2, "touched_mm": 0.25, "third_mm": 0.1, "cpu_s": 6.0,
 }  # fmt: skip
 USUAL = 20  # vertices
+TOLD = "contact", "normal", "finger_position"  # of what was true
 TOUCHED, CLOSE, SIGMAS = 3, 1e-3, 5.0  # touches, [m], [-]
 SLIPPERY, STICKY = 0.1, 1.0  # friction of ground and fingers of the hard case
 MISSED = 4e-3  # [m] by which an action of the hard case aims beside the centroid
@@ -50,14 +53,31 @@ MISSED = 4e-3  # [m] by which an action of the hard case aims beside the centroi
 def truth(file, last):
     """Return the true surface at a sample, and the true contact points on it."""
     with np.load(file) as known:
-        R = Rotation.from_quat(np.roll(known["object_quaternion"], -1, axis=1))
-        p, vertices = known["object_position"], known["vertices"]
-        t, f = np.nonzero(known["truth_contact"][: last + 1])
-        n = known["truth_normal"][t, f]
-        radius = np.broadcast_to(known["finger_radius"], known["truth_contact"].shape)
-        r = known["truth_finger_position"][t, f] - radius[t, f, None] * n
-    body = R[t].inv().apply(r - p[t])
-    return convex_hull(R[last].apply(vertices) + p[last]), R[last].apply(body) + p[last]
+        truth = SimpleNamespace(**{k: known[f"truth_{k}"] for k in TOLD})
+        for name in ("object_position", "object_quaternion"):
+            setattr(truth, name, known[name][: last + 1])
+        radius, vertices = known["finger_radius"], known["vertices"]
+    felt, (p, R) = truth.contact[: last + 1], poses(truth)
+    radius = np.broadcast_to(radius, felt.shape[1])
+    mesh = convex_hull(R[-1].apply(vertices) + p[-1])
+    return mesh, carried_along(truth, felt, radius)
+
+
+def poses(truth) -> tuple[np.ndarray, Rotation]:
+    """Return true positions (T, 3) [m] and rotations (T,)."""
+    R = Rotation.from_quat(np.roll(truth.object_quaternion, -1, axis=1))
+    return truth.object_position, R
+
+
+def carried_along(truth, felt, radius) -> np.ndarray:
+    """Return the true contact points (n, 3) [m] where they lie at last, world frame.
+
+    felt (T, F): the touches; radius (F,) [m] of the fingers.
+    """
+    t, f = np.nonzero(felt)
+    point = truth.finger_position[t, f] - radius[f, None] * truth.normal[t, f]
+    p, R = poses(truth)
+    return R[-1].apply(R[t].inv().apply(point - p[t])) + p[-1]
 
 
 def measured(file, vertices, stage, actions, begun):
@@ -171,11 +191,6 @@ def summary(rows):
 
 def picture(rows, path):
     """Draw error against actions, CPU seconds and number of vertices, by stage."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
     figure, axes = plt.subplots(1, 3, figsize=(11, 3.6), sharey=True)
     most = max(r["actions"] for r in rows)
     rows = [r for r in rows if r["start"] == SCRATCH]

@@ -23,8 +23,10 @@ import argparse
 from pathlib import Path
 from time import process_time
 
+import matplotlib.pyplot as plt
 import numpy as np
 import trimesh
+from estimate_polytope import carried_along
 from exploration_objects import world_of
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
@@ -132,19 +134,6 @@ def best_box(mesh):
     return box(min(ends, key=lambda end: end.fun).x)
 
 
-def touched_points(world) -> np.ndarray:
-    """Return the true contact points (n, 3) [m] where they lie at last, world frame."""
-    truth, data = world.truth, world.measurements
-    t, f = np.nonzero(truth.contact & data.valid)
-    p_wf = truth.finger_position[t, f]
-    point = p_wf - data.finger_radius[f, None] * truth.normal[t, f]
-    p, R = (
-        truth.object_position,
-        Rotation.from_quat(np.roll(truth.object_quaternion, -1, axis=1)),
-    )
-    return R[-1].apply(R[t].inv().apply(point - p[t])) + p[-1]
-
-
 def away(mesh, points) -> float:
     """Return the mean distance [mm] of points (n, 3) [m] from a surface."""
     return 1e3 * closest_point_naive(mesh, points)[1].mean()
@@ -168,7 +157,8 @@ def measured(name: str, shape: str, trial: int, actions: int) -> dict:
     scene = Scene(**{key: getattr(world, key) for key in known})
     fit = best_hull(mesh) if shape == "polytope" else best_box(mesh)
     row = {"body": name, "class": shape, "trial": trial, "actions": actions}
-    points = touched_points(world)
+    felt = world.truth.contact & data.valid
+    points = carried_along(world.truth, felt, data.finger_radius)
     row["best_mm"] = 1e3 * surface_distance(fit, mesh).mean
     row["best_touched_mm"] = away(fit, points)
     began = process_time()
@@ -227,11 +217,6 @@ def summary(rows) -> None:
 
 def picture(rows, path) -> None:
     """Draw every estimate's error against its class's best, all over and at touches."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
     shown = {
         "whole surface": ("best_mm", "error_mm"),
         "where it was touched": ("best_touched_mm", "touched_mm"),

@@ -44,15 +44,13 @@ from tactilenlp import (
     SolverOptions,
     solve_estimate,
 )
-from tactilenlp.expansion import carried
 from tactilenlp.floating import floated, plane_of_touch
 from tactilenlp.hypothesis import Hypothesis, Job
 from tactilenlp.polytopes import is_polytope, search, window_of
 from tactilenlp.precision import precision_of, smoothed
 from tactilenlp.reduce import Reductions, flat
 from tactilenlp.simulate import World
-from tactilenlp.solve import solve_levels
-from tactilenlp.solving import Solved, built_at, settings_of, solved_from
+from tactilenlp.solving import Solved, gone_on, settings_of, solved_from
 from tactilenlp.tipping import lifted
 
 PAGES = {"cuboid": violation_implicit, "polytope": polytope_violation_implicit}
@@ -171,24 +169,19 @@ def begun(way, h) -> Solved:
     return solved_from(job, way.page, h, SolverOptions(), made)
 
 
-def gone_on(way, found) -> Solved:
+def to_the_end(way, found) -> Solved:
     """Return a solve that went on to the end, with what `way` does not leave out."""
     job = way.job()
-    window, problem, _ = built_at(job, way.page, found.hypothesis)
-    values, pulls, multipliers = carried(found, window, problem)
-    start = replace(
-        found.solution, values=values, bound_multipliers=pulls, multipliers=multipliers
-    )
-    last = replace(way.page.LEVELS[-1], warm=NEAR)
-    solution = solve_levels(problem, (last,), start, settings_of(job, TO_THE_END))
-    return Solved(found.hypothesis, problem, window, solution, job)
+    return gone_on(job, way.page, found, settings_of(job, TO_THE_END), NEAR)
 
 
 def put_back(ways, h) -> dict[str, float]:
     """Return the optimum with all reductions, and with each of EXACT put back there."""
-    lean = gone_on(ways[BASE], begun(ways[BASE], h))
+    lean = to_the_end(ways[BASE], begun(ways[BASE], h))
     found = {BASE: lean}
-    found |= {k: gone_on(ways[k], lean) for k in (f"without {name}" for name in EXACT)}
+    found |= {
+        k: to_the_end(ways[k], lean) for k in (f"without {name}" for name in EXACT)
+    }
     return {
         name: one.solution.objective if one.solution.success else np.nan
         for name, one in found.items()
