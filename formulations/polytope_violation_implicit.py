@@ -34,7 +34,7 @@ from .violation_implicit import ARM, WEIGHTS, G, contacts, felt
 
 REDUCTIONS = {"planar": True}  # the page knows planar motion only
 EXTENDS = True  # an estimate is extended by one action: polytope_extension.py
-ALIKE = True  # functions of terms depend on page, shape and scene, not on the window
+ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
     Level(
         "loose",

@@ -26,6 +26,7 @@ from .finger_offset import displaced
 from .level import Level
 
 OFFSETS = True  # of fingers may be unknown
+ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
     Level(
         "coarse",

@@ -45,6 +45,7 @@ from .level import Level
 from .rigid_body import momentum_change
 
 OFFSETS = True  # of fingers may be unknown
+ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
     Level(
         "impulses",

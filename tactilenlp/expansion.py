@@ -14,7 +14,6 @@ import numpy as np
 
 from .nlp import Problem
 from .polytopes import window_of
-from .terms import shared
 
 LEFT_OUT = ("still", "far", "absent")
 
@@ -44,7 +43,7 @@ def expand(job, page, solved) -> Expansion:
     whole = replace(job.reductions, **dict.fromkeys(LEFT_OUT, False))
     more = replace(job, reductions=whole, cuts=())
     again, shape = window_of(more, (h.theta, h.x), solved.at.theta)
-    problem = Problem(kinds=shared(page, solved.problem))
+    problem = Problem(kinds=job.kinds_of(page, again))
     page.build(problem, again, job.scene, shape)
     values, bounds, multipliers = carried(solved, again, problem)
     free = rows_of(samples_of(window.free), samples_of(again.free))

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from .hypothesis import Kinds
 from .scene import Ground
 from .tipping import continuous, lifted, matrices
 
@@ -48,7 +49,7 @@ def laid_out(job, ground: Ground):
     """Return the job as the planar beam takes it: on the plane, nothing brakes."""
     scene = replace(job.scene, ground=ground, friction_ground=0.0)
     data = job.data.transformed(ground.rotation, ground.translation)
-    return replace(job, data=data, scene=scene)
+    return replace(job, data=data, scene=scene, kinds=Kinds())
 
 
 def floated(h, ground: Ground):

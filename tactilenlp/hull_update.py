@@ -215,7 +215,7 @@ def _later(group: Group, new, at) -> Group:
 def joint(job: Job, page, past: Solved, new: Solved, options) -> Solved:
     """Return the page of all actions, solved from the past and the new action."""
     h, turn = aligned(new.hypothesis)
-    window, problem, built = built_at(job, page, h, past.problem.kinds)
+    window, problem, built = built_at(job, page, h)
     past, new = stood(past, window), stood(new, window)
     missing = np.full(len(window.knot) - len(past.window.knot), -1)
     known = replace(past.window, knot=np.r_[past.window.knot, missing])

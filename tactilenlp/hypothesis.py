@@ -6,7 +6,7 @@ is a hypothesis of its own.  They are compared by the body at the first and last
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -58,6 +58,13 @@ class Hypothesis:
         return replace(self, x=self.x[:, :samples])
 
 
+class Kinds(dict):
+    """Kinds of terms by page and motion; they stay in the process that derived them."""
+
+    def __reduce__(self):
+        return Kinds, ()
+
+
 @dataclass(frozen=True, eq=False)
 class Job:
     """What a solve needs to know, picklable: the data so far and how to read them."""
@@ -70,6 +77,17 @@ class Job:
     deadline: float
     first: tuple = ()  # (name, theta, x) guesses of the first touch, if a user has some
     cuts: tuple = ()  # samples within still spans that need a pose of their own
+    kinds: Kinds = field(default_factory=Kinds)
+
+    def kinds_of(self, page, window) -> dict:
+        """Return the kinds that the problems of a page share, if they are alike.
+
+        They are where the functions of terms depend on page, shape, scene and motion,
+        not on what else a window holds: a page says so by ALIKE.
+        """
+        if not getattr(page, "ALIKE", False):
+            return {}
+        return self.kinds.setdefault((page, window.motion, window.frictionless), {})
 
 
 def distinct(

@@ -18,7 +18,6 @@ from .offset import offsets_of
 from .polytopes import is_polytope
 from .result import Estimate, by_sample, poses
 from .scatter import Sensed
-from .terms import shared
 
 
 def read_off(
@@ -93,7 +92,7 @@ def box_read(job, page, solved, theta, x, rivals) -> tuple[Body, Information]:
     faces = solved.touched
     information = information_of(
         problem, solution, window, shape, faces, _turn(scene).T,
-        Sensed(job.data, job.precision, builder(page, shape, scene)),
+        Sensed(job.data, job.precision, builder(page, shape, scene, job.kinds_of)),
         [(r.problem, r.solution, r.window) for r in rivals], solved.profile,
     )  # fmt: skip
     where = poses(shape, window.motion, theta, x, scene.ground)
@@ -123,8 +122,7 @@ def hull_read(job, page, solved, x) -> tuple[Body, Information]:
         scene.ground.from_ground(p), turn.as_quat()[:, [3, 0, 1, 2]], vertices, faces
     )
     shape = standing(job.shape, solved.hypothesis.theta.reshape(-1, 3))  # as solved
-    kinds = shared(page, problem)
-    sensed = Sensed(job.data, job.precision, builder(page, shape, scene, kinds))
+    sensed = Sensed(job.data, job.precision, builder(page, shape, scene, job.kinds_of))
     return body, hull_information(problem, solution, window, shape, faces, R_wg, sensed)
 
 
@@ -133,14 +131,15 @@ def name_of(page) -> str:
     return getattr(page, "__name__", "page").rpartition(".")[2]
 
 
-def builder(page, shape, scene, kinds=None):
+def builder(page, shape, scene, kinds_of=None):
     """Return build(window, scene): the page's programme of another window or scene.
 
-    kinds: of the terms of a programme of this page, shape and scene, if any is.
+    kinds_of(page, window): the kinds of what has this shape and scene, if any are.
     """
 
     def build(window, other=scene) -> Problem:
-        problem = Problem(kinds=kinds if kinds and other is scene else {})
+        alike = kinds_of is not None and other is scene
+        problem = Problem(kinds=kinds_of(page, window) if alike else {})
         page.build(problem, window, other, shape)
         return problem
 

@@ -19,7 +19,6 @@ from .polytopes import CREEPING, is_polytope, reseeded, window_of
 from .result import poses, touched_faces
 from .solution import after
 from .solve import SolverOptions, solve_levels
-from .terms import shared
 from .tipping import lifted
 from .trial import LONGEST, started
 
@@ -113,9 +112,7 @@ def _rounds(levels) -> list[list]:
 def _anew(job, page, solved, levels, options) -> Solved:
     """Fill the page again where a solve ended and go on with more levels."""
     hypothesis = reseeded(solved.at) if is_polytope(job.shape) else solved.at
-    window, problem, built = built_at(
-        job, page, hypothesis, shared(page, solved.problem)
-    )
+    window, problem, built = built_at(job, page, hypothesis)
     values, _, _ = carried(solved, window, problem)
     kept = {name: values[name] for name in values if name not in CHOSEN_AGAIN}
     start = kept | started(problem, window, hypothesis)
@@ -154,14 +151,11 @@ def loosened(job, page, solved, options) -> Solved:
     return min(solved, again, key=lambda s: s.rank)
 
 
-def built_at(job, page, hypothesis, kinds=None):
-    """Return window and problem of a page at a hypothesis, and the seconds it took.
-
-    kinds: of the terms of another problem of this page, scene and shape, if any is.
-    """
+def built_at(job, page, hypothesis):
+    """Return window and problem of a page at a hypothesis, and the seconds it took."""
     began = time.process_time()
     window, shape = window_of(job, (hypothesis.theta, hypothesis.x))
-    problem = Problem(kinds={} if kinds is None else kinds)
+    problem = Problem(kinds=job.kinds_of(page, window))
     page.build(problem, window, job.scene, shape)
     return window, problem, time.process_time() - began
 

@@ -256,8 +256,3 @@ def limit(values, shape: tuple[int, int], name: str) -> np.ndarray:
         raise PageError(
             "wrong shape of a limit", where=name, got=got, expected=str(shape)
         ) from None
-
-
-def shared(page, problem) -> dict:
-    """Return the kinds of a problem that another one of the same page may take."""
-    return problem.kinds if getattr(page, "ALIKE", False) else {}

@@ -24,7 +24,7 @@ def posed(job: Job, page, guess=None):
     """Return the problem that a page poses of a job's data, and the window."""
     made = insisted(page, job.reductions)
     window = reduce(job.data, job.scene, job.shape, job.precision, made, guess)
-    problem = Problem()
+    problem = Problem(kinds=job.kinds_of(page, window))
     page.build(problem, window, job.scene, job.shape)
     return problem, window
 
