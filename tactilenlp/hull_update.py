@@ -20,17 +20,11 @@ from .hull_window import HullWindow
 from .hypothesis import Hypothesis, Job
 from .nlp import Problem
 from .planes import held, onward
-from .polytopes import (
-    CREEPING,
-    LONGEST,
-    TOLERANCE,
-    backed,
-    resumed,
-    window_of,
-)
+from .polytopes import CREEPING, LONGEST, TOLERANCE, backed, resumed, window_of
 from .readout import name_of
 from .reduce import ARM, Reductions
 from .result import Estimate
+from .rivals import JUMP, jumps
 from .solution import Solution, after
 from .solve import SolverOptions, solve_levels
 from .solving import Solved, best_first, built_at, loosened, settings_of
@@ -62,9 +56,10 @@ def updated(job: Job, page, start, options, certified) -> tuple[Solved | None, b
     """Return the page of all actions, solved from an estimate of all but the last one.
 
     And whether that is good: no touch of the past or of the new action is left
-    unexplained, it costs no more than an action does, and what was dropped holds, by
-    certified(job, page, solved, options), if it did before.  Else the whole way is to
-    be gone, and the better of the two kept.  None where `start` is no such estimate.
+    unexplained, nothing jumps, it costs no more than an action does, and what was
+    dropped holds, by certified(job, page, solved, options), if it did before.  Else
+    the whole way is to be gone, and the better of the two kept.  None where `start` is
+    no such estimate.
     """
     if not extends(start, job, page):
         return None, False
@@ -76,7 +71,7 @@ def updated(job: Job, page, start, options, certified) -> tuple[Solved | None, b
 
     def good(found) -> bool:
         cheap = found.solution.objective < most
-        return cheap and found.solution.success and not denied(found)
+        return cheap and found.solution.success and not astray(found)
 
     if not good(found):
         found = loosened(job, page, found, options)
@@ -92,13 +87,13 @@ def updated(job: Job, page, start, options, certified) -> tuple[Solved | None, b
 
 
 def explained(job: Job, page, solved, options, update=None) -> list[Solved]:
-    """Return solves, best first; the best is gone over where it denies a touch.
+    """Return solves, best first; the best is gone over where it went astray.
 
     update: what an update ended with, one of them, if it was tried.
     """
     best, *others = solved
-    if getattr(page, "EXTENDS", False) and denied(best):
-        log.info("a touch is not explained: once more, loosely first")
+    if getattr(page, "EXTENDS", False) and astray(best):
+        log.info("a touch is not explained, or a jump: once more, loosely first")
         best = loosened(job, page, best, options)
     found = [best, *others]
     return found if update is None else best_first([*found, update])
@@ -140,6 +135,12 @@ def information(start) -> np.ndarray:
     turn = np.kron(np.eye(start.theta.size // 3), start.scene.ground.rotation.T)
     values, vectors = np.linalg.eigh(turn.T @ start.information.matrix @ turn)
     return (vectors * np.maximum(values, WEAKEST)) @ vectors.T
+
+
+def astray(solved: Solved) -> bool:
+    """Tell whether a touch is denied, or the body jumps while no finger is near."""
+    jump = jumps(solved.job.data, solved.at.x).max(initial=0.0)
+    return jump > JUMP or denied(solved) > 0
 
 
 def denied(solved: Solved) -> int:

@@ -106,16 +106,24 @@ def unbroken(job, solved, since=0) -> list:
     Nothing moves an object while no finger is near: a jump is a wrong turn, taken
     before it or after it.  So the path is followed from one side over the other.
     """
-    at, action = solved[0].at, job.data.action
-    first = 1 + np.nonzero(np.diff(action))[0][max(since - 1, 0) :]
-    if not len(first):
+    at, asked = solved[0].at, max(since - 1, 0)
+    way = jumps(job.data, at.x)[asked:]
+    if way.max(initial=0.0) < JUMP:
         return []
-    way = np.linalg.norm(at.x[:2, first] - at.x[:2, first - 1], axis=0)
-    start = int(first[np.argmax(way)])
-    if way.max() < JUMP:
-        return []
+    start = int(starts_of(job.data)[asked + np.argmax(way)])
     ways = ((b, size) for b in (True, False) for size in (KNOWN_SIZE, OPEN_SIZE))
     return [_followed(job, at, start, *way) for way in ways]
+
+
+def jumps(data, x) -> np.ndarray:
+    """Return how far (actions - 1,) [m] a body at poses x jumps between actions."""
+    first = starts_of(data)
+    return np.linalg.norm(x[:2, first] - x[:2, first - 1], axis=0)
+
+
+def starts_of(data) -> np.ndarray:
+    """Return the first sample (actions - 1,) of every action but the first one."""
+    return 1 + np.nonzero(np.diff(data.action))[0]
 
 
 def _followed(job, at, start: int, backward: bool, size: float, turning=1.0):

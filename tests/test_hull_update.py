@@ -13,6 +13,7 @@ from tactilenlp import Measurements, Scene, hull_update, solve_estimate
 from tactilenlp.estimate import _job
 from tactilenlp.hypothesis import Hypothesis
 from tactilenlp.options import Options
+from tactilenlp.rivals import JUMP
 
 OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
 PAGE = polytope_violation_implicit
@@ -80,6 +81,14 @@ def test_the_past_is_posed_again_as_it_was_solved(octahedron, early):
         # the sensors' noise is told from one action more
         assert cost == pytest.approx(early.costs[name], rel=1e-2, abs=1e-6), name
     assert not hull_update.denied(past)
+    assert not hull_update.astray(past)
+    x = past.solution.values["x"].copy()
+    second = past.job.data.action[past.window.last] == early.measurements.action[-1]
+    x[0, second] += 2 * JUMP
+    values = {**past.solution.values, "x": x}
+    assert hull_update.astray(
+        replace(past, solution=replace(past.solution, values=values))
+    )
 
 
 def test_the_window_of_an_action_is_that_of_its_samples(octahedron, early):
