@@ -29,7 +29,7 @@ from .information import ENOUGH, TINY
 from .rivals import resized
 from .solve import solve_levels
 from .solving import settings_of
-from .trial import OPEN, ROUGH, started
+from .trial import ROUGH, started
 
 PRICE = 4.0  # [nats] nearly three deviations of a Gaussian
 TOLD = 0.3e-3  # [m] two faces that fingers felt tell their distance this well
@@ -40,6 +40,7 @@ NEAR = 0.5e-3  # [m] the first step is this far at least
 GROWTH = 10.0  # [-] of a step at most
 LEAST = 0.5  # [nats] of one deviation: what costs less is one deviation off at least
 WARM = 1e-5  # IPOPT's first mu where a size is held elsewhere
+LONG = 60  # iterations of one such solve
 PATIENCE = 2  # times that a place is gone on from before it is given up
 GAIN = 0.1  # [nats] a better optimum is better by this at least
 
@@ -136,7 +137,7 @@ def _elsewhere(job, page, solved, options, shared, axis, along, moved):
     if moved is not None:
         values = solved.solution.values | started(problem, solved.window, moved)
     start = replace(solved.solution, values=values)
-    changed = {"warm": WARM, "fixed": (np.array([held]),), "iterations": OPEN}
+    changed = {"warm": WARM, "fixed": (np.array([held]),), "iterations": LONG}
     level = replace(page.LEVELS[-1], **changed)
     settings = replace(settings_of(job, options), tolerance=ROUGH)
     for _ in range(PATIENCE):

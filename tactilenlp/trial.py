@@ -15,8 +15,8 @@ from .reduce import insisted, reduce
 from .solve import SolverOptions, solve_levels
 
 ROUGH = 1e-3  # tolerance of a page's solves that only rank
-RELAXED = 0.1  # IPOPT's first mu where a page is solved from poses that are guessed
-OPEN = 60  # iterations of a page's opened level
+HELD, OPEN = 20, 20  # iterations of a level that holds poses, and of one that opens it
+RELAXED = 0.03  # IPOPT's first mu where it is opened
 LONGEST = 60.0  # [s] that one level of a page may take
 
 
@@ -50,12 +50,16 @@ def started(problem, window, h: Hypothesis) -> dict:
 
 
 def opened(levels, final: bool):
-    """Return levels to solve from guessed poses: nothing fixed, a large first mu."""
-    first = [
-        replace(level, fixed=(), barrier=max(RELAXED, level.barrier), iterations=OPEN)
-        for level in levels
-        if level.fixed
-    ]
+    """Return levels to solve from guessed poses.
+
+    What holds poses is solved for a few iterations only, so that impulses fit a path
+    that is wrong still; then once more with nothing held.
+    """
+    first = []
+    for level in levels:
+        if level.fixed:
+            first.append(replace(level, iterations=HELD))
+            first.append(replace(level, fixed=(), barrier=RELAXED, iterations=OPEN))
     rest = [level for level in levels if not level.fixed]
     return [*first, *rest] if final or not first else first
 
