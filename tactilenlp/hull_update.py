@@ -33,7 +33,7 @@ from .window import Corners, Group
 
 log = logging.getLogger("tactilenlp")
 
-CLOSE = 1e-4  # IPOPT's first mu where all but one action is known
+CLOSE = 1e-3  # IPOPT's first mu where all but one action is known
 ADDED, USUAL = 3.0, 2.0  # [nats], [cost of an action so far]: what one more may cost
 DENIED = 0.5  # [ceiling] a sample that costs more is not explained
 FEW = 3  # such samples of a touch, more than a wrong boolean or two
