@@ -69,12 +69,14 @@ class GroundContact:
         return (self.corner(theta, x, signs)[2] / REST) ** 2 / 2
 
 
-def add(nlp, window, ground, theta, x, lam, mu, w):
+def add(nlp, window, ground, theta, x, lam, mu, w, resting=None):
     """Add dissipation of every corner; complementarity, gap and rest where it can lift.
 
     theta: of the body, or of the part that each corner sees; lam: its impulse, w [N s]:
-    the weight over its step.
+    the weight over its step; resting: the part that each resting corner sees, by
+    default the body.
     """
+    resting = theta if resting is None else resting
     step, corner, lift, rest = window.step, window.corner, window.lift, window.rest
     kappa, still = nlp.parameters["kappa"], nlp.parameters["still"]
     value = FRICTION if mu.name in nlp.variables else mu.value[0]
@@ -102,7 +104,7 @@ def add(nlp, window, ground, theta, x, lam, mu, w):
     nlp.minimize(
         "rest",
         ground.off,
-        theta.pick(slice(len(rest))),
+        resting.pick(slice(len(rest))),
         x[:, rest.knot],
         rest.signs,
         role="physics",

@@ -198,4 +198,5 @@ def polytope(vertices: int = 20) -> Shape:
         rest_height=on_the_ground,
         inertia=None,
         reach=reach,
+        mirrored=False,
     )

@@ -3,18 +3,19 @@ r"""Vertices and poses of a convex polytope with minimal motion, no impulses.
     min  what was felt, least motion, between actions            (see quasi_static.py)
        + sum_j (|v_j - m| - r)^2 / (2 (SPREAD r)^2)              (ball prior)
        + (r - mean)^2 / (2 deviation^2)                          (size prior)
-       + sum_legs v_z^2 / (2 LEG^2)                              (legs on the ground)
+       + sum_legs v_z^2 / (2 LEG^2)              (legs on the ground, planar motion)
        + sum_j |v_j - v_j0|^2 / (2 STAY^2)                       (stay)
-    s.t. v_z >= 0
+    s.t. v_z >= 0                                            (where there is a ground)
     over v_j, x_k, m, r
 
 A touch reads the vertices nearest to it (window.near), the others are out of its reach:
 what is far from the contact point does not change the nearest point.  `window.legs` are
-the vertices that carry the body, at least three of which rest on the ground.  Where
-nothing was felt, the vertices lie about a sphere (m, r), near where they started: the
-regulariser `stay` pins what slides along the surface at no cost.
+the vertices that carry the body, at least three of which rest on the ground; in free
+motion that is not said of the last pose.  Where nothing was felt, the vertices lie
+about a sphere (m, r), near where they started: the regulariser `stay` pins what slides
+along the surface at no cost.
 
-The last pose is held (see polytope_planes.py).
+The last pose is held (see polytope_planes.py): v_z is the height at the last sample.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ import casadi as ca
 from . import quasi_static
 from .level import Level
 
-REDUCTIONS = {"planar": True}  # the page knows planar motion only
+REDUCTIONS = {"planar": True}  # nothing here would keep a body on the ground
 LEVELS = (
     Level("coarse", {"touch scale": 1e-3, "normal scale": 0.2}, iterations=40),
     Level("fine", {"touch scale": 0.3e-3, "normal scale": 0.05}),
@@ -66,7 +67,7 @@ def ball(nlp, window, shape, theta):
     )  # fmt: skip
     nlp.minimize(
         "legs on the ground", lambda vertex: (vertex[2] / LEG) ** 2 / 2,
-        theta[:, window.legs], role="prior",
+        theta[:, window.grounded], role="prior",
     )  # fmt: skip
     nlp.minimize("stay", moved, theta, window.start, role="regulariser")
 
@@ -78,7 +79,7 @@ def sense(nlp, window, shape, touch=TOUCH, normal=NORMAL, depth=0.0, known=ball)
     """
     motion = window.motion
     theta = nlp.variable(
-        "theta", 3, len(window.start), lower=[-ca.inf, -ca.inf, 0.0],
+        "theta", 3, len(window.start), lower=[-ca.inf, -ca.inf, window.floor],
         guess=window.start.T, unit="m", scale=1e-3,
     )  # fmt: skip
     x = nlp.variable(

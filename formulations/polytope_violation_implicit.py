@@ -7,10 +7,13 @@ r"""The joint programme of eq:vimp for a convex polytope of unknown vertices.
          vol = sum vol_i,  vol c = sum first_i,  vol S = sum second_i        (mass)
     over v_j, x_k, lam_k, and vol, c, S
 
-The same as violation_implicit.py but for two things.  Every contact reads the vertices
-near it, not all.  The body's centroid c and its second moments S, unknowns of their
-own, are tied to the vertices by the sums over the hull's triangles: mass known, density
-uniform; an impulse balance then reads nine numbers of the body, not all vertices.
+The same as violation_implicit.py but for three things.  Every contact reads the
+vertices near it, not all.  The body's centroid c and its second moments S, unknowns of
+their own, are tied to the vertices by the sums over the hull's triangles: mass known,
+density uniform; an impulse balance then reads nine numbers of the body, not all
+vertices.  The last pose is held, all of it, in free motion as in planar: the vertices
+lie in a frame that is upright at the last sample.  Without a ground nothing of it is
+here, no legs and no v_z >= 0.
 
 Which vertices a contact reads and which triangles the hull has follows from where the
 page starts.  Its last level fills it anew where the one before ended: vertices that had
@@ -32,7 +35,6 @@ from .polytope_quasi_static import sense
 from .rigid_body import momentum_change
 from .violation_implicit import ARM, WEIGHTS, G, contacts, felt
 
-REDUCTIONS = {"planar": True}  # the page knows planar motion only
 EXTENDS = True  # an estimate is extended by one action: polytope_extension.py
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
@@ -70,7 +72,8 @@ def build(nlp, window, scene, shape, sense=sense):
     body = mass(nlp, window, theta)
     balance(nlp, window, scene, fingers, ground, body, pushed, leg, x, lam, lam_g, w)
     finger_contact.add(nlp, window, fingers, pushed, x, lam, mu, w_f)
-    ground_contact.add(nlp, window, ground, leg, x, lam_g, mu_g, w_g)
+    resting = theta[:, window.resting]
+    ground_contact.add(nlp, window, ground, leg, x, lam_g, mu_g, w_g, resting)
     cone(nlp, "finger", lam, mu, w_f)
     cone(nlp, "ground", lam_g, mu_g, w_g)
 

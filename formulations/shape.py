@@ -37,6 +37,7 @@ class Shape:
     rest_height(theta) -> [m] of the origin over the ground, lying flat;
     inertia(theta) -> (3, 3) [m^2] per unit mass, about the origin;
     reach(theta) -> number [m] from the origin that no point of the body exceeds.
+    mirrored: whether the opposites of its corners may come to rest on the ground, too.
     size_prior: mean and standard deviation [m] of each entry of theta before any touch
     (the paper's cuboids are 30 to 60 mm; two deviations span 5 to 85 mm).
     symmetries: relabellings of the axes that leave the body what it is, each the order
@@ -58,6 +59,7 @@ class Shape:
     words: tuple[str, ...] = ()
     quantities: tuple = ()
     reach: Callable = half_diagonal
+    mirrored: bool = True
 
 
 def positive_part(x, width):

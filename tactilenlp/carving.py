@@ -9,26 +9,26 @@ from .hull import (
     corners,
     filled,
     fingers,
-    fitted_ball,
     merged,
     nearest,
     outer,
     thinned,
 )
-from .planes import Faces, bodily
+from .planes import Faces, bodily, unseen
 
 CUTS = 30  # at most, by fingers that feel nothing
 TOLERANCE = 0.1e-3  # [m] a free finger may sink in so far
-GROUND = np.array([[0.0, 0.0, -1.0, 0.0]])
 
 
-def carved(window, faces: Faces, size, vertices: int) -> np.ndarray:
-    """Return the vertices (vertices, 3) [m] of the body behind the planes."""
+def carved(window, faces: Faces, size, vertices: int, ground=True) -> np.ndarray:
+    """Return the vertices (vertices, 3) [m] of the body behind the planes.
+
+    ground: whether there is one, at z = 0.
+    """
     n = faces.n
     points, _ = bodily(window.touch, faces.x, n[faces.plane])
     planes = np.c_[n, np.maximum(faces.b, (points @ n.T).max(axis=0))]
-    ball = fitted_ball(points, size)
-    halfspaces = np.vstack([planes, GROUND, ball.caps(points)])
+    halfspaces = np.vstack([planes, unseen(points, size, ground)])
     found = corners(halfspaces)
     cuts = separating(window, faces, points)
     for _ in range(CUTS):

@@ -52,7 +52,7 @@ def certify(job, page, solved) -> Certificates:
         whole = expand(job, page, solved)
         found += [far(solved, whole)] * made.far + [absent(solved, whole)] * made.absent
         shared = made.still and len(solved.window.knot) > solved.window.knots
-        if shared and is_polytope(job.shape):
+        if shared and is_polytope(job.shape) and job.scene.ground is not None:
             hold = held(job.scene, solved, whole)
             found.append(resting(solved, hold))
             cuts = hold.cuts

@@ -12,7 +12,7 @@ from formulations.shape import Shape
 from .certify import certify, without
 from .checks import check_types
 from .errors import MotionError
-from .floating import floated, laid_out, plane_of_touch
+from .floating import flattened, floated, laid_out, plane_for
 from .guess import Guess
 from .hull_update import explained, updated
 from .interrupt import interruptible
@@ -100,7 +100,8 @@ def _found(data, job, page, start, options, executor, so_far):
         solved = challenged(job, page, solved, options, before)
     solved = explained(job, page, solved, options, update)
     best = _certified(replace(job, cuts=solved[0].job.cuts), page, solved[0], options)
-    if "planar" in best.certificates.broken and not flat(page):
+    fell = "planar" in best.certificates.broken and not flat(page)
+    if fell and not is_polytope(job.shape):
         best = _tumbled(job, page, best, options, executor)
     elif options.rivals and best.solution.success:
         best = _profiled(job, page, best, options)
@@ -130,20 +131,29 @@ def _searched(job, page, kept, start, options, executor):
     kept: a list of those to begin with; holds those of the actions done so far.
     """
     # A search is as lean as it can be, whatever the last solve leaves out.
-    search = replace(job, reductions=Reductions())
-    if is_polytope(job.shape):
-        found = polytope_search(search, kept, so_far=kept)
-        return found, found
-    search = replace(search, first=first_guess(start, job.shape))
-    plane = None
+    search, plane = replace(job, reductions=Reductions()), None
     if job.scene.ground is None:
-        user = start if isinstance(start, Guess) else None
-        plane = plane_of_touch(job.data, job.shape.size_prior[0], user)
+        plane = plane_for(job, start if isinstance(start, Guess) else None)
         search = laid_out(search, plane)
-    ranks = page if plane is None else None
-    widths = options.hypotheses, options.starts
-    found = beam(search, kept, *widths, executor, ranks, so_far=kept)
-    return found, found if plane is None else [floated(h, plane) for h in found]
+    if is_polytope(job.shape):
+        kept[:] = kept if plane is None else [flattened(h, plane) for h in kept]
+        found = polytope_search(search, kept, so_far=kept)
+    else:
+        search = replace(search, first=first_guess(start, job.shape))
+        ranks = page if plane is None else None
+        widths = options.hypotheses, options.starts
+        found = beam(search, kept, *widths, executor, ranks, so_far=kept)
+    if plane is not None:
+        return found, [floated(h, plane, job.shape) for h in found]
+    if is_polytope(job.shape) and not job.reductions.planar:
+        return found, [_slid(job, page, h, options) for h in found]
+    return found, found
+
+
+def _slid(job, page, h, options) -> Hypothesis:
+    """Return where the page comes from a hypothesis while the object only slides."""
+    planar = replace(job, reductions=replace(job.reductions, planar=True))
+    return solved_from(planar, page, h, options).at
 
 
 def _job(data, scene, shape, options, began, page) -> Job:
@@ -282,9 +292,9 @@ def _refine(job, page, kept, options, solved) -> list[Solved]:
 
 def _carried_on(job, solved, kept, width: int) -> list[Hypothesis]:
     """Return the hypotheses for the next action: those that the page prefers first."""
-    refined = [s.at for s in solved] if job.reductions.planar else []
     if is_polytope(job.shape):
-        return refined[:1]
+        return [s.at for s in solved[:1]]
+    refined = [s.at for s in solved] if job.reductions.planar else []
     refined = distinct(job.shape, refined, width, RIVAL)
     rest = [h for h in kept if not any(same(job.shape, h, k) for k in refined)]
     return [*refined, *rest][:width]

@@ -1,10 +1,11 @@
 """Lay out a search for an object that floats: in the plane in which it was touched.
 
 Fingers that push a floating object touch it around a plane, and it moves mostly in that
-plane.  So the planar beam searches there as if the object slid, without friction, on a
-ground half a typical size below the touches; what it finds starts a solve in which the
-object moves freely.  The plane is that of the first action with touches, so that more
-actions leave it where it is.
+plane.  So the planar search looks there as if the object slid: a box without friction
+on a ground half a typical size below the touches; a hull, of which nothing else is
+known, across a plane through them.  What it finds starts a solve in which the object
+moves freely.  The plane is that of the first action with touches, so that more actions
+leave it where it is.
 """
 
 from __future__ import annotations
@@ -14,8 +15,10 @@ from dataclasses import replace
 import numpy as np
 
 from .hypothesis import Kinds
+from .polytopes import is_polytope
+from .rotations import backward, continuous, matrices
 from .scene import Ground
-from .tipping import continuous, lifted, matrices
+from .tipping import lifted
 
 LENGTH = 0.02  # [m] of spread across the plane that counts as much as a normal across
 UPRIGHT = 1e-3  # [-] preference for the world's z where touches leave the plane open
@@ -45,17 +48,39 @@ def plane_of_touch(data, size: float, guess=None) -> Ground:
     return Ground(height=float(p.mean(axis=0) @ up) - size / 2, normal=tuple(up))
 
 
+def plane_for(job, guess=None) -> Ground:
+    """Return the plane to search on for a job: a hull's goes through the touches."""
+    size = 0.0 if is_polytope(job.shape) else job.shape.size_prior[0]
+    return plane_of_touch(job.data, size, guess)
+
+
 def laid_out(job, ground: Ground):
-    """Return the job as the planar beam takes it: on the plane, nothing brakes."""
-    scene = replace(job.scene, ground=ground, friction_ground=0.0)
+    """Return the job as the planar search takes it: on the plane, nothing brakes."""
     data = job.data.transformed(ground.rotation, ground.translation)
+    if is_polytope(job.shape):  # it may reach below the plane
+        return replace(job, data=data, kinds=Kinds())
+    scene = replace(job.scene, ground=ground, friction_ground=0.0)
     return replace(job, data=data, scene=scene, kinds=Kinds())
 
 
-def floated(h, ground: Ground):
-    """Return the planar hypothesis as free poses in the world."""
-    x = lifted(h.theta, h.x)
+def floated(h, ground: Ground, shape):
+    """Return the planar hypothesis as free poses in the world.
+
+    The axes of a hull are the world's at the last sample.
+    """
+    x = lifted(h.theta, h.x, shape)
     p = ground.from_ground(x[:3].T)
     R = ground.rotation.T @ matrices(x)
+    if is_polytope(shape):
+        theta = (h.theta.reshape(-1, 3) @ R[-1].T).ravel()
+        return replace(h, theta=theta, x=np.vstack([p.T, backward(R @ R[-1].T).T]))
     offset = None if h.offset is None else ground.rotation.T @ h.offset
     return replace(h, x=np.vstack([p.T, continuous(R).T]), offset=offset)
+
+
+def flattened(h, ground: Ground):
+    """Return the free motion of a hull as planar poses along the plane."""
+    p = ground.to_ground(h.x[:3].T)
+    vertices = h.theta.reshape(-1, 3) @ ground.rotation.T + [0.0, 0.0, p[-1, 2]]
+    yaw = backward(ground.rotation @ matrices(h.x) @ ground.rotation.T)[:, 2]
+    return replace(h, theta=vertices.ravel(), x=np.vstack([p[:, :2].T, yaw]))

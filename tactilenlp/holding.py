@@ -3,7 +3,8 @@
 Were a body at rest to move within a span that nothing touches, the objective would
 fall by its pull, in nats per metre, and friction would dissipate more than that.  It is
 rounded where a page is solved: poses of their own would creep, which no body does.  The
-pull at a sample is the slope of the objective in the poses before it in its span.
+pull at a sample is the slope of the objective in the poses before it in its span: along
+the ground, the weight holds the body down.
 """
 
 from __future__ import annotations
@@ -14,8 +15,10 @@ import numpy as np
 
 from formulations.violation_implicit import WEIGHTS
 
+from .body_frame import planar
 from .lagrangian import gradient
 from .reduce import SLIPPERY
+from .rotations import turning
 
 BY_METRE = 1e3  # [mm / m]: the page weighs friction in nats per mm
 HARDLY = 0.5  # [-] what is pulled so hard may give way when another span is cut
@@ -41,7 +44,8 @@ def held(scene, solved, whole) -> Hold:
     """
     v = whole.problem.variables["x"]
     slope = gradient(whole.problem, whole.x, whole.data, whole.multipliers)
-    slope = slope[v.span].reshape(v.columns, v.rows)[whole.window.knot]
+    slope = slope[v.span].reshape(v.columns, v.rows)
+    slope = _along(whole.x[v.span].reshape(slope.shape).T, slope)[whole.window.knot]
     knot, arm = solved.window.knot, _arm(whole.window)
     price, cuts, worst = _price(scene, solved.solution), [], 0.0
     for k in np.unique(knot):
@@ -52,6 +56,14 @@ def held(scene, solved, whole) -> Hold:
         if pull.max(initial=0.0) > HARDLY:
             cuts.append(int(rows[1 + np.argmax(pull)]))
     return Hold(float(worst), tuple(cuts) if worst > 1 else ())
+
+
+def _along(x, slope) -> np.ndarray:
+    """Return slopes (n, 3) along the ground: two ways and a turn, of all (n, u)."""
+    if planar(x):
+        return slope
+    turn = np.linalg.solve(turning(x).transpose(0, 2, 1), slope[:, 3:, None])
+    return np.c_[slope[:, :2], turn[:, 2]]
 
 
 def _arm(window) -> float:

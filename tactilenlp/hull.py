@@ -12,6 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares, linprog
 from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
+from . import body_frame
 from .errors import TactileError
 
 CAPS = 60  # planes that stand for the ball of what was never touched
@@ -20,6 +21,7 @@ LEAST = 1e-4  # [m] a body is at least this thick
 INSIDE, OUTSIDE = 0.3, 0.06  # [radii] deviations of a contact point from the ball
 INDEPENDENT = 30  # touches at most that say something new of the ball
 HEIGHT = (0.7, 0.25)  # [radii] mean and deviation of the ball's centre over the ground
+AFLOAT = (0.0, 0.5)  # [radii] and over the plane of touch of a body that floats
 GOLDEN = np.pi * (3 - np.sqrt(5))
 
 
@@ -176,11 +178,12 @@ def centroid(points) -> np.ndarray:
     return middle + volumes @ fans.mean(axis=1) * 0.75 / volumes.sum()
 
 
-def fitted_ball(points, size) -> Ball:
+def fitted_ball(points, size, height=HEIGHT) -> Ball:
     """Return the ball on the ground near whose surface the points (n, 3) lie.
 
-    size: mean and deviation [m] of its radius before any touch.  Contact points are
-    in the middle of faces more often than at corners: INSIDE the ball, not OUTSIDE.
+    size: mean and deviation [m] of its radius before any touch; height: those [radii]
+    of its centre over z = 0.  Contact points are in the middle of faces more often than
+    at corners: INSIDE the ball, not OUTSIDE.
     """
     mean, deviation = size
     often = np.sqrt(max(1.0, len(points) / INDEPENDENT))
@@ -188,7 +191,7 @@ def fitted_ball(points, size) -> Ball:
     def residual(z):
         away = np.linalg.norm(points - z[:3], axis=1) / z[3] - 1
         away = np.where(away > 0, away / OUTSIDE, away / INSIDE) / often
-        above = (z[2] / z[3] - HEIGHT[0]) / HEIGHT[1]
+        above = (z[2] / z[3] - height[0]) / height[1]
         return np.r_[away, above, (z[3] - mean) / deviation]
 
     found = least_squares(residual, np.r_[points.mean(axis=0), mean])
@@ -197,10 +200,7 @@ def fitted_ball(points, size) -> Ball:
 
 def fingers(samples, x) -> np.ndarray:
     """Return the fingers' centres (samples, 3) [m] in the body frame."""
-    pose = x[:, samples.sample]
-    c, s = np.cos(pose[2]), np.sin(pose[2])
-    a, b = samples.p_wf[:, 0] - pose[0], samples.p_wf[:, 1] - pose[1]
-    return np.stack([c * a + s * b, c * b - s * a, samples.p_wf[:, 2]], axis=1)
+    return body_frame.points(x, samples.sample, samples.p_wf)
 
 
 def nearest(vertices, points) -> np.ndarray:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from .body_frame import directions
 from .checks import check_types
 from .curvature import curvature_of
 from .dragging import dragging
@@ -81,10 +82,7 @@ def touched_polygons(window, vertices, x) -> np.ndarray:
     """Return how many touches each polygon of the hull has, as `surface.polygons`."""
     touch = window.touch
     centre = fingers(touch, x)
-    pose = x[:, touch.sample]
-    c, s = np.cos(pose[2]), np.sin(pose[2])
-    n = touch.normal
-    n = np.stack([c * n[:, 0] + s * n[:, 1], c * n[:, 1] - s * n[:, 0], n[:, 2]], 1)
+    n = directions(x, touch.sample, touch.normal)
     point = centre - touch.radius[:, None] * n
     out = []
     for corners, normal in polygons(vertices):

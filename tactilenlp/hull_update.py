@@ -100,10 +100,13 @@ def explained(job: Job, page, solved, options, update=None) -> list[Solved]:
 
 
 def extends(start, job: Job, page) -> bool:
-    """Tell whether a job is that of an estimate of this page and one action more."""
+    """Tell whether a job is that of an estimate of this page and one action more.
+
+    In planar motion: where the body moves freely, the whole way is gone.
+    """
     if not isinstance(start, Estimate) or not start.success:
         return False
-    if not getattr(page, "EXTENDS", False):
+    if not (getattr(page, "EXTENDS", False) and job.reductions.planar):
         return False
     whole = start.measurements.samples == np.count_nonzero(
         job.data.action != job.data.action[-1]

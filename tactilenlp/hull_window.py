@@ -14,9 +14,11 @@ from scipy.spatial import ConvexHull, QhullError
 
 from formulations.quasi_static import ALPHA
 
+from .body_frame import planar
 from .hull import fingers, nearest, nearest_triangles
 from .hull import triangles as triangles_of
-from .window import Window
+from .rotations import matrices
+from .window import Corners, Rests, Window
 
 NEAR = 8  # vertices that a contact reads
 LIFTED = 0.5e-3  # [m] a vertex this high still carries the body
@@ -30,10 +32,13 @@ class HullWindow(Window):
     """A window, where the vertices start and which of them each contact reads.
 
     start (V, 3) [m]; near_touch, near_free, near_push (instances, NEAR): vertices;
-    legs (n,): those that carry the body; leg (corners,): of each ground contact, share
-    (corners,): of the weight that it carries at rest;
+    legs (n,): those that carry the body where it lies; leg (corners,): of each ground
+    contact, share (corners,): of the weight that it carries at rest; resting (rests,):
+    of each rest; grounded (k,): on the ground at the last pose, the legs in planar
+    motion; floor [m]: no vertex is lower at the last pose;
     triangles (2 V - 4, 3) of the hull, counterclockwise from outside; body (10,):
-    volume, centroid and second moments; lower, upper (3, knots): the last pose is held.
+    volume, centroid and second moments; lower, upper (unknowns, knots): the last pose
+    is held.
     """
 
     start: np.ndarray = None
@@ -43,6 +48,9 @@ class HullWindow(Window):
     legs: np.ndarray = None
     leg: np.ndarray = None
     share: np.ndarray = None
+    resting: np.ndarray = None
+    grounded: np.ndarray = None
+    floor: float = 0.0
     triangles: np.ndarray = None
     body: np.ndarray = None
     lower: np.ndarray = None
@@ -53,28 +61,63 @@ class HullWindow(Window):
         return theta.T[self.near_touch].reshape(len(self.touch), -1).T
 
 
-def indexed(window, shape, vertices, x, resting=None) -> HullWindow:
-    """Return the window of a polytope that starts as `vertices` at poses x (3, T).
+def indexed(window, shape, vertices, x, ground, resting=None) -> HullWindow:
+    """Return the window of a polytope that starts as `vertices` at poses x (u, T).
 
-    resting: the vertices (V, 3) as which it carries its weight, by default the same.
+    ground: whether there is one; resting: the vertices (V, 3) as which it carries its
+    weight, by default the same.
     """
-    lower = np.full((3, window.knots), -np.inf)
+    lower = np.full((len(x), window.knots), -np.inf)
     lower[:, -1] = x[:, -1]
     triangles = triangles_of(vertices, 2 * len(vertices) - 4)
-    known = {f.name: getattr(window, f.name) for f in fields(Window)}
-    stand, leg = np.array(shape.corners, int)[:, 0], window.corner.signs[:, 0]
+    stand = np.array(shape.corners, int)[:, 0]
     share = np.zeros(len(vertices))
     resting = vertices if resting is None else resting
     share[stand] = shares(resting[stand], body(resting, triangles)[1:4])
+    lifts = ground and not planar(x)
+    window = tilting(window, stand, vertices, x) if lifts else window
+    known = {f.name: getattr(window, f.name) for f in fields(Window)}
+    leg, rest = (part.signs[:, 0].astype(int) for part in (window.corner, window.rest))
+    share = share[leg]
+    if lifts:  # what is above the ground carries nothing
+        at = window.step.sample[window.corner.step]
+        share *= heights(vertices, x)[at, leg] < LIFTED
     return HullWindow(
         **known, start=vertices,
         near_touch=near(window.touch, vertices, x),
         near_free=near(window.free, vertices, x),
         near_push=near(window.push, vertices, x),
-        legs=stand, leg=leg.astype(int), share=share[leg.astype(int)],
+        legs=stand, leg=leg, share=share, resting=rest,
+        grounded=stand if ground and planar(x) else stand[:0],
+        floor=(0.0 if planar(x) else -x[2, -1]) if ground else -np.inf,
         triangles=triangles, body=body(vertices, triangles),
         lower=lower, upper=np.where(np.isfinite(lower), lower, np.inf),
     )  # fmt: skip
+
+
+def tilting(window, stand, vertices, x) -> Window:
+    """Return the window with the ground under the vertices that are low at each pose.
+
+    stand (n,): those on which the hull lies; others take over where they are lower by
+    LIFTED at poses x (6, T).
+    """
+    z = heights(vertices, x)
+    z[:, stand] -= LIFTED
+    low = np.sort(np.argsort(z, axis=1, kind="stable")[:, : len(stand)], axis=1)
+
+    def signs(samples):
+        carry = low[samples].reshape(-1, 1)
+        return np.hstack([carry, np.zeros((len(carry), 2))])
+
+    corner = Corners(window.corner.step, signs(window.step.sample))
+    first = window.last[window.rest.knot[:: len(stand)]]
+    rest = Rests(window.rest.knot, signs(first))
+    return replace(window, corner=corner, lift=corner, rest=rest)
+
+
+def heights(vertices, x) -> np.ndarray:
+    """Return how high (T, V) [m] each vertex is at free poses x (6, T)."""
+    return matrices(x)[:, 2] @ vertices.T + x[2][:, None]
 
 
 def without_clear(window, vertices, x):

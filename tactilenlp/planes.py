@@ -12,7 +12,7 @@ import numpy as np
 
 from formulations import polytope_planes
 
-from .hull import centroid, corners, fingers, fitted_ball, nearest
+from .hull import AFLOAT, centroid, corners, fingers, fitted_ball, nearest
 from .nlp import Problem
 from .reduce import reduce
 from .runs import DOUBT, runs
@@ -226,7 +226,8 @@ def extended(job, faces: Faces | None, samples: int) -> Faces:
     joined = merged(window, found)
     if joined is not found:
         found = solved(job, window, joined, polytope_planes.LEVELS[1:], LONGEST)
-    return anchored(window, found, job.shape.size_prior)
+    given = job.shape.size_prior, job.scene.ground is not None
+    return anchored(window, found, *given)
 
 
 def begun(window, samples: int, size: float) -> Faces:
@@ -261,9 +262,9 @@ def as_measured(window, touch, x) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return plane, n, b
 
 
-def anchored(window, faces: Faces, size) -> Faces:
+def anchored(window, faces: Faces, size, ground) -> Faces:
     """Return the same motion with the body's origin below its middle."""
-    shift = centroid(roughly(window, faces, size))[:2]
+    shift = centroid(roughly(window, faces, size, ground))[:2]
     c, s = np.cos(faces.x[2]), np.sin(faces.x[2])
     x = faces.x.copy()
     x[0] += c * shift[0] - s * shift[1]
@@ -271,14 +272,23 @@ def anchored(window, faces: Faces, size) -> Faces:
     return replace(faces, x=x, b=faces.b - faces.n[:, :2] @ shift)
 
 
-def roughly(window, faces: Faces, size) -> np.ndarray:
+def roughly(window, faces: Faces, size, ground) -> np.ndarray:
     """Return vertices of what lies behind the planes, the ground and a ball."""
     n = faces.n
     points, _ = bodily(window.touch, faces.x, n[faces.plane])
-    ball = fitted_ball(points, size)
     b = np.maximum(faces.b, (points @ n.T).max(axis=0))
-    ground = [[0, 0, -1, 0]]
-    return corners(np.vstack([np.c_[n, b], ground, ball.caps(points)]))
+    return corners(np.vstack([np.c_[n, b], unseen(points, size, ground)]))
+
+
+def unseen(points, size, ground) -> np.ndarray:
+    """Return half-spaces (n, 4) of what no finger told: a ball, and the ground if any.
+
+    points (k, 3) [m]: where the body was touched.
+    """
+    if not ground:
+        return fitted_ball(points, size, AFLOAT).caps(points)
+    ball = fitted_ball(points, size)
+    return np.vstack([[[0, 0, -1, 0]], ball.caps(points)])
 
 
 def middle(window, size: float) -> np.ndarray:

@@ -68,7 +68,8 @@ def window_of(job, guess=None, resting=None):
     if job.reductions.far:
         window = without_clear(window, vertices, x)
     resting = vertices if resting is None else np.reshape(resting, (-1, 3))
-    return indexed(window, shape, vertices, x, resting), shape
+    ground = job.scene.ground is not None
+    return indexed(window, shape, vertices, x, ground, resting), shape
 
 
 def reseeded(h: Hypothesis) -> Hypothesis:
@@ -110,7 +111,8 @@ def body_of(job, faces: Faces) -> Hypothesis:
     """Return the body that planes of the first samples carve out, where they saw it."""
     data = job.data.select(np.unique(job.data.action[: faces.x.shape[1]]))
     window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
-    vertices = carved(window, faces, job.shape.size_prior, job.shape.theta // 3)
+    known = job.shape.size_prior, job.shape.theta // 3, job.scene.ground is not None
+    vertices = carved(window, faces, *known)
     found = vertices.ravel(), faces.x, faces.objective, ("planes",), faces.iterations
     return Hypothesis(*found)
 

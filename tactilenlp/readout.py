@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from .body_frame import planar
 from .filing import versions
 from .guess import body_corners
 from .hull import centroid
@@ -17,6 +18,7 @@ from .nlp import Problem
 from .offset import offsets_of
 from .polytopes import is_polytope
 from .result import Estimate, by_sample, poses
+from .rotations import matrices
 from .scatter import Sensed
 
 
@@ -107,7 +109,27 @@ def hull_read(job, page, solved, x) -> tuple[Body, Information]:
     problem, window, solution = solved.problem, solved.window, solved.solution
     scene = job.scene
     V = solution.values["theta"].T
-    middle = centroid(V)
+    middle, R_wg = centroid(V), _turn(scene).T
+    position, turn = hull_poses(scene, x, middle)
+    vertices = (V - middle) @ R_wg.T
+    faces = touched_polygons(window, V, x)
+    body = Body(position, turn.as_quat()[:, [3, 0, 1, 2]], vertices, faces)
+    shape = standing(job.shape, solved.hypothesis.theta.reshape(-1, 3))  # as solved
+    sensed = Sensed(job.data, job.precision, builder(page, shape, scene, job.kinds_of))
+    return body, hull_information(problem, solution, window, shape, faces, R_wg, sensed)
+
+
+def hull_poses(scene, x, middle) -> tuple[np.ndarray, Rotation]:
+    """Return positions (T, 3) [m] and turns (T) of a hull at poses x, world frame.
+
+    middle (3,) [m]: what of the body is where; turns are against the last sample, at
+    which the pose is held upright.
+    """
+    if not planar(x):
+        p = x[:3].T + matrices(x) @ middle
+        R_wg = _turn(scene).T
+        turn = Rotation.from_matrix(R_wg @ matrices(x) @ R_wg.T)
+        return p if scene.ground is None else scene.ground.from_ground(p), turn
     c, s = np.cos(x[2]), np.sin(x[2])
     p = np.stack([
         x[0] + c * middle[0] - s * middle[1],
@@ -115,15 +137,7 @@ def hull_read(job, page, solved, x) -> tuple[Body, Information]:
         np.full(x.shape[1], middle[2]),
     ], axis=1)  # fmt: skip
     turn = Rotation.from_rotvec(np.outer(x[2] - x[2, -1], scene.ground.normal))
-    R_wg = _turn(scene).T
-    vertices = (V - middle) @ R_wg.T
-    faces = touched_polygons(window, V, x)
-    body = Body(
-        scene.ground.from_ground(p), turn.as_quat()[:, [3, 0, 1, 2]], vertices, faces
-    )
-    shape = standing(job.shape, solved.hypothesis.theta.reshape(-1, 3))  # as solved
-    sensed = Sensed(job.data, job.precision, builder(page, shape, scene, job.kinds_of))
-    return body, hull_information(problem, solution, window, shape, faces, R_wg, sensed)
+    return scene.ground.from_ground(p), turn
 
 
 def name_of(page) -> str:

@@ -237,7 +237,8 @@ def _pushes(data, p_wf, everything, felt, step, before, only_felt) -> Pushes:
 def _ground(scene, shape, motion, step, first, knot, guess):
     """Return the ground contacts of every step, those that lift, and the rests.
 
-    An action starts at rest.  The guess says which corners are low at every step.
+    An action starts at rest, where there is gravity.  The guess says which corners are
+    low at every step.
     """
     none = Corners(np.zeros(0, int), np.zeros((0, 3)))
     if scene.ground is None:
@@ -247,7 +248,7 @@ def _ground(scene, shape, motion, step, first, knot, guess):
     corner = Corners(np.repeat(np.arange(len(low)), low.shape[1]), low.reshape(-1, 3))
     if motion is PLANAR:
         return corner, none, Rests(none.step, none.signs)
-    start = np.nonzero(first)[0]
+    start = np.nonzero(first & (scene.gravity > 0))[0]
     low = lowest(shape, guess, start)
     at = np.repeat(knot[start], low.shape[1])
     return corner, corner, Rests(at, low.reshape(-1, 3))
@@ -256,10 +257,11 @@ def _ground(scene, shape, motion, step, first, knot, guess):
 def lowest(shape, guess, samples) -> np.ndarray:
     """Return the signs of the corners nearest the ground at `samples`, (n, corners, 3).
 
-    guess: theta and x (6, T); without one the object lies flat on shape.corners.
+    guess: theta and x (6, T); without one the object lies flat on shape.corners.  Of a
+    shape that is not mirrored these are all (a hull's: hull_window.py).
     """
     low = np.array(shape.corners, float).reshape(-1, 3)
-    if guess is None:
+    if guess is None or not shape.mirrored:
         return np.tile(low, (len(samples), 1, 1))
     every = np.array([*dict.fromkeys(map(tuple, np.vstack([low, -low]).tolist()))])
     theta, x = guess

@@ -19,6 +19,7 @@ from .polytopes import check as check_round
 from .polytopes import is_polytope
 from .reduce import flat
 from .result import Estimate
+from .rotations import backward
 from .scene import Scene
 
 SHAPES = {"cuboid": CUBOID, "polytope": polytope()}
@@ -99,7 +100,7 @@ def check_plane(page, scene) -> None:
             where="scene.ground",
             got="None",
             expected="a ground on which the object slides",
-            next='use shape="cuboid" and formulation="violation_implicit"',
+            next='use formulation="violation_implicit"',
         )
 
 
@@ -224,16 +225,23 @@ def _whole(samples: int, data) -> int:
 
 
 def lying(estimate, scene, samples: int | None = None) -> Hypothesis:
-    """Return an estimate of whatever shape as the vertices and planar poses of a hull.
+    """Return an estimate of whatever shape as the vertices and poses of a hull.
 
-    The ground's frame; the body's axes are the world's at the last of so many samples.
+    Planar poses in the ground's frame, free ones in the world where there is none; the
+    body's axes are the world's at the last of so many samples.
     """
     from scipy.spatial.transform import Rotation
 
-    p = scene.ground.to_ground(estimate.position[:samples])
+    p, turn = estimate.position[:samples], np.eye(3)
+    if scene.ground is not None:
+        p, turn = scene.ground.to_ground(p), scene.ground.rotation
     w, *v = estimate.quaternion[:samples].T
     R = Rotation.from_quat(np.stack([*v, w], axis=1))
-    R = Rotation.from_matrix(scene.ground.rotation) * R
+    R = Rotation.from_matrix(turn) * R
+    if scene.ground is None:
+        x = np.vstack([p.T, backward((R * R[-1].inv()).as_matrix()).T])
+        theta = R[-1].apply(estimate.vertices).ravel()
+        return Hypothesis(theta, x, estimate.objective, (estimate.shape,))
     yaw = np.unwrap((R * R[-1].inv()).as_rotvec()[:, 2])
     vertices = R[-1].apply(estimate.vertices)
     vertices[:, 2] -= vertices[:, 2].min()

@@ -81,7 +81,7 @@ def solved_from(
     """
     shared = {} if shared is None else shared
     if not job.reductions.planar and len(hypothesis.x) == PLANAR.unknowns:
-        lying = lifted(hypothesis.theta, hypothesis.x)
+        lying = lifted(hypothesis.theta, hypothesis.x, job.shape)
         hypothesis = replace(hypothesis, x=lying)
     if not shared:
         window, problem, built = built_at(job, page, hypothesis)

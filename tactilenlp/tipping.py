@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from formulations.shape import CUBOID
+
 FLAT = np.pi / 2  # [rad] it lies on the next face
 ENOUGH = 1.05  # [-] of the speed that just carries the object over its edge
 FALL = 20  # steps of the falling pendulum in one sample
@@ -78,23 +80,7 @@ def fall(size, angle, samples, gravity, dt) -> np.ndarray:
     return np.array(out)
 
 
-def lifted(theta, x) -> np.ndarray:
-    """Return planar poses x (3, T) of a cuboid lying flat as free poses (6, T)."""
+def lifted(theta, x, shape=CUBOID) -> np.ndarray:
+    """Return planar poses x (3, T) of a body lying flat as free poses (6, T)."""
     o = np.zeros(x.shape[1])
-    return np.vstack([x[:2], o + theta[2] / 2, o, o, x[2]])
-
-
-def continuous(R) -> np.ndarray:
-    """Return rotation vectors (n, 3) [rad] of rotations (n, 3, 3) without jumps."""
-    w = Rotation.from_matrix(np.array(R)).as_rotvec()
-    for k in range(1, len(w)):
-        angle = np.linalg.norm(w[k])
-        if angle > 1e-6:
-            turns = [w[k] * (1 + 2 * np.pi * j / angle) for j in (-1, 0, 1)]
-            w[k] = min(turns, key=lambda v, k=k: np.linalg.norm(v - w[k - 1]))
-    return w
-
-
-def matrices(x) -> np.ndarray:
-    """Return the rotations (T, 3, 3) of free poses x (6, T)."""
-    return Rotation.from_rotvec(x[3:].T).as_matrix()
+    return np.vstack([x[:2], o + float(shape.rest_height(theta)), o, o, x[2]])

@@ -21,8 +21,9 @@ from .hypothesis import Hypothesis
 from .nlp import Problem
 from .reduce import SIDE, Reductions, reduce
 from .request import page_of
+from .rotations import continuous, matrices
 from .search import beam
-from .tipping import FLAT, Tip, continuous, fall, lifted, matrices
+from .tipping import FLAT, Tip, fall, lifted
 from .trial import started
 
 TOUCH, NORMAL = 0.15e-3, 0.015  # [m], [rad] model errors of a touch of a rigid object

@@ -11,8 +11,7 @@ a first pass, uncounted, derives the kinds.
 Still, far, absent and planar leave out what one recording does not need.  Frictionless,
 one finger and no ground are other scenes, each written with and without what it has
 not: tangential impulses that no cone allows, a finger that never measures, a ground
-without friction a metre below a simulated box that floats.  A polytope's page insists
-on planar motion over a ground: it has no row without.
+without friction a metre below a simulated body that floats.
 
 put back: the optimum to which the leanest way goes on, solved to the end, and to which
 it goes on from there once what was left out is put back.  Exact reductions leave it
@@ -39,18 +38,17 @@ from formulations.shape import CUBOID, Shape
 from tactilenlp import (
     Ground,
     Measurements,
-    Problem,
     Scene,
     SolverOptions,
     solve_estimate,
 )
-from tactilenlp.floating import floated, plane_of_touch
+from tactilenlp.floating import floated, laid_out, plane_for
 from tactilenlp.hypothesis import Hypothesis, Job
-from tactilenlp.polytopes import is_polytope, search, window_of
+from tactilenlp.polytopes import is_polytope, search
 from tactilenlp.precision import precision_of, smoothed
-from tactilenlp.reduce import Reductions, flat
+from tactilenlp.reduce import Reductions
 from tactilenlp.simulate import World
-from tactilenlp.solving import Solved, gone_on, settings_of, solved_from
+from tactilenlp.solving import Solved, built_at, gone_on, settings_of, solved_from
 from tactilenlp.tipping import lifted
 
 PAGES = {"cuboid": violation_implicit, "polytope": polytope_violation_implicit}
@@ -127,13 +125,14 @@ def problems(way) -> dict[str, Way]:
         "no friction": Way(data, slippery),
         "tangential impulses kept": Way(data, slippery, ("frictionless",)),
     }
-    if flat(way.page):
-        out = {name: one for name, one in out.items() if "planar" not in one.off}
     return {name: replace(one, shape=way.shape) for name, one in out.items()}
 
 
-def floating() -> tuple[dict[str, Way], Hypothesis]:
-    """Return both ways for a box that two fingers squeeze, and where it was found."""
+def floating(shape) -> tuple[dict[str, Way], Hypothesis]:
+    """Return both ways for a box that two fingers squeeze, and where it was found.
+
+    shape: the class as which it is estimated.
+    """
     world = World((0.04, 0.06, 0.05), position=(0, 0, 0.2), ground=None, gravity=0.0)
     left, right = [(-0.06, 0.008, 0.204), (0, 0.008, 0.204)], [(0.07, -0.01, 0.196)]
     path = np.stack([left, [*right, (0.035, -0.01, 0.196)]], axis=1)
@@ -142,24 +141,25 @@ def floating() -> tuple[dict[str, Way], Hypothesis]:
     raised = data.transformed(np.eye(3), np.array([0, 0, REACH]))
     below = replace(scene, ground=Ground())
     ways = {
-        "no ground": Way(data, scene, ("planar",)),
-        "ground out of reach": Way(raised, below, ("planar",), REACH),
+        "no ground": Way(data, scene, ("planar",), shape=shape),
+        "ground out of reach": Way(raised, below, ("planar",), REACH, shape),
     }
-    best = solve_estimate(data, scene, throw=False).hypotheses[0]
-    return ways, floated(best, plane_of_touch(data, CUBOID.size_prior[0]))
+    lean = Way(data, scene, shape=shape)
+    plane = plane_for(lean.job())
+    if is_polytope(shape):
+        best = search(laid_out(lean.job(), plane), [])[0]
+    else:
+        best = searched(lean)
+    return ways, floated(best, plane, shape)
 
 
 def written(way, h) -> tuple[Job, Hypothesis, dict]:
     """Return a job, where its solve starts, and its problem, from planar poses of h."""
     job = way.job()
     if not job.reductions.planar:
-        x = lifted(h.theta, h.x) if len(h.x) == 3 else h.x
+        x = lifted(h.theta, h.x, way.shape) if len(h.x) == 3 else h.x
         h = replace(h, x=x + np.array([[0], [0], [way.up], [0], [0], [0]]))
-    window, shape = window_of(job, (h.theta, h.x))
-    if way.up:  # it does not rest there
-        window = replace(window, rest=window.rest.pick(slice(0)))
-    problem = Problem()
-    way.page.build(problem, window, way.scene, shape)
+    window, problem, _ = built_at(job, way.page, h)
     return job, h, {"window": window, "problem": problem, "solvers": {}}
 
 
@@ -218,11 +218,11 @@ def tried(*arguments) -> dict:
 def scene_table(file, passes) -> list[dict]:
     """Return a row for every way of writing the problem of one recording.
 
-    file: None, for the box that floats.
+    file: or the name of the class as which a box that floats is estimated.
     """
-    if file is None:
-        ways, h = floating()
-        return timed("a floating box", ways, h, passes, {})
+    if file in SHAPES:
+        ways, h = floating(SHAPES[file])
+        return timed(f"a floating {file}", ways, h, passes, {})
     way = recorded(file)
     ways, h = problems(way), searched(way)
     return timed(Path(file).stem, ways, h, passes, put_back(ways, h))
@@ -249,7 +249,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("benchmark"))
     add_executor(parser, "none")
     arguments = parser.parse_args()
-    rows, files = [], [*arguments.files, None]
+    rows, files = [], [*arguments.files, *SHAPES]
     with executor_of(arguments, *Path(__file__).parent.glob("reduc*.py")) as executor:
         cases = [(file, arguments.passes) for file in files]
         for found in mapped(executor, scene_table, cases):
