@@ -12,7 +12,7 @@ from formulations.shape import Shape
 from .certify import certify, without
 from .checks import check_types
 from .errors import MotionError
-from .floating import flattened, floated, laid_out, plane_for
+from .floating import flattened, floated, laid_out, plane_for, tilting
 from .guess import Guess
 from .hull_update import explained, updated
 from .interrupt import interruptible
@@ -31,7 +31,7 @@ from .rivals import challenged
 from .scene import Scene
 from .search import RIVAL, Hypothesis, Job, beam, distinct, same
 from .solution import not_converged
-from .solving import Solved, best_first, gone_on, settings_of, solved_from
+from .solving import Solved, best_first, gone_on, let_tilt, settings_of, solved_from
 from .trial import opened
 from .tumble import SHARE, contradicts, recovered
 from .unfinished import SoFar, interrupted
@@ -138,6 +138,9 @@ def _searched(job, page, kept, start, options, executor):
     if is_polytope(job.shape):
         kept[:] = kept if plane is None else [flattened(h, plane) for h in kept]
         found = polytope_search(search, kept, so_far=kept)
+        if plane is not None:
+            (other,) = polytope_search(tilting(search), kept, so_far=kept)
+            found += [replace(other, objective=found[0].objective)]  # of other weights
     else:
         search = replace(search, first=first_guess(start, job.shape))
         ranks = page if plane is None else None
@@ -145,15 +148,7 @@ def _searched(job, page, kept, start, options, executor):
         found = beam(search, kept, *widths, executor, ranks, so_far=kept)
     if plane is not None:
         return found, [floated(h, plane, job.shape) for h in found]
-    if is_polytope(job.shape) and not job.reductions.planar:
-        return found, [_slid(job, page, h, options) for h in found]
     return found, found
-
-
-def _slid(job, page, h, options) -> Hypothesis:
-    """Return where the page comes from a hypothesis while the object only slides."""
-    planar = replace(job, reductions=replace(job.reductions, planar=True))
-    return solved_from(planar, page, h, options).at
 
 
 def _job(data, scene, shape, options, began, page) -> Job:
@@ -274,6 +269,10 @@ def _refine(job, page, kept, options, solved) -> list[Solved]:
 
     solved: an empty list to leave them in, for whoever interrupts.
     """
+    if is_polytope(job.shape) and job.scene.ground and not job.reductions.planar:
+        slides = replace(job, reductions=replace(job.reductions, planar=True))
+        best, *_ = _refine(slides, page, kept, options, solved)
+        return [let_tilt(job, page, best, settings_of(job, options), CLOSE)]
     limit = min(h.objective for h in kept) + RIVAL
     own = page.LEVELS
     levels = opened(own, final=True) if job.reductions.planar else own

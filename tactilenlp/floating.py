@@ -21,6 +21,7 @@ from .scene import Ground
 from .tipping import lifted
 
 LENGTH = 0.02  # [m] of spread across the plane that counts as much as a normal across
+TILT = 0.2  # [rad] by which a body may tilt out of the plane, and a normal with it
 UPRIGHT = 1e-3  # [-] preference for the world's z where touches leave the plane open
 
 
@@ -61,6 +62,12 @@ def laid_out(job, ground: Ground):
         return replace(job, data=data, kinds=Kinds())
     scene = replace(job.scene, ground=ground, friction_ground=0.0)
     return replace(job, data=data, scene=scene, kinds=Kinds())
+
+
+def tilting(job):
+    """Return the job of a hull that tilts out of the plane: normals tell less of it."""
+    normal = float(np.hypot(job.precision.normal, TILT))
+    return replace(job, precision=replace(job.precision, normal=normal))
 
 
 def floated(h, ground: Ground, shape):

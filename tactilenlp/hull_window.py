@@ -24,6 +24,7 @@ NEAR = 8  # vertices that a contact reads
 LIFTED = 0.5e-3  # [m] a vertex this high still carries the body
 ALIKE, WHOLE = 1e-3, 1e3  # weights of equal shares, and of a sum of one
 CLEAR = 20.0  # [-] lengths over which a free finger's cost falls by a factor of e
+RIGID = 1e-3  # [-] of the largest move of legs with a pose: less is no move
 DEPTH = 3.0  # [-] lengths along the surface that one length below it counts for
 
 
@@ -55,6 +56,22 @@ class HullWindow(Window):
     body: np.ndarray = None
     lower: np.ndarray = None
     upper: np.ndarray = None
+
+    def followed(self, rows, slopes) -> np.ndarray:
+        """Return what moves of vertices that can lift do, as far as a pose has them.
+
+        Four legs that move apart would bend the body, which all its poses share: what
+        no pose of a step follows is left out.  Vertices in the air have rows of zeros.
+        """
+        out = np.zeros_like(rows)
+        down = rows.any(axis=1)
+        for step in np.unique(self.lift.step):
+            legs = np.flatnonzero((self.lift.step == step) & down)
+            if len(legs):
+                ways, size, _ = np.linalg.svd(slopes[legs].toarray())
+                ways = ways[:, : len(size)][:, size > RIGID * size[0]]
+                out[legs] = ways @ (ways.T @ rows[legs])
+        return out
 
     def seen_by_touches(self, theta) -> np.ndarray:
         """Return the vertices (3 NEAR, touches) that each touch reads of theta."""

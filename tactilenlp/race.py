@@ -12,6 +12,7 @@ from dataclasses import replace
 
 from .hypothesis import same
 from .interrupt import interruptible
+from .polytopes import is_polytope
 from .progress import progress
 from .search import RIVAL
 from .solving import Solved, best_first, solved_from
@@ -39,11 +40,13 @@ def raced(job, page, hypotheses, options, levels, known=(), solved=None) -> list
 def _race(job, page, hypotheses, options, levels, known, solved, rough) -> None:
     """Fill `rough` with hypotheses before the last level, `solved` with those after."""
     shared = {}
+    hull = is_polytope(job.shape)  # its window follows from where it starts
     apart = len(levels) == 1 or levels[-2].fixed or levels[-1].anew
     apart = apart or not job.reductions.planar
     for h in progress(hypotheses, "solve"):
         if (known or solved or rough) and time.monotonic() > job.deadline:
             break
+        shared = {} if hull else shared
         if apart:  # nothing comes together where poses are held, or tilt
             solved.append(solved_from(job, page, h, options, shared, levels))
         else:

@@ -138,6 +138,23 @@ def gone_on(job, page, solved, settings, warm) -> Solved:
     return Solved(solved.hypothesis, problem, window, solution, job)
 
 
+def let_tilt(job, page, slid, settings, warm) -> Solved:
+    """Return the page in free motion, from where an object that slides was found.
+
+    slid: the page solved in planar motion; warm: IPOPT's first mu.
+    """
+    s, at = slid.solution, slid.at
+    x = lifted(at.theta, s.values["x"], job.shape)
+    known = replace(
+        s, values=s.values | {"x": x},
+        bound_multipliers=s.bound_multipliers | {"x": np.zeros_like(x)},
+    )  # fmt: skip
+    at = replace(at, x=lifted(at.theta, at.x, job.shape))
+    lying = replace(slid, hypothesis=at, solution=known)
+    found = gone_on(job, page, lying, settings, warm)
+    return replace(found, solution=after(s, found.solution))
+
+
 def best_first(solved) -> list[Solved]:
     """Return solves, the best first; what failed comes last."""
     return sorted(solved, key=lambda s: s.rank)

@@ -65,7 +65,9 @@ def spread(
             noise += FRICTION**2 * np.outer(moved, moved)
     for name, deviation in UNEVEN.items():
         if name in problem.constraints:
-            rows = held[problem.constraints[name].span]
+            slopes = problem.jacobian(name, curvature.x, curvature.data)
+            slopes = slopes[:, problem.variables["x"].span]
+            rows = window.followed(held[problem.constraints[name].span], slopes)
             noise += deviation**2 * rows.T @ rows
     return (noise + noise.T) / 2
 

@@ -129,6 +129,15 @@ class Window:
         """The last sample of every pose (knots,)."""
         return np.r_[np.nonzero(np.diff(self.knot))[0], len(self.knot) - 1]
 
+    def followed(self, rows, slopes) -> np.ndarray:
+        """Return what moves of corners that can lift (corners, k) do to a rigid body.
+
+        rows (corners, k): what a move of each alone does; slopes: of the corners'
+        heights in all poses (corners, unknowns), sparse.  Corners of a shape of few
+        sizes always lie as a body has them.
+        """
+        return rows
+
     def seen_by_touches(self, theta) -> np.ndarray:
         """Return what each touch reads (n, touches) of a body theta (rows, columns)."""
         return np.repeat(theta.T.reshape(-1, 1), len(self.touch), axis=1)

@@ -202,8 +202,6 @@ def test_what_a_polytope_cannot_do_is_said_before_any_solve(octahedron, hull):
     data, scene, _ = octahedron
     up = np.tile([1.0, 0, 0, 0], (data.samples, data.fingers, 1))
     pointing = replace(data, finger_orientation=up)
-    with pytest.raises(SceneError, match="planar motion only"):
-        solve_estimate(data, replace(scene, ground=None), shape="polytope")
     with pytest.raises(OptionError, match="formulation: no page"):
         solve_estimate(data, scene, shape="polytope", formulation="shooting")
     capsules = replace(scene, finger_length=0.02)

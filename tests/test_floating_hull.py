@@ -1,0 +1,208 @@
+"""A hull in free motion, solved: it floats, or planar motion is switched off."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from scipy.spatial.transform import Rotation
+from trimesh.convex import convex_hull
+from trimesh.proximity import closest_point_naive
+
+from formulations import polytope_violation_implicit as page
+from formulations.polytope import polytope
+from tactilenlp import (
+    Estimate,
+    Measurements,
+    Options,
+    Scene,
+    face_sigma,
+    kind,
+    solve_estimate,
+)
+from tactilenlp.errors import SceneError
+from tactilenlp.estimate import _job
+from tactilenlp.floating import flattened, floated, plane_for
+from tactilenlp.hull_update import extends
+from tactilenlp.request import carried
+from tactilenlp.simulate import World
+
+OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
+AFLOAT = Scene(ground=None, gravity=0.0)
+RADIUS = 0.03  # [m] of the octahedron that floats
+SHAPE = polytope()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def derived_once():
+    """Derive the kinds of these few solves once, and compile none of them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(kind, "_cache", {})
+        patch.setattr(kind, "kept", lambda names, origin: None)
+        patch.setattr(kind, "compiled", lambda functions, origin: functions)
+        yield
+
+
+@pytest.fixture(scope="module")
+def world():
+    """An octahedron in micro-gravity that is kicked, then squeezed off its centre."""
+    x, y, z, w = Rotation.from_rotvec([0.3, 0.2, 0.5]).as_quat()
+    body = convex_hull(RADIUS * np.vstack([np.eye(3), -np.eye(3)]))
+    world = World(
+        vertices=body, position=(0, 0, 0.2), quaternion=(w, x, y, z), ground=None,
+        gravity=0.0,
+    )  # fmt: skip
+    left = [(-0.06, 0.008, 0.204), (0.0, 0.008, 0.204)]
+    right = [(0.07, -0.01, 0.196), (0.035, -0.01, 0.196)]
+    path = np.stack([left, right], axis=1)
+    world.execute(SimpleNamespace(time=np.array([0, 1.2]), finger_position=path))
+    return world
+
+
+@pytest.fixture(scope="module")
+def afloat(world):
+    return solve_estimate(world.measurements, AFLOAT, shape=SHAPE)
+
+
+def held(world):
+    """Return samples and fingers of the touches, but for the kick that set it off."""
+    felt = np.argwhere(world.measurements.contact)
+    return felt[felt[:, 0] > felt[0, 0]].T
+
+
+def test_a_floating_hull_is_found_where_it_was_touched(world, afloat):
+    data = world.measurements
+    assert afloat.success
+    for t, f in zip(*held(world), strict=True):
+        point = data.finger_position[t, f] - data.finger_radius[f] * data.normal[t, f]
+        away = closest_point_naive(afloat.mesh(int(t)), point[None])[1][0]
+        assert away < 0.1e-3
+    planes, true = afloat.supporting_planes(), world.truth
+    on = [np.argmax(planes.normal @ n) for n in true.normal[-1]]
+    assert planes.touches[on].min() > 3
+    # Where fingers were on the true body, its own surface is, wherever that had been.
+    t, f = held(world)
+    R = Rotation.from_quat(np.roll(true.object_quaternion, -1, axis=1))
+    met = data.finger_position[t, f] - data.finger_radius[f, None] * data.normal[t, f]
+    met = R[-1].apply(R[t].inv().apply(met - true.object_position[t]))
+    away = closest_point_naive(afloat.mesh(), met + true.object_position[-1])[1]
+    assert away.mean() < 0.2e-3
+    assert away.max() < 0.5e-3
+
+
+def test_its_faces_are_followed_as_it_turns(world, afloat):
+    true = world.truth
+    there = Rotation.from_quat(np.roll(true.object_quaternion, -1, axis=1))
+    found = Rotation.from_quat(np.roll(afloat.quaternion, -1, axis=1))
+    t = np.unique(held(world)[0])
+    n = np.array(true.normal[-1, 0])
+    axes = [(R[t] * R[-1].inv()).apply(n) for R in (there, found)]
+    assert np.linalg.norm(np.cross(*axes), axis=1).max() < np.radians(1)
+    turned = np.linalg.norm(np.cross(axes[0][0], n))
+    assert turned > np.radians(5)  # there was something to follow
+
+
+def test_what_no_one_touched_of_it_is_not_known_and_said_so(afloat):
+    sigma, touched = face_sigma(afloat), afloat.faces > 3
+    assert sigma[touched].max() < 0.5 * np.median(sigma[afloat.faces == 0])
+    assert np.median(sigma[afloat.faces == 0]) > 2e-3
+    assert any("never touched" in words for words in afloat.information.unobserved)
+
+
+def test_nothing_of_a_ground_is_in_the_estimate(afloat):
+    assert "ground" not in afloat.impulses
+    assert not any("ground" in name or name == "rest" for name in afloat.costs)
+    assert not any(s.name == "planar" for s in afloat.skipped)
+    assert all(s.holds for s in afloat.skipped)
+    assert len(afloat.unknowns["x"]) == 6
+    assert afloat.quaternion[-1] == pytest.approx([1, 0, 0, 0], abs=1e-9)
+    assert afloat.mesh().center_mass == pytest.approx(afloat.position[-1], abs=1e-6)
+    assert "polytope" in afloat.summary()
+
+
+def test_the_estimate_of_a_floating_hull_survives_the_disk(afloat, tmp_path):
+    afloat.save(tmp_path / "hull.npz")
+    back = Estimate.load(tmp_path / "hull.npz")
+    assert np.array_equal(back.vertices, afloat.vertices)
+    assert back.summary() == afloat.summary()
+
+
+def test_a_floating_hull_starts_the_next_search_from_where_it_is(world, afloat):
+    data = world.measurements
+    job = _job(data, AFLOAT, SHAPE, Options(), 0.0, page)
+    (h,) = carried(afloat, SHAPE, AFLOAT, data)
+    assert h.x.shape == (6, data.samples)
+    here = h.theta.reshape(-1, 3) + h.x[:3, -1]
+    assert here == pytest.approx(afloat.vertices + afloat.position[-1], abs=1e-9)
+    plane = plane_for(job)
+    flat = flattened(h, plane)
+    again = floated(flat, plane, SHAPE)
+    lie = again.theta.reshape(-1, 3) + again.x[:3, -1]
+    assert lie == pytest.approx(here, abs=1e-9)  # the last pose is kept, whole
+    assert flattened(again, plane).x == pytest.approx(flat.x, abs=1e-9)
+    assert not extends(afloat, job, page)  # not by an action: the whole way is gone
+
+
+@pytest.fixture(scope="module")
+def slid():
+    """The estimate of a recording in which the body only slid, in planar motion."""
+    data, scene = Measurements.load(OCTAHEDRON).select(range(2)), Scene.load(OCTAHEDRON)
+    return solve_estimate(data, scene, shape=SHAPE)
+
+
+@pytest.fixture(scope="module")
+def loose(slid):
+    """The same where it may tilt and lift."""
+    return solve_estimate(
+        slid.measurements, slid.scene, shape=SHAPE, options=Options(reduce=("planar",))
+    )
+
+
+def test_a_hull_that_only_slid_is_found_again_in_free_motion(slid, loose):
+    planar, free = slid, loose
+    assert [len(e.unknowns["x"]) for e in (planar, free)] == [3, 6]
+    assert any(s.name == "planar" for s in planar.skipped)
+    assert not any(s.name == "planar" for s in free.skipped)
+    assert all(s.holds for s in free.skipped)
+    # More freedom: no worse, but for resting steps that cost what `planar` has free.
+    assert planar.objective - 0.5 < free.objective < planar.objective + 0.1
+    shift = np.linalg.norm(free.position - planar.position, axis=1)
+    sigma = np.linalg.norm(planar.information.sigma("position"))
+    assert shift.max() < sigma
+    known = planar.faces > 3
+    before, after = planar.supporting_planes(), free.supporting_planes()
+    for n, b, sigma in zip(
+        before.normal[known], before.offset[known], before.sigma[known], strict=True
+    ):
+        same = np.argmax(after.normal @ n)
+        assert after.normal[same] @ n > np.cos(np.radians(3))
+        assert abs(after.offset[same] - b) < 3 * sigma
+        assert after.sigma[same] < 3 * sigma + 0.5e-3
+
+
+def test_in_free_motion_it_stays_on_the_ground_that_carries_it(slid, loose):
+    data, free = slid.measurements, loose
+    x = free.unknowns["x"]
+    assert np.abs(x[2]).max() < 0.1e-3  # [m]
+    assert np.abs(x[3:5]).max() < np.radians(0.5)
+    z = np.concatenate([free.mesh(t).vertices[:, 2] for t in (0, 30, data.samples - 1)])
+    assert z.min() > -1e-6
+    carried = free.impulses["ground"][:, 2]
+    weight = free.scene.mass * free.scene.gravity * data.dt
+    assert np.median(carried[carried != 0]) == pytest.approx(weight, rel=0.1)
+    longer = Measurements.load(OCTAHEDRON).select(range(3))
+    jobs = [
+        _job(longer, free.scene, SHAPE, Options(reduce=off), 0.0, page)
+        for off in (True, ("planar",))
+    ]
+    assert extends(slid, jobs[0], page)
+    assert not extends(free, jobs[1], page)  # the whole way is gone
+    assert not extends(slid, jobs[1], page)
+
+
+def test_least_motion_alone_keeps_no_hull_on_a_ground_and_asks_for_one(world):
+    with pytest.raises(SceneError, match="planar motion only") as caught:
+        solve_estimate(
+            world.measurements, AFLOAT, shape="polytope", formulation="quasi_static"
+        )
+    assert "violation_implicit" in caught.value.next
