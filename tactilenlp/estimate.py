@@ -241,7 +241,8 @@ def _raise_unless_good(estimate, solved) -> None:
             got=f"{tilted[0].value:.0%} of an action's touches not explained",
             expected=f"at most {tilted[0].limit:.0%} by an object that lies flat",
             next="the object may have tilted or tumbled: select the actions before it "
-            "did, or pass throw=False to look at the flat estimate",
+            "did, let it tilt by Options(reduce='planar'), or pass throw=False to look "
+            "at the flat estimate",
             problem=solved.problem.describe(),
             solution=solved.solution,
         )
