@@ -15,7 +15,8 @@ without friction a metre below a simulated body that floats.
 
 put back: the optimum to which the leanest way goes on, solved to the end, and to which
 it goes on from there once what was left out is put back.  Exact reductions leave it
-where it is; still spans that get poses of their own may gain a little.
+where it is; still spans that get poses of their own may gain a little, and so may what
+is let tilt: the shape of a hull is free to follow.
 """
 
 import os
@@ -48,7 +49,14 @@ from tactilenlp.polytopes import is_polytope, search
 from tactilenlp.precision import precision_of, smoothed
 from tactilenlp.reduce import Reductions
 from tactilenlp.simulate import World
-from tactilenlp.solving import Solved, built_at, gone_on, settings_of, solved_from
+from tactilenlp.solving import (
+    Solved,
+    built_at,
+    gone_on,
+    let_tilt,
+    settings_of,
+    solved_from,
+)
 from tactilenlp.tipping import lifted
 
 PAGES = {"cuboid": violation_implicit, "polytope": polytope_violation_implicit}
@@ -172,15 +180,16 @@ def begun(way, h) -> Solved:
 def to_the_end(way, found) -> Solved:
     """Return a solve that went on to the end, with what `way` does not leave out."""
     job = way.job()
-    return gone_on(job, way.page, found, settings_of(job, TO_THE_END), NEAR)
+    on = let_tilt if "planar" in way.off else gone_on
+    return on(job, way.page, found, settings_of(job, TO_THE_END), NEAR)
 
 
 def put_back(ways, h) -> dict[str, float]:
-    """Return the optimum with all reductions, and with each of EXACT put back there."""
+    """Return the optimum with all reductions, and with each one put back there."""
     lean = to_the_end(ways[BASE], begun(ways[BASE], h))
     found = {BASE: lean}
     found |= {
-        k: to_the_end(ways[k], lean) for k in (f"without {name}" for name in EXACT)
+        k: to_the_end(ways[k], lean) for k in (f"without {name}" for name in NONE)
     }
     return {
         name: one.solution.objective if one.solution.success else np.nan
