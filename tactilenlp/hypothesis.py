@@ -19,8 +19,9 @@ ENDS = (0, -1)  # the poses by which bodies are compared: the first and the last
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """One local optimum: theta (n,) [m], x (3, T) planar poses, objective [nats].
+    """One local optimum: theta (n,) [m], poses x (unknowns, T), objective [nats].
 
+    Poses are planar (3, T), or free (6, T) where a solve of free motion starts or ends;
     path: the guess it came from, one word an action; offset (3, F) [m] of the fingers,
     where these are not known exactly.
     """
