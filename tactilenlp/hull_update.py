@@ -22,7 +22,7 @@ from .nlp import Problem
 from .planes import held, onward
 from .polytopes import CREEPING, LONGEST, TOLERANCE, backed, resumed, window_of
 from .readout import name_of
-from .reduce import ARM, Reductions
+from .reduce import ARM, Reductions, coasts
 from .result import Estimate
 from .rivals import JUMP, jumps
 from .solution import Solution, after
@@ -100,12 +100,10 @@ def explained(job: Job, page, solved, options, update=None) -> list[Solved]:
 
 
 def extends(start, job: Job, page) -> bool:
-    """Tell whether a job is that of an estimate of this page and one action more.
-
-    In planar motion: where the body moves freely, the whole way is gone.
-    """
+    """Tell whether a job is that of an estimate of this page and one action more."""
     if not isinstance(start, Estimate) or not start.success:
         return False
+    # Where the body moves freely, the whole way is gone.
     if not (getattr(page, "EXTENDS", False) and job.reductions.planar):
         return False
     whole = start.measurements.samples == np.count_nonzero(
@@ -141,9 +139,10 @@ def information(start) -> np.ndarray:
 
 
 def astray(solved: Solved) -> bool:
-    """Tell whether a touch is denied, or the body jumps while no finger is near."""
+    """Tell whether a touch is denied, or a body that friction holds jumps."""
     jump = jumps(solved.job.data, solved.at.x).max(initial=0.0)
-    return jump > JUMP or denied(solved) > 0
+    jumped = jump > JUMP and not coasts(solved.job.scene)
+    return jumped or denied(solved) > 0
 
 
 def denied(solved: Solved) -> int:
