@@ -241,8 +241,7 @@ def _raise_unless_good(estimate, solved) -> None:
             got=f"{tilted[0].value:.0%} of an action's touches not explained",
             expected=f"at most {tilted[0].limit:.0%} by an object that lies flat",
             next="the object may have tilted or tumbled: select the actions before it "
-            "did, let it tilt by Options(reduce='planar'), or pass throw=False to look "
-            "at the flat estimate",
+            "did, let it tilt by Options(reduce='planar'), or pass throw=False",
             problem=solved.problem.describe(),
             solution=solved.solution,
         )
@@ -272,7 +271,8 @@ def _refine(job, page, kept, options, solved) -> list[Solved]:
     """
     if is_polytope(job.shape) and job.scene.ground and not job.reductions.planar:
         slides = replace(job, reductions=replace(job.reductions, planar=True))
-        best, *_ = _refine(slides, page, kept, options, solved)
+        found = _refine(slides, page, kept, options, solved)
+        best, *_ = explained(slides, page, found, options)
         return [let_tilt(job, page, best, settings_of(job, options), CLOSE)]
     limit = min(h.objective for h in kept) + RIVAL
     own = page.LEVELS
