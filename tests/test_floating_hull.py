@@ -34,11 +34,10 @@ SHAPE = polytope()
 
 
 @pytest.fixture(scope="module", autouse=True)
-def derived_once():
-    """Derive the kinds of these few solves once, and compile none of them."""
+def not_compiled():
+    """Compile no kind for these few solves that is not compiled already."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(kind, "_cache", {})
-        patch.setattr(kind, "kept", lambda names, origin: None)
         patch.setattr(kind, "compiled", lambda functions, origin: functions)
         yield
 

@@ -30,11 +30,10 @@ SAME = 1e-9  # of costs that are one and the same expression, up to rounding
 
 
 @pytest.fixture(scope="module", autouse=True)
-def derived_once():
-    """Derive the kinds of these few terms once, and compile none of them."""
+def not_compiled():
+    """Compile no kind for these few terms that is not compiled already."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(kind, "_cache", {})
-        patch.setattr(kind, "kept", lambda names, origin: None)
         patch.setattr(kind, "compiled", lambda functions, origin: functions)
         yield
 
