@@ -1,0 +1,86 @@
+"""Problems of a page that says ALIKE share kinds: one trace of a term holds for all."""
+
+import pickle
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+from formulations import (
+    polytope_violation_implicit,
+    quasi_static,
+    shooting,
+    violation_implicit,
+)
+from formulations.polytope import polytope
+from formulations.shape import CUBOID
+from tactilenlp import Measurements, Options, Scene
+from tactilenlp.estimate import _job
+from tactilenlp.hypothesis import Hypothesis, Kinds
+from tactilenlp.solving import built_at
+
+CASES = [
+    (quasi_static, CUBOID, "cuboid"),
+    (violation_implicit, CUBOID, "cuboid"),
+    (polytope_violation_implicit, polytope(8), "polytope"),
+]
+CUBE = 0.02 * (2.0 * np.indices((2, 2, 2)).reshape(3, 8).T - 1) + [0, 0, 0.02]
+
+
+def job_of(page, shape, name, actions, **scene):
+    path = ROOT / "examples" / "data" / f"{name}.npz"
+    data, known = Measurements.load(path), replace(Scene.load(path), **scene)
+    data = data.select(np.unique(data.action)[:actions])
+    return _job(data, known, shape, Options(), time.monotonic(), page)
+
+
+def problem_of(job, page):
+    """Return the page's problem at a body that lies still."""
+    theta = CUBE.ravel() if job.shape.name == "polytope" else np.full(3, 0.04)
+    x = np.zeros((3 if job.reductions.planar else 6, job.data.samples))
+    return built_at(job, page, Hypothesis(theta, x, np.inf, ()))[1]
+
+
+@pytest.mark.parametrize(("page", "shape", "name"), CASES)
+@pytest.mark.parametrize("free", [False, True], ids=["planar", "free"])
+def test_a_term_is_the_same_function_whatever_else_its_window_holds(
+    page, shape, name, free
+):
+    if free and getattr(page, "REDUCTIONS", {}).get("planar"):
+        pytest.skip("the page knows planar motion only")
+    few, more = (job_of(page, shape, name, actions) for actions in (1, 3))
+    made = replace(few.reductions, planar=not free)
+    few = replace(few, reductions=replace(made, still=False, far=False, absent=False))
+    more = replace(more, reductions=made)
+    one, other = (problem_of(job, page).kinds for job in (few, more))
+    common = one.keys() & other.keys()
+    assert len(common) >= 4
+    for key in common:
+        assert one[key].value.serialize() == other[key].value.serialize(), key
+
+
+def test_problems_of_one_job_share_kinds_but_not_those_of_another_motion():
+    job = job_of(violation_implicit, CUBOID, "cuboid", 1)
+    first, again = (problem_of(job, violation_implicit) for _ in range(2))
+    assert first.kinds
+    assert first.kinds is again.kinds
+    free = replace(job, reductions=replace(job.reductions, planar=False))
+    assert problem_of(free, violation_implicit).kinds is not first.kinds
+    assert problem_of(job, quasi_static).kinds is not first.kinds
+
+
+def test_a_page_that_does_not_say_so_shares_nothing():
+    job = job_of(shooting, CUBOID, "cuboid", 1)
+    first, again = (problem_of(job, shooting) for _ in range(2))
+    assert first.kinds is not again.kinds
+    assert not job.kinds
+
+
+def test_kinds_stay_in_their_process():
+    job = job_of(quasi_static, CUBOID, "cuboid", 1)
+    problem_of(job, quasi_static)
+    assert job.kinds
+    assert pickle.loads(pickle.dumps(job.kinds)) == {}
+    assert isinstance(pickle.loads(pickle.dumps(job.kinds)), Kinds)
