@@ -144,7 +144,7 @@ def information_of(
     faces: (axes, 2) number of samples that touched each face; R_wg (3, 3): from the
     ground's frame, in which the programme is written, to the world.  sensed: the
     measurements, without which sigma is that of the Hessian; rivals: (problem,
-    solution, window) of other local optima; profile (n, k): of sizes (profile.py).
+    solution, window) of other local optima; profile (k, k): see profile.py.
     """
     curvature = curvature_of(problem, solution)
     chart = chart_of(problem, solution, window, shape, R_wg)
@@ -193,12 +193,12 @@ def information_of(
 
 
 def _beyond(profile, C) -> np.ndarray:
-    """Return the covariance (k, k) that the profile (n, k) of sizes has beyond C."""
+    """Return the covariance (k, k) that the profile (k, k) has beyond C."""
     beyond = np.zeros_like(C)
-    for size, off in enumerate(() if profile is None else profile):
-        more = off[size] ** 2 - max(C[size, size], 0.0)
+    for i, off in enumerate(() if profile is None else profile):
+        more = off[i] ** 2 - max(C[i, i], 0.0) - beyond[i, i]
         if more > 0:
-            beyond += more / off[size] ** 2 * np.outer(off, off)
+            beyond += more / off[i] ** 2 * np.outer(off, off)
     return beyond
 
 

@@ -10,6 +10,10 @@ costs PRICE,
 
 as of a Gaussian with the same likelihood ratio; the other sizes and the final pose go
 along as they do on that way.  Where L is lower than at s_0, a better optimum is near.
+
+A final pose that a body slid and turned to is told by cones and sliding as well.  Of
+its coordinates the one along the ground that is known least is held elsewhere, too, one
+way and the other; the rest of the pose goes along.
 """
 
 from __future__ import annotations
@@ -46,26 +50,29 @@ GAIN = 0.1  # [nats] a better optimum is better by this at least
 
 
 def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]:
-    """Return by how much sizes and final pose are off (n, k) where each size is.
+    """Return by how much sizes and final pose are off (k, k) where each of them is.
 
-    Row i: a deviation of size i [m] that touch leaves open, and what sizes [m],
-    position [m] and yaw [rad] do then; 0 of other sizes.  And a hypothesis that is
-    better than the solved one: None, unless one was met.
+    Row i: a deviation of a size that touch leaves open, or of a position [m], and what
+    sizes [m], position [m] and yaw [rad] do then; 0 of what is not asked for.  And a
+    hypothesis that is better than the solved one: None, unless one was met.
     """
     n = job.shape.theta
-    profile = np.zeros((n, n + PLANAR.unknowns))
+    profile = np.zeros((n + PLANAR.unknowns, n + PLANAR.unknowns))
     if not (job.reductions.planar and getattr(job.shape, "symmetries", ())):
         return profile, None  # not a body whose unknowns are its sides, lying flat
     chosen, faces = final_unknowns(solved.problem), solved.touched
     faces[2, 0] += ENOUGH  # the ground touches the lowest one
     pulls, _ = curvature_of(solved.problem, solved.solution).response_of(chosen)
-    known = np.sqrt(np.maximum(np.diag(pulls[chosen])[:n], 0.0))
-    elsewhere = partial(_elsewhere, job, page, solved, options, {})
-    for axis, touched in enumerate(faces):
-        if touched.min() >= ENOUGH and known[axis] < told(job, touched):
-            continue
+    known = np.sqrt(np.maximum(np.diag(pulls[chosen]), 0.0))
+    open_sizes = {
+        axis: touched for axis, touched in enumerate(faces)
+        if touched.min() < ENOUGH or known[axis] >= told(job, touched)
+    }  # fmt: skip
+    elsewhere = partial(_elsewhere, job, page, solved, options, {}, chosen)
+    for axis in (*open_sizes, n + int(np.argmax(known[n : n + 2]))):
         pull = pulls[:, axis] / max(known[axis], TINY)
-        given = solved.at, job.shape, axis, pull, pull[chosen], touched
+        touched, prior = open_sizes.get(axis), job.shape.size_prior[1]
+        given = solved.at, prior, axis, pull, pull[chosen], touched
         profile[axis], better = _deviation(elsewhere, *given)
         if better is not None:
             return profile, better
@@ -77,43 +84,58 @@ def told(job, touched) -> float:
     return max(TOLD, TWICE * job.precision.position * np.sqrt(np.sum(1 / touched)))
 
 
-def _deviation(elsewhere, at, shape, axis: int, pull, off, touched):
-    """Return by how much sizes and final pose are off (k,) where the size is.
+def _deviation(elsewhere, at, prior, axis: int, pull, off, touched):
+    """Return by how much sizes and final pose are off (k,) where one of them is.
 
-    elsewhere(axis, along, moved): the hypothesis `at` with that size held where it is
-    moved, or None.  pull, off: what all unknowns, and sizes and final pose (k,) do by
-    the Hessian where the size is off by a deviation, SI; it is believed where it claims
-    little, where there is no profile, and of an open size where it claims less.  And a
-    better hypothesis, or None.
+    elsewhere(axis, along, touched): the hypothesis `at` with that one held where it is
+    moved, or None.  prior [m]: the most that it may be off; pull, off: what all
+    unknowns, and sizes and final pose (k,) do by the Hessian where it is off by a
+    deviation, SI; touched (2,): samples on both faces of a size, None of a pose.  The
+    Hessian is believed where it claims little, where there is no profile, and of an
+    open size or a pose where it claims less.  And a better hypothesis, or None.
 
     A larger body is the flatter side: what lies behind a felt face contradicts no
-    finger.  A smaller one is asked for where a larger one says nothing.
+    finger.  A smaller one is asked for where a larger one says nothing; of a pose,
+    both ways are, and the wider one counts.
     """
-    prior, known, here = shape.size_prior[1], max(off[axis], TINY), _final(at)
-    first, off = max(FIRST * known, NEAR), off * min(1.0, prior / known)
-    is_open = touched.min() < ENOUGH
+    known = max(off[axis], TINY)
+    off = off * min(1.0, prior / known)
+    is_open, widest = touched is None or touched.min() < ENOUGH, None
     for way in (1, -1):
-        behind = way > 0 and is_open
-        step, found = first, None
-        while abs((off if found is None else found)[axis]) < CLAIMED * prior:
-            size, along = at.theta[axis] + way * step, way * step / known * pull
-            moved = resized(at, axis, size, touched) if behind else None
-            there = elsewhere(axis, along, moved)
-            if there is None:
-                break
-            price = there.objective - at.objective
-            if price < -GAIN:
-                return off, there
-            deviation = min(step / np.sqrt(2 * max(price, LEAST)), prior)
-            if found is None or deviation > abs(found[axis]):
-                found = (_final(there) - here) * deviation / step
-            if price >= PRICE:
-                break
-            step *= min(GROWTH, 1.5 * PRICE / max(price, LEAST))
-        if found is not None:
-            wider = abs(found[axis]) > abs(off[axis]) or not is_open
-            return found if wider else off, None
-    return off, None
+        behind = touched if is_open and way > 0 else None
+        given = at, prior, axis, way * pull / known, known, behind
+        found, better = _one_way(elsewhere, *given, off if widest is None else widest)
+        if better is not None:
+            return off, better
+        both = [d for d in (widest, found) if d is not None]
+        widest = max(both, key=lambda d: abs(d[axis]), default=None)
+        if widest is not None and touched is not None:
+            break
+    if widest is None or (is_open and abs(widest[axis]) <= abs(off[axis])):
+        return off, None
+    return widest, None
+
+
+def _one_way(elsewhere, at, prior, axis, pull, known, touched, off):
+    """Return the widest deviation (k,) that one way tells, or None; and a better one.
+
+    pull: what all unknowns do by the Hessian where that one is off by a metre.
+    """
+    step, found, here = max(FIRST * known, NEAR), None, _final(at)
+    while abs((off if found is None else found)[axis]) < CLAIMED * prior:
+        there = elsewhere(axis, step * pull, touched)
+        if there is None:
+            break
+        price = there.objective - at.objective
+        if price < -GAIN:
+            return None, there
+        deviation = min(step / np.sqrt(2 * max(price, LEAST)), prior)
+        if found is None or deviation > abs(found[axis]):
+            found = (_final(there) - here) * deviation / step
+        if price >= PRICE:
+            break
+        step *= min(GROWTH, 1.5 * PRICE / max(price, LEAST))
+    return found, None
 
 
 def _final(hypothesis) -> np.ndarray:
@@ -121,20 +143,21 @@ def _final(hypothesis) -> np.ndarray:
     return np.r_[hypothesis.theta, hypothesis.x[:, -1]]
 
 
-def _elsewhere(job, page, solved, options, shared, axis, along, moved):
-    """Return the hypothesis of one size held elsewhere, None where none was found.
+def _elsewhere(job, page, solved, options, shared, chosen, axis, along, touched):
+    """Return the hypothesis of one of the chosen unknowns held elsewhere, or None.
 
-    shared: keeps solvers.  It starts where all unknowns are moved `along`, or, with a
-    hypothesis `moved`, where nothing else is.  A cheap one that is feasible is enough:
-    the least price is no more than its price.
+    shared: keeps solvers.  It starts where all unknowns are moved `along`, or, with the
+    samples on both faces of a size (touched), where nothing but that has moved.  A
+    cheap one that is feasible is enough: the least price is no more than its price.
     """
-    problem = solved.problem
-    held = problem.variables["theta"].span.start + axis
-    x = problem.pack(solved.solution.values) + along
-    if x[held] < job.shape.bounds[0] or time.monotonic() > job.deadline:
+    problem, held = solved.problem, chosen[axis]
+    x, is_size = problem.pack(solved.solution.values) + along, axis < job.shape.theta
+    too_small = is_size and x[held] < job.shape.bounds[0]
+    if too_small or time.monotonic() > job.deadline:
         return None
     values = problem.unpack(x)
-    if moved is not None:
+    if touched is not None:
+        moved = resized(solved.at, axis, x[held], touched)
         values = solved.solution.values | started(problem, solved.window, moved)
     start = replace(solved.solution, values=values)
     changed = {"warm": WARM, "fixed": (np.array([held]),), "iterations": LONG}

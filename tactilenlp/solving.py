@@ -30,7 +30,7 @@ class Solved:
     """A page solved from one hypothesis: problem, window, solution.
 
     rough: where the levels before the last one had brought the hypothesis; profile
-    (n, k): how far off each size may be, and what the rest does then (profile.py).
+    (k, k): how far off sizes and final pose may be (profile.py).
     """
 
     hypothesis: Hypothesis

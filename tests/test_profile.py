@@ -20,19 +20,22 @@ def deviation(price, touched=(0, 9)):
     """Return what `_deviation` makes of a price [nats] of a change [m].
 
     The body moves by half of what it grows.  A larger one starts where it was.
+    touched: samples on both faces of a size, None where a pose is off.
     """
     sharp = np.r_[1, 0, 0, 1 / 2, 0, 0] * SHARP
 
     def elsewhere(axis, along, moved):
         change = along[axis]
-        assert (moved is None) == (change < 0 or min(touched) > 0)
+        grows = touched is not None and change > 0 and min(touched) == 0
+        assert (moved is not None) == grows
         cost, grown = price(change), np.r_[change, 0, 0]
         if cost is None:
             return None
         there = {"theta": AT.theta + grown, "x": AT.x + grown[:, None] / 2}
         return replace(AT, objective=cost, **there)
 
-    given = AT, CUBOID, 0, sharp, sharp, np.array(touched)
+    touched = None if touched is None else np.array(touched)
+    given = AT, PRIOR, 0, sharp, sharp, touched
     off, better = profile_of._deviation(elsewhere, *given)
     assert off == pytest.approx(sharp / SHARP * off[0])
     return abs(off[0]), better
@@ -57,6 +60,21 @@ def test_a_larger_body_tells_how_far_a_size_may_be_off():
 
     where_it_costs_so_much = np.sqrt(PRICE / 2) * 2e-3
     assert deviation(price)[0] == pytest.approx(where_it_costs_so_much, rel=0.3)
+
+
+def test_of_a_pose_both_ways_are_asked_for_and_the_flatter_one_counts():
+    for side in (1, -1):
+
+        def price(d, side=side):
+            return 500 * side * d if side * d > 0 else (d / SHARP) ** 2 / 2
+
+        flatter = deviation(price, None)[0]
+        assert flatter == pytest.approx(np.sqrt(PRICE / 2) * 2e-3, rel=0.3)
+
+
+def test_a_pose_is_no_surer_than_its_curvature():
+    found, _ = deviation(lambda d: 10 * (d / SHARP) ** 2 / 2, None)
+    assert found == pytest.approx(SHARP)
 
 
 def test_faces_that_were_felt_go_along_with_a_larger_body():
