@@ -39,13 +39,14 @@ PRICE = 4.0  # [nats] nearly three deviations of a Gaussian
 TOLD = 0.3e-3  # [m] two faces that fingers felt tell their distance this well
 TWICE = 2.0  # [deviations] or, of noisy fingers, so much worse than their mean at most
 CLAIMED = 0.3  # [prior deviations] a size less certain than this claims little
+SURE = 3e-3  # [m] a final position less certain than this claims little
 FIRST = 3.0  # [deviations by the Hessian] of the first step: 4.5 nats of a Gaussian
 NEAR = 0.5e-3  # [m] the first step is this far at least
 GROWTH = 10.0  # [-] of a step at most
 LEAST = 0.5  # [nats] of one deviation: what costs less is one deviation off at least
 WARM = 1e-5  # IPOPT's first mu where a size is held elsewhere
 LONG = 60  # iterations of one such solve
-PATIENCE = 2  # times that a place is gone on from before it is given up
+PATIENCE = 2  # times that a size is gone on from before it is given up, a pose once
 GAIN = 0.1  # [nats] a better optimum is better by this at least
 
 
@@ -69,7 +70,10 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
         if touched.min() < ENOUGH or known[axis] >= told(job, touched)
     }  # fmt: skip
     elsewhere = partial(_elsewhere, job, page, solved, options, {}, chosen)
-    for axis in (*open_sizes, n + int(np.argmax(known[n : n + 2]))):
+    asked, along = [*open_sizes], n + int(np.argmax(known[n : n + 2]))
+    if known[along] < SURE:
+        asked.append(along)
+    for axis in asked:
         pull = pulls[:, axis] / max(known[axis], TINY)
         touched, prior = open_sizes.get(axis), job.shape.size_prior[1]
         given = solved.at, prior, axis, pull, pull[chosen], touched
@@ -103,8 +107,9 @@ def _deviation(elsewhere, at, prior, axis: int, pull, off, touched):
     is_open, widest = touched is None or touched.min() < ENOUGH, None
     for way in (1, -1):
         behind = touched if is_open and way > 0 else None
-        given = at, prior, axis, way * pull / known, known, behind
-        found, better = _one_way(elsewhere, *given, off if widest is None else widest)
+        claim = off if widest is None else widest
+        given = at, prior, axis, way * pull / known, known, behind, claim
+        found, better = _one_way(elsewhere, *given, touched is None)
         if better is not None:
             return off, better
         both = [d for d in (widest, found) if d is not None]
@@ -116,10 +121,11 @@ def _deviation(elsewhere, at, prior, axis: int, pull, off, touched):
     return widest, None
 
 
-def _one_way(elsewhere, at, prior, axis, pull, known, touched, off):
+def _one_way(elsewhere, at, prior, axis, pull, known, touched, off, pose):
     """Return the widest deviation (k,) that one way tells, or None; and a better one.
 
-    pull: what all unknowns do by the Hessian where that one is off by a metre.
+    pull: what all unknowns do by the Hessian where that one is off by a metre; off
+    (k,): what is claimed so far; pose: that one is of the final pose.
     """
     step, found, here = max(FIRST * known, NEAR), None, _final(at)
     while abs((off if found is None else found)[axis]) < CLAIMED * prior:
@@ -132,7 +138,7 @@ def _one_way(elsewhere, at, prior, axis, pull, known, touched, off):
         deviation = min(step / np.sqrt(2 * max(price, LEAST)), prior)
         if found is None or deviation > abs(found[axis]):
             found = (_final(there) - here) * deviation / step
-        if price >= PRICE:
+        if price >= (PRICE / 2 if pose else PRICE):  # a pose is told more roughly
             break
         step *= min(GROWTH, 1.5 * PRICE / max(price, LEAST))
     return found, None
@@ -163,7 +169,7 @@ def _elsewhere(job, page, solved, options, shared, chosen, axis, along, touched)
     changed = {"warm": WARM, "fixed": (np.array([held]),), "iterations": LONG}
     level = replace(page.LEVELS[-1], **changed)
     settings = replace(settings_of(job, options), tolerance=ROUGH)
-    for _ in range(PATIENCE):
+    for _ in range(PATIENCE if is_size else 1):
         start = solve_levels(problem, (level,), start, settings, shared)
         cheap = start.objective < solved.solution.objective + PRICE
         if max(start.violations.values(), default=0.0) > ROUGH:
