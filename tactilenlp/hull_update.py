@@ -19,7 +19,7 @@ from .expansion import carried, corners_of, rows_of, samples_of
 from .hull_window import HullWindow
 from .hypothesis import Hypothesis, Job
 from .nlp import Problem
-from .planes import held, onward
+from .planes import onward
 from .polytopes import CREEPING, LONGEST, TOLERANCE, backed, resumed, window_of
 from .readout import name_of
 from .reduce import ARM, Reductions, coasts
@@ -187,7 +187,8 @@ def guessed(job: Job, past: Solved, about) -> Solved:
 def of_action(window: HullWindow, past: Hypothesis, about) -> ActionWindow:
     """Return the part of a window that comes after the samples of the past, held."""
     samples = past.x.shape[1]
-    lower, upper = held(window, past.x)
+    first = window.knot[samples]
+    lower, upper = window.holding(past.x, slice(first))
     parts = {f.name: getattr(window, f.name) for f in fields(HullWindow)}
     new = {k: parts[k].sample >= samples for k in ("touch", "free", "step", "push")}
     new["corner"] = new["step"][window.corner.step]

@@ -84,8 +84,7 @@ def indexed(window, shape, vertices, x, ground, resting=None) -> HullWindow:
     ground: whether there is one; resting: the vertices (V, 3) as which it carries its
     weight, by default the same.
     """
-    lower = np.full((len(x), window.knots), -np.inf)
-    lower[:, -1] = x[:, -1]
+    lower, upper = window.holding(x, [-1])
     triangles = triangles_of(vertices, 2 * len(vertices) - 4)
     stand = np.array(shape.corners, int)[:, 0]
     share = np.zeros(len(vertices))
@@ -108,7 +107,7 @@ def indexed(window, shape, vertices, x, ground, resting=None) -> HullWindow:
         grounded=stand if ground and planar(x) else stand[:0],
         floor=(0.0 if planar(x) else -x[2, -1]) if ground else -np.inf,
         triangles=triangles, body=body(vertices, triangles),
-        lower=lower, upper=np.where(np.isfinite(lower), lower, np.inf),
+        lower=lower, upper=upper,
     )  # fmt: skip
 
 

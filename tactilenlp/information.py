@@ -193,7 +193,10 @@ def information_of(
 
 
 def _beyond(profile, C) -> np.ndarray:
-    """Return the covariance (k, k) that the profile (k, k) has beyond C."""
+    """Return the covariance (k, k) that the profile (k, k) has beyond C.
+
+    Of a row, what the rows before have not told already.
+    """
     beyond = np.zeros_like(C)
     for i, off in enumerate(() if profile is None else profile):
         more = off[i] ** 2 - max(C[i, i], 0.0) - beyond[i, i]

@@ -12,6 +12,7 @@ import numpy as np
 
 from formulations import polytope_planes
 
+from .body_frame import directions
 from .hull import AFLOAT, centroid, corners, fingers, fitted_ball, nearest
 from .nlp import Problem
 from .reduce import reduce
@@ -79,16 +80,9 @@ class Faces:
 
 def bodily(touch, x, n) -> tuple[np.ndarray, np.ndarray]:
     """Return contact points (touches, 3) and normals, body frame at poses x (3, T)."""
-    pose = x[:, touch.sample]
-    c, s = np.cos(pose[2]), np.sin(pose[2])
-
-    def back(a):
-        return np.stack([c * a[:, 0] + s * a[:, 1], c * a[:, 1] - s * a[:, 0], a[:, 2]])
-
-    centre = back(touch.p_wf - np.vstack([pose[:2], np.zeros(len(touch))]).T).T
-    normal = back(touch.normal).T
+    normal = directions(x, touch.sample, touch.normal)
     n = normal if n is None else n
-    return centre - touch.radius[:, None] * n, normal
+    return fingers(touch, x) - touch.radius[:, None] * n, normal
 
 
 def windowed(window, faces: Faces) -> PlanesWindow:
@@ -109,14 +103,13 @@ def windowed(window, faces: Faces) -> PlanesWindow:
     centre, _ = bodily(replace(free, radius=0 * free.radius), faces.x, None)
     apart = np.linalg.norm(point[ends][:, None] - centre[None], axis=2)
     a, f = np.nonzero(apart < free.radius + NEAR)
-    lower = np.full((3, window.knots), -np.inf)
-    lower[:, -1] = faces.x[:, -1]
+    lower, upper = window.holding(faces.x, [-1])
     known = {k.name: getattr(window, k.name) for k in fields(Window)}
     return PlanesWindow(
         **known, plane=plane, planes=len(faces.b), slip=slip, link=link,
         behind=Pairs(i[other], j[other]),
         outside=Outside(ends[a], free.knot[f], free.p_wf[f], free.radius[f]),
-        lower=lower, upper=np.where(np.isfinite(lower), lower, np.inf),
+        lower=lower, upper=upper,
     )  # fmt: skip
 
 
@@ -125,7 +118,7 @@ def since(window: PlanesWindow, x, planes: int) -> PlanesWindow:
     past, touch = x.shape[1], window.touch
     new, first = touch.sample >= past, window.knot[past]
     behind, outside = window.behind, window.outside
-    lower, upper = held(window, x)
+    lower, upper = window.holding(x, slice(first))
     return replace(
         window, lower=lower, upper=upper,
         slip=window.slip[new[window.slip].any(axis=1)],
@@ -135,14 +128,6 @@ def since(window: PlanesWindow, x, planes: int) -> PlanesWindow:
         step=window.step.pick(window.step.sample >= past),
         gap=window.gap.pick(window.gap.sample >= past),
     )  # fmt: skip
-
-
-def held(window, x) -> tuple[np.ndarray, np.ndarray]:
-    """Return bounds (3, knots) of poses, below and above: those x (3, T) of a past."""
-    past = window.knot[x.shape[1]]
-    lower, upper = np.full((2, 3, window.knots), [[[-np.inf]], [[np.inf]]])
-    lower[:, :past] = upper[:, :past] = x[:, window.last[:past]]
-    return lower, upper
 
 
 def onward(job, faces: Faces) -> np.ndarray:

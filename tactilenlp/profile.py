@@ -91,8 +91,8 @@ def told(job, touched) -> float:
 def _deviation(elsewhere, at, prior, axis: int, pull, off, touched):
     """Return by how much sizes and final pose are off (k,) where one of them is.
 
-    elsewhere(axis, along, touched): the hypothesis `at` with that one held where it is
-    moved, or None.  prior [m]: the most that it may be off; pull, off: what all
+    elsewhere(axis, pull, touched, step): the hypothesis `at` with that one held `step`
+    off, or None.  prior [m]: the most that it may be off; pull, off: what all
     unknowns, and sizes and final pose (k,) do by the Hessian where it is off by a
     deviation, SI; touched (2,): samples on both faces of a size, None of a pose.  The
     Hessian is believed where it claims little, where there is no profile, and of an
@@ -105,11 +105,13 @@ def _deviation(elsewhere, at, prior, axis: int, pull, off, touched):
     known = max(off[axis], TINY)
     off = off * min(1.0, prior / known)
     is_open, widest = touched is None or touched.min() < ENOUGH, None
+    enough = PRICE / 2 if touched is None else PRICE  # a pose is told more roughly
     for way in (1, -1):
         behind = touched if is_open and way > 0 else None
-        claim = off if widest is None else widest
-        given = at, prior, axis, way * pull / known, known, behind, claim
-        found, better = _one_way(elsewhere, *given, touched is None)
+        there = partial(elsewhere, axis, way * pull / known, behind)
+        claim = abs((off if widest is None else widest)[axis])
+        first = max(FIRST * known, NEAR)
+        found, better = _one_way(there, at, axis, first, claim, prior, enough)
         if better is not None:
             return off, better
         both = [d for d in (widest, found) if d is not None]
@@ -121,24 +123,24 @@ def _deviation(elsewhere, at, prior, axis: int, pull, off, touched):
     return widest, None
 
 
-def _one_way(elsewhere, at, prior, axis, pull, known, touched, off, pose):
+def _one_way(there, at, axis, step, claim, prior, enough):
     """Return the widest deviation (k,) that one way tells, or None; and a better one.
 
-    pull: what all unknowns do by the Hessian where that one is off by a metre; off
-    (k,): what is claimed so far; pose: that one is of the final pose.
+    there(step): the hypothesis with that one held so far off [m], or None; claim [m]:
+    what is claimed so far; enough [nats]: no dearer place is asked for.
     """
-    step, found, here = max(FIRST * known, NEAR), None, _final(at)
-    while abs((off if found is None else found)[axis]) < CLAIMED * prior:
-        there = elsewhere(axis, step * pull, touched)
-        if there is None:
+    found = None
+    while (claim if found is None else abs(found[axis])) < CLAIMED * prior:
+        moved = there(step)
+        if moved is None:
             break
-        price = there.objective - at.objective
+        price = moved.objective - at.objective
         if price < -GAIN:
-            return None, there
+            return None, moved
         deviation = min(step / np.sqrt(2 * max(price, LEAST)), prior)
         if found is None or deviation > abs(found[axis]):
-            found = (_final(there) - here) * deviation / step
-        if price >= (PRICE / 2 if pose else PRICE):  # a pose is told more roughly
+            found = (_final(moved) - _final(at)) * deviation / step
+        if price >= enough:
             break
         step *= min(GROWTH, 1.5 * PRICE / max(price, LEAST))
     return found, None
@@ -149,15 +151,17 @@ def _final(hypothesis) -> np.ndarray:
     return np.r_[hypothesis.theta, hypothesis.x[:, -1]]
 
 
-def _elsewhere(job, page, solved, options, shared, chosen, axis, along, touched):
-    """Return the hypothesis of one of the chosen unknowns held elsewhere, or None.
+def _elsewhere(job, page, solved, options, shared, chosen, axis, pull, touched, step):
+    """Return the hypothesis of one of the chosen unknowns held `step` [m] off, or None.
 
-    shared: keeps solvers.  It starts where all unknowns are moved `along`, or, with the
-    samples on both faces of a size (touched), where nothing but that has moved.  A
-    cheap one that is feasible is enough: the least price is no more than its price.
+    pull: the response of all unknowns to it by the Hessian; shared: keeps solvers.  It
+    starts where all are moved along, or, with the samples on both faces of a size
+    (touched), where nothing but that has moved.  A cheap one that is feasible is
+    enough: the least price is no more than its price.
     """
     problem, held = solved.problem, chosen[axis]
-    x, is_size = problem.pack(solved.solution.values) + along, axis < job.shape.theta
+    x = problem.pack(solved.solution.values) + step * pull
+    is_size = axis < job.shape.theta
     too_small = is_size and x[held] < job.shape.bounds[0]
     if too_small or time.monotonic() > job.deadline:
         return None

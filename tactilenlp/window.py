@@ -129,6 +129,12 @@ class Window:
         """The last sample of every pose (knots,)."""
         return np.r_[np.nonzero(np.diff(self.knot))[0], len(self.knot) - 1]
 
+    def holding(self, x, knots) -> tuple[np.ndarray, np.ndarray]:
+        """Return bounds (unknowns, knots) that hold some poses of x (unknowns, T)."""
+        lower, upper = np.full((2, len(x), self.knots), [[[-np.inf]], [[np.inf]]])
+        lower[:, knots] = upper[:, knots] = x[:, self.last[knots]]
+        return lower, upper
+
     def followed(self, rows, slopes) -> np.ndarray:
         """Return what moves of corners that can lift (corners, k) do to a rigid body.
 

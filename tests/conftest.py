@@ -10,6 +10,36 @@ TOSSES = ROOT.parent / "shared" / "captures" / "cube_tosses.npz"
 RECORDED = ROOT / "examples" / "data" / "cuboid.npz"
 
 
+def squeezed(*body, **about):
+    """Return the world in which two fingers squeeze a body off its centre.
+
+    It floats; what a World is told of the body.
+    """
+    from types import SimpleNamespace
+
+    import numpy as np
+
+    from tactilenlp.simulate import World
+
+    world = World(*body, **about, ground=None, gravity=0.0)
+    left = [(-0.06, 0.008, 0.204), (0.0, 0.008, 0.204)]
+    right = [(0.07, -0.01, 0.196), (0.035, -0.01, 0.196)]
+    path = np.stack([left, right], axis=1)
+    world.execute(SimpleNamespace(time=np.array([0, 1.2]), finger_position=path))
+    return world
+
+
+@pytest.fixture(scope="module")
+def not_compiled():
+    """Compile no kind for a few terms that is not compiled already."""
+    from tactilenlp import kind
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(kind, "_cache", {})
+        patch.setattr(kind, "compiled", lambda functions, origin: functions)
+        yield
+
+
 @pytest.fixture(scope="session")
 def scenes() -> Path:
     """The folder of shared scenes; skips where it is absent."""

@@ -1,10 +1,8 @@
 """A hull in free motion, solved: it floats, or planar motion is switched off."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, squeezed
 from scipy.spatial.transform import Rotation
 from trimesh.convex import convex_hull
 from trimesh.proximity import closest_point_naive
@@ -17,7 +15,6 @@ from tactilenlp import (
     Options,
     Scene,
     face_sigma,
-    kind,
     solve_estimate,
 )
 from tactilenlp.errors import SceneError
@@ -25,21 +22,13 @@ from tactilenlp.estimate import _job
 from tactilenlp.floating import flattened, floated, plane_for
 from tactilenlp.hull_update import extends
 from tactilenlp.request import carried
-from tactilenlp.simulate import World
 
 OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
 AFLOAT = Scene(ground=None, gravity=0.0)
 RADIUS = 0.03  # [m] of the octahedron that floats
 SHAPE = polytope()
 
-
-@pytest.fixture(scope="module", autouse=True)
-def not_compiled():
-    """Compile no kind for these few solves that is not compiled already."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(kind, "_cache", {})
-        patch.setattr(kind, "compiled", lambda functions, origin: functions)
-        yield
+pytestmark = pytest.mark.usefixtures("not_compiled")
 
 
 @pytest.fixture(scope="module")
@@ -47,15 +36,7 @@ def world():
     """An octahedron in micro-gravity that is kicked, then squeezed off its centre."""
     x, y, z, w = Rotation.from_rotvec([0.3, 0.2, 0.5]).as_quat()
     body = convex_hull(RADIUS * np.vstack([np.eye(3), -np.eye(3)]))
-    world = World(
-        vertices=body, position=(0, 0, 0.2), quaternion=(w, x, y, z), ground=None,
-        gravity=0.0,
-    )  # fmt: skip
-    left = [(-0.06, 0.008, 0.204), (0.0, 0.008, 0.204)]
-    right = [(0.07, -0.01, 0.196), (0.035, -0.01, 0.196)]
-    path = np.stack([left, right], axis=1)
-    world.execute(SimpleNamespace(time=np.array([0, 1.2]), finger_position=path))
-    return world
+    return squeezed(vertices=body, position=(0, 0, 0.2), quaternion=(w, x, y, z))
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from formulations import polytope_violation_implicit as page
 from formulations.polytope import polytope
 from formulations.rigid_body import rotation
-from tactilenlp import Measurements, Options, Scene, kind
+from tactilenlp import Measurements, Options, Scene
 from tactilenlp.body_frame import directions, points
 from tactilenlp.estimate import _job
 from tactilenlp.hull import filled
@@ -28,14 +28,7 @@ SHAPE = polytope(8)
 CURVED = 1e-3
 SAME = 1e-9  # of costs that are one and the same expression, up to rounding
 
-
-@pytest.fixture(scope="module", autouse=True)
-def not_compiled():
-    """Compile no kind for these few terms that is not compiled already."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(kind, "_cache", {})
-        patch.setattr(kind, "compiled", lambda functions, origin: functions)
-        yield
+pytestmark = pytest.mark.usefixtures("not_compiled")
 
 
 @pytest.fixture(scope="module")

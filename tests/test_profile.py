@@ -24,8 +24,8 @@ def deviation(price, touched=(0, 9)):
     """
     sharp = np.r_[1, 0, 0, 1 / 2, 0, 0] * SHARP
 
-    def elsewhere(axis, along, moved):
-        change = along[axis]
+    def elsewhere(axis, pull, moved, step):
+        change = step * pull[axis]
         grows = touched is not None and change > 0 and min(touched) == 0
         assert (moved is not None) == grows
         cost, grown = price(change), np.r_[change, 0, 0]

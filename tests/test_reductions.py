@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from conftest import squeezed
 from scipy.spatial.transform import Rotation
 
 from formulations import violation_implicit as page
@@ -16,7 +17,6 @@ from tactilenlp.metrics import cuboid_errors
 from tactilenlp.newton import newton_step
 from tactilenlp.precision import precision_of
 from tactilenlp.reduce import Reductions, may_move, maybe_touching, reduce
-from tactilenlp.simulate import World
 from tactilenlp.solve import SolverOptions, solve, solve_levels
 
 
@@ -126,15 +126,8 @@ SIDES, AT = np.array([0.04, 0.06, 0.05]), np.array([0.0, 0.0, 0.2])
 def floating():
     """A box in micro-gravity that two fingers squeeze, off its centre: it tumbles."""
     yaw = 0.3
-    world = World(
-        SIDES, position=AT, quaternion=(np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)),
-        ground=None, gravity=0.0,
-    )  # fmt: skip
-    from_left = [(-0.06, 0.008, 0.204), (0.0, 0.008, 0.204)]
-    from_right = [(0.07, -0.01, 0.196), (0.035, -0.01, 0.196)]
-    path = np.stack([from_left, from_right], axis=1)
-    world.execute(SimpleNamespace(time=np.array([0, 1.2]), finger_position=path))
-    return world
+    turn = (np.cos(yaw / 2), 0, 0, np.sin(yaw / 2))
+    return squeezed(SIDES, position=AT, quaternion=turn)
 
 
 def errors_of(estimate, world):
