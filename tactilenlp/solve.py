@@ -62,6 +62,8 @@ class SolverOptions:
             "bound_frac": self.push,
             "bound_relax_factor": 0.0,
             "nlp_scaling_method": "none",
+            # Else the gradient is evaluated twice an iteration, for their multipliers.
+            "fixed_variable_treatment": "make_parameter_nodual",
             "print_level": 0,
             "sb": "yes",
         }
@@ -131,7 +133,9 @@ def solve(
         )  # fmt: skip
     lam_x = np.zeros(problem.size)
     x[free] = np.asarray(out["x"]).ravel() * scale[free]
-    lam_x[free] = np.asarray(out["lam_x"]).ravel() / scale[free]
+    functions = (problem.eliminated if eliminate else problem).functions
+    held = (lower == upper)[free]
+    lam_x[free] = _bound_multipliers(functions, out, data, held) / scale[free]
     lam_g = np.asarray(out["lam_g"]).ravel()
     if eliminate:
         x = problem.eliminated.complete(x, data)
@@ -142,6 +146,21 @@ def solve(
     if throw and not solution.success:
         raise not_converged(problem, solution)
     return solution
+
+
+def _bound_multipliers(functions, out, data, held) -> np.ndarray:
+    """Return the multipliers of all bounds, scaled, as IPOPT has them.
+
+    held: which unknowns cannot move; IPOPT leaves them out, and what their bounds push
+    is what makes the Lagrangian stationary.
+    """
+    pulls = np.asarray(out["lam_x"]).ravel()
+    if held.any():
+        slope = np.asarray(functions["grad_f"](out["x"], data)[1]).ravel()
+        jacobian = functions["jac_g"](out["x"], data)[1].sparse()
+        slope += jacobian.T @ np.asarray(out["lam_g"]).ravel()
+        pulls[held] = -slope[held]
+    return pulls
 
 
 def _pulls(problem, warm: Solution, free, kept) -> dict:
