@@ -24,6 +24,7 @@ from . import sensing
 from .level import Level
 from .quasi_static import STILL, between_actions, least_motion
 
+ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
     Level(
         "coarse",

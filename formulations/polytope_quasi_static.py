@@ -26,6 +26,7 @@ from . import quasi_static
 from .level import Level
 
 REDUCTIONS = {"planar": True}  # nothing here would keep a body on the ground
+ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
     Level("coarse", {"touch scale": 1e-3, "normal scale": 0.2}, iterations=40),
     Level("fine", {"touch scale": 0.3e-3, "normal scale": 0.05}),

@@ -13,7 +13,6 @@ import numpy as np
 
 from .expansion import expand
 from .holding import held
-from .lagrangian import gradient
 from .newton import newton_step
 from .polytopes import is_polytope
 from .reduce import ARM, Reductions
@@ -87,9 +86,8 @@ def absent(solved, whole) -> Skipped | None:
     """No finger that feels nothing would gain by pushing."""
     if "finger" not in whole.problem.variables or not len(whole.unfelt):
         return None
-    problem, variable = whole.problem, whole.problem.variables["finger"]
-    slope = gradient(problem, whole.x, whole.data)
-    normal = slope[variable.span].reshape(variable.columns, -1)[whole.unfelt, 0]
+    variable = whole.problem.variables["finger"]
+    normal = whole.slope[variable.span].reshape(variable.columns, -1)[whole.unfelt, 0]
     gain = float(max(0.0, (-normal * variable.scale[0]).max()))
     return Skipped(
         "absent", f"{len(whole.unfelt)} impulses", "the finger feels nothing",

@@ -9,9 +9,11 @@ merged in, and the page's own guess of an impulse.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
+from .lagrangian import gradient
 from .nlp import Problem
 from .polytopes import window_of
 
@@ -35,6 +37,17 @@ class Expansion:
     pulls: np.ndarray
     far: np.ndarray
     unfelt: np.ndarray
+
+    @cached_property
+    def slope(self) -> np.ndarray:
+        """The gradient (unknowns,) of the costs, SI."""
+        return gradient(self.problem, self.x, self.data)
+
+    @property
+    def whole_slope(self) -> np.ndarray:
+        """The gradient (unknowns,) of costs and constraints times multipliers, SI."""
+        held = gradient(self.problem, self.x, self.data, self.multipliers, costs=())
+        return self.slope + held
 
 
 def expand(job, page, solved) -> Expansion:

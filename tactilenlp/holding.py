@@ -16,7 +16,6 @@ import numpy as np
 from formulations.violation_implicit import WEIGHTS
 
 from .body_frame import planar
-from .lagrangian import gradient
 from .reduce import SLIPPERY
 from .rotations import turning
 
@@ -43,8 +42,7 @@ def held(scene, solved, whole) -> Hold:
     whole: the problem with a pose for every sample, at the solution (Expansion).
     """
     v = whole.problem.variables["x"]
-    slope = gradient(whole.problem, whole.x, whole.data, whole.multipliers)
-    slope = slope[v.span].reshape(v.columns, v.rows)
+    slope = whole.whole_slope[v.span].reshape(v.columns, v.rows)
     slope = _along(whole.x[v.span].reshape(slope.shape).T, slope)[whole.window.knot]
     knot, arm = solved.window.knot, _arm(whole.window)
     price, cuts, worst = _price(scene, solved.solution), [], 0.0

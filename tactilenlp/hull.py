@@ -215,15 +215,9 @@ def nearest_triangles(vertices, points) -> tuple[np.ndarray, np.ndarray]:
     """
     import trimesh
 
-    simplices = ConvexHull(vertices).simplices
-    out, on = np.full_like(points, np.inf), np.zeros((len(points), 3), int)
-    best = np.full(len(points), np.inf)
-    for simplex in simplices:
-        found = trimesh.triangles.closest_point(
-            np.broadcast_to(vertices[simplex], (len(points), 3, 3)), points
-        )
-        away = np.linalg.norm(found - points, axis=1)
-        closer = away < best
-        out[closer], on[closer] = found[closer], simplex
-        best = np.minimum(away, best)
-    return out, on
+    simplices, n = ConvexHull(vertices).simplices, len(points)
+    found = trimesh.triangles.closest_point(
+        np.repeat(vertices[simplices], n, axis=0), np.tile(points, (len(simplices), 1))
+    ).reshape(len(simplices), n, 3)
+    best = np.linalg.norm(found - points, axis=2).argmin(axis=0)
+    return found[best, np.arange(n)], simplices[best]

@@ -64,6 +64,7 @@ def updated(job: Job, page, start, options, certified) -> tuple[Solved | None, b
     if not extends(start, job, page):
         return None, False
     job = replace(job, cuts=start.cuts)
+    job.recall(start.origin, page)
     past = past_of(job, page, start)
     found = joint(job, page, past, guessed(job, past, information(start)), options)
     usual = max(start.objective, 0.0) / start.measurements.actions
@@ -118,8 +119,7 @@ def extends(start, job: Job, page) -> bool:
 
 def past_of(job: Job, page, start) -> Solved:
     """Return the page as the estimate had solved it."""
-    actions = np.unique(start.measurements.action)
-    job = replace(job, data=job.data.select(actions))
+    job = replace(job, data=job.data.select(np.unique(start.measurements.action)))
     window, problem, built = built_at(job, page, start.origin)
     solution = Solution(
         values=start.unknowns, objective=start.objective, costs=start.costs,

@@ -7,6 +7,7 @@ is a hypothesis of its own.  They are compared by the body at the first and last
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -66,6 +67,11 @@ class Kinds(dict):
         return Kinds, ()
 
 
+# Where estimates came from, and the kinds that solving them took: an update shares
+# them as long as the estimate is in this process.
+_solved: WeakKeyDictionary[Hypothesis, tuple[tuple, Kinds]] = WeakKeyDictionary()
+
+
 @dataclass(frozen=True, eq=False)
 class Job:
     """What a solve needs to know, picklable: the data so far and how to read them."""
@@ -89,6 +95,16 @@ class Job:
         if not getattr(page, "ALIKE", False):
             return {}
         return self.kinds.setdefault((page, window.motion, window.frictionless), {})
+
+    def remember(self, origin: Hypothesis, page) -> None:
+        """Keep the kinds for whoever goes on from the estimate of this origin."""
+        _solved[origin] = (self.scene, self.shape, page.build), self.kinds
+
+    def recall(self, origin: Hypothesis, page) -> None:
+        """Take the kinds of an estimate of this origin, if it was solved here."""
+        of, kinds = _solved.get(origin, (None, {}))
+        if of == (self.scene, self.shape, page.build):  # not of a page that was edited
+            self.kinds.update(kinds)
 
 
 def distinct(

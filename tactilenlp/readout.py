@@ -37,6 +37,7 @@ def read_off(
         body, information = hull_read(job, page, solved, x)
     else:
         body, information = box_read(job, page, solved, theta, x, rivals)
+    job.remember(solved.hypothesis, page)
     return Estimate(
         measurements=data,
         scene=scene,

@@ -47,7 +47,7 @@ def moved_by(
     shape = (*sensed.data.contact.shape, 3)
     count = int(np.prod(shape))
     moved = np.zeros((2 * count, pulls.shape[1]))
-    for name in terms or curvature.hessians:
+    for name in curvature.hessians if terms is None else terms:
         term = curvature.problem.terms[name]
         number = source[term.data]
         read = number >= 0

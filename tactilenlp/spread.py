@@ -47,9 +47,14 @@ def spread(
     """Return the covariance (k, k) of the chosen unknowns, SI."""
     problem = curvature.problem
     source = sources(curvature, sensed, window)
-    noise = scatter(*moved_by(curvature, pulls, held, sensed, source), sensed)
-    if "touch" in problem.terms:
-        by = moved_by(curvature, pulls, held, sensed, source, terms=["touch"])
+    felt = [name for name in curvature.hessians if name == "touch"]
+    rest = [name for name in curvature.hessians if name != "touch"]
+    by, others = (
+        moved_by(curvature, pulls, held, sensed, source, terms=terms)
+        for terms in (felt, rest)
+    )
+    noise = scatter(by[0] + others[0], by[1] + others[1], sensed)
+    if felt:
         noise += _model_error(curvature, *by, sensed, window, shape)
     prior = [n for n, term in problem.costs.items() if term.role in PRIORS]
     physics = [n for n, term in problem.costs.items() if term.role == "physics"]

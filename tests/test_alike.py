@@ -9,6 +9,7 @@ import pytest
 from conftest import ROOT
 
 from formulations import (
+    polytope_quasi_static,
     polytope_violation_implicit,
     quasi_static,
     shooting,
@@ -24,6 +25,7 @@ from tactilenlp.solving import built_at
 CASES = [
     (quasi_static, CUBOID, "cuboid"),
     (violation_implicit, CUBOID, "cuboid"),
+    (polytope_quasi_static, polytope(8), "polytope"),
     (polytope_violation_implicit, polytope(8), "polytope"),
 ]
 CUBE = 0.02 * (2.0 * np.indices((2, 2, 2)).reshape(3, 8).T - 1) + [0, 0, 0.02]
@@ -76,6 +78,20 @@ def test_a_page_that_does_not_say_so_shares_nothing():
     first, again = (problem_of(job, shooting) for _ in range(2))
     assert first.kinds is not again.kinds
     assert not job.kinds
+
+
+def test_an_estimate_leaves_its_kinds_to_who_goes_on_from_it():
+    job = job_of(quasi_static, CUBOID, "cuboid", 1)
+    kinds = problem_of(job, quasi_static).kinds
+    origin = Hypothesis(np.full(3, 0.04), np.zeros((3, 1)), 0.0, ())
+    job.remember(origin, quasi_static)
+    more = job_of(quasi_static, CUBOID, "cuboid", 2)
+    more.recall(origin, quasi_static)
+    assert problem_of(more, quasi_static).kinds is kinds
+    other = job_of(quasi_static, CUBOID, "cuboid", 2, mass=7.0)
+    other.recall(origin, quasi_static)
+    more.recall(replace(origin), quasi_static)  # of no estimate
+    assert not other.kinds
 
 
 def test_kinds_stay_in_their_process():

@@ -142,6 +142,9 @@ def test_with_the_torque_fixed_the_machine_simulates():
         t_eval=shared, rtol=1e-9, atol=1e-9,
     )  # fmt: skip
     np.testing.assert_allclose(solution.values["state"][0], truth.y[0], atol=0.1)
+    # What holds the torque is told as well, though IPOPT knows nothing of it.
+    assert np.abs(solution.bound_multipliers["torque"]).max() > 0
+    assert np.abs(stationarity(problem, solution)).max() < 1e-7
 
 
 def test_a_start_outside_its_bounds_is_brought_inside():
