@@ -32,6 +32,7 @@ CREEPING = {  # IPOPT stops where kinks of the surface let it creep on and on
     "acceptable_iter": 5,
     "acceptable_compl_inf_tol": 1e-2,
     "acceptable_constr_viol_tol": 1e-4,
+    "max_soc": 0,  # corrected steps trade ten nats for a thousandth of feasibility
 }
 LONGEST = 20.0  # [s] of one solve
 ENOUGH = 40  # iterations of a level that only starts another page
