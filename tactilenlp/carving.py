@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from .errors import TactileError
@@ -14,21 +16,26 @@ from .hull import (
     outer,
     thinned,
 )
-from .planes import Faces, bodily, unseen
+from .planes import Faces, bodily, unseen, unseen_ball
 
 CUTS = 30  # at most, by fingers that feel nothing
 TOLERANCE = 0.1e-3  # [m] a free finger may sink in so far
+CLOSED = 3**0.5  # [radii] a cube's corners are so far out of the ball within it
 
 
-def carved(window, faces: Faces, size, vertices: int, ground=True) -> np.ndarray:
+def carved(window, faces: Faces, size, vertices: int, ground=True, ball=True):
     """Return the vertices (vertices, 3) [m] of the body behind the planes.
 
-    ground: whether there is one, at z = 0.
+    ground: whether there is one, at z = 0; ball: whether it is a ball where no finger
+    was.  Without one, None unless planes and ground close the body.
     """
     n = faces.n
     points, _ = bodily(window.touch, faces.x, n[faces.plane])
     planes = np.c_[n, np.maximum(faces.b, (points @ n.T).max(axis=0))]
-    halfspaces = np.vstack([planes, unseen(points, size, ground)])
+    if ball:
+        halfspaces = np.vstack([planes, unseen(points, size, ground)])
+    elif (halfspaces := closed(planes, points, size, ground)) is None:
+        return None
     found = corners(halfspaces)
     cuts = separating(window, faces, points)
     for _ in range(CUTS):
@@ -41,6 +48,20 @@ def carved(window, faces: Faces, size, vertices: int, ground=True) -> np.ndarray
         except TactileError:
             break
     return filled(thinned(outer(merged(found)), vertices), vertices)
+
+
+def closed(planes, points, size, ground) -> np.ndarray | None:
+    """Return the half-spaces (n, 4) that close a body without a ball, if they do.
+
+    They do where no corner of planes and ground is farther than CLOSED radii from the
+    middle of the ball: a sharp corner that no finger felt is no reason for a face.
+    """
+    ball = unseen_ball(points, size, ground)
+    wide = replace(ball, radius=2 * CLOSED * ball.radius)
+    floor = [[0, 0, -1, 0]] if ground else np.zeros((0, 4))
+    halfspaces = np.vstack([planes, floor, wide.caps(points)])
+    far = np.linalg.norm(corners(halfspaces) - ball.centre, axis=1).max()
+    return halfspaces if far < CLOSED * ball.radius else None
 
 
 def separating(window, faces: Faces, points) -> np.ndarray:

@@ -13,7 +13,16 @@ import numpy as np
 from formulations import polytope_planes
 
 from .body_frame import directions
-from .hull import AFLOAT, centroid, corners, fingers, fitted_ball, nearest
+from .hull import (
+    AFLOAT,
+    HEIGHT,
+    Ball,
+    centroid,
+    corners,
+    fingers,
+    fitted_ball,
+    nearest,
+)
 from .nlp import Problem
 from .reduce import reduce
 from .runs import DOUBT, runs
@@ -270,10 +279,13 @@ def unseen(points, size, ground) -> np.ndarray:
 
     points (k, 3) [m]: where the body was touched.
     """
-    if not ground:
-        return fitted_ball(points, size, AFLOAT).caps(points)
-    ball = fitted_ball(points, size)
-    return np.vstack([[[0, 0, -1, 0]], ball.caps(points)])
+    caps = unseen_ball(points, size, ground).caps(points)
+    return np.vstack([[[0, 0, -1, 0]], caps]) if ground else caps
+
+
+def unseen_ball(points, size, ground) -> Ball:
+    """Return the ball that is thought of where no finger was."""
+    return fitted_ball(points, size, HEIGHT if ground else AFLOAT)
 
 
 def middle(window, size: float) -> np.ndarray:

@@ -34,6 +34,7 @@ CREEPING = {  # IPOPT stops where kinks of the surface let it creep on and on
     "acceptable_constr_viol_tol": 1e-4,
     "max_soc": 0,  # corrected steps trade ten nats for a thousandth of feasibility
 }
+CLOSED = "closed"  # the path of a body with no faces but those that were felt
 LONGEST = 20.0  # [s] of one solve
 ENOUGH = 40  # iterations of a level that only starts another page
 
@@ -83,6 +84,7 @@ def reseeded(h: Hypothesis) -> Hypothesis:
 def search(job, kept, so_far=None) -> list[Hypothesis]:
     """Return the hypothesis that explains all actions of a job, with least motion.
 
+    And one of a body that has no faces but those that were felt, if they close one.
     kept: a hypothesis of the first actions, if any, with any number of vertices.
     so_far: a list in which Ctrl-C leaves that of the actions done by then.
     """
@@ -93,7 +95,10 @@ def search(job, kept, so_far=None) -> list[Hypothesis]:
             for last in progress(_ends(job.data), "search"):
                 if not kept or last > kept[0].x.shape[1]:
                     faces[:] = [extended(job, faces[0] if faces else None, last)]
-            return [polished(job, body_of(job, faces[0]))]
+            bodies = [body_of(job, faces[0])]
+            if job.scene.ground is not None:
+                bodies += closed_by(job, faces[0])
+            return [polished(job, body) for body in bodies]
     except KeyboardInterrupt:
         if so_far is not None:
             so_far[:] = [body_of(job, one) for one in faces]
@@ -110,12 +115,25 @@ def _ends(data) -> list[int]:
 
 def body_of(job, faces: Faces) -> Hypothesis:
     """Return the body that planes of the first samples carve out, where they saw it."""
+    return _body(faces, _carved(job, faces), ("planes",))
+
+
+def closed_by(job, faces: Faces) -> list[Hypothesis]:
+    """Return the body without any face that nothing felt, where planes close one."""
+    vertices = _carved(job, faces, ball=False)
+    return [] if vertices is None else [_body(faces, vertices, ("planes", CLOSED))]
+
+
+def _body(faces: Faces, vertices, path) -> Hypothesis:
+    found = vertices.ravel(), faces.x, faces.objective, path, faces.iterations
+    return Hypothesis(*found)
+
+
+def _carved(job, faces: Faces, ball=True):
     data = job.data.select(np.unique(job.data.action[: faces.x.shape[1]]))
     window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
     known = job.shape.size_prior, job.shape.theta // 3, job.scene.ground is not None
-    vertices = carved(window, faces, *known)
-    found = vertices.ravel(), faces.x, faces.objective, ("planes",), faces.iterations
-    return Hypothesis(*found)
+    return carved(window, faces, *known, ball=ball)
 
 
 def polished(job, body: Hypothesis) -> Hypothesis:

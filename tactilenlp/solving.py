@@ -15,13 +15,14 @@ from .expansion import carried
 from .hypothesis import Hypothesis, Job
 from .information import TOUCHED
 from .nlp import Problem
-from .polytopes import CREEPING, is_polytope, reseeded, window_of
+from .polytopes import CLOSED, CREEPING, is_polytope, reseeded, window_of
 from .result import poses, touched_faces
 from .solution import after
 from .solve import SolverOptions, solve_levels
 from .tipping import lifted
 from .trial import LONGEST, started
 
+REASON = 3.0  # [nats] as odds of 20 to 1 are
 CHOSEN_AGAIN = ("theta", "x", "body")  # where a page that is filled anew starts
 
 
@@ -158,6 +159,16 @@ def let_tilt(job, page, slid, settings, warm) -> Solved:
 def best_first(solved) -> list[Solved]:
     """Return solves, the best first; what failed comes last."""
     return sorted(solved, key=lambda s: s.rank)
+
+
+def preferred(solved) -> list[Solved]:
+    """Return solves, best first: a face that nothing felt must be worth REASON."""
+
+    def rank(s) -> tuple[bool, float]:
+        failed, objective = s.rank
+        return failed, objective - REASON * (CLOSED in s.hypothesis.path)
+
+    return sorted(solved, key=rank)
 
 
 def loosened(job, page, solved, options) -> Solved:

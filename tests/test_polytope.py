@@ -15,6 +15,7 @@ from formulations.polytope import (
     whole_moments,
 )
 from tactilenlp import Problem, hull
+from tactilenlp.carving import closed
 from tactilenlp.errors import TactileError
 from tactilenlp.hull_window import body, legs, shares
 from tactilenlp.hypothesis import Hypothesis
@@ -152,6 +153,21 @@ def test_half_spaces_of_a_cube_leave_its_corners():
     n = np.vstack([np.eye(3), -np.eye(3)])
     found = hull.merged(hull.corners(np.c_[n, np.full(6, 0.02)]))
     assert sorted(found.round(6).tolist()) == sorted(CUBE.tolist())
+
+
+@pytest.mark.parametrize("missing", [None, 0])
+def test_planes_and_ground_close_a_body_unless_a_face_is_missing(missing):
+    n = np.vstack([np.eye(3), -np.eye(3)[:2]])  # the ground is below
+    b = np.array([0.02, 0.02, 0.04, 0.02, 0.02])  # it stands on it
+    points = 0.02 * n + np.array([0, 0, 0.02])  # felt amid each face
+    kept = [i for i in range(5) if i != missing]
+    planes = np.c_[n, b][kept]
+    found = closed(planes, points[kept], (0.022, 0.008), ground=True)
+    if missing is None:
+        corners, up = hull.merged(hull.corners(found)), np.array([0, 0, 0.02])
+        assert sorted(corners.round(6).tolist()) == sorted((CUBE + up).tolist())
+    else:
+        assert found is None
 
 
 def test_half_spaces_without_a_common_point_are_refused():
