@@ -32,7 +32,6 @@ CREEPING = {  # IPOPT stops where kinks of the surface let it creep on and on
     "acceptable_iter": 5,
     "acceptable_compl_inf_tol": 1e-2,
     "acceptable_constr_viol_tol": 1e-4,
-    "max_soc": 0,  # corrected steps trade ten nats for a thousandth of feasibility
 }
 CLOSED = "closed"  # the path of a body with no faces but those that were felt
 LONGEST = 20.0  # [s] of one solve

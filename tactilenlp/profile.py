@@ -1,4 +1,4 @@
-r"""How far a size may be off at the price of four nats: the profile of the objective.
+r"""How far a size may be off at the price of three nats: the profile of the objective.
 
 The optimum of a size that touch leaves open, or tells by way of a path, is often a
 kink: cones and sliding are not smooth, and from there the objective grows as the
@@ -35,18 +35,16 @@ from .solve import solve_levels
 from .solving import settings_of
 from .trial import ROUGH, started
 
-PRICE = 4.0  # [nats] nearly three deviations of a Gaussian
+PRICE = 3.0  # [nats] and a pose half of it, for it is told more roughly
 TOLD = 0.3e-3  # [m] two faces that fingers felt tell their distance this well
 TWICE = 2.0  # [deviations] or, of noisy fingers, so much worse than their mean at most
 CLAIMED = 0.3  # [prior deviations] a size less certain than this claims little
-SURE = 3e-3  # [m] a final position less certain than this claims little
-FIRST = 3.0  # [deviations by the Hessian] of the first step: 4.5 nats of a Gaussian
+SURE = 1e-3  # [m] a final position less certain than this claims little
 NEAR = 0.5e-3  # [m] the first step is this far at least
 GROWTH = 10.0  # [-] of a step at most
 LEAST = 0.5  # [nats] of one deviation: what costs less is one deviation off at least
-WARM = 1e-5  # IPOPT's first mu where a size is held elsewhere
-LONG = 60  # iterations of one such solve
-PATIENCE = 2  # times that a size is gone on from before it is given up, a pose once
+BARRIER = 1e-2  # IPOPT's first mu where a size is held elsewhere
+LONG = 100  # iterations of one such solve
 GAIN = 0.1  # [nats] a better optimum is better by this at least
 
 
@@ -110,7 +108,7 @@ def _deviation(elsewhere, at, prior, axis: int, pull, off, touched):
         behind = touched if is_open and way > 0 else None
         there = partial(elsewhere, axis, way * pull / known, behind)
         claim = abs((off if widest is None else widest)[axis])
-        first = max(FIRST * known, NEAR)
+        first = max(min(np.sqrt(4 * enough) * known, CLAIMED * prior), NEAR)
         found, better = _one_way(there, at, axis, first, claim, prior, enough)
         if better is not None:
             return off, better
@@ -129,7 +127,7 @@ def _one_way(there, at, axis, step, claim, prior, enough):
     there(step): the hypothesis with that one held so far off [m], or None; claim [m]:
     what is claimed so far; enough [nats]: no dearer place is asked for.
     """
-    found = None
+    found, farthest = None, CLAIMED * prior * np.sqrt(2 * enough)
     while (claim if found is None else abs(found[axis])) < CLAIMED * prior:
         moved = there(step)
         if moved is None:
@@ -140,9 +138,9 @@ def _one_way(there, at, axis, step, claim, prior, enough):
         deviation = min(step / np.sqrt(2 * max(price, LEAST)), prior)
         if found is None or deviation > abs(found[axis]):
             found = (_final(moved) - _final(at)) * deviation / step
-        if price >= enough:
+        if price >= enough or step >= farthest:
             break
-        step *= min(GROWTH, 1.5 * PRICE / max(price, LEAST))
+        step = min(step * min(GROWTH, enough / max(price, LEAST)), farthest)
     return found, None
 
 
@@ -161,23 +159,18 @@ def _elsewhere(job, page, solved, options, shared, chosen, axis, pull, touched, 
     """
     problem, held = solved.problem, chosen[axis]
     x = problem.pack(solved.solution.values) + step * pull
-    is_size = axis < job.shape.theta
-    too_small = is_size and x[held] < job.shape.bounds[0]
+    too_small = axis < job.shape.theta and x[held] < job.shape.bounds[0]
     if too_small or time.monotonic() > job.deadline:
         return None
     values = problem.unpack(x)
     if touched is not None:
         moved = resized(solved.at, axis, x[held], touched)
         values = solved.solution.values | started(problem, solved.window, moved)
-    start = replace(solved.solution, values=values)
-    changed = {"warm": WARM, "fixed": (np.array([held]),), "iterations": LONG}
+    changed = {"barrier": BARRIER, "fixed": (np.array([held]),), "iterations": LONG}
     level = replace(page.LEVELS[-1], **changed)
     settings = replace(settings_of(job, options), tolerance=ROUGH)
-    for _ in range(PATIENCE if is_size else 1):
-        start = solve_levels(problem, (level,), start, settings, shared)
-        cheap = start.objective < solved.solution.objective + PRICE
-        if max(start.violations.values(), default=0.0) > ROUGH:
-            continue
-        if start.success or cheap:
-            return replace(solved, solution=start).at
-    return None
+    found = solve_levels(problem, (level,), values, settings, shared)
+    cheap = found.objective < solved.solution.objective + PRICE
+    if max(found.violations.values(), default=0.0) > ROUGH:
+        return None
+    return replace(solved, solution=found).at if found.success or cheap else None

@@ -64,6 +64,7 @@ class SolverOptions:
             "nlp_scaling_method": "none",
             # Else the gradient is evaluated twice an iteration, for their multipliers.
             "fixed_variable_treatment": "make_parameter_nodual",
+            "max_soc": 0,  # corrected steps trade nats for a thousandth of feasibility
             "print_level": 0,
             "sb": "yes",
         }
