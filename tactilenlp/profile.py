@@ -108,6 +108,7 @@ def _deviation(elsewhere, at, prior, axis: int, pull, off, touched):
         behind = touched if is_open and way > 0 else None
         there = partial(elsewhere, axis, way * pull / known, behind)
         claim = abs((off if widest is None else widest)[axis])
+        # Where a Gaussian costs twice as much as is enough; most cost half as much.
         first = max(min(np.sqrt(4 * enough) * known, CLAIMED * prior), NEAR)
         found, better = _one_way(there, at, axis, first, claim, prior, enough)
         if better is not None:
@@ -125,7 +126,8 @@ def _one_way(there, at, axis, step, claim, prior, enough):
     """Return the widest deviation (k,) that one way tells, or None; and a better one.
 
     there(step): the hypothesis with that one held so far off [m], or None; claim [m]:
-    what is claimed so far; enough [nats]: no dearer place is asked for.
+    what is claimed so far; enough [nats]: no dearer place is asked for, and none so far
+    that a cheaper one claims too little.
     """
     found, farthest = None, CLAIMED * prior * np.sqrt(2 * enough)
     while (claim if found is None else abs(found[axis])) < CLAIMED * prior:

@@ -2,6 +2,7 @@
 
 import logging
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ from tactilenlp import Measurements, Scene, hull_update, solve_estimate
 from tactilenlp.estimate import _job
 from tactilenlp.hypothesis import Hypothesis
 from tactilenlp.options import Options
+from tactilenlp.polytopes import CLOSED
 from tactilenlp.rivals import JUMP
+from tactilenlp.solving import REASON, preferred
 
 OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
 PAGE = polytope_violation_implicit
@@ -143,3 +146,13 @@ def test_other_legs_carry_the_same_force_and_moment():
             wrenches.append(np.r_[force.sum(axis=0), moment])
         assert wrenches[1] == pytest.approx(wrenches[0], abs=1e-9)
     assert (found[0] >= 0).all()
+
+
+@pytest.mark.parametrize(("gain", "kept"), [(REASON - 1, CLOSED), (REASON + 1, None)])
+def test_a_face_that_nothing_felt_must_be_worth_its_price(gain, kept):
+    def solved(objective, *path):
+        hypothesis = Hypothesis(np.zeros(60), np.zeros((3, 2)), 0.0, ("planes", *path))
+        return SimpleNamespace(hypothesis=hypothesis, rank=(False, objective))
+
+    best, _ = preferred([solved(5.0 - gain), solved(5.0, CLOSED)])
+    assert (CLOSED in best.hypothesis.path) == (kept == CLOSED)

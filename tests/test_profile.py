@@ -86,6 +86,22 @@ def test_what_costs_nothing_is_known_by_its_prior_alone():
     assert deviation(lambda d: 0.0)[0] >= CLAIMED * PRIOR
 
 
+@pytest.mark.parametrize("slope", [60.0, 200.0, 2e4])
+def test_no_place_is_asked_for_that_could_not_be_claimed(slope):
+    asked = []
+
+    def price(d):
+        asked.append(abs(d))
+        return slope * abs(d)
+
+    deviation(price)
+    assert asked[0] <= CLAIMED * PRIOR
+    assert max(asked) <= CLAIMED * PRIOR * np.sqrt(2 * PRICE) * (1 + 1e-9)
+    assert len(asked) <= 4
+    dear = [d for d in asked if slope * d >= PRICE]
+    assert dear in ([], asked[-1:])  # once it is dear enough, no more
+
+
 def test_where_nothing_is_found_the_hessian_is_all_that_is_said():
     assert deviation(lambda d: None) == (SHARP, None)
 
