@@ -126,8 +126,8 @@ def _one_way(there, at, axis, step, claim, prior, enough):
     """Return the widest deviation (k,) that one way tells, or None; and a better one.
 
     there(step): the hypothesis with that one held so far off [m], or None; claim [m]:
-    what is claimed so far; enough [nats]: no dearer place is asked for, and none so far
-    that a cheaper one claims too little.
+    what is claimed so far; enough [nats]: no dearer place is asked for, and none beyond
+    where that price says that little is claimed.
     """
     found, farthest = None, CLAIMED * prior * np.sqrt(2 * enough)
     while (claim if found is None else abs(found[axis])) < CLAIMED * prior:
