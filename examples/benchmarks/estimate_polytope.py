@@ -29,6 +29,7 @@ from types import SimpleNamespace
 import matplotlib.pyplot as plt
 import numpy as np
 from exploration_objects import SEED, world_of
+from matplotlib.ticker import MaxNLocator
 from scipy.spatial.transform import Rotation
 from study import add_executor, executor_of, run_study, write_csv
 from trimesh.convex import convex_hull
@@ -214,6 +215,8 @@ def picture(rows, path):
     ):
         ax.axhline(TARGETS["t2e_mm"], color="0.5", linestyle=":")
         ax.set_xlabel(label)
+    for ax in axes[[0, 2]]:
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     axes[0].set_ylabel("truth to estimate [mm]")
     axes[0].set_ylim(bottom=0)
     axes[1].legend(fontsize="small")
