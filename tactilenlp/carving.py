@@ -8,6 +8,7 @@ import numpy as np
 
 from .errors import TactileError
 from .hull import (
+    Ball,
     corners,
     filled,
     fingers,
@@ -20,7 +21,7 @@ from .planes import Faces, bodily, unseen, unseen_ball
 
 CUTS = 30  # at most, by fingers that feel nothing
 TOLERANCE = 0.1e-3  # [m] a free finger may sink in so far
-CLOSED = 3**0.5  # [radii] a cube's corners are so far out of the ball within it
+FARTHEST = 3**0.5  # [radii] a cube's corners are so far out of the ball within it
 
 
 def carved(window, faces: Faces, size, vertices: int, ground=True, ball=True):
@@ -32,9 +33,10 @@ def carved(window, faces: Faces, size, vertices: int, ground=True, ball=True):
     n = faces.n
     points, _ = bodily(window.touch, faces.x, n[faces.plane])
     planes = np.c_[n, np.maximum(faces.b, (points @ n.T).max(axis=0))]
+    fitted = unseen_ball(points, size, ground)
     if ball:
-        halfspaces = np.vstack([planes, unseen(points, size, ground)])
-    elif (halfspaces := closed(planes, points, size, ground)) is None:
+        halfspaces = np.vstack([planes, unseen(points, fitted, ground)])
+    elif (halfspaces := closed(planes, points, fitted, ground)) is None:
         return None
     found = corners(halfspaces)
     cuts = separating(window, faces, points)
@@ -50,18 +52,16 @@ def carved(window, faces: Faces, size, vertices: int, ground=True, ball=True):
     return filled(thinned(outer(merged(found)), vertices), vertices)
 
 
-def closed(planes, points, size, ground) -> np.ndarray | None:
+def closed(planes, points, ball: Ball, ground) -> np.ndarray | None:
     """Return the half-spaces (n, 4) that close a body without a ball, if they do.
 
-    They do where no corner of planes and ground is farther than CLOSED radii from the
-    middle of the ball: a sharp corner that no finger felt is no reason for a face.
+    They do where no corner of planes and ground is FARTHEST radii from the middle of
+    the ball, or farther: a sharp corner that no finger felt is no reason for a face.
     """
-    ball = unseen_ball(points, size, ground)
-    wide = replace(ball, radius=2 * CLOSED * ball.radius)
-    floor = [[0, 0, -1, 0]] if ground else np.zeros((0, 4))
-    halfspaces = np.vstack([planes, floor, wide.caps(points)])
+    wide = replace(ball, radius=2 * FARTHEST * ball.radius)
+    halfspaces = np.vstack([planes, unseen(points, wide, ground)])
     far = np.linalg.norm(corners(halfspaces) - ball.centre, axis=1).max()
-    return halfspaces if far < CLOSED * ball.radius else None
+    return halfspaces if far < FARTHEST * ball.radius else None
 
 
 def separating(window, faces: Faces, points) -> np.ndarray:

@@ -27,7 +27,7 @@ from .result import Estimate
 from .rivals import JUMP, jumps
 from .solution import Solution, after
 from .solve import SolverOptions, solve_levels
-from .solving import Solved, built_at, loosened, preferred, settings_of
+from .solving import Solved, best_first, built_at, loosened, settings_of
 from .spread import touches
 from .window import Corners, Group
 
@@ -92,12 +92,12 @@ def explained(job: Job, page, solved, options, update=None) -> list[Solved]:
 
     update: what an update ended with, one of them, if it was tried.
     """
-    best, *others = preferred(solved)
+    best, *others = solved
     if getattr(page, "EXTENDS", False) and astray(best):
         log.info("a touch is not explained, or a jump: once more, loosely first")
         best = loosened(job, page, best, options)
     found = [best, *others]
-    return preferred(found if update is None else [*found, update])
+    return found if update is None else best_first([*found, update])
 
 
 def extends(start, job: Job, page) -> bool:

@@ -271,15 +271,16 @@ def roughly(window, faces: Faces, size, ground) -> np.ndarray:
     n = faces.n
     points, _ = bodily(window.touch, faces.x, n[faces.plane])
     b = np.maximum(faces.b, (points @ n.T).max(axis=0))
-    return corners(np.vstack([np.c_[n, b], unseen(points, size, ground)]))
+    ball = unseen_ball(points, size, ground)
+    return corners(np.vstack([np.c_[n, b], unseen(points, ball, ground)]))
 
 
-def unseen(points, size, ground) -> np.ndarray:
+def unseen(points, ball: Ball, ground) -> np.ndarray:
     """Return half-spaces (n, 4) of what no finger told: a ball, and the ground if any.
 
     points (k, 3) [m]: where the body was touched.
     """
-    caps = unseen_ball(points, size, ground).caps(points)
+    caps = ball.caps(points)
     return np.vstack([[[0, 0, -1, 0]], caps]) if ground else caps
 
 

@@ -94,13 +94,10 @@ def search(job, kept, so_far=None) -> list[Hypothesis]:
             for last in progress(_ends(job.data), "search"):
                 if not kept or last > kept[0].x.shape[1]:
                     faces[:] = [extended(job, faces[0] if faces else None, last)]
-            bodies = [body_of(job, faces[0])]
-            if job.scene.ground is not None:
-                bodies += closed_by(job, faces[0])
-            return [polished(job, body) for body in bodies]
+            return [polished(job, body) for body in bodies_of(job, faces[0])]
     except KeyboardInterrupt:
         if so_far is not None:
-            so_far[:] = [body_of(job, one) for one in faces]
+            so_far[:] = [bodies_of(job, one)[0] for one in faces]
         raise
 
 
@@ -112,27 +109,22 @@ def _ends(data) -> list[int]:
     return [last for last in ends if (data.contact & data.valid)[:last].any()]
 
 
-def body_of(job, faces: Faces) -> Hypothesis:
-    """Return the body that planes of the first samples carve out, where they saw it."""
-    return _body(faces, _carved(job, faces), ("planes",))
+def bodies_of(job, faces: Faces) -> list[Hypothesis]:
+    """Return the body that planes of the first samples carve out, where they saw it.
 
-
-def closed_by(job, faces: Faces) -> list[Hypothesis]:
-    """Return the body without any face that nothing felt, where planes close one."""
-    vertices = _carved(job, faces, ball=False)
-    return [] if vertices is None else [_body(faces, vertices, ("planes", CLOSED))]
-
-
-def _body(faces: Faces, vertices, path) -> Hypothesis:
-    found = vertices.ravel(), faces.x, faces.objective, path, faces.iterations
-    return Hypothesis(*found)
-
-
-def _carved(job, faces: Faces, ball=True):
+    And one without any face that nothing felt, where planes and ground close it.
+    """
     data = job.data.select(np.unique(job.data.action[: faces.x.shape[1]]))
     window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
-    known = job.shape.size_prior, job.shape.theta // 3, job.scene.ground is not None
-    return carved(window, faces, *known, ball=ball)
+    ground = job.scene.ground is not None
+    given = window, faces, job.shape.size_prior, job.shape.theta // 3, ground
+    found = {("planes",): carved(*given)}
+    if ground:
+        found["planes", CLOSED] = carved(*given, ball=False)
+    return [
+        Hypothesis(V.ravel(), faces.x, faces.objective, path, faces.iterations)
+        for path, V in found.items() if V is not None
+    ]  # fmt: skip
 
 
 def polished(job, body: Hypothesis) -> Hypothesis:

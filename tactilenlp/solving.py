@@ -50,8 +50,12 @@ class Solved:
 
     @property
     def rank(self) -> tuple[bool, float]:
-        """What to sort by: what failed comes last."""
-        return not self.solution.success, round(self.solution.objective, 3)
+        """What to sort by: what failed comes last.
+
+        A face that nothing felt must be worth REASON.
+        """
+        favour = REASON * (CLOSED in self.hypothesis.path)
+        return not self.solution.success, round(self.solution.objective, 3) - favour
 
     @property
     def touched(self) -> np.ndarray:
@@ -159,16 +163,6 @@ def let_tilt(job, page, slid, settings, warm) -> Solved:
 def best_first(solved) -> list[Solved]:
     """Return solves, the best first; what failed comes last."""
     return sorted(solved, key=lambda s: s.rank)
-
-
-def preferred(solved) -> list[Solved]:
-    """Return solves, best first: a face that nothing felt must be worth REASON."""
-
-    def rank(s) -> tuple[bool, float]:
-        failed, objective = s.rank
-        return failed, objective - REASON * (CLOSED in s.hypothesis.path)
-
-    return sorted(solved, key=rank)
 
 
 def loosened(job, page, solved, options) -> Solved:

@@ -16,7 +16,7 @@ from tactilenlp.hypothesis import Hypothesis
 from tactilenlp.options import Options
 from tactilenlp.polytopes import CLOSED
 from tactilenlp.rivals import JUMP
-from tactilenlp.solving import REASON, preferred
+from tactilenlp.solving import REASON, Solved, best_first
 
 OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
 PAGE = polytope_violation_implicit
@@ -152,7 +152,8 @@ def test_other_legs_carry_the_same_force_and_moment():
 def test_a_face_that_nothing_felt_must_be_worth_its_price(gain, kept):
     def solved(objective, *path):
         hypothesis = Hypothesis(np.zeros(60), np.zeros((3, 2)), 0.0, ("planes", *path))
-        return SimpleNamespace(hypothesis=hypothesis, rank=(False, objective))
+        solution = SimpleNamespace(success=True, objective=objective)
+        return Solved(hypothesis, None, None, solution, None)
 
-    best, _ = preferred([solved(5.0 - gain), solved(5.0, CLOSED)])
+    best, _ = best_first([solved(5.0 - gain), solved(5.0, CLOSED)])
     assert (CLOSED in best.hypothesis.path) == (kept == CLOSED)

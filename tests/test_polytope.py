@@ -19,6 +19,7 @@ from tactilenlp.carving import closed
 from tactilenlp.errors import TactileError
 from tactilenlp.hull_window import body, legs, shares
 from tactilenlp.hypothesis import Hypothesis
+from tactilenlp.planes import unseen_ball
 from tactilenlp.polytopes import reseeded
 
 SMALL = 1e-4  # [m] rounding, as of a fingertip of 10 mm
@@ -162,7 +163,8 @@ def test_planes_and_ground_close_a_body_unless_a_face_is_missing(missing):
     points = 0.02 * n + np.array([0, 0, 0.02])  # felt amid each face
     kept = [i for i in range(5) if i != missing]
     planes = np.c_[n, b][kept]
-    found = closed(planes, points[kept], (0.022, 0.008), ground=True)
+    ball = unseen_ball(points[kept], (0.022, 0.008), ground=True)
+    found = closed(planes, points[kept], ball, ground=True)
     if missing is None:
         corners, up = hull.merged(hull.corners(found)), np.array([0, 0, 0.02])
         assert sorted(corners.round(6).tolist()) == sorted((CUBE + up).tolist())
