@@ -24,7 +24,7 @@ from .polytopes import CREEPING, LONGEST, TOLERANCE, backed, resumed, window_of
 from .readout import name_of
 from .reduce import ARM, Reductions, coasts
 from .result import Estimate
-from .rivals import JUMP, jumps
+from .rivals import jumps, worth
 from .solution import Solution, after
 from .solve import SolverOptions, solve_levels
 from .solving import Solved, best_first, built_at, loosened, settings_of
@@ -140,8 +140,9 @@ def information(start) -> np.ndarray:
 
 def astray(solved: Solved) -> bool:
     """Tell whether a touch is denied, or a body that friction holds jumps."""
-    jump = jumps(solved.job.data, solved.at.x).max(initial=0.0)
-    jumped = jump > JUMP and not coasts(solved.job.scene)
+    job = solved.job
+    jump = jumps(job.data, solved.at.x).max(initial=0.0)
+    jumped = jump > worth(job.precision) and not coasts(job.scene)
     return jumped or denied(solved) > 0
 
 

@@ -18,7 +18,7 @@ from .curvature import Curvature, curvature_of
 from .errors import OptionError
 from .modes import Modes, weighted
 from .offset import covariance_of_offsets, covariance_with_offsets
-from .spread import ENOUGH, spread, unseen
+from .spread import ENOUGH, near, spread, unseen
 
 TOUCHED = 0.99  # [-] |n . axis| above which a normal belongs to a face
 HELD = 0.1  # [prior deviations] a size known better than this is observed
@@ -173,6 +173,8 @@ def information_of(
     }
     terms = problem.terms
     words, directions = _lost(chart, spreading, shape, faces)
+    if sensed is not None:
+        spreading = near(spreading, shape.theta, chart.turning)
     return Information(
         names=chart.names,
         matrix=matrix,

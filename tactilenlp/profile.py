@@ -71,6 +71,8 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
     asked, along = [*open_sizes], n + int(np.argmax(known[n : n + 2]))
     if known[along] < SURE:
         asked.append(along)
+    else:  # the Hessian claims little: it is believed
+        profile[along] = pulls[chosen, along] / known[along]
     for axis in asked:
         pull = pulls[:, axis] / max(known[axis], TINY)
         touched, prior = open_sizes.get(axis), job.shape.size_prior[1]

@@ -18,6 +18,9 @@ from functools import partial
 
 import numpy as np
 
+from formulations.quasi_static import ARM
+
+from .body_frame import planar
 from .chart import final_unknowns
 from .extend import spherical
 from .guess import follow
@@ -30,7 +33,8 @@ CLAIMED = 0.5  # [prior deviations] a size less certain than this claims nothing
 NEAR = 6e-3  # [m] sizes this close to the best one's lead to the same optimum
 PASTS = 3  # actions that have a middle to go back from
 JUMPS = 3  # of a path at most that are followed over, the longest first
-JUMP = 3e-3  # [m] between actions that is worth a rival: noise makes smaller ones
+JUMP = 1e-3  # [m] between actions that is worth a rival
+NOISE = 3.0  # [position noise] that makes jumps this long
 TURNING = (1.0, 0.3, 0.1)  # [-] how readily an object may have turned in the past
 KNOWN_SIZE = 1e-4  # [m] deviation of sizes, where a path is followed backward
 OPEN_SIZE = 10e-3  # [m] and where a jump may come from sizes that are wrong
@@ -108,7 +112,7 @@ def unbroken(job, solved, since=0) -> list:
     """
     at, asked = solved[0].at, max(since - 1, 0)
     way = jumps(job.data, at.x)[asked:]
-    if way.max(initial=0.0) < JUMP:
+    if way.max(initial=0.0) < worth(job.precision):
         return []
     start = int(starts_of(job.data)[asked + np.argmax(way)])
     ways = ((b, size) for b in (True, False) for size in (KNOWN_SIZE, OPEN_SIZE))
@@ -116,9 +120,19 @@ def unbroken(job, solved, since=0) -> list:
 
 
 def jumps(data, x) -> np.ndarray:
-    """Return how far (actions - 1,) [m] a body at poses x jumps between actions."""
+    """Return how far (actions - 1,) [m] a body at poses x jumps between actions.
+
+    Along the ground; where it lies flat, a radian of turn counts as ARM.
+    """
     first = starts_of(data)
-    return np.linalg.norm(x[:2, first] - x[:2, first - 1], axis=0)
+    jump = x[:, first] - x[:, first - 1]
+    turn = ARM * jump[2] if planar(x) else 0.0
+    return np.hypot(np.linalg.norm(jump[:2], axis=0), turn)
+
+
+def worth(precision) -> float:
+    """Return how long a jump between actions must be to be worth a rival [m]."""
+    return max(JUMP, NOISE * precision.position)
 
 
 def starts_of(data) -> np.ndarray:

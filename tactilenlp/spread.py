@@ -39,6 +39,8 @@ DOUBTED = 2.0  # [touch scale] the gap of a whole touch beyond this is no noise
 FLAT = 0.99  # [-] cosine between the vertical and the axis of a face on the ground
 MEDIAN_2 = 1.1774  # median of the length of a standard normal vector in the plane
 PRIORS = ("prior", "regulariser")
+AWAY = 0.1  # [m] a body that a finger felt is not farther from there
+ANY_TURN = np.pi / np.sqrt(3)  # [rad] deviation of a turn of which nothing is known
 
 
 def spread(
@@ -175,6 +177,22 @@ def unseen(chart, shape, faces, noise: float, grounded: bool = True) -> np.ndarr
             deviation = np.hypot(deviation, TUMBLED * chart.z[axis])
         total += deviation**2 * np.outer(way, way)
     return total
+
+
+def near(C, sizes: int, turning: int) -> np.ndarray:
+    """Return the covariance (k, k) of a final pose that lies within AWAY, SI.
+
+    sizes, turning: how many of the first and of the last of k are no position.  Where
+    nothing saw the pose, rounding leaves no positive matrix: that is wide, not known.
+    """
+    widest = np.full(len(C) - sizes, AWAY)
+    widest[-turning:] = ANY_TURN
+    pose, unit = slice(sizes, None), np.outer(widest, widest)
+    values, vectors = np.linalg.eigh(C[pose, pose] / unit)
+    C = C.copy()
+    C[pose, pose] = (vectors * np.abs(values)) @ vectors.T * unit
+    less = C[:, pose] @ np.linalg.solve(C[pose, pose] + np.diag(widest**2), C[pose])
+    return C - (less + less.T) / 2
 
 
 def residual_of_normals(curvature: Curvature, window, shape) -> float:

@@ -6,6 +6,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
 from scipy.spatial.transform import Rotation
 from solid import RHO
 
@@ -274,6 +275,21 @@ def raised(data):
     p = data.finger_position.copy()
     p[data.normal[..., 2] > 0.5] += [0, 0, 0.005]
     return replace(data, finger_position=p)
+
+
+def test_what_an_object_may_do_between_actions_is_a_density(touched):
+    data, scene, truth = touched
+    problem, window = programme(quasi_static, data, scene)
+    values = true_values(problem, window, truth)
+    link = window.gap.knot[0]
+    r, price = np.geomspace(1e-6, 1.0, 200), []
+    for way in r:  # [m] of x, y and a turn: spheres of 4 pi r^2
+        x = values["x"].copy()
+        x[0, link:] += way - (x[0, link] - x[0, window.gap.before[0]])
+        price.append(cost(problem, values | {"x": x})["between actions"])
+    mass = 4 * np.pi * np.exp(-np.array(price) + price[0]) * r**2
+    near = r < 0.1
+    assert trapezoid(mass[near], r[near]) > 0.98 * trapezoid(mass, r)
 
 
 def test_a_size_ten_deviations_off_is_rare_but_not_impossible():

@@ -15,7 +15,7 @@ from tactilenlp.estimate import _job
 from tactilenlp.hypothesis import Hypothesis
 from tactilenlp.options import Options
 from tactilenlp.polytopes import CLOSED
-from tactilenlp.rivals import JUMP
+from tactilenlp.rivals import worth
 from tactilenlp.solving import REASON, Solved, best_first
 
 OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
@@ -87,7 +87,7 @@ def test_the_past_is_posed_again_as_it_was_solved(octahedron, early):
     assert not hull_update.astray(past)
     x = past.solution.values["x"].copy()
     second = past.job.data.action[past.window.last] == early.measurements.action[-1]
-    x[0, second] += 2 * JUMP
+    x[0, second] += 2 * worth(past.job.precision)
     values = {**past.solution.values, "x": x}
     assert hull_update.astray(
         replace(past, solution=replace(past.solution, values=values))

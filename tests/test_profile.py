@@ -9,7 +9,7 @@ import pytest
 from formulations.shape import CUBOID
 from tactilenlp import profile as profile_of
 from tactilenlp.hypothesis import Hypothesis
-from tactilenlp.profile import CLAIMED, PRICE, profiled
+from tactilenlp.profile import CLAIMED, PRICE, SURE, profiled
 
 SHARP = 0.4e-3  # [m] that a Hessian claims
 PRIOR = CUBOID.size_prior[1]
@@ -126,6 +126,13 @@ def test_an_untouched_size_is_no_surer_than_its_profile(touched, recorded):
     sigma = touched.information.sigma("side_lengths")
     error = np.sort(touched.side_lengths) - np.sort(truth)
     assert np.abs(error).max() < 3 * sigma.max()
+
+
+def test_a_place_that_the_hessian_claims_little_of_is_no_surer_than_that(touched):
+    sharp = touched.information.of_hessian().sigma("position")[:2]
+    along = np.argmax(sharp)
+    assert sharp[along] > SURE
+    assert touched.information.sigma("position")[along] > 0.99 * sharp[along]
 
 
 def test_a_body_without_sides_has_no_profile():

@@ -13,7 +13,7 @@ from tactilenlp import Options
 from tactilenlp.estimate import _job
 from tactilenlp.hypothesis import distinct, same
 from tactilenlp.race import raced
-from tactilenlp.rivals import JUMP, middle, other_pasts, softened, unbroken
+from tactilenlp.rivals import JUMP, jumps, middle, other_pasts, softened, unbroken
 from tactilenlp.trial import opened
 
 LEVELS = opened(page.LEVELS, final=True)
@@ -80,9 +80,9 @@ def test_a_past_that_jumps_is_followed_backward_without_the_jump(recorded):
     class Solved:
         at = replace(h, x=jumped)
 
+    assert unbroken(job, [Solved])
     for path in unbroken(job, [Solved]):
-        link = np.linalg.norm(path.x[:2, start] - path.x[:2, start - 1])
-        assert link < JUMP
+        assert jumps(data, path.x)[middle(4) - 1] < JUMP
     pasts = other_pasts(job, [Solved])
     for past in pasts:
         np.testing.assert_array_equal(past.x[:, start:], h.x[:, start:])
@@ -92,6 +92,21 @@ def test_a_past_that_jumps_is_followed_backward_without_the_jump(recorded):
         assert np.median(off) < 4e-3  # least motion alone is some millimetres off
     turned = [np.abs(np.diff(past.x[2, :start])).sum() for past in pasts]
     assert turned == sorted(turned, reverse=True)  # the less readily, the less
+
+
+@pytest.mark.parametrize("way", [(1.5e-3, 0.0), (0.0, 5.0)], ids=["mm", "degrees"])
+def test_a_small_jump_is_worth_a_rival_where_fingers_are_precise(case, way):
+    job, h = case
+    start = int(np.argmax(job.data.action == 1))
+    jumped = h.x.copy()
+    jumped[:, start:] += np.array([[way[0]], [0.0], [np.radians(way[1])]])
+
+    class Solved:
+        at = replace(h, x=jumped)
+
+    assert unbroken(job, [Solved])
+    noisy = replace(job, precision=replace(job.precision, position=1e-3))
+    assert unbroken(noisy, [Solved]) == []
 
 
 def test_what_a_softer_problem_leads_to_is_an_optimum_of_the_page(case):
