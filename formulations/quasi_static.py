@@ -2,7 +2,7 @@ r"""Poses and shape with minimal motion, no impulses: the cheap first stage.
 
     min  sum_touch  -log( exp(-touch(phi) - |n - n_m|^2 / 2 sigma_n^2) + exp(-ceiling) )
        + sum_free   -log( exp(-log(1 + exp(-alpha phi)))               + exp(-ceiling) )
-       + sum_gaps   2 log(1 + way^2 / gap^2)                (between actions)
+       + sum_gaps   2 log(1 + way^2 / width^2) + 3 log width/gap   (between actions)
        + sum_sizes  2 log(1 + (theta - mean)^2 / (2 deviation)^2)      (size prior)
        + sum_steps  weight (sqrt(way^2 + still^2) - still)  (least motion)
     over theta, x_k
@@ -14,7 +14,8 @@ must.
 Departures from eq:loss, named: the touch cost is two-sided (a felt finger is on the
 surface, not somewhere inside it), every sample's cost is bounded (a flipped boolean),
 and a Cauchy link between actions stands for the unrecorded retraction of the fingers,
-which mostly moves nothing and sometimes centimetres: its density in x, y and yaw.
+which mostly moves nothing and sometimes centimetres: its density in x, y and yaw, as
+wide as gap, and as the way on which friction stops what still slides.
 """
 
 from __future__ import annotations
@@ -112,16 +113,24 @@ def likelihood(nlp, window, shape, theta, x, touch, normal, depth):
 
 
 def between_actions(nlp, window, shape, theta, x):
-    """Add the Cauchy link over the unrecorded retraction of the fingers."""
+    """Add the Cauchy link over the unrecorded retraction of the fingers.
+
+    An object that still slides at v when the record ends comes to rest v^2 / (2 mu g)
+    further on: that much wider is the density.
+    """
     motion, g = window.motion, window.gap
     gap_scale = nlp.parameter("gap scale", GAP, "m")
+    braking = nlp.parameter("braking", window.braking, "m/s^2")
 
-    def jumped(theta, x, x_1, gap):
-        return 2 * ca.log(1 + way_squared(motion, shape, theta, x, x_1) / gap**2)
+    def jumped(theta, x, x_1, x_2, dt, gap, braking):
+        v_squared = way_squared(motion, shape, theta, x_1, x_2) / dt**2
+        width_squared = gap**2 + (v_squared / (2 * braking)) ** 2
+        way = way_squared(motion, shape, theta, x, x_1) / width_squared
+        return 2 * ca.log(1 + way) + 1.5 * ca.log(width_squared / gap**2)
 
     nlp.minimize(
-        "between actions", jumped, theta, x[:, g.knot], x[:, g.before], gap_scale,
-        role="prior",
+        "between actions", jumped, theta, x[:, g.knot], x[:, g.before],
+        x[:, g.before_2], g.dt, gap_scale, braking, role="prior",
     )  # fmt: skip
 
 

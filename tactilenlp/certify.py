@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .evidence import contradicts
 from .expansion import expand
 from .holding import held
 from .newton import newton_step
 from .polytopes import is_polytope
 from .reduce import ARM, Reductions
 from .result import Skipped
-from .tumble import contradicts
 
 EXACT = 1e-6  # [relative] an exact reduction moves the objective by less
 DECREMENT = 0.1  # [nats] a model reduction's Newton decrement stays below

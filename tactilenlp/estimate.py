@@ -12,6 +12,7 @@ from formulations.shape import Shape
 from .certify import certify, without
 from .checks import check_types
 from .errors import MotionError
+from .evidence import SHARE, contradicts
 from .floating import flattened, floated, laid_out, plane_for, tilting
 from .guess import Guess
 from .hull_update import explained, updated
@@ -33,7 +34,7 @@ from .search import RIVAL, Hypothesis, Job, beam, distinct, same
 from .solution import not_converged
 from .solving import Solved, best_first, gone_on, let_tilt, settings_of, solved_from
 from .trial import opened
-from .tumble import SHARE, contradicts, recovered
+from .tumble import recovered
 from .unfinished import SoFar, interrupted
 
 log = logging.getLogger("tactilenlp")

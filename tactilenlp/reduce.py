@@ -122,8 +122,13 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
         groups=_groups(len(step), push, corner),
         frictionless=slippery(scene) if choice.frictionless else (),
         sigma_position=precision.position, sigma_normal=precision.normal,
-        ceiling=CEILING,
+        ceiling=CEILING, braking=friction_of(scene) * scene.gravity,
     )  # fmt: skip
+
+
+def friction_of(scene) -> float:
+    """Return the friction of the ground, low where it is not known."""
+    return SLIPPERY if scene.friction_ground is None else scene.friction_ground
 
 
 def may_move(data, scene, first) -> np.ndarray:
@@ -137,8 +142,7 @@ def may_move(data, scene, first) -> np.ndarray:
         return np.logical_or.accumulate(contact) & ~first
     way = np.linalg.norm(np.diff(data.finger_position, axis=0), axis=2)
     speed = np.where(data.contact[1:], way, 0.0).max(initial=0.0) / data.dt
-    mu = SLIPPERY if scene.friction_ground is None else scene.friction_ground
-    settle = int(np.ceil(speed / (mu * scene.gravity * data.dt)))
+    settle = int(np.ceil(speed / (friction_of(scene) * scene.gravity * data.dt)))
     moving = contact.copy()
     since = np.where(contact, 0, settle + 1)
     for t in range(1, len(first)):
@@ -214,10 +218,15 @@ def _steps(data, knot, first, before, samples) -> Steps:
 
 
 def _gaps(data, knot, start) -> Steps:
-    """Return the gaps between actions that end at the samples `start`."""
-    before = knot[start - 1]
-    dt = data.time[start] - data.time[start - 1]
-    return Steps(start, knot[start], before, before, dt)
+    """Return the gaps between actions that end at the samples `start`.
+
+    Before each is the last step of the action before: how fast the object still is.
+    """
+    last = start - 1
+    early = np.maximum(last - 1, 0)
+    early = np.where(data.action[early] == data.action[last], early, last)
+    dt = np.where(early < last, data.time[last] - data.time[early], data.dt)
+    return Steps(start, knot[start], knot[last], knot[early], dt)
 
 
 def _pushes(data, p_wf, everything, felt, step, before, only_felt) -> Pushes:

@@ -11,7 +11,8 @@ SMALL = 1e-4  # [rad] a turn below which the series is exact to rounding
 def continuous(R) -> np.ndarray:
     """Return rotation vectors (n, 3) [rad] of rotations (n, 3, 3) without jumps."""
     w = Rotation.from_matrix(np.array(R)).as_rotvec()
-    for k in range(1, len(w)):
+    far = np.linalg.norm(np.diff(w, axis=0), axis=1) >= np.pi
+    for k in range(1 + int(np.argmax(far)), len(w)) if far.any() else ():
         angle = np.linalg.norm(w[k])
         if angle > 1e-6:
             turns = [w[k] * (1 + 2 * np.pi * j / angle) for j in (-1, 0, 1)]

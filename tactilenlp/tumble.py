@@ -1,4 +1,4 @@
-"""Tell when an object did not only slide, and guess how it tipped over.
+"""Guess how an object tipped over that did not only slide.
 
 An object that is pushed high tips over its far bottom edge: the measured normal of the
 pushed side rises with the tilt, then the object falls like a pendulum and comes to lie
@@ -10,79 +10,28 @@ both together start one local solve in free motion.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
 from formulations import quasi_static
 
+from .evidence import tilt_of
 from .extend import extensions
 from .guess import BELOW, carried
 from .hypothesis import Hypothesis
 from .nlp import Problem
 from .reduce import SIDE, Reductions, reduce
-from .request import page_of
 from .rotations import continuous, matrices
 from .search import beam
 from .tipping import FLAT, Tip, fall, lifted
 from .trial import started
 
-TOUCH, NORMAL = 0.15e-3, 0.015  # [m], [rad] model errors of a touch of a rigid object
-WRONG = 0.8  # [ceilings] a touch that costs more is not explained
-TWO, SHARE = 2, 0.2  # so many touches, and this part of an action's, are no accident
 TILTED = np.radians(2)  # a side normal that rises further says that the object tilts
 DEPTHS = (1.0, 2 / 3)  # [-] of the guessed depth: where the edge lies is not known yet
 KNOWN = tuple(np.array(k, bool) for k in ((0, 0), (0, 1), (1, 0), (1, 1)))
 SAME = 1e-3  # [m] guesses that agree this well, first and last, are one
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """What speaks against sliding in one action.
-
-    touches: how many; unexplained: how many of them no flat pose explains; tilt [rad]:
-    how far the normals of a side rise.
-    """
-
-    action: int
-    touches: int
-    unexplained: int
-    tilt: float
-
-    @property
-    def against(self) -> bool:
-        """Whether the object did something else than slide."""
-        return self.unexplained >= TWO and self.unexplained > SHARE * self.touches
-
-
-def contradicts(job, window, values) -> list[Evidence]:
-    """Return the evidence against flat motion in every action that touched.
-
-    values: theta and x of a flat solution, of whatever page.
-    """
-    page = page_of("quasi_static", job.shape)
-    problem = Problem(kinds=job.kinds_of(page, window))
-    page.build(problem, window, job.scene, job.shape)
-    known = {name: values[name] for name in problem.variables if name in values}
-    scale = {
-        "touch scale": np.hypot(TOUCH, window.sigma_position),
-        "normal scale": np.hypot(NORMAL, window.sigma_normal),
-    }
-    cost = problem.value("touch", problem.pack(known), problem.data(scale))[:, 0]
-    wrong = cost > WRONG * window.ceiling
-    action = job.data.action[window.touch.sample]
-    return [
-        Evidence(
-            int(a), int((action == a).sum()), int(wrong[action == a].sum()),
-            _tilt(window.touch.normal[action == a]).max(initial=0.0),
-        )
-        for a in np.unique(action)
-    ]  # fmt: skip
-
-
-def _tilt(n) -> np.ndarray:
-    """Return how far side normals (n, 3) rise [rad]; 0 for those of other faces."""
-    side = np.abs(n[:, 2]) < SIDE
-    return np.where(side, np.arctan2(n[:, 2], np.hypot(n[:, 0], n[:, 1])), 0.0)
+MOST = 100  # guesses of a tumble that are continued, the likeliest until it was over
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +159,8 @@ def recovered(job, evidence, width: int, solves: int, executor=None):
         if len(before):
             part = replace(job, data=job.data.select(before))
             kept = beam(part, [], width, solves, executor)
-        tumbles = tumbled(replace(job, data=job.data.select(until)), kept)
+        part = replace(job, data=job.data.select(until))
+        tumbles = _likeliest(part, tumbled(part, kept))
         if tumbles:
             found += continued(job, tumbles, width, solves, executor)
     return _distinct(sorted(found, key=_objective), width)
@@ -231,13 +181,31 @@ def continued(job, tumbles, width: int, solves: int, executor=None):
     felt = (data.contact & valid).any(axis=1) & (data.action > action)
     touched = np.append(data.action[felt], data.action[-1] + 1)
     rest = int(np.searchsorted(data.action, touched[0]))
-    later = beam(part, [t.lying(rest) for t in tumbles], width, solves, executor)
-    joined = [t.joined(h, known) for h in later for t in tumbles for known in KNOWN]
+    lying = [t.lying(rest) for t in tumbles]
+    later = beam(part, lying, width, solves, executor)
+    alone = rest == data.samples  # nothing was felt later: each lies as it fell
+    pairs = zip(lying, tumbles, strict=True) if alone else product(later, tumbles)
+    joined = [t.joined(h, known) for h, t in pairs for known in KNOWN]
     return _distinct(_costed(job, joined), width)
+
+
+def _likeliest(job, tumbles) -> list[Tumble]:
+    """Return the MOST tumbles that explain best what was felt until they end."""
+    if len(tumbles) <= MOST:
+        return tumbles
+    found = [Hypothesis(t.theta, t.x, np.inf, ()) for t in tumbles]
+    order = np.argsort(_costs(job, found), kind="stable")
+    return [tumbles[i] for i in order[:MOST]]
 
 
 def _costed(job, found) -> list[Hypothesis]:
     """Return free hypotheses with the cost of what was felt, cheapest first."""
+    costs = zip(found, _costs(job, found), strict=True)
+    return sorted((replace(h, objective=cost) for h, cost in costs), key=_objective)
+
+
+def _costs(job, found) -> list[float]:
+    """Return what was felt costs free hypotheses, and the priors [nats]."""
     every = Reductions(still=False, far=False, absent=True, planar=False)
     window = reduce(job.data, job.scene, job.shape, job.precision, every)
     problem = Problem()
@@ -249,7 +217,7 @@ def _costed(job, found) -> list[Hypothesis]:
         x = problem.pack(started(problem, window, h))
         return sum(float(problem.value(name, x, data).sum()) for name in names)
 
-    return sorted((replace(h, objective=cost(h)) for h in found), key=_objective)
+    return [cost(h) for h in found]
 
 
 def _objective(h: Hypothesis) -> float:
@@ -272,7 +240,7 @@ def _tipped(job, h):
     rows = np.nonzero(data.action == data.action[-1])[0]
     touched = (data.contact & data.valid)[rows]
     normals = data.normal[rows]
-    tilt = np.array([_tilt(normals[:, f]) for f in range(data.fingers)]).T
+    tilt = np.array([tilt_of(normals[:, f]) for f in range(data.fingers)]).T
     tilt = np.where(touched & (np.abs(normals[..., 2]) < SIDE), tilt, -1.0)
     if tilt.max() < TILTED + 3 * job.precision.normal:
         return 0, None

@@ -101,7 +101,8 @@ class Window:
     groups: the steps by number of pushing fingers;
     frictionless: "finger", "ground" where these carry no tangential impulse;
     sigma_position [m], sigma_normal [rad]: sensor noise;
-    ceiling: the most that one wrong sample can cost [nats].
+    ceiling: the most that one wrong sample can cost [nats];
+    braking [m/s^2]: of an object that slides on, mu g.
     """
 
     motion: Motion
@@ -123,6 +124,7 @@ class Window:
     sigma_position: float
     sigma_normal: float
     ceiling: float
+    braking: float
 
     @property
     def last(self) -> np.ndarray:

@@ -99,7 +99,7 @@ def test_every_term_of_a_page_has_the_derivatives_of_finite_differences(
         assert second < 1e-5, name
     assert report.assembled < 1e-5
     # Without a ground nothing tells how the object goes on between actions.
-    idle = {"ground friction", "gap scale"} if case == "no ground" else set()
+    idle = {"ground friction", "gap scale", "braking"} if case == "no ground" else set()
     assert set(report.unused) <= idle
 
 
@@ -290,6 +290,35 @@ def test_what_an_object_may_do_between_actions_is_a_density(touched):
     mass = 4 * np.pi * np.exp(-np.array(price) + price[0]) * r**2
     near = r < 0.1
     assert trapezoid(mass[near], r[near]) > 0.98 * trapezoid(mass, r)
+
+
+def test_an_object_that_still_slides_comes_to_rest_as_far_on_as_friction_lets_it(
+    touched,
+):
+    data, scene, truth = touched
+    problem, window = programme(quasi_static, data, scene)
+    gap, x = window.gap, true_values(problem, window, truth)["x"]
+    place, last, early = gap.knot[0], gap.before[0], gap.before_2[0]
+    assert early == last - 1
+    speed, jump = 0.1, 4e-3  # [m/s], [m]
+    coast = speed**2 / (2 * scene.friction_ground * scene.gravity)
+    assert coast > quasi_static.GAP
+
+    def price(speed, jump):
+        moved = x.copy()
+        moved[:, early] = moved[:, last] - [speed * gap.dt[0], 0, 0]
+        moved[:, place] = moved[:, last] + [jump, 0, 0]
+        values = {"theta": truth["side_lengths"], "x": moved}
+        return cost(problem, values)["between actions"]
+
+    width = np.hypot(quasi_static.GAP, coast)
+    widened = 3 * np.log(width / quasi_static.GAP)
+    assert price(0, 0) == pytest.approx(0, abs=1e-12)
+    assert price(0, jump) == pytest.approx(2 * np.log1p((jump / quasi_static.GAP) ** 2))
+    assert price(speed, 0) == pytest.approx(widened)
+    assert price(speed, jump) == pytest.approx(
+        widened + 2 * np.log1p((jump / width) ** 2)
+    )
 
 
 def test_a_size_ten_deviations_off_is_rare_but_not_impossible():

@@ -1,9 +1,18 @@
 """A box that fingers tip falls over its edge, or back onto the face it stood on."""
 
+import time
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from tactilenlp.tipping import FLAT, Tip
+from formulations import violation_implicit as page
+from formulations.shape import CUBOID
+from tactilenlp import Options, tumble
+from tactilenlp.estimate import _job
+from tactilenlp.rotations import continuous
+from tactilenlp.tipping import FLAT, Tip, lifted
 from tactilenlp.tumble import _ways
 
 SIZES, STOOD = np.array([0.05, 0.04, 0.03]), np.array([0.1, -0.2, 0.4])
@@ -28,3 +37,26 @@ def test_a_box_that_falls_over_lies_on_the_side_behind_the_push():
 def test_a_box_tipped_less_than_halfway_may_fall_back(last, ends):
     tip = Tip(0, -1.0, np.radians([0.0, last]))
     assert {way.end for _, way in _ways(tip)} == ends
+
+
+def test_of_many_falls_the_likeliest_are_continued(recorded, monkeypatch):
+    data, scene, truth = recorded
+    data = data.select([0, 1])
+    job = _job(data, scene, CUBOID, Options(), time.monotonic(), page)
+    sides, T = truth["side_lengths"], data.samples
+    R = Rotation.from_quat(np.roll(truth["object_quaternion"][:T], -1, axis=1))
+    flat = np.vstack([truth["object_position"][:T, :2].T, R.as_euler("xyz").T[2]])
+    x = lifted(sides, flat)
+    fall = tumble.Tumble(sides, x, "true", None, 0, Tip(0, 1.0, ANGLE))
+    away = [replace(fall, x=x + np.eye(6)[:, :1] * d * 1e-3, name=d) for d in (9, 3, 6)]
+    assert tumble._likeliest(job, [*away, fall]) == [*away, fall]
+    monkeypatch.setattr(tumble, "MOST", 2)
+    assert [t.name for t in tumble._likeliest(job, [*away, fall])] == ["true", 3]
+
+
+def test_rotation_vectors_go_on_beyond_half_a_turn():
+    angle = np.linspace(0, 1.9 * np.pi, 40)
+    turned = np.outer(angle, [0.6, 0.0, 0.8])
+    R = Rotation.from_rotvec(turned).as_matrix()
+    np.testing.assert_allclose(continuous(R), turned, atol=1e-9)
+    np.testing.assert_allclose(continuous(R[:10]), turned[:10], atol=1e-9)
