@@ -2,7 +2,7 @@ r"""Poses and shape with minimal motion, no impulses: the cheap first stage.
 
     min  sum_touch  -log( exp(-touch(phi) - |n - n_m|^2 / 2 sigma_n^2) + exp(-ceiling) )
        + sum_free   -log( exp(-log(1 + exp(-alpha phi)))               + exp(-ceiling) )
-       + sum_gaps   2 log(1 + way^2 / width^2) + 3 log width/gap   (between actions)
+       + sum_gaps   2 log(1 + way^2 / gap^2)                (between actions)
        + sum_sizes  2 log(1 + (theta - mean)^2 / (2 deviation)^2)      (size prior)
        + sum_steps  weight (sqrt(way^2 + still^2) - still)  (least motion)
     over theta, x_k
@@ -14,8 +14,7 @@ must.
 Departures from eq:loss, named: the touch cost is two-sided (a felt finger is on the
 surface, not somewhere inside it), every sample's cost is bounded (a flipped boolean),
 and a Cauchy link between actions stands for the unrecorded retraction of the fingers,
-which mostly moves nothing and sometimes centimetres: its density in x, y and yaw, as
-wide as gap, and as the way on which friction stops what still slides.
+which mostly moves nothing and sometimes centimetres: its density in x, y and yaw.
 """
 
 from __future__ import annotations
@@ -58,16 +57,18 @@ def build(nlp, window, scene, shape):
     least_motion(nlp, window, shape, theta, x)
 
 
-def sense(nlp, window, shape, touch=TOUCH, normal=NORMAL, depth=0.0):
+def sense(nlp, window, shape, touch=TOUCH, normal=NORMAL, depth=0.0, coasts=False):
     """Declare theta and x; add what the fingers felt (eq:loss) and what was known.
 
     touch [m], normal [rad]: model errors of a sample, added to the sensors' own;
-    depth [m], number or unknown: how deep every felt finger sits in the surface.
+    depth [m], number or unknown: how deep every felt finger sits in the surface;
+    coasts: whether poses tell how fast the object is when an action ends.
     """
     mean, deviation = shape.size_prior
     theta, x = declare(nlp, window, shape)
     likelihood(nlp, window, shape, (theta, theta), x, touch, normal, depth)
-    between_actions(nlp, window, shape, theta, x)
+    link = coasting if coasts else between_actions
+    link(nlp, window, shape, theta, x)
     nlp.minimize(
         "size prior",
         lambda theta: ca.sum1(sensing.heavy_tailed((theta - mean) / deviation)),
@@ -113,10 +114,25 @@ def likelihood(nlp, window, shape, theta, x, touch, normal, depth):
 
 
 def between_actions(nlp, window, shape, theta, x):
-    """Add the Cauchy link over the unrecorded retraction of the fingers.
+    """Add the Cauchy link over the unrecorded retraction of the fingers."""
+    motion, g = window.motion, window.gap
+    gap_scale = nlp.parameter("gap scale", GAP, "m")
 
-    An object that still slides at v when the record ends comes to rest v^2 / (2 mu g)
-    further on: that much wider is the density.
+    def jumped(theta, x, x_1, gap):
+        return 2 * ca.log(1 + way_squared(motion, shape, theta, x, x_1) / gap**2)
+
+    nlp.minimize(
+        "between actions", jumped, theta, x[:, g.knot], x[:, g.before], gap_scale,
+        role="prior",
+    )  # fmt: skip
+
+
+def coasting(nlp, window, shape, theta, x):
+    """Add the same link, of an object that slides on where it is not at rest.
+
+    One that still slides at v when an action ends comes to rest v^2 / (2 mu g) further
+    on: that much wider is the density.  Poses of least motion follow noisy fingers, and
+    tell of no speed.
     """
     motion, g = window.motion, window.gap
     gap_scale = nlp.parameter("gap scale", GAP, "m")

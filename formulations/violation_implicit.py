@@ -11,7 +11,8 @@ with the work of lifting the object by a millimetre: KAPPA nats each, so that ma
 time step cancel.
 
 Departures from the printed equations, named:
-  touch, between actions   see quasi_static.py
+  touch, between actions   see quasi_static.py; an object that still slides when an
+                           action ends comes to rest further on
   dissipation              v_s lam_n mu |v_s| instead of lam_n |v_s|^2: the printed form
                            is no power, and is not zero where friction opposes sliding
   depth                    felt fingers sit a common, unknown way inside the surface
@@ -84,6 +85,7 @@ DEPTH = 0.05e-3  # [m] compliance and radius error, the same for all touches
 NORMAL = 0.010  # [rad] model error of a normal, likewise
 ARM = 20e-3  # [m] turns a moment into a force
 G = 9.81  # [m/s^2] makes a weight of a mass, also where nothing falls
+COASTING = partial(quasi_static.sense, coasts=True)  # momentum tells how fast it is
 WEIGHTS = {  # parameters, each with its unit
     "kappa": (5.0, "nats/mm"),  # for an energy that lifts the object by 1 mm
     "still": (3e-3, "m/s"),  # rounds the sliding speed: 0.1 mm in a step of 1/30 s
@@ -109,7 +111,7 @@ def build(nlp, window, scene, shape):
     cone(nlp, "ground", lam_g, mu_g, w_g)
 
 
-def felt(nlp, window, shape, sense=quasi_static.sense):
+def felt(nlp, window, shape, sense=COASTING):
     """Declare theta and x; add what was felt, by fingers that sink in a little."""
     depth = nlp.variable("depth", 1, guess=0.0, unit="m", scale=DEPTH)
     theta, x = sense(nlp, window, shape, TOUCH, NORMAL, depth)

@@ -296,7 +296,7 @@ def test_an_object_that_still_slides_comes_to_rest_as_far_on_as_friction_lets_it
     touched,
 ):
     data, scene, truth = touched
-    problem, window = programme(quasi_static, data, scene)
+    problem, window = programme(violation_implicit, data, scene)
     gap, x = window.gap, true_values(problem, window, truth)["x"]
     place, last, early = gap.knot[0], gap.before[0], gap.before_2[0]
     assert early == last - 1
