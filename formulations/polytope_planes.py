@@ -22,7 +22,7 @@ import casadi as ca
 
 from . import sensing
 from .level import Level
-from .quasi_static import STILL, between_actions, least_motion
+from .quasi_static import HEAVY, STILL, between_actions, least_motion
 
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
@@ -113,7 +113,7 @@ def build(nlp, window, scene, shape):
         plane[:, i[s_1]], t.p_wf[s], t.radius[s], t.p_wf[s_1], role="regulariser",
     )  # fmt: skip
     least_motion(nlp, window, shape, 0.0, x)
-    between_actions(nlp, window, shape, 0.0, x)
+    between_actions(nlp, window, shape, 0.0, x, power=HEAVY)
     nlp.minimize(
         "unit length", lambda plane: ((ca.sumsqr(plane[:3]) - 1) / UNIT) ** 2 / 2,
         plane, role="regulariser",

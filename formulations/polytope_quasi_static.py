@@ -89,6 +89,6 @@ def sense(nlp, window, shape, touch=TOUCH, normal=NORMAL, depth=0.0, known=ball)
     )  # fmt: skip
     near = theta[:, window.near_touch], theta[:, window.near_free]
     quasi_static.likelihood(nlp, window, shape, near, x, touch, normal, depth)
-    quasi_static.between_actions(nlp, window, shape, 0.0, x)
+    quasi_static.between_actions(nlp, window, shape, 0.0, x, power=quasi_static.HEAVY)
     known(nlp, window, shape, theta)
     return theta, x

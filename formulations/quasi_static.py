@@ -45,6 +45,8 @@ TOUCH = 0.3e-3  # [m] model error of a touched gap where motion is only least mo
 NORMAL = 0.1  # [rad] model error of a normal, likewise
 ALPHA = 1500.0  # [1/m] steepness of eq:bool
 GAP = 0.5e-3  # [m] way of the object between actions
+CAUCHY = 2  # power of its density in x, y and yaw
+HEAVY = 1  # of a hull's, whose shape follows a wrong path: a heavier tail lets it leave
 ARM = 20e-3  # [m] one radian of turn counts as this much way
 STILL = 0.3e-3  # [m] below this, motion is quadratic
 WEIGHT = 300.0  # [nats / m] price of motion
@@ -113,13 +115,13 @@ def likelihood(nlp, window, shape, theta, x, touch, normal, depth):
     )  # fmt: skip
 
 
-def between_actions(nlp, window, shape, theta, x):
+def between_actions(nlp, window, shape, theta, x, power=CAUCHY):
     """Add the Cauchy link over the unrecorded retraction of the fingers."""
     motion, g = window.motion, window.gap
     gap_scale = nlp.parameter("gap scale", GAP, "m")
 
     def jumped(theta, x, x_1, gap):
-        return 2 * ca.log(1 + way_squared(motion, shape, theta, x, x_1) / gap**2)
+        return power * ca.log(1 + way_squared(motion, shape, theta, x, x_1) / gap**2)
 
     nlp.minimize(
         "between actions", jumped, theta, x[:, g.knot], x[:, g.before], gap_scale,
@@ -142,7 +144,7 @@ def coasting(nlp, window, shape, theta, x):
         v_squared = way_squared(motion, shape, theta, x_1, x_2) / dt**2
         width_squared = gap**2 + (v_squared / (2 * braking)) ** 2
         way = way_squared(motion, shape, theta, x, x_1) / width_squared
-        return 2 * ca.log(1 + way) + 1.5 * ca.log(width_squared / gap**2)
+        return CAUCHY * ca.log(1 + way) + 1.5 * ca.log(width_squared / gap**2)
 
     nlp.minimize(
         "between actions", jumped, theta, x[:, g.knot], x[:, g.before],
