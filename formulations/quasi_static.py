@@ -138,7 +138,7 @@ def coasting(nlp, window, shape, theta, x):
     """
     motion, g = window.motion, window.gap
     gap_scale = nlp.parameter("gap scale", GAP, "m")
-    braking = nlp.parameter("braking", window.braking, "m/s^2")
+    braking = window.braking + 0 * g.dt  # [m/s^2] of every gap
 
     def jumped(theta, x, x_1, x_2, dt, gap, braking):
         v_squared = way_squared(motion, shape, theta, x_1, x_2) / dt**2

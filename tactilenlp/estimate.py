@@ -12,7 +12,7 @@ from formulations.shape import Shape
 from .certify import certify, without
 from .checks import check_types
 from .errors import MotionError
-from .evidence import SHARE, contradicts
+from .evidence import check_explained, contradicts
 from .floating import flattened, floated, laid_out, plane_for, tilting
 from .guess import Guess
 from .hull_update import explained, updated
@@ -233,7 +233,7 @@ def _raise_unless_good(estimate, solved) -> None:
     if not estimate.success:
         raise not_converged(solved.problem, solved.solution)
     if estimate.scene.ground is None:
-        _raise_unless_explained(solved)
+        check_explained(solved)
     tilted = [s for s in estimate.skipped if s.name == "planar" and not s.holds]
     if tilted:
         raise MotionError(
@@ -243,23 +243,6 @@ def _raise_unless_good(estimate, solved) -> None:
             expected=f"at most {tilted[0].limit:.0%} by an object that lies flat",
             next="the object may have tilted or tumbled: select the actions before it "
             "did, let it tilt by Options(reduce='planar'), or pass throw=False",
-            problem=solved.problem.describe(),
-            solution=solved.solution,
-        )
-
-
-def _raise_unless_explained(solved) -> None:
-    """Raise MotionError where touches of a floating object are left unexplained."""
-    evidence = contradicts(solved.job, solved.window, solved.solution.values)
-    wrong = [e for e in evidence if e.against]
-    if wrong:
-        raise MotionError(
-            "the motion of the floating object was not found",
-            where=f"touch, actions {[e.action for e in wrong]}",
-            got=f"{sum(e.unexplained for e in wrong)} touches not explained",
-            expected=f"at most {sum(e.touches for e in wrong) * SHARE:.0f}",
-            next="give start=Guess(...), select fewer actions, or pass throw=False to "
-            "look at the estimate",
             problem=solved.problem.describe(),
             solution=solved.solution,
         )

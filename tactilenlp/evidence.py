@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .errors import MotionError
 from .nlp import Problem
 from .reduce import SIDE
 from .request import page_of
@@ -57,6 +58,23 @@ def contradicts(job, window, values) -> list[Evidence]:
         )
         for a in np.unique(action)
     ]  # fmt: skip
+
+
+def check_explained(solved) -> None:
+    """Raise MotionError where touches of a floating object are left unexplained."""
+    evidence = contradicts(solved.job, solved.window, solved.solution.values)
+    wrong = [e for e in evidence if e.against]
+    if wrong:
+        raise MotionError(
+            "the motion of the floating object was not found",
+            where=f"touch, actions {[e.action for e in wrong]}",
+            got=f"{sum(e.unexplained for e in wrong)} touches not explained",
+            expected=f"at most {sum(e.touches for e in wrong) * SHARE:.0f}",
+            next="give start=Guess(...), select fewer actions, or pass throw=False to "
+            "look at the estimate",
+            problem=solved.problem.describe(),
+            solution=solved.solution,
+        )
 
 
 def tilt_of(n) -> np.ndarray:

@@ -140,9 +140,8 @@ def information(start) -> np.ndarray:
 
 def astray(solved: Solved) -> bool:
     """Tell whether a touch is denied, or a body that friction holds jumps."""
-    job = solved.job
-    jump = jumps(job.data, solved.at.x).max(initial=0.0)
-    jumped = jump > worth(job.precision) and not coasts(job.scene)
+    jump = jumps(solved.job.data, solved.at.x).max(initial=0.0)
+    jumped = jump > worth(solved.job.precision) and not coasts(solved.job.scene)
     return jumped or denied(solved) > 0
 
 

@@ -18,14 +18,13 @@ from functools import partial
 
 import numpy as np
 
-from formulations.quasi_static import ARM
-
 from .body_frame import planar
 from .chart import final_unknowns
 from .extend import spherical
 from .guess import follow
 from .information import ENOUGH, reduced_covariance
 from .race import raced
+from .reduce import ARM
 from .solving import best_first, solved_from
 from .trial import opened
 

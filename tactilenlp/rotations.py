@@ -12,7 +12,8 @@ def continuous(R) -> np.ndarray:
     """Return rotation vectors (n, 3) [rad] of rotations (n, 3, 3) without jumps."""
     w = Rotation.from_matrix(np.array(R)).as_rotvec()
     far = np.linalg.norm(np.diff(w, axis=0), axis=1) >= np.pi
-    for k in range(1 + int(np.argmax(far)), len(w)) if far.any() else ():
+    first = 1 + int(np.argmax(far)) if far.any() else len(w)  # till then w goes on
+    for k in range(first, len(w)):
         angle = np.linalg.norm(w[k])
         if angle > 1e-6:
             turns = [w[k] * (1 + 2 * np.pi * j / angle) for j in (-1, 0, 1)]

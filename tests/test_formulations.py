@@ -6,7 +6,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from scipy.integrate import trapezoid
+from programmes import SENSORS, cost, programme, true_values
 from scipy.spatial.transform import Rotation
 from solid import RHO
 
@@ -15,45 +15,11 @@ from formulations.finger import capsule
 from formulations.rigid_body import FREE
 from formulations.shape import CUBOID
 from tactilenlp.measurements import Measurements
-from tactilenlp.nlp import Problem
-from tactilenlp.precision import Precision
 from tactilenlp.reduce import Reductions, reduce
 from tactilenlp.scene import Scene
 from tactilenlp.solve import SolverOptions, solve, solve_levels
 
 PAGES = {"quasi_static": quasi_static, "violation_implicit": violation_implicit}
-SENSORS = Precision(position=0.0, normal=0.0)
-
-
-def programme(page, data, scene, choice=None, finger=None):
-    """Return the problem and the window that a page makes of data."""
-    window = reduce(data, scene, CUBOID, SENSORS, choice or Reductions())
-    if finger is not None:
-        window = replace(window, **finger(window))
-    problem = Problem()
-    page.build(problem, window, scene, CUBOID)
-    return problem, window
-
-
-def true_values(problem, window, truth, rng=None):
-    """Return theta and poses as they were; impulses at random if `rng` is given."""
-    position = truth["object_position"][window.last]
-    R = Rotation.from_quat(np.roll(truth["object_quaternion"], -1, axis=1))[window.last]
-    x = np.vstack([position.T[:2], R.as_euler("xyz").T[2:]])
-    if window.motion is FREE:
-        x = np.vstack([position.T, R.as_rotvec().T])
-    values = {"theta": truth["side_lengths"], "x": x}
-    for name in ("finger", "ground"):
-        if rng is not None and name in problem.variables:
-            v = problem.variables[name]
-            force = v.scale[:, None] * rng.normal(size=(3, v.columns))
-            values[name] = np.vstack([np.abs(force[:1]), force[1:]])
-    return values
-
-
-def cost(problem, values):
-    x, data = problem.pack(values), problem.data()
-    return {name: problem.value(name, x, data).sum() for name in problem.costs}
 
 
 CASES = {
@@ -99,7 +65,7 @@ def test_every_term_of_a_page_has_the_derivatives_of_finite_differences(
         assert second < 1e-5, name
     assert report.assembled < 1e-5
     # Without a ground nothing tells how the object goes on between actions.
-    idle = {"ground friction", "gap scale", "braking"} if case == "no ground" else set()
+    idle = {"ground friction", "gap scale"} if case == "no ground" else set()
     assert set(report.unused) <= idle
 
 
@@ -275,50 +241,6 @@ def raised(data):
     p = data.finger_position.copy()
     p[data.normal[..., 2] > 0.5] += [0, 0, 0.005]
     return replace(data, finger_position=p)
-
-
-def test_what_an_object_may_do_between_actions_is_a_density(touched):
-    data, scene, truth = touched
-    problem, window = programme(quasi_static, data, scene)
-    values = true_values(problem, window, truth)
-    link = window.gap.knot[0]
-    r, price = np.geomspace(1e-6, 1.0, 200), []
-    for way in r:  # [m] of x, y and a turn: spheres of 4 pi r^2
-        x = values["x"].copy()
-        x[0, link:] += way - (x[0, link] - x[0, window.gap.before[0]])
-        price.append(cost(problem, values | {"x": x})["between actions"])
-    mass = 4 * np.pi * np.exp(-np.array(price) + price[0]) * r**2
-    near = r < 0.1
-    assert trapezoid(mass[near], r[near]) > 0.98 * trapezoid(mass, r)
-
-
-def test_an_object_that_still_slides_comes_to_rest_as_far_on_as_friction_lets_it(
-    touched,
-):
-    data, scene, truth = touched
-    problem, window = programme(violation_implicit, data, scene)
-    gap, x = window.gap, true_values(problem, window, truth)["x"]
-    place, last, early = gap.knot[0], gap.before[0], gap.before_2[0]
-    assert early == last - 1
-    speed, jump = 0.1, 4e-3  # [m/s], [m]
-    coast = speed**2 / (2 * scene.friction_ground * scene.gravity)
-    assert coast > quasi_static.GAP
-
-    def price(speed, jump):
-        moved = x.copy()
-        moved[:, early] = moved[:, last] - [speed * gap.dt[0], 0, 0]
-        moved[:, place] = moved[:, last] + [jump, 0, 0]
-        values = {"theta": truth["side_lengths"], "x": moved}
-        return cost(problem, values)["between actions"]
-
-    width = np.hypot(quasi_static.GAP, coast)
-    widened = 3 * np.log(width / quasi_static.GAP)
-    assert price(0, 0) == pytest.approx(0, abs=1e-12)
-    assert price(0, jump) == pytest.approx(2 * np.log1p((jump / quasi_static.GAP) ** 2))
-    assert price(speed, 0) == pytest.approx(widened)
-    assert price(speed, jump) == pytest.approx(
-        widened + 2 * np.log1p((jump / width) ** 2)
-    )
 
 
 def test_a_size_ten_deviations_off_is_rare_but_not_impossible():

@@ -20,16 +20,7 @@ from tactilenlp.saddle import LOOSE
 from tactilenlp.search import Hypothesis
 from tactilenlp.sensitivity import score
 from tactilenlp.solve import SolverOptions, solve
-from tactilenlp.spread import (
-    ANY_TURN,
-    AWAY,
-    UNSEEN,
-    gaps_of_touches,
-    near,
-    spread,
-    touches,
-    unseen,
-)
+from tactilenlp.spread import UNSEEN, gaps_of_touches, spread, touches, unseen
 
 UNITS = np.r_[1e3, 1e3, 1e3, 1e3, 1e3, 50.0]  # to mm, a radian as 50 mm
 
@@ -298,24 +289,3 @@ def test_what_keeps_the_matrix_regular_counts_as_a_prior(
     more = spread(curvature, *given) - errors
     scaled = pulls / programme.problem.scale[:, None]
     assert np.allclose(more, scaled.T @ scaled, rtol=1e-6)
-
-
-def test_a_pose_that_nothing_saw_is_no_farther_than_a_body_can_be():
-    lost = np.diag([4e-4, 4e-4, 1e-9, 60.0, 4.0, 1e5])
-    lost[3, 4] = lost[4, 3] = 16.0  # rounding: no positive matrix
-    C = near(lost, 3, 1)
-    assert np.linalg.eigvalsh(C).min() > 0
-    np.testing.assert_allclose(np.sqrt(np.diag(C)[3:5]), AWAY, rtol=0.03)
-    assert np.sqrt(C[5, 5]) == pytest.approx(ANY_TURN, rel=1e-3)
-    known = np.diag([1e-8, 1e-8, 1e-9, 1e-7, 1e-7, 1e-4])
-    np.testing.assert_allclose(near(known, 3, 1), known, rtol=1e-4, atol=1e-16)
-
-
-def test_after_a_touch_from_above_the_ground_place_is_unobserved_but_bounded(recorded):
-    from tactilenlp import solve_estimate
-
-    data, scene, _ = recorded
-    found = solve_estimate(data.select([0]), scene).information
-    assert any("position" in words for words in found.unobserved)
-    np.testing.assert_allclose(found.sigma("position")[:2], AWAY, rtol=0.05)
-    assert found.sigma("position")[2] < 1e-4

@@ -1,0 +1,45 @@
+"""Programmes that a page makes of data, what is true of them, and what it costs."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from formulations.rigid_body import FREE
+from formulations.shape import CUBOID
+from tactilenlp.nlp import Problem
+from tactilenlp.precision import Precision
+from tactilenlp.reduce import Reductions, reduce
+
+SENSORS = Precision(position=0.0, normal=0.0)
+
+
+def programme(page, data, scene, choice=None, finger=None):
+    """Return the problem and the window that a page makes of data."""
+    window = reduce(data, scene, CUBOID, SENSORS, choice or Reductions())
+    if finger is not None:
+        window = replace(window, **finger(window))
+    problem = Problem()
+    page.build(problem, window, scene, CUBOID)
+    return problem, window
+
+
+def true_values(problem, window, truth, rng=None):
+    """Return theta and poses as they were; impulses at random if `rng` is given."""
+    position = truth["object_position"][window.last]
+    R = Rotation.from_quat(np.roll(truth["object_quaternion"], -1, axis=1))[window.last]
+    x = np.vstack([position.T[:2], R.as_euler("xyz").T[2:]])
+    if window.motion is FREE:
+        x = np.vstack([position.T, R.as_rotvec().T])
+    values = {"theta": truth["side_lengths"], "x": x}
+    for name in ("finger", "ground"):
+        if rng is not None and name in problem.variables:
+            v = problem.variables[name]
+            force = v.scale[:, None] * rng.normal(size=(3, v.columns))
+            values[name] = np.vstack([np.abs(force[:1]), force[1:]])
+    return values
+
+
+def cost(problem, values):
+    x, data = problem.pack(values), problem.data()
+    return {name: problem.value(name, x, data).sum() for name in problem.costs}

@@ -1,0 +1,59 @@
+"""What an object may do between actions, while nothing is recorded."""
+
+import numpy as np
+import pytest
+from programmes import cost, programme, true_values
+from scipy.integrate import trapezoid
+
+from formulations import quasi_static, violation_implicit
+
+
+@pytest.fixture(scope="module")
+def touched(recorded):
+    """The first two actions of the recording: from the top, then on two sides."""
+    data, scene, truth = recorded
+    return data.select(range(2)), scene, truth
+
+
+def test_what_an_object_may_do_between_actions_is_a_density(touched):
+    data, scene, truth = touched
+    problem, window = programme(quasi_static, data, scene)
+    values = true_values(problem, window, truth)
+    link = window.gap.knot[0]
+    r, price = np.geomspace(1e-6, 1.0, 200), []
+    for way in r:  # [m] of x, y and a turn: spheres of 4 pi r^2
+        x = values["x"].copy()
+        x[0, link:] += way - (x[0, link] - x[0, window.gap.before[0]])
+        price.append(cost(problem, values | {"x": x})["between actions"])
+    mass = 4 * np.pi * np.exp(-np.array(price) + price[0]) * r**2
+    near = r < 0.1
+    assert trapezoid(mass[near], r[near]) > 0.98 * trapezoid(mass, r)
+
+
+def test_an_object_that_still_slides_comes_to_rest_as_far_on_as_friction_lets_it(
+    touched,
+):
+    data, scene, truth = touched
+    problem, window = programme(violation_implicit, data, scene)
+    gap, x = window.gap, true_values(problem, window, truth)["x"]
+    place, last, early = gap.knot[0], gap.before[0], gap.before_2[0]
+    assert early == last - 1
+    speed, jump = 0.1, 4e-3  # [m/s], [m]
+    coast = speed**2 / (2 * scene.friction_ground * scene.gravity)
+    assert coast > quasi_static.GAP
+
+    def price(speed, jump):
+        moved = x.copy()
+        moved[:, early] = moved[:, last] - [speed * gap.dt[0], 0, 0]
+        moved[:, place] = moved[:, last] + [jump, 0, 0]
+        values = {"theta": truth["side_lengths"], "x": moved}
+        return cost(problem, values)["between actions"]
+
+    width = np.hypot(quasi_static.GAP, coast)
+    widened = 3 * np.log(width / quasi_static.GAP)
+    assert price(0, 0) == pytest.approx(0, abs=1e-12)
+    assert price(0, jump) == pytest.approx(2 * np.log1p((jump / quasi_static.GAP) ** 2))
+    assert price(speed, 0) == pytest.approx(widened)
+    assert price(speed, jump) == pytest.approx(
+        widened + 2 * np.log1p((jump / width) ** 2)
+    )
