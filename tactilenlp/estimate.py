@@ -13,7 +13,7 @@ from .certify import certify, without
 from .checks import check_types
 from .errors import MotionError
 from .evidence import check_explained, contradicts
-from .floating import flattened, floated, laid_out, plane_for, tilting
+from .floating import flattened, floated, followed, laid_out, plane_for, tilting
 from .guess import Guess
 from .hull_update import explained, updated
 from .interrupt import interruptible
@@ -147,9 +147,12 @@ def _searched(job, page, kept, start, options, executor):
         ranks = page if plane is None else None
         widths = options.hypotheses, options.starts
         found = beam(search, kept, *widths, executor, ranks, so_far=kept)
-    if plane is not None:
-        return found, [floated(h, plane, job.shape) for h in found]
-    return found, found
+    if plane is None:
+        return found, found
+    starts = [floated(h, plane, job.shape) for h in found]
+    if is_polytope(job.shape):
+        starts += [followed(h, job.data) for h in starts]
+    return found, starts
 
 
 def _job(data, scene, shape, options, began, page) -> Job:

@@ -13,6 +13,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from .hypothesis import Kinds
 from .polytopes import is_polytope
@@ -22,6 +23,7 @@ from .tipping import lifted
 
 LENGTH = 0.02  # [m] of spread across the plane that counts as much as a normal across
 TILT = 0.2  # [rad] by which a body may tilt out of the plane, and a normal with it
+OPEN = 0.03  # [-] preference for the way found where no face tells of one
 UPRIGHT = 1e-3  # [-] preference for the world's z where touches leave the plane open
 
 
@@ -91,3 +93,36 @@ def flattened(h, ground: Ground):
     vertices = h.theta.reshape(-1, 3) @ ground.rotation.T + [0.0, 0.0, p[-1, 2]]
     yaw = backward(ground.rotation @ matrices(h.x) @ ground.rotation.T)[:, 2]
     return replace(h, theta=vertices.ravel(), x=np.vstack([p[:, :2].T, yaw]))
+
+
+def followed(h, data):
+    """Return the free motion in which every finger keeps the face that it is on.
+
+    From the last sample backward: a face turns as its normal does, and stays where its
+    finger is; what the touches leave open moves as in the hypothesis.
+    """
+    R, p = matrices(h.x), h.x[:3].T
+    turned, moved = R.copy(), p.copy()
+    felt = data.contact & data.valid
+    n, c = data.normal, data.finger_position
+    faces = {}  # by finger: normal and offset in the body frame
+    for t in reversed(range(data.samples)):
+        if t + 1 < data.samples:
+            turned[t] = R[t] @ R[t + 1].T @ turned[t + 1]
+            moved[t] = moved[t + 1] + p[t] - p[t + 1]
+        on = [f for f in faces if felt[t, f]]
+        if on:
+            m = np.vstack([*(faces[f][0] for f in on), np.eye(3)])
+            to = np.vstack([n[t, on], turned[t].T])
+            weight = np.r_[np.ones(len(on)), np.full(3, OPEN)]
+            turned[t] = Rotation.align_vectors(to, m, weight)[0].as_matrix()
+            offset = [faces[f][1] for f in on]
+            A = np.vstack([n[t, on], OPEN * np.eye(3)])
+            away = (n[t, on] * (c[t, on] - moved[t])).sum(axis=1) - offset
+            moved[t] += np.linalg.lstsq(A, np.r_[away, np.zeros(3)], rcond=None)[0]
+        for f in range(data.fingers):
+            if not felt[t, f]:
+                faces.pop(f, None)
+            elif f not in faces:
+                faces[f] = turned[t].T @ n[t, f], n[t, f] @ (c[t, f] - moved[t])
+    return replace(h, x=np.vstack([moved.T, backward(turned).T]))

@@ -14,6 +14,7 @@ from .curvature import curvature_of
 from .dragging import dragging
 from .guessed import guessed
 from .hull import centroid, fingers
+from .hull_beliefs import TILT
 from .information import Information
 from .modes import single
 from .spread import spread
@@ -22,7 +23,7 @@ from .tension import tension
 
 FLOOR = 1e-6  # [m] deviation of what a bound holds: a vertex on the ground
 ON = 0.5e-3  # [m] a contact point this near to a face is on it
-FACING = 0.99  # [-] cosine of normals from which a touch is one of the face
+FACING, NOISE = 0.14, 3.0  # [rad], deviations: a touch at most so far off is of a face
 
 
 def hull_information(
@@ -78,8 +79,13 @@ def untouched(faces) -> tuple[str, ...]:
     return (f"{missing} of {len(faces)} faces never touched",) if missing else ()
 
 
-def touched_polygons(window, vertices, x) -> np.ndarray:
-    """Return how many touches each polygon of the hull has, as `surface.polygons`."""
+def touched_polygons(window, vertices, x, sigma: float) -> np.ndarray:
+    """Return how many touches each polygon of the hull has, as `surface.polygons`.
+
+    sigma: deviation of felt normals [rad]; a face is at most as tilted as felt ones
+    come out.
+    """
+    facing = np.cos(min(FACING, TILT + NOISE * sigma))
     touch = window.touch
     centre = fingers(touch, x)
     n = directions(x, touch.sample, touch.normal)
@@ -87,7 +93,7 @@ def touched_polygons(window, vertices, x) -> np.ndarray:
     out = []
     for corners, normal in polygons(vertices):
         off = (point - vertices[corners[0]]) @ normal
-        out.append(np.count_nonzero((np.abs(off) < ON) & (n @ normal > FACING)))
+        out.append(np.count_nonzero((np.abs(off) < ON) & (n @ normal > facing)))
     return np.array(out)
 
 

@@ -113,7 +113,7 @@ def hull_read(job, page, solved, x) -> tuple[Body, Information]:
     middle, R_wg = centroid(V), _turn(scene).T
     position, turn = hull_poses(scene, x, middle)
     vertices = (V - middle) @ R_wg.T
-    faces = touched_polygons(window, V, x)
+    faces = touched_polygons(window, V, x, job.precision.normal)
     body = Body(position, turn.as_quat()[:, [3, 0, 1, 2]], vertices, faces)
     shape = standing(job.shape, solved.hypothesis.theta.reshape(-1, 3))  # as solved
     sensed = Sensed(job.data, job.precision, builder(page, shape, scene, job.kinds_of))

@@ -1,5 +1,8 @@
 """A hull in free motion, solved: it floats, or planar motion is switched off."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from conftest import ROOT, squeezed
@@ -19,7 +22,8 @@ from tactilenlp import (
 )
 from tactilenlp.errors import SceneError
 from tactilenlp.estimate import _job
-from tactilenlp.floating import flattened, floated, plane_for
+from tactilenlp.floating import flattened, floated, followed, plane_for
+from tactilenlp.hull_information import touched_polygons
 from tactilenlp.hull_update import extends
 from tactilenlp.request import carried
 
@@ -80,6 +84,39 @@ def test_its_faces_are_followed_as_it_turns(world, afloat):
     assert np.linalg.norm(np.cross(*axes), axis=1).max() < np.radians(1)
     turned = np.linalg.norm(np.cross(axes[0][0], n))
     assert turned > np.radians(5)  # there was something to follow
+
+
+def test_a_way_is_found_on_which_fingers_keep_their_faces(world, afloat):
+    data, true = world.measurements, world.truth
+    (h,) = carried(afloat, SHAPE, AFLOAT, data)
+    still = replace(h, x=np.tile(h.x[:, -1:], data.samples))
+    x = followed(still, data).x
+    t, f = held(world)
+    turn = Rotation.from_rotvec(x[3:, t].T)
+    there = Rotation.from_quat(np.roll(true.object_quaternion, -1, axis=1))
+    there = there[t] * there[-1].inv()
+    n = data.normal[-1][f]
+    away = np.cross(turn.apply(n), there.apply(n))
+    assert np.linalg.norm(away, axis=1).max() < np.radians(0.5)
+    gap = (data.normal[t, f] * (data.finger_position[t, f] - x[:3, t].T)).sum(axis=1)
+    for finger in (0, 1):  # its face is as far from the middle as it was
+        assert np.ptp(gap[f == finger]) < 0.05e-3
+    before = np.unique(t)[0] - 1  # nothing felt: it stays as the hypothesis says
+    assert x[:, before] == pytest.approx(x[:, before + 1])
+
+
+def test_a_touch_is_of_faces_that_are_as_it_was_felt():
+    fall = 0.02 * np.tan(np.radians([2.0, 6.0]))  # of a roof, to either side
+    gable = np.array([[0, 0], [-0.02, -fall[0]], [0.02, -fall[1]], [0, -0.02]])
+    body = np.vstack([np.insert(gable, 1, y, axis=1) for y in (-0.02, 0.02)])
+    up = np.array([[0.0, 0.0, 1.0]])  # felt on the ridge
+    window = SimpleNamespace(
+        touch=SimpleNamespace(sample=[0], radius=np.ones(1), p_wf=up, normal=up)
+    )
+    still = np.zeros((3, 1))
+    exact, noisy = (touched_polygons(window, body, still, s) for s in (0, 0.09))
+    assert exact.sum() == 1
+    assert noisy.sum() == 2
 
 
 def test_every_normal_is_that_of_the_body_where_it_is_then(world, afloat):
