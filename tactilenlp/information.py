@@ -16,7 +16,7 @@ from .chart import WORDS, chart_of
 from .checks import check_types
 from .curvature import Curvature, curvature_of
 from .errors import OptionError
-from .modes import Modes, weighted
+from .modes import SAME, Modes, weighted
 from .offset import covariance_of_offsets, covariance_with_offsets
 from .spread import ENOUGH, near, spread, unseen
 
@@ -27,6 +27,7 @@ LOST = np.radians(45)  # a turn less certain than this is not observed
 TINY = 1e-12  # [SI] a deviation below which a number is known exactly
 SHARP = 1e-12  # [-] of the other variances: a direction below this is known exactly
 MOST = 4  # unknowns that name a direction
+HOPELESS = 40.0  # [nats] behind the best: a mode that weighs nothing
 RARE = 0.02  # [-] modes of less weight are not spoken of
 
 
@@ -155,9 +156,8 @@ def information_of(
     errors, doubt = C, np.zeros_like(C)
     if sensed is not None:
         errors = spread(curvature, pulls, held, sensed, window, shape)
-    found = [(chart.z, chart.R, solution.objective, errors)]
-    found += [_rival(other, shape, R_wg) for other in rivals]
-    modes = weighted(shape, chart.turning, found)
+    best = chart.z, chart.R, solution.objective, errors
+    modes = weighted(shape, chart.turning, [best, *_others(best, rivals, shape, R_wg)])
     if sensed is not None:
         noise, grounded = sensed.precision.position, len(window.corner) > 0
         doubt = unseen(chart, shape, faces, noise, grounded)
@@ -207,12 +207,15 @@ def _beyond(profile, C) -> np.ndarray:
     return beyond
 
 
-def _rival(other, shape, R_wg):
-    """Return z, R, objective and covariance of another local optimum."""
-    problem, solution, window = other
-    chart = chart_of(problem, solution, window, shape, R_wg)
-    C, *_ = reduced_covariance(problem, solution, chart.chosen)
-    return chart.z, chart.R, solution.objective, chart.tangent @ C @ chart.tangent.T
+def _others(best, rivals, shape, R_wg):
+    """Yield z, R, objective and covariance of other local optima that count."""
+    for problem, solution, window in rivals:
+        chart = chart_of(problem, solution, window, shape, R_wg)
+        same = len(chart.z) == len(best[0]) and np.abs(chart.z - best[0]).max() < SAME
+        if same or solution.objective > best[2] + HOPELESS:
+            continue
+        C, *_ = reduced_covariance(problem, solution, chart.chosen)
+        yield chart.z, chart.R, solution.objective, chart.tangent @ C @ chart.tangent.T
 
 
 def reduced_covariance(problem, solution, chosen: np.ndarray):

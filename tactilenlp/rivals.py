@@ -98,7 +98,7 @@ def other_pasts(job, solved) -> list:
     if len(actions) < PASTS:
         return []
     start = int(np.argmax(action == actions[middle(len(actions))]))
-    return [_followed(job, at, start, True, KNOWN_SIZE, turn) for turn in TURNING]
+    return _followed(job, at, start, True, [KNOWN_SIZE] * len(TURNING), TURNING)
 
 
 def unbroken(job, solved, since=0) -> list:
@@ -114,8 +114,8 @@ def unbroken(job, solved, since=0) -> list:
     if way.max(initial=0.0) < worth(job.precision):
         return []
     start = int(starts_of(job.data)[asked + np.argmax(way)])
-    ways = ((b, size) for b in (True, False) for size in (KNOWN_SIZE, OPEN_SIZE))
-    return [_followed(job, at, start, *way) for way in ways]
+    sizes = [KNOWN_SIZE, OPEN_SIZE]
+    return [h for b in (True, False) for h in _followed(job, at, start, b, sizes)]
 
 
 def jumps(data, x) -> np.ndarray:
@@ -139,22 +139,28 @@ def starts_of(data) -> np.ndarray:
     return 1 + np.nonzero(np.diff(data.action))[0]
 
 
-def _followed(job, at, start: int, backward: bool, size: float, turning=1.0):
+def _followed(job, at, start: int, backward: bool, sizes, turning=None) -> list:
     """Return the hypothesis followed backward from `start`, or forward over it.
 
-    size [m]: by how much the sizes may be off; turning [-]: how readily it turns.
+    One for each of `sizes` [m], by how much the sizes may be off, and of `turning` [-],
+    how readily it turns.
     """
     data, window = spherical(job)
-    here, samples = start - (not backward), np.arange(at.x.shape[1])
-    z = np.r_[at.theta, at.x[:, here]]
-    spread = np.diag(np.r_[np.full(len(at.theta), size), KNOWN_POSE] ** 2)
-    given = at.seen(data), window, job.shape, z[None], spread[None], np.array([turning])
+    n, here = len(at.theta), start - (not backward)
+    z = np.tile(np.r_[at.theta, at.x[:, here]], (len(sizes), 1))
+    deviations = [np.r_[np.full(n, size), KNOWN_POSE] for size in sizes]
+    spread = np.array([np.diag(d**2) for d in deviations])
+    turning = np.ones(len(sizes)) if turning is None else np.array(turning)
+    samples = np.arange(at.x.shape[1])
     order = samples[:start][::-1] if backward else samples[start:]
-    end, path = follow(*given, order)
-    parts = (
-        [path[0][:, ::-1], at.x[:, start:]] if backward else [at.x[:, :start], path[0]]
-    )
-    return replace(at, theta=end[0, : len(at.theta)], x=np.hstack(parts))
+    given = at.seen(data), window, job.shape
+    ends, paths = follow(*given, z, spread, turning, order)
+    if backward:
+        paths = [np.hstack([path[:, ::-1], at.x[:, start:]]) for path in paths]
+    else:
+        paths = [np.hstack([at.x[:, :start], path]) for path in paths]
+    pairs = zip(ends, paths, strict=True)
+    return [replace(at, theta=end[:n], x=path) for end, path in pairs]
 
 
 def other_sizes(job, solved) -> list:
