@@ -14,7 +14,9 @@ must.
 Departures from eq:loss, named: the touch cost is two-sided (a felt finger is on the
 surface, not somewhere inside it), every sample's cost is bounded (a flipped boolean),
 and a Cauchy link between actions stands for the unrecorded retraction of the fingers,
-which mostly moves nothing and sometimes centimetres: its density in x, y and yaw.
+which mostly moves nothing and sometimes centimetres: its density in x, y and yaw.  A
+finger that feels nothing at the next sample may have parted already: sigma of its gap
+is wider by that way, that of its normal by the angle that it makes of the radius.
 """
 
 from __future__ import annotations
@@ -92,11 +94,12 @@ def likelihood(nlp, window, shape, theta, x, touch, normal, depth):
     normal_scale = nlp.parameter("normal scale", ca.hypot(normal, sigma_n), "rad")
     alpha = nlp.parameter("alpha", 1 / ca.hypot(1 / ALPHA, sigma_p / 1.7), "1/m")
 
-    def touching(theta, x, depth, p_wf, rho, n_m, sigma, sigma_n):
+    def touching(theta, x, depth, p_wf, rho, n_m, parted, sigma, sigma_n):
         pose = motion.pose(shape, theta, x)
         phi = finger.gap(shape, theta, pose, p_wf, rho) + depth
         n = finger.felt(finger.normal(shape, theta, pose, p_wf, rho), p_wf)
-        cost = sensing.touch(phi, sigma) + sensing.normal(n, n_m, sigma_n)
+        off, turned = ca.hypot(sigma, parted), ca.hypot(sigma_n, parted / rho)
+        cost = sensing.touch(phi, off) + sensing.normal(n, n_m, turned)
         return sensing.mixture(cost, window.ceiling)
 
     def free(theta, x, p_wf, rho, alpha):
@@ -107,7 +110,7 @@ def likelihood(nlp, window, shape, theta, x, touch, normal, depth):
     t, f = window.touch, window.free
     nlp.minimize(
         "touch", touching, theta[0], x[:, t.knot], depth, t.p_wf, t.radius, t.normal,
-        touch_scale, normal_scale, role="likelihood",
+        t.parted, touch_scale, normal_scale, role="likelihood",
     )  # fmt: skip
     nlp.minimize(
         "free", free, theta[1], x[:, f.knot], f.p_wf, f.radius, alpha,

@@ -15,6 +15,7 @@ from .measurements import Measurements
 
 WINDOW = 9  # samples of the local parabola that smooths a noisy path (0.3 s at 30 Hz)
 SMOOTH_ABOVE = 0.03  # [finger radii] below this noise, positions are used as they are
+LAG = 5e-3  # [s] that a contact is felt longer than it lasts: sensors average
 MEDIAN = 0.6745  # median of |z| for a standard normal z
 MEDIAN_2 = 1.1774  # median of the length of a standard normal vector in the plane
 
@@ -84,3 +85,17 @@ def smoothing(data: Measurements, precision: Precision):
 
 def _precise(data: Measurements, precision: Precision) -> bool:
     return precision.position < SMOOTH_ABOVE * data.finger_radius.min()
+
+
+def parted(data: Measurements) -> np.ndarray:
+    """Return how far off a finger may be that is felt (T, F) [m]: one that just left.
+
+    A boolean is a mean over some milliseconds, a position is that of an instant: a
+    finger that feels nothing at the next sample may have parted before this one.
+    """
+    p, felt = data.finger_position, data.contact & data.valid
+    goes_on = (data.action[1:] == data.action[:-1])[:, None]
+    leaves = felt[:-1] & ~data.contact[1:] & data.valid[1:] & goes_on
+    share = np.minimum(1.0, LAG / np.diff(data.time))[:, None]
+    way = share * np.linalg.norm(np.diff(p, axis=0), axis=2)
+    return np.vstack([np.where(leaves, way, 0.0), np.zeros(felt.shape[1])])

@@ -22,6 +22,7 @@ from formulations.rigid_body import FREE, PLANAR
 from .checks import check_types
 from .errors import OptionError
 from .fingertip import finger_of, poses
+from .precision import parted
 from .window import Corners, Group, Pushes, Rests, Samples, Steps, Window
 
 FAR = 30e-3  # [m] a free finger this far beyond the sensor's doubt is not asked
@@ -101,6 +102,7 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
     everything = Samples(
         sample, finger, knot[sample], p_wf[sample, finger],
         data.finger_radius[finger], data.normal[sample, finger],
+        parted(data)[sample, finger],
     )  # fmt: skip
     free = everything.pick(~felt)
     if choice.far and guess is not None:

@@ -28,7 +28,8 @@ class _Rows:
 @dataclass(frozen=True, eq=False)
 class Samples(_Rows):
     """Finger samples: at pose `knot`, finger at p_wf (as formulations/finger.py has
-    it: (3,) [m] for a sphere), its radius [m], normal.
+    it: (3,) [m] for a sphere), its radius [m], normal, and how far [m] it may have
+    parted from what it feels.
     """
 
     sample: np.ndarray
@@ -37,6 +38,7 @@ class Samples(_Rows):
     p_wf: np.ndarray
     radius: np.ndarray
     normal: np.ndarray
+    parted: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)

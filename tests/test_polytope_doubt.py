@@ -34,7 +34,8 @@ def felt(p_wf, normal, finger=0):
     n = len(p_wf)
     normal = np.broadcast_to(np.asarray(normal, float), (n, 3))
     own = np.full(n, finger)
-    return Samples(np.arange(n), own, np.arange(n), p_wf, np.full(n, RADIUS), normal)
+    radius, still = np.full(n, RADIUS), np.zeros(n)
+    return Samples(np.arange(n), own, np.arange(n), p_wf, radius, normal, still)
 
 
 def test_terms_that_pull_at_each_other_widen_sigma():
