@@ -21,7 +21,7 @@ from .measurements import Measurements
 from .options import Options
 from .polytopes import is_polytope
 from .polytopes import search as polytope_search
-from .precision import precision_of, smoothed
+from .precision import precise, precision_of, smoothed
 from .profile import profiled
 from .race import raced
 from .readout import name_of, read_off
@@ -106,7 +106,7 @@ def _found(data, job, page, start, options, executor, so_far):
         best = _tumbled(job, page, best, options, executor)
     elif options.rivals and best.solution.success:
         best = _profiled(job, page, best, options)
-    so_far.kept = _carried_on(job, solved, kept, options.hypotheses)
+    so_far.kept = _carried_on(job, solved, kept, _widths(job, options)[0])
     alike = [s for s in solved if s.solution.success]
     rivals = [s for s in alike if s.window.motion is best.window.motion]
     return _read(data, job, page, options, best, so_far, searched, rivals), best
@@ -145,7 +145,7 @@ def _searched(job, page, kept, start, options, executor):
     else:
         search = replace(search, first=first_guess(start, job.shape))
         ranks = page if plane is None else None
-        widths = options.hypotheses, options.starts
+        widths = _widths(job, options)
         found = beam(search, kept, *widths, executor, ranks, so_far=kept)
     if plane is None:
         return found, found
@@ -153,6 +153,11 @@ def _searched(job, page, kept, start, options, executor):
     if is_polytope(job.shape):
         starts += [followed(h, job.data) for h in starts]
     return found, starts
+
+
+def _widths(job, options) -> tuple[int, int]:
+    """Return how many hypotheses are kept, and starts solved, after an action."""
+    return options.widths(precise(job.data, job.precision))
 
 
 def _job(data, scene, shape, options, began, page) -> Job:
@@ -216,7 +221,7 @@ def _solved_on(job, page, solved, options) -> Solved:
 def _tumbled(job, page, flat, options, executor) -> Solved:
     """Solve in free motion from guesses of a tumble; keep the best, or the flat one."""
     evidence = contradicts(job, flat.window, flat.solution.values)
-    found = recovered(job, evidence, options.hypotheses, options.starts, executor)
+    found = recovered(job, evidence, *options.widths(precise=False), executor)
     free = replace(job, reductions=without(job.reductions, ["planar"]))
     levels = getattr(page, "ROUGH", page.LEVELS)
     solved = [

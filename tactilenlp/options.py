@@ -9,6 +9,8 @@ from .errors import OptionError
 from .reduce import Reductions
 from .solve import check_positive
 
+WIDE, PRECISE = (4, 8), (2, 3)  # hypotheses and starts: noise leaves more of them open
+
 
 @dataclass(frozen=True)
 class Options:
@@ -16,7 +18,8 @@ class Options:
 
     seed: of everything random [-] (nothing is, at present); reduce: True, False, a
     Reductions, or names of reductions to switch off; hypotheses: kept from action to
-    action [-]; starts: solved per action [-]; tolerance: of the last solve [-];
+    action [-], and starts: solved per action [-], by default as many as the sensors'
+    noise leaves open (WIDE, PRECISE); tolerance: of the last solve [-];
     time_limit [s]: then what is left is guessed, and the result is marked; ipopt:
     passed on verbatim; rivals: also solve from other sizes and paths, and with sizes
     held elsewhere, which tells how far those that touch leaves open may be off.
@@ -24,8 +27,8 @@ class Options:
 
     seed: int = 0
     reduce: object = True
-    hypotheses: int = 4
-    starts: int = 8
+    hypotheses: int | None = None
+    starts: int | None = None
     tolerance: float = 1e-6
     time_limit: float = 600.0
     ipopt: dict = field(default_factory=dict)
@@ -38,8 +41,13 @@ class Options:
         Reductions.of(self.reduce)
         for name in ("hypotheses", "starts"):
             value = getattr(self, name)
-            if not (isinstance(value, int) and value >= 1):
+            if value is not None and not (isinstance(value, int) and value >= 1):
                 raise OptionError(
                     "out of range", where=name, got=value, expected="an integer >= 1"
                 )
         check_positive(self, "tolerance", "time_limit")
+
+    def widths(self, precise: bool) -> tuple[int, int]:
+        """Return hypotheses and starts for sensors that are precise, or for others."""
+        kept, solved = PRECISE if precise else WIDE
+        return self.hypotheses or kept, self.starts or solved

@@ -64,7 +64,7 @@ def smoothed(data: Measurements, precision: Precision) -> Measurements:
     White noise of a millimetre is four hundredths of a metre per second at 30 Hz: slip
     would drown in it.  Precise positions come back unchanged.
     """
-    if _precise(data, precision):
+    if precise(data, precision):
         return data
     p = data.finger_position.copy()
     for rows, S in smoothing(data, precision):
@@ -78,12 +78,13 @@ def smoothing(data: Measurements, precision: Precision):
         rows = np.nonzero(data.action == action)[0]
         window = min(WINDOW, len(rows) - 1 + len(rows) % 2)
         S = np.eye(len(rows))
-        if window >= 5 and not _precise(data, precision):
+        if window >= 5 and not precise(data, precision):
             S = savgol_filter(S, window, 2, axis=0)
         yield rows, S
 
 
-def _precise(data: Measurements, precision: Precision) -> bool:
+def precise(data: Measurements, precision: Precision) -> bool:
+    """Tell whether positions are so precise that they are used as they are."""
     return precision.position < SMOOTH_ABOVE * data.finger_radius.min()
 
 

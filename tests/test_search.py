@@ -33,7 +33,7 @@ def test_a_guess_that_fits_nothing_is_refused(recorded, guess):
 
 
 def test_hypotheses_are_distinct_best_first_and_cover_all_samples(estimate):
-    assert len(estimate.hypotheses) <= Options().hypotheses
+    assert len(estimate.hypotheses) <= Options().widths(precise=True)[0]
     for h in estimate.hypotheses:
         assert h.x.shape == (3, estimate.measurements.samples)
     assert np.allclose(estimate.hypotheses[0].theta, estimate.theta, atol=1e-6)

@@ -32,6 +32,7 @@ from trimesh.transformations import quaternion_matrix, translation_matrix
 from tactilenlp import Measurements, Options, Scene, metrics, solve_estimate
 from tactilenlp.information import ENOUGH, TOUCHED
 from tactilenlp.kind import seconds_deriving
+from tactilenlp.precision import Precision, precise
 from tactilenlp.result import touched_faces
 from tactilenlp.search import Hypothesis
 
@@ -76,8 +77,12 @@ class Case:
         name = Path(self.file).stem
         row = {"scene": name.removesuffix("_noisy"), "noisy": name.endswith("_noisy")}
         row |= {k: getattr(self, k) for k in ("knowledge", "formulation", "path")}
-        row |= {"na": na, "of": max(self.actions), "start": "scratch", "carried": 0}
-        return row | {"width": Options().hypotheses, "starts": Options().starts}
+        return row | {
+            "na": na,
+            "of": max(self.actions),
+            "start": "scratch",
+            "carried": 0,
+        }
 
 
 class Truth:
@@ -141,6 +146,9 @@ def cost(estimate) -> dict:
     """Return what an estimate took, in its own words."""
     *presolve, joint = estimate.iterations_by_level
     row = {"presolve_iterations": sum(presolve), "joint_iterations": joint}
+    noise = Precision(**estimate.precision)
+    widths = Options().widths(precise(estimate.measurements, noise))
+    row |= dict(zip(("width", "starts"), widths, strict=True))
     row |= {"beam": len(estimate.hypotheses), "evaluations": estimate.evaluations}
     row |= {"status": estimate.status, "objective": estimate.objective}
     row |= {"broken": " ".join(s.name for s in estimate.skipped if not s.holds)}
