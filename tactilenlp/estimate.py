@@ -97,8 +97,8 @@ def _found(data, job, page, start, options, executor, so_far):
     so_far.kept, searched = kept, so_far.spent
     solved = _refine(job, page, starts, options, so_far.solved)
     if options.rivals and not is_polytope(job.shape):
-        before = start.measurements.actions if _was_challenged(start, page) else 0
-        solved = challenged(job, page, solved, options, before)
+        known = start if _was_challenged(start, page) else None
+        solved = challenged(job, page, solved, options, known)
     solved = explained(job, page, solved, options, update)
     best = _certified(replace(job, cuts=solved[0].job.cuts), page, solved[0], options)
     fell = "planar" in best.certificates.broken and not flat(page)

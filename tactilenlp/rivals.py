@@ -23,6 +23,7 @@ from .chart import final_unknowns
 from .extend import spherical
 from .guess import follow
 from .information import ENOUGH, reduced_covariance
+from .precision import precise
 from .race import raced
 from .reduce import ARM
 from .solving import best_first, solved_from
@@ -30,6 +31,7 @@ from .trial import opened
 
 CLAIMED = 0.5  # [prior deviations] a size less certain than this claims nothing
 NEAR = 6e-3  # [m] sizes this close to the best one's lead to the same optimum
+RISEN = 0.5  # [nats] an objective that rises by less has no better past
 PASTS = 3  # actions that have a middle to go back from
 JUMPS = 3  # of a path at most that are followed over, the longest first
 JUMP = 1e-3  # [m] between actions that is worth a rival
@@ -41,11 +43,11 @@ KNOWN_POSE = np.r_[3e-4, 3e-4, 5e-3]  # [m, m, rad] and of the pose it starts fr
 KNOWN = 3e-3  # [m] sizes this close to those of another hypothesis are known
 
 
-def challenged(job, page, solved, options, before=0) -> list:
+def challenged(job, page, solved, options, start=None) -> list:
     """Return the solved hypotheses and their rivals, best first.
 
-    before: actions of the estimate that this one carries on; its rivals, if they are
-    any good, are among the hypotheses, so others are asked for only now and then.
+    start: the estimate that this one carries on, if its rivals were asked for; what is
+    good of them is among the hypotheses, so others are asked for only now and then.
     """
     if not job.reductions.planar:
         return solved
@@ -55,8 +57,8 @@ def challenged(job, page, solved, options, before=0) -> list:
         rivals = raced(job, page, proposed(job, solved), options, levels, known=solved)
         return best_first([*solved, *rivals])
 
-    anew = middle(job.data.actions) != middle(before)
-    over = partial(unbroken, since=0 if anew else before)
+    anew = start is None or _asks(job, solved[0], start)
+    over = partial(unbroken, since=0 if anew else start.measurements.actions)
     for _ in range(JUMPS):
         best, solved = solved[0], with_rivals(solved, over)
         if solved[0] is best:
@@ -67,6 +69,17 @@ def challenged(job, page, solved, options, before=0) -> list:
         solved = best_first([*solved, *softened(job, page, solved, options)])
     good = [s for s in solved if s.solution.success]
     return good or solved
+
+
+def _asks(job, best, start) -> bool:
+    """Tell whether what was felt since an estimate asks for another past.
+
+    More data cost no less: where the objective has not risen there is nothing to gain.
+    Noise lifts it by itself; then a past is asked for where there is a new middle.
+    """
+    risen = best.solution.objective > start.objective + RISEN
+    moved = middle(job.data.actions) != middle(start.measurements.actions)
+    return risen and (moved or precise(job.data, job.precision))
 
 
 def softened(job, page, solved, options) -> list:
