@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,11 +10,21 @@ import pytest
 from formulations import quasi_static
 from formulations import violation_implicit as page
 from formulations.shape import CUBOID
-from tactilenlp import Options
+from tactilenlp import Noise, Options
 from tactilenlp.estimate import _job
 from tactilenlp.hypothesis import distinct, same
+from tactilenlp.noise import add_noise
+from tactilenlp.precision import precision_of
 from tactilenlp.race import raced
-from tactilenlp.rivals import JUMP, jumps, middle, other_pasts, softened, unbroken
+from tactilenlp.rivals import (
+    JUMP,
+    _asks,
+    jumps,
+    middle,
+    other_pasts,
+    softened,
+    unbroken,
+)
 from tactilenlp.trial import opened
 
 LEVELS = opened(page.LEVELS, final=True)
@@ -140,3 +151,20 @@ def test_two_pasts_that_end_alike_are_one_where_only_the_end_counts(case):
     assert same(CUBOID, h, other, samples=(-1,))
     assert len(distinct(CUBOID, [h, other], 4)) == 2
     assert distinct(CUBOID, [other, h], 4, samples=(-1,)) == [h]
+
+
+def test_an_update_asks_for_another_past_where_its_objective_rises(recorded):
+    data = recorded[0]
+    noisy = add_noise(data, Noise(position=1e-3, seed=0))
+    start = SimpleNamespace(objective=1.0, measurements=data.select(range(3)))
+
+    def asks(data, actions, objective):
+        part = data.select(range(actions))
+        job = SimpleNamespace(data=part, precision=precision_of(part))
+        best = SimpleNamespace(solution=SimpleNamespace(objective=objective))
+        return _asks(job, best, start)
+
+    assert asks(data, 4, 2.0)
+    assert not asks(data, 4, 1.2)
+    assert not asks(noisy, 4, 30.0)  # noise lifts it, and three have the same middle
+    assert asks(noisy, 5, 30.0)
