@@ -30,10 +30,11 @@ from formulations.polytope_quasi_static import LEG, SPREAD, STAY
 
 from .beliefs import VAGUE, Belief, steepness
 from .hull import nearest, outer
+from .hull_information import TILT
 from .hull_window import LIFTED
 from .predict import ARM, LEAST, REMEMBERED, SHARE, remembered
 
-TOUCH, TILT = 0.3e-3, 0.05  # [m], [rad]: as exact as touched faces come out
+TOUCH = 0.3e-3  # [m] as exact as touched faces come out, beside TILT
 ALIKE = 10  # samples of a touch, which share that error
 FLAT = 0.3e-3  # [m] deviation of a vertex from the plane of a felt face
 ON = 0.5e-3  # [m] a vertex this near to the plane of a touch lies on it

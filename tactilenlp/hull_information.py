@@ -14,7 +14,6 @@ from .curvature import curvature_of
 from .dragging import dragging
 from .guessed import guessed
 from .hull import centroid, fingers
-from .hull_beliefs import TILT
 from .information import Information
 from .modes import single
 from .spread import spread
@@ -23,6 +22,7 @@ from .tension import tension
 
 FLOOR = 1e-6  # [m] deviation of what a bound holds: a vertex on the ground
 ON = 0.5e-3  # [m] a contact point this near to a face is on it
+TILT = 0.05  # [rad] as exact as touched faces come out
 FACING, NOISE = 0.14, 3.0  # [rad], deviations: a touch at most so far off is of a face
 
 
