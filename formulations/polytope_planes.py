@@ -63,12 +63,11 @@ def build(nlp, window, scene, shape):
     def pose(x):
         return motion.pose(shape, None, x)
 
-    def touching(x, plane, p_wf, rho, n_m, parted, sigma, sigma_n):
+    def touching(x, plane, p_wf, rho, n_m, sigma, sigma_n):
         p, R = pose(x)
         n = outward(plane)
         phi = ca.dot(n, R.T @ (p_wf - p)) - rho - plane[3]
-        off, turned = ca.hypot(sigma, parted), ca.hypot(sigma_n, parted / rho)
-        cost = sensing.touch(phi, off) + sensing.normal(R @ n, n_m, turned)
+        cost = sensing.touch(phi, sigma) + sensing.normal(R @ n, n_m, sigma_n)
         return sensing.mixture(cost, window.ceiling)
 
     def contact(x, plane, p_wf, rho):
@@ -95,7 +94,7 @@ def build(nlp, window, scene, shape):
     i, s = window.plane, pair.touch
     nlp.minimize(
         "touch", touching, x[:, t.knot], plane[:, i], t.p_wf, t.radius, t.normal,
-        t.parted, touch, normal, role="likelihood",
+        touch, normal, role="likelihood",
     )  # fmt: skip
     link, link_1 = window.link.T
     nlp.minimize("one face", linked, plane[:, link], plane[:, link_1], role="prior")
