@@ -77,12 +77,8 @@ class Case:
         name = Path(self.file).stem
         row = {"scene": name.removesuffix("_noisy"), "noisy": name.endswith("_noisy")}
         row |= {k: getattr(self, k) for k in ("knowledge", "formulation", "path")}
-        return row | {
-            "na": na,
-            "of": max(self.actions),
-            "start": "scratch",
-            "carried": 0,
-        }
+        row |= {"na": na, "of": max(self.actions), "start": "scratch", "carried": 0}
+        return row
 
 
 class Truth:
