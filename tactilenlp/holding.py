@@ -16,6 +16,8 @@ import numpy as np
 from formulations.violation_implicit import WEIGHTS
 
 from .body_frame import planar
+from .guess import body_corners
+from .polytopes import is_polytope
 from .reduce import SLIPPERY
 from .rotations import turning
 
@@ -44,7 +46,7 @@ def held(scene, solved, whole) -> Hold:
     v = whole.problem.variables["x"]
     slope = whole.whole_slope[v.span].reshape(v.columns, v.rows)
     slope = _along(whole.x[v.span].reshape(slope.shape).T, slope)[whole.window.knot]
-    knot, arm = solved.window.knot, _arm(whole.window)
+    knot, arm = solved.window.knot, _arm(solved, whole.window)
     price, cuts, worst = _price(scene, solved.solution), [], 0.0
     for k in np.unique(knot):
         rows = np.nonzero(knot == k)[0]
@@ -64,10 +66,13 @@ def _along(x, slope) -> np.ndarray:
     return np.c_[slope[:, :2], turn[:, 2]]
 
 
-def _arm(window) -> float:
+def _arm(solved, window) -> float:
     """Return the arm [m] at which the ground's friction resists a turn."""
-    legs = window.start[window.legs]
-    return float(np.linalg.norm((legs - window.body[1:4])[:, :2], axis=1).mean())
+    if is_polytope(solved.job.shape):
+        legs = window.start[window.legs] - window.body[1:4]
+    else:
+        legs = body_corners(solved.job.shape, solved.at.theta)
+    return float(np.linalg.norm(legs[:, :2], axis=1).mean())
 
 
 def _price(scene, solution) -> float:
