@@ -28,7 +28,7 @@ from .readout import name_of, read_off
 from .reduce import Reductions, flat, insisted
 from .request import asked, carried, check_touched, first_guess
 from .result import Estimate
-from .rivals import challenged
+from .rivals import challenged, clear
 from .scene import Scene
 from .search import RIVAL, Hypothesis, Job, beam, distinct, same
 from .solution import not_converged
@@ -95,9 +95,10 @@ def _found(data, job, page, start, options, executor, so_far):
         return _read(data, job, page, options, update, so_far, 0.0, [update]), update
     kept, starts = _searched(job, page, so_far.kept, start, options, executor)
     so_far.kept, searched = kept, so_far.spent
-    solved = _refine(job, page, starts, options, so_far.solved)
-    if options.rivals and not is_polytope(job.shape):
-        known = start if _was_challenged(start, page) else None
+    rivals = options.rivals and not is_polytope(job.shape)
+    known = start if rivals and _was_challenged(start, page) else None
+    solved = _refine(job, page, starts, options, so_far.solved, known is not None)
+    if rivals:
         solved = challenged(job, page, solved, options, known)
     solved = explained(job, page, solved, options, update)
     best = _certified(replace(job, cuts=solved[0].job.cuts), page, solved[0], options)
@@ -108,8 +109,8 @@ def _found(data, job, page, start, options, executor, so_far):
         best = _profiled(job, page, best, options)
     so_far.kept = _carried_on(job, solved, kept, _widths(job, options)[0])
     alike = [s for s in solved if s.solution.success]
-    rivals = [s for s in alike if s.window.motion is best.window.motion]
-    return _read(data, job, page, options, best, so_far, searched, rivals), best
+    others = [s for s in alike if s.window.motion is best.window.motion]
+    return _read(data, job, page, options, best, so_far, searched, others), best
 
 
 def _read(data, job, page, options, best, so_far, searched, rivals) -> Estimate:
@@ -256,10 +257,11 @@ def _raise_unless_good(estimate, solved) -> None:
         )
 
 
-def _refine(job, page, kept, options, solved) -> list[Solved]:
+def _refine(job, page, kept, options, solved, known=False) -> list[Solved]:
     """Solve the page from the best hypotheses; return them, best first.
 
-    solved: an empty list to leave them in, for whoever interrupts.
+    solved: an empty list to leave them in, for whoever interrupts; known: of a path
+    whose rivals were asked for, the first one is enough where it explains all.
     """
     if is_polytope(job.shape) and job.scene.ground and not job.reductions.planar:
         slides = replace(job, reductions=replace(job.reductions, planar=True))
@@ -272,7 +274,11 @@ def _refine(job, page, kept, options, solved) -> list[Solved]:
     if job.scene.ground is None:  # these poses lie in a plane that the object leaves
         levels = getattr(page, "ROUGH", own)
     promising = [h for h in kept if h.objective <= limit]
-    solved = raced(job, page, promising, options, levels, solved=solved)
+    first = promising[: 1 if known else None]
+    solved = raced(job, page, first, options, levels, solved=solved)
+    if known and not clear(job, solved[0]):
+        others = raced(job, page, promising[1:], options, levels, known=solved)
+        solved = best_first([*solved, *others])
     good = [s for s in solved if s.solution.success]
     bound = min(h.objective for h in kept) + LOST * job.data.actions
     lost = not good or good[0].solution.objective > bound

@@ -32,6 +32,7 @@ from .trial import opened
 CLAIMED = 0.5  # [prior deviations] a size less certain than this claims nothing
 NEAR = 6e-3  # [m] sizes this close to the best one's lead to the same optimum
 RISEN = 0.5  # [nats] an objective that rises by less has no better past
+CLEAR = 0.8  # [nats an action] what precise fingers felt costs no more on a right path
 PASTS = 3  # actions that have a middle to go back from
 JUMPS = 3  # of a path at most that are followed over, the longest first
 JUMP = 1e-3  # [m] between actions that is worth a rival
@@ -64,11 +65,22 @@ def challenged(job, page, solved, options, start=None) -> list:
         if solved[0] is best:
             break
     if anew:
-        for proposed in (other_pasts, other_sizes):
-            solved = with_rivals(solved, proposed)
+        if not clear(job, solved[0]):
+            solved = with_rivals(solved, other_pasts)
+        solved = with_rivals(solved, other_sizes)
         solved = best_first([*solved, *softened(job, page, solved, options)])
     good = [s for s in solved if s.solution.success]
     return good or solved
+
+
+def clear(job, best) -> bool:
+    """Tell whether a path explains what precise fingers felt: none explains it better.
+
+    Of noise each touch costs a nat or so, and which ones are too dear no one can tell.
+    """
+    enough = CLEAR * job.data.actions
+    good = best.solution.success and best.solution.objective < enough
+    return good and precise(job.data, job.precision)
 
 
 def _asks(job, best, start) -> bool:
@@ -79,7 +91,8 @@ def _asks(job, best, start) -> bool:
     """
     risen = best.solution.objective > start.objective + RISEN
     moved = middle(job.data.actions) != middle(start.measurements.actions)
-    return risen and (moved or precise(job.data, job.precision))
+    asked = moved or precise(job.data, job.precision)
+    return risen and asked and not clear(job, best)
 
 
 def softened(job, page, solved, options) -> list:
