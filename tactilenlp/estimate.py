@@ -23,17 +23,15 @@ from .polytopes import is_polytope
 from .polytopes import search as polytope_search
 from .precision import precise, precision_of, smoothed
 from .profile import profiled
-from .race import raced
 from .readout import name_of, read_off
 from .reduce import Reductions, flat, insisted
+from .refine import refined
 from .request import asked, carried, check_touched, first_guess
 from .result import Estimate
-from .rivals import challenged, clear
 from .scene import Scene
 from .search import RIVAL, Hypothesis, Job, beam, distinct, same
 from .solution import not_converged
-from .solving import Solved, best_first, gone_on, let_tilt, settings_of, solved_from
-from .trial import opened
+from .solving import Solved, gone_on, settings_of, solved_from
 from .tumble import recovered
 from .unfinished import SoFar, interrupted
 
@@ -41,7 +39,6 @@ log = logging.getLogger("tactilenlp")
 
 CLOSE = 1e-5  # IPOPT's first mu where a solution is known but for what was left out
 ASTRAY = 1.0  # [nats] more freedom costs no more than what new resting steps do
-LOST = 40.0  # [nats an action] beyond least motion: opened poses ran away
 PUT_BACK = 2  # times that a problem is solved again with what it needs after all
 TUMBLES = 3  # guesses of a tumble at most that are solved in free motion
 
@@ -95,11 +92,8 @@ def _found(data, job, page, start, options, executor, so_far):
         return _read(data, job, page, options, update, so_far, 0.0, [update]), update
     kept, starts = _searched(job, page, so_far.kept, start, options, executor)
     so_far.kept, searched = kept, so_far.spent
-    rivals = options.rivals and not is_polytope(job.shape)
-    known = start if rivals and _was_challenged(start, page) else None
-    solved = _refine(job, page, starts, options, so_far.solved, known is not None)
-    if rivals:
-        solved = challenged(job, page, solved, options, known)
+    known = start if _was_challenged(start, page) else None
+    solved = refined(job, page, starts, options, so_far.solved, known)
     solved = explained(job, page, solved, options, update)
     best = _certified(replace(job, cuts=solved[0].job.cuts), page, solved[0], options)
     fell = "planar" in best.certificates.broken and not flat(page)
@@ -255,37 +249,6 @@ def _raise_unless_good(estimate, solved) -> None:
             problem=solved.problem.describe(),
             solution=solved.solution,
         )
-
-
-def _refine(job, page, kept, options, solved, known=False) -> list[Solved]:
-    """Solve the page from the best hypotheses; return them, best first.
-
-    solved: an empty list to leave them in, for whoever interrupts; known: of a path
-    whose rivals were asked for, the first one is enough where it explains all.
-    """
-    if is_polytope(job.shape) and job.scene.ground and not job.reductions.planar:
-        slides = replace(job, reductions=replace(job.reductions, planar=True))
-        found = _refine(slides, page, kept, options, solved)
-        best, *_ = explained(slides, page, found, options)
-        return [let_tilt(job, page, best, settings_of(job, options), CLOSE)]
-    limit = min(h.objective for h in kept) + RIVAL
-    own = page.LEVELS
-    levels = opened(own, final=True) if job.reductions.planar else own
-    if job.scene.ground is None:  # these poses lie in a plane that the object leaves
-        levels = getattr(page, "ROUGH", own)
-    promising = [h for h in kept if h.objective <= limit]
-    first = promising[: 1 if known else None]
-    solved = raced(job, page, first, options, levels, solved=solved)
-    if known and not clear(job, solved[0]):
-        others = raced(job, page, promising[1:], options, levels, known=solved)
-        solved = best_first([*solved, *others])
-    good = [s for s in solved if s.solution.success]
-    bound = min(h.objective for h in kept) + LOST * job.data.actions
-    lost = not good or good[0].solution.objective > bound
-    if lost and levels is not own and time.monotonic() < job.deadline:
-        # The slower way, poses held first, as the page says.
-        good = [*good, solved_from(job, page, solved[0].hypothesis, options)]
-    return best_first(good or solved)
 
 
 def _carried_on(job, solved, kept, width: int) -> list[Hypothesis]:

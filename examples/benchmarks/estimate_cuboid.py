@@ -161,6 +161,7 @@ def against_truth(case, estimate, truth) -> dict:
     best = case.solve(estimate.measurements, truth.start(estimate), throw=False)
     distance = metrics.surface_distance(best.mesh(), truth.mesh(last))
     row = {"truth_objective": best.objective, "truth_mean_mm": 1e3 * distance.mean}
+    row["truth_solve_s"] = best.seconds["solve"]
     off = apart(estimate, best, last)
     far = max(np.abs(off.side_lengths).max(), np.linalg.norm(off.position))
     return row | {"off_mm": 1e3 * far, "off_deg": np.degrees(off.rotation_angle)}

@@ -1,0 +1,81 @@
+"""Solve a page from what the search found: race it, challenge it, let it tilt.
+
+What a scene lets slide or tilt is solved as if it slid, first: there the past can be
+followed and asked again, and the optimum of free motion lies beside.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+from .body_frame import planar
+from .certify import planar as slides
+from .hull_update import explained
+from .hypothesis import same
+from .polytopes import is_polytope
+from .race import raced
+from .reduce import Reductions
+from .rivals import challenged, clear
+from .search import RIVAL
+from .solving import REASON, Solved, best_first, let_tilt, settings_of, solved_from
+from .trial import opened
+
+CLOSE = 1e-5  # IPOPT's first mu where a solution is known but for its tilt
+LOST = 40.0  # [nats an action] beyond least motion: opened poses ran away
+
+
+def refined(job, page, kept, options, solved, start=None) -> list[Solved]:
+    """Return the page solved from hypotheses and from their rivals, best first.
+
+    solved: an empty list to leave in, for whoever interrupts, what there is before
+    rivals; start: an estimate that this one carries on, if its rivals were asked for.
+    """
+    lying = job.scene.ground is not None and all(planar(h.x) for h in kept)
+    if lying and not job.reductions.planar:
+        flat = replace(job, reductions=Reductions())  # as lean as can be, as a search
+        found = refined(flat, page, kept, options, solved, start)
+        found = explained(flat, page, found, options)
+        if slides(flat, page, found[0]).holds:
+            return _tilted(job, page, found, options)
+    found = _raced(job, page, kept, options, solved, start is not None)
+    if options.rivals and not is_polytope(job.shape):
+        found = challenged(job, page, found, options, start)
+    return found
+
+
+def _tilted(job, page, slid, options) -> list[Solved]:
+    """Return the page in free motion from where it slides, close rivals too."""
+    worst, near = slid[0].solution.objective + REASON, slid[:1]
+    for s in slid[1:]:
+        known = any(same(job.shape, s.at, other.at) for other in near)
+        if s.solution.success and s.solution.objective < worst and not known:
+            near.append(s)
+    settings = settings_of(job, options)
+    return best_first(let_tilt(job, page, s, settings, CLOSE) for s in near)
+
+
+def _raced(job, page, kept, options, solved, known: bool) -> list[Solved]:
+    """Return the page solved from the best hypotheses, best first.
+
+    known: of a path whose rivals were asked for; the first one is enough where it
+    explains all.
+    """
+    limit = min(h.objective for h in kept) + RIVAL
+    own = page.LEVELS
+    levels = opened(own, final=True) if job.reductions.planar else own
+    if job.scene.ground is None:  # these poses lie in a plane that the object leaves
+        levels = getattr(page, "ROUGH", own)
+    promising = [h for h in kept if h.objective <= limit]
+    first = promising[: 1 if known and not is_polytope(job.shape) else None]
+    solved = raced(job, page, first, options, levels, solved=solved)
+    if len(first) < len(promising) and not clear(job, solved[0]):
+        others = raced(job, page, promising[1:], options, levels, known=solved)
+        solved = best_first([*solved, *others])
+    good = [s for s in solved if s.solution.success]
+    bound = min(h.objective for h in kept) + LOST * job.data.actions
+    lost = not good or good[0].solution.objective > bound
+    if lost and levels is not own and time.monotonic() < job.deadline:
+        # The slower way, poses held first, as the page says.
+        good = [*good, solved_from(job, page, solved[0].hypothesis, options)]
+    return best_first(good or solved)
