@@ -15,7 +15,7 @@ from .evidence import contradicts
 from .expansion import expand
 from .holding import held
 from .newton import newton_step
-from .reduce import ARM, Reductions, coasts
+from .reduce import ARM, Reductions
 from .result import Skipped
 
 EXACT = 1e-6  # [relative] an exact reduction moves the objective by less
@@ -50,7 +50,7 @@ def certify(job, page, solved) -> Certificates:
         whole = expand(job, page, solved)
         found += [far(solved, whole)] * made.far + [absent(solved, whole)] * made.absent
         shared = made.still and len(solved.window.knot) > solved.window.knots
-        if shared and not coasts(job.scene):
+        if shared and job.scene.ground is not None:
             hold = held(job.scene, solved, whole)
             found.append(resting(solved, hold))
             cuts = hold.cuts

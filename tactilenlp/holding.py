@@ -86,4 +86,4 @@ def _price(scene, solution) -> float:
         known["ground friction"] = SLIPPERY
     known |= solution.parameters | solution.values
     kappa, mu = (float(np.ravel(known[k])[0]) for k in ("kappa", "ground friction"))
-    return max(BY_METRE * kappa * mu, LEAST)
+    return max(BY_METRE * kappa * mu * (scene.gravity > 0), LEAST)

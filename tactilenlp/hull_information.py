@@ -82,19 +82,21 @@ def untouched(faces) -> tuple[str, ...]:
 def touched_polygons(window, vertices, x, sigma: float) -> np.ndarray:
     """Return how many touches each polygon of the hull has, as `surface.polygons`.
 
-    sigma: deviation of felt normals [rad]; a face is at most as tilted as felt ones
-    come out.
+    sigma: deviation of felt normals [rad].  A touch is of the face that looks most as
+    it was felt, and of others at most as tilted from that as felt normals come out.
     """
     facing = np.cos(min(FACING, TILT + NOISE * sigma))
     touch = window.touch
     centre = fingers(touch, x)
     n = directions(x, touch.sample, touch.normal)
     point = centre - touch.radius[:, None] * n
-    out = []
+    alike = []  # (faces, touches): cosine to a face that the point is on
     for corners, normal in polygons(vertices):
         off = (point - vertices[corners[0]]) @ normal
-        out.append(np.count_nonzero((np.abs(off) < ON) & (n @ normal > facing)))
-    return np.array(out)
+        alike.append(np.where(np.abs(off) < ON, n @ normal, -1.0))
+    alike = np.array(alike)
+    best = np.maximum(alike.max(axis=0, initial=-1.0), np.cos(FACING))
+    return np.count_nonzero((alike > facing) | (alike >= best), axis=1)
 
 
 def vertex_information(estimate) -> np.ndarray:

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from formulations import violation_implicit as page
 from formulations.shape import CUBOID
-from tactilenlp import Guess, Options, Problem, Scene, certify, solve_estimate
+from tactilenlp import Guess, Options, Problem, Scene, holding, solve_estimate
 from tactilenlp.errors import MeasurementError
 from tactilenlp.expansion import carried
 from tactilenlp.metrics import cuboid_errors
@@ -239,7 +239,7 @@ def test_still_spans_that_are_doubted_get_poses_of_their_own_where_they_would_mo
     still = next(s for s in merged.skipped if s.name == "still")
     assert 0 < still.value <= 1
     assert still.holds
-    monkeypatch.setattr(certify, "DECREMENT", 0.8 * still.value * certify.DECREMENT)
+    monkeypatch.setattr(holding, "BY_METRE", 0.8 * still.value * holding.BY_METRE)
     cut = solve_estimate(data, scene)
     knots = [len(e.unknowns["x"][0]) for e in (merged, cut, apart)]
     assert knots[0] < knots[1] <= knots[2]

@@ -89,6 +89,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=SEED, help="of the worlds")
     add_executor(parser)
     arguments = parser.parse_args()
+    arguments.folder.mkdir(parents=True, exist_ok=True)
     asked = arguments.known, arguments.budgets, arguments.searches
     found = states(arguments.folder, arguments.worlds, arguments.seed)
     cases = [(*state, *asked) for state in found]
