@@ -31,13 +31,12 @@ from .result import Estimate
 from .scene import Scene
 from .search import RIVAL, Hypothesis, Job, beam, distinct, same
 from .solution import not_converged
-from .solving import Solved, gone_on, settings_of, solved_from
+from .solving import CLOSE, Solved, gone_on, settings_of, solved_from
 from .tumble import recovered
 from .unfinished import SoFar, interrupted
 
 log = logging.getLogger("tactilenlp")
 
-CLOSE = 1e-5  # IPOPT's first mu where a solution is known but for what was left out
 ASTRAY = 1.0  # [nats] more freedom costs no more than what new resting steps do
 PUT_BACK = 2  # times that a problem is solved again with what it needs after all
 TUMBLES = 3  # guesses of a tumble at most that are solved in free motion

@@ -15,13 +15,20 @@ from .hull_update import explained
 from .hypothesis import same
 from .polytopes import is_polytope
 from .race import raced
-from .reduce import Reductions
+from .reduce import Reductions, insisted
 from .rivals import challenged, clear
 from .search import RIVAL
-from .solving import REASON, Solved, best_first, let_tilt, settings_of, solved_from
+from .solving import (
+    CLOSE,
+    REASON,
+    Solved,
+    best_first,
+    let_tilt,
+    settings_of,
+    solved_from,
+)
 from .trial import opened
 
-CLOSE = 1e-5  # IPOPT's first mu where a solution is known but for its tilt
 LOST = 40.0  # [nats an action] beyond least motion: opened poses ran away
 
 
@@ -31,12 +38,13 @@ def refined(job, page, kept, options, solved, start=None) -> list[Solved]:
     solved: an empty list to leave in, for whoever interrupts, what there is before
     rivals; start: an estimate that this one carries on, if its rivals were asked for.
     """
+    lean = insisted(page, Reductions())  # as a search is
     lying = job.scene.ground is not None and all(planar(h.x) for h in kept)
-    if lying and not job.reductions.planar:
-        flat = replace(job, reductions=Reductions())  # as lean as can be, as a search
+    if lying and lean.planar and not job.reductions.planar:
+        flat = replace(job, reductions=lean)
         found = refined(flat, page, kept, options, solved, start)
         found = explained(flat, page, found, options)
-        if slides(flat, page, found[0]).holds:
+        if is_polytope(job.shape) or slides(flat, page, found[0]).holds:
             return _tilted(job, page, found, options)
     found = _raced(job, page, kept, options, solved, start is not None)
     if options.rivals and not is_polytope(job.shape):

@@ -22,6 +22,7 @@ from .solve import SolverOptions, solve_levels
 from .tipping import lifted
 from .trial import LONGEST, started
 
+CLOSE = 1e-5  # IPOPT's first mu where a solution is known but for what was left out
 REASON = 3.0  # [nats] as odds of 20 to 1 are
 CHOSEN_AGAIN = ("theta", "x", "body")  # where a page that is filled anew starts
 

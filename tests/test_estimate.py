@@ -281,6 +281,25 @@ def test_every_reduction_can_be_switched_off_alone(recorded):
         assert full.objective == pytest.approx(reduced.objective, abs=less)
 
 
+def test_free_motion_ends_beside_the_optimum_of_a_box_that_slides(estimate, recorded):
+    options = Options(reduce="planar")
+    free = solve_estimate(estimate.measurements, recorded[1], options=options)
+    assert len(free.unknowns["x"]) == 6
+    assert free.objective == pytest.approx(estimate.objective, abs=0.1)
+    off = free.side_lengths - estimate.side_lengths
+    assert (np.abs(off) < 0.2 * estimate.information.sigma("side_lengths")).all()
+
+
+def test_a_body_at_rest_does_not_creep(estimate):
+    data = estimate.measurements
+    still = next(s for s in estimate.skipped if s.name == "still")
+    assert still.holds
+    for action in range(data.actions):
+        rows = np.flatnonzero(data.action == action)
+        before = rows[: np.argmax(data.contact[rows].any(axis=1))]
+        assert np.ptp(estimate.position[before], axis=0).max() < 1e-12
+
+
 def test_summary_says_what_was_not_observed(recorded):
     data, scene, _ = recorded
     first = solve_estimate(data.select([0]), scene)

@@ -10,7 +10,7 @@ import pytest
 from formulations import quasi_static
 from formulations import violation_implicit as page
 from formulations.shape import CUBOID
-from tactilenlp import Noise, Options
+from tactilenlp import Noise, Options, rivals
 from tactilenlp.estimate import _job
 from tactilenlp.hypothesis import distinct, same
 from tactilenlp.noise import add_noise
@@ -19,6 +19,7 @@ from tactilenlp.race import raced
 from tactilenlp.rivals import (
     JUMP,
     _asks,
+    challenged,
     jumps,
     middle,
     other_pasts,
@@ -153,6 +154,24 @@ def test_two_pasts_that_end_alike_are_one_where_only_the_end_counts(case):
     assert distinct(CUBOID, [other, h], 4, samples=(-1,)) == [h]
 
 
+def test_what_explains_all_that_precise_fingers_felt_has_no_other_past(
+    case, monkeypatch
+):
+    job, h = case
+    at = raced(job, page, [h], Options(), LEVELS)[0]
+    asked = []
+    monkeypatch.setattr(rivals, "other_pasts", lambda *_: asked.append(1) or [])
+    for others in ("other_sizes", "softened"):
+        monkeypatch.setattr(rivals, others, lambda *_: [])
+    for objective in (1.0, 2.0):
+        solution = replace(at.solution, objective=objective)
+        challenged(job, page, [replace(at, solution=solution)], Options())
+        assert len(asked) == (objective > rivals.CLEAR * job.data.actions)
+    noisy = replace(job, precision=replace(job.precision, position=1e-3))
+    challenged(noisy, page, [replace(at, solution=solution)], Options())
+    assert len(asked) == 2
+
+
 def test_an_update_asks_for_another_past_where_its_objective_rises(recorded):
     data = recorded[0]
     noisy = add_noise(data, Noise(position=1e-3, seed=0))
@@ -161,10 +180,11 @@ def test_an_update_asks_for_another_past_where_its_objective_rises(recorded):
     def asks(data, actions, objective):
         part = data.select(range(actions))
         job = SimpleNamespace(data=part, precision=precision_of(part))
-        best = SimpleNamespace(solution=SimpleNamespace(objective=objective))
-        return _asks(job, best, start)
+        solution = SimpleNamespace(objective=objective, success=True)
+        return _asks(job, SimpleNamespace(solution=solution), start)
 
-    assert asks(data, 4, 2.0)
+    assert asks(data, 4, 4.0)
     assert not asks(data, 4, 1.2)
+    assert not asks(data, 4, 3.0)  # it explains what was felt
     assert not asks(noisy, 4, 30.0)  # noise lifts it, and three have the same middle
     assert asks(noisy, 5, 30.0)
