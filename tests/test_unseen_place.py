@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tactilenlp import solve_estimate
+from tactilenlp.information import ASTRAY
 from tactilenlp.spread import ANY_TURN, AWAY, near
 
 
@@ -22,5 +23,8 @@ def test_after_a_touch_from_above_the_ground_place_is_unobserved_but_bounded(rec
     data, scene, _ = recorded
     found = solve_estimate(data.select([0]), scene).information
     assert any("position" in words for words in found.unobserved)
-    np.testing.assert_allclose(found.sigma("position")[:2], AWAY, rtol=0.05)
+    # Nothing but rounding curves along the ground: it decides how near to AWAY they are.
+    along = found.sigma("position")[:2]
+    assert (along > ASTRAY).all()
+    assert (along < 1.05 * AWAY).all()
     assert found.sigma("position")[2] < 1e-4
