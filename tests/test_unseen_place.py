@@ -23,7 +23,7 @@ def test_after_a_touch_from_above_the_ground_place_is_unobserved_but_bounded(rec
     data, scene, _ = recorded
     found = solve_estimate(data.select([0]), scene).information
     assert any("position" in words for words in found.unobserved)
-    # Nothing but rounding curves along the ground: it decides how near to AWAY they are.
+    # Only rounding curves along the ground: it decides how near to AWAY they are.
     along = found.sigma("position")[:2]
     assert (along > ASTRAY).all()
     assert (along < 1.05 * AWAY).all()
