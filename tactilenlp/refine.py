@@ -16,7 +16,7 @@ from .hypothesis import same
 from .polytopes import is_polytope
 from .race import raced
 from .reduce import Reductions, insisted
-from .rivals import challenged, clear
+from .rivals import challenged, settled
 from .search import RIVAL
 from .solving import (
     CLOSE,
@@ -46,7 +46,7 @@ def refined(job, page, kept, options, solved, start=None) -> list[Solved]:
         found = explained(flat, page, found, options)
         if is_polytope(job.shape) or slides(flat, page, found[0]).holds:
             return _tilted(job, page, found, options)
-    found = _raced(job, page, kept, options, solved, start is not None)
+    found = _raced(job, page, kept, options, solved, start)
     if options.rivals and not is_polytope(job.shape):
         found = challenged(job, page, found, options, start)
     return found
@@ -63,11 +63,10 @@ def _tilted(job, page, slid, options) -> list[Solved]:
     return best_first(let_tilt(job, page, s, settings, CLOSE) for s in near)
 
 
-def _raced(job, page, kept, options, solved, known: bool) -> list[Solved]:
+def _raced(job, page, kept, options, solved, start) -> list[Solved]:
     """Return the page solved from the best hypotheses, best first.
 
-    known: of a path whose rivals were asked for; the first one is enough where it
-    explains all.
+    Of those that carry on the path of `start` the first is enough where it is settled.
     """
     limit = min(h.objective for h in kept) + RIVAL
     own = page.LEVELS
@@ -75,9 +74,10 @@ def _raced(job, page, kept, options, solved, known: bool) -> list[Solved]:
     if job.scene.ground is None:  # these poses lie in a plane that the object leaves
         levels = getattr(page, "ROUGH", own)
     promising = [h for h in kept if h.objective <= limit]
-    first = promising[: 1 if known and not is_polytope(job.shape) else None]
+    alone = start is not None and not is_polytope(job.shape)
+    first = promising[: 1 if alone else None]
     solved = raced(job, page, first, options, levels, solved=solved)
-    if len(first) < len(promising) and not clear(job, solved[0]):
+    if len(first) < len(promising) and not settled(solved[0], start):
         others = raced(job, page, promising[1:], options, levels, known=solved)
         solved = best_first([*solved, *others])
     good = [s for s in solved if s.solution.success]

@@ -83,16 +83,24 @@ def clear(job, best) -> bool:
     return good and precise(job.data, job.precision)
 
 
+def settled(best, start) -> bool:
+    """Tell whether what was felt since an estimate leaves its path as it is.
+
+    More data cost no less: where the objective has not risen there is nothing to gain.
+    """
+    risen = best.solution.objective > start.objective + RISEN
+    return best.solution.success and not risen
+
+
 def _asks(job, best, start) -> bool:
     """Tell whether what was felt since an estimate asks for another past.
 
-    More data cost no less: where the objective has not risen there is nothing to gain.
-    Noise lifts it by itself; then a past is asked for where there is a new middle.
+    Noise lifts the objective by itself; then a past is asked for where there is a new
+    middle.
     """
-    risen = best.solution.objective > start.objective + RISEN
     moved = middle(job.data.actions) != middle(start.measurements.actions)
     asked = moved or precise(job.data, job.precision)
-    return risen and asked and not clear(job, best)
+    return asked and not settled(best, start)
 
 
 def softened(job, page, solved, options) -> list:
