@@ -22,6 +22,8 @@ from tactilenlp.estimate import _job
 from tactilenlp.hypothesis import Hypothesis, Kinds
 from tactilenlp.solving import built_at
 
+pytestmark = pytest.mark.usefixtures("not_compiled")  # nothing is evaluated
+
 CASES = [
     (quasi_static, CUBOID, "cuboid"),
     (violation_implicit, CUBOID, "cuboid"),
