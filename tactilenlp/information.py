@@ -18,7 +18,7 @@ from .curvature import Curvature, curvature_of
 from .errors import OptionError
 from .modes import SAME, Modes, weighted
 from .offset import covariance_of_offsets, covariance_with_offsets
-from .spread import ENOUGH, near, spread, unseen
+from .spread import ENOUGH, near, spread, unheld, unseen
 
 TOUCHED = 0.99  # [-] |n . axis| above which a normal belongs to a face
 HELD = 0.1  # [prior deviations] a size known better than this is observed
@@ -155,7 +155,7 @@ def information_of(
     C = (C + C.T) / 2
     errors, doubt = C, np.zeros_like(C)
     if sensed is not None:
-        errors = spread(curvature, pulls, held, sensed, window, shape)
+        errors = spread(curvature, pulls, held, sensed, window, shape) + unheld(C)
     best = chart.z, chart.R, solution.objective, errors
     modes = weighted(shape, chart.turning, [best, *_others(best, rivals, shape, R_wg)])
     if sensed is not None:

@@ -79,6 +79,14 @@ def spread(
     return (noise + noise.T) / 2
 
 
+def unheld(C) -> np.ndarray:
+    """Return the covariance (k, k) of where the Hessian, of inverse C, curves down.
+
+    Nothing holds what does: no error enters there, and a sandwich would call it known.
+    """
+    return _positive(-C)
+
+
 def missing_impulses(curvature: Curvature, held) -> np.ndarray:
     """Return what impulses of BALANCE weights, missing in hard balances, make of it.
 
