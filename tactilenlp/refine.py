@@ -12,7 +12,7 @@ from dataclasses import replace
 from .body_frame import planar
 from .certify import planar as slides
 from .hull_update import explained
-from .hypothesis import same
+from .hypothesis import distinct
 from .polytopes import is_polytope
 from .race import raced
 from .reduce import Reductions, insisted
@@ -38,29 +38,27 @@ def refined(job, page, kept, options, solved, start=None) -> list[Solved]:
     solved: an empty list to leave in, for whoever interrupts, what there is before
     rivals; start: an estimate that this one carries on, if its rivals were asked for.
     """
-    lean = insisted(page, Reductions())  # as a search is
+    hull, lean = is_polytope(job.shape), insisted(page, Reductions())  # as a search is
     lying = job.scene.ground is not None and all(planar(h.x) for h in kept)
     if lying and lean.planar and not job.reductions.planar:
         flat = replace(job, reductions=lean)
         found = refined(flat, page, kept, options, solved, start)
         found = explained(flat, page, found, options)
-        if is_polytope(job.shape) or slides(flat, page, found[0]).holds:
-            return _tilted(job, page, found, options)
+        if hull or slides(flat, page, found[0]).holds:
+            return _tilted(job, page, found[:1] if hull else found, options)
+    start = None if hull else start
     found = _raced(job, page, kept, options, solved, start)
-    if options.rivals and not is_polytope(job.shape):
+    if options.rivals and not hull:
         found = challenged(job, page, found, options, start)
     return found
 
 
 def _tilted(job, page, slid, options) -> list[Solved]:
     """Return the page in free motion from where it slides, close rivals too."""
-    worst, near = slid[0].solution.objective + REASON, slid[:1]
-    for s in slid[1:]:
-        known = any(same(job.shape, s.at, other.at) for other in near)
-        if s.solution.success and s.solution.objective < worst and not known:
-            near.append(s)
-    settings = settings_of(job, options)
-    return best_first(let_tilt(job, page, s, settings, CLOSE) for s in near)
+    ends, settings = [s.at for s in slid], settings_of(job, options)
+    near = distinct(job.shape, ends, len(ends), REASON)
+    slid = [s for s, end in zip(slid, ends, strict=True) if end in near]
+    return best_first(let_tilt(job, page, s, settings, CLOSE) for s in slid)
 
 
 def _raced(job, page, kept, options, solved, start) -> list[Solved]:
@@ -74,8 +72,7 @@ def _raced(job, page, kept, options, solved, start) -> list[Solved]:
     if job.scene.ground is None:  # these poses lie in a plane that the object leaves
         levels = getattr(page, "ROUGH", own)
     promising = [h for h in kept if h.objective <= limit]
-    alone = start is not None and not is_polytope(job.shape)
-    first = promising[: 1 if alone else None]
+    first = promising[: None if start is None else 1]
     solved = raced(job, page, first, options, levels, solved=solved)
     if len(first) < len(promising) and not settled(solved[0], start):
         others = raced(job, page, promising[1:], options, levels, known=solved)

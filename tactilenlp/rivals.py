@@ -65,7 +65,7 @@ def challenged(job, page, solved, options, start=None) -> list:
         if solved[0] is best:
             break
     if anew:
-        if not clear(job, solved[0]):
+        if not _explains(job, solved[0]):
             solved = with_rivals(solved, other_pasts)
         solved = with_rivals(solved, other_sizes)
         solved = best_first([*solved, *softened(job, page, solved, options)])
@@ -73,8 +73,8 @@ def challenged(job, page, solved, options, start=None) -> list:
     return good or solved
 
 
-def clear(job, best) -> bool:
-    """Tell whether a path explains what precise fingers felt: none explains it better.
+def _explains(job, best) -> bool:
+    """Tell whether a path explains what precise fingers felt: few do so better.
 
     Of noise each touch costs a nat or so, and which ones are too dear no one can tell.
     """
