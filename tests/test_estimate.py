@@ -264,42 +264,6 @@ def test_a_process_pool_gives_the_same_digits(recorded):
     assert np.array_equal(spread.position, serial.position)
 
 
-def test_every_reduction_can_be_switched_off_alone(recorded):
-    data, scene, _ = recorded
-    data = data.select(range(2))
-    # Of one hypothesis: rivals wander between optima a fifth of a nat apart.
-    reduced = solve_estimate(data, scene, options=Options(rivals=False))
-    for name in ("still", "far", "absent"):
-        options = Options(reduce=[name], rivals=False)
-        full = solve_estimate(data, scene, options=options)
-        assert all(s.name != name for s in full.skipped)
-        # an exact reduction keeps the optimum; a still span adds poses whose links
-        # cost nothing at rest
-        # A Newton step foretells 0.1 nats at most for still spans; rounded friction
-        # lets creeping gain a little more.
-        less = 0.3 if name == "still" else 1e-4
-        assert full.objective == pytest.approx(reduced.objective, abs=less)
-
-
-def test_free_motion_ends_beside_the_optimum_of_a_box_that_slides(estimate, recorded):
-    options = Options(reduce="planar")
-    free = solve_estimate(estimate.measurements, recorded[1], options=options)
-    assert len(free.unknowns["x"]) == 6
-    assert free.objective == pytest.approx(estimate.objective, abs=0.1)
-    off = free.side_lengths - estimate.side_lengths
-    assert (np.abs(off) < 0.2 * estimate.information.sigma("side_lengths")).all()
-
-
-def test_a_body_at_rest_does_not_creep(estimate):
-    data = estimate.measurements
-    still = next(s for s in estimate.skipped if s.name == "still")
-    assert still.holds
-    for action in range(data.actions):
-        rows = np.flatnonzero(data.action == action)
-        before = rows[: np.argmax(data.contact[rows].any(axis=1))]
-        assert np.ptp(estimate.position[before], axis=0).max() < 1e-12
-
-
 def test_summary_says_what_was_not_observed(recorded):
     data, scene, _ = recorded
     first = solve_estimate(data.select([0]), scene)

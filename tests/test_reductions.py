@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from formulations import violation_implicit as page
 from formulations.shape import CUBOID
-from tactilenlp import Guess, Options, Problem, Scene, holding, solve_estimate
+from tactilenlp import Guess, Problem, Scene, solve_estimate
 from tactilenlp.errors import MeasurementError
 from tactilenlp.expansion import carried
 from tactilenlp.metrics import cuboid_errors
@@ -227,26 +227,6 @@ def test_a_newton_step_tells_what_a_quadratic_would_gain():
     assert step.step == pytest.approx([0.4, 0.4, 0.0], abs=1e-6)
     assert step.decrement == pytest.approx(4.0**2 / 10 / 2, rel=1e-6)
     assert step.shift[0] == pytest.approx(0.4 / np.sqrt(1 / 10), rel=1e-6)
-
-
-def test_still_spans_that_are_doubted_get_poses_of_their_own_where_they_would_move(
-    recorded, monkeypatch
-):
-    data, scene, _ = recorded
-    data = data.select(range(3))
-    merged = solve_estimate(data, scene)
-    apart = solve_estimate(data, scene, options=Options(reduce="still"))
-    still = next(s for s in merged.skipped if s.name == "still")
-    assert 0 < still.value <= 1
-    assert still.holds
-    monkeypatch.setattr(holding, "BY_METRE", 0.8 * still.value * holding.BY_METRE)
-    cut = solve_estimate(data, scene)
-    knots = [len(e.unknowns["x"][0]) for e in (merged, cut, apart)]
-    assert knots[0] < knots[1] <= knots[2]
-    assert all(s.holds for s in cut.skipped)
-    sigma = apart.information.sigma("side_lengths")
-    for e in (merged, cut):
-        assert (np.abs(e.side_lengths - apart.side_lengths) < 0.1 * sigma).all()
 
 
 def test_a_sample_that_comes_twice_is_no_time_step(recorded):

@@ -1,0 +1,61 @@
+"""What an estimate skips, switched off, put back: its optimum stays where it is."""
+
+import numpy as np
+import pytest
+
+from tactilenlp import Options, holding, solve_estimate
+
+
+def test_every_reduction_can_be_switched_off_alone(recorded):
+    data, scene, _ = recorded
+    data = data.select(range(2))
+    # Of one hypothesis: rivals wander between optima a fifth of a nat apart.
+    reduced = solve_estimate(data, scene, options=Options(rivals=False))
+    for name in ("still", "far", "absent"):
+        options = Options(reduce=[name], rivals=False)
+        full = solve_estimate(data, scene, options=options)
+        assert all(s.name != name for s in full.skipped)
+        # an exact reduction keeps the optimum; a still span adds poses whose links
+        # cost nothing at rest
+        # Rounded friction lets poses of their own creep, which gains a little.
+        less = 0.3 if name == "still" else 1e-4
+        assert full.objective == pytest.approx(reduced.objective, abs=less)
+
+
+def test_free_motion_ends_beside_the_optimum_of_a_box_that_slides(estimate, recorded):
+    options = Options(reduce="planar")
+    free = solve_estimate(estimate.measurements, recorded[1], options=options)
+    assert len(free.unknowns["x"]) == 6
+    assert free.objective == pytest.approx(estimate.objective, abs=0.1)
+    off = free.side_lengths - estimate.side_lengths
+    assert (np.abs(off) < 0.2 * estimate.information.sigma("side_lengths")).all()
+
+
+def test_a_body_at_rest_does_not_creep(estimate):
+    data = estimate.measurements
+    still = next(s for s in estimate.skipped if s.name == "still")
+    assert still.holds
+    for action in range(data.actions):
+        rows = np.flatnonzero(data.action == action)
+        before = rows[: np.argmax(data.contact[rows].any(axis=1))]
+        assert np.ptp(estimate.position[before], axis=0).max() < 1e-12
+
+
+def test_still_spans_that_are_doubted_get_poses_of_their_own_where_they_would_move(
+    recorded, monkeypatch
+):
+    data, scene, _ = recorded
+    data = data.select(range(3))
+    merged = solve_estimate(data, scene)
+    apart = solve_estimate(data, scene, options=Options(reduce="still"))
+    still = next(s for s in merged.skipped if s.name == "still")
+    assert 0 < still.value <= 1
+    assert still.holds
+    monkeypatch.setattr(holding, "BY_METRE", 0.8 * still.value * holding.BY_METRE)
+    cut = solve_estimate(data, scene)
+    knots = [len(e.unknowns["x"][0]) for e in (merged, cut, apart)]
+    assert knots[0] < knots[1] <= knots[2]
+    assert all(s.holds for s in cut.skipped)
+    sigma = apart.information.sigma("side_lengths")
+    for e in (merged, cut):
+        assert (np.abs(e.side_lengths - apart.side_lengths) < 0.1 * sigma).all()
