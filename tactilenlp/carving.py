@@ -20,7 +20,7 @@ from .hull import (
 from .planes import Faces, bodily, unseen, unseen_ball
 
 CUTS = 30  # at most, by fingers that feel nothing
-TOLERANCE = 0.1e-3  # [m] a free finger may sink in so far
+PENETRATION = 0.1e-3  # [m] a free finger may sink in so far
 FARTHEST = 3**0.5  # [radii] a cube's corners are so far out of the ball within it
 
 
@@ -42,7 +42,7 @@ def carved(window, faces: Faces, size, vertices: int, ground=True, ball=True):
     cuts = separating(window, faces, points)
     for _ in range(CUTS):
         deep = (found @ cuts[:, :3].T).max(axis=0, initial=-np.inf) - cuts[:, 3]
-        if not len(cuts) or deep.max() < TOLERANCE:
+        if not len(cuts) or deep.max() < PENETRATION:
             break
         halfspaces = np.vstack([halfspaces, cuts[[np.argmax(deep)]]])
         try:
