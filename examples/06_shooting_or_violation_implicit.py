@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 
 from formulations.shape import CUBOID
 from tactilenlp import Measurements, Options, Problem, Scene, solve_estimate
-from tactilenlp.precision import precision_of
-from tactilenlp.reduce import Reductions, insisted, reduce
-from tactilenlp.solve import solve
+from tactilenlp.data.sensor_noise import precision_of
+from tactilenlp.nlp.ipopt import solve
+from tactilenlp.problem.reductions import Reductions, insisted, reduce
 
 recording = Path(__file__).parent / "data" / "cuboid.npz"
 picture = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("shooting.png")

@@ -14,10 +14,10 @@ from formulations import quasi_static, sensing, violation_implicit
 from formulations.finger import capsule
 from formulations.rigid_body import FREE
 from formulations.shape import CUBOID
-from tactilenlp.measurements import Measurements
-from tactilenlp.reduce import Reductions, reduce
-from tactilenlp.scene import Scene
-from tactilenlp.solve import SolverOptions, solve, solve_levels
+from tactilenlp.data.measurements import Measurements
+from tactilenlp.data.scene import Scene
+from tactilenlp.nlp.ipopt import SolverOptions, solve, solve_levels
+from tactilenlp.problem.reductions import Reductions, reduce
 
 PAGES = {"quasi_static": quasi_static, "violation_implicit": violation_implicit}
 

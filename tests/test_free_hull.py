@@ -12,14 +12,18 @@ from formulations import polytope_violation_implicit as page
 from formulations.polytope import polytope
 from formulations.rigid_body import rotation
 from tactilenlp import Measurements, Options, Scene
-from tactilenlp.body_frame import directions, points
-from tactilenlp.estimate import _job
-from tactilenlp.hull import filled
-from tactilenlp.hull_window import LIFTED
-from tactilenlp.nlp import Problem
-from tactilenlp.polytopes import window_of
-from tactilenlp.rotations import backward, matrices, turning
-from tactilenlp.tipping import lifted
+from tactilenlp.estimation.solver import _job
+from tactilenlp.geometry.convex_hull import filled
+from tactilenlp.geometry.tipping import lifted
+from tactilenlp.geometry.transforms import (
+    backward,
+    directions_in_body,
+    matrices,
+    points_in_body,
+    turning,
+)
+from tactilenlp.nlp.problem import Problem
+from tactilenlp.problem.polytope_window import LIFTED, window_of
 
 OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
 SHAPE = polytope(8)
@@ -189,8 +193,12 @@ def test_points_and_directions_are_the_same_in_planar_and_in_lifted_poses():
     rng = np.random.default_rng(4)
     x, samples = rng.normal(size=(3, 5)), rng.integers(0, 5, 20)
     free, p = lifted(np.zeros(24), x, SHAPE), rng.normal(size=(20, 3))
-    np.testing.assert_allclose(points(free, samples, p), points(x, samples, p))
-    np.testing.assert_allclose(directions(free, samples, p), directions(x, samples, p))
+    np.testing.assert_allclose(
+        points_in_body(free, samples, p), points_in_body(x, samples, p)
+    )
+    np.testing.assert_allclose(
+        directions_in_body(free, samples, p), directions_in_body(x, samples, p)
+    )
 
 
 def test_a_rotation_vector_turns_a_body_as_its_slope_says():

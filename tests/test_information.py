@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from tactilenlp import Problem, observed_information
-from tactilenlp.curvature import curvature_of
 from tactilenlp.errors import OptionError, TactileError
-from tactilenlp.information import reduced_covariance, unobserved
-from tactilenlp.solve import SolverOptions, solve
+from tactilenlp.information.information import reduced_covariance, unobserved
+from tactilenlp.nlp.ipopt import SolverOptions, solve
+from tactilenlp.nlp.kkt_sensitivity import curvature_of
 
 SIGMA = 0.1
 

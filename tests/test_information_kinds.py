@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from tactilenlp import observed_information
-from tactilenlp.observed import KINDS, programme_of
-from tactilenlp.paper_information import half_turns, paper
+from tactilenlp.estimation.observed_information import KINDS, programme_of
+from tactilenlp.information.comparisons import half_turns, paper
 
 UNITS = np.r_[1e3, 1e3, 1e3, 1e3, 1e3, 50.0]  # to mm, a radian as 50 mm
 STEP = 1e-6  # [m, rad] of central differences

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from made_up import merged
 
-from tactilenlp import kind
-from tactilenlp.codegen import compiler
-from tactilenlp.nlp import Problem
+from tactilenlp.nlp import term_functions as kind
+from tactilenlp.nlp.codegen import compiler
+from tactilenlp.nlp.problem import Problem
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import pytest
 from made_up import merged, swing
 
 from tactilenlp.errors import PageError
-from tactilenlp.nlp import Problem
+from tactilenlp.nlp.problem import Problem
 
 ROUNDING = 1e-12  # [relative] a few hundred operations of doubles
 # Central differences with steps of 1e-5 of a scale: 1e-10 of truncation and 1e-11 of

@@ -10,11 +10,11 @@ from formulations import paper
 from formulations.rigid_body import FREE
 from formulations.shape import CUBOID
 from tactilenlp import solve_estimate
+from tactilenlp.data.scene import Scene
+from tactilenlp.data.sensor_noise import Precision
 from tactilenlp.errors import NotConverged
-from tactilenlp.nlp import Problem
-from tactilenlp.precision import Precision
-from tactilenlp.reduce import Reductions, reduce
-from tactilenlp.scene import Scene
+from tactilenlp.nlp.problem import Problem
+from tactilenlp.problem.reductions import Reductions, reduce
 
 SCENE = Scene()
 W = SCENE.mass * 9.81 / 30  # [N s] the weight over a step

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tactilenlp import Measurements, Options, World
-from tactilenlp.precision import LAG, Precision, parted, precise
+from tactilenlp.data.sensor_noise import LAG, Precision, parted, precise
 
 SPEED = 0.12  # [m/s]
 

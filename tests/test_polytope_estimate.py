@@ -18,18 +18,18 @@ from tactilenlp import (
     Measurements,
     Scene,
     face_sigma,
-    holding,
     solve_estimate,
     surface_distance,
     vertex_information,
 )
 from tactilenlp.errors import OptionError, SceneError, StartError
-from tactilenlp.estimate import _job
-from tactilenlp.options import Options
-from tactilenlp.polytopes import search
-from tactilenlp.readout import hull_read
-from tactilenlp.reduce import Reductions
-from tactilenlp.solving import solved_from
+from tactilenlp.estimation.options import Options
+from tactilenlp.estimation.readout import hull_read
+from tactilenlp.estimation.solver import _job
+from tactilenlp.problem import certificates as holding
+from tactilenlp.problem.reductions import Reductions
+from tactilenlp.search.local_solve import solved_from
+from tactilenlp.search.polytope_init import search
 
 OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
 ACTIONS = 4

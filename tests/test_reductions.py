@@ -11,13 +11,13 @@ from scipy.spatial.transform import Rotation
 from formulations import violation_implicit as page
 from formulations.shape import CUBOID
 from tactilenlp import Guess, Problem, Scene, solve_estimate
+from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.errors import MeasurementError
-from tactilenlp.expansion import carried
-from tactilenlp.metrics import cuboid_errors
-from tactilenlp.newton import newton_step
-from tactilenlp.precision import precision_of
-from tactilenlp.reduce import Reductions, may_move, maybe_touching, reduce
-from tactilenlp.solve import SolverOptions, solve, solve_levels
+from tactilenlp.evaluation.metrics import cuboid_errors
+from tactilenlp.nlp.ipopt import SolverOptions, solve, solve_levels
+from tactilenlp.nlp.kkt import newton_step
+from tactilenlp.problem.reductions import Reductions, may_move, maybe_touching, reduce
+from tactilenlp.problem.unreduced import carried
 
 
 @pytest.fixture(scope="module")

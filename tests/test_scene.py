@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tactilenlp.data.measurements import Measurements
+from tactilenlp.data.scene import Ground, Scene
 from tactilenlp.errors import MeasurementError, OptionError, SceneError
-from tactilenlp.measurements import Measurements
-from tactilenlp.scene import Ground, Scene
 
 SCENES = Path(__file__).parents[2] / "shared" / "scenes"
 ROUNDING = 1e-15  # [m], a few doubles of order 0.3 added up

@@ -10,9 +10,9 @@ import pytest
 import trimesh
 from pushes import AWAY, OPPOSITE, SIZES, gap_and_normal, line, push, squeeze
 
+from tactilenlp.data.noise_model import Noise
 from tactilenlp.errors import OptionError, SceneError
-from tactilenlp.noise import Noise
-from tactilenlp.simulate import World
+from tactilenlp.simulation.world import World
 
 
 def shot(friction_ground):

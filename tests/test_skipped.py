@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from tactilenlp import Options, holding, solve_estimate
+from tactilenlp import Options, solve_estimate
+from tactilenlp.problem import certificates as holding
 
 
 def test_every_reduction_can_be_switched_off_alone(recorded):

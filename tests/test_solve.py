@@ -18,7 +18,7 @@ from swing_up import (
     stationarity,
 )
 
-from tactilenlp.solve import SolverOptions, make_solver, solve, solve_levels
+from tactilenlp.nlp.ipopt import SolverOptions, make_solver, solve, solve_levels
 
 
 def test_a_pendulum_swings_up_as_its_differential_equation_says():

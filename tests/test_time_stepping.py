@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from formulations.finger import SPHERE
 from formulations.shape import CUBOID
 from formulations.time_stepping import ROUND, STILL, Sliding, path
-from tactilenlp.kind import kind_of
+from tactilenlp.nlp.term_functions import kind_of
 
 G, MU_G, RHO = 9.81, 0.3, 0.01
 SIDES = np.array([0.05, 0.04, 0.03])

@@ -44,9 +44,9 @@ from trimesh.transformations import rotation_matrix, translation_matrix
 from formulations import paper, shooting, violation_implicit
 from formulations.shape import CUBOID
 from tactilenlp import Measurements, Problem, Scene, SolverOptions, surface_distance
-from tactilenlp.precision import precision_of, smoothed
-from tactilenlp.reduce import Reductions, insisted, reduce
-from tactilenlp.solve import solve_levels
+from tactilenlp.data.sensor_noise import precision_of, smoothed
+from tactilenlp.nlp.ipopt import solve_levels
+from tactilenlp.problem.reductions import Reductions, insisted, reduce
 
 PAGES = (
     *("quasi_static", "violation_implicit", "paper"),

@@ -29,12 +29,14 @@ from trimesh.creation import box
 from trimesh.sample import sample_surface
 from trimesh.transformations import quaternion_matrix, translation_matrix
 
-from tactilenlp import Measurements, Options, Scene, metrics, solve_estimate
-from tactilenlp.information import ENOUGH, TOUCHED
-from tactilenlp.kind import seconds_deriving
-from tactilenlp.precision import Precision, precise
-from tactilenlp.result import touched_faces
-from tactilenlp.search import Hypothesis
+from tactilenlp import Measurements, Options, Scene, solve_estimate
+from tactilenlp.data.sensor_noise import Precision, precise
+from tactilenlp.evaluation import metrics
+from tactilenlp.geometry.faces import touched_faces
+from tactilenlp.information.error_budget import ENOUGH
+from tactilenlp.information.information import TOUCHED
+from tactilenlp.nlp.term_functions import seconds_deriving
+from tactilenlp.search.hypothesis import Hypothesis
 
 A = np.random.default_rng(0).normal(size=(700, 700))  # LAPACK solves A x = b: the unit
 EXACT = ("still", "far", "absent")  # reductions besides the planar motion

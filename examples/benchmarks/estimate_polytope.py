@@ -37,7 +37,7 @@ from trimesh.proximity import closest_point_naive
 
 from formulations.polytope import polytope
 from tactilenlp import Measurements, Scene, Workspace, solve_estimate, surface_distance
-from tactilenlp.kind import seconds_deriving
+from tactilenlp.nlp.term_functions import seconds_deriving
 
 STAGES = {"vertices": "quasi_static", "impulses": "violation_implicit"}
 SCRATCH, INCREMENTAL = "scratch", "incremental"

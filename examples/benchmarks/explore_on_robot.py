@@ -50,7 +50,7 @@ from tactilenlp import (
     explore,
     solve_estimate,
 )
-from tactilenlp.metrics import chamfer_code, chamfer_floor, surface_distance
+from tactilenlp.evaluation.metrics import chamfer_code, chamfer_floor, surface_distance
 
 BOX = (0.058, 0.049, 0.053)  # [m], the paper's
 NEAR = 0.02  # [m], starts about the middle of the workspace

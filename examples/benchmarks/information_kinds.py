@@ -20,9 +20,9 @@ from matplotlib import pyplot as plt
 from study import add_executor, executor_of, write_csv
 
 from tactilenlp import Measurements, Scene, observed_information, solve_estimate
-from tactilenlp.curvature import curvature_of
-from tactilenlp.inverse_dynamics import links
-from tactilenlp.observed import KINDS, programme_of
+from tactilenlp.estimation.observed_information import KINDS, programme_of
+from tactilenlp.information.comparisons import links
+from tactilenlp.nlp.kkt_sensitivity import curvature_of
 
 UNITS = np.r_[1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.05]  # [m, rad] make numbers comparable
 

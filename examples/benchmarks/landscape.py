@@ -32,10 +32,10 @@ from formulations.finger import SPHERE
 from formulations.shape import CUBOID
 from formulations.time_stepping import Sliding, path
 from tactilenlp import Measurements, Problem, Scene
-from tactilenlp.codegen import compiled
-from tactilenlp.precision import precision_of
-from tactilenlp.reduce import Reductions, insisted, reduce
-from tactilenlp.solve import SolverOptions, make_solver, solve
+from tactilenlp.data.sensor_noise import precision_of
+from tactilenlp.nlp.codegen import compiled
+from tactilenlp.nlp.ipopt import SolverOptions, make_solver, solve
+from tactilenlp.problem.reductions import Reductions, insisted, reduce
 
 SHOOTING = {  # name: times 30 Hz, still [m/s]
     "shooting 30 Hz, s = 100 mm/s": (1, 100e-3),

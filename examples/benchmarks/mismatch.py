@@ -37,8 +37,8 @@ from trimesh.transformations import translation_matrix
 
 from tactilenlp import Scene, Workspace, World, solve_estimate, surface_distance
 from tactilenlp.errors import TactileError
-from tactilenlp.hull import filled, nearest_triangles, outer, thinned
-from tactilenlp.judge import true_mesh
+from tactilenlp.evaluation.ground_truth import true_mesh
+from tactilenlp.geometry.convex_hull import filled, nearest_triangles, outer, thinned
 
 POINTS = 1000  # of the true surface, to which a class is fitted
 ROUNDS, STEP = 30, 0.5  # of the fit of vertices, and how far it goes each time

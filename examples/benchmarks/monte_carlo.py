@@ -26,7 +26,7 @@ from study import add_executor, executor_of, run_study
 
 from tactilenlp import Measurements, Noise, Options, Scene, observed_information
 from tactilenlp import solve_estimate as solve
-from tactilenlp.noise import add_noise
+from tactilenlp.data.noise_model import add_noise
 
 TILTED = np.radians(20)  # an object whose axes turn this much out of the flat tumbles
 NOISE = {"position": 1e-3, "normal": np.radians(5), "flips": 0.01}  # [m], [rad], [1]

@@ -25,9 +25,9 @@ from trimesh.transformations import rotation_matrix, translation_matrix
 from formulations import paper
 from formulations.shape import CUBOID
 from tactilenlp import Measurements, Problem, Scene, SolverOptions, surface_distance
-from tactilenlp.precision import precision_of
-from tactilenlp.reduce import Reductions, reduce
-from tactilenlp.solve import make_solver, solve, solve_levels
+from tactilenlp.data.sensor_noise import precision_of
+from tactilenlp.nlp.ipopt import make_solver, solve, solve_levels
+from tactilenlp.problem.reductions import Reductions, reduce
 
 RATE = 0.2  # [scales of the unknowns] of Adam at first; it falls as 1 / sqrt(epoch)
 MEMORY = (0.9, 0.999)  # of gradient and square, as usual

@@ -33,8 +33,8 @@ from formulations import contact, paper, sensing
 from formulations import violation_implicit as default
 from tactilenlp import Measurements, Scene, solve_estimate
 from tactilenlp.errors import TactileError
-from tactilenlp.kind import seconds_deriving
-from tactilenlp.metrics import surface_distance
+from tactilenlp.evaluation.metrics import surface_distance
+from tactilenlp.nlp.term_functions import seconds_deriving
 
 INFORMATION = ca.inv(ca.DM(paper.SIGMA_N))  # (3, 3) [1/rad^2]
 WEIGHT = {name: value for name, (value, _) in paper.WEIGHTS.items()}

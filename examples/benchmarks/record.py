@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactilenlp.filing import versions
+from tactilenlp.common.npz import versions
 
 RESULTS = Path(__file__).parent / "results"
 FIELDS = ("group", "quantity", "value", "tolerance", "worse", "rows")

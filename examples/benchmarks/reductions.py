@@ -36,20 +36,13 @@ from study import add_executor, executor_of, mapped, write_csv
 from formulations import polytope_violation_implicit, violation_implicit
 from formulations.polytope import polytope
 from formulations.shape import CUBOID, Shape
-from tactilenlp import (
-    Ground,
-    Measurements,
-    Scene,
-    SolverOptions,
-    solve_estimate,
-)
-from tactilenlp.floating import floated, laid_out, plane_for
-from tactilenlp.hypothesis import Hypothesis, Job
-from tactilenlp.polytopes import is_polytope, search
-from tactilenlp.precision import precision_of, smoothed
-from tactilenlp.reduce import Reductions
-from tactilenlp.simulate import World
-from tactilenlp.solving import (
+from tactilenlp import Ground, Measurements, Scene, SolverOptions, solve_estimate
+from tactilenlp.data.sensor_noise import precision_of, smoothed
+from tactilenlp.geometry.tipping import lifted
+from tactilenlp.problem.pages import is_polytope
+from tactilenlp.problem.reductions import Reductions
+from tactilenlp.search.hypothesis import Hypothesis, Job
+from tactilenlp.search.local_solve import (
     Solved,
     built_at,
     gone_on,
@@ -57,7 +50,9 @@ from tactilenlp.solving import (
     settings_of,
     solved_from,
 )
-from tactilenlp.tipping import lifted
+from tactilenlp.search.polytope_init import search
+from tactilenlp.search.proposals_floating import floated, laid_out, plane_for
+from tactilenlp.simulation.world import World
 
 PAGES = {"cuboid": violation_implicit, "polytope": polytope_violation_implicit}
 SHAPES = {"cuboid": CUBOID, "polytope": polytope()}

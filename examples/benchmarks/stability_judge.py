@@ -19,13 +19,13 @@ from tactilenlp import (
     Options,
     Scene,
     Workspace,
-    metrics,
     observed_information,
     solve_estimate,
 )
 from tactilenlp.errors import TactileError
-from tactilenlp.hull import centroid
-from tactilenlp.observed import KINDS
+from tactilenlp.estimation.observed_information import KINDS
+from tactilenlp.evaluation import metrics
+from tactilenlp.geometry.convex_hull import centroid
 
 RIGHT, HONEST, ERROR = "right", "honest sigma", "typed error"
 WRONG, NAN, OFF = "confident wrong", "not finite", "rule broken"

@@ -29,9 +29,9 @@ from tactilenlp import (
     Workspace,
     information_gain,
 )
-from tactilenlp.precision import precision_of, smoothed
-from tactilenlp.reduce import Reductions, insisted, reduce
-from tactilenlp.solve import solve_levels
+from tactilenlp.data.sensor_noise import precision_of, smoothed
+from tactilenlp.nlp.ipopt import solve_levels
+from tactilenlp.problem.reductions import Reductions, insisted, reduce
 
 EXACT, CLOSE, END = 1e-6, 1e-6, 0.01  # [relative], [m], [sigma] of two solves
 TIGHT = 1e-9  # tolerance of solves that are compared

@@ -17,9 +17,9 @@ from contextlib import contextmanager
 from multiprocessing import get_context
 from pathlib import Path
 
+from tactilenlp.common.npz import versions
+from tactilenlp.common.progress import progress, wipe
 from tactilenlp.errors import FileError
-from tactilenlp.filing import versions
-from tactilenlp.progress import progress, wipe
 
 FORMAT, VERSION = "tactilenlp study", 1
 EXECUTORS = ("processes", "dask", "mpi", "none")

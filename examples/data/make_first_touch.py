@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from tactilenlp.simulate import World
+from tactilenlp.simulation.world import World
 
 SEED = 0  # the first one tried: nothing is picked
 DURATION, RADIUS = 1.0, 0.1  # [s], [m] of an action, as in the paper

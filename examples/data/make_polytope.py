@@ -6,7 +6,7 @@ import numpy as np
 from make_first_touch import random_action
 from scipy.spatial.transform import Rotation
 
-from tactilenlp.simulate import World
+from tactilenlp.simulation.world import World
 
 SEED = 0  # the first one tried: nothing is picked
 RADIUS = 0.022  # [m] of the sphere about the corners
