@@ -276,6 +276,6 @@ def test_recorded_scenes_pass_the_door_and_come_back_to_the_last_digit(tmp_path)
 
 
 def test_measurements_and_scene_import_numpy_only():
-    code = "import tactilenlp.scene, sys; print(*sys.modules)"
+    code = "import tactilenlp.data.scene, sys; print(*sys.modules)"
     loaded = subprocess.check_output([sys.executable, "-c", code], text=True).split()
     assert not {"scipy", "casadi", "mujoco", "trimesh", "matplotlib"} & set(loaded)

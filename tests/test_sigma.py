@@ -291,7 +291,7 @@ def test_what_keeps_the_matrix_regular_counts_as_a_prior(
     pulls, held = curvature.response_of(chosen)
     given = pulls, held, programme.sensed, programme.window, programme.shape
     errors = spread(curvature, *given)
-    monkeypatch.setattr("tactilenlp.spread.LOOSE", 1.0 + LOOSE)
+    monkeypatch.setattr("tactilenlp.information.error_budget.LOOSE", 1.0 + LOOSE)
     more = spread(curvature, *given) - errors
     scaled = pulls / programme.problem.scale[:, None]
     assert np.allclose(more, scaled.T @ scaled, rtol=1e-6)
