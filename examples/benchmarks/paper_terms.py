@@ -1,16 +1,17 @@
-"""Benchmark the printed equations: the page `paper`, and the default's departures.
+"""Compare the page `paper` with the default page, one departure at a time.
 
 python examples/benchmarks/paper_terms.py ../shared/scenes/cuboid_0[0-2]*.npz
     [--executor processes|dask|mpi|none]
 
-Solved from the same hypotheses: the default page, `paper`, and the default with one
-departure undone as it is built: a function of `formulations` gives way to the printed
-one, or a term is said differently, left out or added.  Not here: hard ground and rest
-(a lying object has z = 0 on any page), unfelt (reduced away: what feels nothing has no
-impulse).  (1) and (2) are unbounded below: bounded as in `paper`.
+From the same hypotheses, the script solves the default page, `paper`, and the default
+page with one departure undone at a time: a function of `formulations` is replaced by
+the printed one, or a term is changed, omitted or added.  Not included: hard ground and
+rest (an object at rest has z = 0 on any page), and unfelt contacts (reduced: no
+contact, no impulse).  (1) and (2) are unbounded below; they are bounded as in `paper`.
 
-Truth is read here, never by the package.  cone: largest |lam_t| - mu lam_n, recomputed,
-in weights.  CPU seconds exclude the derivation of kinds: who derives some is run again.
+The truth is read here, never by the package.  cone: largest |lam_t| - mu lam_n,
+recomputed, in weights.  CPU seconds exclude the derivation of term functions; a case
+that derives some is repeated.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""Axes of the stress suite that change how a problem is posed, not what happened.
+"""Axes of the stress suite that change how a problem is stated, not the recording.
 
 Most compare two solves that must agree: from the same start at a tight tolerance, or
 end to end.
