@@ -13,7 +13,7 @@ that of violation_implicit.py, where the same products are penalties.  Of the gr
 planar motion phi = 0 holds by construction.
 
 Departures, named:
-  |v_s|       is rounded by `STILL`, from below: sqrt(v^2 + s^2) - s
+  |v_s|       is rounded by `V_EPS`, from below: sqrt(v^2 + s^2) - s
   cone        (mu lam_n)^2 - |lam_t|^2 >= -APEX^2: exact but for an apex without slope
   phi         of a felt finger, over the `depth` of the likelihood
   noise       of finger positions enters as it is: nothing gives way
@@ -35,15 +35,17 @@ from .violation_implicit import ARM, G, acting, felt, unbalanced
 # Of free motion and of contacts without friction nothing has been tried.
 REDUCTIONS = {"planar": True, "frictionless": False}
 LEVELS = (
-    Level("impulses", {"eps": 10.0, "slack": 3.0}, ("theta", "x"), barrier=0.1),
-    Level("loose", {"eps": 1.0, "slack": 0.3}, barrier=0.1),
+    Level(
+        "impulses", {"eps": 10.0, "slack": 3.0}, ("theta", "x"), ipopt={"mu_init": 0.1}
+    ),
+    Level("loose", {"eps": 1.0, "slack": 0.3}, ipopt={"mu_init": 0.1}),
     Level("closer", {"eps": 0.1, "slack": 0.03}),
     Level("close", {"eps": 0.01, "slack": 0.003}),
-    Level("tight", barrier=1e-3),
+    Level("tight", ipopt={"mu_init": 1e-3}),
 )
 SLACK = 1e-4  # [weights] that may be missing in a balance at the end
 EPS = 1e-3  # [weights mm] of every relaxed product at the end
-STILL = 3e-3  # [m/s] rounds the sliding speed, as in violation_implicit.py
+V_EPS = 3e-3  # [m/s] rounds the sliding speed, as in violation_implicit.py
 APEX = 3e-3  # [weights] by which the apex of the cone is rounded
 LIFT = 1e-3  # [m] unit of gaps and ways
 
@@ -67,7 +69,7 @@ def build(nlp, window, scene, shape):
     balance(nlp, window, scene, fingers, ground, theta, x, lam, lam_g, w, slack)
 
     def now(s):
-        return theta, x[:, step.knot[s]], x[:, step.before[s]], step.dt[s]
+        return theta, x[:, step.pose[s]], x[:, step.before[s]], step.dt[s]
 
     at = push.p_wf, push.p_wf_1, push.radius, push.tangent
     speed = partial(finger_speed, fingers)
@@ -77,7 +79,7 @@ def build(nlp, window, scene, shape):
     sliding(nlp, "ground", speed, now(corner.step), w_g, lam_g, mu_g, eps, at)
     s = push.step
     nlp.report(
-        "finger impulse", fingers.impulse, theta, x[:, step.knot[s]], lam, push.p_wf,
+        "finger impulse", fingers.impulse, theta, x[:, step.pose[s]], lam, push.p_wf,
         push.radius, push.tangent,
     )  # fmt: skip
     nlp.report("ground impulse", ground.impulse, lam_g)
@@ -102,7 +104,7 @@ def balance(nlp, window, scene, fingers, ground, theta, x, lam, lam_g, w, slack)
         nlp.report(f"{name}, gives", given_way, w[s])
         nlp.subject_to(
             name, partial(imbalance, g.corners.shape[1]), theta,
-            x[:, step.knot[s]], x[:, step.before[s]], x[:, step.before_2[s]],
+            x[:, step.pose[s]], x[:, step.before[s]], x[:, step.before_2[s]],
             step.dt[s], w[s], slack, *acting(window, g, lam, lam_g), lower=0,
         )  # fmt: skip
 
@@ -129,7 +131,7 @@ def sliding(nlp, name, speed, now, w, lam, mu, eps, where):
 
     def dissipation(theta, x, x_1, dt, w, lam, mu, eps, *where):
         _, v_s = speed(theta, x, x_1, dt, *where)
-        loss = contact.dissipation(mu, lam, v_s, STILL) - mu * lam[0] * STILL
+        loss = contact.dissipation(mu, lam, v_s, V_EPS) - mu * lam[0] * V_EPS
         return loss * dt / (w * LIFT) - eps
 
     def cone(lam, mu, w):

@@ -41,21 +41,21 @@ def cone(mu, lam, rounding):
     return mu * lam[0] - tangential
 
 
-def dissipation(mu, lam, v_s, still, rounding=0.0):
+def dissipation(mu, lam, v_s, v_eps, rounding=0.0):
     """Return the energy that friction fails to dissipate, of the most it can [J].
 
-    v_s (2,) [m/s] sliding velocity in (t1, t2); still [m/s] rounds |v_s|; rounding
+    v_s (2,) [m/s] sliding velocity in (t1, t2); v_eps [m/s] rounds |v_s|; rounding
     [N s] is that of the cone, which lets |lam_t| exceed mu lam_n by less than that:
     with it, no impulse in the rounded cone is paid for sliding.
     """
-    speed = ca.sqrt(ca.sumsqr(v_s) + still**2)
+    speed = ca.sqrt(ca.sumsqr(v_s) + v_eps**2)
     power = ca.dot(v_s, lam[1:3]) if lam.numel() > 1 else 0.0
     return (mu * lam[0] + rounding) * speed + power
 
 
-def inelasticity(lam, v_n, still):
+def inelasticity(lam, v_n, v_eps):
     """Return lam_n max(v_n, 0): a normal impulse returns no energy."""
-    return lam[0] * positive_part(v_n, still)
+    return lam[0] * positive_part(v_n, v_eps)
 
 
 def complementarity(lam, phi, small):

@@ -42,7 +42,7 @@ class FingerContact:
         return impulse, ca.cross(p_w - p_wo, impulse)
 
     def work(
-        self, theta, x, x_1, lam, p_wf, p_wf_1, rho, t, dt, w, kappa, still, rounding,
+        self, theta, x, x_1, lam, p_wf, p_wf_1, rho, t, dt, w, kappa, v_eps, rounding,
         mu,
     ):  # fmt: skip
         """Friction that fails to dissipate, and normal impulse that pulls apart."""
@@ -52,11 +52,11 @@ class FingerContact:
         body_before = p_1 + R_1 @ (R.T @ (p_w - p))
         v = (self.finger.before(p_w, p_wf, p_wf_1) - body_before) / dt
         v_s = ca.vertcat(ca.dot(v, t_1), ca.dot(v, t_2))
-        energy = contact.dissipation(mu, lam, v_s, still, rounding * w)
-        energy += 0.2 * contact.inelasticity(lam, -ca.dot(v, n), still)
+        energy = contact.dissipation(mu, lam, v_s, v_eps, rounding * w)
+        energy += 0.2 * contact.inelasticity(lam, -ca.dot(v, n), v_eps)
         return kappa * energy * dt / (w * 1e-3)
 
-    def apart(self, theta, x, lam, p_wf, rho, w, kappa):
+    def unfelt(self, theta, x, lam, p_wf, rho, w, kappa):
         """Impulse across a gap, of a finger that feels none."""
         pose = self.motion.pose(self.shape, theta, x)
         phi = self.finger.gap(self.shape, theta, pose, p_wf, rho)
@@ -71,22 +71,22 @@ def add(nlp, window, fingers, theta, x, lam, mu, w):
     push, w [N s]: the weight over its step.  What rounds the
     cone of a finger that feels nothing neither costs nor earns: all its impulses cost.
     """
-    step, push, apart = window.step, window.push, window.apart
-    kappa, still = nlp.parameters["kappa"], nlp.parameters["still"]
-    unfelt = set(apart.tolist())
-    felt = [i for i in range(len(push)) if i not in unfelt]
+    step, push, unfelt = window.step, window.push, window.unfelt
+    kappa, v_eps = nlp.parameters["kappa"], nlp.parameters["speed rounding"]
+    silent = set(unfelt.tolist())
+    felt = [i for i in range(len(push)) if i not in silent]
     f, s = push.pick(felt), push.step[felt]
     nlp.minimize(
-        "finger dissipation", fingers.work, theta.pick(felt), x[:, step.knot[s]],
+        "finger dissipation", fingers.work, theta.pick(felt), x[:, step.pose[s]],
         x[:, step.before[s]], lam[:, felt], f.p_wf, f.p_wf_1, f.radius, f.tangent,
-        step.dt[s], w[felt], kappa, still, rounding(nlp, mu), mu, role="physics",
+        step.dt[s], w[felt], kappa, v_eps, rounding(nlp, mu), mu, role="physics",
     )  # fmt: skip
-    f, s = push.pick(apart), push.step[apart]
+    f, s = push.pick(unfelt), push.step[unfelt]
     nlp.minimize(
-        "finger complementarity", fingers.apart, theta.pick(apart), x[:, step.knot[s]],
-        lam[:, apart], f.p_wf, f.radius, w[apart], kappa, role="physics",
+        "finger complementarity", fingers.unfelt, theta.pick(unfelt), x[:, step.pose[s]],
+        lam[:, unfelt], f.p_wf, f.radius, w[unfelt], kappa, role="physics",
     )  # fmt: skip
     nlp.report(
-        "finger impulse", fingers.impulse, theta, x[:, step.knot[push.step]], lam,
+        "finger impulse", fingers.impulse, theta, x[:, step.pose[push.step]], lam,
         push.p_wf, push.radius, push.tangent,
     )  # fmt: skip

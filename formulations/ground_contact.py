@@ -42,7 +42,7 @@ class GroundContact:
         return impulse, ca.cross(R_wo @ self.shape.corner(theta, signs), impulse)
 
     def work(
-        self, theta, x, x_1, lam, signs, dt, w, kappa, still, rounding, nominal, mu
+        self, theta, x, x_1, lam, signs, dt, w, kappa, v_eps, rounding, nominal, mu
     ):
         """Friction with the ground that fails to dissipate; at rest, none.
 
@@ -50,13 +50,13 @@ class GroundContact:
         the speed makes a cost also at rest.
         """
         v = (self.corner(theta, x, signs) - self.corner(theta, x_1, signs)) / dt
-        loss = contact.dissipation(mu, lam, v[:2], still, rounding * w) * dt / w
-        return kappa * (loss - (nominal + rounding) * still * dt) / 1e-3
+        loss = contact.dissipation(mu, lam, v[:2], v_eps, rounding * w) * dt / w
+        return kappa * (loss - (nominal + rounding) * v_eps * dt) / 1e-3
 
-    def apart(self, theta, x, x_1, lam, signs, dt, w, kappa, still):
+    def apart(self, theta, x, x_1, lam, signs, dt, w, kappa, v_eps):
         """Impulse of the ground on a corner that is above it or rises."""
         z, z_1 = self.corner(theta, x, signs)[2], self.corner(theta, x_1, signs)[2]
-        rises = contact.inelasticity(lam, (z - z_1) / dt, still) - lam[0] * still / 2
+        rises = contact.inelasticity(lam, (z - z_1) / dt, v_eps) - lam[0] * v_eps / 2
         energy = lam[0] * (z + ROOM * REST) + 0.2 * dt * rises
         return kappa * energy / (w * 1e-3)
 
@@ -78,34 +78,34 @@ def add(nlp, window, ground, theta, x, lam, mu, w, resting=None):
     """
     resting = theta if resting is None else resting
     step, corner, lift, rest = window.step, window.corner, window.lift, window.rest
-    kappa, still = nlp.parameters["kappa"], nlp.parameters["still"]
+    kappa, v_eps = nlp.parameters["kappa"], nlp.parameters["speed rounding"]
     value = FRICTION if mu.name in nlp.variables else mu.value[0]
 
     def poses(s):
-        return x[:, step.knot[s]], x[:, step.before[s]]
+        return x[:, step.pose[s]], x[:, step.before[s]]
 
     s = corner.step
     if lam.rows > 1:
         nlp.minimize(
             "ground dissipation", ground.work, theta, *poses(s), lam, corner.signs,
-            step.dt[s], w, kappa, still, rounding(nlp, mu),
+            step.dt[s], w, kappa, v_eps, rounding(nlp, mu),
             value / max(1, len(ground.shape.corners)), mu, role="physics",
         )  # fmt: skip
     s = lift.step
     nlp.minimize(
         "ground complementarity", ground.apart, theta.pick(slice(len(s))), *poses(s),
-        lam[:, : len(s)], lift.signs, step.dt[s], w[: len(s)], kappa, still,
+        lam[:, : len(s)], lift.signs, step.dt[s], w[: len(s)], kappa, v_eps,
         role="physics",
     )  # fmt: skip
     nlp.subject_to(
-        "ground gap", ground.gap, theta.pick(slice(len(s))), x[:, step.knot[s]],
+        "ground gap", ground.gap, theta.pick(slice(len(s))), x[:, step.pose[s]],
         lift.signs, lower=-ROOM,
     )  # fmt: skip
     nlp.minimize(
         "rest",
         ground.off,
         resting.pick(slice(len(rest))),
-        x[:, rest.knot],
+        x[:, rest.pose],
         rest.signs,
         role="physics",
     )

@@ -27,7 +27,7 @@ Departures, all of them:
   lam_n <= MOST      or the problem is unbounded below: two fingers that squeeze raise
                      lam_n without moving anything, and are paid for it by (1) where
                      phi < 0 and by (2), negative down to lam_n |v_s| (|v_s| - mu)
-  (4)                max(v_n, 0) rounded over `still`: too large by still / 2 at v_n = 0
+  (4)                max(v_n, 0) rounded over `v_eps`: too large by v_eps / 2 at v_n = 0
                      and by less elsewhere
   FC                 is (mu lam_n)^2 - |lam_t|^2 >= 0 with lam_n >= 0: the same set, but
                      the gradient vanishes at the apex, where a multiplier need not
@@ -57,7 +57,7 @@ WEIGHTS = {  # parameters of the problem, each with its unit
     "dissipation": (0.3, "nats"),  # likewise; more pays for sliding that is not there
     "inelasticity": (1.0, "nats"),  # likewise
     "penetration deviation": (0.05e-3, "m"),  # of a gap below zero
-    "still": (0.1e-3, "m/s"),  # rounds max(v_n, 0)
+    "speed rounding": (0.1e-3, "m/s"),  # rounds max(v_n, 0)
     "cone slack": (0.0, "weights"),  # widens FC, on the first level only
 }
 LIFT = 1e-3  # [m] unit of energy: the object lifted so far
@@ -66,12 +66,11 @@ MOST = 2.0  # [weights] of the normal impulse of one contact
 LEVELS = (
     Level(
         "impulses",
-        {"cone slack": 0.1, "still": 6e-3},
+        {"cone slack": 0.1, "speed rounding": 6e-3},
         fixed=("theta", "x"),
-        barrier=1e-1,
-        iterations=60,
+        ipopt={"mu_init": 1e-1, "max_iter": 60},
     ),
-    Level("joint", barrier=1e-2, iterations=500),
+    Level("joint", ipopt={"mu_init": 1e-2, "max_iter": 500}),
 )
 
 
@@ -91,7 +90,7 @@ def build(nlp, window, scene, shape):
     dynamics(nlp, window, body, theta, x, lam, lam_g)
 
     def now(s):
-        poses = x[:, step.knot[s]], x[:, step.before[s]]
+        poses = x[:, step.pose[s]], x[:, step.before[s]]
         return theta, *poses, step.dt[s], scene.mass * G * step.dt[s]
 
     at, v = body.finger_gap, body.finger_velocity
@@ -100,15 +99,15 @@ def build(nlp, window, scene, shape):
     sliding(nlp, "finger", v, now(push.step), lam, mu, r)
     parting(nlp, "finger", at, v, now(push.step), lam, r)
     for name, f in (("felt", window.touch), ("free", window.free)):
-        apart(nlp, f"{name} finger", at, theta, x[:, f.knot], (f.p_wf, f.radius))
+        apart(nlp, f"{name} finger", at, theta, x[:, f.pose], (f.p_wf, f.radius))
     at, v = body.ground_gap, body.ground_velocity
     mu = friction(nlp, "ground friction", scene.friction_ground)
     sliding(nlp, "ground", v, now(corner.step), lam_g, mu, (corner.signs,))
     parting(nlp, "ground", at, v, now(lift.step), lam_g[:, : len(lift)], (lift.signs,))
-    apart(nlp, "ground", at, theta, x[:, step.knot[lift.step]], (lift.signs,))
-    apart(nlp, "rest", at, theta, x[:, window.rest.knot], (window.rest.signs,))
+    apart(nlp, "ground", at, theta, x[:, step.pose[lift.step]], (lift.signs,))
+    apart(nlp, "rest", at, theta, x[:, window.rest.pose], (window.rest.signs,))
     nlp.report(
-        "finger impulse", body.finger_impulse, theta, x[:, step.knot[push.step]], lam,
+        "finger impulse", body.finger_impulse, theta, x[:, step.pose[push.step]], lam,
         push.p_wf, push.radius, push.tangent,
     )  # fmt: skip
     nlp.report("ground impulse", lambda lam: lam[[1, 2, 0]], lam_g)
@@ -122,11 +121,11 @@ def likelihood(nlp, window, shape, body):
     information = nlp.parameter("normal information", inverse, "1/rad^2")
     t, f = window.touch, window.free
     nlp.minimize(
-        "touch", body.felt, theta, x[:, t.knot], t.p_wf, t.radius, t.normal, alpha,
+        "touch", body.felt, theta, x[:, t.pose], t.p_wf, t.radius, t.normal, alpha,
         information, role="likelihood",
     )  # fmt: skip
     nlp.minimize(
-        "free", body.free, theta, x[:, f.knot], f.p_wf, f.radius, alpha,
+        "free", body.free, theta, x[:, f.pose], f.p_wf, f.radius, alpha,
         role="likelihood",
     )  # fmt: skip
     return theta, x
@@ -143,12 +142,12 @@ def dynamics(nlp, window, body, theta, x, lam, lam_g):
         for j in g.pushes.T:
             impulses += [lam[:, j], push.p_wf[j], push.radius[j], push.tangent[j]]
         nlp.minimize(
-            f"dynamics, {count} pushing", body.unpredicted, theta, x[:, step.knot[s]],
+            f"dynamics, {count} pushing", body.unpredicted, theta, x[:, step.pose[s]],
             x[:, step.before[s]], x[:, step.before_2[s]], step.dt[s], deviation,
             *impulses, role="physics",
         )  # fmt: skip
     nlp.minimize(
-        "between actions", body.moved, theta, x[:, gap.knot], x[:, gap.before],
+        "between actions", body.moved, theta, x[:, gap.pose], x[:, gap.before],
         deviation, role="physics",
     )  # fmt: skip
 
@@ -178,9 +177,9 @@ def parting(nlp, name, gap, velocity, now, lam, where):
         phi = gap(theta, x, *where)
         return nats * contact.printed_complementarity(lam, phi) / (w * LIFT)
 
-    def inelasticity(theta, x, x_1, dt, w, lam, nats, still, *where):
+    def inelasticity(theta, x, x_1, dt, w, lam, nats, v_eps, *where):
         v_n, _ = velocity(theta, x, x_1, dt, *where)
-        return nats * contact.inelasticity(lam, v_n, still) * dt / (w * LIFT)
+        return nats * contact.inelasticity(lam, v_n, v_eps) * dt / (w * LIFT)
 
     p = nlp.parameters
     nlp.minimize(
@@ -188,7 +187,7 @@ def parting(nlp, name, gap, velocity, now, lam, where):
         *where, role="physics",
     )  # fmt: skip
     nlp.minimize(
-        f"{name} inelasticity", inelasticity, *now, lam, p["inelasticity"], p["still"],
+        f"{name} inelasticity", inelasticity, *now, lam, p["inelasticity"], p["speed rounding"],
         *where, role="physics",
     )  # fmt: skip
 

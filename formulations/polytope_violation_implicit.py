@@ -46,12 +46,11 @@ LEVELS = (
             "kappa": 2.0,
             "balance sigma": 0.3,
             "cone rounding": 0.01,
-            "still": 6e-3,
+            "speed rounding": 6e-3,
         },
-        barrier=1e-1,
-        iterations=20,
+        ipopt={"mu_init": 1e-1, "max_iter": 20},
     ),
-    Level("joint", barrier=1e-2, anew=True),
+    Level("joint", rebuild=True, ipopt={"mu_init": 1e-2}),
 )
 MOMENTS = ca.DM([1e-6] + 3 * [1e-8] + 6 * [1e-10])  # [m^3, m^4, m^5] scale of each
 
@@ -66,7 +65,7 @@ def build(nlp, window, scene, shape, sense=sense):
         nlp.parameter(name, value, unit)
     w = scene.mass * G * window.step.dt  # (steps,) [N s]
     (fingers, lam, mu, w_f), (ground, lam_g, mu_g, w_g) = contacts(
-        nlp, window, scene, shape, w, window.share
+        nlp, window, scene, shape, w, window.weight_share
     )
     pushed, leg = theta[:, window.near_push], theta[:, window.leg]
     body = mass(nlp, window, theta)
@@ -138,7 +137,7 @@ def balance(nlp, window, scene, fingers, ground, body, pushed, leg, x, lam, lam_
             ]  # fmt: skip
         nlp.minimize(
             f"balance, {count} pushing", partial(imbalance, g.corners.shape[1]), body,
-            x[:, step.knot[s]], x[:, step.before[s]], x[:, step.before_2[s]],
+            x[:, step.pose[s]], x[:, step.before[s]], x[:, step.before_2[s]],
             step.dt[s], w[s], sigma, *acts, role="physics",
         )  # fmt: skip
 

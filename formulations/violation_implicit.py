@@ -50,11 +50,13 @@ ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
     Level(
         "impulses",
-        {"cone rounding": 0.01, "still": 6e-3},
+        {"cone rounding": 0.01, "speed rounding": 6e-3},
         fixed=("theta", "x"),
-        barrier=1e-1,
+        ipopt={"mu_init": 1e-1},
     ),
-    Level("joint", barrier=1e-3, warm=1e-5, iterations=400),
+    Level(
+        "joint", ipopt={"mu_init": 1e-3, "max_iter": 400}, warm_start={"mu_init": 1e-5}
+    ),
 )
 ROUGH = (  # from poses that are guessed, not solved: centimetres off where it tumbles
     LEVELS[0],
@@ -88,7 +90,10 @@ G = 9.81  # [m/s^2] makes a weight of a mass, also where nothing falls
 COASTING = partial(quasi_static.sense, coasts=True)  # momentum tells how fast it is
 WEIGHTS = {  # parameters, each with its unit
     "kappa": (5.0, "nats/mm"),  # for an energy that lifts the object by 1 mm
-    "still": (3e-3, "m/s"),  # rounds the sliding speed: 0.1 mm in a step of 1/30 s
+    "speed rounding": (
+        3e-3,
+        "m/s",
+    ),  # rounds the sliding speed: 0.1 mm in a step of 1/30 s
     "balance sigma": (0.03, "weights"),  # deviation of an impulse from balance
     "cone rounding": (0.003, "weights"),  # rounds the apex of the friction cone
 }
@@ -158,7 +163,7 @@ def balance(nlp, window, scene, fingers, ground, theta, x, lam, lam_g, w):
         s = g.steps
         nlp.minimize(
             f"balance, {count} pushing", partial(imbalance, g.corners.shape[1]), theta,
-            x[:, step.knot[s]], x[:, step.before[s]], x[:, step.before_2[s]],
+            x[:, step.pose[s]], x[:, step.before[s]], x[:, step.before_2[s]],
             step.dt[s], w[s], sigma, *acting(window, g, lam, lam_g), role="physics",
         )  # fmt: skip
 

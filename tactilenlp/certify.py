@@ -49,7 +49,7 @@ def certify(job, page, solved) -> Certificates:
     if made.still or made.far or made.absent:
         whole = expand(job, page, solved)
         found += [far(solved, whole)] * made.far + [absent(solved, whole)] * made.absent
-        shared = made.still and len(solved.window.knot) > solved.window.knots
+        shared = made.still and len(solved.window.pose) > solved.window.poses
         if shared and job.scene.ground is not None:
             hold = held(job.scene, solved, whole)
             found.append(resting(solved, hold))
@@ -98,7 +98,7 @@ def absent(solved, whole) -> Skipped | None:
 def still(solved, step) -> Skipped:
     """Poses of their own would gain little for samples that share one."""
     window = solved.window
-    dropped = len(window.knot) - window.knots
+    dropped = len(window.pose) - window.poses
     shift = np.nanmax(np.abs(step.shift), initial=0.0)
     worst = max(step.decrement / DECREMENT, shift / SHIFT)
     holds = bool(0 <= worst <= 1)
@@ -113,7 +113,7 @@ def resting(solved, hold) -> Skipped:
     """Friction holds a body at rest against all that pulls it."""
     window = solved.window
     return Skipped(
-        "still", f"{len(window.knot) - window.knots} poses",
+        "still", f"{len(window.pose) - window.poses} poses",
         "nothing touched or moved the object",
         "hardest pull on a body at rest, in what friction holds", hold.share, 1.0,
         hold.share <= 1,
@@ -177,6 +177,6 @@ def _cuts(window, whole, step) -> tuple[int, ...]:
         np.linalg.norm(np.diff(d[:, :turns], axis=0), axis=1),
         ARM * np.linalg.norm(np.diff(d[:, turns:], axis=0), axis=1),
     )
-    way = np.r_[0.0, np.where(np.diff(window.knot[whole.window.last]) == 0, way, 0.0)]
+    way = np.r_[0.0, np.where(np.diff(window.pose[whole.window.last]) == 0, way, 0.0)]
     cut = whole.window.last[way > CUT * way.max()]
     return tuple(cut.tolist())

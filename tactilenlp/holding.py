@@ -45,11 +45,11 @@ def held(scene, solved, whole) -> Hold:
     """
     v = whole.problem.variables["x"]
     slope = whole.whole_slope[v.span].reshape(v.columns, v.rows)
-    slope = _along(whole.x[v.span].reshape(slope.shape).T, slope)[whole.window.knot]
-    knot, arm = solved.window.knot, _arm(solved, whole.window)
+    slope = _along(whole.x[v.span].reshape(slope.shape).T, slope)[whole.window.pose]
+    pose, arm = solved.window.pose, _arm(solved, whole.window)
     price, cuts, worst = _price(scene, solved.solution), [], 0.0
-    for k in np.unique(knot):
-        rows = np.nonzero(knot == k)[0]
+    for k in np.unique(pose):
+        rows = np.nonzero(pose == k)[0]
         pull = np.cumsum(slope[rows[:-1]], axis=0)
         pull = np.hypot(np.linalg.norm(pull[:, :2], axis=1), pull[:, 2] / arm) / price
         worst = max(worst, pull.max(initial=0.0))

@@ -28,21 +28,21 @@ def inverse_dynamics(curvature: Curvature, solution, window, shape) -> np.ndarra
 
 
 def links(curvature: Curvature, window, shape) -> tuple[np.ndarray, np.ndarray]:
-    """Return how each pose follows the last (knots, u, u), and the shape (.., u, n)."""
+    """Return how each pose follows the last (poses, u, u), and the shape (.., u, n)."""
     u, n = window.motion.unknowns, shape.theta
-    link = np.tile(np.eye(u), (window.knots, 1, 1))
-    theta = np.zeros((window.knots, u, n))
-    row = {int(k): i for i, k in enumerate(window.step.knot)}
+    link = np.tile(np.eye(u), (window.poses, 1, 1))
+    theta = np.zeros((window.poses, u, n))
+    row = {int(k): i for i, k in enumerate(window.step.pose)}
     latest = _latest_knots(curvature, window)
     local = {name: local_hessians(curvature, name) for name in curvature.hessians}
-    for k in range(window.knots - 1, 0, -1):
+    for k in range(window.poses - 1, 0, -1):
         link[k - 1], theta[k - 1] = link[k], theta[k]
         if k not in row:  # a gap between actions: the object stays
             continue
         H = sp.csc_matrix((curvature.problem.size,) * 2)
-        for name, knots in latest.items():
-            here = np.where((knots == k)[:, None, None], local[name], 0.0)
-            if (knots == k).any():
+        for name, poses in latest.items():
+            here = np.where((poses == k)[:, None, None], local[name], 0.0)
+            if (poses == k).any():
                 H = H + scattered(curvature, name, here)
         F, by_theta = _time_step(curvature, window, shape, H, row[k])
         back = np.linalg.inv(F)
@@ -55,7 +55,7 @@ def _time_step(curvature: Curvature, window, shape, H, s: int):
     """Return dx_k/dx_{k-1} (u, u) and dx_k/dtheta (u, n) of the step s."""
     problem, step = curvature.problem, window.step
     columns = problem.variables["x"][:, :].indices
-    now = columns[step.knot[s]]
+    now = columns[step.pose[s]]
     impulses = [
         problem.variables[name][:, np.nonzero(rows.step == s)[0]].indices.ravel()
         for name, rows in (("finger", window.push), ("ground", window.corner))
@@ -84,14 +84,14 @@ def _time_step(curvature: Curvature, window, shape, H, s: int):
 
 
 def _latest_knots(curvature: Curvature, window) -> dict[str, np.ndarray]:
-    """Return for every term the latest knot of each instance, -1 if none."""
+    """Return for every term the latest pose of each instance, -1 if none."""
     problem = curvature.problem
-    knot = np.full(problem.size, -1)
+    pose = np.full(problem.size, -1)
     x = problem.variables["x"]
-    knot[x.span] = np.repeat(np.arange(x.columns), x.rows)
+    pose[x.span] = np.repeat(np.arange(x.columns), x.rows)
     for name, rows in (("finger", window.push), ("ground", window.corner)):
         if name in problem.variables:
             v = problem.variables[name]
-            knot[v.span] = np.repeat(window.step.knot[rows.step], v.rows)
+            pose[v.span] = np.repeat(window.step.pose[rows.step], v.rows)
     terms = curvature.hessians
-    return {name: knot[problem.terms[name].unknowns].max(axis=1) for name in terms}
+    return {name: pose[problem.terms[name].unknowns].max(axis=1) for name in terms}

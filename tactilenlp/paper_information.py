@@ -31,7 +31,7 @@ def paper(problem, solution, window, shape) -> np.ndarray:
 def chained(problem, solution, window, shape, link, theta=None) -> np.ndarray:
     """Return the sum of the samples' information (k, k), each by its own pose's link.
 
-    link (knots, u, u): how each pose follows the last one; theta (knots, u, n): how it
+    link (poses, u, u): how each pose follows the last one; theta (poses, u, n): how it
     follows the shape at a given last pose.
     """
     n, u = shape.theta, len(solution.values["x"])
@@ -43,9 +43,9 @@ def chained(problem, solution, window, shape, link, theta=None) -> np.ndarray:
         phi, by_phi, by_normal = _slopes(solution, window, shape, samples)
         to_last = np.zeros((len(samples), n + u, n + u))
         to_last[:, :n, :n] = np.eye(n)
-        to_last[:, n:, n:] = link[samples.knot]
+        to_last[:, n:, n:] = link[samples.pose]
         if theta is not None:
-            to_last[:, n:, :n] = theta[samples.knot]
+            to_last[:, n:, :n] = theta[samples.pose]
         p = 1 / (1 + np.exp(-np.clip(alpha * phi, -500, 500)))
         J = np.einsum("ij,ijk->ik", by_phi, to_last)
         M += np.einsum("i,ij,ik->jk", alpha**2 * p * (1 - p), J, J)
@@ -76,7 +76,7 @@ def _slopes(solution, window, shape, samples):
     normal = finger.normal(shape, theta, pose, p_wf, rho)
     out = [phi, ca.densify(ca.jacobian(phi, z)), ca.densify(ca.jacobian(normal, z))]
     count = len(samples)
-    at = np.vstack([np.repeat(values["theta"], count, 1), values["x"][:, samples.knot]])
+    at = np.vstack([np.repeat(values["theta"], count, 1), values["x"][:, samples.pose]])
     found = ca.Function("slopes", [z, p_wf, rho], out).map(count)(
         at, samples.p_wf.T, samples.radius[None]
     )

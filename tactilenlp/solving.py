@@ -72,7 +72,7 @@ class Solved:
         return replace(
             self.hypothesis,
             theta=values["theta"].T.ravel(),
-            x=values["x"][:, self.window.knot],
+            x=values["x"][:, self.window.pose],
             offset=values.get(OFFSET),
             objective=self.solution.objective,
         )
@@ -106,10 +106,10 @@ def solved_from(
 
 
 def _rounds(levels) -> list[list]:
-    """Return the levels in a row, parted before each that fills its page anew."""
+    """Return the levels in groups, a new one before each level that rebuilds."""
     rounds = [[]]
     for level in levels:
-        if level.anew and rounds[-1]:
+        if level.rebuild and rounds[-1]:
             rounds.append([])
         rounds[-1].append(level)
     return rounds
@@ -138,7 +138,7 @@ def gone_on(job, page, solved, settings, warm) -> Solved:
     start = replace(
         solved.solution, values=values, bound_multipliers=pulls, multipliers=multipliers
     )
-    last = replace(page.LEVELS[-1], warm=warm)
+    last = replace(page.LEVELS[-1], warm_start={"mu_init": warm})
     solution = solve_levels(problem, (last,), start, settings)
     solution.seconds["build"] += built
     return Solved(solved.hypothesis, problem, window, solution, job)

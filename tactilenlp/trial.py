@@ -34,7 +34,7 @@ def tried(job, problem, window, levels, h, tolerance, solvers) -> Hypothesis:
     left = min(LONGEST, max(0.05, job.deadline - time.monotonic()))
     options = SolverOptions(tolerance=tolerance, time_limit=left)
     s = solve_levels(problem, levels, started(problem, window, h), options, solvers)
-    theta, x = s.values["theta"][:, 0], s.values["x"][:, window.knot]
+    theta, x = s.values["theta"][:, 0], s.values["x"][:, window.pose]
     offset = s.values.get(OFFSET)
     return Hypothesis(theta, x, s.objective, h.path, s.iterations, offset)
 
@@ -58,8 +58,9 @@ def opened(levels, final: bool):
     first = []
     for level in levels:
         if level.fixed:
-            first.append(replace(level, iterations=HELD))
-            first.append(replace(level, fixed=(), barrier=RELAXED, iterations=OPEN))
+            first.append(level.with_ipopt(max_iter=HELD))
+            free = replace(level, fixed=())
+            first.append(free.with_ipopt(mu_init=RELAXED, max_iter=OPEN))
     rest = [level for level in levels if not level.fixed]
     return [*first, *rest] if final or not first else first
 

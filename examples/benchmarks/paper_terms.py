@@ -103,10 +103,10 @@ def squeezed(nlp, window, body):
         nlp.parameter(name, WEIGHT[name])
     push, step, felt, gap = window.push, window.step, window.touch, body.finger_gap
     k, w = push.step, body.scene.mass * paper.G * step.dt[push.step]
-    now = theta, x[:, step.knot[k]], x[:, step.before[k]], step.dt[k], w
+    now = theta, x[:, step.pose[k]], x[:, step.before[k]], step.dt[k], w
     paper.parting(nlp, "printed", gap, body.finger_velocity, now, lam,
                   (push.p_wf, push.radius, push.p_wf_1, push.tangent))  # fmt: skip
-    paper.apart(nlp, "printed", gap, theta, x[:, felt.knot], (felt.p_wf, felt.radius))
+    paper.apart(nlp, "printed", gap, theta, x[:, felt.pose], (felt.p_wf, felt.radius))
     bounded(nlp, window, body)
 
 
@@ -117,7 +117,7 @@ PAGES = {
         (sensing, "touch", lambda phi, sigma: sensing.felt(phi, paper.ALPHA)),
         (sensing, "free", lambda phi, alpha: sensing.softplus(-paper.ALPHA * phi)),
     )),
-    "no mixture": Undone(((sensing, "mixture", lambda cost, ceiling: cost),)),
+    "no mixture": Undone(((sensing, "mixture", lambda cost, outlier_cost: cost),)),
     "Sigma_n": Undone(((sensing, "normal", normal),)),
     "no depth": Undone(added=lambda nlp, *_: nlp.subject_to(
         "no depth", lambda d: d, nlp.variables["depth"], lower=0, upper=0)),
