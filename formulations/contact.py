@@ -12,9 +12,31 @@ contact.  The paper's list after eq:vimp, in its order:
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import casadi as ca
 
 from .shape import positive_part
+
+
+@dataclass(frozen=True)
+class Contact:
+    """One contact of a body: its impulse lam, and where and along what it acts.
+
+    lam (3,) [N s] in the frame of normal and tangents, or (1,) without friction;
+    point (3,) [m]; normal: direction (3,) of a positive lam_n on the body, tangents:
+    two of (3,); world frame.
+    """
+
+    lam: object
+    point: object
+    normal: object
+    tangents: tuple
+
+    @property
+    def impulse(self):
+        """The impulse on the body (3,) [N s], world frame."""
+        return impulse(self.lam, self.normal, self.tangents)
 
 
 def tangents(n, t):

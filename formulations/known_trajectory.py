@@ -34,8 +34,8 @@ import casadi as ca
 from . import contact, sensing
 from .friction import cone, friction, impulses
 from .level import Level
+from .rigid_body import G
 from .shape import positive_part
-from .violation_implicit import G
 
 LEVELS = (Level("joint", ipopt={"mu_init": 1.0, "max_iter": 500}),)
 

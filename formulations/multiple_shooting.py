@@ -16,8 +16,8 @@ import casadi as ca
 
 from .friction import friction
 from .level import Level
-from .rigid_body import momentum_change
-from .time_stepping import V_EPS, G, Sliding
+from .rigid_body import G, momentum_change, uniform
+from .time_stepping import V_EPS, Sliding
 from .violation_implicit import felt
 
 # What these equations insist on, whatever the options say.
@@ -57,7 +57,8 @@ def build(nlp, window, scene, shape):
         return body.push(theta, x, x_1, dt, w, mu, v_eps, p_wf, p_wf_1, rho)[1]
 
     def whole(theta, x, x_1, x_2, dt):
-        linear, _ = momentum_change(shape, window.motion, theta, x, x_1, x_2, dt)
+        poses = [window.motion.pose(shape, theta, c) for c in (x, x_1, x_2)]
+        linear, _ = momentum_change(uniform(shape, theta, scene.mass), poses, dt)
         return scene.mass * (linear + ca.vertcat(0, 0, scene.gravity * dt))
 
     s = push.step

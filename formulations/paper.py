@@ -44,9 +44,8 @@ import casadi as ca
 from . import contact, sensing
 from .friction import friction
 from .level import Level
-from .quasi_static import ARM, declare, way_squared
-from .rigid_body import rotation, turn
-from .violation_implicit import G
+from .quasi_static import declare, way_squared
+from .rigid_body import ARM, G, rotation, turn
 
 ALPHA = math.log(19) / 5e-3  # [1/m] of eq:bool: 95 % sure 5 mm away (public code)
 SIGMA_N = ((0.01519, 0, 0), (0, 0.01519, 0), (0, 0, 0.01519))  # [rad^2] (public code)

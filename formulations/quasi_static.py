@@ -26,6 +26,7 @@ import casadi as ca
 from . import sensing
 from .finger_offset import displaced
 from .level import Level
+from .rigid_body import ARM
 
 OFFSETS = True  # of fingers may be unknown
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
@@ -49,7 +50,6 @@ ALPHA = 1500.0  # [1/m] steepness of eq:bool
 GAP = 0.5e-3  # [m] way of the object between actions
 CAUCHY = 2  # power of its density in x, y and yaw
 HEAVY = 1  # of a hull's, whose shape follows a wrong path: a heavier tail lets it leave
-ARM = 20e-3  # [m] one radian of turn counts as this much way
 WAY_EPS = 0.3e-3  # [m] below this, motion is quadratic
 WEIGHT = 300.0  # [nats / m] price of motion
 

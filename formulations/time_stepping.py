@@ -34,20 +34,18 @@ from dataclasses import dataclass
 import casadi as ca
 
 from .finger import Finger, frozen
-from .rigid_body import PLANAR, momentum_change
+from .rigid_body import ARM, PLANAR, G, momentum_change, uniform
 from .shape import Shape, positive_part
 
 V_EPS = 2e-3  # [m/s] rounds contact and friction: 0.07 mm in a step of 1/30 s
 ROUND = 0.1  # [weights] rounds the normal impulse where the gap closes
 
 NONE = 0.01  # [weights] rounds the load of a corner that would have to pull
-ARM = 20e-3  # [m] one radian of turn counts as this much way
 LONGEST = 5e-3  # [m] of a Newton step
 ROUGH = 64e-3  # [m/s] the speed s at which Newton's steps begin
 EASING, LAST = 8, 5  # Newton steps while s falls, and at its value
 DAMPING = (1.0, 0.5, 0.25, 0.1)  # of a Newton step: the one that leaves least is taken
 GRAIN = 2.0**-50  # [m, rad] of a pose, [weights/m] of a slope, that are constants
-G = 9.81  # [m/s^2] makes a weight of a mass
 
 
 @dataclass(frozen=True)
@@ -115,7 +113,9 @@ class Sliding:
     def imbalance(self, x, s, theta, x_1, x_2, dt, mu, mu_g, *fingers):
         """Return change of momentum less impulses in x, y, yaw (3,) [weights]."""
         w = self.mass * G * dt
-        linear, angular = momentum_change(self.shape, PLANAR, theta, x, x_1, x_2, dt)
+        body, poses = uniform(self.shape, theta, self.mass), (x, x_1, x_2)
+        poses = [self.pose(theta, c) for c in poses]
+        linear, angular = momentum_change(body, poses, dt)
         force = self.mass * (linear + ca.vertcat(0, 0, self.gravity * dt))
         moment = self.mass * angular
         p = self.pose(theta, x)[0]
