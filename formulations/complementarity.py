@@ -79,7 +79,7 @@ def build(nlp, window, scene, shape):
 
 
 def impulses_of(nlp, window, scene, shape, w):
-    """Declare impulses and friction of fingers and of the ground (friction.Impulses)."""
+    """Declare the friction.Impulses of fingers and of the ground."""
     w_f, w_g = w[window.push.step], w[window.corner.step]
     size = w.mean() if len(w) else scene.mass * G
     lam = impulses(nlp, "finger", w_f, size, size / 10)

@@ -79,7 +79,7 @@ class GroundContact:
         return kappa * (loss - (nominal + rounding) * v_eps * dt) / MM
 
     def complementarity(self, theta, x, x_1, lam, signs, dt, w, kappa, v_eps):
-        """Return the cost of an impulse on a corner that is above the ground or rises."""
+        """Return the cost of an impulse on a corner above the ground or rising."""
         z, z_1 = self.corner(theta, x, signs)[2], self.corner(theta, x_1, signs)[2]
         rises = contact.inelasticity(lam, (z - z_1) / dt, v_eps) - lam[0] * v_eps / 2
         energy = lam[0] * (z + ROOM * REST) + 0.2 * dt * rises

@@ -35,8 +35,6 @@ from __future__ import annotations
 
 from functools import partial
 
-import casadi as ca
-
 from . import balance, finger_contact, ground_contact, quasi_static
 from .balance import Balance
 from .finger_contact import FingerContact
