@@ -139,7 +139,7 @@ def run(file, na, kind, seed, name) -> dict:
     given = {"theta": theta, "x": start[:, window.last]}
     s = solve_levels(problem, page.LEVELS, given, options, solvers)
     cpu = time.process_time() - began
-    sizes, end = s.values["theta"][:, 0], s.values["x"][:, window.knot[-1]]
+    sizes, end = s.values["theta"][:, 0], s.values["x"][:, window.pose[-1]]
     bodies = [(sizes, end), (truth["side_lengths"], x[:, -1])]
     meshes = [
         box(
@@ -163,7 +163,7 @@ def gained(problem, window, scene, s) -> float:
         return 0.0
     x, data = problem.pack(s.values), problem.data(s.parameters)
     step, push, J = window.step, window.push, s.values["theta"][:2, 0]
-    poses = [s.values["x"][:, k] for k in (step.knot, step.before, step.before_2)]
+    poses = [s.values["x"][:, k] for k in (step.pose, step.before, step.before_2)]
     v, v_1 = ((poses[i] - poses[i + 1]) / step.dt for i in (0, 1))
     J = (J @ J) / 12
     kinetic = [

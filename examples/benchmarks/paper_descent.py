@@ -145,7 +145,7 @@ def main() -> None:
     out = []
     for name, (values, cpu) in found.items():
         nats = descent.look(descent.scaled(values))[0]
-        sizes, end = values["theta"][:, 0], values["x"][:, window.knot[-1]]
+        sizes, end = values["theta"][:, 0], values["x"][:, window.pose[-1]]
         mm = (
             1e3
             * surface_distance(

@@ -30,8 +30,9 @@ from study import add_executor, executor_of, mapped, write_csv
 from trimesh.creation import box
 from trimesh.transformations import quaternion_matrix, translation_matrix
 
-from formulations import contact, paper, sensing
+from formulations import contact, paper, paper_contact, sensing
 from formulations import violation_implicit as default
+from formulations.paper_physics import Physics
 from tactilenlp import Measurements, Scene, solve_estimate
 from tactilenlp.errors import TactileError
 from tactilenlp.evaluation.metrics import surface_distance
@@ -56,7 +57,7 @@ class Undone:
 
     def build(self, nlp, window, scene, shape):
         """Fill `nlp` as the default does, but for the one departure."""
-        body, minimize = paper.Body(window, scene, shape), nlp.minimize
+        body, minimize = Physics(window, scene, shape), nlp.minimize
 
         def say(name, function, *arguments, role):
             key = name.split(",")[0]
@@ -84,7 +85,7 @@ def normal(n, n_m, sigma):
 
 
 def dissipation(mu, lam, v_s, *_):
-    weight = WEIGHT["dissipation"] / default.KAPPA
+    weight = WEIGHT["dissipation"] / default.WEIGHTS["kappa"][0]
     return weight * contact.printed_dissipation(lam, v_s)
 
 
@@ -93,8 +94,8 @@ def bounded(nlp, window, body):
     for name, rows in (("finger", window.push), ("ground", window.corner)):
         w = body.scene.mass * paper.G * window.step.dt[rows.step]
         lam = nlp.variables[name]
-        nlp.subject_to(f"{name} most", lambda lam, w: lam[0] / w - paper.MOST, lam, w,
-                       upper=0)  # fmt: skip
+        most = paper_contact.MOST
+        nlp.subject_to(f"{name} most", lambda lam, w: lam[0] / w, lam, w, upper=most)
 
 
 def squeezed(nlp, window, body):
@@ -104,10 +105,13 @@ def squeezed(nlp, window, body):
         nlp.parameter(name, WEIGHT[name])
     push, step, felt, gap = window.push, window.step, window.touch, body.finger_gap
     k, w = push.step, body.scene.mass * paper.G * step.dt[push.step]
-    now = theta, x[:, step.knot[k]], x[:, step.before[k]], step.dt[k], w
-    paper.parting(nlp, "printed", gap, body.finger_velocity, now, lam,
-                  (push.p_wf, push.radius, push.p_wf_1, push.tangent))  # fmt: skip
-    paper.apart(nlp, "printed", gap, theta, x[:, felt.knot], (felt.p_wf, felt.radius))
+    now = theta, x[:, step.pose[k]], x[:, step.before[k]], step.dt[k], w
+    paper_contact.complementarity_and_inelasticity(
+        nlp, "printed", gap, body.finger_velocity, now, lam,
+        (push.p_wf, push.radius, push.p_wf_1, push.tangent),
+    )  # fmt: skip
+    at = felt.p_wf, felt.radius
+    paper_contact.non_penetration(nlp, "printed", gap, theta, x[:, felt.pose], at)
     bounded(nlp, window, body)
 
 
@@ -118,7 +122,7 @@ PAGES = {
         (sensing, "touch", lambda phi, sigma: sensing.felt(phi, paper.ALPHA)),
         (sensing, "free", lambda phi, alpha: sensing.softplus(-paper.ALPHA * phi)),
     )),
-    "no mixture": Undone(((sensing, "mixture", lambda cost, ceiling: cost),)),
+    "no mixture": Undone(((sensing, "mixture", lambda cost, outlier_cost: cost),)),
     "Sigma_n": Undone(((sensing, "normal", normal),)),
     "no depth": Undone(added=lambda nlp, *_: nlp.subject_to(
         "no depth", lambda d: d, nlp.variables["depth"], lower=0, upper=0)),
