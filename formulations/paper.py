@@ -41,8 +41,8 @@ from . import paper_contact as g
 from .balance import groups, moves
 from .friction import Impulses, friction
 from .level import Level
+from .likelihood import declare
 from .paper_physics import Physics
-from .quasi_static import declare
 from .rigid_body import G
 
 ALPHA = math.log(19) / 5e-3  # [1/m] of eq:bool: 95 % sure 5 mm away (public code)
@@ -72,7 +72,7 @@ LEVELS = (
 def build(nlp, window, scene, shape):
     """Fill `nlp` with eq:vimp: what was felt, then the physics of every step."""
     body = Physics(window, scene, shape)
-    theta, x = likelihood(nlp, window, shape, body)
+    theta, x = felt(nlp, window, shape, body)
     step, push = window.step, window.push
     lam, lam_g = g.impulses(nlp, window, scene, shape)
     for name, (value, unit) in WEIGHTS.items():
@@ -117,7 +117,7 @@ def ground(nlp, window, scene, body, theta, x, lam_g, now):
     g.non_penetration(nlp, "rest", gap, theta, x[:, rest.pose], (rest.signs,))
 
 
-def likelihood(nlp, window, shape, body):
+def felt(nlp, window, shape, body):
     """Declare theta and x; add eq:loss of every sample."""
     theta, x = declare(nlp, window, shape)
     alpha = nlp.parameter("alpha", ALPHA, "1/m")

@@ -1,7 +1,7 @@
 r"""Poses and observed supporting planes: where a convex body of unknown shape went.
 
     min  sum_touch  -log( exp(-touch(n_i . R'(r - p) - rho - b_i)
-                              - |R n_i - n_m|^2 / 2 sigma_n^2) + exp(-outlier_cost) )
+                              - |R n_i - n_m|^2 / 2 sigma_n^2) + exp(-outlier) )
        + sum_links  (|n_i - n_j|^2 / 2 sigma^2 + (b_i - b_j)^2 / 2 sigma_b^2), robust
        + sum_pairs  max(n_j . c_i - b_j, 0)^2 / (2 sigma^2), robust         (behind)
        + sum_free   max(rho - |R'(r - p) - c_i|, 0)^2 / (2 sigma^2), robust (outside)
@@ -20,9 +20,9 @@ from __future__ import annotations
 
 import casadi as ca
 
-from . import sensing
+from . import between_actions, sensing
 from .level import Level
-from .quasi_static import HEAVY, WAY_EPS, between_actions, least_motion
+from .quasi_static import WAY_EPS, least_motion
 
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
@@ -113,7 +113,7 @@ def build(nlp, window, scene, shape):
         plane[:, i[s_1]], t.p_wf[s], t.radius[s], t.p_wf[s_1], role="regulariser",
     )  # fmt: skip
     least_motion(nlp, window, shape, 0.0, x)
-    between_actions(nlp, window, shape, 0.0, x, power=HEAVY)
+    between_actions.fixed(nlp, window, shape, 0.0, x, between_actions.HEAVY)
     nlp.minimize(
         "unit length", lambda plane: ((ca.sumsqr(plane[:3]) - 1) / UNIT) ** 2 / 2,
         plane, role="regulariser",

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from . import quasi_static
+from . import between_actions, likelihood, quasi_static
 from .level import Level
 
 REDUCTIONS = {"planar": True}  # nothing here would keep a body on the ground
@@ -88,7 +88,7 @@ def sense(nlp, window, shape, touch=TOUCH, normal=NORMAL, depth=0.0, known=ball)
         guess=0.0, unit=motion.unit, scale=motion.scale,
     )  # fmt: skip
     near = theta[:, window.near_touch], theta[:, window.near_free]
-    quasi_static.likelihood(nlp, window, shape, near, x, touch, normal, depth)
-    quasi_static.between_actions(nlp, window, shape, 0.0, x, power=quasi_static.HEAVY)
+    likelihood.add(nlp, window, shape, near, x, touch, normal, depth)
+    between_actions.fixed(nlp, window, shape, 0.0, x, between_actions.HEAVY)
     known(nlp, window, shape, theta)
     return theta, x

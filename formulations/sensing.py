@@ -7,8 +7,7 @@ touch     pseudo-Huber((phi) / sigma)                   a sample with contact
 Departure from eq:bool for c = 1: the logistic is satisfied by any penetration, but a
 finger that is felt is *on* the surface.  The touch cost is two-sided, quadratic within
 two sigma and linear beyond.  A fraction of the booleans is wrong; `mixture` bounds what
-a single sample can cost: -log((exp(-cost) + exp(-c_o)) / (1 + exp(-c_o))), where c_o is
-the outlier cost.
+a single sample can cost, by a density that is a mixture with a constant one.
 """
 
 from __future__ import annotations
