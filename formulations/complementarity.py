@@ -52,7 +52,7 @@ LIFT = 1e-3  # [m] unit of gaps and ways
 
 def build(nlp, window, scene, shape):
     """Fill `nlp` with what was felt, and the physics of every step as constraints."""
-    theta, x = felt(nlp, window, shape)
+    theta, x = felt(nlp, window, scene, shape)
     eps = nlp.parameter("eps", EPS, "weights mm")
     slack = nlp.parameter("slack", SLACK, "weights")
     fingers = FingerContact(shape, window.motion, window.finger)

@@ -1,6 +1,6 @@
 r"""eq:loss of every sample: what the fingers felt, robust against wrong samples.
 
-    touch   mixture(touch(phi + depth) + |n - n_m|^2 / (2 sigma_n^2))
+    touch   mixture(touch(phi + delta) + |n - n_m|^2 / (2 sigma_n^2))
     free    mixture(log(1 + exp(-alpha phi)))
 
     mixture(cost) = -log( exp(-cost) + exp(-outlier_cost) ) + constant     (sensing.py)
@@ -36,12 +36,12 @@ def declare(nlp, window, shape):
     return theta, x
 
 
-def add(nlp, window, shape, theta, x, touch, normal, depth):
+def add(nlp, window, shape, theta, x, touch, normal, indentation):
     """Add eq:loss of every sample.
 
     theta: of the body, or of the parts that (touches, free samples) read; touch [m],
-    normal [rad]: model errors of a sample, added to the sensors' own; depth [m], number
-    or unknown: how deep every felt finger sits in the surface.
+    normal [rad]: model errors of a sample, added to the sensors' own; indentation:
+    Rigid or Soft (indentation.py), of every felt finger.
     """
     motion, finger = window.motion, window.finger
     sigma_p, sigma_n = window.sigma_position, window.sigma_normal
@@ -49,11 +49,12 @@ def add(nlp, window, shape, theta, x, touch, normal, depth):
     normal_scale = nlp.parameter("normal scale", ca.hypot(normal, sigma_n), "rad")
     alpha = nlp.parameter("alpha", 1 / ca.hypot(1 / ALPHA, sigma_p / 1.7), "1/m")
 
-    def touching(theta, x, depth, p_wf, rho, n_m, latency, sigma, sigma_n):
+    def touching(theta, x, inside, p_wf, rho, n_m, latency, sigma, sigma_n):
         pose = motion.pose(shape, theta, x)
-        phi = finger.gap(shape, theta, pose, p_wf, rho) + depth
+        phi = finger.gap(shape, theta, pose, p_wf, rho) + inside.delta()
         n = finger.felt(finger.normal(shape, theta, pose, p_wf, rho), p_wf)
-        off, turned = ca.hypot(sigma, latency), ca.hypot(sigma_n, latency / rho)
+        off = inside.widened(ca.hypot(sigma, latency))
+        turned = ca.hypot(sigma_n, latency / rho)
         cost = sensing.touch(phi, off) + sensing.normal(n, n_m, turned)
         return sensing.mixture(cost, window.outlier_cost)
 
@@ -64,7 +65,7 @@ def add(nlp, window, shape, theta, x, touch, normal, depth):
 
     t, f = window.touch, window.free
     nlp.minimize(
-        "touch", touching, theta[0], x[:, t.pose], depth, t.p_wf, t.radius, t.normal,
+        "touch", touching, theta[0], x[:, t.pose], indentation, t.p_wf, t.radius, t.normal,
         t.latency, touch_scale, normal_scale, role="likelihood",
     )  # fmt: skip
     nlp.minimize(

@@ -30,7 +30,7 @@ LEVELS = (
 
 def build(nlp, window, scene, shape):
     """Fill `nlp` with eq:loss_const, a defect for every step."""
-    theta, x = felt(nlp, window, shape)
+    theta, x = felt(nlp, window, scene, shape)
     body = Sliding(shape, window.finger, scene.mass, scene.gravity)
     mu = friction(nlp, "finger friction", scene.friction_finger)
     mu_g = friction(nlp, "ground friction", scene.friction_ground)

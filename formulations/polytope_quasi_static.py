@@ -23,6 +23,7 @@ from __future__ import annotations
 import casadi as ca
 
 from . import between_actions, likelihood, quasi_static
+from .indentation import NONE
 from .level import Level
 
 REDUCTIONS = {"planar": True}  # nothing here would keep a body on the ground
@@ -73,7 +74,7 @@ def ball(nlp, window, shape, theta):
     nlp.minimize("stay", moved, theta, window.start, role="regulariser")
 
 
-def sense(nlp, window, shape, touch=TOUCH, normal=NORMAL, depth=0.0, known=ball):
+def sense(nlp, window, shape, touch=TOUCH, normal=NORMAL, indentation=NONE, known=ball):
     """Declare vertices and poses; add what the fingers felt and what was known.
 
     known(nlp, window, shape, theta): adds what was, by default before any touch.
@@ -88,7 +89,7 @@ def sense(nlp, window, shape, touch=TOUCH, normal=NORMAL, depth=0.0, known=ball)
         guess=0.0, unit=motion.unit, scale=motion.scale,
     )  # fmt: skip
     near = theta[:, window.near_touch], theta[:, window.near_free]
-    likelihood.add(nlp, window, shape, near, x, touch, normal, depth)
+    likelihood.add(nlp, window, shape, near, x, touch, normal, indentation)
     between_actions.fixed(nlp, window, shape, 0.0, x, between_actions.HEAVY)
     known(nlp, window, shape, theta)
     return theta, x

@@ -62,11 +62,11 @@ def build(nlp, window, scene, shape, sense=sense):
 
     sense: declares vertices and poses and adds what was felt and known of them.
     """
-    theta, x = felt(nlp, window, shape, sense)
-    for name, (value, unit) in WEIGHTS.items():
-        nlp.parameter(name, value, unit)
     w = scene.mass * G * window.step.dt  # (steps,) [N s]
     pushes, corners = impulses_of(nlp, window, scene, shape, w, window.weight_share)
+    theta, x = felt(nlp, window, scene, shape, pushes, sense)
+    for name, (value, unit) in WEIGHTS.items():
+        nlp.parameter(name, value, unit)
     pushes = replace(pushes, theta=theta[:, window.near_push])
     corners = replace(corners, theta=theta[:, window.leg])
     body = mass(nlp, window, theta)

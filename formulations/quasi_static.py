@@ -19,6 +19,7 @@ import casadi as ca
 from . import between_actions, likelihood, sensing
 from .between_actions import way_squared
 from .finger_offset import displaced
+from .indentation import NONE
 from .level import Level
 
 OFFSETS = True  # of fingers may be unknown
@@ -50,16 +51,18 @@ def build(nlp, window, scene, shape):
     least_motion(nlp, window, shape, theta, x)
 
 
-def sense(nlp, window, shape, touch=TOUCH, normal=NORMAL, depth=0.0, coasts=False):
+def sense(
+    nlp, window, shape, touch=TOUCH, normal=NORMAL, indentation=NONE, coasts=False
+):
     """Declare theta and x; add what the fingers felt (eq:loss) and what was known.
 
     touch [m], normal [rad]: model errors of a sample, added to the sensors' own;
-    depth [m], number or unknown: how deep every felt finger sits in the surface;
+    indentation: Rigid or Soft, of every felt finger (indentation.py);
     coasts: whether poses tell how fast the object is when an action ends.
     """
     mean, deviation = shape.size_prior
     theta, x = likelihood.declare(nlp, window, shape)
-    likelihood.add(nlp, window, shape, (theta, theta), x, touch, normal, depth)
+    likelihood.add(nlp, window, shape, (theta, theta), x, touch, normal, indentation)
     link = between_actions.coasting if coasts else between_actions.fixed
     link(nlp, window, shape, theta, x)
     nlp.minimize(

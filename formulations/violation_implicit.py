@@ -15,7 +15,8 @@ Departures from the printed equations, named:
                            action ends comes to rest further on
   dissipation              v_s lam_n mu |v_s| instead of lam_n |v_s|^2: the printed form
                            is no power, and is not zero where friction opposes sliding
-  depth                    felt fingers sit a common, unknown way inside the surface
+  indentation              felt fingers sit inside the surface, the deeper the harder
+                           they press where fingertips are soft: see indentation.py
   offset                   of a finger from where it says, unknown: see finger_offset.py
   |v_s|, cone apex         rounded (STILL, ROUND), else no second derivative at rest
   complementarity          of a felt finger is the touch cost; of the ground in planar
@@ -35,7 +36,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from . import balance, finger_contact, ground_contact, quasi_static
+from . import balance, finger_contact, ground_contact, indentation, quasi_static
 from .balance import Balance
 from .finger_contact import FingerContact
 from .finger_offset import displaced
@@ -82,7 +83,6 @@ ROUGH = (  # from poses that are guessed, not solved: centimetres off where it t
 )
 
 TOUCH = 0.15e-3  # [m] model error of a touched gap: soft contact, rounded edges
-DEPTH = 0.05e-3  # [m] compliance and radius error, the same for all touches
 NORMAL = 0.010  # [rad] model error of a normal, likewise
 COASTING = partial(quasi_static.sense, coasts=True)  # momentum tells how fast it is
 WEIGHTS = {  # parameters, each with its unit
@@ -99,26 +99,27 @@ WEIGHTS = {  # parameters, each with its unit
 def build(nlp, window, scene, shape):
     """Fill `nlp` with eq:vimp: what was felt, then the physics of every step."""
     window = displaced(nlp, window, scene)
-    theta, x = felt(nlp, window, shape)
-    physics(nlp, window, scene, shape, theta, x)
+    w = scene.mass * G * window.step.dt  # (steps,) [N s]
+    pushes, corners = impulses_of(nlp, window, scene, shape, w)
+    theta, x = felt(nlp, window, scene, shape, pushes)
+    physics(nlp, window, scene, shape, theta, x, w, pushes, corners)
 
 
-def felt(nlp, window, shape, sense=COASTING):
-    """Declare theta and x; add what was felt, with the common depth of felt fingers."""
-    depth = nlp.variable("depth", 1, guess=0.0, unit="m", scale=DEPTH)
-    theta, x = sense(nlp, window, shape, TOUCH, NORMAL, depth)
-    nlp.minimize(
-        "depth prior", lambda depth: (depth / DEPTH) ** 2 / 2, depth, role="prior"
-    )
+def felt(nlp, window, scene, shape, pushes=None, sense=COASTING):
+    """Declare theta and x; add what was felt by fingers that sit in the surface.
+
+    pushes: friction.Impulses, that press soft fingertips in; None: all are rigid.
+    """
+    inside = indentation.declare(nlp, window, scene, pushes)
+    theta, x = sense(nlp, window, shape, TOUCH, NORMAL, inside)
+    indentation.prior(nlp, inside)
     return theta, x
 
 
-def physics(nlp, window, scene, shape, theta, x):
-    """Declare impulses and friction; add the balance of every step, and g."""
+def physics(nlp, window, scene, shape, theta, x, w, pushes, corners):
+    """Add the balance of every step, and g; w: weights of the steps [N s]."""
     for name, (value, unit) in WEIGHTS.items():
         nlp.parameter(name, value, unit)
-    w = scene.mass * G * window.step.dt  # (steps,) [N s]
-    pushes, corners = impulses_of(nlp, window, scene, shape, w)
     fingers = FingerContact(shape, window.motion, window.finger)
     ground = GroundContact(shape, window.motion)
     law = Balance(fingers, ground, scene.gravity)

@@ -95,6 +95,8 @@ class Scene:
     sigma_offset:    [m], standard deviation of each coordinate of a constant offset of
                      each finger, which is estimated; None: fingers are where they say;
                      JointZeros: the offset is that of wrong zero angles of joints
+    compliance:      [m/N], how far a fingertip yields under a normal force, all alike;
+                     0: rigid; None: rigid unless the measurements say otherwise
 
     The default mass and frictions are those of the recorded scenes.  A sensor figure
     that is None is estimated from the data, but for sigma_offset.
@@ -110,6 +112,7 @@ class Scene:
     sigma_normal: float | None = None
     flip_rate: float | None = None
     sigma_offset: float | JointZeros | None = None
+    compliance: float | None = None
 
     def __post_init__(self) -> None:
         never, inf = np.nextafter(0.0, 1.0), np.inf  # the least number above zero
@@ -123,6 +126,7 @@ class Scene:
             ("sigma_position", True, never, inf, "a standard deviation above 0 m"),
             ("sigma_normal", True, never, inf, "a standard deviation above 0"),
             ("flip_rate", True, 0.0, 0.5, "a probability in [0, 0.5)"),
+            ("compliance", True, 0.0, 1.0, "a compliance in [0, 1) m/N"),
             ("sigma_offset", True, never, inf, "a standard deviation above 0 m"),
         ):
             value = getattr(self, name)

@@ -5,6 +5,7 @@ far     a free finger far from the object says nothing
 absent  a finger that feels nothing carries no impulse
 planar  an object that lies flat and never tilts has three unknowns a pose, not six
 frictionless  a contact whose friction is zero carries no tangential impulse
+rigid   fingertips do not yield under load
 
 Each can be switched off alone; `certify.py` checks them after the solve.
 """
@@ -44,6 +45,7 @@ class Reductions:
     absent: bool = True
     planar: bool = True
     frictionless: bool = True
+    rigid: bool = True
 
     def __post_init__(self) -> None:
         check_types(**{name: (value, bool) for name, value in vars(self).items()})
@@ -124,7 +126,15 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
         frictionless=slippery(scene) if choice.frictionless else (),
         sigma_position=precision.position, sigma_normal=precision.normal,
         outlier_cost=OUTLIER_COST, braking=friction_of(scene) * scene.gravity,
+        compliant=yields(scene, choice) and len(push) > 0,
     )  # fmt: skip
+
+
+def yields(scene, reductions: Reductions) -> bool:
+    """Tell whether fingertips are soft: known to be, or not known to be rigid."""
+    if scene.compliance is None:
+        return not reductions.rigid
+    return scene.compliance > 0
 
 
 def friction_of(scene) -> float:

@@ -104,7 +104,8 @@ class Window:
     frictionless: "finger", "ground" where these carry no tangential impulse;
     sigma_position [m], sigma_normal [rad]: sensor noise;
     outlier_cost: the most that one wrong sample can cost [nats];
-    braking [m/s^2]: of an object that slides on, mu g.
+    braking [m/s^2]: of an object that slides on, mu g;
+    compliant: whether fingertips yield under load.
     """
 
     motion: Motion
@@ -127,6 +128,20 @@ class Window:
     sigma_normal: float
     outlier_cost: float
     braking: float
+    compliant: bool = False
+
+    @property
+    def push_of_touch(self) -> tuple[np.ndarray, np.ndarray]:
+        """The row of push of every touch (touches,), and 1 where there is one, else 0.
+
+        A touch that ends no time step has no impulse: its row is 0.
+        """
+        count = self.fingers
+        pushed = self.push.sample * count + self.push.finger
+        felt = self.touch.sample * count + self.touch.finger
+        row = np.full(max(pushed.max(initial=0), felt.max(initial=0)) + 1, -1)
+        row[pushed] = np.arange(len(pushed))
+        return np.maximum(row[felt], 0), (row[felt] >= 0).astype(float)
 
     @property
     def last(self) -> np.ndarray:
