@@ -86,7 +86,7 @@ def declare(nlp, window, scene, pushes):
 
 
 def prior(nlp, indentation):
-    """Add the priors of d and c, where these are unknown."""
+    """Add the priors of d and c, where these are unknown; report the indentation."""
     d = indentation.depth
     nlp.minimize("depth prior", lambda d: (d / DEPTH) ** 2 / 2, d, role="prior")
     if NAME in nlp.variables:
@@ -94,3 +94,5 @@ def prior(nlp, indentation):
         nlp.minimize(
             f"{NAME} prior", lambda c: (c / COMPLIANCE) ** 2 / 2, c, role="prior"
         )
+    if isinstance(indentation, Soft):
+        nlp.report("indentation", lambda inside: inside.delta(), indentation)

@@ -65,8 +65,8 @@ def add(nlp, window, shape, theta, x, touch, normal, indentation):
 
     t, f = window.touch, window.free
     nlp.minimize(
-        "touch", touching, theta[0], x[:, t.pose], indentation, t.p_wf, t.radius, t.normal,
-        t.latency, touch_scale, normal_scale, role="likelihood",
+        "touch", touching, theta[0], x[:, t.pose], indentation, t.p_wf, t.radius,
+        t.normal, t.latency, touch_scale, normal_scale, role="likelihood",
     )  # fmt: skip
     nlp.minimize(
         "free", free, theta[1], x[:, f.pose], f.p_wf, f.radius, alpha,

@@ -38,6 +38,7 @@ from .rigid_body import Body, G, momentum_change
 from .violation_implicit import WEIGHTS, felt, impulses_of
 
 EXTENDS = True  # an estimate is extended by one action: polytope_extension.py
+COMPLIANT = True  # fingertips may be soft
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
     Level(

@@ -46,6 +46,7 @@ from .level import Level
 from .rigid_body import G
 
 OFFSETS = True  # of fingers may be unknown
+COMPLIANT = True  # fingertips may be soft
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
     Level(

@@ -34,6 +34,7 @@ from ..search.proposals_floating import (
     tilting,
 )
 from ..search.proposals_tumble import recovered
+from .freedoms import with_soft_fingertips
 from .incremental_polytope import explained, updated
 from .interrupted import SoFar, interrupted
 from .options import Guess, Options
@@ -99,6 +100,10 @@ def _found(data, job, page, start, options, executor, so_far):
     so_far.kept, searched = kept, so_far.spent
     known = start if _was_challenged(start, page) else None
     solved = refined(job, page, starts, options, so_far.solved, known)
+    job, solved = with_soft_fingertips(
+        job, page, solved, options,
+        lambda soft: refined(soft, page, starts, options, so_far.solved, known),
+    )  # fmt: skip
     solved = explained(job, page, solved, options, update)
     best = _certified(replace(job, cuts=solved[0].job.cuts), page, solved[0], options)
     fell = "planar" in best.certificates.broken and not flat(page)
@@ -220,7 +225,7 @@ def _solved_on(job, page, solved, options) -> Solved:
 
 def _tumbled(job, page, flat, options, executor) -> Solved:
     """Solve in free motion from guesses of a tumble; keep the best, or the flat one."""
-    evidence = contradicts(job, flat.window, flat.solution.values)
+    evidence = contradicts(job, flat)
     found = recovered(job, evidence, *options.widths(precise=False), executor)
     free = replace(job, reductions=without(job.reductions, ["planar"]))
     levels = getattr(page, "ROUGH", page.LEVELS)

@@ -147,7 +147,11 @@ def gaps_of_touches(curvature: Curvature, window, shape, data) -> np.ndarray:
     if OFFSET in values:
         p_wf[:3] += values[OFFSET][:, touch.finger]
     gap = at_touches(window, shape, values, p_wf, window.finger.gap)[:, 0]
-    gap = gap + np.ravel(values.get("depth", 0.0))[0]
+    if "indentation" in curvature.problem.reports:
+        inside = curvature.problem.value("indentation", curvature.x, curvature.data)
+        gap = gap + inside[:, 0]
+    else:
+        gap = gap + np.ravel(values.get("depth", 0.0))[0]
     keys = zip(touch.sample, touch.finger, strict=True)
     number = {key: i for i, key in enumerate(keys)}
     return np.array([

@@ -153,7 +153,7 @@ def planar_certificate(job, page, solved) -> Skipped | None:
     Wrong booleans and a wrong mode leave touches unexplained here and there; an object
     that tumbled leaves most of an action so.
     """
-    evidence = contradicts(job, solved.window, solved.solution.values)
+    evidence = contradicts(job, solved)
     touches = sum(e.touches for e in evidence)
     wrong = sum(e.unexplained for e in evidence)
     shares = [e.unexplained / e.touches for e in evidence if e.unexplained >= FEW]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,11 +35,28 @@ class Evidence:
         return self.unexplained >= TWO and self.unexplained > SHARE * self.touches
 
 
-def contradicts(job, window, values) -> list[Evidence]:
+def with_rigid_fingertips(solved):
+    """Return the window of a solved page, every touch where a rigid fingertip would be.
+
+    The indentation that the page reports moves a finger out along the measured normal.
+    """
+    window, problem, solution = solved.window, solved.problem, solved.solution
+    if "indentation" not in problem.reports:
+        return window
+    touch = window.touch
+    x, data = problem.pack(solution.values), problem.data(solution.parameters)
+    inside = problem.value("indentation", x, data)
+    p_wf = touch.p_wf.copy()
+    p_wf[:, :3] += inside * touch.normal
+    return replace(window, touch=replace(touch, p_wf=p_wf))
+
+
+def contradicts(job, solved) -> list[Evidence]:
     """Return the evidence against flat motion in every action that touched.
 
-    values: theta and x of a flat solution, of whatever page.
+    solved: a flat solution, of whatever page.
     """
+    window, values = with_rigid_fingertips(solved), solved.solution.values
     page = page_of("quasi_static", job.shape)
     problem = Problem(kinds=job.kinds_of(page, window))
     page.build(problem, window, job.scene, job.shape)
@@ -62,7 +79,7 @@ def contradicts(job, window, values) -> list[Evidence]:
 
 def check_explained(solved) -> None:
     """Raise MotionError where touches of a floating object are left unexplained."""
-    evidence = contradicts(solved.job, solved.window, solved.solution.values)
+    evidence = contradicts(solved.job, solved)
     wrong = [e for e in evidence if e.against]
     if wrong:
         raise MotionError(

@@ -82,6 +82,9 @@ def carried(solved, again, problem) -> tuple[dict, dict, dict]:
     }
     values, bounds, multipliers = {}, {}, {}
     for name, v in problem.variables.items():
+        if name not in solution.values:  # what was fixed before
+            values[name], bounds[name] = v.guess, np.zeros(v.guess.shape)
+            continue
         source = came_from.get(name, np.arange(v.columns))
         values[name] = _columns(solution.values[name], source, v.guess)
         pull = solution.bound_multipliers[name]

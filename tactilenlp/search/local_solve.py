@@ -105,7 +105,8 @@ class Solved:
     """A page solved from one hypothesis: problem, window, solution.
 
     rough: where the levels before the last one had brought the hypothesis; profile
-    (k, k): how far off sizes and final pose may be (profile.py).
+    (k, k): how far off sizes and final pose may be (profile.py); declined: models with
+    more unknowns that the data did not ask for.
     """
 
     hypothesis: Hypothesis
@@ -116,11 +117,12 @@ class Solved:
     certificates: Certificates = field(default_factory=lambda: Certificates(()))
     rough: Hypothesis | None = None
     profile: np.ndarray | None = None
+    declined: tuple = ()
 
     @property
     def skipped(self) -> tuple:
         """What was left out, each with its check."""
-        return self.certificates.skipped
+        return (*self.certificates.skipped, *self.declined)
 
     @property
     def rank(self) -> tuple[bool, float]:
