@@ -83,6 +83,12 @@ def smoothing(data: Measurements, precision: Precision):
         yield rows, S
 
 
+def variance_left(data: Measurements, precision: Precision) -> float:
+    """Return the share of the noise variance that smoothing leaves [1], its mean."""
+    left = [(S**2).sum(axis=1) for _, S in smoothing(data, precision)]
+    return float(np.concatenate(left).mean())
+
+
 def precise(data: Measurements, precision: Precision) -> bool:
     """Tell whether positions are so precise that they are used as they are."""
     return precision.position < SMOOTH_ABOVE * data.finger_radius.min()

@@ -34,7 +34,7 @@ from ..search.proposals_floating import (
     tilting,
 )
 from ..search.proposals_tumble import recovered
-from .freedoms import with_soft_fingertips
+from .freedoms import with_soft_fingertips, with_tilt
 from .incremental_polytope import explained, updated
 from .interrupted import SoFar, interrupted
 from .options import Guess, Options
@@ -107,9 +107,15 @@ def _found(data, job, page, start, options, executor, so_far):
     solved = explained(job, page, solved, options, update)
     best = _certified(replace(job, cuts=solved[0].job.cuts), page, solved[0], options)
     fell = "planar" in best.certificates.broken and not flat(page)
+    rocked = with_tilt(best.job, page, best, options)
     if fell and not is_polytope(job.shape):
-        best = _tumbled(job, page, best, options, executor)
-    elif options.rivals and best.solution.success:
+        best = min(
+            rocked, _tumbled(job, page, best, options, executor), key=lambda s: s.rank
+        )
+    elif rocked is not best:
+        best = _certified(rocked.job, page, rocked, options)
+    job = best.job
+    if not fell and options.rivals and best.solution.success:
         best = _profiled(job, page, best, options)
     so_far.kept = _carried_on(job, solved, kept, _widths(job, options)[0])
     alike = [s for s in solved if s.solution.success]
