@@ -12,6 +12,8 @@ repeated.
 
 import os
 
+from tactilenlp.geometry.transforms import rotation_of
+
 os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
 
 import argparse
@@ -24,7 +26,6 @@ from timeit import repeat
 
 import numpy as np
 from report_cuboid import report
-from scipy.spatial.transform import Rotation
 from study import add_executor, executor_of, mapped, write_csv
 from trimesh.creation import box
 from trimesh.sample import sample_surface
@@ -98,7 +99,7 @@ class Truth:
     def start(self, estimate):
         """Return the estimate with the true motion as its only hypothesis."""
         T = estimate.measurements.samples
-        turn = Rotation.from_quat(np.roll(self.quaternion[:T], -1, axis=1))
+        turn = rotation_of(self.quaternion[:T])
         x = np.vstack([self.position[:T].T, turn.as_rotvec().T])
         if len(estimate.unknowns["x"]) == 3:
             ahead = turn.apply([1.0, 0.0, 0.0])

@@ -19,6 +19,8 @@ seconds exclude the derivation of term functions; a case that derives some is re
 
 import os
 
+from tactilenlp.geometry.transforms import rotation_of
+
 os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
 
 import argparse
@@ -67,7 +69,7 @@ def truth(file, last):
 
 def poses(truth) -> tuple[np.ndarray, Rotation]:
     """Return true positions (T, 3) [m] and rotations (T,)."""
-    R = Rotation.from_quat(np.roll(truth.object_quaternion, -1, axis=1))
+    R = rotation_of(truth.object_quaternion)
     return truth.object_position, R
 
 

@@ -140,12 +140,15 @@ class Measurements:
         moved = self._arrays() | {"normal": self.normal @ R_vw.T}
         moved["finger_position"] = self.finger_position @ R_vw.T + t_vw
         if self.finger_orientation is not None:
-            from scipy.spatial.transform import Rotation  # lazily: import stays light
+            # lazily: import stays light
+            from scipy.spatial.transform import Rotation
 
-            xyzw = np.roll(self.finger_orientation.reshape(-1, 4), -1, axis=1)
-            turned = Rotation.from_matrix(R_vw) * Rotation.from_quat(xyzw)
-            wxyz = np.roll(turned.as_quat(), 1, axis=1)
-            moved["finger_orientation"] = wxyz.reshape(self.finger_orientation.shape)
+            from ..geometry.transforms import quaternion_of, rotation_of
+
+            wxyz = self.finger_orientation.reshape(-1, 4)
+            turned = Rotation.from_matrix(R_vw) * rotation_of(wxyz)
+            wxyz = quaternion_of(turned).reshape(self.finger_orientation.shape)
+            moved["finger_orientation"] = wxyz
         return Measurements(**moved)
 
     def is_prefix_of(self, other: Measurements) -> bool:

@@ -15,6 +15,7 @@ from scipy.optimize import nnls
 
 from formulations import polytope_extension as extension
 
+from ..geometry.transforms import planar_matrix
 from ..information.error_budget import touches
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
@@ -247,8 +248,7 @@ def aligned(h: Hypothesis) -> tuple[Hypothesis, np.ndarray]:
     And the rotation (3, 3) from the body's axes before to those now.
     """
     yaw = h.x[2, -1]
-    c, s = np.cos(yaw), np.sin(yaw)
-    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    turn = planar_matrix(yaw)
     x = h.x - [[0.0], [0.0], [yaw]]
     return replace(h, theta=(h.theta.reshape(-1, 3) @ turn.T).ravel(), x=x), turn
 
@@ -285,8 +285,7 @@ def spread_over(old, legs, yaw, impulses) -> np.ndarray:
     """
     out = np.zeros((*impulses.shape[:2], len(legs)))
     for k, angle in enumerate(yaw):
-        c, s = np.cos(angle), np.sin(angle)
-        p, q = (v[:, :2] @ [[c, s], [-s, c]] for v in (old, legs))
+        p, q = (v[:, :2] @ planar_matrix(-angle)[:2, :2] for v in (old, legs))
         up, same = impulses[0, k], np.vstack([np.ones(len(q)), q.T / ARM])
         out[0, k] = nnls(same, np.r_[up.sum(), up @ p / ARM])[0]
         if len(impulses) > 1:

@@ -23,12 +23,12 @@ pull curves down where a vertex is inside.
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from formulations import quasi_static
 from formulations.polytope_quasi_static import LEG, SPREAD, STAY
 
 from ..geometry.convex_hull import nearest, outer
+from ..geometry.transforms import rotation_of
 from ..information.polytope_information import TILT
 from ..problem.polytope_window import LIFTED
 from .beliefs import VAGUE, Belief, steepness
@@ -85,7 +85,7 @@ def fingers_then(estimate) -> np.ndarray:
     ground = estimate.scene.ground
     origin = ground.to_ground(estimate.position)[:, None]
     p = ground.to_ground(estimate.seen_positions) - origin
-    turn = Rotation.from_quat(np.roll(estimate.quaternion, -1, axis=1))
+    turn = rotation_of(estimate.quaternion)
     since = turn[-1] * turn.inv()
     since = ground.rotation @ since.as_matrix() @ ground.rotation.T
     return np.einsum("tij,tfj->tfi", since, p)
@@ -95,7 +95,7 @@ def felt(estimate, shape, vertices, points) -> np.ndarray:
     """Return eq:obsinfo of all samples (3 V, 3 V), the way since then being unsure."""
     data = estimate.measurements
     position = estimate.scene.ground.to_ground(estimate.position)
-    turn = Rotation.from_quat(np.roll(estimate.quaternion, -1, axis=1))
+    turn = rotation_of(estimate.quaternion)
     yaw = (turn[1:] * turn[:-1].inv()).magnitude()
     way = (np.diff(position[:, :2], axis=0) ** 2).sum(axis=1) + (ARM * yaw) ** 2
     Q = SHARE**2 * way + LEAST**2 + quasi_static.GAP**2 * (np.diff(data.action) != 0)

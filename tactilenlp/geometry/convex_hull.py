@@ -13,7 +13,7 @@ from scipy.optimize import least_squares, linprog
 from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 from ..errors import TactileError
-from .transforms import points_in_body
+from .transforms import planar_matrix, points_in_body
 
 CAPS = 60  # planes that stand for the ball of what was never touched
 MERGED = 1e-3  # [m] vertices nearer than this are one
@@ -41,8 +41,7 @@ class Ball:
         away = (points - self.centre)[:, :2]
         x, y = away[np.argmax(np.linalg.norm(away, axis=1))]
         turn = np.arctan2(y, x)
-        c, s = np.cos(turn), np.sin(turn)
-        n = directions(count) @ [[c, s, 0], [-s, c, 0], [0, 0, 1]]
+        n = directions(count) @ planar_matrix(-turn)
         return np.c_[n, n @ self.centre + self.radius]
 
 

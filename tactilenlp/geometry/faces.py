@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.validation import check_types
+from .transforms import rotation_of
 
 
 def polygons(points: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -108,9 +109,8 @@ def _deviations(estimate, moves, n) -> np.ndarray:
 
 def touched_faces(data, quaternion, threshold) -> np.ndarray:
     """Return how many samples touched each face, (3 axes, 2 sides)."""
-    from scipy.spatial.transform import Rotation
 
     t, f = np.nonzero(data.contact & data.valid)
-    R = Rotation.from_quat(quaternion[t][:, [1, 2, 3, 0]])
+    R = rotation_of(quaternion[t])
     n = R.inv().apply(data.normal[t, f])
     return np.stack([(n < -threshold).sum(axis=0), (n > threshold).sum(axis=0)], 1)

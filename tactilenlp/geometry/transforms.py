@@ -1,8 +1,7 @@
-"""Rotations of free poses x (6, T): their vectors, and the matrices that these mean.
+"""Rotations and rigid motions: planar ones, quaternions wxyz, poses of a moving body.
 
-Carry points and directions from the world into the frame of a body that moves.
-
-Poses x are planar (3, T), the body's origin on the ground, or free (6, T).
+Poses x are planar (3, T), with rows x, y [m] and yaw [rad] and the body's origin on the
+ground, or free (6, T), with rows position [m] and rotation vector [rad].
 """
 
 from __future__ import annotations
@@ -51,6 +50,31 @@ def matrices(x) -> np.ndarray:
     return Rotation.from_rotvec(x[3:].T).as_matrix()
 
 
+def rotation_of(quaternion) -> Rotation:
+    """Return the rotations that quaternions wxyz (..., 4) stand for."""
+    return Rotation.from_quat(np.roll(quaternion, -1, axis=-1))
+
+
+def quaternion_of(rotation: Rotation) -> np.ndarray:
+    """Return the quaternions wxyz (..., 4) of rotations."""
+    return np.roll(rotation.as_quat(), 1, axis=-1)
+
+
+def rotate_planar(yaw, x, y, origin=(0.0, 0.0)) -> tuple:
+    """Return origin + R(yaw) (x, y), coordinates turned about the vertical.
+
+    yaw [rad]; all arguments broadcast.  The inverse rotation is that by -yaw, to the last digit.
+    """
+    c, s = np.cos(yaw), np.sin(yaw)
+    return origin[0] + c * x - s * y, origin[1] + s * x + c * y
+
+
+def planar_matrix(yaw: float) -> np.ndarray:
+    """Return the rotation matrix (3, 3) about the vertical by yaw [rad]."""
+    x, y, z = np.eye(3)
+    return np.array([*rotate_planar(yaw, x, y), z])
+
+
 def is_planar(x) -> bool:
     """Tell whether poses x (unknowns, T) are planar."""
     return len(x) == 3
@@ -61,9 +85,7 @@ def directions_in_body(x, samples, a) -> np.ndarray:
     pose = x[:, samples]
     if not is_planar(x):
         return np.einsum("nji,nj->ni", matrices(pose), a)
-    c, s = np.cos(pose[2]), np.sin(pose[2])
-    back = c * a[:, 0] + s * a[:, 1], c * a[:, 1] - s * a[:, 0], a[:, 2]
-    return np.stack(back, axis=1)
+    return np.stack([*rotate_planar(-pose[2], a[:, 0], a[:, 1]), a[:, 2]], axis=1)
 
 
 def points_in_body(x, samples, p_w) -> np.ndarray:
@@ -77,6 +99,5 @@ def points_in_body(x, samples, p_w) -> np.ndarray:
 def carried(x, old, new) -> np.ndarray:
     """Return poses x (3, T) carried by the planar motion that takes `old` to `new`."""
     turn = new[2] - old[2]
-    c, s = np.cos(turn), np.sin(turn)
-    a, b = x[:2] - old[:2, None]
-    return np.vstack([new[0] + c * a - s * b, new[1] + s * a + c * b, x[2] + turn])
+    away = x[:2] - old[:2, None]
+    return np.vstack([*rotate_planar(turn, *away, origin=new), x[2] + turn])

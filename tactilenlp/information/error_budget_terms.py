@@ -41,7 +41,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..geometry.convex_hull import INSIDE
-from ..geometry.transforms import is_planar, matrices, points_in_body
+from ..geometry.transforms import is_planar, matrices, points_in_body, rotate_planar
 from ..nlp.kkt_sensitivity import Curvature
 
 STUCK = 0.1  # [-] of the fingers that seem to slide did not
@@ -125,8 +125,7 @@ def slips(curvature: Curvature, window) -> np.ndarray:
         met = points_in_body(before, slice(None), push.p_wf_1)
         return push.p_wf - now[:3].T - np.einsum("nij,nj->ni", matrices(now), met)
     arm = (push.p_wf_1[:, :2] - before[:2].T).T
-    c, s = np.cos(now[2] - before[2]), np.sin(now[2] - before[2])
-    carried = now[:2] + np.stack([c * arm[0] - s * arm[1], s * arm[0] + c * arm[1]])
+    carried = now[:2] + np.stack(rotate_planar(now[2] - before[2], *arm))
     return push.p_wf[:, :2] - carried.T
 
 

@@ -23,7 +23,7 @@ from ..geometry.convex_hull import (
     fitted_ball,
     nearest,
 )
-from ..geometry.transforms import directions_in_body
+from ..geometry.transforms import directions_in_body, rotate_planar
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..problem.reductions import reduce
@@ -259,10 +259,8 @@ def as_measured(window, touch, x) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def anchored(window, faces: Faces, size, ground) -> Faces:
     """Return the same motion with the body's origin below its middle."""
     shift = centroid(roughly(window, faces, size, ground))[:2]
-    c, s = np.cos(faces.x[2]), np.sin(faces.x[2])
     x = faces.x.copy()
-    x[0] += c * shift[0] - s * shift[1]
-    x[1] += s * shift[0] + c * shift[1]
+    x[:2] += rotate_planar(x[2], *shift)
     return replace(faces, x=x, b=faces.b - faces.n[:, :2] @ shift)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from formulations import quasi_static
 
 from ..geometry.tipping import FLAT, Tip, fall, lifted
-from ..geometry.transforms import carried, continuous, matrices
+from ..geometry.transforms import carried, continuous, matrices, rotate_planar
 from ..nlp.problem import Problem
 from ..problem.outliers import tilt_of
 from ..problem.reductions import SIDE, Reductions, reduce
@@ -250,9 +250,7 @@ def _tipped(job, h):
     first = upright[-1] if len(upright) else k[0]
     start = int(rows[first])
     x = h.x[:, start]
-    c, s = np.cos(x[2]), np.sin(x[2])
-    n = normals[k[0], pusher]
-    n_o = [c * n[0] + s * n[1], c * n[1] - s * n[0]]
+    n_o = rotate_planar(-x[2], *normals[k[0], pusher, :2])
     axis = int(np.argmax(np.abs(n_o)))
     angle = np.interp(np.arange(len(rows)), np.r_[first, k[k > first]],
                       np.r_[0.0, rising[k > first]])  # fmt: skip
