@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from formulations.finger import SPHERE
 from formulations.shape import CUBOID
 from formulations.time_stepping import ROUND, V_EPS, Sliding, path
-from tactilenlp.nlp.term_functions import kind_of
+from tactilenlp.nlp.term_functions import default_cache
 
 G, MU_G, RHO = 9.81, 0.3, 0.01
 SIDES = np.array([0.05, 0.04, 0.03])
@@ -23,7 +23,7 @@ BODY = Sliding(CUBOID, SPHERE, mass=0.5, gravity=G)
 def step():
     """One step with one finger: value, slopes and curvatures."""
     sizes = (("z", 3), ("z", 3), ("z", 3), *(("d", n) for n in (1, 1, 1, 1, 3, 3, 1)))
-    return kind_of(BODY.step, [3, 3, 3], list(sizes))
+    return default_cache().of(BODY.step, [3, 3, 3], list(sizes))
 
 
 _x, _theta, _p = ca.SX.sym("x", 3), ca.SX.sym("theta", 3), ca.SX.sym("p", 3)

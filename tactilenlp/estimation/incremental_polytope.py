@@ -167,14 +167,14 @@ def guessed(job: Job, past: Solved, about) -> Solved:
     lean = replace(lean, data=backed(job.data, job.precision.normal))
     h = replace(past.at, x=onward(lean, resumed(lean, past.at)))
     options = SolverOptions(TOLERANCE, LONGEST, ipopt=CREEPING)
-    solution, kinds = past.solution, past.problem.kinds
+    solution, kinds = past.solution, past.problem.term_functions
     for build, levels in (
         (extension.build, extension.LEVELS),
         (extension.build_pushed, extension.PUSHED),
     ):
         window, shape = window_of(job, (h.theta, h.x))
         window = of_action(window, past.at, about)
-        problem = Problem(kinds=kinds)
+        problem = Problem(term_functions=kinds)
         build(problem, window, job.scene, shape)
         known = {k: v for k, v in past.solution.values.items() if v.size == 1}
         known = {k: v for k, v in known.items() if k in problem.variables}

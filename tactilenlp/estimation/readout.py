@@ -149,7 +149,7 @@ def builder(page, shape, scene, kinds_of=None):
 
     def build(window, other=scene) -> Problem:
         alike = kinds_of is not None and other is scene
-        problem = Problem(kinds=kinds_of(page, window) if alike else {})
+        problem = Problem(term_functions=kinds_of(page, window) if alike else {})
         page.build(problem, window, other, shape)
         return problem
 

@@ -63,7 +63,8 @@ def quaternion_of(rotation: Rotation) -> np.ndarray:
 def rotate_planar(yaw, x, y, origin=(0.0, 0.0)) -> tuple:
     """Return origin + R(yaw) (x, y), coordinates turned about the vertical.
 
-    yaw [rad]; all arguments broadcast.  The inverse rotation is that by -yaw, to the last digit.
+    yaw [rad]; all arguments broadcast.  The inverse rotation is that by -yaw, to the
+    last digit.
     """
     c, s = np.cos(yaw), np.sin(yaw)
     return origin[0] + c * x - s * y, origin[1] + s * x + c * y

@@ -55,11 +55,11 @@ def without_downward(curvature: Curvature) -> Curvature:
 def local_hessians(curvature: Curvature, name: str) -> np.ndarray:
     """Return the Hessian of every instance of a term, (instances, z, z), SI."""
     term = curvature.problem.terms[name]
-    kind, x, data = term.kind, curvature.x, curvature.data
-    weight = curvature.multipliers.get(name, np.ones((term.instances, kind.rows)))
-    second = mapped(kind.second, term.instances)
+    function, x, data = term.function, curvature.x, curvature.data
+    weight = curvature.multipliers.get(name, np.ones((term.instances, function.rows)))
+    second = mapped(function.second, term.instances)
     upper = second(x[term.unknowns].T, data[term.data].T, weight.T)
-    i, j = (np.array(p, int) for p in kind.hessian_sparsity.get_triplet())
+    i, j = (np.array(p, int) for p in function.hessian_sparsity.get_triplet())
     local = np.zeros((term.instances, term.unknowns.shape[1], term.unknowns.shape[1]))
     local[:, i, j] = local[:, j, i] = np.asarray(upper).T
     return local

@@ -97,8 +97,10 @@ def missing_impulses(curvature: Curvature, held) -> np.ndarray:
         if f"{name}, gives" not in problem.reports:
             continue
         gives = problem.value(f"{name}, gives", curvature.x, curvature.data)
-        gives = gives.reshape(term.instances, -1, term.kind.rows)  # column by column
-        rows = held[term.span].reshape(term.instances, term.kind.rows, -1)
+        gives = gives.reshape(
+            term.instances, -1, term.function.rows
+        )  # column by column
+        rows = held[term.span].reshape(term.instances, term.function.rows, -1)
         moved = (gives @ rows).reshape(-1, len(total))
         total += BALANCE**2 * moved.T @ moved
     return total

@@ -56,7 +56,7 @@ def moved_by(
         slope, value = cross(curvature, name, np.nonzero(read.any(axis=0))[0])
         change = np.einsum("ivk,ivd->idk", pulls[term.unknowns], slope)
         if name in curvature.problem.constraints:
-            rows = held[term.span].reshape(term.instances, term.kind.rows, -1)
+            rows = held[term.span].reshape(term.instances, term.function.rows, -1)
             change += np.einsum("irk,ird->idk", rows, value)
         np.add.at(moved, number[read], -change[read])
     by_position, by_normal = moved.T.reshape(-1, 2, *shape).swapaxes(0, 1)
@@ -88,12 +88,12 @@ def cross(curvature: Curvature, name: str, columns: Iterable[int]):
     """
     problem = curvature.problem
     term = problem.terms[name]
-    kind, first = term.kind, mapped(term.kind.first, term.instances)
-    rows, places = (np.array(i, int) for i in kind.jacobian_sparsity.get_triplet())
-    weight = curvature.multipliers.get(name, np.ones((term.instances, kind.rows)))
+    function, first = term.function, mapped(term.function.first, term.instances)
+    rows, places = (np.array(i, int) for i in function.jacobian_sparsity.get_triplet())
+    weight = curvature.multipliers.get(name, np.ones((term.instances, function.rows)))
     z, d = curvature.x[term.unknowns].T, curvature.data[term.data].T
     slope = np.zeros((term.instances, len(z), len(d)))
-    value = np.zeros((term.instances, kind.rows, len(d)))
+    value = np.zeros((term.instances, function.rows, len(d)))
     for j in columns:
         step = np.zeros_like(d)
         step[j] = STEP * np.maximum(np.abs(d[j]), SMALL)

@@ -60,11 +60,11 @@ def describe(problem: Problem) -> str:
 
 
 def _sentence(term: Term) -> str:
-    kind = term.kind
+    function = term.function
     role = f"  {term.role}" if term.role else ""
     return (
-        f"  {term.name:30} {term.instances} x {kind.rows} row(s) of {kind.unknowns} "
-        f"unknowns, {kind.data} data{role}"
+        f"  {term.name:30} {term.instances} x {function.rows} row(s) of "
+        f"{function.unknowns} unknowns, {function.data} data{role}"
     )
 
 

@@ -42,7 +42,7 @@ def posed(job: Job, page, guess=None):
     """Return the problem that a page poses of a job's data, and the window."""
     made = insisted(page, job.reductions)
     window = reduce(job.data, job.scene, job.shape, job.precision, made, guess)
-    problem = Problem(kinds=job.kinds_of(page, window))
+    problem = Problem(term_functions=job.kinds_of(page, window))
     page.build(problem, window, job.scene, job.shape)
     return problem, window
 
@@ -251,7 +251,7 @@ def built_at(job, page, hypothesis):
     """Return window and problem of a page at a hypothesis, and the seconds it took."""
     began = time.process_time()
     window, shape = window_of(job, (hypothesis.theta, hypothesis.x))
-    problem = Problem(kinds=job.kinds_of(page, window))
+    problem = Problem(term_functions=job.kinds_of(page, window))
     page.build(problem, window, job.scene, shape)
     return window, problem, time.process_time() - began
 

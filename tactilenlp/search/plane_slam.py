@@ -144,7 +144,7 @@ def onward(job, faces: Faces) -> np.ndarray:
     window = reduce(job.data, job.scene, job.shape, job.precision, job.reductions)
     start, known = continued(window, faces, job.data.samples), len(faces.b)
     window = since(windowed(window, start), faces.x, known)
-    problem = Problem(kinds=job.kinds_of(polytope_planes, window))
+    problem = Problem(term_functions=job.kinds_of(polytope_planes, window))
     polytope_planes.build(problem, window, job.scene, job.shape)
     plane = problem.variables["plane"]
     held = plane.first + np.arange(plane.rows * known)
@@ -163,7 +163,7 @@ def from_faces(problem, window, faces: Faces, levels, time_limit: float):
 def solved(job, window, faces: Faces, levels, time_limit: float) -> Faces:
     """Return the planes and poses that the page finds from `faces`."""
     window = windowed(window, faces)
-    problem = Problem(kinds=job.kinds_of(polytope_planes, window))
+    problem = Problem(term_functions=job.kinds_of(polytope_planes, window))
     polytope_planes.build(problem, window, job.scene, job.shape)
     s = from_faces(problem, window, faces, levels, time_limit)
     m, b = s.values["plane"][:3].T, s.values["plane"][3]

@@ -177,7 +177,7 @@ def bodies_of(job, faces: Faces) -> list[Hypothesis]:
 def polished(job, body: Hypothesis) -> Hypothesis:
     """Return the carved body with vertices and poses that fit what was felt."""
     window, shape = window_of(job, (body.theta, body.x))
-    problem = Problem(kinds=job.kinds_of(polytope_quasi_static, window))
+    problem = Problem(term_functions=job.kinds_of(polytope_quasi_static, window))
     polytope_quasi_static.build(problem, window, job.scene, shape)
     options = SolverOptions(tolerance=TOLERANCE, time_limit=LONGEST)
     start = {"theta": body.theta.reshape(-1, 3).T, "x": body.x[:, window.last]}
