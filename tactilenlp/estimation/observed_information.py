@@ -25,7 +25,7 @@ from ..information.information import Information, inverse
 from ..information.measurement_noise import Sensed, moved_by, scatter, sources
 from ..information.sensitivity import Sensitivity, moves
 from ..information.tangent_space import chart_of
-from ..nlp.kkt_sensitivity import curvature_of
+from ..nlp.kkt_sensitivity import kkt_system_of
 from ..nlp.problem import Problem
 from ..nlp.solution import Solution
 from ..problem.pages import is_polytope, page_of, shape_of
@@ -53,7 +53,7 @@ def observed_information(estimate, kind: str = "exact") -> Information:
         M = paper(again.problem, again.solution, again.window, again.shape)
         M = again.chart.back.T @ M @ again.chart.back
         return replace(estimate.information, matrix=M, spread=inverse(M))
-    curvature = curvature_of(again.problem, again.solution)
+    curvature = kkt_system_of(again.problem, again.solution)
     if kind == "inverse_dynamics":
         M = inverse_dynamics(curvature, again.solution, again.window, again.shape)
         _check_finite(M)
@@ -61,7 +61,7 @@ def observed_information(estimate, kind: str = "exact") -> Information:
         return replace(estimate.information, matrix=M, spread=inverse(M))
     if kind == "gauss_newton":
         curvature = without_downward(curvature)
-    pulls, held = curvature.response_of(again.chart.chosen)
+    pulls, held = curvature.sensitivity(again.chart.chosen)
     tangent = again.chart.tangent
     C = tangent @ pulls[again.chart.chosen] @ tangent.T
     if kind == "sandwich":
@@ -86,8 +86,8 @@ def assumption_sensitivity(estimate) -> Sensitivity:
     """Return how shape and final pose move with mass, frictions, sensors, fingers."""
     check_types(estimate=(estimate, "Estimate"))
     again = programme_of(estimate)
-    curvature = curvature_of(again.problem, again.solution)
-    pulls, held = curvature.response_of(again.chart.chosen)
+    curvature = kkt_system_of(again.problem, again.solution)
+    pulls, held = curvature.sensitivity(again.chart.chosen)
     pulls, held = pulls @ again.chart.tangent.T, held @ again.chart.tangent.T
 
     def build(scene, window):

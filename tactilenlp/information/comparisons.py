@@ -31,12 +31,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import OptionError
-from ..nlp.kkt import LOOSE
-from ..nlp.kkt_sensitivity import Curvature
+from ..nlp.kkt import LEAST_CURVATURE
+from ..nlp.kkt_sensitivity import KKTSystem
 from ..nlp.term_functions import mapped
 
 
-def without_downward(curvature: Curvature) -> Curvature:
+def without_downward(curvature: KKTSystem) -> KKTSystem:
     """Return the curvature with the Hessian of every instance made positive."""
     problem, hessians = curvature.problem, {}
     for name in curvature.hessians:
@@ -52,7 +52,7 @@ def without_downward(curvature: Curvature) -> Curvature:
     return curvature.with_hessians(hessians)
 
 
-def local_hessians(curvature: Curvature, name: str) -> np.ndarray:
+def local_hessians(curvature: KKTSystem, name: str) -> np.ndarray:
     """Return the Hessian of every instance of a term, (instances, z, z), SI."""
     term = curvature.problem.terms[name]
     function, x, data = term.function, curvature.x, curvature.data
@@ -65,7 +65,7 @@ def local_hessians(curvature: Curvature, name: str) -> np.ndarray:
     return local
 
 
-def scattered(curvature: Curvature, name: str, local) -> sp.csc_matrix:
+def scattered(curvature: KKTSystem, name: str, local) -> sp.csc_matrix:
     """Return the sum of local matrices (instances, z, z) at their places."""
     problem = curvature.problem
     unknowns = problem.terms[name].unknowns
@@ -155,13 +155,13 @@ def _value(problem, name: str) -> float:
     return float(problem.parameters[name].value[0])
 
 
-def inverse_dynamics(curvature: Curvature, solution, window, shape) -> np.ndarray:
+def inverse_dynamics(curvature: KKTSystem, solution, window, shape) -> np.ndarray:
     """Return eq:obsinfo (k, k) with past poses by inverted Jacobians."""
     link, theta = links(curvature, window, shape)
     return chained(curvature.problem, solution, window, shape, link, theta)
 
 
-def links(curvature: Curvature, window, shape) -> tuple[np.ndarray, np.ndarray]:
+def links(curvature: KKTSystem, window, shape) -> tuple[np.ndarray, np.ndarray]:
     """Return how each pose follows the last (poses, u, u), and the shape (.., u, n)."""
     u, n = window.motion.unknowns, shape.theta
     link = np.tile(np.eye(u), (window.poses, 1, 1))
@@ -185,7 +185,7 @@ def links(curvature: Curvature, window, shape) -> tuple[np.ndarray, np.ndarray]:
     return link, theta
 
 
-def _time_step(curvature: Curvature, window, shape, H, s: int):
+def _time_step(curvature: KKTSystem, window, shape, H, s: int):
     """Return dx_k/dx_{k-1} (u, u) and dx_k/dtheta (u, n) of the step s."""
     problem, step = curvature.problem, window.step
     columns = problem.variables["x"][:, :].indices
@@ -203,8 +203,11 @@ def _time_step(curvature: Curvature, window, shape, H, s: int):
     A = A[np.unique(A[:, inside].nonzero()[0])]
     K = sp.bmat(
         [
-            [H[inside][:, inside] + LOOSE * sp.identity(len(inside)), A[:, inside].T],
-            [A[:, inside], -LOOSE * sp.identity(A.shape[0])],
+            [
+                H[inside][:, inside] + LEAST_CURVATURE * sp.identity(len(inside)),
+                A[:, inside].T,
+            ],
+            [A[:, inside], -LEAST_CURVATURE * sp.identity(A.shape[0])],
         ]
     ).toarray()
     outside = np.concatenate([*before, given])
@@ -217,7 +220,7 @@ def _time_step(curvature: Curvature, window, shape, H, s: int):
     return moved[:, :u] + moved[:, u : 2 * u], moved[:, 2 * u :]
 
 
-def _latest_knots(curvature: Curvature, window) -> dict[str, np.ndarray]:
+def _latest_knots(curvature: KKTSystem, window) -> dict[str, np.ndarray]:
     """Return for every term the latest pose of each instance, -1 if none."""
     problem = curvature.problem
     pose = np.full(problem.size, -1)

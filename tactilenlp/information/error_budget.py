@@ -23,8 +23,8 @@ import numpy as np
 from formulations.finger_offset import NAME as OFFSET
 from formulations.violation_implicit import WEIGHTS
 
-from ..nlp.kkt import LOOSE
-from ..nlp.kkt_sensitivity import Curvature
+from ..nlp.kkt import LEAST_CURVATURE
+from ..nlp.kkt_sensitivity import KKTSystem
 from .measurement_noise import Sensed, moved_by, scatter, sources, tangential
 from .sensitivity import move
 
@@ -44,7 +44,7 @@ ANY_TURN = np.pi / np.sqrt(3)  # [rad] deviation of a turn of which nothing is k
 
 
 def spread(
-    curvature: Curvature, pulls, held, sensed: Sensed, window, shape
+    curvature: KKTSystem, pulls, held, sensed: Sensed, window, shape
 ) -> np.ndarray:
     """Return the covariance (k, k) of the chosen unknowns, SI."""
     problem = curvature.problem
@@ -65,7 +65,9 @@ def spread(
     noise += PHYSICS * _positive(pulls.T @ (curvature.hessian(physics) @ pulls))
     noise += PHYSICS * missing_impulses(curvature, held)
     seen_by_none = pulls / problem.scale[:, None]
-    noise += LOOSE * seen_by_none.T @ seen_by_none  # it is a prior of what nothing sees
+    noise += (
+        LEAST_CURVATURE * seen_by_none.T @ seen_by_none
+    )  # it is a prior of what nothing sees
     for name in ("finger friction", "ground friction"):
         if name in problem.parameters:
             moved = move(curvature, pulls, held, {name: 1.0}, relative=True)
@@ -87,7 +89,7 @@ def unheld(C) -> np.ndarray:
     return _positive(-C)
 
 
-def missing_impulses(curvature: Curvature, held) -> np.ndarray:
+def missing_impulses(curvature: KKTSystem, held) -> np.ndarray:
     """Return what impulses of BALANCE weights, missing in hard balances, make of it.
 
     A page reports how such a constraint gives way to one weight, "<its name>, gives".
@@ -137,7 +139,7 @@ def touches(window, data) -> list:
     return [(np.array(samples), finger) for (_, finger), samples in found.items()]
 
 
-def gaps_of_touches(curvature: Curvature, window, shape, data) -> np.ndarray:
+def gaps_of_touches(curvature: KKTSystem, window, shape, data) -> np.ndarray:
     """Return how far each touch as a whole is from the surface [m], by its median.
 
     Neither noise nor any body explains it where fingers disagree about a face.  A touch
@@ -205,7 +207,7 @@ def near(C, sizes: int, turning: int) -> np.ndarray:
     return C - (less + less.T) / 2
 
 
-def residual_of_normals(curvature: Curvature, window, shape) -> float:
+def residual_of_normals(curvature: KKTSystem, window, shape) -> float:
     """Return the standard deviation of felt normals about the modelled ones [rad]."""
     touch = window.touch
     if not len(touch):

@@ -42,7 +42,7 @@ import numpy as np
 
 from ..geometry.convex_hull import INSIDE
 from ..geometry.transforms import is_planar, matrices, points_in_body, rotate_planar
-from ..nlp.kkt_sensitivity import Curvature
+from ..nlp.kkt_sensitivity import KKTSystem
 
 STUCK = 0.1  # [-] of the fingers that seem to slide did not
 ALIKE = 1.0  # [-] on the unit sphere: as far apart as directions to one face are
@@ -50,10 +50,10 @@ PRIOR = ("ball prior", "stay")  # what holds a vertex that nothing touches
 TINY = 1e-9  # [-] of the covariance of g: it is singular where vertices coincide
 
 
-def tension(curvature: Curvature, pulls, window, action) -> np.ndarray:
+def tension(curvature: KKTSystem, pulls, window, action) -> np.ndarray:
     """Return the covariance (k, k) of the chosen unknowns that disagreement tells, SI.
 
-    pulls: see Curvature.response_of; action (T,): of every sample.
+    pulls: see KKTSystem.sensitivity; action (T,): of every sample.
     """
     groups = [*_touches(curvature, window, action)]
     groups += _physics(curvature, window, action)
@@ -91,10 +91,10 @@ def _sum(rows) -> np.ndarray:
     return np.asarray(rows.sum(axis=0)).ravel()
 
 
-def dragging(curvature: Curvature, pulls, window, action) -> np.ndarray:
+def dragging(curvature: KKTSystem, pulls, window, action) -> np.ndarray:
     """Return the covariance (k, k) of the chosen unknowns if fingers stuck, SI.
 
-    pulls: see Curvature.response_of; action (T,): of every sample.
+    pulls: see KKTSystem.sensitivity; action (T,): of every sample.
     """
     problem, push = curvature.problem, window.push
     names = [n for n, term in problem.costs.items() if term.role == "physics"]
@@ -113,7 +113,7 @@ def dragging(curvature: Curvature, pulls, window, action) -> np.ndarray:
     return STUCK * moved.T @ moved
 
 
-def slips(curvature: Curvature, window) -> np.ndarray:
+def slips(curvature: KKTSystem, window) -> np.ndarray:
     """Return how far [m] each pushing finger slid over the body.
 
     (pushes, 2) over the ground, in planar motion; else (pushes, 3).
@@ -129,10 +129,10 @@ def slips(curvature: Curvature, window) -> np.ndarray:
     return push.p_wf[:, :2] - carried.T
 
 
-def guessed(curvature: Curvature, pulls) -> np.ndarray:
+def guessed(curvature: KKTSystem, pulls) -> np.ndarray:
     """Return the covariance (k, k) of the chosen unknowns by a wrong ball, SI.
 
-    pulls: see Curvature.response_of.
+    pulls: see KKTSystem.sensitivity.
     """
     problem, values = curvature.problem, curvature.problem.unpack(curvature.x)
     V, (*middle, radius) = values["theta"].T, np.ravel(values["ball"])

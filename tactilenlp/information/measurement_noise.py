@@ -18,7 +18,7 @@ import numpy as np
 
 from ..data.sensor_noise import Precision, smoothing
 from ..errors import PageError
-from ..nlp.kkt_sensitivity import Curvature
+from ..nlp.kkt_sensitivity import KKTSystem
 from ..nlp.term_functions import mapped
 
 STEP = 1e-6  # [-] of a datum, at least of SMALL: of the central differences
@@ -37,12 +37,12 @@ class Sensed:
 
 
 def moved_by(
-    curvature: Curvature, pulls, held, sensed: Sensed, source, terms=None
+    curvature: KKTSystem, pulls, held, sensed: Sensed, source, terms=None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return how the chosen unknowns move with what each finger measured.
 
     By its position and by its normal, (k, T, F, 3) each [SI], through all terms or the
-    named ones.  pulls, held: see Curvature.response_of; source: see sources.
+    named ones.  pulls, held: see KKTSystem.sensitivity; source: see sources.
     """
     shape = (*sensed.data.contact.shape, 3)
     count = int(np.prod(shape))
@@ -80,7 +80,7 @@ def tangential(by_normal, normal) -> np.ndarray:
     return by_normal - along[..., None] * normal
 
 
-def cross(curvature: Curvature, name: str, columns: Iterable[int]):
+def cross(curvature: KKTSystem, name: str, columns: Iterable[int]):
     """Return d^2 L / dx dy and d g / dy of each instance of a term, by its local data.
 
     (instances, unknowns, data) and (instances, rows, data), by central differences of
@@ -105,7 +105,7 @@ def cross(curvature: Curvature, name: str, columns: Iterable[int]):
     return slope, value
 
 
-def sources(curvature: Curvature, sensed: Sensed, window) -> np.ndarray:
+def sources(curvature: KKTSystem, sensed: Sensed, window) -> np.ndarray:
     """Return for every datum of the programme which measurement it is, -1 if none.
 
     The programme is built again from measurements shifted by CODE times their number:

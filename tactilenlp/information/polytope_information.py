@@ -12,7 +12,7 @@ from ..common.validation import check_types
 from ..geometry.convex_hull import centroid, fingers
 from ..geometry.faces import polygons
 from ..geometry.transforms import directions_in_body
-from ..nlp.kkt_sensitivity import curvature_of
+from ..nlp.kkt_sensitivity import kkt_system_of
 from .error_budget import spread
 from .error_budget_terms import dragging, guessed, tension
 from .information import Information
@@ -36,8 +36,8 @@ def hull_information(
     """
     theta = problem.variables["theta"]
     chosen = np.arange(theta.span.start, theta.span.stop)
-    curvature = curvature_of(problem, solution)
-    pulls, held = curvature.response_of(chosen)
+    curvature = kkt_system_of(problem, solution)
+    pulls, held = curvature.sensitivity(chosen)
     C = (pulls[chosen] + pulls[chosen].T) / 2
     turned_down = np.linalg.eigvalsh(C)[0] < -(FLOOR**2)
     turn = np.kron(np.eye(theta.columns), R_wg)

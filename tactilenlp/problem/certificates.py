@@ -22,7 +22,7 @@ import numpy as np
 from formulations.violation_implicit import WEIGHTS
 
 from ..geometry.transforms import is_planar, turning
-from ..nlp.kkt import newton_step
+from ..nlp.kkt_sensitivity import newton_step
 from .outliers import contradicts
 from .pages import is_polytope
 from .poses import body_corners

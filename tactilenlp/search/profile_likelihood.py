@@ -30,7 +30,7 @@ from ..information.error_budget import ENOUGH
 from ..information.information import TINY
 from ..information.tangent_space import final_unknowns
 from ..nlp.ipopt import solve_levels
-from ..nlp.kkt_sensitivity import curvature_of
+from ..nlp.kkt_sensitivity import kkt_system_of
 from .alternatives import resized
 from .hypothesis import Hypothesis
 from .local_solve import ROUGH, settings_of, started
@@ -61,7 +61,7 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
         return profile, None  # not a body whose unknowns are its sides, lying flat
     chosen, faces = final_unknowns(solved.problem), solved.touched
     faces[2, 0] += ENOUGH  # the ground touches the lowest one
-    pulls, _ = curvature_of(solved.problem, solved.solution).response_of(chosen)
+    pulls, _ = kkt_system_of(solved.problem, solved.solution).sensitivity(chosen)
     known = np.sqrt(np.maximum(np.diag(pulls[chosen]), 0.0))
     open_sizes = {
         axis: touched for axis, touched in enumerate(faces)
