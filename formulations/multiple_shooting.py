@@ -17,6 +17,7 @@ import casadi as ca
 from .friction import friction
 from .level import Level
 from .rigid_body import G, momentum_change, uniform
+from .sliding_contact import Pusher
 from .time_stepping import V_EPS, Sliding
 from .violation_implicit import felt
 
@@ -41,9 +42,8 @@ def build(nlp, window, scene, shape):
         return ca.diag(1 / x.scale) @ body.gives(*step)
 
     for count, g in window.groups.items():
-        s, fingers = g.steps, []
-        for j in g.pushes.T:
-            fingers += [push.p_wf[j], push.p_wf_1[j], push.radius[j]]
+        s, at = g.steps, g.pushes.T
+        fingers = [Pusher(push.p_wf[j], push.p_wf_1[j], push.radius[j]) for j in at]
         name, end = f"motion, {count} fingers", x[:, step.pose[s]]
         begun = (
             theta, x[:, step.before[s]], x[:, step.before_2[s]], step.dt[s], mu, mu_g,
@@ -52,9 +52,9 @@ def build(nlp, window, scene, shape):
         nlp.follow(name, body.step, *begun, gives=end)
         nlp.report(f"{name}, gives", given_way, end, *begun)
 
-    def pushed(theta, x, x_1, dt, mu, v_eps, p_wf, p_wf_1, rho):
+    def pushed(theta, x, x_1, dt, mu, v_eps, pusher):
         w = scene.mass * G * dt
-        return body.push(theta, x, x_1, dt, w, mu, v_eps, p_wf, p_wf_1, rho)[1]
+        return body.push(theta, x, x_1, dt, w, mu, v_eps, pusher)[1]
 
     def whole(theta, x, x_1, x_2, dt):
         poses = [window.motion.pose(shape, theta, c) for c in (x, x_1, x_2)]
@@ -64,7 +64,7 @@ def build(nlp, window, scene, shape):
     s = push.step
     nlp.report(
         "finger impulse", pushed, theta, x[:, step.pose[s]], x[:, step.before[s]],
-        step.dt[s], mu, v_eps, push.p_wf, push.p_wf_1, push.radius,
+        step.dt[s], mu, v_eps, Pusher(push.p_wf, push.p_wf_1, push.radius),
     )  # fmt: skip
     nlp.report(
         "impulse", whole, theta, x[:, step.pose], x[:, step.before],

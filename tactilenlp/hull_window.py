@@ -35,8 +35,8 @@ class HullWindow(Window):
     start (V, 3) [m]; near_touch, near_free, near_push (instances, NEAR): vertices;
     legs (n,): those that carry the body where it lies; leg (corners,): of each ground
     contact, weight_share (corners,): of the weight that it carries at rest; resting
-    (rests,): of each rest; grounded (k,): on the ground at the last pose, the legs in planar
-    motion; floor [m]: no vertex is lower at the last pose;
+    (rests,): of each rest; grounded (k,): on the ground at the last pose, the legs in
+    planar motion; floor [m]: no vertex is lower at the last pose;
     triangles (2 V - 4, 3) of the hull, counterclockwise from outside; body (10,):
     volume, centroid and second moments; lower, upper (unknowns, poses): the last pose
     is held.

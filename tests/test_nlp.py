@@ -242,7 +242,7 @@ def test_a_named_tuple_of_arguments_reaches_the_function_by_its_names():
     problem.minimize("work", work, pulls, [5.0, 6.0, 7.0], role="physics")
     x = np.arange(6.0)  # columns (0, 1), (2, 3), (4, 5)
     rows = x.reshape(3, 2)[[2, 0, 1]]
-    expected = (rows * data).sum(axis=1) + [5, 6, 7]
+    expected = (rows * data).sum(axis=1) + np.array([5, 6, 7])
     found = problem.value("work", x, problem.data())[:, 0]
     np.testing.assert_allclose(found, expected)
     slope = problem.jacobian("work", x, problem.data()).toarray()
