@@ -61,7 +61,7 @@ def _functions(count):
     given = u, small, V, q = [ca.SX.sym("in", *size) for size in sizes]
     size = frozen(ca.sqrt(ca.sumsqr(q - ca.sum2(V) / count)), 1e-6)
     residual, slope = near.residual_of(V, q, u, small * size)
-    better = u - near.solve_3(frozen(slope, 2.0**-40), residual)
+    better = u - near.solve_symmetric(frozen(slope, 2.0**-40), residual)
     exact = ca.Function(
         "exact", [u, V, q, small], [better],
         {"cse": True, "is_diff_in": [False, True, True, True]},
