@@ -1,10 +1,11 @@
 r"""Shape, friction and ground from motion alone: eq:vimp with every pose given.
 
-    min  sum_k  balance(dv_k, dw_k, lam_k)                    momentum of every step
-       + sum_kj lam_n/(lam_n + w) touch(max(phi_kj, 0))       an impulse is at phi = 0
+    min  sum_k  imbalance(dv_k, dw_k, lam_k)                  momentum of every step
+       + sum_kj lam_n/(lam_n + BITE w) touch(max(phi_kj, 0))  an impulse is at phi = 0
        + sum_kj touch(max(-phi_kj, 0))                        no corner below the ground
        + sum_kj mu lam_n |v_s| + v_s . lam_t                  maximum dissipation, nats
-       + priors of corners, radius, friction, inertia, ground
+       + ((y - mean) / deviation)^2 / 2                       priors, y = theta, radius,
+                                                              inertia, plane, offset
     s.t. lam_n >= 0,  |lam_t| <= mu lam_n
     over corners theta_j, radius, mu, inertia, lam_kj,
          the ground (one plane, and its offset in each toss)
@@ -16,17 +17,17 @@ al. 2020): the body is unknown, its trajectory is not.  Its surface is the hull 
 of one radius about the corners.  A cuboid reads its corners from three half widths,
 sign_j * theta; a free body has a theta for each.
 
-Departures from the printed equations, named:
-  complementarity   lam_n phi as an energy would weigh an impact a hundred times as much
-                    as a corner that rolls; here an impulse of any size says that its
-                    corner is on the surface, as well as a tracker can tell (SURFACE)
+Departures from the printed equations:
+  complementarity   the energy lam_n phi would weigh an impact a hundred times as much
+                    as a corner that rolls; here an impulse of any size means that its
+                    corner is on the surface, within the tracker's error (SURFACE)
   phi               an impulse of step k acts between the samples before and after: the
                     least of three gaps, less the dip that the change of velocity admits
-  dissipation       v_s lam_n mu |v_s| instead of lam_n |v_s|^2, see violation_implicit
+  dissipation       mu lam_n |v_s| instead of lam_n |v_s|^2, see violation_implicit.py
   balance           pseudo-Huber: an impact is not rigid, and Coulomb is not exact
   radius            enters the gap only: the arm of an impulse changes by a hundredth
   ground            the tracker's frame is not the ground's: a height and two slopes,
-                    which wander a little from toss to toss
+                    which change a little from toss to toss
 """
 
 from __future__ import annotations

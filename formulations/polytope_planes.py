@@ -1,13 +1,18 @@
-r"""Poses and observed supporting planes: where a convex body of unknown shape went.
+r"""Poses and observed supporting planes: the path of a convex body of unknown shape.
 
-    min  sum_touch  -log( exp(-touch(n_i . R'(r - p) - rho - b_i)
-                              - |R n_i - n_m|^2 / 2 sigma_n^2) + exp(-outlier) )
-       + sum_links  (|n_i - n_j|^2 / 2 sigma^2 + (b_i - b_j)^2 / 2 sigma_b^2), robust
-       + sum_pairs  max(n_j . c_i - b_j, 0)^2 / (2 sigma^2), robust         (behind)
-       + sum_free   max(rho - |R'(r - p) - c_i|, 0)^2 / (2 sigma^2), robust (outside)
-       + least motion, between actions                          (see quasi_static.py)
-       + sum_slips  weight (sqrt(|c_i - c_j|^2 + WAY_EPS^2) - WAY_EPS)
-    over x_k, n_i, b_i
+    min  sum_touch  mixture(touch(n_i . R'(r - p) - rho - b_i)
+                            + |R n_i - n_m|^2 / (2 sigma_n^2))              (touch)
+       + sum_links  (|n_i - n_j|^2 / (2 FACE^2) + (b_i - b_j)^2 / (2 LEVEL^2))
+                                                                            (one face)
+       + sum_pairs  max(n_j . c_i - b_j, 0)^2 / (2 sigma^2)                 (behind)
+       + sum_free   max(rho - |R'(r - p) - c_i|, 0)^2 / (2 sigma^2)         (outside)
+       + sum_slips  SLIP (sqrt(|c_i - c_j|^2 + WAY_EPS^2) - WAY_EPS)        (slip)
+       + ((|m_i|^2 - 1) / UNIT)^2 / 2,   n_i = m_i / |m_i|                 (unit length)
+       + least motion, between actions       (quasi_static.py, between_actions.py)
+    over x_k, m_i, b_i
+
+mixture and touch are in sensing.py; `one face`, `behind` and `outside` are bounded by
+EDGE or MOST in the same way.
 
 Nothing is assumed of the shape but that it is convex: a touch says that the body lies
 behind a plane n_i . q <= b_i through the contact point c_i = R'(r - p) - rho n_i.  Most
