@@ -9,9 +9,10 @@ r"""eq:loss_const with the physics as hard constraints: relaxed complementarity.
          (mu lam_n)^2 - |lam_t|^2      >= -APEX^2       friction cone
     over theta, x_k, lam_k, depth
 
-The balance is in balance.py.  Scholtes' relaxation: eps [weights mm] falls from level to level to EPS.  Eq:loss, the
-priors and the set of impulses are those of violation_implicit.py, where the same
-products are penalties.  In planar motion phi = 0 of the ground holds by construction.
+The balance is in balance.py.  Scholtes' relaxation: eps [weights mm] falls from level
+to level to EPS.  Eq:loss, the priors and the set of impulses are those of
+violation_implicit.py, where the same products are penalties.  In planar motion phi = 0
+of the ground holds by construction.
 
 Departures:
   |v_s|   is rounded from below by V_EPS: sqrt(v^2 + V_EPS^2) - V_EPS
@@ -24,6 +25,7 @@ import casadi as ca
 
 from . import contact
 from .balance import Balance, groups, moves
+from .contact import MM
 from .friction import Impulses, excess, friction, impulses, least
 from .level import Level
 from .rigid_body import ARM, G
@@ -44,7 +46,6 @@ SLACK = 1e-4  # [weights] residual of a balance at the last level
 EPS = 1e-3  # [weights mm] of every relaxed product at the last level
 V_EPS = 3e-3  # [m/s] rounds the sliding speed, as in violation_implicit.py
 APEX = 3e-3  # [weights] by which the apex of the cone is rounded
-LIFT = 1e-3  # [m] unit of gaps and ways
 
 
 def build(nlp, window, scene, shape):
@@ -114,7 +115,7 @@ def sliding(nlp, name, velocity, now, side, eps, at):
     def dissipation(theta, x, x_1, dt, w, lam, mu, eps, *at):
         _, v_s = velocity(theta, x, x_1, dt, *at)
         loss = contact.dissipation(mu, lam, v_s, V_EPS) - mu * lam[0] * V_EPS
-        return loss * dt / (w * LIFT) - eps
+        return loss * dt / (w * MM) - eps
 
     def cone(lam, mu, w):
         return contact.cone_squared(mu, lam / w) + APEX**2
@@ -135,11 +136,11 @@ def separation(nlp, fingers, now, pushes, eps, at):
     def gap(theta, x, depth, p_wf, _, rho, *__):
         pose = fingers.motion.pose(fingers.shape, theta, x)
         phi = fingers.finger.gap(fingers.shape, theta, pose, p_wf, rho) + depth
-        return phi / LIFT
+        return phi / MM
 
     def products(theta, x, x_1, dt, w, lam, depth, eps, *at):
         v_n, _ = fingers.velocity(theta, x, x_1, dt, *at)
-        both = ca.vertcat(gap(theta, x, depth, *at), v_n * dt / LIFT)
+        both = ca.vertcat(gap(theta, x, depth, *at), v_n * dt / MM)
         return lam[0] / w * both - eps
 
     nlp.subject_to("finger gap", gap, theta, x, depth, *at, lower=0)

@@ -55,7 +55,7 @@ SIZE = 20e-3  # [m] deviation of a corner from its first guess
 ROUNDING = 3e-3  # [m] deviation of the radius of edges and corners, about zero
 HEIGHT, SLOPE = 0.5e-3, 0.02  # [m], [1] of the ground, about the scene's
 WANDER = (0.3e-3, 3e-3, 3e-3)  # [m], [1] by which a toss sees another ground
-SPREAD = 0.3  # [1] deviation of the inertia from that of a uniform body
+INERTIA = 0.3  # [1] deviation of the inertia from that of a uniform body
 
 
 def build(nlp, window, scene):
@@ -89,7 +89,7 @@ def build(nlp, window, scene):
     for x, mean, deviation in (
         (theta, window.guess.T, SIZE),
         (radius, 0.0, ROUNDING),
-        (inertia, 1.0, SPREAD),
+        (inertia, 1.0, INERTIA),
         (plane, 0.0, ca.DM([HEIGHT, SLOPE, SLOPE])),
         (offset, 0.0, ca.DM(WANDER)),
     ):

@@ -19,7 +19,7 @@ import casadi as ca
 from . import contact, sensing
 from .shape import positive_part
 
-EDGE = 0.2e-3  # [m] rounds max(phi, 0)
+GAP_EPS = 0.2e-3  # [m] rounds max(phi, 0)
 KAPPA = 1.0  # [nats] for friction that fails to dissipate a weight moved by 1 mm
 V_EPS = 10e-3  # [m/s] rounds the sliding speed: 0.07 mm in a step of 1/148 s
 ROUND = 0.01  # [weights] rounds the apex of the friction cone
@@ -94,21 +94,21 @@ def touching(
         gap(plane, offset, place(p, R, theta, sign)) - radius
         for p, R in ((p, R), (p_1, R_1), (p_2, R_2))
     )
-    dip = positive_part(before - 2 * now + after, EDGE) / 2
+    dip = positive_part(before - 2 * now + after, GAP_EPS) / 2
     lowest = lesser(lesser(now, before), after) - dip
-    off = sensing.touch(positive_part(lowest, EDGE), surface)
+    off = sensing.touch(positive_part(lowest, GAP_EPS), surface)
     return lam[0] / (lam[0] + BITE * w) * off
 
 
 def lesser(a, b):
-    """Return the lesser of two gaps, rounded over EDGE."""
-    return (a + b - ca.sqrt((a - b) ** 2 + EDGE**2)) / 2
+    """Return the lesser of two gaps, rounded over GAP_EPS."""
+    return (a + b - ca.sqrt((a - b) ** 2 + GAP_EPS**2)) / 2
 
 
 def penetration(plane, offset, radius, theta, sign, surface, p_wo, R_wo):
     """No corner is below the ground by more than the tracker's error."""
     phi = gap(plane, offset, place(p_wo, R_wo, theta, sign)) - radius
-    return sensing.touch(positive_part(-phi, EDGE), surface)
+    return sensing.touch(positive_part(-phi, GAP_EPS), surface)
 
 
 def sliding(plane, offset, theta, sign, lam, mu, fall, w, p_1, R_1, p_2, R_2):
@@ -117,4 +117,4 @@ def sliding(plane, offset, theta, sign, lam, mu, fall, w, p_1, R_1, p_2, R_2):
     v = (place(p_2, R_2, theta, sign) - place(p_1, R_1, theta, sign)) / (2 * dt)
     v_s = ca.vertcat(ca.dot(v, t_1), ca.dot(v, t_2))
     lost = contact.dissipation(mu, lam, v_s, V_EPS, ROUND * w)
-    return KAPPA * (lost - ROUND * w * V_EPS) * dt / (w * 1e-3)
+    return KAPPA * (lost - ROUND * w * V_EPS) * dt / (w * contact.MM)

@@ -2,7 +2,7 @@ r"""Poses and observed supporting planes: the path of a convex body of unknown s
 
     min  sum_touch  mixture(touch(n_i . R'(r - p) - rho - b_i)
                             + |R n_i - n_m|^2 / (2 sigma_n^2))              (touch)
-       + sum_links  (|n_i - n_j|^2 / (2 FACE^2) + (b_i - b_j)^2 / (2 LEVEL^2))
+       + sum_links  (|n_i - n_j|^2 / (2 FACE^2) + (b_i - b_j)^2 / (2 OFFSET^2))
                                                                             (one face)
        + sum_pairs  max(n_j . c_i - b_j, 0)^2 / (2 sigma^2)                 (behind)
        + sum_free   max(rho - |R'(r - p) - c_i|, 0)^2 / (2 sigma^2)         (outside)
@@ -12,7 +12,7 @@ r"""Poses and observed supporting planes: the path of a convex body of unknown s
     over x_k, m_i, b_i
 
 mixture and touch are in sensing.py; `one face`, `behind` and `outside` are bounded by
-EDGE or MOST in the same way.
+FACE_COST or PAIR_COST in the same way.
 
 Nothing is assumed of the shape but that it is convex: a touch says that the body lies
 behind a plane n_i . q <= b_i through the contact point c_i = R'(r - p) - rho n_i.  Most
@@ -42,9 +42,9 @@ TOUCH = 0.2e-3  # [m] deviation of a contact point from its plane
 NORMAL = 0.02  # [rad] deviation of a measured normal from that of its plane
 BEHIND = 0.2e-3  # [m] deviation of a contact point that lies before another plane
 FACE = 0.01  # [rad] deviation of the normals of two touches of one face
-LEVEL = 0.1e-3  # [m] deviation of their offsets
-EDGE = 1.5  # [nats] for two successive touches that are not of one face
-MOST = 3.0  # [nats] that one pair of touches can cost: they may be of a wrong pose
+OFFSET = 0.1e-3  # [m] deviation of their offsets
+FACE_COST = 1.5  # [nats] for two successive touches that are not of one face
+PAIR_COST = 3.0  # [nats] that one pair of touches can cost: they may be of a wrong pose
 SLIP = 100.0  # [nats / m] price of a finger's slip along the body
 UNIT = 0.1  # [-] deviation of the length of the vector whose direction is a normal
 
@@ -81,7 +81,9 @@ def build(nlp, window, scene, shape):
 
     def linked(plane, other):
         turn = ca.sumsqr(outward(plane) - outward(other)) / (2 * FACE**2)
-        return sensing.mixture(turn + ((plane[3] - other[3]) / LEVEL) ** 2 / 2, EDGE)
+        return sensing.mixture(
+            turn + ((plane[3] - other[3]) / OFFSET) ** 2 / 2, FACE_COST
+        )
 
     def before(x, plane, other, p_wf, rho, sigma):
         c = contact(x, plane, p_wf, rho)
@@ -131,6 +133,6 @@ def outward(plane):
 
 
 def beyond(d, sigma):
-    """Return the cost of a length d [m] that should not be positive; at most MOST."""
+    """Return the cost of a length d [m] that should not be positive; at most PAIR_COST."""
     over = (d + ca.sqrt(d * d + (sigma / 2) ** 2)) / 2
-    return sensing.mixture(over * over / (2 * sigma**2), MOST)
+    return sensing.mixture(over * over / (2 * sigma**2), PAIR_COST)

@@ -31,7 +31,7 @@ from .sliding_contact import Pusher, drag, push
 
 V_EPS = 2e-3  # [m/s] rounds contact and friction: 0.07 mm in a step of 1/30 s
 LONGEST = 5e-3  # [m] of a Newton step
-ROUGH = 64e-3  # [m/s] the speed s at which Newton's steps begin
+FIRST_SPEED = 64e-3  # [m/s] the speed s at which Newton's steps begin
 EASING, LAST = 8, 5  # Newton steps while s falls, and at its value
 DAMPING = (1.0, 0.5, 0.25, 0.1)  # of a Newton step: the one that leaves least is taken
 GRAIN = 2.0**-50  # [m, rad] of a pose, [weights/m] of a slope, that are constants
@@ -60,7 +60,7 @@ class Sliding:
         given = *known, *numbers_of(fingers)
         x = x_1
         for k in range(EASING + LAST):
-            s = v_eps * ca.fmax(1, ROUGH / v_eps) ** max(0.0, 1 - k / EASING)
+            s = v_eps * ca.fmax(1, FIRST_SPEED / v_eps) ** max(0.0, 1 - k / EASING)
             x = damped(x, s, *given)
         x = frozen(x, GRAIN)
         A = frozen(slope(x, v_eps, *given), GRAIN)
