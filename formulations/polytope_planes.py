@@ -81,9 +81,8 @@ def build(nlp, window, scene, shape):
 
     def linked(plane, other):
         turn = ca.sumsqr(outward(plane) - outward(other)) / (2 * FACE**2)
-        return sensing.mixture(
-            turn + ((plane[3] - other[3]) / OFFSET) ** 2 / 2, FACE_COST
-        )
+        cost = turn + ((plane[3] - other[3]) / OFFSET) ** 2 / 2
+        return sensing.mixture(cost, FACE_COST)
 
     def before(x, plane, other, p_wf, rho, sigma):
         c = contact(x, plane, p_wf, rho)
@@ -133,6 +132,6 @@ def outward(plane):
 
 
 def beyond(d, sigma):
-    """Return the cost of a length d [m] that should not be positive; at most PAIR_COST."""
+    """Return the cost of a length d [m] above zero, at most PAIR_COST."""
     over = (d + ca.sqrt(d * d + (sigma / 2) ** 2)) / 2
     return sensing.mixture(over * over / (2 * sigma**2), PAIR_COST)
