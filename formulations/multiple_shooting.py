@@ -50,6 +50,12 @@ def build(nlp, window, scene, shape):
         )  # fmt: skip
         nlp.follow(name, body.step, *begun, gives=end)
         nlp.report(f"{name}, gives", compliance, end, *begun)
+    reports(nlp, window, scene, shape, body, theta, x, mu)
+
+
+def reports(nlp, window, scene, shape, body, theta, x, mu):
+    """Name the impulses of fingers, and of all contacts together."""
+    step, push, v_eps = window.step, window.push, nlp.parameters["speed rounding"]
 
     def pushed(theta, x, x_1, dt, mu, v_eps, pusher):
         w = scene.mass * G * dt
