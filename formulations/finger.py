@@ -103,7 +103,7 @@ def _along(shape):
 
 @dataclass(frozen=True)
 class Finger:
-    """What a page may ask of an end-effector, given where it is, p_wf, and its rho [m].
+    """The functions of an end-effector, given where it is, p_wf, and its rho [m].
 
     numbers: how many p_wf has; core(shape, theta, pose, p_wf, rho) -> (3,) [m] nearest
     point of the core, world frame; before(p_w, p_wf, p_wf_1) -> (3,) [m] where the

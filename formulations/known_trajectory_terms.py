@@ -68,8 +68,9 @@ def imbalance(
     plane, offset, inertia, fall, uniform, noise, dv, w, w_1, R_wo, R_wo_1, R_now,
     *touches,
 ):  # fmt: skip
-    """Momentum change less impulses, in deviations `noise` (2,) [m/s], [rad/s].
+    """Return the cost of a step: momentum change less impulses, pseudo-Huber.
 
+    noise (2,): deviations [m/s], [rad/s].
     R_wo, R_wo_1: halfway to the next and from the last sample, where w and w_1 are.
     """
     m, g, dt = fall[0], fall[1], fall[2]
@@ -89,7 +90,7 @@ def imbalance(
 def touching(
     plane, offset, radius, theta, sign, lam, w, surface, p, R, p_1, R_1, p_2, R_2
 ):  # fmt: skip
-    """An impulse acts where the corner is on the ground, or dips to it on the way."""
+    """Return the cost of an impulse on a corner that is, and was, above the ground."""
     now, before, after = (
         gap(plane, offset, place(p, R, theta, sign)) - radius
         for p, R in ((p, R), (p_1, R_1), (p_2, R_2))
@@ -106,13 +107,13 @@ def lesser(a, b):
 
 
 def penetration(plane, offset, radius, theta, sign, surface, p_wo, R_wo):
-    """No corner is below the ground by more than the tracker's error."""
+    """Return the cost of a corner below the ground; surface [m]: tracker's error."""
     phi = gap(plane, offset, place(p_wo, R_wo, theta, sign)) - radius
     return sensing.touch(positive_part(-phi, GAP_EPS), surface)
 
 
 def sliding(plane, offset, theta, sign, lam, mu, fall, w, p_1, R_1, p_2, R_2):
-    """Friction opposes sliding; at rest, nothing is paid."""
+    """Return the cost of friction that does not dissipate, zero at rest."""
     dt, (_, t_1, t_2) = fall[2], frame(plane, offset)
     v = (place(p_2, R_2, theta, sign) - place(p_1, R_1, theta, sign)) / (2 * dt)
     v_s = ca.vertcat(ca.dot(v, t_1), ca.dot(v, t_2))

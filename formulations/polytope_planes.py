@@ -13,8 +13,8 @@ The cost of an instance of the first four lines is bounded (sensing.mixture).  N
 is assumed of the shape but that it is convex: a touch says that the body lies behind a
 plane n_i . q <= b_i through the contact point c_i = R'(r - p) - rho n_i.  Most
 successive touches of a finger are on one face (a link), some roll over an edge.  The
-last pose is held where it starts: the body's axes are the world's at the last sample,
-its origin on the ground below its middle.
+last pose is held: the body's axes are the world's at the last sample, its origin on
+the ground below its middle.
 """
 
 from __future__ import annotations
