@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull, QhullError
 
-from formulations.quasi_static import ALPHA
+from formulations.likelihood import ALPHA
 
 from ..geometry.convex_hull import fingers, nearest, nearest_triangles
 from ..geometry.convex_hull import triangles as triangles_of
@@ -36,8 +36,8 @@ class HullWindow(Window):
     start (V, 3) [m]; near_touch, near_free, near_push (instances, NEAR): vertices;
     legs (n,): those that carry the body where it lies; leg (corners,): of each ground
     contact, weight_share (corners,): of the weight that it carries at rest; resting
-    (rests,): of each rest; grounded (k,): on the ground at the last pose, the legs in planar
-    motion; floor [m]: no vertex is lower at the last pose;
+    (rests,): of each rest; grounded (k,): on the ground at the last pose, the legs in
+    planar motion; floor [m]: no vertex is lower at the last pose;
     triangles (2 V - 4, 3) of the hull, counterclockwise from outside; body (10,):
     volume, centroid and second moments; lower, upper (unknowns, poses): the last pose
     is held.
@@ -142,7 +142,7 @@ def without_clear(window, vertices, x):
 
     At a gap of CLEAR / alpha (eq:bool) a free sample costs exp(-CLEAR) nats.
     """
-    softness = np.hypot(1 / ALPHA, window.sigma_position / 1.7)  # quasi_static.py
+    softness = np.hypot(1 / ALPHA, window.sigma_position / 1.7)  # likelihood.py
     free = window.free
     if not len(free):
         return window
