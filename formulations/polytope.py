@@ -105,4 +105,10 @@ def polytope(vertices: int = 20) -> Shape:
         inertia=None,
         reach=reach,
         mirrored=False,
+        parameters="vertices",
+        last_pose_held=True,
+        window_depends_on_start=True,
+        hypotheses=1,
+        own_pages=("quasi_static", "violation_implicit"),
+        symbol=ca.MX.sym,
     )
