@@ -18,7 +18,7 @@ from formulations import (
 from formulations.polytope import polytope
 from formulations.shape import CUBOID
 from tactilenlp import Measurements, Options, Scene
-from tactilenlp.estimation.solver import _job
+from tactilenlp.estimation.request import make_job
 from tactilenlp.search.hypothesis import Hypothesis, Kinds
 from tactilenlp.search.local_solve import built_at
 
@@ -37,7 +37,7 @@ def job_of(page, shape, name, actions, **scene):
     path = ROOT / "examples" / "data" / f"{name}.npz"
     data, known = Measurements.load(path), replace(Scene.load(path), **scene)
     data = data.select(np.unique(data.action)[:actions])
-    return _job(data, known, shape, Options(), time.monotonic(), page)
+    return make_job(data, known, shape, Options(), time.monotonic(), page)
 
 
 def problem_of(job, page):

@@ -22,8 +22,7 @@ from tactilenlp import (
 )
 from tactilenlp.errors import SceneError
 from tactilenlp.estimation.incremental_polytope import extends
-from tactilenlp.estimation.request import carried
-from tactilenlp.estimation.solver import _job
+from tactilenlp.estimation.request import carried, make_job
 from tactilenlp.information.polytope_information import touched_polygons
 from tactilenlp.search.proposals_floating import flattened, floated, followed, plane_for
 
@@ -155,7 +154,7 @@ def test_the_estimate_of_a_floating_hull_survives_the_disk(afloat, tmp_path):
 
 def test_a_floating_hull_starts_the_next_search_from_where_it_is(world, afloat):
     data = world.measurements
-    job = _job(data, AFLOAT, SHAPE, Options(), 0.0, page)
+    job = make_job(data, AFLOAT, SHAPE, Options(), 0.0, page)
     (h,) = carried(afloat, SHAPE, AFLOAT, data)
     assert h.x.shape == (6, data.samples)
     here = h.theta.reshape(-1, 3) + h.x[:3, -1]
@@ -218,7 +217,7 @@ def test_in_free_motion_it_stays_on_the_ground_that_carries_it(slid, loose):
     assert np.median(carried[carried != 0]) == pytest.approx(weight, rel=0.1)
     longer = Measurements.load(OCTAHEDRON).select(range(3))
     jobs = [
-        _job(longer, free.scene, SHAPE, Options(reduce=off), 0.0, page)
+        make_job(longer, free.scene, SHAPE, Options(reduce=off), 0.0, page)
         for off in (True, ("planar",))
     ]
     assert extends(slid, jobs[0], page)

@@ -13,7 +13,7 @@ from formulations.polytope import polytope
 from tactilenlp import Measurements, Scene, solve_estimate
 from tactilenlp.estimation import incremental_polytope as hull_update
 from tactilenlp.estimation.options import Options
-from tactilenlp.estimation.solver import _job
+from tactilenlp.estimation.request import make_job
 from tactilenlp.search.alternatives import worth
 from tactilenlp.search.hypothesis import Hypothesis
 from tactilenlp.search.local_solve import REASON, Solved, best_first
@@ -37,7 +37,7 @@ def early(octahedron):
 def job_of(octahedron, actions):
     data, scene = octahedron
     options = Options()
-    job = _job(data.select(range(actions)), scene, polytope(), options, 0.0, PAGE)
+    job = make_job(data.select(range(actions)), scene, polytope(), options, 0.0, PAGE)
     return replace(job, deadline=np.inf)
 
 

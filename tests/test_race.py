@@ -13,7 +13,7 @@ from formulations.shape import CUBOID
 from tactilenlp import Noise, Options
 from tactilenlp.data.noise_model import add_noise
 from tactilenlp.data.sensor_noise import precision_of
-from tactilenlp.estimation.solver import _job
+from tactilenlp.estimation.request import make_job
 from tactilenlp.search import alternatives as rivals
 from tactilenlp.search.alternatives import (
     JUMP,
@@ -40,7 +40,7 @@ def case(recorded):
     data, scene, _ = recorded
     data = data.select(range(2))
     estimate = solve_estimate(data, scene, options=Options(rivals=False))
-    job = _job(data, scene, CUBOID, Options(), time.monotonic(), page)
+    job = make_job(data, scene, CUBOID, Options(), time.monotonic(), page)
     return job, estimate.hypotheses[0]
 
 
@@ -84,7 +84,7 @@ def test_a_past_that_jumps_is_followed_backward_without_the_jump(recorded):
 
     data, scene, _ = recorded
     data = data.select(range(4))
-    job = _job(data, scene, CUBOID, Options(), time.monotonic(), page)
+    job = make_job(data, scene, CUBOID, Options(), time.monotonic(), page)
     h = solve_estimate(data, scene, options=Options(rivals=False)).hypotheses[0]
     start = int(np.argmax(data.action == np.unique(data.action)[middle(4)]))
     jumped = h.x.copy()

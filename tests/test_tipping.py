@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from formulations import violation_implicit as page
 from formulations.shape import CUBOID
 from tactilenlp import Options
-from tactilenlp.estimation.solver import _job
+from tactilenlp.estimation.request import make_job
 from tactilenlp.geometry.tipping import FLAT, Tip, lifted
 from tactilenlp.geometry.transforms import continuous
 from tactilenlp.search import proposals_tumble as tumble
@@ -43,7 +43,7 @@ def test_a_box_tipped_less_than_halfway_may_fall_back(last, ends):
 def test_of_many_falls_the_likeliest_are_continued(recorded, monkeypatch):
     data, scene, truth = recorded
     data = data.select([0, 1])
-    job = _job(data, scene, CUBOID, Options(), time.monotonic(), page)
+    job = make_job(data, scene, CUBOID, Options(), time.monotonic(), page)
     sides, T = truth["side_lengths"], data.samples
     R = Rotation.from_quat(np.roll(truth["object_quaternion"][:T], -1, axis=1))
     flat = np.vstack([truth["object_position"][:T, :2].T, R.as_euler("xyz").T[2]])

@@ -8,11 +8,13 @@ import numpy as np
 
 from ..common.validation import check_types
 from ..data.scene import Scene
+from ..data.sensor_noise import precision_of, smoothed
 from ..errors import NoContactError, OptionError, SceneError, StartError
 from ..geometry.transforms import backward
+from ..problem.certificates import without
 from ..problem.pages import is_polytope, page_of, shape_of
-from ..problem.reductions import flat
-from ..search.hypothesis import Hypothesis
+from ..problem.reductions import Reductions, flat, insisted
+from ..search.hypothesis import Hypothesis, Job
 from ..search.polytope_init import check as check_round
 from .options import Guess, Options
 from .result import Estimate
@@ -31,6 +33,21 @@ def asked(scene, shape, formulation, options, executor) -> tuple:
     if is_polytope(shape):
         check_round(scene)
     return scene, shape, options, page
+
+
+def make_job(data, scene, shape, options, began, page) -> Job:
+    """Return what a solve needs: data in the ground's frame, noisy paths smoothed."""
+    ground = scene.ground
+    if ground is not None:
+        data = data.transformed(ground.rotation, ground.translation)
+    precision = precision_of(data, scene)
+    made = Reductions.of(options.reduce)
+    if ground is None:  # nothing keeps the object flat
+        made = without(made, ["planar"])
+    return Job(
+        data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
+        reductions=insisted(page, made), deadline=began + options.time_limit,
+    )  # fmt: skip
 
 
 def check_start(start, shape, scene) -> None:

@@ -13,15 +13,15 @@ from ..common.interrupt import interruptible
 from ..common.validation import check_types
 from ..data.measurements import Measurements
 from ..data.scene import Scene
-from ..data.sensor_noise import precise, precision_of, smoothed
+from ..data.sensor_noise import precise
 from ..errors import MotionError
 from ..nlp.solution import not_converged
 from ..problem.certificates import certify, without
 from ..problem.outliers import check_explained, contradicts
 from ..problem.pages import is_polytope
-from ..problem.reductions import Reductions, flat, insisted
+from ..problem.reductions import Reductions, flat
 from ..search.beam import RIVAL, beam
-from ..search.hypothesis import Hypothesis, Job, distinct, same
+from ..search.hypothesis import Hypothesis, distinct, same
 from ..search.local_solve import CLOSE, Solved, gone_on, settings_of, solved_from
 from ..search.polytope_init import search as polytope_search
 from ..search.profile_likelihood import profiled
@@ -39,7 +39,7 @@ from .interrupted import SoFar, interrupted
 from .options import Guess, Options
 from .readout import name_of, read_off
 from .refinement import refined
-from .request import asked, carried, check_touched, first_guess
+from .request import asked, carried, check_touched, first_guess, make_job
 from .result import Estimate
 
 log = logging.getLogger("tactilenlp")
@@ -77,7 +77,7 @@ def solve_estimate(
     scene, shape, options, page = asked(scene, shape, formulation, options, executor)
     scene.check(data)
     check_touched(data)
-    job = _job(data, scene, shape, options, time.monotonic(), page)
+    job = make_job(data, scene, shape, options, time.monotonic(), page)
     so_far = SoFar([] if start is None else carried(start, shape, scene, data))
     try:
         with interruptible():
@@ -158,21 +158,6 @@ def _searched(job, page, kept, start, options, executor):
 def _widths(job, options) -> tuple[int, int]:
     """Return how many hypotheses are kept, and starts solved, after an action."""
     return options.widths(precise(job.data, job.precision))
-
-
-def _job(data, scene, shape, options, began, page) -> Job:
-    """Return what a solve needs: data in the ground's frame, noisy paths smoothed."""
-    ground = scene.ground
-    if ground is not None:
-        data = data.transformed(ground.rotation, ground.translation)
-    precision = precision_of(data, scene)
-    made = Reductions.of(options.reduce)
-    if ground is None:  # nothing keeps the object flat
-        made = without(made, ["planar"])
-    return Job(
-        data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
-        reductions=insisted(page, made), deadline=began + options.time_limit,
-    )  # fmt: skip
 
 
 def _certified(job, page, solved, options) -> Solved:
