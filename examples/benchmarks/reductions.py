@@ -41,7 +41,7 @@ from tactilenlp.data.sensor_noise import precision_of, smoothed
 from tactilenlp.geometry.tipping import lifted
 from tactilenlp.problem.pages import is_polytope
 from tactilenlp.problem.reductions import Reductions
-from tactilenlp.search.hypothesis import Hypothesis, Job
+from tactilenlp.search.hypothesis import Hypothesis, Job, TermFunctions
 from tactilenlp.search.local_solve import (
     Solved,
     built_at,
@@ -83,7 +83,7 @@ class Way:
         precision = precision_of(self.data, self.scene)
         return Job(
             smoothed(self.data, precision), self.scene, self.shape, precision,
-            Reductions.of(self.off), deadline=time.monotonic() + LONGEST,
+            Reductions.of(self.off), time.monotonic() + LONGEST, TermFunctions(),
         )  # fmt: skip
 
 

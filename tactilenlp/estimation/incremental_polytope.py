@@ -63,7 +63,6 @@ def updated(job: Job, page, start, options, certified) -> tuple[Solved | None, b
     if not extends(start, job, page):
         return None, False
     job = replace(job, cuts=start.cuts)
-    job.recall(start.origin, page)
     past = past_of(job, page, start)
     found = joint(job, page, past, guessed(job, past, information(start)), options)
     usual = max(start.objective, 0.0) / start.measurements.actions

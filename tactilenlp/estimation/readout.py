@@ -18,16 +18,19 @@ from ..nlp.problem import Problem
 from ..problem.pages import is_polytope
 from ..problem.polytope_window import standing
 from ..problem.poses import body_corners, poses
+from .request import Request
 from .result import Estimate
 
 
-def read_off(
-    data, job, page, options, solved, kept, seconds, late: bool, rivals=()
-) -> Estimate:
+def read_off(request: Request, solved, kept, seconds, late: bool, modes=()) -> Estimate:
     """Return the estimate of a solved page, in the frame of the data.
 
-    rivals: the same page solved from other hypotheses.
+    kept: hypotheses for the next action; seconds: of CPU time by step; late: whether
+    the time limit was reached; modes: other local optima of the same page.
     """
+    data, job, page, options = (
+        request.data, request.job, request.page, request.options
+    )  # fmt: skip
     problem, window, solution = solved.problem, solved.window, solved.solution
     shape, scene = job.shape, job.scene
     theta = solution.values["theta"].T.ravel()
@@ -35,8 +38,7 @@ def read_off(
     if is_polytope(shape):
         body, information = hull_read(job, page, solved, x)
     else:
-        body, information = box_read(job, page, solved, theta, x, rivals)
-    job.remember(solved.hypothesis, page)
+        body, information = box_read(job, page, solved, theta, x, modes)
     return Estimate(
         measurements=data,
         scene=scene,
@@ -87,7 +89,7 @@ class Body:
     faces: np.ndarray
 
 
-def box_read(job, page, solved, theta, x, rivals) -> tuple[Body, Information]:
+def box_read(job, page, solved, theta, x, modes) -> tuple[Body, Information]:
     """Return the body, and what is known of it, of a shape with sizes."""
     problem, window, solution = solved.problem, solved.window, solved.solution
     shape, scene = job.shape, job.scene
@@ -95,7 +97,7 @@ def box_read(job, page, solved, theta, x, rivals) -> tuple[Body, Information]:
     information = information_of(
         problem, solution, window, shape, faces, _turn(scene).T,
         Sensed(job.data, job.precision, builder(page, shape, scene, job.kinds_of)),
-        [(r.problem, r.solution, r.window) for r in rivals], solved.profile,
+        [(r.problem, r.solution, r.window) for r in modes], solved.profile,
     )  # fmt: skip
     where = poses(shape, window.motion, theta, x, scene.ground)
     return Body(*where, body_corners(shape, theta), faces), information

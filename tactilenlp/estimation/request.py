@@ -1,23 +1,68 @@
-"""Read what a caller asks for: shape, page, start; refuse what cannot be solved."""
+"""The request of a caller, read and checked: measurements, shape, page, start."""
 
 from __future__ import annotations
 
 import sys
+import time
+from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 
 from ..common.validation import check_types
+from ..data.measurements import Measurements
 from ..data.scene import Scene
-from ..data.sensor_noise import precision_of, smoothed
+from ..data.sensor_noise import precise, precision_of, smoothed
 from ..errors import NoContactError, OptionError, SceneError, StartError
 from ..geometry.transforms import backward
 from ..problem.certificates import without
 from ..problem.pages import is_polytope, page_of, shape_of
 from ..problem.reductions import Reductions, flat, insisted
-from ..search.hypothesis import Hypothesis, Job
+from ..search.hypothesis import Hypothesis, Job, TermFunctions
 from ..search.polytope_init import check as check_round
 from .options import Guess, Options
 from .result import Estimate
+from .session import Session
+
+
+@dataclass(frozen=True, eq=False)
+class Request:
+    """What a caller asks for, checked.
+
+    data: the measurements as given; job: the same in the ground's frame and smoothed,
+    with scene, shape and reductions; page: a module with `build` and `LEVELS`; start:
+    an Estimate, a Guess or None; executor: of concurrent.futures, or None.
+    """
+
+    data: Measurements
+    job: Job
+    page: ModuleType
+    options: Options
+    start: Estimate | Guess | None = None
+    executor: object = None
+
+    @property
+    def widths(self) -> tuple[int, int]:
+        """How many hypotheses are kept, and starts solved, after an action."""
+        return self.options.widths(precise(self.job.data, self.job.precision))
+
+
+def read_request(
+    data, scene, shape, formulation, options, start, executor, session: Session
+) -> tuple[Request, list[Hypothesis]]:
+    """Return the request, and the hypotheses of the first actions that it starts from.
+
+    Raises NoContactError, MeasurementError, OptionError, SceneError or StartError for
+    what cannot be solved.
+    """
+    check_types(data=(data, Measurements), session=(session, Session))
+    scene, shape, options, page = asked(scene, shape, formulation, options, executor)
+    scene.check(data)
+    check_touched(data)
+    functions = session.functions_for(start, scene, shape, page)
+    job = make_job(data, scene, shape, options, time.monotonic(), page, functions)
+    known = [] if start is None else carried(start, shape, scene, data)
+    return Request(data, job, page, options, start, executor), known
 
 
 def asked(scene, shape, formulation, options, executor) -> tuple:
@@ -35,8 +80,11 @@ def asked(scene, shape, formulation, options, executor) -> tuple:
     return scene, shape, options, page
 
 
-def make_job(data, scene, shape, options, began, page) -> Job:
-    """Return what a solve needs: data in the ground's frame, noisy paths smoothed."""
+def make_job(data, scene, shape, options, began, page, functions=None) -> Job:
+    """Return what a solve needs: data in the ground's frame, noisy paths smoothed.
+
+    began [s] of time.monotonic(); functions: TermFunctions to share, by default new.
+    """
     ground = scene.ground
     if ground is not None:
         data = data.transformed(ground.rotation, ground.translation)
@@ -47,6 +95,7 @@ def make_job(data, scene, shape, options, began, page) -> Job:
     return Job(
         data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
         reductions=insisted(page, made), deadline=began + options.time_limit,
+        functions=TermFunctions() if functions is None else functions,
     )  # fmt: skip
 
 

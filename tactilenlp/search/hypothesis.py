@@ -6,8 +6,7 @@ is a hypothesis of its own.  They are compared by the body at the first and last
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from weakref import WeakKeyDictionary
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -60,21 +59,25 @@ class Hypothesis:
         return replace(self, x=self.x[:, :samples])
 
 
-class Kinds(dict):
-    """Kinds of terms by page and motion; they stay in the process that derived them."""
+class TermFunctions(dict):
+    """Derived term functions by page and motion; mutable, shared by related solves.
+
+    Pickled, it is empty: derived functions stay in the process that derived them.
+    """
 
     def __reduce__(self):
-        return Kinds, ()
-
-
-# Where estimates came from, and the kinds that solving them took: an update shares
-# them as long as the estimate is in this process.
-_solved: WeakKeyDictionary[Hypothesis, tuple[tuple, Kinds]] = WeakKeyDictionary()
+        return TermFunctions, ()
 
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What a solve needs to know, picklable: the data so far and how to read them."""
+    """What a solve needs to know, picklable: measurements and how to read them.
+
+    data, scene, shape, precision, reductions; deadline [s] of time.monotonic();
+    functions: the caller's store of term functions, filled by the solves; first: a
+    user's guesses (name, theta, x) of the first touch; cuts: samples within rest
+    intervals that need a pose of their own.
+    """
 
     data: object
     scene: object
@@ -82,29 +85,20 @@ class Job:
     precision: object
     reductions: object
     deadline: float
-    first: tuple = ()  # (name, theta, x) guesses of the first touch, if a user has some
-    cuts: tuple = ()  # samples within still spans that need a pose of their own
-    kinds: Kinds = field(default_factory=Kinds)
+    functions: TermFunctions
+    first: tuple = ()
+    cuts: tuple = ()
 
     def kinds_of(self, page, window) -> dict:
-        """Return the kinds that the problems of a page share, if they are alike.
+        """Return the term functions that problems of a page share, if they are alike.
 
         They are where the functions of terms depend on page, shape, scene and motion,
-        not on what else a window holds: a page says so by ALIKE.
+        not on what else a window holds: a page states so by ALIKE.
         """
         if not getattr(page, "ALIKE", False):
             return {}
-        return self.kinds.setdefault((page, window.motion, window.frictionless), {})
-
-    def remember(self, origin: Hypothesis, page) -> None:
-        """Keep the kinds for whoever goes on from the estimate of this origin."""
-        _solved[origin] = (self.scene, self.shape, page.build), self.kinds
-
-    def recall(self, origin: Hypothesis, page) -> None:
-        """Take the kinds of an estimate of this origin, if it was solved here."""
-        of, kinds = _solved.get(origin, (None, {}))
-        if of == (self.scene, self.shape, page.build):  # not of a page that was edited
-            self.kinds.update(kinds)
+        key = page, window.motion, window.frictionless
+        return self.functions.setdefault(key, {})
 
 
 def distinct(

@@ -19,7 +19,7 @@ from ..data.scene import Ground
 from ..geometry.tipping import lifted
 from ..geometry.transforms import backward, continuous, matrices
 from ..problem.pages import is_polytope
-from .hypothesis import Kinds
+from .hypothesis import TermFunctions
 
 LENGTH = 0.02  # [m] of spread across the plane that counts as much as a normal across
 TILT = 0.2  # [rad] by which a body may tilt out of the plane, and a normal with it
@@ -61,9 +61,9 @@ def laid_out(job, ground: Ground):
     """Return the job as the planar search takes it: on the plane, nothing brakes."""
     data = job.data.transformed(ground.rotation, ground.translation)
     if is_polytope(job.shape):  # it may reach below the plane
-        return replace(job, data=data, kinds=Kinds())
+        return replace(job, data=data, functions=TermFunctions())
     scene = replace(job.scene, ground=ground, friction_ground=0.0)
-    return replace(job, data=data, scene=scene, kinds=Kinds())
+    return replace(job, data=data, scene=scene, functions=TermFunctions())
 
 
 def tilting(job):

@@ -31,9 +31,9 @@ from ..information.information import TINY
 from ..information.tangent_space import final_unknowns
 from ..nlp.ipopt import solve_levels
 from ..nlp.kkt_sensitivity import curvature_of
-from .alternatives import resized
-from .hypothesis import Hypothesis
-from .local_solve import ROUGH, settings_of, started
+from ..search.alternatives import resized
+from ..search.hypothesis import Hypothesis
+from ..search.local_solve import ROUGH, settings_of, started
 
 PRICE = 3.0  # [nats] and a pose half of it, for it is told more roughly
 TOLD = 0.3e-3  # [m] two faces that fingers felt tell their distance this well
