@@ -207,7 +207,7 @@ def test_a_cuboid_touched_on_both_faces_has_the_sides_between_them(
     off = 2e-3 if page == "quasi_static" else 0.2e-3  # the second starts from the first
     start = {
         "theta": SIDES + off,
-        "x": np.tile(POSE[:, None], (1, window.knots)) + off / 2,
+        "x": np.tile(POSE[:, None], (1, window.poses)) + off / 2,
     }
     options = SolverOptions(tolerance=1e-8)
     solution = solve_levels(problem, PAGES[page].LEVELS, start, options)
@@ -217,7 +217,7 @@ def test_a_cuboid_touched_on_both_faces_has_the_sides_between_them(
     np.testing.assert_allclose(solution.values["theta"][:, 0], SIDES, atol=0.02e-3)
     x = solution.values["x"]
     np.testing.assert_allclose(
-        x[:2], np.tile(POSE[:2, None], window.knots), atol=0.02e-3
+        x[:2], np.tile(POSE[:2, None], window.poses), atol=0.02e-3
     )
     np.testing.assert_allclose(x[2], POSE[2], atol=1e-3)
     if page == "violation_implicit":

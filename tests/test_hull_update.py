@@ -111,8 +111,8 @@ def test_the_window_of_an_action_is_that_of_its_samples(octahedron, early):
         assert (window.push.step[g.pushes] == g.steps[:, None]).all(), count
         assert (window.corner.step[g.corners] == g.steps[:, None]).all(), count
     held = window.lower == window.upper
-    assert held[:, : whole.knot[samples]].all()
-    assert not held[:, whole.knot[samples] :].any()
+    assert held[:, : whole.pose[samples]].all()
+    assert not held[:, whole.pose[samples] :].any()
 
 
 def test_the_world_sees_the_same_motion_in_other_axes():

@@ -65,7 +65,7 @@ def test_the_estimate_lies_about_the_true_octahedron(octahedron, hull):
 def test_the_solve_goes_on_from_a_page_that_is_filled_anew(octahedron):
     data, scene, _ = octahedron
     page = polytope_violation_implicit
-    assert [level.anew for level in page.LEVELS] == [False, True]
+    assert [level.rebuild for level in page.LEVELS] == [False, True]
     job = make_job(data.select([0]), scene, polytope(), Options(), 0.0, page)
     job = replace(job, deadline=np.inf)
     (h,) = search(replace(job, reductions=Reductions()), [])

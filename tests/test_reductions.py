@@ -244,11 +244,11 @@ def test_a_sample_that_comes_twice_is_no_time_step(recorded):
         reduce(d, scene, CUBOID, precision, Reductions(still=False))
         for d in (data, twice)
     )
-    assert two.knots == one.knots
-    assert two.knot[again] == two.knot[again + 1]
+    assert two.poses == one.poses
+    assert two.pose[again] == two.pose[again + 1]
     extra = data.contact[again].sum()
     assert len(two.touch.sample) == len(one.touch.sample) + extra
-    for name in ("knot", "before", "before_2", "dt"):
+    for name in ("pose", "before", "before_2", "dt"):
         np.testing.assert_array_equal(getattr(two.step, name), getattr(one.step, name))
     np.testing.assert_array_equal(two.push.p_wf_1, one.push.p_wf_1)
 

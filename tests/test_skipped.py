@@ -54,8 +54,8 @@ def test_still_spans_that_are_doubted_get_poses_of_their_own_where_they_would_mo
     assert still.holds
     monkeypatch.setattr(holding, "BY_METRE", 0.8 * still.value * holding.BY_METRE)
     cut = solve_estimate(data, scene)
-    knots = [len(e.unknowns["x"][0]) for e in (merged, cut, apart)]
-    assert knots[0] < knots[1] <= knots[2]
+    poses = [len(e.unknowns["x"][0]) for e in (merged, cut, apart)]
+    assert poses[0] < poses[1] <= poses[2]
     assert all(s.holds for s in cut.skipped)
     sigma = apart.information.sigma("side_lengths")
     for e in (merged, cut):

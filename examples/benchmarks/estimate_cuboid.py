@@ -1,12 +1,13 @@
-"""Benchmark `solve_estimate` on recorded cuboids: accuracy, honesty and cost.
+"""Measure `solve_estimate` on recorded cuboids: accuracy, calibration and cost.
 
 python examples/benchmarks/estimate_cuboid.py ../shared/scenes/cuboid_*.npz
 ... ../shared/scenes/stress_*.npz --actions 6 --knowledge known default "mass x2"
     [--executor processes|dask|mpi|none] [--workers 1]
 
-Truth is read here, never by the package: it judges the result, and it starts a second
-solve of the same page at the true motion, whose objective a good search must reach.
-CPU seconds exclude the derivation of kinds, kinds_s: who derives some is run again.
+The truth is read here, never by the package.  It gives the errors, and the start of a
+second solve of the same page, whose objective a good search must reach.  CPU seconds
+exclude the derivation of term functions (kinds_s); a case that derives some is
+repeated.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""Make the objects of the exploration study; tell how far an estimate of one is off."""
+"""Make the objects of the exploration study; measure the error of an estimate."""
 
 from itertools import product
 

@@ -1,10 +1,10 @@
-"""Benchmark kinds of information: cost and conditioning against the number of samples.
+"""Compare kinds of information: cost and conditioning against number of samples.
 
 python examples/benchmarks/information_kinds.py ../shared/scenes/stress_long_cuboid.npz
     [--executor processes|dask|mpi|none], for the starts of each estimate
 
-Past poses carried to the last one by inverted Jacobians of the dynamics (the paper's
-first idea) lose all digits within an action; the joint programme does not.
+The propagation of past poses to the last one by inverse Jacobians of the dynamics (the
+paper's first method) loses all digits within an action; the joint programme does not.
 """
 
 import os

@@ -1,7 +1,7 @@
-"""Judge a cell of the stress suite: solved right, with an honest sigma, or refused.
+"""Judge a cell of the stress suite: correct, covered by sigma, or refused.
 
-A cell solves one Case one way and returns rows, one for each part: the estimate, its
-information, what actions are expected to tell.  Truth is read here, never by the
+A cell solves one Case and returns rows, one for each part: the estimate, its
+information, the expected information gain.  The truth is read here, never by the
 package.
 """
 

@@ -1,4 +1,4 @@
-"""Pages for the stress suite: the same equations, in other units or other weights."""
+"""Pages of the stress suite: the same equations in other units or weights."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Record the scenes of the stress suite: fingers squeeze and push a box."""
+"""Record the scenes of the stress suite, in which fingers squeeze and push a box."""
 
 from __future__ import annotations
 

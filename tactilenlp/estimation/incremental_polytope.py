@@ -34,11 +34,11 @@ from .result import Estimate
 log = logging.getLogger("tactilenlp")
 CLOSE = 1e-3  # IPOPT's first mu where all but one action is known
 ADDED, USUAL = 3.0, 2.0  # [nats], [cost of an action so far]: what one more may cost
-DENIED = 0.5  # [ceiling] a sample that costs more is not explained
+DENIED = 0.5  # [outlier costs] a sample that costs more is not explained
 FEW = 3  # such samples of a touch, more than a wrong boolean or two
 PICKED = (
     ("near_touch", "touch"), ("near_free", "free"), ("near_push", "push"),
-    ("leg", "corner"), ("share", "corner"),
+    ("leg", "corner"), ("weight_share", "corner"),
 )  # fmt: skip
 WEAKEST = 1.0  # [1 / m^2] information about any direction, at least
 
@@ -149,7 +149,7 @@ def denied(solved: Solved) -> int:
     if "touch" not in problem.terms:
         return 0
     x, data = problem.pack(s.values), problem.data(s.parameters)
-    wrong = problem.value("touch", x, data)[:, 0] > DENIED * window.ceiling
+    wrong = problem.value("touch", x, data)[:, 0] > DENIED * window.outlier_cost
     keys = zip(window.touch.sample, window.touch.finger, strict=True)
     wrong = dict(zip(keys, wrong, strict=True))
     wholes = touches(window, solved.job.data)
@@ -185,7 +185,7 @@ def guessed(job: Job, past: Solved, about) -> Solved:
 def of_action(window: HullWindow, past: Hypothesis, about) -> ActionWindow:
     """Return the part of a window that comes after the samples of the past, held."""
     samples = past.x.shape[1]
-    first = window.knot[samples]
+    first = window.pose[samples]
     lower, upper = window.holding(past.x, slice(first))
     parts = {f.name: getattr(window, f.name) for f in fields(HullWindow)}
     new = {k: parts[k].sample >= samples for k in ("touch", "free", "step", "push")}
@@ -196,9 +196,9 @@ def of_action(window: HullWindow, past: Hypothesis, about) -> ActionWindow:
         parts[name] = replace(parts[name], step=at["step"][parts[name].step])
     for name, rows in PICKED:
         parts[name] = parts[name][new[rows]]
-    apart = window.apart[new["push"][window.apart]]
+    unfelt = window.unfelt[new["push"][window.unfelt]]
     groups = {n: _later(g, new["step"], at) for n, g in window.groups.items()}
-    parts |= {"apart": at["push"][apart], "groups": groups}
+    parts |= {"unfelt": at["push"][unfelt], "groups": groups}
     parts |= {"gap": window.gap.pick(window.gap.sample >= samples)}
     parts |= {"lower": lower, "upper": upper}
     vertices = past.theta.reshape(-1, 3)
@@ -219,8 +219,8 @@ def joint(job: Job, page, past: Solved, new: Solved, options) -> Solved:
     h, turn = aligned(new.hypothesis)
     window, problem, built = built_at(job, page, h)
     past, new = stood(past, window), stood(new, window)
-    missing = np.full(len(window.knot) - len(past.window.knot), -1)
-    known = replace(past.window, knot=np.r_[past.window.knot, missing])
+    missing = np.full(len(window.pose) - len(past.window.pose), -1)
+    known = replace(past.window, pose=np.r_[past.window.pose, missing])
     known = replace(past, window=known)
     values, pulls, multipliers = carried(known, window, problem)
     values["ball"][:3] = turn @ values["ball"][:3]
@@ -234,7 +234,7 @@ def joint(job: Job, page, past: Solved, new: Solved, options) -> Solved:
     start = replace(
         past.solution, values=values, bound_multipliers=pulls, multipliers=multipliers
     )
-    level = replace(page.LEVELS[-1], warm=CLOSE)
+    level = replace(page.LEVELS[-1], warm_start={"mu_init": CLOSE})
     solution = solve_levels(problem, (level,), start, settings_of(job, options))
     solution.seconds["build"] += built
     return Solved(h, problem, window, after(new.solution, solution), job)

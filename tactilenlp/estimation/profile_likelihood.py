@@ -170,8 +170,8 @@ def _elsewhere(job, page, solved, options, shared, chosen, axis, pull, touched, 
     if touched is not None:
         moved = resized(solved.at, axis, x[held], touched)
         values = solved.solution.values | started(problem, solved.window, moved)
-    changed = {"barrier": BARRIER, "fixed": (np.array([held]),), "iterations": LONG}
-    level = replace(page.LEVELS[-1], **changed)
+    level = replace(page.LEVELS[-1], fixed=(np.array([held]),))
+    level = level.with_ipopt(mu_init=BARRIER, max_iter=LONG)
     settings = replace(settings_of(job, options), tolerance=ROUGH)
     found = solve_levels(problem, (level,), values, settings, shared)
     cheap = found.objective < solved.solution.objective + PRICE

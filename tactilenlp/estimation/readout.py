@@ -34,7 +34,7 @@ def read_off(request: Request, solved, kept, seconds, late: bool, modes=()) -> E
     problem, window, solution = solved.problem, solved.window, solved.solution
     shape, scene = job.shape, job.scene
     theta = solution.values["theta"].T.ravel()
-    x = solution.values["x"][:, window.knot]
+    x = solution.values["x"][:, window.pose]
     if is_polytope(shape):
         body, information = hull_read(job, page, solved, x)
     else:

@@ -90,7 +90,7 @@ def paper(problem, solution, window, shape) -> np.ndarray:
 def chained(problem, solution, window, shape, link, theta=None) -> np.ndarray:
     """Return the sum of the samples' information (k, k), each by its own pose's link.
 
-    link (knots, u, u): how each pose follows the last one; theta (knots, u, n): how it
+    link (poses, u, u): how each pose follows the last one; theta (poses, u, n): how it
     follows the shape at a given last pose.
     """
     n, u = shape.theta, len(solution.values["x"])
@@ -102,9 +102,9 @@ def chained(problem, solution, window, shape, link, theta=None) -> np.ndarray:
         phi, by_phi, by_normal = _slopes(solution, window, shape, samples)
         to_last = np.zeros((len(samples), n + u, n + u))
         to_last[:, :n, :n] = np.eye(n)
-        to_last[:, n:, n:] = link[samples.knot]
+        to_last[:, n:, n:] = link[samples.pose]
         if theta is not None:
-            to_last[:, n:, :n] = theta[samples.knot]
+            to_last[:, n:, :n] = theta[samples.pose]
         p = 1 / (1 + np.exp(-np.clip(alpha * phi, -500, 500)))
         J = np.einsum("ij,ijk->ik", by_phi, to_last)
         M += np.einsum("i,ij,ik->jk", alpha**2 * p * (1 - p), J, J)
@@ -135,7 +135,7 @@ def _slopes(solution, window, shape, samples):
     normal = finger.normal(shape, theta, pose, p_wf, rho)
     out = [phi, ca.densify(ca.jacobian(phi, z)), ca.densify(ca.jacobian(normal, z))]
     count = len(samples)
-    at = np.vstack([np.repeat(values["theta"], count, 1), values["x"][:, samples.knot]])
+    at = np.vstack([np.repeat(values["theta"], count, 1), values["x"][:, samples.pose]])
     found = ca.Function("slopes", [z, p_wf, rho], out).map(count)(
         at, samples.p_wf.T, samples.radius[None]
     )
@@ -162,21 +162,21 @@ def inverse_dynamics(curvature: Curvature, solution, window, shape) -> np.ndarra
 
 
 def links(curvature: Curvature, window, shape) -> tuple[np.ndarray, np.ndarray]:
-    """Return how each pose follows the last (knots, u, u), and the shape (.., u, n)."""
+    """Return how each pose follows the last (poses, u, u), and the shape (.., u, n)."""
     u, n = window.motion.unknowns, shape.theta
-    link = np.tile(np.eye(u), (window.knots, 1, 1))
-    theta = np.zeros((window.knots, u, n))
-    row = {int(k): i for i, k in enumerate(window.step.knot)}
+    link = np.tile(np.eye(u), (window.poses, 1, 1))
+    theta = np.zeros((window.poses, u, n))
+    row = {int(k): i for i, k in enumerate(window.step.pose)}
     latest = _latest_knots(curvature, window)
     local = {name: local_hessians(curvature, name) for name in curvature.hessians}
-    for k in range(window.knots - 1, 0, -1):
+    for k in range(window.poses - 1, 0, -1):
         link[k - 1], theta[k - 1] = link[k], theta[k]
         if k not in row:  # a gap between actions: the object stays
             continue
         H = sp.csc_matrix((curvature.problem.size,) * 2)
-        for name, knots in latest.items():
-            here = np.where((knots == k)[:, None, None], local[name], 0.0)
-            if (knots == k).any():
+        for name, poses in latest.items():
+            here = np.where((poses == k)[:, None, None], local[name], 0.0)
+            if (poses == k).any():
                 H = H + scattered(curvature, name, here)
         F, by_theta = _time_step(curvature, window, shape, H, row[k])
         back = np.linalg.inv(F)
@@ -189,7 +189,7 @@ def _time_step(curvature: Curvature, window, shape, H, s: int):
     """Return dx_k/dx_{k-1} (u, u) and dx_k/dtheta (u, n) of the step s."""
     problem, step = curvature.problem, window.step
     columns = problem.variables["x"][:, :].indices
-    now = columns[step.knot[s]]
+    now = columns[step.pose[s]]
     impulses = [
         problem.variables[name][:, np.nonzero(rows.step == s)[0]].indices.ravel()
         for name, rows in (("finger", window.push), ("ground", window.corner))
@@ -218,14 +218,14 @@ def _time_step(curvature: Curvature, window, shape, H, s: int):
 
 
 def _latest_knots(curvature: Curvature, window) -> dict[str, np.ndarray]:
-    """Return for every term the latest knot of each instance, -1 if none."""
+    """Return for every term the latest pose of each instance, -1 if none."""
     problem = curvature.problem
-    knot = np.full(problem.size, -1)
+    pose = np.full(problem.size, -1)
     x = problem.variables["x"]
-    knot[x.span] = np.repeat(np.arange(x.columns), x.rows)
+    pose[x.span] = np.repeat(np.arange(x.columns), x.rows)
     for name, rows in (("finger", window.push), ("ground", window.corner)):
         if name in problem.variables:
             v = problem.variables[name]
-            knot[v.span] = np.repeat(window.step.knot[rows.step], v.rows)
+            pose[v.span] = np.repeat(window.step.pose[rows.step], v.rows)
     terms = curvature.hessians
-    return {name: knot[problem.terms[name].unknowns].max(axis=1) for name in terms}
+    return {name: pose[problem.terms[name].unknowns].max(axis=1) for name in terms}

@@ -228,7 +228,7 @@ def at_touches(window, shape, values, p_wf, of) -> np.ndarray:
     theta, x, p, rho = symbols
     found = of(shape, theta, window.motion.pose(shape, theta, x), p, rho)
     modelled = ca.Function("modelled", symbols, [found]).map(len(touch))(
-        seen, values["x"][:, touch.knot], p_wf, touch.radius[None]
+        seen, values["x"][:, touch.pose], p_wf, touch.radius[None]
     )  # fmt: skip
     return np.asarray(modelled).T
 

@@ -103,7 +103,7 @@ def dragging(curvature: Curvature, pulls, window, action) -> np.ndarray:
     own, moved = action[push.sample], []
     for a, f in np.unique(np.stack([own, push.finger]), axis=1).T:
         rows = np.flatnonzero((own == a) & (push.finger == f))
-        later = push.sample[rows] > window.last[:, None]  # (knots, rows)
+        later = push.sample[rows] > window.last[:, None]  # (poses, rows)
         move = np.zeros((x.columns, x.rows))
         move[:, : slip.shape[1]] = -(later @ slip[rows])
         e = np.zeros(problem.size)
@@ -120,7 +120,7 @@ def slips(curvature: Curvature, window) -> np.ndarray:
     """
     x, push = curvature.problem.unpack(curvature.x)["x"], window.push
     step = push.step
-    now, before = (x[:, k[step]] for k in (window.step.knot, window.step.before))
+    now, before = (x[:, k[step]] for k in (window.step.pose, window.step.before))
     if not is_planar(x):
         met = points_in_body(before, slice(None), push.p_wf_1)
         return push.p_wf - now[:3].T - np.einsum("nij,nj->ni", matrices(now), met)

@@ -20,6 +20,7 @@ log = logging.getLogger("tactilenlp")
 CLOSE = 1e-6  # [-] how far a warm start, multipliers too, is pushed inside its bounds
 SIDES = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
 KEPT = [f"warm_start_{side}" for side in (*SIDES, "mult_bound_push")]
+LEVEL = {"mu_init": 1e-2, "max_iter": 200}  # of a level that does not set them
 
 
 def check_positive(options, *names: str) -> None:
@@ -209,8 +210,8 @@ def solve_levels(
     solvers = {} if solvers is None else solvers
     whole = None
     for level in levels:
-        for barrier, warm in _barriers(level, start):
-            solution = _at(problem, level, barrier, warm, start, options, solvers)
+        for ipopt, warm in _tries(level, start):
+            solution = _at(problem, level, ipopt, warm, start, options, solvers)
             whole = solution if whole is None else after(whole, solution)
             if solution.success:
                 break
@@ -219,22 +220,23 @@ def solve_levels(
     return whole
 
 
-def _barriers(level, start) -> list[tuple[float, bool]]:
-    """Return IPOPT's first mu to try, and whether multipliers are taken with it.
+def _tries(level, start) -> list[tuple[dict, bool]]:
+    """Return IPOPT's options to try, and whether multipliers are taken with them.
 
     Far from an optimum a small mu is slow, however good the multipliers, so it comes
     last there; a stiff problem may need it all the same.
     """
-    if level.warm is None or not isinstance(start, Solution):
-        return [(level.barrier, False)]
-    near = [(level.warm, True)]
-    return near if start.success else [(level.barrier, True), *near]
+    cold = LEVEL | level.ipopt
+    if level.warm_start is None or not isinstance(start, Solution):
+        return [(cold, False)]
+    near = [(cold | level.warm_start, True)]
+    return near if start.success else [(cold, True), *near]
 
 
-def _at(problem, level, barrier, warm, start, options, solvers) -> Solution:
+def _at(problem, level, ipopt, warm, start, options, solvers) -> Solution:
     """Solve one level from `start`, warm: with the multipliers of a solution."""
-    chosen = replace(options, barrier=barrier, iterations=level.iterations)
-    key = (barrier, level.iterations, options.tolerance, options.time_limit)
+    chosen = replace(options, ipopt=ipopt | options.ipopt)
+    key = (*sorted(ipopt.items()), options.tolerance, options.time_limit)
     key += (level.eliminate, warm)
     began = time.process_time()
     if key not in solvers:

@@ -230,21 +230,37 @@ def instances_of(name: str, arguments) -> int:
 
 
 def apart(function: Callable, arguments) -> tuple[Callable, list]:
-    """Return a function of the parts of joined arguments, and all those parts.
+    """Return a function of the parts of all arguments, and these parts.
 
-    A whole variable becomes its columns.
+    The parts of a joined argument reach `function` as one vector, those of a named
+    tuple as a named tuple, None in it as None.  A whole variable becomes its columns.
     """
-    groups = [a.parts if isinstance(a, Joined) else (a,) for a in arguments]
-    parts = [part for group in groups for part in group]
+    parts = [part for argument in arguments for part in _parts(argument)]
     parts = [p[:, :] if isinstance(p, Variable) else p for p in parts]
-    if len(parts) == len(groups):
-        return function, parts
 
     def of_parts(*locals_of_parts):
         left = iter(locals_of_parts)
-        return function(*(vertcat(*islice(left, len(group))) for group in groups))
+        return function(*(_whole(argument, left) for argument in arguments))
 
     return of_parts, parts
+
+
+def _parts(argument) -> list:
+    if isinstance(argument, Joined):
+        return [*argument.parts]
+    if hasattr(argument, "_fields"):
+        return [part for a in argument if a is not None for part in _parts(a)]
+    return [argument]
+
+
+def _whole(argument, left):
+    """Return an argument as its function reads it, from the parts that are left."""
+    if isinstance(argument, Joined):
+        return vertcat(*islice(left, len(argument.parts)))
+    if hasattr(argument, "_fields"):
+        fields = (None if a is None else _whole(a, left) for a in argument)
+        return type(argument)(*fields)
+    return next(left)
 
 
 def limit(values, shape: tuple[int, int], name: str) -> np.ndarray:

@@ -63,7 +63,7 @@ def certify(job, page, solved) -> Certificates:
     if made.still or made.far or made.absent:
         whole = expand(job, page, solved)
         found += [far(solved, whole)] * made.far + [absent(solved, whole)] * made.absent
-        shared = made.still and len(solved.window.knot) > solved.window.knots
+        shared = made.still and len(solved.window.pose) > solved.window.poses
         if shared and job.scene.ground is not None:
             hold = held(job.scene, solved, whole)
             found.append(resting(solved, hold))
@@ -112,7 +112,7 @@ def absent(solved, whole) -> Skipped | None:
 def still(solved, step) -> Skipped:
     """Poses of their own would gain little for samples that share one."""
     window = solved.window
-    dropped = len(window.knot) - window.knots
+    dropped = len(window.pose) - window.poses
     shift = np.nanmax(np.abs(step.shift), initial=0.0)
     worst = max(step.decrement / DECREMENT, shift / SHIFT)
     holds = bool(0 <= worst <= 1)
@@ -127,7 +127,7 @@ def resting(solved, hold) -> Skipped:
     """Friction holds a body at rest against all that pulls it."""
     window = solved.window
     return Skipped(
-        "still", f"{len(window.knot) - window.knots} poses",
+        "still", f"{len(window.pose) - window.poses} poses",
         "nothing touched or moved the object",
         "hardest pull on a body at rest, in what friction holds", hold.share, 1.0,
         hold.share <= 1,
@@ -191,7 +191,7 @@ def _cuts(window, whole, step) -> tuple[int, ...]:
         np.linalg.norm(np.diff(d[:, :turns], axis=0), axis=1),
         ARM * np.linalg.norm(np.diff(d[:, turns:], axis=0), axis=1),
     )
-    way = np.r_[0.0, np.where(np.diff(window.knot[whole.window.last]) == 0, way, 0.0)]
+    way = np.r_[0.0, np.where(np.diff(window.pose[whole.window.last]) == 0, way, 0.0)]
     cut = whole.window.last[way > CUT * way.max()]
     return tuple(cut.tolist())
 
@@ -215,11 +215,11 @@ def held(scene, solved, whole) -> Hold:
     """
     v = whole.problem.variables["x"]
     slope = whole.whole_slope[v.span].reshape(v.columns, v.rows)
-    slope = _along(whole.x[v.span].reshape(slope.shape).T, slope)[whole.window.knot]
-    knot, arm = solved.window.knot, _arm(solved, whole.window)
+    slope = _along(whole.x[v.span].reshape(slope.shape).T, slope)[whole.window.pose]
+    pose, arm = solved.window.pose, _arm(solved, whole.window)
     price, cuts, worst = _price(scene, solved.solution), [], 0.0
-    for k in np.unique(knot):
-        rows = np.nonzero(knot == k)[0]
+    for k in np.unique(pose):
+        rows = np.nonzero(pose == k)[0]
         pull = np.cumsum(slope[rows[:-1]], axis=0)
         pull = np.hypot(np.linalg.norm(pull[:, :2], axis=1), pull[:, 2] / arm) / price
         worst = max(worst, pull.max(initial=0.0))

@@ -12,7 +12,7 @@ from .pages import page_of
 from .reductions import SIDE
 
 TOUCH, NORMAL = 0.15e-3, 0.015  # [m], [rad] model errors of a touch of a rigid object
-WRONG = 0.8  # [ceilings] a touch that costs more is not explained
+WRONG = 0.8  # [outlier costs] a touch that costs more is not explained
 TWO, SHARE = 2, 0.2  # so many touches, and this part of an action's, are no accident
 
 
@@ -49,7 +49,7 @@ def contradicts(job, window, values) -> list[Evidence]:
         "normal scale": np.hypot(NORMAL, window.sigma_normal),
     }
     cost = problem.value("touch", problem.pack(known), problem.data(scale))[:, 0]
-    wrong = cost > WRONG * window.ceiling
+    wrong = cost > WRONG * window.outlier_cost
     action = job.data.action[window.touch.sample]
     return [
         Evidence(

@@ -35,11 +35,11 @@ class HullWindow(Window):
 
     start (V, 3) [m]; near_touch, near_free, near_push (instances, NEAR): vertices;
     legs (n,): those that carry the body where it lies; leg (corners,): of each ground
-    contact, share (corners,): of the weight that it carries at rest; resting (rests,):
-    of each rest; grounded (k,): on the ground at the last pose, the legs in planar
+    contact, weight_share (corners,): of the weight that it carries at rest; resting
+    (rests,): of each rest; grounded (k,): on the ground at the last pose, the legs in planar
     motion; floor [m]: no vertex is lower at the last pose;
     triangles (2 V - 4, 3) of the hull, counterclockwise from outside; body (10,):
-    volume, centroid and second moments; lower, upper (unknowns, knots): the last pose
+    volume, centroid and second moments; lower, upper (unknowns, poses): the last pose
     is held.
     """
 
@@ -49,7 +49,7 @@ class HullWindow(Window):
     near_push: np.ndarray = None
     legs: np.ndarray = None
     leg: np.ndarray = None
-    share: np.ndarray = None
+    weight_share: np.ndarray = None
     resting: np.ndarray = None
     grounded: np.ndarray = None
     floor: float = 0.0
@@ -104,7 +104,7 @@ def indexed(window, shape, vertices, x, ground, resting=None) -> HullWindow:
         near_touch=near(window.touch, vertices, x),
         near_free=near(window.free, vertices, x),
         near_push=near(window.push, vertices, x),
-        legs=stand, leg=leg, share=share, resting=rest,
+        legs=stand, leg=leg, weight_share=share, resting=rest,
         grounded=stand if ground and is_planar(x) else stand[:0],
         floor=(0.0 if is_planar(x) else -x[2, -1]) if ground else -np.inf,
         triangles=triangles, body=body(vertices, triangles),
@@ -127,8 +127,8 @@ def tilting(window, stand, vertices, x) -> Window:
         return np.hstack([carry, np.zeros((len(carry), 2))])
 
     corner = Corners(window.corner.step, signs(window.step.sample))
-    first = window.last[window.rest.knot[:: len(stand)]]
-    rest = Rests(window.rest.knot, signs(first))
+    first = window.last[window.rest.pose[:: len(stand)]]
+    rest = Rests(window.rest.pose, signs(first))
     return replace(window, corner=corner, lift=corner, rest=rest)
 
 

@@ -20,13 +20,13 @@ from scipy.spatial.transform import Rotation
 from formulations.rigid_body import FREE, PLANAR
 
 from ..common.validation import check_types
-from ..data.sensor_noise import parted
+from ..data.sensor_noise import contact_latency
 from ..errors import OptionError
 from .fingertips import finger_of, poses
 from .window import Corners, Group, Pushes, Rests, Samples, Steps, Window
 
 FAR = 30e-3  # [m] a free finger this far beyond the sensor's doubt is not asked
-CEILING = 7.0  # [nats] one sample in a thousand is wrong beyond any noise
+OUTLIER_COST = 7.0  # [nats] one sample in a thousand is wrong beyond any noise
 MOVES = 0.1e-3  # [m] a guess that moves further in a sample needs poses of its own
 ARM = 20e-3  # [m] one radian of turn counts as this much way
 SLIPPERY = 0.1  # [-] friction of the ground, where it is not known: little
@@ -94,14 +94,14 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
     original = originals(data, first)
     moving &= original == np.arange(len(first))
     before = np.r_[0, original[:-1]]
-    knot = np.cumsum(moving | first) - 1
+    pose = np.cumsum(moving | first) - 1
     sample, finger = np.nonzero(data.valid)
     felt = data.contact[sample, finger]
     p_wf = poses(data, scene)
     everything = Samples(
-        sample, finger, knot[sample], p_wf[sample, finger],
+        sample, finger, pose[sample], p_wf[sample, finger],
         data.finger_radius[finger], data.normal[sample, finger],
-        parted(data)[sample, finger],
+        contact_latency(data)[sample, finger],
     )  # fmt: skip
     free = everything.pick(~felt)
     if choice.far and guess is not None:
@@ -109,21 +109,21 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
     known = moving & ~first
     if coasts(scene):  # how fast it was at the start of a later action no one knows
         known &= ~first[before] | (data.action == data.action[0])
-    step = _steps(data, knot, first, before, np.nonzero(known)[0])
+    step = _steps(data, pose, first, before, np.nonzero(known)[0])
     push = _pushes(data, p_wf, everything, felt, step, before, choice.absent)
-    corner, lift, rest = _ground(scene, shape, motion, step, first, knot, guess)
+    corner, lift, rest = _ground(scene, shape, motion, step, first, pose, guess)
     gap = np.nonzero(first)[0][1:]
     return Window(
         motion=motion, finger=finger_of(scene), fingers=data.fingers,
-        knots=int(knot[-1]) + 1, knot=knot,
+        poses=int(pose[-1]) + 1, pose=pose,
         touch=everything.pick(felt), free=free, step=step,
-        gap=_gaps(data, knot, np.zeros(0, int) if coasts(scene) else gap),
-        push=push, apart=np.nonzero(~data.contact[push.sample, push.finger])[0],
+        gap=_gaps(data, pose, np.zeros(0, int) if coasts(scene) else gap),
+        push=push, unfelt=np.nonzero(~data.contact[push.sample, push.finger])[0],
         corner=corner, lift=lift, rest=rest,
         groups=_groups(len(step), push, corner),
         frictionless=slippery(scene) if choice.frictionless else (),
         sigma_position=precision.position, sigma_normal=precision.normal,
-        ceiling=CEILING, braking=friction_of(scene) * scene.gravity,
+        outlier_cost=OUTLIER_COST, braking=friction_of(scene) * scene.gravity,
     )  # fmt: skip
 
 
@@ -210,15 +210,15 @@ def is_far(free, scene, shape, motion, guess, precision) -> np.ndarray:
     return away > FAR + 10 * precision.position
 
 
-def _steps(data, knot, first, before, samples) -> Steps:
+def _steps(data, pose, first, before, samples) -> Steps:
     """Return the steps that end at `samples`; an action starts at rest."""
     one = before[samples]
     two = np.where(first[one], one, before[one])
     dt = data.time[samples] - data.time[one]
-    return Steps(samples, knot[samples], knot[one], knot[two], dt)
+    return Steps(samples, pose[samples], pose[one], pose[two], dt)
 
 
-def _gaps(data, knot, start) -> Steps:
+def _gaps(data, pose, start) -> Steps:
     """Return the gaps between actions that end at the samples `start`.
 
     Before each is the last step of the action before: how fast the object still is.
@@ -227,7 +227,7 @@ def _gaps(data, knot, start) -> Steps:
     early = np.maximum(last - 1, 0)
     early = np.where(data.action[early] == data.action[last], early, last)
     dt = np.where(early < last, data.time[last] - data.time[early], data.dt)
-    return Steps(start, knot[start], knot[last], knot[early], dt)
+    return Steps(start, pose[start], pose[last], pose[early], dt)
 
 
 def _pushes(data, p_wf, everything, felt, step, before, only_felt) -> Pushes:
@@ -244,7 +244,7 @@ def _pushes(data, p_wf, everything, felt, step, before, only_felt) -> Pushes:
     return Pushes(s, f, index[s], now, then, data.finger_radius[f], tangent)
 
 
-def _ground(scene, shape, motion, step, first, knot, guess):
+def _ground(scene, shape, motion, step, first, pose, guess):
     """Return the ground contacts of every step, those that lift, and the rests.
 
     An action starts at rest, where there is gravity.  The guess says which corners are
@@ -260,7 +260,7 @@ def _ground(scene, shape, motion, step, first, knot, guess):
         return corner, none, Rests(none.step, none.signs)
     start = np.nonzero(first & (scene.gravity > 0))[0]
     low = lowest(shape, guess, start)
-    at = np.repeat(knot[start], low.shape[1])
+    at = np.repeat(pose[start], low.shape[1])
     return corner, corner, Rests(at, low.reshape(-1, 3))
 
 

@@ -76,7 +76,7 @@ def carried(solved, again, problem) -> tuple[dict, dict, dict]:
     """
     window, solution = solved.window, solved.solution
     came_from = {
-        "x": window.knot[again.last],
+        "x": window.pose[again.last],
         "finger": rows_of(samples_of(window.push), samples_of(again.push)),
         "ground": rows_of(corners_of(window), corners_of(again)),
     }

@@ -1,6 +1,6 @@
 """What a page sees of the data: plain arrays and index lists, no branches.
 
-Every list may be empty; a term over an empty list costs nothing.  `knot` numbers the
+Every list may be empty; a term over an empty list costs nothing.  `pose` numbers the
 pose unknowns: all samples of a still span share one.
 """
 
@@ -27,26 +27,26 @@ class _Rows:
 
 @dataclass(frozen=True, eq=False)
 class Samples(_Rows):
-    """Finger samples: at pose `knot`, finger at p_wf (as formulations/finger.py has
+    """Finger samples: at pose `pose`, finger at p_wf (as formulations/finger.py has
     it: (3,) [m] for a sphere), its radius [m], normal, and how far [m] it may have
-    parted from what it feels.
+    moved since it last felt the contact.
     """
 
     sample: np.ndarray
     finger: np.ndarray
-    knot: np.ndarray
+    pose: np.ndarray
     p_wf: np.ndarray
     radius: np.ndarray
     normal: np.ndarray
-    parted: np.ndarray
+    latency: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class Steps(_Rows):
-    """Time steps of dt [s] to pose `knot` from the poses before and before that."""
+    """Time steps of dt [s] to pose `pose` from the poses before and before that."""
 
     sample: np.ndarray
-    knot: np.ndarray
+    pose: np.ndarray
     before: np.ndarray
     before_2: np.ndarray
     dt: np.ndarray
@@ -80,7 +80,7 @@ class Corners(_Rows):
 class Rests(_Rows):
     """Corners on which the object rests while nothing pushes it, one pose each."""
 
-    knot: np.ndarray
+    pose: np.ndarray
     signs: np.ndarray
 
 
@@ -97,27 +97,27 @@ class Group:
 class Window:
     """The measurements as a page reads them.
 
-    apart: the pushes of fingers that feel nothing (rows of push);
+    unfelt: the pushes of fingers that feel nothing (rows of push);
     lift: the ground contacts that can leave the ground (none in planar motion);
     rest: corners on the ground at poses without a step (none in planar motion);
     groups: the steps by number of pushing fingers;
     frictionless: "finger", "ground" where these carry no tangential impulse;
     sigma_position [m], sigma_normal [rad]: sensor noise;
-    ceiling: the most that one wrong sample can cost [nats];
+    outlier_cost: the most that one wrong sample can cost [nats];
     braking [m/s^2]: of an object that slides on, mu g.
     """
 
     motion: Motion
     finger: Finger
     fingers: int
-    knots: int
-    knot: np.ndarray
+    poses: int
+    pose: np.ndarray
     touch: Samples
     free: Samples
     step: Steps
     gap: Steps
     push: Pushes
-    apart: np.ndarray
+    unfelt: np.ndarray
     corner: Corners
     lift: Corners
     rest: Rests
@@ -125,18 +125,18 @@ class Window:
     frictionless: tuple[str, ...]
     sigma_position: float
     sigma_normal: float
-    ceiling: float
+    outlier_cost: float
     braking: float
 
     @property
     def last(self) -> np.ndarray:
-        """The last sample of every pose (knots,)."""
-        return np.r_[np.nonzero(np.diff(self.knot))[0], len(self.knot) - 1]
+        """The last sample of every pose (poses,)."""
+        return np.r_[np.nonzero(np.diff(self.pose))[0], len(self.pose) - 1]
 
-    def holding(self, x, knots) -> tuple[np.ndarray, np.ndarray]:
-        """Return bounds (unknowns, knots) that hold some poses of x (unknowns, T)."""
-        lower, upper = np.full((2, len(x), self.knots), [[[-np.inf]], [[np.inf]]])
-        lower[:, knots] = upper[:, knots] = x[:, self.last[knots]]
+    def holding(self, x, poses) -> tuple[np.ndarray, np.ndarray]:
+        """Return bounds (unknowns, poses) that hold some poses of x (unknowns, T)."""
+        lower, upper = np.full((2, len(x), self.poses), [[[-np.inf]], [[np.inf]]])
+        lower[:, poses] = upper[:, poses] = x[:, self.last[poses]]
         return lower, upper
 
     def followed(self, rows, slopes) -> np.ndarray:

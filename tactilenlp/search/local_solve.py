@@ -52,7 +52,7 @@ def tried(job, problem, window, levels, h, tolerance, solvers) -> Hypothesis:
     left = min(LONGEST, max(0.05, job.deadline - time.monotonic()))
     options = SolverOptions(tolerance=tolerance, time_limit=left)
     s = solve_levels(problem, levels, started(problem, window, h), options, solvers)
-    theta, x = s.values["theta"][:, 0], s.values["x"][:, window.knot]
+    theta, x = s.values["theta"][:, 0], s.values["x"][:, window.pose]
     offset = s.values.get(OFFSET)
     return Hypothesis(theta, x, s.objective, h.path, s.iterations, offset)
 
@@ -76,8 +76,9 @@ def opened(levels, final: bool):
     first = []
     for level in levels:
         if level.fixed:
-            first.append(replace(level, iterations=HELD))
-            first.append(replace(level, fixed=(), barrier=RELAXED, iterations=OPEN))
+            first.append(level.with_ipopt(max_iter=HELD))
+            free = replace(level, fixed=())
+            first.append(free.with_ipopt(mu_init=RELAXED, max_iter=OPEN))
     rest = [level for level in levels if not level.fixed]
     return [*first, *rest] if final or not first else first
 
@@ -144,7 +145,7 @@ class Solved:
         return replace(
             self.hypothesis,
             theta=values["theta"].T.ravel(),
-            x=values["x"][:, self.window.knot],
+            x=values["x"][:, self.window.pose],
             offset=values.get(OFFSET),
             objective=self.solution.objective,
         )
@@ -178,10 +179,10 @@ def solved_from(
 
 
 def _rounds(levels) -> list[list]:
-    """Return the levels in a row, parted before each that fills its page anew."""
+    """Return the levels in groups, a new one before each level that rebuilds."""
     rounds = [[]]
     for level in levels:
-        if level.anew and rounds[-1]:
+        if level.rebuild and rounds[-1]:
             rounds.append([])
         rounds[-1].append(level)
     return rounds
@@ -210,7 +211,7 @@ def gone_on(job, page, solved, settings, warm) -> Solved:
     start = replace(
         solved.solution, values=values, bound_multipliers=pulls, multipliers=multipliers
     )
-    last = replace(page.LEVELS[-1], warm=warm)
+    last = replace(page.LEVELS[-1], warm_start={"mu_init": warm})
     solution = solve_levels(problem, (last,), start, settings)
     solution.seconds["build"] += built
     return Solved(solved.hypothesis, problem, window, solution, job)

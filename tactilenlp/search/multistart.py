@@ -41,7 +41,7 @@ def _race(job, page, hypotheses, options, levels, known, solved, rough) -> None:
     """Fill `rough` with hypotheses before the last level, `solved` with those after."""
     shared = {}
     hull = is_polytope(job.shape)  # its window follows from where it starts
-    apart = len(levels) == 1 or levels[-2].fixed or levels[-1].anew
+    apart = len(levels) == 1 or levels[-2].fixed or levels[-1].rebuild
     apart = apart or not job.reductions.planar
     for h in progress(hypotheses, "solve"):
         if (known or solved or rough) and time.monotonic() > job.deadline:

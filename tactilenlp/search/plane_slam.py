@@ -45,10 +45,10 @@ class Pairs(_Rows):
 
 @dataclass(frozen=True, eq=False)
 class Outside(_Rows):
-    """Touches whose contact point lies outside a free finger at p_wf, pose knot."""
+    """Touches whose contact point lies outside a free finger at p_wf, pose pose."""
 
     touch: np.ndarray
-    knot: np.ndarray
+    pose: np.ndarray
     p_wf: np.ndarray
     radius: np.ndarray
 
@@ -59,7 +59,7 @@ class PlanesWindow(Window):
 
     plane: (touches,) of each touch; planes: how many; slip (n, 2): successive touches
     of a finger; link (m, 2): their planes, where they are not one already; lower,
-    upper: (3, knots) bounds that hold the last pose.
+    upper: (3, poses) bounds that hold the last pose.
     """
 
     plane: np.ndarray = None
@@ -117,7 +117,7 @@ def windowed(window, faces: Faces) -> PlanesWindow:
     return PlanesWindow(
         **known, plane=plane, planes=len(faces.b), slip=slip, link=link,
         behind=Pairs(i[other], j[other]),
-        outside=Outside(ends[a], free.knot[f], free.p_wf[f], free.radius[f]),
+        outside=Outside(ends[a], free.pose[f], free.p_wf[f], free.radius[f]),
         lower=lower, upper=upper,
     )  # fmt: skip
 
@@ -125,7 +125,7 @@ def windowed(window, faces: Faces) -> PlanesWindow:
 def since(window: PlanesWindow, x, planes: int) -> PlanesWindow:
     """Return what a new action adds to a past of poses x (3, T), held, and planes."""
     past, touch = x.shape[1], window.touch
-    new, first = touch.sample >= past, window.knot[past]
+    new, first = touch.sample >= past, window.pose[past]
     behind, outside = window.behind, window.outside
     lower, upper = window.holding(x, slice(first))
     return replace(
@@ -133,7 +133,7 @@ def since(window: PlanesWindow, x, planes: int) -> PlanesWindow:
         slip=window.slip[new[window.slip].any(axis=1)],
         link=window.link[(window.link >= planes).any(axis=1)],
         behind=behind.pick(new[behind.touch] | (behind.plane >= planes)),
-        outside=outside.pick(new[outside.touch] | (outside.knot >= first)),
+        outside=outside.pick(new[outside.touch] | (outside.pose >= first)),
         step=window.step.pick(window.step.sample >= past),
         gap=window.gap.pick(window.gap.sample >= past),
     )  # fmt: skip
@@ -150,7 +150,7 @@ def onward(job, faces: Faces) -> np.ndarray:
     held = plane.first + np.arange(plane.rows * known)
     levels = [replace(level, fixed=(held,)) for level in polytope_planes.LEVELS]
     s = from_faces(problem, window, start, levels, LONGEST)
-    return s.values["x"][:, window.knot]
+    return s.values["x"][:, window.pose]
 
 
 def from_faces(problem, window, faces: Faces, levels, time_limit: float):
@@ -168,7 +168,7 @@ def solved(job, window, faces: Faces, levels, time_limit: float) -> Faces:
     s = from_faces(problem, window, faces, levels, time_limit)
     m, b = s.values["plane"][:3].T, s.values["plane"][3]
     n = m / np.linalg.norm(m, axis=1, keepdims=True)
-    x = s.values["x"][:, window.knot]
+    x = s.values["x"][:, window.pose]
     iterations = faces.iterations + s.iterations
     return replace(faces, n=n, b=b, x=x, objective=s.objective, iterations=iterations)
 

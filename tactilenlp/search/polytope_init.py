@@ -181,9 +181,9 @@ def polished(job, body: Hypothesis) -> Hypothesis:
     polytope_quasi_static.build(problem, window, job.scene, shape)
     options = SolverOptions(tolerance=TOLERANCE, time_limit=LONGEST)
     start = {"theta": body.theta.reshape(-1, 3).T, "x": body.x[:, window.last]}
-    levels = [replace(k, iterations=ENOUGH) for k in polytope_quasi_static.LEVELS]
+    levels = [k.with_ipopt(max_iter=ENOUGH) for k in polytope_quasi_static.LEVELS]
     s = solve_levels(problem, levels, start, options)
-    theta, x = s.values["theta"].T.ravel(), s.values["x"][:, window.knot]
+    theta, x = s.values["theta"].T.ravel(), s.values["x"][:, window.pose]
     iterations = body.iterations + s.iterations
     return Hypothesis(theta, x, s.objective, body.path, iterations)
 

@@ -115,7 +115,7 @@ def _posteriors(job: Job, kept):
         values, vectors = np.linalg.eigh(H * np.outer(scale, scale))
         vectors = vectors * scale[:, None]
         C = (vectors / np.maximum(np.abs(values), LOOSE)) @ vectors[end].T
-        along = np.linalg.solve(C[end], C[poses].T).T.reshape(-1, m, n + m)[window.knot]
+        along = np.linalg.solve(C[end], C[poses].T).T.reshape(-1, m, n + m)[window.pose]
         shrink = np.minimum(1, SPREAD / np.sqrt(np.diag(C[end])))
         P = C[end] * np.outer(shrink, shrink) + np.diag(LEAST**2)
         out.append((h, P, along))
