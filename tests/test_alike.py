@@ -24,7 +24,7 @@ from tactilenlp import Measurements, Options, Scene
 from tactilenlp.estimation.request import make_job
 from tactilenlp.estimation.session import Session
 from tactilenlp.search.hypothesis import Hypothesis, TermFunctions
-from tactilenlp.search.local_solve import built_at
+from tactilenlp.search.local_solve import problem_at
 
 pytestmark = pytest.mark.usefixtures("not_compiled")  # nothing is evaluated
 
@@ -48,7 +48,7 @@ def problem_of(job, page):
     """Return the page's problem at a body that lies still."""
     theta = CUBE.ravel() if job.shape.name == "polytope" else np.full(3, 0.04)
     x = np.zeros((3 if job.reductions.planar else 6, job.data.samples))
-    return built_at(job, page, Hypothesis(theta, x, np.inf, ()))[1]
+    return problem_at(job, page, Hypothesis(theta, x, np.inf, ()))[1]
 
 
 @pytest.mark.parametrize(("page", "shape", "name"), CASES)

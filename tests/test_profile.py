@@ -8,7 +8,12 @@ import pytest
 
 from formulations.shape import CUBOID
 from tactilenlp.estimation import profile_likelihood as profile_of
-from tactilenlp.estimation.profile_likelihood import CLAIMED, PRICE, SURE, profiled
+from tactilenlp.estimation.profile_likelihood import (
+    KNOWN_POSITION,
+    PRICE,
+    VAGUE_SHARE,
+    profiled,
+)
 from tactilenlp.search.hypothesis import Hypothesis
 
 SHARP = 0.4e-3  # [m] that a Hessian claims
@@ -83,7 +88,7 @@ def test_faces_that_were_felt_go_along_with_a_larger_body():
 
 def test_what_costs_nothing_is_known_by_its_prior_alone():
     assert deviation(lambda d: 0.0)[0] == pytest.approx(PRIOR, rel=0.9)
-    assert deviation(lambda d: 0.0)[0] >= CLAIMED * PRIOR
+    assert deviation(lambda d: 0.0)[0] >= VAGUE_SHARE * PRIOR
 
 
 @pytest.mark.parametrize("slope", [60.0, 200.0, 2e4])
@@ -95,8 +100,8 @@ def test_no_place_is_asked_for_that_could_not_be_claimed(slope):
         return slope * abs(d)
 
     deviation(price)
-    assert asked[0] <= CLAIMED * PRIOR
-    assert max(asked) <= CLAIMED * PRIOR * np.sqrt(2 * PRICE) * (1 + 1e-9)
+    assert asked[0] <= VAGUE_SHARE * PRIOR
+    assert max(asked) <= VAGUE_SHARE * PRIOR * np.sqrt(2 * PRICE) * (1 + 1e-9)
     assert len(asked) <= 4
     dear = [d for d in asked if slope * d >= PRICE]
     assert dear in ([], asked[-1:])  # once it is dear enough, no more
@@ -131,7 +136,7 @@ def test_an_untouched_size_is_no_surer_than_its_profile(touched, recorded):
 def test_a_place_that_the_hessian_claims_little_of_is_no_surer_than_that(touched):
     sharp = touched.information.of_hessian().sigma("position")[:2]
     along = np.argmax(sharp)
-    assert sharp[along] > SURE
+    assert sharp[along] > KNOWN_POSITION
     assert touched.information.sigma("position")[along] > 0.99 * sharp[along]
 
 

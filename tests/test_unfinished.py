@@ -99,7 +99,7 @@ def test_a_search_for_a_polytope_leaves_what_its_planes_carve_out(pressed, monke
 
     file = ROOT / "examples" / "data" / "polytope.npz"
     data, scene = Measurements.load(file).select(range(3)), Scene.load(file)
-    pressed(polytopes, "extended", 2)
+    pressed(polytopes, "extended_faces", 2)
     with pytest.raises(Interrupted, match="2 of 3 actions") as stop:
         solve_estimate(data, scene, shape="polytope")
     found = stop.value.estimate

@@ -13,14 +13,20 @@ from ..problem.certificates import certify, without
 from ..problem.outliers import contradicts
 from ..problem.pages import is_polytope
 from ..problem.reductions import flat
-from ..search.local_solve import CLOSE, Solved, gone_on, settings_of, solved_from
+from ..search.local_solve import (
+    RESTART_MU,
+    Solved,
+    settings_of,
+    solved_from,
+    warm_started,
+)
 from ..search.proposals_tumble import recovered
 from .profile_likelihood import profiled
 
 log = logging.getLogger("tactilenlp")
 ASTRAY = 1.0  # [nats] more freedom costs no more than what new resting steps do
-PUT_BACK = 2  # times that a problem is solved again with what it needs after all
-TUMBLES = 3  # guesses of a tumble at most that are solved in free motion
+MAX_RESTORED = 2  # times that a problem is solved again with what it needs after all
+MAX_TUMBLE_SOLVES = 3  # guesses of a tumble at most that are solved in free motion
 
 
 def checked(job, page, solved, options, executor=None) -> Solved:
@@ -44,7 +50,7 @@ def certified(job, page, solved, options) -> Solved:
     Still spans are cut first where they would move, and dropped if that was not enough.
     """
     found = certify(job, page, solved)
-    for _ in range(PUT_BACK):
+    for _ in range(MAX_RESTORED):
         back = [name for name in found.broken if name != "planar"]
         if not back:
             break
@@ -54,16 +60,16 @@ def certified(job, page, solved, options) -> Solved:
             job = replace(job, cuts=tuple(sorted(more)))
             back.remove("still")
         job = replace(job, reductions=without(job.reductions, back))
-        again = _solved_on(job, page, solved, options)
+        again = _solved_again(job, page, solved, options)
         if again.solution.objective > solved.solution.objective + ASTRAY:
             break  # another optimum, which is worse: what does not hold is said
         solved, found = again, certify(job, page, again)
     return replace(solved, certificates=found)
 
 
-def _solved_on(job, page, solved, options) -> Solved:
+def _solved_again(job, page, solved, options) -> Solved:
     """Solve again, with less left out, from where a solve ended."""
-    again = gone_on(job, page, solved, settings_of(job, options), CLOSE)
+    again = warm_started(job, page, solved, settings_of(job, options), RESTART_MU)
     if again.solution.success:
         return again
     return solved_from(job, page, solved.at, options)
@@ -88,7 +94,8 @@ def _tumbled(job, page, flat, options, executor) -> Solved:
     free = replace(job, reductions=without(job.reductions, ["planar"]))
     levels = getattr(page, "ROUGH", page.LEVELS)
     solved = [
-        solved_from(free, page, h, options, levels=levels) for h in found[:TUMBLES]
+        solved_from(free, page, h, options, levels=levels)
+        for h in found[:MAX_TUMBLE_SOLVES]
     ]
     better = [
         s for s in solved

@@ -13,7 +13,7 @@ from ..search.local_solve import solved_from
 from .readout import read_off
 from .request import Request
 
-WIND_UP = 2.0  # [s] that a person waits after Ctrl-C for what there is
+SHUTDOWN_TIME = 2.0  # [s] that a person waits after Ctrl-C for what there is
 
 
 @dataclass
@@ -44,7 +44,7 @@ def interrupted(request: Request, so_far: SoFar) -> Interrupted:
         page = page_of("quasi_static", job.shape)
         best = min(so_far.kept, key=lambda h: h.rank)
         done = np.unique(data.action[: best.x.shape[1]])
-        data, deadline = data.select(done), time.monotonic() + WIND_UP
+        data, deadline = data.select(done), time.monotonic() + SHUTDOWN_TIME
         job = replace(job, data=job.data.select(done), deadline=deadline)
         levels = page.LEVELS[-1:]
         solved = solved_from(job, page, best, request.options, levels=levels)

@@ -19,7 +19,7 @@ from ..problem.certificates import without
 from ..problem.pages import is_polytope, page_of, shape_of
 from ..problem.reductions import Reductions, flat, insisted
 from ..search.hypothesis import Hypothesis, Job, TermFunctions
-from ..search.polytope_init import check as check_round
+from ..search.polytope_init import check_round_fingertips as check_round
 from .options import Guess, Options
 from .result import Estimate
 from .session import Session
@@ -61,7 +61,7 @@ def read_request(
     check_touched(data)
     functions = session.functions_for(start, scene, shape, page)
     job = make_job(data, scene, shape, options, time.monotonic(), page, functions)
-    known = [] if start is None else carried(start, shape, scene, data)
+    known = [] if start is None else carried_hypotheses(start, shape, scene, data)
     return Request(data, job, page, options, start, executor), known
 
 
@@ -102,7 +102,7 @@ def make_job(data, scene, shape, options, began, page, functions=None) -> Job:
 def check_start(start, shape, scene) -> None:
     """Raise for an Estimate or a Guess from which this shape cannot start."""
     if start is not None:
-        carried(start, shape, scene, getattr(start, "measurements", None))
+        carried_hypotheses(start, shape, scene, getattr(start, "measurements", None))
         first_guess(start, shape)
 
 
@@ -199,7 +199,7 @@ def first_guess(start, shape) -> tuple:
     return (("guess", theta, np.r_[position[:2], start.yaw]),)
 
 
-def carried(start, shape, scene, data) -> list[Hypothesis]:
+def carried_hypotheses(start, shape, scene, data) -> list[Hypothesis]:
     """Return the hypotheses to carry on from an earlier estimate.
 
     Where that ends within an action which goes on, this action is fitted anew.  A
@@ -221,9 +221,9 @@ def carried(start, shape, scene, data) -> list[Hypothesis]:
             expected="an estimate whose measurements are a prefix of data",
             next="start from scratch, or append to the same measurements",
         )
-    done = _whole(start.measurements.samples, data)
+    done = _samples_of_whole_actions(start.measurements.samples, data)
     if is_polytope(shape):
-        return [lying(start, scene, done)] if done else []
+        return [as_polytope(start, scene, done)] if done else []
     if start.shape != shape.name:
         raise StartError(
             "the start is of another shape", where="start", got=start.shape,
@@ -232,13 +232,13 @@ def carried(start, shape, scene, data) -> list[Hypothesis]:
     return [h.at(done) for h in start.hypotheses] if done else []
 
 
-def _whole(samples: int, data) -> int:
+def _samples_of_whole_actions(samples: int, data) -> int:
     """Return how many of the first samples are of actions that end with them."""
     last = np.flatnonzero(data.action == data.action[samples - 1])
     return samples if last[-1] < samples else int(last[0])
 
 
-def lying(estimate, scene, samples: int | None = None) -> Hypothesis:
+def as_polytope(estimate, scene, samples: int | None = None) -> Hypothesis:
     """Return an estimate of whatever shape as the vertices and poses of a hull.
 
     Planar poses in the ground's frame, free ones in the world where there is none; the

@@ -22,17 +22,17 @@ from ..problem.reductions import Reductions
 from ..search.beam import RIVAL, beam
 from ..search.hypothesis import Hypothesis, distinct, same
 from ..search.local_solve import Solved
-from ..search.polytope_init import search as polytope_search
+from ..search.polytope_init import search_polytope as polytope_search
 from ..search.proposals_floating import (
-    flattened,
-    floated,
-    followed,
-    laid_out,
-    plane_for,
-    tilting,
+    in_free_motion,
+    in_plane,
+    in_search_plane,
+    search_plane,
+    with_faces_tracked,
+    with_tilted_normals,
 )
 from .certification import certified, checked
-from .incremental_polytope import explained, updated
+from .incremental_polytope import repaired, updated
 from .interrupted import SoFar, interrupted
 from .options import Guess, Options
 from .readout import name_of, read_off
@@ -101,7 +101,7 @@ def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
     so_far.kept, searched = kept, so_far.spent
     earlier = start if _had_alternatives(start, page) else None
     solved = refined(job, page, starts, options, so_far.solved, earlier)
-    solved = explained(job, page, solved, options, update)
+    solved = repaired(job, page, solved, options, update)
     cuts = solved[0].job.cuts
     best = checked(replace(job, cuts=cuts), page, solved[0], options, request.executor)
     so_far.kept = _carried_on(job, solved, kept, request.widths[0])
@@ -135,13 +135,13 @@ def _searched(request: Request, kept) -> tuple[list[Hypothesis], list[Hypothesis
     # A search is as lean as it can be, whatever the last solve leaves out.
     search, plane = replace(job, reductions=Reductions()), None
     if job.scene.ground is None:
-        plane = plane_for(job, start if isinstance(start, Guess) else None)
-        search = laid_out(search, plane)
+        plane = search_plane(job, start if isinstance(start, Guess) else None)
+        search = in_search_plane(search, plane)
     if is_polytope(job.shape):
-        kept[:] = kept if plane is None else [flattened(h, plane) for h in kept]
+        kept[:] = kept if plane is None else [in_plane(h, plane) for h in kept]
         found = polytope_search(search, kept, so_far=kept)
         if plane is not None:
-            (other,) = polytope_search(tilting(search), kept, so_far=kept)
+            (other,) = polytope_search(with_tilted_normals(search), kept, so_far=kept)
             found += [replace(other, objective=found[0].objective)]  # of other weights
     else:
         search = replace(search, first=first_guess(start, job.shape))
@@ -151,9 +151,9 @@ def _searched(request: Request, kept) -> tuple[list[Hypothesis], list[Hypothesis
         )
     if plane is None:
         return found, found
-    starts = [floated(h, plane, job.shape) for h in found]
+    starts = [in_free_motion(h, plane, job.shape) for h in found]
     if is_polytope(job.shape):
-        starts += [followed(h, job.data) for h in starts]
+        starts += [with_faces_tracked(h, job.data) for h in starts]
     return found, starts
 
 

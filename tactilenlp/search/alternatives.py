@@ -24,27 +24,29 @@ from ..information.error_budget import ENOUGH
 from ..information.information import reduced_covariance
 from ..information.tangent_space import final_unknowns
 from ..problem.reductions import ARM
-from .kalman_filter import follow
-from .local_solve import best_first, opened, solved_from
-from .multistart import raced
+from .kalman_filter import filtered_paths
+from .local_solve import best_first, freed_levels, solved_from
+from .multistart import multistart
 from .proposals import spherical
 
-CLAIMED = 0.5  # [prior deviations] a size less certain than this claims nothing
-NEAR = 6e-3  # [m] sizes this close to the best one's lead to the same optimum
+UNOBSERVED_SHARE = (
+    0.5  # [prior deviations] a size less certain than this claims nothing
+)
+SAME_OPTIMUM = 6e-3  # [m] sizes this close to the best one's lead to the same optimum
 RISEN = 0.5  # [nats] an objective that rises by less has no better past
 CLEAR = 0.8  # [nats an action] what precise fingers felt costs no more on a right path
-PASTS = 3  # actions that have a middle to go back from
-JUMPS = 3  # of a path at most that are followed over, the longest first
-JUMP = 1e-3  # [m] between actions that is worth a rival
-NOISE = 3.0  # [position noise] that makes jumps this long
-TURNING = (1.0, 0.3, 0.1)  # [-] how readily an object may have turned in the past
-KNOWN_SIZE = 1e-4  # [m] deviation of sizes, where a path is followed backward
-OPEN_SIZE = 10e-3  # [m] and where a jump may come from sizes that are wrong
-KNOWN_POSE = np.r_[3e-4, 3e-4, 5e-3]  # [m, m, rad] and of the pose it starts from
-KNOWN = 3e-3  # [m] sizes this close to those of another hypothesis are known
+MIN_ACTIONS = 3  # actions that have a middle to go back from
+MAX_JUMPS = 3  # of a path at most that are followed over, the longest first
+MIN_JUMP = 1e-3  # [m] between actions that is worth a rival
+JUMP_NOISE = 3.0  # [position noise] that makes jumps this long
+TURN_SCALES = (1.0, 0.3, 0.1)  # [-] how readily an object may have turned in the past
+SIZE_HELD = 1e-4  # [m] deviation of sizes, where a path is followed backward
+SIZE_FREE = 10e-3  # [m] and where a jump may come from sizes that are wrong
+POSE_HELD = np.r_[3e-4, 3e-4, 5e-3]  # [m, m, rad] and of the pose it starts from
+SIZE_TRIED = 3e-3  # [m] sizes this close to those of another hypothesis are known
 
 
-def challenged(job, page, solved, options, start=None) -> list:
+def with_alternatives(job, page, solved, options, start=None) -> list:
     """Return the solved hypotheses and their rivals, best first.
 
     start: the estimate that this one carries on, if its rivals were asked for; what is
@@ -52,28 +54,32 @@ def challenged(job, page, solved, options, start=None) -> list:
     """
     if not job.reductions.planar:
         return solved
-    levels = opened(page.LEVELS, final=True)
+    levels = freed_levels(page.LEVELS, final=True)
 
     def with_rivals(solved, proposed) -> list:
-        rivals = raced(job, page, proposed(job, solved), options, levels, known=solved)
+        rivals = multistart(
+            job, page, proposed(job, solved), options, levels, known=solved
+        )
         return best_first([*solved, *rivals])
 
-    anew = start is None or _asks(job, solved[0], start)
-    over = partial(unbroken, since=0 if anew else start.measurements.actions)
-    for _ in range(JUMPS):
+    anew = start is None or _needs_alternatives(job, solved[0], start)
+    over = partial(
+        without_longest_jump, since=0 if anew else start.measurements.actions
+    )
+    for _ in range(MAX_JUMPS):
         best, solved = solved[0], with_rivals(solved, over)
         if solved[0] is best:
             break
     if anew:
-        if not _explains(job, solved[0]):
-            solved = with_rivals(solved, other_pasts)
-        solved = with_rivals(solved, other_sizes)
+        if not _explains_precise_data(job, solved[0]):
+            solved = with_rivals(solved, smoothed_backward)
+        solved = with_rivals(solved, alternative_sizes)
         solved = best_first([*solved, *softened(job, page, solved, options)])
     good = [s for s in solved if s.solution.success]
     return good or solved
 
 
-def _explains(job, best) -> bool:
+def _explains_precise_data(job, best) -> bool:
     """Tell whether a path explains what precise fingers felt: few do so better.
 
     Of noise each touch costs a nat or so, and which ones are too dear no one can tell.
@@ -83,7 +89,7 @@ def _explains(job, best) -> bool:
     return good and precise(job.data, job.precision)
 
 
-def settled(best, start) -> bool:
+def still_explained(best, start) -> bool:
     """Tell whether what was felt since an estimate leaves its path as it is.
 
     More data cost no less: where the objective has not risen there is nothing to gain.
@@ -92,15 +98,15 @@ def settled(best, start) -> bool:
     return best.solution.success and not risen
 
 
-def _asks(job, best, start) -> bool:
+def _needs_alternatives(job, best, start) -> bool:
     """Tell whether what was felt since an estimate asks for another past.
 
     Noise lifts the objective by itself; then a past is asked for where there is a new
     middle.
     """
-    moved = middle(job.data.actions) != middle(start.measurements.actions)
+    moved = first_half(job.data.actions) != first_half(start.measurements.actions)
     asked = moved or precise(job.data, job.precision)
-    return asked and not settled(best, start)
+    return asked and not still_explained(best, start)
 
 
 def softened(job, page, solved, options) -> list:
@@ -115,12 +121,12 @@ def softened(job, page, solved, options) -> list:
     )
 
 
-def middle(actions: int) -> int:
+def first_half(actions: int) -> int:
     """Return how many of so many actions make the first half."""
     return (actions + 1) // 2
 
 
-def other_pasts(job, solved) -> list:
+def smoothed_backward(job, solved) -> list:
     """Return the best hypothesis with its first half followed backward from the second.
 
     Poses before the middle action, from its first one: size and pose are known there,
@@ -129,13 +135,15 @@ def other_pasts(job, solved) -> list:
     """
     at, action = solved[0].at, job.data.action
     actions = np.unique(action)
-    if len(actions) < PASTS:
+    if len(actions) < MIN_ACTIONS:
         return []
-    start = int(np.argmax(action == actions[middle(len(actions))]))
-    return _followed(job, at, start, True, [KNOWN_SIZE] * len(TURNING), TURNING)
+    start = int(np.argmax(action == actions[first_half(len(actions))]))
+    return _filtered_again(
+        job, at, start, True, [SIZE_HELD] * len(TURN_SCALES), TURN_SCALES
+    )
 
 
-def unbroken(job, solved, since=0) -> list:
+def without_longest_jump(job, solved, since=0) -> list:
     """Return the best hypothesis without its longest jump between actions, if any.
 
     since: the first so many actions were asked about before.
@@ -145,11 +153,11 @@ def unbroken(job, solved, since=0) -> list:
     """
     at, asked = solved[0].at, max(since - 1, 0)
     way = jumps(job.data, at.x)[asked:]
-    if way.max(initial=0.0) < worth(job.precision):
+    if way.max(initial=0.0) < jump_threshold(job.precision):
         return []
-    start = int(starts_of(job.data)[asked + np.argmax(way)])
-    sizes = [KNOWN_SIZE, OPEN_SIZE]
-    return [h for b in (True, False) for h in _followed(job, at, start, b, sizes)]
+    start = int(action_starts(job.data)[asked + np.argmax(way)])
+    sizes = [SIZE_HELD, SIZE_FREE]
+    return [h for b in (True, False) for h in _filtered_again(job, at, start, b, sizes)]
 
 
 def jumps(data, x) -> np.ndarray:
@@ -157,23 +165,23 @@ def jumps(data, x) -> np.ndarray:
 
     Along the ground; where it lies flat, a radian of turn counts as ARM.
     """
-    first = starts_of(data)
+    first = action_starts(data)
     jump = x[:, first] - x[:, first - 1]
     turn = ARM * jump[2] if is_planar(x) else 0.0
     return np.hypot(np.linalg.norm(jump[:2], axis=0), turn)
 
 
-def worth(precision) -> float:
+def jump_threshold(precision) -> float:
     """Return how long a jump between actions must be to be worth a rival [m]."""
-    return max(JUMP, NOISE * precision.position)
+    return max(MIN_JUMP, JUMP_NOISE * precision.position)
 
 
-def starts_of(data) -> np.ndarray:
+def action_starts(data) -> np.ndarray:
     """Return the first sample (actions - 1,) of every action but the first one."""
     return 1 + np.nonzero(np.diff(data.action))[0]
 
 
-def _followed(job, at, start: int, backward: bool, sizes, turning=None) -> list:
+def _filtered_again(job, at, start: int, backward: bool, sizes, turning=None) -> list:
     """Return the hypothesis followed backward from `start`, or forward over it.
 
     One for each of `sizes` [m], by how much the sizes may be off, and of `turning` [-],
@@ -182,13 +190,13 @@ def _followed(job, at, start: int, backward: bool, sizes, turning=None) -> list:
     data, window = spherical(job)
     n, here = len(at.theta), start - (not backward)
     z = np.tile(np.r_[at.theta, at.x[:, here]], (len(sizes), 1))
-    deviations = [np.r_[np.full(n, size), KNOWN_POSE] for size in sizes]
+    deviations = [np.r_[np.full(n, size), POSE_HELD] for size in sizes]
     spread = np.array([np.diag(d**2) for d in deviations])
     turning = np.ones(len(sizes)) if turning is None else np.array(turning)
     samples = np.arange(at.x.shape[1])
     order = samples[:start][::-1] if backward else samples[start:]
     given = at.seen(data), window, job.shape
-    ends, paths = follow(*given, z, spread, turning, order)
+    ends, paths = filtered_paths(*given, z, spread, turning, order)
     if backward:
         paths = [np.hstack([path[:, ::-1], at.x[:, start:]]) for path in paths]
     else:
@@ -197,7 +205,7 @@ def _followed(job, at, start: int, backward: bool, sizes, turning=None) -> list:
     return [replace(at, theta=end[:n], x=path) for end, path in pairs]
 
 
-def other_sizes(job, solved) -> list:
+def alternative_sizes(job, solved) -> list:
     """Return the best hypothesis with other sizes that physics alone speaks against.
 
     solved: the best first; sizes that one of them has are no others.
@@ -211,11 +219,11 @@ def other_sizes(job, solved) -> list:
     faces, proposed = best.touched, []
     for axis in (0, 1):
         known = faces[axis].min() >= ENOUGH
-        if known or np.sqrt(max(C[axis, axis], 0.0)) > CLAIMED * deviation:
+        if known or np.sqrt(max(C[axis, axis], 0.0)) > UNOBSERVED_SHARE * deviation:
             continue
         for size in (mean - deviation, mean):
             off = [abs(size - s.at.theta[axis]) for s in solved]
-            if off[0] > NEAR and min(off) > KNOWN:
+            if off[0] > SAME_OPTIMUM and min(off) > SIZE_TRIED:
                 proposed.append(resized(at, axis, size, faces[axis]))
     return proposed
 

@@ -19,8 +19,15 @@ from formulations import quasi_static
 from ..common.progress import progress
 from ..problem.pages import page_named
 from .hypothesis import Hypothesis, Job, distinct, same
-from .local_solve import ROUGH, opened, posed, spread, started, tried
-from .proposals import WEAK, extensions
+from .local_solve import (
+    RANKING_TOLERANCE,
+    distributed,
+    freed_levels,
+    problem_for,
+    solved_roughly,
+    start_values,
+)
+from .proposals import WEAK_MOTION, extensions
 
 __all__ = ["Hypothesis", "Job", "beam", "distinct", "extensions", "rank", "same"]
 log = logging.getLogger("tactilenlp")
@@ -28,8 +35,8 @@ TOLERANCE = 1e-4  # of the search's solves; the page that follows is solved tigh
 COARSE = 40.0  # [nats] a start that costs less than this skips the coarse level
 RIVAL = 15.0  # [nats] of least motion behind the best: physics is not asked
 BEHIND = 30.0  # [nats] of physics behind the best: dropped
-RANKED = 2  # actions after which a page ranks
-EARLY = 2  # actions in which sizes are free: twice as many hypotheses
+RANKED_ACTIONS = 2  # actions after which a page ranks
+EARLY_ACTIONS = 2  # actions in which sizes are free: twice as many hypotheses
 
 
 def beam(
@@ -49,19 +56,19 @@ def beam(
         if last <= done or not (job.data.contact & job.data.valid)[:last].any():
             continue
         part = replace(job, data=job.data.select(np.unique(job.data.action[:last])))
-        more = 2 if i < EARLY else 1
+        more = 2 if i < EARLY_ACTIONS else 1
         starts = _most_promising(part, extensions(part, kept), solves * more)
         if time.monotonic() > job.deadline:  # what is left is guessed, not solved
             kept = starts[:width]
             continue
-        found = spread(_solve_chunk, part, starts, executor)
-        found += starts if i < EARLY else []
+        found = distributed(_solve_chunk, part, starts, executor)
+        found += starts if i < EARLY_ACTIONS else []
         kept = distinct(job.shape, found, width * more)
-        if i >= EARLY:  # as it was: its past may be one that physics found
+        if i >= EARLY_ACTIONS:  # as it was: its past may be one that physics found
             twin = any(same(job.shape, starts[0], h) for h in kept)
             kept = kept if twin and not physical else [*kept, starts[0]]
         physical = False
-        if page is not None and i < RANKED and last < len(job.data.time):
+        if page is not None and i < RANKED_ACTIONS and last < len(job.data.time):
             kept = rank(part, page, kept, width, executor)
         if so_far is not None:
             so_far[:] = kept
@@ -76,33 +83,38 @@ def rank(job, page, kept, width, executor=None) -> list[Hypothesis]:
     rivals = [h for h in kept if h.objective <= limit]
     if executor is not None:
         page = page.__name__  # a module travels by its name
-    found = spread(_rank_chunk, job, rivals, executor, page)
+    found = distributed(_rank_chunk, job, rivals, executor, page)
     return distinct(job.shape, found, width, BEHIND)
 
 
 def _rank_chunk(job: Job, kept, page) -> list[Hypothesis]:
     page = page_named(page)
-    problem, window = posed(job, page, (kept[0].theta, kept[0].x))
-    levels, solvers = opened(page.LEVELS, final=False), {}
-    return [tried(job, problem, window, levels, h, ROUGH, solvers) for h in kept]
+    problem, window = problem_for(job, page, (kept[0].theta, kept[0].x))
+    levels, solvers = freed_levels(page.LEVELS, final=False), {}
+    return [
+        solved_roughly(job, problem, window, levels, h, RANKING_TOLERANCE, solvers)
+        for h in kept
+    ]
 
 
 def _most_promising(job: Job, starts, count: int) -> list[Hypothesis]:
     """Return the cheapest distinct starts by the quasi-static page's own cost."""
-    problem, window = posed(job, quasi_static)
-    data, costed = problem.data(WEAK), []
+    problem, window = problem_for(job, quasi_static)
+    data, costed = problem.data(WEAK_MOTION), []
     for h in starts:
-        x = problem.pack(started(problem, window, h))
+        x = problem.pack(start_values(problem, window, h))
         cost = sum(float(problem.value(n, x, data).sum()) for n in problem.costs)
         costed.append(replace(h, objective=cost))
     return distinct(job.shape, costed, count)
 
 
 def _solve_chunk(job: Job, starts) -> list[Hypothesis]:
-    problem, window = posed(job, quasi_static)
-    weak = [replace(v, parameters=v.parameters | WEAK) for v in quasi_static.LEVELS]
+    problem, window = problem_for(job, quasi_static)
+    weak = [
+        replace(v, parameters=v.parameters | WEAK_MOTION) for v in quasi_static.LEVELS
+    ]
     solvers, out = {}, []
     for h in starts:
         levels = weak if h.objective > COARSE else weak[-1:]
-        out.append(tried(job, problem, window, levels, h, TOLERANCE, solvers))
+        out.append(solved_roughly(job, problem, window, levels, h, TOLERANCE, solvers))
     return out

@@ -12,9 +12,9 @@ import numpy as np
 
 from ..problem.poses import planar_corners
 
-SAME = 1e-3  # [m] hypotheses whose corners agree this well are one
+SAME_BODY = 1e-3  # [m] hypotheses whose corners agree this well are one
 HOPELESS = 60.0  # [nats] behind the best start or hypothesis: not followed up
-ENDS = (0, -1)  # the poses by which bodies are compared: the first and the last
+COMPARED = (0, -1)  # the poses by which bodies are compared: the first and the last
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ class Job:
 
 
 def distinct(
-    shape, found, count: int, hopeless=HOPELESS, samples=ENDS
+    shape, found, count: int, hopeless=HOPELESS, samples=COMPARED
 ) -> list[Hypothesis]:
     """Return the best `count` hypotheses of which no two are the same body."""
     kept = []
@@ -114,11 +114,11 @@ def distinct(
     return kept
 
 
-def same(shape, a: Hypothesis, b: Hypothesis, samples=ENDS) -> bool:
+def same(shape, a: Hypothesis, b: Hypothesis, samples=COMPARED) -> bool:
     """Tell whether two hypotheses are one: corners agree at the given samples."""
     for k in samples:
         corners = [planar_corners(shape, h.theta, h.x[:, k]) for h in (a, b)]
         apart = np.linalg.norm(corners[0][:, None] - corners[1][None], axis=2)
-        if max(apart.min(axis=0).max(), apart.min(axis=1).max()) > SAME:
+        if max(apart.min(axis=0).max(), apart.min(axis=1).max()) > SAME_BODY:
             return False
     return True

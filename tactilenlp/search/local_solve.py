@@ -27,18 +27,23 @@ from ..problem.poses import poses
 from ..problem.reductions import insisted, reduce
 from ..problem.unreduced import carried
 from .hypothesis import Hypothesis, Job
-from .polytope_init import CLOSED, CREEPING, reseeded
+from .polytope_init import CLOSED, CREEPING, with_vertices_on_hull
 
-ROUGH = 1e-3  # tolerance of a page's solves that only rank
-HELD, OPEN = 20, 20  # iterations of a level that holds poses, and of one that opens it
-RELAXED = 0.03  # IPOPT's first mu where it is opened
-LONGEST = 60.0  # [s] that one level of a page may take
-CLOSE = 1e-5  # IPOPT's first mu where a solution is known but for what was left out
+RANKING_TOLERANCE = 1e-3  # tolerance of a page's solves that only rank
+HELD_ITERATIONS, FREED_ITERATIONS = (
+    20,
+    20,
+)  # iterations of a level that holds poses, and of one that opens it
+FREED_MU = 0.03  # IPOPT's first mu where it is opened
+LEVEL_TIME = 60.0  # [s] that one level of a page may take
+RESTART_MU = (
+    1e-5  # IPOPT's first mu where a solution is known but for what was left out
+)
 REASON = 3.0  # [nats] as odds of 20 to 1 are
-CHOSEN_AGAIN = ("theta", "x", "body")  # where a page that is filled anew starts
+RESTARTED = ("theta", "x", "body")  # where a page that is filled anew starts
 
 
-def posed(job: Job, page, guess=None):
+def problem_for(job: Job, page, guess=None):
     """Return the problem that a page poses of a job's data, and the window."""
     made = insisted(page, job.reductions)
     window = reduce(job.data, job.scene, job.shape, job.precision, made, guess)
@@ -47,17 +52,19 @@ def posed(job: Job, page, guess=None):
     return problem, window
 
 
-def tried(job, problem, window, levels, h, tolerance, solvers) -> Hypothesis:
+def solved_roughly(job, problem, window, levels, h, tolerance, solvers) -> Hypothesis:
     """Return the hypothesis that solving the levels makes of h."""
-    left = min(LONGEST, max(0.05, job.deadline - time.monotonic()))
+    left = min(LEVEL_TIME, max(0.05, job.deadline - time.monotonic()))
     options = SolverOptions(tolerance=tolerance, time_limit=left)
-    s = solve_levels(problem, levels, started(problem, window, h), options, solvers)
+    s = solve_levels(
+        problem, levels, start_values(problem, window, h), options, solvers
+    )
     theta, x = s.values["theta"][:, 0], s.values["x"][:, window.pose]
     offset = s.values.get(OFFSET)
     return Hypothesis(theta, x, s.objective, h.path, s.iterations, offset)
 
 
-def started(problem, window, h: Hypothesis) -> dict:
+def start_values(problem, window, h: Hypothesis) -> dict:
     """Return where a solve starts: the hypothesis as unknowns of the problem."""
     theta = problem.variables["theta"]
     theta = h.theta.reshape(theta.columns, theta.rows).T
@@ -67,7 +74,7 @@ def started(problem, window, h: Hypothesis) -> dict:
     return start
 
 
-def opened(levels, final: bool):
+def freed_levels(levels, final: bool):
     """Return levels to solve from guessed poses.
 
     What holds poses is solved for a few iterations only, so that impulses fit a path
@@ -76,14 +83,14 @@ def opened(levels, final: bool):
     first = []
     for level in levels:
         if level.fixed:
-            first.append(level.with_ipopt(max_iter=HELD))
+            first.append(level.with_ipopt(max_iter=HELD_ITERATIONS))
             free = replace(level, fixed=())
-            first.append(free.with_ipopt(mu_init=RELAXED, max_iter=OPEN))
+            first.append(free.with_ipopt(mu_init=FREED_MU, max_iter=FREED_ITERATIONS))
     rest = [level for level in levels if not level.fixed]
     return [*first, *rest] if final or not first else first
 
 
-def spread(solve_chunk, job: Job, starts, executor, *args) -> list:
+def distributed(solve_chunk, job: Job, starts, executor, *args) -> list:
     """Solve every start, in order; spread over the executor in chunks."""
     if executor is None:
         return solve_chunk(job, starts, *args)
@@ -163,18 +170,18 @@ def solved_from(
         lying = lifted(hypothesis.theta, hypothesis.x, job.shape)
         hypothesis = replace(hypothesis, x=lying)
     if not shared:
-        window, problem, built = built_at(job, page, hypothesis)
+        window, problem, built = problem_at(job, page, hypothesis)
         shared.update(window=window, problem=problem, solvers={}, built=built)
     window, problem = shared["window"], shared["problem"]
     settings = settings_of(job, options)
-    start = started(problem, window, hypothesis) if before is None else before
+    start = start_values(problem, window, hypothesis) if before is None else before
     first, *later = _rounds(levels or page.LEVELS)
     solution = solve_levels(problem, first, start, settings, shared["solvers"])
     solution = solution if before is None else after(before, solution)
     solution.seconds["build"] += shared.pop("built", 0.0)  # it was built once
     solved = Solved(hypothesis, problem, window, solution, job)
     for levels in later:
-        solved = _anew(job, page, solved, levels, options)
+        solved = _rebuilt(job, page, solved, levels, options)
     return solved
 
 
@@ -188,25 +195,27 @@ def _rounds(levels) -> list[list]:
     return rounds
 
 
-def _anew(job, page, solved, levels, options) -> Solved:
+def _rebuilt(job, page, solved, levels, options) -> Solved:
     """Fill the page again where a solve ended and go on with more levels."""
-    hypothesis = reseeded(solved.at) if is_polytope(job.shape) else solved.at
-    window, problem, built = built_at(job, page, hypothesis)
+    hypothesis = (
+        with_vertices_on_hull(solved.at) if is_polytope(job.shape) else solved.at
+    )
+    window, problem, built = problem_at(job, page, hypothesis)
     values, _, _ = carried(solved, window, problem)
-    kept = {name: values[name] for name in values if name not in CHOSEN_AGAIN}
-    start = kept | started(problem, window, hypothesis)
+    kept = {name: values[name] for name in values if name not in RESTARTED}
+    start = kept | start_values(problem, window, hypothesis)
     solution = solve_levels(problem, levels, start, settings_of(job, options))
     solution.seconds["build"] += built
     solution = after(solved.solution, solution)
     return Solved(hypothesis, problem, window, solution, job)
 
 
-def gone_on(job, page, solved, settings, warm) -> Solved:
+def warm_started(job, page, solved, settings, warm) -> Solved:
     """Return a solve that goes on, with less left out, from where another one ended.
 
     warm: IPOPT's first mu.
     """
-    window, problem, built = built_at(job, page, solved.hypothesis)
+    window, problem, built = problem_at(job, page, solved.hypothesis)
     values, pulls, multipliers = carried(solved, window, problem)
     start = replace(
         solved.solution, values=values, bound_multipliers=pulls, multipliers=multipliers
@@ -217,7 +226,7 @@ def gone_on(job, page, solved, settings, warm) -> Solved:
     return Solved(solved.hypothesis, problem, window, solution, job)
 
 
-def let_tilt(job, page, slid, settings, warm) -> Solved:
+def freed_to_tilt(job, page, slid, settings, warm) -> Solved:
     """Return the page in free motion, from where an object that slides was found.
 
     slid: the page solved in planar motion; warm: IPOPT's first mu.
@@ -230,7 +239,7 @@ def let_tilt(job, page, slid, settings, warm) -> Solved:
     )  # fmt: skip
     at = replace(at, x=lifted(at.theta, at.x, job.shape))
     lying = replace(slid, hypothesis=at, solution=known)
-    found = gone_on(job, page, lying, settings, warm)
+    found = warm_started(job, page, lying, settings, warm)
     return replace(found, solution=after(s, found.solution))
 
 
@@ -243,11 +252,11 @@ def loosened(job, page, solved, options) -> Solved:
     """Return the better of a solve and of one that goes on from it, level by level."""
     again = solved
     for level in page.LEVELS:
-        again = _anew(job, page, again, [level], options)
+        again = _rebuilt(job, page, again, [level], options)
     return min(solved, again, key=lambda s: s.rank)
 
 
-def built_at(job, page, hypothesis):
+def problem_at(job, page, hypothesis):
     """Return window and problem of a page at a hypothesis, and the seconds it took."""
     began = time.process_time()
     window, shape = window_of(job, (hypothesis.theta, hypothesis.x))
@@ -257,6 +266,6 @@ def built_at(job, page, hypothesis):
 
 
 def settings_of(job, options) -> SolverOptions:
-    left = min(LONGEST, max(0.1, job.deadline - time.monotonic()))
+    left = min(LEVEL_TIME, max(0.1, job.deadline - time.monotonic()))
     ipopt = {**(CREEPING if is_polytope(job.shape) else {}), **options.ipopt}
     return SolverOptions(tolerance=options.tolerance, time_limit=left, ipopt=ipopt)

@@ -20,7 +20,7 @@ from .local_solve import Solved, best_first, solved_from
 UNSURE = 100.0  # [nats] behind the best, at a rough level that stopped early: dropped
 
 
-def raced(job, page, hypotheses, options, levels, known=(), solved=None) -> list:
+def multistart(job, page, hypotheses, options, levels, known=(), solved=None) -> list:
     """Return the page solved from hypotheses, the best first, each optimum once.
 
     levels: of the page, the last one decides; known: solved already, what is found
@@ -30,14 +30,14 @@ def raced(job, page, hypotheses, options, levels, known=(), solved=None) -> list
     solved, rough = [] if solved is None else solved, []
     try:
         with interruptible():
-            _race(job, page, hypotheses, options, levels, known, solved, rough)
+            _multistart(job, page, hypotheses, options, levels, known, solved, rough)
     except KeyboardInterrupt:
         solved += [] if solved else rough
         raise
     return best_first(solved)
 
 
-def _race(job, page, hypotheses, options, levels, known, solved, rough) -> None:
+def _multistart(job, page, hypotheses, options, levels, known, solved, rough) -> None:
     """Fill `rough` with hypotheses before the last level, `solved` with those after."""
     shared = {}
     hull = is_polytope(job.shape)  # its window follows from where it starts
