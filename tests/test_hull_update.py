@@ -16,7 +16,8 @@ from tactilenlp.estimation.options import Options
 from tactilenlp.estimation.request import make_job
 from tactilenlp.search.alternatives import jump_threshold
 from tactilenlp.search.hypothesis import Hypothesis
-from tactilenlp.search.local_solve import REASON, Solved, best_first
+from tactilenlp.search.local_solve import Solved, best_first
+from tactilenlp.search.margins import UNTOUCHED_FACE
 from tactilenlp.search.polytope_init import CLOSED
 
 OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
@@ -149,7 +150,9 @@ def test_other_legs_carry_the_same_force_and_moment():
     assert (found[0] >= 0).all()
 
 
-@pytest.mark.parametrize(("gain", "kept"), [(REASON - 1, CLOSED), (REASON + 1, None)])
+@pytest.mark.parametrize(
+    ("gain", "kept"), [(UNTOUCHED_FACE - 1, CLOSED), (UNTOUCHED_FACE + 1, None)]
+)
 def test_a_face_that_nothing_felt_must_be_worth_its_price(gain, kept):
     def solved(objective, *path):
         hypothesis = Hypothesis(np.zeros(60), np.zeros((3, 2)), 0.0, ("planes", *path))

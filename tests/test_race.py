@@ -27,6 +27,7 @@ from tactilenlp.search.alternatives import (
 )
 from tactilenlp.search.hypothesis import distinct, same
 from tactilenlp.search.local_solve import freed_levels
+from tactilenlp.search.margins import EXPLAINED
 from tactilenlp.search.multistart import multistart
 
 LEVELS = freed_levels(page.LEVELS, final=True)
@@ -171,7 +172,7 @@ def test_what_explains_all_that_precise_fingers_felt_has_no_other_past(
     for objective in (1.0, 2.0):
         solution = replace(at.solution, objective=objective)
         with_alternatives(job, page, [replace(at, solution=solution)], Options())
-        assert len(asked) == (objective > rivals.CLEAR * job.data.actions)
+        assert len(asked) == (objective > EXPLAINED * job.data.actions)
     noisy = replace(job, precision=replace(job.precision, position=1e-3))
     with_alternatives(noisy, page, [replace(at, solution=solution)], Options())
     assert len(asked) == 2

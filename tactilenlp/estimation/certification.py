@@ -20,11 +20,11 @@ from ..search.local_solve import (
     solved_from,
     warm_started,
 )
+from ..search.margins import RESTORED
 from ..search.proposals_tumble import recovered
 from .profile_likelihood import profiled
 
 log = logging.getLogger("tactilenlp")
-ASTRAY = 1.0  # [nats] more freedom costs no more than what new resting steps do
 MAX_RESTORED = 2  # times that a problem is solved again with what it needs after all
 MAX_TUMBLE_SOLVES = 3  # guesses of a tumble at most that are solved in free motion
 
@@ -61,7 +61,7 @@ def certified(job, page, solved, options) -> Solved:
             back.remove("still")
         job = replace(job, reductions=without(job.reductions, back))
         again = _solved_again(job, page, solved, options)
-        if again.solution.objective > solved.solution.objective + ASTRAY:
+        if again.solution.objective > solved.solution.objective + RESTORED:
             break  # another optimum, which is worse: what does not hold is said
         solved, found = again, certify(job, page, again)
     return replace(solved, certificates=found)

@@ -26,6 +26,7 @@ from ..problem.window import Corners, Group
 from ..search.alternatives import jump_threshold, jumps
 from ..search.hypothesis import Hypothesis, Job
 from ..search.local_solve import Solved, best_first, loosened, problem_at, settings_of
+from ..search.margins import UPDATE_COST, UPDATE_SHARE
 from ..search.plane_slam import poses_of_new_action
 from ..search.polytope_init import CREEPING, LONGEST, TOLERANCE, credible_data, faces_of
 from .readout import name_of
@@ -33,7 +34,6 @@ from .result import Estimate
 
 log = logging.getLogger("tactilenlp")
 UPDATE_MU = 1e-3  # IPOPT's first mu where all but one action is known
-ADDED, USUAL = 3.0, 2.0  # [nats], [cost of an action so far]: what one more may cost
 UNEXPLAINED_SHARE = 0.5  # [outlier costs] a sample that costs more is not explained
 UNEXPLAINED_SAMPLES = 3  # such samples of a touch, more than a wrong boolean or two
 INDEXED_BY = (
@@ -68,7 +68,7 @@ def updated(job: Job, page, start, options, certified) -> tuple[Solved | None, b
         job, page, past, new_action_alone(job, past, past_information(start)), options
     )
     usual = max(start.objective, 0.0) / start.measurements.actions
-    most = start.objective + ADDED + USUAL * usual
+    most = start.objective + UPDATE_COST + UPDATE_SHARE * usual
 
     def good(found) -> bool:
         cheap = found.solution.objective < most

@@ -34,8 +34,8 @@ from ..nlp.kkt_sensitivity import curvature_of
 from ..search.alternatives import resized
 from ..search.hypothesis import Hypothesis
 from ..search.local_solve import RANKING_TOLERANCE, settings_of, start_values
+from ..search.margins import BETTER_OPTIMUM, ONE_SIGMA, PROFILE_RISE
 
-PRICE = 3.0  # [nats] and a pose half of it, for it is told more roughly
 FACES_DISTANCE = 0.3e-3  # [m] two faces that fingers felt tell their distance this well
 NOISE_FACTOR = (
     2.0  # [deviations] or, of noisy fingers, so much worse than their mean at most
@@ -44,10 +44,8 @@ VAGUE_SHARE = 0.3  # [prior deviations] a size less certain than this claims lit
 KNOWN_POSITION = 1e-3  # [m] a final position less certain than this claims little
 FIRST_STEP = 0.5e-3  # [m] the first step is this far at least
 MAX_STEP_GROWTH = 10.0  # [-] of a step at most
-LEAST = 0.5  # [nats] of one deviation: what costs less is one deviation off at least
 PROFILE_MU = 1e-2  # IPOPT's first mu where a size is held elsewhere
 PROFILE_ITERATIONS = 100  # iterations of one such solve
-GAIN = 0.1  # [nats] a better optimum is better by this at least
 
 
 def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]:
@@ -110,7 +108,9 @@ def _deviation(elsewhere, at, prior, axis: int, pull, off, touched):
     known = max(off[axis], TINY)
     off = off * min(1.0, prior / known)
     is_open, widest = touched is None or touched.min() < ENOUGH, None
-    enough = PRICE / 2 if touched is None else PRICE  # a pose is told more roughly
+    enough = (
+        PROFILE_RISE / 2 if touched is None else PROFILE_RISE
+    )  # a pose is told more roughly
     for way in (1, -1):
         behind = touched if is_open and way > 0 else None
         there = partial(elsewhere, axis, way * pull / known, behind)
@@ -142,14 +142,16 @@ def _one_direction(there, at, axis, step, claim, prior, enough):
         if moved is None:
             break
         price = moved.objective - at.objective
-        if price < -GAIN:
+        if price < -BETTER_OPTIMUM:
             return None, moved
-        deviation = min(step / np.sqrt(2 * max(price, LEAST)), prior)
+        deviation = min(step / np.sqrt(2 * max(price, ONE_SIGMA)), prior)
         if found is None or deviation > abs(found[axis]):
             found = (_final(moved) - _final(at)) * deviation / step
         if price >= enough or step >= farthest:
             break
-        step = min(step * min(MAX_STEP_GROWTH, enough / max(price, LEAST)), farthest)
+        step = min(
+            step * min(MAX_STEP_GROWTH, enough / max(price, ONE_SIGMA)), farthest
+        )
     return found, None
 
 
@@ -179,7 +181,7 @@ def _constrained(job, page, solved, options, shared, chosen, axis, pull, touched
     level = level.with_ipopt(mu_init=PROFILE_MU, max_iter=PROFILE_ITERATIONS)
     settings = replace(settings_of(job, options), tolerance=RANKING_TOLERANCE)
     found = solve_levels(problem, (level,), values, settings, shared)
-    cheap = found.objective < solved.solution.objective + PRICE
+    cheap = found.objective < solved.solution.objective + PROFILE_RISE
     if max(found.violations.values(), default=0.0) > RANKING_TOLERANCE:
         return None
     return replace(solved, solution=found).at if found.success or cheap else None

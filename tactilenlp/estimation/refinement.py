@@ -14,10 +14,8 @@ from ..problem.certificates import planar_certificate
 from ..problem.pages import is_polytope
 from ..problem.reductions import Reductions, insisted
 from ..search.alternatives import still_explained, with_alternatives
-from ..search.beam import RIVAL
 from ..search.hypothesis import distinct
 from ..search.local_solve import (
-    REASON,
     RESTART_MU,
     Solved,
     best_first,
@@ -26,10 +24,9 @@ from ..search.local_solve import (
     settings_of,
     solved_from,
 )
+from ..search.margins import CLOSE_OPTIMUM, LEAST_MOTION_BEHIND, RAN_AWAY
 from ..search.multistart import multistart
 from .incremental_polytope import repaired
-
-LOST = 40.0  # [nats an action] beyond least motion: opened poses ran away
 
 
 def refined(job, page, kept, options, solved, start=None) -> list[Solved]:
@@ -56,7 +53,7 @@ def refined(job, page, kept, options, solved, start=None) -> list[Solved]:
 def _in_free_motion(job, page, slid, options) -> list[Solved]:
     """Return the page in free motion from where it slides, close rivals too."""
     ends, settings = [s.at for s in slid], settings_of(job, options)
-    near = distinct(job.shape, ends, len(ends), REASON)
+    near = distinct(job.shape, ends, len(ends), CLOSE_OPTIMUM)
     slid = [s for s, end in zip(slid, ends, strict=True) if end in near]
     return best_first(freed_to_tilt(job, page, s, settings, RESTART_MU) for s in slid)
 
@@ -66,7 +63,7 @@ def _multistart(job, page, kept, options, solved, start) -> list[Solved]:
 
     Of those that carry on the path of `start` the first is enough where it is settled.
     """
-    limit = min(h.objective for h in kept) + RIVAL
+    limit = min(h.objective for h in kept) + LEAST_MOTION_BEHIND
     own = page.LEVELS
     levels = freed_levels(own, final=True) if job.reductions.planar else own
     if job.scene.ground is None:  # these poses lie in a plane that the object leaves
@@ -78,7 +75,7 @@ def _multistart(job, page, kept, options, solved, start) -> list[Solved]:
         others = multistart(job, page, promising[1:], options, levels, known=solved)
         solved = best_first([*solved, *others])
     good = [s for s in solved if s.solution.success]
-    bound = min(h.objective for h in kept) + LOST * job.data.actions
+    bound = min(h.objective for h in kept) + RAN_AWAY * job.data.actions
     lost = not good or good[0].solution.objective > bound
     if lost and levels is not own and time.monotonic() < job.deadline:
         # The slower way, poses held first, as the page says.

@@ -19,9 +19,10 @@ from ..nlp.solution import not_converged
 from ..problem.outliers import check_explained
 from ..problem.pages import is_polytope
 from ..problem.reductions import Reductions
-from ..search.beam import RIVAL, beam
+from ..search.beam import beam
 from ..search.hypothesis import Hypothesis, distinct, same
 from ..search.local_solve import Solved
+from ..search.margins import LEAST_MOTION_BEHIND
 from ..search.polytope_init import search_polytope as polytope_search
 from ..search.proposals_floating import (
     in_free_motion,
@@ -181,6 +182,6 @@ def _carried_on(job, solved, kept, width: int) -> list[Hypothesis]:
     if is_polytope(job.shape):
         return [s.at for s in solved[:1]]
     refined = [s.at for s in solved] if job.reductions.planar else []
-    refined = distinct(job.shape, refined, width, RIVAL)
+    refined = distinct(job.shape, refined, width, LEAST_MOTION_BEHIND)
     rest = [h for h in kept if not any(same(job.shape, h, k) for k in refined)]
     return [*refined, *rest][:width]

@@ -26,6 +26,7 @@ from ..information.tangent_space import final_unknowns
 from ..problem.reductions import ARM
 from .kalman_filter import filtered_paths
 from .local_solve import best_first, freed_levels, solved_from
+from .margins import EXPLAINED, UNCHANGED
 from .multistart import multistart
 from .proposals import spherical
 
@@ -33,8 +34,6 @@ UNOBSERVED_SHARE = (
     0.5  # [prior deviations] a size less certain than this claims nothing
 )
 SAME_OPTIMUM = 6e-3  # [m] sizes this close to the best one's lead to the same optimum
-RISEN = 0.5  # [nats] an objective that rises by less has no better past
-CLEAR = 0.8  # [nats an action] what precise fingers felt costs no more on a right path
 MIN_ACTIONS = 3  # actions that have a middle to go back from
 MAX_JUMPS = 3  # of a path at most that are followed over, the longest first
 MIN_JUMP = 1e-3  # [m] between actions that is worth a rival
@@ -84,7 +83,7 @@ def _explains_precise_data(job, best) -> bool:
 
     Of noise each touch costs a nat or so, and which ones are too dear no one can tell.
     """
-    enough = CLEAR * job.data.actions
+    enough = EXPLAINED * job.data.actions
     good = best.solution.success and best.solution.objective < enough
     return good and precise(job.data, job.precision)
 
@@ -94,7 +93,7 @@ def still_explained(best, start) -> bool:
 
     More data cost no less: where the objective has not risen there is nothing to gain.
     """
-    risen = best.solution.objective > start.objective + RISEN
+    risen = best.solution.objective > start.objective + UNCHANGED
     return best.solution.success and not risen
 
 

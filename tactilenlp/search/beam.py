@@ -27,14 +27,12 @@ from .local_solve import (
     solved_roughly,
     start_values,
 )
+from .margins import COARSE_LEVEL, LEAST_MOTION_BEHIND, PHYSICS_BEHIND
 from .proposals import WEAK_MOTION, extensions
 
 __all__ = ["Hypothesis", "Job", "beam", "distinct", "extensions", "rank", "same"]
 log = logging.getLogger("tactilenlp")
 TOLERANCE = 1e-4  # of the search's solves; the page that follows is solved tighter
-COARSE = 40.0  # [nats] a start that costs less than this skips the coarse level
-RIVAL = 15.0  # [nats] of least motion behind the best: physics is not asked
-BEHIND = 30.0  # [nats] of physics behind the best: dropped
 RANKED_ACTIONS = 2  # actions after which a page ranks
 EARLY_ACTIONS = 2  # actions in which sizes are free: twice as many hypotheses
 
@@ -79,12 +77,12 @@ def beam(
 
 def rank(job, page, kept, width, executor=None) -> list[Hypothesis]:
     """Return the best distinct hypotheses by a page's first levels, solved roughly."""
-    limit = min(h.objective for h in kept) + RIVAL
+    limit = min(h.objective for h in kept) + LEAST_MOTION_BEHIND
     rivals = [h for h in kept if h.objective <= limit]
     if executor is not None:
         page = page.__name__  # a module travels by its name
     found = distributed(_rank_chunk, job, rivals, executor, page)
-    return distinct(job.shape, found, width, BEHIND)
+    return distinct(job.shape, found, width, PHYSICS_BEHIND)
 
 
 def _rank_chunk(job: Job, kept, page) -> list[Hypothesis]:
@@ -115,6 +113,6 @@ def _solve_chunk(job: Job, starts) -> list[Hypothesis]:
     ]
     solvers, out = {}, []
     for h in starts:
-        levels = weak if h.objective > COARSE else weak[-1:]
+        levels = weak if h.objective > COARSE_LEVEL else weak[-1:]
         out.append(solved_roughly(job, problem, window, levels, h, TOLERANCE, solvers))
     return out

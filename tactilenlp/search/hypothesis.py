@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..problem.poses import planar_corners
+from .margins import START_BEHIND
 
 SAME_BODY = 1e-3  # [m] hypotheses whose corners agree this well are one
-HOPELESS = 60.0  # [nats] behind the best start or hypothesis: not followed up
 COMPARED = (0, -1)  # the poses by which bodies are compared: the first and the last
 
 
@@ -102,7 +102,7 @@ class Job:
 
 
 def distinct(
-    shape, found, count: int, hopeless=HOPELESS, samples=COMPARED
+    shape, found, count: int, hopeless=START_BEHIND, samples=COMPARED
 ) -> list[Hypothesis]:
     """Return the best `count` hypotheses of which no two are the same body."""
     kept = []

@@ -27,6 +27,7 @@ from ..problem.poses import poses
 from ..problem.reductions import insisted, reduce
 from ..problem.unreduced import carried
 from .hypothesis import Hypothesis, Job
+from .margins import UNTOUCHED_FACE
 from .polytope_init import CLOSED, CREEPING, with_vertices_on_hull
 
 RANKING_TOLERANCE = 1e-3  # tolerance of a page's solves that only rank
@@ -39,7 +40,6 @@ LEVEL_TIME = 60.0  # [s] that one level of a page may take
 RESTART_MU = (
     1e-5  # IPOPT's first mu where a solution is known but for what was left out
 )
-REASON = 3.0  # [nats] as odds of 20 to 1 are
 RESTARTED = ("theta", "x", "body")  # where a page that is filled anew starts
 
 
@@ -135,7 +135,7 @@ class Solved:
 
         A face that nothing felt must be worth REASON.
         """
-        favour = REASON * (CLOSED in self.hypothesis.path)
+        favour = UNTOUCHED_FACE * (CLOSED in self.hypothesis.path)
         return not self.solution.success, round(self.solution.objective, 3) - favour
 
     @property

@@ -26,6 +26,8 @@ UNTOUCHED_FACE = 3.0  # a face that no touch supports must gain as much: odds of
 CLOSE_OPTIMUM = 3.0  # optima within odds of 20 to 1 are all solved in free motion
 
 # Profile likelihood:
-PROFILE_RISE = 3.0  # at which a profile ends; half of it for a pose, solved more roughly
+PROFILE_RISE = (
+    3.0  # at which a profile ends; half of it for a pose, solved more roughly
+)
 ONE_SIGMA = 0.5  # of a Gaussian at one standard deviation
 BETTER_OPTIMUM = 0.1  # by which another optimum is better

@@ -13,11 +13,9 @@ from dataclasses import replace
 from ..common.interrupt import interruptible
 from ..common.progress import progress
 from ..problem.pages import is_polytope
-from .beam import RIVAL
 from .hypothesis import same
 from .local_solve import Solved, best_first, solved_from
-
-UNSURE = 100.0  # [nats] behind the best, at a rough level that stopped early: dropped
+from .margins import FAILED_BEHIND, LEAST_MOTION_BEHIND
 
 
 def multistart(job, page, hypotheses, options, levels, known=(), solved=None) -> list:
@@ -67,5 +65,5 @@ def _multistart(job, page, hypotheses, options, levels, known, solved, rough) ->
 def _behind(rough: Solved, solved) -> bool:
     """Tell whether a rough solution is too far behind the best one to end before it."""
     good = [s.solution.objective for s in solved if s.solution.success]
-    margin = RIVAL if rough.solution.success else UNSURE
+    margin = LEAST_MOTION_BEHIND if rough.solution.success else FAILED_BEHIND
     return bool(good) and rough.solution.objective > min(good) + margin
