@@ -21,12 +21,11 @@ from tactilenlp.search.alternatives import (
     first_half,
     jumps,
     smoothed_backward,
-    softened,
     with_alternatives,
     without_longest_jump,
 )
 from tactilenlp.search.hypothesis import distinct, same
-from tactilenlp.search.local_solve import freed_levels
+from tactilenlp.search.local_solve import continued, freed_levels
 from tactilenlp.search.margins import EXPLAINED
 from tactilenlp.search.multistart import multistart
 
@@ -127,17 +126,17 @@ def test_a_small_jump_is_worth_a_rival_where_fingers_are_precise(case, way):
     assert without_longest_jump(noisy, [Solved]) == []
 
 
-def test_what_a_softer_problem_leads_to_is_an_optimum_of_the_page(case):
+def test_continuation_ends_in_an_optimum_of_the_page(case):
     job, h = case
     solved = multistart(job, page, [h], Options(), LEVELS)
-    (again,) = softened(job, page, solved, Options())
+    again = continued(job, page, solved[0], Options())
     assert again.solution.success
     assert again.solution.parameters == solved[0].solution.parameters
     assert again.solution.objective < solved[0].solution.objective + 0.5
 
 
-def test_a_page_that_is_never_softened_has_no_such_rival(case):
-    assert softened(case[0], quasi_static, [], Options()) == []
+def test_a_page_without_easier_levels_has_no_continuation(case):
+    assert continued(case[0], quasi_static, None, Options()) is None
 
 
 def test_a_path_without_jumps_is_left_alone(case):
@@ -167,8 +166,8 @@ def test_what_explains_all_that_precise_fingers_felt_has_no_other_past(
     at = multistart(job, page, [h], Options(), LEVELS)[0]
     asked = []
     monkeypatch.setattr(rivals, "smoothed_backward", lambda *_: asked.append(1) or [])
-    for others in ("alternative_sizes", "softened"):
-        monkeypatch.setattr(rivals, others, lambda *_: [])
+    monkeypatch.setattr(rivals, "alternative_sizes", lambda *_: [])
+    monkeypatch.setattr(rivals, "continued", lambda *_: None)
     for objective in (1.0, 2.0):
         solution = replace(at.solution, objective=objective)
         with_alternatives(job, page, [replace(at, solution=solution)], Options())

@@ -21,14 +21,26 @@ from ..nlp.problem import Problem
 from ..nlp.solution import Solution, after
 from ..problem.polytope_window import HullWindow, window_of
 from ..problem.reductions import ARM, Reductions, coasts
-from ..problem.unreduced import carried, corners_of, rows_of, samples_of
+from ..problem.unreduced import corners_of, rows_of, samples_of
 from ..problem.window import Corners, Group
 from ..search.alternatives import jump_threshold, jumps
 from ..search.hypothesis import Hypothesis, Job
-from ..search.local_solve import Solved, best_first, loosened, problem_at, settings_of
+from ..search.local_solve import (
+    Solved,
+    best_first,
+    continued,
+    problem_at,
+    settings_of,
+    transferred,
+    warm_started,
+)
 from ..search.margins import UPDATE_COST, UPDATE_SHARE
-from ..search.plane_slam import poses_of_new_action
-from ..search.polytope_init import CREEPING, LONGEST, TOLERANCE, credible_data, faces_of
+from ..search.plane_slam import SEARCH_TIME, SEARCH_TOLERANCE, poses_of_new_action
+from ..search.polytope_init import (
+    ACCEPTABLE,
+    credible_data,
+    faces_of,
+)
 from .readout import name_of
 from .result import Estimate
 
@@ -75,7 +87,7 @@ def updated(job: Job, page, start, options, certified) -> tuple[Solved | None, b
         return cheap and found.solution.success and not implausible(found)
 
     if not good(found):
-        found = loosened(job, page, found, options)
+        found = _better(found, continued(job, page, found, options))
     if good(found):
         found = certified(job, page, found, options)
         if {*found.certificates.broken} <= {
@@ -95,9 +107,14 @@ def repaired(job: Job, page, solved, options, update=None) -> list[Solved]:
     best, *others = solved
     if getattr(page, "EXTENDS", False) and implausible(best):
         log.info("a touch is not explained, or a jump: once more, loosely first")
-        best = loosened(job, page, best, options)
+        best = _better(best, continued(job, page, best, options))
     found = [best, *others]
     return found if update is None else best_first([*found, update])
+
+
+def _better(solved: Solved, again: Solved | None) -> Solved:
+    """Return the better of two solves, the first one if there is no other."""
+    return solved if again is None else min(solved, again, key=lambda s: s.rank)
 
 
 def is_one_action_more(start, job: Job, page) -> bool:
@@ -173,7 +190,7 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
     lean = replace(job, reductions=Reductions())
     lean = replace(lean, data=credible_data(job.data, job.precision.normal))
     h = replace(past.at, x=poses_of_new_action(lean, faces_of(lean, past.at)))
-    options = SolverOptions(TOLERANCE, LONGEST, ipopt=CREEPING)
+    options = SolverOptions(SEARCH_TOLERANCE, SEARCH_TIME, ipopt=ACCEPTABLE)
     solution, kinds = past.solution, past.problem.kinds
     for build, levels in (
         (extension.build, extension.LEVELS),
@@ -226,27 +243,26 @@ def _later(group: Group, new, at) -> Group:
 def joint(job: Job, page, past: Solved, new: Solved, options) -> Solved:
     """Return the page of all actions, solved from the past and the new action."""
     h, turn = with_axes_of_ground(new.hypothesis)
-    window, problem, built = problem_at(job, page, h)
-    past, new = on_legs(past, window), on_legs(new, window)
-    missing = np.full(len(window.pose) - len(past.window.pose), -1)
-    known = replace(past.window, pose=np.r_[past.window.pose, missing])
-    known = replace(past, window=known)
-    values, pulls, multipliers = carried(known, window, problem)
-    values["ball"][:3] = turn @ values["ball"][:3]
-    values["theta"], values["x"] = h.theta.reshape(-1, 3).T, h.x[:, window.last]
-    values["body"] = window.body[:, None]
-    pushes = samples_of(new.window.push), samples_of(window.push)
-    corners = corners_of(new.window), corners_of(window)
-    for name, keys in (("finger", pushes), ("ground", corners)):
-        row = rows_of(*keys)
-        values[name][:, row >= 0] = new.solution.values[name][:, row[row >= 0]]
-    start = replace(
-        past.solution, values=values, bound_multipliers=pulls, multipliers=multipliers
-    )
-    level = replace(page.LEVELS[-1], warm_start={"mu_init": UPDATE_MU})
-    solution = solve_levels(problem, (level,), start, settings_of(job, options))
-    solution.seconds["build"] += built
-    return Solved(h, problem, window, after(new.solution, solution), job)
+
+    def start(past, window, problem) -> Solution:
+        past, last = on_legs(past, window), on_legs(new, window)
+        missing = np.full(len(window.pose) - len(past.window.pose), -1)
+        known = replace(past.window, pose=np.r_[past.window.pose, missing])
+        solution = transferred(replace(past, window=known), window, problem)
+        values = solution.values
+        values["ball"][:3] = turn @ values["ball"][:3]
+        values["theta"], values["x"] = h.theta.reshape(-1, 3).T, h.x[:, window.last]
+        values["body"] = window.body[:, None]
+        pushes = samples_of(last.window.push), samples_of(window.push)
+        corners = corners_of(last.window), corners_of(window)
+        for name, keys in (("finger", pushes), ("ground", corners)):
+            row = rows_of(*keys)
+            values[name][:, row >= 0] = last.solution.values[name][:, row[row >= 0]]
+        return solution
+
+    settings = settings_of(job, options)
+    found = warm_started(job, page, past, settings, UPDATE_MU, h, start)
+    return replace(found, solution=after(new.solution, found.solution))
 
 
 def with_axes_of_ground(h: Hypothesis) -> tuple[Hypothesis, np.ndarray]:

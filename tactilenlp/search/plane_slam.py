@@ -36,8 +36,8 @@ FACE_ANGLE, FACE_OFFSET = (
     0.03,
     0.2e-3,
 )  # [rad], [m] planes that agree this well are one face
-TOLERANCE = 1e-4
-LONGEST = 20.0  # [s] of one solve
+SEARCH_TOLERANCE = 1e-4  # of solves that only start another page
+SEARCH_TIME = 20.0  # [s] at most, of one such solve
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,14 +154,14 @@ def poses_of_new_action(job, faces: Faces) -> np.ndarray:
     plane = problem.variables["plane"]
     held = plane.first + np.arange(plane.rows * known)
     levels = [replace(level, fixed=(held,)) for level in polytope_planes.LEVELS]
-    s = solution_from(problem, window, start, levels, LONGEST)
+    s = solution_from(problem, window, start, levels, SEARCH_TIME)
     return s.values["x"][:, window.pose]
 
 
 def solution_from(problem, window, faces: Faces, levels, time_limit: float):
     """Return what the levels of the page find from `faces`."""
     start = {"x": faces.x[:, window.last], "plane": np.vstack([faces.n.T, faces.b])}
-    options = SolverOptions(tolerance=TOLERANCE, time_limit=time_limit)
+    options = SolverOptions(tolerance=SEARCH_TOLERANCE, time_limit=time_limit)
     return solve_levels(problem, levels, start, options)
 
 
@@ -221,10 +221,12 @@ def extended_faces(job, faces: Faces | None, samples: int) -> Faces:
         if faces is None
         else continued_faces(window, faces, samples)
     )
-    found = solved_faces(job, window, start, polytope_planes.LEVELS, LONGEST)
+    found = solved_faces(job, window, start, polytope_planes.LEVELS, SEARCH_TIME)
     joined = merged_faces(window, found)
     if joined is not found:
-        found = solved_faces(job, window, joined, polytope_planes.LEVELS[1:], LONGEST)
+        found = solved_faces(
+            job, window, joined, polytope_planes.LEVELS[1:], SEARCH_TIME
+        )
     given = job.shape.size_prior, job.scene.ground is not None
     return centred(window, found, *given)
 

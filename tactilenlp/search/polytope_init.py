@@ -34,6 +34,8 @@ from ..problem.polytope_window import window_of
 from ..problem.reductions import reduce
 from .hypothesis import Hypothesis
 from .plane_slam import (
+    SEARCH_TIME,
+    SEARCH_TOLERANCE,
     Faces,
     extended_faces,
     faces_touched,
@@ -45,8 +47,7 @@ from .plane_slam import (
 MAX_CUTS = 30  # at most, by fingers that feel nothing
 PENETRATION = 0.1e-3  # [m] a free finger may sink in so far
 CUBE_CORNER = 3**0.5  # [radii] a cube's corners are so far out of the ball within it
-TOLERANCE = 1e-4
-CREEPING = {  # IPOPT stops where kinks of the surface let it creep on and on
+ACCEPTABLE = {  # IPOPT stops where kinks of the surface let it creep on and on
     "acceptable_tol": 0.5,  # [nats / mm]
     "acceptable_obj_change_tol": 1e-4,  # [relative] over as many iterations
     "acceptable_iter": 5,
@@ -54,7 +55,6 @@ CREEPING = {  # IPOPT stops where kinks of the surface let it creep on and on
     "acceptable_constr_viol_tol": 1e-4,
 }
 CLOSED = "closed"  # the path of a body with no faces but those that were felt
-LONGEST = 20.0  # [s] of one solve
 POLISH_ITERATIONS = 40  # iterations of a level that only starts another page
 
 
@@ -188,7 +188,7 @@ def polished(job, body: Hypothesis) -> Hypothesis:
     window, shape = window_of(job, (body.theta, body.x))
     problem = Problem(kinds=job.kinds_of(polytope_quasi_static, window))
     polytope_quasi_static.build(problem, window, job.scene, shape)
-    options = SolverOptions(tolerance=TOLERANCE, time_limit=LONGEST)
+    options = SolverOptions(tolerance=SEARCH_TOLERANCE, time_limit=SEARCH_TIME)
     start = {"theta": body.theta.reshape(-1, 3).T, "x": body.x[:, window.last]}
     levels = [
         k.with_ipopt(max_iter=POLISH_ITERATIONS) for k in polytope_quasi_static.LEVELS
