@@ -60,7 +60,7 @@ class ActionWindow(HullWindow):
     """The window of one action; past (V, 3) [m]: vertices before it, information."""
 
     past: np.ndarray = None
-    past_information: np.ndarray = None
+    information: np.ndarray = None
 
 
 def updated(job: Job, page, start, options, certified) -> tuple[Solved | None, bool]:

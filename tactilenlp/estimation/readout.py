@@ -97,8 +97,8 @@ def read_box(job, page, solved, theta, x, modes) -> tuple[Body, Information]:
     build = problem_builder(page, shape, scene, job.kinds_of)
     information = information_of(
         problem, solution, window, shape, faces, _ground_rotation(scene).T,
-        Sensed(job.data, job.precision, build), [(r.problem, r.solution, r.window) for r in modes],
-        solved.profile,
+        Sensed(job.data, job.precision, build),
+        [(r.problem, r.solution, r.window) for r in modes], solved.profile,
     )  # fmt: skip
     where = poses(shape, window.motion, theta, x, scene.ground)
     return Body(*where, body_corners(shape, theta), faces), information
