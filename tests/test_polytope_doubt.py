@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from tactilenlp.geometry.convex_hull import INSIDE, Ball
+from tactilenlp.geometry.convex_hull import SIGMA_INSIDE, Ball
 from tactilenlp.information.error_budget_terms import (
     STUCK,
     dragging,
@@ -146,8 +146,8 @@ def test_a_vertex_that_nothing_holds_is_as_uncertain_as_the_ball(price):
     curvature = kkt_system_of(problem, solve(problem))
     pulls, _ = curvature.sensitivity(np.arange(9))
     C = guessed(curvature, pulls)
-    top = 0.0 if price else INSIDE * 0.03
+    top = 0.0 if price else SIGMA_INSIDE * 0.03
     assert np.sqrt(np.diag(C)[[2, 3, 7]]) == pytest.approx(
-        [top, INSIDE * 0.03, INSIDE * 0.03], abs=1e-6
+        [top, SIGMA_INSIDE * 0.03, SIGMA_INSIDE * 0.03], abs=1e-6
     )
     assert C[3, 7] < 0  # outward of both means x of one and -y of the other

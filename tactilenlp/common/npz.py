@@ -33,7 +33,7 @@ UNREADABLE = (  # AttributeError, TypeError: np.load gave an array, it was an .n
     *(SyntaxError, tokenize.TokenError, OverflowError),  # of a damaged array's header
 )
 MALFORMED = (ValueError, KeyError, TypeError, AttributeError, RecursionError)
-SOME = 5  # names that are shown of a file that is something else
+SHOWN_NAMES = 5  # names that are shown of a file that is something else
 LIBRARIES = ("tactilenlp", "casadi", "numpy", "scipy")
 
 
@@ -129,7 +129,7 @@ def read_result(path, name: str, number: int, kinds: dict, kind: type):
     """Return what `write` wrote of a kind, to the last digit; FileError of others."""
     arrays = read_npz(path, None, error=FileError)
     if "header" not in arrays:
-        some = ", ".join(sorted(arrays)[:SOME])
+        some = ", ".join(sorted(arrays)[:SHOWN_NAMES])
         raise FileError(
             f"not an {name}", where=str(path), got=f"no header, but {some}, ...",
             expected="what `save` wrote", next="Measurements.load reads recordings",

@@ -6,10 +6,10 @@ import sys
 import time
 from collections.abc import Iterable, Iterator
 
-PATIENCE = 2.0  # [s] that nobody needs to be told of
-EVERY = 0.2  # [s] between two pictures of the bar
-WIDTH = 30  # characters of the bar
-WIPED = "\r\033[K"  # back to the start of the line, which is cleared
+FIRST_DELAY = 2.0  # [s] that nobody needs to be told of
+REDRAW_INTERVAL = 0.2  # [s] between two pictures of the bar
+BAR_CHARACTERS = 30  # characters of the bar
+ERASE_LINE = "\r\033[K"  # back to the start of the line, which is cleared
 
 
 def progress(
@@ -28,7 +28,11 @@ def progress(
     try:
         for done, step in enumerate(steps):
             now = time.monotonic()
-            if seen and now - began > PATIENCE and (not shown or now - drawn > EVERY):
+            if (
+                seen
+                and now - began > FIRST_DELAY
+                and (not shown or now - drawn > REDRAW_INTERVAL)
+            ):
                 stream.write("\r" + _bar(words, done, total, now - began))
                 stream.flush()
                 shown, drawn = True, now
@@ -42,7 +46,7 @@ def wipe(stream=None) -> None:
     """Clear the line of a bar, before somebody else writes: on a terminal only."""
     stream = sys.stderr if stream is None else stream
     if getattr(stream, "isatty", lambda: False)():
-        stream.write(WIPED)
+        stream.write(ERASE_LINE)
         stream.flush()
 
 
@@ -50,6 +54,8 @@ def _bar(words: str, done: int, total: int | None, seconds: float) -> str:
     """Return the line: what is done of it, and how long the rest may take."""
     if not total:
         return f"{words}: {done} in {seconds:.0f} s"
-    full = round(WIDTH * done / total)
+    full = round(BAR_CHARACTERS * done / total)
     left = f", {seconds * (total - done) / done:.0f} s left" if done else ""
-    return f"{words} [{'#' * full}{'.' * (WIDTH - full)}] {done}/{total}{left} "
+    return (
+        f"{words} [{'#' * full}{'.' * (BAR_CHARACTERS - full)}] {done}/{total}{left} "
+    )

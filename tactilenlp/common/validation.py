@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import OptionError
 
-LONGEST = 80  # characters of a value that are shown
+SHOWN_CHARACTERS = 80  # characters of a value that are shown
 
 
 def check_types(**given) -> None:
@@ -103,4 +103,6 @@ def _is(value, kind) -> bool:
 
 def _short(value) -> str:
     text = repr(value)
-    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+    return (
+        text if len(text) <= SHOWN_CHARACTERS else f"{text[: SHOWN_CHARACTERS - 3]}..."
+    )

@@ -17,8 +17,8 @@ import numpy as np
 
 from ..errors import SceneError
 
-WIDEST = 0.35  # [rad], 20 degrees: beyond it a deviation was given in degrees
-LAYOUT = {  # of each finger
+LARGEST_JOINT_SIGMA = 0.35  # [rad], 20 degrees: a larger one was given in degrees
+JOINT_LAYOUT = {  # of each finger
     "place": ((3,), "[m]"),
     "jacobian": ((6, 3), "[m/rad, 1]"),
     "change": ((3, 3, 3), "[1/rad]"),
@@ -44,14 +44,18 @@ class JointZeros:
 
     def __post_init__(self) -> None:
         sigma = np.asarray(self.sigma)
-        if sigma.ndim or sigma.dtype.kind not in "iuf" or not 0 < sigma < WIDEST:
+        if (
+            sigma.ndim
+            or sigma.dtype.kind not in "iuf"
+            or not 0 < sigma < LARGEST_JOINT_SIGMA
+        ):
             raise SceneError(
                 "no deviation of an angle", where="JointZeros.sigma", got=self.sigma,
-                expected=f"one number above 0 and below {WIDEST} rad",
+                expected=f"one number above 0 and below {LARGEST_JOINT_SIGMA} rad",
                 next="np.deg2rad(1.0) is a degree",
             )  # fmt: skip
         object.__setattr__(self, "sigma", float(sigma))
-        for name in LAYOUT:
+        for name in JOINT_LAYOUT:
             array = _numbers(name, getattr(self, name), self.fingers)
             object.__setattr__(self, name, _tuples(array.tolist()))
         if (np.linalg.cond(self._J) > 1e6).any():
@@ -110,7 +114,7 @@ class JointZeros:
 
 
 def _numbers(name: str, value, fingers: int) -> np.ndarray:
-    shape, unit = LAYOUT[name]
+    shape, unit = JOINT_LAYOUT[name]
     words = ", ".join(["F", *map(str, shape)])
     try:
         array = np.asarray(value, float)

@@ -13,7 +13,7 @@ from ..errors import MeasurementError, OptionError, SceneError
 from .joint_offsets import JointZeros
 from .measurements import Measurements
 
-UNIT_TOLERANCE = 1e-6  # [1], a normal further from unit length was not normalised
+NORMAL_TOLERANCE = 1e-6  # [1], a normal further from unit length was not normalised
 UNIT_EXACT = 1e-12  # [1], a normal closer to unit length is left alone
 FLIP_LIMIT = -0.9  # [1], cosine below which the shortest rotation to +z is ill-defined
 HEAVIEST = 100.0  # [kg] no finger pushes more: beyond it a mass is in grams
@@ -244,12 +244,12 @@ def _unit(name: str, value: object) -> tuple[float, float, float]:
     except (TypeError, ValueError):  # None, words, ragged lists
         vector = np.zeros(0)
     length = np.linalg.norm(vector)
-    if vector.shape != (3,) or not abs(length - 1.0) <= UNIT_TOLERANCE:
+    if vector.shape != (3,) or not abs(length - 1.0) <= NORMAL_TOLERANCE:
         raise SceneError(
             "not a unit vector",
             where=name,
             got=repr(value),
-            expected=f"3 numbers of length 1 within {UNIT_TOLERANCE}",
+            expected=f"3 numbers of length 1 within {NORMAL_TOLERANCE}",
             next="divide it by its length; (0, 0, 1) is level ground",
         )
     if abs(length - 1.0) > UNIT_EXACT:

@@ -28,7 +28,7 @@ from formulations import rigid_body
 from formulations.between_actions import GAP
 from formulations.polytope_quasi_static import LEG, SPREAD, STAY
 
-from ..geometry.convex_hull import nearest, outer
+from ..geometry.convex_hull import hull_vertices, nearest
 from ..geometry.transforms import rotation_of
 from ..information.polytope_information import TILT
 from ..problem.polytope_window import LIFTED
@@ -121,7 +121,7 @@ def contacts(estimate, vertices, points):
     """Return where the body was felt and along what, (n, 3) each, about the centre."""
     data = estimate.measurements
     centre = points[data.contact & data.valid]
-    point = nearest(outer(vertices), centre)
+    point = nearest(hull_vertices(vertices), centre)
     n = centre - point
     n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
     return point, n

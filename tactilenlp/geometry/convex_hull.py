@@ -15,14 +15,19 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 from ..errors import TactileError
 from .transforms import planar_matrix, points_in_body
 
-CAPS = 60  # planes that stand for the ball of what was never touched
-MERGED = 1e-3  # [m] vertices nearer than this are one
-LEAST = 1e-4  # [m] a body is at least this thick
-INSIDE, OUTSIDE = 0.3, 0.06  # [radii] deviations of a contact point from the ball
-INDEPENDENT = 30  # touches at most that say something new of the ball
-HEIGHT = (0.7, 0.25)  # [radii] mean and deviation of the ball's centre over the ground
-AFLOAT = (0.0, 0.5)  # [radii] and over the plane of touch of a body that floats
-GOLDEN = np.pi * (3 - np.sqrt(5))
+BALL_PLANES = 60  # planes that stand for the ball of what was never touched
+MERGE_DISTANCE = 1e-3  # [m] vertices nearer than this are one
+LEAST_INRADIUS = 1e-4  # [m] a body is at least this thick
+SIGMA_INSIDE, SIGMA_OUTSIDE = (
+    0.3,
+    0.06,
+)  # [radii] deviations of a contact point from the ball
+INDEPENDENT_TOUCHES = 30  # touches at most that say something new of the ball
+# Mean and deviation [radii] of the height of the ball's centre: over the ground, and
+# over the plane of touch of a body that floats.
+CENTRE_HEIGHT = 0.7, 0.25
+FLOATING_HEIGHT = 0.0, 0.5
+GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +37,7 @@ class Ball:
     centre: np.ndarray
     radius: float
 
-    def caps(self, points, count: int = CAPS) -> np.ndarray:
+    def caps(self, points, count: int = BALL_PLANES) -> np.ndarray:
         """Return half-spaces (count, 4) that touch the ball, spread evenly.
 
         They are turned towards the farthest of the points (n, 3), so that they turn
@@ -48,11 +53,11 @@ class Ball:
 def directions(count: int) -> np.ndarray:
     """Return unit vectors (count, 3) spread evenly over the sphere (Fibonacci)."""
     z = 1 - (2 * np.arange(count) + 1) / count
-    r, phi = np.sqrt(1 - z * z), GOLDEN * np.arange(count)
+    r, phi = np.sqrt(1 - z * z), GOLDEN_ANGLE * np.arange(count)
     return np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=1)
 
 
-def deepest(halfspaces) -> tuple[np.ndarray, float]:
+def chebyshev_centre(halfspaces) -> tuple[np.ndarray, float]:
     """Return centre (3,) and radius of the largest ball behind all half-spaces."""
     A = np.c_[halfspaces[:, :3], np.ones(len(halfspaces))]
     bounds = [(None, None)] * 3 + [(None, 1.0)]
@@ -62,10 +67,10 @@ def deepest(halfspaces) -> tuple[np.ndarray, float]:
     return found.x[:3], float(found.x[3])
 
 
-def corners(halfspaces) -> np.ndarray:
+def vertices_behind(halfspaces) -> np.ndarray:
     """Return the vertices (V, 3) of an intersection; TactileError if it is empty."""
-    inside, depth = deepest(halfspaces)
-    if depth < LEAST:
+    inside, depth = chebyshev_centre(halfspaces)
+    if depth < LEAST_INRADIUS:
         raise TactileError(
             "the half-spaces leave no body", where="corners", got=f"{depth:.2g} m deep"
         )
@@ -74,12 +79,12 @@ def corners(halfspaces) -> np.ndarray:
     return points[np.isfinite(points).all(axis=1)]
 
 
-def outer(points) -> np.ndarray:
+def hull_vertices(points) -> np.ndarray:
     """Return the points (V, 3) that are vertices of their hull."""
     return points[ConvexHull(points).vertices]
 
 
-def merged(points, distance: float = MERGED) -> np.ndarray:
+def merged(points, distance: float = MERGE_DISTANCE) -> np.ndarray:
     """Return the points with clusters nearer than `distance` made one, their mean."""
     points, out = list(points), []
     while points:
@@ -94,7 +99,7 @@ def thinned(points, count: int) -> np.ndarray:
 
     A removal changes what its neighbours are worth, and no others.
     """
-    points = outer(points)
+    points = hull_vertices(points)
     if len(points) <= count:
         return points
     neighbours = _neighbours(points)
@@ -177,7 +182,7 @@ def centroid(points) -> np.ndarray:
     return middle + volumes @ fans.mean(axis=1) * 0.75 / volumes.sum()
 
 
-def fitted_ball(points, size, height=HEIGHT) -> Ball:
+def fitted_ball(points, size, height=CENTRE_HEIGHT) -> Ball:
     """Return the ball on the ground near whose surface the points (n, 3) lie.
 
     size: mean and deviation [m] of its radius before any touch; height: those [radii]
@@ -185,11 +190,11 @@ def fitted_ball(points, size, height=HEIGHT) -> Ball:
     at corners: INSIDE the ball, not OUTSIDE.
     """
     mean, deviation = size
-    often = np.sqrt(max(1.0, len(points) / INDEPENDENT))
+    often = np.sqrt(max(1.0, len(points) / INDEPENDENT_TOUCHES))
 
     def residual(z):
         away = np.linalg.norm(points - z[:3], axis=1) / z[3] - 1
-        away = np.where(away > 0, away / OUTSIDE, away / INSIDE) / often
+        away = np.where(away > 0, away / SIGMA_OUTSIDE, away / SIGMA_INSIDE) / often
         above = (z[2] / z[3] - height[0]) / height[1]
         return np.r_[away, above, (z[3] - mean) / deviation]
 
@@ -197,7 +202,7 @@ def fitted_ball(points, size, height=HEIGHT) -> Ball:
     return Ball(found.x[:3], float(abs(found.x[3])))
 
 
-def fingers(samples, x) -> np.ndarray:
+def fingers_in_body(samples, x) -> np.ndarray:
     """Return the fingers' centres (samples, 3) [m] in the body frame."""
     return points_in_body(x, samples.sample, samples.p_wf)
 

@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from formulations.shape import CUBOID
 
-FLAT = np.pi / 2  # [rad] it lies on the next face
-ENOUGH = 1.05  # [-] of the speed that just carries the object over its edge
-FALL = 20  # steps of the falling pendulum in one sample
+QUARTER_TURN = np.pi / 2  # [rad] it lies on the next face
+LEAST_TIPPING_SPEED = 1.05  # [-] of the speed that just carries it over the edge
+FALL_SUBSTEPS = 20  # steps of the falling pendulum in one sample
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class Tip:
     axis: int
     side: float
     angle: np.ndarray
-    end: float = FLAT
+    end: float = QUARTER_TURN
 
     @property
     def renamed(self) -> np.ndarray:
@@ -40,11 +40,11 @@ class Tip:
     @property
     def landed(self) -> int:
         """Return the first sample of the action at which it lies, or their number."""
-        return int(np.count_nonzero(self.angle < FLAT))
+        return int(np.count_nonzero(self.angle < QUARTER_TURN))
 
     def fall(self, x) -> np.ndarray:
         """Return the horizontal direction (3,) in which it falls from x (3,)."""
-        ahead = x[2] + self.axis * FLAT
+        ahead = x[2] + self.axis * QUARTER_TURN
         return -self.side * np.array([np.cos(ahead), np.sin(ahead), 0.0])
 
     def poses(self, theta, x) -> tuple[np.ndarray, np.ndarray]:
@@ -70,17 +70,17 @@ def fall(size, angle, samples, gravity, dt) -> np.ndarray:
     speed = (angle[-1] - angle[-2]) / dt if len(angle) > 1 else 0.0
     if now < over:
         least = np.sqrt(2 * pull * (1 - np.cos(over - now)))
-        speed = max(speed, ENOUGH * least)
+        speed = max(speed, LEAST_TIPPING_SPEED * least)
     out = []
     for _ in range(samples):
-        for _ in range(FALL):
-            speed += pull * np.sin(now - over) * dt / FALL
-            now = min(now + speed * dt / FALL, FLAT)
+        for _ in range(FALL_SUBSTEPS):
+            speed += pull * np.sin(now - over) * dt / FALL_SUBSTEPS
+            now = min(now + speed * dt / FALL_SUBSTEPS, QUARTER_TURN)
         out.append(now)
     return np.array(out)
 
 
-def lifted(theta, x, shape=CUBOID) -> np.ndarray:
+def planar_to_free(theta, x, shape=CUBOID) -> np.ndarray:
     """Return planar poses x (3, T) of a body lying flat as free poses (6, T)."""
     o = np.zeros(x.shape[1])
     return np.vstack([x[:2], o + float(shape.rest_height(theta)), o, o, x[2]])

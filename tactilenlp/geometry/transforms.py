@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-SMALL = 1e-4  # [rad] a turn below which the series is exact to rounding
+SERIES_ANGLE = 1e-4  # [rad] a turn below which the series is exact to rounding
 
 
 def continuous(R) -> np.ndarray:
@@ -38,7 +38,7 @@ def turning(x) -> np.ndarray:
     w = x[3:].T
     angle = np.linalg.norm(w, axis=1)[:, None, None]
     K = -np.cross(w[:, None], np.eye(3))
-    small = angle < SMALL
+    small = angle < SERIES_ANGLE
     angle = np.where(small, 1.0, angle)
     first = np.where(small, 1 / 2, (1 - np.cos(angle)) / angle**2)
     second = np.where(small, 1 / 6, (angle - np.sin(angle)) / angle**3)

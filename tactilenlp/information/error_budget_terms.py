@@ -40,7 +40,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..geometry.convex_hull import INSIDE
+from ..geometry.convex_hull import SIGMA_INSIDE
 from ..geometry.transforms import is_planar, matrices, points_in_body, rotate_planar
 from ..nlp.kkt_sensitivity import KKTSystem
 
@@ -143,7 +143,7 @@ def guessed(curvature: KKTSystem, pulls) -> np.ndarray:
     root = np.linalg.cholesky(alike + TINY * np.eye(len(u)))
     errors = np.zeros((problem.size, len(u)))
     errors[problem.variables["theta"].span] = (
-        radius * INSIDE * (u[:, :, None] * root[:, None]).reshape(u.size, -1)
+        radius * SIGMA_INSIDE * (u[:, :, None] * root[:, None]).reshape(u.size, -1)
     )
     moved = pulls.T @ (curvature.hessian(PRIOR) @ errors)
     return moved @ moved.T

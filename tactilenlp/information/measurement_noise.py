@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..data.sensor_noise import Precision, smoothing
+from ..data.sensor_noise import Precision, smoothing_matrices
 from ..errors import PageError
 from ..nlp.kkt_sensitivity import KKTSystem
 from ..nlp.term_functions import mapped
@@ -67,7 +67,7 @@ def scatter(by_position, by_normal, sensed: Sensed) -> np.ndarray:
     """Return the covariance (k, k) that the sensors' noise gives the estimate."""
     data, precision, k = sensed.data, sensed.precision, len(by_position)
     raw = np.empty_like(by_position)
-    for rows, S in smoothing(data, precision):
+    for rows, S in smoothing_matrices(data, precision):
         raw[:, rows] = np.einsum("kafc,ab->kbfc", by_position[:, rows], S)
     raw = raw.reshape(k, -1)
     across = tangential(by_normal, data.normal).reshape(k, -1)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..common.validation import check_types
-from ..geometry.convex_hull import centroid, fingers
+from ..geometry.convex_hull import centroid, fingers_in_body
 from ..geometry.faces import polygons
 from ..geometry.transforms import directions_in_body
 from ..nlp.kkt_sensitivity import kkt_system_of
@@ -85,7 +85,7 @@ def touched_polygons(window, vertices, x, sigma: float) -> np.ndarray:
     """
     facing = np.cos(min(FACING, TILT + NOISE * sigma))
     touch = window.touch
-    centre = fingers(touch, x)
+    centre = fingers_in_body(touch, x)
     n = directions_in_body(x, touch.sample, touch.normal)
     point = centre - touch.radius[:, None] * n
     alike = []  # (faces, touches): cosine to a face that the point is on

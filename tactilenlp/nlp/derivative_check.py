@@ -17,9 +17,13 @@ from .terms import Term
 if TYPE_CHECKING:
     from .problem import Problem
 
-STEP = 6e-6  # [scales] of the differences: cube root of the precision of a double
-ROUNDING = 1e-4  # [-] of a value is no derivative: differences lose 11 of 16 digits
-WRONG = 1e-4  # [-] relative error above which a derivative is called wrong
+DIFFERENCE_STEP = (
+    6e-6  # [scales] of the differences: cube root of the precision of a double
+)
+ROUNDING_SHARE = (
+    1e-4  # [-] of a value is no derivative: differences lose 11 of 16 digits
+)
+TOLERATED = 1e-4  # [-] relative error above which a derivative is called wrong
 
 
 def derivative_errors(
@@ -35,14 +39,16 @@ def derivative_errors(
     scale = problem.scale[term.unknowns].T
     weight = rng.normal(size=(function.rows, term.instances))
     value, *exact = _scaled(function, z, d, weight, scale)
-    fine, wide = (_differences(function, z, d, weight, scale, k * STEP) for k in (1, 2))
+    fine, wide = (
+        _differences(function, z, d, weight, scale, k * DIFFERENCE_STEP) for k in (1, 2)
+    )
     errors, size = [], np.abs(value).max(axis=0)
     for derivative, near, far in zip(exact, fine, wide, strict=True):
         largest = np.abs(derivative).max(axis=(0, 1), initial=0.0)
-        size = ROUNDING * (size + largest.max(initial=0.0)) + largest
+        size = ROUNDING_SHARE * (size + largest.max(initial=0.0)) + largest
         unsure = np.abs(near - far).max(initial=0.0)
         off = np.abs(near - derivative).max(axis=(0, 1), initial=0.0)
-        errors.append(_worst(off, size + unsure / WRONG))
+        errors.append(_worst(off, size + unsure / TOLERATED))
     return tuple(errors)
 
 
@@ -86,7 +92,7 @@ def assembled_error(problem: Problem, x, data, rng) -> float:
     (_, grad), (_, jac) = f["grad_f"](x, data), f["jac_g"](x, data)
     upper = f["hess_lag"](x, data, 1.0, lam)
     ends = []
-    for y in (x + STEP * way, x - STEP * way):
+    for y in (x + DIFFERENCE_STEP * way, x - DIFFERENCE_STEP * way):
         (cost, slope), (g, J) = f["grad_f"](y, data), f["jac_g"](y, data)
         ends.append((cost, g, slope + ca.mtimes(J.T, lam)))
     exact = (
@@ -98,8 +104,10 @@ def assembled_error(problem: Problem, x, data, rng) -> float:
     for plus, minus, product in zip(*ends, exact, strict=True):
         plus, minus, product = (np.asarray(a).ravel() for a in (plus, minus, product))
         size = np.abs(product).max(initial=0.0)
-        size += ROUNDING * np.abs(plus).max(initial=0.0)
-        error = np.abs((plus - minus) / (2 * STEP) - product).max(initial=0.0)
+        size += ROUNDING_SHARE * np.abs(plus).max(initial=0.0)
+        error = np.abs((plus - minus) / (2 * DIFFERENCE_STEP) - product).max(
+            initial=0.0
+        )
         worst = max(worst, _worst(error, size))
     return worst
 

@@ -17,10 +17,12 @@ from .problem import Problem
 from .solution import Solution, after, not_converged, recomputed
 
 log = logging.getLogger("tactilenlp")
-CLOSE = 1e-6  # [-] how far a warm start, multipliers too, is pushed inside its bounds
-SIDES = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
-KEPT = [f"warm_start_{side}" for side in (*SIDES, "mult_bound_push")]
-LEVEL = {"mu_init": 1e-2, "max_iter": 200}  # of a level that does not set them
+WARM_PUSH = (
+    1e-6  # [-] how far a warm start, multipliers too, is pushed inside its bounds
+)
+PUSH_OPTIONS = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
+WARM_OPTIONS = [f"warm_start_{side}" for side in (*PUSH_OPTIONS, "mult_bound_push")]
+LEVEL_DEFAULTS = {"mu_init": 1e-2, "max_iter": 200}  # of a level that does not set them
 
 
 def check_positive(options, *names: str) -> None:
@@ -69,7 +71,9 @@ class SolverOptions:
             "sb": "yes",
         }
         if warm:
-            ours |= {"warm_start_init_point": "yes"} | dict.fromkeys(KEPT, CLOSE)
+            ours |= {"warm_start_init_point": "yes"} | dict.fromkeys(
+                WARM_OPTIONS, WARM_PUSH
+            )
         return {f"ipopt.{k}": v for k, v in {**ours, **self.ipopt}.items()} | {
             "print_time": False,
             "error_on_fail": False,
@@ -226,7 +230,7 @@ def _tries(level, start) -> list[tuple[dict, bool]]:
     Far from an optimum a small mu is slow, however good the multipliers, so it comes
     last there; a stiff problem may need it all the same.
     """
-    cold = LEVEL | level.ipopt
+    cold = LEVEL_DEFAULTS | level.ipopt
     if level.warm_start is None or not isinstance(start, Solution):
         return [(cold, False)]
     near = [(cold | level.warm_start, True)]

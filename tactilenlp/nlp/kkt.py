@@ -21,12 +21,12 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-NONE: Mapping[str, np.ndarray] = {}
+NO_MULTIPLIERS: Mapping[str, np.ndarray] = {}
 LEAST_CURVATURE = 1e-9  # [1 / scaled unknown^2] l, far below that of measured unknowns
 BORDER_ENTRIES = 4.0  # [-] times the entries of the median column: part of the border
 
 
-def gradient(problem, x, data, multipliers=NONE, costs=None) -> np.ndarray:
+def gradient(problem, x, data, multipliers=NO_MULTIPLIERS, costs=None) -> np.ndarray:
     """Return the gradient of the Lagrangian (unknowns,) at x (unknowns,), both SI.
 
     multipliers: by constraint; without any, the gradient of the costs alone; costs:

@@ -12,16 +12,16 @@ import numpy as np
 
 from formulations import polytope_planes
 
-from ..data.contact_segments import DOUBT, runs
+from ..data.contact_segments import NOISE_SIGMAS, contact_segments
 from ..geometry.convex_hull import (
-    AFLOAT,
-    HEIGHT,
+    CENTRE_HEIGHT,
+    FLOATING_HEIGHT,
     Ball,
     centroid,
-    corners,
-    fingers,
+    fingers_in_body,
     fitted_ball,
     nearest,
+    vertices_behind,
 )
 from ..geometry.transforms import directions_in_body, rotate_planar
 from ..nlp.ipopt import SolverOptions, solve_levels
@@ -29,13 +29,8 @@ from ..nlp.problem import Problem
 from ..problem.reductions import reduce
 from ..problem.window import Window, _Rows
 
-FREE_REACH = (
-    15e-3  # [m] a free finger further than this from a contact point says nothing
-)
-FACE_ANGLE, FACE_OFFSET = (
-    0.03,
-    0.2e-3,
-)  # [rad], [m] planes that agree this well are one face
+FREE_REACH = 15e-3  # [m] of a contact point: free fingers further away are dropped
+FACE_ANGLE, FACE_OFFSET = 0.03, 0.2e-3  # [rad], [m] planes closer than this are one
 SEARCH_TOLERANCE = 1e-4  # of solves that only start another page
 SEARCH_TIME = 20.0  # [s] at most, of one such solve
 
@@ -96,7 +91,7 @@ def in_body(touch, x, n) -> tuple[np.ndarray, np.ndarray]:
     """Return contact points (touches, 3) and normals, body frame at poses x (3, T)."""
     normal = directions_in_body(x, touch.sample, touch.normal)
     n = normal if n is None else n
-    return fingers(touch, x) - touch.radius[:, None] * n, normal
+    return fingers_in_body(touch, x) - touch.radius[:, None] * n, normal
 
 
 def planes_window(window, faces: Faces) -> PlanesWindow:
@@ -187,7 +182,7 @@ def merged_faces(window, faces: Faces) -> Faces:
     worst = np.array([off[plane == i].max(axis=0) for i in label])
     agree = np.maximum(worst, worst.T) < np.hypot(FACE_OFFSET, window.sigma_position)
     count = np.bincount(plane, minlength=len(b))
-    doubt = DOUBT * window.sigma_normal * np.sqrt(1 / count + 1 / count[:, None])
+    doubt = NOISE_SIGMAS * window.sigma_normal * np.sqrt(1 / count + 1 / count[:, None])
     agree &= n @ n.T > np.cos(np.minimum(np.hypot(FACE_ANGLE, doubt), np.pi / 2))
     for i, j in zip(*np.nonzero(np.triu(agree, 1)), strict=True):
         if agree[np.ix_(label == label[i], label == label[j])].all():
@@ -205,7 +200,7 @@ def merged_faces(window, faces: Faces) -> Faces:
 
 def faces_touched(window, vertices, x) -> Faces:
     """Return the planes that the touches have on a body at poses x (3, T)."""
-    centre = fingers(window.touch, x)
+    centre = fingers_in_body(window.touch, x)
     point = nearest(vertices, centre)
     n = centre - point
     n /= np.linalg.norm(n, axis=1, keepdims=True)
@@ -253,7 +248,7 @@ def continued_faces(window, faces: Faces, samples: int) -> Faces:
 
 def as_measured(window, touch, x) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the planes of touches at poses x, one for each run: plane, n, b."""
-    plane = runs(touch, window.sigma_normal)
+    plane = contact_segments(touch, window.sigma_normal)
     _, normal = in_body(touch, x, None)
     count = np.bincount(plane)
     n = np.stack([np.bincount(plane, normal[:, k]) for k in range(3)], 1)
@@ -277,7 +272,9 @@ def rough_vertices(window, faces: Faces, size, ground) -> np.ndarray:
     points, _ = in_body(window.touch, faces.x, n[faces.plane])
     b = np.maximum(faces.b, (points @ n.T).max(axis=0))
     ball = unseen_ball(points, size, ground)
-    return corners(np.vstack([np.c_[n, b], unseen_halfspaces(points, ball, ground)]))
+    return vertices_behind(
+        np.vstack([np.c_[n, b], unseen_halfspaces(points, ball, ground)])
+    )
 
 
 def unseen_halfspaces(points, ball: Ball, ground) -> np.ndarray:
@@ -291,7 +288,7 @@ def unseen_halfspaces(points, ball: Ball, ground) -> np.ndarray:
 
 def unseen_ball(points, size, ground) -> Ball:
     """Return the ball that is thought of where no finger was."""
-    return fitted_ball(points, size, HEIGHT if ground else AFLOAT)
+    return fitted_ball(points, size, CENTRE_HEIGHT if ground else FLOATING_HEIGHT)
 
 
 def first_position(window, size: float) -> np.ndarray:

@@ -16,17 +16,17 @@ from formulations import polytope_quasi_static
 
 from ..common.interrupt import interruptible
 from ..common.progress import progress
-from ..data.contact_segments import credible
+from ..data.contact_segments import without_outliers
 from ..errors import NoContactError, SceneError, TactileError
 from ..geometry.convex_hull import (
     Ball,
-    corners,
     filled,
-    fingers,
+    fingers_in_body,
+    hull_vertices,
     merged,
     nearest,
-    outer,
     thinned,
+    vertices_behind,
 )
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
@@ -74,7 +74,7 @@ def polytope_from_planes(
         halfspaces = np.vstack([planes, unseen_halfspaces(points, fitted, ground)])
     elif (halfspaces := closing_halfspaces(planes, points, fitted, ground)) is None:
         return None
-    found = corners(halfspaces)
+    found = vertices_behind(halfspaces)
     cuts = separating_halfspaces(window, faces, points)
     for _ in range(MAX_CUTS):
         deep = (found @ cuts[:, :3].T).max(axis=0, initial=-np.inf) - cuts[:, 3]
@@ -82,10 +82,10 @@ def polytope_from_planes(
             break
         halfspaces = np.vstack([halfspaces, cuts[[np.argmax(deep)]]])
         try:
-            found = corners(halfspaces)
+            found = vertices_behind(halfspaces)
         except TactileError:
             break
-    return filled(thinned(outer(merged(found)), vertices), vertices)
+    return filled(thinned(hull_vertices(merged(found)), vertices), vertices)
 
 
 def closing_halfspaces(planes, points, ball: Ball, ground) -> np.ndarray | None:
@@ -96,13 +96,13 @@ def closing_halfspaces(planes, points, ball: Ball, ground) -> np.ndarray | None:
     """
     wide = replace(ball, radius=2 * CUBE_CORNER * ball.radius)
     halfspaces = np.vstack([planes, unseen_halfspaces(points, wide, ground)])
-    far = np.linalg.norm(corners(halfspaces) - ball.centre, axis=1).max()
+    far = np.linalg.norm(vertices_behind(halfspaces) - ball.centre, axis=1).max()
     return halfspaces if far < CUBE_CORNER * ball.radius else None
 
 
 def separating_halfspaces(window, faces: Faces, points) -> np.ndarray:
     """Return half-spaces (n, 4) between the touched points and every free finger."""
-    centre = fingers(window.free, faces.x)
+    centre = fingers_in_body(window.free, faces.x)
     if not len(centre):
         return np.zeros((0, 4))
     away = centre - nearest_in_hull(points, centre)
@@ -117,7 +117,7 @@ def nearest_in_hull(points, centre) -> np.ndarray:
     if len(points) < 4 or spread[-1] < 1e-4:
         apart = np.linalg.norm(points[None] - centre[:, None], axis=2)
         return points[np.argmin(apart, axis=1)]
-    return nearest(outer(points), centre)
+    return nearest(hull_vertices(points), centre)
 
 
 def check_round_fingertips(scene) -> None:
@@ -132,7 +132,7 @@ def check_round_fingertips(scene) -> None:
 def with_vertices_on_hull(h: Hypothesis) -> Hypothesis:
     """Return a hull whose invisible vertices, those inside of it, are moved onto it."""
     vertices = h.theta.reshape(-1, 3)
-    onto = filled(outer(vertices), len(vertices))
+    onto = filled(hull_vertices(vertices), len(vertices))
     return replace(h, theta=onto.ravel())
 
 
@@ -201,7 +201,7 @@ def polished(job, body: Hypothesis) -> Hypothesis:
 
 def credible_data(data, sigma: float):
     """Return the data less what stands alone; NoContactError where nothing is left."""
-    left = credible(data, sigma)
+    left = without_outliers(data, sigma)
     if (left.contact & left.valid).any():
         return left
     raise NoContactError(

@@ -16,7 +16,7 @@ import numpy as np
 
 from formulations import quasi_static
 
-from ..geometry.tipping import FLAT, Tip, fall, lifted
+from ..geometry.tipping import QUARTER_TURN, Tip, fall, planar_to_free
 from ..geometry.transforms import carried, continuous, matrices, rotate_planar
 from ..nlp.problem import Problem
 from ..problem.outliers import tilt_of
@@ -77,10 +77,10 @@ class Tumble:
         theta[:2] = np.where(known, self.theta[:2], theta[:2])
         stood, landed = self.before.x[:, self.start], later.x[:, n - 1]
         x = self._upright(theta, stood, landed)
-        past = lifted(theta, carried(self.before.x[:, :k], stood, x))
+        past = planar_to_free(theta, carried(self.before.x[:, :k], stood, x))
         p, R = self.tip.poses(theta, x)
         off = R[-1].T @ (p[-1] - [*landed[:2], p[-1, 2]])
-        after = lifted(np.abs(S) @ theta, later.x[:, n:])
+        after = planar_to_free(np.abs(S) @ theta, later.x[:, n:])
         R_after = matrices(after) @ S
         tail = slice(n - (self.x.shape[1] - k), n)
         R = np.concatenate([matrices(past), R[tail], R_after])
@@ -114,7 +114,7 @@ def tumbled(job, kept) -> list[Tumble]:
         for share, tip in _tips_to_try(tipped) if tipped is not None else ():
             thin, name = _thinned(h, tip, share), f"tips {len(out)}"
             p, R = tip.poses(thin.theta, thin.x[:, start])
-            flat = lifted(thin.theta, thin.x[:, : start + 1])
+            flat = planar_to_free(thin.theta, thin.x[:, : start + 1])
             fallen = np.hstack([p, continuous(R)])[:-1][start + 1 - h.x.shape[1] :]
             x = np.hstack([flat, fallen.T])
             out.append(Tumble(thin.theta, x, name, thin, start, tip))
@@ -127,7 +127,7 @@ def _tips_to_try(tip: Tip) -> list:
     Where the record ends while it is tipped less than halfway, nobody saw it fall.
     """
     ways = [(share, tip) for share in DEPTH_SHARES]
-    if tip.angle[-1] < FLAT / 2:
+    if tip.angle[-1] < QUARTER_TURN / 2:
         ways.append((1.0, replace(tip, end=0.0)))
     return ways
 
