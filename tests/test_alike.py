@@ -1,4 +1,4 @@
-"""Problems of a page that says ALIKE share kinds: one trace of a term holds for all."""
+"""Problems of a page that says ALIKE share term functions."""
 
 import gc
 import pickle
@@ -69,7 +69,7 @@ def test_a_term_is_the_same_function_whatever_else_its_window_holds(
         assert one[key].value.serialize() == other[key].value.serialize(), key
 
 
-def test_problems_of_one_job_share_kinds_but_not_those_of_another_motion():
+def test_problems_of_one_job_share_term_functions_but_not_those_of_another_motion():
     job = job_of(violation_implicit, CUBOID, "cuboid", 1)
     first, again = (problem_of(job, violation_implicit) for _ in range(2))
     assert first.term_functions
@@ -91,7 +91,7 @@ def test_a_page_that_does_not_say_so_shares_nothing():
 def test_an_estimate_leaves_its_term_functions_to_who_goes_on_from_it():
     session = Session()
     job = job_of(quasi_static, CUBOID, "cuboid", 1)
-    kinds = problem_of(job, quasi_static).term_functions
+    functions = problem_of(job, quasi_static).term_functions
     origin = Hypothesis(np.full(3, 0.04), np.zeros((3, 1)), 0.0, ())
     start = SimpleNamespace(origin=origin)
     session.keep(start, job, quasi_static)
@@ -100,7 +100,7 @@ def test_an_estimate_leaves_its_term_functions_to_who_goes_on_from_it():
         return session.functions_for(start, scene, CUBOID, quasi_static)
 
     more = replace(job, functions=known(start, job.scene))
-    assert problem_of(more, quasi_static).term_functions is kinds
+    assert problem_of(more, quasi_static).term_functions is functions
     assert not known(start, replace(job.scene, mass=7.0))
     assert not known(SimpleNamespace(origin=replace(origin)), job.scene)
     assert not known(None, job.scene)

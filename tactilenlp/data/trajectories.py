@@ -1,4 +1,4 @@
-"""Hold the recorded motion of one body: poses at a steady rate, toss by toss."""
+"""Recorded motion of one body: poses at a constant rate, toss by toss."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..common.npz import read_npz, write_npz
 from ..common.validation import checked_choice
 from ..errors import MeasurementError
 
-QUATERNION_TOLERANCE = 1e-3  # [1], a quaternion further from unit length is none
+QUATERNION_TOLERANCE = 1e-3  # [1], of the length of a quaternion
 LARGEST_POSITION = 100.0  # [m], further than any tracked body: the file is in mm
 LEAST_SAMPLES = 3  # samples: a change of velocity needs three poses
 TRAJECTORY_KEYS = ("toss", "position", "quaternion", "dt")
@@ -55,7 +55,11 @@ class Trajectories:
             raise _wrong("dt", "one interval [s] between 0 and 1", repr(self.dt))
         _, counts = np.unique(toss, return_counts=True)
         if np.count_nonzero(np.diff(toss)) + 1 != len(counts):
-            raise _wrong("toss", "samples of one toss in a row", "torn apart")
+            raise _wrong(
+                "toss",
+                "samples of one toss in a row",
+                "samples of one toss in several places",
+            )
         if counts.min() < LEAST_SAMPLES:
             got = f"{counts.min()} samples"
             raise _wrong("toss", f"{LEAST_SAMPLES} samples a toss at least", got)
@@ -65,7 +69,7 @@ class Trajectories:
 
     @classmethod
     def load(cls, path: str | os.PathLike) -> Trajectories:
-        """Read toss, position, quaternion and dt from an .npz; ignore all else."""
+        """Read toss, position, quaternion and dt from an .npz; ignore all others."""
         arrays = read_npz(path, TRAJECTORY_KEYS)
         missing = [key for key in TRAJECTORY_KEYS if key not in arrays]
         if missing:

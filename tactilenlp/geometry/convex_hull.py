@@ -1,7 +1,7 @@
-"""Cut a convex body out of half-spaces; bring it to a number of vertices.
+"""Convex hulls: half-space intersection, vertex reduction, centroid, closest point.
 
 A half-space is a row (n, b) of the plane n . q = b, n (3,) outward unit, b [m]; the
-body lies behind it.  Lengths in [m], the body's frame, the ground at z = 0.
+body lies where n . q <= b.  Lengths in [m], body frame, the ground at z = 0.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 from ..errors import TactileError
 from .transforms import planar_matrix, points_in_body
 
-BALL_PLANES = 60  # planes that stand for the ball of what was never touched
-MERGE_DISTANCE = 1e-3  # [m] vertices nearer than this are one
-LEAST_INRADIUS = 1e-4  # [m] a body is at least this thick
+BALL_PLANES = 60  # half-spaces that approximate the ball
+MERGE_DISTANCE = 1e-3  # [m] vertices closer than this are merged
+LEAST_INRADIUS = 1e-4  # [m] of the largest ball in a body; thinner ones are errors
 SIGMA_INSIDE, SIGMA_OUTSIDE = (
     0.3,
     0.06,
 )  # [radii] deviations of a contact point from the ball
-INDEPENDENT_TOUCHES = 30  # touches at most that say something new of the ball
+INDEPENDENT_TOUCHES = 30  # touches counted as independent, at most
 # Mean and deviation [radii] of the height of the ball's centre: over the ground, and
 # over the plane of touch of a body that floats.
 CENTRE_HEIGHT = 0.7, 0.25
@@ -32,16 +32,16 @@ GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
 @dataclass(frozen=True, eq=False)
 class Ball:
-    """The ball that a body is thought to fill where nothing was felt: (3,), [m]."""
+    """The prior shape of a body where it was not touched: centre (3,), radius, [m]."""
 
     centre: np.ndarray
     radius: float
 
     def caps(self, points, count: int = BALL_PLANES) -> np.ndarray:
-        """Return half-spaces (count, 4) that touch the ball, spread evenly.
+        """Return half-spaces (count, 4) tangent to the ball, evenly distributed.
 
-        They are turned towards the farthest of the points (n, 3), so that they turn
-        with the body and not with the world's axes.
+        Their heading is that of the farthest of the points (n, 3), so that the result
+        does not depend on the world's axes.
         """
         away = (points - self.centre)[:, :2]
         x, y = away[np.argmax(np.linalg.norm(away, axis=1))]
@@ -51,14 +51,17 @@ class Ball:
 
 
 def directions(count: int) -> np.ndarray:
-    """Return unit vectors (count, 3) spread evenly over the sphere (Fibonacci)."""
+    """Return unit vectors (count, 3) evenly distributed (Fibonacci sphere)."""
     z = 1 - (2 * np.arange(count) + 1) / count
     r, phi = np.sqrt(1 - z * z), GOLDEN_ANGLE * np.arange(count)
     return np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=1)
 
 
 def chebyshev_centre(halfspaces) -> tuple[np.ndarray, float]:
-    """Return centre (3,) and radius of the largest ball behind all half-spaces."""
+    """Return the Chebyshev centre (3,) [m] and inradius [m] of an intersection.
+
+    The centre of the largest ball in it; radius -inf where it is empty.
+    """
     A = np.c_[halfspaces[:, :3], np.ones(len(halfspaces))]
     bounds = [(None, None)] * 3 + [(None, 1.0)]
     found = linprog([0, 0, 0, -1], A, halfspaces[:, 3], bounds=bounds, method="highs")
@@ -68,11 +71,16 @@ def chebyshev_centre(halfspaces) -> tuple[np.ndarray, float]:
 
 
 def vertices_behind(halfspaces) -> np.ndarray:
-    """Return the vertices (V, 3) of an intersection; TactileError if it is empty."""
+    """Return the vertices (V, 3) [m] of the intersection of half-spaces (n, 4).
+
+    Raises TactileError if it is empty or thinner than LEAST_INRADIUS.
+    """
     inside, depth = chebyshev_centre(halfspaces)
     if depth < LEAST_INRADIUS:
         raise TactileError(
-            "the half-spaces leave no body", where="corners", got=f"{depth:.2g} m deep"
+            "the intersection of the half-spaces is empty or flat",
+            where="halfspaces",
+            got=f"inradius {depth:.2g} m",
         )
     rows = np.c_[halfspaces[:, :3], -halfspaces[:, 3]]
     points = HalfspaceIntersection(rows, inside).intersections
@@ -85,7 +93,7 @@ def hull_vertices(points) -> np.ndarray:
 
 
 def merged(points, distance: float = MERGE_DISTANCE) -> np.ndarray:
-    """Return the points with clusters nearer than `distance` made one, their mean."""
+    """Return the points (n, 3) with clusters within `distance` [m] averaged."""
     points, out = list(points), []
     while points:
         near = [np.linalg.norm(p - points[0]) < distance for p in points]
@@ -95,9 +103,9 @@ def merged(points, distance: float = MERGE_DISTANCE) -> np.ndarray:
 
 
 def thinned(points, count: int) -> np.ndarray:
-    """Return `count` of the vertices at most: those whose removal costs volume stay.
+    """Return at most `count` of the vertices, removing those that add least volume.
 
-    A removal changes what its neighbours are worth, and no others.
+    Greedy: after a removal only the losses of its neighbours are computed again.
     """
     points = hull_vertices(points)
     if len(points) <= count:
@@ -117,7 +125,7 @@ def thinned(points, count: int) -> np.ndarray:
 
 
 def _neighbours(points, names=None) -> dict[int, set]:
-    """Return the vertices that share an edge with each vertex, by name."""
+    """Return for each vertex, by name, the set of those that share an edge with it."""
     names = range(len(points)) if names is None else names
     found = {i: set() for i in names}
     if len(points) < 4:
@@ -146,9 +154,9 @@ def _loss(points, i: int, ring) -> float:
 
 
 def filled(points, count: int) -> np.ndarray:
-    """Return exactly `count` vertices: what is missing is put on the longest edges.
+    """Return exactly `count` vertices, adding midpoints of the longest edges.
 
-    A point on an edge leaves the hull as it is and can move off it.
+    A midpoint does not change the hull; an optimiser can move it off the edge.
     """
     points = np.array(points)
     while len(points) < count:
@@ -175,7 +183,7 @@ def triangles(points, count: int) -> np.ndarray:
 
 
 def centroid(points) -> np.ndarray:
-    """Return the centroid (3,) [m] of the volume of a hull."""
+    """Return the centroid (3,) [m] of the volume of the hull of points (n, 3) [m]."""
     middle = points.mean(axis=0)
     fans = points[ConvexHull(points).simplices] - middle
     volumes = np.abs(np.linalg.det(fans))
@@ -183,11 +191,11 @@ def centroid(points) -> np.ndarray:
 
 
 def fitted_ball(points, size, height=CENTRE_HEIGHT) -> Ball:
-    """Return the ball on the ground near whose surface the points (n, 3) lie.
+    """Return the ball fitted by least squares to contact points (n, 3) [m].
 
-    size: mean and deviation [m] of its radius before any touch; height: those [radii]
-    of its centre over z = 0.  Contact points are in the middle of faces more often than
-    at corners: INSIDE the ball, not OUTSIDE.
+    size: prior mean and standard deviation [m] of its radius; height: those [radii] of
+    its centre over z = 0.  Contact points lie in the middle of faces more often than at
+    corners, hence more often inside the ball: SIGMA_INSIDE, SIGMA_OUTSIDE.
     """
     mean, deviation = size
     often = np.sqrt(max(1.0, len(points) / INDEPENDENT_TOUCHES))
@@ -208,14 +216,14 @@ def fingers_in_body(samples, x) -> np.ndarray:
 
 
 def nearest(vertices, points) -> np.ndarray:
-    """Return the points (n, 3) of a hull that are nearest to given ones outside."""
+    """Return the points (n, 3) [m] of a hull closest to given points (n, 3) outside."""
     return nearest_triangles(vertices, points)[0]
 
 
 def nearest_triangles(vertices, points) -> tuple[np.ndarray, np.ndarray]:
-    """Return the points (n, 3) of a hull nearest to given ones outside.
+    """Return the points (n, 3) [m] of a hull closest to given points outside.
 
-    And the vertices (n, 3) of the triangle on which each lies.
+    And the indices (n, 3) of the vertices of the triangle on which each lies.
     """
     import trimesh
 

@@ -9,14 +9,16 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-SERIES_ANGLE = 1e-4  # [rad] a turn below which the series is exact to rounding
+SERIES_ANGLE = 1e-4  # [rad] below it the series is exact to rounding
 
 
 def continuous(R) -> np.ndarray:
-    """Return rotation vectors (n, 3) [rad] of rotations (n, 3, 3) without jumps."""
+    """Return continuous rotation vectors (n, 3) [rad] of rotations (n, 3, 3)."""
     w = Rotation.from_matrix(np.array(R)).as_rotvec()
     far = np.linalg.norm(np.diff(w, axis=0), axis=1) >= np.pi
-    first = 1 + int(np.argmax(far)) if far.any() else len(w)  # till then w goes on
+    first = (
+        1 + int(np.argmax(far)) if far.any() else len(w)
+    )  # w is continuous before it
     for k in range(first, len(w)):
         angle = np.linalg.norm(w[k])
         if angle > 1e-6:
@@ -26,14 +28,14 @@ def continuous(R) -> np.ndarray:
 
 
 def backward(R) -> np.ndarray:
-    """Return the same, none at the last of the rotations, where the body is upright."""
+    """Return the same, continuous from the last rotation back, where w is shortest."""
     return continuous(R[::-1])[::-1]
 
 
 def turning(x) -> np.ndarray:
-    """Return how free poses x (6, T) turn with their rotation vectors (T, 3, 3).
+    """Return the left Jacobians of SO(3) (T, 3, 3) of free poses x (6, T).
 
-    From a change of the vector to a small turn about the world's axes [rad].
+    They map a change of the rotation vector to a small rotation about the world's axes.
     """
     w = x[3:].T
     angle = np.linalg.norm(w, axis=1)[:, None, None]
@@ -77,12 +79,12 @@ def planar_matrix(yaw: float) -> np.ndarray:
 
 
 def is_planar(x) -> bool:
-    """Tell whether poses x (unknowns, T) are planar."""
+    """Return whether poses x (unknowns, T) are planar."""
     return len(x) == 3
 
 
 def directions_in_body(x, samples, a) -> np.ndarray:
-    """Return the directions a (n, 3) at samples (n,), in the body frame."""
+    """Return world directions a (n, 3) at samples (n,) in the body frame (n, 3)."""
     pose = x[:, samples]
     if not is_planar(x):
         return np.einsum("nji,nj->ni", matrices(pose), a)
@@ -90,7 +92,7 @@ def directions_in_body(x, samples, a) -> np.ndarray:
 
 
 def points_in_body(x, samples, p_w) -> np.ndarray:
-    """Return the points p_w (n, 3) [m] at samples (n,), in the body frame."""
+    """Return world points p_w (n, 3) [m] at samples (n,) in the body frame (n, 3)."""
     places = 2 if is_planar(x) else 3
     away = p_w.copy()
     away[:, :places] -= x[:places, samples].T
@@ -98,7 +100,7 @@ def points_in_body(x, samples, p_w) -> np.ndarray:
 
 
 def carried(x, old, new) -> np.ndarray:
-    """Return poses x (3, T) carried by the planar motion that takes `old` to `new`."""
+    """Return poses x (3, T) moved by the planar motion that maps `old` to `new`."""
     turn = new[2] - old[2]
     away = x[:2] - old[:2, None]
     return np.vstack([*rotate_planar(turn, *away, origin=new), x[2] + turn])

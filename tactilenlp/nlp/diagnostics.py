@@ -47,7 +47,8 @@ def describe(problem: Problem) -> str:
     for v in problem.variables.values():
         low, high = v.lower.min(initial=np.inf), v.upper.max(initial=-np.inf)
         lines.append(
-            f"  {v.name:30} {v.rows} x {v.columns:<5} [{v.unit}]  bounds {low:.3g} .. {high:.3g}, "
+            f"  {v.name:30} {v.rows} x {v.columns:<5} [{v.unit}]  "
+            f"bounds {low:.3g} .. {high:.3g}, "
             f"scale {', '.join(f'{s:.3g}' for s in v.scale)}"
         )
     for title, group in (
@@ -81,18 +82,18 @@ def _nonzeros(places, size: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """What `check` found; `findings` are sentences that say what to mend, if any.
+    """The result of `check`; findings: one sentence for each fault, and its remedy.
 
-    Derivatives are those at the guess or at a random point near it, the worse ones; all
-    else is of the random point.
+    Errors of derivatives are the larger of those at the guess and at a random point
+    near it; everything else is at the random point.
 
     derivatives: by term, error of (Jacobian, Hessian), relative to the largest entry of
     its instance; assembled: the same for the whole programme along a random direction.
     gradient, curvature: by variable, range of the nonzero |entries| of the objective's
     gradient and of its Hessian's diagonal, in scaled units; slope: by constraint, range
     of the lengths of its Jacobian's rows.  rank of the Jacobian with `rows` rows, None
-    where that is too large; equality_rank of its `equalities` rows.  unused: what no
-    term reads.
+    where that is too large; equality_rank of its `equalities` rows.  unused: names
+    that no term reads.
     """
 
     size: int
@@ -178,7 +179,7 @@ def _near(problem, x, away, rng) -> np.ndarray:
 
 
 def _not_finite(problem, guess, data):
-    """Say which terms are not finite at the guess itself, where a solve would start."""
+    """Yield a sentence for each term that is not finite at the guess."""
     for name, term in problem.terms.items():
         value = problem.value(name, guess, data)
         slope = problem.jacobian(name, guess, data)
@@ -194,7 +195,7 @@ def _not_finite(problem, guess, data):
 
 
 def _wrong(errors, assembled):
-    """Say which derivatives are wrong."""
+    """Yield a sentence for each wrong derivative."""
     for name, both in errors.items():
         if not np.isfinite(both).all():
             yield f'"{name}" or a derivative of it is not finite near the guess'
@@ -207,12 +208,12 @@ def _wrong(errors, assembled):
                 )
     worst = max((max(both) for both in errors.values()), default=0.0)
     if assembled > TOLERATED and not worst > TOLERATED:
-        yield f"the assembled derivatives are off by {assembled:.1e}: a machine's bug"
+        yield f"the assembled derivatives are off by {assembled:.1e}: report this bug"
 
 
 # -- scaling --------------------------------------------------------------------------
 def _bad_scales(problem, found, J):
-    """Name the variables and constraints whose scaled slopes are far from one."""
+    """Yield a sentence for each variable or constraint with slopes far from one."""
     for name, v in problem.variables.items():
         slopes = [np.sqrt(found["curvature"][name][1])]
         slopes += [abs(j[:, v.span]).max() for j in J if v.columns]
@@ -272,9 +273,9 @@ def _independent(matrix) -> tuple[int | None, np.ndarray]:
     return rank, np.sort(order[rank:])
 
 
-# -- what nobody reads ----------------------------------------------------------------
+# -- unused ---------------------------------------------------------------------------
 def _unused_variables(problem):
-    """Name the unknowns on which no term depends."""
+    """Yield the names of unknowns on which no term depends."""
     read = np.zeros(problem.size, bool)
     for term in problem.terms.values():
         read[term.jacobian_places()[1]] = True
@@ -289,7 +290,7 @@ def _unused_variables(problem):
 
 
 def _unused_parameters(problem):
-    """Name the parameters that no term reads."""
+    """Yield the names of parameters that no term reads."""
     terms = [*problem.terms.values(), *problem.reports.values()]
     read = np.unique(
         np.concatenate([np.zeros(0, int), *(t.data.ravel() for t in terms)])
