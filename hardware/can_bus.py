@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 import can
 
+from .clock import WallStamps
 from .errors import BusError
 
 POLL_LIMIT = 4096  # [frames] read in one go: a babbling bus must not hang the caller
@@ -33,12 +34,40 @@ def open_bus(config: Mapping, name: str) -> can.BusABC:
 
 
 def waiting(
+    bus: can.BusABC,
+    name: str,
+    on_error: Callable[[Exception], None],
+    stamps: WallStamps,
+) -> list[can.Message]:
+    """Return the frames that wait, stamped by the clock of the run.
+
+    Raises BusError where the bus is gone and nothing was read before.
+    """
+    messages: list[can.Message] = []
+    try:
+        for message in _read(bus, name, on_error):
+            messages.append(message)
+    except BusError as bad:
+        if not messages:
+            raise
+        on_error(bad)  # a bus that is gone raises again at the next reading
+    stamps.look()
+    for message in messages:
+        message.timestamp = stamps(message.timestamp)
+    return messages
+
+
+def _read(
     bus: can.BusABC, name: str, on_error: Callable[[Exception], None]
 ) -> Iterator[can.Message]:
-    """Yield the frames that wait; raises BusError where the bus is gone."""
+    """Yield the frames that wait; raises BusError where the bus is gone.
+
+    Not by `bus.recv(timeout=0)`: it measures its time-out by the wall clock, and blocks
+    for as long as that clock is set back meanwhile.
+    """
     for _ in range(POLL_LIMIT):
         try:
-            message = bus.recv(timeout=0)
+            message, filtered = bus._recv_internal(timeout=0)
         except (can.CanError, OSError) as bad:
             if not isinstance(bad.__cause__, UnicodeDecodeError):
                 raise lost("read", name, bad) from bad
@@ -49,7 +78,8 @@ def waiting(
         else:
             if message is None:
                 return
-            yield message
+            if filtered or bus._matches_filters(message):
+                yield message
 
 
 def lost(verb: str, name: str, bad: Exception) -> BusError:

@@ -17,26 +17,89 @@ import numpy as np
 from .errors import ClockError
 
 LARGEST_DRIFT = 1e-3  # [1]; quartz drifts by 1e-4 at most, beyond it the unit is wrong
+STEP = 1e-3  # [s], a larger change between wall clock and run time is a step
+READS = 3  # attempts to read two clocks at one instant
 
 
 class Clock(Protocol):
-    """What tells the time and waits: HostClock, or that of a simulated robot."""
+    """Tell the time of a run and wait: HostClock, or that of a simulated robot.
+
+    now:  [s], never steps: control, ages and time-outs use it alone
+    wall: [s], the time of day, which may step: the operating system stamps with it
+    """
 
     def now(self) -> float: ...
+
+    def wall(self) -> float: ...
 
     def sleep(self, duration: float) -> None: ...
 
 
 class HostClock:
-    """The time of this computer, CLOCK_REALTIME [s], and waiting by it."""
+    """The monotonic clock of this computer, shifted once to the time of day.
+
+    The shift is sampled when the clock is made: stamps of a run read as CLOCK_REALTIME
+    [s], and a step of the wall clock (NTP, an operator) does not reach the control.
+    """
+
+    def __init__(self) -> None:
+        self._shift = time.time() - time.monotonic()
 
     def now(self) -> float:
-        """Return the time [s]."""
+        """Return the time [s] of the run; it never runs backward."""
+        return time.monotonic() + self._shift
+
+    def wall(self) -> float:
+        """Return CLOCK_REALTIME [s], which may step."""
         return time.time()
 
     def sleep(self, duration: float) -> None:
         """Wait for a duration [s]."""
         time.sleep(max(duration, 0.0))
+
+
+class WallStamps:
+    """Map stamps of the wall clock to the time of the run, across its steps.
+
+    A frame that is read now came after the previous reading: where the wall clock was
+    stepped in between, that tells whether its stamp is of before or after the step.
+    Call `look` after every reading, then the object with each stamp.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._latest, offset = self._read()
+        self._earliest, self._offsets = self._latest, (offset, offset)
+
+    def look(self) -> None:
+        """Read both clocks: all stamps that are mapped next are not later than now."""
+        self._earliest = self._latest
+        self._latest, offset = self._read()
+        self._offsets = self._offsets[1], offset
+
+    def __call__(self, stamp: float) -> float:
+        """Return the time [s] of the run that a stamp [s] of the wall clock means."""
+        before, after = self._offsets
+        if abs(after - before) < STEP:
+            return stamp - after
+        times = sorted((stamp - before, stamp - after), key=self._outside)
+        return min(max(times[0], self._earliest), self._latest)
+
+    def _outside(self, time: float) -> float:
+        """Return by how much [s] a time lies outside the last two readings."""
+        return max(self._earliest - time, time - self._latest, 0.0)
+
+    def _read(self) -> tuple[float, float]:
+        """Return the time of the run and the wall clock's lead [s], at one instant."""
+        tries = []
+        for _ in range(READS):
+            before, wall, after = (
+                self._clock.now(),
+                self._clock.wall(),
+                self._clock.now(),
+            )
+            tries.append((after - before, after, wall - (before + after) / 2))
+        return min(tries)[1:]
 
 
 @dataclass(frozen=True)

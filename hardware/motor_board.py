@@ -14,7 +14,7 @@ import numpy as np
 
 from . import motor_can as codec
 from .can_bus import lost, open_bus, waiting
-from .clock import Clock, HostClock
+from .clock import Clock, HostClock, WallStamps
 from .errors import BoardError, BusError, HardwareError, LimitError, StaleStreamError
 from .motor_can import Command, Content, Fault, Pair, Quantity, Status
 
@@ -57,12 +57,14 @@ class MotorBoard(can.Listener):
         self.broken = self.errors = self.foreign = 0
         self.index: list[tuple[float, codec.EncoderIndex]] = []
         self._bus: can.BusABC | None = None
+        self._stamps: WallStamps | None = None
         self._series: dict[Quantity, list] = {quantity: [] for quantity in Quantity}
         self._heard: dict[str, float] = {}
         self._bus_error: BusError | None = None
 
     def __enter__(self) -> MotorBoard:
         self._bus = open_bus(self.config, self.name)
+        self._stamps = WallStamps(self.clock)
         self._heard["opened"] = self.clock.now()
         return self
 
@@ -78,11 +80,11 @@ class MotorBoard(can.Listener):
 
     def poll(self) -> int:
         """Read the frames that wait, without waiting; return how many they were."""
-        count = 0
-        for message in waiting(self._open_bus(), self.name, self.on_error):
+        bus = self._open_bus()
+        messages = waiting(bus, self.name, self.on_error, self._stamps)
+        for message in messages:
             self.on_message_received(message)
-            count += 1
-        return count
+        return len(messages)
 
     def on_message_received(self, msg: can.Message) -> None:
         """Take in one frame, live or from a recording; never raises for its content."""

@@ -38,6 +38,7 @@ def way_back(path: np.ndarray, here: np.ndarray) -> np.ndarray:
 
 
 def row_of(path: np.ndarray, row: float) -> np.ndarray:
-    """Return a row (3,) between two rows of a path."""
+    """Return a row (3,) between two rows of a path, not beyond its ends."""
+    row = min(max(row, 0.0), len(path) - 1.0)
     low = min(int(row), len(path) - 2)
     return path[low] + (row - low) * (path[low + 1] - path[low])

@@ -11,7 +11,7 @@ import serial
 
 from . import serial_tactile as codec
 from .can_bus import open_bus, waiting
-from .clock import Clock, HostClock
+from .clock import Clock, HostClock, WallStamps
 from .errors import HardwareError
 from .reader import STALE, Reader
 from .touch import check_age
@@ -124,10 +124,12 @@ class OptoForceCan(can.Listener):
         self._heard = self.clock.now()
         self._frames: list[tuple[float, object]] = []
         self._bus: can.BusABC | None = None
+        self._stamps: WallStamps | None = None
 
     def __enter__(self) -> OptoForceCan:
         if self.config is not None:
             self._bus = open_bus(self.config, self.name)
+            self._stamps = WallStamps(self.clock)
         self._heard = self.clock.now()
         return self
 
@@ -139,7 +141,7 @@ class OptoForceCan(can.Listener):
     def poll(self) -> None:
         """Read the frames that wait on the own bus, if there is one."""
         if self._bus is not None:
-            for message in waiting(self._bus, self.name, self.on_error):
+            for message in waiting(self._bus, self.name, self.on_error, self._stamps):
                 self.on_message_received(message)
 
     def on_message_received(self, msg: can.Message) -> None:

@@ -114,18 +114,27 @@ class SimulatedBoard:
         self._enabled[:] = False
         self._status_at = -np.inf
 
-    def talk(self, measured: Mapping[Quantity, np.ndarray], now: float) -> None:
-        """Send the status if it is due, and each stream (2,) that is switched on."""
+    def talk(
+        self,
+        measured: Mapping[Quantity, np.ndarray],
+        now: float,
+        stamp: float | None = None,
+    ) -> None:
+        """Send the status if it is due, and each stream (2,) that is switched on.
+
+        stamp: [s] of the wall clock for the frames, None: now.
+        """
+        stamp = now if stamp is None else stamp
         self._now = now
         if self.silent:
             return
         if now - self._status_at >= self.period:
             self._status_at = now
-            self._bus.send(encode(self._status(), now))
+            self._bus.send(encode(self._status(), stamp))
         for quantity, values in measured.items():
             if quantity in self._sending:
                 pair = Pair(quantity, tuple(map(float, values)))
-                self._bus.send(encode(pair, now))
+                self._bus.send(encode(pair, stamp))
 
     def _status(self) -> Status:
         enabled, ready = map(bool, self._enabled), map(bool, self.ready)

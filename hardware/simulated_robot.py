@@ -67,7 +67,8 @@ class SimulatedRobot:
 
     Use it as clock and for the sensors of a bench:
     `Bench(rig, clock=robot, reader=robot.reader, listen_only=False)`.
-    `after` is called after every step of the wires, with the time [s].
+    `after` is called after every step of the wires, with the time [s].  `wall_step` [s]
+    is by how much the wall clock, which stamps frames, was set since the beginning.
     """
 
     def __init__(
@@ -109,6 +110,7 @@ class SimulatedRobot:
         self._touch = np.zeros((count, 6))
         self._torque, self._inverse = np.zeros((count, 3)), np.zeros((count, 3, 3))
         self._now = self._wires_due = NOON
+        self.wall_step = 0.0
 
     def __enter__(self) -> SimulatedRobot:
         for finger in self.fingers:
@@ -136,6 +138,10 @@ class SimulatedRobot:
     def now(self) -> float:
         """Return the time [s]."""
         return self._now
+
+    def wall(self) -> float:
+        """Return the time of day [s], by which frames are stamped."""
+        return self._now + self.wall_step
 
     def sleep(self, duration: float) -> None:
         """Let a duration [s] pass."""
@@ -181,11 +187,11 @@ class SimulatedRobot:
             for b, board in enumerate(finger.boards):
                 board.listen(now)
                 measured = {Quantity.POSITION: turns[b], Quantity.VELOCITY: krpm[b]}
-                board.talk(measured, now)
+                board.talk(measured, now, self.wall())
             self._torque[k] = finger.torques - holding(angles)
             R_tw = finger.geometry.rotation(angles).T
             force, press = R_tw @ -self._touch[k, :3], R_tw @ self._touch[k, 3:]
-            finger.skin.send(force, press, now)
+            finger.skin.send(force, press, now, self.wall())
         if self.after is not None:
             self.after(now)
 

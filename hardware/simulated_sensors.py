@@ -45,7 +45,9 @@ class SimulatedCamera:
     def __exit__(self, *exception) -> None:
         self._frames.clear()
 
-    def send(self, force: np.ndarray, press: np.ndarray, now: float) -> None:
+    def send(
+        self, force: np.ndarray, press: np.ndarray, now: float, stamp: float
+    ) -> None:
         """Take a picture if it is due; `press` (3,) [N] normal force, tip's frame."""
         self._now = now
         if now < self._due or self.frozen:
@@ -89,8 +91,13 @@ class SimulatedDome:
         if self._bus is not None:
             self._bus.shutdown()
 
-    def send(self, force: np.ndarray, press: np.ndarray, now: float) -> None:
-        """Send a packet if it is due; `force` (3,) [N] on the tip, in its frame."""
+    def send(
+        self, force: np.ndarray, press: np.ndarray, now: float, stamp: float
+    ) -> None:
+        """Send a packet if it is due; `force` (3,) [N] on the tip, in its frame.
+
+        stamp: [s] of the wall clock for the frames.
+        """
         if now < self._due or self.silent:
             return
         self._due = max(self._due, now - 1 / FORCES) + 1 / FORCES
@@ -101,7 +108,7 @@ class SimulatedDome:
         if self.write is not None:
             self.write(packet)
         elif self._bus is not None:
-            for message in to_can(packet, DATA_ID, now):
+            for message in to_can(packet, DATA_ID, stamp):
                 self._bus.send(message)
 
 

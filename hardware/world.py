@@ -20,7 +20,7 @@ from tactilenlp.measurements import Measurements
 from .assemble import COMPLETE, RATE, assemble
 from .bench import TOUCH_STALE, Bench, FingerBench
 from .clock import HostClock
-from .errors import HardwareError, LimitError, StaleStreamError
+from .errors import ClockError, HardwareError, LimitError, StaleStreamError
 from .impedance import Gains, Limits
 from .motor_board import RECEIVE_TIMEOUT, STALE
 from .motor_can import Quantity
@@ -212,14 +212,15 @@ class RobotWorld:
         speeds = [np.gradient(path, axis=0) * (len(path) - 1) for path in paths]
         step = 0
         while now < begin + duration:
-            share = (now - begin) / duration
+            share = min(max((now - begin) / duration, 0.0), 1.0)
             for finger, path, speed in zip(
                 self.bench.fingers, paths, speeds, strict=True
             ):
                 row = share * (len(path) - 1)
                 self._drive(finger, row_of(path, row), row_of(speed, row) / duration)
             step += 1
-            self.clock.sleep(begin + step / self.control - self.clock.now())
+            due = begin + step / self.control - self.clock.now()
+            self.clock.sleep(min(due, 1 / self.control))
             self.bench.poll()
             self.bench.check(STALE, TOUCH_STALE)
             now = self.clock.now()
@@ -237,6 +238,13 @@ class RobotWorld:
     def _watch(self, now: float) -> None:
         """Raise where commands did not go out for too long: something held them up."""
         last, self._last_tick = self._last_tick, now
+        if last is not None and not now >= last:
+            raise ClockError(
+                "the clock of the control loop ran backward",
+                where="RobotWorld",
+                got=f"a step of {now - last:g} s",
+                expected="a clock that never steps, such as HostClock",
+            )
         if last is not None and now - last > HELD_UP:
             raise HardwareError(
                 "the control loop was held up",
