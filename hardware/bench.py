@@ -8,7 +8,7 @@ from contextlib import ExitStack
 import numpy as np
 
 from .clock import Clock, HostClock
-from .motor_board import MAX_CURRENT, STALE, MotorBoard
+from .motor_board import MAX_CURRENT, STALE, MotorBoard, check_current
 from .motor_can import Quantity
 from .motor_joints import start_motors
 from .rig import FingerRig, Rig, Tactile
@@ -43,11 +43,15 @@ class FingerBench:
         return self.geometry.forward(self.angles)
 
     def apply(self, torques: np.ndarray) -> None:
-        """Command joint torques (3,) [N m]."""
-        for board, current in zip(
-            self.boards, self.joints.currents(torques), strict=True
-        ):
-            board.command(*current.tolist())
+        """Command joint torques (3,) [N m]; raises LimitError before anything is sent.
+
+        All boards of the finger are commanded, or none.
+        """
+        currents = self.joints.currents(torques).tolist()
+        for board, pair in zip(self.boards, currents, strict=True):
+            board.check_currents(*pair)
+        for board, pair in zip(self.boards, currents, strict=True):
+            board.command(*pair)
 
     def _newest(self, quantity: Quantity) -> np.ndarray:
         return np.stack([board.newest(quantity) for board in self.boards])
@@ -62,6 +66,9 @@ class Bench:
     clock:       that of the host, or of a simulated robot
     reader:      (tactile, name, sink, clock) -> what reads a sensor; a simulated robot
                  brings its own
+
+    Of each stream only the newest sample is kept in memory, but between `remember` and
+    `forget`.
     """
 
     def __init__(
@@ -74,6 +81,7 @@ class Bench:
         clock: Clock | None = None,
         reader: Callable | None = None,
     ) -> None:
+        check_current(max_current, "Bench")
         self.rig, self.clock = rig, clock or HostClock()
         self.fingers: list[FingerBench] = []
         self._tape, self._reader = tape, reader or Tactile.reader
@@ -105,7 +113,8 @@ class Bench:
             sink = tape and tape.can(stream_name(one.name, f"board {k}"))
             name = f"{one.name}, board {k}"
             options = {"name": name, "sink": sink, "clock": clock}
-            boards.append(MotorBoard(config, **self._drive, **options))
+            options |= self._drive | {"remember": False}
+            boards.append(MotorBoard(config, **options))
         sink = tape and tape.sink(tactile.wire, stream_name(one.name, "tactile"))
         reader = self._reader(tactile, f"{one.name}, tactile", sink, clock)
         return FingerBench(one, boards, Skin(reader, tactile.toucher()))
@@ -133,8 +142,15 @@ class Bench:
         for board in self.boards:
             board.stop()
 
+    def remember(self) -> None:
+        """Keep all that comes from now on, for the streams of an action."""
+        for finger in self.fingers:
+            for board in finger.boards:
+                board.remember()
+            finger.skin.remember()
+
     def forget(self) -> None:
-        """Drop what was heard so far, but for the newest."""
+        """Drop what was heard so far, and keep only the newest of each stream."""
         for finger in self.fingers:
             for board in finger.boards:
                 board.forget()

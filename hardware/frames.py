@@ -15,6 +15,7 @@ from .reader import Reader
 
 log = logging.getLogger(__name__)
 HANG = 1.0  # [s], a driver that hangs in a read for longer is left behind
+QUEUE = 64  # [pictures] that wait to be taken: 2 s at 30 Hz
 FIRST_WAIT, LONGEST_WAIT = 0.1, 2.0  # [s] between attempts to open the camera again
 NATURAL = "f_%05d.png"  # how recorded pictures are named
 
@@ -45,7 +46,7 @@ class Camera(Reader):
         sink: Callable[[np.ndarray, float], None] | None = None,
         clock: Clock | None = None,
     ) -> None:
-        super().__init__(name, clock, HANG)
+        super().__init__(name, clock, HANG, QUEUE)
         self.source, self.sink = source, sink
         self.size, self.rate, self.exposure = size, rate, exposure
         self.good = self.frozen = self.reconnects = 0

@@ -14,9 +14,14 @@ import numpy as np
 
 from .errors import LimitError
 from .kinematics import Finger
+from .ranges import check_range, check_ranges
 
 GRAVITY = 9.81  # [m/s^2]
 ROUNDING = 1e-9  # [m] of forward and inverse kinematics
+STIFFEST, MOST_DAMPED = 100.0, 10.0  # [N m/rad], [N m s/rad]: ten times the defaults
+STRONGEST = 0.4  # [N m] of a joint: 2.2 A of a motor of TriFingerPro
+FASTEST = 20.0  # [rad/s] of a joint, velocity limit of the URDF
+SLOWEST = 1e-3  # [rad/s]: slower than that no finger arrives
 # Mass [kg], and where its centre is in the mechanism's frame (kinematics.py) [m]:
 # across, down the upper and down the lower link.  From the authors' URDF.
 LINKS = (
@@ -41,10 +46,17 @@ class Gains:
     weight: float = 1.0
 
     def __post_init__(self) -> None:
-        values = np.array([*self.stiffness, *self.damping, self.torque, self.weight])
-        if values.shape != (8,) or not (np.isfinite(values) & (values >= 0)).all():
-            expected = "three numbers each, finite and not negative"
-            raise LimitError("no gains", got=self, expected=expected)
+        parts = (
+            ("stiffness", STIFFEST, "N m/rad"),
+            ("damping", MOST_DAMPED, "N m s/rad"),
+        )
+        try:
+            for name, most, unit in parts:
+                check_ranges(f"Gains.{name}", getattr(self, name), 3, 0.0, most, unit)
+            check_range("Gains.torque", self.torque, 0.0, STRONGEST, "N m")
+            check_range("Gains.weight", self.weight, 0.0, 2.0, "")
+        except LimitError as bad:
+            raise LimitError("no gains", got=bad) from bad
 
     def torques(
         self,
@@ -53,10 +65,17 @@ class Gains:
         angles: np.ndarray,
         velocities: np.ndarray,
     ) -> np.ndarray:
-        """Return the torques (3,) [N m] towards a target, within the bound."""
-        torque = np.array(self.stiffness) * (target - angles)
-        torque += np.array(self.damping) * (target_velocity - velocities)
-        torque += self.weight * holding(angles)
+        """Return the torques (3,) [N m] towards a target, within the bound.
+
+        Raises LimitError where one of the numbers is not finite.
+        """
+        with np.errstate(invalid="ignore", over="ignore"):  # refused below
+            torque = np.array(self.stiffness) * (target - angles)
+            torque += np.array(self.damping) * (target_velocity - velocities)
+            torque += self.weight * holding(angles)
+        if np.shape(torque) != (3,) or not np.isfinite(torque).all():
+            got = f"target {target}, {target_velocity}, state {angles}, {velocities}"
+            raise LimitError("no torque", got=got, expected="three finite numbers each")
         return np.clip(torque, -self.torque, self.torque)
 
 
@@ -83,6 +102,7 @@ class Limits:
     lowest:      [m] between the tip's surface and the ground
     approach:    [rad/s], on the way to a start
     margin:      [rad], by which joints may leave their soft limits before all stops
+    longest:     [s] of an action: what is felt is in memory until it ends
     """
 
     joint_speed: float = 3.0
@@ -90,6 +110,15 @@ class Limits:
     lowest: float = 0.001
     approach: float = 1.0
     margin: float = 0.1
+    longest: float = 60.0
+
+    def __post_init__(self) -> None:
+        for name in ("joint_speed", "top_speed", "approach"):
+            speed = getattr(self, name)
+            check_range(f"Limits.{name}", speed, SLOWEST, FASTEST, "rad/s")
+        check_range("Limits.lowest", self.lowest, 0.0, 1.0, "m")
+        check_range("Limits.margin", self.margin, 0.0, 0.5, "rad")
+        check_range("Limits.longest", self.longest, 0.01, 3600.0, "s")
 
     def check_path(
         self, name: str, finger: Finger, angles: np.ndarray, dt: float, begun=np.inf
@@ -99,7 +128,8 @@ class Limits:
         begun: [m], height of the tip's surface from which it goes: a finger that has
         sagged below `lowest` may leave, but no lower.
         """
-        outside = (angles < finger.lower) | (angles > finger.upper)
+        check_range(f"{name}, sample interval", dt, 1e-9, self.longest, "s")
+        outside = ~((angles >= finger.lower) & (angles <= finger.upper))
         if outside.any():
             step, joint = np.argwhere(outside)[0].tolist()
             raise LimitError(
@@ -110,7 +140,7 @@ class Limits:
                 next="choose another trajectory",
             )
         speed = abs(np.diff(angles, axis=0)).max(initial=0.0) / dt
-        if speed > self.joint_speed:
+        if not speed <= self.joint_speed:
             raise LimitError(
                 "too fast",
                 where=name,
@@ -120,7 +150,7 @@ class Limits:
             )
         height = finger.forward(angles)[:, 2].min() - finger.tip_radius
         lowest = min(self.lowest, begun)
-        if height < lowest - ROUNDING:
+        if not height >= lowest - ROUNDING:
             raise LimitError(
                 "the tip would touch the ground",
                 where=name,
@@ -133,15 +163,32 @@ class Limits:
         self, name: str, finger: Finger, angles: np.ndarray, velocities: np.ndarray
     ) -> None:
         """Refuse to go on from a state; raises LimitError."""
+        words = "a joint has left its limits", "are the zero angles right?"
+        self._check_angles(name, finger, angles, *words)
+        words = "a joint runs away", "are the gains right?"
+        _check_speeds(name, velocities, self.top_speed, *words)
+
+    def check_target(
+        self, name: str, finger: Finger, angles: np.ndarray, velocities: np.ndarray
+    ) -> None:
+        """Refuse a target that a command is to be made of; raises LimitError."""
+        fix = "look where the path comes from"
+        self._check_angles(name, finger, angles, "a target lies beyond the limits", fix)
+        _check_speeds(name, velocities, FASTEST, "a target moves too fast", fix)
+
+    def _check_angles(
+        self, name: str, finger: Finger, angles: np.ndarray, what: str, fix: str
+    ) -> None:
         low, high = np.array(finger.lower), np.array(finger.upper)
         off = np.maximum(low - angles, angles - high)
-        if off.max() > self.margin:
-            got = f"{angles.round(3).tolist()} rad"
-            expected, fix = "joints within their limits", "are the zero angles right?"
-            what, where = "a joint has left its limits", name
-            raise LimitError(what, where=where, got=got, expected=expected, next=fix)
-        if abs(velocities).max() > self.top_speed:
-            got = f"{velocities.round(2).tolist()} rad/s"
-            expected, fix = f"{self.top_speed} rad/s at most", "are the gains right?"
-            what, where = "a joint runs away", name
-            raise LimitError(what, where=where, got=got, expected=expected, next=fix)
+        if not off.max() <= self.margin:  # NaN as well
+            got, expected = f"{np.round(angles, 3)} rad", "joints within their limits"
+            raise LimitError(what, where=name, got=got, expected=expected, next=fix)
+
+
+def _check_speeds(
+    name: str, velocities: np.ndarray, most: float, what: str, fix: str
+) -> None:
+    if not np.abs(velocities).max() <= most:  # NaN as well
+        got, expected = f"{np.round(velocities, 2)} rad/s", f"{most} rad/s at most"
+        raise LimitError(what, where=name, got=got, expected=expected, next=fix)

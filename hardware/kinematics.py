@@ -24,9 +24,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .errors import ReachError, RigError
+from .ranges import check_range, check_ranges
 
 ROUNDING = 1e-12  # [1], a cosine this far above one is one
 EDU_AXES = ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0))  # rows a0, a1, a2
+TURN = 2 * math.pi  # [rad], largest angle of a finger, a robot or a joint's limit
+FAR, WIDE = 10.0, 0.1  # [m], largest length of a finger, largest radius of its tip
 PRO_AXES = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
 
 
@@ -55,6 +58,19 @@ class Finger:
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
     tip_radius: float
+
+    def __post_init__(self) -> None:
+        for name in ("angle", "turn"):
+            check_range(name, getattr(self, name), -TURN, TURN, "rad", RigError)
+        for name in ("height", "offset", "along", "across"):
+            check_range(name, getattr(self, name), -FAR, FAR, "m", RigError)
+        check_range("link", self.link, 1e-3, FAR, "m", RigError)
+        check_range("tip_radius", self.tip_radius, 1e-4, WIDE, "m", RigError)
+        for name in ("lower", "upper"):
+            check_ranges(name, getattr(self, name), 3, -TURN, TURN, "rad", RigError)
+        if not np.all(np.less(self.lower, self.upper)):
+            got, expected = f"{self.lower}, {self.upper}", "lower below upper"
+            raise RigError("no limits of joints", got=got, expected=expected)
 
     @property
     def base_rotation(self) -> np.ndarray:

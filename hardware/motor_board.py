@@ -7,7 +7,9 @@ has a current: that, not this program, is the last line of defence.
 from __future__ import annotations
 
 import logging
+from collections import deque
 from collections.abc import Callable, Mapping
+from numbers import Real
 
 import can
 import numpy as np
@@ -17,12 +19,16 @@ from .can_bus import lost, open_bus, waiting
 from .clock import Clock, HostClock, WallStamps
 from .errors import BoardError, BusError, HardwareError, LimitError, StaleStreamError
 from .motor_can import Command, Content, Fault, Pair, Quantity, Status
+from .ranges import check_range
 
 log = logging.getLogger(__name__)
 STALE = 0.1  # [s] without a position: 100 frames of a healthy board
 STATUS_STALE = 3.0  # [s] without a status: three of a healthy board
 MAX_CURRENT = 2.0  # [A] of TriFingerEdu
+LARGEST_CURRENT = 2.2  # [A] of TriFingerPro: no bound may be larger
 RECEIVE_TIMEOUT = 0.1  # [s] after which the firmware switches off
+LONGEST_TIMEOUT = 10.0  # [s]
+INDICES = 1000  # events of the encoder index that are kept
 
 
 class MotorBoard(can.Listener):
@@ -35,6 +41,8 @@ class MotorBoard(can.Listener):
     max_current: [A], beyond it `command` refuses
     sink:        called with every frame that comes or goes, to record it
     clock:       what the age of a stream is told by
+    remember:    keep all samples for `series`; otherwise, as after `forget`, only the
+                 newest one of each quantity, so that memory does not grow
 
     Read with `poll()`, or hang it on a `can.Notifier`.  `broken` counts frames that
     were no frames, `errors` error frames; the latter are raised by `check`.
@@ -49,13 +57,15 @@ class MotorBoard(can.Listener):
         max_current: float = MAX_CURRENT,
         sink: Callable[[can.Message], None] | None = None,
         clock: Clock | None = None,
+        remember: bool = True,
     ) -> None:
+        check_current(max_current, name)
         self.config, self.name, self.listen_only = dict(config), name, listen_only
         self.max_current, self.sink = max_current, sink
-        self.clock = clock or HostClock()
+        self.clock, self._remembers = clock or HostClock(), remember
         self.status: Status | None = None
         self.broken = self.errors = self.foreign = 0
-        self.index: list[tuple[float, codec.EncoderIndex]] = []
+        self.index: deque[tuple[float, codec.EncoderIndex]] = deque(maxlen=INDICES)
         self._bus: can.BusABC | None = None
         self._stamps: WallStamps | None = None
         self._series: dict[Quantity, list] = {quantity: [] for quantity in Quantity}
@@ -107,6 +117,8 @@ class MotorBoard(can.Listener):
     def _take(self, stamp: float, content: Content | None) -> None:
         match content:
             case Pair(quantity, values):
+                if not self._remembers:
+                    self._series[quantity].clear()
                 self._series[quantity].append((stamp, *values))
                 self._heard[quantity.name] = self.clock.now()
             case Status():
@@ -118,7 +130,7 @@ class MotorBoard(can.Listener):
                 self.foreign += 1
 
     def series(self, quantity: Quantity) -> tuple[np.ndarray, np.ndarray]:
-        """Return the stamps (n,) [s] and values (n, 2) of all frames so far."""
+        """Return the stamps (n,) [s] and values (n, 2) of all frames remembered."""
         rows = np.array(self._series[quantity], float).reshape(-1, 3)
         return rows[:, 0], rows[:, 1:]
 
@@ -128,8 +140,14 @@ class MotorBoard(can.Listener):
             raise self._silent(quantity.name, None, 0.0)
         return np.array(self._series[quantity][-1][1:])
 
+    def remember(self) -> None:
+        """Drop the series but for the newest sample, and keep all that comes."""
+        self.forget()
+        self._remembers = True
+
     def forget(self) -> None:
-        """Drop the series, not the state: before a new action."""
+        """Drop the series but for the newest sample, and keep only the newest."""
+        self._remembers = False
         for rows in self._series.values():
             del rows[:-1]
 
@@ -149,7 +167,7 @@ class MotorBoard(can.Listener):
         if self.status is not None and self.status.fault is not Fault.NONE:
             raise self._fault()
         for stream, limit in (("POSITION", stale), ("STATUS", STATUS_STALE)):
-            if (age := self.age(stream)) > limit:
+            if not (age := self.age(stream)) <= limit:
                 raise self._silent(stream, age, limit)
 
     # Driving
@@ -164,9 +182,10 @@ class MotorBoard(can.Listener):
 
         timeout: [s] of silence after which the firmware switches off, 0: never.
         """
+        milliseconds = self._milliseconds(timeout)
         self._send(codec.encode_current(0.0, 0.0))
         for command, value in (
-            (Command.RECEIVE_TIMEOUT, round(1e3 * timeout)),
+            (Command.RECEIVE_TIMEOUT, milliseconds),
             (Command.ENABLE_SYSTEM, 1),
             (Command.SEND_ALL, 1),
             (Command.ENABLE_MOTOR_1, 1),
@@ -184,13 +203,26 @@ class MotorBoard(can.Listener):
 
     def watch(self, timeout: float = RECEIVE_TIMEOUT) -> None:
         """Let the firmware switch off after so much silence [s]."""
-        milliseconds = round(1e3 * timeout)
+        milliseconds = self._milliseconds(timeout)
         self._send(codec.encode_command(Command.RECEIVE_TIMEOUT, milliseconds))
+
+    def _milliseconds(self, timeout: float) -> int:
+        """Return a time-out [s] in ms; what would round to "never" is refused."""
+        least = 0.0 if timeout == 0 else 1e-3
+        where = f"{self.name}, time-out"
+        check_range(where, timeout, least, LONGEST_TIMEOUT, "s (0: never)")
+        return round(1e3 * timeout)
 
     def command(self, motor_1: float, motor_2: float) -> None:
         """Set both current references [A]; raises LimitError beyond `max_current`."""
-        for current in (motor_1, motor_2):
-            if not abs(current) <= self.max_current:
+        self.check_currents(motor_1, motor_2)
+        self._send(codec.encode_current(motor_1, motor_2))
+
+    def check_currents(self, *currents: float) -> None:
+        """Raise LimitError unless all currents [A] may be commanded; sends nothing."""
+        for current in currents:
+            number = isinstance(current, Real) and not isinstance(current, bool)
+            if not (number and abs(current) <= self.max_current):
                 raise LimitError(
                     "too much current",
                     where=self.name,
@@ -198,7 +230,6 @@ class MotorBoard(can.Listener):
                     expected=f"at most {self.max_current} A",
                     next="bound the torque before it becomes a current",
                 )
-        self._send(codec.encode_current(motor_1, motor_2))
 
     def stop(self) -> None:
         """Command zero current first, then disable; can be called at any time, twice.
@@ -247,6 +278,11 @@ class MotorBoard(can.Listener):
             expected=f"one every {limit} s",
             next="is the board powered, is the bus connected, is it told to send?",
         )
+
+
+def check_current(bound: float, name: str) -> None:
+    """Raise LimitError unless this may bound the currents [A] of a board."""
+    check_range(f"{name}, max_current", bound, 0.0, LARGEST_CURRENT, "A")
 
 
 def _quietly(action: Callable[[], None], name: str) -> None:

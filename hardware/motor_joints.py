@@ -15,9 +15,11 @@ import numpy as np
 from .clock import Clock
 from .errors import BoardError, RigError
 from .motor_board import RECEIVE_TIMEOUT, MotorBoard
+from .ranges import check_range, check_ranges
 
 READY = 10.0  # [s], alignment after power-up takes a few seconds
 POLL = 0.01  # [s]
+TURNS = 4 * math.pi  # [rad], largest zero angle of a joint
 KRPM = 1000 * 2 * math.pi / 60  # [rad/s]
 
 
@@ -46,10 +48,10 @@ class JointMap:
                 got=self.motors,
                 expected="three different (board, motor) out of 0 and 1",
             )
-        if len(self.zero) != 3 or not np.isfinite(self.zero).all():
-            raise RigError(
-                "not three angles", where="zero", got=self.zero, expected="(3,) [rad]"
-            )
+        check_ranges("zero", self.zero, 3, -TURNS, TURNS, "rad", RigError)
+        check_range("gear", self.gear, 1.0, 100.0, "", RigError)
+        constant = self.torque_constant
+        check_range("torque_constant", constant, 1e-4, 1.0, "N m/A", RigError)
 
     def angles(self, revolutions: np.ndarray) -> np.ndarray:
         """Return joint angles (..., 3) [rad] of motors (..., board, motor) [rev]."""
@@ -108,6 +110,7 @@ def start_motors(
     Raises BoardError for a fault, or where alignment takes longer than `patience` [s];
     all boards are stopped then.
     """
+    check_range("start_motors, patience", patience, POLL, 600.0, "s")
     try:
         for board in boards:
             board.start()

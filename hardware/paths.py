@@ -4,9 +4,46 @@ from __future__ import annotations
 
 import numpy as np
 
-from .kinematics import Finger
+from .errors import LimitError
+from .kinematics import FAR, Finger
 
 PEAK = 1.875  # [1], peak by mean speed of a minimum-jerk motion
+
+
+def checked_trajectory(
+    trajectory, fingers: int, longest: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the time (n,) [s] and the places (n, F, 3) [m] of a trajectory.
+
+    longest: [s] that it may last.  Raises LimitError unless all numbers are finite, in
+    range and of these shapes.
+    """
+    try:
+        time = np.asarray(getattr(trajectory, "time", None), float)
+        p_wf = np.asarray(getattr(trajectory, "finger_position", None), float)
+    except (TypeError, ValueError):  # words, ragged lists
+        time = p_wf = np.full(0, np.nan)
+    shape = (time.size, fingers, 3)
+    good = time.ndim == 1 and time.size > 1 and p_wf.shape == shape
+    good = good and np.isfinite(time).all() and (time[1:] > time[:-1]).all()
+    if not (good and (abs(p_wf) <= FAR).all()):
+        raise LimitError(
+            "no trajectory",
+            where="execute",
+            got=f"time {time.shape}, finger_position {p_wf.shape}",
+            expected=f"increasing times (n,) [s], {shape} [m] within {FAR} m, finite",
+        )
+    with np.errstate(over="ignore"):
+        duration = float(time[-1] - time[0])
+    if not duration <= longest:
+        raise LimitError(
+            "too long",
+            where="execute",
+            got=f"{duration:g} s",
+            expected=f"{longest:g} s at most (Limits.longest)",
+            next="execute it in parts",
+        )
+    return time, p_wf
 
 
 def way_there(

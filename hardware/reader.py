@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import threading
+from collections import deque
 
 from .clock import Clock, HostClock
 from .errors import HardwareError
 from .touch import check_age
 
 STALE = 0.1  # [s], three pictures at 30 Hz
+QUEUE = 65_536  # [frames] that wait to be taken: a minute of a sensor at 1 kHz
 
 
 class Reader:
@@ -17,14 +19,22 @@ class Reader:
     name:  of what is read, in errors
     clock: whose time everything is stamped with
     hang:  [s] that leaving waits for a read that does not end, None: for ever
+    queue: frames that wait to be taken; older ones are dropped, `dropped` counts them
 
     `_run` calls `_keep` with what came, says in `_why` why nothing does, and leaves
     in `_broken_down` an error that it ended with.
     """
 
-    def __init__(self, name: str, clock: Clock | None, hang: float | None = None):
+    def __init__(
+        self,
+        name: str,
+        clock: Clock | None,
+        hang: float | None = None,
+        queue: int = QUEUE,
+    ) -> None:
         self.name, self.clock, self._hang = name, clock or HostClock(), hang
-        self._came: list[tuple[float, object]] = []
+        self._came: deque[tuple[float, object]] = deque(maxlen=queue)
+        self.dropped = 0
         self._heard, self._why = self.clock.now(), ""
         self._broken_down: HardwareError | None = None
         self._lock, self._leave = threading.Lock(), threading.Event()
@@ -46,7 +56,8 @@ class Reader:
     def take(self) -> list[tuple[float, object]]:
         """Return what came since the last call, each with its time of arrival [s]."""
         with self._lock:
-            came, self._came = self._came, []
+            came = list(self._came)
+            self._came.clear()
         return came
 
     @property
@@ -64,4 +75,6 @@ class Reader:
         """Keep what came at a time, for who takes it."""
         self._heard, self._why = now, ""
         with self._lock:
-            self._came += [(now, one) for one in came]
+            free = self._came.maxlen - len(self._came)
+            self.dropped += max(len(came) - free, 0)
+            self._came.extend((now, one) for one in came)

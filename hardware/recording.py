@@ -112,7 +112,7 @@ class Recording:
     def _frames(self, stream: str, tactile: Tactile) -> tuple[list, int]:
         """Return the frames of a sensor with their times, and how many were broken."""
         if tactile.wire == ON_CAN:
-            sensor = OptoForceCan()
+            sensor = OptoForceCan(queue=None)
             for message in self.messages(stream):
                 sensor.on_message_received(message)
             frames, framer = sensor.take(), sensor.framer

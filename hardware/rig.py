@@ -15,6 +15,7 @@ from .errors import RigError
 from .frames import Camera
 from .kinematics import Finger, finger
 from .motor_joints import JointMap
+from .ranges import check_range
 from .serial_reader import OptoForceCan, SerialTactile
 from .serial_tactile import (
     AnySkinFramer,
@@ -63,6 +64,7 @@ class Tactile:
                 got=self.kind,
                 expected=f"one of {list(KINDS)}",
             )
+        check_range("tactile.latency", self.latency, 0.0, 1.0, "s", RigError)
 
     @property
     def wire(self) -> str:
@@ -123,6 +125,7 @@ class FingerRig:
     @property
     def geometry(self) -> Finger:
         """The kinematics of the finger."""
+        check_range("degrees", self.degrees, -360.0, 360.0, "deg", RigError)
         made = finger(self.robot, self.degrees)
         if self.tip_radius is None:
             return made

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
@@ -13,7 +14,7 @@ from . import serial_tactile as codec
 from .can_bus import open_bus, waiting
 from .clock import Clock, HostClock, WallStamps
 from .errors import HardwareError
-from .reader import STALE, Reader
+from .reader import QUEUE, STALE, Reader
 from .touch import check_age
 
 log = logging.getLogger(__name__)
@@ -108,6 +109,8 @@ class OptoForceCan(can.Listener):
 
     config: of python-can.  Where an adapter can be opened once only, hang this on the
     sink of the MotorBoard that has it: `MotorBoard(..., sink=sensor)`.
+    queue: frames that wait to be taken, None: all; older ones are dropped, `dropped`
+    counts them
     """
 
     def __init__(
@@ -117,12 +120,14 @@ class OptoForceCan(can.Listener):
         name: str = "sensor",
         sink: Callable[[can.Message], None] | None = None,
         clock: Clock | None = None,
+        queue: int | None = QUEUE,
     ) -> None:
         self.config, self.name, self.sink = config, name, sink
         self.framer = codec.OptoForceFramer()
         self.clock = clock or HostClock()
         self._heard = self.clock.now()
-        self._frames: list[tuple[float, object]] = []
+        self._frames: deque[tuple[float, object]] = deque(maxlen=queue)
+        self.dropped = 0
         self._bus: can.BusABC | None = None
         self._stamps: WallStamps | None = None
 
@@ -153,6 +158,7 @@ class OptoForceCan(can.Listener):
             return
         for frame in self.framer.feed(bytes(msg.data)):
             self._heard = self.clock.now()
+            self.dropped += len(self._frames) == self._frames.maxlen
             self._frames.append((msg.timestamp, frame))
 
     def on_error(self, exc: Exception) -> None:
@@ -163,7 +169,8 @@ class OptoForceCan(can.Listener):
     def take(self) -> list[tuple[float, object]]:
         """Return the frames since the last call, each with its stamp [s]."""
         self.poll()
-        frames, self._frames = self._frames, []
+        frames = list(self._frames)
+        self._frames.clear()
         return frames
 
     def check(self, stale: float = STALE) -> None:

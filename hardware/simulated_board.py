@@ -33,6 +33,7 @@ STREAMS = {
     Command.SEND_VELOCITY: Quantity.VELOCITY,
     Command.SEND_ANALOGUE: Quantity.ANALOGUE,
 }
+RECEIVED = 20_000  # commands that are kept at least: 80 s of them
 MOTORS = {Command.ENABLE_MOTOR_1: 0, Command.ENABLE_MOTOR_2: 1}
 
 
@@ -103,6 +104,8 @@ class SimulatedBoard:
                 continue  # the firmware ignores what it does not know
             if content is not None:
                 self.received.append(content)
+                if len(self.received) > 2 * RECEIVED:
+                    del self.received[:RECEIVED]
                 self._obey(content)
         live = bool((self._enabled & (self.reference != 0)).any())
         if self._timeout and live and now - self._heard_at > self._timeout:

@@ -157,7 +157,7 @@ class FieldTouch:
 
 def check_age(name: str, age: float, limit: float, why: str = "") -> None:
     """Raise StaleStreamError where the newest sample is older [s] than the limit."""
-    if age > limit:
+    if not age <= limit:
         raise StaleStreamError(
             "no touch is sensed",
             where=name,
@@ -170,12 +170,15 @@ def check_age(name: str, age: float, limit: float, why: str = "") -> None:
 class Skin:
     """Collect the touches of one fingertip: from a reader's frames, by a toucher.
 
+    Of the touches only the newest is kept, but between `remember` and `forget`.
+
     reader: has `take()` -> [(time [s], frame)], `check(stale)` and can be entered
     """
 
     def __init__(self, reader, toucher: Toucher) -> None:
         self.reader, self.toucher = reader, toucher
         self.touches: list[Touch] = []
+        self._remembers = False
 
     def __enter__(self) -> Skin:
         self.reader.__enter__()
@@ -189,12 +192,20 @@ class Skin:
         for time, frame in self.reader.take():
             touch = self.toucher(time, frame)
             if touch is not None:
+                if not self._remembers:
+                    self.touches.clear()
                 self.touches.append(touch)
 
     def check(self, stale: float) -> None:
         """Raise where the sensor has been silent for longer [s]."""
         self.reader.check(stale)
 
+    def remember(self) -> None:
+        """Drop all touches but the newest, and keep all that come."""
+        self.forget()
+        self._remembers = True
+
     def forget(self) -> None:
-        """Drop all touches but the newest: before a new action."""
+        """Drop all touches but the newest, and keep only the newest."""
+        self._remembers = False
         del self.touches[:-1]

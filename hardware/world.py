@@ -20,14 +20,16 @@ from tactilenlp.measurements import Measurements
 from .assemble import COMPLETE, RATE, assemble
 from .bench import TOUCH_STALE, Bench, FingerBench
 from .clock import HostClock
-from .errors import ClockError, HardwareError, LimitError, StaleStreamError
+from .errors import ClockError, HardwareError, StaleStreamError
 from .impedance import Gains, Limits
 from .motor_board import RECEIVE_TIMEOUT, STALE
 from .motor_can import Quantity
-from .paths import PEAK, row_of, way_back, way_there
+from .paths import PEAK, checked_trajectory, row_of, way_back, way_there
+from .ranges import check_range
 from .streams import FingerStreams, Stream, touch_stream
 
 CONTROL = 250.0  # [Hz] of commands
+CONTROLS = 50.0, 2000.0  # [Hz], between which it may be
 HELD_UP = 0.1  # [s] between commands, beyond which the loop was held up
 SETTLE = 0.1  # [s] at the start of a trajectory, before it is recorded
 KEEP = 0.02  # [s], between looks at whether the thread is still wanted
@@ -61,6 +63,8 @@ class RobotWorld:
     ) -> None:
         self.bench, self.clock = bench, bench.clock
         self.gains, self.limits = gains or Gains(), limits or Limits()
+        check_range("RobotWorld.control", control, *CONTROLS, "Hz")
+        check_range("RobotWorld.complete", complete, 0.0, 1.0, "")
         self.control, self.complete = control, complete
         self.measurements: Measurements | None = None
         self._started, self.origin = False, 0.0
@@ -79,15 +83,18 @@ class RobotWorld:
         anything moves, any HardwareError afterwards.
         """
         try:
+            plan, duration = self._planned(trajectory)
             self._end_keeping()
             self._start()
-            paths, duration, parked = self._planned(trajectory)
+            here, parked = self._here(), np.array([path is None for path in plan])
+            paths = [h if p is None else p for p, h in zip(plan, here, strict=True)]
             self._approach([path[0] for path in paths])
-            self.bench.forget()
+            self.bench.remember()
             begin = self._follow(paths, duration)
             here = [finger.angles for finger in self.bench.fingers]
             self._follow(list(map(way_back, paths, here)), duration)
             data = self._assembled(begin, begin + duration, parked)
+            self.bench.forget()
         except BaseException:
             self.stop()
             raise
@@ -158,34 +165,27 @@ class RobotWorld:
         if self.measurements is None:
             self.origin = self.clock.now()
 
-    def _planned(self, trajectory) -> tuple[list[np.ndarray], float, np.ndarray]:
-        """Return joint paths (n, 3) [rad] at the control rate, duration, who parks."""
-        time = np.asarray(getattr(trajectory, "time", None), float)
-        p_wf = np.asarray(getattr(trajectory, "finger_position", None), float)
-        shape = (time.size, len(self.bench.fingers), 3)
-        good = time.ndim == 1 and time.size > 1 and p_wf.shape == shape
-        if not (good and np.isfinite(p_wf).all() and (np.diff(time) > 0).all()):
-            raise LimitError(
-                "no trajectory",
-                where="execute",
-                got=f"time {time.shape}, finger_position {p_wf.shape}",
-                expected=f"increasing times (n,) [s] and finite {shape} [m]",
-            )
+    def _planned(self, trajectory) -> tuple[list[np.ndarray | None], float]:
+        """Return joint paths (n, 3) [rad] at the control rate, and the duration [s].
+
+        None stands for the path of a parked finger.
+        """
+        fingers = self.bench.fingers
+        time, p_wf = checked_trajectory(trajectory, len(fingers), self.limits.longest)
         duration = float(time[-1] - time[0])
-        parked = np.ptp(p_wf, axis=0).max(axis=1) < STILL
         steps = max(round(duration * self.control), 2)
         path = PchipInterpolator(time - time[0], p_wf)(
             np.linspace(0, duration, steps + 1)
         )
-        paths = []
-        for k, finger in enumerate(self.bench.fingers):
-            if parked[k]:
-                paths.append(np.repeat(finger.angles[None], steps + 1, axis=0))
+        paths: list[np.ndarray | None] = []
+        for k, finger in enumerate(fingers):
+            if np.ptp(p_wf[:, k], axis=0).max() < STILL:
+                paths.append(None)
                 continue
             angles = finger.geometry.inverse(path[:, k])
             self._check(finger, angles, duration / steps)
             paths.append(angles)
-        return paths, duration, parked
+        return paths, duration
 
     def _approach(self, goals: list[np.ndarray]) -> None:
         """Move to joint angles, slowly, and settle there."""
@@ -233,6 +233,7 @@ class RobotWorld:
         angles, speed = finger.angles, finger.velocities
         name, geometry = finger.rig.name, finger.geometry
         self.limits.check_state(name, geometry, angles, speed)
+        self.limits.check_target(name, geometry, target, velocity)
         finger.apply(self.gains.torques(target, velocity, angles, speed))
 
     def _watch(self, now: float) -> None:

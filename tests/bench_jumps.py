@@ -63,21 +63,21 @@ class Jumping(Setup):
 
     def _watch_phases(self):
         """Note when each phase begins: by what the world calls."""
-        world, follow, planned = self.world, self.world._follow, self.world._planned
+        world, follow, approach = self.world, self.world._follow, self.world._approach
         begin, names = self._begin, iter(())
 
         def watched_follow(*given):
             begin(next(names, None))
             return follow(*given)
 
-        def watched_plan(*given):
+        def watched_approach(*given):
             nonlocal names
             names = iter(PHASES[2:])
-            return planned(*given)
+            return approach(*given)
 
         begin("start")
         names = iter(("zero",))
-        world._follow, world._planned = watched_follow, watched_plan
+        world._follow, world._approach = watched_follow, watched_approach
 
     def _begin(self, phase):
         if phase is not None:
