@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from . import filing, result
 from .checks import check_types
@@ -14,6 +14,7 @@ from .result import Estimate
 from .workspace import Action, Trajectory, Workspace
 
 FORMAT, VERSION = "exploration", 1  # of the files that are kept
+PAUSE = 1.0  # [s] between the last kept sample and the first one of another process
 OTHER = {"measurements": "other data"}  # what is said of a field that differs
 
 
@@ -79,6 +80,23 @@ KINDS = result.KINDS | {
     kind.__name__: kind
     for kind in (Exploration, Step, Action, Choice, Trajectory, Workspace)
 }
+
+
+def onward(step: Step, past: Measurements | None, again: bool) -> Step:
+    """Return a step whose measurements go on after those of the past, checked.
+
+    again: the past may be of another process.  The world was then made anew and counts
+    time from zero again: the step is moved so that it begins PAUSE after the past.
+    Raises MeasurementError where the measurements cannot be appended.
+    """
+    data = step.measurements
+    if past is None:
+        return step
+    if again and data.time[0] <= past.time[-1]:
+        data = replace(data, time=data.time - data.time[0] + past.time[-1] + PAUSE)
+        step = replace(step, measurements=data)
+    past.append(data)
+    return step
 
 
 def taken_up(file) -> Exploration:

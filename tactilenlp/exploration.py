@@ -12,7 +12,7 @@ import numpy as np
 
 from .checks import check_numbers, check_path, check_types
 from .choose import CrossEntropy, check_search
-from .diary import Exploration, Step, check_same, taken_up
+from .diary import Exploration, Step, check_same, onward, taken_up
 from .errors import OptionError
 from .estimate import solve_estimate
 from .first_touch import first_touch
@@ -83,17 +83,22 @@ def explore(
     space = _space(world, scene, workspace)
     estimate, past = start if isinstance(start, Estimate) else None, []
     diary, numbers = taken_up(file), range(0 if estimate is None else 1, actions + 1)
+    again = bool(diary.steps) or estimate is not None
     for number in progress(numbers, "explore"):
         step = diary.at(number)
+        before = None if estimate is None else estimate.measurements
         if step is None:
             rng = np.random.default_rng([seed, number])
             if estimate is None:
                 step = _touch_first(world, space, centre, rng)
             else:
                 step = _act(world, space, number, estimate, past, rng, settings)
+            step = onward(step, before, again)
             diary = _kept(diary.with_step(step), file)
+        elif step.estimate is None:  # the process ended while it was solved
+            step = onward(step, before, again)
         data = step.measurements
-        data = data if estimate is None else estimate.measurements.append(data)
+        data = data if before is None else before.append(data)
         if step.estimate is None:
             step = _estimated(world, step, solve, data, estimate or start)
             diary = _kept(diary.with_step(step), file)
