@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import os
+import shutil
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryFile
 
 from . import filing, result
 from .checks import check_types
 from .choose import Choice
-from .errors import StartError
+from .errors import FileError, StartError
 from .measurements import Measurements
 from .result import Estimate
 from .workspace import Action, Trajectory, Workspace
 
 FORMAT, VERSION = "exploration", 1  # of the files that are kept
 PAUSE = 1.0  # [s] between the last kept sample and the first one of another process
+SPACE = 10e6  # [bytes] that are free where an exploration is to be kept
 OTHER = {"measurements": "other data"}  # what is said of a field that differs
 
 
@@ -97,6 +101,25 @@ def onward(step: Step, past: Measurements | None, again: bool) -> Step:
         step = replace(step, measurements=data)
     past.append(data)
     return step
+
+
+def check_file(file) -> None:
+    """Raise FileError unless an exploration can be kept in this file."""
+    filing.check_folder(file, str(file))
+    folder = Path(file).absolute().parent
+    try:
+        with TemporaryFile(dir=folder):
+            free = shutil.disk_usage(folder).free
+    except OSError as bad:
+        raise FileError(
+            "cannot be written", where=str(file), got=f"{type(bad).__name__}: {bad}",
+            expected="a folder in which files can be made", next="write elsewhere",
+        ) from bad  # fmt: skip
+    if free < SPACE:
+        raise FileError(
+            "too little space", where=str(file), got=f"{free / 1e6:.1f} MB",
+            expected=f"{SPACE / 1e6:.0f} MB or more", next="write elsewhere",
+        )  # fmt: skip
 
 
 def taken_up(file) -> Exploration:

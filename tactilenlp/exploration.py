@@ -12,8 +12,8 @@ import numpy as np
 
 from .checks import check_numbers, check_path, check_types
 from .choose import CrossEntropy, check_search
-from .diary import Exploration, Step, check_same, onward, taken_up
-from .errors import OptionError
+from .diary import Exploration, Step, check_file, check_same, onward, taken_up
+from .errors import OptionError, StartError
 from .estimate import solve_estimate
 from .first_touch import first_touch
 from .guess import Guess
@@ -84,6 +84,7 @@ def explore(
     estimate, past = start if isinstance(start, Estimate) else None, []
     diary, numbers = taken_up(file), range(0 if estimate is None else 1, actions + 1)
     again = bool(diary.steps) or estimate is not None
+    _check_fingers(world, space, diary)
     for number in progress(numbers, "explore"):
         step = diary.at(number)
         before = None if estimate is None else estimate.measurements
@@ -141,6 +142,28 @@ def _check(world, actions, seed, workspace, until, file, start) -> None:
         check_numbers("", "a deviation above 0 [m], or a function", until=(until, 0, 1))
     if file is not None:
         check_path(file)
+        if world is not None:
+            check_file(file)
+
+
+def _check_fingers(world, space: Workspace, diary: Exploration) -> None:
+    """Raise unless the world has the fingers of the workspace and of what is kept."""
+    radius = getattr(world, "finger_radius", None)
+    if radius is None:
+        return
+    if np.ndim(radius) and len(radius) != space.fingers:
+        raise OptionError(
+            "another number of fingers", where="workspace.fingers", got=space.fingers,
+            expected=f"{len(radius)}, as the world has",
+        )  # fmt: skip
+    for step in diary.steps:
+        kept = step.measurements.finger_radius
+        if len(kept) != space.fingers or not np.all(kept == radius):
+            raise StartError(
+                "kept measurements of other fingers", where=f"step {step.number}",
+                got=f"finger_radius {kept.tolist()}", expected=f"{radius} [m]",
+                next="explore into another file",
+            )  # fmt: skip
 
 
 def _kept(diary: Exploration, file) -> Exploration:
