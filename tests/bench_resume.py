@@ -32,15 +32,13 @@ def robot_in(folder):
     """Return the robot as the last process left it, which writes where things are."""
     rig = simulated_rig("optoforce_can", f"resume {os.getpid()}")
     quaternion = (np.cos(TURN / 2), 0.0, 0.0, np.sin(TURN / 2))
-    real, given = Path(folder) / REALITY, {}
-    where = np.fromfile(real) if real.exists() else None
-    if where is not None:
-        tips = zip(rig.fingers, where[7:].reshape(-1, 3), strict=True)
-        given = {"angles": [one.geometry.inverse(p) for one, p in tips]}
-    given |= {"position": CENTRE, "quaternion": quaternion, "friction": FRICTION}
+    given = {"position": CENTRE, "quaternion": quaternion, "friction": FRICTION}
     robot = SimulatedRobot(rig, BOX, **given)
-    if where is not None:
+    real = Path(folder) / REALITY
+    if real.exists():  # fingers may touch the object: it is not to be placed anew
+        where = np.fromfile(real)
         robot._plant._data.qpos[:] = where
+        robot._tips = where[7:].reshape(-1, 3)
     file = os.open(real, os.O_RDWR | os.O_CREAT)
 
     def write(now):
