@@ -1,4 +1,4 @@
-"""Open all wires of a rig at once, listen to them, and leave all of them in peace."""
+"""Open all wires of a rig, read them, and stop all motors when they are closed."""
 
 from __future__ import annotations
 
@@ -60,15 +60,15 @@ class FingerBench:
 class Bench:
     """Open the drivers of a rig; `with` closes them, with zero current first.
 
-    rig:         which wires there are
-    tape:        what records them, already opened
+    rig:         the description of the wires
+    tape:        the recording, already opened
     listen_only: never send; otherwise `start` may be called
-    clock:       that of the host, or of a simulated robot
-    reader:      (tactile, name, sink, clock) -> what reads a sensor; a simulated robot
-                 brings its own
+    clock:       HostClock, or a simulated robot
+    reader:      (tactile, name, sink, clock) -> reader of a sensor; a simulated robot
+                 has its own
 
-    Of each stream only the newest sample is kept in memory, but between `remember` and
-    `forget`.
+    Between `remember` and `forget` all samples are kept in memory, otherwise only the
+    newest of each stream.
     """
 
     def __init__(
@@ -120,14 +120,14 @@ class Bench:
         return FingerBench(one, boards, Skin(reader, tactile.toucher()))
 
     def poll(self) -> None:
-        """Take in all that has come."""
+        """Read all frames that have arrived."""
         for finger in self.fingers:
             for board in finger.boards:
                 board.poll()
             finger.skin.poll()
 
     def check(self, stale: float = STALE, touch_stale: float = TOUCH_STALE) -> None:
-        """Raise what is wrong with any wire: silence for longer [s], faults."""
+        """Raise the error of any wire: silence for longer [s], or a fault."""
         for finger in self.fingers:
             for board in finger.boards:
                 board.check(stale)
@@ -143,14 +143,14 @@ class Bench:
             board.stop()
 
     def remember(self) -> None:
-        """Keep all that comes from now on, for the streams of an action."""
+        """Keep all samples from now on, for the streams of an action."""
         for finger in self.fingers:
             for board in finger.boards:
                 board.remember()
             finger.skin.remember()
 
     def forget(self) -> None:
-        """Drop what was heard so far, and keep only the newest of each stream."""
+        """Drop all samples but the newest of each stream, and keep only the newest."""
         for finger in self.fingers:
             for board in finger.boards:
                 board.forget()

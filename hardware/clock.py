@@ -1,9 +1,9 @@
 """Map the clocks of devices to the time of the host.
 
-A sample that a device stamps d arrives at the host at h = a d + b + delay, and delays
-are never negative: the line under all points (d, h) is the clock, what lies above it is
-waiting.  So the map is the lower convex hull's edge over the middle of the record, not
-least squares, which a few late samples pull up.
+A sample with device stamp d arrives at the host at h = a d + b + delay, delay >= 0: the
+clock is the line below all points (d, h), and the distance above it is the delay.  The
+map is therefore the edge of the lower convex hull over the middle of the record, not a
+least-squares line, which a few late samples bias upward.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from .errors import ClockError
 
-LARGEST_DRIFT = 1e-3  # [1]; quartz drifts by 1e-4 at most, beyond it the unit is wrong
+LARGEST_DRIFT = 1e-3  # [1]; quartz drifts by 1e-4 at most; larger: wrong unit
 STEP = 1e-3  # [s], a larger change between wall clock and run time is a step
 READS = 3  # attempts to read two clocks at one instant
 
@@ -132,7 +132,7 @@ class ClockMap:
         device, host = np.asarray(device, float), np.asarray(host, float)
         _check(device, host)
         origin, start = device[0], host[0]
-        x, y = device - origin, host - start  # small numbers: no digits are lost
+        x, y = device - origin, host - start  # small numbers keep all digits
         hull = _lower_hull(x, y)
         middle = (x[0] + x[-1]) / 2
         edge = min(np.searchsorted(x[hull], middle, side="right"), len(hull) - 1)
@@ -151,9 +151,9 @@ class ClockMap:
 
 
 def unwrap(counter: np.ndarray, bits: int) -> np.ndarray:
-    """Return counts (n,) that go on where an unsigned counter of so many bits wraps.
+    """Return counts (n,) without the wraps of an unsigned counter of so many bits.
 
-    Gaps shorter than half the range are seen right; a step of 1 means nothing is lost.
+    Gaps shorter than half the range are resolved; a step of 1 means no sample is lost.
     """
     counter, size = np.asarray(counter, np.int64), 1 << bits
     if counter.size and not (counter.min() >= 0 and counter.max() < size):

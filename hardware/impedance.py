@@ -1,9 +1,9 @@
-"""Turn joint targets into joint torques: a spring, a damper and the links' weight.
+"""Compute joint torques from joint targets: spring, damper and weight of the links.
 
     torque = kp (q_target - q) + kd (dq_target - dq) + g(q), bounded
 
-The robot's own controllers do the same at 1 kHz; here a few hundred hertz have to do,
-with more damping than theirs.
+The robot's own controllers do the same at 1 kHz; at the few hundred hertz of this loop
+more damping is needed.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ ROUNDING = 1e-9  # [m] of forward and inverse kinematics
 STIFFEST, MOST_DAMPED = 100.0, 10.0  # [N m/rad], [N m s/rad]: ten times the defaults
 STRONGEST = 0.4  # [N m] of a joint: 2.2 A of a motor of TriFingerPro
 FASTEST = 20.0  # [rad/s] of a joint, velocity limit of the URDF
-SLOWEST = 1e-3  # [rad/s]: slower than that no finger arrives
+SLOWEST = 1e-3  # [rad/s], least speed limit
 # Mass [kg], and where its centre is in the mechanism's frame (kinematics.py) [m]:
 # across, down the upper and down the lower link.  From the authors' URDF.
 LINKS = (
@@ -33,11 +33,11 @@ LINKS = (
 
 @dataclass(frozen=True)
 class Gains:
-    """Say how stiffly joints follow their targets.
+    """Hold the stiffness and damping with which joints follow their targets.
 
     stiffness: (3,) [N m / rad];  damping: (3,) [N m s / rad]
     torque:    [N m], bound of each joint: 2 A of a motor
-    weight:    [1], 1 where the links of a TriFingerEdu hang on the joints, 0 otherwise
+    weight:    [1], 1 to compensate the weight of the links of a TriFingerEdu, 0 not to
     """
 
     stiffness: tuple[float, float, float] = (7.0, 7.0, 6.5)
@@ -95,14 +95,14 @@ def holding(angles: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Limits:
-    """Say what a robot may be asked to do; whatever is beyond is refused beforehand.
+    """Hold the limits of what a robot may do; a path beyond them is refused beforehand.
 
     joint_speed: [rad/s], of targets
-    top_speed:   [rad/s], of the joints themselves: beyond it everything stops
+    top_speed:   [rad/s], of measured joint speeds: beyond it all motors stop
     lowest:      [m] between the tip's surface and the ground
     approach:    [rad/s], on the way to a start
-    margin:      [rad], by which joints may leave their soft limits before all stops
-    longest:     [s] of an action: what is felt is in memory until it ends
+    margin:      [rad], by which joints may leave their soft limits before motors stop
+    longest:     [s] of an action, as its samples are in memory until it ends
     """
 
     joint_speed: float = 3.0
@@ -125,8 +125,8 @@ class Limits:
     ) -> None:
         """Refuse a path (n, 3) [rad] of samples dt [s] apart; raises LimitError.
 
-        begun: [m], height of the tip's surface from which it goes: a finger that has
-        sagged below `lowest` may leave, but no lower.
+        begun: [m], height of the tip's surface at the start: a finger that is below
+        `lowest` there may move up, but no lower.
         """
         check_range(f"{name}, sample interval", dt, 1e-9, self.longest, "s")
         outside = ~((angles >= finger.lower) & (angles <= finger.upper))
@@ -137,7 +137,7 @@ class Limits:
                 where=name,
                 got=f"{angles[step, joint]:.3f} rad at step {step}",
                 expected=f"{finger.lower[joint]} to {finger.upper[joint]} rad",
-                next="choose another trajectory",
+                next="choose a trajectory within the limits",
             )
         speed = abs(np.diff(angles, axis=0)).max(initial=0.0) / dt
         if not speed <= self.joint_speed:
@@ -146,7 +146,7 @@ class Limits:
                 where=name,
                 got=f"{speed:.2f} rad/s",
                 expected=f"{self.joint_speed} rad/s at most",
-                next="stretch the trajectory",
+                next="give the trajectory a longer duration",
             )
         height = finger.forward(angles)[:, 2].min() - finger.tip_radius
         lowest = min(self.lowest, begun)
@@ -163,16 +163,16 @@ class Limits:
         self, name: str, finger: Finger, angles: np.ndarray, velocities: np.ndarray
     ) -> None:
         """Refuse to go on from a state; raises LimitError."""
-        words = "a joint has left its limits", "are the zero angles right?"
+        words = "a joint has left its limits", "check the zero angles of the rig"
         self._check_angles(name, finger, angles, *words)
-        words = "a joint runs away", "are the gains right?"
+        words = "a joint runs away", "check the gains"
         _check_speeds(name, velocities, self.top_speed, *words)
 
     def check_target(
         self, name: str, finger: Finger, angles: np.ndarray, velocities: np.ndarray
     ) -> None:
         """Refuse a target that a command is to be made of; raises LimitError."""
-        fix = "look where the path comes from"
+        fix = "check how the path was made"
         self._check_angles(name, finger, angles, "a target lies beyond the limits", fix)
         _check_speeds(name, velocities, FASTEST, "a target moves too fast", fix)
 

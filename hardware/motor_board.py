@@ -1,7 +1,7 @@
-"""Listen to one motor board on one CAN bus and, only if asked to, drive it.
+"""Read one motor board on one CAN bus and, if enabled, command it.
 
-The firmware disables a board that hears nothing for its receive time-out while a motor
-has a current: that, not this program, is the last line of defence.
+The firmware disables a board that receives nothing for its receive time-out while a
+motor has a current.  This also stops the motors if this program fails.
 """
 
 from __future__ import annotations
@@ -32,20 +32,20 @@ INDICES = 1000  # events of the encoder index that are kept
 
 
 class MotorBoard(can.Listener):
-    """Keep the state of a board; `with` opens and always leaves it without current.
+    """Hold the state of a board; `with` opens the bus and ends with zero current.
 
     config:      of python-can, e.g. {"interface": "socketcan", "channel": "can0"}
     name:        for messages, e.g. "finger 0, board 1"
-    listen_only: never send anything.  A board sends positions only when told to, so
-                 that whoever commands the robot must have told it
+    listen_only: never send anything.  A board sends positions only when told to: the
+                 program that commands the robot must have told it
     max_current: [A], beyond it `command` refuses
     sink:        called with every frame that comes or goes, to record it
-    clock:       what the age of a stream is told by
+    clock:       by which the age of a stream is measured
     remember:    keep all samples for `series`; otherwise, as after `forget`, only the
                  newest one of each quantity, so that memory does not grow
 
-    Read with `poll()`, or hang it on a `can.Notifier`.  `broken` counts frames that
-    were no frames, `errors` error frames; the latter are raised by `check`.
+    Read with `poll()`, or add it to a `can.Notifier`.  `broken` counts frames that
+    could not be decoded, `errors` error frames; `check` raises the latter.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class MotorBoard(can.Listener):
     # Reading
 
     def poll(self) -> int:
-        """Read the frames that wait, without waiting; return how many they were."""
+        """Read all received frames without blocking; return their number."""
         bus = self._open_bus()
         messages = waiting(bus, self.name, self.on_error, self._stamps)
         for message in messages:
@@ -97,7 +97,7 @@ class MotorBoard(can.Listener):
         return len(messages)
 
     def on_message_received(self, msg: can.Message) -> None:
-        """Take in one frame, live or from a recording; never raises for its content."""
+        """Process one frame, live or recorded; never raises for its content."""
         if self.sink is not None:
             self.sink(msg)
         try:
@@ -110,7 +110,7 @@ class MotorBoard(can.Listener):
             self._take(msg.timestamp, content)
 
     def on_error(self, exc: Exception) -> None:
-        """Count what could not be read; a silent stream is found by `check`."""
+        """Count a frame that could not be read; `check` detects a silent stream."""
         self.broken += 1
         log.debug("%s: %s", self.name, exc)
 
@@ -141,7 +141,7 @@ class MotorBoard(can.Listener):
         return np.array(self._series[quantity][-1][1:])
 
     def remember(self) -> None:
-        """Drop the series but for the newest sample, and keep all that comes."""
+        """Drop the series but for the newest sample, and keep all new samples."""
         self.forget()
         self._remembers = True
 
@@ -157,7 +157,7 @@ class MotorBoard(can.Listener):
         return self.clock.now() - heard
 
     def check(self, stale: float = STALE) -> None:
-        """Raise what is wrong: bus errors, faults of the board, or a silent stream.
+        """Raise a bus error, a fault of the board, or the error of a silent stream.
 
         stale: [s], the largest age of a position.
         """
@@ -202,12 +202,12 @@ class MotorBoard(can.Listener):
         return status.system_enabled and all(status.motor_enabled + status.motor_ready)
 
     def watch(self, timeout: float = RECEIVE_TIMEOUT) -> None:
-        """Let the firmware switch off after so much silence [s]."""
+        """Set the receive time-out [s] of the firmware."""
         milliseconds = self._milliseconds(timeout)
         self._send(codec.encode_command(Command.RECEIVE_TIMEOUT, milliseconds))
 
     def _milliseconds(self, timeout: float) -> int:
-        """Return a time-out [s] in ms; what would round to "never" is refused."""
+        """Return a time-out [s] in ms; one that rounds to 0 (never) is refused."""
         least = 0.0 if timeout == 0 else 1e-3
         where = f"{self.name}, time-out"
         check_range(where, timeout, least, LONGEST_TIMEOUT, "s (0: never)")
@@ -228,14 +228,14 @@ class MotorBoard(can.Listener):
                     where=self.name,
                     got=f"{current} A",
                     expected=f"at most {self.max_current} A",
-                    next="bound the torque before it becomes a current",
+                    next="bound the torque from which the current is computed",
                 )
 
     def stop(self) -> None:
         """Command zero current first, then disable; can be called at any time, twice.
 
-        Never raises: the other boards must be stopped too.  Sends nothing where only
-        listening was asked for.
+        Never raises, as the other boards must be stopped too.  Sends nothing if
+        listen_only.
         """
         if self._bus is None or self.listen_only:
             return
@@ -257,7 +257,7 @@ class MotorBoard(can.Listener):
             message.is_rx = False
             self.sink(message)
 
-    # What went wrong
+    # Errors
 
     def _open_bus(self) -> can.BusABC:
         if self._bus is None:
@@ -266,7 +266,7 @@ class MotorBoard(can.Listener):
         return self._bus
 
     def _fault(self) -> BoardError:
-        fix = "look at the board, then start it again"
+        fix = "remove the cause of the fault, then start the board again"
         got = self.status.fault.name
         return BoardError("switched itself off", where=self.name, got=got, next=fix)
 
@@ -276,7 +276,7 @@ class MotorBoard(can.Listener):
             where=self.name,
             got="nothing so far" if age is None else f"silence for {age:.3f} s",
             expected=f"one every {limit} s",
-            next="is the board powered, is the bus connected, is it told to send?",
+            next="check the power, the bus, and that the board is told to send",
         )
 
 
@@ -286,7 +286,7 @@ def check_current(bound: float, name: str) -> None:
 
 
 def _quietly(action: Callable[[], None], name: str) -> None:
-    """Do what must not keep the rest from being done; what fails is logged."""
+    """Run an action; log its errors, so that the following actions are run."""
     try:
         action()
     except (can.CanError, OSError, HardwareError) as bad:

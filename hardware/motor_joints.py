@@ -1,7 +1,7 @@
-"""Relate the motors on the boards of a finger to its joints.
+"""Convert between the motors on the boards of a finger and its joints.
 
 joint angle [rad] = motor [rev] * 2 pi / gear - zero angle, torque [N m] = current [A] *
-torque constant * gear.  Encoders count from where they are switched on: zero angles are
+torque constant * gear.  Encoders count from their position at power-up: zero angles are
 found by homing, per robot (index or end stop, plus an offset).
 """
 
@@ -25,10 +25,10 @@ KRPM = 1000 * 2 * math.pi / 60  # [rad/s]
 
 @dataclass(frozen=True)
 class JointMap:
-    """Say which motor moves which joint of a finger, and how.
+    """Hold which motor moves which joint of a finger, and its constants.
 
     motors: (board, motor) of the three joints, each numbered from 0.  The default is
-            what the reference driver's code does; its documentation says otherwise
+            that of the reference driver's code, which its documentation contradicts
     zero:   (3,) [rad], the zero angles
     gear:   [1], motor turns per joint turn
     torque_constant: [N m / A] of a motor
@@ -126,7 +126,7 @@ def start_motors(
                     where=waiting[0].name,
                     got=repr(waiting[0].status),
                     expected=f"both motors aligned within {patience} s",
-                    next="can the joints move freely? is the motor supply on?",
+                    next="check that the joints move freely and the motor supply is on",
                 )
         for board in boards:
             board.command(0.0, 0.0)

@@ -1,4 +1,4 @@
-"""Lay paths of a finger's joints (n, 3) [rad]: to a start, and back out to it."""
+"""Compute joint paths (n, 3) [rad]: to the start of an action, and back."""
 
 from __future__ import annotations
 
@@ -49,10 +49,10 @@ def checked_trajectory(
 def way_there(
     geometry: Finger, here: np.ndarray, goal: np.ndarray, steps: int
 ) -> np.ndarray:
-    """Return a minimum-jerk path between joint angles (3,), straight in the joints.
+    """Return a minimum-jerk path between joint angles (3,), straight in joint space.
 
-    A finger hangs from its base: swung from side to side its tip dips like a pendulum.
-    Where it would be lower than the straight line between both ends, it is raised.
+    A finger hangs from its base: a sideways motion lowers the tip in the middle.  Where
+    the tip would be below the straight line between both ends, it is raised.
     """
     s = np.linspace(0, 1, steps)[:, None]
     smooth = s**3 * (10 - 15 * s + 6 * s**2)
@@ -66,9 +66,9 @@ def way_there(
 
 
 def way_back(path: np.ndarray, here: np.ndarray) -> np.ndarray:
-    """Return the path from where a finger is back to its start, as it came.
+    """Return the path from the present angles of a finger back to its start, reversed.
 
-    What an object kept it from is given up at once: it stops pushing.
+    It begins at the measured angles: a finger that an object stopped pushes no more.
     """
     left = np.linspace(1, 0, len(path))[:, None]
     return path[::-1] + left * (here - path[-1])

@@ -1,8 +1,8 @@
-"""Answer on a CAN bus as the firmware of a motor board does.
+"""Simulate the firmware of a motor board on a CAN bus.
 
-Streams are off until they are asked for, a status comes every second whatever happens,
-motors align for a while after they are enabled first, silence beyond the receive
-time-out disables the system while a motor that is enabled has a current.
+Streams are off until they are requested, a status is sent every second, motors align
+for a while after they are first enabled, and silence beyond the receive time-out
+disables the system while an enabled motor has a current.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ MOTORS = {Command.ENABLE_MOTOR_1: 0, Command.ENABLE_MOTOR_2: 1}
 
 
 class SimulatedBoard:
-    """Be the other end of a MotorBoard; `with` opens the bus.
+    """Simulate the board at the other end of a MotorBoard; `with` opens the bus.
 
     config:    of python-can, the same channel as the MotorBoard's
     alignment: [s] until a motor that is enabled first is ready
-    streams:   what it can send; fewer make a faster simulation
+    streams:   quantities it can send; fewer make a faster simulation
     period:    [s] of its status
 
-    `current` (2,) [A] is what the motors really get: the references while they are
+    `current` (2,) [A] is the current of the motors: the references while they are
     enabled and ready, otherwise zero.
     """
 
@@ -95,13 +95,13 @@ class SimulatedBoard:
         return np.where(flows, self.reference, 0.0)
 
     def listen(self, now: float) -> None:
-        """Obey the frames that have come; `now` [s]."""
+        """Process all received frames; `now` [s]."""
         self._now = now
         while (message := self._bus.recv(timeout=0)) is not None:
             try:
                 content = decode(message)
             except FrameError:
-                continue  # the firmware ignores what it does not know
+                continue  # the firmware ignores unknown frames
             if content is not None:
                 self.received.append(content)
                 if len(self.received) > 2 * RECEIVED:

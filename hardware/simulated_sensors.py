@@ -1,6 +1,6 @@
-"""Answer as fingertip sensors do: DenseTact with pictures, OptoForce with packets.
+"""Simulate fingertip sensors: DenseTact with pictures, OptoForce with packets.
 
-A sensor is told the force on its tip in the tip's frame, and sends when it is due.
+A sensor is given the force on its tip in the tip's frame, and sends at its rate.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ PICTURES, FORCES = 30.0, 100  # [Hz]
 
 
 class SimulatedCamera:
-    """Pictures of a DenseTact at 30 Hz; read as a Camera is."""
+    """Render pictures of a DenseTact at 30 Hz, with the interface of a Camera."""
 
     def __init__(self, tactile: Tactile, seed: int) -> None:
         from .optical import Lens
@@ -34,7 +34,7 @@ class SimulatedCamera:
         self._due, self._now, self._heard = 0.0, 0.0, 0.0
 
     def open(self) -> None:
-        """There is no wire."""
+        """Do nothing: there is no wire."""
 
     close = open
 
@@ -67,12 +67,12 @@ class SimulatedCamera:
         return frames
 
     def check(self, stale: float) -> None:
-        """Raise StaleStreamError where no new picture came for longer [s]."""
+        """Raise StaleStreamError without a new picture for longer [s]."""
         check_age(self.name, self._now - self._heard, stale)
 
 
 class SimulatedDome:
-    """Packets of an OptoForce at 100 Hz, on CAN or to a function of bytes."""
+    """Send packets of an OptoForce at 100 Hz, on CAN or to a function of bytes."""
 
     def __init__(self, tactile: Tactile) -> None:
         self.tactile, self.silent = tactile, False
@@ -113,7 +113,7 @@ class SimulatedDome:
 
 
 def simulated_sensor(tactile: Tactile, seed: int) -> SimulatedCamera | SimulatedDome:
-    """Return the sensor that a rig names; raises RigError for others."""
+    """Return the simulated sensor of a rig; raises RigError for unknown kinds."""
     if tactile.kind == "densetact":
         return SimulatedCamera(tactile, seed)
     if tactile.kind.startswith("optoforce"):

@@ -1,11 +1,11 @@
-"""Move the fingers of a robot, and return what they felt: the world for `explore`.
+"""Move the fingers of a robot, and return measurements: the world for `explore`.
 
     with Tape(folder, rig) as tape, Bench(rig, tape=tape, listen_only=False) as bench:
         world = RobotWorld(bench)
         data = world.execute(trajectory)
 
-Whatever goes wrong (a silent wire, a fault, a limit, Ctrl-C), all motors get zero
-current before anything else happens; then the error goes on to the caller.
+After any error (a silent wire, a fault, a limit, Ctrl-C) all motors get zero current
+first; then the error is passed on to the caller.
 """
 
 from __future__ import annotations
@@ -30,26 +30,26 @@ from .streams import FingerStreams, Stream, touch_stream
 
 CONTROL = 250.0  # [Hz] of commands
 CONTROLS = 50.0, 2000.0  # [Hz], between which it may be
-HELD_UP = 0.1  # [s] between commands, beyond which the loop was held up
-SETTLE = 0.1  # [s] at the start of a trajectory, before it is recorded
-KEEP = 0.02  # [s], between looks at whether the thread is still wanted
-STILL = 1e-9  # [m], a finger that is to move less than this is parked
-LEARN = 10.0  # [s] for the sensors to find their zero without contact
-THERE = 1e-3  # [rad], closer than that to the start there is no way to go
+HELD_UP = 0.1  # [s] between commands, beyond which the loop is held up
+SETTLE = 0.1  # [s] at the start of a trajectory, not recorded
+KEEP = 0.02  # [s] between two tests whether the thread is to end
+STILL = 1e-9  # [m], a finger that moves less is parked
+LEARN = 10.0  # [s], longest time in which the sensors find their zero
+THERE = 1e-3  # [rad], a start that is closer needs no motion
 
 
 class RobotWorld:
     """Execute trajectories on the robot of an open bench (listen_only=False).
 
-    gains, limits: how stiffly, and what is refused
+    gains, limits: of the control
     control:       [Hz] of the control loop
-    complete:      [1], least share of valid samples of a finger that takes part
+    complete:      [1], least share of valid samples of a finger that moves
 
-    `measurements` holds all that was felt so far, None before the first action;
-    `origin` [s] is the host's time that is 0 there.
+    `measurements` holds all actions so far, None before the first one; `origin` [s] is
+    the host time of their time 0.
 
-    Motors start with the first action.  Between actions a thread keeps the fingers up,
-    unless the clock is a simulated one, which stands still meanwhile.  `stop` ends it.
+    Motors are enabled at the first action.  Between actions a thread holds the fingers,
+    unless the clock is simulated and does not run then.  `stop` ends the thread.
     """
 
     def __init__(
@@ -73,14 +73,14 @@ class RobotWorld:
         self._leave, self._failed = threading.Event(), None
 
     def execute(self, trajectory) -> Measurements:
-        """Move along a trajectory, return what was felt at 30 Hz, and move back out.
+        """Move along a trajectory and back, and return the measurements at 30 Hz.
 
-        trajectory: has `time` (n,) [s], of which differences count, and
+        trajectory: has `time` (n,) [s], of which only differences are used, and
         `finger_position` (n, F, 3) [m], followed smoothly (PCHIP).  A finger whose
         positions are constant stays parked where it is; its samples are not valid.
 
-        The way to the start (paths.py) is not recorded.  Raises LimitError before
-        anything moves, any HardwareError afterwards.
+        The motion to the start (paths.py) is not recorded.  Raises LimitError before
+        anything moves, other HardwareErrors afterwards.
         """
         try:
             plan, duration = self._planned(trajectory)
@@ -106,7 +106,7 @@ class RobotWorld:
 
     @property
     def finger_radius(self) -> np.ndarray:
-        """The radii (F,) [m] of the fingertips, as `explore` wants to know them."""
+        """The radii (F,) [m] of the fingertips."""
         geometries = [one.geometry for one in self.bench.rig.fingers]
         return np.array([geometry.tip_radius for geometry in geometries])
 
@@ -116,11 +116,11 @@ class RobotWorld:
         self._leave.set()
         if self._keeper not in (None, threading.current_thread()):
             self._keeper.join()
-            self.bench.stop()  # whatever it commanded last
+            self.bench.stop()  # after its last command
         self._started, self._last_tick, self._keeper = False, None, None
 
     def _keep(self) -> None:
-        """Keep the fingers where they are, in a thread."""
+        """Hold the fingers where they are, in a thread."""
 
         def run() -> None:
             try:
@@ -136,7 +136,7 @@ class RobotWorld:
         self._keeper.start()
 
     def _end_keeping(self) -> None:
-        """End that thread; raises what it ended with."""
+        """End that thread; raises the error that ended it."""
         self._leave.set()
         if self._keeper is not None:
             self._keeper.join()
@@ -146,7 +146,7 @@ class RobotWorld:
             raise failed
 
     def _start(self) -> None:
-        """Enable the motors, and let the sensors find their zero."""
+        """Enable the motors, and wait until the sensors have found their zero."""
         if self._started:
             return
         self.bench.start(RECEIVE_TIMEOUT)
@@ -160,7 +160,7 @@ class RobotWorld:
                     "a sensor finds no zero",
                     where="RobotWorld",
                     got=f"no touch within {LEARN} s",
-                    next="does it send? see `python -m hardware record` and `check`",
+                    next="check with `python -m hardware record` that it sends",
                 )
         if self.measurements is None:
             self.origin = self.clock.now()
@@ -237,7 +237,7 @@ class RobotWorld:
         finger.apply(self.gains.torques(target, velocity, angles, speed))
 
     def _watch(self, now: float) -> None:
-        """Raise where commands did not go out for too long: something held them up."""
+        """Raise HardwareError if the time since the last command is too long."""
         last, self._last_tick = self._last_tick, now
         if last is not None and not now >= last:
             raise ClockError(
