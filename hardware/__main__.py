@@ -172,7 +172,7 @@ def _record_options(record: argparse.ArgumentParser) -> None:
         "--ask",
         action="store_true",
         help="tell the boards to send what they measure (no motor is enabled); without "
-        "it nothing is sent, and whoever commands the robot must have told them",
+        "it nothing is sent, and the program that commands the robot must have done so",
     )
     patience = "[s] of silence that end it"
     record.add_argument("--patience", type=float, default=3.0, help=patience)
