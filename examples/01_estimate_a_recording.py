@@ -1,10 +1,10 @@
-"""Estimate shape and pose of a box from a recording of two fingers that touched it.
+"""Estimate the shape and motion of a box from a recording of two fingers.
 
     python examples/01_estimate_a_recording.py [recording.npz [picture.png]]
 
-Without arguments: examples/data/cuboid.npz, and estimate.png in the current folder.
-A recording of your own has no truth in it: leave out everything below `summary`, and
-call plot_estimate(estimate).
+The defaults are examples/data/cuboid.npz, and estimate.png in the current folder.  A
+recording of your own contains no truth: omit everything below `summary`, and call
+plot_estimate(estimate).
 """
 
 import sys
@@ -23,14 +23,14 @@ from tactilenlp import (
     surface_distance,
 )
 
-LIMIT = 1.0  # [mm] an estimate of a clean recording should not be further off
+LIMIT = 1.0  # [mm] largest error accepted, clean recording
 
-matplotlib.use("Agg")  # the picture goes to a file: no window, no screen needed
+matplotlib.use("Agg")  # write to a file, without a screen
 default = Path(__file__).parent / "data" / "cuboid.npz"
 recording = Path(sys.argv[1]) if len(sys.argv) > 1 else default
 picture = Path(sys.argv[2]) if len(sys.argv) > 2 else Path("estimate.png")
 
-# What the fingers felt, sample by sample, and what is known beforehand: mass, friction.
+# The measurements, sample by sample, and what is known: mass and frictions.
 data = Measurements.load(recording)
 scene = Scene.load(recording)
 print(f"{recording.name}: {data}")
@@ -39,7 +39,7 @@ print(f"{recording.name}: {data}")
 estimate = solve_estimate(data, scene)
 print(estimate.summary())
 
-# The recorded file also carries the truth.  The estimator has not read it; we compare.
+# The file also contains the truth, which the estimator does not read.
 with np.load(recording) as file:
     truth = {
         "position": file["object_position"],  # (T, 3) [m]
@@ -49,7 +49,7 @@ with np.load(recording) as file:
 plot_estimate(estimate, truth).savefig(picture)
 print(f"The picture is in {picture}.")
 
-# Distance of the two surfaces at the last sample, in mm.
+# Distance between the two surfaces at the last sample, in mm.
 place = translation_matrix(truth["position"][-1])
 turn = quaternion_matrix(truth["quaternion"][-1])
 distance = surface_distance(estimate.mesh(), box(truth["side_lengths"], place @ turn))

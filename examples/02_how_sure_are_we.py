@@ -1,9 +1,9 @@
-"""Ask an estimate how sure it is, and of what it knows nothing yet.
+"""Print the standard deviations of an estimate, and what is not observed.
 
     python examples/02_how_sure_are_we.py [picture.png]
 
-The same recording after one, three and six actions: standard deviations by name, what
-was never touched in words, and the surface coloured by how sure each point of it is.
+The same recording after one, three and six actions: standard deviations by name, a
+list of what is not observed, and the surface coloured by its information.
 """
 
 import sys
@@ -14,7 +14,7 @@ import numpy as np
 
 from tactilenlp import Measurements, Scene, plot_information, solve_estimate
 
-plt.switch_backend("Agg")  # the picture goes to a file: no window, no screen needed
+plt.switch_backend("Agg")  # write to a file, without a screen
 recording = Path(__file__).parent / "data" / "cuboid.npz"
 picture = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("how_sure.png")
 data, scene = Measurements.load(recording), Scene.load(recording)
@@ -22,7 +22,7 @@ data, scene = Measurements.load(recording), Scene.load(recording)
 figure = plt.figure(figsize=(9, 3), layout="constrained")
 estimate = None
 for place, actions in enumerate((1, 3, 6)):
-    # `start` carries the hypotheses of the shorter recording on.
+    # `start` continues from the hypotheses of the shorter recording.
     estimate = solve_estimate(data.select(range(actions)), scene, start=estimate)
     information = estimate.information
     sides = estimate.side_lengths * 1e3
@@ -39,7 +39,7 @@ for place, actions in enumerate((1, 3, 6)):
 figure.savefig(picture, dpi=150)
 print(f"The picture is in {picture}.")
 
-# Which axis is called x is free for a box: compare the sizes in order.
+# The labels of a box's axes are arbitrary: compare the sizes in order.
 with np.load(recording) as file:
     off = np.sort(sides) - np.sort(file["side_lengths"]) * 1e3
 ratio = np.abs(off) / sigma[np.argsort(sides)]

@@ -1,9 +1,9 @@
-"""Choose the action that is expected to tell most, and draw why.
+"""Choose the action of highest expected information gain, and draw the gain.
 
     python examples/03_where_to_touch_next.py [picture.png]
 
-After a first touch and two actions one side of the box is still unknown.  The gain in
-nats is drawn over all directions from which the two fingers may come.
+After a first touch and two actions one side of the box is not observed yet.  The gain
+in nats is drawn over all directions from which the two fingers can approach.
 """
 
 import sys
@@ -22,29 +22,29 @@ from tactilenlp import (
     solve_estimate,
 )
 
-matplotlib.use("Agg")  # the picture goes to a file: no window, no screen needed
+matplotlib.use("Agg")  # write to a file, without a screen
 recording = Path(__file__).parent / "data" / "cuboid.npz"
 picture = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("where_next.png")
 data, scene = Measurements.load(recording), Scene.load(recording)
 estimate = solve_estimate(data.select(range(3)), scene)
 print(f"Not observed: {'; '.join(estimate.information.unobserved) or 'nothing'}.")
 
-# What the fingers can do: straight lines to the centroid, within 2 pi / 5.
+# Fingers move on straight lines to the centroid, within angles of 2 pi / 5.
 workspace = Workspace()
 choice = choose_action(estimate, workspace, search="facing", budget=180, seed=0)
 for finger, direction in enumerate(choice.action.directions):
-    print(f"Finger {finger} comes from {np.round(direction, 2)}.")
-print(f"{choice.evaluations} actions tried in {choice.seconds:.2f} CPU s.")
+    print(f"Finger {finger} approaches from {np.round(direction, 2)}.")
+print(f"{choice.evaluations} actions evaluated in {choice.seconds:.2f} CPU s.")
 
-# The same number for any action: here for two hundred drawn at random.
+# The gain of any action: here of two hundred drawn at random.
 expected, rng = ExpectedInformation(estimate, workspace), np.random.default_rng(0)
 random = [expected.gain(workspace.random(rng)) for _ in range(200)]
 
 plot_gain(estimate, choice).savefig(picture)
 print(f"The picture is in {picture}.")
 if choice.gain < max(random):
-    sys.exit(f"A random action tells more: {max(random):.1f} nats.")
+    sys.exit(f"A random action has a larger gain: {max(random):.1f} nats.")
 print(
-    f"The chosen action is expected to tell {choice.gain:.1f} nats, "
+    f"The chosen action has an expected gain of {choice.gain:.1f} nats, "
     f"a random one {np.median(random):.1f}, the best of 200 {max(random):.1f}."
 )

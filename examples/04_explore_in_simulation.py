@@ -1,9 +1,9 @@
-"""Explore an unknown box in simulation: touch, estimate, choose, touch again.
+"""Explore an unknown box in simulation: measure, estimate, choose, repeat.
 
     python examples/04_explore_in_simulation.py [picture.png]
 
-`explore` works with anything that has `execute(trajectory)`: this simulated world, or a
-robot.  The estimator sees booleans and normals only; the world keeps the truth.
+`explore` works with any object that has `execute(trajectory)`: this simulated world, or
+a robot.  The estimator reads booleans and normals only; the world keeps the truth.
 """
 
 import sys
@@ -14,9 +14,9 @@ import numpy as np
 
 from tactilenlp import Scene, World, explore, plot_top
 
-LIMIT = 1.0  # [mm] after a first touch and three chosen actions
+LIMIT = 1.0  # [mm] largest error accepted after four actions
 
-plt.switch_backend("Agg")  # the picture goes to a file: no window, no screen needed
+plt.switch_backend("Agg")  # write to a file, without a screen
 picture = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("exploration.png")
 turn = [np.cos(0.3), 0, 0, np.sin(0.3)]  # 0.6 rad about the vertical
 world = World([0.055, 0.038, 0.045], position=[0.01, -0.005], quaternion=turn)
@@ -46,4 +46,4 @@ figure.savefig(picture, dpi=120)
 print(f"The picture is in {picture}.")
 if off > LIMIT:
     sys.exit(f"The surface is {off:.2f} mm off on average: more than {LIMIT} mm.")
-print(f"Four seconds of touch leave the surface {off:.2f} mm off on average.")
+print(f"After four seconds of touch the surface is {off:.2f} mm off on average.")

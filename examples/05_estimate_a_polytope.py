@@ -2,7 +2,7 @@
 
     python examples/05_estimate_a_polytope.py [recording.npz]
 
-Without an argument: examples/data/polytope.npz, nine actions of two fingers.
+The default is examples/data/polytope.npz: nine actions of two fingers.
 """
 
 import sys
@@ -20,18 +20,18 @@ from tactilenlp import (
     vertex_information,
 )
 
-LIMIT = 1.5  # [mm] an estimate of a clean recording should not be further off
+LIMIT = 1.5  # [mm] largest error accepted, clean recording
 
 default = Path(__file__).parent / "data" / "polytope.npz"
 recording = Path(sys.argv[1]) if len(sys.argv) > 1 else default
 data, scene = Measurements.load(recording), Scene.load(recording)
 
-# Six actions first; three more carry the estimate on.  polytope(30) has more vertices.
+# Six actions, then three more.  formulations.polytope.polytope(30) has 30 vertices.
 early = solve_estimate(data.select(range(6)), scene, shape="polytope")
 estimate = solve_estimate(data, scene, shape="polytope", start=early)
 print(estimate.summary())
 
-# The plane of every face, touched or not: how well it is known; and so each vertex.
+# Sigma of every face's plane, touched or not, and the information of each vertex.
 planes = estimate.supporting_planes()
 touched, sigma = planes.touches > 0, 1e3 * planes.sigma
 print(f"Touched faces are known to {np.median(sigma[touched]):.2f} mm (median),")
@@ -41,7 +41,7 @@ print(f"The best known vertex is at {np.round(1e3 * estimate.vertices[best], 1)}
 push = np.linalg.norm(estimate.impulses["finger 0"], axis=1).max()
 print(f"Finger 0 pushed with at most {1e3 * push:.1f} mN s in a sample.")
 
-# The recorded file also carries the truth.  The estimator has not read it; we compare.
+# The file also contains the truth, which the estimator does not read.
 with np.load(recording) as file:
     pose = quaternion_matrix(file["object_quaternion"][-1])
     pose[:3, 3] = file["object_position"][-1]

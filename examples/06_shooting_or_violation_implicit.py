@@ -1,9 +1,9 @@
-"""Fit the same touches by simulation, and by eq:vimp: one answer, two landscapes.
+"""Estimate one recording by shooting and by eq:vimp, and compare the two losses.
 
     python examples/06_shooting_or_violation_implicit.py [picture.png]
 
-Shooting simulates the motion from the first pose of every action.  The other page keeps
-every pose and impulse as an unknown and pays for what breaks the laws of motion.
+Shooting simulates the motion from the first pose of every action.  The other page has
+every pose and impulse as an unknown, and violations of the dynamics as costs.
 """
 
 import sys
@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 
 from formulations.shape import CUBOID
 from tactilenlp import Measurements, Options, Problem, Scene, solve_estimate
-from tactilenlp.precision import precision_of
-from tactilenlp.reduce import Reductions, insisted, reduce
-from tactilenlp.solve import solve
+from tactilenlp.data.sensor_noise import precision_of
+from tactilenlp.nlp.ipopt import solve
+from tactilenlp.problem.reductions import Reductions, insisted, reduce
 
 recording = Path(__file__).parent / "data" / "cuboid.npz"
 picture = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("shooting.png")
@@ -39,18 +39,18 @@ for name in ("shooting", "violation_implicit"):
     if off > 1e-3:
         sys.exit(f"The best known side is {errors[name]}.")
 
-    # The same programme again, to walk through it: change that side, keep the rest.
+    # Build the same problem again; change that side, and keep the other unknowns.
     page, known, losses = import_module(f"formulations.{name}"), estimate.unknowns, []
     window = reduce(data, scene, CUBOID, precision, insisted(page, Reductions()))
     problem = Problem()
     page.build(problem, window, scene, CUBOID)
     for offset in offsets:
         start = known | {"theta": known["theta"] + offset * np.eye(3)[:, [best]]}
-        if name == "shooting":  # the poses follow from the first ones
+        if name == "shooting":  # the poses are functions of the first ones
             x = problem.eliminated.complete(problem.pack(start), problem.data())
             costs = [problem.value(n, x, problem.data()) for n in problem.costs]
             losses.append(sum(cost.sum() for cost in costs))
-        else:  # the impulses that break the least physics
+        else:  # the impulses of least violation
             least = solve(problem, start=start, fixed=("theta", "x"), throw=False)
             losses.append(least.objective)
     axes.plot(1e3 * offsets, np.array(losses) - min(losses), label=name)

@@ -1,10 +1,10 @@
-"""Explore on the paper's robot, through all its wires; here a simulated one answers.
+"""Explore on a simulation of the paper's robot, through all its buses and cameras.
 
     python examples/08_explore_on_the_robot.py [picture.png]
 
-Four CAN buses, two cameras behind soft domes, joints that count from angles a degree
-off, so that each tip is 3 to 5 mm from where it says.  With a robot of your own leave
-out what is called `robot`, and load the rig that describes it: hardware/README.md.
+It has four CAN buses, two cameras behind soft domes, and joint zeros that are wrong by
+about a degree: each tip is 3 to 5 mm from its reported position.  With a robot of your
+own, omit `robot`, and load the rig that describes it: hardware/README.md.
 """
 
 import sys
@@ -21,13 +21,13 @@ from hardware.simulated_robot import SimulatedRobot, simulated_rig
 from hardware.world import RobotWorld
 from tactilenlp import JointZeros, Scene, Workspace, explore, plot_top, surface_distance
 
-LIMIT = 3.0  # [mm] after a first touch and two chosen actions: as far off as the tips
+LIMIT = 3.0  # [mm] largest error accepted: as far as the tips are off
 SIDES = (0.058, 0.049, 0.053)  # [m], the paper's box
-WRONG = np.deg2rad([[0.9, -0.7, 0.8], [-0.8, 0.9, -0.6]])  # zero angles of the joints
+WRONG = np.deg2rad([[0.9, -0.7, 0.8], [-0.8, 0.9, -0.6]])  # errors of the joint zeros
 DEGREE = np.deg2rad(1.0)
-WHERE = [[0.05, 0.0, 0.04], [-0.05, 0.0, 0.04]]  # [m] where either tip works, roughly
+WHERE = [[0.05, 0.0, 0.04], [-0.05, 0.0, 0.04]]  # [m] where each tip works, roughly
 
-plt.switch_backend("Agg")  # the picture goes to a file: no window, no screen needed
+plt.switch_backend("Agg")  # write to a file, without a screen
 picture = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("robot.png")
 rig = simulated_rig("densetact")
 turn = [np.cos(0.3), 0, 0, np.sin(0.3)]  # 0.6 rad about the vertical
@@ -46,8 +46,8 @@ with robot, Bench(rig, **options) as bench:
         true, found = box(SIDES, place), step.estimate.mesh()
         off = 1e3 * surface_distance(found, true).mean
         wrong = 1e3 * np.linalg.norm(step.estimate.finger_offset, axis=1)
-        print(f"Action {step.number} ({step.policy}): {off:.2f} mm off; it finds the")
-        print(f"  tips {wrong[0]:.1f} and {wrong[1]:.1f} mm from where they say")
+        print(f"Action {step.number} ({step.policy}): {off:.2f} mm off; estimated")
+        print(f"  offsets of the tips: {wrong[0]:.1f} and {wrong[1]:.1f} mm")
 
 truth = {"position": robot.pose[None, :3], "quaternion": robot.pose[None, 3:]}
 plot_top(step.estimate, -1, truth | {"side_lengths": np.array(SIDES)})
@@ -55,4 +55,4 @@ plt.savefig(picture, dpi=120, bbox_inches="tight")
 print(f"The picture is in {picture}.")
 if off > LIMIT:
     sys.exit(f"The surface is {off:.2f} mm off on average: more than {LIMIT} mm.")
-print(f"Through four buses and two cameras the surface is {off:.2f} mm off on average.")
+print(f"With four buses and two cameras the surface is {off:.2f} mm off on average.")

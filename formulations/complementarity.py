@@ -13,7 +13,7 @@ that of violation_implicit.py, where the same products are penalties.  Of the gr
 planar motion phi = 0 holds by construction.
 
 Departures, named:
-  |v_s|       is rounded by `STILL`, from below: sqrt(v^2 + s^2) - s
+  |v_s|       is rounded by `V_EPS`, from below: sqrt(v^2 + s^2) - s
   cone        (mu lam_n)^2 - |lam_t|^2 >= -APEX^2: exact but for an apex without slope
   phi         of a felt finger, over the `depth` of the likelihood
   noise       of finger positions enters as it is: nothing gives way
@@ -21,29 +21,31 @@ Departures, named:
 
 from __future__ import annotations
 
-from functools import partial
-
 import casadi as ca
 
 from . import contact
+from .balance import Balance, groups, moves
 from .finger_contact import FingerContact
-from .friction import excess, friction, impulses, least
+from .friction import Impulses, excess, friction, impulses, least
 from .ground_contact import GroundContact
 from .level import Level
-from .violation_implicit import ARM, G, acting, felt, unbalanced
+from .rigid_body import ARM, G
+from .violation_implicit import felt
 
 # Of free motion and of contacts without friction nothing has been tried.
 REDUCTIONS = {"planar": True, "frictionless": False}
 LEVELS = (
-    Level("impulses", {"eps": 10.0, "slack": 3.0}, ("theta", "x"), barrier=0.1),
-    Level("loose", {"eps": 1.0, "slack": 0.3}, barrier=0.1),
+    Level(
+        "impulses", {"eps": 10.0, "slack": 3.0}, ("theta", "x"), ipopt={"mu_init": 0.1}
+    ),
+    Level("loose", {"eps": 1.0, "slack": 0.3}, ipopt={"mu_init": 0.1}),
     Level("closer", {"eps": 0.1, "slack": 0.03}),
     Level("close", {"eps": 0.01, "slack": 0.003}),
-    Level("tight", barrier=1e-3),
+    Level("tight", ipopt={"mu_init": 1e-3}),
 )
 SLACK = 1e-4  # [weights] that may be missing in a balance at the end
 EPS = 1e-3  # [weights mm] of every relaxed product at the end
-STILL = 3e-3  # [m/s] rounds the sliding speed, as in violation_implicit.py
+V_EPS = 3e-3  # [m/s] rounds the sliding speed, as in violation_implicit.py
 APEX = 3e-3  # [weights] by which the apex of the cone is rounded
 LIFT = 1e-3  # [m] unit of gaps and ways
 
@@ -57,109 +59,96 @@ def build(nlp, window, scene, shape):
     ground = GroundContact(shape, window.motion)
     step, push, corner = window.step, window.push, window.corner
     w = scene.mass * G * step.dt  # (steps,) [N s]
-    w_f, w_g = w[push.step], w[corner.step]
-    size = w.mean() if len(w) else scene.mass * G
-    share = w_g / max(1, len(shape.corners))
-    lam = impulses(nlp, "finger", w_f, size, size / 10)
-    lam_g = impulses(nlp, "ground", w_g, size, share)
-    mu = friction(nlp, "finger friction", scene.friction_finger)
-    mu_g = friction(nlp, "ground friction", scene.friction_ground)
-    balance(nlp, window, scene, fingers, ground, theta, x, lam, lam_g, w, slack)
+    pushes, corners = impulses_of(nlp, window, scene, shape, w)
+    law = Balance(fingers, ground, scene.gravity)
+    balanced(nlp, window, law, theta, x, w, pushes, corners, slack)
 
     def now(s):
-        return theta, x[:, step.knot[s]], x[:, step.before[s]], step.dt[s]
+        return theta, x[:, step.pose[s]], x[:, step.before[s]], step.dt[s]
 
     at = push.p_wf, push.p_wf_1, push.radius, push.tangent
-    speed = partial(finger_speed, fingers)
-    sliding(nlp, "finger", speed, now(push.step), w_f, lam, mu, eps, at)
-    parting(nlp, fingers, speed, now(push.step), w_f, lam, eps, at)
-    at, speed = (corner.signs,), partial(corner_speed, ground)
-    sliding(nlp, "ground", speed, now(corner.step), w_g, lam_g, mu_g, eps, at)
-    s = push.step
+    sliding(nlp, "finger", fingers.velocity, now(push.step), pushes, eps, at)
+    parting(nlp, fingers, now(push.step), pushes, eps, at)
+    at = (corner.signs,)
+    sliding(nlp, "ground", ground.velocity, now(corner.step), corners, eps, at)
     nlp.report(
-        "finger impulse", fingers.impulse, theta, x[:, step.knot[s]], lam, push.p_wf,
-        push.radius, push.tangent,
+        "finger impulse", fingers.impulse, theta, x[:, step.pose[push.step]],
+        pushes.lam, push.p_wf, push.radius, push.tangent,
     )  # fmt: skip
-    nlp.report("ground impulse", ground.impulse, lam_g)
+    nlp.report("ground impulse", ground.impulse, corners.lam)
 
 
-def balance(nlp, window, scene, fingers, ground, theta, x, lam, lam_g, w, slack):
+def impulses_of(nlp, window, scene, shape, w):
+    """Declare the friction.Impulses of fingers and of the ground."""
+    w_f, w_g = w[window.push.step], w[window.corner.step]
+    size = w.mean() if len(w) else scene.mass * G
+    lam = impulses(nlp, "finger", w_f, size, size / 10)
+    lam_g = impulses(nlp, "ground", w_g, size, w_g / max(1, len(shape.corners)))
+    mu = friction(nlp, "finger friction", scene.friction_finger)
+    mu_g = friction(nlp, "ground friction", scene.friction_ground)
+    return Impulses(lam, mu, w_f), Impulses(lam_g, mu_g, w_g)
+
+
+def balanced(nlp, window, law, theta, x, w, pushes, corners, slack):
     """Constrain every step: change of momentum is the sum of impulses, in weights."""
-    step = window.step
 
-    def imbalance(corners, theta, x, x_1, x_2, dt, w, slack, *acts):
-        force, moment = unbalanced(
-            fingers, ground, scene.gravity, theta, x, x_1, x_2, dt, w, corners, acts
-        )
+    def imbalance(theta, x, x_1, x_2, dt, w, slack, *contacts):
+        force, moment = law.unbalanced(theta, x, x_1, x_2, dt, w, contacts)
         off = ca.vertcat(force, moment / ARM) / w
         return ca.vertcat(slack - off, slack + off)
 
     def given_way(w):  # to one weight in x, y, z, and about each at ARM
         return ca.vertcat(-ca.DM.eye(6), ca.DM.eye(6)) + 0 * w
 
-    for count, g in window.groups.items():
-        s, name = g.steps, f"balance, {count} pushing"
+    for count, s, contacts in groups(window, pushes, corners):
+        name = f"balance, {count} pushing"
         nlp.report(f"{name}, gives", given_way, w[s])
         nlp.subject_to(
-            name, partial(imbalance, g.corners.shape[1]), theta,
-            x[:, step.knot[s]], x[:, step.before[s]], x[:, step.before_2[s]],
-            step.dt[s], w[s], slack, *acting(window, g, lam, lam_g), lower=0,
+            name, imbalance, theta, *moves(window, x, s), w[s], slack, *contacts,
+            lower=0,
         )  # fmt: skip
 
 
-def finger_speed(fingers, theta, x, x_1, dt, p_wf, p_wf_1, rho, t):
-    """Return v_n, v_s (2,) [m/s] of the body against a finger; v_n > 0 parts."""
-    p_w, n, (t_1, t_2) = fingers.touch(theta, x, p_wf, rho, t)
-    (p, R), (p_1, R_1) = (
-        fingers.motion.pose(fingers.shape, theta, c) for c in (x, x_1)
-    )
-    body_before = p_1 + R_1 @ (R.T @ (p_w - p))
-    v = (fingers.finger.before(p_w, p_wf, p_wf_1) - body_before) / dt
-    return -ca.dot(v, n), ca.vertcat(ca.dot(v, t_1), ca.dot(v, t_2))
+def sliding(nlp, name, velocity, now, side, eps, at):
+    """Add the friction cone, and maximum dissipation within eps.
 
+    side: friction.Impulses; velocity(*now, *at) -> v_n, v_s.
+    """
+    lam, mu, w = side.lam, side.mu, side.w
 
-def corner_speed(ground, theta, x, x_1, dt, signs):
-    """Return v_n, v_s (2,) [m/s] of a corner against the ground."""
-    v = (ground.corner(theta, x, signs) - ground.corner(theta, x_1, signs)) / dt
-    return v[2], v[:2]
-
-
-def sliding(nlp, name, speed, now, w, lam, mu, eps, where):
-    """Add the friction cone, and maximum dissipation within eps."""
-
-    def dissipation(theta, x, x_1, dt, w, lam, mu, eps, *where):
-        _, v_s = speed(theta, x, x_1, dt, *where)
-        loss = contact.dissipation(mu, lam, v_s, STILL) - mu * lam[0] * STILL
+    def dissipation(theta, x, x_1, dt, w, lam, mu, eps, *at):
+        _, v_s = velocity(theta, x, x_1, dt, *at)
+        loss = contact.dissipation(mu, lam, v_s, V_EPS) - mu * lam[0] * V_EPS
         return loss * dt / (w * LIFT) - eps
 
     def cone(lam, mu, w):
         return contact.cone_squared(mu, lam / w) + APEX**2
 
     nlp.subject_to(
-        f"{name} dissipation", dissipation, *now, w, lam, mu, eps, *where, upper=0
+        f"{name} dissipation", dissipation, *now, w, lam, mu, eps, *at, upper=0
     )
     nlp.subject_to(f"{name} cone", cone, lam, mu, w, lower=0)
     nlp.report(f"{name} cone, exact", excess, lam, mu, w)
     nlp.minimize(f"least {name} impulse", least, lam, w, role="regulariser")
 
 
-def parting(nlp, fingers, speed, now, w, lam, eps, where):
+def parting(nlp, fingers, now, pushes, eps, at):
     """Add non-penetration; complementarity and inelasticity within eps."""
     theta, x, *_ = now
     depth = nlp.variables["depth"]
 
     def gap(theta, x, depth, p_wf, _, rho, *__):
         pose = fingers.motion.pose(fingers.shape, theta, x)
-        return (
-            fingers.finger.gap(fingers.shape, theta, pose, p_wf, rho) + depth
-        ) / LIFT
+        phi = fingers.finger.gap(fingers.shape, theta, pose, p_wf, rho) + depth
+        return phi / LIFT
 
-    def products(theta, x, x_1, dt, w, lam, depth, eps, *where):
-        v_n, _ = speed(theta, x, x_1, dt, *where)
-        both = ca.vertcat(gap(theta, x, depth, *where), v_n * dt / LIFT)
+    def products(theta, x, x_1, dt, w, lam, depth, eps, *at):
+        v_n, _ = fingers.velocity(theta, x, x_1, dt, *at)
+        both = ca.vertcat(gap(theta, x, depth, *at), v_n * dt / LIFT)
         return lam[0] / w * both - eps
 
-    nlp.subject_to("finger gap", gap, theta, x, depth, *where, lower=0)
+    nlp.subject_to("finger gap", gap, theta, x, depth, *at, lower=0)
     nlp.subject_to(
-        "finger complementarity", products, *now, w, lam, depth, eps, *where, upper=0
-    )
+        "finger complementarity", products, *now, pushes.w, pushes.lam, depth, eps, *at,
+        upper=0,
+    )  # fmt: skip

@@ -12,9 +12,31 @@ contact.  The paper's list after eq:vimp, in its order:
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import casadi as ca
 
 from .shape import positive_part
+
+
+@dataclass(frozen=True)
+class Contact:
+    """One contact of a body: its impulse lam, and where and along what it acts.
+
+    lam (3,) [N s] in the frame of normal and tangents, or (1,) without friction;
+    point (3,) [m]; normal: direction (3,) of a positive lam_n on the body, tangents:
+    two of (3,); world frame.
+    """
+
+    lam: object
+    point: object
+    normal: object
+    tangents: tuple
+
+    @property
+    def impulse(self):
+        """The impulse on the body (3,) [N s], world frame."""
+        return impulse(self.lam, self.normal, self.tangents)
 
 
 def tangents(n, t):
@@ -41,21 +63,21 @@ def cone(mu, lam, rounding):
     return mu * lam[0] - tangential
 
 
-def dissipation(mu, lam, v_s, still, rounding=0.0):
+def dissipation(mu, lam, v_s, v_eps, rounding=0.0):
     """Return the energy that friction fails to dissipate, of the most it can [J].
 
-    v_s (2,) [m/s] sliding velocity in (t1, t2); still [m/s] rounds |v_s|; rounding
+    v_s (2,) [m/s] sliding velocity in (t1, t2); v_eps [m/s] rounds |v_s|; rounding
     [N s] is that of the cone, which lets |lam_t| exceed mu lam_n by less than that:
     with it, no impulse in the rounded cone is paid for sliding.
     """
-    speed = ca.sqrt(ca.sumsqr(v_s) + still**2)
+    speed = ca.sqrt(ca.sumsqr(v_s) + v_eps**2)
     power = ca.dot(v_s, lam[1:3]) if lam.numel() > 1 else 0.0
     return (mu * lam[0] + rounding) * speed + power
 
 
-def inelasticity(lam, v_n, still):
+def inelasticity(lam, v_n, v_eps):
     """Return lam_n max(v_n, 0): a normal impulse returns no energy."""
-    return lam[0] * positive_part(v_n, still)
+    return lam[0] * positive_part(v_n, v_eps)
 
 
 def complementarity(lam, phi, small):

@@ -1,12 +1,20 @@
 r"""What the fingers do to the body: the finger part of g(x_t, lam, r_t) of eq:vimp.
 
-An impulse lam = (lam_n, lam_1, lam_2) acts along (-n, t1, t2) where finger and body
-touch, during the step that ends at its sample.
+An impulse lam = (lam_n, lam_1, lam_2) acts along (-n, t1, t2) at the point where finger
+and body touch, during the step that ends at its sample.  With the relative velocity
+v_n, v_s of body and finger at that point, in nats,
+
+    felt      kappa (mu lam_n |v_s| + v_s . lam_t + 0.2 lam_n max(v_n, 0)) dt / (w mm)
+    unfelt    kappa lam_n max(phi, 0) / (w mm) + UNFELT lam_n / w       w = m g dt
+
+A finger that feels nothing has the second cost in place of the first; the rounding of
+its friction cone neither costs nor earns anything, since all its impulses cost.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -14,6 +22,20 @@ from . import contact
 from .friction import rounding
 
 UNFELT = 2000.0  # [nats] for an impulse of one weight not felt: 20 for what would be
+MM = 1e-3  # [m] unit of kappa
+
+
+class Push(NamedTuple):
+    """What a term reads of a finger that pushes, p_wf and rho [m] where it is.
+
+    theta: the part of the body that it sees, None: all of it; t: where t1 points.
+    """
+
+    theta: object
+    lam: object
+    p_wf: object
+    rho: object
+    t: object
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,68 +47,78 @@ class FingerContact:
     finger: object
 
     def touch(self, theta, x, p_wf, rho, t):
-        """Where a finger touches: point p_w [m], normal and tangents of the body."""
+        """Return the point p_w [m], normal and tangents of the body at the contact."""
         pose = self.motion.pose(self.shape, theta, x)
         p_w, n = self.finger.touch(self.shape, theta, pose, p_wf, rho)
         return p_w, n, contact.tangents(n, t)
 
+    def contact(self, theta, x, push):
+        """Return the Contact of a Push."""
+        theta = theta if push.theta is None else push.theta
+        p_w, n, tangents = self.touch(theta, x, push.p_wf, push.rho, push.t)
+        return contact.Contact(push.lam, p_w, -n, tangents)
+
     def impulse(self, theta, x, lam, p_wf, rho, t):
-        """Impulse of a finger on the body, world frame [N s]."""
-        return self.wrench(theta, x, lam, p_wf, rho, t)[0]
+        """Return the impulse of a finger on the body, world frame [N s]."""
+        return self.contact(theta, x, Push(None, lam, p_wf, rho, t)).impulse
 
-    def wrench(self, theta, x, lam, p_wf, rho, t):
-        """Impulse [N s] and its moment about the body's origin [N m s], world frame."""
-        p_w, n, tangents = self.touch(theta, x, p_wf, rho, t)
-        p_wo, _ = self.motion.pose(self.shape, theta, x)
-        impulse = contact.impulse(lam, -n, tangents)
-        return impulse, ca.cross(p_w - p_wo, impulse)
-
-    def work(
-        self, theta, x, x_1, lam, p_wf, p_wf_1, rho, t, dt, w, kappa, still, rounding,
-        mu,
-    ):  # fmt: skip
-        """Friction that fails to dissipate, and normal impulse that pulls apart."""
+    def velocity(self, theta, x, x_1, dt, p_wf, p_wf_1, rho, t):
+        """Return v_n, v_s (2,) [m/s] of finger and body; v_n > 0 parts them."""
         p_w, n, (t_1, t_2) = self.touch(theta, x, p_wf, rho, t)
         p, R = self.motion.pose(self.shape, theta, x)
         p_1, R_1 = self.motion.pose(self.shape, theta, x_1)
         body_before = p_1 + R_1 @ (R.T @ (p_w - p))
         v = (self.finger.before(p_w, p_wf, p_wf_1) - body_before) / dt
-        v_s = ca.vertcat(ca.dot(v, t_1), ca.dot(v, t_2))
-        energy = contact.dissipation(mu, lam, v_s, still, rounding * w)
-        energy += 0.2 * contact.inelasticity(lam, -ca.dot(v, n), still)
-        return kappa * energy * dt / (w * 1e-3)
+        return -ca.dot(v, n), ca.vertcat(ca.dot(v, t_1), ca.dot(v, t_2))
 
-    def apart(self, theta, x, lam, p_wf, rho, w, kappa):
-        """Impulse across a gap, of a finger that feels none."""
+    def felt(
+        self, theta, x, x_1, lam, p_wf, p_wf_1, rho, t, dt, w, kappa, v_eps, rounding,
+        mu,
+    ):  # fmt: skip
+        """Return the cost of friction that does not dissipate, and of rebound."""
+        v_n, v_s = self.velocity(theta, x, x_1, dt, p_wf, p_wf_1, rho, t)
+        energy = contact.dissipation(mu, lam, v_s, v_eps, rounding * w)
+        energy += 0.2 * contact.inelasticity(lam, v_n, v_eps)
+        return kappa * energy * dt / (w * MM)
+
+    def unfelt(self, theta, x, lam, p_wf, rho, w, kappa):
+        """Return the cost of the impulse of a finger that feels nothing."""
         pose = self.motion.pose(self.shape, theta, x)
         phi = self.finger.gap(self.shape, theta, pose, p_wf, rho)
         energy = contact.complementarity(lam, phi, rho / 50)
-        return kappa * energy / (w * 1e-3) + UNFELT * lam[0] / w
+        return kappa * energy / (w * MM) + UNFELT * lam[0] / w
 
 
-def add(nlp, window, fingers, theta, x, lam, mu, w):
-    """Add dissipation with inelasticity where a finger feels, else complementarity.
+def pushes_of(push, pushes, j):
+    """Return the Push that each instance of a term reads; j: its row in `push`."""
+    theta = None if pushes.theta is None else pushes.theta.pick(j)
+    return Push(theta, pushes.lam[:, j], push.p_wf[j], push.radius[j], push.tangent[j])
 
-    theta: of the body, or of the part that each push sees; lam: the impulse of every
-    push, w [N s]: the weight over its step.  What rounds the
-    cone of a finger that feels nothing neither costs nor earns: all its impulses cost.
+
+def add(nlp, window, fingers, theta, x, pushes):
+    """Add the costs of fingers that feel their contact, and of those that do not.
+
+    pushes: friction.Impulses of every push.
     """
-    step, push, apart = window.step, window.push, window.apart
-    kappa, still = nlp.parameters["kappa"], nlp.parameters["still"]
-    unfelt = set(apart.tolist())
-    felt = [i for i in range(len(push)) if i not in unfelt]
+    step, push, unfelt = window.step, window.push, window.unfelt
+    theta = theta if pushes.theta is None else pushes.theta
+    lam, mu, w = pushes.lam, pushes.mu, pushes.w
+    kappa, v_eps = nlp.parameters["kappa"], nlp.parameters["speed rounding"]
+    silent = set(unfelt.tolist())
+    felt = [i for i in range(len(push)) if i not in silent]
     f, s = push.pick(felt), push.step[felt]
     nlp.minimize(
-        "finger dissipation", fingers.work, theta.pick(felt), x[:, step.knot[s]],
+        "finger dissipation", fingers.felt, theta.pick(felt), x[:, step.pose[s]],
         x[:, step.before[s]], lam[:, felt], f.p_wf, f.p_wf_1, f.radius, f.tangent,
-        step.dt[s], w[felt], kappa, still, rounding(nlp, mu), mu, role="physics",
+        step.dt[s], w[felt], kappa, v_eps, rounding(nlp, mu), mu, role="physics",
     )  # fmt: skip
-    f, s = push.pick(apart), push.step[apart]
+    f, s = push.pick(unfelt), push.step[unfelt]
     nlp.minimize(
-        "finger complementarity", fingers.apart, theta.pick(apart), x[:, step.knot[s]],
-        lam[:, apart], f.p_wf, f.radius, w[apart], kappa, role="physics",
+        "finger complementarity", fingers.unfelt, theta.pick(unfelt),
+        x[:, step.pose[s]], lam[:, unfelt], f.p_wf, f.radius, w[unfelt], kappa,
+        role="physics",
     )  # fmt: skip
     nlp.report(
-        "finger impulse", fingers.impulse, theta, x[:, step.knot[push.step]], lam,
+        "finger impulse", fingers.impulse, theta, x[:, step.pose[push.step]], lam,
         push.p_wf, push.radius, push.tangent,
     )  # fmt: skip

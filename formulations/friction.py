@@ -1,9 +1,12 @@
 r"""Coulomb friction of a contact: its coefficient, its impulses and their cone.
 
 lam_n >= 0,     |lam_t| <= mu lam_n          (apex rounded; recomputed exactly)
+LEAST |lam / w|^2                            least impulse, w = m g dt
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import casadi as ca
 
@@ -11,6 +14,20 @@ from . import contact
 
 FRICTION = 0.4  # [1] of what is not known
 LEAST = 1e-3  # [nats] for an impulse of one weight
+
+
+@dataclass(frozen=True, eq=False)
+class Impulses:
+    """The impulses lam of some contacts (normal, t1, t2), as unknowns or data.
+
+    mu: their coefficient of friction; w: weight [N s] over the step of each; theta: the
+    part of the body that each contact reads, None: all of it.
+    """
+
+    lam: object
+    mu: object
+    w: object
+    theta: object = None
 
 
 def friction(nlp, name, value):
@@ -30,7 +47,7 @@ def impulses(nlp, name, w, scale, normal=0.0, frictionless=()):
     """Declare the impulses (normal, t1, t2) of contacts, one for each weight w [N s].
 
     normal: guess of the normal one; scale: of all [N s]; frictionless: the names of
-    contacts that slip freely, which have the normal one alone.
+    contacts without friction, which have the normal one alone.
     """
     rows = 1 if name in frictionless else 3
     free, guess = [0, -ca.inf, -ca.inf], [normal, 0 * normal, 0 * normal]
@@ -40,8 +57,9 @@ def impulses(nlp, name, w, scale, normal=0.0, frictionless=()):
     )  # fmt: skip
 
 
-def cone(nlp, name, lam, mu, w):
-    """Keep the impulses of a contact in the cone, and no larger than need be."""
+def cone(nlp, name, impulses):
+    """Keep the impulses of contacts in the cone, and no larger than they need to be."""
+    lam, mu, w = impulses.lam, impulses.mu, impulses.w
     if lam.rows > 1:
         rounding = nlp.parameters["cone rounding"]
         nlp.subject_to(f"{name} cone", room, lam, mu, w, rounding, lower=0)
@@ -56,15 +74,15 @@ def rounding(nlp, mu):
 
 
 def room(lam, mu, w, rounding):
-    """How far inside the friction cone an impulse is, in weights w [N s]."""
+    """Return how far inside the friction cone an impulse is, in weights w [N s]."""
     return contact.cone(mu, lam / w, rounding)
 
 
 def excess(lam, mu, w):
-    """By how much an impulse leaves the exact friction cone, in weights."""
+    """Return by how much an impulse leaves the exact friction cone, in weights."""
     return ca.norm_2(lam[1:3]) / w - mu * lam[0] / w
 
 
 def least(lam, w):
-    """A pull towards zero, in nats."""
+    """Return the cost [nats] of an impulse, least at zero."""
     return LEAST * ca.sumsqr(lam / w)

@@ -1,13 +1,21 @@
 r"""What the ground does to the body: the ground part of g(x_t, lam, r_t) of eq:vimp.
 
 The ground is z = 0.  An impulse lam = (lam_n, lam_1, lam_2) acts along (z, x, y) at a
-corner of the body.  In planar motion the lowest corners stay on the ground, else they
-may lift.
+corner of the body, whose height is z and whose velocity is (v_s, v_n).  In nats,
+
+    dissipation      kappa (mu lam_n |v_s| + v_s . lam_t) dt / (w mm)     w = m g dt
+    complementarity  kappa lam_n (z + 0.2 dt max(v_n, 0)) / (w mm)
+    rest             z^2 / (2 REST^2)        at poses without a step, of low corners
+    ground gap       z >= 0
+
+The dissipation at rest, where |v_s| is rounded, is subtracted.  In planar motion the
+lowest corners stay on the ground, else they may lift: only then are there the others.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -16,7 +24,19 @@ from .friction import FRICTION, rounding
 
 REST = 0.1e-3  # [m] deviation of a resting corner from the ground
 ROOM = 3e-3  # [REST] below the ground (0.3 um): an interior, also for poses held fixed
+MM = 1e-3  # [m] unit of kappa
 X, Y, Z = ca.DM([1, 0, 0]), ca.DM([0, 1, 0]), ca.DM([0, 0, 1])
+
+
+class Corner(NamedTuple):
+    """What a term reads of a contact with the ground.
+
+    theta: the part of the body that it sees, None: all of it; signs: which corner.
+    """
+
+    theta: object
+    lam: object
+    signs: object
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,86 +47,93 @@ class GroundContact:
     motion: object
 
     def corner(self, theta, x, signs):
-        """Where a corner is, world frame [m]."""
+        """Return where a corner is, world frame [m]."""
         p_wo, R_wo = self.motion.pose(self.shape, theta, x)
         return p_wo + R_wo @ self.shape.corner(theta, signs)
 
+    def contact(self, theta, x, corner):
+        """Return the Contact of a Corner."""
+        theta = theta if corner.theta is None else corner.theta
+        p_w = self.corner(theta, x, corner.signs)
+        return contact.Contact(corner.lam, p_w, Z, (X, Y))
+
     def impulse(self, lam):
-        """Impulse of the ground on the body, world frame [N s]."""
+        """Return the impulse of the ground on the body, world frame [N s]."""
         return contact.impulse(lam, Z, (X, Y))
 
-    def wrench(self, theta, x, lam, signs):
-        """Impulse [N s] and its moment about the body's origin [N m s], world frame."""
-        _, R_wo = self.motion.pose(self.shape, theta, x)
-        impulse = self.impulse(lam)
-        return impulse, ca.cross(R_wo @ self.shape.corner(theta, signs), impulse)
-
-    def work(
-        self, theta, x, x_1, lam, signs, dt, w, kappa, still, rounding, nominal, mu
-    ):
-        """Friction with the ground that fails to dissipate; at rest, none.
-
-        nominal: friction of the corner's share of the weight, of which the rounding of
-        the speed makes a cost also at rest.
-        """
+    def velocity(self, theta, x, x_1, dt, signs):
+        """Return v_n, v_s (2,) [m/s] of a corner against the ground."""
         v = (self.corner(theta, x, signs) - self.corner(theta, x_1, signs)) / dt
-        loss = contact.dissipation(mu, lam, v[:2], still, rounding * w) * dt / w
-        return kappa * (loss - (nominal + rounding) * still * dt) / 1e-3
+        return v[2], v[:2]
 
-    def apart(self, theta, x, x_1, lam, signs, dt, w, kappa, still):
-        """Impulse of the ground on a corner that is above it or rises."""
+    def dissipation(
+        self, theta, x, x_1, lam, signs, dt, w, kappa, v_eps, rounding, nominal, mu
+    ):
+        """Return the cost of friction that does not dissipate.
+
+        nominal: friction coefficient times the corner's share of the weight, of which
+        the rounding of the speed makes a cost also at rest.
+        """
+        _, v_s = self.velocity(theta, x, x_1, dt, signs)
+        loss = contact.dissipation(mu, lam, v_s, v_eps, rounding * w) * dt / w
+        return kappa * (loss - (nominal + rounding) * v_eps * dt) / MM
+
+    def complementarity(self, theta, x, x_1, lam, signs, dt, w, kappa, v_eps):
+        """Return the cost of an impulse on a corner above the ground or rising."""
         z, z_1 = self.corner(theta, x, signs)[2], self.corner(theta, x_1, signs)[2]
-        rises = contact.inelasticity(lam, (z - z_1) / dt, still) - lam[0] * still / 2
+        rises = contact.inelasticity(lam, (z - z_1) / dt, v_eps) - lam[0] * v_eps / 2
         energy = lam[0] * (z + ROOM * REST) + 0.2 * dt * rises
-        return kappa * energy / (w * 1e-3)
+        return kappa * energy / (w * MM)
 
     def gap(self, theta, x, signs):
-        """Height of a corner [m] over REST."""
+        """Return the height of a corner [REST]."""
         return self.corner(theta, x, signs)[2] / REST
 
-    def off(self, theta, x, signs):
-        """A corner on which the object rests, off the ground."""
+    def rest(self, theta, x, signs):
+        """Return the cost of a corner off the ground, on which the object rests."""
         return (self.corner(theta, x, signs)[2] / REST) ** 2 / 2
 
 
-def add(nlp, window, ground, theta, x, lam, mu, w, resting=None):
+def corners_of(corner, corners, c):
+    """Return the Corner that each instance of a term reads; c: its row in `corner`."""
+    theta = None if corners.theta is None else corners.theta.pick(c)
+    return Corner(theta, corners.lam[:, c], corner.signs[c])
+
+
+def add(nlp, window, ground, theta, x, corners, resting=None):
     """Add dissipation of every corner; complementarity, gap and rest where it can lift.
 
-    theta: of the body, or of the part that each corner sees; lam: its impulse, w [N s]:
-    the weight over its step; resting: the part that each resting corner sees, by
-    default the body.
+    corners: friction.Impulses of every corner; resting: the part of the body that each
+    resting corner sees, by default all of it.
     """
+    theta = theta if corners.theta is None else corners.theta
     resting = theta if resting is None else resting
+    lam, mu, w = corners.lam, corners.mu, corners.w
     step, corner, lift, rest = window.step, window.corner, window.lift, window.rest
-    kappa, still = nlp.parameters["kappa"], nlp.parameters["still"]
+    kappa, v_eps = nlp.parameters["kappa"], nlp.parameters["speed rounding"]
     value = FRICTION if mu.name in nlp.variables else mu.value[0]
 
     def poses(s):
-        return x[:, step.knot[s]], x[:, step.before[s]]
+        return x[:, step.pose[s]], x[:, step.before[s]]
 
     s = corner.step
     if lam.rows > 1:
         nlp.minimize(
-            "ground dissipation", ground.work, theta, *poses(s), lam, corner.signs,
-            step.dt[s], w, kappa, still, rounding(nlp, mu),
+            "ground dissipation", ground.dissipation, theta, *poses(s), lam,
+            corner.signs, step.dt[s], w, kappa, v_eps, rounding(nlp, mu),
             value / max(1, len(ground.shape.corners)), mu, role="physics",
         )  # fmt: skip
-    s = lift.step
+    s, first = lift.step, slice(len(lift.step))
     nlp.minimize(
-        "ground complementarity", ground.apart, theta.pick(slice(len(s))), *poses(s),
-        lam[:, : len(s)], lift.signs, step.dt[s], w[: len(s)], kappa, still,
-        role="physics",
+        "ground complementarity", ground.complementarity, theta.pick(first), *poses(s),
+        lam[:, first], lift.signs, step.dt[s], w[first], kappa, v_eps, role="physics",
     )  # fmt: skip
     nlp.subject_to(
-        "ground gap", ground.gap, theta.pick(slice(len(s))), x[:, step.knot[s]],
-        lift.signs, lower=-ROOM,
+        "ground gap", ground.gap, theta.pick(first), x[:, step.pose[s]], lift.signs,
+        lower=-ROOM,
     )  # fmt: skip
     nlp.minimize(
-        "rest",
-        ground.off,
-        resting.pick(slice(len(rest))),
-        x[:, rest.knot],
-        rest.signs,
-        role="physics",
-    )
+        "rest", ground.rest, resting.pick(slice(len(rest))), x[:, rest.pose],
+        rest.signs, role="physics",
+    )  # fmt: skip
     nlp.report("ground impulse", ground.impulse, lam)

@@ -34,15 +34,15 @@ import casadi as ca
 from . import contact, sensing
 from .friction import cone, friction, impulses
 from .level import Level
+from .rigid_body import G
 from .shape import positive_part
-from .violation_implicit import G
 
-LEVELS = (Level("joint", barrier=1.0, iterations=500),)
+LEVELS = (Level("joint", ipopt={"mu_init": 1.0, "max_iter": 500}),)
 
 SURFACE = 0.5e-3  # [m] deviation of a touching corner from the ground: tracking
 EDGE = 0.2e-3  # [m] rounds max(phi, 0)
 KAPPA = 1.0  # [nats] for friction that fails to dissipate a weight moved by 1 mm
-STILL = 10e-3  # [m/s] rounds the sliding speed: 0.07 mm in a step of 1/148 s
+V_EPS = 10e-3  # [m/s] rounds the sliding speed: 0.07 mm in a step of 1/148 s
 ROUND = 0.01  # [weights] rounds the apex of the friction cone
 BITE = 0.25  # [weights] an impulse of that size is half a touch
 SIZE = 20e-3  # [m] deviation of a corner from its first guess
@@ -201,5 +201,5 @@ def sliding(plane, offset, theta, sign, lam, mu, fall, w, p_1, R_1, p_2, R_2):
     dt, (_, t_1, t_2) = fall[2], frame(plane, offset)
     v = (place(p_2, R_2, theta, sign) - place(p_1, R_1, theta, sign)) / (2 * dt)
     v_s = ca.vertcat(ca.dot(v, t_1), ca.dot(v, t_2))
-    lost = contact.dissipation(mu, lam, v_s, STILL, ROUND * w)
-    return KAPPA * (lost - ROUND * w * STILL) * dt / (w * 1e-3)
+    lost = contact.dissipation(mu, lam, v_s, V_EPS, ROUND * w)
+    return KAPPA * (lost - ROUND * w * V_EPS) * dt / (w * 1e-3)

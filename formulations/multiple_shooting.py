@@ -7,7 +7,7 @@ r"""eq:loss_const by multiple shooting: every pose an unknown, every step a cons
 What the fingers felt and what was known is that of violation_implicit.py.  Contact is
 whatever f computes: fingers push where they are, also where they felt nothing, so that
 no sample may be left out and no still span shares a pose (REDUCTIONS); noise of finger
-positions enters f as it is.  f is rounded over `still`; the levels sharpen it.
+positions enters f as it is.  f is rounded over `v_eps`; the levels sharpen it.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ import casadi as ca
 
 from .friction import friction
 from .level import Level
-from .rigid_body import momentum_change
-from .time_stepping import STILL, G, Sliding
+from .rigid_body import G, momentum_change, uniform
+from .time_stepping import V_EPS, Sliding
 from .violation_implicit import felt
 
 # What these equations insist on, whatever the options say.
 REDUCTIONS = {"planar": True, "still": False, "far": False, "absent": False}
 LEVELS = (
-    Level("soft", {"still": 20e-3, "touch scale": 2e-3, "normal scale": 0.2}),
-    Level("sharp", barrier=1e-3),
+    Level("soft", {"speed rounding": 20e-3, "touch scale": 2e-3, "normal scale": 0.2}),
+    Level("sharp", ipopt={"mu_init": 1e-3}),
 )
 
 
@@ -34,7 +34,7 @@ def build(nlp, window, scene, shape):
     body = Sliding(shape, window.finger, scene.mass, scene.gravity)
     mu = friction(nlp, "finger friction", scene.friction_finger)
     mu_g = friction(nlp, "ground friction", scene.friction_ground)
-    still = nlp.parameter("still", STILL, "m/s")
+    v_eps = nlp.parameter("speed rounding", V_EPS, "m/s")
     step, push = window.step, window.push
 
     def given_way(*step):
@@ -44,28 +44,29 @@ def build(nlp, window, scene, shape):
         s, fingers = g.steps, []
         for j in g.pushes.T:
             fingers += [push.p_wf[j], push.p_wf_1[j], push.radius[j]]
-        name, end = f"motion, {count} fingers", x[:, step.knot[s]]
+        name, end = f"motion, {count} fingers", x[:, step.pose[s]]
         begun = (
             theta, x[:, step.before[s]], x[:, step.before_2[s]], step.dt[s], mu, mu_g,
-            still, *fingers,
+            v_eps, *fingers,
         )  # fmt: skip
         nlp.follow(name, body.step, *begun, gives=end)
         nlp.report(f"{name}, gives", given_way, end, *begun)
 
-    def pushed(theta, x, x_1, dt, mu, still, p_wf, p_wf_1, rho):
+    def pushed(theta, x, x_1, dt, mu, v_eps, p_wf, p_wf_1, rho):
         w = scene.mass * G * dt
-        return body.push(theta, x, x_1, dt, w, mu, still, p_wf, p_wf_1, rho)[1]
+        return body.push(theta, x, x_1, dt, w, mu, v_eps, p_wf, p_wf_1, rho)[1]
 
     def whole(theta, x, x_1, x_2, dt):
-        linear, _ = momentum_change(shape, window.motion, theta, x, x_1, x_2, dt)
+        poses = [window.motion.pose(shape, theta, c) for c in (x, x_1, x_2)]
+        linear, _ = momentum_change(uniform(shape, theta, scene.mass), poses, dt)
         return scene.mass * (linear + ca.vertcat(0, 0, scene.gravity * dt))
 
     s = push.step
     nlp.report(
-        "finger impulse", pushed, theta, x[:, step.knot[s]], x[:, step.before[s]],
-        step.dt[s], mu, still, push.p_wf, push.p_wf_1, push.radius,
+        "finger impulse", pushed, theta, x[:, step.pose[s]], x[:, step.before[s]],
+        step.dt[s], mu, v_eps, push.p_wf, push.p_wf_1, push.radius,
     )  # fmt: skip
     nlp.report(
-        "impulse", whole, theta, x[:, step.knot], x[:, step.before],
+        "impulse", whole, theta, x[:, step.pose], x[:, step.before],
         x[:, step.before_2], step.dt,
     )  # fmt: skip

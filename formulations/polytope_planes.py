@@ -1,12 +1,12 @@
 r"""Poses and observed supporting planes: where a convex body of unknown shape went.
 
     min  sum_touch  -log( exp(-touch(n_i . R'(r - p) - rho - b_i)
-                              - |R n_i - n_m|^2 / 2 sigma_n^2) + exp(-ceiling) )
+                              - |R n_i - n_m|^2 / 2 sigma_n^2) + exp(-outlier_cost) )
        + sum_links  (|n_i - n_j|^2 / 2 sigma^2 + (b_i - b_j)^2 / 2 sigma_b^2), robust
        + sum_pairs  max(n_j . c_i - b_j, 0)^2 / (2 sigma^2), robust         (behind)
        + sum_free   max(rho - |R'(r - p) - c_i|, 0)^2 / (2 sigma^2), robust (outside)
        + least motion, between actions                          (see quasi_static.py)
-       + sum_slips  weight (sqrt(|c_i - c_j|^2 + still^2) - still)
+       + sum_slips  weight (sqrt(|c_i - c_j|^2 + WAY_EPS^2) - WAY_EPS)
     over x_k, n_i, b_i
 
 Nothing is assumed of the shape but that it is convex: a touch says that the body lies
@@ -22,7 +22,7 @@ import casadi as ca
 
 from . import sensing
 from .level import Level
-from .quasi_static import HEAVY, STILL, between_actions, least_motion
+from .quasi_static import HEAVY, WAY_EPS, between_actions, least_motion
 
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
@@ -30,7 +30,7 @@ LEVELS = (
         "coarse",
         {"touch scale": 1e-3, "normal scale": 0.2, "gap scale": 2e-3, "behind": 1e-3},
     ),
-    Level("fine", barrier=1e-3),
+    Level("fine", ipopt={"mu_init": 1e-3}),
 )
 
 TOUCH = 0.2e-3  # [m] deviation of a contact point from its plane
@@ -49,7 +49,7 @@ def build(nlp, window, scene, shape):
     motion, t, pair, out = window.motion, window.touch, window.behind, window.outside
     sigma_p, sigma_n = window.sigma_position, window.sigma_normal
     x = nlp.variable(
-        "x", motion.unknowns, window.knots, lower=window.lower, upper=window.upper,
+        "x", motion.unknowns, window.poses, lower=window.lower, upper=window.upper,
         guess=0.0, unit=motion.unit, scale=motion.scale,
     )  # fmt: skip
     plane = nlp.variable(
@@ -68,7 +68,7 @@ def build(nlp, window, scene, shape):
         n = outward(plane)
         phi = ca.dot(n, R.T @ (p_wf - p)) - rho - plane[3]
         cost = sensing.touch(phi, sigma) + sensing.normal(R @ n, n_m, sigma_n)
-        return sensing.mixture(cost, window.ceiling)
+        return sensing.mixture(cost, window.outlier_cost)
 
     def contact(x, plane, p_wf, rho):
         p, R = pose(x)
@@ -89,27 +89,27 @@ def build(nlp, window, scene, shape):
 
     def slipped(x, x_1, plane, plane_1, p_wf, rho, p_wf_1):
         c, c_1 = contact(x, plane, p_wf, rho), contact(x_1, plane_1, p_wf_1, rho)
-        return SLIP * (ca.sqrt(ca.sumsqr(c - c_1) + STILL**2) - STILL)
+        return SLIP * (ca.sqrt(ca.sumsqr(c - c_1) + WAY_EPS**2) - WAY_EPS)
 
     i, s = window.plane, pair.touch
     nlp.minimize(
-        "touch", touching, x[:, t.knot], plane[:, i], t.p_wf, t.radius, t.normal,
+        "touch", touching, x[:, t.pose], plane[:, i], t.p_wf, t.radius, t.normal,
         touch, normal, role="likelihood",
     )  # fmt: skip
     link, link_1 = window.link.T
     nlp.minimize("one face", linked, plane[:, link], plane[:, link_1], role="prior")
     nlp.minimize(
-        "behind", before, x[:, t.knot[s]], plane[:, i[s]], plane[:, pair.plane],
+        "behind", before, x[:, t.pose[s]], plane[:, i[s]], plane[:, pair.plane],
         t.p_wf[s], t.radius[s], behind, role="likelihood",
     )  # fmt: skip
     s = out.touch
     nlp.minimize(
-        "outside", inside, x[:, t.knot[s]], plane[:, i[s]], x[:, out.knot], t.p_wf[s],
+        "outside", inside, x[:, t.pose[s]], plane[:, i[s]], x[:, out.pose], t.p_wf[s],
         t.radius[s], out.p_wf, out.radius, behind, role="likelihood",
     )  # fmt: skip
     s, s_1 = window.slip.T
     nlp.minimize(
-        "slip", slipped, x[:, t.knot[s]], x[:, t.knot[s_1]], plane[:, i[s]],
+        "slip", slipped, x[:, t.pose[s]], x[:, t.pose[s_1]], plane[:, i[s]],
         plane[:, i[s_1]], t.p_wf[s], t.radius[s], t.p_wf[s_1], role="regulariser",
     )  # fmt: skip
     least_motion(nlp, window, shape, 0.0, x)

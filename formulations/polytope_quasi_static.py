@@ -28,7 +28,7 @@ from .level import Level
 REDUCTIONS = {"planar": True}  # nothing here would keep a body on the ground
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
-    Level("coarse", {"touch scale": 1e-3, "normal scale": 0.2}, iterations=40),
+    Level("coarse", {"touch scale": 1e-3, "normal scale": 0.2}, ipopt={"max_iter": 40}),
     Level("fine", {"touch scale": 0.3e-3, "normal scale": 0.05}),
 )
 
@@ -84,7 +84,7 @@ def sense(nlp, window, shape, touch=TOUCH, normal=NORMAL, depth=0.0, known=ball)
         guess=window.start.T, unit="m", scale=1e-3,
     )  # fmt: skip
     x = nlp.variable(
-        "x", motion.unknowns, window.knots, lower=window.lower, upper=window.upper,
+        "x", motion.unknowns, window.poses, lower=window.lower, upper=window.upper,
         guess=0.0, unit=motion.unit, scale=motion.scale,
     )  # fmt: skip
     near = theta[:, window.near_touch], theta[:, window.near_free]

@@ -22,18 +22,20 @@ become invisible, inside the hull, are moved onto it, and the solve goes on.
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 
 import casadi as ca
 
-from . import finger_contact, ground_contact
+from . import balance, finger_contact, ground_contact
+from .balance import Balance
+from .finger_contact import FingerContact
 from .friction import cone
+from .ground_contact import GroundContact
 from .level import Level
 from .polytope import inertia_about, whole_moments
 from .polytope_quasi_static import sense
-from .rigid_body import momentum_change
-from .violation_implicit import ARM, WEIGHTS, G, contacts, felt
+from .rigid_body import Body, G, momentum_change
+from .violation_implicit import WEIGHTS, felt, impulses_of
 
 EXTENDS = True  # an estimate is extended by one action: polytope_extension.py
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
@@ -46,12 +48,11 @@ LEVELS = (
             "kappa": 2.0,
             "balance sigma": 0.3,
             "cone rounding": 0.01,
-            "still": 6e-3,
+            "speed rounding": 6e-3,
         },
-        barrier=1e-1,
-        iterations=20,
+        ipopt={"mu_init": 1e-1, "max_iter": 20},
     ),
-    Level("joint", barrier=1e-2, anew=True),
+    Level("joint", rebuild=True, ipopt={"mu_init": 1e-2}),
 )
 MOMENTS = ca.DM([1e-6] + 3 * [1e-8] + 6 * [1e-10])  # [m^3, m^4, m^5] scale of each
 
@@ -65,17 +66,19 @@ def build(nlp, window, scene, shape, sense=sense):
     for name, (value, unit) in WEIGHTS.items():
         nlp.parameter(name, value, unit)
     w = scene.mass * G * window.step.dt  # (steps,) [N s]
-    (fingers, lam, mu, w_f), (ground, lam_g, mu_g, w_g) = contacts(
-        nlp, window, scene, shape, w, window.share
-    )
-    pushed, leg = theta[:, window.near_push], theta[:, window.leg]
+    pushes, corners = impulses_of(nlp, window, scene, shape, w, window.weight_share)
+    pushes = replace(pushes, theta=theta[:, window.near_push])
+    corners = replace(corners, theta=theta[:, window.leg])
     body = mass(nlp, window, theta)
-    balance(nlp, window, scene, fingers, ground, body, pushed, leg, x, lam, lam_g, w)
-    finger_contact.add(nlp, window, fingers, pushed, x, lam, mu, w_f)
+    fingers = FingerContact(shape, window.motion, window.finger)
+    ground = GroundContact(shape, window.motion)
+    law = HullBalance(fingers, ground, scene.gravity, mass=scene.mass)
+    balance.add(nlp, window, law, body, x, w, pushes, corners)
+    finger_contact.add(nlp, window, fingers, theta, x, pushes)
     resting = theta[:, window.resting]
-    ground_contact.add(nlp, window, ground, leg, x, lam_g, mu_g, w_g, resting)
-    cone(nlp, "finger", lam, mu, w_f)
-    cone(nlp, "ground", lam_g, mu_g, w_g)
+    ground_contact.add(nlp, window, ground, theta, x, corners, resting)
+    cone(nlp, "finger", pushes)
+    cone(nlp, "ground", corners)
 
 
 def mass(nlp, window, theta):
@@ -97,52 +100,26 @@ def mass(nlp, window, theta):
     return body
 
 
-def balance(nlp, window, scene, fingers, ground, body, pushed, leg, x, lam, lam_g, w):
-    """Add x_{t+1} = f(x_t, lam, r_t) of every step, by number of pushing fingers.
+@dataclass(frozen=True, eq=False)
+class HullBalance(Balance):
+    """The balance of a hull: its body (10,) is an unknown of its own."""
 
-    |momentum change less impulses|^2 / (2 sigma^2), in weights w over the step; pushed,
-    leg: the vertices that each finger and each ground contact sees.
-    """
-    step, push, corner = window.step, window.push, window.corner
-    sigma, pose = nlp.parameters["balance sigma"], window.motion.pose
+    mass: float = 0.0
 
-    def about_centroid(shape, body, x):
-        p_wo, R_wo = pose(shape, body, x)
-        return p_wo + R_wo @ body[1:4], R_wo
-
-    motion = replace(window.motion, pose=about_centroid)
-    uniform = replace(fingers.shape, inertia=inertia)
-
-    def imbalance(corners, body, x, x_1, x_2, dt, w, sigma, *acts):
-        linear, angular = momentum_change(uniform, motion, body, x, x_1, x_2, dt)
-        force, moment = ca.vertcat(0, 0, scene.gravity * dt) + linear, angular
-        force, moment = scene.mass * force, scene.mass * moment
-        arm = pose(uniform, body, x)[1] @ body[1:4]
-        for i in range(0, 3 * corners, 3):
-            v, *rest = acts[i : i + 3]
-            impulse, turning = ground.wrench(v, x, *rest)
-            force, moment = force - impulse, moment - turning + ca.cross(arm, impulse)
-        for i in range(3 * corners, len(acts), 5):
-            V, *rest = acts[i : i + 5]
-            impulse, turning = fingers.wrench(V, x, *rest)
-            force, moment = force - impulse, moment - turning + ca.cross(arm, impulse)
-        return (ca.sumsqr(force) + ca.sumsqr(moment) / ARM**2) / (2 * (sigma * w) ** 2)
-
-    for count, g in window.groups.items():
-        s, acts = g.steps, []
-        for c in g.corners.T:
-            acts += [leg.pick(c), lam_g[:, c], corner.signs[c]]
-        for j in g.pushes.T:
-            acts += [
-                pushed.pick(j), lam[:, j], push.p_wf[j], push.radius[j], push.tangent[j]
-            ]  # fmt: skip
-        nlp.minimize(
-            f"balance, {count} pushing", partial(imbalance, g.corners.shape[1]), body,
-            x[:, step.knot[s]], x[:, step.before[s]], x[:, step.before_2[s]],
-            step.dt[s], w[s], sigma, *acts, role="physics",
-        )  # fmt: skip
-
-
-def inertia(body):
-    """Return the inertia (3, 3) [m^2] per unit mass about the centroid."""
-    return inertia_about(body[1:4], body[4:10])
+    def unbalanced(self, body, x, x_1, x_2, dt, w, contacts):
+        """Return force (3,) [N s] and moment (3,) [N s m], zero where balanced."""
+        known = Body(self.mass, body[1:4], inertia_about(body[1:4], body[4:10]))
+        motion = self.fingers.motion
+        poses = [motion.pose(self.fingers.shape, body, c) for c in (x, x_1, x_2)]
+        linear, angular = momentum_change(known, poses, dt)
+        force, moment = ca.vertcat(0, 0, self.gravity * dt) + linear, angular
+        force, moment = self.mass * force, self.mass * moment
+        p_wo, R_wo = poses[0]
+        arm = R_wo @ known.centroid
+        for c in self.named(body, x, contacts):
+            turning = ca.cross(c.point - p_wo, c.impulse)
+            force, moment = (
+                force - c.impulse,
+                moment - turning + ca.cross(arm, c.impulse),
+            )
+        return force, moment

@@ -1,10 +1,10 @@
 r"""Poses and shape with minimal motion, no impulses: the cheap first stage.
 
-    min  sum_touch  -log( exp(-touch(phi) - |n - n_m|^2 / 2 sigma_n^2) + exp(-ceiling) )
-       + sum_free   -log( exp(-log(1 + exp(-alpha phi)))               + exp(-ceiling) )
+    min  sum_touch  -log( exp(-touch(phi) - |n - n_m|^2 / 2 sigma_n^2) + exp(-c_o) )
+       + sum_free   -log( exp(-log(1 + exp(-alpha phi)))               + exp(-c_o) )
        + sum_gaps   2 log(1 + way^2 / gap^2)                (between actions)
        + sum_sizes  2 log(1 + (theta - mean)^2 / (2 deviation)^2)      (size prior)
-       + sum_steps  weight (sqrt(way^2 + still^2) - still)  (least motion)
+       + sum_steps  weight (sqrt(way^2 + WAY_EPS^2) - WAY_EPS)  (least motion)
     over theta, x_k
 
 The first four are what was felt and what was known: every page has them (`sense`).  The
@@ -26,6 +26,7 @@ import casadi as ca
 from . import sensing
 from .finger_offset import displaced
 from .level import Level
+from .rigid_body import ARM
 
 OFFSETS = True  # of fingers may be unknown
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
@@ -49,8 +50,7 @@ ALPHA = 1500.0  # [1/m] steepness of eq:bool
 GAP = 0.5e-3  # [m] way of the object between actions
 CAUCHY = 2  # power of its density in x, y and yaw
 HEAVY = 1  # of a hull's, whose shape follows a wrong path: a heavier tail lets it leave
-ARM = 20e-3  # [m] one radian of turn counts as this much way
-STILL = 0.3e-3  # [m] below this, motion is quadratic
+WAY_EPS = 0.3e-3  # [m] below this, motion is quadratic
 WEIGHT = 300.0  # [nats / m] price of motion
 
 
@@ -94,26 +94,26 @@ def likelihood(nlp, window, shape, theta, x, touch, normal, depth):
     normal_scale = nlp.parameter("normal scale", ca.hypot(normal, sigma_n), "rad")
     alpha = nlp.parameter("alpha", 1 / ca.hypot(1 / ALPHA, sigma_p / 1.7), "1/m")
 
-    def touching(theta, x, depth, p_wf, rho, n_m, parted, sigma, sigma_n):
+    def touching(theta, x, depth, p_wf, rho, n_m, latency, sigma, sigma_n):
         pose = motion.pose(shape, theta, x)
         phi = finger.gap(shape, theta, pose, p_wf, rho) + depth
         n = finger.felt(finger.normal(shape, theta, pose, p_wf, rho), p_wf)
-        off, turned = ca.hypot(sigma, parted), ca.hypot(sigma_n, parted / rho)
+        off, turned = ca.hypot(sigma, latency), ca.hypot(sigma_n, latency / rho)
         cost = sensing.touch(phi, off) + sensing.normal(n, n_m, turned)
-        return sensing.mixture(cost, window.ceiling)
+        return sensing.mixture(cost, window.outlier_cost)
 
     def free(theta, x, p_wf, rho, alpha):
         pose = motion.pose(shape, theta, x)
         phi = finger.gap(shape, theta, pose, p_wf, rho)
-        return sensing.mixture(sensing.free(phi, alpha), window.ceiling)
+        return sensing.mixture(sensing.free(phi, alpha), window.outlier_cost)
 
     t, f = window.touch, window.free
     nlp.minimize(
-        "touch", touching, theta[0], x[:, t.knot], depth, t.p_wf, t.radius, t.normal,
-        t.parted, touch_scale, normal_scale, role="likelihood",
+        "touch", touching, theta[0], x[:, t.pose], depth, t.p_wf, t.radius, t.normal,
+        t.latency, touch_scale, normal_scale, role="likelihood",
     )  # fmt: skip
     nlp.minimize(
-        "free", free, theta[1], x[:, f.knot], f.p_wf, f.radius, alpha,
+        "free", free, theta[1], x[:, f.pose], f.p_wf, f.radius, alpha,
         role="likelihood",
     )  # fmt: skip
 
@@ -127,7 +127,7 @@ def between_actions(nlp, window, shape, theta, x, power=CAUCHY):
         return power * ca.log(1 + way_squared(motion, shape, theta, x, x_1) / gap**2)
 
     nlp.minimize(
-        "between actions", jumped, theta, x[:, g.knot], x[:, g.before], gap_scale,
+        "between actions", jumped, theta, x[:, g.pose], x[:, g.before], gap_scale,
         role="prior",
     )  # fmt: skip
 
@@ -150,7 +150,7 @@ def coasting(nlp, window, shape, theta, x):
         return CAUCHY * ca.log(1 + way) + 1.5 * ca.log(width_squared / gap**2)
 
     nlp.minimize(
-        "between actions", jumped, theta, x[:, g.knot], x[:, g.before],
+        "between actions", jumped, theta, x[:, g.pose], x[:, g.before],
         x[:, g.before_2], g.dt, gap_scale, braking, role="prior",
     )  # fmt: skip
 
@@ -162,23 +162,23 @@ def least_motion(nlp, window, shape, theta, x):
 
     def moved(theta, x, x_1, weight):
         way = way_squared(window.motion, shape, theta, x, x_1)
-        return weight * (ca.sqrt(way + STILL**2) - STILL)
+        return weight * (ca.sqrt(way + WAY_EPS**2) - WAY_EPS)
 
     nlp.minimize(
-        "least motion", moved, theta, x[:, step.knot], x[:, step.before], weight,
+        "least motion", moved, theta, x[:, step.pose], x[:, step.before], weight,
         role="regulariser",
     )  # fmt: skip
 
 
 def declare(nlp, window, shape):
-    """Declare shape and poses: theta (n,) [m], x (unknowns, knots)."""
+    """Declare shape and poses: theta (n,) [m], x (unknowns, poses)."""
     motion, (low, high) = window.motion, shape.bounds
     theta = nlp.variable(
         "theta", shape.theta, lower=low, upper=high, guess=shape.size_prior[0],
         unit="m", scale=1e-3,
     )  # fmt: skip
     x = nlp.variable(
-        "x", motion.unknowns, window.knots, guess=0.0, unit=motion.unit,
+        "x", motion.unknowns, window.poses, guess=0.0, unit=motion.unit,
         scale=motion.scale,
     )  # fmt: skip
     return theta, x

@@ -1,12 +1,13 @@
-r"""Pose kinematics, and the balance of impulse and momentum over one time step.
+r"""Pose kinematics of a rigid body, and its change of momentum over one time step.
 
     v_k = (p_k - p_{k-1}) / dt           w_k = vee log(R_k R_{k-1}') / dt
-    m (v_k - v_{k-1})     = sum of impulses + m g dt                    (linear)
-    R I R' w_k - R I R' w_{k-1} = sum of r x impulse about the centroid (angular)
+    linear  = v_k - v_{k-1}                                     per unit mass
+    angular = R I R' w_k - R_1 I R_1' w_{k-1}                   about the centroid
 
 A motion maps its unknowns x to the pose (p_wo, R_wo).  PLANAR slides flat on the
 ground, x = (x, y, yaw), the height follows from the shape; FREE is a whole rigid
 motion, x = (p_wo, rotation vector), whose chart is regular for turns below 2 pi.
+The balance of impulse and momentum is in balance.py.
 """
 
 from __future__ import annotations
@@ -16,13 +17,16 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+G = 9.81  # [m/s^2] makes a weight of a mass, also where nothing falls
+ARM = 20e-3  # [m] length of the body: turns a moment into a force, a radian into a way
+
 
 @dataclass(frozen=True)
 class Motion:
     """How many unknowns a pose has, and what pose they mean.
 
     pose(shape, theta, x) -> p_wo (3,) [m], R_wo (3, 3).  scale: typical change of each
-    unknown; units: their names.
+    unknown; unit: their units.
     """
 
     name: str
@@ -30,6 +34,23 @@ class Motion:
     scale: tuple[float, ...]
     unit: str
     pose: Callable
+
+
+@dataclass(frozen=True)
+class Body:
+    """Mass [kg], centroid (3,) [m] in the body frame, and inertia about the centroid.
+
+    inertia: (3, 3) [m^2] per unit mass.
+    """
+
+    mass: object
+    centroid: object
+    inertia: object
+
+
+def uniform(shape, theta, mass):
+    """Return the Body of a shape whose origin is its centroid."""
+    return Body(mass, ca.DM.zeros(3), shape.inertia(theta))
 
 
 def planar_pose(shape, theta, x):
@@ -70,16 +91,16 @@ def turn(R_to, R_from):
     return s * (1 + square / 6 + 3 * square * square / 40)
 
 
-def momentum_change(shape, motion, theta, x, x_1, x_2, dt):
+def momentum_change(body, poses, dt):
     """Return the change of linear and angular momentum per unit mass over one step.
 
-    x, x_1, x_2: pose now, one and two samples ago; a body at rest has x_1 = x_2.
-    Returns (3,) [m/s] and (3,) [m^2/s], the latter about the centroid, world frame.
+    poses: (p_wo, R_wo) of the body's origin now, one and two samples ago; a body at
+    rest has equal ones.  Returns (3,) [m/s] and (3,) [m^2/s], the latter about the
+    centroid, world frame.
     """
-    (p, R), (p_1, R_1), (p_2, R_2) = (
-        motion.pose(shape, theta, c) for c in (x, x_1, x_2)
-    )
+    (p, R), (p_1, R_1), (p_2, R_2) = ((p + R @ body.centroid, R) for p, R in poses)
     linear = (p - 2 * p_1 + p_2) / dt
-    inertia = shape.inertia(theta)
-    angular = R @ inertia @ R.T @ turn(R, R_1) - R_1 @ inertia @ R_1.T @ turn(R_1, R_2)
+    angular = R @ body.inertia @ R.T @ turn(R, R_1) - R_1 @ body.inertia @ R_1.T @ turn(
+        R_1, R_2
+    )
     return linear, angular / dt

@@ -7,7 +7,8 @@ touch     pseudo-Huber((phi) / sigma)                   a sample with contact
 Departure from eq:bool for c = 1: the logistic is satisfied by any penetration, but a
 finger that is felt is *on* the surface.  The touch cost is two-sided, quadratic within
 two sigma and linear beyond.  A fraction of the booleans is wrong; `mixture` bounds what
-a single sample can cost: -log((exp(-cost) + exp(-ceiling)) / (1 + exp(-ceiling))).
+a single sample can cost: -log((exp(-cost) + exp(-c_o)) / (1 + exp(-c_o))), where c_o is
+the outlier cost.
 """
 
 from __future__ import annotations
@@ -49,12 +50,12 @@ def heavy_tailed(z):
     return 2 * ca.log1p(z**2 / 4)
 
 
-def mixture(cost, ceiling):
-    """Return -log((exp(-cost) + exp(-ceiling)) / (1 + exp(-ceiling))).
+def mixture(cost, outlier_cost):
+    """Return -log((exp(-cost) + exp(-outlier_cost)) / (1 + exp(-outlier_cost))).
 
-    Zero where the cost is zero; a wrong sample costs little more than `ceiling`.
+    Zero where the cost is zero; a wrong sample costs little more than `outlier_cost`.
     """
-    return ceiling - softplus(ceiling - cost) + softplus(-ceiling)
+    return outlier_cost - softplus(outlier_cost - cost) + softplus(-outlier_cost)
 
 
 def normal_within(n, n_m, information):

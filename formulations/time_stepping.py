@@ -6,7 +6,7 @@ and arms are those of its end.  With w = m g dt and the unknown x = x_{t+1}
     momentum_change(x, x_1, x_2) = sum of finger impulses + friction of the ground
 
 in x, y and yaw.  Complementarity and Coulomb's law are steps; both are rounded over
-one speed, `still` s [m/s]:
+one speed, `v_eps` s [m/s]:
 
     lam_n = w S(-phi / (s dt))              0 <= lam_n  _|_  phi >= 0      as s -> 0
     lam_t = -mu lam_n v_s / sqrt(|v_s|^2 + s^2)                  maximum dissipation
@@ -34,20 +34,18 @@ from dataclasses import dataclass
 import casadi as ca
 
 from .finger import Finger, frozen
-from .rigid_body import PLANAR, momentum_change
+from .rigid_body import ARM, PLANAR, G, momentum_change, uniform
 from .shape import Shape, positive_part
 
-STILL = 2e-3  # [m/s] rounds contact and friction: 0.07 mm in a step of 1/30 s
+V_EPS = 2e-3  # [m/s] rounds contact and friction: 0.07 mm in a step of 1/30 s
 ROUND = 0.1  # [weights] rounds the normal impulse where the gap closes
 
 NONE = 0.01  # [weights] rounds the load of a corner that would have to pull
-ARM = 20e-3  # [m] one radian of turn counts as this much way
 LONGEST = 5e-3  # [m] of a Newton step
 ROUGH = 64e-3  # [m/s] the speed s at which Newton's steps begin
 EASING, LAST = 8, 5  # Newton steps while s falls, and at its value
 DAMPING = (1.0, 0.5, 0.25, 0.1)  # of a Newton step: the one that leaves least is taken
 GRAIN = 2.0**-50  # [m, rad] of a pose, [weights/m] of a slope, that are constants
-G = 9.81  # [m/s^2] makes a weight of a mass
 
 
 @dataclass(frozen=True)
@@ -63,10 +61,10 @@ class Sliding:
     mass: float
     gravity: float
 
-    def step(self, theta, x_1, x_2, dt, mu, mu_g, still, *fingers):
+    def step(self, theta, x_1, x_2, dt, mu, mu_g, v_eps, *fingers):
         """Return the pose (3,) after a step dt [s] from x_1, before which it was x_2.
 
-        mu, mu_g: friction of the fingers, of the ground; still [m/s]; fingers: of each
+        mu, mu_g: friction of the fingers, of the ground; v_eps [m/s]; fingers: of each
         p_wf, p_wf_1, rho, one after another: where it is at the end and at the begin of
         the step [m], its radius [m].  From rest, x_2 = x_1.
         """
@@ -74,22 +72,22 @@ class Sliding:
         balance, slope, damped = self._functions([ca.SX(a).numel() for a in given])
         x = x_1
         for k in range(EASING + LAST):
-            s = still * ca.fmax(1, ROUGH / still) ** max(0.0, 1 - k / EASING)
+            s = v_eps * ca.fmax(1, ROUGH / v_eps) ** max(0.0, 1 - k / EASING)
             x = damped(x, s, *given)
         x = frozen(x, GRAIN)
-        A = frozen(slope(x, still, *given), GRAIN)
+        A = frozen(slope(x, v_eps, *given), GRAIN)
         for _ in range(2):
-            x -= ca.inv_minor(A) @ balance(x, still, *given)
+            x -= ca.inv_minor(A) @ balance(x, v_eps, *given)
         return x
 
-    def gives(self, x, theta, x_1, x_2, dt, mu, mu_g, still, *fingers):
+    def gives(self, x, theta, x_1, x_2, dt, mu, mu_g, v_eps, *fingers):
         """Return by how much the end x (3,) of a step gives way to an impulse (3, 3).
 
         For one weight in x, in y, and about yaw at ARM: the inverse slope of F.
         """
         given = theta, x_1, x_2, dt, mu, mu_g, *fingers
         slope = self._functions([ca.SX(a).numel() for a in given])[1]
-        return ca.inv_minor(slope(x, still, *given))
+        return ca.inv_minor(slope(x, v_eps, *given))
 
     def _functions(self, sizes):
         """Return (x, s, *given) -> F (3,); -> dF/dx (3, 3); -> x a Newton step further.
@@ -115,7 +113,9 @@ class Sliding:
     def imbalance(self, x, s, theta, x_1, x_2, dt, mu, mu_g, *fingers):
         """Return change of momentum less impulses in x, y, yaw (3,) [weights]."""
         w = self.mass * G * dt
-        linear, angular = momentum_change(self.shape, PLANAR, theta, x, x_1, x_2, dt)
+        body, poses = uniform(self.shape, theta, self.mass), (x, x_1, x_2)
+        poses = [self.pose(theta, c) for c in poses]
+        linear, angular = momentum_change(body, poses, dt)
         force = self.mass * (linear + ca.vertcat(0, 0, self.gravity * dt))
         moment = self.mass * angular
         p = self.pose(theta, x)[0]
@@ -186,7 +186,7 @@ def best(candidates, residuals):
 def path(body, fingers, samples):
     """Return the Function from a pose at rest to the poses at all samples.
 
-    (x_0 (3,), theta, (dt, mu, mu_g, still) (4,), p_wf (fingers * numbers, samples) one
+    (x_0 (3,), theta, (dt, mu, mu_g, v_eps) (4,), p_wf (fingers * numbers, samples) one
     finger below another, rho (fingers,)) -> x (3, samples), of which the first is x_0.
     """
     x_0, theta = ca.MX.sym("x_0", PLANAR.unknowns), ca.MX.sym("theta", body.shape.theta)

@@ -35,26 +35,27 @@ from __future__ import annotations
 
 from functools import partial
 
-import casadi as ca
-
-from . import finger_contact, ground_contact, quasi_static
+from . import balance, finger_contact, ground_contact, quasi_static
+from .balance import Balance
 from .finger_contact import FingerContact
 from .finger_offset import displaced
-from .friction import cone, friction, impulses
+from .friction import Impulses, cone, friction, impulses
 from .ground_contact import GroundContact
 from .level import Level
-from .rigid_body import momentum_change
+from .rigid_body import G
 
 OFFSETS = True  # of fingers may be unknown
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
     Level(
         "impulses",
-        {"cone rounding": 0.01, "still": 6e-3},
+        {"cone rounding": 0.01, "speed rounding": 6e-3},
         fixed=("theta", "x"),
-        barrier=1e-1,
+        ipopt={"mu_init": 1e-1},
     ),
-    Level("joint", barrier=1e-3, warm=1e-5, iterations=400),
+    Level(
+        "joint", ipopt={"mu_init": 1e-3, "max_iter": 400}, warm_start={"mu_init": 1e-5}
+    ),
 )
 ROUGH = (  # from poses that are guessed, not solved: centimetres off where it tumbles
     LEVELS[0],
@@ -83,12 +84,13 @@ ROUGH = (  # from poses that are guessed, not solved: centimetres off where it t
 TOUCH = 0.15e-3  # [m] model error of a touched gap: soft contact, rounded edges
 DEPTH = 0.05e-3  # [m] compliance and radius error, the same for all touches
 NORMAL = 0.010  # [rad] model error of a normal, likewise
-ARM = 20e-3  # [m] turns a moment into a force
-G = 9.81  # [m/s^2] makes a weight of a mass, also where nothing falls
 COASTING = partial(quasi_static.sense, coasts=True)  # momentum tells how fast it is
 WEIGHTS = {  # parameters, each with its unit
     "kappa": (5.0, "nats/mm"),  # for an energy that lifts the object by 1 mm
-    "still": (3e-3, "m/s"),  # rounds the sliding speed: 0.1 mm in a step of 1/30 s
+    "speed rounding": (
+        3e-3,
+        "m/s",
+    ),  # rounds the sliding speed: 0.1 mm in a step of 1/30 s
     "balance sigma": (0.03, "weights"),  # deviation of an impulse from balance
     "cone rounding": (0.003, "weights"),  # rounds the apex of the friction cone
 }
@@ -98,21 +100,11 @@ def build(nlp, window, scene, shape):
     """Fill `nlp` with eq:vimp: what was felt, then the physics of every step."""
     window = displaced(nlp, window, scene)
     theta, x = felt(nlp, window, shape)
-    for name, (value, unit) in WEIGHTS.items():
-        nlp.parameter(name, value, unit)
-    w = scene.mass * G * window.step.dt  # (steps,) [N s]
-    (fingers, lam, mu, w_f), (ground, lam_g, mu_g, w_g) = contacts(
-        nlp, window, scene, shape, w
-    )
-    balance(nlp, window, scene, fingers, ground, theta, x, lam, lam_g, w)
-    finger_contact.add(nlp, window, fingers, theta, x, lam, mu, w_f)
-    ground_contact.add(nlp, window, ground, theta, x, lam_g, mu_g, w_g)
-    cone(nlp, "finger", lam, mu, w_f)
-    cone(nlp, "ground", lam_g, mu_g, w_g)
+    physics(nlp, window, scene, shape, theta, x)
 
 
 def felt(nlp, window, shape, sense=COASTING):
-    """Declare theta and x; add what was felt, by fingers that sink in a little."""
+    """Declare theta and x; add what was felt, with the common depth of felt fingers."""
     depth = nlp.variable("depth", 1, guess=0.0, unit="m", scale=DEPTH)
     theta, x = sense(nlp, window, shape, TOUCH, NORMAL, depth)
     nlp.minimize(
@@ -121,12 +113,27 @@ def felt(nlp, window, shape, sense=COASTING):
     return theta, x
 
 
-def contacts(nlp, window, scene, shape, w, share=None):
-    """Declare impulses and friction of fingers and ground; w: weights of the steps.
+def physics(nlp, window, scene, shape, theta, x):
+    """Declare impulses and friction; add the balance of every step, and g."""
+    for name, (value, unit) in WEIGHTS.items():
+        nlp.parameter(name, value, unit)
+    w = scene.mass * G * window.step.dt  # (steps,) [N s]
+    pushes, corners = impulses_of(nlp, window, scene, shape, w)
+    fingers = FingerContact(shape, window.motion, window.finger)
+    ground = GroundContact(shape, window.motion)
+    law = Balance(fingers, ground, scene.gravity)
+    balance.add(nlp, window, law, theta, x, w, pushes, corners)
+    finger_contact.add(nlp, window, fingers, theta, x, pushes)
+    ground_contact.add(nlp, window, ground, theta, x, corners)
+    cone(nlp, "finger", pushes)
+    cone(nlp, "ground", corners)
 
-    share: of the weight, that each ground contact carries at first; by default all
-    corners carry the same.  Returns functions, impulses, coefficient and weights [N s]
-    of each.
+
+def impulses_of(nlp, window, scene, shape, w, share=None):
+    """Declare impulses and friction of fingers and of the ground (friction.Impulses).
+
+    w: weights of the steps; share: of the weight, that each ground contact carries at
+    the start; by default all corners carry the same.
     """
     w_f, w_g = w[window.push.step], w[window.corner.step]
     size = w.mean() if len(w) else scene.mass * G
@@ -136,55 +143,4 @@ def contacts(nlp, window, scene, shape, w, share=None):
     lam_g = impulses(nlp, "ground", w_g, size, w_g * share, frictionless=slips)
     mu = friction(nlp, "finger friction", scene.friction_finger)
     mu_g = friction(nlp, "ground friction", scene.friction_ground if len(w_g) else 0)
-    fingers = FingerContact(shape, window.motion, window.finger)
-    ground = GroundContact(shape, window.motion)
-    return (fingers, lam, mu, w_f), (ground, lam_g, mu_g, w_g)
-
-
-def balance(nlp, window, scene, fingers, ground, theta, x, lam, lam_g, w):
-    """Add x_{t+1} = f(x_t, lam, r_t) of every step, by number of pushing fingers.
-
-    |momentum change less impulses|^2 / (2 sigma^2), in weights w over the step.
-    """
-    step, sigma = window.step, nlp.parameters["balance sigma"]
-
-    def imbalance(corners, theta, x, x_1, x_2, dt, w, sigma, *acts):
-        force, moment = unbalanced(
-            fingers, ground, scene.gravity, theta, x, x_1, x_2, dt, w, corners, acts
-        )
-        return (ca.sumsqr(force) + ca.sumsqr(moment) / ARM**2) / (2 * (sigma * w) ** 2)
-
-    for count, g in window.groups.items():
-        s = g.steps
-        nlp.minimize(
-            f"balance, {count} pushing", partial(imbalance, g.corners.shape[1]), theta,
-            x[:, step.knot[s]], x[:, step.before[s]], x[:, step.before_2[s]],
-            step.dt[s], w[s], sigma, *acting(window, g, lam, lam_g), role="physics",
-        )  # fmt: skip
-
-
-def acting(window, group, lam, lam_g):
-    """Return what `unbalanced` takes of every corner, then of every push of a group."""
-    push, corner, acts = window.push, window.corner, []
-    for c in group.corners.T:
-        acts += [lam_g[:, c], corner.signs[c]]
-    for j in group.pushes.T:
-        acts += [lam[:, j], push.p_wf[j], push.radius[j], push.tangent[j]]
-    return acts
-
-
-def unbalanced(fingers, ground, gravity, theta, x, x_1, x_2, dt, w, corners, acts):
-    """Return momentum change less impulses over a step: force, moment [N s, N s m]."""
-    linear, angular = momentum_change(
-        fingers.shape, fingers.motion, theta, x, x_1, x_2, dt
-    )
-    mass = w / (G * dt)  # data, so that every mass shares this kind
-    force = mass * linear + ca.vertcat(0, 0, mass * gravity * dt)
-    moment = mass * angular
-    for i in range(0, 2 * corners, 2):
-        impulse, turning = ground.wrench(theta, x, *acts[i : i + 2])
-        force, moment = force - impulse, moment - turning
-    for i in range(2 * corners, len(acts), 4):
-        impulse, turning = fingers.wrench(theta, x, *acts[i : i + 4])
-        force, moment = force - impulse, moment - turning
-    return force, moment
+    return Impulses(lam, mu, w_f), Impulses(lam_g, mu_g, w_g)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tactilenlp.measurements import Measurements
+from tactilenlp.data.measurements import Measurements
 
 from .errors import ClockError, CompletenessError
 from .streams import FingerStreams, Stream, StreamReport

@@ -16,7 +16,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tactilenlp.plant import STEP, STIFFNESS, Plant
+from tactilenlp.simulation.mujoco_plant import STEP, STIFFNESS, Plant
 
 from .impedance import holding
 from .kinematics import INITIAL

@@ -15,7 +15,7 @@ import threading
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from tactilenlp.measurements import Measurements
+from tactilenlp.data.measurements import Measurements
 
 from .assemble import COMPLETE, RATE, assemble
 from .bench import TOUCH_STALE, Bench, FingerBench

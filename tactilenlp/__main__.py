@@ -8,9 +8,9 @@ import math
 import sys
 from pathlib import Path
 
+from .common.interrupt import interruptible
+from .common.npz import check_folder, format_of
 from .errors import FileError, Interrupted, TactileError
-from .filing import check_folder, format_of
-from .interrupt import interruptible
 
 EPILOG = """examples:
   python -m tactilenlp estimate scene.npz
@@ -160,7 +160,7 @@ def _known(given) -> dict[str, float]:
 def _explore(given):
     """Explore a simulated box from where the file left it; return the last estimate."""
     from . import Scene, explore
-    from .diary import taken_up
+    from .exploration.log import taken_up
 
     world = _world(given)
     centre, scene = world.pose[:3], Scene(**_known(given))

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from tactilenlp import Estimate, Scene, Workspace
-from tactilenlp.modes import single
+from tactilenlp.information.mixture import single
 
 SPACE = Workspace()
 NAMES = ("side x", "side y", "side z", "position x", "position y", "rotation z")

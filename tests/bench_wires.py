@@ -12,7 +12,7 @@ from hardware.motor_can import Pair, Quantity, encode
 from hardware.motor_joints import JointMap
 from hardware.streams import FingerStreams, Stream, touch_stream
 from hardware.touch import Touch
-from tactilenlp.measurements import Measurements
+from tactilenlp.data.measurements import Measurements
 
 NOON = 1.7e9  # [s], a time of day
 JOINTS = JointMap(zero=(0.02, -0.4, 1.1))

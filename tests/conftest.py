@@ -19,7 +19,7 @@ def squeezed(*body, **about):
 
     import numpy as np
 
-    from tactilenlp.simulate import World
+    from tactilenlp.simulation.world import World
 
     world = World(*body, **about, ground=None, gravity=0.0)
     left = [(-0.06, 0.008, 0.204), (0.0, 0.008, 0.204)]
@@ -32,7 +32,7 @@ def squeezed(*body, **about):
 @pytest.fixture(scope="module")
 def not_compiled():
     """Compile no kind for a few terms that is not compiled already."""
-    from tactilenlp import kind
+    from tactilenlp.nlp import term_functions as kind
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(kind, "_cache", {})
@@ -102,7 +102,7 @@ def truth(recorded, touched):
 @pytest.fixture
 def interpreted(monkeypatch):
     """Derive every kind anew, evaluate it by the virtual machine, compile nothing."""
-    from tactilenlp import kind
+    from tactilenlp.nlp import term_functions as kind
 
     monkeypatch.setattr(kind, "_cache", {})
     monkeypatch.setattr(kind, "kept", lambda names, origin: None)

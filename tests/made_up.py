@@ -3,7 +3,7 @@
 import casadi as ca
 import numpy as np
 
-from tactilenlp.nlp import Problem
+from tactilenlp.nlp.problem import Problem
 
 
 def swing(x, x_1, x_2, pull, stiffness, d):

@@ -7,9 +7,9 @@ from scipy.spatial.transform import Rotation
 
 from formulations.rigid_body import FREE
 from formulations.shape import CUBOID
-from tactilenlp.nlp import Problem
-from tactilenlp.precision import Precision
-from tactilenlp.reduce import Reductions, reduce
+from tactilenlp.data.sensor_noise import Precision
+from tactilenlp.nlp.problem import Problem
+from tactilenlp.problem.reductions import Reductions, reduce
 
 SENSORS = Precision(position=0.0, normal=0.0)
 

@@ -18,9 +18,9 @@ from formulations import (
 from formulations.polytope import polytope
 from formulations.shape import CUBOID
 from tactilenlp import Measurements, Options, Scene
-from tactilenlp.estimate import _job
-from tactilenlp.hypothesis import Hypothesis, Kinds
-from tactilenlp.solving import built_at
+from tactilenlp.estimation.solver import _job
+from tactilenlp.search.hypothesis import Hypothesis, Kinds
+from tactilenlp.search.local_solve import built_at
 
 pytestmark = pytest.mark.usefixtures("not_compiled")  # nothing is evaluated
 

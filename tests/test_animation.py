@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from tactilenlp.animation import animate
 from tactilenlp.errors import OptionError
+from tactilenlp.plotting.animation import animate
 
 
 @pytest.fixture(autouse=True)

@@ -19,7 +19,7 @@ def test_what_an_object_may_do_between_actions_is_a_density(touched):
     data, scene, truth = touched
     problem, window = programme(quasi_static, data, scene)
     values = true_values(problem, window, truth)
-    link = window.gap.knot[0]
+    link = window.gap.pose[0]
     r, price = np.geomspace(1e-6, 1.0, 200), []
     for way in r:  # [m] of x, y and a turn: spheres of 4 pi r^2
         x = values["x"].copy()
@@ -36,7 +36,7 @@ def test_an_object_that_still_slides_comes_to_rest_as_far_on_as_friction_lets_it
     data, scene, truth = touched
     problem, window = programme(violation_implicit, data, scene)
     gap, x = window.gap, true_values(problem, window, truth)["x"]
-    place, last, early = gap.knot[0], gap.before[0], gap.before_2[0]
+    place, last, early = gap.pose[0], gap.before[0], gap.before_2[0]
     assert early == last - 1
     speed, jump = 0.1, 4e-3  # [m/s], [m]
     coast = speed**2 / (2 * scene.friction_ground * scene.gravity)

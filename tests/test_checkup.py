@@ -7,7 +7,7 @@ import casadi as ca
 import pytest
 from made_up import merged
 
-from tactilenlp.nlp import Problem
+from tactilenlp.nlp.problem import Problem
 
 
 def test_a_description_names_sizes_units_terms_and_nonzeros():

@@ -5,10 +5,12 @@ import numpy as np
 import pytest
 
 from formulations.shape import CUBOID
-from tactilenlp import CrossEntropy, Workspace, choose_action, expected, predict
-from tactilenlp.approach import facing
-from tactilenlp.choose import SEARCHES, best_action
+from tactilenlp import CrossEntropy, Workspace, choose_action
 from tactilenlp.errors import OptionError
+from tactilenlp.exploration import expected_information as expected
+from tactilenlp.exploration import push_model as predict
+from tactilenlp.exploration.action_search import SEARCHES, best_action
+from tactilenlp.exploration.candidate_actions import facing
 
 SPACE = Workspace()
 PEAK = np.array([0.7, 0.3, -0.4, 0.9])  # [rad] of the bump below

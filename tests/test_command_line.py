@@ -88,7 +88,7 @@ def test_a_folder_that_is_not_there_is_said_before_minutes_are_spent(
     def solved(*given, **others):
         pytest.fail("it was solved first")
 
-    monkeypatch.setattr("tactilenlp.estimate.solve_estimate", solved)
+    monkeypatch.setattr("tactilenlp.estimation.solver.solve_estimate", solved)
     path = tmp_path / "nowhere" / "shape.stl"
     assert main(["estimate", str(RECORDED), option, str(path)]) == 2
     said = capsys.readouterr()

@@ -48,7 +48,7 @@ def test_a_touch_costs_quadratically_near_and_linearly_far():
     assert float(sensing.touch(-far, sigma)) == float(sensing.touch(far, sigma))
 
 
-def test_no_sample_costs_more_than_the_ceiling_and_none_more_than_alone():
+def test_no_sample_costs_more_than_the_outlier_cost_and_none_more_than_alone():
     for cost in (0.0, 0.5, 3.0, 7.0, 30.0, 1e6):
         bounded = float(sensing.mixture(cost, 7.0))
         most = 7.0 + np.log1p(np.exp(-7.0))

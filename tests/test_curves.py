@@ -10,14 +10,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from tactilenlp.curves import (
+from tactilenlp.errors import OptionError
+from tactilenlp.plotting.charts import (
     plot_cones,
     plot_costs,
     plot_errors,
     plot_impulses,
     plot_progress,
 )
-from tactilenlp.errors import OptionError
 
 MM = 1e3  # [mm / m]
 

@@ -5,21 +5,9 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from tactilenlp import (
-    Estimate,
-    Ground,
-    Measurements,
-    Options,
-    Scene,
-    solve_estimate,
-)
-from tactilenlp.errors import (
-    NoContactError,
-    NotConverged,
-    OptionError,
-    StartError,
-)
-from tactilenlp.metrics import cuboid_errors, surface_distance
+from tactilenlp import Estimate, Ground, Measurements, Options, Scene, solve_estimate
+from tactilenlp.errors import NoContactError, NotConverged, OptionError, StartError
+from tactilenlp.evaluation.metrics import cuboid_errors, surface_distance
 
 
 def test_side_lengths_touched_on_both_sides_are_right_to_a_fifth_of_a_millimetre(

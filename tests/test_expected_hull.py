@@ -19,7 +19,7 @@ from tactilenlp import (
     expected_information_gain,
     information_gain,
 )
-from tactilenlp.hull_beliefs import ball
+from tactilenlp.exploration.polytope_beliefs import ball
 
 SPACE = Workspace(fingers=1)
 SIDE = 0.03  # [m] of the cube

@@ -6,8 +6,9 @@ import pytest
 
 from formulations import exploration
 from formulations.shape import CUBOID
-from tactilenlp import Workspace, predict
+from tactilenlp import Workspace
 from tactilenlp.errors import OptionError
+from tactilenlp.exploration import push_model as predict
 
 SIZES = ca.DM([0.05, 0.04, 0.03])  # [m]
 RHO = 0.01  # [m]

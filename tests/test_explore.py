@@ -21,7 +21,7 @@ from tactilenlp import (
     surface_distance,
 )
 from tactilenlp.errors import OptionError, StartError
-from tactilenlp.policies import astray, farthest, last_touched
+from tactilenlp.exploration.policies import astray, farthest, last_touched
 
 CENTRE = (0.01, -0.01)  # [m] of the box below
 SIDES = (0.05, 0.035, 0.04)

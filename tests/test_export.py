@@ -8,7 +8,8 @@ import trimesh
 
 from tactilenlp import Scene, export_shape, identify_body
 from tactilenlp.errors import OptionError
-from tactilenlp.surface import BLUE, RED, face_sigma, information_colour, polygons
+from tactilenlp.geometry.faces import face_sigma, polygons
+from tactilenlp.output.colours import BLUE, RED, information_colour
 
 mujoco = pytest.importorskip("mujoco")
 

@@ -10,7 +10,7 @@ from conftest import RECORDED
 
 from tactilenlp import Estimate, Exploration, Measurements, Scene, Trajectories
 from tactilenlp.errors import FileError, MeasurementError, SceneError, TactileError
-from tactilenlp.result import VERSION
+from tactilenlp.estimation.result import VERSION
 
 CUTS, FLIPS = 12, 40  # damaged copies of each file
 CURRENT = f'{{"format": "estimate", "version": {VERSION}'  # of a header

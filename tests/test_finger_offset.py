@@ -13,17 +13,18 @@ from tactilenlp import (
     Options,
     Scene,
     Workspace,
-    kind,
     observed_information,
     solve_estimate,
 )
+from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.errors import OptionError, SceneError
-from tactilenlp.expected import ExpectedInformation, information_gain
-from tactilenlp.nlp import Problem
-from tactilenlp.precision import precision_of
-from tactilenlp.predict import pushed
-from tactilenlp.reduce import Reductions, reduce
-from tactilenlp.request import shape_of
+from tactilenlp.exploration.expected_information import ExpectedInformation
+from tactilenlp.exploration.push_model import pushed
+from tactilenlp.information.information_gain import information_gain
+from tactilenlp.nlp import term_functions as kind
+from tactilenlp.nlp.problem import Problem
+from tactilenlp.problem.pages import shape_of
+from tactilenlp.problem.reductions import Reductions, reduce
 
 SIGMA = 2e-3  # [m]
 OFF = np.array([[1.5, -1.0, 0.5], [-2.0, 1.0, -0.5]]) * 1e-3  # [m]

@@ -21,11 +21,11 @@ from tactilenlp import (
     solve_estimate,
 )
 from tactilenlp.errors import SceneError
-from tactilenlp.estimate import _job
-from tactilenlp.floating import flattened, floated, followed, plane_for
-from tactilenlp.hull_information import touched_polygons
-from tactilenlp.hull_update import extends
-from tactilenlp.request import carried
+from tactilenlp.estimation.incremental_polytope import extends
+from tactilenlp.estimation.request import carried
+from tactilenlp.estimation.solver import _job
+from tactilenlp.information.polytope_information import touched_polygons
+from tactilenlp.search.proposals_floating import flattened, floated, followed, plane_for
 
 OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
 AFLOAT = Scene(ground=None, gravity=0.0)

@@ -14,10 +14,10 @@ from formulations import quasi_static, sensing, violation_implicit
 from formulations.finger import capsule
 from formulations.rigid_body import FREE
 from formulations.shape import CUBOID
-from tactilenlp.measurements import Measurements
-from tactilenlp.reduce import Reductions, reduce
-from tactilenlp.scene import Scene
-from tactilenlp.solve import SolverOptions, solve, solve_levels
+from tactilenlp.data.measurements import Measurements
+from tactilenlp.data.scene import Scene
+from tactilenlp.nlp.ipopt import SolverOptions, solve, solve_levels
+from tactilenlp.problem.reductions import Reductions, reduce
 
 PAGES = {"quasi_static": quasi_static, "violation_implicit": violation_implicit}
 
@@ -207,7 +207,7 @@ def test_a_cuboid_touched_on_both_faces_has_the_sides_between_them(
     off = 2e-3 if page == "quasi_static" else 0.2e-3  # the second starts from the first
     start = {
         "theta": SIDES + off,
-        "x": np.tile(POSE[:, None], (1, window.knots)) + off / 2,
+        "x": np.tile(POSE[:, None], (1, window.poses)) + off / 2,
     }
     options = SolverOptions(tolerance=1e-8)
     solution = solve_levels(problem, PAGES[page].LEVELS, start, options)
@@ -217,7 +217,7 @@ def test_a_cuboid_touched_on_both_faces_has_the_sides_between_them(
     np.testing.assert_allclose(solution.values["theta"][:, 0], SIDES, atol=0.02e-3)
     x = solution.values["x"]
     np.testing.assert_allclose(
-        x[:2], np.tile(POSE[:2, None], window.knots), atol=0.02e-3
+        x[:2], np.tile(POSE[:2, None], window.poses), atol=0.02e-3
     )
     np.testing.assert_allclose(x[2], POSE[2], atol=1e-3)
     if page == "violation_implicit":

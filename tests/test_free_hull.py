@@ -12,14 +12,18 @@ from formulations import polytope_violation_implicit as page
 from formulations.polytope import polytope
 from formulations.rigid_body import rotation
 from tactilenlp import Measurements, Options, Scene
-from tactilenlp.body_frame import directions, points
-from tactilenlp.estimate import _job
-from tactilenlp.hull import filled
-from tactilenlp.hull_window import LIFTED
-from tactilenlp.nlp import Problem
-from tactilenlp.polytopes import window_of
-from tactilenlp.rotations import backward, matrices, turning
-from tactilenlp.tipping import lifted
+from tactilenlp.estimation.solver import _job
+from tactilenlp.geometry.convex_hull import filled
+from tactilenlp.geometry.tipping import lifted
+from tactilenlp.geometry.transforms import (
+    backward,
+    directions_in_body,
+    matrices,
+    points_in_body,
+    turning,
+)
+from tactilenlp.nlp.problem import Problem
+from tactilenlp.problem.polytope_window import LIFTED, window_of
 
 OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
 SHAPE = polytope(8)
@@ -79,7 +83,7 @@ def test_a_hull_that_slides_costs_the_same_in_free_motion(slid):
     flat, window = posed(data, scene, vertices, x, reduce=("still",))
     known = values_of(flat, window, vertices, x, np.random.default_rng(1))
     loose, opened = posed(data, scene, vertices, free, reduce=("planar", "still"))
-    assert opened.knots == window.knots
+    assert opened.poses == window.poses
     lying = known | {"x": free[:, opened.last]}
     one, other = costs(flat, known), costs(loose, lying)
     assert {*one} - {*other} == {"legs on the ground"}
@@ -139,9 +143,9 @@ def test_what_falls_needs_no_impulse_and_what_hangs_does(slid):
     step, values = window.step, {"theta": vertices.T, "x": free[:, window.last]}
     zero = np.zeros((3, problem.variables["finger"].columns))
     hung = costs(problem, values | {"finger": zero})
-    speed = np.zeros(window.knots)
+    speed = np.zeros(window.poses)
     fallen = values["x"].copy()
-    for k, before, dt in zip(step.knot, step.before, step.dt, strict=True):
+    for k, before, dt in zip(step.pose, step.before, step.dt, strict=True):
         speed[k] = speed[before] - scene.gravity * dt  # an action starts at rest
         fallen[2, k] = fallen[2, before] + speed[k] * dt
     fell = costs(problem, values | {"finger": zero, "x": fallen})
@@ -156,7 +160,9 @@ def test_a_hull_that_tilts_stands_on_what_is_low_and_bears_nothing_in_the_air(sl
     free = lifted(vertices.ravel(), x, SHAPE)
     _, flat = posed(data, scene, vertices, free, reduce=("planar", "still"))
     assert set(flat.leg) == set(flat.legs)
-    assert flat.share.reshape(len(flat.step), -1).sum(axis=1) == pytest.approx(1.0)
+    assert flat.weight_share.reshape(len(flat.step), -1).sum(axis=1) == pytest.approx(
+        1.0
+    )
     over = Rotation.from_rotvec([0.6, 0, 0])
     R = over * Rotation.from_rotvec(free[3:].T)
     tilted = np.vstack([free[:3], R.as_rotvec().T])
@@ -166,7 +172,7 @@ def test_a_hull_that_tilts_stands_on_what_is_low_and_bears_nothing_in_the_air(sl
     z = (matrices(tilted)[:, 2] @ vertices.T + tilted[2][:, None])[at]
     low = z[np.arange(len(at)), window.leg]
     assert low.reshape(len(window.step), -1).min(axis=1) == pytest.approx(0, abs=1e-9)
-    assert (window.share[low > LIFTED] == 0).all()
+    assert (window.weight_share[low > LIFTED] == 0).all()
     assert len(window.grounded) == 0
     assert window.floor == -tilted[2, -1]
 
@@ -189,8 +195,12 @@ def test_points_and_directions_are_the_same_in_planar_and_in_lifted_poses():
     rng = np.random.default_rng(4)
     x, samples = rng.normal(size=(3, 5)), rng.integers(0, 5, 20)
     free, p = lifted(np.zeros(24), x, SHAPE), rng.normal(size=(20, 3))
-    np.testing.assert_allclose(points(free, samples, p), points(x, samples, p))
-    np.testing.assert_allclose(directions(free, samples, p), directions(x, samples, p))
+    np.testing.assert_allclose(
+        points_in_body(free, samples, p), points_in_body(x, samples, p)
+    )
+    np.testing.assert_allclose(
+        directions_in_body(free, samples, p), directions_in_body(x, samples, p)
+    )
 
 
 def test_a_rotation_vector_turns_a_body_as_its_slope_says():

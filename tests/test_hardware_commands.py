@@ -24,7 +24,7 @@ from hardware.serial_tactile import (
 )
 from hardware.simulated_robot import simulated_rig
 from hardware.tape import Tape, stream_name
-from tactilenlp.measurements import Measurements
+from tactilenlp.data.measurements import Measurements
 
 __all__ = ["taped", "terminal"]  # fixtures
 

@@ -13,8 +13,8 @@ pytest.importorskip("cv2", reason='needs the extra: pip install "tactilenlp[opti
 from hardware.__main__ import main
 from hardware.errors import HardwareError
 from hardware.rig import Rig
+from tactilenlp.data.measurements import Measurements
 from tactilenlp.errors import TactileError
-from tactilenlp.measurements import Measurements
 
 README = Path(__file__).resolve().parents[1] / "hardware" / "README.md"
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", README.read_text(), re.S)

@@ -10,13 +10,14 @@ from conftest import ROOT
 
 from formulations import polytope_violation_implicit
 from formulations.polytope import polytope
-from tactilenlp import Measurements, Scene, hull_update, solve_estimate
-from tactilenlp.estimate import _job
-from tactilenlp.hypothesis import Hypothesis
-from tactilenlp.options import Options
-from tactilenlp.polytopes import CLOSED
-from tactilenlp.rivals import worth
-from tactilenlp.solving import REASON, Solved, best_first
+from tactilenlp import Measurements, Scene, solve_estimate
+from tactilenlp.estimation import incremental_polytope as hull_update
+from tactilenlp.estimation.options import Options
+from tactilenlp.estimation.solver import _job
+from tactilenlp.search.alternatives import worth
+from tactilenlp.search.hypothesis import Hypothesis
+from tactilenlp.search.local_solve import REASON, Solved, best_first
+from tactilenlp.search.polytope_init import CLOSED
 
 OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
 PAGE = polytope_violation_implicit
@@ -110,8 +111,8 @@ def test_the_window_of_an_action_is_that_of_its_samples(octahedron, early):
         assert (window.push.step[g.pushes] == g.steps[:, None]).all(), count
         assert (window.corner.step[g.corners] == g.steps[:, None]).all(), count
     held = window.lower == window.upper
-    assert held[:, : whole.knot[samples]].all()
-    assert not held[:, whole.knot[samples] :].any()
+    assert held[:, : whole.pose[samples]].all()
+    assert not held[:, whole.pose[samples] :].any()
 
 
 def test_the_world_sees_the_same_motion_in_other_axes():

@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from formulations import known_trajectory as page
 from tactilenlp import Ground, Problem, Scene, Trajectories, identify_body
-from tactilenlp.body import sharpened
 from tactilenlp.errors import MeasurementError, MotionError, OptionError, SceneError
-from tactilenlp.identify import SIGNS, _prepared
-from tactilenlp.impacts import gravity_of, impacts, near, steps_of
+from tactilenlp.identification.body import sharpened
+from tactilenlp.identification.identify import SIGNS, _prepared
+from tactilenlp.identification.impacts import gravity_of, impacts, near, steps_of
 
 HALF, MASS = 52.4e-3, 0.37  # [m], [kg] as measured by who recorded it
 SCENE = Scene(mass=MASS)

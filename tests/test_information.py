@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from tactilenlp import Problem, observed_information
-from tactilenlp.curvature import curvature_of
 from tactilenlp.errors import OptionError, TactileError
-from tactilenlp.information import reduced_covariance, unobserved
-from tactilenlp.solve import SolverOptions, solve
+from tactilenlp.information.information import reduced_covariance, unobserved
+from tactilenlp.nlp.ipopt import SolverOptions, solve
+from tactilenlp.nlp.kkt_sensitivity import curvature_of
 
 SIGMA = 0.1
 
@@ -148,6 +148,7 @@ def test_a_gaussian_prior_alone_gives_back_its_deviation():
 def test_jacobians_whose_product_overflows_are_refused_in_words(estimate, monkeypatch):
     k = len(estimate.information.names)
     flood = np.full((k, k), np.inf)
-    monkeypatch.setattr("tactilenlp.observed.inverse_dynamics", lambda *_: flood)
+    there = "tactilenlp.estimation.observed_information.inverse_dynamics"
+    monkeypatch.setattr(there, lambda *_: flood)
     with pytest.raises(TactileError, match="overflows"):
         observed_information(estimate, "inverse_dynamics")

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from tactilenlp import observed_information
-from tactilenlp.observed import KINDS, programme_of
-from tactilenlp.paper_information import half_turns, paper
+from tactilenlp.estimation.observed_information import KINDS, programme_of
+from tactilenlp.information.comparisons import half_turns, paper
 
 UNITS = np.r_[1e3, 1e3, 1e3, 1e3, 1e3, 50.0]  # to mm, a radian as 50 mm
 STEP = 1e-6  # [m, rad] of central differences
@@ -64,15 +64,15 @@ def test_the_papers_information_is_eq_obsinfo_summed_by_hand(programme):
     felt = ca.Function("felt", [z, p, rho], [out])
     M = np.zeros((6, 6))
     for samples, touched in ((window.touch, True), (window.free, False)):
-        rows = zip(samples.knot, samples.p_wf, samples.radius, strict=True)
-        for knot, p_wf, radius in rows:
-            here = np.r_[theta[:, 0], x[:, knot]]
+        rows = zip(samples.pose, samples.p_wf, samples.radius, strict=True)
+        for index, p_wf, radius in rows:
+            here = np.r_[theta[:, 0], x[:, index]]
             ends = [
                 felt(here[:, None] + side * STEP * np.eye(6), p_wf, radius).full()
                 for side in (1, -1)
             ]
             J = (ends[0] - ends[1]) / (2 * STEP)
-            J[:, 5] *= np.cos(x[2, -1] / 2) / np.cos(x[2, knot] / 2)
+            J[:, 5] *= np.cos(x[2, -1] / 2) / np.cos(x[2, index] / 2)
             chance = 1 / (1 + np.exp(alpha * float(felt(here, p_wf, radius)[0])))
             M += alpha**2 * chance * (1 - chance) * np.outer(J[0], J[0])
             M += touched * J[1:].T @ J[1:] / sigma**2

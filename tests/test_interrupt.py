@@ -7,9 +7,9 @@ import threading
 import casadi as ca
 import pytest
 
-from tactilenlp.interrupt import interruptible
-from tactilenlp.nlp import Problem
-from tactilenlp.solve import SolverOptions, make_solver, solve
+from tactilenlp.common.interrupt import interruptible
+from tactilenlp.nlp.ipopt import SolverOptions, make_solver, solve
+from tactilenlp.nlp.problem import Problem
 
 
 @pytest.fixture(autouse=True)

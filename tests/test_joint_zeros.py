@@ -7,15 +7,16 @@ import pytest
 
 from formulations import quasi_static, violation_implicit
 from hardware.kinematics import INITIAL, finger, joints_about
-from tactilenlp import Estimate, JointZeros, Options, Scene, kind, solve_estimate
+from tactilenlp import Estimate, JointZeros, Options, Scene, solve_estimate
+from tactilenlp.data.scene import Ground
+from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.errors import SceneError
-from tactilenlp.expected import ExpectedInformation
-from tactilenlp.nlp import Problem
-from tactilenlp.precision import precision_of
-from tactilenlp.reduce import Reductions, reduce
-from tactilenlp.request import shape_of
-from tactilenlp.scene import Ground
-from tactilenlp.workspace import Workspace
+from tactilenlp.exploration.action_space import Workspace
+from tactilenlp.exploration.expected_information import ExpectedInformation
+from tactilenlp.nlp import term_functions as kind
+from tactilenlp.nlp.problem import Problem
+from tactilenlp.problem.pages import shape_of
+from tactilenlp.problem.reductions import Reductions, reduce
 
 DEGREE = np.deg2rad(1.0)
 FINGERS = [finger("edu_dair", 180), finger("edu_dair", 0)]

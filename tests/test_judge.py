@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tactilenlp.judge import errors_of, true_mesh
+from tactilenlp.evaluation.ground_truth import errors_of, true_mesh
 
 QUARTER = Rotation.from_rotvec([0, 0, np.pi / 2])
 

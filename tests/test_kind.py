@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from made_up import merged
 
-from tactilenlp import kind
-from tactilenlp.codegen import compiler
-from tactilenlp.nlp import Problem
+from tactilenlp.nlp import term_functions as kind
+from tactilenlp.nlp.codegen import compiler
+from tactilenlp.nlp.problem import Problem
 
 
 @pytest.fixture
@@ -111,9 +111,9 @@ def test_compiled_kinds_and_the_virtual_machine_give_the_same_digits(request):
 def test_without_a_compiler_the_same_solution_comes_out():
     script = """
 import casadi as ca
-from tactilenlp.codegen import compiler
-from tactilenlp.nlp import Problem
-from tactilenlp.solve import solve
+from tactilenlp.nlp.codegen import compiler
+from tactilenlp.nlp.problem import Problem
+from tactilenlp.nlp.ipopt import solve
 problem = Problem()
 x = problem.variable("x", 2, guess=[-1.2, 1], unit="1", scale=1)
 banana = lambda x: 100 * (x[1] - x[0] ** 2) ** 2 + (1 - x[0]) ** 2 + ca.sin(x[1])

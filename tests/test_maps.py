@@ -8,7 +8,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from tactilenlp import choose_action, maps, plot_gain
+from tactilenlp import choose_action, plot_gain
+from tactilenlp.plotting import gain_map as maps
 
 
 @pytest.fixture(autouse=True)

@@ -5,8 +5,8 @@ import pickle
 import numpy as np
 import pytest
 
+from tactilenlp.data.measurements import LAYOUT, Measurements
 from tactilenlp.errors import MeasurementError
-from tactilenlp.measurements import LAYOUT, Measurements
 
 DT = 1 / 30  # [s]
 TRUTH = ("object_position", "object_quaternion", "side_lengths", "vertices", "target")

@@ -13,7 +13,7 @@ from trimesh.creation import icosphere
 from trimesh.transformations import quaternion_matrix, translation_matrix
 
 from tactilenlp.errors import OptionError, TactileError
-from tactilenlp.metrics import (
+from tactilenlp.evaluation.metrics import (
     chamfer_code,
     chamfer_floor,
     chamfer_paper,

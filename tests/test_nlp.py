@@ -1,12 +1,14 @@
 """A term is a small function; the machine scatters its derivatives exactly."""
 
+from typing import NamedTuple
+
 import casadi as ca
 import numpy as np
 import pytest
 from made_up import merged, swing
 
 from tactilenlp.errors import PageError
-from tactilenlp.nlp import Problem
+from tactilenlp.nlp.problem import Problem
 
 ROUNDING = 1e-12  # [relative] a few hundred operations of doubles
 # Central differences with steps of 1e-5 of a scale: 1e-10 of truncation and 1e-11 of
@@ -219,3 +221,29 @@ def test_columns_that_no_instance_reads_have_indices_all_the_same():
     x = Problem().variable("x", 3, 5, guess=0.0, unit="m", scale=1.0)
     assert x[:, []].indices.shape == (0, 3)
     assert x[:, np.zeros((0, 2), int)].indices.shape == (0, 6)
+
+
+class Pull(NamedTuple):
+    f: object
+    r: object
+    scale: object
+
+
+def test_a_named_tuple_of_arguments_reaches_the_function_by_its_names():
+    problem = Problem()
+    f = problem.variable("f", 2, 3, guess=1.0, unit="N", scale=1.0)
+    data = np.arange(6.0).reshape(3, 2)
+
+    def work(pull, other):
+        assert pull.scale is None
+        return ca.dot(pull.f, pull.r) + other[0]
+
+    pulls = Pull(f[:, [2, 0, 1]], data, None)
+    problem.minimize("work", work, pulls, [5.0, 6.0, 7.0], role="physics")
+    x = np.arange(6.0)  # columns (0, 1), (2, 3), (4, 5)
+    rows = x.reshape(3, 2)[[2, 0, 1]]
+    expected = (rows * data).sum(axis=1) + np.array([5, 6, 7])
+    found = problem.value("work", x, problem.data())[:, 0]
+    np.testing.assert_allclose(found, expected)
+    slope = problem.jacobian("work", x, problem.data()).toarray()
+    assert (slope[0] == [0, 0, 0, 0, 0, 1]).all()

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactilenlp.measurements import Measurements
-from tactilenlp.noise import Noise, add_noise
+from tactilenlp.data.measurements import Measurements
+from tactilenlp.data.noise_model import Noise, add_noise
 
 
 @pytest.fixture

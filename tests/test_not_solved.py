@@ -13,8 +13,8 @@ from swing_up import (
 )
 
 from tactilenlp.errors import NotConverged, OptionError, PageError
-from tactilenlp.nlp import Problem
-from tactilenlp.solve import SolverOptions, solve
+from tactilenlp.nlp.ipopt import SolverOptions, solve
+from tactilenlp.nlp.problem import Problem
 
 
 def impossible():

@@ -7,14 +7,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from formulations import paper
+from formulations.paper_contact import LIFT, MOST
 from formulations.rigid_body import FREE
 from formulations.shape import CUBOID
 from tactilenlp import solve_estimate
+from tactilenlp.data.scene import Scene
+from tactilenlp.data.sensor_noise import Precision
 from tactilenlp.errors import NotConverged
-from tactilenlp.nlp import Problem
-from tactilenlp.precision import Precision
-from tactilenlp.reduce import Reductions, reduce
-from tactilenlp.scene import Scene
+from tactilenlp.nlp.problem import Problem
+from tactilenlp.problem.reductions import Reductions, reduce
 
 SCENE = Scene()
 W = SCENE.mass * 9.81 / 30  # [N s] the weight over a step
@@ -75,7 +76,7 @@ def gap_and_normal(values, k, p_wf, rho):
 def pushed(free, j):
     """Return gap, frame (3, 3) of n, t1, t2 and point p_w of push j."""
     push = free.window.push
-    k, rho = free.window.step.knot[push.step[j]], push.radius[j]
+    k, rho = free.window.step.pose[push.step[j]], push.radius[j]
     phi, n = gap_and_normal(free.values, k, push.p_wf[j], rho)
     t = push.tangent[j] - n * (n @ push.tangent[j])
     t_1 = t / np.sqrt(t @ t + 1e-9)
@@ -87,22 +88,22 @@ def velocity(free, j):
     push, step = free.window.push, free.window.step
     s = push.step[j]
     _, frame, p_w = pushed(free, j)
-    (p, R), (p_1, R_1) = (pose(free.values, i) for i in (step.knot[s], step.before[s]))
+    (p, R), (p_1, R_1) = (pose(free.values, i) for i in (step.pose[s], step.before[s]))
     before = p_1 + R_1 @ R.T @ (p_w - p)
     v = (p_w - before - (push.p_wf[j] - push.p_wf_1[j])) / step.dt[s]
     v_n, *v_s = frame @ v
     return -v_n, np.array(v_s)
 
 
-def corner(free, knot, signs):
-    p, R = pose(free.values, knot)
+def corner(free, index, signs):
+    p, R = pose(free.values, index)
     return p + R @ (signs * free.values["theta"] / 2)
 
 
 def corner_velocity(free, c):
     step, s = free.window.step, free.window.corner.step[c]
     signs = free.window.corner.signs[c]
-    way = corner(free, step.knot[s], signs) - corner(free, step.before[s], signs)
+    way = corner(free, step.pose[s], signs) - corner(free, step.before[s], signs)
     return way / step.dt[s]
 
 
@@ -115,7 +116,7 @@ def agree(got, expected):
 
 def energies(name, losses):
     """Return losses [J] in the unit of the page, times the weight of the term."""
-    return WEIGHT[name] * np.array(losses) / (W * paper.LIFT)
+    return WEIGHT[name] * np.array(losses) / (W * LIFT)
 
 
 # What is felt
@@ -125,7 +126,7 @@ def test_a_felt_sample_costs_its_normal_in_the_norm_of_sigma_and_the_logistic(fr
     touch, inverse = free.window.touch, np.linalg.inv(paper.SIGMA_N)
     expected = []
     for i in range(len(touch)):
-        where = touch.knot[i], touch.p_wf[i], touch.radius[i]
+        where = touch.pose[i], touch.p_wf[i], touch.radius[i]
         phi, n = gap_and_normal(free.values, *where)
         off, logit = touch.normal[i] - n, np.log(19) / 5e-3 * phi
         expected.append(off @ inverse @ off / 2 + np.log(1 + np.exp(logit)))
@@ -135,7 +136,7 @@ def test_a_felt_sample_costs_its_normal_in_the_norm_of_sigma_and_the_logistic(fr
 def test_a_sample_without_contact_costs_the_logistic_of_its_gap(free):
     f, expected = free.window.free, []
     for i in range(len(f)):
-        phi, _ = gap_and_normal(free.values, f.knot[i], f.p_wf[i], f.radius[i])
+        phi, _ = gap_and_normal(free.values, f.pose[i], f.p_wf[i], f.radius[i])
         logit = np.log(19) / 5e-3 * phi
         expected.append(np.log(1 + np.exp(logit)) - logit)
     agree(free.value("free"), expected)
@@ -153,13 +154,13 @@ def test_a_pose_is_compared_with_one_step_of_impulse_and_momentum(free):
     for count, group in window.groups.items():
         got[group.steps] = free.value(f"dynamics, {count} pushing")
     for s in range(len(step)):
-        knots, dt = (step.knot[s], step.before[s], step.before_2[s]), step.dt[s]
-        (p, R), (p_1, R_1), (p_2, R_2) = (pose(values, k) for k in knots)
+        indices, dt = (step.pose[s], step.before[s], step.before_2[s]), step.dt[s]
+        (p, R), (p_1, R_1), (p_2, R_2) = (pose(values, k) for k in indices)
         force, moment = np.zeros(3), np.zeros(3)
         for c in np.nonzero(corners.step == s)[0]:
             impulse = values["ground"][[1, 2, 0], c]
             force += impulse
-            moment += np.cross(corner(free, knots[0], corners.signs[c]) - p, impulse)
+            moment += np.cross(corner(free, indices[0], corners.signs[c]) - p, impulse)
         for j in np.nonzero(push.step == s)[0]:
             _, frame, p_w = pushed(free, j)
             impulse = frame.T @ (values["finger"][:, j] * [-1, 1, 1])
@@ -177,8 +178,8 @@ def test_a_pose_is_compared_with_one_step_of_impulse_and_momentum(free):
 
 def test_between_actions_the_object_stays(free):
     gap, expected = free.window.gap, []
-    for knot, before in zip(gap.knot, gap.before, strict=True):
-        (p, R), (p_1, R_1) = pose(free.values, knot), pose(free.values, before)
+    for index, before in zip(gap.pose, gap.before, strict=True):
+        (p, R), (p_1, R_1) = pose(free.values, index), pose(free.values, before)
         off = (p - p_1) @ (p - p_1) + 0.02**2 * ((R - R_1) ** 2).sum() / 2
         expected.append(off / (2 * WEIGHT["dynamics deviation"] ** 2))
     agree(free.value("between actions"), expected)
@@ -193,8 +194,8 @@ def test_complementarity_is_the_normal_impulse_times_the_gap_of_either_sign(free
     assert phi.min() < 0 < phi.max()
     loss = free.values["finger"][0] * phi
     agree(free.value("finger complementarity"), energies("complementarity", loss))
-    rows = zip(free.window.step.knot[up.step], up.signs, strict=True)
-    z = [corner(free, knot, signs)[2] for knot, signs in rows]
+    rows = zip(free.window.step.pose[up.step], up.signs, strict=True)
+    z = [corner(free, index, signs)[2] for index, signs in rows]
     loss = free.values["ground"][0] * z
     agree(free.value("ground complementarity"), energies("complementarity", loss))
 
@@ -214,7 +215,7 @@ def test_dissipation_is_printed_without_mu_and_with_the_square_of_the_speed(free
 
 
 def test_inelasticity_charges_what_pushes_while_it_parts(free):
-    dt, still = free.window.step.dt.mean(), WEIGHT["still"]
+    dt, still = free.window.step.dt.mean(), WEIGHT["speed rounding"]
     for name, velocities in (
         ("finger", [velocity(free, j)[0] for j in range(len(free.window.push))]),
         ("ground", [corner_velocity(free, c)[2] for c in range(len(free.window.lift))]),
@@ -229,16 +230,16 @@ def test_inelasticity_charges_what_pushes_while_it_parts(free):
 
 def test_penetration_is_charged_by_its_square_and_a_gap_is_free(free):
     deviation, touch = WEIGHT["penetration deviation"], free.window.touch
-    where = zip(touch.knot, touch.p_wf, touch.radius, strict=True)
+    where = zip(touch.pose, touch.p_wf, touch.radius, strict=True)
     phi = np.array([gap_and_normal(free.values, *w)[0] for w in where])
     expected = np.minimum(0, phi) ** 2 / (2 * deviation**2)
     agree(free.value("felt finger penetration"), expected)
     up, rest = free.window.lift, free.window.rest
-    for name, knots, signs in (
-        ("ground", free.window.step.knot[up.step], up.signs),
-        ("rest", rest.knot, rest.signs),
+    for name, indices, signs in (
+        ("ground", free.window.step.pose[up.step], up.signs),
+        ("rest", rest.pose, rest.signs),
     ):
-        z = [corner(free, k, s)[2] for k, s in zip(knots, signs, strict=True)]
+        z = [corner(free, k, s)[2] for k, s in zip(indices, signs, strict=True)]
         expected = np.minimum(0, z) ** 2 / (2 * deviation**2)
         agree(free.value(f"{name} penetration"), expected)
 
@@ -258,7 +259,7 @@ def test_pushing_harder_where_the_finger_sank_in_is_paid_for(free):
     z, name = free.problem.pack(more), "finger complementarity"
     after = free.problem.value(name, z, free.problem.data())
     assert after.sum() < free.value(name).sum()
-    assert free.problem.variables["finger"].upper[0] == pytest.approx(paper.MOST * W)
+    assert free.problem.variables["finger"].upper[0] == pytest.approx(MOST * W)
 
 
 # Slopes and solves

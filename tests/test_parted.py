@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tactilenlp import Measurements, Options, World
-from tactilenlp.precision import LAG, Precision, parted, precise
+from tactilenlp.data.sensor_noise import LAG, Precision, contact_latency, precise
 
 SPEED = 0.12  # [m/s]
 
@@ -26,18 +26,18 @@ def brushed():
 
 
 def test_only_a_finger_that_feels_nothing_a_sample_later_may_have_parted(brushed):
-    way = parted(brushed)
+    way = contact_latency(brushed)
     assert np.argwhere(way).tolist() == [[5, 0]]  # not at the end of an action
     assert way[5, 0] == pytest.approx(LAG * SPEED)
     lost = brushed.valid.copy()
     lost[6] = False  # nobody knows whether it left
-    assert not parted(replace(brushed, valid=lost)).any()
+    assert not contact_latency(replace(brushed, valid=lost)).any()
 
 
 def test_a_sample_that_comes_twice_is_no_leap(brushed):
     time = brushed.time.copy()
     time[6:10] -= time[6] - time[5] - 1e-9
-    way = parted(replace(brushed, time=time))
+    way = contact_latency(replace(brushed, time=time))
     assert way[5, 0] == pytest.approx(SPEED / 30)
 
 
@@ -50,8 +50,8 @@ def test_the_gap_of_a_finger_that_slides_off_an_edge_is_within_that_way():
         away = np.tile([0.2, 0.2, 0.1], (31, 1))
         path = np.stack([along, away], axis=1)
         world.execute(SimpleNamespace(time=t, finger_position=path))
-        (row,) = np.nonzero(parted(world.measurements)[:, 0])[0]
-        ways.append(parted(world.measurements)[row, 0])
+        (row,) = np.nonzero(contact_latency(world.measurements)[:, 0])[0]
+        ways.append(contact_latency(world.measurements)[row, 0])
         gaps.append(world.truth.distance[row, 0])
     assert max(gaps) > 0.03e-3  # it does happen
     assert np.all(np.abs(gaps) < 2 * np.array(ways))

@@ -14,11 +14,21 @@ from conftest import RECORDED
 from matplotlib.figure import Figure
 
 from tactilenlp import Ground, Measurements, Scene, solve_estimate
-from tactilenlp.curves import plot_cones, plot_costs, plot_impulses, plot_progress
 from tactilenlp.errors import OptionError
-from tactilenlp.faces import faces_of
-from tactilenlp.plotting import plot_estimate, plot_information, plot_scene, plot_top
-from tactilenlp.surface import face_sigma, polygons
+from tactilenlp.geometry.faces import face_sigma, polygons
+from tactilenlp.plotting.charts import (
+    plot_cones,
+    plot_costs,
+    plot_impulses,
+    plot_progress,
+)
+from tactilenlp.plotting.faces import faces_of
+from tactilenlp.plotting.scene import (
+    plot_estimate,
+    plot_information,
+    plot_scene,
+    plot_top,
+)
 
 MM = 1e3  # [mm / m]
 NUMBERS = (plot_impulses, plot_costs, plot_cones, plot_progress)

@@ -14,13 +14,13 @@ from formulations.polytope import (
     towards,
     whole_moments,
 )
-from tactilenlp import Problem, hull
-from tactilenlp.carving import closed
+from tactilenlp import Problem
 from tactilenlp.errors import TactileError
-from tactilenlp.hull_window import body, legs, shares
-from tactilenlp.hypothesis import Hypothesis
-from tactilenlp.planes import unseen_ball
-from tactilenlp.polytopes import reseeded
+from tactilenlp.geometry import convex_hull as hull
+from tactilenlp.problem.polytope_window import body, legs, shares
+from tactilenlp.search.hypothesis import Hypothesis
+from tactilenlp.search.plane_slam import unseen_ball
+from tactilenlp.search.polytope_init import closed, reseeded
 
 SMALL = 1e-4  # [m] rounding, as of a fingertip of 10 mm
 CUBE = 0.02 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])

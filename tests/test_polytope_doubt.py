@@ -8,15 +8,19 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from tactilenlp.curvature import curvature_of
-from tactilenlp.dragging import STUCK, dragging, slips
-from tactilenlp.guessed import guessed
-from tactilenlp.hull import INSIDE, Ball
-from tactilenlp.hull_window import CLEAR, near, without_clear
-from tactilenlp.nlp import Problem
-from tactilenlp.solve import solve
-from tactilenlp.tension import tension
-from tactilenlp.window import Pushes, Samples, Steps
+from tactilenlp.geometry.convex_hull import INSIDE, Ball
+from tactilenlp.information.error_budget_terms import (
+    STUCK,
+    dragging,
+    guessed,
+    slips,
+    tension,
+)
+from tactilenlp.nlp.ipopt import solve
+from tactilenlp.nlp.kkt_sensitivity import curvature_of
+from tactilenlp.nlp.problem import Problem
+from tactilenlp.problem.polytope_window import CLEAR, near, without_clear
+from tactilenlp.problem.window import Pushes, Samples, Steps
 
 RADIUS = 0.01
 

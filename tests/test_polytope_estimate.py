@@ -18,18 +18,18 @@ from tactilenlp import (
     Measurements,
     Scene,
     face_sigma,
-    holding,
     solve_estimate,
     surface_distance,
     vertex_information,
 )
 from tactilenlp.errors import OptionError, SceneError, StartError
-from tactilenlp.estimate import _job
-from tactilenlp.options import Options
-from tactilenlp.polytopes import search
-from tactilenlp.readout import hull_read
-from tactilenlp.reduce import Reductions
-from tactilenlp.solving import solved_from
+from tactilenlp.estimation.options import Options
+from tactilenlp.estimation.readout import hull_read
+from tactilenlp.estimation.solver import _job
+from tactilenlp.problem import certificates as holding
+from tactilenlp.problem.reductions import Reductions
+from tactilenlp.search.local_solve import solved_from
+from tactilenlp.search.polytope_init import search
 
 OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
 ACTIONS = 4
@@ -65,7 +65,7 @@ def test_the_estimate_lies_about_the_true_octahedron(octahedron, hull):
 def test_the_solve_goes_on_from_a_page_that_is_filled_anew(octahedron):
     data, scene, _ = octahedron
     page = polytope_violation_implicit
-    assert [level.anew for level in page.LEVELS] == [False, True]
+    assert [level.rebuild for level in page.LEVELS] == [False, True]
     job = _job(data.select([0]), scene, polytope(), Options(), 0.0, page)
     job = replace(job, deadline=np.inf)
     (h,) = search(replace(job, reductions=Reductions()), [])

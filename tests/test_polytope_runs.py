@@ -10,9 +10,9 @@ from trimesh.convex import convex_hull
 from trimesh.transformations import quaternion_matrix, transform_points
 
 from tactilenlp import Measurements, Scene, solve_estimate, surface_distance
+from tactilenlp.data.contact_segments import credible, runs
+from tactilenlp.data.noise_model import Noise, add_noise
 from tactilenlp.errors import NoContactError
-from tactilenlp.noise import Noise, add_noise
-from tactilenlp.runs import credible, runs
 
 OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
 NOISE = Noise(position=1e-3, normal=np.radians(5), flips=0.01)

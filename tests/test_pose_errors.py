@@ -9,10 +9,7 @@ from scipy.spatial.transform import Rotation
 from trimesh.transformations import quaternion_matrix, translation_matrix
 
 from tactilenlp.errors import TactileError
-from tactilenlp.metrics import (
-    cuboid_errors,
-    polytope_pose_error,
-)
+from tactilenlp.evaluation.metrics import cuboid_errors, polytope_pose_error
 
 
 @pytest.mark.parametrize("symmetry", Rotation.create_group("O").as_matrix())

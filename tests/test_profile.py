@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from formulations.shape import CUBOID
-from tactilenlp import profile as profile_of
-from tactilenlp.hypothesis import Hypothesis
-from tactilenlp.profile import CLAIMED, PRICE, SURE, profiled
+from tactilenlp.search import profile_likelihood as profile_of
+from tactilenlp.search.hypothesis import Hypothesis
+from tactilenlp.search.profile_likelihood import CLAIMED, PRICE, SURE, profiled
 
 SHARP = 0.4e-3  # [m] that a Hessian claims
 PRIOR = CUBOID.size_prior[1]

@@ -4,8 +4,8 @@ import io
 
 import pytest
 
-from tactilenlp import progress as module
-from tactilenlp.progress import progress
+from tactilenlp.common import progress as module
+from tactilenlp.common.progress import progress
 
 
 class Terminal(io.StringIO):

@@ -10,13 +10,12 @@ import pytest
 from formulations import quasi_static
 from formulations import violation_implicit as page
 from formulations.shape import CUBOID
-from tactilenlp import Noise, Options, rivals
-from tactilenlp.estimate import _job
-from tactilenlp.hypothesis import distinct, same
-from tactilenlp.noise import add_noise
-from tactilenlp.precision import precision_of
-from tactilenlp.race import raced
-from tactilenlp.rivals import (
+from tactilenlp import Noise, Options
+from tactilenlp.data.noise_model import add_noise
+from tactilenlp.data.sensor_noise import precision_of
+from tactilenlp.estimation.solver import _job
+from tactilenlp.search import alternatives as rivals
+from tactilenlp.search.alternatives import (
     JUMP,
     _asks,
     challenged,
@@ -26,7 +25,9 @@ from tactilenlp.rivals import (
     softened,
     unbroken,
 )
-from tactilenlp.trial import opened
+from tactilenlp.search.hypothesis import distinct, same
+from tactilenlp.search.local_solve import opened
+from tactilenlp.search.multistart import raced
 
 LEVELS = opened(page.LEVELS, final=True)
 

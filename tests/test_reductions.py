@@ -11,13 +11,13 @@ from scipy.spatial.transform import Rotation
 from formulations import violation_implicit as page
 from formulations.shape import CUBOID
 from tactilenlp import Guess, Problem, Scene, solve_estimate
+from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.errors import MeasurementError
-from tactilenlp.expansion import carried
-from tactilenlp.metrics import cuboid_errors
-from tactilenlp.newton import newton_step
-from tactilenlp.precision import precision_of
-from tactilenlp.reduce import Reductions, may_move, maybe_touching, reduce
-from tactilenlp.solve import SolverOptions, solve, solve_levels
+from tactilenlp.evaluation.metrics import cuboid_errors
+from tactilenlp.nlp.ipopt import SolverOptions, solve, solve_levels
+from tactilenlp.nlp.kkt import newton_step
+from tactilenlp.problem.reductions import Reductions, may_move, maybe_touching, reduce
+from tactilenlp.problem.unreduced import carried
 
 
 @pytest.fixture(scope="module")
@@ -244,11 +244,11 @@ def test_a_sample_that_comes_twice_is_no_time_step(recorded):
         reduce(d, scene, CUBOID, precision, Reductions(still=False))
         for d in (data, twice)
     )
-    assert two.knots == one.knots
-    assert two.knot[again] == two.knot[again + 1]
+    assert two.poses == one.poses
+    assert two.pose[again] == two.pose[again + 1]
     extra = data.contact[again].sum()
     assert len(two.touch.sample) == len(one.touch.sample) + extra
-    for name in ("knot", "before", "before_2", "dt"):
+    for name in ("pose", "before", "before_2", "dt"):
         np.testing.assert_array_equal(getattr(two.step, name), getattr(one.step, name))
     np.testing.assert_array_equal(two.push.p_wf_1, one.push.p_wf_1)
 

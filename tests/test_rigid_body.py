@@ -6,7 +6,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from formulations.rigid_body import FREE, momentum_change, rotation, turn
+from formulations.rigid_body import FREE, momentum_change, rotation, turn, uniform
 from formulations.shape import CUBOID
 
 
@@ -48,7 +48,8 @@ def changes(theta, poses, dt):
     x_2, x_1, x = (
         ca.DM(np.r_[p, Rotation.from_matrix(R).as_rotvec()]) for p, R in poses
     )
-    out = momentum_change(CUBOID, FREE, ca.DM(theta), x, x_1, x_2, dt)
+    poses = [FREE.pose(CUBOID, ca.DM(theta), c) for c in (x, x_1, x_2)]
+    out = momentum_change(uniform(CUBOID, ca.DM(theta), 1.0), poses, dt)
     return (np.asarray(o).ravel() for o in out)
 
 

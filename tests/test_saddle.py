@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from tactilenlp.saddle import LOOSE, factorised
+from tactilenlp.nlp.kkt import LOOSE, factorised
 
 
 def chain(samples: int, shared: int, seed: int = 0):

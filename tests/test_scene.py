@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tactilenlp.data.measurements import Measurements
+from tactilenlp.data.scene import Ground, Scene
 from tactilenlp.errors import MeasurementError, OptionError, SceneError
-from tactilenlp.measurements import Measurements
-from tactilenlp.scene import Ground, Scene
 
 SCENES = Path(__file__).parents[2] / "shared" / "scenes"
 ROUNDING = 1e-15  # [m], a few doubles of order 0.3 added up
@@ -276,6 +276,6 @@ def test_recorded_scenes_pass_the_door_and_come_back_to_the_last_digit(tmp_path)
 
 
 def test_measurements_and_scene_import_numpy_only():
-    code = "import tactilenlp.scene, sys; print(*sys.modules)"
+    code = "import tactilenlp.data.scene, sys; print(*sys.modules)"
     loaded = subprocess.check_output([sys.executable, "-c", code], text=True).split()
     assert not {"scipy", "casadi", "mujoco", "trimesh", "matplotlib"} & set(loaded)

@@ -19,13 +19,13 @@ from tactilenlp import (
     information_gain,
     solve_estimate,
 )
-from tactilenlp.curvature import curvature_of
+from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.errors import PageError, SceneError
-from tactilenlp.nlp import Problem
-from tactilenlp.precision import precision_of
-from tactilenlp.reduce import Reductions, insisted, reduce
-from tactilenlp.solve import SolverOptions, make_solver, solve, solve_levels
-from tactilenlp.spread import missing_impulses
+from tactilenlp.information.error_budget import missing_impulses
+from tactilenlp.nlp.ipopt import SolverOptions, make_solver, solve, solve_levels
+from tactilenlp.nlp.kkt_sensitivity import curvature_of
+from tactilenlp.nlp.problem import Problem
+from tactilenlp.problem.reductions import Reductions, insisted, reduce
 
 STEPS, DT = 20, 0.05
 

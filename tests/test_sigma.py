@@ -8,19 +8,25 @@ import pytest
 
 from formulations.shape import CUBOID
 from tactilenlp import Estimate, Problem, assumption_sensitivity, observed_information
-from tactilenlp.chart import Chart
-from tactilenlp.curvature import curvature_of
 from tactilenlp.errors import OptionError
-from tactilenlp.gauss_newton import without_downward
-from tactilenlp.information import inverse
-from tactilenlp.modes import weighted
-from tactilenlp.observed import programme_of
-from tactilenlp.rivals import resized
-from tactilenlp.saddle import LOOSE
-from tactilenlp.search import Hypothesis
-from tactilenlp.sensitivity import score
-from tactilenlp.solve import SolverOptions, solve
-from tactilenlp.spread import UNSEEN, gaps_of_touches, spread, touches, unseen
+from tactilenlp.estimation.observed_information import programme_of
+from tactilenlp.information.comparisons import without_downward
+from tactilenlp.information.error_budget import (
+    UNSEEN,
+    gaps_of_touches,
+    spread,
+    touches,
+    unseen,
+)
+from tactilenlp.information.information import inverse
+from tactilenlp.information.mixture import weighted
+from tactilenlp.information.sensitivity import score
+from tactilenlp.information.tangent_space import Chart
+from tactilenlp.nlp.ipopt import SolverOptions, solve
+from tactilenlp.nlp.kkt import LOOSE
+from tactilenlp.nlp.kkt_sensitivity import curvature_of
+from tactilenlp.search.alternatives import resized
+from tactilenlp.search.hypothesis import Hypothesis
 
 UNITS = np.r_[1e3, 1e3, 1e3, 1e3, 1e3, 50.0]  # to mm, a radian as 50 mm
 
@@ -285,7 +291,7 @@ def test_what_keeps_the_matrix_regular_counts_as_a_prior(
     pulls, held = curvature.response_of(chosen)
     given = pulls, held, programme.sensed, programme.window, programme.shape
     errors = spread(curvature, *given)
-    monkeypatch.setattr("tactilenlp.spread.LOOSE", 1.0 + LOOSE)
+    monkeypatch.setattr("tactilenlp.information.error_budget.LOOSE", 1.0 + LOOSE)
     more = spread(curvature, *given) - errors
     scaled = pulls / programme.problem.scale[:, None]
     assert np.allclose(more, scaled.T @ scaled, rtol=1e-6)

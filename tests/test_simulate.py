@@ -10,9 +10,9 @@ import pytest
 import trimesh
 from pushes import AWAY, OPPOSITE, SIZES, gap_and_normal, line, push, squeeze
 
+from tactilenlp.data.noise_model import Noise
 from tactilenlp.errors import OptionError, SceneError
-from tactilenlp.noise import Noise
-from tactilenlp.simulate import World
+from tactilenlp.simulation.world import World
 
 
 def shot(friction_ground):
@@ -198,5 +198,5 @@ def test_bad_trajectory_or_noise_is_refused(pushed):
 
 
 def test_importing_the_module_stays_light():
-    code = "import sys, tactilenlp.simulate; sys.exit('mujoco' in sys.modules)"
+    code = "import sys, tactilenlp.simulation.world; sys.exit('mujoco' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

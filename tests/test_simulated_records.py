@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from pushes import SIZES, gap_and_normal, line, push
 
+from tactilenlp.data.measurements import Measurements
+from tactilenlp.data.noise_model import Noise
 from tactilenlp.errors import SceneError
-from tactilenlp.measurements import Measurements
-from tactilenlp.noise import Noise
-from tactilenlp.simulate import World
+from tactilenlp.simulation.world import World
 
 DATA = Path(__file__).parents[1] / "examples/data/cuboid.npz"
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from tactilenlp import Options, holding, solve_estimate
+from tactilenlp import Options, solve_estimate
+from tactilenlp.problem import certificates as holding
 
 
 def test_every_reduction_can_be_switched_off_alone(recorded):
@@ -53,8 +54,8 @@ def test_still_spans_that_are_doubted_get_poses_of_their_own_where_they_would_mo
     assert still.holds
     monkeypatch.setattr(holding, "BY_METRE", 0.8 * still.value * holding.BY_METRE)
     cut = solve_estimate(data, scene)
-    knots = [len(e.unknowns["x"][0]) for e in (merged, cut, apart)]
-    assert knots[0] < knots[1] <= knots[2]
+    poses = [len(e.unknowns["x"][0]) for e in (merged, cut, apart)]
+    assert poses[0] < poses[1] <= poses[2]
     assert all(s.holds for s in cut.skipped)
     sigma = apart.information.sigma("side_lengths")
     for e in (merged, cut):

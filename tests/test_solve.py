@@ -18,7 +18,7 @@ from swing_up import (
     stationarity,
 )
 
-from tactilenlp.solve import SolverOptions, make_solver, solve, solve_levels
+from tactilenlp.nlp.ipopt import SolverOptions, make_solver, solve, solve_levels
 
 
 def test_a_pendulum_swings_up_as_its_differential_equation_says():
@@ -156,10 +156,14 @@ def test_a_start_outside_its_bounds_is_brought_inside():
 class Level:
     parameters: dict = field(default_factory=dict)
     fixed: tuple = ()
-    barrier: float = 1e-2
-    iterations: int = 200
     eliminate: bool = False
-    warm: float | None = None
+    ipopt: dict = field(default_factory=dict)
+    warm_start: dict | None = None
+
+
+def first_mus(solvers) -> list[float]:
+    """Return the mu_init of every solver that was built."""
+    return [dict(key[:2])["mu_init"] for key in solvers]
 
 
 def test_levels_start_where_the_one_before_ended_and_add_up():
@@ -173,13 +177,13 @@ def test_levels_start_where_the_one_before_ended_and_add_up():
     np.testing.assert_allclose(last.values["f"][:, 0], [3, 1.8, 2.4], atol=1e-6)
     assert sum(last.iterations_by_level) == last.iterations
     assert last.iterations_by_level[:2] == first.iterations_by_level
-    assert len(solvers) == 1  # the same barrier and iterations: one solver
+    assert len(solvers) == 1  # the same options: one solver
 
 
 def test_a_level_that_takes_the_multipliers_before_it_has_less_to_do():
     problem = cone([1.0, 3.0, 4.0])
-    cold = [Level(), Level(barrier=1e-5)]
-    warm = [Level(), Level(warm=1e-5)]
+    cold = [Level(), Level(ipopt={"mu_init": 1e-5})]
+    warm = [Level(), Level(warm_start={"mu_init": 1e-5})]
     ends = [solve_levels(problem, levels, {}) for levels in (cold, warm)]
     np.testing.assert_allclose(ends[0].values["f"], ends[1].values["f"], atol=1e-5)
     assert ends[1].iterations_by_level[1] < ends[0].iterations_by_level[1]
@@ -188,21 +192,26 @@ def test_a_level_that_takes_the_multipliers_before_it_has_less_to_do():
 
 def test_what_a_cold_barrier_does_not_solve_is_tried_with_the_warm_one():
     problem, solvers = cone([1.0, 3.0, 4.0]), {}
-    levels = [Level(iterations=1), Level(iterations=2, barrier=0.1, warm=1e-5)]
+    stiff = {"max_iter": 2, "mu_init": 0.1}
+    levels = [
+        Level(ipopt={"max_iter": 1}),
+        Level(ipopt=stiff, warm_start={"mu_init": 1e-5}),
+    ]
     end = solve_levels(problem, levels, {}, solvers=solvers)
     assert not end.success
-    assert [key[0] for key in solvers] == [levels[0].barrier, 0.1, 1e-5]
+    assert first_mus(solvers) == [1e-2, 0.1, 1e-5]
     assert sum(end.iterations_by_level) == end.iterations == 5
 
 
 def test_after_a_level_that_stopped_early_the_barrier_is_that_of_a_cold_start():
     problem = cone([1.0, 3.0, 4.0])
-    for iterations, barrier in ((200, 1e-5), (1, 0.1)):
-        solvers, next_one = {}, Level(barrier=0.1, warm=1e-5)
-        first = Level(iterations=iterations)
+    for iterations, mu in ((200, 1e-5), (1, 0.1)):
+        solvers = {}
+        next_one = Level(ipopt={"mu_init": 0.1}, warm_start={"mu_init": 1e-5})
+        first = Level(ipopt={"max_iter": iterations})
         end = solve_levels(problem, [first, next_one], {}, solvers=solvers)
         assert end.success
-        assert [key[0] for key in solvers] == [first.barrier, barrier]
+        assert first_mus(solvers) == [1e-2, mu]
 
 
 def test_a_start_may_be_a_solution_of_the_same_problem():

@@ -142,6 +142,7 @@ ONE_RUN = {  # benchmarks of which there is nothing to spread, and why
     "optical_frame": "times one picture",
     "paper_descent": "one descent",
     "record": "reads a table",
+    "regress": "times pairs, one process at a time",
     "report_cuboid": "reads runs",
     "report_monte_carlo": "reads a study",
 }

@@ -5,7 +5,7 @@ import pytest
 
 from tactilenlp import Measurements, Options, Workspace, World, explore
 from tactilenlp.errors import NoContactError
-from tactilenlp.sweep import sweep
+from tactilenlp.exploration.first_touch import sweep
 
 
 def test_without_a_centre_the_workspace_is_swept_until_something_is_touched():

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from formulations.finger import SPHERE
 from formulations.shape import CUBOID
-from formulations.time_stepping import ROUND, STILL, Sliding, path
-from tactilenlp.kind import kind_of
+from formulations.time_stepping import ROUND, V_EPS, Sliding, path
+from tactilenlp.nlp.term_functions import kind_of
 
 G, MU_G, RHO = 9.81, 0.3, 0.01
 SIDES = np.array([0.05, 0.04, 0.03])
@@ -34,12 +34,12 @@ gap = ca.Function(
 )
 
 
-def rolled(step, x_0, v, fingers, dt, mu=0.5, mu_g=MU_G, still=STILL):
+def rolled(step, x_0, v, fingers, dt, mu=0.5, mu_g=MU_G, v_eps=V_EPS):
     """Return poses (T, 3) from x_0 at velocity v, pushed by a finger at (T, 3) [m]."""
     x = [np.asarray(x_0, float) - dt * np.asarray(v), np.asarray(x_0, float)]
     for p_1, p in pairwise(fingers):
         z = np.concatenate([SIDES, x[-1], x[-2]])
-        data = np.concatenate([[dt, mu, mu_g, still], p, p_1, [RHO]])
+        data = np.concatenate([[dt, mu, mu_g, v_eps], p, p_1, [RHO]])
         x.append(np.asarray(step.value(z, data)).ravel())
     return np.array(x[1:])
 
@@ -48,17 +48,17 @@ def energy(x, finger, dt):
     """Return kinetic energy, and that of the overlap, per unit mass [J/kg]."""
     v = np.diff(x, axis=0) / dt
     inertia = (SIDES[0] ** 2 + SIDES[1] ** 2) / 12
-    z = -np.array([float(gap(SIDES, pose, finger)) for pose in x[1:]]) / (STILL * dt)
+    z = -np.array([float(gap(SIDES, pose, finger)) for pose in x[1:]]) / (V_EPS * dt)
     # The primitive of lam_n / dt = m g S(-phi / (s dt)), from far away.
     root = np.hypot(z, ROUND)
-    work = G * STILL * dt * (np.square(z) + z * root + ROUND**2 * np.arcsinh(z / ROUND))
+    work = G * V_EPS * dt * (np.square(z) + z * root + ROUND**2 * np.arcsinh(z / ROUND))
     return (v[:, 0] ** 2 + v[:, 1] ** 2 + inertia * v[:, 2] ** 2) / 2 + work / 4
 
 
 def test_a_sliding_body_stops_after_v_squared_over_two_mu_g(step):
     v, dt = 0.2, 1e-3
-    x = rolled(step, np.zeros(3), [v, 0, 0], np.tile(AWAY, (101, 1)), dt, still=1e-4)
-    # The implicit step loses half a step's way; `still` lets it creep for microns.
+    x = rolled(step, np.zeros(3), [v, 0, 0], np.tile(AWAY, (101, 1)), dt, v_eps=1e-4)
+    # The implicit step loses half a step's way; `v_eps` lets it creep for microns.
     expected = v**2 / (2 * MU_G * G) - v * dt / 2
     assert x[-1, 0] == pytest.approx(expected, abs=2e-5)
     assert np.abs(x[-1, 1:]).max() < 1e-9
@@ -82,12 +82,12 @@ def test_energy_never_grows_where_fingers_do_no_work(step):
 
 @pytest.mark.parametrize("rate", [30, 300])
 def test_an_impact_is_inelastic(step, rate):
-    """Every weight of the impulse rebounds at two or three STILL, no more."""
+    """Every weight of the impulse rebounds at two or three V_EPS, no more."""
     dt, v, finger = 1 / rate, 0.2, np.array([0.045, 0.0, 0.015])
     still = np.tile(finger, (rate, 1))
     x = rolled(step, np.zeros(3), [v, 0, 0], still, dt, mu_g=0.0)
     rebound = -np.diff(x[:, 0]).min() / dt
-    assert 0 < rebound < 3 * STILL * (v / (G * dt) + ROUND)
+    assert 0 < rebound < 3 * V_EPS * (v / (G * dt) + ROUND)
     assert x[:, 0].max() == pytest.approx(finger[0] - RHO - SIDES[0] / 2, abs=1e-4)
 
 
@@ -100,9 +100,9 @@ def test_a_finger_within_the_friction_cone_takes_the_body_along(step):
     arm = np.array([-SIDES[0] / 2, 0.0])
     c, s = np.cos(turn), np.sin(turn)
     touched = x[-1, :2] + np.array([[c, -s], [s, c]]) @ arm
-    # It creeps at less than STILL, and rolls on the finger by RHO times the turn.
+    # It creeps at less than V_EPS, and rolls on the finger by RHO times the turn.
     slip = np.linalg.norm(touched - arm - way[:2]) - RHO * abs(turn)
-    assert slip < STILL
+    assert slip < V_EPS
     free = rolled(step, np.zeros(3), np.zeros(3), start + t * way, 1 / 30, mu=0.0)
     assert abs(free[-1, 1]) < 1e-3 < x[-1, 1]
 
@@ -116,7 +116,7 @@ def test_slopes_and_curvatures_are_exact(step):
     )
     for p, p_1 in pushes:
         z = np.r_[SIDES, 0.0, 0.0, 0.02, -0.0005, 0.0, 0.01]
-        data = np.r_[1 / 30, 0.5, MU_G, STILL, p, p_1, RHO]
+        data = np.r_[1 / 30, 0.5, MU_G, V_EPS, p, p_1, RHO]
         multiplier = np.array([1.0, -2.0, 0.02])
 
         def slope(z, data=data):
@@ -150,7 +150,7 @@ def test_a_recorded_push_is_followed_within_a_millimetre(recorded):
     turn = Rotation.from_quat(np.roll(truth["object_quaternion"], -1, axis=1))
     yaw = np.unwrap(turn.as_euler("zyx")[:, 0])
     x = np.column_stack([truth["object_position"][:, :2], yaw])
-    known = [data.dt, scene.friction_finger, scene.friction_ground, STILL]
+    known = [data.dt, scene.friction_finger, scene.friction_ground, V_EPS]
     body = Sliding(CUBOID, SPHERE, scene.mass, scene.gravity)
     found = []
     for action in np.unique(data.action):
@@ -175,13 +175,13 @@ def test_a_step_gives_way_to_an_impulse_as_its_balance_says(step):
     finger = np.array([-0.033, 0.005, 0.015]), np.array([-0.035, 0.005, 0.015]), RHO
     given = SIDES, x_1, x_2, dt, 0.5, MU_G, *finger
     z = np.concatenate([SIDES, x_1, x_2])
-    data = np.concatenate([[dt, 0.5, MU_G, STILL], *finger[:2], [RHO]])
+    data = np.concatenate([[dt, 0.5, MU_G, V_EPS], *finger[:2], [RHO]])
     x = np.asarray(step.value(z, data)).ravel()
-    way = np.asarray(ca.evalf(BODY.gives(x, *given[:6], STILL, *given[6:]))) @ impulse
+    way = np.asarray(ca.evalf(BODY.gives(x, *given[:6], V_EPS, *given[6:]))) @ impulse
     balance, slope, _ = BODY._functions([np.size(a) for a in given])
     moved = x.copy()
     for _ in range(20):
-        off = np.asarray(balance(moved, STILL, *given)).ravel() - impulse
-        moved -= np.linalg.solve(np.asarray(slope(moved, STILL, *given)), off)
+        off = np.asarray(balance(moved, V_EPS, *given)).ravel() - impulse
+        moved -= np.linalg.solve(np.asarray(slope(moved, V_EPS, *given)), off)
     assert np.linalg.norm(way) > 1e-6
     assert moved - x == pytest.approx(way, rel=0.1, abs=0.1 * np.linalg.norm(way))

@@ -9,11 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from formulations import violation_implicit as page
 from formulations.shape import CUBOID
-from tactilenlp import Options, tumble
-from tactilenlp.estimate import _job
-from tactilenlp.rotations import continuous
-from tactilenlp.tipping import FLAT, Tip, lifted
-from tactilenlp.tumble import _ways
+from tactilenlp import Options
+from tactilenlp.estimation.solver import _job
+from tactilenlp.geometry.tipping import FLAT, Tip, lifted
+from tactilenlp.geometry.transforms import continuous
+from tactilenlp.search import proposals_tumble as tumble
+from tactilenlp.search.proposals_tumble import _ways
 
 SIZES, STOOD = np.array([0.05, 0.04, 0.03]), np.array([0.1, -0.2, 0.4])
 ANGLE = np.radians([0.0, 4.0, 9.0])

@@ -44,7 +44,7 @@ def pressed(monkeypatch):
 
 
 def test_a_search_leaves_the_actions_it_is_through_with(recorded, pressed, monkeypatch):
-    from tactilenlp import search
+    from tactilenlp.search import beam as search
 
     data, scene, _ = recorded
     data = data.select(range(3))
@@ -67,7 +67,7 @@ def test_a_search_leaves_the_actions_it_is_through_with(recorded, pressed, monke
 def test_solved_pages_are_left_as_they_are(recorded, pressed, tmp_path):
     data, scene, _ = recorded
     data = data.select(range(2))
-    pressed(sys.modules["tactilenlp.estimate"], "certify", 0)
+    pressed(sys.modules["tactilenlp.estimation.solver"], "certify", 0)
     with pytest.raises(Interrupted) as stop:
         solve_estimate(data, scene, options=QUICK)
     found = stop.value.estimate
@@ -79,7 +79,7 @@ def test_solved_pages_are_left_as_they_are(recorded, pressed, tmp_path):
 
 
 def test_rough_levels_of_a_race_are_better_than_least_motion(recorded, pressed):
-    from tactilenlp import race
+    from tactilenlp.search import multistart as race
 
     data, scene, _ = recorded
     data = data.select(range(2))
@@ -93,7 +93,7 @@ def test_rough_levels_of_a_race_are_better_than_least_motion(recorded, pressed):
 
 
 def test_a_search_for_a_polytope_leaves_what_its_planes_carve_out(pressed, monkeypatch):
-    from tactilenlp import polytopes
+    from tactilenlp.search import polytope_init as polytopes
 
     file = ROOT / "examples" / "data" / "polytope.npz"
     data, scene = Measurements.load(file).select(range(3)), Scene.load(file)
@@ -114,7 +114,7 @@ def test_a_search_for_a_polytope_leaves_what_its_planes_carve_out(pressed, monke
 
 
 def test_before_anything_is_found_there_is_nothing(recorded, pressed):
-    from tactilenlp import search
+    from tactilenlp.search import beam as search
 
     pressed(search, "extensions", 0)
     with pytest.raises(KeyboardInterrupt, match="before anything") as stop:

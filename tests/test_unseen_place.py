@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactilenlp import solve_estimate
-from tactilenlp.spread import ANY_TURN, AWAY, near, unheld
+from tactilenlp.information.error_budget import ANY_TURN, AWAY, near, unheld
 
 
 def test_a_pose_that_nothing_saw_is_no_farther_than_a_body_can_be():

@@ -1,14 +1,14 @@
-"""Compare ways of searching the action space, on states of real explorations.
+"""Compare searches of the action space on states of explorations in simulation.
 
     python examples/benchmarks/action_search.py folder [--worlds 4] [--known 5000]
         [--budgets 60 180 500] [--seed 77] [--searches direct cem ...]
 
-States: the estimates of explorations in MuJoCo (a first touch and four chosen actions
-each), kept in the folder.  The best known gain of a state is the largest that any
-search found, two of them with 5 000 evaluations each.  Prints the mean gain
-relative to it and CPU time per evaluation; keeps search.jsonl (study.py) and goes on
-from there.  The constants of the searches were chosen on the worlds of seed 77, and
-not on those of any other.
+A state is the estimate of an exploration in MuJoCo (a first touch and four chosen
+actions), saved in the folder.  The best known gain of a state is the largest that any
+search found; two of the searches use 5 000 evaluations for it.  The script prints the
+mean gain relative to the best known one and the CPU time per evaluation.  It saves
+search.jsonl (study.py) and resumes from it.  The constants of the searches were chosen
+on the worlds of seed 77 only.
 """
 
 import argparse
@@ -19,8 +19,8 @@ import numpy as np
 from study import add_executor, executor_of, run_study
 
 from tactilenlp import ExpectedInformation, Exploration, Scene, World, explore
-from tactilenlp.approach import facing
-from tactilenlp.choose import SEARCHES, best_action
+from tactilenlp.exploration.action_search import SEARCHES, best_action
+from tactilenlp.exploration.candidate_actions import facing
 
 SEED, ACTIONS = 77, 4  # of the worlds; after each, a state
 SIZES, WITHIN = (0.03, 0.06), 0.02  # [m] of the cuboids, of their centres

@@ -1,16 +1,18 @@
-"""Benchmark how long it takes to build a joint page's problem, by number of samples.
+"""Measure the time to build a page's problem against the number of samples.
 
     python examples/benchmarks/build_time.py ../shared/scenes/cuboid_00.npz
         ../shared/scenes/platonic_*_0.npz [--actions 3 6 9] [--denser 2 3]
         [--executor processes|dask|mpi|none]
 
-A recording is cut after some actions, or all of it made denser: fingers and poses move
-evenly between its samples.  The problem is that of the hypothesis that a search of the
-whole recording found.  window: what is left of the data; page: its terms, of kinds
-already derived; derivatives: their sum, as functions; solver: IPOPT's own.
+A recording is cut after some actions, or resampled: fingers and poses are interpolated
+linearly between its samples.  The problem is that of the hypothesis that a search of
+the whole recording found.  Columns: window, the reduction of the data; page, the terms,
+whose term functions are already derived; derivatives, the functions of their sum;
+solver, the construction of IPOPT.
 
-CPU milliseconds, medians of passes that build all in turn, after one uncounted.
-growth: of the whole since the first case; the target is 1.2 at most.
+Times are CPU milliseconds, medians of passes that build all cases in turn, after one
+uncounted pass.  growth is the ratio of the total to that of the first case; the target
+is at most 1.2.
 """
 
 import os
@@ -27,8 +29,8 @@ from reductions import recorded, searched
 from study import add_executor, executor_of, mapped, write_csv
 
 from tactilenlp import Measurements, Problem, SolverOptions
-from tactilenlp.polytopes import window_of
-from tactilenlp.solve import make_solver
+from tactilenlp.nlp.ipopt import make_solver
+from tactilenlp.problem.polytope_window import window_of
 
 PARTS = ("window", "page", "derivatives", "solver")
 

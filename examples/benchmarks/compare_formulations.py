@@ -1,27 +1,27 @@
-"""Benchmark the formulations against each other: run time against error, same starts.
+"""Compare the formulations from the same starts: CPU time against error.
 
     python examples/benchmarks/compare_formulations.py ../shared/scenes/cuboid_*.npz
         [--out folder] [--executor processes|dask|mpi|none]
 
-With --ablation: the page `paper`, each of its physics terms left out in turn.  Called
-again with the same --out, it runs what is missing (study.py).  (This script, called
-`formulations.py`, would hide the package `formulations` from everything beside it.)
+With --ablation, the page `paper` is solved with each of its physics terms omitted in
+turn.  Called again with the same --out, the script runs what is missing (study.py).
+(Under the name `formulations.py` it would hide the package `formulations`.)
 
-Each is one local solve of the page's levels: no search, no second start.  The levels
-of shooting begin soft, those of violation_implicit sharp, as it follows a first stage;
-"loose first" is that page with levels that begin soft, "shooting, sharp" single
-shooting without its soft level.  Starts:
-  near    the true path moved by 1 mm and 2 degrees, sizes off by 5 %
-  far     the true path moved by 5 mm and 10 degrees, sizes off by 20 %
+Each row is one local solve of the page's continuation levels, without a search.  The
+levels of shooting begin with soft weights, those of violation_implicit with the final
+ones, since it follows a first stage; "loose first" is that page with levels that begin
+soft, "shooting, sharp" is single shooting without its soft level.  Starts:
+  near    the true trajectory moved by 1 mm and 2 degrees, sizes off by 5 %
+  far     the true trajectory moved by 5 mm and 10 degrees, sizes off by 20 %
   paper   at rest where the paper starts: sizes 10 to 30 mm, within 20 mm of the true
           first pose, any yaw
-Two numbers judge a solve.  mm: exact mean distance of the surfaces at the last sample;
-what was never touched is the prior's, the same for all.  best: it converged, within 2
-nats of the lowest objective that this formulation found in this cell (file, actions):
-objectives of different formulations are never compared.  CPU seconds exclude the
-derivation of kinds.  Failed solves are counted, never left out.
+A solve has two measures.  mm: exact mean distance of the surfaces at the last sample;
+untouched sizes come from the prior, the same for all formulations.  best: it converged
+to within 2 nats of the lowest objective that this formulation found in this cell (file,
+actions).  Objectives of different formulations are never compared.  CPU seconds exclude
+the derivation of term functions.  Failed solves are counted, not omitted.
 
-Truth is read here, for starts and errors, never by the package.
+The truth is read here, for starts and errors, never by the package.
 """
 
 import os
@@ -44,9 +44,9 @@ from trimesh.transformations import rotation_matrix, translation_matrix
 from formulations import paper, shooting, violation_implicit
 from formulations.shape import CUBOID
 from tactilenlp import Measurements, Problem, Scene, SolverOptions, surface_distance
-from tactilenlp.precision import precision_of, smoothed
-from tactilenlp.reduce import Reductions, insisted, reduce
-from tactilenlp.solve import solve_levels
+from tactilenlp.data.sensor_noise import precision_of, smoothed
+from tactilenlp.nlp.ipopt import solve_levels
+from tactilenlp.problem.reductions import Reductions, insisted, reduce
 
 PAGES = (
     *("quasi_static", "violation_implicit", "paper"),
@@ -139,7 +139,7 @@ def run(file, na, kind, seed, name) -> dict:
     given = {"theta": theta, "x": start[:, window.last]}
     s = solve_levels(problem, page.LEVELS, given, options, solvers)
     cpu = time.process_time() - began
-    sizes, end = s.values["theta"][:, 0], s.values["x"][:, window.knot[-1]]
+    sizes, end = s.values["theta"][:, 0], s.values["x"][:, window.pose[-1]]
     bodies = [(sizes, end), (truth["side_lengths"], x[:, -1])]
     meshes = [
         box(
@@ -163,7 +163,7 @@ def gained(problem, window, scene, s) -> float:
         return 0.0
     x, data = problem.pack(s.values), problem.data(s.parameters)
     step, push, J = window.step, window.push, s.values["theta"][:2, 0]
-    poses = [s.values["x"][:, k] for k in (step.knot, step.before, step.before_2)]
+    poses = [s.values["x"][:, k] for k in (step.pose, step.before, step.before_2)]
     v, v_1 = ((poses[i] - poses[i + 1]) / step.dt for i in (0, 1))
     J = (J @ J) / 12
     kinetic = [

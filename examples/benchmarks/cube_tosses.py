@@ -1,11 +1,11 @@
-"""Identify a real tossed cube from 1, 4, 16, 64 tosses: a CSV and a picture.
+"""Identify a real cube from 1, 4, 16 and 64 tosses, with a CSV file and a picture.
 
 python examples/benchmarks/cube_tosses.py ../shared/captures/cube_tosses.npz [folder]
 
-Each deal shuffles the tosses and splits them into groups that share none; every group
-is solved on its own.
-Errors are those of the sharp vertices against the cube's own half width (in the file),
-of inertia and friction against what the authors of the recording report.
+Each deal shuffles the tosses and splits them into disjoint groups; every group is
+solved separately.  Errors of the sharp vertices are relative to the cube's half width
+(in the file), errors of inertia and friction to the values that the recording's authors
+report.
 """
 
 import argparse

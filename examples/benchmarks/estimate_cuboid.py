@@ -1,12 +1,13 @@
-"""Benchmark `solve_estimate` on recorded cuboids: accuracy, honesty and cost.
+"""Measure `solve_estimate` on recorded cuboids: accuracy, calibration and cost.
 
 python examples/benchmarks/estimate_cuboid.py ../shared/scenes/cuboid_*.npz
 ... ../shared/scenes/stress_*.npz --actions 6 --knowledge known default "mass x2"
     [--executor processes|dask|mpi|none] [--workers 1]
 
-Truth is read here, never by the package: it judges the result, and it starts a second
-solve of the same page at the true motion, whose objective a good search must reach.
-CPU seconds exclude the derivation of kinds, kinds_s: who derives some is run again.
+The truth is read here, never by the package.  It gives the errors, and the start of a
+second solve of the same page, whose objective a good search must reach.  CPU seconds
+exclude the derivation of term functions (kinds_s); a case that derives some is
+repeated.
 """
 
 import os
@@ -29,12 +30,14 @@ from trimesh.creation import box
 from trimesh.sample import sample_surface
 from trimesh.transformations import quaternion_matrix, translation_matrix
 
-from tactilenlp import Measurements, Options, Scene, metrics, solve_estimate
-from tactilenlp.information import ENOUGH, TOUCHED
-from tactilenlp.kind import seconds_deriving
-from tactilenlp.precision import Precision, precise
-from tactilenlp.result import touched_faces
-from tactilenlp.search import Hypothesis
+from tactilenlp import Measurements, Options, Scene, solve_estimate
+from tactilenlp.data.sensor_noise import Precision, precise
+from tactilenlp.evaluation import metrics
+from tactilenlp.geometry.faces import touched_faces
+from tactilenlp.information.error_budget import ENOUGH
+from tactilenlp.information.information import TOUCHED
+from tactilenlp.nlp.term_functions import seconds_deriving
+from tactilenlp.search.hypothesis import Hypothesis
 
 A = np.random.default_rng(0).normal(size=(700, 700))  # LAPACK solves A x = b: the unit
 EXACT = ("still", "far", "absent")  # reductions besides the planar motion

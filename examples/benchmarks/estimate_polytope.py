@@ -1,19 +1,20 @@
-"""Benchmark `solve_estimate(shape="polytope")`: error and cost by actions, stage, n_v.
+"""Measure `solve_estimate(shape="polytope")`: error and cost by actions and vertices.
 
     python examples/benchmarks/estimate_polytope.py folder scenes/platonic_*_?.npz
         [--actions 3 6 9] [--vertices 8 20 50] [--hard 5] [--incremental]
         [--executor processes|dask|mpi|none]
 
-Called again with the same folder, it runs what is missing.  Hulls of 20 vertices are
-solved with and without impulses, from all of --actions; the others with impulses, from
-the most actions.  --hard records Platonic solids on slippery ground with sticky fingers
-(the paper's 0.1 and 1.0) and adds them.  --incremental: the last action alone as well.
+Called again with the same folder, the script runs what is missing.  Polytopes of 20
+vertices are solved with and without impulses, for each of --actions; the others with
+impulses, from the most actions.  --hard records Platonic solids on slippery ground with
+sticky fingers (the paper's 0.1 and 1.0) and adds them.  --incremental also measures the
+last action alone.
 
-Truth is read here, never by the package.  t2e, e2t: mean distance of the true surface
-to the estimated one, and back; touched: of the true contact points to the estimate;
-third: height of the third-lowest vertex; ratio: median of |error| / sigma of supporting
-planes with three touches or more, wrong: those beyond 1 mm and 5 sigma.  CPU seconds
-exclude the derivation of kinds: who derives some is run again.
+The truth is read here, never by the package.  t2e, e2t: mean distance from the true
+surface to the estimated one, and back; touched: from the true contact points to the
+estimate; third: height of the third-lowest vertex; ratio: median of |error| / sigma of
+supporting planes with three touches or more; wrong: those beyond 1 mm and 5 sigma.  CPU
+seconds exclude the derivation of term functions; a case that derives some is repeated.
 """
 
 import os
@@ -37,7 +38,7 @@ from trimesh.proximity import closest_point_naive
 
 from formulations.polytope import polytope
 from tactilenlp import Measurements, Scene, Workspace, solve_estimate, surface_distance
-from tactilenlp.kind import seconds_deriving
+from tactilenlp.nlp.term_functions import seconds_deriving
 
 STAGES = {"vertices": "quasi_static", "impulses": "violation_implicit"}
 SCRATCH, INCREMENTAL = "scratch", "incremental"

@@ -1,11 +1,11 @@
-"""Measure what a second core brings: one estimate, and a study of several.
+"""Measure the speed-up of two processes, for one estimate and for a study.
 
 python examples/benchmarks/executors.py [recording.npz ...] [--pairs 5] [--workers 2]
 
-Each pair times the same work here and on a pool of processes that is warm already (all
-has been imported and compiled), one right after the other, so that whatever else the
-machine does meets both.  Wall-clock seconds: run it where nothing else runs; the load
-before and after is printed.
+Each pair times the same work in this process and in a pool of processes that has
+already imported and compiled everything, one directly after the other, so that other
+load affects both.  Times are wall-clock seconds: run the script where nothing else
+runs.  The load before and after is printed.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""Make the objects of the exploration study; tell how far an estimate of one is off."""
+"""Make the objects of the exploration study; measure the error of an estimate."""
 
 from itertools import product
 
@@ -8,8 +8,9 @@ from trimesh import Trimesh
 from trimesh.convex import convex_hull
 from trimesh.transformations import quaternion_matrix, translation_matrix
 
-from tactilenlp import Guess, World, metrics
-from tactilenlp.surface import polygons
+from tactilenlp import Guess, World
+from tactilenlp.evaluation import metrics
+from tactilenlp.geometry.faces import polygons
 
 SIZES, WITHIN = (0.03, 0.06), 0.02  # [m] of the cuboids, of their centres
 RADIUS = 0.02  # [m] of the sphere around a Platonic solid

@@ -1,11 +1,11 @@
-"""Report an exploration study: table, tests, the paper's figures beside ours, pictures.
+"""Report an exploration study: table, tests, comparison with the paper, pictures.
 
     python examples/benchmarks/exploration_report.py folder
 
-Reads the trials of exploration_study.py.  Writes table.txt, bch.png (bCH and exact
-surface distance after every action, mean with its 95 % band) and strip.png (learning,
-recentred on the truth).  Outliers are marked and never dropped silently: every mean is
-given with and without them.
+The script reads the trials of exploration_study.py.  It writes table.txt, bch.png (bCH
+and exact surface distance after every action, mean with its 95 % band) and strip.png
+(the estimates in order, centred on the truth).  Outliers are marked and never dropped
+silently: every mean is given with and without them.
 """
 
 import sys

@@ -1,18 +1,19 @@
-"""Repeat the paper's simulation study: how fast do chosen actions find an object?
+"""Repeat the paper's simulation study: error against number of actions, by policy.
 
     python examples/benchmarks/exploration_study.py folder [--trials 10]
         [--objects cuboid|polytope] [--actions 5]
         [--policies eig random fisher farthest] [--starts ours paper]
         [--executor processes|dask|mpi|none] [--address tcp://scheduler:8786]
 
-Cuboids of 3 to 6 cm, or Platonic solids of 2 cm bounding radius which are estimated
-with 20 vertices, at random poses within 2 cm of the centre (exploration_objects.py);
-one finger touches first, centred on the truth, then two fingers act five times, eight
-times on a solid.  A trial has the same object, pose and first touch under every policy:
-pairs.  Every trial is kept in one file (study.py) as soon as it is done; called again,
-the study goes on from there.  `ours` starts from the first touch, `paper` from a random
-guess of 1 to 3 cm (cuboids only).  Writes trials.csv and what exploration_report.py
-makes of it.  Dask and MPI are extras: pip install "tactilenlp[dask]" or "[mpi]".
+The objects are cuboids of 3 to 6 cm, or Platonic solids of 2 cm bounding radius that
+are estimated with 20 vertices, at random poses within 2 cm of the centre
+(exploration_objects.py).  One finger touches first, centred on the truth; then two
+fingers act five times, or eight times on a solid.  A trial has the same object, pose
+and first touch under every policy, so that policies are compared in pairs.  Every trial
+is saved in one file (study.py) when it is done; called again, the study resumes from
+it.  `ours` starts from the first touch, `paper` from a random guess of 1 to 3 cm
+(cuboids only).  The script writes trials.csv and the output of exploration_report.py.
+Dask and MPI are extras: pip install "tactilenlp[dask]" or "[mpi]".
 """
 
 import os

@@ -1,4 +1,4 @@
-"""Explore on the simulated robot under the paper's conditions, through all its wires.
+"""Explore on the simulated robot under the paper's conditions, through its buses.
 
     python examples/benchmarks/explore_on_robot.py folder [--trials 6]
         [--policies eig random] [--actions 5] [--offsets constant ignored]
@@ -7,14 +7,14 @@
 A box of 58 x 49 x 53 mm and 0.5 kg, two opposing fingers of a TriFingerEdu with
 rendered DenseTact pictures, approach angles within pi / 4, starts at random within
 2 cm.  The zero angles of all joints are wrong by about a degree, constant in a trial,
-so that a tip at rest is 3 to 5 mm from where it says, as in the paper.
+so that a tip at rest is 3 to 5 mm from its reported position, as in the paper.
 
 The fingers' joint zeros are unknowns of the estimates that choose the actions
 ("joints"); afterwards the same touches are estimated with a constant offset of each
-finger as an unknown ("constant"), and as if there were none ("ignored").  The truth
-serves only to judge.  Every trial is kept in trials.jsonl and judged.jsonl (study.py)
-as soon as it is done, its touches beside them (.npz); called again, the study goes on
-from there.  Writes trials.csv, table.txt and real.png, the paper's figure.
+finger as an unknown ("constant"), and without offsets ("ignored").  The truth is used
+for errors only.  Every trial is saved in trials.jsonl and judged.jsonl (study.py) when
+it is done, with its measurements (.npz) beside them; called again, the study resumes.
+The script writes trials.csv, table.txt and real.png, the paper's figure.
 """
 
 import os
@@ -50,7 +50,7 @@ from tactilenlp import (
     explore,
     solve_estimate,
 )
-from tactilenlp.metrics import chamfer_code, chamfer_floor, surface_distance
+from tactilenlp.evaluation.metrics import chamfer_code, chamfer_floor, surface_distance
 
 BOX = (0.058, 0.049, 0.053)  # [m], the paper's
 NEAR = 0.02  # [m], starts about the middle of the workspace

@@ -1,10 +1,10 @@
-"""Benchmark kinds of information: cost and conditioning against the number of samples.
+"""Compare kinds of information: cost and conditioning against number of samples.
 
 python examples/benchmarks/information_kinds.py ../shared/scenes/stress_long_cuboid.npz
     [--executor processes|dask|mpi|none], for the starts of each estimate
 
-Past poses carried to the last one by inverted Jacobians of the dynamics (the paper's
-first idea) lose all digits within an action; the joint programme does not.
+The propagation of past poses to the last one by inverse Jacobians of the dynamics (the
+paper's first method) loses all digits within an action; the joint programme does not.
 """
 
 import os
@@ -20,9 +20,9 @@ from matplotlib import pyplot as plt
 from study import add_executor, executor_of, write_csv
 
 from tactilenlp import Measurements, Scene, observed_information, solve_estimate
-from tactilenlp.curvature import curvature_of
-from tactilenlp.inverse_dynamics import links
-from tactilenlp.observed import KINDS, programme_of
+from tactilenlp.estimation.observed_information import KINDS, programme_of
+from tactilenlp.information.comparisons import links
+from tactilenlp.nlp.kkt_sensitivity import curvature_of
 
 UNITS = np.r_[1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.05]  # [m, rad] make numbers comparable
 

@@ -1,21 +1,22 @@
-"""Show why: the loss of shooting and of violation-implicit, along one unknown each.
+"""Plot the losses of shooting and violation-implicit along one unknown each.
 
 python examples/benchmarks/landscape.py [recording.npz]
     [--executor processes|dask|mpi|none]
 
 Left, the paper's example: a step y = H(x - theta) fitted to points by squared error,
 and by the distance of the points to its graph.  Right, a recording: the loss along one
-side of the box and along its first position, all else at the truth.
+side of the box and along its first position, all other unknowns at the truth.
 
-  shooting             simulate from the first pose; the fingers' likelihood of what
-                       comes out.  A later action begins where the one before ended,
-                       moved by the true jump.  At 30 and 300 Hz, smoothed by s.
-  violation-implicit   the same likelihood at the true path (moved as a whole along the
-                       position) and the physics' violation, least over all impulses.
+  shooting             likelihood of the measurements on the trajectory that is
+                       simulated from the first pose.  A later action begins where the
+                       one before ended, moved by the true displacement.  At 30 and
+                       300 Hz, smoothed by s.
+  violation-implicit   the same likelihood on the true trajectory (moved as a whole
+                       along the position) plus the violation, least over all impulses.
 
-Printed and in landscape.csv: slopes (5 % and 95 % quantile, and the largest, in nats /
-mm), and local minima on the grid, which count if both their sides rise by 0.1 nats.
-Both losses level off where no sample is explained: each costs 7 nats at the most.
+The script prints, and writes to landscape.csv, the slopes (5 % and 95 % quantiles and
+the largest, in nats / mm) and the number of local minima on the grid that are 0.1 nats
+deep on both sides.  Both losses are bounded: a sample costs at most 7 nats.
 """
 
 import argparse
@@ -32,10 +33,10 @@ from formulations.finger import SPHERE
 from formulations.shape import CUBOID
 from formulations.time_stepping import Sliding, path
 from tactilenlp import Measurements, Problem, Scene
-from tactilenlp.codegen import compiled
-from tactilenlp.precision import precision_of
-from tactilenlp.reduce import Reductions, insisted, reduce
-from tactilenlp.solve import SolverOptions, make_solver, solve
+from tactilenlp.data.sensor_noise import precision_of
+from tactilenlp.nlp.codegen import compiled
+from tactilenlp.nlp.ipopt import SolverOptions, make_solver, solve
+from tactilenlp.problem.reductions import Reductions, insisted, reduce
 
 SHOOTING = {  # name: times 30 Hz, still [m/s]
     "shooting 30 Hz, s = 100 mm/s": (1, 100e-3),

@@ -1,18 +1,18 @@
-"""Benchmark bodies that the shape's class does not hold: error against its best fit.
+"""Estimate bodies outside the shape's class: error against the best fit.
 
     python examples/benchmarks/mismatch.py folder [--trials 3] [--actions 9]
         [--executor processes|dask|mpi|none]
 
 A cylinder and ellipsoids are estimated as a hull of 20 vertices, prisms and a cylinder
-as a cuboid; a dodecahedron and a box, which their class holds, show what nine touches
-leave open anyhow.  Each is touched at random in simulation.  best: exact surface
-distance of the member of the class that was fitted to the true surface itself; error:
-that of the estimate; at touches: the same two, of the true contact points.  Errors of
-faces that three touches met or more are compared with their sigma; wrong: those beyond
-1 mm and 5 sigma.  nats: cost of a touch, which tells that something does not fit.
+as a cuboid.  A dodecahedron and a box, which belong to their class, show the error that
+nine touches leave in any case.  Each body is touched at random in simulation.  best:
+exact surface distance of the member of the class that is fitted to the true surface;
+error: that of the estimate; at touches: the same two for the true contact points.
+Errors of faces with three touches or more are compared with their sigma; wrong: those
+beyond 1 mm and 5 sigma.  nats: cost of a touch, which shows a bad fit.
 
-Called again with the same folder, it runs what is missing.  Writes mismatch.csv and
-mismatch.png.
+Called again with the same folder, the script runs what is missing.  It writes
+mismatch.csv and mismatch.png.
 """
 
 import os
@@ -37,8 +37,8 @@ from trimesh.transformations import translation_matrix
 
 from tactilenlp import Scene, Workspace, World, solve_estimate, surface_distance
 from tactilenlp.errors import TactileError
-from tactilenlp.hull import filled, nearest_triangles, outer, thinned
-from tactilenlp.judge import true_mesh
+from tactilenlp.evaluation.ground_truth import true_mesh
+from tactilenlp.geometry.convex_hull import filled, nearest_triangles, outer, thinned
 
 POINTS = 1000  # of the true surface, to which a class is fitted
 ROUNDS, STEP = 30, 0.5  # of the fit of vertices, and how far it goes each time

@@ -1,11 +1,11 @@
-"""Benchmark sigma: what is predicted against the scatter of repeated measurements.
+"""Compare predicted sigma with the scatter of repeated measurements.
 
 python examples/benchmarks/monte_carlo.py ../shared/scenes/cuboid_02.npz ... --count 60
 
 Each recording is measured again `count` times with new noise and solved from its true
-motion, so that one mode is studied; every result is kept in the folder's one file
-(study.py), and a run that was stopped carries on.  `measure` is a plain function of
-plain arguments: any concurrent.futures executor spreads it.
+motion, so that one local optimum is studied.  Every result is saved in one file in the
+folder (study.py), and a run that was stopped resumes.  `measure` is a plain function of
+plain arguments, so any concurrent.futures executor can distribute it.
 """
 
 import os
@@ -26,7 +26,7 @@ from study import add_executor, executor_of, run_study
 
 from tactilenlp import Measurements, Noise, Options, Scene, observed_information
 from tactilenlp import solve_estimate as solve
-from tactilenlp.noise import add_noise
+from tactilenlp.data.noise_model import add_noise
 
 TILTED = np.radians(20)  # an object whose axes turn this much out of the flat tumbles
 NOISE = {"position": 1e-3, "normal": np.radians(5), "flips": 0.01}  # [m], [rad], [1]

@@ -1,11 +1,11 @@
-"""Benchmark the optical path: time per picture, and where a touch is found.
+"""Measure the optical sensor: time per picture, and error of a touch.
 
 python examples/benchmarks/optical_frame.py [--output optical_frame]
 
 Writes <output>.csv, a row per rendered touch (320 x 240 px, a disc of 236 px), and
-<output>.png.  Times are CPU seconds on one thread: medians of all pictures.  Rendered
-texture flatters the method; on real texture the centre of pressure is 5 to 40 times
-worse (hardware/README.md).
+<output>.png.  Times are CPU seconds on one thread, medians of all pictures.  The errors
+hold for rendered texture only; on real texture the error of the centre of pressure is 5
+to 40 times larger (hardware/README.md).
 """
 
 import os

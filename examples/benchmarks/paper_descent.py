@@ -6,9 +6,9 @@ L_v(theta, x) = min over lam in FC of eq:vimp as printed (the page `paper`).  Th
 programmes of all time steps are independent: they are solved together, theta and x held
 fixed.  By the envelope theorem the gradient of L_v is that of the loss at these lam.
 
-Printed: that gradient against finite differences of L_v; the impulses against those of
-the joint programme at its own optimum; then the descent, beside IPOPT on the joint
-programme from the same start: loss L_v, error of the surface, CPU seconds.
+The script compares that gradient with finite differences of L_v, and the impulses with
+those of the joint programme at its own optimum.  Then it prints the descent beside
+IPOPT on the joint programme from the same start: loss L_v, surface error, CPU seconds.
 """
 
 import argparse
@@ -25,9 +25,9 @@ from trimesh.transformations import rotation_matrix, translation_matrix
 from formulations import paper
 from formulations.shape import CUBOID
 from tactilenlp import Measurements, Problem, Scene, SolverOptions, surface_distance
-from tactilenlp.precision import precision_of
-from tactilenlp.reduce import Reductions, reduce
-from tactilenlp.solve import make_solver, solve, solve_levels
+from tactilenlp.data.sensor_noise import precision_of
+from tactilenlp.nlp.ipopt import make_solver, solve, solve_levels
+from tactilenlp.problem.reductions import Reductions, reduce
 
 RATE = 0.2  # [scales of the unknowns] of Adam at first; it falls as 1 / sqrt(epoch)
 MEMORY = (0.9, 0.999)  # of gradient and square, as usual
@@ -145,7 +145,7 @@ def main() -> None:
     out = []
     for name, (values, cpu) in found.items():
         nats = descent.look(descent.scaled(values))[0]
-        sizes, end = values["theta"][:, 0], values["x"][:, window.knot[-1]]
+        sizes, end = values["theta"][:, 0], values["x"][:, window.pose[-1]]
         mm = (
             1e3
             * surface_distance(

@@ -1,16 +1,17 @@
-"""Benchmark the printed equations: the page `paper`, and the default's departures.
+"""Compare the page `paper` with the default page, one departure at a time.
 
 python examples/benchmarks/paper_terms.py ../shared/scenes/cuboid_0[0-2]*.npz
     [--executor processes|dask|mpi|none]
 
-Solved from the same hypotheses: the default page, `paper`, and the default with one
-departure undone as it is built: a function of `formulations` gives way to the printed
-one, or a term is said differently, left out or added.  Not here: hard ground and rest
-(a lying object has z = 0 on any page), unfelt (reduced away: what feels nothing has no
-impulse).  (1) and (2) are unbounded below: bounded as in `paper`.
+From the same hypotheses, the script solves the default page, `paper`, and the default
+page with one departure undone at a time: a function of `formulations` is replaced by
+the printed one, or a term is changed, omitted or added.  Not included: hard ground and
+rest (an object at rest has z = 0 on any page), and unfelt contacts (reduced: no
+contact, no impulse).  (1) and (2) are unbounded below; they are bounded as in `paper`.
 
-Truth is read here, never by the package.  cone: largest |lam_t| - mu lam_n, recomputed,
-in weights.  CPU seconds exclude the derivation of kinds: who derives some is run again.
+The truth is read here, never by the package.  cone: largest |lam_t| - mu lam_n,
+recomputed, in weights.  CPU seconds exclude the derivation of term functions; a case
+that derives some is repeated.
 """
 
 import argparse
@@ -29,12 +30,13 @@ from study import add_executor, executor_of, mapped, write_csv
 from trimesh.creation import box
 from trimesh.transformations import quaternion_matrix, translation_matrix
 
-from formulations import contact, paper, sensing
+from formulations import contact, paper, paper_contact, sensing
 from formulations import violation_implicit as default
+from formulations.paper_physics import Physics
 from tactilenlp import Measurements, Scene, solve_estimate
 from tactilenlp.errors import TactileError
-from tactilenlp.kind import seconds_deriving
-from tactilenlp.metrics import surface_distance
+from tactilenlp.evaluation.metrics import surface_distance
+from tactilenlp.nlp.term_functions import seconds_deriving
 
 INFORMATION = ca.inv(ca.DM(paper.SIGMA_N))  # (3, 3) [1/rad^2]
 WEIGHT = {name: value for name, (value, _) in paper.WEIGHTS.items()}
@@ -55,7 +57,7 @@ class Undone:
 
     def build(self, nlp, window, scene, shape):
         """Fill `nlp` as the default does, but for the one departure."""
-        body, minimize = paper.Body(window, scene, shape), nlp.minimize
+        body, minimize = Physics(window, scene, shape), nlp.minimize
 
         def say(name, function, *arguments, role):
             key = name.split(",")[0]
@@ -83,7 +85,7 @@ def normal(n, n_m, sigma):
 
 
 def dissipation(mu, lam, v_s, *_):
-    weight = WEIGHT["dissipation"] / default.KAPPA
+    weight = WEIGHT["dissipation"] / default.WEIGHTS["kappa"][0]
     return weight * contact.printed_dissipation(lam, v_s)
 
 
@@ -92,8 +94,8 @@ def bounded(nlp, window, body):
     for name, rows in (("finger", window.push), ("ground", window.corner)):
         w = body.scene.mass * paper.G * window.step.dt[rows.step]
         lam = nlp.variables[name]
-        nlp.subject_to(f"{name} most", lambda lam, w: lam[0] / w - paper.MOST, lam, w,
-                       upper=0)  # fmt: skip
+        most = paper_contact.MOST
+        nlp.subject_to(f"{name} most", lambda lam, w: lam[0] / w, lam, w, upper=most)
 
 
 def squeezed(nlp, window, body):
@@ -103,10 +105,13 @@ def squeezed(nlp, window, body):
         nlp.parameter(name, WEIGHT[name])
     push, step, felt, gap = window.push, window.step, window.touch, body.finger_gap
     k, w = push.step, body.scene.mass * paper.G * step.dt[push.step]
-    now = theta, x[:, step.knot[k]], x[:, step.before[k]], step.dt[k], w
-    paper.parting(nlp, "printed", gap, body.finger_velocity, now, lam,
-                  (push.p_wf, push.radius, push.p_wf_1, push.tangent))  # fmt: skip
-    paper.apart(nlp, "printed", gap, theta, x[:, felt.knot], (felt.p_wf, felt.radius))
+    now = theta, x[:, step.pose[k]], x[:, step.before[k]], step.dt[k], w
+    paper_contact.complementarity_and_inelasticity(
+        nlp, "printed", gap, body.finger_velocity, now, lam,
+        (push.p_wf, push.radius, push.p_wf_1, push.tangent),
+    )  # fmt: skip
+    at = felt.p_wf, felt.radius
+    paper_contact.non_penetration(nlp, "printed", gap, theta, x[:, felt.pose], at)
     bounded(nlp, window, body)
 
 
@@ -117,7 +122,7 @@ PAGES = {
         (sensing, "touch", lambda phi, sigma: sensing.felt(phi, paper.ALPHA)),
         (sensing, "free", lambda phi, alpha: sensing.softplus(-paper.ALPHA * phi)),
     )),
-    "no mixture": Undone(((sensing, "mixture", lambda cost, ceiling: cost),)),
+    "no mixture": Undone(((sensing, "mixture", lambda cost, outlier_cost: cost),)),
     "Sigma_n": Undone(((sensing, "normal", normal),)),
     "no depth": Undone(added=lambda nlp, *_: nlp.subject_to(
         "no depth", lambda d: d, nlp.variables["depth"], lower=0, upper=0)),

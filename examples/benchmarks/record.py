@@ -1,13 +1,14 @@
-"""Keep what a benchmark found, and tell how a new run differs from it.
+"""Save the results of a benchmark, and compare a new run with them.
 
     python examples/benchmarks/record.py keep stability benchmark/stability.csv
     python examples/benchmarks/record.py compare stability benchmark/stability.csv
 
-A record is one small CSV in results/: a line for every group of rows and quantity, its
-value, the tolerance within which a new value counts as the same, and which way is
-worse; above them the date and the versions that made it.  A tolerance may be edited by
-hand.  `compare` ends with an exit code that is not zero where anything is worse by more
-than its tolerance, or missing.  CPU seconds are of one machine: compare them on that.
+A record is one small CSV file in results/.  It has a line for every group of rows and
+quantity: the value, the tolerance within which a new value counts as equal, and the
+direction that is worse.  Above the lines stand the date and the versions that made it.
+A tolerance may be edited by hand.  `compare` ends with a non-zero exit code where a
+value is worse by more than its tolerance, or missing.  CPU seconds can be compared on
+the same machine only.
 """
 
 import argparse
@@ -20,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactilenlp.filing import versions
+from tactilenlp.common.npz import versions
 
 RESULTS = Path(__file__).parent / "results"
 FIELDS = ("group", "quantity", "value", "tolerance", "worse", "rows")

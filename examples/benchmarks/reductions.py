@@ -1,22 +1,22 @@
-"""Benchmark each reduction: sizes, time and optimum with it and without it.
+"""Measure each reduction: problem size, time and optimum with it and without it.
 
 python examples/benchmarks/reductions.py ../shared/scenes/cuboid_0?.npz
     ../shared/scenes/platonic_*_?.npz [--executor processes|dask|mpi|none]
 
 A recording whose truth has vertices is estimated as a polytope, any other as a cuboid.
-All ways of writing one problem start at the same hypothesis, the best of a search.
-Times are medians of passes that try all ways in turn, so that ratios are of one run;
-a first pass, uncounted, derives the kinds.
+All variants of one problem start from the same hypothesis, the best of a search.  Times
+are medians of passes that try all variants in turn, so that ratios come from one run; a
+first pass, uncounted, derives the term functions.
 
-Still, far, absent and planar leave out what one recording does not need.  Frictionless,
-one finger and no ground are other scenes, each written with and without what it has
-not: tangential impulses that no cone allows, a finger that never measures, a ground
-without friction a metre below a simulated body that floats.
+The reductions `still`, `far`, `absent` and `planar` omit what one recording does not
+need.  Frictionless, one finger and no ground are other scenes, each stated with and
+without what it lacks: tangential impulses that no cone allows, a finger that never
+measures, a ground without friction a metre below a simulated body that floats.
 
-put back: the optimum to which the leanest way goes on, solved to the end, and to which
-it goes on from there once what was left out is put back.  Exact reductions leave it
-where it is; still spans that get poses of their own may gain a little, and so may what
-is let tilt: the shape of a hull is free to follow.
+put back: the optimum of the most reduced problem, and the optimum that is reached from
+it after the omitted parts are restored.  Exact reductions do not change it.  Objects at
+rest that get poses of their own may gain a little, and so may free tilts, since the
+shape of a polytope can adapt.
 """
 
 import os
@@ -36,20 +36,13 @@ from study import add_executor, executor_of, mapped, write_csv
 from formulations import polytope_violation_implicit, violation_implicit
 from formulations.polytope import polytope
 from formulations.shape import CUBOID, Shape
-from tactilenlp import (
-    Ground,
-    Measurements,
-    Scene,
-    SolverOptions,
-    solve_estimate,
-)
-from tactilenlp.floating import floated, laid_out, plane_for
-from tactilenlp.hypothesis import Hypothesis, Job
-from tactilenlp.polytopes import is_polytope, search
-from tactilenlp.precision import precision_of, smoothed
-from tactilenlp.reduce import Reductions
-from tactilenlp.simulate import World
-from tactilenlp.solving import (
+from tactilenlp import Ground, Measurements, Scene, SolverOptions, solve_estimate
+from tactilenlp.data.sensor_noise import precision_of, smoothed
+from tactilenlp.geometry.tipping import lifted
+from tactilenlp.problem.pages import is_polytope
+from tactilenlp.problem.reductions import Reductions
+from tactilenlp.search.hypothesis import Hypothesis, Job
+from tactilenlp.search.local_solve import (
     Solved,
     built_at,
     gone_on,
@@ -57,7 +50,9 @@ from tactilenlp.solving import (
     settings_of,
     solved_from,
 )
-from tactilenlp.tipping import lifted
+from tactilenlp.search.polytope_init import search
+from tactilenlp.search.proposals_floating import floated, laid_out, plane_for
+from tactilenlp.simulation.world import World
 
 PAGES = {"cuboid": violation_implicit, "polytope": polytope_violation_implicit}
 SHAPES = {"cuboid": CUBOID, "polytope": polytope()}

@@ -1,6 +1,6 @@
-"""Print what reductions save: a table of each scene, and one of pairs with and without.
+"""Print the savings of reductions: a table of each scene, and one of pairs.
 
-A row is what `reductions.py` measured of one way of writing a problem.
+A row is the result of `reductions.py` for one variant of a problem.
 """
 
 import numpy as np

@@ -4,10 +4,10 @@
     ... --against HEAD~3 --pairs 3 --recordings shipped cuboid_00 --out benchmark
 
 Each recording is estimated in a process of its own, alternately with this checkout and
-with the commit, which is checked out into a temporary folder.  Truth is read here, never
-by the package.  `digest` hashes every number of an estimate, so that "equal" means equal
-to the last digit; CPU seconds are the least of the pairs, without imports, and the first
-pair compiles what is not compiled yet.  Recordings that are not there are left out.
+with the commit, which is checked out into a temporary folder.  The truth is read here,
+never by the package.  `digest` hashes every number of an estimate, so that "equal"
+means equal to the last digit.  CPU seconds are the least of the pairs; the first pair
+compiles what is not compiled yet.  Missing recordings are omitted.
 """
 
 import os
@@ -105,7 +105,7 @@ def measure(name: str) -> dict:
 
 
 def run(tree: Path, name: str) -> dict:
-    """Return the row of one recording, measured in a process with the package of a tree."""
+    """Return the row of a recording, with the package of a tree, in a new process."""
     environment = {**os.environ, "PYTHONPATH": str(tree), "TQDM_DISABLE": "1"}
     command = [sys.executable, __file__, "--measure", name]
     done = subprocess.run(

@@ -1,8 +1,8 @@
-"""Report runs of estimate_cuboid.py: tables, every target beside its figure, a picture.
+"""Report runs of estimate_cuboid.py: tables, targets beside figures, a picture.
 
 python examples/benchmarks/report_cuboid.py benchmark/runs.json [more.json ...]
 
-A failed run is infinitely wrong.  na: actions; s: predicted sigma.
+The error of a failed run is infinite.  na: actions; s: predicted sigma.
 """
 
 import argparse

@@ -1,11 +1,12 @@
-"""Report runs of monte_carlo.py: table, CSV and picture of predicted over seen scatter.
+"""Report runs of monte_carlo.py: table, CSV and picture of predicted over scatter.
 
 python examples/benchmarks/report_monte_carlo.py benchmark/monte_carlo
 
-A parameter counts as observed where the sensors' noise makes more than half of the
-variance that users are told; what physics or priors hold does not scatter.  A scatter
-of few runs is itself uncertain: beside "within 15 %" stands how many parameters lie
-where 95 % of them would, if every sigma were true.
+A parameter counts as observed where sensor noise makes up more than half of the
+variance of `information.sigma`; parameters that physics or priors determine do not
+scatter.  The scatter of few runs is itself uncertain.  Beside "within 15 %", therefore,
+stands how many parameters lie in the interval that would contain 95 % of them if every
+sigma were exact.
 """
 
 import csv

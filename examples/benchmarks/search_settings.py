@@ -1,14 +1,14 @@
-"""Benchmark the settings of the search: beam width, starts, tolerance, against error.
+"""Measure the effect of the search settings: beam width, starts, tolerance.
 
     python examples/benchmarks/search_settings.py ../shared/scenes/cuboid_0*.npz
         ../shared/scenes/platonic_*_0.npz [--actions 6] [--out benchmark]
         [--executor processes|dask|mpi|none]
 
-Whole estimates, from scratch, one setting changed at a time from the default.  Only the
-tolerance is a setting of a polytope's search.  `reached`: converged, within 2 nats of
-the lowest objective that any setting found for this file.  mm: exact mean distance of
-the surfaces at the last sample.  Failed estimates are counted as infinitely wrong.
-Called again with the same --out, it runs what is missing (study.py).
+Each row is an estimate from scratch with one setting changed from the default.  A
+polytope's search has the tolerance as its only setting.  `reached`: converged within 2
+nats of the lowest objective that any setting found for this file.  mm: exact mean
+distance of the surfaces at the last sample.  The error of a failed estimate is
+infinite.  Called again with the same --out, the script runs what is missing (study.py).
 """
 
 import os

@@ -1,18 +1,18 @@
-"""Stress the estimator: a table of cells, each with a rule that it must pass.
+"""Run the stress suite: a table of cells, each with a rule that it must pass.
 
     python examples/benchmarks/stability.py folder [--axes friction "time step"]
         [--ways cuboid polytope] [--core] [--executor processes|dask|mpi|none]
 
-A cell is one value of one axis, solved one way.  It passes if it is right to a
-millimetre, or no error exceeds five of its own sigmas; if two solves that must agree
-do; or if it ends with a typed error where the axis says beforehand that it may.
-Never: a number that is not finite, a confident wrong answer, a crash, a hang.
+A cell is one value of one axis, solved with one formulation or shape.  It passes if the
+error is below a millimetre or five sigma; if two solves that must agree do agree; or if
+it ends with a typed error that its axis permits beforehand.  It fails with a number
+that is not finite, a wrong result of small sigma, a crash, or no result in time.
 
-Rows are kept in stability.jsonl (study.py) as soon as a cell is done; called again, the
-suite goes on from there.  Only with `processes` is the time of a cell limited.  Writes
-stability.csv and stability.png.  The axes, with their rules and with what may be
-refused, are in stability_world.py, stability_sensors.py and stability_solver.py, the
-judge in stability_judge.py.
+Rows are saved in stability.jsonl (study.py) when a cell is done; called again, the
+suite resumes.  The time of a cell is limited only with `processes`.  The script writes
+stability.csv and stability.png.  The axes, with their rules and permitted errors, are
+in stability_world.py, stability_sensors.py and stability_solver.py, the verdicts in
+stability_judge.py.
 """
 
 import os

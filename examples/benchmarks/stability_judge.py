@@ -1,7 +1,7 @@
-"""Judge a cell of the stress suite: solved right, with an honest sigma, or refused.
+"""Judge a cell of the stress suite: correct, covered by sigma, or refused.
 
-A cell solves one Case one way and returns rows, one for each part: the estimate, its
-information, what actions are expected to tell.  Truth is read here, never by the
+A cell solves one Case and returns rows, one for each part: the estimate, its
+information, the expected information gain.  The truth is read here, never by the
 package.
 """
 
@@ -19,13 +19,13 @@ from tactilenlp import (
     Options,
     Scene,
     Workspace,
-    metrics,
     observed_information,
     solve_estimate,
 )
 from tactilenlp.errors import TactileError
-from tactilenlp.hull import centroid
-from tactilenlp.observed import KINDS
+from tactilenlp.estimation.observed_information import KINDS
+from tactilenlp.evaluation import metrics
+from tactilenlp.geometry.convex_hull import centroid
 
 RIGHT, HONEST, ERROR = "right", "honest sigma", "typed error"
 WRONG, NAN, OFF = "confident wrong", "not finite", "rule broken"

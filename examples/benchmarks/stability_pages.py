@@ -1,4 +1,4 @@
-"""Pages for the stress suite: the same equations, in other units or other weights."""
+"""Pages of the stress suite: the same equations in other units or weights."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from stability_judge import WAYS
 
-from tactilenlp.terms import Columns, Variable
+from tactilenlp.nlp.terms import Columns, Variable
 
 
 def page_of(way):

@@ -1,4 +1,4 @@
-"""Record the scenes of the stress suite: fingers squeeze and push a box."""
+"""Record the scenes of the stress suite, in which fingers squeeze and push a box."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from stability_judge import Case, Truth
 
 from tactilenlp import Noise, Scene, Workspace, World
-from tactilenlp.noise import add_noise
+from tactilenlp.data.noise_model import add_noise
 
 SIDES, YAW = (0.055, 0.038, 0.045), -0.6  # [m], [rad]
 SPEED = 0.2  # [m/s] of the fingers

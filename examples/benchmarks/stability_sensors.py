@@ -1,4 +1,4 @@
-"""Axes of the stress suite that spoil what the sensors say."""
+"""Axes of the stress suite that corrupt the measurements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Axes of the stress suite that change how a problem is posed, not what happened.
+"""Axes of the stress suite that change how a problem is stated, not the recording.
 
 Most compare two solves that must agree: from the same start at a tight tolerance, or
 end to end.
@@ -29,15 +29,15 @@ from tactilenlp import (
     Workspace,
     information_gain,
 )
-from tactilenlp.precision import precision_of, smoothed
-from tactilenlp.reduce import Reductions, insisted, reduce
-from tactilenlp.solve import solve_levels
+from tactilenlp.data.sensor_noise import precision_of, smoothed
+from tactilenlp.nlp.ipopt import solve_levels
+from tactilenlp.problem.reductions import Reductions, insisted, reduce
 
 EXACT, CLOSE, END = 1e-6, 1e-6, 0.01  # [relative], [m], [sigma] of two solves
 TIGHT = 1e-9  # tolerance of solves that are compared
 OFF = np.array([1e-3, -1e-3, 0.03])  # [m, m, rad] of a start from the true path
 LINEAR = 2.0  # [-] of the cost per sample: what a linear cost stays within
-WEIGHTS = ("kappa", "still", "balance sigma", "cone rounding")
+WEIGHTS = ("kappa", "speed rounding", "balance sigma", "cone rounding")
 LOCAL = ("cuboid", "shooting", "complementarity")
 
 
@@ -52,7 +52,7 @@ def local(case: Case, page, theta, x, tolerance=TIGHT):
     start = {"theta": theta, "x": x[:, window.last]}
     solution = solve_levels(problem, page.LEVELS, start, options)
     return SimpleNamespace(
-        theta=solution.values["theta"][:, 0], x=solution.values["x"][:, window.knot],
+        theta=solution.values["theta"][:, 0], x=solution.values["x"][:, window.pose],
         solution=solution, samples=case.data.samples,
     )  # fmt: skip
 

@@ -1,9 +1,9 @@
-"""Run the trials of a study on any executor; keep them in one file, go on from there.
+"""Run the trials of a study on any executor; save them in one file and resume.
 
-The file is text, one JSON value a line.  The first line says what it is: "format",
+The file is text with one JSON value a line.  The first line is a header: "format",
 "version", "study" (its name), "about" (what all trials share), "written_by" (versions).
-Each further line is a trial that ended: "case" (its arguments), "result".  A line that
-was cut short, as by a power failure, is dropped and its trial run again:
+Each further line is a finished trial: "case" (its arguments), "result".  An incomplete
+line, as after a power failure, is dropped and its trial is run again:
 
     header, *trials = map(json.loads, open("study.jsonl"))
 """
@@ -17,9 +17,9 @@ from contextlib import contextmanager
 from multiprocessing import get_context
 from pathlib import Path
 
+from tactilenlp.common.npz import versions
+from tactilenlp.common.progress import progress, wipe
 from tactilenlp.errors import FileError
-from tactilenlp.filing import versions
-from tactilenlp.progress import progress, wipe
 
 FORMAT, VERSION = "tactilenlp study", 1
 EXECUTORS = ("processes", "dask", "mpi", "none")

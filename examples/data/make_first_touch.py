@@ -5,12 +5,12 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from tactilenlp.simulate import World
+from tactilenlp.simulation.world import World
 
-SEED = 0  # the first one tried: nothing is picked
+SEED = 0  # the first seed tried; it is not selected
 DURATION, RADIUS = 1.0, 0.1  # [s], [m] of an action, as in the paper
 BOUND = 2 * np.pi / 5  # [rad] of both approach angles, as in the paper's simulation
-SHORT = 0.017  # [m] before the centroid, an action of two fingers ends: they squeeze
+SHORT = 0.017  # [m] from the centroid, where an action of two fingers ends
 APART, LOWEST = 0.025, 0.012  # [m] between fingers, and of a finger above the ground
 WAITING = np.array([-0.2, 0.0, 0.1])  # [m] the second finger during the first touch
 

@@ -6,11 +6,11 @@ import numpy as np
 from make_first_touch import random_action
 from scipy.spatial.transform import Rotation
 
-from tactilenlp.simulate import World
+from tactilenlp.simulation.world import World
 
-SEED = 0  # the first one tried: nothing is picked
+SEED = 0  # the first seed tried; it is not selected
 RADIUS = 0.022  # [m] of the sphere about the corners
-FINGER = 0.006  # [m] thin enough to touch what slopes towards the ground
+FINGER = 0.006  # [m] thin enough to touch overhanging faces
 ACTIONS = 9
 LYING = Rotation.align_vectors([[0, 0, -1]], [[1, 1, 1]])[0]  # on one of its faces
 

@@ -1,0 +1,92 @@
+r"""The balance of impulse and momentum in every time step: x_{t+1} = f(x_t, lam, r_t).
+
+    force  = m (v_k - v_{k-1}) + m g dt z - sum_c J_c                         [N s]
+    moment = change of angular momentum   - sum_c (p_c - p_wc) x J_c          [N s m]
+    sum_k (|force|^2 + |moment|^2 / ARM^2) / (2 (sigma w)^2)     w = m g dt
+
+over the contacts c of step k, which act with the impulse J_c at the point p_c; p_wc is
+the centroid.  It serves every body (mass, centroid, inertia: rigid_body.Body) and
+planar as well as free motion.  The changes of momentum are in rigid_body.py.
+
+An instance of a term reads the contacts of its step as named tuples: a Corner of every
+ground contact, then a Push of every finger that pushes.  Steps with equally many
+pushing fingers share a term.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import casadi as ca
+
+from .finger_contact import FingerContact, Push, pushes_of
+from .ground_contact import Corner, GroundContact, corners_of
+from .rigid_body import ARM, G, momentum_change, uniform
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """The balance of a body with the fingers and the ground that touch it.
+
+    body(shape, theta, mass) -> rigid_body.Body; gravity [m/s^2].
+    """
+
+    fingers: FingerContact
+    ground: GroundContact
+    gravity: float
+    body: Callable = uniform
+
+    def unbalanced(self, theta, x, x_1, x_2, dt, w, contacts):
+        """Return force (3,) [N s] and moment (3,) [N s m], zero where balanced."""
+        shape, motion = self.fingers.shape, self.fingers.motion
+        mass = w / (G * dt)  # data, so that every mass shares this term's function
+        body = self.body(shape, theta, mass)
+        poses = [motion.pose(shape, theta, c) for c in (x, x_1, x_2)]
+        linear, angular = momentum_change(body, poses, dt)
+        force = mass * linear + ca.vertcat(0, 0, mass * self.gravity * dt)
+        moment = mass * angular
+        p_wo, R_wo = poses[0]
+        for c in self.named(theta, x, contacts):
+            arm = c.point - p_wo - R_wo @ body.centroid
+            force, moment = force - c.impulse, moment - ca.cross(arm, c.impulse)
+        return force, moment
+
+    def named(self, theta, x, contacts):
+        """Return every Corner and Push as a contact.Contact."""
+        sides = {Corner: self.ground, Push: self.fingers}
+        return [sides[type(c)].contact(theta, x, c) for c in contacts]
+
+    def cost(self, theta, x, x_1, x_2, dt, w, sigma, *contacts):
+        """Return the cost [nats] of a step; sigma: deviation of a balance [weights]."""
+        force, moment = self.unbalanced(theta, x, x_1, x_2, dt, w, contacts)
+        return (ca.sumsqr(force) + ca.sumsqr(moment) / ARM**2) / (2 * (sigma * w) ** 2)
+
+
+def add(nlp, window, balance, theta, x, w, pushes, corners):
+    """Add the cost of every step.
+
+    pushes, corners: friction.Impulses of fingers and ground; w: weights of the steps.
+    """
+    sigma = nlp.parameters["balance sigma"]
+    for count, s, contacts in groups(window, pushes, corners):
+        nlp.minimize(
+            f"balance, {count} pushing", balance.cost, theta, *moves(window, x, s),
+            w[s], sigma, *contacts, role="physics",
+        )  # fmt: skip
+
+
+def groups(window, pushes, corners):
+    """Yield number of pushing fingers, steps, contacts in each step, of every group."""
+    for count, group in window.groups.items():
+        under = [corners_of(window.corner, corners, c) for c in group.corners.T]
+        by = [pushes_of(window.push, pushes, j) for j in group.pushes.T]
+        yield count, group.steps, (*under, *by)
+
+
+def moves(window, x, s):
+    """Return the poses at the end of steps s, one and two samples before, and dt."""
+    step = window.step
+    return (
+        x[:, step.pose[s]], x[:, step.before[s]], x[:, step.before_2[s]], step.dt[s]
+    )  # fmt: skip

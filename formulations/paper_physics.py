@@ -1,0 +1,88 @@
+r"""The functions of a body that the printed problem (paper.py) is made of.
+
+    felt         c_t = 1: |n_m - n|^2_{Sigma_n^-1} / 2 + log(1 + e^(alpha phi))
+    free         c_t = 0: log(1 + e^(-alpha phi))                      eq:loss
+    unpredicted  |x_t - f_theta(x_{t-1}, lam_t, r_t)|^2 / (2 deviation^2)
+
+f is one step of impulse and momentum, where d_1 is the rotation vector of the last step
+and J the inertia per unit mass, world frame:
+
+    p_f = p + (p - p_1) + (sum lam / m + g dt) dt
+    R_f = exp(d) R,     d = d_1 + J^-1 (dt sum r x lam / m - d_1 x J d_1)
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from . import sensing
+from .balance import Balance
+from .finger_contact import FingerContact
+from .ground_contact import GroundContact
+from .quasi_static import way_squared
+from .rigid_body import ARM, rotation, turn
+
+
+class Physics:
+    """The functions of one body, its fingers and the ground."""
+
+    def __init__(self, window, scene, shape):
+        self.motion, self.finger = window.motion, window.finger
+        self.scene, self.shape = scene, shape
+        self.fingers = FingerContact(shape, window.motion, window.finger)
+        self.ground = GroundContact(shape, window.motion)
+        self.balance = Balance(self.fingers, self.ground, scene.gravity)
+
+    def pose(self, theta, x):
+        """Return p_wo (3,) [m] and R_wo (3, 3)."""
+        return self.motion.pose(self.shape, theta, x)
+
+    def finger_gap(self, theta, x, p_wf, rho, *_):
+        """Return the gap phi [m] of a finger."""
+        return self.finger.gap(self.shape, theta, self.pose(theta, x), p_wf, rho)
+
+    def finger_velocity(self, theta, x, x_1, dt, p_wf, rho, p_wf_1, t):
+        """Return v_n, v_s (2,) [m/s] of the body against a finger; v_n > 0 parts."""
+        p_w, n, tangents = self.fingers.touch(theta, x, p_wf, rho, t)
+        (p, R), (p_1, R_1) = self.pose(theta, x), self.pose(theta, x_1)
+        v = (p_w - p_1 - R_1 @ (R.T @ (p_w - p)) - p_wf + p_wf_1) / dt
+        return -ca.dot(v, n), ca.vertcat(*(ca.dot(v, t_i) for t_i in tangents))
+
+    def ground_gap(self, theta, x, signs):
+        """Return the height [m] of a corner."""
+        return self.ground.corner(theta, x, signs)[2]
+
+    def felt(self, theta, x, p_wf, rho, n_m, alpha, information):
+        """Return eq:loss of a sample with contact."""
+        n = self.finger.normal(self.shape, theta, self.pose(theta, x), p_wf, rho)
+        cost = sensing.normal_within(n, n_m, ca.reshape(information, 3, 3))
+        return cost + sensing.felt(self.finger_gap(theta, x, p_wf, rho), alpha)
+
+    def free(self, theta, x, p_wf, rho, alpha):
+        """Return eq:loss of a sample without contact."""
+        return sensing.free(self.finger_gap(theta, x, p_wf, rho), alpha)
+
+    def unpredicted(self, theta, x, x_1, x_2, dt, deviation, *contacts):
+        """Return |x_t - f(x_{t-1}, lam_t, r_t)|^2 over 2 deviation^2."""
+        (p, R), (p_1, R_1), (p_2, R_2) = (self.pose(theta, c) for c in (x, x_1, x_2))
+        force, moment = self.applied(theta, x, contacts)
+        m, g = self.scene.mass, ca.vertcat(0, 0, -self.scene.gravity)
+        p_f = p_1 + (p_1 - p_2) + (force / m + g * dt) * dt
+        J = R_1 @ ca.densify(self.shape.inertia(theta)) @ R_1.T
+        d_1 = turn(R_1, R_2)
+        d = d_1 + ca.inv_minor(J) @ (dt * moment / m - ca.cross(d_1, J @ d_1))
+        turned = ca.sumsqr(R - rotation(d) @ R_1) / 2
+        return (ca.sumsqr(p - p_f) + ARM**2 * turned) / (2 * deviation**2)
+
+    def moved(self, theta, x, x_1, deviation):
+        """Return |x_t - x_{t-1}|^2 over 2 deviation^2."""
+        return way_squared(self.motion, self.shape, theta, x, x_1) / (2 * deviation**2)
+
+    def applied(self, theta, x, contacts):
+        """Return sum lam [N s] and sum r x lam [N s m] about the centroid."""
+        p_wo, _ = self.pose(theta, x)
+        force, moment = ca.DM.zeros(3), ca.DM.zeros(3)
+        for c in self.balance.named(theta, x, contacts):
+            force += c.impulse
+            moment += ca.cross(c.point - p_wo, c.impulse)
+        return force, moment

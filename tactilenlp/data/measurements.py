@@ -1,0 +1,277 @@
+"""Hold what the fingers measured: arrays in SI, checked at the door."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from ..common.npz import read_npz, write_npz
+from ..common.validation import check_types, checked_choice
+from ..errors import MeasurementError
+
+UNIT_TOLERANCE = 1e-3  # [1], beyond it a vector is wrong, not merely rounded
+UNIT_EXACT = 1e-12  # [1], below it a length is left alone: round trips stay exact
+ROTATION_TOLERANCE = 1e-6  # [1], largest entry of R R' - 1
+LARGEST_RADIUS = 0.2  # [m], a fingertip is smaller: beyond it the file is in mm
+LARGEST_SPREAD = 10.0  # [m], no hand reaches further: beyond it the file is in mm
+LONGEST_INTERVAL = 5.0  # [s], 30 Hz data in milliseconds have 33
+# The documented keys: axes (T samples, F fingers), what is expected, dtypes accepted.
+LAYOUT = {
+    "time": (("T",), "[s], increasing", "iuf"),
+    "finger_position": (("T", "F", 3), f"[m], within {LARGEST_SPREAD} m", "iuf"),
+    "finger_radius": (("F",), f"[m], above 0, at most {LARGEST_RADIUS}", "iuf"),
+    "contact": (("T", "F"), "True (1) or False (0)", "biuf"),
+    "normal": (("T", "F", 3), "unit vectors, zero without contact", "iuf"),
+    "action": (("T",), "whole numbers, non-decreasing", "iu"),
+    "valid": (("T", "F"), "True (1) or False (0)", "biuf"),
+    "finger_orientation": (("T", "F", 4), "unit quaternions wxyz", "iuf"),
+}
+OPTIONAL = ("valid", "finger_orientation")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Measurements:
+    """Hold T samples of F fingers, in SI and in the world frame.
+
+    time:               (T,) [s], increasing; jumps between actions
+    finger_position:    (T, F, 3) [m], centres of the fingertips
+    finger_radius:      (F,) [m], or one number for all fingers
+    contact:            (T, F) bool
+    normal:             (T, F, 3), unit, out of the object, zero without contact
+    action:             (T,) int, the action that a sample belongs to, non-decreasing
+    valid:              (T, F) bool, False: no measurement, contact and normal are
+                        ignored (kept as False and zero), position must be finite
+    finger_orientation: (T, F, 4) wxyz, finger to world; None for spheres
+
+    Arrays are read-only copies; a MeasurementError names the key and first bad index.
+    """
+
+    time: np.ndarray
+    finger_position: np.ndarray
+    finger_radius: np.ndarray
+    contact: np.ndarray
+    normal: np.ndarray
+    action: np.ndarray
+    valid: np.ndarray | None = None
+    finger_orientation: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        given = {k: v for k in LAYOUT if (v := getattr(self, k)) is not None}
+        arrays = _shaped({key: _array(key, value) for key, value in given.items()})
+        arrays.setdefault("valid", np.ones(arrays["contact"].shape))
+        _check_fingers(arrays)
+        _check_time(arrays["time"], arrays["action"])
+        _check_touch(arrays)
+        for key, array in arrays.items():
+            array.setflags(write=False)
+            object.__setattr__(self, key, array)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike) -> Measurements:
+        """Read the documented keys of an .npz file; ignore all others, truth first."""
+        return cls(**dict.fromkeys(LAYOUT) | read_npz(path, LAYOUT))
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write an .npz file that loads to equal Measurements, to the last digit."""
+        write_npz(path, self._arrays())
+
+    @property
+    def samples(self) -> int:
+        """The number of samples T."""
+        return len(self.time)
+
+    @property
+    def fingers(self) -> int:
+        """The number of fingers F."""
+        return len(self.finger_radius)
+
+    @property
+    def actions(self) -> int:
+        """The number of distinct actions."""
+        return len(np.unique(self.action))
+
+    @property
+    def dt(self) -> float:
+        """The median sample interval within actions [s]."""
+        dt = _interval(self.time, self.action)
+        _reject("time", np.isnan(dt), "no interval", self, "record longer actions")
+        return dt
+
+    def append(self, other: Measurements) -> Measurements:
+        """Return these data and then those of `other`, its actions numbered on."""
+        check_types(other=(other, Measurements))
+        mine, theirs = self._arrays(), other._arrays()
+        radius, end = self.finger_radius, self.time[-1]
+        differ = not np.array_equal(radius, other.finger_radius)
+        fix = f"the fingers so far have {radius.tolist()} m"
+        _reject("finger_radius", differ, "other fingers", other.finger_radius, fix)
+        differ, fix = mine.keys() != theirs.keys(), "give it in both or in none"
+        _reject("finger_orientation", differ, "in one of two", sorted(theirs), fix)
+        fix = f"start after {end} s, where the data end: one clock for all actions"
+        _reject("time", other.time[:1] <= end, "does not go on", other.time, fix)
+        rank = np.unique(other.action, return_inverse=True)[1].reshape(-1)
+        theirs["action"] = self.action[-1] + 1 + rank
+        joined = {key: np.concatenate([mine[key], theirs[key]]) for key in mine}
+        return Measurements(**joined | {"finger_radius": radius})
+
+    def select(self, actions: Iterable[int]) -> Measurements:
+        """Return the samples of these actions, in time order; numbers are kept."""
+        wanted = checked_choice(
+            "action", actions, np.unique(self.action), MeasurementError
+        )
+        return Measurements(**self._arrays(np.isin(self.action, wanted)))
+
+    def transformed(self, R: np.ndarray, t: np.ndarray) -> Measurements:
+        """Return the data in a frame v: p_v = R p_w + t, R (3, 3), t (3,) [m]."""
+        try:
+            R_vw, t_vw = np.asarray(R, float), np.asarray(t, float)
+        except (TypeError, ValueError):  # words, ragged lists
+            R_vw = t_vw = np.zeros(0)
+        rigid = R_vw.shape == (3, 3) and t_vw.shape == (3,) and np.isfinite(R_vw).all()
+        rigid = rigid and abs(R_vw @ R_vw.T - np.eye(3)).max() <= ROTATION_TOLERANCE
+        if not (rigid and np.linalg.det(R_vw) > 0):
+            parts = {"where": "R, t", "got": f"{R}, {t}"}
+            parts |= {"expected": "a rotation matrix (3, 3) and an offset (3,) [m]"}
+            raise MeasurementError("no rigid motion", next="check R R' = 1", **parts)
+        moved = self._arrays() | {"normal": self.normal @ R_vw.T}
+        moved["finger_position"] = self.finger_position @ R_vw.T + t_vw
+        if self.finger_orientation is not None:
+            from scipy.spatial.transform import Rotation  # lazily: import stays light
+
+            xyzw = np.roll(self.finger_orientation.reshape(-1, 4), -1, axis=1)
+            turned = Rotation.from_matrix(R_vw) * Rotation.from_quat(xyzw)
+            wxyz = np.roll(turned.as_quat(), 1, axis=1)
+            moved["finger_orientation"] = wxyz.reshape(self.finger_orientation.shape)
+        return Measurements(**moved)
+
+    def is_prefix_of(self, other: Measurements) -> bool:
+        """Return whether `other` begins with exactly these data."""
+        check_types(other=(other, Measurements))
+        mine, theirs = self._arrays(), other._arrays(slice(self.samples))
+        return mine.keys() == theirs.keys() and all(
+            np.array_equal(mine[key], theirs[key]) for key in mine
+        )
+
+    def __eq__(self, other: object) -> bool:
+        same = isinstance(other, Measurements) and self.samples == other.samples
+        return same and self.is_prefix_of(other)
+
+    def __reduce__(self):
+        # Unpickled arrays would be writable: build anew, which makes them read-only.
+        return partial(Measurements, **self._arrays()), ()
+
+    def __repr__(self) -> str:
+        contacts, lost = self.contact.sum(), (~self.valid).sum()
+        return (
+            f"Measurements({self.samples} samples, actions: {self.actions}, "
+            f"fingers: {self.fingers}, contacts: {contacts}, not valid: {lost})"
+        )
+
+    def _arrays(self, rows: np.ndarray | slice = slice(None)) -> dict[str, np.ndarray]:
+        arrays = {k: v for k in LAYOUT if (v := getattr(self, k)) is not None}
+        radius = arrays.pop("finger_radius")
+        return {k: v[rows] for k, v in arrays.items()} | {"finger_radius": radius}
+
+
+def _reject(key: str, bad: np.ndarray | bool, what: str, got: object, fix: str) -> None:
+    """Raise if anything is bad; where `bad` is an array, name its first bad entry."""
+    if not np.any(bad):
+        return
+    index = tuple(np.argwhere(bad)[0].tolist()) or None
+    if index:
+        what, got = f"{what} at index {index}", got[index].tolist()
+    axes, meaning, _ = LAYOUT[key]
+    expected = str(axes).replace("'", "") + f" {meaning}"
+    parts = {"where": key, "expected": expected, "got": f"{got}", "next": fix}
+    raise MeasurementError(what, index=index, **parts)
+
+
+def _array(key: str, value: object) -> np.ndarray:
+    """Return a fresh contiguous array of numbers, not yet checked any further."""
+    try:
+        array = np.asarray(value)
+    except ValueError:  # ragged lists
+        array = np.asarray(None)
+    wrong, got = array.dtype.kind not in LAYOUT[key][2], f"dtype {array.dtype}"
+    _reject(key, wrong, "wrong dtype", got, "give one array of plain numbers")
+    return np.array(array, dtype=np.int64 if key == "action" else float, order="C")
+
+
+def _shaped(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Check that keys are there, that T and F agree; give every finger a radius."""
+    sizes: dict = {3: 3, 4: 4}
+    for key, (axes, _, _) in LAYOUT.items():
+        if key not in arrays:
+            missing, fix = key not in OPTIONAL, "record it, nothing stands in for it"
+            _reject(key, missing, "missing", f"only {list(arrays)}", fix)
+            continue
+        if key == "finger_radius" and arrays[key].ndim == 0:
+            arrays[key] = np.full(sizes["F"], arrays[key])
+        shape = arrays[key].shape
+        sizes = dict(zip(axes, shape, strict=False)) | sizes
+        wrong = shape != tuple(sizes.get(axis) for axis in axes)
+        fix = f"T is {sizes.get('T')} here; transpose, or add a single finger's axis"
+        _reject(key, wrong, "wrong shape", shape, fix)
+        _reject(key, 0 in shape, "empty", shape, "record a sample first")
+    return arrays
+
+
+def _check_fingers(arrays: dict[str, np.ndarray]) -> None:
+    for key in ("time", "finger_position", "finger_radius", "finger_orientation"):
+        if key in arrays:
+            bad, fix = ~np.isfinite(arrays[key]), "give a number even where not valid"
+            _reject(key, bad, "not finite", arrays[key], fix)
+    radius, p_wf = arrays["finger_radius"], arrays["finger_position"]
+    _reject("finger_radius", radius <= 0, "not positive", radius, "measure the tip")
+    what, fix = "looks like millimetres", "divide by 1000"
+    _reject("finger_radius", radius > LARGEST_RADIUS, what, radius, fix)
+    far = abs(p_wf - p_wf[0, 0]) > LARGEST_SPREAD
+    _reject("finger_position", far, what, p_wf, fix)
+    if "finger_orientation" in arrays:
+        _make_unit("finger_orientation", arrays["finger_orientation"], True)
+
+
+def _check_time(time: np.ndarray, action: np.ndarray) -> None:
+    early, fix = np.diff(time, prepend=-np.inf) <= 0, "sort by time, drop doubles"
+    _reject("time", early, "does not increase", time, fix)
+    back, fix = np.diff(action, prepend=action[0]) < 0, "number actions as recorded"
+    _reject("action", back, "decreases", action, fix)
+    if _interval(time, action) > LONGEST_INTERVAL:
+        long = np.diff(time, prepend=time[0]) > LONGEST_INTERVAL
+        _reject("time", long, "looks like milliseconds", time, "divide by 1000")
+
+
+def _check_touch(arrays: dict[str, np.ndarray]) -> None:
+    """Check contact and normal where they are valid, blank them elsewhere."""
+    normal, fix = arrays["normal"], "write zeros instead"
+    for key in ("valid", "contact"):  # in this order: contact is read where valid
+        flags = arrays[key]
+        odd = (flags != 0) & (flags != 1)
+        _reject(key, odd, "neither True nor False", flags, "give booleans")
+        arrays[key] = flags.astype(bool)
+        arrays["contact"][~arrays["valid"]] = 0
+    normal[~arrays["valid"]] = 0
+    contact, some = arrays["contact"], normal.any(axis=-1)
+    _reject("normal", ~np.isfinite(normal), "not finite", normal, fix)
+    _reject("normal", some & ~contact, "normal without contact", normal, fix)
+    fix = "set valid False where the normal is unknown"
+    _reject("normal", contact & ~some, "contact without normal", normal, fix)
+    _make_unit("normal", normal, contact)
+
+
+def _make_unit(key: str, vectors: np.ndarray, rows: np.ndarray | bool) -> None:
+    """Round to unit length where it nearly is, reject where it is not."""
+    length = np.linalg.norm(vectors, axis=-1)
+    off = np.where(rows, abs(length - 1), 0)
+    what = f"not of unit length within {UNIT_TOLERANCE}"
+    _reject(key, off > UNIT_TOLERANCE, what, length, "normalise it")
+    vectors[off > UNIT_EXACT] /= length[off > UNIT_EXACT, None]
+
+
+def _interval(time: np.ndarray, action: np.ndarray) -> float:
+    steps = np.diff(time)[np.diff(action) == 0]
+    return float(np.median(steps)) if steps.size else np.nan

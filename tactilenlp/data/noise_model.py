@@ -1,0 +1,94 @@
+"""Spoil clean measurements the way real sensors do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from numbers import Real
+
+import numpy as np
+
+from ..errors import OptionError
+from .measurements import Measurements
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Say how the sensors err; all zero by default.
+
+    position: [m]   standard deviation of each coordinate of the fingers, every sample
+    bias:     [m]   standard deviation of a constant offset, one vector per finger
+    normal:   [rad] standard deviation of the angle between measured and true normal,
+                    about a random axis across the normal
+    flips:    [1]   probability that a contact boolean is wrong
+    dropped:  [1]   probability that a sample of a finger is lost (valid=False)
+    seed:           the same seed gives the same noise, to the last digit
+    """
+
+    position: float = 0.0
+    bias: float = 0.0
+    normal: float = 0.0
+    flips: float = 0.0
+    dropped: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value, upper = getattr(self, field.name), np.inf
+            if field.name in ("flips", "dropped"):
+                upper = 1.0
+            if field.name == "seed" and not isinstance(value, (int, np.integer)):
+                value = np.nan
+            number = isinstance(value, Real) and not isinstance(value, bool)
+            if not (number and 0 <= value <= upper):
+                raise OptionError(
+                    "out of range",
+                    where=f"Noise.{field.name}",
+                    got=getattr(self, field.name),
+                    expected=f"a number from 0 to {upper}",
+                    next="give standard deviations in m and rad, the seed as an int",
+                )
+
+
+def add_noise(data: Measurements, noise: Noise) -> Measurements:
+    """Return the data with this noise on them; nothing else changes.
+
+    The bias depends on the seed alone, the rest on seed and action number: noise on a
+    whole record equals noise on its actions one by one, and one kind of noise does not
+    change the draws of another.  A contact that is missed loses its normal; one that is
+    invented gets a normal drawn uniformly from the sphere.  What is not valid is never
+    flipped.
+    """
+    position, normal = data.finger_position.copy(), data.normal.copy()
+    contact, valid = data.contact.copy(), data.valid.copy()
+    bias = np.random.default_rng([noise.seed, 0]).normal(size=(contact.shape[1], 3))
+    for action in np.unique(data.action):
+        rows = data.action == action
+        rng = np.random.default_rng([noise.seed, 1, int(action)])
+        shape = contact[rows].shape
+        white = rng.normal(size=(*shape, 3))
+        angle, axis = rng.normal(size=shape), rng.normal(size=(*shape, 3))
+        anywhere = _unit(rng.normal(size=(*shape, 3)))
+        flipped = (rng.random(shape) < noise.flips) & valid[rows]
+        kept = rng.random(shape) >= noise.dropped
+
+        position[rows] += noise.position * white + noise.bias * bias
+        turned = _turned(normal[rows], axis, noise.normal * angle)
+        turned = np.where((flipped & ~contact[rows])[..., None], anywhere, turned)
+        contact[rows] = (contact[rows] ^ flipped) & kept
+        valid[rows] &= kept
+        normal[rows] = np.where(contact[rows][..., None], turned, 0.0)
+    return replace(
+        data, finger_position=position, contact=contact, normal=normal, valid=valid
+    )
+
+
+def _turned(normal: np.ndarray, axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Turn unit vectors by an angle (..., ) [rad] about a random axis across them."""
+    across = _unit(np.cross(normal, axis))
+    cos, sin = np.cos(angle)[..., None], np.sin(angle)[..., None]
+    return np.where(angle[..., None] == 0, normal, cos * normal + sin * across)
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return vectors / np.where(length > 0, length, 1.0)

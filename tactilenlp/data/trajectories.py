@@ -1,0 +1,118 @@
+"""Hold the recorded motion of one body: poses at a steady rate, toss by toss."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..common.npz import read_npz, write_npz
+from ..common.validation import checked_choice
+from ..errors import MeasurementError
+
+UNIT_TOLERANCE = 1e-3  # [1], a quaternion further from unit length is none
+LARGEST = 100.0  # [m], no tracked body is further off: beyond it the file is in mm
+SHORTEST = 3  # samples: a change of velocity needs three poses
+KEYS = ("toss", "position", "quaternion", "dt")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Trajectories:
+    """Poses of one body at T samples, recorded while nothing but the ground touched it.
+
+    toss:       (T,) int, which recording a sample belongs to; samples of one lie
+                together, dt apart
+    position:   (T, 3) [m] of the body's origin, its centre of mass, world frame
+    quaternion: (T, 4) wxyz, body to world
+    dt:         [s] between samples
+
+    Raises MeasurementError, which names the key and the first bad index.
+    """
+
+    toss: np.ndarray
+    position: np.ndarray
+    quaternion: np.ndarray
+    dt: float
+
+    def __post_init__(self) -> None:
+        position = _numbers("position", self.position, 3, "[m]")
+        quaternion = _numbers("quaternion", self.quaternion, 4, "wxyz")
+        toss = np.asarray(self.toss)
+        if toss.dtype.kind not in "iu" or toss.ndim != 1:
+            raise _wrong("toss", "(T,) whole numbers", f"{toss.dtype} {toss.shape}")
+        if not len(toss) == len(position) == len(quaternion):
+            got = f"{len(toss)}, {len(position)} and {len(quaternion)} samples"
+            raise _wrong("toss, position, quaternion", "one length T", got)
+        _reject("position", abs(position).max(axis=1) > LARGEST, "within 100 m")
+        length = np.linalg.norm(quaternion, axis=1)
+        _reject("quaternion", abs(length - 1) > UNIT_TOLERANCE, "unit length")
+        dt = np.asarray(self.dt)
+        if dt.ndim or dt.dtype.kind not in "iuf" or not 0 < dt < 1:
+            raise _wrong("dt", "one interval [s] between 0 and 1", repr(self.dt))
+        _, counts = np.unique(toss, return_counts=True)
+        if np.count_nonzero(np.diff(toss)) + 1 != len(counts):
+            raise _wrong("toss", "samples of one toss in a row", "torn apart")
+        if counts.min() < SHORTEST:
+            got = f"{counts.min()} samples"
+            raise _wrong("toss", f"{SHORTEST} samples a toss at least", got)
+        values = toss, position, quaternion / length[:, None], float(dt)
+        for name, value in zip(KEYS, values, strict=True):
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike) -> Trajectories:
+        """Read toss, position, quaternion and dt from an .npz; ignore all else."""
+        arrays = read_npz(path, KEYS)
+        missing = [key for key in KEYS if key not in arrays]
+        if missing:
+            raise _wrong(missing[0], f"the keys {', '.join(KEYS)}", f"no {missing[0]}")
+        return cls(**arrays)
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write an .npz file that loads to the same trajectories."""
+        write_npz(path, {key: getattr(self, key) for key in KEYS})
+
+    @property
+    def tosses(self) -> np.ndarray:
+        """The numbers of the tosses, as recorded."""
+        return self.toss[np.sort(np.unique(self.toss, return_index=True)[1])]
+
+    def select(self, tosses: Iterable[int]) -> Trajectories:
+        """Return some tosses, by number, in the order of recording."""
+        wanted = checked_choice("tosses", tosses, self.tosses, MeasurementError)
+        rows = np.isin(self.toss, wanted)
+        return Trajectories(
+            toss=self.toss[rows], position=self.position[rows],
+            quaternion=self.quaternion[rows], dt=self.dt,
+        )  # fmt: skip
+
+    def __repr__(self) -> str:
+        rate, count = 1 / self.dt, len(self.tosses)
+        return f"Trajectories({count} tosses, {len(self.toss)} poses at {rate:.0f} Hz)"
+
+
+def _numbers(name: str, value, width: int, unit: str) -> np.ndarray:
+    try:
+        array = np.array(value, float)
+    except (TypeError, ValueError):  # words, ragged lists
+        array = np.zeros(0)
+    if array.ndim != 2 or array.shape[1] != width or not len(array):
+        got = f"shape {array.shape}" if array.size else repr(value)[:60]
+        raise _wrong(name, f"(T, {width}) {unit}", got)
+    _reject(name, ~np.isfinite(array).all(axis=1), "finite numbers")
+    return array
+
+
+def _reject(name: str, bad: np.ndarray, expected: str) -> None:
+    if bad.any():
+        first = int(np.argmax(bad))
+        raise MeasurementError(
+            "cannot be used", index=(first,), where=name, expected=expected,
+            got=f"another at sample {first}",
+        )  # fmt: skip
+
+
+def _wrong(name: str, expected: str, got: object) -> MeasurementError:
+    return MeasurementError("cannot be used", where=name, expected=expected, got=got)

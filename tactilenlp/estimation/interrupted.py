@@ -1,0 +1,59 @@
+"""What Ctrl-C leaves of a solve: an estimate of what was found so far, marked."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..errors import Interrupted
+from ..problem.pages import is_polytope, page_of
+from ..search.local_solve import solved_from
+from .readout import read_off
+
+WIND_UP = 2.0  # [s] that a person waits after Ctrl-C for what there is
+
+
+@dataclass
+class SoFar:
+    """What a solve has found by now: hypotheses of the first actions, solved pages."""
+
+    kept: list
+    solved: list = field(default_factory=list)
+    began: float = field(default_factory=time.process_time)  # [s] of CPU
+
+    @property
+    def spent(self) -> float:
+        """The seconds of CPU since."""
+        return time.process_time() - self.began
+
+
+def interrupted(data, job, page, options, so_far: SoFar) -> Interrupted:
+    """Return Ctrl-C that carries the best estimate of what was found by now.
+
+    Of solved pages, the best, or roughly solved ones where no other is there yet;
+    before these, least motion of the actions that the search is through with; before
+    the first of them, and for a floating object whose hypotheses lie in a plane of
+    their own, nothing.
+    """
+    whole, solved = data.actions, min(so_far.solved, key=lambda s: s.rank, default=None)
+    if solved is None and so_far.kept and job.scene.ground is not None:
+        page = page_of("quasi_static", job.shape)
+        best = min(so_far.kept, key=lambda h: h.rank)
+        done = np.unique(data.action[: best.x.shape[1]])
+        data, deadline = data.select(done), time.monotonic() + WIND_UP
+        job = replace(job, data=job.data.select(done), deadline=deadline)
+        solved = solved_from(job, page, best, options, levels=page.LEVELS[-1:])
+    if solved is None:
+        return Interrupted("stopped by Ctrl-C before anything was found")
+    kept = [solved.at] if is_polytope(job.shape) else so_far.kept
+    seconds = {**solved.solution.seconds, "total": time.process_time() - so_far.began}
+    estimate = read_off(data, job, page, options, solved, kept, seconds, False)
+    words = f"interrupted, {data.actions} of {whole} actions"
+    estimate = replace(estimate, success=False, status=f"{words}, {estimate.status}")
+    return Interrupted(
+        f"stopped by Ctrl-C: {words}; the estimate so far is in `.estimate`, and "
+        "start=... goes on from it",
+        estimate,
+    )

@@ -1,0 +1,210 @@
+"""From a solved page to an Estimate: unknowns become people's words."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..common.npz import versions
+from ..geometry.convex_hull import centroid
+from ..geometry.transforms import is_planar, matrices
+from ..information.finger_offsets import offsets_of
+from ..information.information import Information, information_of
+from ..information.measurement_noise import Sensed
+from ..information.polytope_information import hull_information, touched_polygons
+from ..nlp.problem import Problem
+from ..problem.pages import is_polytope
+from ..problem.polytope_window import standing
+from ..problem.poses import body_corners, poses
+from .result import Estimate
+
+
+def read_off(
+    data, job, page, options, solved, kept, seconds, late: bool, rivals=()
+) -> Estimate:
+    """Return the estimate of a solved page, in the frame of the data.
+
+    rivals: the same page solved from other hypotheses.
+    """
+    problem, window, solution = solved.problem, solved.window, solved.solution
+    shape, scene = job.shape, job.scene
+    theta = solution.values["theta"].T.ravel()
+    x = solution.values["x"][:, window.pose]
+    if is_polytope(shape):
+        body, information = hull_read(job, page, solved, x)
+    else:
+        body, information = box_read(job, page, solved, theta, x, rivals)
+    job.remember(solved.hypothesis, page)
+    return Estimate(
+        measurements=data,
+        scene=scene,
+        shape=shape.name,
+        formulation=name_of(page),
+        options=_plain(options),
+        theta=theta,
+        position=body.position,
+        quaternion=body.quaternion,
+        body_vertices=body.vertices,
+        impulses=impulses(problem, window, solution, data, scene),
+        unknowns=solution.values,
+        costs=solution.costs,
+        violations={**solution.violations, **exact(problem, solution)},
+        multipliers=solution.multipliers,
+        bound_multipliers=solution.bound_multipliers,
+        objective=solution.objective,
+        success=solution.success,
+        status=f"{solution.status}, time limit reached" if late else solution.status,
+        iterations=solution.iterations,
+        iterations_by_level=solution.iterations_by_level,
+        evaluations=solution.evaluations,
+        seconds=seconds,
+        skipped=solved.skipped,
+        faces=body.faces,
+        information=information,
+        precision=asdict(job.precision),
+        reductions=asdict(solved.job.reductions),
+        cuts=tuple(int(i) for i in solved.job.cuts),
+        origin=solved.hypothesis,
+        hypotheses=tuple(kept),
+        versions=versions(),
+        progress=solution.progress,
+        finger_offset=offsets_of(solution.values, _turn(scene).T),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Where a body is: (T, 3) [m], (T, 4) wxyz; vertices (V, 3) [m], body frame.
+
+    faces: how many samples touched each.
+    """
+
+    position: np.ndarray
+    quaternion: np.ndarray
+    vertices: np.ndarray
+    faces: np.ndarray
+
+
+def box_read(job, page, solved, theta, x, rivals) -> tuple[Body, Information]:
+    """Return the body, and what is known of it, of a shape with sizes."""
+    problem, window, solution = solved.problem, solved.window, solved.solution
+    shape, scene = job.shape, job.scene
+    faces = solved.touched
+    information = information_of(
+        problem, solution, window, shape, faces, _turn(scene).T,
+        Sensed(job.data, job.precision, builder(page, shape, scene, job.kinds_of)),
+        [(r.problem, r.solution, r.window) for r in rivals], solved.profile,
+    )  # fmt: skip
+    where = poses(shape, window.motion, theta, x, scene.ground)
+    return Body(*where, body_corners(shape, theta), faces), information
+
+
+def hull_read(job, page, solved, x) -> tuple[Body, Information]:
+    """Return the body, and what is known of it, of a hull of vertices.
+
+    Its origin is the centroid, its axes are the world's at the last sample.
+    """
+    problem, window, solution = solved.problem, solved.window, solved.solution
+    scene = job.scene
+    V = solution.values["theta"].T
+    middle, R_wg = centroid(V), _turn(scene).T
+    position, turn = hull_poses(scene, x, middle)
+    vertices = (V - middle) @ R_wg.T
+    faces = touched_polygons(window, V, x, job.precision.normal)
+    body = Body(position, turn.as_quat()[:, [3, 0, 1, 2]], vertices, faces)
+    shape = standing(job.shape, solved.hypothesis.theta.reshape(-1, 3))  # as solved
+    sensed = Sensed(job.data, job.precision, builder(page, shape, scene, job.kinds_of))
+    return body, hull_information(problem, solution, window, shape, faces, R_wg, sensed)
+
+
+def hull_poses(scene, x, middle) -> tuple[np.ndarray, Rotation]:
+    """Return positions (T, 3) [m] and turns (T) of a hull at poses x, world frame.
+
+    middle (3,) [m]: what of the body is where; turns are against the last sample, at
+    which the pose is held upright.
+    """
+    if not is_planar(x):
+        p = x[:3].T + matrices(x) @ middle
+        R_wg = _turn(scene).T
+        turn = Rotation.from_matrix(R_wg @ matrices(x) @ R_wg.T)
+        return p if scene.ground is None else scene.ground.from_ground(p), turn
+    c, s = np.cos(x[2]), np.sin(x[2])
+    p = np.stack([
+        x[0] + c * middle[0] - s * middle[1],
+        x[1] + s * middle[0] + c * middle[1],
+        np.full(x.shape[1], middle[2]),
+    ], axis=1)  # fmt: skip
+    turn = Rotation.from_rotvec(np.outer(x[2] - x[2, -1], scene.ground.normal))
+    return scene.ground.from_ground(p), turn
+
+
+def name_of(page) -> str:
+    """Return what an estimate calls the page that it is of."""
+    return getattr(page, "__name__", "page").rpartition(".")[2]
+
+
+def builder(page, shape, scene, kinds_of=None):
+    """Return build(window, scene): the page's programme of another window or scene.
+
+    kinds_of(page, window): the kinds of what has this shape and scene, if any are.
+    """
+
+    def build(window, other=scene) -> Problem:
+        alike = kinds_of is not None and other is scene
+        problem = Problem(kinds=kinds_of(page, window) if alike else {})
+        page.build(problem, window, other, shape)
+        return problem
+
+    return build
+
+
+def exact(problem, solution) -> dict[str, float]:
+    """Return the violations of what a solve rounds, recomputed as it is meant."""
+    x, data = problem.pack(solution.values), problem.data(solution.parameters)
+    names = [name for name in problem.reports if name.endswith(", exact")]
+    return {n: max(0.0, float(problem.value(n, x, data).max())) for n in names}
+
+
+def impulses(problem, window, solution, data, scene) -> dict[str, np.ndarray]:
+    """Return the impulses on the object by contact, (T, 3) [N s], world frame."""
+    T = data.samples
+    out = {f"finger {i}": np.zeros((T, 3)) for i in range(data.fingers)}
+    if scene.ground is not None:
+        out["ground"] = np.zeros((T, 3))
+    x, values = problem.pack(solution.values), problem.data(solution.parameters)
+    turn = _turn(scene)
+    if "finger impulse" in problem.reports:
+        pushed = problem.value("finger impulse", x, values) @ turn
+        for i in range(data.fingers):
+            rows = window.push.finger == i
+            out[f"finger {i}"] = by_sample(pushed[rows], window.push.sample[rows], T)
+    if "ground impulse" in problem.reports:
+        carried = problem.value("ground impulse", x, values) @ turn
+        rows = window.step.sample[window.corner.step]
+        out["ground"] = by_sample(carried, rows, T)
+    elif "impulse" in problem.reports:  # of all contacts: what fingers leave over
+        whole = problem.value("impulse", x, values) @ turn
+        out["ground"] = by_sample(whole, window.step.sample, T)
+        out["ground"] -= sum(out[f"finger {i}"] for i in range(data.fingers))
+    return out
+
+
+def _turn(scene) -> np.ndarray:
+    """Return the rotation (3, 3) from the world to the ground's frame."""
+    return np.eye(3) if scene.ground is None else scene.ground.rotation
+
+
+def _plain(options) -> dict:
+    """Return options as plain values that JSON keeps."""
+    plain = asdict(options)
+    plain["reduce"] = repr(plain["reduce"])
+    return plain
+
+
+def by_sample(values, rows, samples: int) -> np.ndarray:
+    """Return (samples, 3) with `values` added at `rows`, zeros where none."""
+    out = np.zeros((samples, 3))
+    np.add.at(out, rows, values)
+    return out

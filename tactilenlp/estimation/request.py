@@ -1,0 +1,197 @@
+"""Read what a caller asks for: shape, page, start; refuse what cannot be solved."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+
+from ..common.validation import check_types
+from ..data.scene import Scene
+from ..errors import NoContactError, OptionError, SceneError, StartError
+from ..geometry.transforms import backward
+from ..problem.pages import is_polytope, page_of, shape_of
+from ..problem.reductions import flat
+from ..search.hypothesis import Hypothesis
+from ..search.polytope_init import check as check_round
+from .options import Guess, Options
+from .result import Estimate
+
+
+def asked(scene, shape, formulation, options, executor) -> tuple:
+    """Return scene, shape, options and page, or raise what is wrong with them."""
+    scene = Scene() if scene is None else scene
+    options = Options() if options is None else options
+    check_types(scene=(scene, Scene), options=(options, Options))
+    shape = shape_of(shape)
+    page = page_of(formulation, shape)
+    check_plane(page, scene)
+    check_offset(page, scene)
+    check_executor(executor, page)
+    if is_polytope(shape):
+        check_round(scene)
+    return scene, shape, options, page
+
+
+def check_start(start, shape, scene) -> None:
+    """Raise for an Estimate or a Guess from which this shape cannot start."""
+    if start is not None:
+        carried(start, shape, scene, getattr(start, "measurements", None))
+        first_guess(start, shape)
+
+
+def check_plane(page, scene) -> None:
+    """Raise SceneError where a page of planar motion is asked without a ground."""
+    if scene.ground is None and flat(page):
+        raise SceneError(
+            "this page knows planar motion only",
+            where="scene.ground",
+            got="None",
+            expected="a ground on which the object slides",
+            next='use formulation="violation_implicit"',
+        )
+
+
+def check_offset(page, scene) -> None:
+    """Raise SceneError where a page takes fingers to be where they say, and none is."""
+    if scene.sigma_offset is not None and not getattr(page, "OFFSETS", False):
+        raise SceneError(
+            "this page takes the fingers to be where they say",
+            where="scene.sigma_offset",
+            got=f"an offset with {getattr(page, '__name__', page)!r}",
+            expected="None",
+            next='use formulation="violation_implicit" or "quasi_static", of a cuboid',
+        )
+
+
+def check_executor(executor, page) -> None:
+    """Raise OptionError unless other processes can import the page by its name."""
+    if executor is None:
+        return
+    if not hasattr(executor, "submit"):
+        raise OptionError(
+            "no executor", where="executor", got=repr(executor),
+            expected="one of concurrent.futures, such as ProcessPoolExecutor(2)",
+        )  # fmt: skip
+    if sys.modules.get(getattr(page, "__name__", "")) is not page:
+        raise OptionError(
+            "other processes cannot import this page",
+            where="formulation",
+            got=repr(page),
+            expected="a module that `import` finds",
+            next="save the page as a file, or leave executor out",
+        )
+
+
+def check_touched(data) -> None:
+    """Raise NoContactError unless a finger felt contact for two samples in a row.
+
+    A single sample cannot be told from a flipped boolean.
+    """
+    felt = data.contact & data.valid
+    lasting = felt[1:] & felt[:-1] & (data.action[1:] == data.action[:-1])[:, None]
+    if lasting.any():
+        return
+    single = int(felt.sum())
+    raise NoContactError(
+        "nothing was touched",
+        where="contact",
+        got=f"{single} single samples, as flipped booleans make" if single else "none",
+        expected="a finger in contact for at least two samples in a row",
+        next="record an action that meets the object",
+    )
+
+
+def first_guess(start, shape) -> tuple:
+    """Return a user's guess as the search takes it: (name, theta, x), or none."""
+    if not isinstance(start, Guess):
+        return ()
+    theta = np.asarray(start.side_lengths, float)
+    if theta.max() > shape.bounds[1]:
+        raise StartError(
+            "too large",
+            where="start.side_lengths",
+            got=theta.tolist(),
+            expected=f"lengths of at most {shape.bounds[1]} m",
+            next="divide by 1000 if these are millimetres",
+        )
+    position = np.asarray(start.position, float)
+    if theta.shape != (shape.theta,) or not np.all(theta > 0):
+        raise StartError(
+            "sizes do not fit the shape",
+            where="start.side_lengths",
+            got=theta.tolist(),
+            expected=f"{shape.theta} positive lengths [m]",
+        )
+    if position.shape not in ((2,), (3,)) or not np.all(np.isfinite(position)):
+        raise StartError(
+            "no position",
+            where="start.position",
+            got=position.tolist(),
+            expected="2 or 3 finite numbers [m]",
+        )
+    return (("guess", theta, np.r_[position[:2], start.yaw]),)
+
+
+def carried(start, shape, scene, data) -> list[Hypothesis]:
+    """Return the hypotheses to carry on from an earlier estimate.
+
+    Where that ends within an action which goes on, this action is fitted anew.  A
+    polytope may start from an estimate of any shape, with its vertices and poses.
+    """
+    if isinstance(start, Guess):
+        if is_polytope(shape):
+            raise StartError(
+                "a polytope starts without a guess", where="start", got="a Guess",
+                expected="an Estimate, or None",
+            )  # fmt: skip
+        return []
+    check_types(start=(start, Estimate))
+    if not start.measurements.is_prefix_of(data):
+        raise StartError(
+            "the start is no estimate of the first actions of these data",
+            where="start",
+            got=f"{start.measurements.samples} samples that differ",
+            expected="an estimate whose measurements are a prefix of data",
+            next="start from scratch, or append to the same measurements",
+        )
+    done = _whole(start.measurements.samples, data)
+    if is_polytope(shape):
+        return [lying(start, scene, done)] if done else []
+    if start.shape != shape.name:
+        raise StartError(
+            "the start is of another shape", where="start", got=start.shape,
+            expected=shape.name, next="only a polytope starts from any other shape",
+        )  # fmt: skip
+    return [h.at(done) for h in start.hypotheses] if done else []
+
+
+def _whole(samples: int, data) -> int:
+    """Return how many of the first samples are of actions that end with them."""
+    last = np.flatnonzero(data.action == data.action[samples - 1])
+    return samples if last[-1] < samples else int(last[0])
+
+
+def lying(estimate, scene, samples: int | None = None) -> Hypothesis:
+    """Return an estimate of whatever shape as the vertices and poses of a hull.
+
+    Planar poses in the ground's frame, free ones in the world where there is none; the
+    body's axes are the world's at the last of so many samples.
+    """
+    from scipy.spatial.transform import Rotation
+
+    p, turn = estimate.position[:samples], np.eye(3)
+    if scene.ground is not None:
+        p, turn = scene.ground.to_ground(p), scene.ground.rotation
+    w, *v = estimate.quaternion[:samples].T
+    R = Rotation.from_quat(np.stack([*v, w], axis=1))
+    R = Rotation.from_matrix(turn) * R
+    if scene.ground is None:
+        x = np.vstack([p.T, backward((R * R[-1].inv()).as_matrix()).T])
+        theta = R[-1].apply(estimate.vertices).ravel()
+        return Hypothesis(theta, x, estimate.objective, (estimate.shape,))
+    yaw = np.unwrap((R * R[-1].inv()).as_rotvec()[:, 2])
+    vertices = R[-1].apply(estimate.vertices)
+    vertices[:, 2] -= vertices[:, 2].min()
+    x = np.vstack([p[:, :2].T, yaw - yaw[-1]])
+    return Hypothesis(vertices.ravel(), x, estimate.objective, (estimate.shape,))

@@ -1,0 +1,199 @@
+"""Estimate: what was found, complete, named and without a solver's symbols."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..common.npz import read_result, write_result
+from ..common.validation import check_sample
+from ..data.joint_offsets import JointZeros
+from ..data.measurements import Measurements
+from ..data.scene import Ground, Scene
+from ..errors import TactileError
+from ..geometry.faces import SupportingPlanes, supporting_planes
+from ..information.finger_offsets import words
+from ..information.information import Information
+from ..information.mixture import Modes
+from ..problem.certificates import Skipped
+from ..search.hypothesis import Hypothesis
+
+FORMAT, VERSION = "estimate", 2  # of the files that `save` writes
+UNKNOWN_TURN = 45.0  # [deg] a standard deviation beyond which a turn is unknown
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Shape, poses and impulses that explain the measurements.
+
+    theta (n,) [m]; position (T, 3) [m] and quaternion (T, 4) wxyz of the body at every
+    sample, world frame; impulses by contact, (T, 3) [N s] on the object, world frame,
+    over (t-1, t]; unknowns, costs, violations, multipliers by name; hypotheses, best
+    first, for the next action; information about shape and final pose.  origin: the
+    hypothesis it was solved from; reductions and cuts in use: with them the programme
+    can be built again.  progress: of the last solve by iteration, as in Solution.
+    finger_offset (F, 3) [m]: how far fingers are from where they say, world frame; None
+    where the scene knows (Scene.sigma_offset).
+    """
+
+    measurements: Measurements
+    scene: Scene
+    shape: str
+    formulation: str
+    options: dict
+    theta: np.ndarray
+    position: np.ndarray
+    quaternion: np.ndarray
+    body_vertices: np.ndarray
+    impulses: dict[str, np.ndarray]
+    unknowns: dict[str, np.ndarray]
+    costs: dict[str, float]
+    violations: dict[str, float]
+    multipliers: dict[str, np.ndarray]
+    bound_multipliers: dict[str, np.ndarray]
+    objective: float
+    success: bool
+    status: str
+    iterations: int
+    iterations_by_level: tuple[int, ...]
+    evaluations: int
+    seconds: dict[str, float]
+    skipped: tuple[Skipped, ...]
+    faces: np.ndarray
+    information: Information
+    precision: dict[str, float]
+    reductions: dict[str, bool]
+    cuts: tuple[int, ...]
+    origin: Hypothesis
+    hypotheses: tuple[Hypothesis, ...]
+    versions: dict[str, str]
+    progress: dict[str, np.ndarray] = field(default_factory=dict)
+    finger_offset: np.ndarray | None = None
+
+    @property
+    def side_lengths(self) -> np.ndarray:
+        """Full side lengths (3,) [m] of a cuboid, along its body axes."""
+        if self.shape != "cuboid":
+            raise TactileError(
+                "only a cuboid has side lengths",
+                where="side_lengths",
+                got=self.shape,
+                next="read estimate.vertices",
+            )
+        return self.theta
+
+    @property
+    def vertices(self) -> np.ndarray:
+        """Vertices (V, 3) [m], body frame."""
+        return self.body_vertices
+
+    @property
+    def seen_positions(self) -> np.ndarray:
+        """Where the fingers were (T, F, 3) [m], world: as they say, plus offset."""
+        said, joints = self.measurements.finger_position, self.scene.sigma_offset
+        if self.finger_offset is None:
+            return said
+        if isinstance(joints, JointZeros):
+            return said + joints.off(said, self.finger_offset)
+        return said + self.finger_offset
+
+    def rotation(self, sample: int = -1) -> np.ndarray:
+        """Return the rotation matrix (3, 3) from body to world at a sample."""
+        check_sample(sample, len(self.quaternion))
+        from scipy.spatial.transform import Rotation
+
+        w, x, y, z = self.quaternion[sample]
+        return Rotation.from_quat([x, y, z, w]).as_matrix()
+
+    def mesh(self, sample: int = -1):
+        """Return the shape at a sample as a trimesh.Trimesh, world frame [m]."""
+        import trimesh
+
+        points = self.vertices @ self.rotation(sample).T + self.position[sample]
+        return trimesh.convex.convex_hull(points)
+
+    def supporting_planes(self) -> SupportingPlanes:
+        """Return the planes of all faces, touched or not; sigma of each offset."""
+        return supporting_planes(self)
+
+    def summary(self) -> str:
+        """Return a paragraph for people."""
+        mm = 1e3
+        x, y, z = self.position[-1] * mm
+        where = self.information.sigma("position") * mm
+        lines = [
+            f"A {self.shape} of {self._sized()} at ({x:.2f}, {y:.2f}, {z:.2f}) mm "
+            f"± ({where[0]:.2f}, {where[1]:.2f}, {where[2]:.2f}) mm, {self._turned()}.",
+            f"{self.formulation}: {self.status}, objective {self.objective:.2f} nats "
+            f"after {self.iterations} iterations, {self.seconds['total']:.1f} CPU s; "
+            f"largest violation {max(self.violations.values(), default=0.0):.1g}.",
+        ]
+        if self.finger_offset is not None:
+            lines.append(words(self.finger_offset, self.information.offsets))
+        if self.information.unobserved:
+            lines.append(
+                "Not observed: " + "; ".join(self.information.unobserved) + "."
+            )
+        if self.information.also:
+            lines.append("Also possible: " + "; ".join(self.information.also) + ".")
+        lines += [f"Skipped {s}." for s in self.skipped]
+        return "\n".join(lines)
+
+    def _sized(self) -> str:
+        """Return in words how large the body is."""
+        mm = 1e3
+        if "side_lengths" not in self.information.maps:
+            size = np.ptp(self.vertices, axis=0) * mm
+            touched = np.count_nonzero(self.faces)
+            across = " x ".join(f"{s:.1f}" for s in size)
+            known = self.supporting_planes().sigma[self.faces > 0] * mm
+            words = f" to ± {np.median(known):.2f} mm (median)" if touched else ""
+            return (
+                f"{len(self.vertices)} vertices, {across} mm across, {touched} of "
+                f"{len(self.faces)} faces touched{words},"
+            )
+        sigma = self.information.sigma("side_lengths") * mm
+        sides = zip(self.theta, sigma, strict=True)
+        return " x ".join(f"{s * mm:.2f} ± {e:.2f}" for s, e in sides) + " mm"
+
+    def _turned(self) -> str:
+        """Return in words which way the body is turned at the last sample."""
+        w, x, y, z = self.quaternion[-1]
+        yaw = np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+        off = np.degrees(np.nanmax(self.information.sigma("rotation")))
+        if off == 0.0:  # a hull has no axes of its own
+            return "its axes those of the world"
+        if off > UNKNOWN_TURN:
+            return "turned no one knows how"
+        return f"turned by {yaw:.2f} ± {off:.2f} deg about the vertical"
+
+    def save(self, path) -> None:
+        """Write one .npz: plain arrays and a JSON header, readable without us."""
+        write_result(path, FORMAT, VERSION, self, KINDS)
+
+    def report(self, path) -> None:
+        """Write one HTML page to turn and scrub through; it needs no network."""
+        from ..output.html_report import write_report
+
+        write_report(self, path)
+
+    def export(self, path) -> None:
+        """Write the shape for other tools: .stl .obj .ply .glb, .xml (MJCF), .urdf."""
+        from ..output.export import export_shape
+
+        export_shape(self, path)
+
+    @classmethod
+    def load(cls, path) -> Estimate:
+        """Read what `save` wrote, to the last digit; FileError of anything else."""
+        return read_result(path, FORMAT, VERSION, KINDS, cls)
+
+
+KINDS = {  # what a file of an estimate is made of
+    kind.__name__: kind
+    for kind in (
+        *(Estimate, Skipped, Information, Modes, Measurements),
+        *(Scene, Ground, JointZeros, Hypothesis),
+    )
+}

@@ -1,0 +1,205 @@
+"""Actions of the fingers: straight lines towards a target, as the paper draws them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from functools import cache
+from numbers import Real
+
+import casadi as ca
+import numpy as np
+
+from formulations import exploration as page
+
+from ..common.validation import check_numbers, check_types, checked_array
+from ..data.scene import Ground
+from ..errors import OptionError
+
+RATE = 100  # [Hz] of a trajectory's points
+FARTHEST = 10.0  # [m] no hand reaches further, as in Measurements
+SIMULATION, ROBOT = 2 * np.pi / 5, np.pi / 4  # [rad] bounds of the paper
+ALONE = np.pi  # [rad] a single finger may come from anywhere
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Where the fingers are meant to be: time (n,) [s], finger_position (n, F, 3) [m].
+
+    A finger whose position is constant is parked.
+    """
+
+    time: np.ndarray
+    finger_position: np.ndarray
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """What the fingers can do.
+
+    fingers: how many [-]; bound: of both approach angles [rad], 2 pi / 5 as in the
+    paper's simulation; radius: of the sphere on which lines start [m]; duration of an
+    action [s]; finger_radius [m]; gap: least distance between two fingertips'
+    surfaces [m]; clearance: of a fingertip above the ground [m]; stiffness [N/m] and
+    max_force [N] of a finger's servo; ground: its frame is that of all angles.
+    """
+
+    fingers: int = 2
+    bound: float = SIMULATION
+    radius: float = 0.1
+    duration: float = 1.0
+    finger_radius: float = 0.01
+    gap: float = 0.005
+    clearance: float = 0.002
+    stiffness: float = 3125.0
+    max_force: float = 8.0
+    ground: Ground | None = field(default_factory=Ground)
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.fingers, (int, np.integer)) and self.fingers >= 1):
+            raise _wrong("fingers", "an integer >= 1", self.fingers)
+        check_types(ground=(self.ground, (Ground, type(None))))
+        for name in (f.name for f in fields(self) if f.type == "float"):
+            value = getattr(self, name)
+            if not (isinstance(value, Real) and 0 < value < np.inf):
+                raise _wrong(name, "a number above 0", getattr(self, name))
+        if self.bound > np.pi / 2:
+            raise _wrong("bound", "at most pi / 2 [rad]", self.bound)
+        if self.radius > FARTHEST:
+            fix = "divide by 1000 if these are millimetres"
+            raise _wrong("radius", f"at most {FARTHEST:.0f} m", self.radius, fix)
+        if self.radius <= self.apart:
+            fix = "lines start outside the space kept between fingers"
+            raise _wrong("radius", f"above {self.apart:.3g} m", self.radius, fix)
+
+    @classmethod
+    def robot(cls, **overrides) -> Workspace:
+        """Return the paper's robot: sensors that face the object, within pi / 4."""
+        return cls(**{"bound": ROBOT} | overrides)
+
+    @classmethod
+    def simulation(cls, **overrides) -> Workspace:
+        """Return the paper's simulation: both angles within 2 pi / 5."""
+        return cls(**{"bound": SIMULATION} | overrides)
+
+    @property
+    def apart(self) -> float:
+        """How close a finger's centre comes to the border with the next one [m]."""
+        return self.finger_radius + self.gap / 2
+
+    @property
+    def lower(self) -> np.ndarray:
+        """Least angles (2 F,) [rad]: ascension, declination of every finger.
+
+        No declination is negative: the ground would bend such a line.
+        """
+        return np.tile([-self._sideways, 0.0], self.fingers)
+
+    @property
+    def upper(self) -> np.ndarray:
+        """Largest angles (2 F,) [rad]."""
+        return np.tile([self._sideways, self.bound], self.fingers)
+
+    @property
+    def _sideways(self) -> float:
+        if self.fingers == 1:
+            return ALONE
+        return min(self.bound, np.pi / self.fingers)
+
+    def action(self, angles, active=None) -> Action:
+        """Return the action with these angles (2 F,) [rad], checked."""
+        return Action(angles, self, active)
+
+    def random(self, rng: np.random.Generator, active=None) -> Action:
+        """Return an action drawn uniformly from all angles."""
+        check_types(rng=(rng, np.random.Generator))
+        return self.action(rng.uniform(self.lower, self.upper), active)
+
+
+@dataclass(frozen=True, eq=False)
+class Action:
+    """One second of finger motion, relative to a target.
+
+    angles (2 F,) [rad]: right ascension and declination of each finger; active: which
+    fingers move, all by default, the others stay parked.
+    """
+
+    angles: np.ndarray
+    workspace: Workspace
+    active: tuple[bool, ...] | None = None
+
+    def __post_init__(self) -> None:
+        check_types(workspace=(self.workspace, Workspace))
+        space = self.workspace
+        angles = checked_array("angles", self.angles, -1, unit="[rad]").ravel()
+        inside = angles.shape == space.lower.shape
+        inside = inside and (space.lower - 1e-9 <= angles).all()
+        if not (inside and (angles <= space.upper + 1e-9).all()):
+            expected = f"{2 * space.fingers} angles [rad] within the workspace's bounds"
+            raise _wrong("angles", expected, angles.tolist())
+        active = (True,) * space.fingers if self.active is None else tuple(self.active)
+        if len(active) != space.fingers or not any(active):
+            raise _wrong("active", f"{space.fingers} booleans, one True", active)
+        object.__setattr__(self, "angles", np.clip(angles, space.lower, space.upper))
+        object.__setattr__(self, "active", active)
+
+    @property
+    def directions(self) -> np.ndarray:
+        """Unit vectors (F, 3) from the target to the fingers, ground frame."""
+        headings = 2 * np.pi * np.arange(self.workspace.fingers) / len(self.active)
+        triples = zip(headings, *self.angles.reshape(-1, 2).T, strict=True)
+        return np.array([ca.DM(page.direction(*t)).full()[:, 0] for t in triples])
+
+    def trajectory(self, target) -> Trajectory:
+        """Return the way of all fingers towards a target (3,) [m], world frame."""
+        n = round(self.workspace.duration * RATE) + 1
+        time = np.linspace(0, self.workspace.duration, n)
+        return Trajectory(time, self.positions(target, n))
+
+    def positions(self, target: np.ndarray, n: int) -> np.ndarray:
+        """Return the places (n, F, 3) [m] at n instants, world frame."""
+        space, target = self.workspace, checked_array("target", target, 3, unit="[m]")
+        check_numbers("", "a whole number of instants from 2", n=(n, 1, 1e6))
+        if space.ground is not None:
+            target = space.ground.to_ground(target)
+        alone = sum(self.active) == 1
+        lowest = -np.inf if space.ground is None else space.clearance
+        lowest += space.finger_radius
+        limits = [space.radius, 0.0 if alone else space.apart, space.apart, lowest]
+        way = _way(space.fingers, n)(self.angles, target, limits)
+        way = np.array(way.full()).T.reshape(n, space.fingers, 3)
+        for finger, moves in enumerate(self.active):
+            if not moves:  # parked on its own side, at twice the radius
+                heading = 2 * np.pi * finger / space.fingers
+                away = np.r_[np.cos(heading), np.sin(heading), 0.5]
+                way[:, finger] = target + 2 * space.radius * away
+        return way if space.ground is None else space.ground.from_ground(way)
+
+    def as_dict(self) -> dict:
+        """Return plain values that JSON keeps; the workspace is not among them."""
+        return {"angles": self.angles.tolist(), "active": list(self.active)}
+
+
+@cache
+def _way(fingers: int, n: int) -> ca.Function:
+    """Return (angles, target, limits) -> places (3 F, n) [m] of the fingers."""
+    angles, target = ca.SX.sym("angles", 2 * fingers), ca.SX.sym("target", 3)
+    limits = ca.SX.sym("limits", 4)
+    radius, end, apart, lowest = ca.vertsplit(limits)
+    width, columns = np.pi / max(fingers, 2), []
+    for s in np.linspace(0, 1, n):
+        rows = []
+        for f in range(fingers):
+            heading = 2 * np.pi * f / fingers
+            toward = page.direction(heading, angles[2 * f], angles[2 * f + 1])
+            offset = page.line(s, toward, radius, end)
+            if fingers > 1:
+                offset = page.kept_apart(offset, heading, width, apart)
+            rows.append(page.above_ground(target + offset, lowest))
+        columns.append(ca.vertcat(*rows))
+    out = [ca.horzcat(*columns)]
+    return ca.Function("way", [angles, target, limits], out, {"cse": True})
+
+
+def _wrong(where: str, expected: str, got: object, next: str = "") -> OptionError:
+    parts = {"where": where, "expected": expected, "got": f"{got}", "next": next}
+    return OptionError("no such action" if where == "angles" else "unfit", **parts)

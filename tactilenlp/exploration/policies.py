@@ -1,0 +1,160 @@
+"""Choose the next action of an exploration: by what it tells, or to compare with."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from formulations.shape import Shape
+
+from ..data.measurements import Measurements
+from ..errors import OptionError
+from ..estimation.result import Estimate
+from ..problem.pages import shape_of
+from .action_search import Choice, CrossEntropy, best_action, choose_action
+from .action_space import Action, Workspace
+from .candidate_actions import facing
+from .expected_information import ExpectedInformation
+from .push_model import check_ground, check_moves
+
+log = logging.getLogger("tactilenlp")
+POLICIES = ("eig", "random", "fisher", "farthest")
+PREDICTING = ("eig", "fisher")  # those of them that foresee what an action brings
+INWARD = 0.015  # [m] behind a touched point where an object that was lost is sought
+TRIES = 400  # actions drawn for the policy "farthest"
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What a policy is given: estimate, workspace, past actions, its own generator.
+
+    shape: that of the estimate.
+    """
+
+    estimate: Estimate
+    workspace: Workspace
+    past: tuple[Action, ...]
+    rng: np.random.Generator
+    search: str | CrossEntropy
+    budget: int
+    shape: Shape
+
+
+def known_policy(policy):
+    """Return a policy; OptionError where it is none."""
+    if callable(policy) or policy in POLICIES:
+        return policy
+    raise OptionError(
+        "no such policy",
+        where="policy",
+        got=policy,
+        expected=f"one of {POLICIES}, or a function of a Plan",
+    )
+
+
+def check_predicted(policy, actions, start, shape, scene) -> None:
+    """Raise for a policy that predicts what cannot be predicted.
+
+    The first action is chosen by the start, if that is an Estimate, others by what is
+    asked for.
+    """
+    started = isinstance(start, Estimate)
+    if policy not in PREDICTING:
+        return
+    if started and actions:
+        check_ground(start.scene)
+        check_moves(shape_of_start(start, shape))
+    if actions > started:
+        check_ground(scene)
+        check_moves(shape)
+
+
+def shape_of_start(estimate, shape: Shape) -> Shape:
+    """Return the shape of an estimate: what is asked for, or another to begin with."""
+    return shape if estimate.shape == shape.name else shape_of(estimate.shape)
+
+
+def chosen(estimate, space, past, rng, settings):
+    """Return the next action, how it was chosen, in words, and where it aims.
+
+    settings: policy, search, budget and shape, by name.
+    """
+    given = dict(settings)
+    target, policy = estimate.position[-1], given.pop("policy")
+    lost = astray(estimate)
+    if lost:
+        log.warning("%s: aiming at the last touched spot", lost)
+        target = last_touched(estimate.measurements, target)
+        return space.random(rng), None, "sought again", target
+    given["shape"] = shape_of_start(estimate, given["shape"])
+    plan = Plan(estimate, space, tuple(past), rng, **given)
+    if callable(policy):
+        return policy(plan), None, getattr(policy, "__name__", "own"), target
+    if policy in PREDICTING:
+        seed = int(rng.integers(2**31))
+        search = _most_told if policy == "eig" else _most_fisher
+        choice = search(plan, seed)
+        return choice.action, choice, policy, target
+    draw = space.random if policy == "random" else farthest(plan)
+    return draw(rng), None, policy, target
+
+
+def astray(estimate) -> str:
+    """Return in words why the estimate cannot be aimed at, or nothing."""
+    data = estimate.measurements
+    if not (data.contact & data.valid)[data.action == data.action[-1]].any():
+        return "nothing was touched"
+    apart = (last_touched(data, estimate.position[-1]) - estimate.position[-1])[:2]
+    if np.linalg.norm(apart) > np.linalg.norm(estimate.vertices, axis=1).max():
+        return "the estimate lies apart from what was touched"
+    return ""
+
+
+def last_touched(data: Measurements, otherwise: np.ndarray) -> np.ndarray:
+    """Return a point (3,) [m] a little behind the spot that was touched last."""
+    t, f = np.nonzero(data.contact & data.valid)
+    if not len(t):
+        return otherwise
+    n = data.normal[t[-1], f[-1]]
+    depth = data.finger_radius[f[-1]] + INWARD
+    point = data.finger_position[t[-1], f[-1]] - depth * n
+    return np.r_[point[:2], otherwise[2]]
+
+
+def _most_told(plan: Plan, seed: int) -> Choice:
+    return choose_action(
+        plan.estimate, plan.workspace, search=plan.search, budget=plan.budget,
+        seed=seed, shape=plan.shape,
+    )  # fmt: skip
+
+
+def _most_fisher(plan: Plan, seed: int) -> Choice:
+    """Return the action that tells most to one who knows nothing but a rough size."""
+    expected = ExpectedInformation(plan.estimate, plan.workspace, shape=plan.shape)
+    expected.beliefs = [replace(b, information=b.before) for b in expected.beliefs]
+    return best_action(
+        lambda angles: expected.gain(plan.workspace.action(angles)),
+        plan.workspace, search=plan.search, budget=plan.budget, seed=seed,
+        facing=facing(plan.estimate, plan.workspace),
+    )  # fmt: skip
+
+
+def farthest(plan: Plan) -> Callable:
+    """Return a draw of the action whose directions are farthest from all before.
+
+    Without actions to look back on, from the normals that were felt.
+    """
+    data = plan.estimate.measurements
+    seen = [a.directions[list(a.active)] for a in plan.past]
+    seen = np.concatenate(seen or [data.normal[data.contact & data.valid]])
+
+    def nearest(action) -> float:
+        return np.arccos(np.clip(action.directions @ seen.T, -1, 1)).min(axis=1).sum()
+
+    def draw(rng) -> Action:
+        return max((plan.workspace.random(rng) for _ in range(TRIES)), key=nearest)
+
+    return draw

@@ -1,0 +1,9 @@
+"""Frames, convex hulls and their faces: NumPy and SciPy only, no solver.
+
+In: points, half-spaces, poses.  Out: rotations, hulls, faces, tipping motions.
+
+- `transforms`: rotation vectors, planar poses, world to body frame
+- `convex_hull`: half-space intersection, vertex reduction, centroid, closest point
+- `faces`: facets merged into faces, supporting planes and their uncertainty
+- `tipping`: the kinematics of a body that tips over an edge
+"""

@@ -1,0 +1,206 @@
+"""identify_body: from recorded motion to shape, friction and ground."""
+
+from __future__ import annotations
+
+import logging
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from formulations import known_trajectory as page
+
+from ..common.validation import check_types
+from ..data.scene import Scene
+from ..data.trajectories import Trajectories
+from ..errors import MotionError, OptionError, SceneError
+from ..information.information import reduced_covariance
+from ..nlp.ipopt import SolverOptions, solve_levels
+from ..nlp.problem import Problem
+from ..nlp.solution import not_converged
+from .body import LOST, Body, sharpened
+from .impacts import gravity_of, impacts, near, steps_of
+
+log = logging.getLogger("tactilenlp")
+SIGNS = np.array(np.meshgrid([-1.0, 1], [-1.0, 1], [-1.0, 1])).reshape(3, 8)
+SOLVER = SolverOptions(tolerance=1e-5, time_limit=600.0)
+SHAPES = ("cuboid", "corners")
+DEEP = 3.0  # [SURFACE] that a corner left out may lie below the ground
+ROUNDS = 3  # solves at most: corners that were left out wrongly come back
+CHOSEN = ("theta", "radius", "friction", "inertia", "plane")  # get a sigma
+
+
+def identify_body(
+    trajectories: Trajectories,
+    scene: Scene | None = None,
+    *,
+    shape: str = "cuboid",
+    guess: np.ndarray | None = None,
+    gauge: float | None = None,
+    options: SolverOptions | None = None,
+    throw: bool = True,
+) -> Body:
+    """Find shape, friction, inertia and ground from recorded poses (known_trajectory).
+
+    scene: mass, gravity and ground are read (default Scene()).  shape: "cuboid" (three
+    half widths) or "corners" (every vertex on its own).  guess: half widths (3,) or
+    vertices (V, 3) [m], by default of a cube as high as the lowest origin.  gauge:
+    metres per metre of the tracker; None: such that free falls show scene.gravity.
+
+    Raises MeasurementError, OptionError, SceneError before the solve, MotionError where
+    nothing touches the ground, NotConverged (unless `throw` is False) after it.
+    """
+    began = time.process_time()
+    scene = Scene() if scene is None else scene
+    options = SOLVER if options is None else options
+    _check(trajectories, scene, shape, gauge, options)
+    steps, theta, signs, ruler = _prepared(trajectories, scene, shape, guess, gauge)
+    chosen = near(steps, (theta * signs).T)
+    if not chosen.any():
+        raise MotionError(
+            "no corner comes near the ground", where="trajectories",
+            got=f"origins at {1e3 * steps.p_wo[:, 2].min():.0f} mm and higher",
+            expected="tosses that land", next="check scene.ground, or give a guess",
+        )  # fmt: skip
+    for _ in range(ROUNDS):
+        window = impacts(steps, chosen, theta, signs, trajectories.dt)
+        problem = Problem()
+        page.build(problem, window, scene)
+        solution = solve_levels(problem, page.LEVELS, {}, options)
+        back = _sunk(steps, solution.values, signs) & ~chosen
+        if not back.any():
+            break
+        log.info("%d corners touched that were left out", back.sum())
+        chosen = chosen | back
+    if throw and not solution.success:
+        raise not_converged(problem, solution)
+    body = _read_off(
+        trajectories, scene, shape, problem, window, solution, signs, ruler
+    )
+    left = len(chosen) - len(window.step), int(steps.resting.sum())
+    words = f"{left[0]} of {len(chosen)} steps: in free flight, or at rest ({left[1]})"
+    seconds = solution.seconds | {"total": time.process_time() - began}
+    return replace(body, skipped=(words,), seconds=seconds)
+
+
+def _check(trajectories, scene, shape, gauge, options) -> None:
+    check_types(
+        trajectories=(trajectories, Trajectories),
+        scene=(scene, Scene),
+        options=(options, SolverOptions),
+    )
+    if not isinstance(shape, str) or shape not in SHAPES:
+        raise OptionError(
+            "unknown shape", where="shape", got=shape, expected=f"one of {SHAPES}"
+        )
+    if gauge is not None and not (isinstance(gauge, int | float) and 0.5 < gauge < 2):
+        expected = "None, or a number near 1"
+        raise OptionError("out of range", where="gauge", got=gauge, expected=expected)
+    if scene.ground is None:
+        raise SceneError(
+            "nothing to fall on", where="scene.ground", got="None",
+            expected="Ground(height=..., normal=...)",
+        )  # fmt: skip
+
+
+def _prepared(trajectories, scene, shape, guess, gauge):
+    """Return steps in the ground's frame, the first guess, and the gauge with sigma."""
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_matrix(scene.ground.rotation)
+    rotation = turn * Rotation.from_quat(np.roll(trajectories.quaternion, -1, axis=1))
+    where = scene.ground.to_ground(trajectories.position)
+    where = where - [*where[:, :2].mean(axis=0), 0]  # slopes turn about the middle
+    given = trajectories.toss, where, rotation, trajectories.dt, scene.gravity
+    steps = steps_of(*given)
+    theta, signs = _first(guess, shape, where)
+    ruler = (gauge or 1.0), 0.0
+    if gauge is None and scene.gravity > 0:
+        g, sigma = gravity_of(steps, (theta * signs).T, trajectories.dt)
+        if g > 0:
+            ruler = scene.gravity / g, scene.gravity / g**2 * sigma
+    return steps_of(given[0], ruler[0] * where, *given[2:]), theta, signs, ruler
+
+
+def _first(guess, shape, position):
+    """Return theta (3, columns) [m] and signs (3, V) of the first guess."""
+    cuboid = shape == "cuboid"
+    if guess is None:
+        half = np.full(3, max(position[:, 2].min(), 1e-3))
+        return (half[:, None], SIGNS) if cuboid else (half[:, None] * SIGNS, SIGNS**2)
+    try:
+        given = np.asarray(guess, float)
+    except (TypeError, ValueError):
+        given = np.full(1, np.nan)
+    fits = (
+        given.shape == (3,) if cuboid else given.ndim == 2 and given.shape[1:] == (3,)
+    )
+    if not fits or not np.isfinite(given).all() or (cuboid and given.min() <= 0):
+        raise OptionError(
+            "cannot start there", where="guess", got=repr(guess)[:80],
+            expected="half widths (3,) > 0 [m]" if cuboid else "vertices (V, 3) [m]",
+        )  # fmt: skip
+    return (given[:, None], SIGNS) if cuboid else (given.T, np.ones(given.T.shape))
+
+
+def _sunk(steps, values, signs) -> np.ndarray:
+    """Return which vertices lie below the ground in which step, (n, V)."""
+    level = (values["plane"] + values["offset"]).T[steps.toss]
+    p = steps.corners((values["theta"] * signs).T)[:, :, 0]
+    ground = level[:, :1] + p[..., 0] * level[:, 1:2] + p[..., 1] * level[:, 2:]
+    low = p[..., 2] - ground < values["radius"] - DEEP * page.SURFACE
+    return low & ~steps.resting[:, None]
+
+
+def _read_off(trajectories, scene, shape, problem, window, solution, signs, ruler):
+    values = {k: v.squeeze() for k, v in solution.values.items()}
+    spans = {name: problem.variables[name].span for name in CHOSEN}
+    chosen = np.concatenate([np.arange(s.start, s.stop) for s in spans.values()])
+    C, _, _ = reduced_covariance(problem, solution, chosen)
+    names = np.repeat([*spans], [s.stop - s.start for s in spans.values()])
+    deviation = np.sqrt(np.where(np.diag(C) < 0, np.inf, np.diag(C)))
+    sigma = {name: deviation[names == name].squeeze() for name in CHOSEN}
+    corners = (solution.values["theta"] * signs).T
+    push = sharpened(corners)
+    vertices = corners + push * values["radius"]
+    with_radius = _sharp_sigma(C, names, signs, push, shape)
+    spread = np.hypot(with_radius, vertices * ruler[1] / ruler[0])
+    uniform = scene.mass * window.uniform
+    sigma |= {
+        "vertices": spread, "half_widths": spread.reshape(-1, 3).max(axis=0),
+        "gauge": ruler[1], "ground": sigma.pop("plane"),
+        "inertia": sigma["inertia"] * uniform,
+    }  # fmt: skip
+    del sigma["theta"]
+    lost = np.flatnonzero((with_radius > LOST * page.SIZE).any(axis=1))
+    return Body(
+        shape=shape, mass=scene.mass, vertices=vertices, radius=float(values["radius"]),
+        friction=float(values["friction"]), inertia=values["inertia"] * uniform,
+        ground=values["plane"], gauge=ruler[0], sigma=sigma,
+        impulses=_impulses(trajectories, scene, problem, window, solution),
+        costs=solution.costs, violations=solution.violations,
+        objective=solution.objective, unobserved=tuple(lost.tolist()), skipped=(),
+        tosses=window.tosses, success=solution.success, status=solution.status,
+        iterations=solution.iterations, seconds=solution.seconds,
+    )  # fmt: skip
+
+
+def _sharp_sigma(C, names, signs, push, shape) -> np.ndarray:
+    """Return deviations (V, 3) [m] of the sharp vertices, from theta and the radius."""
+    theta = np.flatnonzero(names == "theta").reshape(-1, 3)
+    (radius,) = np.flatnonzero(names == "radius")
+    out = np.zeros(push.shape)
+    for v in range(len(push)):
+        J = np.zeros((3, len(C)))
+        J[:, theta[v if len(theta) > 1 else 0]] = np.diag(signs[:, v])
+        J[:, radius] = push[v]
+        out[v] = np.sqrt(np.maximum(np.diag(J @ C @ J.T), 0))
+    return out
+
+
+def _impulses(trajectories, scene, problem, window, solution) -> np.ndarray:
+    x, data = problem.pack(solution.values), problem.data(solution.parameters)
+    found = problem.value("world impulse", x, data) @ scene.ground.rotation
+    out = np.zeros((len(trajectories.toss), window.vertices, 3))
+    out[window.step.sample[window.touch.step], window.touch.vertex] = found
+    return out

@@ -1,0 +1,185 @@
+"""What the page `known_trajectory` reads of recorded motion: steps, and who may touch.
+
+A step is a sample k with a pose before and one after it; the change of velocity there,
+(p_{k+1} - 2 p_k + p_{k-1}) / dt, is what impulses between these two have done.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..problem.window import _Rows
+
+NEAR = 10e-3  # [m] a corner that stays higher than this over a step does not touch
+CALM = 0.04, 0.3  # [m/s], [rad/s] a lesser change of velocity is no impact
+GLIDE = 1.0  # [rad/s] slower than this and calm, a body rests or glides on a face
+KEPT = 4  # one in so many steps of a glide is kept: its samples all say the same
+QUIET = 0.006, 0.04  # [m/s], [rad/s] deviation of a change of velocity (free flights)
+IMPACT = 0.2  # [1] of a change of velocity: deviation of real impacts from rigid ones
+FLIGHT = 8  # samples that a fall must have to measure gravity
+UNSURE = 0.016  # [1] deviation of the gravity that one toss measures (of 76 real ones)
+FEW = 4  # tosses below which their scatter says nothing
+
+
+@dataclass(frozen=True, eq=False)
+class Steps(_Rows):
+    """All steps: poses now, one sample before (_1) and after (_2), and velocities.
+
+    sample, toss: of `now`; p_wo (n, 3) [m]; R_wo (n, 9) column by column; dv [m/s];
+    w, w_1 [rad/s] to the next and from the last sample, world frame, and R_half,
+    R_half_1 where the body is then; noise (n, 2) [m/s], [rad/s]; resting (n,) bool:
+    left out of a glide or a rest.
+    """
+
+    sample: np.ndarray
+    toss: np.ndarray
+    p_wo: np.ndarray
+    R_wo: np.ndarray
+    p_wo_1: np.ndarray
+    R_wo_1: np.ndarray
+    p_wo_2: np.ndarray
+    R_wo_2: np.ndarray
+    dv: np.ndarray
+    w: np.ndarray
+    w_1: np.ndarray
+    R_half: np.ndarray
+    R_half_1: np.ndarray
+    noise: np.ndarray
+    resting: np.ndarray
+
+    def corners(self, vertices: np.ndarray) -> np.ndarray:
+        """Return where vertices (V, 3) [m] are now, before, after: (n, V, 3, 3)."""
+        poses = (
+            (self.p_wo, self.R_wo),
+            (self.p_wo_1, self.R_wo_1),
+            (self.p_wo_2, self.R_wo_2),
+        )
+        moved = [
+            p[:, None] + np.einsum("vi,nij->nvj", vertices, R.reshape(-1, 3, 3))
+            for p, R in poses
+        ]
+        return np.stack(moved, axis=2)
+
+
+@dataclass(frozen=True, eq=False)
+class Touches(_Rows):
+    """Corners that may touch within a step: column of theta, vertex, signs of theta."""
+
+    step: np.ndarray
+    column: np.ndarray
+    vertex: np.ndarray
+    sign: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Steps (n,) with equally many touches (n, count)."""
+
+    steps: np.ndarray
+    touches: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Impacts:
+    """All that the page reads; guess (3, columns) [m]; uniform (3,) [m^2] inertia."""
+
+    step: Steps
+    touch: Touches
+    groups: dict[int, Group]
+    columns: int
+    vertices: int
+    tosses: int
+    guess: np.ndarray
+    uniform: np.ndarray
+    dt: float
+
+
+def steps_of(toss, position, rotation, dt: float, gravity: float) -> Steps:
+    """Return the steps of tosses (T,): position (T, 3) [m], rotation: scipy's."""
+    from scipy.spatial.transform import Rotation
+
+    k = np.flatnonzero(toss[2:] == toss[:-2]) + 1
+    p, R = position, _columns(rotation)
+    way_1 = (rotation[k] * rotation[k - 1].inv()).as_rotvec()
+    way = (rotation[k + 1] * rotation[k].inv()).as_rotvec()
+    dv = (p[k + 1] - 2 * p[k] + p[k - 1]) / dt
+    fall = np.linalg.norm(dv + np.array([0, 0, gravity * dt]), axis=1)
+    turn = np.linalg.norm(way - way_1, axis=1) / dt
+    calm = (np.linalg.norm(dv, axis=1) < CALM[0]) & (turn < CALM[1])
+    calm &= np.linalg.norm(way, axis=1) < GLIDE * dt
+    index = np.unique(toss, return_inverse=True)[1].reshape(-1)[k]
+    return Steps(
+        sample=k, toss=index, p_wo=p[k], R_wo=R[k], p_wo_1=p[k - 1], R_wo_1=R[k - 1],
+        p_wo_2=p[k + 1], R_wo_2=R[k + 1], dv=dv, w=way / dt, w_1=way_1 / dt,
+        R_half=_columns(Rotation.from_rotvec(way / 2) * rotation[k]),
+        R_half_1=_columns(Rotation.from_rotvec(way_1 / 2) * rotation[k - 1]),
+        noise=np.hypot(QUIET, IMPACT * np.stack([fall, turn], axis=1)),
+        resting=_thinned(calm, index),
+    )  # fmt: skip
+
+
+def _columns(rotation) -> np.ndarray:
+    return rotation.as_matrix().transpose(0, 2, 1).reshape(-1, 9)
+
+
+def _thinned(calm: np.ndarray, toss: np.ndarray) -> np.ndarray:
+    """Return which steps of a glide are left out: all but one in KEPT."""
+    count, out = 0, np.zeros(len(calm), bool)
+    for i in range(len(calm)):
+        goes_on = i > 0 and toss[i] == toss[i - 1] and calm[i]
+        count = count + 1 if goes_on else 0
+        out[i] = count % KEPT > 0
+    return out
+
+
+def near(steps: Steps, vertices: np.ndarray) -> np.ndarray:
+    """Return which vertices (V, 3) [m] may touch within which step, (n, V)."""
+    low = steps.corners(vertices)[..., 2].min(axis=-1) < NEAR
+    return low & ~steps.resting[:, None]
+
+
+def gravity_of(steps: Steps, vertices, dt: float) -> tuple[float, float]:
+    """Return the gravity [m/s^2] that free falls show, and its standard deviation.
+
+    The first steps of each toss in which no vertex is near the ground are one parabola.
+    A tracker whose lengths are a little off measures gravity as much off.
+    Returns NaN, NaN where no toss falls for FLIGHT samples.
+    """
+    found = []
+    high = steps.corners(vertices)[..., 2].min(axis=(1, 2)) > NEAR
+    for toss in range(steps.toss.max() + 1):
+        rows = np.flatnonzero(steps.toss == toss)
+        fall = rows[: np.argmin(np.append(high[rows], False))]
+        if len(fall) >= FLIGHT:
+            time = np.arange(len(fall)) * dt
+            found.append(-2 * np.polyfit(time, steps.p_wo[fall, 2], 2)[0])
+    if not found:
+        return np.nan, np.nan
+    mean = float(np.mean(found))
+    spread = np.std(found, ddof=1) if len(found) >= FEW else UNSURE * mean
+    return mean, float(spread / len(found) ** 0.5)
+
+
+def impacts(steps: Steps, chosen, theta, signs, dt: float) -> Impacts:
+    """Return the window of the page: the steps where the chosen vertices may touch.
+
+    chosen (n, V) bool; theta (3, columns) [m] first guess; signs (3, V): vertex v is
+    signs[:, v] times column v of theta, or its only one.
+    """
+    rows = np.flatnonzero(chosen.any(axis=1))
+    step, vertex = np.nonzero(chosen[rows])
+    column = vertex if theta.shape[1] > 1 else np.zeros_like(vertex)
+    touch = Touches(step=step, column=column, vertex=vertex, sign=signs.T[vertex])
+    counts, groups = np.bincount(step, minlength=len(rows)), {}
+    first = np.cumsum(counts) - counts
+    for count in np.unique(counts):
+        of = np.flatnonzero(counts == count)
+        groups[int(count)] = Group(of, first[of, None] + np.arange(count))
+    square = abs(theta).max(axis=1) ** 2
+    return Impacts(
+        step=steps.pick(rows), touch=touch, groups=groups, columns=theta.shape[1],
+        vertices=signs.shape[1], tosses=int(steps.toss.max()) + 1, guess=theta,
+        uniform=(square.sum() - square) / 3, dt=dt,
+    )  # fmt: skip

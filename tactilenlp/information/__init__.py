@@ -1,0 +1,11 @@
+"""What an estimate tells, and how far off it may be: covariance by name.
+
+In: a solved `Problem`.  Out: `Information` about shape and final pose.  The Hessian of
+the Lagrangian is reduced to the null space of the active constraints, and all else is
+marginalised by a Schur complement (Laplace approximation); nothing is solved here.
+
+- `information`, `tangent_space`, `polytope_information`, `information_gain`
+- `error_budget`, `error_budget_terms`, `measurement_noise`, `finger_offsets`: sandwich
+  covariance and the errors of assumptions;  `mixture`: several local optima
+- `sensitivity`, `comparisons`: parametric sensitivity; other kinds of information
+"""

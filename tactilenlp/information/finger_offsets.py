@@ -1,0 +1,64 @@
+"""What is known of fingers that are not where they say, in the world."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from formulations.finger_offset import NAME
+
+from .error_budget import spread
+
+
+def offsets_of(values: dict, R_wg) -> np.ndarray | None:
+    """Return by how much each finger is off (F, 3) [m]; None where that is known."""
+    return (R_wg @ values[NAME]).T if NAME in values else None
+
+
+def covariance_of_offsets(curvature, sensed, window, shape, R_wg) -> np.ndarray | None:
+    """Return the covariance (3 F, 3 F) [m^2], finger by finger.
+
+    sensed: the measurements, without which it is that of the Hessian.
+    """
+    variables = curvature.problem.variables
+    if NAME not in variables:
+        return None
+    span = variables[NAME].span
+    chosen = np.arange(span.start, span.stop)
+    turn = np.kron(np.eye(len(chosen) // 3), R_wg)
+    pulls, held = (part @ turn.T for part in curvature.response_of(chosen))
+    if sensed is None:
+        C = turn @ pulls[chosen]
+        return (C + C.T) / 2
+    return spread(curvature, pulls, held, sensed, window, shape)
+
+
+def covariance_with_offsets(curvature, chart) -> np.ndarray:
+    """Return the covariance (k + 3 F, k + 3 F) by the Hessian, offsets last.
+
+    Of shape and final pose in their chart, and of the offsets as the page has them.
+    """
+    span = curvature.problem.variables[NAME].span
+    chosen = np.r_[chart.chosen, span.start : span.stop]
+    C = curvature.response_of(chosen)[0][chosen]
+    tangent, k = np.eye(len(chosen)), len(chart.chosen)
+    tangent[:k, :k] = chart.tangent
+    C = tangent @ C @ tangent.T
+    return (C + C.T) / 2
+
+
+def prior_of_offsets(scene, fingers: int) -> np.ndarray:
+    """Return the information (3 F, 3 F) [1 / m^2] before any touch, ground's frame."""
+    if scene.joints is None:
+        return np.eye(3 * fingers) / scene.sigma_offset**2
+    return block_diag(*scene.joints.information.reshape(-1, 3, 3))
+
+
+def words(offset: np.ndarray, C: np.ndarray) -> str:
+    """Return offsets (F, 3) [m] in words, with their deviations."""
+    mm, each = 1e3, []
+    for f, sigma in enumerate(np.sqrt(np.diag(C)).reshape(-1, 3)):
+        pairs = zip(offset[f] * mm, sigma * mm, strict=True)
+        by = ", ".join(f"{way:.1f} ± {doubt:.1f}" for way, doubt in pairs)
+        each.append(f"finger {f} by ({by}) mm")
+    return "Off from where they say: " + "; ".join(each) + "."

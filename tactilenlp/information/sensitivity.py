@@ -1,0 +1,134 @@
+r"""How an estimate moves with what was assumed: mass, frictions, sensors, fingers.
+
+    dz/da = - K^{-1} [ d^2 L / dx da ]
+                     [ d g   / da    ]
+
+by the factorised K of the solution and central differences of exact gradients: no
+solve is repeated.  It holds as long as no contact changes its state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import OptionError
+from ..nlp.kkt import gradient
+from ..nlp.kkt_sensitivity import Curvature
+
+STEP = 1e-4  # [-] relative change of what was assumed
+OFFSET = 1e-6  # [m] shift of a finger
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivity:
+    """By how much shape and final pose move with each assumption.
+
+    names (k,) of the unknowns; moves: (k,) [SI per unit] by assumption; maps as in
+    Information; units: by what a move is divided, by assumption.
+    """
+
+    names: tuple[str, ...]
+    moves: dict[str, np.ndarray]
+    units: dict[str, str]
+    maps: dict[str, np.ndarray]
+
+    def of(self, quantity: str, assumption: str) -> np.ndarray:
+        """Return how a quantity (3,) moves with an assumption, SI per unit of it."""
+        for name, known in ((quantity, self.maps), (assumption, self.moves)):
+            if name not in known:
+                raise OptionError(
+                    "no such name", where="sensitivity", got=name,
+                    expected=f"one of {sorted(known)}",
+                )  # fmt: skip
+        return self.maps[quantity] @ self.moves[assumption]
+
+
+def move(curvature, pulls, held, change: dict, relative=False) -> np.ndarray:
+    """Return how the chosen unknowns (k,) move with parameters of the programme.
+
+    change: by how much each parameter changes per unit, by name; relative: in units of
+    the parameter's value.
+    """
+    problem, ends = curvature.problem, []
+    for side in (1, -1):
+        data = curvature.data.copy()
+        for name, amount in change.items():
+            span = problem.parameters[name].span
+            size = data[span] if relative else np.ones_like(data[span])
+            data[span] += side * STEP * amount * size
+        ends.append(score(problem, curvature, data))
+    return _difference(pulls, held, ends, STEP)
+
+
+def moves(
+    curvature: Curvature, pulls, held, build: Callable, scene, window
+) -> tuple[dict, dict]:
+    """Return the moves (k,) by assumption, and their units, of a solved programme.
+
+    build(scene, window) makes the programme again under other assumptions.
+    """
+    found, units = {}, {}
+
+    def add(name, unit, changed, step):
+        ends = [score(build(*changed(side * step)), curvature) for side in (1, -1)]
+        found[name], units[name] = _difference(pulls, held, ends, step), unit
+
+    for name, unit in (
+        ("mass", "kg"),
+        ("friction_ground", "1"),
+        ("friction_finger", "1"),
+    ):
+        value = getattr(scene, name)
+        if value:
+            add(
+                name, unit,
+                lambda d, n=name, v=value: (replace(scene, **{n: v + d}), window),
+                STEP * value,
+            )  # fmt: skip
+    for name, unit in (("sigma_position", "m"), ("sigma_normal", "rad")):
+        value = getattr(window, name)
+        if value > 0:
+            add(
+                name, unit,
+                lambda d, n=name, v=value: (scene, replace(window, **{n: v + d})),
+                STEP * value,
+            )  # fmt: skip
+    for finger in np.unique(np.r_[window.touch.finger, window.free.finger]):
+        for axis, word in enumerate("xyz"):
+            add(
+                f"finger {finger} offset {word}", "m",
+                lambda d, f=finger, a=axis: (scene, shifted(window, f, a, d)), OFFSET,
+            )  # fmt: skip
+    return found, units
+
+
+def shifted(window, finger: int, axis: int, way: float):
+    """Return the window as if a finger had been elsewhere by `way` [m] all the time."""
+    changed = {}
+    for part, names in (
+        ("touch", ["p_wf"]),
+        ("free", ["p_wf"]),
+        ("push", ["p_wf", "p_wf_1"]),
+    ):
+        rows = getattr(window, part)
+        there = np.zeros_like(rows.p_wf)
+        there[rows.finger == finger, axis] = way
+        changed[part] = replace(rows, **{n: getattr(rows, n) + there for n in names})
+    return replace(window, **changed)
+
+
+def score(problem, curvature: Curvature, data=None) -> tuple[np.ndarray, np.ndarray]:
+    """Return the gradient of L and the values of all constraints at the solution."""
+    data = problem.data() if data is None else data
+    x = curvature.x
+    values = [problem.value(name, x, data).ravel() for name in problem.constraints]
+    slope = gradient(problem, x, data, curvature.multipliers)
+    return slope, np.concatenate([np.zeros(0), *values])
+
+
+def _difference(pulls, held, ends, step) -> np.ndarray:
+    (s, g), (s_1, g_1) = ends
+    return -(pulls.T @ (s - s_1) + held.T @ (g - g_1)) / (2 * step)

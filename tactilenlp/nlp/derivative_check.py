@@ -1,0 +1,110 @@
+"""Compare derivatives with central differences.
+
+One local unknown is moved at a time, in all instances of a term at once, so that the
+comparison costs about as much as a few iterations.  Steps are in scaled units.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+
+from .term_functions import mapped
+from .terms import Term
+
+if TYPE_CHECKING:
+    from .problem import Problem
+
+STEP = 6e-6  # [scales] of the differences: cube root of the precision of a double
+ROUNDING = 1e-4  # [-] of a value is no derivative: differences lose 11 of 16 digits
+WRONG = 1e-4  # [-] relative error above which a derivative is called wrong
+
+
+def derivative_errors(
+    problem: Problem, term: Term, x, data, rng
+) -> tuple[float, float]:
+    """Return the relative error of Jacobian and Hessian of a term, over all instances.
+
+    Relative to the largest entry of its instance, or to a ten-thousandth of the largest
+    of all.  What two widths of a difference disagree about is the difference's error.
+    """
+    kind = term.kind
+    z, d = x[term.unknowns].T, data[term.data].T
+    scale = problem.scale[term.unknowns].T
+    weight = rng.normal(size=(kind.rows, term.instances))
+    value, *exact = _scaled(kind, z, d, weight, scale)
+    fine, wide = (_differences(kind, z, d, weight, scale, k * STEP) for k in (1, 2))
+    errors, size = [], np.abs(value).max(axis=0)
+    for derivative, near, far in zip(exact, fine, wide, strict=True):
+        largest = np.abs(derivative).max(axis=(0, 1), initial=0.0)
+        size = ROUNDING * (size + largest.max(initial=0.0)) + largest
+        unsure = np.abs(near - far).max(initial=0.0)
+        off = np.abs(near - derivative).max(axis=(0, 1), initial=0.0)
+        errors.append(_worst(off, size + unsure / WRONG))
+    return tuple(errors)
+
+
+def _differences(kind, z, d, weight, scale, width):
+    """Return central differences of value (r, n, k) and gradient (n, n, k), scaled."""
+    slope = np.empty((kind.rows, *z.shape))
+    bend = np.empty((len(z), *z.shape))
+    for j in range(len(z)):
+        step = np.zeros_like(z)
+        step[j] = width * scale[j]
+        (v, s, _), (v_1, s_1, _) = (
+            _scaled(kind, z + side * step, d, weight, scale, second=False)
+            for side in (1, -1)
+        )
+        taken = ((z[j] + step[j]) - (z[j] - step[j])) / scale[j]
+        slope[:, j] = (v - v_1) / taken
+        bend[:, j] = np.einsum("rk,rjk->jk", weight, s - s_1) / taken
+    return slope, bend
+
+
+def _scaled(kind, z, d, weight, scale, second=True):
+    """Return value (r, k), Jacobian (r, n, k), weighted Hessian (n, n, k), scaled."""
+    count = z.shape[1]
+    value, nonzeros = mapped(kind.first, count)(z, d)
+    i, j = (np.array(p, int) for p in kind.jacobian_sparsity.get_triplet())
+    jacobian = np.zeros((kind.rows, *z.shape))
+    jacobian[i, j] = np.asarray(nonzeros) * scale[j]
+    hessian = np.zeros((len(z), *z.shape))
+    if second:
+        i, j = (np.array(p, int) for p in kind.hessian_sparsity.get_triplet())
+        upper = np.asarray(mapped(kind.second, count)(z, d, weight))
+        hessian[i, j] = hessian[j, i] = upper * scale[i] * scale[j]
+    return np.asarray(value), jacobian, hessian
+
+
+def assembled_error(problem: Problem, x, data, rng) -> float:
+    """Return the relative error of the assembled derivatives along one direction."""
+    f = problem.functions
+    x, lam = x / problem.scale, rng.normal(size=problem.rows)
+    way = rng.normal(size=x.size)
+    (_, grad), (_, jac) = f["grad_f"](x, data), f["jac_g"](x, data)
+    upper = f["hess_lag"](x, data, 1.0, lam)
+    ends = []
+    for y in (x + STEP * way, x - STEP * way):
+        (cost, slope), (g, J) = f["grad_f"](y, data), f["jac_g"](y, data)
+        ends.append((cost, g, slope + ca.mtimes(J.T, lam)))
+    exact = (
+        ca.dot(grad, way),
+        ca.mtimes(jac, way),
+        ca.mtimes(upper + ca.triu(upper, False).T, way),
+    )
+    worst = 0.0
+    for plus, minus, product in zip(*ends, exact, strict=True):
+        plus, minus, product = (np.asarray(a).ravel() for a in (plus, minus, product))
+        size = np.abs(product).max(initial=0.0)
+        size += ROUNDING * np.abs(plus).max(initial=0.0)
+        error = np.abs((plus - minus) / (2 * STEP) - product).max(initial=0.0)
+        worst = max(worst, _worst(error, size))
+    return worst
+
+
+def _worst(error, size) -> float:
+    """Return the largest error / size; infinite where a number is not finite."""
+    ratio = np.where(error > 0, error / np.where(size > 0, size, 1.0), error)
+    return float(np.where(np.isfinite(ratio), ratio, np.inf).max(initial=0.0))

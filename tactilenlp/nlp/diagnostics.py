@@ -1,0 +1,296 @@
+"""Describe a problem in words: sizes, units, terms.
+
+Examine a problem before any solve: what is wrong with it at and near its guess.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.linalg import qr
+
+from .derivative_check import STEP, WRONG, assembled_error, derivative_errors
+from .kkt import gradient
+
+if TYPE_CHECKING:
+    from .problem import Problem
+from .terms import Term
+
+AWAY = 0.5  # [scales] standard deviation of the random point about the guess
+STEEP = 1e4  # [-] scaled derivatives of first order beyond this, or below its inverse
+SINGULAR = 1e-9  # [-] of the largest pivot: a row below it depends on the others
+DENSE = 10_000_000  # entries of the largest Jacobian whose rank is computed
+NOTHING = (np.nan, np.nan)
+
+
+def describe(problem: Problem) -> str:
+    """Return sizes, units and terms of a problem in words."""
+    terms = problem.terms.values()
+    places = [(t.first_row, t.jacobian_places()) for t in problem.constraints.values()]
+    jacobian = _nonzeros(((row + i, j) for row, (i, j) in places), problem.size)
+    hessian = _nonzeros((t.hessian_places()[:2] for t in terms), problem.size)
+    lines = [
+        f"{problem.size} unknowns, {problem.rows} constraint rows; nonzeros: Jacobian "
+        f"{jacobian}, upper triangle of the Hessian {hessian}",
+        "unknowns",
+    ]
+    for v in problem.variables.values():
+        limits = (
+            f"{v.lower.min(initial=np.inf):.3g} .. {v.upper.max(initial=-np.inf):.3g}"
+        )
+        lines.append(
+            f"  {v.name:30} {v.rows} x {v.columns:<5} [{v.unit}]  bounds {limits}, "
+            f"scale {', '.join(f'{s:.3g}' for s in v.scale)}"
+        )
+    for title, group in (
+        ("minimise the sum of", problem.costs),
+        ("subject to", problem.constraints),
+        ("report", problem.reports),
+    ):
+        lines += [title, *map(_sentence, group.values())] if group else []
+    if problem.parameters:
+        lines.append("parameters")
+    for p in problem.parameters.values():
+        lines.append(f"  {p.name:30} {', '.join(f'{v:.4g}' for v in p.value.ravel())}"
+                     f" [{p.unit or '1'}]")  # fmt: skip
+    return "\n".join(lines)
+
+
+def _sentence(term: Term) -> str:
+    kind = term.kind
+    role = f"  {term.role}" if term.role else ""
+    return (
+        f"  {term.name:30} {term.instances} x {kind.rows} row(s) of {kind.unknowns} "
+        f"unknowns, {kind.data} data{role}"
+    )
+
+
+def _nonzeros(places, size: int) -> int:
+    """Return how many different (row, column) there are."""
+    keys = [i.astype(np.int64) * size + j for i, j in places]
+    return len(np.unique(np.concatenate([np.zeros(0, np.int64), *keys])))
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """What `check` found; `findings` are sentences that say what to mend, if any.
+
+    Derivatives are those at the guess or at a random point near it, the worse ones; all
+    else is of the random point.
+
+    derivatives: by term, error of (Jacobian, Hessian), relative to the largest entry of
+    its instance; assembled: the same for the whole programme along a random direction.
+    gradient, curvature: by variable, range of the nonzero |entries| of the objective's
+    gradient and of its Hessian's diagonal, in scaled units; slope: by constraint, range
+    of the lengths of its Jacobian's rows.  rank of the Jacobian with `rows` rows, None
+    where that is too large; equality_rank of its `equalities` rows.  unused: what no
+    term reads.
+    """
+
+    size: int
+    rows: int
+    derivatives: dict[str, tuple[float, float]]
+    assembled: float
+    gradient: dict[str, tuple[float, float]]
+    curvature: dict[str, tuple[float, float]]
+    slope: dict[str, tuple[float, float]]
+    rank: int | None
+    equalities: int
+    equality_rank: int | None
+    unused: tuple[str, ...]
+    findings: tuple[str, ...]
+
+    @property
+    def good(self) -> bool:
+        return not self.findings
+
+    def __str__(self) -> str:
+        lines = [f"{self.size} unknowns, {self.rows} constraint rows"]
+        lines.append("derivatives, relative error          Jacobian   Hessian")
+        for name, (first, second) in self.derivatives.items():
+            lines.append(f"  {name:34} {first:8.1e}  {second:8.1e}")
+        lines.append(f"  {'whole programme, one direction':34} {self.assembled:8.1e}")
+        lines.append(
+            "scaling                               gradient           curvature"
+        )
+        for name, span in self.gradient.items():
+            lines.append(f"  {name:30} {_range(span)} {_range(self.curvature[name])}")
+        lines += [f"  {name:30} {_range(span)}" for name, span in self.slope.items()]
+        rank = "not computed" if self.rank is None else self.rank
+        lines.append(
+            f"rank {rank} of {self.rows} constraint rows, "
+            f"{self.equality_rank} of {self.equalities} equalities"
+        )
+        lines += ["unused: " + (", ".join(self.unused) or "nothing")]
+        lines += ["", *(f"MEND: {finding}" for finding in self.findings)]
+        return "\n".join(lines).rstrip() + ("\nall good" if self.good else "")
+
+
+def check(problem: Problem, start: dict | None = None, seed: int = 0) -> Report:
+    """Examine a problem at `start` (by name, SI; else the guesses) and beside it."""
+    rng = np.random.default_rng(seed)
+    guess, data = problem.pack(start or {}), problem.data()
+    at, x = (_near(problem, guess, away, rng) for away in (0.0, AWAY))
+    errors = {}
+    with np.errstate(all="ignore"):
+        for name, term in problem.terms.items():
+            both = [derivative_errors(problem, term, p, data, rng) for p in (at, x)]
+            errors[name] = tuple(map(max, *both))
+        assembled = assembled_error(problem, x, data, rng)
+    scale = sp.diags(problem.scale)
+    J = [problem.jacobian(name, x, data) @ scale for name in problem.constraints]
+    g, c = gradient(problem, x, data), np.zeros(problem.size)
+    for name in problem.costs:
+        c += problem.hessian(name, x, data).diagonal()
+    g, c = np.abs(g) * problem.scale, np.abs(c) * problem.scale**2
+    variables = problem.variables.values()
+    lengths = [np.sqrt(np.asarray(j.multiply(j).sum(axis=1)).ravel()) for j in J]
+    rank, equalities, equality_rank, dependent = _rank(problem, J)
+    found = {
+        "gradient": {v.name: _span(g[v.span]) for v in variables},
+        "curvature": {v.name: _span(c[v.span]) for v in variables},
+        "slope": dict(zip(problem.constraints, map(_span, lengths), strict=True)),
+        "unused": (*_unused_variables(problem), *_unused_parameters(problem)),
+    }
+    mend = [*_not_finite(problem, guess, data), *_wrong(errors, assembled)]
+    mend += [*_bad_scales(problem, found, J), *dependent]
+    mend += [f"no term reads {name}: drop it, or use it" for name in found["unused"]]
+    return Report(
+        size=problem.size, rows=problem.rows, derivatives=errors, assembled=assembled,
+        rank=rank, equalities=equalities, equality_rank=equality_rank,
+        findings=tuple(mend), **found,
+    )  # fmt: skip
+
+
+# -- derivatives ----------------------------------------------------------------------
+def _near(problem, x, away, rng) -> np.ndarray:
+    """Return a random point near x, inside the bounds with room for differences."""
+    lower, upper = problem.bounds("lower"), problem.bounds("upper")
+    room = np.minimum(4 * STEP * problem.scale, (upper - lower) / 2)
+    x = x + away * problem.scale * rng.normal(size=x.size)
+    return np.clip(x, lower + room, upper - room)
+
+
+def _not_finite(problem, guess, data):
+    """Say which terms are not finite at the guess itself, where a solve would start."""
+    for name, term in problem.terms.items():
+        value = problem.value(name, guess, data)
+        slope, bend = (
+            of(name, guess, data) for of in (problem.jacobian, problem.hessian)
+        )
+        bad = np.argwhere(~np.isfinite(value))
+        if len(bad):
+            yield f'"{name}" is not finite at the guess, first at instance {bad[0, 0]}'
+        elif not (np.isfinite(slope.data).all() and np.isfinite(bend.data).all()):
+            yield (
+                f'"{name}" has {term.instances} finite values at the guess but no '
+                "derivatives: round roots and norms where they can be zero"
+            )
+
+
+def _wrong(errors, assembled):
+    """Say which derivatives are wrong."""
+    for name, both in errors.items():
+        if not np.isfinite(both).all():
+            yield f'"{name}" or a derivative of it is not finite near the guess'
+            continue
+        for error, word in zip(both, ("Jacobian", "Hessian"), strict=True):
+            if error > WRONG:
+                yield (
+                    f'the {word} of "{name}" is off by {error:.1e} of its size: round '
+                    "its kinks, keep divisors and roots away from zero"
+                )
+    if assembled > WRONG and not any(max(both) > WRONG for both in errors.values()):
+        yield f"the assembled derivatives are off by {assembled:.1e}: a machine's bug"
+
+
+# -- scaling --------------------------------------------------------------------------
+def _bad_scales(problem, found, J):
+    """Name the variables and constraints whose scaled slopes are far from one."""
+    for name, v in problem.variables.items():
+        slopes = [np.sqrt(found["curvature"][name][1])]
+        slopes += [abs(j[:, v.span]).max() for j in J if v.columns]
+        largest = np.nanmax([0.0, *slopes])
+        if largest and not 1 / STEEP <= largest <= STEEP:
+            yield (
+                f"{name} is badly scaled: one scale ({v.scale[0]:.3g} {v.unit}, ...) "
+                f"changes the programme {largest:.1e}-fold; divide the scale by that"
+            )
+    for name, (least, largest) in found["slope"].items():
+        if largest > STEEP or largest < 1 / STEEP:
+            yield (
+                f'"{name}" is badly scaled: its rows change by {least:.1e} to '
+                f"{largest:.1e} over one scale; divide the term by that"
+            )
+
+
+def _span(values) -> tuple[float, float]:
+    values = values[values != 0]
+    return (float(values.min()), float(values.max())) if values.size else NOTHING
+
+
+def _range(span) -> str:
+    return f"{'-':^19}" if np.isnan(span[0]) else f"{span[0]:8.1e} {span[1]:8.1e}  "
+
+
+# -- rank -----------------------------------------------------------------------------
+def _rank(problem, J):
+    """Return rank of all rows, number and rank of equalities, sentences on these."""
+    names = [n for n, t in problem.constraints.items() for _ in range(t.rows)]
+    free = problem.bounds("lower") < problem.bounds("upper")
+    J = sp.vstack([sp.csr_matrix((0, problem.size)), *J], format="csr")[:, free]
+    equal = np.nonzero(problem.limits("lower") == problem.limits("upper"))[0]
+    if np.prod(J.shape) > DENSE:
+        return None, len(equal), None, ()
+    rank, _ = _independent(J.toarray())
+    equality_rank, dependent = _independent(J[equal].toarray())
+    dependent = list(dict.fromkeys(names[equal[i]] for i in dependent))
+    text = (
+        f"equalities depend on each other here ({equality_rank} of {len(equal)} are "
+        f"independent), among them {', '.join(dependent)}: drop or relax some"
+    )
+    return rank, len(equal), equality_rank, (text,) if dependent else ()
+
+
+def _independent(matrix) -> tuple[int | None, np.ndarray]:
+    """Return the numerical rank and the rows that depend on the others."""
+    if not matrix.size:
+        return 0, np.arange(len(matrix))
+    if not np.isfinite(matrix).all():
+        return None, np.arange(0)
+    length = np.linalg.norm(matrix, axis=1, keepdims=True)
+    triangle, order = qr((matrix / np.where(length > 0, length, 1.0)).T, mode="r",
+                         pivoting=True)  # fmt: skip
+    pivots = np.abs(np.diag(triangle))
+    rank = int((pivots > SINGULAR * max(pivots[0], SINGULAR)).sum())
+    return rank, np.sort(order[rank:])
+
+
+# -- what nobody reads ----------------------------------------------------------------
+def _unused_variables(problem):
+    """Name the unknowns on which no term depends."""
+    read = np.zeros(problem.size, bool)
+    for term in problem.terms.values():
+        read[term.jacobian_places()[1]] = True
+    for v in problem.variables.values():
+        missing = np.argwhere(~read[v.span].reshape(v.columns, v.rows))
+        if len(missing):
+            column, row = missing[0]
+            where = f"{len(missing)} of {v.rows * v.columns}, first [{row}, {column}]"
+            yield (
+                v.name if len(missing) == v.rows * v.columns else f"{v.name} ({where})"
+            )
+
+
+def _unused_parameters(problem):
+    """Name the parameters that no term reads."""
+    terms = [*problem.terms.values(), *problem.reports.values()]
+    read = np.unique(
+        np.concatenate([np.zeros(0, int), *(t.data.ravel() for t in terms)])
+    )
+    for p in problem.parameters.values():
+        if not np.isin(np.arange(p.span.start, p.span.stop), read).any():
+            yield p.name

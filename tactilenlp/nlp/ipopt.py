@@ -1,0 +1,258 @@
+"""Solve a Problem with IPOPT; recompute what the solver says of its solution."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from dataclasses import dataclass, field, replace
+
+import casadi as ca
+import numpy as np
+
+from ..common.interrupt import interruptible
+from ..common.validation import check_numbers, check_types
+from ..errors import OptionError
+from .problem import Problem
+from .solution import Solution, after, not_converged, recomputed
+
+log = logging.getLogger("tactilenlp")
+CLOSE = 1e-6  # [-] how far a warm start, multipliers too, is pushed inside its bounds
+SIDES = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
+KEPT = [f"warm_start_{side}" for side in (*SIDES, "mult_bound_push")]
+LEVEL = {"mu_init": 1e-2, "max_iter": 200}  # of a level that does not set them
+
+
+def check_positive(options, *names: str) -> None:
+    """Raise OptionError unless the named fields are positive numbers."""
+    given = {name: (getattr(options, name), 0, math.inf) for name in names}
+    check_numbers("", "a positive number", **given)
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """How to solve one programme.
+
+    tolerance: of the scaled optimality conditions [-]; time_limit [s];
+    iterations: at most [-]; barrier: IPOPT's first mu [-]; push: how far a start is
+    pushed inside its bounds, relative [-]; ipopt: options passed on verbatim.
+    """
+
+    tolerance: float = 1e-6
+    time_limit: float = 60.0
+    iterations: int = 300
+    barrier: float = 1e-2
+    push: float = 1e-4
+    ipopt: dict = field(default_factory=dict)
+
+    def __post_init__(self):
+        check_types(ipopt=(self.ipopt, dict))
+        check_positive(self, "tolerance", "time_limit", "iterations", "barrier", "push")
+
+    def for_nlpsol(self, warm: bool = False) -> dict:
+        """Return the options in CasADi's words; warm: from a point and multipliers."""
+        ours = {
+            "linear_solver": "mumps",
+            "tol": self.tolerance,
+            "constr_viol_tol": min(1e-6, self.tolerance),
+            "max_iter": self.iterations,
+            "max_wall_time": self.time_limit,
+            "mu_init": self.barrier,
+            "bound_push": self.push,
+            "bound_frac": self.push,
+            "bound_relax_factor": 0.0,
+            "nlp_scaling_method": "none",
+            # Else the gradient is evaluated twice an iteration, for their multipliers.
+            "fixed_variable_treatment": "make_parameter_nodual",
+            "max_soc": 0,  # corrected steps trade nats for a thousandth of feasibility
+            "print_level": 0,
+            "sb": "yes",
+        }
+        if warm:
+            ours |= {"warm_start_init_point": "yes"} | dict.fromkeys(KEPT, CLOSE)
+        return {f"ipopt.{k}": v for k, v in {**ours, **self.ipopt}.items()} | {
+            "print_time": False,
+            "error_on_fail": False,
+            "no_nlp_grad": True,
+            "calc_lam_p": False,
+        }
+
+
+def make_solver(problem, options: SolverOptions, eliminate=False, warm=False):
+    """Return IPOPT for this problem; solvers of one problem share its derivatives."""
+    functions = (problem.eliminated if eliminate else problem).functions
+    exact = {k: functions[k] for k in ("grad_f", "jac_g", "hess_lag")}
+    settings = options.for_nlpsol(warm) | exact
+    try:
+        return ca.nlpsol("solver", "ipopt", functions["nlp"], settings)
+    except RuntimeError as error:
+        raise OptionError(
+            "IPOPT does not take these options",
+            where="ipopt",
+            got=f"{options.ipopt}: {str(error).strip().splitlines()[-1]}",
+            expected="names and values of IPOPT's own documentation",
+        ) from error
+
+
+def solve(
+    problem: Problem,
+    options: SolverOptions | None = None,
+    *,
+    start: dict[str, np.ndarray] | Solution | None = None,
+    parameters: dict | None = None,
+    fixed: tuple[str, ...] = (),
+    throw: bool = True,
+    solver: ca.Function | None = None,
+    eliminate: bool = False,
+) -> Solution:
+    """Minimise from `start` with some variables fixed.
+
+    start: values by name, SI, else the guesses; or a Solution of this problem, whose
+    multipliers are taken too.  eliminate: compute the unknowns that `follow` gives,
+    instead of solving for them.
+
+    Raises NotConverged unless the solver succeeded or `throw` is False.
+    """
+    options = options or SolverOptions()
+    warm = start if isinstance(start, Solution) else None
+    began = time.process_time()
+    solver = solver or make_solver(problem, options, eliminate, warm is not None)
+    built = time.process_time() - began
+    values = (warm.values if warm else start) or {}
+    x, lower, upper = _start(problem, values, fixed)
+    scale, data = problem.scale, problem.data(parameters)
+    free = problem.eliminated.free if eliminate else slice(None)
+    kept = problem.eliminated.kept if eliminate else slice(None)
+    given = _pulls(problem, warm, free, kept) if warm else {}
+    began = time.process_time()
+    with interruptible():
+        out = solver(
+            x0=(x / scale)[free], p=data,
+            lbx=(lower / scale)[free], ubx=(upper / scale)[free],
+            lbg=problem.limits("lower")[kept], ubg=problem.limits("upper")[kept],
+            **given,
+        )  # fmt: skip
+    lam_x = np.zeros(problem.size)
+    x[free] = np.asarray(out["x"]).ravel() * scale[free]
+    functions = (problem.eliminated if eliminate else problem).functions
+    held = (lower == upper)[free]
+    lam_x[free] = _bound_multipliers(functions, out, data, held) / scale[free]
+    lam_g = np.asarray(out["lam_g"]).ravel()
+    if eliminate:
+        x = problem.eliminated.complete(x, data)
+        lam_g = problem.eliminated.multipliers(x, data, lam_g)
+    seconds = {"build": built, "solve": time.process_time() - began}
+    solution = recomputed(problem, x, data, lam_g, lam_x, solver.stats(), seconds)
+    log.debug("%s after %d iterations", solution.status, solution.iterations)
+    if throw and not solution.success:
+        raise not_converged(problem, solution)
+    return solution
+
+
+def _bound_multipliers(functions, out, data, held) -> np.ndarray:
+    """Return the multipliers of all bounds, scaled, as IPOPT has them.
+
+    held: which unknowns cannot move; IPOPT leaves them out, and what their bounds push
+    is what makes the Lagrangian stationary.
+    """
+    pulls = np.asarray(out["lam_x"]).ravel()
+    if held.any():
+        slope = np.asarray(functions["grad_f"](out["x"], data)[1]).ravel()
+        jacobian = functions["jac_g"](out["x"], data)[1].sparse()
+        slope += jacobian.T @ np.asarray(out["lam_g"]).ravel()
+        pulls[held] = -slope[held]
+    return pulls
+
+
+def _pulls(problem, warm: Solution, free, kept) -> dict:
+    """Return the multipliers of a solution as IPOPT takes them, scaled."""
+    rows = [warm.multipliers[name].ravel() for name in problem.constraints]
+    bounds = problem.pack(warm.bound_multipliers) * problem.scale
+    return {
+        "lam_g0": np.concatenate([np.zeros(0), *rows])[kept],
+        "lam_x0": bounds[free],
+    }
+
+
+def _start(problem, values, fixed):
+    """Return where to start within the bounds, and the bounds, fixed ones closed."""
+    names = [name for name in fixed if isinstance(name, str)]
+    unknown = [name for name in names if name not in problem.variables]
+    if unknown:
+        raise OptionError(
+            "no such variable",
+            where="fixed",
+            got=unknown,
+            expected=f"names among {[*problem.variables]}",
+        )
+    lower, upper = problem.bounds("lower"), problem.bounds("upper")
+    x = np.clip(problem.pack(values), lower, upper)
+    for held in fixed:
+        where = problem.variables[held].span if isinstance(held, str) else held
+        lower[where] = upper[where] = x[where]
+    return x, lower, upper
+
+
+def solve_levels(
+    problem: Problem,
+    levels,
+    start: dict[str, np.ndarray] | Solution,
+    options: SolverOptions | None = None,
+    solvers: dict | None = None,
+) -> Solution:
+    """Run the levels of a homotopy, each from where the one before ended.
+
+    `solvers` keeps what was built for a next call on the same problem.  The iterations
+    and seconds of the result are summed; a level that fails does not stop the next, the
+    last one decides.
+    """
+    options = options or SolverOptions()
+    solvers = {} if solvers is None else solvers
+    whole = None
+    for level in levels:
+        for ipopt, warm in _tries(level, start):
+            solution = _at(problem, level, ipopt, warm, start, options, solvers)
+            whole = solution if whole is None else after(whole, solution)
+            if solution.success:
+                break
+        # What is held fixed has multipliers that say nothing of the next level.
+        start = solution.values if level.fixed else solution
+    return whole
+
+
+def _tries(level, start) -> list[tuple[dict, bool]]:
+    """Return IPOPT's options to try, and whether multipliers are taken with them.
+
+    Far from an optimum a small mu is slow, however good the multipliers, so it comes
+    last there; a stiff problem may need it all the same.
+    """
+    cold = LEVEL | level.ipopt
+    if level.warm_start is None or not isinstance(start, Solution):
+        return [(cold, False)]
+    near = [(cold | level.warm_start, True)]
+    return near if start.success else [(cold, True), *near]
+
+
+def _at(problem, level, ipopt, warm, start, options, solvers) -> Solution:
+    """Solve one level from `start`, warm: with the multipliers of a solution."""
+    chosen = replace(options, ipopt=ipopt | options.ipopt)
+    key = (*sorted(ipopt.items()), options.tolerance, options.time_limit)
+    key += (level.eliminate, warm)
+    began = time.process_time()
+    if key not in solvers:
+        solvers[key] = make_solver(problem, chosen, level.eliminate, warm)
+    built = time.process_time() - began
+    if not warm and isinstance(start, Solution):
+        start = start.values
+    solution = solve(
+        problem,
+        chosen,
+        start=start,
+        parameters=level.parameters,
+        fixed=level.fixed,
+        throw=False,
+        solver=solvers[key],
+        eliminate=level.eliminate,
+    )
+    solution.seconds["build"] += built
+    return solution

@@ -1,0 +1,299 @@
+"""A nonlinear programme of named variables and named terms with exact derivatives.
+
+    minimize    sum over terms and instances of  f_term(z, d)
+    subject to  lower <= g_term(z, d) <= upper,  lower <= x <= upper
+
+A term is a small function and the columns of the unknowns that each of its instances
+reads (DESIGN.md, "The NLP machine").  Its kind is derived once, mapped over the
+instances and summed where it belongs in the global sparse derivatives, so that
+building hardly depends on the number of instances and evaluating is linear in it.
+Unknowns are in SI units for the page and scaled for the solver here, nowhere else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..errors import PageError
+from .assembly import assemble
+from .reduced_space import Eliminated
+from .term_functions import kind_named, kind_of, mapped, traced
+from .terms import (
+    Columns,
+    Parameter,
+    Term,
+    Variable,
+    apart,
+    block,
+    instances_of,
+    known,
+    limit,
+    setting,
+    table,
+)
+
+ROLES = ("likelihood", "physics", "prior", "regulariser")
+
+
+@dataclass
+class Problem:
+    """The programme that a page fills: variables, parameters, costs and constraints."""
+
+    variables: dict[str, Variable] = field(default_factory=dict)
+    parameters: dict[str, Parameter] = field(default_factory=dict)
+    costs: dict[str, Term] = field(default_factory=dict)
+    constraints: dict[str, Term] = field(default_factory=dict)
+    reports: dict[str, Term] = field(default_factory=dict)
+    given: dict[str, np.ndarray] = field(default_factory=dict)  # by constraint, indices
+    kinds: dict[tuple, object] = field(default_factory=dict)  # shared by like problems
+    _data: list[np.ndarray] = field(default_factory=list)
+    _data_size: int = 0
+
+    # -- what a page says -------------------------------------------------------------
+    def variable(
+        self, name, rows, columns=1, *, guess, lower=-np.inf, upper=np.inf, unit, scale
+    ) -> Variable:
+        """Declare unknowns: `guess`, `lower`, `upper` broadcast to (rows, columns).
+
+        One number per row stands for all columns.  `scale` (rows,) is the size of a
+        typical change, in the same unit.
+        """
+        self._new(name, self.variables)
+        shape = (rows, columns)
+        lower, upper, guess = (block(v, shape, name) for v in (lower, upper, guess))
+        if not np.all(lower <= upper) or not np.all(np.isfinite(guess)):
+            raise PageError("bounds cross, or the guess is not finite", where=name)
+        size = block(scale, (rows, 1), name)[:, 0]
+        if not np.all((size > 0) & np.isfinite(size)):
+            raise PageError(
+                "not a scale", where=name, got=size.tolist(), expected="above zero"
+            )
+        variable = Variable(
+            name, rows, columns, lower, upper, guess, unit, size, self.size
+        )
+        self.variables[name] = variable
+        return variable
+
+    def parameter(self, name, value, unit="") -> Parameter:
+        """Declare a number or vector shared by all instances of the terms it enters."""
+        self._new(name, self.parameters)
+        value = np.atleast_1d(np.asarray(value, float))
+        parameter = Parameter(name, value, unit, self._append_data(value))
+        self.parameters[name] = parameter
+        return parameter
+
+    def minimize(self, name: str, function: Callable, *arguments, role: str) -> None:
+        """Add the sum of `function` over the instances; `role` is one of ROLES."""
+        if role not in ROLES:
+            raise PageError(
+                "unknown role", where=name, got=role, expected=f"one of {ROLES}"
+            )
+        term = self._term(name, function, arguments, role=role)
+        if term is not None:
+            self.costs[name] = term
+
+    def subject_to(
+        self, name: str, function: Callable, *arguments, lower=-np.inf, upper=np.inf
+    ) -> None:
+        """Bound every row of `function` at every instance."""
+        term = self._term(
+            name, function, arguments, lower=lower, upper=upper, first_row=self.rows
+        )
+        if term is not None:
+            self.constraints[name] = term
+
+    def follow(self, name: str, function: Callable, *arguments, gives: Columns) -> None:
+        """Constrain the columns `gives` to be `function` of columns that come before.
+
+        Residuals are in scales of the variable; a level may `eliminate` what is given.
+        """
+        scale = gives.variable.scale
+
+        def residual(*local):
+            return (function(*local[:-1]) - local[-1]) / scale
+
+        self.subject_to(name, residual, *arguments, gives, lower=0, upper=0)
+        self.given[name] = gives.indices
+
+    def report(self, name: str, function: Callable, *arguments) -> None:
+        """Name a quantity to be read off a solution; it costs nothing to solve."""
+        term = self._term(name, function, arguments, trace=traced)
+        if term is not None:
+            self.reports[name] = term
+
+    # -- sizes ------------------------------------------------------------------------
+    @property
+    def size(self) -> int:
+        return sum(v.rows * v.columns for v in self.variables.values())
+
+    @property
+    def rows(self) -> int:
+        return sum(term.rows for term in self.constraints.values())
+
+    @property
+    def terms(self) -> dict[str, Term]:
+        return {**self.costs, **self.constraints}
+
+    # -- vectors ----------------------------------------------------------------------
+    def data(self, changes: dict | None = None) -> np.ndarray:
+        """Return the vector of all data, with some parameters changed by name."""
+        data = np.concatenate(self._data) if self._data else np.zeros(0)
+        known(changes, self.parameters, "parameter")
+        for name, value in (changes or {}).items():
+            data[self.parameters[name].span] = setting(value, self.parameters[name])
+        return data
+
+    @cached_property
+    def scale(self) -> np.ndarray:
+        blocks = [np.tile(v.scale, v.columns) for v in self.variables.values()]
+        return np.concatenate(blocks)
+
+    def pack(self, values: dict[str, np.ndarray]) -> np.ndarray:
+        """Return the vector of all unknowns in SI; what is not given is the guess."""
+        known(values, self.variables, "variable")
+        blocks = []
+        for v in self.variables.values():
+            given = block(values.get(v.name, v.guess), (v.rows, v.columns), v.name)
+            blocks.append(given.T.ravel())
+        return np.concatenate(blocks)
+
+    def unpack(self, x: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the unknowns by name, each (rows, columns)."""
+        return {
+            v.name: x[v.span].reshape(v.columns, v.rows).T.copy()
+            for v in self.variables.values()
+        }
+
+    def bounds(self, which: str) -> np.ndarray:
+        return np.concatenate(
+            [getattr(v, which).T.ravel() for v in self.variables.values()]
+        )
+
+    def limits(self, which: str) -> np.ndarray:
+        blocks = [getattr(t, which).ravel() for t in self.constraints.values()]
+        return np.concatenate([np.zeros(0), *blocks])
+
+    # -- numbers, term by term --------------------------------------------------------
+    def value(self, name: str, x: np.ndarray, data: np.ndarray) -> np.ndarray:
+        """Evaluate one term at every instance, (instances, rows)."""
+        term = self.terms.get(name) or self.reports[name]
+        function = mapped(term.kind.value, term.instances)
+        out = function(x[term.unknowns].T, data[term.data].T)
+        return np.asarray(out).T.reshape(term.instances, term.kind.rows)
+
+    def jacobian(self, name: str, x: np.ndarray, data: np.ndarray) -> sp.csc_matrix:
+        """Return the Jacobian of one term, (instances * rows, unknowns), SI units."""
+        term = self.terms[name]
+        function = mapped(term.kind.first, term.instances)
+        nonzeros = np.asarray(function(x[term.unknowns].T, data[term.data].T)[1])
+        rows, columns = term.jacobian_places()
+        shape = (term.rows, self.size)
+        return sp.csc_matrix((nonzeros.T.ravel(), (rows, columns)), shape)
+
+    def hessian(
+        self, name: str, x: np.ndarray, data: np.ndarray, multiplier=1.0
+    ) -> sp.csc_matrix:
+        """Return the Hessian of multiplier' term, (unknowns, unknowns), SI units."""
+        term = self.terms[name]
+        function = mapped(term.kind.second, term.instances)
+        shape = (term.instances, term.kind.rows)
+        if np.ndim(multiplier) > 0:
+            multiplier = np.reshape(multiplier, shape)
+        weight = np.broadcast_to(multiplier, shape)
+        nonzeros = function(x[term.unknowns].T, data[term.data].T, weight.T)
+        rows, columns, factor = term.hessian_places()
+        values = np.asarray(nonzeros).T.ravel() * factor
+        upper = sp.csc_matrix((values, (rows, columns)), (self.size, self.size))
+        return upper + sp.triu(upper, 1).T
+
+    # -- for who writes a page --------------------------------------------------------
+    def describe(self) -> str:
+        """Return sizes, units and terms in words."""
+        from .diagnostics import describe
+
+        return describe(self)
+
+    def check(self, start: dict | None = None, seed: int = 0):
+        """Return a checkup.Report: derivatives, scaling, rank, what is never used."""
+        from .diagnostics import check
+
+        return check(self, start, seed)
+
+    # -- symbols for the solver -------------------------------------------------------
+    @cached_property
+    def functions(self) -> dict:
+        """The programme in scaled unknowns as `nlpsol` takes it, with derivatives."""
+        terms = self.terms.values()
+        return assemble(terms, self.scale, self._data_size, self.rows)
+
+    @cached_property
+    def eliminated(self) -> Eliminated:
+        """The programme in the unknowns that no other ones give."""
+        return Eliminated(self)
+
+    # -- making terms -----------------------------------------------------------------
+    def _new(self, name: str, table: dict) -> None:
+        for made in ("functions", "scale", "eliminated"):
+            self.__dict__.pop(made, None)
+        if name in table:
+            raise PageError("declared twice", where=name, next="give it another name")
+
+    def _append_data(self, values: np.ndarray) -> int:
+        first = self._data_size
+        self._data.append(np.asarray(values, float).ravel())
+        self._data_size += self._data[-1].size
+        return first
+
+    def _term(
+        self, name, function, arguments, role=None, first_row=0, trace=kind_of, **limits
+    ):
+        """Return the term, or None if it has no instance (nothing to pay for)."""
+        self._new(name, {**self.terms, **self.reports})
+        function, arguments = apart(function, arguments)
+        instances = instances_of(name, arguments)
+        if instances == 0:
+            return None
+        unknowns, data, order = [], [], []
+        for argument in arguments:
+            self._check_owner(name, argument)
+            if isinstance(argument, Columns):
+                indices, role_of, kept = argument.indices, "z", unknowns
+            else:
+                indices, role_of, kept = self._data_indices(name, argument), "d", data
+            kept.append(np.broadcast_to(indices, (instances, indices.shape[1])))
+            order.append((role_of, indices.shape[1]))
+        sizes = [indices.shape[1] for indices in unknowns]
+        if (key := (name, *order)) not in self.kinds:
+            self.kinds[key] = kind_named(name, trace, function, sizes, order)
+        kind = self.kinds[key]
+        if role is not None and kind.rows != 1:
+            told = {"where": name, "got": kind.rows, "expected": "1 row"}
+            raise PageError("a cost is one number", **told)
+        limits = {k: limit(v, (instances, kind.rows), name) for k, v in limits.items()}
+        if limits and not np.all(limits["lower"] <= limits["upper"]):
+            raise PageError("limits cross, or are NaN", where=name)
+        empty = np.zeros((instances, 0), int)
+        unknowns, data = np.hstack([empty, *unknowns]), np.hstack([empty, *data])
+        return Term(name, kind, role, unknowns, data, first_row=first_row, **limits)
+
+    def _check_owner(self, name: str, argument) -> None:
+        owner, mine = getattr(argument, "variable", argument), None
+        if isinstance(owner, Variable):
+            mine = self.variables.get(owner.name)
+        elif isinstance(owner, Parameter):
+            mine = self.parameters.get(owner.name)
+        else:
+            return
+        if mine is not owner:
+            raise PageError(f"{owner.name} belongs to another problem", where=name)
+
+    def _data_indices(self, name: str, argument) -> np.ndarray:
+        if isinstance(argument, Parameter):
+            return np.arange(argument.span.start, argument.span.stop)[None]
+        values = table(argument, name)
+        return self._append_data(values) + np.arange(values.size).reshape(values.shape)

@@ -1,0 +1,121 @@
+"""What a solve found: recomputed, named, with what the solver said of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..errors import NotConverged
+from .problem import Problem
+
+PROGRESS = {  # our names for IPOPT's
+    "objective": "obj", "primal": "inf_pr", "dual": "inf_du", "barrier": "mu",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where a solve ended, recomputed: nothing here is the solver's word but `status`.
+
+    `values` by variable name, SI, (rows, columns); `costs` by term, summed over the
+    instances; `violations` by constraint, the largest; `multipliers` by constraint,
+    (instances, rows), and of the bounds by variable name, (rows, columns), SI.
+    `progress` by iteration, as IPOPT says: level, objective, primal and dual
+    infeasibility, barrier.
+    """
+
+    values: dict[str, np.ndarray]
+    objective: float
+    costs: dict[str, float]
+    violations: dict[str, float]
+    multipliers: dict[str, np.ndarray]
+    bound_multipliers: dict[str, np.ndarray]
+    parameters: dict[str, np.ndarray]
+    success: bool
+    status: str
+    iterations: int
+    evaluations: int
+    seconds: dict[str, float]
+    iterations_by_level: tuple[int, ...] = ()
+    progress: dict[str, np.ndarray] = field(default_factory=dict)
+
+
+def recomputed(problem, x, data, lam_g, lam_x, stats, seconds) -> Solution:
+    costs = {name: float(problem.value(name, x, data).sum()) for name in problem.costs}
+    violations, multipliers = {}, {}
+    for name, term in problem.constraints.items():
+        value = problem.value(name, x, data)
+        beyond = np.maximum(term.lower - value, value - term.upper)
+        violations[name] = float(max(0.0, beyond.max()))
+        multipliers[name] = lam_g[term.span].reshape(value.shape)
+    iterations = max(0, int(stats["iter_count"]))
+    finite = bool(np.all(np.isfinite(x))) and np.isfinite(sum(costs.values()))
+    return Solution(
+        values=problem.unpack(x),
+        objective=float(sum(costs.values())),
+        costs=costs,
+        violations=violations,
+        multipliers=multipliers,
+        bound_multipliers=problem.unpack(lam_x),
+        parameters={
+            n: data[p.first : p.first + p.value.size]
+            for n, p in problem.parameters.items()
+        },
+        success=bool(stats["success"]) and finite,
+        status=str(stats["return_status"]),
+        iterations=iterations,
+        iterations_by_level=(iterations,),
+        evaluations=int(stats.get("n_call_nlp_f", 0)),
+        seconds=seconds,
+        progress=_progress(stats),
+    )
+
+
+def after(first: Solution, then: Solution) -> Solution:
+    """Return the second of two solves with what both took."""
+    return replace(
+        then,
+        iterations=first.iterations + then.iterations,
+        iterations_by_level=(*first.iterations_by_level, *then.iterations_by_level),
+        evaluations=first.evaluations + then.evaluations,
+        seconds={k: v + first.seconds.get(k, 0.0) for k, v in then.seconds.items()},
+        progress=_joined(first.progress, then.progress, len(first.iterations_by_level)),
+    )
+
+
+def _joined(first: dict, then: dict, levels: int) -> dict[str, np.ndarray]:
+    """Return the progress of two solves in a row; the first one had so many levels."""
+    then = {**then, "level": then["level"] + levels}
+    return {name: np.concatenate([first[name], then[name]]) for name in then}
+
+
+def _progress(stats: dict) -> dict[str, np.ndarray]:
+    """Return what IPOPT says of each iteration; without any, empty arrays."""
+    said = stats.get("iterations") or {}
+    found = {name: np.array(said.get(key, []), float) for name, key in PROGRESS.items()}
+    return {"level": np.zeros(len(found["objective"]), int), **found}
+
+
+def not_converged(problem: Problem, solution: Solution) -> NotConverged:
+    """Return the error that names the worst terms of a solution."""
+    if solution.status == "Invalid_Option":
+        return NotConverged(
+            "IPOPT refused an option (Invalid_Option), nothing was solved",
+            where="ipopt",
+            expected="options of this build; its linear solvers are mumps and spral",
+            problem=problem.describe(),
+            solution=solution,
+        )
+    worst = sorted(solution.violations, key=solution.violations.get)[-3:][::-1]
+    broken = [f"{n} by {solution.violations[n]:.2g}" for n in worst]
+    heavy = sorted(solution.costs, key=solution.costs.get)[-3:][::-1]
+    costs = [f"{n} {solution.costs[n]:.3g}" for n in heavy]
+    return NotConverged(
+        f"IPOPT says {solution.status} after {solution.iterations} iterations",
+        where=f"{problem.size} unknowns, {problem.rows} constraints",
+        got=f"violated: {', '.join(broken) or 'nothing'}; costs: {', '.join(costs)}",
+        next="start closer, loosen the tolerance, or run problem.check()",
+        problem=problem.describe(),
+        solution=solution,
+    )

@@ -1,0 +1,274 @@
+"""What a programme is made of: variables, columns of them, parameters, terms."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+from casadi import vertcat
+
+from ..errors import PageError
+from .term_functions import Kind
+
+
+@dataclass(frozen=True, eq=False)
+class Variable:
+    """A named block of unknowns, `rows` x `columns`; `x[:, k]` picks columns."""
+
+    name: str
+    rows: int
+    columns: int
+    lower: np.ndarray
+    upper: np.ndarray
+    guess: np.ndarray
+    unit: str
+    scale: np.ndarray
+    first: int
+
+    def pick(self, rows) -> Variable:
+        """Return what the chosen instances read: all of it, like any other."""
+        return self
+
+    def __getitem__(self, key) -> Columns:
+        rows, columns = key if isinstance(key, tuple) and len(key) == 2 else (key, None)
+        if not isinstance(rows, slice) or rows != slice(None) or columns is None:
+            raise PageError(
+                "only whole columns can be picked",
+                where=self.name,
+                next="write x[:, columns] and index the rows inside the term",
+            )
+        try:
+            picked = np.arange(self.columns)[columns]
+        except IndexError as error:
+            raise PageError(
+                "no such columns",
+                where=self.name,
+                got=str(error),
+                expected=f"whole numbers below {self.columns}",
+            ) from error
+        return Columns(self, np.atleast_1d(picked))
+
+    @property
+    def span(self) -> slice:
+        """Where this variable lies in the vector of all unknowns (column by column)."""
+        return slice(self.first, self.first + self.rows * self.columns)
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """The columns of a variable that the instances of a term read, one or k each.
+
+    columns: (instances,) or (instances, k); k columns are read one below the other.
+    """
+
+    variable: Variable
+    columns: np.ndarray
+
+    def pick(self, rows) -> Columns:
+        """Return what the chosen instances read."""
+        return Columns(self.variable, self.columns[rows])
+
+    def below(self, data: np.ndarray) -> Joined:
+        """Return an argument: data (instances, numbers), and these unknowns below."""
+        return Joined((data, self))
+
+    @property
+    def indices(self) -> np.ndarray:
+        """Global indices, (instances, k rows)."""
+        rows = np.arange(self.variable.rows)
+        first = self.variable.first + self.columns[..., None] * self.variable.rows
+        width = int(np.prod(self.columns.shape[1:])) * len(rows)  # also of no instance
+        return (first + rows).reshape(len(self.columns), width)
+
+
+@dataclass(frozen=True, eq=False)
+class Joined:
+    """Arguments that a term's function reads as one vector, one below the other.
+
+    parts: data (instances, numbers) or Columns, of the same instances.
+    """
+
+    parts: tuple
+
+    def __len__(self) -> int:
+        return instances_of("joined", self.parts)
+
+    def __getitem__(self, rows) -> Joined:
+        """Return what the chosen instances read."""
+        parts = (
+            p.pick(rows) if isinstance(p, Columns) else p[rows] for p in self.parts
+        )
+        return Joined(tuple(parts))
+
+
+@dataclass(frozen=True, eq=False)
+class Parameter:
+    """A named number or vector that a level may change without building anew."""
+
+    name: str
+    value: np.ndarray
+    unit: str
+    first: int
+
+    @property
+    def span(self) -> slice:
+        """Where this parameter lies in the vector of all data."""
+        return slice(self.first, self.first + self.value.size)
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """One named cost or constraint: its kind, and what each instance reads."""
+
+    name: str
+    kind: Kind
+    role: str | None
+    unknowns: np.ndarray  # (instances, unknowns) global indices
+    data: np.ndarray  # (instances, data) indices into the vector of all data
+    lower: np.ndarray | None = None  # (instances, rows), constraints only
+    upper: np.ndarray | None = None
+    first_row: int = 0
+
+    @property
+    def instances(self) -> int:
+        return len(self.unknowns)
+
+    @property
+    def rows(self) -> int:
+        return self.instances * self.kind.rows
+
+    @property
+    def span(self) -> slice:
+        """The rows of this constraint in the vector of all constraints."""
+        return slice(self.first_row, self.first_row + self.rows)
+
+    def jacobian_places(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return row and column of every local Jacobian nonzero, by instance."""
+        triplet = self.kind.jacobian_sparsity.get_triplet()
+        rows, columns = (np.array(i, int) for i in triplet)
+        offset = np.arange(self.instances)[:, None] * self.kind.rows
+        return (offset + rows).ravel(), self.unknowns[:, columns].ravel()
+
+    def hessian_places(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return where local upper-triangle nonzeros go in the global upper triangle.
+
+        An off-diagonal entry whose two unknowns are one and the same (merged poses)
+        stands for both orders: factor 2.
+        """
+        triplet = self.kind.hessian_sparsity.get_triplet()
+        rows, columns = (np.array(i, int) for i in triplet)
+        i, j = self.unknowns[:, rows], self.unknowns[:, columns]
+        factor = np.where((i == j) & (rows != columns), 2.0, 1.0)
+        return np.minimum(i, j).ravel(), np.maximum(i, j).ravel(), factor.ravel()
+
+
+def block(values, shape: tuple[int, int], name: str) -> np.ndarray:
+    """Return values as (rows, columns); one number per row fills its columns."""
+    values = np.asarray(values, float)
+    if values.ndim == 1 and values.size == shape[0]:
+        values = values[:, None]
+    try:
+        return np.broadcast_to(values, shape).copy()
+    except ValueError:
+        raise PageError(
+            "wrong shape", where=name, got=values.shape, expected=str(shape)
+        ) from None
+
+
+def table(values, name: str) -> np.ndarray:
+    """Return data as a table (instances, numbers); a list is one number an instance."""
+    values = np.asarray(values, float)
+    if values.ndim > 2 or np.isnan(values).any():
+        raise PageError(
+            "not data",
+            where=name,
+            got=f"shape {values.shape}, {np.isnan(values).sum()} NaN",
+            expected="(instances,) or (instances, numbers), no NaN",
+            next="flatten matrices, one row an instance; pick the valid rows",
+        )
+    return values.reshape(-1, 1) if values.ndim < 2 else values
+
+
+def setting(values, parameter: Parameter) -> np.ndarray:
+    """Return a new value of a parameter as it lies in the data."""
+    values, size = np.asarray(values, float), parameter.value.size
+    if values.size not in (1, size) or np.isnan(values).any():
+        raise PageError(
+            "not a value of this parameter",
+            where=parameter.name,
+            got=values.tolist(),
+            expected=f"{size} numbers",
+        )
+    return np.broadcast_to(values.ravel(), size)
+
+
+def known(names, declared: dict, what: str) -> None:
+    """Raise PageError for the first name that is not declared."""
+    for name in names or ():
+        if name not in declared:
+            raise PageError(f"no such {what}", where=name, expected=str([*declared]))
+
+
+def instances_of(name: str, arguments) -> int:
+    """Return how many instances the arguments make; one-column arguments broadcast."""
+    lengths = []
+    for argument in arguments:
+        if isinstance(argument, Columns):
+            lengths.append(len(argument.columns))
+        elif isinstance(argument, Variable):
+            lengths.append(argument.columns)
+        elif not isinstance(argument, Parameter) and np.ndim(argument) > 0:
+            lengths.append(len(argument))
+    several = {n for n in lengths if n != 1}
+    if len(several) > 1:
+        raise PageError(
+            "arguments disagree on the number of instances", where=name, got=lengths
+        )
+    return several.pop() if several else 1
+
+
+def apart(function: Callable, arguments) -> tuple[Callable, list]:
+    """Return a function of the parts of all arguments, and these parts.
+
+    The parts of a joined argument reach `function` as one vector, those of a named
+    tuple as a named tuple, None in it as None.  A whole variable becomes its columns.
+    """
+    parts = [part for argument in arguments for part in _parts(argument)]
+    parts = [p[:, :] if isinstance(p, Variable) else p for p in parts]
+
+    def of_parts(*locals_of_parts):
+        left = iter(locals_of_parts)
+        return function(*(_whole(argument, left) for argument in arguments))
+
+    return of_parts, parts
+
+
+def _parts(argument) -> list:
+    if isinstance(argument, Joined):
+        return [*argument.parts]
+    if hasattr(argument, "_fields"):
+        return [part for a in argument if a is not None for part in _parts(a)]
+    return [argument]
+
+
+def _whole(argument, left):
+    """Return an argument as its function reads it, from the parts that are left."""
+    if isinstance(argument, Joined):
+        return vertcat(*islice(left, len(argument.parts)))
+    if hasattr(argument, "_fields"):
+        fields = (None if a is None else _whole(a, left) for a in argument)
+        return type(argument)(*fields)
+    return next(left)
+
+
+def limit(values, shape: tuple[int, int], name: str) -> np.ndarray:
+    """Return a bound of a term for every instance and row."""
+    try:
+        return np.broadcast_to(values, shape).astype(float)
+    except ValueError:
+        got = np.shape(values)
+        raise PageError(
+            "wrong shape of a limit", where=name, got=got, expected=str(shape)
+        ) from None

@@ -1,0 +1,165 @@
+"""Write an estimated body as a file that other tools read: mesh or simulator model."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from xml.etree import ElementTree as xml
+
+import numpy as np
+
+from ..common.validation import check_path, check_types
+from ..errors import OptionError
+from ..geometry.faces import face_sigma, polygons
+from .colours import information_colour
+
+MESHES = (".stl", ".obj", ".glb", ".ply")
+MODELS = {".xml": "MJCF", ".urdf": "URDF"}
+ROLLING = "0.001 0.0001"  # [m] MuJoCo's torsional and rolling friction: next to none
+
+
+def export_shape(estimate, path: str | os.PathLike) -> None:
+    """Write the shape of an Estimate or a Body; the suffix of the path says how.
+
+    .stl .obj .ply .glb: the surface in metres, body frame; GLB and PLY are coloured by
+    information, blue (hardly known) to red (well known).  .xml: MJCF, one free body
+    with mass, inertia and friction, to be attached to a scene.  .urdf: one link; a
+    shape that is no box is written as an .stl beside it, and friction stands in the
+    `contact` element that Bullet reads.  The origin is that of the body frame, the
+    inertia that of a uniform body (of a Body: as identified).
+
+    Raises OptionError for another suffix.
+    """
+    check_types(estimate=(estimate, ("Estimate", "Body")))
+    check_path(path)
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix in MESHES:
+        _coloured(estimate).export(path)
+    elif suffix in MODELS:
+        tree = (_mjcf if suffix == ".xml" else _urdf)(estimate, path)
+        xml.indent(tree)
+        path.write_text(xml.tostring(tree, encoding="unicode") + "\n")
+    else:
+        raise OptionError(
+            "no such format", where=str(path), got=suffix or "no suffix",
+            expected=f"one of {', '.join([*MESHES, *MODELS])}",
+        )  # fmt: skip
+
+
+def _coloured(estimate):
+    """Return the surface as a mesh whose faces have the colour of what is known."""
+    import trimesh
+
+    vertices = estimate.vertices
+    faces = polygons(vertices)
+    known = hasattr(estimate, "information")
+    sigma = face_sigma(estimate) if known else np.full(len(faces), np.nan)
+    points, triangles, colours = [], [], []
+    for (corners, _), s in zip(faces, sigma, strict=True):
+        first = len(points)  # corners of their own: colours do not run into each other
+        points += [vertices[c] for c in corners]
+        triangles += [
+            [first, first + i, first + i + 1] for i in range(1, len(corners) - 1)
+        ]
+        colours += [[*information_colour(s), 255]] * len(corners)
+    return trimesh.Trimesh(points, triangles, vertex_colors=colours, process=False)
+
+
+def _mjcf(estimate, path):
+    root = xml.Element("mujoco", model=path.stem)
+    p, q = _pose(estimate)
+    attributes = _box(estimate)
+    if attributes is None:
+        assets = xml.SubElement(root, "asset")
+        xml.SubElement(assets, "mesh", name="shape", vertex=_text(estimate.vertices))
+        attributes = {"type": "mesh", "mesh": "shape"}
+    else:
+        attributes = {"type": "box", "size": _text(attributes)}
+    world = xml.SubElement(root, "worldbody")
+    body = xml.SubElement(world, "body", name="object", pos=_text(p), quat=_text(q))
+    xml.SubElement(body, "freejoint")
+    mass, inertia = _inertia(estimate)
+    full = [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    xml.SubElement(
+        body, "inertial", pos=_text(_centre(estimate)), mass=repr(mass),
+        fullinertia=_text(full),
+    )  # fmt: skip
+    xml.SubElement(
+        body, "geom", name="object", friction=f"{_friction(estimate)!r} {ROLLING}",
+        rgba="0 0.45 0.7 1", **attributes,
+    )  # fmt: skip
+    return root
+
+
+def _urdf(estimate, path):
+    root = xml.Element("robot", name=path.stem)
+    link = xml.SubElement(root, "link", name="object")
+    mass, inertia = _inertia(estimate)
+    inertial = xml.SubElement(link, "inertial")
+    xml.SubElement(inertial, "origin", xyz=_text(_centre(estimate)), rpy="0 0 0")
+    xml.SubElement(inertial, "mass", value=repr(mass))
+    names = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1),
+             ("iyz", 1, 2), ("izz", 2, 2))  # fmt: skip
+    entries = {name: repr(float(inertia[i, j])) for name, i, j in names}
+    xml.SubElement(inertial, "inertia", **entries)
+    half = _box(estimate)
+    if half is None:
+        estimate_mesh = path.with_suffix(".stl")
+        _coloured(estimate).export(estimate_mesh)
+    for kind in ("visual", "collision"):
+        shape = xml.SubElement(xml.SubElement(link, kind), "geometry")
+        if half is None:
+            xml.SubElement(shape, "mesh", filename=estimate_mesh.name)
+        else:
+            xml.SubElement(shape, "box", size=_text(2 * half))
+    contact = xml.SubElement(link, "contact")
+    xml.SubElement(contact, "lateral_friction", value=repr(_friction(estimate)))
+    return root
+
+
+def _box(estimate) -> np.ndarray | None:
+    """Return the half widths (3,) [m] of a box about its origin, None for others."""
+    half = np.ptp(estimate.vertices, axis=0) / 2
+    flush = np.allclose(abs(estimate.vertices), half, atol=1e-9)
+    return half if flush and len(estimate.vertices) == 8 else None
+
+
+def _pose(estimate):
+    """Return position (3,) [m] and quaternion (4,) wxyz at the last sample."""
+    if not hasattr(estimate, "position"):  # a Body has no pose of its own
+        return np.zeros(3), np.array([1.0, 0, 0, 0])
+    return estimate.position[-1], estimate.quaternion[-1]
+
+
+def _solid(estimate):
+    import trimesh
+
+    return trimesh.convex.convex_hull(estimate.vertices)
+
+
+def _centre(estimate) -> np.ndarray:
+    """Return the centre of mass (3,) [m]: of a uniform body; of a Body, its origin."""
+    known = hasattr(estimate, "inertia")
+    return np.zeros(3) if known else _solid(estimate).center_mass
+
+
+def _inertia(estimate) -> tuple[float, np.ndarray]:
+    """Return mass [kg] and inertia (3, 3) [kg m^2] about the centre of mass."""
+    if hasattr(estimate, "inertia"):
+        return float(estimate.mass), np.diag(estimate.inertia)
+    mass, solid = float(estimate.scene.mass), _solid(estimate)
+    return mass, solid.moment_inertia * mass / solid.mass
+
+
+def _friction(estimate) -> float:
+    """Return the coefficient with the ground, known or estimated; 0 without any."""
+    if hasattr(estimate, "friction"):
+        return float(estimate.friction)
+    known = estimate.scene.friction_ground
+    found = estimate.unknowns.get("ground friction", 0.0)
+    return float(np.ravel(found)[0] if known is None else known)
+
+
+def _text(numbers) -> str:
+    return " ".join(repr(float(number)) for number in np.ravel(numbers))

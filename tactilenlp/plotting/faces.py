@@ -1,0 +1,91 @@
+"""The faces of an estimated body at a sample, as pictures show them, in millimetres."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import HalfspaceIntersection
+from scipy.spatial.transform import Rotation
+
+from ..geometry.faces import face_sigma, polygons
+from ..information.error_budget import ENOUGH
+from ..information.information import TOUCHED
+
+MM = 1e3  # [mm / m]
+MOST = 26e-3  # [m] a face that no one knows is drawn this far off: beside the object
+LEAST = 0.02  # [1] of its distance from the middle, as near as a face is drawn
+
+
+@dataclass(frozen=True, eq=False)
+class Face:
+    """One face: corners (k, 3) [mm] in order and outward normal (3,), world frame."""
+
+    corners: np.ndarray
+    normal: np.ndarray
+    touched: bool
+
+
+def faces_of(estimate, sample: int):
+    """Return the faces at a sample, and the corners (n, 3) [mm] one sigma out and in.
+
+    A cuboid's faces move by what is known of them at the last sample, of its sizes at
+    others; a hull's by what is known at the last sample.  Where nothing says how well a
+    face is known, nobody can draw it: None in place of the corners.
+    """
+    R_wo, p_wo = estimate.rotation(sample), estimate.position[sample]
+    planes = polygons(estimate.vertices)
+    normals = np.array([n for _, n in planes])
+    touched = _touched(estimate, normals)
+    faces = [
+        Face((estimate.vertices[corners] @ R_wo.T + p_wo) * MM, R_wo @ n_o, bool(known))
+        for (corners, n_o), known in zip(planes, touched, strict=True)
+    ]
+    sigma = _deviations(estimate, sample, normals)
+    if np.isnan(sigma).any():
+        return faces, None
+    away = np.array([estimate.vertices[c[0]] @ n for c, n in planes])  # from the origin
+    band = [_moved(normals, away, way * np.minimum(sigma, MOST)) for way in (1, -1)]
+    return faces, [(corners @ R_wo.T + p_wo) * MM for corners in band]
+
+
+def _moved(normals, away, by) -> np.ndarray:
+    """Return the corners (n, 3) [m] of a body whose faces lie `by` [m] farther out."""
+    away = np.maximum(away + by, LEAST * away)
+    return HalfspaceIntersection(np.c_[normals, -away], np.zeros(3)).intersections
+
+
+def _touched(estimate, normals) -> np.ndarray:
+    """Return which faces were touched, or lie on the ground, (faces,)."""
+    data, scene = estimate.measurements, estimate.scene
+    t, f = np.nonzero(data.contact & data.valid)
+    R_ow = Rotation.from_quat(np.roll(estimate.quaternion[t], -1, axis=1)).inv()
+    met = R_ow.apply(data.normal[t, f]) @ normals.T > TOUCHED
+    # A cuboid's face was touched where its size takes it as known.
+    enough = ENOUGH if estimate.shape == "cuboid" else 1
+    down = np.zeros(len(normals), bool)
+    if scene.ground is not None:
+        down = normals @ estimate.rotation().T @ scene.ground.normal < -TOUCHED
+    return (met.sum(axis=0) >= enough) | down
+
+
+def _deviations(estimate, sample: int, normals) -> np.ndarray:
+    """Return the standard deviation of each face along its normal, (faces,) [m]."""
+    last = range(len(estimate.position))[sample] == len(estimate.position) - 1
+    if estimate.shape != "cuboid":
+        return face_sigma(estimate)
+    axis, side = np.argmax(abs(normals), axis=1), (normals.sum(axis=1) > 0).astype(int)
+    if not last:  # a size alone: the face that was not touched has all of it
+        known = estimate.faces >= ENOUGH
+        known[2, 0] |= estimate.scene.ground is not None
+        share = np.where(known.sum(axis=1, keepdims=True) == 1, ~known, 0.5)
+        return (estimate.information.sigma("side_lengths")[:, None] * share)[axis, side]
+    return _of_pose_and_size(estimate.information, estimate.rotation())[axis, side]
+
+
+def _of_pose_and_size(information, R_wo) -> np.ndarray:
+    """Return the standard deviation of n' p + side / 2 of each face, (3, 2) [m]."""
+    along = R_wo.T @ information.maps["position"]
+    J = np.stack([-along, along], 1) + information.maps["side_lengths"][:, None] / 2
+    variance = np.einsum("asj,jk,ask->as", J, information.spread, J)
+    return np.sqrt(np.where(variance < 0, np.inf, variance))

@@ -1,0 +1,92 @@
+"""Draw with matplotlib where touching would tell most: the gain of each direction."""
+
+from __future__ import annotations
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..common.validation import check_types
+from ..exploration.action_search import Choice
+from ..exploration.expected_information import ExpectedInformation
+from .scene import outline
+from .style import FINGERS, INK, MM, STYLE, below, check_axes
+
+ROOM = 35.0  # [mm] beside the object that is seen from above
+GRID = 33, 17  # directions by azimuth and declination, for each finger
+
+
+@plt.rc_context(STYLE)
+def plot_gain(estimate, choice: Choice, axis=None) -> Figure:
+    """Draw the expected gain over the action sphere, and the chosen lines.
+
+    Each finger's half is scanned while the other finger does what was chosen.  Left:
+    all directions; right: from above, with the object that is estimated.  axis: these
+    two Axes, or one for the directions alone.
+    """
+    check_types(estimate=(estimate, "Estimate"), choice=(choice, Choice))
+    if axis is None:
+        axis = plt.figure(figsize=(8.4, 3.6)).subplots(1, 2, width_ratios=(1.6, 1))
+    one = np.size(np.asarray(axis, dtype=object)) == 1
+    sphere, *top = check_axes(axis, 1 if one else 2)
+    figure = sphere.figure
+    space, fingers = choice.action.workspace, choice.action.workspace.fingers
+    expected = ExpectedInformation(estimate, space)
+    gains = [_scan(expected, choice, finger) for finger in range(fingers)]
+    norm = plt.Normalize(0, max(choice.gain, *(g.max() for *_, g in gains)))
+    for azimuth, declination, gain in gains:
+        area = sphere.pcolormesh(
+            np.degrees(azimuth), np.degrees(declination), gain, norm=norm,
+            cmap="viridis", shading="gouraud",
+        )  # fmt: skip
+    figure.colorbar(area, ax=sphere, label="expected information gain [nats]")
+    for finger, (a, b) in enumerate(choice.action.angles.reshape(-1, 2)):
+        azimuth = np.degrees(a + 2 * np.pi * finger / fingers)
+        sphere.plot(azimuth, np.degrees(b), "o", ms=9, mfc="none", mec="w", mew=2)
+        sphere.annotate(f"finger {finger}", (azimuth, np.degrees(b)), (0, 9), c="w",
+                        textcoords="offset points", ha="center")  # fmt: skip
+    sphere.set(xlabel="azimuth [deg]", ylabel="declination [deg]",
+               title=f"Chosen: {choice.gain:.1f} nats")  # fmt: skip
+    for beside in top:
+        _draw_lines(beside, estimate, choice.action, expected)
+    return figure
+
+
+def _scan(expected, choice, finger: int):
+    """Return azimuths, declinations (n, m) [rad] and gains [nats] of one finger."""
+    space, at = choice.action.workspace, slice(2 * finger, 2 * finger + 2)
+    low, high = space.lower[at], space.upper[at]
+    ascension = np.linspace(low[0], high[0], GRID[0])
+    declination = np.linspace(low[1], high[1], GRID[1])
+    a, b = np.meshgrid(ascension, declination)
+    gain = np.empty_like(a)
+    for index in np.ndindex(a.shape):
+        angles = choice.action.angles.copy()
+        angles[at] = a[index], b[index]
+        gain[index] = expected.gain(space.action(angles))
+    return a + 2 * np.pi * finger / space.fingers, b, gain
+
+
+def _draw_lines(axis, estimate, action, expected) -> None:
+    """Draw the chosen lines from above, the object now, and where it is expected."""
+    way = action.positions(expected.target, 31) * MM
+    now = estimate.mesh().vertices
+    motion = expected.prospect(action).motion[-1]
+    c, s = np.cos(motion[2]), np.sin(motion[2])
+    turn, centre = np.array([[c, -s], [s, c]]), expected.target[:2]
+    then = (now[:, :2] - centre) @ turn.T + centre + motion[:2]
+    for points, style, words in ((now, "-", "estimate"), (then, ":", "expected then")):
+        axis.plot(*outline(points * MM).T, style, color=INK, label=words)
+    for finger in range(way.shape[1]):
+        colour = FINGERS[finger % len(FINGERS)]
+        axis.plot(*way[:, finger, :2].T, color=colour, label=f"finger {finger}")
+        radius = action.workspace.finger_radius * MM
+        spot = plt.Circle(way[-1, finger, :2], radius, fc=(colour, 0.3), ec=colour)
+        axis.add_patch(spot)
+    low, high = (
+        (now[:, :2] * MM).min(axis=0) - ROOM,
+        (now[:, :2] * MM).max(axis=0) + ROOM,
+    )
+    axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal",
+             xlabel="x [mm]", ylabel="y [mm]", title="From above")  # fmt: skip
+    axis.legend(**below(axis))

@@ -1,0 +1,10 @@
+"""From measurements and a scene to a filled page, with only what the scene needs.
+
+In: `Measurements`, `Scene`, a shape, a page of `formulations`.  Out: a `Window` (plain
+arrays and index lists that a page reads), and certificates of every reduction.
+
+- `window`, `reductions`, `polytope_window`, `fingertips`: build the window
+- `pages`, `poses`: names of pages and shapes; poses and corners of a body
+- `certificates`, `unreduced`: check after a solve that a reduction was right
+- `outliers`: touches that the assumed motion does not explain
+"""

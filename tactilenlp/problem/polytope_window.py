@@ -1,0 +1,243 @@
+"""What a polytope's page sees: a window, and which vertices each contact reads.
+
+All of it follows from where vertices and poses start; the lists stay as they are during
+a solve and are made anew for the next.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from scipy.optimize import nnls
+from scipy.spatial import ConvexHull, QhullError
+
+from formulations.quasi_static import ALPHA
+
+from ..geometry.convex_hull import fingers, nearest, nearest_triangles
+from ..geometry.convex_hull import triangles as triangles_of
+from ..geometry.transforms import is_planar, matrices
+from .pages import is_polytope
+from .reductions import reduce
+from .window import Corners, Rests, Window
+
+NEAR = 8  # vertices that a contact reads
+LIFTED = 0.5e-3  # [m] a vertex this high still carries the body
+ALIKE, WHOLE = 1e-3, 1e3  # weights of equal shares, and of a sum of one
+CLEAR = 20.0  # [-] lengths over which a free finger's cost falls by a factor of e
+RIGID = 1e-3  # [-] of the largest move of legs with a pose: less is no move
+DEPTH = 3.0  # [-] lengths along the surface that one length below it counts for
+
+
+@dataclass(frozen=True, eq=False)
+class HullWindow(Window):
+    """A window, where the vertices start and which of them each contact reads.
+
+    start (V, 3) [m]; near_touch, near_free, near_push (instances, NEAR): vertices;
+    legs (n,): those that carry the body where it lies; leg (corners,): of each ground
+    contact, weight_share (corners,): of the weight that it carries at rest; resting
+    (rests,): of each rest; grounded (k,): on the ground at the last pose, the legs in planar
+    motion; floor [m]: no vertex is lower at the last pose;
+    triangles (2 V - 4, 3) of the hull, counterclockwise from outside; body (10,):
+    volume, centroid and second moments; lower, upper (unknowns, poses): the last pose
+    is held.
+    """
+
+    start: np.ndarray = None
+    near_touch: np.ndarray = None
+    near_free: np.ndarray = None
+    near_push: np.ndarray = None
+    legs: np.ndarray = None
+    leg: np.ndarray = None
+    weight_share: np.ndarray = None
+    resting: np.ndarray = None
+    grounded: np.ndarray = None
+    floor: float = 0.0
+    triangles: np.ndarray = None
+    body: np.ndarray = None
+    lower: np.ndarray = None
+    upper: np.ndarray = None
+
+    def followed(self, rows, slopes) -> np.ndarray:
+        """Return what moves of vertices that can lift do, as far as a pose has them.
+
+        Four legs that move apart would bend the body, which all its poses share: what
+        no pose of a step follows is left out.  Vertices in the air have rows of zeros.
+        """
+        out = np.zeros_like(rows)
+        down = rows.any(axis=1)
+        for step in np.unique(self.lift.step):
+            legs = np.flatnonzero((self.lift.step == step) & down)
+            if len(legs):
+                ways, size, _ = np.linalg.svd(slopes[legs].toarray())
+                ways = ways[:, : len(size)][:, size > RIGID * size[0]]
+                out[legs] = ways @ (ways.T @ rows[legs])
+        return out
+
+    def seen_by_touches(self, theta) -> np.ndarray:
+        """Return the vertices (3 NEAR, touches) that each touch reads of theta."""
+        return theta.T[self.near_touch].reshape(len(self.touch), -1).T
+
+
+def indexed(window, shape, vertices, x, ground, resting=None) -> HullWindow:
+    """Return the window of a polytope that starts as `vertices` at poses x (u, T).
+
+    ground: whether there is one; resting: the vertices (V, 3) as which it carries its
+    weight, by default the same.
+    """
+    lower, upper = window.holding(x, [-1])
+    triangles = triangles_of(vertices, 2 * len(vertices) - 4)
+    stand = np.array(shape.corners, int)[:, 0]
+    share = np.zeros(len(vertices))
+    resting = vertices if resting is None else resting
+    share[stand] = shares(resting[stand], body(resting, triangles)[1:4])
+    lifts = ground and not is_planar(x)
+    window = tilting(window, stand, vertices, x) if lifts else window
+    known = {f.name: getattr(window, f.name) for f in fields(Window)}
+    leg, rest = (part.signs[:, 0].astype(int) for part in (window.corner, window.rest))
+    share = share[leg]
+    if lifts:  # what is above the ground carries nothing
+        at = window.step.sample[window.corner.step]
+        share *= heights(vertices, x)[at, leg] < LIFTED
+    return HullWindow(
+        **known, start=vertices,
+        near_touch=near(window.touch, vertices, x),
+        near_free=near(window.free, vertices, x),
+        near_push=near(window.push, vertices, x),
+        legs=stand, leg=leg, weight_share=share, resting=rest,
+        grounded=stand if ground and is_planar(x) else stand[:0],
+        floor=(0.0 if is_planar(x) else -x[2, -1]) if ground else -np.inf,
+        triangles=triangles, body=body(vertices, triangles),
+        lower=lower, upper=upper,
+    )  # fmt: skip
+
+
+def tilting(window, stand, vertices, x) -> Window:
+    """Return the window with the ground under the vertices that are low at each pose.
+
+    stand (n,): those on which the hull lies; others take over where they are lower by
+    LIFTED at poses x (6, T).
+    """
+    z = heights(vertices, x)
+    z[:, stand] -= LIFTED
+    low = np.sort(np.argsort(z, axis=1, kind="stable")[:, : len(stand)], axis=1)
+
+    def signs(samples):
+        carry = low[samples].reshape(-1, 1)
+        return np.hstack([carry, np.zeros((len(carry), 2))])
+
+    corner = Corners(window.corner.step, signs(window.step.sample))
+    first = window.last[window.rest.pose[:: len(stand)]]
+    rest = Rests(window.rest.pose, signs(first))
+    return replace(window, corner=corner, lift=corner, rest=rest)
+
+
+def heights(vertices, x) -> np.ndarray:
+    """Return how high (T, V) [m] each vertex is at free poses x (6, T)."""
+    return matrices(x)[:, 2] @ vertices.T + x[2][:, None]
+
+
+def without_clear(window, vertices, x):
+    """Return the window less the free fingers that are certainly clear of a hull.
+
+    At a gap of CLEAR / alpha (eq:bool) a free sample costs exp(-CLEAR) nats.
+    """
+    softness = np.hypot(1 / ALPHA, window.sigma_position / 1.7)  # quasi_static.py
+    free = window.free
+    if not len(free):
+        return window
+    centre = fingers(free, x)
+    gap = np.linalg.norm(centre - nearest(vertices, centre), axis=1) - free.radius
+    return replace(window, free=free.pick(gap < CLEAR * softness))
+
+
+def near(samples, vertices, x) -> np.ndarray:
+    """Return the vertices (samples, NEAR) that can be nearest to each finger.
+
+    First those of the triangle that the contact point is on: a large face can have many
+    vertices nearer than its corners.  Then along the hull's surface the nearest to that
+    point; what lies deep below the plane of the contact comes last.
+    """
+    count = min(NEAR, len(vertices))
+    if not len(samples):
+        return np.zeros((0, count), int)
+    centre = fingers(samples, x)
+    point, on = nearest_triangles(vertices, centre)
+    n = centre - point
+    n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
+    to = vertices[None] - point[:, None]
+    below = -np.einsum("svk,sk->sv", to, n)
+    far = np.linalg.norm(to, axis=2) + DEPTH * below
+    np.put_along_axis(far, on, -1.0, axis=1)
+    return np.sort(np.argsort(far, axis=1, kind="stable")[:, :count], axis=1)
+
+
+def legs(vertices, count: int, height: float = LIFTED) -> np.ndarray:
+    """Return at least three and at most `count` vertices that carry the body.
+
+    Of the lowest ones those that span the largest area.
+    """
+    z = vertices[:, 2]
+    low = np.nonzero(z <= max(height, np.sort(z)[2]))[0]
+    try:
+        around = low[ConvexHull(vertices[low, :2]).vertices]  # counterclockwise
+    except QhullError:  # in a row: all of them, the page moves them apart
+        around = low
+    while len(around) > count:
+        flat = vertices[around, :2]
+        u, v = flat - np.roll(flat, 1, axis=0), np.roll(flat, -1, axis=0) - flat
+        lost = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+        around = np.delete(around, np.argmin(lost))
+    return np.sort(around)
+
+
+def shares(legs, centroid) -> np.ndarray:
+    """Return the shares (n,) of the weight that legs (n, 3) carry at rest.
+
+    They balance it about the centroid as far as legs that only push can, all alike
+    where that leaves a choice.
+    """
+    n, arms = len(legs), (legs - centroid)[:, :2].T
+    arms = arms / np.abs(arms).max()
+    rows = np.vstack([arms, ALIKE * np.eye(n), np.full(n, WHOLE)])
+    found, _ = nnls(rows, np.r_[0, 0, np.full(n, ALIKE / n), WHOLE])
+    return found / found.sum()
+
+
+def body(vertices, triangles) -> np.ndarray:
+    """Return volume [m^3], centroid [m] and second moments [m^2] (10,) of a hull."""
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    volume = (a * np.cross(b, c)).sum(axis=1) / 6
+    s = a + b + c
+    S = sum(p[:, :, None] * p[:, None] for p in (s, a, b, c))
+    S = (volume[:, None, None] * S).sum(axis=0) / 20
+    first = (volume[:, None] * s).sum(axis=0) / 4
+    second = S[[0, 1, 2, 0, 1, 2], [0, 1, 2, 1, 2, 0]]
+    return np.r_[volume.sum(), np.r_[first, second] / volume.sum()]
+
+
+def standing(shape, vertices):
+    """Return the shape whose corners are the vertices that carry the body."""
+    carry = legs(vertices, len(shape.corners))
+    return replace(shape, corners=tuple((int(j), 0, 0) for j in carry))
+
+
+def window_of(job, guess=None, resting=None):
+    """Return the window that a page reads, and the shape as the page takes it.
+
+    guess: theta and x, where a page starts.  resting: theta as which a hull carries its
+    weight where it rests, by default that of the guess.
+    """
+    known = job.scene, job.shape, job.precision, job.reductions
+    if guess is None or not is_polytope(job.shape):
+        return reduce(job.data, *known, guess=guess, cuts=job.cuts), job.shape
+    theta, x = guess
+    vertices = np.reshape(theta, (-1, 3))
+    shape = standing(job.shape, vertices)
+    known = job.scene, shape, job.precision, job.reductions
+    window = reduce(job.data, *known, guess=guess, cuts=job.cuts)
+    if job.reductions.far:
+        window = without_clear(window, vertices, x)
+    resting = vertices if resting is None else np.reshape(resting, (-1, 3))
+    ground = job.scene.ground is not None
+    return indexed(window, shape, vertices, x, ground, resting), shape

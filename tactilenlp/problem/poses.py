@@ -1,0 +1,50 @@
+"""problem.poses."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import casadi as ca
+import numpy as np
+
+
+def poses(shape, motion, theta, x, ground):
+    """Return position (T, 3) [m], quaternion (T, 4) wxyz, world, of poses x (u, T)."""
+    import casadi as ca
+    from scipy.spatial.transform import Rotation
+
+    t, c = ca.SX.sym("theta", len(theta)), ca.SX.sym("x", motion.unknowns)
+    p, R = motion.pose(shape, t, c)
+    function = ca.Function("pose", [t, c], [p, ca.reshape(ca.densify(R), 9, 1)])
+    samples = x.shape[1]
+    out = function.map(samples)(np.repeat(theta[:, None], samples, 1), x)
+    position, matrices = (np.asarray(o) for o in out)
+    rotation = Rotation.from_matrix(matrices.T.reshape(-1, 3, 3).transpose(0, 2, 1))
+    position = position.T
+    if ground is not None:
+        position = ground.from_ground(position)
+        rotation = Rotation.from_matrix(ground.rotation).inv() * rotation
+    return position, rotation.as_quat()[:, [3, 0, 1, 2]]
+
+
+@cache
+def _corners(shape):
+    theta = ca.SX.sym("theta", shape.theta)
+    signs = np.array(shape.corners)
+    every = np.vstack([signs, signs * [1, 1, -1]])
+    points = ca.horzcat(*(shape.corner(theta, ca.DM(s)) for s in every))
+    return ca.Function("corners", [theta], [points])
+
+
+def body_corners(shape, theta) -> np.ndarray:
+    """Return the corners of a body, body frame, (corners, 3) [m]."""
+    return np.asarray(_corners(shape)(theta)).T
+
+
+def planar_corners(shape, theta, x) -> np.ndarray:
+    """Return the corners of a body lying at the planar pose x, (corners, 3) [m]."""
+    body = np.asarray(_corners(shape)(theta))
+    c, s = np.cos(x[2]), np.sin(x[2])
+    return np.stack(
+        [c * body[0] - s * body[1] + x[0], s * body[0] + c * body[1] + x[1], body[2]], 1
+    )

@@ -1,0 +1,294 @@
+"""What this scene does not need, dropped: from Measurements to a Window.
+
+still   samples during which nothing can move share one pose
+far     a free finger far from the object says nothing
+absent  a finger that feels nothing carries no impulse
+planar  an object that lies flat and never tilts has three unknowns a pose, not six
+frictionless  a contact whose friction is zero carries no tangential impulse
+
+Each can be switched off alone; `certify.py` checks them after the solve.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import casadi as ca
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from formulations.rigid_body import FREE, PLANAR
+
+from ..common.validation import check_types
+from ..data.sensor_noise import contact_latency
+from ..errors import OptionError
+from .fingertips import finger_of, poses
+from .window import Corners, Group, Pushes, Rests, Samples, Steps, Window
+
+FAR = 30e-3  # [m] a free finger this far beyond the sensor's doubt is not asked
+OUTLIER_COST = 7.0  # [nats] one sample in a thousand is wrong beyond any noise
+MOVES = 0.1e-3  # [m] a guess that moves further in a sample needs poses of its own
+ARM = 20e-3  # [m] one radian of turn counts as this much way
+SLIPPERY = 0.1  # [-] friction of the ground, where it is not known: little
+DOUBLE = 0.1  # [sample intervals] sooner than this, a sample has come twice
+SIDE = 0.7  # [-] |n_z| below which a normal belongs to a side
+NAMES = (tuple, list, set, frozenset)  # of names to switch off
+
+
+@dataclass(frozen=True)
+class Reductions:
+    """Which reductions may be made; all by default."""
+
+    still: bool = True
+    far: bool = True
+    absent: bool = True
+    planar: bool = True
+    frictionless: bool = True
+
+    def __post_init__(self) -> None:
+        check_types(**{name: (value, bool) for name, value in vars(self).items()})
+
+    @classmethod
+    def of(cls, choice) -> Reductions:
+        """Read True, False, a Reductions, or the names of those to switch off."""
+        if isinstance(choice, cls):
+            return choice
+        names = [f.name for f in fields(cls)]
+        if isinstance(choice, bool):
+            return cls(**dict.fromkeys(names, choice))
+        off = (choice,) if not isinstance(choice, NAMES) else tuple(choice)
+        unknown = [n for n in off if not isinstance(n, str) or n not in names]
+        if unknown:
+            raise OptionError(
+                "no such reduction",
+                where="reduce",
+                got=unknown,
+                expected=f"True, False or names to switch off among {names}",
+            )
+        return cls(**{name: name not in off for name in names})
+
+
+def insisted(page, reductions: Reductions) -> Reductions:
+    """Return the reductions with those switched on or off that a page insists on."""
+    return replace(reductions, **getattr(page, "REDUCTIONS", {}))
+
+
+def flat(page) -> bool:
+    """Tell whether a page states planar motion only."""
+    return getattr(page, "REDUCTIONS", {}).get("planar", False)
+
+
+def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> Window:
+    """Return the window of `data` (ground at z = 0) under the chosen reductions.
+
+    guess: theta and x (unknowns, T) that say what is far and which corners are low;
+    without one, no sample is far.  cuts: samples that may move, still span or not.
+    """
+    choice = choice or Reductions()
+    motion = PLANAR if choice.planar else FREE
+    first = np.r_[True, data.action[1:] != data.action[:-1]]
+    moving = may_move(data, scene, first) if choice.still else np.ones_like(first)
+    if motion is FREE and guess is not None:
+        moving = (moving | moves(guess[1])) & ~first
+    moving[list(cuts)] = True
+    original = originals(data, first)
+    moving &= original == np.arange(len(first))
+    before = np.r_[0, original[:-1]]
+    pose = np.cumsum(moving | first) - 1
+    sample, finger = np.nonzero(data.valid)
+    felt = data.contact[sample, finger]
+    p_wf = poses(data, scene)
+    everything = Samples(
+        sample, finger, pose[sample], p_wf[sample, finger],
+        data.finger_radius[finger], data.normal[sample, finger],
+        contact_latency(data)[sample, finger],
+    )  # fmt: skip
+    free = everything.pick(~felt)
+    if choice.far and guess is not None:
+        free = free.pick(~is_far(free, scene, shape, motion, guess, precision))
+    known = moving & ~first
+    if coasts(scene):  # how fast it was at the start of a later action no one knows
+        known &= ~first[before] | (data.action == data.action[0])
+    step = _steps(data, pose, first, before, np.nonzero(known)[0])
+    push = _pushes(data, p_wf, everything, felt, step, before, choice.absent)
+    corner, lift, rest = _ground(scene, shape, motion, step, first, pose, guess)
+    gap = np.nonzero(first)[0][1:]
+    return Window(
+        motion=motion, finger=finger_of(scene), fingers=data.fingers,
+        poses=int(pose[-1]) + 1, pose=pose,
+        touch=everything.pick(felt), free=free, step=step,
+        gap=_gaps(data, pose, np.zeros(0, int) if coasts(scene) else gap),
+        push=push, unfelt=np.nonzero(~data.contact[push.sample, push.finger])[0],
+        corner=corner, lift=lift, rest=rest,
+        groups=_groups(len(step), push, corner),
+        frictionless=slippery(scene) if choice.frictionless else (),
+        sigma_position=precision.position, sigma_normal=precision.normal,
+        outlier_cost=OUTLIER_COST, braking=friction_of(scene) * scene.gravity,
+    )  # fmt: skip
+
+
+def friction_of(scene) -> float:
+    """Return the friction of the ground, low where it is not known."""
+    return SLIPPERY if scene.friction_ground is None else scene.friction_ground
+
+
+def may_move(data, scene, first) -> np.ndarray:
+    """Tell for every sample whether the object may have moved since the one before.
+
+    It may while a finger touches it, and until friction with the ground has stopped it:
+    v / (mu g) seconds after the last touch, at the speed v of the fastest finger.
+    """
+    contact = maybe_touching(data).any(axis=1)
+    if coasts(scene):
+        return np.logical_or.accumulate(contact) & ~first
+    way = np.linalg.norm(np.diff(data.finger_position, axis=0), axis=2)
+    speed = np.where(data.contact[1:], way, 0.0).max(initial=0.0) / data.dt
+    settle = int(np.ceil(speed / (friction_of(scene) * scene.gravity * data.dt)))
+    moving = contact.copy()
+    since = np.where(contact, 0, settle + 1)
+    for t in range(1, len(first)):
+        if not first[t] and not contact[t]:
+            since[t] = since[t - 1] + 1
+            moving[t] = since[t] <= settle
+    return moving & ~first
+
+
+def maybe_touching(data) -> np.ndarray:
+    """Tell where a finger felt contact, or nothing is known beside such samples (T, F).
+
+    Samples that were not measured may have been contact where the last one before them,
+    or the next one after them, was; a finger that never measures in an action is away.
+    """
+    felt, action = data.contact & data.valid, data.action[:, None]
+    before = _last(data.valid, felt, action)
+    after = _last(data.valid[::-1], felt[::-1], action[::-1])[::-1]
+    return felt | before | after
+
+
+def _last(valid, felt, action) -> np.ndarray:
+    """Tell whether the last valid sample, of the same action, was felt (T, F)."""
+    t = np.arange(len(valid))[:, None]
+    last = np.maximum.accumulate(np.where(valid, t, 0), axis=0)
+    same = np.take_along_axis(np.broadcast_to(action, valid.shape), last, 0) == action
+    return same & np.take_along_axis(felt, last, 0)
+
+
+def originals(data, first) -> np.ndarray:
+    """Return for every sample its index, or that of the one which it repeats (T,).
+
+    A sample that comes twice, a moment later, shares the pose of the first: as a time
+    step of its own it would turn a micrometre into a blow.
+    """
+    late = np.diff(data.time, prepend=-np.inf) >= DOUBLE * data.dt
+    return np.maximum.accumulate(np.where(late | first, np.arange(len(first)), 0))
+
+
+def coasts(scene) -> bool:
+    """Tell whether nothing brakes the object: it floats, or lies on ice."""
+    return scene.ground is None or scene.gravity == 0 or scene.friction_ground == 0
+
+
+def moves(x) -> np.ndarray:
+    """Tell for every sample of x (6, T) whether the guess moves on the way to it."""
+    way = np.abs(np.diff(x, axis=1, prepend=x[:, :1]))
+    return (way[:3].max(axis=0) > MOVES) | (way[3:].max(axis=0) * ARM > MOVES)
+
+
+def slippery(scene) -> tuple[str, ...]:
+    """Return the contacts whose friction is known to be zero."""
+    of = {"finger": scene.friction_finger, "ground": scene.friction_ground}
+    return tuple(name for name, mu in of.items() if mu == 0)
+
+
+def is_far(free, scene, shape, motion, guess, precision) -> np.ndarray:
+    """Tell which free samples are too far from the guessed object to matter."""
+    theta, x = guess
+    reach = shape.reach(theta)
+    centre = x[:2, free.sample].T
+    away = np.linalg.norm(free.p_wf[:, :2] - centre, axis=1) - reach - free.radius
+    away -= scene.finger_length / 2
+    return away > FAR + 10 * precision.position
+
+
+def _steps(data, pose, first, before, samples) -> Steps:
+    """Return the steps that end at `samples`; an action starts at rest."""
+    one = before[samples]
+    two = np.where(first[one], one, before[one])
+    dt = data.time[samples] - data.time[one]
+    return Steps(samples, pose[samples], pose[one], pose[two], dt)
+
+
+def _gaps(data, pose, start) -> Steps:
+    """Return the gaps between actions that end at the samples `start`.
+
+    Before each is the last step of the action before: how fast the object still is.
+    """
+    last = start - 1
+    early = np.maximum(last - 1, 0)
+    early = np.where(data.action[early] == data.action[last], early, last)
+    dt = np.where(early < last, data.time[last] - data.time[early], data.dt)
+    return Steps(start, pose[start], pose[last], pose[early], dt)
+
+
+def _pushes(data, p_wf, everything, felt, step, before, only_felt) -> Pushes:
+    index = np.full(len(data.time), -1)
+    index[step.sample] = np.arange(len(step))
+    chosen = (index[everything.sample] >= 0) & (felt | (not only_felt))
+    s, f = everything.sample[chosen], everything.finger[chosen]
+    n = everything.normal[chosen]
+    side = np.cross([0.0, 0.0, 1.0], n)
+    length = np.linalg.norm(side, axis=1, keepdims=True)
+    sideways = (length > SIDE).ravel()[:, None]
+    tangent = np.where(sideways, side / np.maximum(length, SIDE), [1.0, 0.0, 0.0])
+    now, then = p_wf[s, f], p_wf[before[s], f]
+    return Pushes(s, f, index[s], now, then, data.finger_radius[f], tangent)
+
+
+def _ground(scene, shape, motion, step, first, pose, guess):
+    """Return the ground contacts of every step, those that lift, and the rests.
+
+    An action starts at rest, where there is gravity.  The guess says which corners are
+    low at every step.
+    """
+    none = Corners(np.zeros(0, int), np.zeros((0, 3)))
+    if scene.ground is None:
+        return none, none, Rests(none.step, none.signs)
+    guess = guess if motion is FREE else None
+    low = lowest(shape, guess, step.sample)
+    corner = Corners(np.repeat(np.arange(len(low)), low.shape[1]), low.reshape(-1, 3))
+    if motion is PLANAR:
+        return corner, none, Rests(none.step, none.signs)
+    start = np.nonzero(first & (scene.gravity > 0))[0]
+    low = lowest(shape, guess, start)
+    at = np.repeat(pose[start], low.shape[1])
+    return corner, corner, Rests(at, low.reshape(-1, 3))
+
+
+def lowest(shape, guess, samples) -> np.ndarray:
+    """Return the signs of the corners nearest the ground at `samples`, (n, corners, 3).
+
+    guess: theta and x (6, T); without one the object lies flat on shape.corners.  Of a
+    shape that is not mirrored these are all (a hull's: hull_window.py).
+    """
+    low = np.array(shape.corners, float).reshape(-1, 3)
+    if guess is None or not shape.mirrored:
+        return np.tile(low, (len(samples), 1, 1))
+    every = np.array([*dict.fromkeys(map(tuple, np.vstack([low, -low]).tolist()))])
+    theta, x = guess
+    body = [shape.corner(ca.DM(theta), ca.DM(signs)).toarray()[:, 0] for signs in every]
+    up = Rotation.from_rotvec(x[3:, samples].T).as_matrix()[:, 2]
+    order = np.argsort((up @ np.transpose(body)).round(9), axis=1, kind="stable")
+    return every[np.sort(order[:, : len(low)], axis=1)]
+
+
+def _groups(steps, push, corner) -> dict[int, Group]:
+    members = [np.nonzero(push.step == i)[0] for i in range(steps)]
+    count = np.array([len(m) for m in members], int)
+    width = len(corner) // steps if steps else 0
+    groups = {}
+    for n in sorted(set(count.tolist())):
+        chosen = np.nonzero(count == n)[0]
+        pushes = np.array([members[i] for i in chosen], int).reshape(len(chosen), n)
+        corners = chosen[:, None] * width + np.arange(width)
+        groups[n] = Group(chosen, pushes, corners)
+    return groups

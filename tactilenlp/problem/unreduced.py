@@ -1,0 +1,119 @@
+"""Write a reduced solution out in the unknowns that the reductions left out.
+
+Samples that shared a pose get one each, every finger sample and every impulse that was
+dropped comes back: one problem, built once, on which all certificates are evaluated.
+What kept its multiplier keeps it; what is new has none, poses of the span they were
+merged in, and the page's own guess of an impulse.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..nlp.kkt import gradient
+from ..nlp.problem import Problem
+from .polytope_window import window_of
+
+LEFT_OUT = ("still", "far", "absent")
+
+
+@dataclass(frozen=True, eq=False)
+class Expansion:
+    """The unreduced problem at a reduced solution.
+
+    x (unknowns,) SI and data of `problem`; multipliers by constraint, pulls (unknowns,)
+    those of the bounds; far: rows of window.free, unfelt: rows of window.push, that had
+    been left out.
+    """
+
+    window: object
+    problem: Problem
+    x: np.ndarray
+    data: np.ndarray
+    multipliers: dict[str, np.ndarray]
+    pulls: np.ndarray
+    far: np.ndarray
+    unfelt: np.ndarray
+
+    @cached_property
+    def slope(self) -> np.ndarray:
+        """The gradient (unknowns,) of the costs, SI."""
+        return gradient(self.problem, self.x, self.data)
+
+    @property
+    def whole_slope(self) -> np.ndarray:
+        """The gradient (unknowns,) of costs and constraints times multipliers, SI."""
+        held = gradient(self.problem, self.x, self.data, self.multipliers, costs=())
+        return self.slope + held
+
+
+def expand(job, page, solved) -> Expansion:
+    """Return a solved page without its reductions of samples, poses and impulses."""
+    h, window, solution = solved.hypothesis, solved.window, solved.solution
+    whole = replace(job.reductions, **dict.fromkeys(LEFT_OUT, False))
+    more = replace(job, reductions=whole, cuts=())
+    again, shape = window_of(more, (h.theta, h.x), solved.at.theta)
+    problem = Problem(kinds=job.kinds_of(page, again))
+    page.build(problem, again, job.scene, shape)
+    values, bounds, multipliers = carried(solved, again, problem)
+    free = rows_of(samples_of(window.free), samples_of(again.free))
+    unfelt = rows_of(samples_of(window.push), samples_of(again.push))
+    return Expansion(
+        window=again, problem=problem, x=problem.pack(values),
+        data=problem.data(solution.parameters), multipliers=multipliers,
+        pulls=problem.pack(bounds), far=np.nonzero(free < 0)[0],
+        unfelt=np.nonzero(unfelt < 0)[0],
+    )  # fmt: skip
+
+
+def carried(solved, again, problem) -> tuple[dict, dict, dict]:
+    """Return values, bound multipliers and multipliers of a solution for a problem.
+
+    again: the window of `problem`, of the same data as that of `solved`.
+    """
+    window, solution = solved.window, solved.solution
+    came_from = {
+        "x": window.pose[again.last],
+        "finger": rows_of(samples_of(window.push), samples_of(again.push)),
+        "ground": rows_of(corners_of(window), corners_of(again)),
+    }
+    values, bounds, multipliers = {}, {}, {}
+    for name, v in problem.variables.items():
+        source = came_from.get(name, np.arange(v.columns))
+        values[name] = _columns(solution.values[name], source, v.guess)
+        pull = solution.bound_multipliers[name]
+        bounds[name] = _columns(pull, source, np.zeros(v.guess.shape))
+    for name, term in problem.constraints.items():
+        source = came_from.get(name.split()[0], np.arange(term.instances))
+        old = solution.multipliers.get(name, np.zeros((0, term.kind.rows)))
+        none = np.zeros((term.kind.rows, term.instances))
+        multipliers[name] = _columns(old.T, source, none).T
+    return values, bounds, multipliers
+
+
+def _columns(old, source, otherwise) -> np.ndarray:
+    """Return columns `source` of `old`, those of `otherwise` where there is none."""
+    known = (source >= 0) & (source < old.shape[1])
+    out = otherwise.copy()
+    out[:, known] = old[:, source[known]]
+    return out
+
+
+def samples_of(rows):
+    return list(zip(rows.sample.tolist(), rows.finger.tolist(), strict=True))
+
+
+def corners_of(window):
+    """Return (sample, which corner of its step) of every ground contact."""
+    steps = window.step.sample[window.corner.step].tolist()
+    width = max(1, len(window.corner) // max(1, len(window.step)))
+    return [(s, i % width) for i, s in enumerate(steps)]
+
+
+def rows_of(old, new) -> np.ndarray:
+    """Return for every entry of `new` where it is in `old`, or -1."""
+    place = {key: i for i, key in enumerate(old)}
+    return np.array([place.get(key, -1) for key in new], int)

@@ -1,0 +1,153 @@
+"""What a page sees of the data: plain arrays and index lists, no branches.
+
+Every list may be empty; a term over an empty list costs nothing.  `pose` numbers the
+pose unknowns: all samples of a still span share one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from formulations.finger import Finger
+from formulations.rigid_body import Motion
+
+
+class _Rows:
+    """Arrays that share their first axis, an instance of a term each."""
+
+    def __len__(self) -> int:
+        return len(next(iter(vars(self).values())))
+
+    def pick(self, rows):
+        """Return the chosen instances."""
+        return type(self)(**{name: a[rows] for name, a in vars(self).items()})
+
+
+@dataclass(frozen=True, eq=False)
+class Samples(_Rows):
+    """Finger samples: at pose `pose`, finger at p_wf (as formulations/finger.py has
+    it: (3,) [m] for a sphere), its radius [m], normal, and how far [m] it may have
+    moved since it last felt the contact.
+    """
+
+    sample: np.ndarray
+    finger: np.ndarray
+    pose: np.ndarray
+    p_wf: np.ndarray
+    radius: np.ndarray
+    normal: np.ndarray
+    latency: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Steps(_Rows):
+    """Time steps of dt [s] to pose `pose` from the poses before and before that."""
+
+    sample: np.ndarray
+    pose: np.ndarray
+    before: np.ndarray
+    before_2: np.ndarray
+    dt: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Pushes(_Rows):
+    """Finger contacts that may carry an impulse, each within one step.
+
+    p_wf_1 is where the finger was a sample ago, tangent (3,) where t1 points.
+    """
+
+    sample: np.ndarray
+    finger: np.ndarray
+    step: np.ndarray
+    p_wf: np.ndarray
+    p_wf_1: np.ndarray
+    radius: np.ndarray
+    tangent: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Corners(_Rows):
+    """Ground contacts, each at one corner of the shape within one step."""
+
+    step: np.ndarray
+    signs: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Rests(_Rows):
+    """Corners on which the object rests while nothing pushes it, one pose each."""
+
+    pose: np.ndarray
+    signs: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Steps in which equally many fingers push: (n,), (n, fingers), (n, corners)."""
+
+    steps: np.ndarray
+    pushes: np.ndarray
+    corners: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """The measurements as a page reads them.
+
+    unfelt: the pushes of fingers that feel nothing (rows of push);
+    lift: the ground contacts that can leave the ground (none in planar motion);
+    rest: corners on the ground at poses without a step (none in planar motion);
+    groups: the steps by number of pushing fingers;
+    frictionless: "finger", "ground" where these carry no tangential impulse;
+    sigma_position [m], sigma_normal [rad]: sensor noise;
+    outlier_cost: the most that one wrong sample can cost [nats];
+    braking [m/s^2]: of an object that slides on, mu g.
+    """
+
+    motion: Motion
+    finger: Finger
+    fingers: int
+    poses: int
+    pose: np.ndarray
+    touch: Samples
+    free: Samples
+    step: Steps
+    gap: Steps
+    push: Pushes
+    unfelt: np.ndarray
+    corner: Corners
+    lift: Corners
+    rest: Rests
+    groups: dict[int, Group]
+    frictionless: tuple[str, ...]
+    sigma_position: float
+    sigma_normal: float
+    outlier_cost: float
+    braking: float
+
+    @property
+    def last(self) -> np.ndarray:
+        """The last sample of every pose (poses,)."""
+        return np.r_[np.nonzero(np.diff(self.pose))[0], len(self.pose) - 1]
+
+    def holding(self, x, poses) -> tuple[np.ndarray, np.ndarray]:
+        """Return bounds (unknowns, poses) that hold some poses of x (unknowns, T)."""
+        lower, upper = np.full((2, len(x), self.poses), [[[-np.inf]], [[np.inf]]])
+        lower[:, poses] = upper[:, poses] = x[:, self.last[poses]]
+        return lower, upper
+
+    def followed(self, rows, slopes) -> np.ndarray:
+        """Return what moves of corners that can lift (corners, k) do to a rigid body.
+
+        rows (corners, k): what a move of each alone does; slopes: of the corners'
+        heights in all poses (corners, unknowns), sparse.  Corners of a shape of few
+        sizes always lie as a body has them.
+        """
+        return rows
+
+    def seen_by_touches(self, theta) -> np.ndarray:
+        """Return what each touch reads (n, touches) of a body theta (rows, columns)."""
+        return np.repeat(theta.T.reshape(-1, 1), len(self.touch), axis=1)

@@ -1,0 +1,140 @@
+"""Propose first guesses: where the object may be and how it may have moved.
+
+Nothing is solved here to optimality.  `first_guesses` reads the first touch,
+`realigned` the touches of a new action, `follow` carries size and pose through the
+samples by an extended Kalman filter.  Poses are planar, x = (x, y, yaw).
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import casadi as ca
+import numpy as np
+
+from ..nlp.term_functions import mapped
+
+TOUCH = 0.5e-3  # [m] deviation of a touched gap while following
+NORMAL = 0.15  # [rad] deviation of a measured normal while following
+MOVE = np.array([2e-3, 2e-3, 0.1])  # [m, m, rad] of a touched object in one sample
+TIGHT = np.r_[1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-3]  # [m, rad] of what is not corrected
+BRIEF = 5  # samples: friction of 0.3 stops a body that a finger left in three
+REST = np.array([1e-4, 1e-4, 5e-3])  # [m, m, rad] of one that nothing touches
+PASSES = 4  # Gauss-Newton passes per sample with contact
+SETTLED = 1e-5  # [m, rad] a smaller step ends the passes
+STEP = np.array([8e-3, 8e-3, 0.3])  # [m, m, rad] longest step of a pass
+
+
+@cache
+def finger_residuals(shape, motion, finger):
+    """Return (z, p_wf, rho, n_m) -> gap, its slope; normal error, its slope."""
+    z = ca.SX.sym("z", shape.theta + motion.unknowns)
+    theta, x = z[: shape.theta], z[shape.theta :]
+    p_wf, rho, n_m = ca.SX.sym("p", 3), ca.SX.sym("rho"), ca.SX.sym("n", 3)
+    pose = motion.pose(shape, theta, x)
+    phi = finger.gap(shape, theta, pose, p_wf, rho)
+    off = finger.normal(shape, theta, pose, p_wf, rho) - n_m
+    slopes = [ca.densify(ca.jacobian(r, z)) for r in (phi, off)]
+    out = [phi, slopes[0], off, slopes[1]]
+    return ca.Function("residuals", [z, p_wf, rho, n_m], out, {"cse": True})
+
+
+def sustained(data) -> np.ndarray:
+    """Tell which contacts (T, F) have a neighbour in time: a flipped one has none."""
+    felt = data.contact & data.valid
+    pair = felt[1:] & felt[:-1] & (data.action[1:] == data.action[:-1])[:, None]
+    none = np.zeros((1, data.fingers), bool)
+    return np.vstack([none, pair]) | np.vstack([pair, none])
+
+
+def follow(data, window, shape, z, spread, turning, samples, offsets=0.0):
+    """Follow guesses z (S, n + 3) of theta and pose through `samples`, all at once.
+
+    offsets: of the fingers (S, 3, F) [m], if these are not where they say.
+    spread (S, n + 3, n + 3): how far z may be off; turning (S,) [-]: how readily the
+    object turns, in TURN.  A first run corrects z by what is felt, a second one finds
+    the path from there.  Returns z (S, n + 3) and the poses (S, 3, samples).
+    """
+    shift = np.broadcast_to(offsets, (len(z), 3, data.fingers)).swapaxes(1, 2)
+    given = data, window, shape, shift
+    z, _ = _filtered(*given, z, spread, turning, samples)
+    tight = np.broadcast_to(np.diag(TIGHT**2), spread.shape)
+    return _filtered(*given, z, tight, turning, samples)
+
+
+def _filtered(data, window, shape, shift, z, spread, turning, samples):
+    """Run an extended Kalman filter: the state is (theta, x before, x now).
+
+    Touched gaps and normals are fitted, a finger that feels nothing is pushed out.
+    """
+    n, m = shape.theta, window.motion.unknowns
+    copy = np.vstack([np.eye(n + m), np.eye(m, n + m, n)])
+    mean = np.hstack([z, z[:, n:]])
+    P = copy @ spread @ copy.T
+    way = np.ones((len(z), m))
+    way[:, -1] = turning
+    sigma = window.sigma_position, window.sigma_normal
+    noise = np.hypot((TOUCH, NORMAL), sigma)
+    low = np.r_[np.full(n, shape.bounds[0]), np.full(2 * m, -np.inf)]
+    longest = np.r_[np.full(n, STEP[0]), STEP, STEP]
+    felt, path = sustained(data), []
+    sliding = _sliding_on(felt, window)
+    for t in samples:
+        touched = felt[t].any()
+        walk = way * (MOVE if touched or sliding[t] else REST)
+        P[:, -m:, -m:] += walk[:, :, None] ** 2 * np.eye(m)
+        prior, z = np.linalg.inv(P), mean
+        for _ in range(PASSES if touched else 1):
+            H, g = _pull(data, window, shape, shift, z, t, felt[t], noise)
+            g += np.einsum("sij,sj->si", prior, z - mean)
+            change = np.linalg.solve(prior + H, g[..., None])[..., 0]
+            change /= np.maximum(1, np.abs(change / longest).max(axis=1, keepdims=True))
+            z = np.maximum(z - change, low)
+            if np.abs(change).max() < SETTLED:
+                break
+        mean, P = z, np.linalg.inv(prior + H)
+        path.append(z[:, -m:])
+    return mean[:, : n + m], np.stack(path, axis=2)
+
+
+def _sliding_on(felt, window) -> np.ndarray:
+    """Tell the samples (T,) through which an untouched body slides on, as on ice.
+
+    On other ground it stops within BRIEF samples, and hardly moves in these.
+    """
+    moving = np.isin(np.arange(len(felt)), window.step.sample)
+    alone = moving & ~felt.any(axis=1)
+    ends = np.flatnonzero(np.diff(np.r_[False, alone, False]))
+    for first, last in ends.reshape(-1, 2):
+        alone[first:last] = last - first > BRIEF
+    return alone
+
+
+def _pull(data, window, shape, shift, z, t, felt, noise):
+    """Return Hessians and gradients of what the fingers say of states z (S, n + 6)."""
+    n, m = shape.theta, window.motion.unknowns
+    local = np.r_[:n, n + m : n + 2 * m]
+    fingers = np.nonzero(data.valid[t] & (felt | ~data.contact[t]))[0]
+    S, F, size = len(z), len(fingers), n + m
+    H, g = np.zeros((S, *z.shape[1:] * 2)), np.zeros_like(z)
+    if F == 0:
+        return H, g
+    residuals = mapped(finger_residuals(shape, window.motion, window.finger), S * F)
+    now = np.tile(fingers, S)
+    there = data.finger_position[t, now] + shift[:, fingers].reshape(-1, 3)
+    phi, dphi, off, doff = residuals(
+        np.repeat(z[:, local], F, axis=0).T, there.T,
+        data.finger_radius[now][None], data.normal[t, now].T,
+    )  # fmt: skip
+    phi = np.asarray(phi).reshape(S, F)
+    dphi = np.asarray(dphi).reshape(S, F, size)
+    off = np.asarray(off).T.reshape(S, F, 3)
+    doff = np.asarray(doff).reshape(3, S, F, size).transpose(1, 2, 0, 3)
+    gap = (felt[fingers] | (phi < 0)) / noise[0] ** 2
+    turn = felt[fingers] / noise[1] ** 2
+    block = np.einsum("sf,sfi,sfj->sij", gap, dphi, dphi)
+    block += np.einsum("f,sfki,sfkj->sij", turn, doff, doff)
+    H[np.ix_(np.arange(S), local, local)] = block
+    g[:, local] = np.einsum("sf,sf,sfi->si", gap, phi, dphi)
+    g[:, local] += np.einsum("f,sfk,sfki->si", turn, off, doff)
+    return H, g

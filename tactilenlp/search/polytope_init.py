@@ -1,0 +1,209 @@
+"""Carve a polytope out of what was felt: planes, free fingers, ground and a ball.
+
+Search for a convex polytope, and show a page what it needs of one.
+
+Planes and poses first, action by action (planes.py), then a body carved out of the
+planes (carving.py), then its vertices polished with least motion: a hypothesis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from formulations import polytope_quasi_static
+
+from ..common.interrupt import interruptible
+from ..common.progress import progress
+from ..data.contact_segments import credible
+from ..errors import NoContactError, SceneError, TactileError
+from ..geometry.convex_hull import (
+    Ball,
+    corners,
+    filled,
+    fingers,
+    merged,
+    nearest,
+    outer,
+    thinned,
+)
+from ..nlp.ipopt import SolverOptions, solve_levels
+from ..nlp.problem import Problem
+from ..problem.polytope_window import window_of
+from ..problem.reductions import reduce
+from .hypothesis import Hypothesis
+from .plane_slam import Faces, bodily, extended, seen, unseen, unseen_ball
+
+CUTS = 30  # at most, by fingers that feel nothing
+PENETRATION = 0.1e-3  # [m] a free finger may sink in so far
+FARTHEST = 3**0.5  # [radii] a cube's corners are so far out of the ball within it
+TOLERANCE = 1e-4
+CREEPING = {  # IPOPT stops where kinks of the surface let it creep on and on
+    "acceptable_tol": 0.5,  # [nats / mm]
+    "acceptable_obj_change_tol": 1e-4,  # [relative] over as many iterations
+    "acceptable_iter": 5,
+    "acceptable_compl_inf_tol": 1e-2,
+    "acceptable_constr_viol_tol": 1e-4,
+}
+CLOSED = "closed"  # the path of a body with no faces but those that were felt
+LONGEST = 20.0  # [s] of one solve
+ENOUGH = 40  # iterations of a level that only starts another page
+
+
+def carved(window, faces: Faces, size, vertices: int, ground=True, ball=True):
+    """Return the vertices (vertices, 3) [m] of the body behind the planes.
+
+    ground: whether there is one, at z = 0; ball: whether it is a ball where no finger
+    was.  Without one, None unless planes and ground close the body.
+    """
+    n = faces.n
+    points, _ = bodily(window.touch, faces.x, n[faces.plane])
+    planes = np.c_[n, np.maximum(faces.b, (points @ n.T).max(axis=0))]
+    fitted = unseen_ball(points, size, ground)
+    if ball:
+        halfspaces = np.vstack([planes, unseen(points, fitted, ground)])
+    elif (halfspaces := closed(planes, points, fitted, ground)) is None:
+        return None
+    found = corners(halfspaces)
+    cuts = separating(window, faces, points)
+    for _ in range(CUTS):
+        deep = (found @ cuts[:, :3].T).max(axis=0, initial=-np.inf) - cuts[:, 3]
+        if not len(cuts) or deep.max() < PENETRATION:
+            break
+        halfspaces = np.vstack([halfspaces, cuts[[np.argmax(deep)]]])
+        try:
+            found = corners(halfspaces)
+        except TactileError:
+            break
+    return filled(thinned(outer(merged(found)), vertices), vertices)
+
+
+def closed(planes, points, ball: Ball, ground) -> np.ndarray | None:
+    """Return the half-spaces (n, 4) that close a body without a ball, if they do.
+
+    They do where no corner of planes and ground is FARTHEST radii from the middle of
+    the ball, or farther: a sharp corner that no finger felt is no reason for a face.
+    """
+    wide = replace(ball, radius=2 * FARTHEST * ball.radius)
+    halfspaces = np.vstack([planes, unseen(points, wide, ground)])
+    far = np.linalg.norm(corners(halfspaces) - ball.centre, axis=1).max()
+    return halfspaces if far < FARTHEST * ball.radius else None
+
+
+def separating(window, faces: Faces, points) -> np.ndarray:
+    """Return half-spaces (n, 4) between the touched points and every free finger."""
+    centre = fingers(window.free, faces.x)
+    if not len(centre):
+        return np.zeros((0, 4))
+    away = centre - nearest_of(points, centre)
+    away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
+    b = (centre * away).sum(axis=1) - window.free.radius
+    return np.c_[away, np.maximum(b, (points @ away.T).max(axis=0))]
+
+
+def nearest_of(points, centre) -> np.ndarray:
+    """Return the points of the hull of `points` nearest to each centre (n, 3)."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if len(points) < 4 or spread[-1] < 1e-4:
+        apart = np.linalg.norm(points[None] - centre[:, None], axis=2)
+        return points[np.argmin(apart, axis=1)]
+    return nearest(outer(points), centre)
+
+
+def check(scene) -> None:
+    """Raise SceneError unless the fingertips are round."""
+    if scene.finger_length > 0:
+        raise SceneError(
+            "a polytope is estimated with round fingertips only",
+            where="finger_length", got=scene.finger_length, expected="0",
+        )  # fmt: skip
+
+
+def reseeded(h: Hypothesis) -> Hypothesis:
+    """Return a hull whose invisible vertices, those inside of it, are moved onto it."""
+    vertices = h.theta.reshape(-1, 3)
+    onto = filled(outer(vertices), len(vertices))
+    return replace(h, theta=onto.ravel())
+
+
+def search(job, kept, so_far=None) -> list[Hypothesis]:
+    """Return the hypothesis that explains all actions of a job, with least motion.
+
+    And one of a body that has no faces but those that were felt, if they close one.
+    kept: a hypothesis of the first actions, if any, with any number of vertices.
+    so_far: a list in which Ctrl-C leaves that of the actions done by then.
+    """
+    job = replace(job, data=backed(job.data, job.precision.normal))
+    faces = [resumed(job, kept[0])] if kept else []
+    try:
+        with interruptible():
+            for last in progress(_ends(job.data), "search"):
+                if not kept or last > kept[0].x.shape[1]:
+                    faces[:] = [extended(job, faces[0] if faces else None, last)]
+            return [polished(job, body) for body in bodies_of(job, faces[0])]
+    except KeyboardInterrupt:
+        if so_far is not None:
+            so_far[:] = [bodies_of(job, one)[0] for one in faces]
+        raise
+
+
+def _ends(data) -> list[int]:
+    """Return the samples up to each action, from the first in which one is felt."""
+    ends = [
+        int(np.nonzero(data.action == a)[0][-1]) + 1 for a in np.unique(data.action)
+    ]
+    return [last for last in ends if (data.contact & data.valid)[:last].any()]
+
+
+def bodies_of(job, faces: Faces) -> list[Hypothesis]:
+    """Return the body that planes of the first samples carve out, where they saw it.
+
+    And one without any face that nothing felt, where planes and ground close it.
+    """
+    data = job.data.select(np.unique(job.data.action[: faces.x.shape[1]]))
+    window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
+    ground = job.scene.ground is not None
+    given = window, faces, job.shape.size_prior, job.shape.theta // 3, ground
+    found = {("planes",): carved(*given)}
+    if ground:
+        found["planes", CLOSED] = carved(*given, ball=False)
+    return [
+        Hypothesis(V.ravel(), faces.x, faces.objective, path, faces.iterations)
+        for path, V in found.items() if V is not None
+    ]  # fmt: skip
+
+
+def polished(job, body: Hypothesis) -> Hypothesis:
+    """Return the carved body with vertices and poses that fit what was felt."""
+    window, shape = window_of(job, (body.theta, body.x))
+    problem = Problem(kinds=job.kinds_of(polytope_quasi_static, window))
+    polytope_quasi_static.build(problem, window, job.scene, shape)
+    options = SolverOptions(tolerance=TOLERANCE, time_limit=LONGEST)
+    start = {"theta": body.theta.reshape(-1, 3).T, "x": body.x[:, window.last]}
+    levels = [k.with_ipopt(max_iter=ENOUGH) for k in polytope_quasi_static.LEVELS]
+    s = solve_levels(problem, levels, start, options)
+    theta, x = s.values["theta"].T.ravel(), s.values["x"][:, window.pose]
+    iterations = body.iterations + s.iterations
+    return Hypothesis(theta, x, s.objective, body.path, iterations)
+
+
+def backed(data, sigma: float):
+    """Return the data less what stands alone; NoContactError where nothing is left."""
+    left = credible(data, sigma)
+    if (left.contact & left.valid).any():
+        return left
+    raise NoContactError(
+        "no touch is backed by its neighbours",
+        where="normal",
+        got=f"{int((data.contact & data.valid).sum())} touches, none like another",
+        expected="a finger that feels about one normal for two samples or more",
+        next="check the frame of the normals, or record a touch that lasts",
+    )
+
+
+def resumed(job, h: Hypothesis) -> Faces:
+    """Return the planes that the touches of the first actions have on a known body."""
+    data = job.data.select(np.unique(job.data.action[: h.x.shape[1]]))
+    window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
+    return seen(window, h.theta.reshape(-1, 3), h.x)

@@ -1,0 +1,180 @@
+r"""How far a size may be off at the price of three nats: the profile of the objective.
+
+The optimum of a size that touch leaves open, or tells by way of a path, is often a
+kink: cones and sliding are not smooth, and from there the objective grows as the
+distance, not as its square.  It looks sharp to a Hessian and is not.  So the page is
+solved again with the size s held elsewhere, all else free, farther each time until it
+costs PRICE,
+
+    sigma = |s - s_0| / sqrt(2 (L(s) - L(s_0))),
+
+as of a Gaussian with the same likelihood ratio; the other sizes and the final pose go
+along as they do on that way.  Where L is lower than at s_0, a better optimum is near.
+
+A final pose that a body slid and turned to is told by cones and sliding as well.  Of
+its coordinates the one along the ground that is known least is held elsewhere, too, one
+way and the other; the rest of the pose goes along.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from formulations.rigid_body import PLANAR
+
+from ..information.error_budget import ENOUGH
+from ..information.information import TINY
+from ..information.tangent_space import final_unknowns
+from ..nlp.ipopt import solve_levels
+from ..nlp.kkt_sensitivity import curvature_of
+from .alternatives import resized
+from .hypothesis import Hypothesis
+from .local_solve import ROUGH, settings_of, started
+
+PRICE = 3.0  # [nats] and a pose half of it, for it is told more roughly
+TOLD = 0.3e-3  # [m] two faces that fingers felt tell their distance this well
+TWICE = 2.0  # [deviations] or, of noisy fingers, so much worse than their mean at most
+CLAIMED = 0.3  # [prior deviations] a size less certain than this claims little
+SURE = 1e-3  # [m] a final position less certain than this claims little
+NEAR = 0.5e-3  # [m] the first step is this far at least
+GROWTH = 10.0  # [-] of a step at most
+LEAST = 0.5  # [nats] of one deviation: what costs less is one deviation off at least
+BARRIER = 1e-2  # IPOPT's first mu where a size is held elsewhere
+LONG = 100  # iterations of one such solve
+GAIN = 0.1  # [nats] a better optimum is better by this at least
+
+
+def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]:
+    """Return by how much sizes and final pose are off (k, k) where each of them is.
+
+    Row i: a deviation of a size that touch leaves open, or of a position [m], and what
+    sizes [m], position [m] and yaw [rad] do then; 0 of what is not asked for.  And a
+    hypothesis that is better than the solved one: None, unless one was met.
+    """
+    n = job.shape.theta
+    profile = np.zeros((n + PLANAR.unknowns, n + PLANAR.unknowns))
+    if not (job.reductions.planar and getattr(job.shape, "symmetries", ())):
+        return profile, None  # not a body whose unknowns are its sides, lying flat
+    chosen, faces = final_unknowns(solved.problem), solved.touched
+    faces[2, 0] += ENOUGH  # the ground touches the lowest one
+    pulls, _ = curvature_of(solved.problem, solved.solution).response_of(chosen)
+    known = np.sqrt(np.maximum(np.diag(pulls[chosen]), 0.0))
+    open_sizes = {
+        axis: touched for axis, touched in enumerate(faces)
+        if touched.min() < ENOUGH or known[axis] >= told(job, touched)
+    }  # fmt: skip
+    elsewhere = partial(_elsewhere, job, page, solved, options, {}, chosen)
+    asked, along = [*open_sizes], n + int(np.argmax(known[n : n + 2]))
+    if known[along] < SURE:
+        asked.append(along)
+    else:  # the Hessian claims little: it is believed
+        profile[along] = pulls[chosen, along] / known[along]
+    for axis in asked:
+        pull = pulls[:, axis] / max(known[axis], TINY)
+        touched, prior = open_sizes.get(axis), job.shape.size_prior[1]
+        given = solved.at, prior, axis, pull, pull[chosen], touched
+        profile[axis], better = _deviation(elsewhere, *given)
+        if better is not None:
+            return profile, better
+    return profile, None
+
+
+def told(job, touched) -> float:
+    """Return how well two faces (2,) felt so many times tell their distance [m]."""
+    return max(TOLD, TWICE * job.precision.position * np.sqrt(np.sum(1 / touched)))
+
+
+def _deviation(elsewhere, at, prior, axis: int, pull, off, touched):
+    """Return by how much sizes and final pose are off (k,) where one of them is.
+
+    elsewhere(axis, pull, touched, step): the hypothesis `at` with that one held `step`
+    off, or None.  prior [m]: the most that it may be off; pull, off: what all
+    unknowns, and sizes and final pose (k,) do by the Hessian where it is off by a
+    deviation, SI; touched (2,): samples on both faces of a size, None of a pose.  The
+    Hessian is believed where it claims little, where there is no profile, and of an
+    open size or a pose where it claims less.  And a better hypothesis, or None.
+
+    A larger body is the flatter side: what lies behind a felt face contradicts no
+    finger.  A smaller one is asked for where a larger one says nothing; of a pose,
+    both ways are, and the wider one counts.
+    """
+    known = max(off[axis], TINY)
+    off = off * min(1.0, prior / known)
+    is_open, widest = touched is None or touched.min() < ENOUGH, None
+    enough = PRICE / 2 if touched is None else PRICE  # a pose is told more roughly
+    for way in (1, -1):
+        behind = touched if is_open and way > 0 else None
+        there = partial(elsewhere, axis, way * pull / known, behind)
+        claim = abs((off if widest is None else widest)[axis])
+        # Where a Gaussian costs twice as much as is enough; most cost half as much.
+        first = max(min(np.sqrt(4 * enough) * known, CLAIMED * prior), NEAR)
+        found, better = _one_way(there, at, axis, first, claim, prior, enough)
+        if better is not None:
+            return off, better
+        both = [d for d in (widest, found) if d is not None]
+        widest = max(both, key=lambda d: abs(d[axis]), default=None)
+        if widest is not None and touched is not None:
+            break
+    if widest is None or (is_open and abs(widest[axis]) <= abs(off[axis])):
+        return off, None
+    return widest, None
+
+
+def _one_way(there, at, axis, step, claim, prior, enough):
+    """Return the widest deviation (k,) that one way tells, or None; and a better one.
+
+    there(step): the hypothesis with that one held so far off [m], or None; claim [m]:
+    what is claimed so far; enough [nats]: no dearer place is asked for, and none beyond
+    where that price says that little is claimed.
+    """
+    found, farthest = None, CLAIMED * prior * np.sqrt(2 * enough)
+    while (claim if found is None else abs(found[axis])) < CLAIMED * prior:
+        moved = there(step)
+        if moved is None:
+            break
+        price = moved.objective - at.objective
+        if price < -GAIN:
+            return None, moved
+        deviation = min(step / np.sqrt(2 * max(price, LEAST)), prior)
+        if found is None or deviation > abs(found[axis]):
+            found = (_final(moved) - _final(at)) * deviation / step
+        if price >= enough or step >= farthest:
+            break
+        step = min(step * min(GROWTH, enough / max(price, LEAST)), farthest)
+    return found, None
+
+
+def _final(hypothesis) -> np.ndarray:
+    """Return sizes and final pose of a hypothesis (k,)."""
+    return np.r_[hypothesis.theta, hypothesis.x[:, -1]]
+
+
+def _elsewhere(job, page, solved, options, shared, chosen, axis, pull, touched, step):
+    """Return the hypothesis of one of the chosen unknowns held `step` [m] off, or None.
+
+    pull: the response of all unknowns to it by the Hessian; shared: keeps solvers.  It
+    starts where all are moved along, or, with the samples on both faces of a size
+    (touched), where nothing but that has moved.  A cheap one that is feasible is
+    enough: the least price is no more than its price.
+    """
+    problem, held = solved.problem, chosen[axis]
+    x = problem.pack(solved.solution.values) + step * pull
+    too_small = axis < job.shape.theta and x[held] < job.shape.bounds[0]
+    if too_small or time.monotonic() > job.deadline:
+        return None
+    values = problem.unpack(x)
+    if touched is not None:
+        moved = resized(solved.at, axis, x[held], touched)
+        values = solved.solution.values | started(problem, solved.window, moved)
+    level = replace(page.LEVELS[-1], fixed=(np.array([held]),))
+    level = level.with_ipopt(mu_init=BARRIER, max_iter=LONG)
+    settings = replace(settings_of(job, options), tolerance=ROUGH)
+    found = solve_levels(problem, (level,), values, settings, shared)
+    cheap = found.objective < solved.solution.objective + PRICE
+    if max(found.violations.values(), default=0.0) > ROUGH:
+        return None
+    return replace(solved, solution=found).at if found.success or cheap else None

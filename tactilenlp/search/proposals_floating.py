@@ -1,0 +1,128 @@
+"""Lay out a search for an object that floats: in the plane in which it was touched.
+
+Fingers that push a floating object touch it around a plane, and it moves mostly in that
+plane.  So the planar search looks there as if the object slid: a box without friction
+on a ground half a typical size below the touches; a hull, of which nothing else is
+known, across a plane through them.  What it finds starts a solve in which the object
+moves freely.  The plane is that of the first action with touches, so that more actions
+leave it where it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..data.scene import Ground
+from ..geometry.tipping import lifted
+from ..geometry.transforms import backward, continuous, matrices
+from ..problem.pages import is_polytope
+from .hypothesis import Kinds
+
+LENGTH = 0.02  # [m] of spread across the plane that counts as much as a normal across
+TILT = 0.2  # [rad] by which a body may tilt out of the plane, and a normal with it
+OPEN = 0.03  # [-] preference for the way found where no face tells of one
+UPRIGHT = 1e-3  # [-] preference for the world's z where touches leave the plane open
+
+
+def plane_of_touch(data, size: float, guess=None) -> Ground:
+    """Return the plane to search on: half of `size` [m] below the first touches.
+
+    It contains their normals and points as well as can be; a user's guess (a Guess)
+    lies with its z along the world's.
+    """
+    felt = data.contact & data.valid
+    first = data.action[felt.any(axis=1)][0]
+    t, f = np.nonzero(felt & (data.action == first)[:, None])
+    n = data.normal[t, f]
+    p = data.finger_position[t, f] - data.finger_radius[f, None] * n
+    if guess is not None:
+        up = np.array([0.0, 0.0, 1.0])
+        position = np.asarray(guess.position, float)
+        height = position[2] if len(position) == 3 else p[:, 2].mean()
+        return Ground(height=height - np.asarray(guess.side_lengths)[2] / 2)
+    apart = (p - p.mean(axis=0)) / LENGTH
+    across = (n.T @ n + apart.T @ apart) / len(n)
+    across[2, 2] -= UPRIGHT
+    up = np.linalg.eigh(across)[1][:, 0]
+    up *= np.copysign(1.0, up[np.argmax(np.abs(up))])
+    return Ground(height=float(p.mean(axis=0) @ up) - size / 2, normal=tuple(up))
+
+
+def plane_for(job, guess=None) -> Ground:
+    """Return the plane to search on for a job: a hull's goes through the touches."""
+    size = 0.0 if is_polytope(job.shape) else job.shape.size_prior[0]
+    return plane_of_touch(job.data, size, guess)
+
+
+def laid_out(job, ground: Ground):
+    """Return the job as the planar search takes it: on the plane, nothing brakes."""
+    data = job.data.transformed(ground.rotation, ground.translation)
+    if is_polytope(job.shape):  # it may reach below the plane
+        return replace(job, data=data, kinds=Kinds())
+    scene = replace(job.scene, ground=ground, friction_ground=0.0)
+    return replace(job, data=data, scene=scene, kinds=Kinds())
+
+
+def tilting(job):
+    """Return the job of a hull that tilts out of the plane: normals tell less of it."""
+    normal = float(np.hypot(job.precision.normal, TILT))
+    return replace(job, precision=replace(job.precision, normal=normal))
+
+
+def floated(h, ground: Ground, shape):
+    """Return the planar hypothesis as free poses in the world.
+
+    The axes of a hull are the world's at the last sample.
+    """
+    x = lifted(h.theta, h.x, shape)
+    p = ground.from_ground(x[:3].T)
+    R = ground.rotation.T @ matrices(x)
+    if is_polytope(shape):
+        theta = (h.theta.reshape(-1, 3) @ R[-1].T).ravel()
+        return replace(h, theta=theta, x=np.vstack([p.T, backward(R @ R[-1].T).T]))
+    offset = None if h.offset is None else ground.rotation.T @ h.offset
+    return replace(h, x=np.vstack([p.T, continuous(R).T]), offset=offset)
+
+
+def flattened(h, ground: Ground):
+    """Return the free motion of a hull as planar poses along the plane."""
+    p = ground.to_ground(h.x[:3].T)
+    vertices = h.theta.reshape(-1, 3) @ ground.rotation.T + [0.0, 0.0, p[-1, 2]]
+    yaw = backward(ground.rotation @ matrices(h.x) @ ground.rotation.T)[:, 2]
+    return replace(h, theta=vertices.ravel(), x=np.vstack([p[:, :2].T, yaw]))
+
+
+def followed(h, data):
+    """Return the free motion in which every finger keeps the face that it is on.
+
+    From the last sample backward: a face turns as its normal does, and stays where its
+    finger is; what the touches leave open moves as in the hypothesis.
+    """
+    R, p = matrices(h.x), h.x[:3].T
+    turned, moved = R.copy(), p.copy()
+    felt = data.contact & data.valid
+    n, c = data.normal, data.finger_position
+    faces = {}  # by finger: normal and offset in the body frame
+    for t in reversed(range(data.samples)):
+        if t + 1 < data.samples:
+            turned[t] = R[t] @ R[t + 1].T @ turned[t + 1]
+            moved[t] = moved[t + 1] + p[t] - p[t + 1]
+        on = [f for f in faces if felt[t, f]]
+        if on:
+            m = np.vstack([*(faces[f][0] for f in on), np.eye(3)])
+            to = np.vstack([n[t, on], turned[t].T])
+            weight = np.r_[np.ones(len(on)), np.full(3, OPEN)]
+            turned[t] = Rotation.align_vectors(to, m, weight)[0].as_matrix()
+            offset = [faces[f][1] for f in on]
+            A = np.vstack([n[t, on], OPEN * np.eye(3)])
+            away = (n[t, on] * (c[t, on] - moved[t])).sum(axis=1) - offset
+            moved[t] += np.linalg.lstsq(A, np.r_[away, np.zeros(3)], rcond=None)[0]
+        for f in range(data.fingers):
+            if not felt[t, f]:
+                faces.pop(f, None)
+            elif f not in faces:
+                faces[f] = turned[t].T @ n[t, f], n[t, f] @ (c[t, f] - moved[t])
+    return replace(h, x=np.vstack([moved.T, backward(turned).T]))

@@ -1,0 +1,262 @@
+"""Guess how an object tipped over that did not only slide.
+
+An object that is pushed high tips over its far bottom edge: the measured normal of the
+pushed side rises with the tilt, then the object falls like a pendulum and comes to lie
+on the next face.  Lying, it slides again: a turn by 90 degrees renames the sides.  So a
+tumble is guessed from the normals, what follows is searched by the planar beam, and
+both together start one local solve in free motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from formulations import quasi_static
+
+from ..geometry.tipping import FLAT, Tip, fall, lifted
+from ..geometry.transforms import carried, continuous, matrices
+from ..nlp.problem import Problem
+from ..problem.outliers import tilt_of
+from ..problem.reductions import SIDE, Reductions, reduce
+from .beam import beam
+from .hypothesis import Hypothesis
+from .local_solve import started
+from .proposals import BELOW, extensions
+
+TILTED = np.radians(2)  # a side normal that rises further says that the object tilts
+DEPTHS = (1.0, 2 / 3)  # [-] of the guessed depth: where the edge lies is not known yet
+KNOWN = tuple(np.array(k, bool) for k in ((0, 0), (0, 1), (1, 0), (1, 1)))
+SAME = 1e-3  # [m] guesses that agree this well, first and last, are one
+MOST = 100  # guesses of a tumble that are continued, the likeliest until it was over
+
+
+@dataclass(frozen=True, eq=False)
+class Tumble:
+    """A guess of how the last action of a job went on: theta (3,), x (6, T), name.
+
+    before: the planar hypothesis until it tipped; start: the sample since when it does.
+    """
+
+    theta: np.ndarray
+    x: np.ndarray
+    name: str
+    before: Hypothesis
+    start: int
+    tip: Tip
+
+    def lying(self, samples: int) -> Hypothesis:
+        """Return the planar hypothesis of the fallen object, at rest for `samples`."""
+        S = self.tip.renamed
+        p, R = self.tip.poses(self.theta, self.before.x[:, self.start])
+        ahead = (R[-1] @ S.T)[:2, 0]
+        x = np.r_[p[-1, :2], np.arctan2(ahead[1], ahead[0])]
+        path = (*self.before.path, self.name)
+        x = np.repeat(x[:, None], samples, axis=1)
+        return Hypothesis(np.abs(S) @ self.theta, x, np.inf, path)
+
+    def joined(self, later: Hypothesis, known) -> Hypothesis:
+        """Return the whole motion, free: tumbled so as to lie where `later` begins.
+
+        later: planar poses of the renamed object from the action of the tumble on;
+        known (2,): which of the horizontal sides are taken from before.  How tall the
+        object stood, and where the pushed side was, always is.
+        """
+        S, n, k = self.tip.renamed, len(self.tip.angle), self.start + 1
+        theta = np.abs(S).T @ later.theta
+        theta[2] = max(theta[2], self.theta[2])
+        theta[:2] = np.where(known, self.theta[:2], theta[:2])
+        stood, landed = self.before.x[:, self.start], later.x[:, n - 1]
+        x = self._upright(theta, stood, landed)
+        past = lifted(theta, carried(self.before.x[:, :k], stood, x))
+        p, R = self.tip.poses(theta, x)
+        off = R[-1].T @ (p[-1] - [*landed[:2], p[-1, 2]])
+        after = lifted(np.abs(S) @ theta, later.x[:, n:])
+        R_after = matrices(after) @ S
+        tail = slice(n - (self.x.shape[1] - k), n)
+        R = np.concatenate([matrices(past), R[tail], R_after])
+        p = np.vstack([past[:3].T, p[tail], after[:3].T + R_after @ off])
+        return replace(later, theta=theta, x=np.hstack([p, continuous(R)]).T)
+
+    def _upright(self, theta, stood, landed):
+        """Return the planar pose (3,) from which it tips to lie at `landed`.
+
+        Along the fall the pushed side stays where it `stood`; across, it may slide.
+        """
+        S, tip = self.tip.renamed, self.tip
+        ahead = (tip.poses(theta, np.zeros(3))[1][-1] @ S.T)[:2, 0]
+        x = np.r_[0, 0, landed[2] - np.arctan2(ahead[1], ahead[0])]
+        out = -tip.fall(x)[:2]
+        x[:2] = landed[:2] - tip.poses(theta, x)[0][-1, :2]
+        grown = (theta - self.theta)[tip.axis] / 2
+        x[:2] += out * (out @ (stood[:2] - x[:2]) - grown)
+        return x
+
+
+def tumbled(job, kept) -> list[Tumble]:
+    """Return guesses of how the object tumbled in the last action of a job.
+
+    kept: planar hypotheses of the actions before, none if it is the first.
+    """
+    out = []
+    for h in extensions(job, kept):
+        h = _raised(job, h)
+        start, tipped = _tipped(job, h)
+        for share, tip in _ways(tipped) if tipped is not None else ():
+            thin, name = _thinned(h, tip, share), f"tips {len(out)}"
+            p, R = tip.poses(thin.theta, thin.x[:, start])
+            flat = lifted(thin.theta, thin.x[:, : start + 1])
+            fallen = np.hstack([p, continuous(R)])[:-1][start + 1 - h.x.shape[1] :]
+            x = np.hstack([flat, fallen.T])
+            out.append(Tumble(thin.theta, x, name, thin, start, tip))
+    return out
+
+
+def _ways(tip: Tip) -> list:
+    """Return (share of the depth, tip): over the edge, and back if it still stands.
+
+    Where the record ends while it is tipped less than halfway, nobody saw it fall.
+    """
+    ways = [(share, tip) for share in DEPTHS]
+    if tip.angle[-1] < FLAT / 2:
+        ways.append((1.0, replace(tip, end=0.0)))
+    return ways
+
+
+def _raised(job, h: Hypothesis) -> Hypothesis:
+    """Return the hypothesis tall enough for the sides that were touched."""
+    data = job.data
+    touched = data.contact & data.valid & (np.abs(data.normal[..., 2]) < SIDE)
+    touched &= (data.action == data.action[-1])[:, None]
+    theta = h.theta.copy()
+    highest = data.finger_position[touched][:, 2].max(initial=-np.inf)
+    theta[2] = max(theta[2], highest + BELOW)
+    return replace(h, theta=theta)
+
+
+def _thinned(h: Hypothesis, tip: Tip, share: float) -> Hypothesis:
+    """Return the hypothesis with less depth behind the pushed side, which stays."""
+    theta = h.theta.copy()
+    theta[tip.axis] *= share
+    fall = np.array([tip.fall(x) for x in h.x.T])
+    moved = (theta - h.theta)[tip.axis] / 2 * fall.T
+    return replace(h, theta=theta, x=h.x + moved * [[1], [1], [0]])
+
+
+def recovered(job, evidence, width: int, solves: int, executor=None):
+    """Return free hypotheses of all actions, best first: it tumbled in one of them.
+
+    evidence: what `contradicts` says of the best planar hypothesis.  Any action that
+    speaks against sliding and shows a rising normal may be the one; else none is found.
+    """
+    actions, found = np.unique(job.data.action), []
+    for action in [e.action for e in evidence if e.against and e.tilt > TILTED]:
+        before, until = actions[actions < action], actions[actions <= action]
+        kept = []
+        if len(before):
+            part = replace(job, data=job.data.select(before))
+            kept = beam(part, [], width, solves, executor)
+        part = replace(job, data=job.data.select(until))
+        tumbles = _likeliest(part, tumbled(part, kept))
+        if tumbles:
+            found += continued(job, tumbles, width, solves, executor)
+    return _distinct(sorted(found, key=_objective), width)
+
+
+def continued(job, tumbles, width: int, solves: int, executor=None):
+    """Return free hypotheses of all actions of a job: tumbled, then slid, best first.
+
+    job: the data from the first action on; tumbles: of one action of it.  The planar
+    beam searches what comes after.  What it found and what was known before are joined
+    in every way; the objective is that of the likelihoods, on the coarse level.
+    """
+    action = job.data.action[tumbles[0].x.shape[1] - 1]
+    data = job.data.select([a for a in np.unique(job.data.action) if a >= action])
+    valid = data.valid.copy()
+    valid[: max(t.tip.landed for t in tumbles)] = False
+    part = replace(job, data=replace(data, valid=valid))
+    felt = (data.contact & valid).any(axis=1) & (data.action > action)
+    touched = np.append(data.action[felt], data.action[-1] + 1)
+    rest = int(np.searchsorted(data.action, touched[0]))
+    lying = [t.lying(rest) for t in tumbles]
+    later = beam(part, lying, width, solves, executor)
+    alone = rest == data.samples  # nothing was felt later: each lies as it fell
+    pairs = zip(lying, tumbles, strict=True) if alone else product(later, tumbles)
+    joined = [t.joined(h, known) for h, t in pairs for known in KNOWN]
+    return _distinct(_costed(job, joined), width)
+
+
+def _likeliest(job, tumbles) -> list[Tumble]:
+    """Return the MOST tumbles that explain best what was felt until they end."""
+    if len(tumbles) <= MOST:
+        return tumbles
+    found = [Hypothesis(t.theta, t.x, np.inf, ()) for t in tumbles]
+    order = np.argsort(_costs(job, found), kind="stable")
+    return [tumbles[i] for i in order[:MOST]]
+
+
+def _costed(job, found) -> list[Hypothesis]:
+    """Return free hypotheses with the cost of what was felt, cheapest first."""
+    costs = zip(found, _costs(job, found), strict=True)
+    return sorted((replace(h, objective=cost) for h, cost in costs), key=_objective)
+
+
+def _costs(job, found) -> list[float]:
+    """Return what was felt costs free hypotheses, and the priors [nats]."""
+    every = Reductions(still=False, far=False, absent=True, planar=False)
+    window = reduce(job.data, job.scene, job.shape, job.precision, every)
+    problem = Problem()
+    quasi_static.build(problem, window, job.scene, job.shape)
+    data = problem.data(quasi_static.LEVELS[0].parameters)
+    names = [n for n, t in problem.costs.items() if t.role in ("likelihood", "prior")]
+
+    def cost(h):
+        x = problem.pack(started(problem, window, h))
+        return sum(float(problem.value(name, x, data).sum()) for name in names)
+
+    return [cost(h) for h in found]
+
+
+def _objective(h: Hypothesis) -> float:
+    return h.objective
+
+
+def _distinct(found, count: int) -> list[Hypothesis]:
+    """Return the first `count` of which no two are the same motion."""
+    kept = []
+    for h in found:
+        ends = np.r_[h.theta, h.x[:3, 0], h.x[:3, -1]]
+        if len(kept) < count and all(np.abs(ends - e).max() > SAME for e, _ in kept):
+            kept.append((ends, h))
+    return [h for _, h in kept]
+
+
+def _tipped(job, h):
+    """Return since which sample the last action tips the object, and how, or None."""
+    data = job.data
+    rows = np.nonzero(data.action == data.action[-1])[0]
+    touched = (data.contact & data.valid)[rows]
+    normals = data.normal[rows]
+    tilt = np.array([tilt_of(normals[:, f]) for f in range(data.fingers)]).T
+    tilt = np.where(touched & (np.abs(normals[..., 2]) < SIDE), tilt, -1.0)
+    if tilt.max() < TILTED + 3 * job.precision.normal:
+        return 0, None
+    pusher = int(np.argmax(tilt.max(axis=0)))
+    k = np.nonzero(tilt[:, pusher] >= 0)[0]
+    rising = np.maximum.accumulate(tilt[k, pusher])
+    upright = k[rising < TILTED]
+    first = upright[-1] if len(upright) else k[0]
+    start = int(rows[first])
+    x = h.x[:, start]
+    c, s = np.cos(x[2]), np.sin(x[2])
+    n = normals[k[0], pusher]
+    n_o = [c * n[0] + s * n[1], c * n[1] - s * n[0]]
+    axis = int(np.argmax(np.abs(n_o)))
+    angle = np.interp(np.arange(len(rows)), np.r_[first, k[k > first]],
+                      np.r_[0.0, rising[k > first]])  # fmt: skip
+    done = k[-1] + 1
+    size, left = h.theta[[axis, 2]], len(rows) - done
+    angle[done:] = fall(size, angle[:done], left, job.scene.gravity, data.dt)
+    return start, Tip(axis, float(np.sign(n_o[axis])), angle)
