@@ -45,7 +45,8 @@ class MotorBoard(can.Listener):
                  newest one of each quantity, so that memory does not grow
 
     Read with `poll()`, or add it to a `can.Notifier`.  `broken` counts frames that
-    could not be decoded, `errors` error frames; `check` raises the latter.
+    could not be decoded, `errors` error frames; `check` raises the latter.  `poll` maps
+    stamps of the wall clock to `clock`; frames of a Notifier keep theirs.
     """
 
     def __init__(
