@@ -13,7 +13,7 @@ import numpy as np
 from ..common.progress import progress, wipe
 from ..common.validation import check_numbers, check_path, check_types
 from ..data.scene import Scene
-from ..errors import OptionError
+from ..errors import OptionError, StartError
 from ..estimation.options import Guess, Options
 from ..estimation.readout import name_of
 from ..estimation.request import asked, check_start
@@ -23,7 +23,7 @@ from ..evaluation.ground_truth import errors_of
 from .action_search import CrossEntropy, check_search
 from .action_space import Action, Workspace
 from .first_touch import first_touch
-from .log import Exploration, Step, check_same, taken_up
+from .log import Exploration, Step, check_file, check_same, onward, taken_up
 from .policies import Plan, check_predicted, chosen, known_policy
 
 log = logging.getLogger("tactilenlp")
@@ -82,17 +82,23 @@ def explore(
     space = _space(world, scene, workspace)
     estimate, past = start if isinstance(start, Estimate) else None, []
     diary, numbers = taken_up(file), range(0 if estimate is None else 1, actions + 1)
+    again = bool(diary.steps) or estimate is not None
+    _check_fingers(world, space, diary)
     for number in progress(numbers, "explore"):
         step = diary.at(number)
+        before = None if estimate is None else estimate.measurements
         if step is None:
             rng = np.random.default_rng([seed, number])
             if estimate is None:
                 step = _touch_first(world, space, centre, rng)
             else:
                 step = _act(world, space, number, estimate, past, rng, settings)
+            step = onward(step, before, again)
             diary = _kept(diary.with_step(step), file)
+        elif step.estimate is None:  # the process ended while it was solved
+            step = onward(step, before, again)
         data = step.measurements
-        data = data if estimate is None else estimate.measurements.append(data)
+        data = data if before is None else before.append(data)
         if step.estimate is None:
             step = _estimated(world, step, solve, data, estimate or start)
             diary = _kept(diary.with_step(step), file)
@@ -135,6 +141,28 @@ def _check(world, actions, seed, workspace, until, file, start) -> None:
         check_numbers("", "a deviation above 0 [m], or a function", until=(until, 0, 1))
     if file is not None:
         check_path(file)
+        if world is not None:
+            check_file(file)
+
+
+def _check_fingers(world, space: Workspace, diary: Exploration) -> None:
+    """Raise unless the world has the fingers of the workspace and of what is kept."""
+    radius = getattr(world, "finger_radius", None)
+    if radius is None:
+        return
+    if np.ndim(radius) and len(radius) != space.fingers:
+        raise OptionError(
+            "another number of fingers", where="workspace.fingers", got=space.fingers,
+            expected=f"{len(radius)}, as the world has",
+        )  # fmt: skip
+    for step in diary.steps:
+        kept = step.measurements.finger_radius
+        if len(kept) != space.fingers or not np.all(kept == radius):
+            raise StartError(
+                "kept measurements of other fingers", where=f"step {step.number}",
+                got=f"finger_radius {kept.tolist()}", expected=f"{radius} [m]",
+                next="explore into another file",
+            )  # fmt: skip
 
 
 def _kept(diary: Exploration, file) -> Exploration:
