@@ -18,13 +18,12 @@ import numpy as np
 from hardware.bench import Bench
 from hardware.simulated_robot import SimulatedRobot, simulated_rig
 from hardware.world import RobotWorld
-from tactilenlp import Exploration, Options, Scene, Workspace, explore
+from tactilenlp import Exploration, Scene, Workspace, explore
 
 BOX = (0.058, 0.049, 0.053)  # [m]
 FRICTION = 0.3, 0.05  # [1] of ground and fingers: forces then point along normals
 CENTRE, TURN = (0.004, -0.003), 0.2  # [m], [rad] of the box
 KEPT, REALITY = "exploration.npz", "reality.bin"
-QUICK = {"options": Options(), "formulation": "violation_implicit"}
 LONGEST = 600.0  # [s] of a process
 
 
@@ -60,7 +59,7 @@ def main(folder, actions):
         scene = Scene(friction_finger=FRICTION[1], sigma_normal=0.05)
         for step in explore(
             world, scene, actions, file=Path(folder) / KEPT, workspace=space,
-            centre=CENTRE, budget=40, seed=3, **QUICK,
+            centre=CENTRE, budget=40, seed=3,
         ):  # fmt: skip
             print(f"step {step.number}", flush=True)
 
