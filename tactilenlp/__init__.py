@@ -36,6 +36,7 @@ _HOMES = {
     "Choice": "exploration.action_search",
     "CrossEntropy": "exploration.action_search",
     "explore": "exploration.loop",
+    "ExploreOptions": "exploration.options",
     "Step": "exploration.log",
     "Exploration": "exploration.log",
     "Plan": "exploration.policies",

@@ -17,7 +17,7 @@ def example_recording(name: str = "cuboid") -> Path:
     22 mm radius in nine actions.  Load it by `Measurements.load` and `Scene.load`.
     Raises OptionError for another name.
     """
-    if name not in RECORDINGS:
+    if not isinstance(name, str) or name not in RECORDINGS:
         raise OptionError(
             "no such recording", where="name", got=name, expected=f"one of {RECORDINGS}"
         )
