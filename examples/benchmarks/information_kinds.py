@@ -45,7 +45,7 @@ def rows_of(file: Path, actions, executor) -> tuple[list[dict], object]:
         row = {"actions": na, "samples": part.samples, "unknowns": again.problem.size}
         began = process_time()
         curvature = curvature_of(again.problem, again.solution)
-        curvature.response_of(again.chart.chosen)
+        curvature.response_of(again.tangent.chosen)
         row["exact_ms"] = 1e3 * (process_time() - began)
         for kind in KINDS:
             row[kind] = condition(observed_information(estimate, kind).matrix)

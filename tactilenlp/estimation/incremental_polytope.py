@@ -15,7 +15,7 @@ from scipy.optimize import nnls
 
 from formulations import polytope_extension as extension
 
-from ..information.error_budget import touches
+from ..information.measurement_noise import touches
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..nlp.solution import Solution, after
