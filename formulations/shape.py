@@ -29,7 +29,7 @@ def half_diagonal(theta):
 
 @dataclass(frozen=True)
 class Shape:
-    """What a page may ask of a body.
+    """The functions of a class of bodies, its bounds and priors.
 
     theta: number of unknowns; distance(theta, q_of, small) -> [m];
     normal(theta, q_of, small) -> (3,) outward unit, body frame;

@@ -18,6 +18,7 @@ _HOMES = {
     "Ground": "data.scene",
     "JointZeros": "data.joint_offsets",
     "Options": "estimation.options",
+    "Session": "estimation.session",
     "Reductions": "problem.reductions",
     "Guess": "estimation.options",
     "Estimate": "estimation.result",

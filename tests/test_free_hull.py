@@ -12,7 +12,7 @@ from formulations import polytope_violation_implicit as page
 from formulations.polytope import polytope
 from formulations.rigid_body import rotation
 from tactilenlp import Measurements, Options, Scene
-from tactilenlp.estimation.solver import _job
+from tactilenlp.estimation.request import make_job
 from tactilenlp.geometry.convex_hull import filled
 from tactilenlp.geometry.tipping import lifted
 from tactilenlp.geometry.transforms import (
@@ -55,7 +55,7 @@ def slid():
 
 def posed(data, scene, vertices, x, reduce=("planar",)):
     """Return the problem of the joint page at vertices and poses, and its window."""
-    job = _job(data, scene, SHAPE, Options(reduce=reduce), 0.0, page)
+    job = make_job(data, scene, SHAPE, Options(reduce=reduce), 0.0, page)
     window, shape = window_of(job, (vertices.ravel(), x))
     problem = Problem()
     page.build(problem, window, scene, shape)

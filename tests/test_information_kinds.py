@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tactilenlp import observed_information
-from tactilenlp.estimation.observed_information import KINDS, programme_of
+from tactilenlp.estimation.observed_information import KINDS, programme_at
 from tactilenlp.information.comparisons import half_turns, paper
 
 UNITS = np.r_[1e3, 1e3, 1e3, 1e3, 1e3, 50.0]  # to mm, a radian as 50 mm
@@ -14,7 +14,7 @@ STEP = 1e-6  # [m, rad] of central differences
 
 @pytest.fixture(scope="module")
 def programme(estimate):
-    return programme_of(estimate)
+    return programme_at(estimate)
 
 
 @pytest.mark.parametrize("kind", KINDS[:-1])

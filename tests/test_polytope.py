@@ -6,12 +6,12 @@ import pytest
 import trimesh
 from scipy.optimize import nnls
 
+from formulations.nearest_point import towards
 from formulations.polytope import (
     inertia_about,
     polytope,
     polytope_distance,
     polytope_normal,
-    towards,
     whole_moments,
 )
 from tactilenlp import Problem
@@ -20,7 +20,7 @@ from tactilenlp.geometry import convex_hull as hull
 from tactilenlp.problem.polytope_window import body, legs, shares
 from tactilenlp.search.hypothesis import Hypothesis
 from tactilenlp.search.plane_slam import unseen_ball
-from tactilenlp.search.polytope_init import closed, reseeded
+from tactilenlp.search.polytope_init import closing_halfspaces, with_vertices_on_hull
 
 SMALL = 1e-4  # [m] rounding, as of a fingertip of 10 mm
 CUBE = 0.02 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
@@ -164,7 +164,7 @@ def test_planes_and_ground_close_a_body_unless_a_face_is_missing(missing):
     kept = [i for i in range(5) if i != missing]
     planes = np.c_[n, b][kept]
     ball = unseen_ball(points[kept], (0.022, 0.008), ground=True)
-    found = closed(planes, points[kept], ball, ground=True)
+    found = closing_halfspaces(planes, points[kept], ball, ground=True)
     if missing is None:
         corners, up = hull.merged(hull.corners(found)), np.array([0, 0, 0.02])
         assert sorted(corners.round(6).tolist()) == sorted((CUBE + up).tolist())
@@ -232,7 +232,7 @@ def test_legs_share_the_weight_by_the_law_of_the_lever():
 def test_an_invisible_vertex_is_moved_onto_the_hull_which_stays_as_it_is():
     inside = [[0.001, 0.002, 0.0], [0.0, 0.0, 0.01]]
     h = Hypothesis(np.vstack([inside, CUBE]).ravel(), np.zeros((3, 1)), 0.0, ())
-    moved = reseeded(h).theta.reshape(-1, 3)
+    moved = with_vertices_on_hull(h).theta.reshape(-1, 3)
     assert moved.shape == (10, 3)
     assert hull.outer(moved).shape == (8, 3)
     away = np.abs(moved).max(axis=1)

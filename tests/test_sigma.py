@@ -9,7 +9,7 @@ import pytest
 from formulations.shape import CUBOID
 from tactilenlp import Estimate, Problem, assumption_sensitivity, observed_information
 from tactilenlp.errors import OptionError
-from tactilenlp.estimation.observed_information import programme_of
+from tactilenlp.estimation.observed_information import programme_at
 from tactilenlp.information.comparisons import without_downward
 from tactilenlp.information.error_budget import Linearisation, error_budget
 from tactilenlp.information.error_budget_terms import UNTOUCHED, untouched_faces
@@ -29,7 +29,7 @@ UNITS = np.r_[1e3, 1e3, 1e3, 1e3, 1e3, 50.0]  # to mm, a radian as 50 mm
 
 @pytest.fixture(scope="module")
 def programme(estimate):
-    return programme_of(estimate)
+    return programme_at(estimate)
 
 
 @pytest.fixture(scope="module")

@@ -65,9 +65,11 @@ def test_a_search_leaves_the_actions_it_is_through_with(recorded, pressed, monke
 
 
 def test_solved_pages_are_left_as_they_are(recorded, pressed, tmp_path):
+    from tactilenlp.estimation import certification
+
     data, scene, _ = recorded
     data = data.select(range(2))
-    pressed(sys.modules["tactilenlp.estimation.solver"], "certify", 0)
+    pressed(certification, "certify", 0)
     with pytest.raises(Interrupted) as stop:
         solve_estimate(data, scene, options=QUICK)
     found = stop.value.estimate
@@ -97,7 +99,7 @@ def test_a_search_for_a_polytope_leaves_what_its_planes_carve_out(pressed, monke
 
     file = ROOT / "examples" / "data" / "polytope.npz"
     data, scene = Measurements.load(file).select(range(3)), Scene.load(file)
-    pressed(polytopes, "extended", 2)
+    pressed(polytopes, "extended_faces", 2)
     with pytest.raises(Interrupted, match="2 of 3 actions") as stop:
         solve_estimate(data, scene, shape="polytope")
     found = stop.value.estimate

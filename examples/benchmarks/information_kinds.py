@@ -20,7 +20,7 @@ from matplotlib import pyplot as plt
 from study import add_executor, executor_of, write_csv
 
 from tactilenlp import Measurements, Scene, observed_information, solve_estimate
-from tactilenlp.estimation.observed_information import KINDS, programme_of
+from tactilenlp.estimation.observed_information import KINDS, programme_at
 from tactilenlp.information.comparisons import links
 from tactilenlp.nlp.kkt_sensitivity import curvature_of
 
@@ -41,7 +41,7 @@ def rows_of(file: Path, actions, executor) -> tuple[list[dict], object]:
         estimate = solve_estimate(
             part, scene, start=estimate, executor=executor, throw=False
         )
-        again = programme_of(estimate)
+        again = programme_at(estimate)
         row = {"actions": na, "samples": part.samples, "unknowns": again.problem.size}
         began = process_time()
         curvature = curvature_of(again.problem, again.solution)
@@ -65,7 +65,7 @@ def main() -> None:
     with executor_of(arguments) as executor:
         rows, estimate = rows_of(arguments.file, arguments.actions, executor)
     write_csv(arguments.folder / "information_kinds.csv", rows)
-    again = programme_of(estimate)
+    again = programme_at(estimate)
     link, _ = links(
         curvature_of(again.problem, again.solution), again.window, again.shape
     )

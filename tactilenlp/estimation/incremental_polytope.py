@@ -21,26 +21,38 @@ from ..nlp.problem import Problem
 from ..nlp.solution import Solution, after
 from ..problem.polytope_window import HullWindow, window_of
 from ..problem.reductions import ARM, Reductions, coasts
-from ..problem.unreduced import carried, corners_of, rows_of, samples_of
+from ..problem.unreduced import corners_of, rows_of, samples_of
 from ..problem.window import Corners, Group
-from ..search.alternatives import jumps, worth
+from ..search.alternatives import jump_threshold, jumps
 from ..search.hypothesis import Hypothesis, Job
-from ..search.local_solve import Solved, best_first, built_at, loosened, settings_of
-from ..search.plane_slam import onward
-from ..search.polytope_init import CREEPING, LONGEST, TOLERANCE, backed, resumed
+from ..search.local_solve import (
+    Solved,
+    best_first,
+    continued,
+    problem_at,
+    settings_of,
+    transferred,
+    warm_started,
+)
+from ..search.margins import UPDATE_COST, UPDATE_SHARE
+from ..search.plane_slam import SEARCH_TIME, SEARCH_TOLERANCE, poses_of_new_action
+from ..search.polytope_init import (
+    ACCEPTABLE,
+    credible_data,
+    faces_of,
+)
 from .readout import name_of
 from .result import Estimate
 
 log = logging.getLogger("tactilenlp")
-CLOSE = 1e-3  # IPOPT's first mu where all but one action is known
-ADDED, USUAL = 3.0, 2.0  # [nats], [cost of an action so far]: what one more may cost
-DENIED = 0.5  # [outlier costs] a sample that costs more is not explained
-FEW = 3  # such samples of a touch, more than a wrong boolean or two
-PICKED = (
+UPDATE_MU = 1e-3  # IPOPT's first mu where all but one action is known
+UNEXPLAINED_SHARE = 0.5  # [outlier costs] a sample that costs more is not explained
+UNEXPLAINED_SAMPLES = 3  # such samples of a touch, more than a wrong boolean or two
+INDEXED_BY = (
     ("near_touch", "touch"), ("near_free", "free"), ("near_push", "push"),
     ("leg", "corner"), ("weight_share", "corner"),
 )  # fmt: skip
-WEAKEST = 1.0  # [1 / m^2] information about any direction, at least
+MIN_INFORMATION = 1.0  # [1 / m^2] information about any direction, at least
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,21 +72,22 @@ def updated(job: Job, page, start, options, certified) -> tuple[Solved | None, b
     the whole way is to be gone, and the better of the two kept.  None where `start` is
     no such estimate.
     """
-    if not extends(start, job, page):
+    if not is_one_action_more(start, job, page):
         return None, False
     job = replace(job, cuts=start.cuts)
-    job.recall(start.origin, page)
-    past = past_of(job, page, start)
-    found = joint(job, page, past, guessed(job, past, information(start)), options)
+    past = past_solution(job, page, start)
+    found = joint(
+        job, page, past, new_action_alone(job, past, past_information(start)), options
+    )
     usual = max(start.objective, 0.0) / start.measurements.actions
-    most = start.objective + ADDED + USUAL * usual
+    most = start.objective + UPDATE_COST + UPDATE_SHARE * usual
 
     def good(found) -> bool:
         cheap = found.solution.objective < most
-        return cheap and found.solution.success and not astray(found)
+        return cheap and found.solution.success and not implausible(found)
 
     if not good(found):
-        found = loosened(job, page, found, options)
+        found = _better(found, continued(job, page, found, options))
     if good(found):
         found = certified(job, page, found, options)
         if {*found.certificates.broken} <= {
@@ -86,20 +99,25 @@ def updated(job: Job, page, start, options, certified) -> tuple[Solved | None, b
     return found, False
 
 
-def explained(job: Job, page, solved, options, update=None) -> list[Solved]:
+def repaired(job: Job, page, solved, options, update=None) -> list[Solved]:
     """Return solves, best first; the best is gone over where it went astray.
 
     update: what an update ended with, one of them, if it was tried.
     """
     best, *others = solved
-    if getattr(page, "EXTENDS", False) and astray(best):
+    if getattr(page, "EXTENDS", False) and implausible(best):
         log.info("a touch is not explained, or a jump: once more, loosely first")
-        best = loosened(job, page, best, options)
+        best = _better(best, continued(job, page, best, options))
     found = [best, *others]
     return found if update is None else best_first([*found, update])
 
 
-def extends(start, job: Job, page) -> bool:
+def _better(solved: Solved, again: Solved | None) -> Solved:
+    """Return the better of two solves, the first one if there is no other."""
+    return solved if again is None else min(solved, again, key=lambda s: s.rank)
+
+
+def is_one_action_more(start, job: Job, page) -> bool:
     """Tell whether a job is that of an estimate of this page and one action more."""
     if not isinstance(start, Estimate) or not start.success:
         return False
@@ -116,10 +134,10 @@ def extends(start, job: Job, page) -> bool:
     return whole and alike and bool(np.all(known))
 
 
-def past_of(job: Job, page, start) -> Solved:
+def past_solution(job: Job, page, start) -> Solved:
     """Return the page as the estimate had solved it."""
     job = replace(job, data=job.data.select(np.unique(start.measurements.action)))
-    window, problem, built = built_at(job, page, start.origin)
+    window, problem, built = problem_at(job, page, start.origin)
     solution = Solution(
         values=start.unknowns, objective=start.objective, costs=start.costs,
         violations=start.violations, multipliers=start.multipliers,
@@ -130,42 +148,49 @@ def past_of(job: Job, page, start) -> Solved:
     return Solved(start.origin, problem, window, solution, job)
 
 
-def information(start) -> np.ndarray:
+def past_information(start) -> np.ndarray:
     """Return the information (3 V, 3 V) [1/m^2] about vertices, the ground's frame."""
     turn = np.kron(np.eye(start.theta.size // 3), start.scene.ground.rotation.T)
     values, vectors = np.linalg.eigh(turn.T @ start.information.matrix @ turn)
-    return (vectors * np.maximum(values, WEAKEST)) @ vectors.T
+    return (vectors * np.maximum(values, MIN_INFORMATION)) @ vectors.T
 
 
-def astray(solved: Solved) -> bool:
+def implausible(solved: Solved) -> bool:
     """Tell whether a touch is denied, or a body that friction holds jumps."""
     jump = jumps(solved.job.data, solved.at.x).max(initial=0.0)
-    jumped = jump > worth(solved.job.precision) and not coasts(solved.job.scene)
-    return jumped or denied(solved) > 0
+    jumped = jump > jump_threshold(solved.job.precision) and not coasts(
+        solved.job.scene
+    )
+    return jumped or unexplained_touches(solved) > 0
 
 
-def denied(solved: Solved) -> int:
+def unexplained_touches(solved: Solved) -> int:
     """Return how many touches, a finger's in an action each, are not explained."""
     problem, window, s = solved.problem, solved.window, solved.solution
     if "touch" not in problem.terms:
         return 0
     x, data = problem.pack(s.values), problem.data(s.parameters)
-    wrong = problem.value("touch", x, data)[:, 0] > DENIED * window.outlier_cost
+    wrong = (
+        problem.value("touch", x, data)[:, 0] > UNEXPLAINED_SHARE * window.outlier_cost
+    )
     keys = zip(window.touch.sample, window.touch.finger, strict=True)
     wrong = dict(zip(keys, wrong, strict=True))
     wholes = touches(window, solved.job.data)
-    return sum(sum(wrong[t, f] for t in samples) >= FEW for samples, f in wholes)
+    return sum(
+        sum(wrong[t, f] for t in samples) >= UNEXPLAINED_SAMPLES
+        for samples, f in wholes
+    )
 
 
-def guessed(job: Job, past: Solved, about) -> Solved:
+def new_action_alone(job: Job, past: Solved, about) -> Solved:
     """Return the new action solved alone: vertices, its poses and impulses.
 
     about: information (3 V, 3 V) about the vertices of the past.
     """
     lean = replace(job, reductions=Reductions())
-    lean = replace(lean, data=backed(job.data, job.precision.normal))
-    h = replace(past.at, x=onward(lean, resumed(lean, past.at)))
-    options = SolverOptions(TOLERANCE, LONGEST, ipopt=CREEPING)
+    lean = replace(lean, data=credible_data(job.data, job.precision.normal))
+    h = replace(past.at, x=poses_of_new_action(lean, faces_of(lean, past.at)))
+    options = SolverOptions(SEARCH_TOLERANCE, SEARCH_TIME, ipopt=ACCEPTABLE)
     solution, kinds = past.solution, past.problem.kinds
     for build, levels in (
         (extension.build, extension.LEVELS),
@@ -195,7 +220,7 @@ def of_action(window: HullWindow, past: Hypothesis, about) -> ActionWindow:
     at = {k: np.cumsum(rows) - 1 for k, rows in new.items()}  # where rows go
     for name in ("push", "corner"):
         parts[name] = replace(parts[name], step=at["step"][parts[name].step])
-    for name, rows in PICKED:
+    for name, rows in INDEXED_BY:
         parts[name] = parts[name][new[rows]]
     unfelt = window.unfelt[new["push"][window.unfelt]]
     groups = {n: _later(g, new["step"], at) for n, g in window.groups.items()}
@@ -217,31 +242,30 @@ def _later(group: Group, new, at) -> Group:
 
 def joint(job: Job, page, past: Solved, new: Solved, options) -> Solved:
     """Return the page of all actions, solved from the past and the new action."""
-    h, turn = aligned(new.hypothesis)
-    window, problem, built = built_at(job, page, h)
-    past, new = stood(past, window), stood(new, window)
-    missing = np.full(len(window.pose) - len(past.window.pose), -1)
-    known = replace(past.window, pose=np.r_[past.window.pose, missing])
-    known = replace(past, window=known)
-    values, pulls, multipliers = carried(known, window, problem)
-    values["ball"][:3] = turn @ values["ball"][:3]
-    values["theta"], values["x"] = h.theta.reshape(-1, 3).T, h.x[:, window.last]
-    values["body"] = window.body[:, None]
-    pushes = samples_of(new.window.push), samples_of(window.push)
-    corners = corners_of(new.window), corners_of(window)
-    for name, keys in (("finger", pushes), ("ground", corners)):
-        row = rows_of(*keys)
-        values[name][:, row >= 0] = new.solution.values[name][:, row[row >= 0]]
-    start = replace(
-        past.solution, values=values, bound_multipliers=pulls, multipliers=multipliers
-    )
-    level = replace(page.LEVELS[-1], warm_start={"mu_init": CLOSE})
-    solution = solve_levels(problem, (level,), start, settings_of(job, options))
-    solution.seconds["build"] += built
-    return Solved(h, problem, window, after(new.solution, solution), job)
+    h, turn = with_axes_of_ground(new.hypothesis)
+
+    def start(past, window, problem) -> Solution:
+        past, last = on_legs(past, window), on_legs(new, window)
+        missing = np.full(len(window.pose) - len(past.window.pose), -1)
+        known = replace(past.window, pose=np.r_[past.window.pose, missing])
+        solution = transferred(replace(past, window=known), window, problem)
+        values = solution.values
+        values["ball"][:3] = turn @ values["ball"][:3]
+        values["theta"], values["x"] = h.theta.reshape(-1, 3).T, h.x[:, window.last]
+        values["body"] = window.body[:, None]
+        pushes = samples_of(last.window.push), samples_of(window.push)
+        corners = corners_of(last.window), corners_of(window)
+        for name, keys in (("finger", pushes), ("ground", corners)):
+            row = rows_of(*keys)
+            values[name][:, row >= 0] = last.solution.values[name][:, row[row >= 0]]
+        return solution
+
+    settings = settings_of(job, options)
+    found = warm_started(job, page, past, settings, UPDATE_MU, h, start)
+    return replace(found, solution=after(new.solution, found.solution))
 
 
-def aligned(h: Hypothesis) -> tuple[Hypothesis, np.ndarray]:
+def with_axes_of_ground(h: Hypothesis) -> tuple[Hypothesis, np.ndarray]:
     """Return the same motion, the body's axes those of the ground at the last sample.
 
     And the rotation (3, 3) from the body's axes before to those now.
@@ -253,7 +277,7 @@ def aligned(h: Hypothesis) -> tuple[Hypothesis, np.ndarray]:
     return replace(h, theta=(h.theta.reshape(-1, 3) @ turn.T).ravel(), x=x), turn
 
 
-def stood(solved: Solved, window: HullWindow) -> Solved:
+def on_legs(solved: Solved, window: HullWindow) -> Solved:
     """Return a solution as if the body had stood on the legs of another window.
 
     What the ground does to the body stays the same, force and moment.
@@ -263,7 +287,9 @@ def stood(solved: Solved, window: HullWindow) -> Solved:
         return solved
     s, yaw = solved.solution, solved.at.x[2, solved.window.step.sample]
     ground = s.values["ground"]
-    moved = spread_over(V[old], V[legs], yaw, ground.reshape(len(ground), -1, len(old)))
+    moved = redistributed(
+        V[old], V[legs], yaw, ground.reshape(len(ground), -1, len(old))
+    )
     moved = moved.reshape(len(ground), -1)
     corner = Corners(
         np.repeat(np.arange(len(yaw)), len(legs)), np.zeros((moved.shape[1], 3))
@@ -277,7 +303,7 @@ def stood(solved: Solved, window: HullWindow) -> Solved:
     return replace(solved, solution=solution, window=at)
 
 
-def spread_over(old, legs, yaw, impulses) -> np.ndarray:
+def redistributed(old, legs, yaw, impulses) -> np.ndarray:
     """Return the impulses (rows, steps, legs) that do what those of other legs did.
 
     old (m, 3), legs (n, 3): body frame; yaw (steps,) of the body; impulses (rows,

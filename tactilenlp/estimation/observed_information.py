@@ -30,7 +30,7 @@ from ..nlp.problem import Problem
 from ..nlp.solution import Solution
 from ..problem.pages import is_polytope, page_of, shape_of
 from ..problem.reductions import Reductions, reduce
-from .readout import builder
+from .readout import problem_builder
 
 KINDS = ("exact", "sandwich", "gauss_newton", "paper", "inverse_dynamics")
 
@@ -48,7 +48,7 @@ def observed_information(estimate, kind: str = "exact") -> Information:
         )
     if kind == "exact":
         return estimate.information
-    again = programme_of(estimate)
+    again = programme_at(estimate)
     if kind == "paper":
         M = paper(again.problem, again.solution, again.window, again.shape)
         M = again.tangent.inverse.T @ M @ again.tangent.inverse
@@ -85,7 +85,7 @@ def _check_finite(M) -> None:
 def assumption_sensitivity(estimate) -> Sensitivity:
     """Return how shape and final pose move with mass, frictions, sensors, fingers."""
     check_types(estimate=(estimate, "Estimate"))
-    again = programme_of(estimate)
+    again = programme_at(estimate)
     curvature = curvature_of(again.problem, again.solution)
     pulls, held = curvature.response_of(again.tangent.chosen)
     pulls, held = pulls @ again.tangent.jacobian.T, held @ again.tangent.jacobian.T
@@ -109,7 +109,7 @@ class Programme:
     sensed: Sensed
 
 
-def programme_of(estimate) -> Programme:
+def programme_at(estimate) -> Programme:
     """Build the programme of an estimate again, at its solution."""
     shape, scene = shape_of(estimate.shape), estimate.scene
     if is_polytope(shape):
@@ -131,7 +131,7 @@ def programme_of(estimate) -> Programme:
         data, scene, shape, precision, Reductions(**estimate.reductions),
         guess=(h.theta, h.x), cuts=estimate.cuts,
     )  # fmt: skip
-    build = builder(page, shape, scene)
+    build = problem_builder(page, shape, scene)
     problem = build(window)
     for name, variable in problem.variables.items():
         found = np.shape(estimate.unknowns.get(name, ()))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,23 +12,23 @@ from ..errors import OptionError
 from ..nlp.ipopt import check_positive
 from ..problem.reductions import Reductions
 
-WIDE, PRECISE = (4, 8), (2, 3)  # hypotheses and starts: noise leaves more of them open
+WIDE, PRECISE = (4, 8), (2, 3)  # (hypotheses, starts) for noisy, for precise sensors
 
 
 @dataclass(frozen=True)
 class Options:
     """How to estimate.
 
-    seed: of everything random [-] (nothing is, at present); reduce: True, False, a
-    Reductions, or names of reductions to switch off; hypotheses: kept from action to
-    action [-], and starts: solved per action [-], by default as many as the sensors'
-    noise leaves open (WIDE, PRECISE); tolerance: of the last solve [-];
-    time_limit [s]: then what is left is guessed, and the result is marked; ipopt:
-    passed on verbatim; rivals: also solve from other sizes and paths, and with sizes
-    held elsewhere, which tells how far those that touch leaves open may be off.
+    reduce: True, False, a Reductions, or names of reductions to switch off;
+    hypotheses: kept from action to action [-]; starts: solved per action [-]; both by
+    default as many as the sensors' noise leaves open (WIDE, PRECISE); tolerance: of the
+    last solve [-]; time_limit [s]: the remaining actions are then extrapolated, and the
+    result is marked; ipopt: passed on verbatim; rivals: also solve alternative
+    trajectories and sizes, and compute profile likelihoods of sizes that no touch
+    determines.  seed: has no effect, nothing is random; a FutureWarning if it is given.
     """
 
-    seed: int = 0
+    seed: int | None = None
     reduce: object = True
     hypotheses: int | None = None
     starts: int | None = None
@@ -38,8 +39,12 @@ class Options:
 
     def __post_init__(self):
         check_types(
-            seed=(self.seed, int), ipopt=(self.ipopt, dict), rivals=(self.rivals, bool)
-        )
+            seed=(self.seed, (int, type(None))), ipopt=(self.ipopt, dict),
+            rivals=(self.rivals, bool),
+        )  # fmt: skip
+        if self.seed is not None:
+            words = "Options.seed has no effect: an estimate draws no random numbers"
+            warnings.warn(words, FutureWarning, stacklevel=3)
         Reductions.of(self.reduce)
         for name in ("hypotheses", "starts"):
             value = getattr(self, name)

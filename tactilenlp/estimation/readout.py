@@ -18,25 +18,27 @@ from ..nlp.problem import Problem
 from ..problem.pages import is_polytope
 from ..problem.polytope_window import standing
 from ..problem.poses import body_corners, poses
+from .request import Request
 from .result import Estimate
 
 
-def read_off(
-    data, job, page, options, solved, kept, seconds, late: bool, rivals=()
-) -> Estimate:
+def read_off(request: Request, solved, kept, seconds, late: bool, modes=()) -> Estimate:
     """Return the estimate of a solved page, in the frame of the data.
 
-    rivals: the same page solved from other hypotheses.
+    kept: hypotheses for the next action; seconds: of CPU time by step; late: whether
+    the time limit was reached; modes: other local optima of the same page.
     """
+    data, job, page, options = (
+        request.data, request.job, request.page, request.options
+    )  # fmt: skip
     problem, window, solution = solved.problem, solved.window, solved.solution
     shape, scene = job.shape, job.scene
     theta = solution.values["theta"].T.ravel()
     x = solution.values["x"][:, window.pose]
     if is_polytope(shape):
-        body, information = hull_read(job, page, solved, x)
+        body, information = read_polytope(job, page, solved, x)
     else:
-        body, information = box_read(job, page, solved, theta, x, rivals)
-    job.remember(solved.hypothesis, page)
+        body, information = read_box(job, page, solved, theta, x, modes)
     return Estimate(
         measurements=data,
         scene=scene,
@@ -50,7 +52,7 @@ def read_off(
         impulses=impulses(problem, window, solution, data, scene),
         unknowns=solution.values,
         costs=solution.costs,
-        violations={**solution.violations, **exact(problem, solution)},
+        violations={**solution.violations, **exact_violations(problem, solution)},
         multipliers=solution.multipliers,
         bound_multipliers=solution.bound_multipliers,
         objective=solution.objective,
@@ -70,7 +72,7 @@ def read_off(
         hypotheses=tuple(kept),
         versions=versions(),
         progress=solution.progress,
-        finger_offset=offsets_of(solution.values, _turn(scene).T),
+        finger_offset=offsets_of(solution.values, _ground_rotation(scene).T),
     )
 
 
@@ -87,21 +89,22 @@ class Body:
     faces: np.ndarray
 
 
-def box_read(job, page, solved, theta, x, rivals) -> tuple[Body, Information]:
+def read_box(job, page, solved, theta, x, modes) -> tuple[Body, Information]:
     """Return the body, and what is known of it, of a shape with sizes."""
     problem, window, solution = solved.problem, solved.window, solved.solution
     shape, scene = job.shape, job.scene
     faces = solved.touched
+    build = problem_builder(page, shape, scene, job.kinds_of)
     information = information_of(
-        problem, solution, window, shape, faces, _turn(scene).T,
-        Sensed(job.data, job.precision, builder(page, shape, scene, job.kinds_of)),
-        [(r.problem, r.solution, r.window) for r in rivals], solved.profile,
+        problem, solution, window, shape, faces, _ground_rotation(scene).T,
+        Sensed(job.data, job.precision, build),
+        [(r.problem, r.solution, r.window) for r in modes], solved.profile,
     )  # fmt: skip
     where = poses(shape, window.motion, theta, x, scene.ground)
     return Body(*where, body_corners(shape, theta), faces), information
 
 
-def hull_read(job, page, solved, x) -> tuple[Body, Information]:
+def read_polytope(job, page, solved, x) -> tuple[Body, Information]:
     """Return the body, and what is known of it, of a hull of vertices.
 
     Its origin is the centroid, its axes are the world's at the last sample.
@@ -109,13 +112,15 @@ def hull_read(job, page, solved, x) -> tuple[Body, Information]:
     problem, window, solution = solved.problem, solved.window, solved.solution
     scene = job.scene
     V = solution.values["theta"].T
-    middle, R_wg = centroid(V), _turn(scene).T
+    middle, R_wg = centroid(V), _ground_rotation(scene).T
     position, turn = hull_poses(scene, x, middle)
     vertices = (V - middle) @ R_wg.T
     faces = touched_polygons(window, V, x, job.precision.normal)
     body = Body(position, turn.as_quat()[:, [3, 0, 1, 2]], vertices, faces)
     shape = standing(job.shape, solved.hypothesis.theta.reshape(-1, 3))  # as solved
-    sensed = Sensed(job.data, job.precision, builder(page, shape, scene, job.kinds_of))
+    sensed = Sensed(
+        job.data, job.precision, problem_builder(page, shape, scene, job.kinds_of)
+    )
     return body, hull_information(problem, solution, window, shape, faces, R_wg, sensed)
 
 
@@ -127,7 +132,7 @@ def hull_poses(scene, x, middle) -> tuple[np.ndarray, Rotation]:
     """
     if not is_planar(x):
         p = x[:3].T + matrices(x) @ middle
-        R_wg = _turn(scene).T
+        R_wg = _ground_rotation(scene).T
         turn = Rotation.from_matrix(R_wg @ matrices(x) @ R_wg.T)
         return p if scene.ground is None else scene.ground.from_ground(p), turn
     c, s = np.cos(x[2]), np.sin(x[2])
@@ -145,7 +150,7 @@ def name_of(page) -> str:
     return getattr(page, "__name__", "page").rpartition(".")[2]
 
 
-def builder(page, shape, scene, kinds_of=None):
+def problem_builder(page, shape, scene, kinds_of=None):
     """Return build(window, scene): the page's programme of another window or scene.
 
     kinds_of(page, window): the kinds of what has this shape and scene, if any are.
@@ -160,7 +165,7 @@ def builder(page, shape, scene, kinds_of=None):
     return build
 
 
-def exact(problem, solution) -> dict[str, float]:
+def exact_violations(problem, solution) -> dict[str, float]:
     """Return the violations of what a solve rounds, recomputed as it is meant."""
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
     names = [name for name in problem.reports if name.endswith(", exact")]
@@ -174,7 +179,7 @@ def impulses(problem, window, solution, data, scene) -> dict[str, np.ndarray]:
     if scene.ground is not None:
         out["ground"] = np.zeros((T, 3))
     x, values = problem.pack(solution.values), problem.data(solution.parameters)
-    turn = _turn(scene)
+    turn = _ground_rotation(scene)
     if "finger impulse" in problem.reports:
         pushed = problem.value("finger impulse", x, values) @ turn
         for i in range(data.fingers):
@@ -191,7 +196,7 @@ def impulses(problem, window, solution, data, scene) -> dict[str, np.ndarray]:
     return out
 
 
-def _turn(scene) -> np.ndarray:
+def _ground_rotation(scene) -> np.ndarray:
     """Return the rotation (3, 3) from the world to the ground's frame."""
     return np.eye(3) if scene.ground is None else scene.ground.rotation
 

@@ -1,21 +1,68 @@
-"""Read what a caller asks for: shape, page, start; refuse what cannot be solved."""
+"""The request of a caller, read and checked: measurements, shape, page, start."""
 
 from __future__ import annotations
 
 import sys
+import time
+from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 
 from ..common.validation import check_types
+from ..data.measurements import Measurements
 from ..data.scene import Scene
+from ..data.sensor_noise import precise, precision_of, smoothed
 from ..errors import NoContactError, OptionError, SceneError, StartError
 from ..geometry.transforms import backward
+from ..problem.certificates import without
 from ..problem.pages import is_polytope, page_of, shape_of
-from ..problem.reductions import flat
-from ..search.hypothesis import Hypothesis
-from ..search.polytope_init import check as check_round
+from ..problem.reductions import Reductions, flat, insisted
+from ..search.hypothesis import Hypothesis, Job, TermFunctions
+from ..search.polytope_init import check_round_fingertips as check_round
 from .options import Guess, Options
 from .result import Estimate
+from .session import Session
+
+
+@dataclass(frozen=True, eq=False)
+class Request:
+    """What a caller asks for, checked.
+
+    data: the measurements as given; job: the same in the ground's frame and smoothed,
+    with scene, shape and reductions; page: a module with `build` and `LEVELS`; start:
+    an Estimate, a Guess or None; executor: of concurrent.futures, or None.
+    """
+
+    data: Measurements
+    job: Job
+    page: ModuleType
+    options: Options
+    start: Estimate | Guess | None = None
+    executor: object = None
+
+    @property
+    def widths(self) -> tuple[int, int]:
+        """How many hypotheses are kept, and starts solved, after an action."""
+        return self.options.widths(precise(self.job.data, self.job.precision))
+
+
+def read_request(
+    data, scene, shape, formulation, options, start, executor, session: Session
+) -> tuple[Request, list[Hypothesis]]:
+    """Return the request, and the hypotheses of the first actions that it starts from.
+
+    Raises NoContactError, MeasurementError, OptionError, SceneError or StartError for
+    what cannot be solved.
+    """
+    check_types(data=(data, Measurements), session=(session, Session))
+    scene, shape, options, page = asked(scene, shape, formulation, options, executor)
+    scene.check(data)
+    check_touched(data)
+    functions = session.functions_for(start, scene, shape, page)
+    job = make_job(data, scene, shape, options, time.monotonic(), page, functions)
+    known = [] if start is None else carried_hypotheses(start, shape, scene, data)
+    return Request(data, job, page, options, start, executor), known
 
 
 def asked(scene, shape, formulation, options, executor) -> tuple:
@@ -33,10 +80,29 @@ def asked(scene, shape, formulation, options, executor) -> tuple:
     return scene, shape, options, page
 
 
+def make_job(data, scene, shape, options, began, page, functions=None) -> Job:
+    """Return what a solve needs: data in the ground's frame, noisy paths smoothed.
+
+    began [s] of time.monotonic(); functions: TermFunctions to share, by default new.
+    """
+    ground = scene.ground
+    if ground is not None:
+        data = data.transformed(ground.rotation, ground.translation)
+    precision = precision_of(data, scene)
+    made = Reductions.of(options.reduce)
+    if ground is None:  # nothing keeps the object flat
+        made = without(made, ["planar"])
+    return Job(
+        data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
+        reductions=insisted(page, made), deadline=began + options.time_limit,
+        functions=TermFunctions() if functions is None else functions,
+    )  # fmt: skip
+
+
 def check_start(start, shape, scene) -> None:
     """Raise for an Estimate or a Guess from which this shape cannot start."""
     if start is not None:
-        carried(start, shape, scene, getattr(start, "measurements", None))
+        carried_hypotheses(start, shape, scene, getattr(start, "measurements", None))
         first_guess(start, shape)
 
 
@@ -133,7 +199,7 @@ def first_guess(start, shape) -> tuple:
     return (("guess", theta, np.r_[position[:2], start.yaw]),)
 
 
-def carried(start, shape, scene, data) -> list[Hypothesis]:
+def carried_hypotheses(start, shape, scene, data) -> list[Hypothesis]:
     """Return the hypotheses to carry on from an earlier estimate.
 
     Where that ends within an action which goes on, this action is fitted anew.  A
@@ -155,9 +221,9 @@ def carried(start, shape, scene, data) -> list[Hypothesis]:
             expected="an estimate whose measurements are a prefix of data",
             next="start from scratch, or append to the same measurements",
         )
-    done = _whole(start.measurements.samples, data)
+    done = _samples_of_whole_actions(start.measurements.samples, data)
     if is_polytope(shape):
-        return [lying(start, scene, done)] if done else []
+        return [as_polytope(start, scene, done)] if done else []
     if start.shape != shape.name:
         raise StartError(
             "the start is of another shape", where="start", got=start.shape,
@@ -166,13 +232,13 @@ def carried(start, shape, scene, data) -> list[Hypothesis]:
     return [h.at(done) for h in start.hypotheses] if done else []
 
 
-def _whole(samples: int, data) -> int:
+def _samples_of_whole_actions(samples: int, data) -> int:
     """Return how many of the first samples are of actions that end with them."""
     last = np.flatnonzero(data.action == data.action[samples - 1])
     return samples if last[-1] < samples else int(last[0])
 
 
-def lying(estimate, scene, samples: int | None = None) -> Hypothesis:
+def as_polytope(estimate, scene, samples: int | None = None) -> Hypothesis:
     """Return an estimate of whatever shape as the vertices and poses of a hull.
 
     Planar poses in the ground's frame, free ones in the world where there is none; the

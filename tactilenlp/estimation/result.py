@@ -20,7 +20,7 @@ from ..problem.certificates import Skipped
 from ..search.hypothesis import Hypothesis
 
 FORMAT, VERSION = "estimate", 2  # of the files that `save` writes
-UNKNOWN_TURN = 45.0  # [deg] a standard deviation beyond which a turn is unknown
+UNOBSERVED_TURN = 45.0  # [deg] a standard deviation beyond which a turn is unknown
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +164,7 @@ class Estimate:
         off = np.degrees(np.nanmax(self.information.sigma("rotation")))
         if off == 0.0:  # a hull has no axes of its own
             return "its axes those of the world"
-        if off > UNKNOWN_TURN:
+        if off > UNOBSERVED_TURN:
             return "turned no one knows how"
         return f"turned by {yaw:.2f} ± {off:.2f} deg about the vertical"
 

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-LOST = 0.5  # [prior deviations] a vertex less certain than this was not observed
+UNOBSERVED_VERTEX = (
+    0.5  # [prior deviations] a vertex less certain than this was not observed
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +89,7 @@ class Body:
         return "\n".join([*lines, *(f"Skipped {words}." for words in self.skipped)])
 
 
-def sharpened(corners: np.ndarray) -> np.ndarray:
+def corner_shift(corners: np.ndarray) -> np.ndarray:
     """Return by how much a radius of 1 moves each corner (V, 3) of the sharp hull.
 
     Every facet moves out by the radius; a corner goes where its facets meet, in the

@@ -18,16 +18,16 @@ from ..information.information import reduced_covariance
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..nlp.solution import not_converged
-from .body import LOST, Body, sharpened
-from .impacts import gravity_of, impacts, near, steps_of
+from .body import UNOBSERVED_VERTEX, Body, corner_shift
+from .impacts import gravity_of, impacts, may_touch, steps_of
 
 log = logging.getLogger("tactilenlp")
-SIGNS = np.array(np.meshgrid([-1.0, 1], [-1.0, 1], [-1.0, 1])).reshape(3, 8)
-SOLVER = SolverOptions(tolerance=1e-5, time_limit=600.0)
-SHAPES = ("cuboid", "corners")
-DEEP = 3.0  # [SURFACE] that a corner left out may lie below the ground
-ROUNDS = 3  # solves at most: corners that were left out wrongly come back
-CHOSEN = ("theta", "radius", "friction", "inertia", "plane")  # get a sigma
+CUBE_SIGNS = np.array(np.meshgrid([-1.0, 1], [-1.0, 1], [-1.0, 1])).reshape(3, 8)
+DEFAULT_SOLVER = SolverOptions(tolerance=1e-5, time_limit=600.0)
+BODY_SHAPES = ("cuboid", "corners")
+SUNK_DEPTH = 3.0  # [SURFACE] that a corner left out may lie below the ground
+MAX_SOLVES = 3  # solves at most: corners that were left out wrongly come back
+WITH_SIGMA = ("theta", "radius", "friction", "inertia", "plane")  # get a sigma
 
 
 def identify_body(
@@ -52,17 +52,17 @@ def identify_body(
     """
     began = time.process_time()
     scene = Scene() if scene is None else scene
-    options = SOLVER if options is None else options
+    options = DEFAULT_SOLVER if options is None else options
     _check(trajectories, scene, shape, gauge, options)
     steps, theta, signs, ruler = _prepared(trajectories, scene, shape, guess, gauge)
-    chosen = near(steps, (theta * signs).T)
+    chosen = may_touch(steps, (theta * signs).T)
     if not chosen.any():
         raise MotionError(
             "no corner comes near the ground", where="trajectories",
             got=f"origins at {1e3 * steps.p_wo[:, 2].min():.0f} mm and higher",
             expected="tosses that land", next="check scene.ground, or give a guess",
         )  # fmt: skip
-    for _ in range(ROUNDS):
+    for _ in range(MAX_SOLVES):
         window = impacts(steps, chosen, theta, signs, trajectories.dt)
         problem = Problem()
         page.build(problem, window, scene)
@@ -89,9 +89,9 @@ def _check(trajectories, scene, shape, gauge, options) -> None:
         scene=(scene, Scene),
         options=(options, SolverOptions),
     )
-    if not isinstance(shape, str) or shape not in SHAPES:
+    if not isinstance(shape, str) or shape not in BODY_SHAPES:
         raise OptionError(
-            "unknown shape", where="shape", got=shape, expected=f"one of {SHAPES}"
+            "unknown shape", where="shape", got=shape, expected=f"one of {BODY_SHAPES}"
         )
     if gauge is not None and not (isinstance(gauge, int | float) and 0.5 < gauge < 2):
         expected = "None, or a number near 1"
@@ -113,7 +113,7 @@ def _prepared(trajectories, scene, shape, guess, gauge):
     where = where - [*where[:, :2].mean(axis=0), 0]  # slopes turn about the middle
     given = trajectories.toss, where, rotation, trajectories.dt, scene.gravity
     steps = steps_of(*given)
-    theta, signs = _first(guess, shape, where)
+    theta, signs = _first_guess(guess, shape, where)
     ruler = (gauge or 1.0), 0.0
     if gauge is None and scene.gravity > 0:
         g, sigma = gravity_of(steps, (theta * signs).T, trajectories.dt)
@@ -122,12 +122,16 @@ def _prepared(trajectories, scene, shape, guess, gauge):
     return steps_of(given[0], ruler[0] * where, *given[2:]), theta, signs, ruler
 
 
-def _first(guess, shape, position):
+def _first_guess(guess, shape, position):
     """Return theta (3, columns) [m] and signs (3, V) of the first guess."""
     cuboid = shape == "cuboid"
     if guess is None:
         half = np.full(3, max(position[:, 2].min(), 1e-3))
-        return (half[:, None], SIGNS) if cuboid else (half[:, None] * SIGNS, SIGNS**2)
+        return (
+            (half[:, None], CUBE_SIGNS)
+            if cuboid
+            else (half[:, None] * CUBE_SIGNS, CUBE_SIGNS**2)
+        )
     try:
         given = np.asarray(guess, float)
     except (TypeError, ValueError):
@@ -140,7 +144,7 @@ def _first(guess, shape, position):
             "cannot start there", where="guess", got=repr(guess)[:80],
             expected="half widths (3,) > 0 [m]" if cuboid else "vertices (V, 3) [m]",
         )  # fmt: skip
-    return (given[:, None], SIGNS) if cuboid else (given.T, np.ones(given.T.shape))
+    return (given[:, None], CUBE_SIGNS) if cuboid else (given.T, np.ones(given.T.shape))
 
 
 def _sunk(steps, values, signs) -> np.ndarray:
@@ -148,20 +152,20 @@ def _sunk(steps, values, signs) -> np.ndarray:
     level = (values["plane"] + values["offset"]).T[steps.toss]
     p = steps.corners((values["theta"] * signs).T)[:, :, 0]
     ground = level[:, :1] + p[..., 0] * level[:, 1:2] + p[..., 1] * level[:, 2:]
-    low = p[..., 2] - ground < values["radius"] - DEEP * page.SURFACE
+    low = p[..., 2] - ground < values["radius"] - SUNK_DEPTH * page.SURFACE
     return low & ~steps.resting[:, None]
 
 
 def _read_off(trajectories, scene, shape, problem, window, solution, signs, ruler):
     values = {k: v.squeeze() for k, v in solution.values.items()}
-    spans = {name: problem.variables[name].span for name in CHOSEN}
+    spans = {name: problem.variables[name].span for name in WITH_SIGMA}
     chosen = np.concatenate([np.arange(s.start, s.stop) for s in spans.values()])
     C, _, _ = reduced_covariance(problem, solution, chosen)
     names = np.repeat([*spans], [s.stop - s.start for s in spans.values()])
     deviation = np.sqrt(np.where(np.diag(C) < 0, np.inf, np.diag(C)))
-    sigma = {name: deviation[names == name].squeeze() for name in CHOSEN}
+    sigma = {name: deviation[names == name].squeeze() for name in WITH_SIGMA}
     corners = (solution.values["theta"] * signs).T
-    push = sharpened(corners)
+    push = corner_shift(corners)
     vertices = corners + push * values["radius"]
     with_radius = _sharp_sigma(C, names, signs, push, shape)
     spread = np.hypot(with_radius, vertices * ruler[1] / ruler[0])
@@ -172,7 +176,7 @@ def _read_off(trajectories, scene, shape, problem, window, solution, signs, rule
         "inertia": sigma["inertia"] * uniform,
     }  # fmt: skip
     del sigma["theta"]
-    lost = np.flatnonzero((with_radius > LOST * page.SIZE).any(axis=1))
+    lost = np.flatnonzero((with_radius > UNOBSERVED_VERTEX * page.SIZE).any(axis=1))
     return Body(
         shape=shape, mass=scene.mass, vertices=vertices, radius=float(values["radius"]),
         friction=float(values["friction"]), inertia=values["inertia"] * uniform,

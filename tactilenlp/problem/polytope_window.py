@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull, QhullError
 
-from formulations.quasi_static import ALPHA
+from formulations.likelihood import ALPHA
 
 from ..geometry.convex_hull import fingers, nearest, nearest_triangles
 from ..geometry.convex_hull import triangles as triangles_of
@@ -145,7 +145,7 @@ def without_clear(window, vertices, x):
 
     At a gap of CLEAR / alpha (eq:bool) a free sample costs exp(-CLEAR) nats.
     """
-    softness = np.hypot(1 / ALPHA, window.sigma_position / 1.7)  # quasi_static.py
+    softness = np.hypot(1 / ALPHA, window.sigma_position / 1.7)  # likelihood.py
     free = window.free
     if not len(free):
         return window

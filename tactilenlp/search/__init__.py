@@ -7,5 +7,4 @@ Kalman filter, local solves of a cheap page, and multistart of the page asked fo
 - `hypothesis`, `proposals`, `proposals_tumble`, `proposals_floating`, `kalman_filter`
 - `beam`, `local_solve`, `multistart`, `alternatives`: rank, solve, select
 - `plane_slam`, `polytope_init`: planes and poses of a polytope, then its vertices
-- `profile_likelihood`: how far an unobserved size may be off
 """

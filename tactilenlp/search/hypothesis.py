@@ -6,16 +6,15 @@ is a hypothesis of its own.  They are compared by the body at the first and last
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from weakref import WeakKeyDictionary
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..problem.poses import planar_corners
+from .margins import START_BEHIND
 
-SAME = 1e-3  # [m] hypotheses whose corners agree this well are one
-HOPELESS = 60.0  # [nats] behind the best start or hypothesis: not followed up
-ENDS = (0, -1)  # the poses by which bodies are compared: the first and the last
+SAME_BODY = 1e-3  # [m] hypotheses whose corners agree this well are one
+COMPARED = (0, -1)  # the poses by which bodies are compared: the first and the last
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,21 +59,25 @@ class Hypothesis:
         return replace(self, x=self.x[:, :samples])
 
 
-class Kinds(dict):
-    """Kinds of terms by page and motion; they stay in the process that derived them."""
+class TermFunctions(dict):
+    """Derived term functions by page and motion; mutable, shared by related solves.
+
+    Pickled, it is empty: derived functions stay in the process that derived them.
+    """
 
     def __reduce__(self):
-        return Kinds, ()
-
-
-# Where estimates came from, and the kinds that solving them took: an update shares
-# them as long as the estimate is in this process.
-_solved: WeakKeyDictionary[Hypothesis, tuple[tuple, Kinds]] = WeakKeyDictionary()
+        return TermFunctions, ()
 
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What a solve needs to know, picklable: the data so far and how to read them."""
+    """What a solve needs to know, picklable: measurements and how to read them.
+
+    data, scene, shape, precision, reductions; deadline [s] of time.monotonic();
+    functions: the caller's store of term functions, filled by the solves; first: a
+    user's guesses (name, theta, x) of the first touch; cuts: samples within rest
+    intervals that need a pose of their own.
+    """
 
     data: object
     scene: object
@@ -82,33 +85,24 @@ class Job:
     precision: object
     reductions: object
     deadline: float
-    first: tuple = ()  # (name, theta, x) guesses of the first touch, if a user has some
-    cuts: tuple = ()  # samples within still spans that need a pose of their own
-    kinds: Kinds = field(default_factory=Kinds)
+    functions: TermFunctions
+    first: tuple = ()
+    cuts: tuple = ()
 
     def kinds_of(self, page, window) -> dict:
-        """Return the kinds that the problems of a page share, if they are alike.
+        """Return the term functions that problems of a page share, if they are alike.
 
         They are where the functions of terms depend on page, shape, scene and motion,
-        not on what else a window holds: a page says so by ALIKE.
+        not on what else a window holds: a page states so by ALIKE.
         """
         if not getattr(page, "ALIKE", False):
             return {}
-        return self.kinds.setdefault((page, window.motion, window.frictionless), {})
-
-    def remember(self, origin: Hypothesis, page) -> None:
-        """Keep the kinds for whoever goes on from the estimate of this origin."""
-        _solved[origin] = (self.scene, self.shape, page.build), self.kinds
-
-    def recall(self, origin: Hypothesis, page) -> None:
-        """Take the kinds of an estimate of this origin, if it was solved here."""
-        of, kinds = _solved.get(origin, (None, {}))
-        if of == (self.scene, self.shape, page.build):  # not of a page that was edited
-            self.kinds.update(kinds)
+        key = page, window.motion, window.frictionless
+        return self.functions.setdefault(key, {})
 
 
 def distinct(
-    shape, found, count: int, hopeless=HOPELESS, samples=ENDS
+    shape, found, count: int, hopeless=START_BEHIND, samples=COMPARED
 ) -> list[Hypothesis]:
     """Return the best `count` hypotheses of which no two are the same body."""
     kept = []
@@ -120,11 +114,11 @@ def distinct(
     return kept
 
 
-def same(shape, a: Hypothesis, b: Hypothesis, samples=ENDS) -> bool:
+def same(shape, a: Hypothesis, b: Hypothesis, samples=COMPARED) -> bool:
     """Tell whether two hypotheses are one: corners agree at the given samples."""
     for k in samples:
         corners = [planar_corners(shape, h.theta, h.x[:, k]) for h in (a, b)]
         apart = np.linalg.norm(corners[0][:, None] - corners[1][None], axis=2)
-        if max(apart.min(axis=0).max(), apart.min(axis=1).max()) > SAME:
+        if max(apart.min(axis=0).max(), apart.min(axis=1).max()) > SAME_BODY:
             return False
     return True

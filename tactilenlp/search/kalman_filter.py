@@ -14,15 +14,21 @@ import numpy as np
 
 from ..nlp.term_functions import mapped
 
-TOUCH = 0.5e-3  # [m] deviation of a touched gap while following
-NORMAL = 0.15  # [rad] deviation of a measured normal while following
-MOVE = np.array([2e-3, 2e-3, 0.1])  # [m, m, rad] of a touched object in one sample
-TIGHT = np.r_[1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-3]  # [m, rad] of what is not corrected
-BRIEF = 5  # samples: friction of 0.3 stops a body that a finger left in three
-REST = np.array([1e-4, 1e-4, 5e-3])  # [m, m, rad] of one that nothing touches
-PASSES = 4  # Gauss-Newton passes per sample with contact
-SETTLED = 1e-5  # [m, rad] a smaller step ends the passes
-STEP = np.array([8e-3, 8e-3, 0.3])  # [m, m, rad] longest step of a pass
+GAP_SIGMA = 0.5e-3  # [m] deviation of a touched gap while following
+NORMAL_SIGMA = 0.15  # [rad] deviation of a measured normal while following
+TOUCHED_STEP = np.array(
+    [2e-3, 2e-3, 0.1]
+)  # [m, m, rad] of a touched object in one sample
+RESTART_SIGMA = np.r_[
+    1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-3
+]  # [m, rad] of what is not corrected
+STOPPING_SAMPLES = (
+    5  # samples: friction of 0.3 stops a body that a finger left in three
+)
+UNTOUCHED_STEP = np.array([1e-4, 1e-4, 5e-3])  # [m, m, rad] of one that nothing touches
+MAX_PASSES = 4  # Gauss-Newton passes per sample with contact
+PASS_TOLERANCE = 1e-5  # [m, rad] a smaller step ends the passes
+LONGEST_PASS = np.array([8e-3, 8e-3, 0.3])  # [m, m, rad] longest step of a pass
 
 
 @cache
@@ -39,7 +45,7 @@ def finger_residuals(shape, motion, finger):
     return ca.Function("residuals", [z, p_wf, rho, n_m], out, {"cse": True})
 
 
-def sustained(data) -> np.ndarray:
+def lasting_contacts(data) -> np.ndarray:
     """Tell which contacts (T, F) have a neighbour in time: a flipped one has none."""
     felt = data.contact & data.valid
     pair = felt[1:] & felt[:-1] & (data.action[1:] == data.action[:-1])[:, None]
@@ -47,7 +53,7 @@ def sustained(data) -> np.ndarray:
     return np.vstack([none, pair]) | np.vstack([pair, none])
 
 
-def follow(data, window, shape, z, spread, turning, samples, offsets=0.0):
+def filtered_paths(data, window, shape, z, spread, turning, samples, offsets=0.0):
     """Follow guesses z (S, n + 3) of theta and pose through `samples`, all at once.
 
     offsets: of the fingers (S, 3, F) [m], if these are not where they say.
@@ -58,7 +64,7 @@ def follow(data, window, shape, z, spread, turning, samples, offsets=0.0):
     shift = np.broadcast_to(offsets, (len(z), 3, data.fingers)).swapaxes(1, 2)
     given = data, window, shape, shift
     z, _ = _filtered(*given, z, spread, turning, samples)
-    tight = np.broadcast_to(np.diag(TIGHT**2), spread.shape)
+    tight = np.broadcast_to(np.diag(RESTART_SIGMA**2), spread.shape)
     return _filtered(*given, z, tight, turning, samples)
 
 
@@ -74,30 +80,30 @@ def _filtered(data, window, shape, shift, z, spread, turning, samples):
     way = np.ones((len(z), m))
     way[:, -1] = turning
     sigma = window.sigma_position, window.sigma_normal
-    noise = np.hypot((TOUCH, NORMAL), sigma)
+    noise = np.hypot((GAP_SIGMA, NORMAL_SIGMA), sigma)
     low = np.r_[np.full(n, shape.bounds[0]), np.full(2 * m, -np.inf)]
-    longest = np.r_[np.full(n, STEP[0]), STEP, STEP]
-    felt, path = sustained(data), []
-    sliding = _sliding_on(felt, window)
+    longest = np.r_[np.full(n, LONGEST_PASS[0]), LONGEST_PASS, LONGEST_PASS]
+    felt, path = lasting_contacts(data), []
+    sliding = _still_sliding(felt, window)
     for t in samples:
         touched = felt[t].any()
-        walk = way * (MOVE if touched or sliding[t] else REST)
+        walk = way * (TOUCHED_STEP if touched or sliding[t] else UNTOUCHED_STEP)
         P[:, -m:, -m:] += walk[:, :, None] ** 2 * np.eye(m)
         prior, z = np.linalg.inv(P), mean
-        for _ in range(PASSES if touched else 1):
-            H, g = _pull(data, window, shape, shift, z, t, felt[t], noise)
+        for _ in range(MAX_PASSES if touched else 1):
+            H, g = _measured(data, window, shape, shift, z, t, felt[t], noise)
             g += np.einsum("sij,sj->si", prior, z - mean)
             change = np.linalg.solve(prior + H, g[..., None])[..., 0]
             change /= np.maximum(1, np.abs(change / longest).max(axis=1, keepdims=True))
             z = np.maximum(z - change, low)
-            if np.abs(change).max() < SETTLED:
+            if np.abs(change).max() < PASS_TOLERANCE:
                 break
         mean, P = z, np.linalg.inv(prior + H)
         path.append(z[:, -m:])
     return mean[:, : n + m], np.stack(path, axis=2)
 
 
-def _sliding_on(felt, window) -> np.ndarray:
+def _still_sliding(felt, window) -> np.ndarray:
     """Tell the samples (T,) through which an untouched body slides on, as on ice.
 
     On other ground it stops within BRIEF samples, and hardly moves in these.
@@ -106,11 +112,11 @@ def _sliding_on(felt, window) -> np.ndarray:
     alone = moving & ~felt.any(axis=1)
     ends = np.flatnonzero(np.diff(np.r_[False, alone, False]))
     for first, last in ends.reshape(-1, 2):
-        alone[first:last] = last - first > BRIEF
+        alone[first:last] = last - first > STOPPING_SAMPLES
     return alone
 
 
-def _pull(data, window, shape, shift, z, t, felt, noise):
+def _measured(data, window, shape, shift, z, t, felt, noise):
     """Return Hessians and gradients of what the fingers say of states z (S, n + 6)."""
     n, m = shape.theta, window.motion.unknowns
     local = np.r_[:n, n + m : n + 2 * m]

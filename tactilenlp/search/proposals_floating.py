@@ -19,12 +19,18 @@ from ..data.scene import Ground
 from ..geometry.tipping import lifted
 from ..geometry.transforms import backward, continuous, matrices
 from ..problem.pages import is_polytope
-from .hypothesis import Kinds
+from .hypothesis import TermFunctions
 
-LENGTH = 0.02  # [m] of spread across the plane that counts as much as a normal across
-TILT = 0.2  # [rad] by which a body may tilt out of the plane, and a normal with it
-OPEN = 0.03  # [-] preference for the way found where no face tells of one
-UPRIGHT = 1e-3  # [-] preference for the world's z where touches leave the plane open
+PLANE_ARM = (
+    0.02  # [m] of spread across the plane that counts as much as a normal across
+)
+PLANE_TILT = (
+    0.2  # [rad] by which a body may tilt out of the plane, and a normal with it
+)
+FREE_WEIGHT = 0.03  # [-] preference for the way found where no face tells of one
+VERTICAL_BIAS = (
+    1e-3  # [-] preference for the world's z where touches leave the plane open
+)
 
 
 def plane_of_touch(data, size: float, guess=None) -> Ground:
@@ -43,36 +49,36 @@ def plane_of_touch(data, size: float, guess=None) -> Ground:
         position = np.asarray(guess.position, float)
         height = position[2] if len(position) == 3 else p[:, 2].mean()
         return Ground(height=height - np.asarray(guess.side_lengths)[2] / 2)
-    apart = (p - p.mean(axis=0)) / LENGTH
+    apart = (p - p.mean(axis=0)) / PLANE_ARM
     across = (n.T @ n + apart.T @ apart) / len(n)
-    across[2, 2] -= UPRIGHT
+    across[2, 2] -= VERTICAL_BIAS
     up = np.linalg.eigh(across)[1][:, 0]
     up *= np.copysign(1.0, up[np.argmax(np.abs(up))])
     return Ground(height=float(p.mean(axis=0) @ up) - size / 2, normal=tuple(up))
 
 
-def plane_for(job, guess=None) -> Ground:
+def search_plane(job, guess=None) -> Ground:
     """Return the plane to search on for a job: a hull's goes through the touches."""
     size = 0.0 if is_polytope(job.shape) else job.shape.size_prior[0]
     return plane_of_touch(job.data, size, guess)
 
 
-def laid_out(job, ground: Ground):
+def in_search_plane(job, ground: Ground):
     """Return the job as the planar search takes it: on the plane, nothing brakes."""
     data = job.data.transformed(ground.rotation, ground.translation)
     if is_polytope(job.shape):  # it may reach below the plane
-        return replace(job, data=data, kinds=Kinds())
+        return replace(job, data=data, functions=TermFunctions())
     scene = replace(job.scene, ground=ground, friction_ground=0.0)
-    return replace(job, data=data, scene=scene, kinds=Kinds())
+    return replace(job, data=data, scene=scene, functions=TermFunctions())
 
 
-def tilting(job):
+def with_tilted_normals(job):
     """Return the job of a hull that tilts out of the plane: normals tell less of it."""
-    normal = float(np.hypot(job.precision.normal, TILT))
+    normal = float(np.hypot(job.precision.normal, PLANE_TILT))
     return replace(job, precision=replace(job.precision, normal=normal))
 
 
-def floated(h, ground: Ground, shape):
+def in_free_motion(h, ground: Ground, shape):
     """Return the planar hypothesis as free poses in the world.
 
     The axes of a hull are the world's at the last sample.
@@ -87,7 +93,7 @@ def floated(h, ground: Ground, shape):
     return replace(h, x=np.vstack([p.T, continuous(R).T]), offset=offset)
 
 
-def flattened(h, ground: Ground):
+def in_plane(h, ground: Ground):
     """Return the free motion of a hull as planar poses along the plane."""
     p = ground.to_ground(h.x[:3].T)
     vertices = h.theta.reshape(-1, 3) @ ground.rotation.T + [0.0, 0.0, p[-1, 2]]
@@ -95,7 +101,7 @@ def flattened(h, ground: Ground):
     return replace(h, theta=vertices.ravel(), x=np.vstack([p[:, :2].T, yaw]))
 
 
-def followed(h, data):
+def with_faces_tracked(h, data):
     """Return the free motion in which every finger keeps the face that it is on.
 
     From the last sample backward: a face turns as its normal does, and stays where its
@@ -114,10 +120,10 @@ def followed(h, data):
         if on:
             m = np.vstack([*(faces[f][0] for f in on), np.eye(3)])
             to = np.vstack([n[t, on], turned[t].T])
-            weight = np.r_[np.ones(len(on)), np.full(3, OPEN)]
+            weight = np.r_[np.ones(len(on)), np.full(3, FREE_WEIGHT)]
             turned[t] = Rotation.align_vectors(to, m, weight)[0].as_matrix()
             offset = [faces[f][1] for f in on]
-            A = np.vstack([n[t, on], OPEN * np.eye(3)])
+            A = np.vstack([n[t, on], FREE_WEIGHT * np.eye(3)])
             away = (n[t, on] * (c[t, on] - moved[t])).sum(axis=1) - offset
             moved[t] += np.linalg.lstsq(A, np.r_[away, np.zeros(3)], rcond=None)[0]
         for f in range(data.fingers):

@@ -23,14 +23,21 @@ from ..problem.outliers import tilt_of
 from ..problem.reductions import SIDE, Reductions, reduce
 from .beam import beam
 from .hypothesis import Hypothesis
-from .local_solve import started
-from .proposals import BELOW, extensions
+from .local_solve import start_values
+from .proposals import BELOW_TOP, extensions
 
-TILTED = np.radians(2)  # a side normal that rises further says that the object tilts
-DEPTHS = (1.0, 2 / 3)  # [-] of the guessed depth: where the edge lies is not known yet
-KNOWN = tuple(np.array(k, bool) for k in ((0, 0), (0, 1), (1, 0), (1, 1)))
+TIPPING_TILT = np.radians(
+    2
+)  # a side normal that rises further says that the object tilts
+DEPTH_SHARES = (
+    1.0,
+    2 / 3,
+)  # [-] of the guessed depth: where the edge lies is not known yet
+KNOWN_SIDES = tuple(np.array(k, bool) for k in ((0, 0), (0, 1), (1, 0), (1, 1)))
 SAME = 1e-3  # [m] guesses that agree this well, first and last, are one
-MOST = 100  # guesses of a tumble that are continued, the likeliest until it was over
+MAX_TUMBLES = (
+    100  # guesses of a tumble that are continued, the likeliest until it was over
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +111,7 @@ def tumbled(job, kept) -> list[Tumble]:
     for h in extensions(job, kept):
         h = _raised(job, h)
         start, tipped = _tipped(job, h)
-        for share, tip in _ways(tipped) if tipped is not None else ():
+        for share, tip in _tips_to_try(tipped) if tipped is not None else ():
             thin, name = _thinned(h, tip, share), f"tips {len(out)}"
             p, R = tip.poses(thin.theta, thin.x[:, start])
             flat = lifted(thin.theta, thin.x[:, : start + 1])
@@ -114,12 +121,12 @@ def tumbled(job, kept) -> list[Tumble]:
     return out
 
 
-def _ways(tip: Tip) -> list:
+def _tips_to_try(tip: Tip) -> list:
     """Return (share of the depth, tip): over the edge, and back if it still stands.
 
     Where the record ends while it is tipped less than halfway, nobody saw it fall.
     """
-    ways = [(share, tip) for share in DEPTHS]
+    ways = [(share, tip) for share in DEPTH_SHARES]
     if tip.angle[-1] < FLAT / 2:
         ways.append((1.0, replace(tip, end=0.0)))
     return ways
@@ -132,7 +139,7 @@ def _raised(job, h: Hypothesis) -> Hypothesis:
     touched &= (data.action == data.action[-1])[:, None]
     theta = h.theta.copy()
     highest = data.finger_position[touched][:, 2].max(initial=-np.inf)
-    theta[2] = max(theta[2], highest + BELOW)
+    theta[2] = max(theta[2], highest + BELOW_TOP)
     return replace(h, theta=theta)
 
 
@@ -152,7 +159,7 @@ def recovered(job, evidence, width: int, solves: int, executor=None):
     speaks against sliding and shows a rising normal may be the one; else none is found.
     """
     actions, found = np.unique(job.data.action), []
-    for action in [e.action for e in evidence if e.against and e.tilt > TILTED]:
+    for action in [e.action for e in evidence if e.against and e.tilt > TIPPING_TILT]:
         before, until = actions[actions < action], actions[actions <= action]
         kept = []
         if len(before):
@@ -184,17 +191,17 @@ def continued(job, tumbles, width: int, solves: int, executor=None):
     later = beam(part, lying, width, solves, executor)
     alone = rest == data.samples  # nothing was felt later: each lies as it fell
     pairs = zip(lying, tumbles, strict=True) if alone else product(later, tumbles)
-    joined = [t.joined(h, known) for h, t in pairs for known in KNOWN]
+    joined = [t.joined(h, known) for h, t in pairs for known in KNOWN_SIDES]
     return _distinct(_costed(job, joined), width)
 
 
 def _likeliest(job, tumbles) -> list[Tumble]:
     """Return the MOST tumbles that explain best what was felt until they end."""
-    if len(tumbles) <= MOST:
+    if len(tumbles) <= MAX_TUMBLES:
         return tumbles
     found = [Hypothesis(t.theta, t.x, np.inf, ()) for t in tumbles]
     order = np.argsort(_costs(job, found), kind="stable")
-    return [tumbles[i] for i in order[:MOST]]
+    return [tumbles[i] for i in order[:MAX_TUMBLES]]
 
 
 def _costed(job, found) -> list[Hypothesis]:
@@ -213,7 +220,7 @@ def _costs(job, found) -> list[float]:
     names = [n for n, t in problem.costs.items() if t.role in ("likelihood", "prior")]
 
     def cost(h):
-        x = problem.pack(started(problem, window, h))
+        x = problem.pack(start_values(problem, window, h))
         return sum(float(problem.value(name, x, data).sum()) for name in names)
 
     return [cost(h) for h in found]
@@ -241,12 +248,12 @@ def _tipped(job, h):
     normals = data.normal[rows]
     tilt = np.array([tilt_of(normals[:, f]) for f in range(data.fingers)]).T
     tilt = np.where(touched & (np.abs(normals[..., 2]) < SIDE), tilt, -1.0)
-    if tilt.max() < TILTED + 3 * job.precision.normal:
+    if tilt.max() < TIPPING_TILT + 3 * job.precision.normal:
         return 0, None
     pusher = int(np.argmax(tilt.max(axis=0)))
     k = np.nonzero(tilt[:, pusher] >= 0)[0]
     rising = np.maximum.accumulate(tilt[k, pusher])
-    upright = k[rising < TILTED]
+    upright = k[rising < TIPPING_TILT]
     first = upright[-1] if len(upright) else k[0]
     start = int(rows[first])
     x = h.x[:, start]

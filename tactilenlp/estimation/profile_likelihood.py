@@ -31,21 +31,21 @@ from ..information.measurement_noise import KNOWN_FACE
 from ..information.tangent_space import final_unknowns
 from ..nlp.ipopt import solve_levels
 from ..nlp.kkt_sensitivity import curvature_of
-from .alternatives import resized
-from .hypothesis import Hypothesis
-from .local_solve import ROUGH, settings_of, started
+from ..search.alternatives import resized
+from ..search.hypothesis import Hypothesis
+from ..search.local_solve import RANKING_TOLERANCE, settings_of, start_values
+from ..search.margins import BETTER_OPTIMUM, ONE_SIGMA, PROFILE_RISE
 
-PRICE = 3.0  # [nats] and a pose half of it, for it is told more roughly
-TOLD = 0.3e-3  # [m] two faces that fingers felt tell their distance this well
-TWICE = 2.0  # [deviations] or, of noisy fingers, so much worse than their mean at most
-CLAIMED = 0.3  # [prior deviations] a size less certain than this claims little
-SURE = 1e-3  # [m] a final position less certain than this claims little
-NEAR = 0.5e-3  # [m] the first step is this far at least
-GROWTH = 10.0  # [-] of a step at most
-LEAST = 0.5  # [nats] of one deviation: what costs less is one deviation off at least
-BARRIER = 1e-2  # IPOPT's first mu where a size is held elsewhere
-LONG = 100  # iterations of one such solve
-GAIN = 0.1  # [nats] a better optimum is better by this at least
+FACES_DISTANCE = 0.3e-3  # [m] two faces that fingers felt tell their distance this well
+NOISE_FACTOR = (
+    2.0  # [deviations] or, of noisy fingers, so much worse than their mean at most
+)
+VAGUE_SHARE = 0.3  # [prior deviations] a size less certain than this claims little
+KNOWN_POSITION = 1e-3  # [m] a final position less certain than this claims little
+FIRST_STEP = 0.5e-3  # [m] the first step is this far at least
+MAX_STEP_GROWTH = 10.0  # [-] of a step at most
+PROFILE_MU = 1e-2  # IPOPT's first mu where a size is held elsewhere
+PROFILE_ITERATIONS = 100  # iterations of one such solve
 
 
 def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]:
@@ -65,11 +65,11 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
     known = np.sqrt(np.maximum(np.diag(pulls[chosen]), 0.0))
     open_sizes = {
         axis: touched for axis, touched in enumerate(faces)
-        if touched.min() < KNOWN_FACE or known[axis] >= told(job, touched)
+        if touched.min() < KNOWN_FACE or known[axis] >= faces_sigma(job, touched)
     }  # fmt: skip
-    elsewhere = partial(_elsewhere, job, page, solved, options, {}, chosen)
+    elsewhere = partial(_constrained, job, page, solved, options, {}, chosen)
     asked, along = [*open_sizes], n + int(np.argmax(known[n : n + 2]))
-    if known[along] < SURE:
+    if known[along] < KNOWN_POSITION:
         asked.append(along)
     else:  # the Hessian claims little: it is believed
         profile[along] = pulls[chosen, along] / known[along]
@@ -83,9 +83,12 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
     return profile, None
 
 
-def told(job, touched) -> float:
+def faces_sigma(job, touched) -> float:
     """Return how well two faces (2,) felt so many times tell their distance [m]."""
-    return max(TOLD, TWICE * job.precision.position * np.sqrt(np.sum(1 / touched)))
+    return max(
+        FACES_DISTANCE,
+        NOISE_FACTOR * job.precision.position * np.sqrt(np.sum(1 / touched)),
+    )
 
 
 def _deviation(elsewhere, at, prior, axis: int, pull, off, touched):
@@ -105,14 +108,16 @@ def _deviation(elsewhere, at, prior, axis: int, pull, off, touched):
     known = max(off[axis], TINY)
     off = off * min(1.0, prior / known)
     is_open, widest = touched is None or touched.min() < KNOWN_FACE, None
-    enough = PRICE / 2 if touched is None else PRICE  # a pose is told more roughly
+    enough = (
+        PROFILE_RISE / 2 if touched is None else PROFILE_RISE
+    )  # a pose is told more roughly
     for way in (1, -1):
         behind = touched if is_open and way > 0 else None
         there = partial(elsewhere, axis, way * pull / known, behind)
         claim = abs((off if widest is None else widest)[axis])
         # Where a Gaussian costs twice as much as is enough; most cost half as much.
-        first = max(min(np.sqrt(4 * enough) * known, CLAIMED * prior), NEAR)
-        found, better = _one_way(there, at, axis, first, claim, prior, enough)
+        first = max(min(np.sqrt(4 * enough) * known, VAGUE_SHARE * prior), FIRST_STEP)
+        found, better = _one_direction(there, at, axis, first, claim, prior, enough)
         if better is not None:
             return off, better
         both = [d for d in (widest, found) if d is not None]
@@ -124,27 +129,29 @@ def _deviation(elsewhere, at, prior, axis: int, pull, off, touched):
     return widest, None
 
 
-def _one_way(there, at, axis, step, claim, prior, enough):
+def _one_direction(there, at, axis, step, claim, prior, enough):
     """Return the widest deviation (k,) that one way tells, or None; and a better one.
 
     there(step): the hypothesis with that one held so far off [m], or None; claim [m]:
     what is claimed so far; enough [nats]: no dearer place is asked for, and none beyond
     where that price says that little is claimed.
     """
-    found, farthest = None, CLAIMED * prior * np.sqrt(2 * enough)
-    while (claim if found is None else abs(found[axis])) < CLAIMED * prior:
+    found, farthest = None, VAGUE_SHARE * prior * np.sqrt(2 * enough)
+    while (claim if found is None else abs(found[axis])) < VAGUE_SHARE * prior:
         moved = there(step)
         if moved is None:
             break
         price = moved.objective - at.objective
-        if price < -GAIN:
+        if price < -BETTER_OPTIMUM:
             return None, moved
-        deviation = min(step / np.sqrt(2 * max(price, LEAST)), prior)
+        deviation = min(step / np.sqrt(2 * max(price, ONE_SIGMA)), prior)
         if found is None or deviation > abs(found[axis]):
             found = (_final(moved) - _final(at)) * deviation / step
         if price >= enough or step >= farthest:
             break
-        step = min(step * min(GROWTH, enough / max(price, LEAST)), farthest)
+        step = min(
+            step * min(MAX_STEP_GROWTH, enough / max(price, ONE_SIGMA)), farthest
+        )
     return found, None
 
 
@@ -153,7 +160,7 @@ def _final(hypothesis) -> np.ndarray:
     return np.r_[hypothesis.theta, hypothesis.x[:, -1]]
 
 
-def _elsewhere(job, page, solved, options, shared, chosen, axis, pull, touched, step):
+def _constrained(job, page, solved, options, shared, chosen, axis, pull, touched, step):
     """Return the hypothesis of one of the chosen unknowns held `step` [m] off, or None.
 
     pull: the response of all unknowns to it by the Hessian; shared: keeps solvers.  It
@@ -169,12 +176,12 @@ def _elsewhere(job, page, solved, options, shared, chosen, axis, pull, touched, 
     values = problem.unpack(x)
     if touched is not None:
         moved = resized(solved.at, axis, x[held], touched)
-        values = solved.solution.values | started(problem, solved.window, moved)
+        values = solved.solution.values | start_values(problem, solved.window, moved)
     level = replace(page.LEVELS[-1], fixed=(np.array([held]),))
-    level = level.with_ipopt(mu_init=BARRIER, max_iter=LONG)
-    settings = replace(settings_of(job, options), tolerance=ROUGH)
+    level = level.with_ipopt(mu_init=PROFILE_MU, max_iter=PROFILE_ITERATIONS)
+    settings = replace(settings_of(job, options), tolerance=RANKING_TOLERANCE)
     found = solve_levels(problem, (level,), values, settings, shared)
-    cheap = found.objective < solved.solution.objective + PRICE
-    if max(found.violations.values(), default=0.0) > ROUGH:
+    cheap = found.objective < solved.solution.objective + PROFILE_RISE
+    if max(found.violations.values(), default=0.0) > RANKING_TOLERANCE:
         return None
     return replace(solved, solution=found).at if found.success or cheap else None
