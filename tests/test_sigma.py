@@ -10,7 +10,7 @@ from formulations.shape import CUBOID
 from tactilenlp import Estimate, Problem, assumption_sensitivity, observed_information
 from tactilenlp.errors import OptionError
 from tactilenlp.estimation.observed_information import programme_at
-from tactilenlp.information.comparisons import without_downward
+from tactilenlp.information.comparisons import gauss_newton
 from tactilenlp.information.error_budget import Linearisation, error_budget
 from tactilenlp.information.error_budget_terms import UNTOUCHED, untouched_faces
 from tactilenlp.information.information import inverse
@@ -158,7 +158,7 @@ def test_what_curves_down_is_named_and_not_repaired():
     term, direction = curvature.negative
     assert term == "ridge"
     assert abs(direction[1]) > 10 * abs(direction[0])
-    assert without_downward(curvature).negative is None
+    assert gauss_newton(curvature).negative is None
     assert curvature.response_of(np.array([1]))[0][1, 0] < 0
 
 

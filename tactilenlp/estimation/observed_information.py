@@ -20,7 +20,7 @@ import numpy as np
 from ..common.validation import check_types
 from ..data.sensor_noise import Precision, smoothed
 from ..errors import OptionError, TactileError
-from ..information.comparisons import inverse_dynamics, paper, without_downward
+from ..information.comparisons import gauss_newton, inverse_dynamics, paper
 from ..information.information import Information, inverse
 from ..information.measurement_noise import Sensed, moved_by, scatter, sources
 from ..information.sensitivity import Sensitivity, moves
@@ -60,7 +60,7 @@ def observed_information(estimate, kind: str = "exact") -> Information:
         M = again.tangent.inverse.T @ M @ again.tangent.inverse
         return replace(estimate.information, matrix=M, spread=inverse(M))
     if kind == "gauss_newton":
-        curvature = without_downward(curvature)
+        curvature = gauss_newton(curvature)
     pulls, held = curvature.response_of(again.tangent.chosen)
     J = again.tangent.jacobian
     C = J @ pulls[again.tangent.chosen] @ J.T
