@@ -10,7 +10,7 @@ r"""The printed problem, literally: eq:vimp, with eq:loss for what the fingers f
     s.t. lam in FC = {|lam_t| <= mu lam_n}
     over theta, x_t, lam_t;  the inner minimum over lam is taken jointly
 
-eq:loss and f are in paper_physics.py, (1) to (4), FC and MOST in paper_contact.py.
+eq:loss and f are in paper_physics.py, (1) to (4), FC and LAM_MAX in paper_contact.py.
 
 Not printed, so chosen here:
   weights            all but alpha and Sigma_n (public code), from a few scenes
@@ -20,7 +20,7 @@ Not printed, so chosen here:
   mu                 is given; where it is not, it is an unknown with a prior
 
 Departures, all of them:
-  lam_n <= MOST      or the problem is unbounded below: two fingers that squeeze raise
+  lam_n <= LAM_MAX   or the problem is unbounded below: two fingers that squeeze raise
                      lam_n without moving anything, and are paid for it by (1) where
                      phi < 0 and by (2), negative down to lam_n |v_s| (|v_s| - mu)
   (4)                max(v_n, 0) rounded over v_eps: too large by v_eps / 2 at v_n = 0
@@ -41,8 +41,8 @@ from . import paper_contact as g
 from .balance import groups, moves
 from .friction import Impulses, friction
 from .level import Level
+from .likelihood import declare
 from .paper_physics import Physics
-from .quasi_static import declare
 from .rigid_body import G
 
 ALPHA = math.log(19) / 5e-3  # [1/m] of eq:bool: 95 % sure 5 mm away (public code)
@@ -72,7 +72,7 @@ LEVELS = (
 def build(nlp, window, scene, shape):
     """Fill `nlp` with eq:vimp: what was felt, then the physics of every step."""
     body = Physics(window, scene, shape)
-    theta, x = likelihood(nlp, window, shape, body)
+    theta, x = felt(nlp, window, shape, body)
     step, push = window.step, window.push
     lam, lam_g = g.impulses(nlp, window, scene, shape)
     for name, (value, unit) in WEIGHTS.items():
@@ -117,7 +117,7 @@ def ground(nlp, window, scene, body, theta, x, lam_g, now):
     g.non_penetration(nlp, "rest", gap, theta, x[:, rest.pose], (rest.signs,))
 
 
-def likelihood(nlp, window, shape, body):
+def felt(nlp, window, shape, body):
     """Declare theta and x; add eq:loss of every sample."""
     theta, x = declare(nlp, window, shape)
     alpha = nlp.parameter("alpha", ALPHA, "1/m")

@@ -17,9 +17,9 @@ import casadi as ca
 
 from . import sensing
 from .balance import Balance
+from .between_actions import way_squared
 from .finger_contact import FingerContact
 from .ground_contact import GroundContact
-from .quasi_static import way_squared
 from .rigid_body import ARM, rotation, turn
 
 

@@ -1,14 +1,16 @@
-r"""A hull of vertices as the page `pushing` reads it: calls, not written out.
+r"""A polytope for the page `pushing`: its nearest point as a function that is called.
 
-The nearest point of a hull takes Newton steps by the dozen (polytope.py).  A step of
-`pushing` asks for it two dozen times, so here it is one function that is called; u from
-the nearest point to q is then brought to
+The nearest point of a hull takes a dozen Newton steps (nearest_point.py), and a step of
+`pushing` needs it two dozen times.  So they are one function that is called, not
+written out, and without derivatives.  One more step on
 
-    u + V w(u) = q,    w = softmax(V'u / eps)
+    u + V w(u) = q,    w = softmax(V'u / eps)                       (`exact`)
 
-by one more step, which alone has derivatives: exact to first order.
+gives u, the vector from the nearest point to q, with exact first derivatives.
 
-The body's origin is its centroid, and its foot its lowest vertices.
+The body's origin is its centroid, and its foot its lowest vertices:
+
+    c^2 = sum_j w_j (x_j^2 + y_j^2) / sum_j w_j,   w_j = exp((min z - z_j) / LIFTED)
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from functools import cache
 
 import casadi as ca
 
+from . import nearest_point as near
 from . import polytope
 from .finger import frozen
 
@@ -59,29 +62,30 @@ def _functions(count):
     sizes = (3, 1), (1, 1), (3, count), (3, 1)
     given = u, small, V, q = [ca.SX.sym("in", *size) for size in sizes]
     size = frozen(ca.sqrt(ca.sumsqr(q - ca.sum2(V) / count)), 1e-6)
-    residual, slope = polytope._residual(V, q, u, small * size)
-    better = u - polytope._solve(frozen(slope, 2.0**-40), residual)
+    residual, slope = near.residual_of(V, q, u, small * size)
+    better = u - near.solve_symmetric(frozen(slope, 2.0**-40), residual)
     exact = ca.Function(
         "exact", [u, V, q, small], [better],
         {"cse": True, "is_diff_in": [False, True, True, True]},
     )  # fmt: skip
     ends = ca.SX.sym("ends", 2)  # rounding before a step and after it
+    followed = near.predictor_corrector(V, q, u, ends[0] * size, ends[1] * size)
     steps = {
-        "begun": (small, polytope._begun(V, q, u, small * size)),
-        "followed": (ends, polytope._followed(V, q, u, ends[0] * size, ends[1] * size)),
-        "newton": (small, polytope._newton(V, q, u, small * size)),
+        "begun": (small, near.damped_step(V, q, u, small * size)),
+        "followed": (ends, followed),
+        "newton": (small, near.newton_step(V, q, u, small * size)),
     }
     begun, followed, newton = (
         ca.Function(name, [u, widths, V, q], [after], {"cse": True})
         for name, (widths, after) in steps.items()
     )
     given = V, q, small = [ca.MX.sym("in", *size) for size in (*sizes[2:], (1, 1))]
-    widths, u = small + ca.DM(polytope.WIDTHS).T, q - ca.sum2(V) / count
-    for _ in range(polytope.FIRST):
+    widths, u = small + ca.DM(near.WIDTHS).T, q - ca.sum2(V) / count
+    for _ in range(near.FIRST):
         u = begun(u, widths[0], V, q)
     ends = ca.vertcat(widths[:, :-1], widths[:, 1:])
     u = followed.mapaccum(ends.shape[1])(u, ends, V, q)[:, -1]
-    for _ in range(polytope.LAST):
+    for _ in range(near.LAST):
         u = newton(u, small, V, q)
     constant = {"is_diff_in": [False] * 3}
     return ca.Function("nearest", given, [u], constant), exact

@@ -1,14 +1,14 @@
-r"""Likelihoods of what a finger feels, as negative logarithms (nats).
+r"""Negative log-likelihoods [nats] of what a finger feels.
 
 eq:bool   p(c = 0) = 1 / (1 + exp(-alpha phi))          a sample without contact
 eq:norm   |n_m - n|^2 / (2 sigma_n^2)                   a measured normal
-touch     pseudo-Huber((phi) / sigma)                   a sample with contact
+touch     4 (sqrt(1 + (phi / 2 sigma)^2) - 1)           a sample with contact
+mixture   -log(exp(-cost) + exp(-outlier_cost)) + const  a sample that may be wrong
 
 Departure from eq:bool for c = 1: the logistic is satisfied by any penetration, but a
 finger that is felt is *on* the surface.  The touch cost is two-sided, quadratic within
 two sigma and linear beyond.  A fraction of the booleans is wrong; `mixture` bounds what
-a single sample can cost: -log((exp(-cost) + exp(-c_o)) / (1 + exp(-c_o))), where c_o is
-the outlier cost.
+a single sample can cost, by a density that is a mixture with a constant one.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ import pytest
 from programmes import cost, programme, true_values
 from scipy.integrate import trapezoid
 
-from formulations import quasi_static, violation_implicit
+from formulations import between_actions, quasi_static, violation_implicit
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def test_an_object_that_still_slides_comes_to_rest_as_far_on_as_friction_lets_it
     assert early == last - 1
     speed, jump = 0.1, 4e-3  # [m/s], [m]
     coast = speed**2 / (2 * scene.friction_ground * scene.gravity)
-    assert coast > quasi_static.GAP
+    assert coast > between_actions.GAP
 
     def price(speed, jump):
         moved = x.copy()
@@ -49,10 +49,12 @@ def test_an_object_that_still_slides_comes_to_rest_as_far_on_as_friction_lets_it
         values = {"theta": truth["side_lengths"], "x": moved}
         return cost(problem, values)["between actions"]
 
-    width = np.hypot(quasi_static.GAP, coast)
-    widened = 3 * np.log(width / quasi_static.GAP)
+    width = np.hypot(between_actions.GAP, coast)
+    widened = 3 * np.log(width / between_actions.GAP)
     assert price(0, 0) == pytest.approx(0, abs=1e-12)
-    assert price(0, jump) == pytest.approx(2 * np.log1p((jump / quasi_static.GAP) ** 2))
+    assert price(0, jump) == pytest.approx(
+        2 * np.log1p((jump / between_actions.GAP) ** 2)
+    )
     assert price(speed, 0) == pytest.approx(widened)
     assert price(speed, jump) == pytest.approx(
         widened + 2 * np.log1p((jump / width) ** 2)

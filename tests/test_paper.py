@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from formulations import paper
-from formulations.paper_contact import LIFT, MOST
+from formulations.contact import MM
+from formulations.paper_contact import LAM_MAX
 from formulations.rigid_body import FREE
 from formulations.shape import CUBOID
 from tactilenlp import solve_estimate
@@ -116,7 +117,7 @@ def agree(got, expected):
 
 def energies(name, losses):
     """Return losses [J] in the unit of the page, times the weight of the term."""
-    return WEIGHT[name] * np.array(losses) / (W * LIFT)
+    return WEIGHT[name] * np.array(losses) / (W * MM)
 
 
 # What is felt
@@ -259,7 +260,7 @@ def test_pushing_harder_where_the_finger_sank_in_is_paid_for(free):
     z, name = free.problem.pack(more), "finger complementarity"
     after = free.problem.value(name, z, free.problem.data())
     assert after.sum() < free.value(name).sum()
-    assert free.problem.variables["finger"].upper[0] == pytest.approx(MOST * W)
+    assert free.problem.variables["finger"].upper[0] == pytest.approx(LAM_MAX * W)
 
 
 # Slopes and solves

@@ -6,12 +6,12 @@ import pytest
 import trimesh
 from scipy.optimize import nnls
 
+from formulations.nearest_point import towards
 from formulations.polytope import (
     inertia_about,
     polytope,
     polytope_distance,
     polytope_normal,
-    towards,
     whole_moments,
 )
 from tactilenlp import Problem

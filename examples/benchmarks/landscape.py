@@ -31,7 +31,8 @@ from study import add_executor, executor_of, mapped, write_csv
 from formulations import multiple_shooting, violation_implicit
 from formulations.finger import SPHERE
 from formulations.shape import CUBOID
-from formulations.time_stepping import Sliding, path
+from formulations.sliding_path import path
+from formulations.time_stepping import Sliding
 from tactilenlp import Measurements, Problem, Scene
 from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.nlp.codegen import compiled

@@ -94,7 +94,7 @@ def bounded(nlp, window, body):
     for name, rows in (("finger", window.push), ("ground", window.corner)):
         w = body.scene.mass * paper.G * window.step.dt[rows.step]
         lam = nlp.variables[name]
-        most = paper_contact.MOST
+        most = paper_contact.LAM_MAX
         nlp.subject_to(f"{name} most", lambda lam, w: lam[0] / w, lam, w, upper=most)
 
 

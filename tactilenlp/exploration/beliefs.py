@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import block_diag, eigh
 
-from formulations import quasi_static, violation_implicit
+from formulations import between_actions, likelihood, violation_implicit
 from formulations.finger_offset import NAME as OFFSET
-from formulations.rigid_body import FREE, PLANAR
+from formulations.rigid_body import ARM, FREE, PLANAR
 
 from ..information.finger_offsets import prior_of_offsets
 from ..information.tangent_space import tangent_of
@@ -182,7 +182,7 @@ def sensors(estimate) -> np.ndarray:
 
 def steepness(sigma: float) -> float:
     """Return alpha [1/m] of eq:bool where positions are off by sigma [m]."""
-    return 1 / np.hypot(1 / quasi_static.ALPHA, sigma / 1.7)
+    return 1 / np.hypot(1 / likelihood.ALPHA, sigma / 1.7)
 
 
 def _poses(estimate, free: bool) -> np.ndarray:
@@ -209,8 +209,8 @@ def _loosened(belief: Belief, theta: int, tangent) -> np.ndarray:
     """
     k, C = len(belief.z), np.linalg.inv(belief.information)
     slip = np.zeros(k)
-    slip[theta:] = quasi_static.GAP
-    slip[k - (1 if k == theta + 3 else 3) :] /= quasi_static.ARM
+    slip[theta:] = between_actions.GAP
+    slip[k - (1 if k == theta + 3 else 3) :] /= ARM
     back = np.linalg.inv(tangent)
     C[:k, :k] += (back * slip**2) @ back.T
     loosened = np.linalg.inv(C)

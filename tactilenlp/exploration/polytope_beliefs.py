@@ -25,7 +25,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from formulations import quasi_static
+from formulations import rigid_body
+from formulations.between_actions import GAP
 from formulations.polytope_quasi_static import LEG, SPREAD, STAY
 
 from ..geometry.convex_hull import nearest, outer
@@ -98,7 +99,7 @@ def felt(estimate, shape, vertices, points) -> np.ndarray:
     turn = Rotation.from_quat(np.roll(estimate.quaternion, -1, axis=1))
     yaw = (turn[1:] * turn[:-1].inv()).magnitude()
     way = (np.diff(position[:, :2], axis=0) ** 2).sum(axis=1) + (ARM * yaw) ** 2
-    Q = SHARE**2 * way + LEAST**2 + quasi_static.GAP**2 * (np.diff(data.action) != 0)
+    Q = SHARE**2 * way + LEAST**2 + GAP**2 * (np.diff(data.action) != 0)
     Q = np.r_[Q, 0.0][:, None] / np.r_[1, 1, ARM**2]  # of the step after each sample
     r, k, z = points.reshape(len(points), -1), vertices.size, vertices.ravel()
     now, out = (np.zeros((3, k)), np.zeros((3, 3))), np.zeros((k, k))
@@ -151,9 +152,9 @@ def flat(vertices, height: float, felt) -> np.ndarray:
 def loosened(information, vertices) -> np.ndarray:
     """Return the information once the fingers have gone: the body may slip a little."""
     slip = np.zeros((len(vertices), 3, 3))
-    slip[:, 0, 0] = slip[:, 1, 1] = quasi_static.GAP
+    slip[:, 0, 0] = slip[:, 1, 1] = GAP
     slip[:, 0, 2], slip[:, 1, 2] = -vertices[:, 1], vertices[:, 0]
-    slip[:, :, 2] *= quasi_static.GAP / quasi_static.ARM
+    slip[:, :, 2] *= GAP / rigid_body.ARM
     slip = slip.reshape(-1, 3)
     loose = np.linalg.inv(np.linalg.inv(information) + slip @ slip.T)
     return (loose + loose.T) / 2

@@ -24,8 +24,6 @@ from formulations.violation_implicit import WEIGHTS
 from ..geometry.transforms import is_planar, turning
 from ..nlp.kkt import newton_step
 from .outliers import contradicts
-from .pages import is_polytope
-from .poses import body_corners
 from .reductions import ARM, SLIPPERY, Reductions
 from .unreduced import expand
 
@@ -238,10 +236,7 @@ def _along(x, slope) -> np.ndarray:
 
 def _arm(solved, window) -> float:
     """Return the arm [m] at which the ground's friction resists a turn."""
-    if is_polytope(solved.job.shape):
-        legs = window.start[window.legs] - window.body[1:4]
-    else:
-        legs = body_corners(solved.job.shape, solved.at.theta)
+    legs = window.supports(solved.job.shape, solved.at.theta)
     return float(np.linalg.norm(legs[:, :2], axis=1).mean())
 
 

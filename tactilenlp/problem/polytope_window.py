@@ -12,12 +12,11 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull, QhullError
 
-from formulations.quasi_static import ALPHA
+from formulations.likelihood import ALPHA
 
 from ..geometry.convex_hull import fingers, nearest, nearest_triangles
 from ..geometry.convex_hull import triangles as triangles_of
 from ..geometry.transforms import is_planar, matrices
-from .pages import is_polytope
 from .reductions import reduce
 from .window import Corners, Rests, Window
 
@@ -36,8 +35,8 @@ class HullWindow(Window):
     start (V, 3) [m]; near_touch, near_free, near_push (instances, NEAR): vertices;
     legs (n,): those that carry the body where it lies; leg (corners,): of each ground
     contact, weight_share (corners,): of the weight that it carries at rest; resting
-    (rests,): of each rest; grounded (k,): on the ground at the last pose, the legs in planar
-    motion; floor [m]: no vertex is lower at the last pose;
+    (rests,): of each rest; grounded (k,): on the ground at the last pose, the legs in
+    planar motion; floor [m]: no vertex is lower at the last pose;
     triangles (2 V - 4, 3) of the hull, counterclockwise from outside; body (10,):
     volume, centroid and second moments; lower, upper (unknowns, poses): the last pose
     is held.
@@ -73,6 +72,10 @@ class HullWindow(Window):
                 ways = ways[:, : len(size)][:, size > RIGID * size[0]]
                 out[legs] = ways @ (ways.T @ rows[legs])
         return out
+
+    def supports(self, shape, theta) -> np.ndarray:
+        """Return the vertices (n, 3) [m] that carry the body, from its centroid."""
+        return self.start[self.legs] - self.body[1:4]
 
     def seen_by_touches(self, theta) -> np.ndarray:
         """Return the vertices (3 NEAR, touches) that each touch reads of theta."""
@@ -142,7 +145,7 @@ def without_clear(window, vertices, x):
 
     At a gap of CLEAR / alpha (eq:bool) a free sample costs exp(-CLEAR) nats.
     """
-    softness = np.hypot(1 / ALPHA, window.sigma_position / 1.7)  # quasi_static.py
+    softness = np.hypot(1 / ALPHA, window.sigma_position / 1.7)  # likelihood.py
     free = window.free
     if not len(free):
         return window
@@ -228,9 +231,19 @@ def window_of(job, guess=None, resting=None):
     guess: theta and x, where a page starts.  resting: theta as which a hull carries its
     weight where it rests, by default that of the guess.
     """
+    return WINDOWS[job.shape.parameters](job, guess, resting)
+
+
+def window_of_sizes(job, guess=None, resting=None):
+    """Return the window of a shape of few sizes, and the shape."""
     known = job.scene, job.shape, job.precision, job.reductions
-    if guess is None or not is_polytope(job.shape):
-        return reduce(job.data, *known, guess=guess, cuts=job.cuts), job.shape
+    return reduce(job.data, *known, guess=guess, cuts=job.cuts), job.shape
+
+
+def window_of_vertices(job, guess=None, resting=None):
+    """Return the window of a polytope, and the shape with the corners that stand."""
+    if guess is None:  # before any vertices are known, as of any shape
+        return window_of_sizes(job)
     theta, x = guess
     vertices = np.reshape(theta, (-1, 3))
     shape = standing(job.shape, vertices)
@@ -241,3 +254,6 @@ def window_of(job, guess=None, resting=None):
     resting = vertices if resting is None else np.reshape(resting, (-1, 3))
     ground = job.scene.ground is not None
     return indexed(window, shape, vertices, x, ground, resting), shape
+
+
+WINDOWS = {"sizes": window_of_sizes, "vertices": window_of_vertices}

@@ -13,6 +13,8 @@ import numpy as np
 from formulations.finger import Finger
 from formulations.rigid_body import Motion
 
+from .poses import body_corners
+
 
 class _Rows:
     """Arrays that share their first axis, an instance of a term each."""
@@ -147,6 +149,10 @@ class Window:
         sizes always lie as a body has them.
         """
         return rows
+
+    def supports(self, shape, theta) -> np.ndarray:
+        """Return the corners (n, 3) [m] that carry a body theta, from its middle."""
+        return body_corners(shape, theta)
 
     def seen_by_touches(self, theta) -> np.ndarray:
         """Return what each touch reads (n, touches) of a body theta (rows, columns)."""

@@ -1,0 +1,73 @@
+r"""eq:loss of every sample: what the fingers felt, robust against wrong samples.
+
+    touch   mixture(touch(phi + depth) + |n - n_m|^2 / (2 sigma_n^2))
+    free    mixture(log(1 + exp(-alpha phi)))
+
+    mixture(cost) = -log( exp(-cost) + exp(-outlier_cost) ) + constant     (sensing.py)
+
+Departures from eq:loss, named:
+  touch    is two-sided: a felt finger is on the surface, not somewhere inside it
+  mixture  bounds the cost of every sample: a boolean may be wrong
+  latency  a finger that feels nothing at the next sample may have left the surface
+           already: sigma of its gap grows by the way that it may have moved, and
+           sigma of its normal by the angle that this way makes of its radius
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from . import sensing
+
+ALPHA = 1500.0  # [1/m] steepness of eq:bool
+
+
+def declare(nlp, window, shape):
+    """Declare shape and poses: theta (n,) [m], x (unknowns, poses)."""
+    motion, (low, high) = window.motion, shape.bounds
+    theta = nlp.variable(
+        "theta", shape.theta, lower=low, upper=high, guess=shape.size_prior[0],
+        unit="m", scale=1e-3,
+    )  # fmt: skip
+    x = nlp.variable(
+        "x", motion.unknowns, window.poses, guess=0.0, unit=motion.unit,
+        scale=motion.scale,
+    )  # fmt: skip
+    return theta, x
+
+
+def add(nlp, window, shape, theta, x, touch, normal, depth):
+    """Add eq:loss of every sample.
+
+    theta: of the body, or of the parts that (touches, free samples) read; touch [m],
+    normal [rad]: model errors of a sample, added to the sensors' own; depth [m], number
+    or unknown: how deep every felt finger sits in the surface.
+    """
+    motion, finger = window.motion, window.finger
+    sigma_p, sigma_n = window.sigma_position, window.sigma_normal
+    touch_scale = nlp.parameter("touch scale", ca.hypot(touch, sigma_p), "m")
+    normal_scale = nlp.parameter("normal scale", ca.hypot(normal, sigma_n), "rad")
+    alpha = nlp.parameter("alpha", 1 / ca.hypot(1 / ALPHA, sigma_p / 1.7), "1/m")
+
+    def touching(theta, x, depth, p_wf, rho, n_m, latency, sigma, sigma_n):
+        pose = motion.pose(shape, theta, x)
+        phi = finger.gap(shape, theta, pose, p_wf, rho) + depth
+        n = finger.felt(finger.normal(shape, theta, pose, p_wf, rho), p_wf)
+        off, turned = ca.hypot(sigma, latency), ca.hypot(sigma_n, latency / rho)
+        cost = sensing.touch(phi, off) + sensing.normal(n, n_m, turned)
+        return sensing.mixture(cost, window.outlier_cost)
+
+    def free(theta, x, p_wf, rho, alpha):
+        pose = motion.pose(shape, theta, x)
+        phi = finger.gap(shape, theta, pose, p_wf, rho)
+        return sensing.mixture(sensing.free(phi, alpha), window.outlier_cost)
+
+    t, f = window.touch, window.free
+    nlp.minimize(
+        "touch", touching, theta[0], x[:, t.pose], depth, t.p_wf, t.radius, t.normal,
+        t.latency, touch_scale, normal_scale, role="likelihood",
+    )  # fmt: skip
+    nlp.minimize(
+        "free", free, theta[1], x[:, f.pose], f.p_wf, f.radius, alpha,
+        role="likelihood",
+    )  # fmt: skip

@@ -1,0 +1,116 @@
+r"""The point of a convex hull nearest to a given point, smooth in the vertices.
+
+The point c of the hull of vertices v_j nearest to q is
+
+    c = sum w_j v_j,    w = argmin |q - sum w_j v_j|^2 / 2 + eps sum w_j log w_j
+
+over the simplex; the entropy keeps every weight positive, so that c is smooth where the
+nearest feature changes from face to edge to vertex.  With u = q - c its dual is a
+concave problem of three unknowns,
+
+    max_u  u . q - |u|^2 / 2 - eps log sum exp(u . v_j / eps),   w = softmax(V'u / eps),
+
+whose optimality condition u + V w(u) = q (`residual_of`) is solved by Newton's method
+with continuation in eps: a predictor step along du/deps, then a Newton step; without
+the predictor, steps overshoot on large faces and diverge.  eps = small |q - middle|, so
+the hull is rounded over lengths of `small`.
+
+The steps after `frozen` give u one more exact derivative each (finger.py).
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import pairwise
+
+import casadi as ca
+
+from .finger import frozen
+
+WIDTHS = (*(10e-3 * 2.0**-k for k in range(10)), 0.0)  # [m] added to small, in turn
+FIRST = 4  # Newton steps while the hull is most round
+FAR = 5.0  # [-] by which these change log w_j - log w_k at most
+LAST = 3  # Newton steps where the hull is sharp, before freezing
+EXACT = 2  # Newton steps after freezing: as many exact derivatives
+
+
+def towards(vertices, q_of, small):
+    """Return u (3,) [m] from the nearest point of the hull of vertices (3, k) to q_of.
+
+    small: length [m] over which edges and corners are rounded.
+    """
+    return _towards(vertices.shape[1])(vertices, q_of, small)
+
+
+@cache
+def _towards(count):
+    """Return (vertices (3, count), q_of, small) -> u, written out once a process."""
+    V, q, small = ca.SX.sym("V", 3, count), ca.SX.sym("q", 3), ca.SX.sym("small")
+    return ca.Function("towards", [V, q, small], [_written_out(V, q, small)])
+
+
+def _written_out(vertices, q_of, small):
+    origin = vertices[:, 0]
+    V, q = vertices - origin, q_of - origin
+    size = ca.sqrt(ca.sumsqr(q_of - ca.sum2(vertices) / vertices.shape[1]))
+    size = frozen(size, 1e-6)
+    u = q - ca.sum2(V) / V.shape[1]
+    rounding = [size * (small + width) for width in WIDTHS]
+    for _ in range(FIRST):
+        u = damped_step(V, q, u, rounding[0])
+    for before, eps in pairwise(rounding):
+        u = predictor_corrector(V, q, u, before, eps)
+    for _ in range(LAST):
+        u = newton_step(V, q, u, eps)
+    u = frozen(u, 2.0**-60)
+    slope = frozen(residual_of(V, q, u, eps)[1], 2.0**-40)
+    for _ in range(EXACT):
+        u = u - solve_symmetric(slope, residual_of(V, q, u, eps)[0])
+    return u
+
+
+def newton_step(V, q, u, eps):
+    """Return u after one Newton step."""
+    residual, slope = residual_of(V, q, u, eps)
+    return u - solve_symmetric(slope, residual)
+
+
+def damped_step(V, q, u, eps):
+    """Return u after a Newton step that changes log w_j / w_k by FAR at most."""
+    residual, slope = residual_of(V, q, u, eps)
+    step = solve_symmetric(slope, residual)
+    change = V.T @ step / eps
+    change = ca.mmax(change) - ca.mmin(change)
+    return u - step * ca.fmin(1, FAR / (change + 1e-12))
+
+
+def predictor_corrector(V, q, u, before, eps):
+    """Return u at rounding eps from that at `before`: a predictor, a Newton step."""
+    residual, slope = residual_of(V, q, u, before)
+    height, w = softmax(V, u, before)
+    F_eps = -V @ (w * (height - ca.dot(w, height))) / before
+    return newton_step(
+        V, q, u - solve_symmetric(slope, residual + (eps - before) * F_eps), eps
+    )
+
+
+def softmax(V, u, eps):
+    """Return V'u / eps and its softmax w (V)."""
+    height = V.T @ u / eps
+    w = ca.exp(height - frozen(ca.mmax(height), 1.0))
+    return height, w / ca.sum1(w)
+
+
+def residual_of(V, q, u, eps):
+    """Return u + V w(u) - q and its slope in u (3, 3)."""
+    _, w = softmax(V, u, eps)
+    c = V @ w
+    slope = ca.DM.eye(3) + (V @ ca.diag(w) @ V.T - c @ c.T) / eps
+    return u + c - q, slope
+
+
+def solve_symmetric(A, b):
+    """Return A^-1 b for a symmetric positive (3, 3) matrix, by cofactors."""
+    a, d, e = A[:, 0], A[:, 1], A[:, 2]
+    cofactors = ca.horzcat(ca.cross(d, e), ca.cross(e, a), ca.cross(a, d))
+    return cofactors.T @ b / ca.dot(a, cofactors[:, 0])
