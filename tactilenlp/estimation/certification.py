@@ -12,7 +12,6 @@ from dataclasses import replace
 
 from ..problem.certificates import certify, without
 from ..problem.outliers import contradicts
-from ..problem.pages import is_polytope
 from ..problem.reductions import flat
 from ..search.local_solve import (
     RESTART_MU,
@@ -38,7 +37,7 @@ def checked(job, page, solved, options, executor=None) -> Solved:
     """
     best = certified(job, page, solved, options)
     fell = "planar" in best.certificates.broken and not flat(page)
-    if fell and not is_polytope(job.shape):
+    if fell and job.shape.parameters == "sizes":
         return _tumbled(job, page, best, options, executor)
     if options.rivals and best.solution.success:
         return _profiled(job, page, best, options)
@@ -58,7 +57,7 @@ def certified(job, page, solved, options) -> Solved:
             break
         log.info("restoring reductions that do not hold: %s", ", ".join(back))
         more = {*found.cuts, *job.cuts}
-        if found.cuts and (not job.cuts or is_polytope(job.shape)):
+        if found.cuts and (not job.cuts or job.shape.parameters == "vertices"):
             job = replace(job, cuts=tuple(sorted(more)))
             back.remove("still")
         job = replace(job, reductions=without(job.reductions, back))

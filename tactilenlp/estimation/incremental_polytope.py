@@ -8,7 +8,7 @@ from the unknowns and multipliers of the estimate.
 from __future__ import annotations
 
 import logging
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, replace
 
 import numpy as np
 from scipy.optimize import nnls
@@ -19,10 +19,11 @@ from ..information.error_budget import touches
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..nlp.solution import Solution, after
+from ..problem.action_window import of_action
 from ..problem.polytope_window import HullWindow, window_of
 from ..problem.reductions import ARM, Reductions, coasts
 from ..problem.unreduced import corners_of, rows_of, samples_of
-from ..problem.window import Corners, Group
+from ..problem.window import Corners
 from ..search.alternatives import jump_threshold, jumps
 from ..search.hypothesis import Hypothesis, Job
 from ..search.local_solve import (
@@ -48,19 +49,7 @@ log = logging.getLogger("tactilenlp")
 UPDATE_MU = 1e-3  # IPOPT's mu_init where all but one action is known
 UNEXPLAINED_SHARE = 0.5  # [outlier costs] a sample that costs more is not explained
 UNEXPLAINED_SAMPLES = 3  # of a touch: more than a wrong boolean or two
-INDEXED_BY = (
-    ("near_touch", "touch"), ("near_free", "free"), ("near_push", "push"),
-    ("leg", "corner"), ("weight_share", "corner"),
-)  # fmt: skip
 MIN_INFORMATION = 1.0  # [1 / m^2] about any direction
-
-
-@dataclass(frozen=True, eq=False)
-class ActionWindow(HullWindow):
-    """The window of one action; past (V, 3) [m]: vertices before it, information."""
-
-    past: np.ndarray = None
-    information: np.ndarray = None
 
 
 def updated(job: Job, page, start, options, certified) -> tuple[Solved | None, bool]:
@@ -209,41 +198,6 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
         solution = after(solution, solve_levels(problem, levels, known, options))
         h = Solved(h, problem, window, solution, job).at
     return Solved(h, problem, window, solution, job)
-
-
-def of_action(window: HullWindow, past: Hypothesis, about) -> ActionWindow:
-    """Return the part of a window that comes after the samples of the past.
-
-    about: information (3 V, 3 V) about the vertices of the past, whose poses are held.
-    """
-    samples = past.x.shape[1]
-    first = window.pose[samples]
-    lower, upper = window.holding(past.x, slice(first))
-    parts = {f.name: getattr(window, f.name) for f in fields(HullWindow)}
-    new = {k: parts[k].sample >= samples for k in ("touch", "free", "step", "push")}
-    new["corner"] = new["step"][window.corner.step]
-    parts |= {k: parts[k].pick(rows) for k, rows in new.items()}
-    at = {k: np.cumsum(rows) - 1 for k, rows in new.items()}  # where rows go
-    for name in ("push", "corner"):
-        parts[name] = replace(parts[name], step=at["step"][parts[name].step])
-    for name, rows in INDEXED_BY:
-        parts[name] = parts[name][new[rows]]
-    unfelt = window.unfelt[new["push"][window.unfelt]]
-    groups = {n: _later(g, new["step"], at) for n, g in window.groups.items()}
-    parts |= {"unfelt": at["push"][unfelt], "groups": groups}
-    parts |= {"gap": window.gap.pick(window.gap.sample >= samples)}
-    parts |= {"lower": lower, "upper": upper}
-    vertices = past.theta.reshape(-1, 3)
-    return ActionWindow(**parts, past=vertices, information=about)
-
-
-def _later(group: Group, new, at) -> Group:
-    """Return the new steps of a group; at: where steps, pushes and corners go."""
-    kept = new[group.steps]
-    return Group(
-        at["step"][group.steps[kept]], at["push"][group.pushes[kept]],
-        at["corner"][group.corners[kept]],
-    )  # fmt: skip
 
 
 def joint(job: Job, page, past: Solved, new: Solved, options) -> Solved:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..errors import Interrupted
-from ..problem.pages import is_polytope, page_of
+from ..problem.pages import page_of
 from ..search.local_solve import solved_from
 from .readout import read_off
 from .request import Request
@@ -51,7 +51,7 @@ def interrupted(request: Request, so_far: SoFar) -> Interrupted:
         request = replace(request, data=data, job=job, page=page)
     if solved is None:
         return Interrupted("stopped by Ctrl-C before anything was found")
-    kept = [solved.at] if is_polytope(job.shape) else so_far.kept
+    kept = [solved.at] if job.shape.hypotheses == 1 else so_far.kept
     seconds = {**solved.solution.seconds, "total": so_far.spent}
     estimate = read_off(request, solved, kept, seconds, False)
     words = f"interrupted, {data.actions} of {whole} actions"

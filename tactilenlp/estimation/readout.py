@@ -15,7 +15,6 @@ from ..information.information import Information, information_of
 from ..information.measurement_noise import Sensed
 from ..information.polytope_information import hull_information, touched_polygons
 from ..nlp.problem import Problem
-from ..problem.pages import is_polytope
 from ..problem.polytope_window import standing
 from ..problem.poses import body_corners, poses
 from .request import Request
@@ -35,10 +34,8 @@ def read_off(request: Request, solved, kept, seconds, late: bool, modes=()) -> E
     shape, scene = job.shape, job.scene
     theta = solution.values["theta"].T.ravel()
     x = solution.values["x"][:, window.pose]
-    if is_polytope(shape):
-        body, information = read_polytope(job, page, solved, x)
-    else:
-        body, information = read_box(job, page, solved, theta, x, modes)
+    read = {"sizes": read_box, "vertices": read_polytope}[shape.parameters]
+    body, information = read(job, page, solved, x, modes)
     return Estimate(
         measurements=data,
         scene=scene,
@@ -89,10 +86,11 @@ class Body:
     faces: np.ndarray
 
 
-def read_box(job, page, solved, theta, x, modes) -> tuple[Body, Information]:
+def read_box(job, page, solved, x, modes=()) -> tuple[Body, Information]:
     """Return the body, and the information about it, of a shape with sizes."""
     problem, window, solution = solved.problem, solved.window, solved.solution
     shape, scene = job.shape, job.scene
+    theta = solution.values["theta"].T.ravel()
     faces = solved.touched
     build = problem_builder(page, shape, scene, job.kinds_of)
     information = information_of(
@@ -104,7 +102,7 @@ def read_box(job, page, solved, theta, x, modes) -> tuple[Body, Information]:
     return Body(*where, body_corners(shape, theta), faces), information
 
 
-def read_polytope(job, page, solved, x) -> tuple[Body, Information]:
+def read_polytope(job, page, solved, x, modes=()) -> tuple[Body, Information]:
     """Return the body, and the information about it, of a polytope.
 
     Its origin is the centroid, its axes are the world's at the last sample.

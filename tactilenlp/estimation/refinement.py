@@ -12,7 +12,6 @@ from dataclasses import replace
 
 from ..geometry.transforms import is_planar
 from ..problem.certificates import planar_certificate
-from ..problem.pages import is_polytope
 from ..problem.reductions import Reductions, insisted
 from ..search.alternatives import still_explained, with_alternatives
 from ..search.hypothesis import distinct
@@ -37,17 +36,17 @@ def refined(job, page, kept, options, solved, start=None) -> list[Solved]:
     interrupts; start: an estimate that this one continues, if alternatives to it were
     solved.
     """
-    hull, lean = is_polytope(job.shape), insisted(page, Reductions())  # as a search is
+    sized, lean = job.shape.parameters == "sizes", insisted(page, Reductions())
     lying = job.scene.ground is not None and all(is_planar(h.x) for h in kept)
     if lying and lean.planar and not job.reductions.planar:
         flat = replace(job, reductions=lean)
         found = refined(flat, page, kept, options, solved, start)
         found = repaired(flat, page, found, options)
-        if hull or planar_certificate(flat, page, found[0]).holds:
-            return _in_free_motion(job, page, found[:1] if hull else found, options)
-    start = None if hull else start
+        if not sized or planar_certificate(flat, page, found[0]).holds:
+            return _in_free_motion(job, page, found[: job.shape.hypotheses], options)
+    start = start if sized else None
     found = _multistart(job, page, kept, options, solved, start)
-    if options.rivals and not hull:
+    if options.rivals and sized:
         found = with_alternatives(job, page, found, options, start)
     return found
 

@@ -55,6 +55,7 @@ ACCEPTABLE = {  # IPOPT's early stop: kinks of the surface make its steps tiny
     "acceptable_compl_inf_tol": 1e-2,
     "acceptable_constr_viol_tol": 1e-4,
 }
+IPOPT_OPTIONS = {"sizes": {}, "vertices": ACCEPTABLE}  # by what theta lists
 CLOSED = "closed"  # in the path of a body whose every face was touched
 POLISH_ITERATIONS = 40  # of a level that only starts another page
 
@@ -130,8 +131,13 @@ def check_round_fingertips(scene) -> None:
         )  # fmt: skip
 
 
-def with_vertices_on_hull(h: Hypothesis) -> Hypothesis:
-    """Return a hull whose vertices inside of it, which no contact sees, lie on it."""
+def with_vertices_on_hull(shape, h: Hypothesis) -> Hypothesis:
+    """Return a hypothesis whose vertices inside the hull are moved onto its surface.
+
+    No contact sees a vertex inside.  A shape with other parameters has none.
+    """
+    if shape.parameters != "vertices":
+        return h
     vertices = h.theta.reshape(-1, 3)
     onto = filled(outer(vertices), len(vertices))
     return replace(h, theta=onto.ravel())

@@ -17,7 +17,6 @@ from scipy.spatial.transform import Rotation
 from ..data.scene import Ground
 from ..geometry.tipping import lifted
 from ..geometry.transforms import backward, continuous, matrices
-from ..problem.pages import is_polytope
 from .hypothesis import TermFunctions
 
 PLANE_ARM = 0.02  # [m] of scatter across the plane that counts as a normal across
@@ -52,14 +51,19 @@ def plane_of_touch(data, size: float, guess=None) -> Ground:
 
 def search_plane(job, guess=None) -> Ground:
     """Return the plane to search in for a job: of a polytope, through the touches."""
-    size = 0.0 if is_polytope(job.shape) else job.shape.size_prior[0]
+    size = job.shape.size_prior[0] if _rests(job.shape) else 0.0
     return plane_of_touch(job.data, size, guess)
+
+
+def _rests(shape) -> bool:
+    """Tell whether a body lies on the search plane; hulls may reach below it."""
+    return shape.parameters == "sizes"
 
 
 def in_search_plane(job, ground: Ground):
     """Return the job for the planar search: in the plane, without friction."""
     data = job.data.transformed(ground.rotation, ground.translation)
-    if is_polytope(job.shape):  # it may reach below the plane
+    if not _rests(job.shape):
         return replace(job, data=data, functions=TermFunctions())
     scene = replace(job.scene, ground=ground, friction_ground=0.0)
     return replace(job, data=data, scene=scene, functions=TermFunctions())
@@ -79,7 +83,7 @@ def in_free_motion(h, ground: Ground, shape):
     x = lifted(h.theta, h.x, shape)
     p = ground.from_ground(x[:3].T)
     R = ground.rotation.T @ matrices(x)
-    if is_polytope(shape):
+    if shape.last_pose_held:
         theta = (h.theta.reshape(-1, 3) @ R[-1].T).ravel()
         return replace(h, theta=theta, x=np.vstack([p.T, backward(R @ R[-1].T).T]))
     offset = None if h.offset is None else ground.rotation.T @ h.offset

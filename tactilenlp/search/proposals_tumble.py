@@ -149,8 +149,8 @@ def _thinned(h: Hypothesis, tip: Tip, share: float) -> Hypothesis:
 def recovered(job, evidence, width: int, solves: int, executor=None):
     """Return free hypotheses of all actions, best first: it tumbled in one of them.
 
-    evidence: what `contradicts` says of the best planar hypothesis.  Any action that
-    speaks against sliding and shows a rising normal may be the one; else none is found.
+    evidence: what `contradicts` returns for the best planar hypothesis. Any action that
+    contradicts sliding and shows a rising normal may be the one.
     """
     actions, found = np.unique(job.data.action), []
     for action in [e.action for e in evidence if e.against and e.tilt > TIPPING_TILT]:
@@ -169,9 +169,9 @@ def recovered(job, evidence, width: int, solves: int, executor=None):
 def continued(job, tumbles, width: int, solves: int, executor=None):
     """Return free hypotheses of all actions of a job: tumbled, then slid, best first.
 
-    job: the data from the first action on; tumbles: of one action of it.  The planar
-    beam searches what comes after.  What it found and what was known before are joined
-    in every way; the objective is that of the likelihoods, on the coarse level.
+    job: the data from the first action on; tumbles: of one action of it. The planar
+    beam searches what comes after. Its results and what was known before are joined in
+    every way; the objective is that of the likelihoods, on the coarse level.
     """
     action = job.data.action[tumbles[0].x.shape[1] - 1]
     data = job.data.select([a for a in np.unique(job.data.action) if a >= action])
@@ -190,7 +190,7 @@ def continued(job, tumbles, width: int, solves: int, executor=None):
 
 
 def _likeliest(job, tumbles) -> list[Tumble]:
-    """Return the MOST tumbles that explain best what was felt until they end."""
+    """Return the MAX_TUMBLES tumbles that explain best what was felt until they end."""
     if len(tumbles) <= MAX_TUMBLES:
         return tumbles
     found = [Hypothesis(t.theta, t.x, np.inf, ()) for t in tumbles]
@@ -237,7 +237,7 @@ def _distinct(found, count: int) -> list[Hypothesis]:
 
 
 def _tipped(job, h):
-    """Return since which sample the last action tips the object, and how, or None."""
+    """Return the sample at which the last action tips the object, and how, or None."""
     data = job.data
     rows = np.nonzero(data.action == data.action[-1])[0]
     touched = (data.contact & data.valid)[rows]
