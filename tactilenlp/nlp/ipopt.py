@@ -17,11 +17,9 @@ from .problem import Problem
 from .solution import Solution, after, not_converged, recomputed
 
 log = logging.getLogger("tactilenlp")
-WARM_PUSH = (
-    1e-6  # [-] how far a warm start, multipliers too, is pushed inside its bounds
-)
+WARM_PUSH = 1e-6  # [-] by which a warm start and its multipliers are pushed inside
 PUSH_OPTIONS = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
-WARM_OPTIONS = [f"warm_start_{side}" for side in (*PUSH_OPTIONS, "mult_bound_push")]
+WARM_OPTIONS = [f"warm_start_{name}" for name in (*PUSH_OPTIONS, "mult_bound_push")]
 LEVEL_DEFAULTS = {"mu_init": 1e-2, "max_iter": 200}  # of a level that does not set them
 
 

@@ -1,4 +1,4 @@
-"""problem.poses."""
+"""Compute poses and corners of a body from the unknowns of a page."""
 
 from __future__ import annotations
 
@@ -6,15 +6,13 @@ from functools import cache
 
 import casadi as ca
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..geometry.transforms import quaternion_of, rotate_planar
 
 
 def poses(shape, motion, theta, x, ground):
     """Return position (T, 3) [m], quaternion (T, 4) wxyz, world, of poses x (u, T)."""
-    import casadi as ca
-    from scipy.spatial.transform import Rotation
-
     t, c = ca.SX.sym("theta", len(theta)), ca.SX.sym("x", motion.unknowns)
     p, R = motion.pose(shape, t, c)
     function = ca.Function("pose", [t, c], [p, ca.reshape(ca.densify(R), 9, 1)])
@@ -29,15 +27,6 @@ def poses(shape, motion, theta, x, ground):
     return position, quaternion_of(rotation)
 
 
-@cache
-def _corners(shape):
-    theta = ca.SX.sym("theta", shape.theta)
-    signs = np.array(shape.corners)
-    every = np.vstack([signs, signs * [1, 1, -1]])
-    points = ca.horzcat(*(shape.corner(theta, ca.DM(s)) for s in every))
-    return ca.Function("corners", [theta], [points])
-
-
 def body_corners(shape, theta) -> np.ndarray:
     """Return the corners of a body, body frame, (corners, 3) [m]."""
     return np.asarray(_corners(shape)(theta)).T
@@ -48,3 +37,12 @@ def planar_corners(shape, theta, x) -> np.ndarray:
     body = np.asarray(_corners(shape)(theta))
     level = rotate_planar(x[2], *body[:2]) + x[:2, None]
     return np.stack([*level, body[2]], 1)
+
+
+@cache
+def _corners(shape):
+    theta = ca.SX.sym("theta", shape.theta)
+    signs = np.array(shape.corners)
+    every = np.vstack([signs, signs * [1, 1, -1]])
+    points = ca.horzcat(*(shape.corner(theta, ca.DM(s)) for s in every))
+    return ca.Function("corners", [theta], [points])
