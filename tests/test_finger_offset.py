@@ -85,6 +85,7 @@ def test_derivatives_with_offsets_are_those_of_finite_differences(
     assert max(worst, report.assembled) < 1e-4, str(report)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", [quasi_static, violation_implicit])
 def test_an_offset_is_the_same_as_fingers_elsewhere(recorded, page):
     data, scene, _ = recorded

@@ -77,6 +77,7 @@ def costs(problem, values):
     return {name: problem.value(name, x, data).sum() for name in problem.costs}
 
 
+@pytest.mark.slow
 def test_a_hull_that_slides_costs_the_same_in_free_motion(slid):
     data, scene, vertices, x = slid
     free = planar_to_free(vertices.ravel(), x, SHAPE)
@@ -92,6 +93,7 @@ def test_a_hull_that_slides_costs_the_same_in_free_motion(slid):
         assert other[name] == pytest.approx(one[name], rel=SAME, abs=SAME), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("grounded", [True, False])
 def test_the_page_in_free_motion_has_the_derivatives_of_finite_differences(
     slid, grounded
@@ -113,6 +115,7 @@ def test_the_page_in_free_motion_has_the_derivatives_of_finite_differences(
     assert set(report.unused) <= idle
 
 
+@pytest.mark.slow
 def test_moving_a_floating_hull_and_its_fingers_costs_nothing(slid):
     data, scene, vertices, x = slid
     scene = replace(scene, ground=None, gravity=0.0)
@@ -135,6 +138,7 @@ def test_moving_a_floating_hull_and_its_fingers_costs_nothing(slid):
         assert other[name] == pytest.approx(cost, rel=1e-4, abs=1e-7), name
 
 
+@pytest.mark.slow
 def test_what_falls_needs_no_impulse_and_what_hangs_does(slid):
     data, scene, vertices, x = slid
     scene = replace(scene, ground=None)
@@ -155,6 +159,7 @@ def test_what_falls_needs_no_impulse_and_what_hangs_does(slid):
     assert sum(fell[n] for n in balances) < 1e-6 * per_step
 
 
+@pytest.mark.slow
 def test_a_hull_that_tilts_stands_on_what_is_low_and_bears_nothing_in_the_air(slid):
     data, scene, vertices, x = slid
     free = planar_to_free(vertices.ravel(), x, SHAPE)
@@ -222,6 +227,7 @@ def test_rotations_end_upright_however_far_they_came():
     np.testing.assert_allclose(np.linalg.norm(w, axis=1), -angle, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_legs_of_a_rigid_body_move_as_its_poses_do(slid):
     data, scene, vertices, x = slid
     square = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]) * 0.015
