@@ -17,7 +17,7 @@ from formulations.shape import CUBOID
 from tactilenlp import Measurements, Options, Problem, Scene, solve_estimate
 from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.nlp.ipopt import solve
-from tactilenlp.problem.reductions import Reductions, insisted, reduce
+from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 
 recording = Path(__file__).parent / "data" / "cuboid.npz"
 picture = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("shooting.png")
@@ -41,7 +41,9 @@ for name in ("shooting", "violation_implicit"):
 
     # Build the same problem again; change that side, and keep the other unknowns.
     page, known, losses = import_module(f"formulations.{name}"), estimate.unknowns, []
-    window = reduce(data, scene, CUBOID, precision, insisted(page, Reductions()))
+    window = reduce(
+        data, scene, CUBOID, precision, required_reductions(page, Reductions())
+    )
     problem = Problem()
     page.build(problem, window, scene, CUBOID)
     for offset in offsets:

@@ -10,9 +10,9 @@ import logging
 from dataclasses import replace
 
 from ..problem.certificates import certify, without
-from ..problem.outliers import contradicts
+from ..problem.outliers import evidence_against_planar
 from ..problem.pages import is_polytope
-from ..problem.reductions import flat
+from ..problem.reductions import states_planar_motion
 from ..search.local_solve import (
     RESTART_MU,
     Solved,
@@ -36,7 +36,7 @@ def checked(job, page, solved, options, executor=None) -> Solved:
     options.rivals, the profile likelihoods are added.
     """
     best = certified(job, page, solved, options)
-    fell = "planar" in best.certificates.broken and not flat(page)
+    fell = "planar" in best.certificates.broken and not states_planar_motion(page)
     if fell and not is_polytope(job.shape):
         return _tumbled(job, page, best, options, executor)
     if options.rivals and best.solution.success:
@@ -89,7 +89,7 @@ def _profiled(job, page, best, options) -> Solved:
 
 def _tumbled(job, page, flat, options, executor) -> Solved:
     """Solve in free motion from guesses of a tumble; keep the best, or the flat one."""
-    evidence = contradicts(job, flat.window, flat.solution.values)
+    evidence = evidence_against_planar(job, flat.window, flat.solution.values)
     found = recovered(job, evidence, *options.widths(precise=False), executor)
     free = replace(job, reductions=without(job.reductions, ["planar"]))
     levels = getattr(page, "ROUGH", page.LEVELS)

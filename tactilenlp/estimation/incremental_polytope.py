@@ -20,7 +20,7 @@ from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..nlp.solution import Solution, after
 from ..problem.outliers import MIN_OF_TOUCH, UNEXPLAINED_BY_UPDATE, unexplained
-from ..problem.polytope_window import HullWindow, window_of
+from ..problem.polytope_window import PolytopeWindow, window_of
 from ..problem.reductions import ARM, Reductions, coasts
 from ..problem.unreduced import corners_of, rows_of, samples_of
 from ..problem.window import Corners, Group
@@ -55,7 +55,7 @@ MIN_INFORMATION = 1.0  # [1 / m^2] information about any direction, at least
 
 
 @dataclass(frozen=True, eq=False)
-class ActionWindow(HullWindow):
+class ActionWindow(PolytopeWindow):
     """The window of one action; past (V, 3) [m]: vertices before it, information."""
 
     past: np.ndarray = None
@@ -204,12 +204,12 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
     return Solved(h, problem, window, solution, job)
 
 
-def of_action(window: HullWindow, past: Hypothesis, about) -> ActionWindow:
+def of_action(window: PolytopeWindow, past: Hypothesis, about) -> ActionWindow:
     """Return the part of a window that comes after the samples of the past, held."""
     samples = past.x.shape[1]
     first = window.pose[samples]
     lower, upper = window.holding(past.x, slice(first))
-    parts = {f.name: getattr(window, f.name) for f in fields(HullWindow)}
+    parts = {f.name: getattr(window, f.name) for f in fields(PolytopeWindow)}
     new = {k: parts[k].sample >= samples for k in ("touch", "free", "step", "push")}
     new["corner"] = new["step"][window.corner.step]
     parts |= {k: parts[k].pick(rows) for k, rows in new.items()}
@@ -273,7 +273,7 @@ def with_axes_of_ground(h: Hypothesis) -> tuple[Hypothesis, np.ndarray]:
     return replace(h, theta=(h.theta.reshape(-1, 3) @ turn.T).ravel(), x=x), turn
 
 
-def on_legs(solved: Solved, window: HullWindow) -> Solved:
+def on_legs(solved: Solved, window: PolytopeWindow) -> Solved:
     """Return a solution as if the body had stood on the legs of another window.
 
     What the ground does to the body stays the same, force and moment.

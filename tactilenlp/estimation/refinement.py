@@ -12,7 +12,7 @@ from dataclasses import replace
 from ..geometry.transforms import is_planar
 from ..problem.certificates import planar_certificate
 from ..problem.pages import is_polytope
-from ..problem.reductions import Reductions, insisted
+from ..problem.reductions import Reductions, required_reductions
 from ..search.alternatives import still_explained, with_alternatives
 from ..search.hypothesis import distinct
 from ..search.local_solve import (
@@ -35,7 +35,10 @@ def refined(job, page, kept, options, solved, start=None) -> list[Solved]:
     solved: an empty list to leave in, for whoever interrupts, what there is before
     rivals; start: an estimate that this one carries on, if its rivals were asked for.
     """
-    hull, lean = is_polytope(job.shape), insisted(page, Reductions())  # as a search is
+    hull, lean = (
+        is_polytope(job.shape),
+        required_reductions(page, Reductions()),
+    )  # as a search is
     lying = job.scene.ground is not None and all(is_planar(h.x) for h in kept)
     if lying and lean.planar and not job.reductions.planar:
         flat = replace(job, reductions=lean)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..problem.window import _Rows
+from ..problem.window import Rows
 
 NEAR_GROUND = (
     10e-3  # [m] a corner that stays higher than this over a step does not touch
@@ -33,7 +33,7 @@ MIN_TOSSES = 4  # tosses below which their scatter says nothing
 
 
 @dataclass(frozen=True, eq=False)
-class Steps(_Rows):
+class Steps(Rows):
     """All steps: poses now, one sample before (_1) and after (_2), and velocities.
 
     sample, toss: of `now`; p_wo (n, 3) [m]; R_wo (n, 9) column by column; dv [m/s];
@@ -73,7 +73,7 @@ class Steps(_Rows):
 
 
 @dataclass(frozen=True, eq=False)
-class Touches(_Rows):
+class Touches(Rows):
     """Corners that may touch within a step: column of theta, vertex, signs of theta."""
 
     step: np.ndarray

@@ -18,7 +18,7 @@ from ..geometry.transforms import is_planar, matrices, points_in_body
 from ..nlp.kkt import LOOSE
 from ..nlp.kkt_sensitivity import Curvature
 from .measurement_noise import KNOWN_FACE
-from .sensitivity import move
+from .sensitivity import parameter_sensitivity
 
 BALANCE = WEIGHTS["balance sigma"][0]  # [weights] that may be missing in a step
 FRICTION = 0.1  # [-] relative deviation of a coefficient of friction that was given
@@ -63,7 +63,7 @@ def regularisation(curvature: Curvature, pulls) -> np.ndarray:
 
 def friction_error(curvature: Curvature, pulls, held, name: str) -> np.ndarray:
     """Return the covariance (k, k) by a coefficient of friction that was given."""
-    moved = move(curvature, pulls, held, {name: 1.0}, relative=True)
+    moved = parameter_sensitivity(curvature, pulls, held, {name: 1.0}, relative=True)
     return FRICTION**2 * np.outer(moved, moved)
 
 

@@ -27,7 +27,7 @@ from ..geometry.transforms import directions_in_body
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..problem.reductions import reduce
-from ..problem.window import Window, _Rows
+from ..problem.window import Rows, Window
 
 FREE_REACH = (
     15e-3  # [m] a free finger further than this from a contact point says nothing
@@ -41,7 +41,7 @@ SEARCH_TIME = 20.0  # [s] at most, of one such solve
 
 
 @dataclass(frozen=True, eq=False)
-class Pairs(_Rows):
+class Pairs(Rows):
     """Touches and planes that they lie behind."""
 
     touch: np.ndarray
@@ -49,7 +49,7 @@ class Pairs(_Rows):
 
 
 @dataclass(frozen=True, eq=False)
-class Outside(_Rows):
+class Outside(Rows):
     """Touches whose contact point lies outside a free finger at p_wf, pose pose."""
 
     touch: np.ndarray

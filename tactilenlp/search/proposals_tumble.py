@@ -19,8 +19,8 @@ from formulations import quasi_static
 from ..geometry.tipping import FLAT, Tip, fall, lifted
 from ..geometry.transforms import carried, continuous, matrices
 from ..nlp.problem import Problem
-from ..problem.outliers import tilt_of
-from ..problem.reductions import SIDE, Reductions, reduce
+from ..problem.outliers import side_tilt
+from ..problem.reductions import SIDE_NORMAL, Reductions, reduce
 from .beam import beam
 from .hypothesis import Hypothesis
 from .local_solve import start_values
@@ -135,7 +135,7 @@ def _tips_to_try(tip: Tip) -> list:
 def _raised(job, h: Hypothesis) -> Hypothesis:
     """Return the hypothesis tall enough for the sides that were touched."""
     data = job.data
-    touched = data.contact & data.valid & (np.abs(data.normal[..., 2]) < SIDE)
+    touched = data.contact & data.valid & (np.abs(data.normal[..., 2]) < SIDE_NORMAL)
     touched &= (data.action == data.action[-1])[:, None]
     theta = h.theta.copy()
     highest = data.finger_position[touched][:, 2].max(initial=-np.inf)
@@ -246,8 +246,8 @@ def _tipped(job, h):
     rows = np.nonzero(data.action == data.action[-1])[0]
     touched = (data.contact & data.valid)[rows]
     normals = data.normal[rows]
-    tilt = np.array([tilt_of(normals[:, f]) for f in range(data.fingers)]).T
-    tilt = np.where(touched & (np.abs(normals[..., 2]) < SIDE), tilt, -1.0)
+    tilt = np.array([side_tilt(normals[:, f]) for f in range(data.fingers)]).T
+    tilt = np.where(touched & (np.abs(normals[..., 2]) < SIDE_NORMAL), tilt, -1.0)
     if tilt.max() < TIPPING_TILT + 3 * job.precision.normal:
         return 0, None
     pusher = int(np.argmax(tilt.max(axis=0)))
