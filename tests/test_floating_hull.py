@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import ROOT, squeezed
+from conftest import RECORDINGS, squeezed
 from scipy.spatial.transform import Rotation
 from trimesh.convex import convex_hull
 from trimesh.proximity import closest_point_naive
@@ -31,7 +31,7 @@ from tactilenlp.search.proposals_floating import (
     with_faces_tracked,
 )
 
-OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
+OCTAHEDRON = RECORDINGS / "polytope.npz"
 AFLOAT = Scene(ground=None, gravity=0.0)
 RADIUS = 0.03  # [m] of the octahedron that floats
 SHAPE = polytope()
@@ -170,9 +170,7 @@ def test_a_floating_hull_starts_the_next_search_from_where_it_is(world, afloat):
     lie = again.theta.reshape(-1, 3) + again.x[:3, -1]
     assert lie == pytest.approx(here, abs=1e-9)  # the last pose is kept, whole
     assert in_plane(again, plane).x == pytest.approx(flat.x, abs=1e-9)
-    assert not is_one_action_more(
-        afloat, job, page
-    )  # not by an action: the whole way is gone
+    assert not is_one_action_more(afloat, job, page)  # not by an action alone
 
 
 @pytest.fixture(scope="module")

@@ -242,7 +242,7 @@ def test_legs_share_the_weight_by_the_law_of_the_lever():
 def test_an_invisible_vertex_is_moved_onto_the_hull_which_stays_as_it_is():
     inside = [[0.001, 0.002, 0.0], [0.0, 0.0, 0.01]]
     h = Hypothesis(np.vstack([inside, CUBE]).ravel(), np.zeros((3, 1)), 0.0, ())
-    moved = with_vertices_on_hull(h).theta.reshape(-1, 3)
+    moved = with_vertices_on_hull(polytope(len(h.theta) // 3), h).theta.reshape(-1, 3)
     assert moved.shape == (10, 3)
     assert hull.outer(moved).shape == (8, 3)
     away = np.abs(moved).max(axis=1)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import RECORDINGS
 from scipy.spatial.transform import Rotation
 from trimesh.convex import convex_hull
 from trimesh.proximity import closest_point_naive
@@ -31,7 +31,7 @@ from tactilenlp.problem.reductions import Reductions
 from tactilenlp.search.local_solve import solved_from
 from tactilenlp.search.polytope_init import search_polytope
 
-OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
+OCTAHEDRON = RECORDINGS / "polytope.npz"
 ACTIONS = 4
 
 

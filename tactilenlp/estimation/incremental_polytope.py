@@ -1,14 +1,14 @@
-"""Extend an estimate of a polytope by one action, the past known but for a Gaussian.
+"""Incremental update of a polytope's estimate by one action, the past as a Gaussian.
 
-Planes say where the object went; a page of the new action alone, what it adds to the
-vertices (polytope_extension.py); then the joint programme of all actions is solved from
-the unknowns and multipliers that the estimate had.
+Planes give the poses of the new action; a page of that action alone gives what it adds
+to the vertices (polytope_extension.py); then the joint problem of all actions is solved
+from the unknowns and multipliers of the estimate.
 """
 
 from __future__ import annotations
 
 import logging
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, replace
 
 import numpy as np
 from scipy.optimize import nnls
@@ -19,11 +19,12 @@ from ..information.measurement_noise import touches
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..nlp.solution import Solution, after
+from ..problem.action_window import of_action
 from ..problem.outliers import MIN_OF_TOUCH, UNEXPLAINED_BY_UPDATE, unexplained
 from ..problem.polytope_window import PolytopeWindow, window_of
 from ..problem.reductions import ARM, Reductions, coasts
 from ..problem.unreduced import corners_of, rows_of, samples_of
-from ..problem.window import Corners, Group
+from ..problem.window import Corners
 from ..search.alternatives import jump_threshold, jumps
 from ..search.hypothesis import Hypothesis, Job
 from ..search.local_solve import (
@@ -46,30 +47,17 @@ from .readout import name_of
 from .result import Estimate
 
 log = logging.getLogger("tactilenlp")
-UPDATE_MU = 1e-3  # IPOPT's first mu where all but one action is known
-INDEXED_BY = (
-    ("near_touch", "touch"), ("near_free", "free"), ("near_push", "push"),
-    ("leg", "corner"), ("weight_share", "corner"),
-)  # fmt: skip
-MIN_INFORMATION = 1.0  # [1 / m^2] information about any direction, at least
-
-
-@dataclass(frozen=True, eq=False)
-class ActionWindow(PolytopeWindow):
-    """The window of one action; past (V, 3) [m]: vertices before it, information."""
-
-    past: np.ndarray = None
-    information: np.ndarray = None
+UPDATE_MU = 1e-3  # IPOPT's mu_init where all but one action is known
+MIN_INFORMATION = 1.0  # [1 / m^2] about any direction
 
 
 def updated(job: Job, page, start, options, certified) -> tuple[Solved | None, bool]:
     """Return the page of all actions, solved from an estimate of all but the last one.
 
-    And whether that is good: no touch of the past or of the new action is left
-    unexplained, nothing jumps, it costs no more than an action does, and what was
-    dropped holds, by certified(job, page, solved, options), if it did before.  Else
-    the whole way is to be gone, and the better of the two kept.  None where `start` is
-    no such estimate.
+    And whether that is accepted: every touch is explained, nothing jumps, the objective
+    rises by no more than an action usually adds, and no certificate, by certified(job,
+    page, solved, options), is broken that held before. Otherwise all actions are to be
+    solved again, and the better result kept. None where `start` is no such estimate.
     """
     if not is_one_action_more(start, job, page):
         return None, False
@@ -92,20 +80,24 @@ def updated(job: Job, page, start, options, certified) -> tuple[Solved | None, b
         if {*found.certificates.broken} <= {
             s.name for s in start.skipped if not s.holds
         }:
-            return found, True  # nothing breaks that had held
+            return found, True  # no certificate is broken that held
     more = found.solution.objective - start.objective
-    log.info("an action more costs %+.0f nats, or breaks: the whole way is gone", more)
+    log.info(
+        "incremental update rejected (%+.0f nats): solving all actions again", more
+    )
     return found, False
 
 
 def repaired(job: Job, page, solved, options, update=None) -> list[Solved]:
-    """Return solves, best first; the best is gone over where it went astray.
+    """Return solves, best first; the best is solved again where it is implausible.
 
-    update: what an update ended with, one of them, if it was tried.
+    update: the result of a rejected update, which competes, if there is one.
     """
     best, *others = solved
     if getattr(page, "EXTENDS", False) and implausible(best):
-        log.info("a touch is not explained, or a jump: once more, loosely first")
+        log.info(
+            "a touch is not explained, or the body jumps: solving again by continuation"
+        )
         best = _better(best, continued(job, page, best, options))
     found = [best, *others]
     return found if update is None else best_first([*found, update])
@@ -120,7 +112,7 @@ def is_one_action_more(start, job: Job, page) -> bool:
     """Tell whether a job is that of an estimate of this page and one action more."""
     if not isinstance(start, Estimate) or not start.success:
         return False
-    # Where the body moves freely, the whole way is gone.
+    # In free motion all actions are solved again.
     if not (getattr(page, "EXTENDS", False) and job.reductions.planar):
         return False
     whole = start.measurements.samples == np.count_nonzero(
@@ -134,7 +126,7 @@ def is_one_action_more(start, job: Job, page) -> bool:
 
 
 def past_solution(job: Job, page, start) -> Solved:
-    """Return the page as the estimate had solved it."""
+    """Return the estimate as a solved page."""
     job = replace(job, data=job.data.select(np.unique(start.measurements.action)))
     window, problem, built = problem_at(job, page, start.origin)
     solution = Solution(
@@ -148,14 +140,14 @@ def past_solution(job: Job, page, start) -> Solved:
 
 
 def past_information(start) -> np.ndarray:
-    """Return the information (3 V, 3 V) [1/m^2] about vertices, the ground's frame."""
+    """Return the information (3 V, 3 V) [1/m^2] about vertices, ground frame."""
     turn = np.kron(np.eye(start.theta.size // 3), start.scene.ground.rotation.T)
     values, vectors = np.linalg.eigh(turn.T @ start.information.matrix @ turn)
     return (vectors * np.maximum(values, MIN_INFORMATION)) @ vectors.T
 
 
 def implausible(solved: Solved) -> bool:
-    """Tell whether a touch is unexplained, or a body at rest jumps."""
+    """Tell whether a touch is not explained, or a body that friction holds jumps."""
     jump = jumps(solved.job.data, solved.at.x).max(initial=0.0)
     jumped = jump > jump_threshold(solved.job.precision) and not coasts(
         solved.job.scene
@@ -164,7 +156,7 @@ def implausible(solved: Solved) -> bool:
 
 
 def unexplained_touches(solved: Solved) -> int:
-    """Return how many touches, a finger's in an action each, are not explained."""
+    """Return how many touches, of a finger in an action each, are not explained."""
     problem, window, s = solved.problem, solved.window, solved.solution
     if "touch" not in problem.terms:
         return 0
@@ -202,38 +194,6 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
         solution = after(solution, solve_levels(problem, levels, known, options))
         h = Solved(h, problem, window, solution, job).at
     return Solved(h, problem, window, solution, job)
-
-
-def of_action(window: PolytopeWindow, past: Hypothesis, about) -> ActionWindow:
-    """Return the part of a window that comes after the samples of the past, held."""
-    samples = past.x.shape[1]
-    first = window.pose[samples]
-    lower, upper = window.holding(past.x, slice(first))
-    parts = {f.name: getattr(window, f.name) for f in fields(PolytopeWindow)}
-    new = {k: parts[k].sample >= samples for k in ("touch", "free", "step", "push")}
-    new["corner"] = new["step"][window.corner.step]
-    parts |= {k: parts[k].pick(rows) for k, rows in new.items()}
-    at = {k: np.cumsum(rows) - 1 for k, rows in new.items()}  # where rows go
-    for name in ("push", "corner"):
-        parts[name] = replace(parts[name], step=at["step"][parts[name].step])
-    for name, rows in INDEXED_BY:
-        parts[name] = parts[name][new[rows]]
-    unfelt = window.unfelt[new["push"][window.unfelt]]
-    groups = {n: _later(g, new["step"], at) for n, g in window.groups.items()}
-    parts |= {"unfelt": at["push"][unfelt], "groups": groups}
-    parts |= {"gap": window.gap.pick(window.gap.sample >= samples)}
-    parts |= {"lower": lower, "upper": upper}
-    vertices = past.theta.reshape(-1, 3)
-    return ActionWindow(**parts, past=vertices, information=about)
-
-
-def _later(group: Group, new, at) -> Group:
-    """Return the new steps of a group; at: where steps, pushes and corners go."""
-    kept = new[group.steps]
-    return Group(
-        at["step"][group.steps[kept]], at["push"][group.pushes[kept]],
-        at["corner"][group.corners[kept]],
-    )  # fmt: skip
 
 
 def joint(job: Job, page, past: Solved, new: Solved, options) -> Solved:
@@ -276,7 +236,7 @@ def with_axes_of_ground(h: Hypothesis) -> tuple[Hypothesis, np.ndarray]:
 def on_legs(solved: Solved, window: PolytopeWindow) -> Solved:
     """Return a solution as if the body had stood on the legs of another window.
 
-    What the ground does to the body stays the same, force and moment.
+    The force and the moment of the ground on the body stay the same.
     """
     old, legs, V = solved.window.legs, window.legs, window.start
     if np.array_equal(old, legs):
@@ -300,7 +260,7 @@ def on_legs(solved: Solved, window: PolytopeWindow) -> Solved:
 
 
 def redistributed(old, legs, yaw, impulses) -> np.ndarray:
-    """Return the impulses (rows, steps, legs) that do what those of other legs did.
+    """Return impulses at other legs with the same force and moment.
 
     old (m, 3), legs (n, 3): body frame; yaw (steps,) of the body; impulses (rows,
     steps, m): normal and, unless there is no friction, along x and y of the world.

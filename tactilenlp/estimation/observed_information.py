@@ -1,10 +1,10 @@
-r"""observed_information: what the data of an estimate say, exactly or approximately.
+r"""Information about shape and final pose from the data of an estimate, by kind.
 
-exact             the Hessian of the Lagrangian of the whole programme, reduced and
-                  marginalised; its sigma tells every error that is known (spread.py)
-sandwich          the scatter of the estimate under repeated measurements, by the
-                  sensors' noise alone (scatter.py)
-gauss_newton      the same reduction of Hessians without what curves down: no second
+exact             the Hessian of the Lagrangian of the whole problem, reduced and
+                  marginalised; its sigma has all terms of the error budget
+sandwich          the covariance of the estimate under repeated measurements, by the
+                  sensors' noise alone (measurement_noise.py)
+gauss_newton      the same reduction of Hessians without negative curvature: no second
                   derivatives of gaps and normals where they lower the information
 paper             eq:obsinfo, past poses taken for the last one: dx_t/dx_{t-1} = 1
 inverse_dynamics  eq:obsinfo, past poses from the last by inverted Jacobians of the
@@ -33,7 +33,7 @@ from ..information.tangent_space import tangent_space_of
 from ..nlp.kkt_sensitivity import curvature_of
 from ..nlp.problem import Problem
 from ..nlp.solution import Solution
-from ..problem.pages import is_polytope, page_of, shape_of
+from ..problem.pages import page_of, shape_of
 from ..problem.reductions import Reductions, reduce
 from .readout import problem_builder
 
@@ -41,9 +41,9 @@ KINDS = ("exact", "sandwich", "gauss_newton", "paper", "inverse_dynamics")
 
 
 def observed_information(estimate, kind: str = "exact") -> Information:
-    """Return what the data of an estimate say of shape and final pose.
+    """Return the information of an estimate's data about shape and final pose.
 
-    kind: one of KINDS; all but "exact" build the programme of the estimate again, and
+    kind: one of KINDS; all but "exact" build the problem of the estimate again, and
     their sigma is that of their matrix.
     """
     check_types(estimate=(estimate, "Estimate"))
@@ -90,7 +90,7 @@ def _check_finite(M) -> None:
 
 
 def assumption_sensitivity(estimate) -> Sensitivity:
-    """Return how shape and final pose move with mass, frictions, sensors, fingers."""
+    """Return how shape and final pose change with mass, frictions, sensors, fingers."""
     check_types(estimate=(estimate, "Estimate"))
     again = programme_at(estimate)
     curvature = curvature_of(again.problem, again.solution)
@@ -108,7 +108,7 @@ def assumption_sensitivity(estimate) -> Sensitivity:
 
 @dataclass(frozen=True, eq=False)
 class Programme:
-    """The programme of an estimate, built again."""
+    """The problem of an estimate, built again, at its solution."""
 
     problem: Problem
     solution: Solution
@@ -119,11 +119,11 @@ class Programme:
 
 
 def programme_at(estimate) -> Programme:
-    """Build the programme of an estimate again, at its solution."""
+    """Build the problem of an estimate again, at its solution."""
     shape, scene = shape_of(estimate.shape), estimate.scene
-    if is_polytope(shape):
+    if shape.parameters == "vertices":
         raise OptionError(
-            "the programme of a polytope is not built again",
+            "the problem of a polytope is not built again",
             where="estimate", got=estimate.shape, expected="a cuboid",
             next='ask for kind="exact", which every estimate carries',
         )  # fmt: skip
@@ -146,7 +146,7 @@ def programme_at(estimate) -> Programme:
         found = np.shape(estimate.unknowns.get(name, ()))
         if found != (variable.rows, variable.columns):
             raise OptionError(
-                "the programme of this estimate cannot be built again",
+                "the problem of this estimate cannot be built again",
                 where=name, got=found, expected=(variable.rows, variable.columns),
                 next="estimate again with this version of the page",
             )  # fmt: skip

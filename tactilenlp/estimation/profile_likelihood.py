@@ -1,19 +1,20 @@
-r"""How far a size may be off at the price of three nats: the profile of the objective.
+r"""Profile likelihood of sizes and of the final position.
 
-The optimum of a size that touch leaves open, or tells by way of a path, is often a
+The optimum of a size that no touch determines, or only by way of a path, is often a
 kink: cones and sliding are not smooth, and from there the objective grows as the
 distance, not as its square.  It looks sharp to a Hessian and is not.  So the page is
-solved again with the size s held elsewhere, all else free, farther each time until it
-costs PRICE,
+solved again with the size s held elsewhere, all else free, farther each time until the
+objective has risen by PROFILE_RISE,
 
     sigma = |s - s_0| / sqrt(2 (L(s) - L(s_0))),
 
-as of a Gaussian with the same likelihood ratio; the other sizes and the final pose go
-along as they do on that way.  Where L is lower than at s_0, a better optimum is near.
+as of a Gaussian with the same likelihood ratio; the other sizes and the final pose
+change as they do in that solve.  Where L is lower than at s_0, a better optimum is
+near.
 
-A final pose that a body slid and turned to is told by cones and sliding as well.  Of
-its coordinates the one along the ground that is known least is held elsewhere, too, one
-way and the other; the rest of the pose goes along.
+A final pose that a body slid and turned to is determined by cones and sliding as well.
+Of its coordinates the one along the ground that is known least is held elsewhere, in
+both directions.
 """
 
 from __future__ import annotations
@@ -36,29 +37,27 @@ from ..search.hypothesis import Hypothesis
 from ..search.local_solve import RANKING_TOLERANCE, settings_of, start_values
 from ..search.margins import BETTER_OPTIMUM, ONE_SIGMA, PROFILE_RISE
 
-FACES_DISTANCE = 0.3e-3  # [m] two faces that fingers felt tell their distance this well
-NOISE_FACTOR = (
-    2.0  # [deviations] or, of noisy fingers, so much worse than their mean at most
-)
-VAGUE_SHARE = 0.3  # [prior deviations] a size less certain than this claims little
-KNOWN_POSITION = 1e-3  # [m] a final position less certain than this claims little
-FIRST_STEP = 0.5e-3  # [m] the first step is this far at least
-MAX_STEP_GROWTH = 10.0  # [-] of a step at most
-PROFILE_MU = 1e-2  # IPOPT's first mu where a size is held elsewhere
-PROFILE_ITERATIONS = 100  # iterations of one such solve
+FACES_DISTANCE = 0.3e-3  # [m] sigma of the distance of two touched faces
+NOISE_FACTOR = 2.0  # [-] of the sigma of their means, for noisy fingers
+VAGUE_SHARE = 0.3  # [prior deviations] a larger sigma of a size needs no profile
+KNOWN_POSITION = 1e-3  # [m] a larger sigma of a position needs no profile
+FIRST_STEP = 0.5e-3  # [m] at least
+MAX_STEP_GROWTH = 10.0  # [-] from step to step
+PROFILE_MU = 1e-2  # IPOPT's mu_init where a size is held elsewhere
+PROFILE_ITERATIONS = 100  # of one such solve
 
 
 def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]:
-    """Return by how much sizes and final pose are off (k, k) where each of them is.
+    """Return the deviations (k, k) of sizes and final pose by profile likelihood.
 
-    Row i: a deviation of a size that touch leaves open, or of a position [m], and what
-    sizes [m], position [m] and yaw [rad] do then; 0 of what is not asked for.  And a
-    hypothesis that is better than the solved one: None, unless one was met.
+    Row i: a deviation of a size that no touch determines, or of a position [m], and
+    what sizes [m], position [m] and yaw [rad] do then; 0 where there is no profile. And
+    a hypothesis that is better than the solved one, or None.
     """
     n = job.shape.theta
     profile = np.zeros((n + PLANAR.unknowns, n + PLANAR.unknowns))
     if not (job.reductions.planar and getattr(job.shape, "symmetries", ())):
-        return profile, None  # not a body whose unknowns are its sides, lying flat
+        return profile, None  # the unknowns are not sides, or it may tilt
     chosen, faces = final_unknowns(solved.problem), solved.touched
     faces[2, 0] += KNOWN_FACE  # the ground touches the lowest one
     pulls, _ = curvature_of(solved.problem, solved.solution).response_of(chosen)
@@ -71,7 +70,7 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
     asked, along = [*open_sizes], n + int(np.argmax(known[n : n + 2]))
     if known[along] < KNOWN_POSITION:
         asked.append(along)
-    else:  # the Hessian claims little: it is believed
+    else:  # the Hessian already states a large sigma
         profile[along] = pulls[chosen, along] / known[along]
     for axis in asked:
         pull = pulls[:, axis] / max(known[axis], LEAST_SIGMA)
@@ -84,7 +83,7 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
 
 
 def faces_sigma(job, touched) -> float:
-    """Return how well two faces (2,) felt so many times tell their distance [m]."""
+    """Return the sigma [m] of the distance of two faces (2,) by samples on each."""
     return max(
         FACES_DISTANCE,
         NOISE_FACTOR * job.precision.position * np.sqrt(np.sum(1 / touched)),
@@ -95,15 +94,15 @@ def _deviation(elsewhere, at, prior, axis: int, pull, off, touched):
     """Return by how much sizes and final pose are off (k,) where one of them is.
 
     elsewhere(axis, pull, touched, step): the hypothesis `at` with that one held `step`
-    off, or None.  prior [m]: the most that it may be off; pull, off: what all
-    unknowns, and sizes and final pose (k,) do by the Hessian where it is off by a
-    deviation, SI; touched (2,): samples on both faces of a size, None of a pose.  The
-    Hessian is believed where it claims little, where there is no profile, and of an
-    open size or a pose where it claims less.  And a better hypothesis, or None.
+    off, or None. prior [m]: the most that it may be off; pull, off: what all unknowns,
+    and sizes and final pose (k,), do by the Hessian where it is off by a deviation, SI;
+    touched (2,): samples on both faces of a size, None of a pose. The Hessian's
+    deviation is kept where it is large, where there is no profile, and of an untouched
+    size or a pose where it is the larger one. And a better hypothesis, or None.
 
-    A larger body is the flatter side: what lies behind a felt face contradicts no
-    finger.  A smaller one is asked for where a larger one says nothing; of a pose,
-    both ways are, and the wider one counts.
+    A larger body is the flatter side: what lies behind a touched face contradicts no
+    finger. A smaller one is solved where a larger one gives no result; of a pose both
+    directions are solved, and the wider one counts.
     """
     known = max(off[axis], LEAST_SIGMA)
     off = off * min(1.0, prior / known)
@@ -130,11 +129,11 @@ def _deviation(elsewhere, at, prior, axis: int, pull, off, touched):
 
 
 def _one_direction(there, at, axis, step, claim, prior, enough):
-    """Return the widest deviation (k,) that one way tells, or None; and a better one.
+    """Return the widest deviation (k,) in one direction, or None; and a better optimum.
 
     there(step): the hypothesis with that one held so far off [m], or None; claim [m]:
-    what is claimed so far; enough [nats]: no dearer place is asked for, and none beyond
-    where that price says that little is claimed.
+    the deviation so far; enough [nats]: the rise at which the profile ends; it also
+    ends beyond the distance at which that rise leaves a large deviation.
     """
     found, farthest = None, VAGUE_SHARE * prior * np.sqrt(2 * enough)
     while (claim if found is None else abs(found[axis])) < VAGUE_SHARE * prior:
@@ -163,10 +162,10 @@ def _final(hypothesis) -> np.ndarray:
 def _constrained(job, page, solved, options, shared, chosen, axis, pull, touched, step):
     """Return the hypothesis of one of the chosen unknowns held `step` [m] off, or None.
 
-    pull: the response of all unknowns to it by the Hessian; shared: keeps solvers.  It
-    starts where all are moved along, or, with the samples on both faces of a size
-    (touched), where nothing but that has moved.  A cheap one that is feasible is
-    enough: the least price is no more than its price.
+    pull: the response of all unknowns to it by the Hessian; shared: keeps solvers. The
+    start moves all unknowns along, or, with the samples on both faces of a size
+    (touched), only that size. A feasible solve with a small rise is enough: the minimum
+    is no higher.
     """
     problem, held = solved.problem, chosen[axis]
     x = problem.pack(solved.solution.values) + step * pull

@@ -1,4 +1,4 @@
-"""From a solved page to an Estimate: unknowns become people's words."""
+"""Readout: from a solved page to an `Estimate`, by name, in the world frame."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from ..information.information import Information, information_of
 from ..information.measurement_noise import Sensed
 from ..information.polytope_information import polytope_information, touched_polygons
 from ..nlp.problem import Problem
-from ..problem.pages import is_polytope
 from ..problem.polytope_window import with_supports
 from ..problem.poses import body_corners, poses
 from .request import Request
@@ -35,10 +34,8 @@ def read_off(request: Request, solved, kept, seconds, late: bool, modes=()) -> E
     shape, scene = job.shape, job.scene
     theta = solution.values["theta"].T.ravel()
     x = solution.values["x"][:, window.pose]
-    if is_polytope(shape):
-        body, information = read_polytope(job, page, solved, x)
-    else:
-        body, information = read_box(job, page, solved, theta, x, modes)
+    read = {"sizes": read_box, "vertices": read_polytope}[shape.parameters]
+    body, information = read(job, page, solved, x, modes)
     return Estimate(
         measurements=data,
         scene=scene,
@@ -89,10 +86,11 @@ class Body:
     faces: np.ndarray
 
 
-def read_box(job, page, solved, theta, x, modes) -> tuple[Body, Information]:
-    """Return the body, and what is known of it, of a shape with sizes."""
+def read_box(job, page, solved, x, modes=()) -> tuple[Body, Information]:
+    """Return the body, and the information about it, of a shape with sizes."""
     problem, window, solution = solved.problem, solved.window, solved.solution
     shape, scene = job.shape, job.scene
+    theta = solution.values["theta"].T.ravel()
     faces = solved.touched
     build = problem_builder(page, shape, scene, job.kinds_of)
     information = information_of(
@@ -104,8 +102,8 @@ def read_box(job, page, solved, theta, x, modes) -> tuple[Body, Information]:
     return Body(*where, body_corners(shape, theta), faces), information
 
 
-def read_polytope(job, page, solved, x) -> tuple[Body, Information]:
-    """Return the body, and what is known of it, of a hull of vertices.
+def read_polytope(job, page, solved, x, modes=()) -> tuple[Body, Information]:
+    """Return the body, and the information about it, of a polytope.
 
     Its origin is the centroid, its axes are the world's at the last sample.
     """
@@ -129,10 +127,10 @@ def read_polytope(job, page, solved, x) -> tuple[Body, Information]:
 
 
 def hull_poses(scene, x, middle) -> tuple[np.ndarray, Rotation]:
-    """Return positions (T, 3) [m] and turns (T) of a hull at poses x, world frame.
+    """Return positions (T, 3) [m] and rotations (T) of a hull at poses x, world frame.
 
-    middle (3,) [m]: what of the body is where; turns are against the last sample, at
-    which the pose is held upright.
+    middle (3,) [m]: the point of the body whose position is returned; rotations are
+    relative to the last sample, at which the pose is held upright.
     """
     if not is_planar(x):
         p = x[:3].T + matrices(x) @ middle
@@ -150,14 +148,14 @@ def hull_poses(scene, x, middle) -> tuple[np.ndarray, Rotation]:
 
 
 def name_of(page) -> str:
-    """Return what an estimate calls the page that it is of."""
+    """Return the name of a page in an estimate."""
     return getattr(page, "__name__", "page").rpartition(".")[2]
 
 
 def problem_builder(page, shape, scene, kinds_of=None):
-    """Return build(window, scene): the page's programme of another window or scene.
+    """Return build(window, scene): the page's problem of another window or scene.
 
-    kinds_of(page, window): the kinds of what has this shape and scene, if any are.
+    kinds_of(page, window): term functions to share for this shape and scene, if any.
     """
 
     def build(window, other=scene) -> Problem:
@@ -170,7 +168,7 @@ def problem_builder(page, shape, scene, kinds_of=None):
 
 
 def exact_violations(problem, solution) -> dict[str, float]:
-    """Return the violations of what a solve rounds, recomputed as it is meant."""
+    """Return the violations of constraints that a solve smooths, without smoothing."""
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
     names = [name for name in problem.reports if name.endswith(", exact")]
     return {n: max(0.0, float(problem.value(n, x, data).max())) for n in names}

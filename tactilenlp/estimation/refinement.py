@@ -1,7 +1,8 @@
-"""Solve a page from what the search found: race it, challenge it, let it tilt.
+"""Refinement: the page solved from what the search found, and alternatives to it.
 
-What a scene lets slide or tilt is solved as if it slid, first: there the past can be
-followed and asked again, and the optimum of free motion lies beside.
+Multistart from the best hypotheses, then alternative trajectories and sizes.  Where the
+scene lets an object tilt, it is first solved as if it slid: there the past can be
+filtered again, and the optimum of free motion is close.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ from dataclasses import replace
 
 from ..geometry.transforms import is_planar
 from ..problem.certificates import planar_certificate
-from ..problem.pages import is_polytope
 from ..problem.reductions import Reductions, required_reductions
 from ..search.alternatives import still_explained, with_alternatives
 from ..search.hypothesis import distinct
@@ -30,31 +30,32 @@ from .incremental_polytope import repaired
 
 
 def refined(job, page, kept, options, solved, start=None) -> list[Solved]:
-    """Return the page solved from hypotheses and from their rivals, best first.
+    """Return the page solved from hypotheses and from alternatives, best first.
 
-    solved: an empty list to leave in, for whoever interrupts, what there is before
-    rivals; start: an estimate that this one carries on, if its rivals were asked for.
+    solved: an empty list that holds the solves before alternatives when Ctrl-C
+    interrupts; start: an estimate that this one continues, if alternatives to it were
+    solved.
     """
-    hull, lean = (
-        is_polytope(job.shape),
+    sized, lean = (
+        job.shape.parameters == "sizes",
         required_reductions(page, Reductions()),
-    )  # as a search is
+    )
     lying = job.scene.ground is not None and all(is_planar(h.x) for h in kept)
     if lying and lean.planar and not job.reductions.planar:
         flat = replace(job, reductions=lean)
         found = refined(flat, page, kept, options, solved, start)
         found = repaired(flat, page, found, options)
-        if hull or planar_certificate(flat, page, found[0]).holds:
-            return _in_free_motion(job, page, found[:1] if hull else found, options)
-    start = None if hull else start
+        if not sized or planar_certificate(flat, page, found[0]).holds:
+            return _in_free_motion(job, page, found[: job.shape.hypotheses], options)
+    start = start if sized else None
     found = _multistart(job, page, kept, options, solved, start)
-    if options.rivals and not hull:
+    if options.rivals and sized:
         found = with_alternatives(job, page, found, options, start)
     return found
 
 
 def _in_free_motion(job, page, slid, options) -> list[Solved]:
-    """Return the page in free motion from where it slides, close rivals too."""
+    """Return the page in free motion, from planar solves that are close to the best."""
     ends, settings = [s.at for s in slid], settings_of(job, options)
     near = distinct(job.shape, ends, len(ends), CLOSE_OPTIMUM)
     slid = [s for s, end in zip(slid, ends, strict=True) if end in near]
@@ -64,12 +65,13 @@ def _in_free_motion(job, page, slid, options) -> list[Solved]:
 def _multistart(job, page, kept, options, solved, start) -> list[Solved]:
     """Return the page solved from the best hypotheses, best first.
 
-    Of those that carry on the path of `start` the first is enough where it is settled.
+    Where the first one, which continues the path of `start`, explains the new data, it
+    is solved alone.
     """
     limit = min(h.objective for h in kept) + LEAST_MOTION_BEHIND
     own = page.LEVELS
     levels = freed_levels(own, final=True) if job.reductions.planar else own
-    if job.scene.ground is None:  # these poses lie in a plane that the object leaves
+    if job.scene.ground is None:  # the poses are guesses in a plane
         levels = getattr(page, "ROUGH", own)
     promising = [h for h in kept if h.objective <= limit]
     first = promising[: None if start is None else 1]
@@ -81,6 +83,6 @@ def _multistart(job, page, kept, options, solved, start) -> list[Solved]:
     bound = min(h.objective for h in kept) + RAN_AWAY * job.data.actions
     lost = not good or good[0].solution.objective > bound
     if lost and levels is not own and time.monotonic() < job.deadline:
-        # The slower way, poses held first, as the page says.
+        # Slower: the page's own levels, which hold poses first.
         good = [*good, solved_from(job, page, solved[0].hypothesis, options)]
     return best_first(good or solved)

@@ -16,7 +16,7 @@ from ..data.sensor_noise import precise, precision_of, smoothed
 from ..errors import NoContactError, OptionError, SceneError, StartError
 from ..geometry.transforms import backward
 from ..problem.certificates import without
-from ..problem.pages import is_polytope, page_of, shape_of
+from ..problem.pages import page_of, shape_of
 from ..problem.reductions import Reductions, required_reductions, states_planar_motion
 from ..search.hypothesis import Hypothesis, Job, TermFunctions
 from ..search.polytope_init import check_round_fingertips as check_round
@@ -75,7 +75,7 @@ def asked(scene, shape, formulation, options, executor) -> tuple:
     check_plane(page, scene)
     check_offset(page, scene)
     check_executor(executor, page)
-    if is_polytope(shape):
+    if shape.parameters == "vertices":
         check_round(scene)
     return scene, shape, options, page
 
@@ -107,10 +107,10 @@ def check_start(start, shape, scene) -> None:
 
 
 def check_plane(page, scene) -> None:
-    """Raise SceneError where a page of planar motion is asked without a ground."""
+    """Raise SceneError where a page of planar motion is used without a ground."""
     if scene.ground is None and states_planar_motion(page):
         raise SceneError(
-            "this page knows planar motion only",
+            "this page is of planar motion only",
             where="scene.ground",
             got="None",
             expected="a ground on which the object slides",
@@ -119,10 +119,10 @@ def check_plane(page, scene) -> None:
 
 
 def check_offset(page, scene) -> None:
-    """Raise SceneError where a page takes fingers to be where they say, and none is."""
+    """Raise SceneError where a page cannot estimate the finger offsets of a scene."""
     if scene.sigma_offset is not None and not getattr(page, "OFFSETS", False):
         raise SceneError(
-            "this page takes the fingers to be where they say",
+            "this page takes measured finger positions as exact",
             where="scene.sigma_offset",
             got=f"an offset with {getattr(page, '__name__', page)!r}",
             expected="None",
@@ -169,7 +169,7 @@ def check_touched(data) -> None:
 
 
 def first_guess(start, shape) -> tuple:
-    """Return a user's guess as the search takes it: (name, theta, x), or none."""
+    """Return a user's guess as the search takes it: (name, theta, x), or nothing."""
     if not isinstance(start, Guess):
         return ()
     theta = np.asarray(start.side_lengths, float)
@@ -200,13 +200,13 @@ def first_guess(start, shape) -> tuple:
 
 
 def carried_hypotheses(start, shape, scene, data) -> list[Hypothesis]:
-    """Return the hypotheses to carry on from an earlier estimate.
+    """Return the hypotheses of an earlier estimate, to continue from.
 
-    Where that ends within an action which goes on, this action is fitted anew.  A
+    Where that ends within an action which goes on, this action is fitted again. A
     polytope may start from an estimate of any shape, with its vertices and poses.
     """
     if isinstance(start, Guess):
-        if is_polytope(shape):
+        if shape.parameters == "vertices":
             raise StartError(
                 "a polytope starts without a guess", where="start", got="a Guess",
                 expected="an Estimate, or None",
@@ -222,7 +222,7 @@ def carried_hypotheses(start, shape, scene, data) -> list[Hypothesis]:
             next="start from scratch, or append to the same measurements",
         )
     done = _samples_of_whole_actions(start.measurements.samples, data)
-    if is_polytope(shape):
+    if shape.parameters == "vertices":
         return [as_polytope(start, scene, done)] if done else []
     if start.shape != shape.name:
         raise StartError(
@@ -239,7 +239,7 @@ def _samples_of_whole_actions(samples: int, data) -> int:
 
 
 def as_polytope(estimate, scene, samples: int | None = None) -> Hypothesis:
-    """Return an estimate of whatever shape as the vertices and poses of a hull.
+    """Return an estimate of any shape as the vertices and poses of a polytope.
 
     Planar poses in the ground's frame, free ones in the world where there is none; the
     body's axes are the world's at the last of so many samples.

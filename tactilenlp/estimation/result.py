@@ -1,4 +1,4 @@
-"""Estimate: what was found, complete, named and without a solver's symbols."""
+"""`Estimate`: shape, poses and impulses by name, without the symbols of a solver."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ..problem.certificates import Skipped
 from ..search.hypothesis import Hypothesis
 
 FORMAT, VERSION = "estimate", 2  # of the files that `save` writes
-UNOBSERVED_TURN = 45.0  # [deg] a standard deviation beyond which a turn is unknown
+UNOBSERVED_TURN = 45.0  # [deg] of sigma beyond which a rotation is not observed
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +33,8 @@ class Estimate:
     first, for the next action; information about shape and final pose.  origin: the
     hypothesis it was solved from; reductions and cuts in use: with them the programme
     can be built again.  progress: of the last solve by iteration, as in Solution.
-    finger_offset (F, 3) [m]: how far fingers are from where they say, world frame; None
-    where the scene knows (Scene.sigma_offset).
+    finger_offset (F, 3) [m]: true less measured finger positions, world frame; None
+    where the scene takes them as exact (Scene.sigma_offset).
     """
 
     measurements: Measurements
@@ -90,7 +90,7 @@ class Estimate:
 
     @property
     def seen_positions(self) -> np.ndarray:
-        """Where the fingers were (T, F, 3) [m], world: as they say, plus offset."""
+        """Finger positions (T, F, 3) [m], world frame: measured, plus offset."""
         said, joints = self.measurements.finger_position, self.scene.sigma_offset
         if self.finger_offset is None:
             return said
@@ -118,7 +118,7 @@ class Estimate:
         return supporting_planes(self)
 
     def summary(self) -> str:
-        """Return a paragraph for people."""
+        """Return a paragraph in words: size, pose, sigma, solve, what was left out."""
         mm = 1e3
         x, y, z = self.position[-1] * mm
         where = self.information.sigma("position") * mm
@@ -141,7 +141,7 @@ class Estimate:
         return "\n".join(lines)
 
     def _sized(self) -> str:
-        """Return in words how large the body is."""
+        """Return the size of the body in words."""
         mm = 1e3
         if "side_lengths" not in self.information.maps:
             size = np.ptp(self.vertices, axis=0) * mm
@@ -158,22 +158,22 @@ class Estimate:
         return " x ".join(f"{s * mm:.2f} ± {e:.2f}" for s, e in sides) + " mm"
 
     def _turned(self) -> str:
-        """Return in words which way the body is turned at the last sample."""
+        """Return the orientation of the body at the last sample in words."""
         w, x, y, z = self.quaternion[-1]
         yaw = np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
         off = np.degrees(np.nanmax(self.information.sigma("rotation")))
         if off == 0.0:  # a hull has no axes of its own
-            return "its axes those of the world"
+            return "with the axes of the world"
         if off > UNOBSERVED_TURN:
-            return "turned no one knows how"
+            return "orientation not observed"
         return f"turned by {yaw:.2f} ± {off:.2f} deg about the vertical"
 
     def save(self, path) -> None:
-        """Write one .npz: plain arrays and a JSON header, readable without us."""
+        """Write one .npz: plain arrays and a JSON header, readable by NumPy alone."""
         write_result(path, FORMAT, VERSION, self, KINDS)
 
     def report(self, path) -> None:
-        """Write one HTML page to turn and scrub through; it needs no network."""
+        """Write one HTML page with a scene to turn and a time slider; works offline."""
         from ..output.html_report import write_report
 
         write_report(self, path)

@@ -17,13 +17,12 @@ from ..data.scene import Scene
 from ..errors import MotionError
 from ..nlp.solution import not_converged
 from ..problem.outliers import check_explained
-from ..problem.pages import is_polytope
 from ..problem.reductions import Reductions
 from ..search.beam import beam
 from ..search.hypothesis import Hypothesis, distinct, same
 from ..search.local_solve import Solved
 from ..search.margins import LEAST_MOTION_BEHIND
-from ..search.polytope_init import search_polytope as polytope_search
+from ..search.polytope_init import search_polytope
 from ..search.proposals_floating import (
     in_free_motion,
     in_plane,
@@ -128,34 +127,42 @@ def _had_alternatives(start, page) -> bool:
 
 
 def _searched(request: Request, kept) -> tuple[list[Hypothesis], list[Hypothesis]]:
-    """Return hypotheses to carry on, and the same as the page starts from them.
+    """Return hypotheses for the next action, and the same as the page starts from them.
 
-    kept: a list of those to begin with; holds those of the actions done so far.
+    kept: a list of those to begin with; holds those of the actions done so far.  A
+    floating object is searched in the plane of its touches.
     """
-    job, start = request.job, request.start
-    # A search is as lean as it can be, whatever the last solve leaves out.
-    search, plane = replace(job, reductions=Reductions()), None
+    job, start, plane = request.job, request.start, None
+    lean = replace(job, reductions=Reductions())  # whatever the last solve leaves out
     if job.scene.ground is None:
         plane = search_plane(job, start if isinstance(start, Guess) else None)
-        search = in_search_plane(search, plane)
-    if is_polytope(job.shape):
-        kept[:] = kept if plane is None else [in_plane(h, plane) for h in kept]
-        found = polytope_search(search, kept, so_far=kept)
-        if plane is not None:
-            (other,) = polytope_search(with_tilted_normals(search), kept, so_far=kept)
-            found += [replace(other, objective=found[0].objective)]  # of other weights
-    else:
-        search = replace(search, first=first_guess(start, job.shape))
-        ranks = request.page if plane is None else None
-        found = beam(
-            search, kept, *request.widths, request.executor, ranks, so_far=kept
-        )
+        lean = in_search_plane(lean, plane)
+    search = {"sizes": _search_sizes, "vertices": _search_vertices}
+    found = search[job.shape.parameters](request, lean, plane, kept)
     if plane is None:
         return found, found
     starts = [in_free_motion(h, plane, job.shape) for h in found]
-    if is_polytope(job.shape):
+    if job.shape.last_pose_held:
         starts += [with_faces_tracked(h, job.data) for h in starts]
     return found, starts
+
+
+def _search_sizes(request: Request, job, plane, kept) -> list[Hypothesis]:
+    """Return hypotheses of a shape with sizes: beam search over actions."""
+    job = replace(job, first=first_guess(request.start, job.shape))
+    page = request.page if plane is None else None
+    return beam(job, kept, *request.widths, request.executor, page, so_far=kept)
+
+
+def _search_vertices(request: Request, job, plane, kept) -> list[Hypothesis]:
+    """Return hypotheses of a polytope: poses and planes, then its vertices."""
+    if plane is None:
+        return search_polytope(job, kept, so_far=kept)
+    kept[:] = [in_plane(h, plane) for h in kept]
+    found = search_polytope(job, kept, so_far=kept)
+    (other,) = search_polytope(with_tilted_normals(job), kept, so_far=kept)
+    # Its objective has other weights.
+    return [*found, replace(other, objective=found[0].objective)]
 
 
 def _raise_unless_good(estimate, solved) -> None:
@@ -178,9 +185,9 @@ def _raise_unless_good(estimate, solved) -> None:
 
 
 def _carried_on(job, solved, kept, width: int) -> list[Hypothesis]:
-    """Return the hypotheses for the next action: those that the page prefers first."""
-    if is_polytope(job.shape):
-        return [s.at for s in solved[:1]]
+    """Return the hypotheses for the next action, those of the page first."""
+    if job.shape.hypotheses is not None:
+        return [s.at for s in solved[: job.shape.hypotheses]]
     refined = [s.at for s in solved] if job.reductions.planar else []
     refined = distinct(job.shape, refined, width, LEAST_MOTION_BEHIND)
     rest = [h for h in kept if not any(same(job.shape, h, k) for k in refined)]

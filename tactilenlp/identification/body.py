@@ -1,4 +1,4 @@
-"""Body: what recorded motion says of a body, named, in SI, with deviations."""
+"""`Body`: shape, inertia and friction identified from motion, with deviations."""
 
 from __future__ import annotations
 
@@ -6,9 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-UNOBSERVED_VERTEX = (
-    0.5  # [prior deviations] a vertex less certain than this was not observed
-)
+UNOBSERVED_VERTEX = 0.5  # [prior deviations] of sigma, of an unobserved vertex
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +60,7 @@ class Body:
         return trimesh.convex.convex_hull(self.vertices)
 
     def summary(self) -> str:
-        """Return a paragraph for people."""
+        """Return a paragraph in words."""
         mm, sigma = 1e3, self.sigma
         if self.shape == "cuboid":
             pairs = zip(self.half_widths * mm, sigma["half_widths"] * mm, strict=True)

@@ -25,9 +25,9 @@ log = logging.getLogger("tactilenlp")
 CUBE_SIGNS = np.array(np.meshgrid([-1.0, 1], [-1.0, 1], [-1.0, 1])).reshape(3, 8)
 DEFAULT_SOLVER = SolverOptions(tolerance=1e-5, time_limit=600.0)
 BODY_SHAPES = ("cuboid", "corners")
-SUNK_DEPTH = 3.0  # [SURFACE] that a corner left out may lie below the ground
-MAX_SOLVES = 3  # solves at most: corners that were left out wrongly come back
-WITH_SIGMA = ("theta", "radius", "friction", "inertia", "plane")  # get a sigma
+SUNK_DEPTH = 3.0  # [SURFACE] below the ground: a vertex left out must come back
+MAX_SOLVES = 3  # with vertices that were wrongly left out restored
+WITH_SIGMA = ("theta", "radius", "friction", "inertia", "plane")
 
 
 def identify_body(
@@ -70,7 +70,9 @@ def identify_body(
         back = _sunk(steps, solution.values, signs) & ~chosen
         if not back.any():
             break
-        log.info("%d corners touched that were left out", back.sum())
+        log.info(
+            "solving again with %d vertices that were left out and touch", back.sum()
+        )
         chosen = chosen | back
     if throw and not solution.success:
         raise not_converged(problem, solution)

@@ -1,7 +1,8 @@
-"""What the page `known_trajectory` reads of recorded motion: steps, and who may touch.
+"""Time steps of recorded motion, and the vertices that may touch within each.
 
 A step is a sample k with a pose before and one after it; the change of velocity there,
-(p_{k+1} - 2 p_k + p_{k-1}) / dt, is what impulses between these two have done.
+(p_{k+1} - 2 p_k + p_{k-1}) / dt, is caused by the impulses between these two.  The page
+`known_trajectory` reads steps and possible touches.
 """
 
 from __future__ import annotations
@@ -12,24 +13,16 @@ import numpy as np
 
 from ..problem.window import Rows
 
-NEAR_GROUND = (
-    10e-3  # [m] a corner that stays higher than this over a step does not touch
-)
+NEAR_GROUND = 10e-3  # [m] a vertex that stays higher over a step does not touch
 CALM_CHANGE = 0.04, 0.3  # [m/s], [rad/s] a lesser change of velocity is no impact
-GLIDE_SPEED = 1.0  # [rad/s] slower than this and calm, a body rests or glides on a face
-GLIDE_KEPT = 4  # one in so many steps of a glide is kept: its samples all say the same
-FLIGHT_NOISE = (
-    0.006,
-    0.04,
-)  # [m/s], [rad/s] deviation of a change of velocity (free flights)
-IMPACT_SIGMA = (
-    0.2  # [1] of a change of velocity: deviation of real impacts from rigid ones
-)
-FLIGHT_SAMPLES = 8  # samples that a fall must have to measure gravity
-GRAVITY_SIGMA = (
-    0.016  # [1] deviation of the gravity that one toss measures (of 76 real ones)
-)
-MIN_TOSSES = 4  # tosses below which their scatter says nothing
+GLIDE_SPEED = 1.0  # [rad/s] below this and calm, a body rests or glides on a face
+GLIDE_KEPT = 4  # one in so many steps of a glide is kept: they are redundant
+# Deviation of a change of velocity [m/s], [rad/s], from free flights:
+FLIGHT_NOISE = 0.006, 0.04
+IMPACT_SIGMA = 0.2  # [1] of a change of velocity: of real impacts from rigid ones
+FLIGHT_SAMPLES = 8  # of a fall that measures gravity
+GRAVITY_SIGMA = 0.016  # [1] of the gravity of one toss (scatter of 76 real ones)
+MIN_TOSSES = 4  # below which their own scatter is not used
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +127,7 @@ def _columns(rotation) -> np.ndarray:
 
 
 def _thinned(calm: np.ndarray, toss: np.ndarray) -> np.ndarray:
-    """Return which steps of a glide are left out: all but one in KEPT."""
+    """Return which steps of a glide are left out: all but one in GLIDE_KEPT."""
     count, out = 0, np.zeros(len(calm), bool)
     for i in range(len(calm)):
         goes_on = i > 0 and toss[i] == toss[i - 1] and calm[i]
@@ -144,17 +137,17 @@ def _thinned(calm: np.ndarray, toss: np.ndarray) -> np.ndarray:
 
 
 def may_touch(steps: Steps, vertices: np.ndarray) -> np.ndarray:
-    """Return which vertices (V, 3) [m] may touch within which step, (n, V)."""
+    """Return which vertices (V, 3) [m] may touch the ground in which step, (n, V)."""
     low = steps.corners(vertices)[..., 2].min(axis=-1) < NEAR_GROUND
     return low & ~steps.resting[:, None]
 
 
 def gravity_of(steps: Steps, vertices, dt: float) -> tuple[float, float]:
-    """Return the gravity [m/s^2] that free falls show, and its standard deviation.
+    """Return the gravity [m/s^2] of free falls, and its standard deviation.
 
     The first steps of each toss in which no vertex is near the ground are one parabola.
-    A tracker whose lengths are a little off measures gravity as much off.
-    Returns NaN, NaN where no toss falls for FLIGHT samples.
+    A scale error of the tracker scales the measured gravity alike. Returns NaN, NaN
+    where no toss falls for FLIGHT_SAMPLES samples.
     """
     found = []
     high = steps.corners(vertices)[..., 2].min(axis=(1, 2)) > NEAR_GROUND

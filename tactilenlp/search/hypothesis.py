@@ -1,7 +1,8 @@
-"""A hypothesis: one local optimum of where the object is, what it is, how it moved.
+"""A hypothesis: one local optimum of shape and trajectory, and how two are compared.
 
-Which face was touched, which way the object is turned, how it was pushed: every answer
-is a hypothesis of its own.  They are compared by the body at the first and last pose.
+Which face was touched, which way the object is turned, how it was pushed: each answer
+is a hypothesis of its own.  Two are the same body where the corners agree at the first
+and at the last pose.  A `Job` is what a search for hypotheses is given.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ import numpy as np
 from ..problem.poses import planar_corners
 from .margins import START_BEHIND
 
-SAME_BODY = 1e-3  # [m] hypotheses whose corners agree this well are one
-COMPARED = (0, -1)  # the poses by which bodies are compared: the first and the last
+SAME_BODY = 1e-3  # [m] corners of one body agree this well
+COMPARED = (0, -1)  # samples at which bodies are compared: first, last
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,8 +23,8 @@ class Hypothesis:
     """One local optimum: theta (n,) [m], poses x (unknowns, T), objective [nats].
 
     Poses are planar (3, T), or free (6, T) where a solve of free motion starts or ends;
-    path: the guess it came from, one word an action; offset (3, F) [m] of the fingers,
-    where these are not known exactly.
+    path: the proposals that led to it, one word an action; offset (3, F) [m] of the
+    fingers, where their positions are not known exactly.
     """
 
     theta: np.ndarray
@@ -35,7 +36,7 @@ class Hypothesis:
 
     @property
     def rank(self) -> float:
-        """The objective to sort by: symmetric twins are a tie, the first one wins."""
+        """The objective to sort by, rounded: of symmetric twins the first one wins."""
         return round(self.objective, 3)
 
     @property
@@ -104,7 +105,11 @@ class Job:
 def distinct(
     shape, found, count: int, hopeless=START_BEHIND, samples=COMPARED
 ) -> list[Hypothesis]:
-    """Return the best `count` hypotheses of which no two are the same body."""
+    """Return the best `count` hypotheses of which no two are the same body.
+
+    hopeless [nats]: none that is further behind the best; samples: where bodies are
+    compared.
+    """
     kept = []
     for h in sorted(found, key=lambda h: h.rank):
         if kept and h.objective > kept[0].objective + hopeless:
@@ -115,7 +120,7 @@ def distinct(
 
 
 def same(shape, a: Hypothesis, b: Hypothesis, samples=COMPARED) -> bool:
-    """Tell whether two hypotheses are one: corners agree at the given samples."""
+    """Tell whether two hypotheses are the same body at the given samples."""
     for k in samples:
         corners = [planar_corners(shape, h.theta, h.x[:, k]) for h in (a, b)]
         apart = np.linalg.norm(corners[0][:, None] - corners[1][None], axis=2)

@@ -1,8 +1,9 @@
-"""Propose first guesses: where the object may be and how it may have moved.
+"""Extended Kalman filter of size and planar pose through contact measurements.
 
-Nothing is solved here to optimality.  `first_guesses` reads the first touch,
-`realigned` the touches of a new action, `follow` carries size and pose through the
-samples by an extended Kalman filter.  Poses are planar, x = (x, y, yaw).
+The state is (theta, x before, x now), with x = (x, y, yaw).  The process is a random
+walk: large where the object is touched, small where it is not.  Touched gaps and
+normals are measurements, each corrected by a few Gauss-Newton passes; a finger that
+feels nothing pushes the body out where they overlap.  Many states run at once.
 """
 
 from __future__ import annotations
@@ -14,21 +15,17 @@ import numpy as np
 
 from ..nlp.term_functions import mapped
 
-GAP_SIGMA = 0.5e-3  # [m] deviation of a touched gap while following
-NORMAL_SIGMA = 0.15  # [rad] deviation of a measured normal while following
-TOUCHED_STEP = np.array(
-    [2e-3, 2e-3, 0.1]
-)  # [m, m, rad] of a touched object in one sample
-RESTART_SIGMA = np.r_[
-    1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-3
-]  # [m, rad] of what is not corrected
-STOPPING_SAMPLES = (
-    5  # samples: friction of 0.3 stops a body that a finger left in three
-)
-UNTOUCHED_STEP = np.array([1e-4, 1e-4, 5e-3])  # [m, m, rad] of one that nothing touches
+GAP_SIGMA = 0.5e-3  # [m] measurement deviation of a touched gap
+NORMAL_SIGMA = 0.15  # [rad] measurement deviation of a normal
+# Process deviations of one sample [m, m, rad], touched and untouched:
+TOUCHED_STEP = np.array([2e-3, 2e-3, 0.1])
+# [m, rad] of size and first pose in the second run, which finds the path:
+RESTART_SIGMA = np.r_[1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-3]
+STOPPING_SAMPLES = 5  # a released body stops in three, at a friction of 0.3
+UNTOUCHED_STEP = np.array([1e-4, 1e-4, 5e-3])
 MAX_PASSES = 4  # Gauss-Newton passes per sample with contact
 PASS_TOLERANCE = 1e-5  # [m, rad] a smaller step ends the passes
-LONGEST_PASS = np.array([8e-3, 8e-3, 0.3])  # [m, m, rad] longest step of a pass
+LONGEST_PASS = np.array([8e-3, 8e-3, 0.3])  # [m, m, rad] step of a pass
 
 
 @cache
@@ -46,7 +43,7 @@ def finger_residuals(shape, motion, finger):
 
 
 def lasting_contacts(data) -> np.ndarray:
-    """Tell which contacts (T, F) have a neighbour in time: a flipped one has none."""
+    """Tell which contacts (T, F) have a neighbour in time, unlike a flipped boolean."""
     felt = data.contact & data.valid
     pair = felt[1:] & felt[:-1] & (data.action[1:] == data.action[:-1])[:, None]
     none = np.zeros((1, data.fingers), bool)
@@ -54,12 +51,12 @@ def lasting_contacts(data) -> np.ndarray:
 
 
 def filtered_paths(data, window, shape, z, spread, turning, samples, offsets=0.0):
-    """Follow guesses z (S, n + 3) of theta and pose through `samples`, all at once.
+    """Filter states z (S, n + 3) of theta and pose through `samples`, all at once.
 
-    offsets: of the fingers (S, 3, F) [m], if these are not where they say.
-    spread (S, n + 3, n + 3): how far z may be off; turning (S,) [-]: how readily the
-    object turns, in TURN.  A first run corrects z by what is felt, a second one finds
-    the path from there.  Returns z (S, n + 3) and the poses (S, 3, samples).
+    spread (S, n + 3, n + 3): covariance of z; turning (S,) [-]: scale of the process
+    noise in yaw; offsets: of the fingers (S, 3, F) [m], where these are not known
+    exactly. A first run corrects z by the measurements, a second one finds the path
+    from there. Returns z (S, n + 3) and the poses (S, 3, samples).
     """
     shift = np.broadcast_to(offsets, (len(z), 3, data.fingers)).swapaxes(1, 2)
     given = data, window, shape, shift
@@ -69,9 +66,10 @@ def filtered_paths(data, window, shape, z, spread, turning, samples, offsets=0.0
 
 
 def _filtered(data, window, shape, shift, z, spread, turning, samples):
-    """Run an extended Kalman filter: the state is (theta, x before, x now).
+    """Run the filter: the state is (theta, x before, x now).
 
-    Touched gaps and normals are fitted, a finger that feels nothing is pushed out.
+    Touched gaps and normals are fitted; a free finger that overlaps the body pushes it
+    out.
     """
     n, m = shape.theta, window.motion.unknowns
     copy = np.vstack([np.eye(n + m), np.eye(m, n + m, n)])
@@ -106,7 +104,7 @@ def _filtered(data, window, shape, shift, z, spread, turning, samples):
 def _still_sliding(felt, window) -> np.ndarray:
     """Tell the samples (T,) through which an untouched body slides on, as on ice.
 
-    On other ground it stops within BRIEF samples, and hardly moves in these.
+    On other ground it stops within STOPPING_SAMPLES and hardly moves in these.
     """
     moving = np.isin(np.arange(len(felt)), window.step.sample)
     alone = moving & ~felt.any(axis=1)
@@ -117,7 +115,7 @@ def _still_sliding(felt, window) -> np.ndarray:
 
 
 def _measured(data, window, shape, shift, z, t, felt, noise):
-    """Return Hessians and gradients of what the fingers say of states z (S, n + 6)."""
+    """Return Hessians and gradients of the measurements at states z (S, n + 6)."""
     n, m = shape.theta, window.motion.unknowns
     local = np.r_[:n, n + m : n + 2 * m]
     fingers = np.nonzero(data.valid[t] & (felt | ~data.contact[t]))[0]

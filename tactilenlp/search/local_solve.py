@@ -23,14 +23,13 @@ from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..nlp.solution import Solution, after
 from ..problem.certificates import Certificates
-from ..problem.pages import is_polytope
 from ..problem.polytope_window import window_of
 from ..problem.poses import poses
 from ..problem.reductions import reduce, required_reductions
 from ..problem.unreduced import transferred_values
 from .hypothesis import Hypothesis, Job
 from .margins import UNTOUCHED_FACE
-from .polytope_init import ACCEPTABLE, CLOSED, with_vertices_on_hull
+from .polytope_init import CLOSED, IPOPT_OPTIONS, with_vertices_on_hull
 
 RANKING_TOLERANCE = 1e-3  # of a page's solves that only rank hypotheses
 HELD_ITERATIONS = 20  # of a level that holds poses
@@ -134,7 +133,7 @@ def start_values(problem, window, h: Hypothesis) -> dict:
 def settings_of(job, options) -> SolverOptions:
     """Return the solver's settings within the time that a job has left."""
     left = min(LEVEL_TIME, max(0.1, job.deadline - time.monotonic()))
-    ipopt = {**(ACCEPTABLE if is_polytope(job.shape) else {}), **options.ipopt}
+    ipopt = {**IPOPT_OPTIONS[job.shape.parameters], **options.ipopt}
     return SolverOptions(tolerance=options.tolerance, time_limit=left, ipopt=ipopt)
 
 
@@ -273,7 +272,7 @@ def _between_rebuilds(levels) -> list[list]:
 def _rebuilt_for(job, page, solved, groups, options) -> Solved:
     """Go on from a solve through groups of levels, the page rebuilt before each."""
     for levels in groups:
-        h = with_vertices_on_hull(solved.at) if is_polytope(job.shape) else solved.at
+        h = with_vertices_on_hull(job.shape, solved.at)
         window, problem, built = problem_at(job, page, h)
         values, _, _ = transferred_values(solved, window, problem)
         kept = {name: v for name, v in values.items() if name not in RESTARTED}

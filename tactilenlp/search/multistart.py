@@ -12,7 +12,6 @@ from dataclasses import replace
 
 from ..common.interrupt import interruptible
 from ..common.progress import progress
-from ..problem.pages import is_polytope
 from .hypothesis import same
 from .local_solve import Solved, best_first, solved_from
 from .margins import FAILED_BEHIND, LEAST_MOTION_BEHIND
@@ -38,13 +37,12 @@ def multistart(job, page, hypotheses, options, levels, known=(), solved=None) ->
 def _multistart(job, page, hypotheses, options, levels, known, solved, rough) -> None:
     """Fill `rough` with solves before the last level, `solved` with those after it."""
     shared = {}
-    hull = is_polytope(job.shape)  # the window of a polytope depends on its start
     separate = len(levels) == 1 or levels[-2].fixed or levels[-1].rebuild
     separate = separate or not job.reductions.planar
     for h in progress(hypotheses, "solve"):
         if (known or solved or rough) and time.monotonic() > job.deadline:
             break
-        shared = {} if hull else shared
+        shared = {} if job.shape.window_depends_on_start else shared
         if separate:  # held or free poses do not come together before the last level
             solved.append(solved_from(job, page, h, options, shared, levels))
         else:

@@ -1,7 +1,9 @@
-"""Search for a polytope: poses and observed supporting planes, action by action.
+"""Poses of a polytope and the supporting planes of its touched faces, action by action.
 
-Touches whose normals rise equally are runs, each a plane; runs that turn out to be one
-face become one plane.  Poses are planar, in the frame of the ground.
+Simultaneous localisation and mapping: touches whose normals stay constant are contact
+segments, each a plane; segments that turn out to be one face become one plane
+(`polytope_planes` solves for poses and planes).  Poses are planar, in the frame of the
+ground.
 """
 
 from __future__ import annotations
@@ -29,13 +31,9 @@ from ..nlp.problem import Problem
 from ..problem.reductions import reduce
 from ..problem.window import Rows, Window
 
-FREE_REACH = (
-    15e-3  # [m] a free finger further than this from a contact point says nothing
-)
-FACE_ANGLE, FACE_OFFSET = (
-    0.03,
-    0.2e-3,
-)  # [rad], [m] planes that agree this well are one face
+FREE_REACH = 15e-3  # [m] free fingers further from a contact point are left out
+FACE_ANGLE = 0.03  # [rad] normals of one face agree this well
+FACE_OFFSET = 0.2e-3  # [m] and its offsets
 SEARCH_TOLERANCE = 1e-4  # of solves that only start another page
 SEARCH_TIME = 20.0  # [s] at most, of one such solve
 
@@ -50,7 +48,7 @@ class Pairs(Rows):
 
 @dataclass(frozen=True, eq=False)
 class Outside(Rows):
-    """Touches whose contact point lies outside a free finger at p_wf, pose pose."""
+    """Touches whose contact point is outside a free finger at p_wf; pose: its index."""
 
     touch: np.ndarray
     pose: np.ndarray
@@ -128,7 +126,7 @@ def planes_window(window, faces: Faces) -> PlanesWindow:
 
 
 def of_new_action(window: PlanesWindow, x, planes: int) -> PlanesWindow:
-    """Return what a new action adds to a past of poses x (3, T), held, and planes."""
+    """Return what a new action adds to the pairs of a past with poses x (3, T)."""
     past, touch = x.shape[1], window.touch
     new, first = touch.sample >= past, window.pose[past]
     behind, outside = window.behind, window.outside
@@ -145,7 +143,7 @@ def of_new_action(window: PlanesWindow, x, planes: int) -> PlanesWindow:
 
 
 def poses_of_new_action(job, faces: Faces) -> np.ndarray:
-    """Return the poses x (3, T) of one more action; its past is held as it is."""
+    """Return the poses x (3, T) of one more action, those of its past held."""
     window = reduce(job.data, job.scene, job.shape, job.precision, job.reductions)
     start, known = continued_faces(window, faces, job.data.samples), len(faces.b)
     window = of_new_action(planes_window(window, start), faces.x, known)
@@ -179,7 +177,7 @@ def solved_faces(job, window, faces: Faces, levels, time_limit: float) -> Faces:
 
 
 def merged_faces(window, faces: Faces) -> Faces:
-    """Return the planes with those that are one face made one."""
+    """Return the planes with those of one face merged."""
     n, b, plane = faces.n, faces.b, faces.plane
     point, _ = in_body(window.touch, faces.x, n[plane])
     label = np.arange(len(b))
@@ -204,7 +202,7 @@ def merged_faces(window, faces: Faces) -> Faces:
 
 
 def faces_touched(window, vertices, x) -> Faces:
-    """Return the planes that the touches have on a body at poses x (3, T)."""
+    """Return the planes of the touches of a known body at poses x (3, T)."""
     centre = fingers(window.touch, x)
     point = nearest(vertices, centre)
     n = centre - point
@@ -232,14 +230,14 @@ def extended_faces(job, faces: Faces | None, samples: int) -> Faces:
 
 
 def first_faces(window, samples: int, size: float) -> Faces:
-    """Return the first planes as they were measured, of a body that has not moved."""
+    """Return the planes of the first touches as measured, the body at rest."""
     x = np.zeros((3, samples))
     x[:2] = first_position(window, size)[:, None]
     return Faces(*as_measured(window, window.touch, x), x)
 
 
 def continued_faces(window, faces: Faces, samples: int) -> Faces:
-    """Return the planes with those of a new action as measured; nothing moved in it."""
+    """Return the planes with those of a new action as measured, the body at rest."""
     touch, before = window.touch, faces.x.shape[1]
     x = np.hstack([faces.x, np.repeat(faces.x[:, -1:], samples - before, axis=1)])
     new = touch.sample >= before
@@ -252,7 +250,7 @@ def continued_faces(window, faces: Faces, samples: int) -> Faces:
 
 
 def as_measured(window, touch, x) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the planes of touches at poses x, one for each run: plane, n, b."""
+    """Return the planes of touches at poses x, one for each segment: plane, n, b."""
     plane = runs(touch, window.sigma_normal)
     _, normal = in_body(touch, x, None)
     count = np.bincount(plane)
@@ -264,7 +262,7 @@ def as_measured(window, touch, x) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def centred(window, faces: Faces, size, ground) -> Faces:
-    """Return the same motion with the body's origin below its middle."""
+    """Return the same motion with the body's origin below its centroid."""
     shift = centroid(rough_vertices(window, faces, size, ground))[:2]
     c, s = np.cos(faces.x[2]), np.sin(faces.x[2])
     x = faces.x.copy()
@@ -274,7 +272,7 @@ def centred(window, faces: Faces, size, ground) -> Faces:
 
 
 def rough_vertices(window, faces: Faces, size, ground) -> np.ndarray:
-    """Return vertices of what lies behind the planes, the ground and a ball."""
+    """Return vertices of the intersection of the planes, the ground and a ball."""
     n = faces.n
     points, _ = in_body(window.touch, faces.x, n[faces.plane])
     b = np.maximum(faces.b, (points @ n.T).max(axis=0))
@@ -283,7 +281,7 @@ def rough_vertices(window, faces: Faces, size, ground) -> np.ndarray:
 
 
 def unseen_halfspaces(points, ball: Ball, ground) -> np.ndarray:
-    """Return half-spaces (n, 4) of what no finger told: a ball, and the ground if any.
+    """Return half-spaces (n, 4) of the untouched side: a ball, and the ground if any.
 
     points (k, 3) [m]: where the body was touched.
     """
@@ -292,11 +290,11 @@ def unseen_halfspaces(points, ball: Ball, ground) -> np.ndarray:
 
 
 def unseen_ball(points, size, ground) -> Ball:
-    """Return the ball that is thought of where no finger was."""
+    """Return the ball that stands for the untouched side of the body."""
     return fitted_ball(points, size, HEIGHT if ground else AFLOAT)
 
 
 def first_position(window, size: float) -> np.ndarray:
-    """Return a first guess (2,) of where the body is: behind its first touch."""
+    """Return a first guess (2,) [m] of the body's position: behind its first touch."""
     t = window.touch
     return t.p_wf[0, :2] - (t.radius[0] + size) * t.normal[0, :2]

@@ -1,9 +1,10 @@
-"""Carve a polytope out of what was felt: planes, free fingers, ground and a ball.
+"""Initialisation of a polytope: a polytope from half-spaces, fitted with least motion.
 
-Search for a convex polytope, and show a page what it needs of one.
-
-Planes and poses first, action by action (planes.py), then a body carved out of the
-planes (carving.py), then its vertices polished with least motion: a hypothesis.
+`search_polytope` finds poses and supporting planes action by action (plane_slam.py),
+intersects the half-spaces behind the planes, between the touches and every free finger,
+above the ground and within a ball for the untouched side, and fits vertices and poses
+by the quasi-static page.  Where the touched planes and the ground close a body by
+themselves, a second hypothesis does without the ball.
 """
 
 from __future__ import annotations
@@ -44,27 +45,28 @@ from .plane_slam import (
     unseen_halfspaces,
 )
 
-MAX_CUTS = 30  # at most, by fingers that feel nothing
-PENETRATION = 0.1e-3  # [m] a free finger may sink in so far
-CUBE_CORNER = 3**0.5  # [radii] a cube's corners are so far out of the ball within it
-ACCEPTABLE = {  # IPOPT stops where kinks of the surface let it creep on and on
+MAX_CUTS = 30  # half-spaces from free fingers, at most
+PENETRATION = 0.1e-3  # [m] a free finger may overlap the body so far
+CUBE_CORNER = 3**0.5  # [radii] of a cube's corners about the ball within it
+ACCEPTABLE = {  # IPOPT's early stop: kinks of the surface make its steps tiny
     "acceptable_tol": 0.5,  # [nats / mm]
     "acceptable_obj_change_tol": 1e-4,  # [relative] over as many iterations
     "acceptable_iter": 5,
     "acceptable_compl_inf_tol": 1e-2,
     "acceptable_constr_viol_tol": 1e-4,
 }
-CLOSED = "closed"  # the path of a body with no faces but those that were felt
-POLISH_ITERATIONS = 40  # iterations of a level that only starts another page
+IPOPT_OPTIONS = {"sizes": {}, "vertices": ACCEPTABLE}  # by what theta lists
+CLOSED = "closed"  # in the path of a body whose every face was touched
+POLISH_ITERATIONS = 40  # of a level that only starts another page
 
 
 def polytope_from_planes(
     window, faces: Faces, size, vertices: int, ground=True, ball=True
 ):
-    """Return the vertices (vertices, 3) [m] of the body behind the planes.
+    """Return the vertices (vertices, 3) [m] of the intersection of half-spaces.
 
-    ground: whether there is one, at z = 0; ball: whether it is a ball where no finger
-    was.  Without one, None unless planes and ground close the body.
+    ground: whether there is one, at z = 0; ball: whether a ball bounds the untouched
+    side. Without one, None unless planes and ground close the body.
     """
     n = faces.n
     points, _ = in_body(window.touch, faces.x, n[faces.plane])
@@ -89,10 +91,10 @@ def polytope_from_planes(
 
 
 def closing_halfspaces(planes, points, ball: Ball, ground) -> np.ndarray | None:
-    """Return the half-spaces (n, 4) that close a body without a ball, if they do.
+    """Return the half-spaces (n, 4) that bound a body without a ball, if they do.
 
-    They do where no corner of planes and ground is FARTHEST radii from the middle of
-    the ball, or farther: a sharp corner that no finger felt is no reason for a face.
+    They do where no corner of planes and ground is CUBE_CORNER radii from the ball's
+    centre or farther: a sharp corner that no finger felt does not need another face.
     """
     wide = replace(ball, radius=2 * CUBE_CORNER * ball.radius)
     halfspaces = np.vstack([planes, unseen_halfspaces(points, wide, ground)])
@@ -129,8 +131,13 @@ def check_round_fingertips(scene) -> None:
         )  # fmt: skip
 
 
-def with_vertices_on_hull(h: Hypothesis) -> Hypothesis:
-    """Return a hull whose invisible vertices, those inside of it, are moved onto it."""
+def with_vertices_on_hull(shape, h: Hypothesis) -> Hypothesis:
+    """Return a hypothesis whose vertices inside the hull are moved onto its surface.
+
+    No contact sees a vertex inside.  A shape with other parameters has none.
+    """
+    if shape.parameters != "vertices":
+        return h
     vertices = h.theta.reshape(-1, 3)
     onto = filled(outer(vertices), len(vertices))
     return replace(h, theta=onto.ravel())
@@ -139,9 +146,10 @@ def with_vertices_on_hull(h: Hypothesis) -> Hypothesis:
 def search_polytope(job, kept, so_far=None) -> list[Hypothesis]:
     """Return the hypothesis that explains all actions of a job, with least motion.
 
-    And one of a body that has no faces but those that were felt, if they close one.
+    And one of a body whose every face was touched, where planes and ground close one.
     kept: a hypothesis of the first actions, if any, with any number of vertices.
-    so_far: a list in which Ctrl-C leaves that of the actions done by then.
+    so_far: a list that holds the hypothesis of the actions done when Ctrl-C interrupts.
+    Raises NoContactError where no touch is credible.
     """
     job = replace(job, data=credible_data(job.data, job.precision.normal))
     faces = [faces_of(job, kept[0])] if kept else []
@@ -166,9 +174,10 @@ def _ends(data) -> list[int]:
 
 
 def bodies_from(job, faces: Faces) -> list[Hypothesis]:
-    """Return the body that planes of the first samples carve out, where they saw it.
+    """Return the bodies of the planes seen so far, as hypotheses.
 
-    And one without any face that nothing felt, where planes and ground close it.
+    The first is bounded by a ball on its untouched side; a second one has touched faces
+    only, where planes and ground close it.
     """
     data = job.data.select(np.unique(job.data.action[: faces.x.shape[1]]))
     window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
@@ -184,7 +193,7 @@ def bodies_from(job, faces: Faces) -> list[Hypothesis]:
 
 
 def polished(job, body: Hypothesis) -> Hypothesis:
-    """Return the carved body with vertices and poses that fit what was felt."""
+    """Return the body with vertices and poses fitted to the measurements."""
     window, shape = window_of(job, (body.theta, body.x))
     problem = Problem(kinds=job.kinds_of(polytope_quasi_static, window))
     polytope_quasi_static.build(problem, window, job.scene, shape)
@@ -200,12 +209,15 @@ def polished(job, body: Hypothesis) -> Hypothesis:
 
 
 def credible_data(data, sigma: float):
-    """Return the data less what stands alone; NoContactError where nothing is left."""
+    """Return the data without touches that no neighbour confirms.
+
+    Raises NoContactError where none is left.
+    """
     left = credible(data, sigma)
     if (left.contact & left.valid).any():
         return left
     raise NoContactError(
-        "no touch is backed by its neighbours",
+        "no touch is confirmed by its neighbours",
         where="normal",
         got=f"{int((data.contact & data.valid).sum())} touches, none like another",
         expected="a finger that feels about one normal for two samples or more",

@@ -1,7 +1,10 @@
-"""Guess how a new action continues a hypothesis; nothing is solved to optimality.
+"""Proposals: how a new action may continue a hypothesis; nothing is solved.
 
-The past is a Gaussian of size and last pose: it says how far a guess may change what
-was known, and how the poses of the past follow.
+The first touch alone proposes where a body may be (`first_guesses`).  Later, the past
+is a Gaussian of size and last pose, by the Hessian of least motion; its mean, its sigma
+points along the least certain directions, and what a new touch contradicts
+(`realignments`) are filtered through the new action (kalman_filter.py).  The poses of
+the past follow the change.
 """
 
 from __future__ import annotations
@@ -20,26 +23,25 @@ from .hypothesis import Hypothesis, Job
 from .kalman_filter import filtered_paths, finger_residuals, lasting_contacts
 from .local_solve import problem_for, start_values
 
-WEAK_MOTION = {
-    "motion weight": 100.0
-}  # [nats/m] a third of the page's: guesses stay put
-SIGMA_DIRECTIONS = (
-    2  # directions in which a hypothesis is least certain, tried both ways
-)
-TURNED_AS_A_WHOLE = 0.3  # [rad] a turn beyond this carries the past along as one piece
-STRAIGHT_TURN = 0.1  # [-] how readily an object turns that is pushed straight on
-GUESS_SIGMA_MAX = np.r_[
-    0.02, 0.02, 0.02, 0.03, 0.03, 0.5
-]  # [m, rad] of guesses, at most
-GUESS_SIGMA_MIN = np.r_[
-    1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.03
-]  # [m, rad] of guesses, at least
-END_UNITS = np.r_[1, 1, 1, 1, 1, 20e-3]  # [m] makes a length of a turn
-UNSEEN_INFORMATION = 1e-4  # [1 / scaled unknown^2] of a direction that nothing sees
+WEAK_MOTION = {"motion weight": 100.0}  # [nats/m] a third of the page's own
+SIGMA_DIRECTIONS = 2  # least certain directions with sigma points
+TURNED_AS_A_WHOLE = 0.3  # [rad] a larger turn moves the past as one piece
+STRAIGHT_TURN = 0.1  # [-] of the process noise in yaw, for a straight push
+# [m, rad] deviations of size and pose of a proposal, at most and at least:
+GUESS_SIGMA_MAX = np.r_[0.02, 0.02, 0.02, 0.03, 0.03, 0.5]
+GUESS_SIGMA_MIN = np.r_[1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.03]
+END_UNITS = np.r_[1, 1, 1, 1, 1, 20e-3]  # [m] that a unit of size and pose counts
+UNSEEN_INFORMATION = 1e-4  # [1 / scaled unknown^2] of an unobserved direction
+NORMAL_SAMPLES = 5  # at the beginning of a touch, whose normals are averaged
+MISALIGNED = np.radians(8)  # a normal this far off its face needs a realignment
+OPEN_GAP = 3e-3  # [m] and so does a gap this wide where contact is felt
+BELOW_TOP = 5e-3  # [m] a side touch is at least this far below the top
+TOP_TILT = 0.14  # [-] sine of the tilt (8 degrees) up to which a normal is the top's
+RIM_NORMAL = 0.25  # [-] n_z of a touch of the rim, beyond three sigma of noise
 
 
 def extensions(job: Job, kept: list[Hypothesis]) -> list[Hypothesis]:
-    """Return unsolved hypotheses: guesses of how the last action continues each one."""
+    """Return proposals of how the last action continues each hypothesis."""
     if not kept:
         return first_touches(job)
     data, window = spherical(job)
@@ -72,7 +74,7 @@ def spherical(job: Job):
 
 
 def _continued(h, along, name, end, tail) -> Hypothesis:
-    """Return the hypothesis whose past was changed so that it ends at `end`."""
+    """Return the hypothesis whose past is changed so that it ends at `end`."""
     n = len(h.theta)
     change = end - h.end
     if abs(change[-1]) > TURNED_AS_A_WHOLE:
@@ -84,7 +86,7 @@ def _continued(h, along, name, end, tail) -> Hypothesis:
 
 
 def first_touches(job: Job) -> list[Hypothesis]:
-    """Return the guesses of the first touch, at rest before it."""
+    """Return proposals from the first touch, at rest before it."""
     (data, window), shape = spherical(job), job.shape
     touches = (touch_onsets(data, action) for action in np.unique(data.action))
     t, f = next(touch[0] for touch in touches if touch)
@@ -107,10 +109,10 @@ def first_touches(job: Job) -> list[Hypothesis]:
 
 
 def _posteriors(job: Job, kept):
-    """Return (hypothesis, P, along) by the curvature of least motion at each one.
+    """Return (hypothesis, P, along) by the Hessian of least motion at each hypothesis.
 
-    P (n + 3, n + 3): covariance of theta and last pose; along (T, 3, n + 3): how poses
-    follow a change of these.
+    P (n + 3, n + 3): covariance of theta and last pose; along (T, 3, n + 3): slopes of
+    the poses in these.
     """
     problem, window = problem_for(job, quasi_static)
     data, scale, out = problem.data(WEAK_MOTION), problem.scale, []
@@ -131,30 +133,10 @@ def _posteriors(job: Job, kept):
 
 
 def _sigma_points(P) -> list[np.ndarray]:
-    """Return changes of theta and pose by a deviation along the least certain ways."""
+    """Return changes of theta and pose by one sigma in the least certain directions."""
     values, vectors = np.linalg.eigh(P * np.outer(END_UNITS, END_UNITS))
     ways = (vectors * np.sqrt(values)).T[::-1][:SIGMA_DIRECTIONS] / END_UNITS
     return [sign * way for way in ways for sign in (1, -1)]
-
-
-NORMAL_SAMPLES = 5  # samples of a touch whose normals are averaged
-
-
-MISALIGNED = np.radians(8)  # a normal this far off its face is worth another guess
-
-
-OPEN_GAP = 3e-3  # [m] and so is a gap this wide where contact is felt
-
-
-BELOW_TOP = 5e-3  # [m] a side touch is at least this far below the top
-
-
-TOP_TILT = 0.14  # [-] sine of the tilt (8 degrees) up to which a normal is the top's
-
-
-RIM_NORMAL = (
-    0.25  # [-] n_z above which a touch tells the height (5 degrees of noise: 3 sigma)
-)
 
 
 def touch_onsets(data, action) -> list[tuple[int, int]]:
@@ -168,7 +150,7 @@ def touch_onsets(data, action) -> list[tuple[int, int]]:
 
 
 def body_height(data, shape, otherwise: float) -> float:
-    """Return the height [m]: of the rim where it was felt, else above all touches."""
+    """Return the height [m]: of the rim if it was touched, else above all touches."""
     felt = lasting_contacts(data)
     n_z = data.normal[..., 2]
     z = data.finger_position[..., 2] - data.finger_radius * n_z
@@ -208,8 +190,8 @@ def first_guesses(data, shape, t, f) -> list[tuple[str, np.ndarray, np.ndarray]]
 def realignments(data, window, shape, theta, x, action):
     """Return (name, theta, x before the action) variations that meet a new side touch.
 
-    The first touch of each finger in this action says where a face is and which way it
-    looks.  Where that contradicts the guess, either the whole past was turned and
+    The first touch of each finger in this action determines where a face is, and its
+    normal. Where that contradicts the hypothesis, either the whole past was turned and
     shifted ("turn": to the nearest face, "edge": to the nearest edge), or the touched
     side lies further out ("grow").
     """

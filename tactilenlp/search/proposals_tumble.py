@@ -1,9 +1,9 @@
-"""Guess how an object tipped over that did not only slide.
+"""Proposals for an object that tipped over: the tumble, and what was known before.
 
 An object that is pushed high tips over its far bottom edge: the measured normal of the
 pushed side rises with the tilt, then the object falls like a pendulum and comes to lie
-on the next face.  Lying, it slides again: a turn by 90 degrees renames the sides.  So a
-tumble is guessed from the normals, what follows is searched by the planar beam, and
+on the next face.  There it slides again; a turn by 90 degrees permutes the sides.  So a
+tumble is proposed from the normals, what follows is searched by the planar beam, and
 both together start one local solve in free motion.
 """
 
@@ -26,25 +26,19 @@ from .hypothesis import Hypothesis
 from .local_solve import start_values
 from .proposals import BELOW_TOP, extensions
 
-TIPPING_TILT = np.radians(
-    2
-)  # a side normal that rises further says that the object tilts
-DEPTH_SHARES = (
-    1.0,
-    2 / 3,
-)  # [-] of the guessed depth: where the edge lies is not known yet
+TIPPING_TILT = np.radians(2)  # a side normal that rises further shows tipping
+DEPTH_SHARES = (1.0, 2 / 3)  # [-] of the proposed depth: the edge is not observed
+# Which of the two horizontal sides are taken from before the tumble:
 KNOWN_SIDES = tuple(np.array(k, bool) for k in ((0, 0), (0, 1), (1, 0), (1, 1)))
-SAME = 1e-3  # [m] guesses that agree this well, first and last, are one
-MAX_TUMBLES = (
-    100  # guesses of a tumble that are continued, the likeliest until it was over
-)
+SAME_MOTION = 1e-3  # [m] free motions that agree this well, first and last, are one
+MAX_TUMBLES = 100  # proposals that are continued, the likeliest first
 
 
 @dataclass(frozen=True, eq=False)
 class Tumble:
-    """A guess of how the last action of a job went on: theta (3,), x (6, T), name.
+    """A proposal of how the last action of a job went on: theta (3,), x (6, T), name.
 
-    before: the planar hypothesis until it tipped; start: the sample since when it does.
+    before: the planar hypothesis until it tipped; start: the sample at which it tips.
     """
 
     theta: np.ndarray
@@ -103,7 +97,7 @@ class Tumble:
 
 
 def tumbled(job, kept) -> list[Tumble]:
-    """Return guesses of how the object tumbled in the last action of a job.
+    """Return proposals of how the object tumbled in the last action of a job.
 
     kept: planar hypotheses of the actions before, none if it is the first.
     """
@@ -124,7 +118,7 @@ def tumbled(job, kept) -> list[Tumble]:
 def _tips_to_try(tip: Tip) -> list:
     """Return (share of the depth, tip): over the edge, and back if it still stands.
 
-    Where the record ends while it is tipped less than halfway, nobody saw it fall.
+    Where the record ends while it is tipped less than halfway, either may follow.
     """
     ways = [(share, tip) for share in DEPTH_SHARES]
     if tip.angle[-1] < FLAT / 2:
@@ -155,8 +149,8 @@ def _thinned(h: Hypothesis, tip: Tip, share: float) -> Hypothesis:
 def recovered(job, evidence, width: int, solves: int, executor=None):
     """Return free hypotheses of all actions, best first: it tumbled in one of them.
 
-    evidence: what `contradicts` says of the best planar hypothesis.  Any action that
-    speaks against sliding and shows a rising normal may be the one; else none is found.
+    evidence: of outliers.evidence_against_planar for the best planar hypothesis. Any
+    action that contradicts sliding and shows a rising normal may be the one.
     """
     actions, found = np.unique(job.data.action), []
     for action in [e.action for e in evidence if e.against and e.tilt > TIPPING_TILT]:
@@ -175,9 +169,9 @@ def recovered(job, evidence, width: int, solves: int, executor=None):
 def continued(job, tumbles, width: int, solves: int, executor=None):
     """Return free hypotheses of all actions of a job: tumbled, then slid, best first.
 
-    job: the data from the first action on; tumbles: of one action of it.  The planar
-    beam searches what comes after.  What it found and what was known before are joined
-    in every way; the objective is that of the likelihoods, on the coarse level.
+    job: the data from the first action on; tumbles: of one action of it. The planar
+    beam searches what comes after. Its results and what was known before are joined in
+    every way; the objective is that of the likelihoods, on the coarse level.
     """
     action = job.data.action[tumbles[0].x.shape[1] - 1]
     data = job.data.select([a for a in np.unique(job.data.action) if a >= action])
@@ -196,7 +190,7 @@ def continued(job, tumbles, width: int, solves: int, executor=None):
 
 
 def _likeliest(job, tumbles) -> list[Tumble]:
-    """Return the MOST tumbles that explain best what was felt until they end."""
+    """Return the MAX_TUMBLES tumbles that explain best what was felt until they end."""
     if len(tumbles) <= MAX_TUMBLES:
         return tumbles
     found = [Hypothesis(t.theta, t.x, np.inf, ()) for t in tumbles]
@@ -235,13 +229,15 @@ def _distinct(found, count: int) -> list[Hypothesis]:
     kept = []
     for h in found:
         ends = np.r_[h.theta, h.x[:3, 0], h.x[:3, -1]]
-        if len(kept) < count and all(np.abs(ends - e).max() > SAME for e, _ in kept):
+        if len(kept) < count and all(
+            np.abs(ends - e).max() > SAME_MOTION for e, _ in kept
+        ):
             kept.append((ends, h))
     return [h for _, h in kept]
 
 
 def _tipped(job, h):
-    """Return since which sample the last action tips the object, and how, or None."""
+    """Return the sample at which the last action tips the object, and how, or None."""
     data = job.data
     rows = np.nonzero(data.action == data.action[-1])[0]
     touched = (data.contact & data.valid)[rows]
