@@ -147,10 +147,10 @@ class Information:
 def information_of(
     problem, solution, window, shape, faces, R_wg, sensed=None, rivals=(), profile=None
 ) -> Information:
-    """Return the information about theta and the last pose of a solved programme.
+    """Return the information about theta and the last pose of a solved problem.
 
     faces: (axes, 2) number of samples that touched each face; R_wg (3, 3): from the
-    ground's frame, in which the programme is written, to the world.  sensed: the
+    ground's frame, in which the problem is written, to the world.  sensed: the
     measurements, without which sigma is that of the Hessian; rivals: (problem,
     solution, window) of other local optima; profile (k, k): see profile_likelihood.py.
     """
@@ -171,11 +171,9 @@ def information_of(
     words, directions = open_directions(tangent, covariance, shape, faces)
     if sensed is not None:
         covariance = bounded_pose(covariance, shape.theta, tangent.turning)
-    matrix, terms = inverse(C), problem.terms
-    parts = {
-        name: matrix @ (pulls.T @ (H @ pulls)) @ matrix
-        for name, H in curvature.hessians.items()
-    }
+    matrix = inverse(C)
+    parts = _parts(curvature, pulls, matrix)
+    terms = problem.terms
     return Information(
         names=tangent.names, matrix=matrix, spread=covariance, parts=parts,
         roles={name: terms[name].role or "constraint" for name in parts},
@@ -184,6 +182,14 @@ def information_of(
         indefinite=_indefinite(curvature),
         **_of_offsets(curvature, sensed, window, shape, R_wg, tangent),
     )  # fmt: skip
+
+
+def _parts(curvature: Curvature, pulls, matrix) -> dict[str, np.ndarray]:
+    """Return what the Hessian of each term adds to the information (k, k)."""
+    return {
+        name: matrix @ (pulls.T @ (H @ pulls)) @ matrix
+        for name, H in curvature.hessians.items()
+    }
 
 
 def _covariance(modes, tangent, window, shape, faces, sensed, profile) -> np.ndarray:

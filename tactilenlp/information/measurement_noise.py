@@ -38,7 +38,7 @@ MEDIAN_2 = 1.1774  # median of the length of a standard normal vector in the pla
 
 @dataclass(frozen=True, eq=False)
 class Sensed:
-    """What was measured, how precisely, and how a window becomes a programme again."""
+    """What was measured, how precisely, and how a problem is built from a window."""
 
     data: object
     precision: Precision
@@ -117,9 +117,9 @@ def mixed_derivatives(curvature: Curvature, name: str, columns: Iterable[int]):
 
 
 def measurement_numbers(curvature: Curvature, sensed: Sensed, window) -> np.ndarray:
-    """Return for every datum of the programme which measurement it is, -1 if none.
+    """Return for every datum of the problem which measurement it is, -1 if none.
 
-    The programme is built again from measurements shifted by CODE times their number:
+    The problem is built again from measurements shifted by CODE times their number:
     positions count from 1, normals after them.
     """
     shape = (*sensed.data.contact.shape, 3)

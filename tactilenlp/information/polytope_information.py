@@ -40,7 +40,7 @@ def polytope_information(
     curvature = curvature_of(problem, solution)
     pulls, held = curvature.response_of(chosen)
     C = (pulls[chosen] + pulls[chosen].T) / 2
-    turned_down = np.linalg.eigvalsh(C)[0] < -(LEAST_DEVIATION**2)
+    indefinite = np.linalg.eigvalsh(C)[0] < -(LEAST_DEVIATION**2)
     turn = np.kron(np.eye(theta.columns), R_wg)
     floor = LEAST_DEVIATION**2 * np.eye(len(C))
     given = curvature, pulls, held, sensed, window, shape
@@ -55,26 +55,20 @@ def polytope_information(
     }
     return Information(
         names=tuple(f"vertex {j} {w}" for j in range(theta.columns) for w in "xyz"),
-        matrix=np.linalg.inv(C),
-        spread=errors,
-        parts={},
-        roles={},
-        modes=one_mode(solution.objective, errors),
-        maps=maps,
-        unobserved=untouched_polygons(faces),
-        directions=np.zeros((len(C), 0)),
+        matrix=np.linalg.inv(C), spread=errors, parts={}, roles={},
+        modes=one_mode(solution.objective, errors), maps=maps,
+        unobserved=untouched_polygons(faces), directions=np.zeros((len(C), 0)),
         fixed=("rotation: the body's axes are the world's at the last sample",),
-        active=curvature.active,
-        ambiguous=curvature.ambiguous,
-        indefinite=("vertices",) if turned_down else (),
-    )
+        active=curvature.active, ambiguous=curvature.ambiguous,
+        indefinite=("vertices",) if indefinite else (),
+    )  # fmt: skip
 
 
 def touched_polygons(window, vertices, x, sigma: float) -> np.ndarray:
-    """Return how many touches each polygon of the hull has, as `surface.polygons`.
+    """Return the number of touches of each polygon of `geometry.faces.polygons`.
 
-    sigma: deviation of felt normals [rad].  A touch is of the face that looks most as
-    it was felt, and of others at most as tilted from that as felt normals come out.
+    sigma: deviation of felt normals [rad].  A touch belongs to the face whose normal is
+    closest to the felt one, and to others within the error of felt normals.
     """
     facing = np.cos(min(MAX_TILT, FACE_TILT + TILT_DEVIATIONS * sigma))
     touch = window.touch

@@ -60,11 +60,9 @@ class Reductions:
         unknown = [n for n in off if not isinstance(n, str) or n not in names]
         if unknown:
             raise OptionError(
-                "no such reduction",
-                where="reduce",
-                got=unknown,
+                "no such reduction", where="reduce", got=unknown,
                 expected=f"True, False or names to switch off among {names}",
-            )
+            )  # fmt: skip
         return cls(**{name: name not in off for name in names})
 
 
@@ -87,29 +85,18 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
     choice = choice or Reductions()
     motion = PLANAR if choice.planar else FREE
     first = np.r_[True, data.action[1:] != data.action[:-1]]
+    original = repeated_samples(data, first)
     moving = may_move(data, scene, first) if choice.still else np.ones_like(first)
     if motion is FREE and guess is not None:
         moving = (moving | guess_moves(guess[1])) & ~first
     moving[list(cuts)] = True
-    original = repeated_samples(data, first)
     moving &= original == np.arange(len(first))
-    before = np.r_[0, original[:-1]]
-    pose = np.cumsum(moving | first) - 1
-    sample, finger = np.nonzero(data.valid)
-    felt = data.contact[sample, finger]
-    p_wf = finger_poses(data, scene)
-    everything = Samples(
-        sample, finger, pose[sample], p_wf[sample, finger],
-        data.finger_radius[finger], data.normal[sample, finger],
-        contact_latency(data)[sample, finger],
-    )  # fmt: skip
+    before, pose = np.r_[0, original[:-1]], np.cumsum(moving | first) - 1
+    everything, felt, p_wf = _finger_samples(data, scene, pose)
     free = everything.pick(~felt)
     if choice.far and guess is not None:
         free = free.pick(~is_far(free, scene, shape, motion, guess, precision))
-    known = moving & ~first
-    if coasts(scene):  # its speed at the start of a later action is unknown
-        known &= ~first[before] | (data.action == data.action[0])
-    step = _steps(data, pose, first, before, np.nonzero(known)[0])
+    step = _steps(data, scene, pose, first, before, moving)
     push = _pushes(data, p_wf, everything, felt, step, before, choice.absent)
     corner, lift, rest = _ground(scene, shape, motion, step, first, pose, guess)
     gap = np.nonzero(first)[0][1:]
@@ -125,6 +112,18 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
         sigma_position=precision.position, sigma_normal=precision.normal,
         outlier_cost=OUTLIER_COST, braking=friction_of(scene) * scene.gravity,
     )  # fmt: skip
+
+
+def _finger_samples(data, scene, pose):
+    """Return all valid samples, which of them felt contact, and finger poses."""
+    sample, finger = np.nonzero(data.valid)
+    p_wf = finger_poses(data, scene)
+    everything = Samples(
+        sample, finger, pose[sample], p_wf[sample, finger],
+        data.finger_radius[finger], data.normal[sample, finger],
+        contact_latency(data)[sample, finger],
+    )  # fmt: skip
+    return everything, data.contact[sample, finger], p_wf
 
 
 def friction_of(scene) -> float:
@@ -210,8 +209,12 @@ def is_far(free, scene, shape, motion, guess, precision) -> np.ndarray:
     return away > FAR + 10 * precision.position
 
 
-def _steps(data, pose, first, before, samples) -> Steps:
-    """Return the steps that end at `samples`; an action starts at rest."""
+def _steps(data, scene, pose, first, before, moving) -> Steps:
+    """Return the steps that end at moving samples; an action starts at rest."""
+    known = moving & ~first
+    if coasts(scene):  # its speed at the start of a later action is unknown
+        known &= ~first[before] | (data.action == data.action[0])
+    samples = np.nonzero(known)[0]
     one = before[samples]
     two = np.where(first[one], one, before[one])
     dt = data.time[samples] - data.time[one]
