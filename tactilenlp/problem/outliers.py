@@ -23,7 +23,6 @@ from .reductions import SIDE_NORMAL
 
 GAP_ERROR, NORMAL_ERROR = 0.15e-3, 0.015  # [m], [rad] of a touch model
 UNEXPLAINED = 0.8  # [outlier costs] a touched sample that costs more
-UNEXPLAINED_BY_UPDATE = 0.5  # [outlier costs] the same, after an incremental update
 MIN_OF_TOUCH = 3  # samples
 MIN_OF_ACTION, SHARE_OF_ACTION = 2, 0.2  # samples, [-]
 MIN_OF_PLANAR, PLANAR_LIMIT, PLANAR_TOTAL = 4, 0.6, 0.25  # samples, [-], [-]
@@ -75,13 +74,10 @@ def evidence_against_planar(job, window, values) -> list[Evidence]:
     ]  # fmt: skip
 
 
-def unexplained(problem, window, x, data, limit=UNEXPLAINED) -> np.ndarray:
-    """Tell which touched samples (touches,) the unknowns x of a problem do not explain.
-
-    limit: [outlier costs] that an explained sample may cost.
-    """
+def unexplained(problem, window, x, data) -> np.ndarray:
+    """Tell which touched samples (touches,) unknowns x do not explain."""
     cost = problem.value("touch", x, data)[:, 0]
-    return cost > limit * window.outlier_cost
+    return cost > UNEXPLAINED * window.outlier_cost
 
 
 def planar_share(evidence) -> float:
