@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import OptionError
 from ..nlp.kkt import gradient
-from ..nlp.kkt_sensitivity import Curvature
+from ..nlp.kkt_sensitivity import KKTSystem
 
 STEP = 1e-4  # [-] relative change of what was assumed
 OFFSET = 1e-6  # [m] shift of a finger
@@ -67,7 +67,7 @@ def parameter_sensitivity(
 
 
 def assumption_sensitivities(
-    curvature: Curvature, pulls, held, build: Callable, scene, window
+    curvature: KKTSystem, pulls, held, build: Callable, scene, window
 ) -> tuple[dict, dict]:
     """Return the derivatives (k,) by assumption, and their units, of a solved problem.
 
@@ -126,7 +126,7 @@ def shifted(window, finger: int, axis: int, way: float):
 
 
 def kkt_residual(
-    problem, curvature: Curvature, data=None
+    problem, curvature: KKTSystem, data=None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the gradient of L and the values of all constraints at the solution."""
     data = problem.data() if data is None else data
