@@ -21,8 +21,8 @@ from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..nlp.solution import Solution, after
 from ..problem.action_window import of_action
-from ..problem.outliers import MIN_OF_TOUCH, UNEXPLAINED_BY_UPDATE, unexplained
-from ..problem.polytope_window import HullWindow, window_of
+from ..problem.outliers import MIN_OF_TOUCH, unexplained
+from ..problem.polytope_window import PolytopeWindow, window_of
 from ..problem.reductions import ARM, Reductions, coasts
 from ..problem.unreduced import corners_of, rows_of, samples_of
 from ..problem.window import Corners
@@ -162,7 +162,7 @@ def unexplained_touches(solved: Solved) -> int:
     if "touch" not in problem.terms:
         return 0
     x, data = problem.pack(s.values), problem.data(s.parameters)
-    wrong = unexplained(problem, window, x, data, UNEXPLAINED_BY_UPDATE)
+    wrong = unexplained(problem, window, x, data)
     keys = zip(window.touch.sample, window.touch.finger, strict=True)
     wrong = dict(zip(keys, wrong, strict=True))
     wholes = touches(window, solved.job.data)
@@ -233,7 +233,7 @@ def with_axes_of_ground(h: Hypothesis) -> tuple[Hypothesis, np.ndarray]:
     return replace(h, theta=(h.theta.reshape(-1, 3) @ turn.T).ravel(), x=x), turn
 
 
-def on_legs(solved: Solved, window: HullWindow) -> Solved:
+def on_legs(solved: Solved, window: PolytopeWindow) -> Solved:
     """Return a solution as if the body had stood on the legs of another window.
 
     The force and the moment of the ground on the body stay the same.

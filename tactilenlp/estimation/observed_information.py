@@ -22,8 +22,13 @@ from ..data.sensor_noise import Precision, smoothed
 from ..errors import OptionError, TactileError
 from ..information.comparisons import gauss_newton, inverse_dynamics, paper
 from ..information.information import Information, inverse
-from ..information.measurement_noise import Sensed, moved_by, scatter, sources
-from ..information.sensitivity import Sensitivity, moves
+from ..information.measurement_noise import (
+    Sensed,
+    measurement_numbers,
+    sensitivity_to_measurements,
+    sensor_covariance,
+)
+from ..information.sensitivity import Sensitivity, assumption_sensitivities
 from ..information.tangent_space import tangent_space_of
 from ..nlp.kkt_sensitivity import kkt_system_of
 from ..nlp.problem import Problem
@@ -66,8 +71,10 @@ def observed_information(estimate, kind: str = "exact") -> Information:
     C = J @ pulls[again.tangent.chosen] @ J.T
     if kind == "sandwich":
         sensed = again.sensed
-        source = sources(curvature, sensed, again.window)
-        C = scatter(*moved_by(curvature, pulls, held, sensed, source), sensed)
+        source = measurement_numbers(curvature, sensed, again.window)
+        C = sensor_covariance(
+            *sensitivity_to_measurements(curvature, pulls, held, sensed, source), sensed
+        )
         C = J @ C @ J.T
     C = (C + C.T) / 2
     return replace(estimate.information, matrix=inverse(C), spread=C)
@@ -93,7 +100,9 @@ def assumption_sensitivity(estimate) -> Sensitivity:
     def build(scene, window):
         return again.sensed.build(window, scene)
 
-    found, units = moves(curvature, pulls, held, build, estimate.scene, again.window)
+    found, units = assumption_sensitivities(
+        curvature, pulls, held, build, estimate.scene, again.window
+    )
     return Sensitivity(again.tangent.names, found, units, again.tangent.maps)
 
 

@@ -13,9 +13,9 @@ from ..geometry.transforms import is_planar, matrices, quaternion_of, rotate_pla
 from ..information.finger_offsets import offsets_of
 from ..information.information import Information, information_of
 from ..information.measurement_noise import Sensed
-from ..information.polytope_information import hull_information, touched_polygons
+from ..information.polytope_information import polytope_information, touched_polygons
 from ..nlp.problem import Problem
-from ..problem.polytope_window import standing
+from ..problem.polytope_window import with_supports
 from ..problem.poses import body_corners, poses
 from .request import Request
 from .result import Estimate
@@ -115,11 +115,15 @@ def read_polytope(job, page, solved, x, modes=()) -> tuple[Body, Information]:
     vertices = (V - middle) @ R_wg.T
     faces = touched_polygons(window, V, x, job.precision.normal)
     body = Body(position, quaternion_of(turn), vertices, faces)
-    shape = standing(job.shape, solved.hypothesis.theta.reshape(-1, 3))  # as solved
+    shape = with_supports(
+        job.shape, solved.hypothesis.theta.reshape(-1, 3)
+    )  # as solved
     sensed = Sensed(
         job.data, job.precision, problem_builder(page, shape, scene, job.kinds_of)
     )
-    return body, hull_information(problem, solution, window, shape, faces, R_wg, sensed)
+    return body, polytope_information(
+        problem, solution, window, shape, faces, R_wg, sensed
+    )
 
 
 def hull_poses(scene, x, middle) -> tuple[np.ndarray, Rotation]:

@@ -14,7 +14,7 @@ from ..data.scene import Ground, Scene
 from ..errors import TactileError
 from ..geometry.faces import SupportingPlanes, supporting_planes
 from ..geometry.transforms import rotation_of
-from ..information.finger_offsets import words
+from ..information.finger_offsets import offsets_in_words
 from ..information.information import Information
 from ..information.mixture import Modes
 from ..problem.certificates import Skipped
@@ -128,7 +128,7 @@ class Estimate:
             f"largest violation {max(self.violations.values(), default=0.0):.1g}.",
         ]
         if self.finger_offset is not None:
-            lines.append(words(self.finger_offset, self.information.offsets))
+            lines.append(offsets_in_words(self.finger_offset, self.information.offsets))
         if self.information.unobserved:
             lines.append(
                 "Not observed: " + "; ".join(self.information.unobserved) + "."

@@ -19,8 +19,8 @@ from formulations import quasi_static
 from ..geometry.tipping import QUARTER_TURN, Tip, fall, planar_to_free
 from ..geometry.transforms import carried, continuous, matrices, rotate_planar
 from ..nlp.problem import Problem
-from ..problem.outliers import tilt_of
-from ..problem.reductions import SIDE, Reductions, reduce
+from ..problem.outliers import side_tilt
+from ..problem.reductions import SIDE_NORMAL, Reductions, reduce
 from .beam import beam
 from .hypothesis import Hypothesis
 from .local_solve import start_values
@@ -129,7 +129,7 @@ def _tips_to_try(tip: Tip) -> list:
 def _raised(job, h: Hypothesis) -> Hypothesis:
     """Return the hypothesis tall enough for the sides that were touched."""
     data = job.data
-    touched = data.contact & data.valid & (np.abs(data.normal[..., 2]) < SIDE)
+    touched = data.contact & data.valid & (np.abs(data.normal[..., 2]) < SIDE_NORMAL)
     touched &= (data.action == data.action[-1])[:, None]
     theta = h.theta.copy()
     highest = data.finger_position[touched][:, 2].max(initial=-np.inf)
@@ -149,8 +149,8 @@ def _thinned(h: Hypothesis, tip: Tip, share: float) -> Hypothesis:
 def recovered(job, evidence, width: int, solves: int, executor=None):
     """Return free hypotheses of all actions, best first: it tumbled in one of them.
 
-    evidence: what `contradicts` returns for the best planar hypothesis. Any action that
-    contradicts sliding and shows a rising normal may be the one.
+    evidence: of outliers.evidence_against_planar for the best planar hypothesis. Any
+    action that contradicts sliding and shows a rising normal may be the one.
     """
     actions, found = np.unique(job.data.action), []
     for action in [e.action for e in evidence if e.against and e.tilt > TIPPING_TILT]:
@@ -242,8 +242,8 @@ def _tipped(job, h):
     rows = np.nonzero(data.action == data.action[-1])[0]
     touched = (data.contact & data.valid)[rows]
     normals = data.normal[rows]
-    tilt = np.array([tilt_of(normals[:, f]) for f in range(data.fingers)]).T
-    tilt = np.where(touched & (np.abs(normals[..., 2]) < SIDE), tilt, -1.0)
+    tilt = np.array([side_tilt(normals[:, f]) for f in range(data.fingers)]).T
+    tilt = np.where(touched & (np.abs(normals[..., 2]) < SIDE_NORMAL), tilt, -1.0)
     if tilt.max() < TIPPING_TILT + 3 * job.precision.normal:
         return 0, None
     pusher = int(np.argmax(tilt.max(axis=0)))
