@@ -14,12 +14,19 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from formulations.shape import CUBOID
-from tactilenlp import Measurements, Options, Problem, Scene, solve_estimate
+from tactilenlp import (
+    Measurements,
+    Options,
+    Problem,
+    Scene,
+    example_recording,
+    solve_estimate,
+)
 from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.nlp.ipopt import solve
 from tactilenlp.problem.reductions import Reductions, insisted, reduce
 
-recording = Path(__file__).parent / "data" / "cuboid.npz"
+recording = example_recording()
 picture = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("shooting.png")
 data, scene = Measurements.load(recording).select([0, 1]), Scene.load(recording)
 precision, offsets = precision_of(data, scene), np.linspace(-6e-3, 6e-3, 31)  # [m]

@@ -26,7 +26,7 @@ P = Cov(s | omega).  M = P = 0 is dx_t/dx_T = I, as in the paper.
 
     EIG = (logdet(I + F) - logdet(I)) / 2     [nats], I: the information so far
 
-The logdet is taken where F is summed, in tactilenlp.
+The logdet is `tactilenlp.information_gain`.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ which no term reads, are first moved onto it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import casadi as ca
 
@@ -31,7 +31,7 @@ from .balance import Balance
 from .level import Level
 from .polytope import inertia_about, whole_moments
 from .polytope_quasi_static import sense
-from .rigid_body import Body, momentum_change
+from .rigid_body import Body
 from .violation_implicit import contacts_of, felt, impulses_of, physics
 
 EXTENDS = True  # an estimate is extended by one action: polytope_extension.py
@@ -65,7 +65,7 @@ def build(nlp, window, scene, shape, sense=sense):
     corners = replace(corners, theta=theta[:, window.leg])
     body = mass(nlp, window, theta)
     fingers, ground = contacts_of(window, shape)
-    law = HullBalance(fingers, ground, scene.gravity, mass=scene.mass)
+    law = Balance(fingers, ground, scene.gravity, hull_body)
     resting = theta[:, window.resting]
     physics(nlp, window, law, body, x, w, pushes, corners, resting)
 
@@ -89,26 +89,6 @@ def mass(nlp, window, theta):
     return body
 
 
-@dataclass(frozen=True, eq=False)
-class HullBalance(Balance):
-    """The balance of a hull: its body (10,) is an unknown of its own."""
-
-    mass: float = 0.0
-
-    def unbalanced(self, body, x, x_1, x_2, dt, w, contacts):
-        """Return force (3,) [N s] and moment (3,) [N s m], zero where balanced."""
-        known = Body(self.mass, body[1:4], inertia_about(body[1:4], body[4:10]))
-        motion = self.fingers.motion
-        poses = [motion.pose(self.fingers.shape, body, c) for c in (x, x_1, x_2)]
-        linear, angular = momentum_change(known, poses, dt)
-        force, moment = ca.vertcat(0, 0, self.gravity * dt) + linear, angular
-        force, moment = self.mass * force, self.mass * moment
-        p_wo, R_wo = poses[0]
-        arm = R_wo @ known.centroid
-        for c in self.named(body, x, contacts):
-            turning = ca.cross(c.point - p_wo, c.impulse)
-            force, moment = (
-                force - c.impulse,
-                moment - turning + ca.cross(arm, c.impulse),
-            )
-        return force, moment
+def hull_body(shape, body, mass):
+    """Return the rigid_body.Body of volume, centroid and second moments (10,)."""
+    return Body(mass, body[1:4], inertia_about(body[1:4], body[4:10]))

@@ -36,6 +36,7 @@ _HOMES = {
     "Choice": "exploration.action_search",
     "CrossEntropy": "exploration.action_search",
     "explore": "exploration.loop",
+    "ExploreOptions": "exploration.options",
     "Step": "exploration.log",
     "Exploration": "exploration.log",
     "Plan": "exploration.policies",
@@ -66,12 +67,17 @@ _HOMES = {
     "SolverOptions": "nlp.ipopt",
     "Solution": "nlp.solution",
     "TactileError": "errors",
+    "example_recording": "data.examples",
 }
 
 __all__ = sorted(_HOMES)
 
 
 def __getattr__(name: str):
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("tactilenlp")
     if name not in _HOMES:
         raise AttributeError(f"module 'tactilenlp' has no attribute {name!r}")
     value = getattr(import_module(f".{_HOMES[name]}", __name__), name)

@@ -7,7 +7,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = ROOT.parent / "shared" / "scenes"
 TOSSES = ROOT.parent / "shared" / "captures" / "cube_tosses.npz"
-RECORDED = ROOT / "examples" / "data" / "cuboid.npz"
+RECORDINGS = ROOT / "tactilenlp" / "data" / "recordings"
+RECORDED = RECORDINGS / "cuboid.npz"
 
 
 def squeezed(*body, **about):

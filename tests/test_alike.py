@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import RECORDINGS
 
 from formulations import (
     polytope_quasi_static,
@@ -38,7 +38,7 @@ CUBE = 0.02 * (2.0 * np.indices((2, 2, 2)).reshape(3, 8).T - 1) + [0, 0, 0.02]
 
 
 def job_of(page, shape, name, actions, **scene):
-    path = ROOT / "examples" / "data" / f"{name}.npz"
+    path = RECORDINGS / f"{name}.npz"
     data, known = Measurements.load(path), replace(Scene.load(path), **scene)
     data = data.select(np.unique(data.action)[:actions])
     return make_job(data, known, shape, Options(), time.monotonic(), page)

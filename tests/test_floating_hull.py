@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import ROOT, squeezed
+from conftest import RECORDINGS, squeezed
 from scipy.spatial.transform import Rotation
 from trimesh.convex import convex_hull
 from trimesh.proximity import closest_point_naive
@@ -31,7 +31,7 @@ from tactilenlp.search.proposals_floating import (
     with_faces_tracked,
 )
 
-OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
+OCTAHEDRON = RECORDINGS / "polytope.npz"
 AFLOAT = Scene(ground=None, gravity=0.0)
 RADIUS = 0.03  # [m] of the octahedron that floats
 SHAPE = polytope()

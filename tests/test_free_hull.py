@@ -5,7 +5,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import RECORDINGS
 from scipy.spatial.transform import Rotation
 
 from formulations import polytope_violation_implicit as page
@@ -25,7 +25,7 @@ from tactilenlp.geometry.transforms import (
 from tactilenlp.nlp.problem import Problem
 from tactilenlp.problem.polytope_window import LIFTED, window_of
 
-OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
+OCTAHEDRON = RECORDINGS / "polytope.npz"
 SHAPE = polytope(8)
 # Edges are rounded over 0.03 mm, a thirtieth of the scale of which differences take
 # steps: their own error; a wrong derivative is off by its size.

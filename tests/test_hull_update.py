@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import RECORDINGS
 
 from formulations import polytope_violation_implicit
 from formulations.polytope import polytope
@@ -20,7 +20,7 @@ from tactilenlp.search.local_solve import Solved, best_first
 from tactilenlp.search.margins import UNTOUCHED_FACE
 from tactilenlp.search.polytope_init import CLOSED
 
-OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
+OCTAHEDRON = RECORDINGS / "polytope.npz"
 PAGE = polytope_violation_implicit
 
 

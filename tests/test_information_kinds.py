@@ -6,7 +6,7 @@ import pytest
 
 from tactilenlp import observed_information
 from tactilenlp.estimation.observed_information import INFORMATION_KINDS, programme_at
-from tactilenlp.information.comparisons import half_turns, paper
+from tactilenlp.information.comparisons import paper, quaternion_jacobian
 
 UNITS = np.r_[1e3, 1e3, 1e3, 1e3, 1e3, 50.0]  # to mm, a radian as 50 mm
 STEP = 1e-6  # [m, rad] of central differences
@@ -43,7 +43,7 @@ def test_sensor_noise_alone_scatters_less_than_users_are_told(estimate):
 
 def test_the_papers_link_of_a_pose_with_itself_is_the_identity(programme):
     x = programme.solution.values["x"][:, -1]
-    half = half_turns(programme.window.motion, x)
+    half = quaternion_jacobian(programme.window.motion, x)
     assert np.linalg.pinv(half) @ half == pytest.approx(np.eye(len(half)))
 
 

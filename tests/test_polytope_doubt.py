@@ -10,11 +10,11 @@ from scipy.optimize import nnls
 
 from tactilenlp.geometry.convex_hull import INSIDE, Ball
 from tactilenlp.information.error_budget_terms import (
-    STUCK,
-    dragging,
-    guessed,
+    STICKING,
+    cluster_robust,
+    shape_prior_error,
     slips,
-    tension,
+    stick_slip,
 )
 from tactilenlp.nlp.ipopt import solve
 from tactilenlp.nlp.kkt_sensitivity import curvature_of
@@ -49,7 +49,7 @@ def test_terms_that_pull_at_each_other_widen_sigma():
 
 
 def by_two_touches(gap):
-    """Return the tension [m^2] of a length that two fingers feel, so far apart."""
+    """Return the cluster-robust variance [m^2] of a length felt by two fingers."""
     problem = Problem()
     theta, x = (
         problem.variable(name, 1, guess=0.0, unit="m", scale=1.0)
@@ -66,7 +66,7 @@ def by_two_touches(gap):
     )
     curvature = curvature_of(problem, solve(problem))
     pulls, _ = curvature.response_of(np.array([0]))
-    return tension(curvature, pulls, window, np.zeros(1, int)).item()
+    return cluster_robust(curvature, pulls, window, np.zeros(1, int)).item()
 
 
 def test_a_finger_that_slides_may_have_taken_the_body_along():
@@ -95,8 +95,8 @@ def test_a_finger_that_slides_may_have_taken_the_body_along():
     curvature = curvature_of(problem, solve(problem))
     assert slips(curvature, window) == pytest.approx(np.array([[slip, 0]]))
     pulls, _ = curvature.response_of(np.array([0]))
-    found = dragging(curvature, pulls, window, np.zeros(2, int)).item()
-    assert found == pytest.approx(STUCK * slip**2, rel=1e-3)
+    found = stick_slip(curvature, pulls, window, np.zeros(2, int)).item()
+    assert found == pytest.approx(STICKING * slip**2, rel=1e-3)
 
 
 def test_a_finger_far_from_the_hull_is_not_asked():
@@ -145,7 +145,7 @@ def test_a_vertex_that_nothing_holds_is_as_uncertain_as_the_ball(price):
         problem.minimize(name, cost, *of, role="prior")
     curvature = curvature_of(problem, solve(problem))
     pulls, _ = curvature.response_of(np.arange(9))
-    C = guessed(curvature, pulls)
+    C = shape_prior_error(curvature, pulls)
     top = 0.0 if price else INSIDE * 0.03
     assert np.sqrt(np.diag(C)[[2, 3, 7]]) == pytest.approx(
         [top, INSIDE * 0.03, INSIDE * 0.03], abs=1e-6

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import RECORDINGS
 from scipy.spatial.transform import Rotation
 from trimesh.convex import convex_hull
 from trimesh.proximity import closest_point_naive
@@ -26,12 +26,12 @@ from tactilenlp.errors import OptionError, SceneError, StartError
 from tactilenlp.estimation.options import Options
 from tactilenlp.estimation.readout import read_polytope
 from tactilenlp.estimation.request import make_job
-from tactilenlp.problem import certificates as holding
+from tactilenlp.problem import certificates
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.search.local_solve import solved_from
 from tactilenlp.search.polytope_init import search_polytope
 
-OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
+OCTAHEDRON = RECORDINGS / "polytope.npz"
 ACTIONS = 4
 
 
@@ -143,7 +143,7 @@ def test_friction_holds_a_hull_that_nothing_touches(octahedron, monkeypatch):
     still, holds = shared_poses(solve_estimate(*given, **told))
     assert holds
     assert still > data.samples / 4
-    monkeypatch.setattr(holding, "WEIGHTS", {"kappa": (0.01, "nats/mm")})
+    monkeypatch.setattr(certificates, "WEIGHTS", {"kappa": (0.01, "nats/mm")})
     sliding, _ = shared_poses(solve_estimate(*given, **told))
     assert sliding < still  # what friction does not hold has poses of its own
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import RECORDINGS
 from trimesh.convex import convex_hull
 from trimesh.transformations import quaternion_matrix, transform_points
 
@@ -14,7 +14,7 @@ from tactilenlp.data.contact_segments import credible, runs
 from tactilenlp.data.noise_model import Noise, add_noise
 from tactilenlp.errors import NoContactError
 
-OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
+OCTAHEDRON = RECORDINGS / "polytope.npz"
 NOISE = Noise(position=1e-3, normal=np.radians(5), flips=0.01)
 
 

@@ -21,7 +21,7 @@ from tactilenlp import (
 )
 from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.errors import PageError, SceneError
-from tactilenlp.information.error_budget import missing_impulses
+from tactilenlp.information.error_budget_terms import missing_impulses
 from tactilenlp.nlp.ipopt import SolverOptions, make_solver, solve, solve_levels
 from tactilenlp.nlp.kkt_sensitivity import curvature_of
 from tactilenlp.nlp.problem import Problem

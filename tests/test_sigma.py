@@ -10,18 +10,14 @@ from formulations.shape import CUBOID
 from tactilenlp import Estimate, Problem, assumption_sensitivity, observed_information
 from tactilenlp.errors import OptionError
 from tactilenlp.estimation.observed_information import programme_at
-from tactilenlp.information.comparisons import without_downward
-from tactilenlp.information.error_budget import (
-    UNSEEN,
-    gaps_of_touches,
-    spread,
-    touches,
-    unseen,
-)
+from tactilenlp.information.comparisons import gauss_newton
+from tactilenlp.information.error_budget import Linearisation, error_budget
+from tactilenlp.information.error_budget_terms import UNTOUCHED, untouched_faces
 from tactilenlp.information.information import inverse
-from tactilenlp.information.mixture import weighted
+from tactilenlp.information.measurement_noise import gaps_of_touches, touches
+from tactilenlp.information.mixture import laplace_mixture
 from tactilenlp.information.sensitivity import score
-from tactilenlp.information.tangent_space import Chart
+from tactilenlp.information.tangent_space import TangentSpace
 from tactilenlp.nlp.ipopt import SolverOptions, solve
 from tactilenlp.nlp.kkt import LOOSE
 from tactilenlp.nlp.kkt_sensitivity import curvature_of
@@ -162,7 +158,7 @@ def test_what_curves_down_is_named_and_not_repaired():
     term, direction = curvature.negative
     assert term == "ridge"
     assert abs(direction[1]) > 10 * abs(direction[0])
-    assert without_downward(curvature).negative is None
+    assert gauss_newton(curvature).negative is None
     assert curvature.response_of(np.array([1]))[0][1, 0] < 0
 
 
@@ -197,31 +193,31 @@ def mode(sizes, yaw, objective=0.0, deviation=1e-4):
 
 def test_two_bodies_that_are_equally_likely_are_half_their_distance_wide():
     found = [mode([0.05, 0.03, 0.04], 0.0), mode([0.05, 0.04, 0.04], 0.0)]
-    modes = weighted(CUBOID, 1, found)
+    modes = laplace_mixture(CUBOID, 1, found)
     assert modes.weights == pytest.approx([0.5, 0.5])
     assert np.sqrt(modes.covariance[1, 1]) == pytest.approx(0.01 / np.sqrt(2), rel=1e-3)
     assert np.sqrt(modes.covariance[0, 0]) == pytest.approx(1e-4)
 
 
 def test_a_mode_two_nats_worse_weighs_less_and_a_vaguer_one_more():
-    worse = weighted(CUBOID, 1, [mode([0.05, 0.03, 0.04], 0.0),
+    worse = laplace_mixture(CUBOID, 1, [mode([0.05, 0.03, 0.04], 0.0),
                                  mode([0.05, 0.04, 0.04], 0.0, 2.0)])  # fmt: skip
     assert worse.weights[1] / worse.weights[0] == pytest.approx(np.exp(-2))
-    vague = weighted(CUBOID, 1, [mode([0.05, 0.03, 0.04], 0.0),
+    vague = laplace_mixture(CUBOID, 1, [mode([0.05, 0.03, 0.04], 0.0),
                                  mode([0.05, 0.04, 0.04], 0.0, 0.0, 2e-4)])  # fmt: skip
     assert vague.weights[1] / vague.weights[0] == pytest.approx(2**6)
 
 
 def test_a_quarter_turn_that_swaps_two_sides_is_the_same_body():
     found = [mode([0.05, 0.03, 0.04], 0.1), mode([0.03, 0.05, 0.04], 0.1 + np.pi / 2)]
-    assert len(weighted(CUBOID, 1, found).weights) == 1
+    assert len(laplace_mixture(CUBOID, 1, found).weights) == 1
 
 
 def test_a_mode_of_which_a_direction_is_certain_has_a_weight():
     """A covariance that is singular to the last digit has a volume all the same."""
     flat = np.diag([1e-8, 1e-8, 1e-8, 100.0, 100.0, 0.0])
     found = [(np.full(6, 0.05), np.eye(3), 1.0, flat)]
-    modes = weighted(CUBOID, 1, found)
+    modes = laplace_mixture(CUBOID, 1, found)
     assert modes.weights == pytest.approx([1.0])
     assert np.isfinite(modes.covariance).all()
 
@@ -243,7 +239,7 @@ def test_a_resized_body_keeps_the_face_that_was_touched(axis, face):
 
 def test_another_body_that_explains_the_data_is_spoken_of(estimate):
     found = [mode([0.05, 0.03, 0.04], 0.0), mode([0.05, 0.04, 0.04], 0.0, 1.0)]
-    modes = weighted(CUBOID, 1, found)
+    modes = laplace_mixture(CUBOID, 1, found)
     information = replace(estimate.information, modes=modes, spread=modes.covariance)
     assert information.also[0].startswith("27% that side y +10.0 mm")
 
@@ -261,14 +257,14 @@ def test_a_face_that_nothing_touched_is_as_doubtful_as_the_fingers_paths_are_noi
     c, s = np.cos(yaw), np.sin(yaw)
     R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     z = np.r_[0.05, 0.03, 0.04, 0.1, 0.2, yaw]
-    chart = Chart(("",) * 6, np.arange(6), np.eye(6), {}, (), z, R, R, 1)
-    doubt = unseen(chart, CUBOID, [[9, 9], [9, 0], [0, 9]], noise)
-    assert doubt[1, 1] == pytest.approx((UNSEEN * noise) ** 2)
+    tangent = TangentSpace(("",) * 6, np.arange(6), np.eye(6), {}, (), z, R, R, 1)
+    doubt = untouched_faces(tangent, CUBOID, [[9, 9], [9, 0], [0, 9]], noise)
+    assert doubt[1, 1] == pytest.approx((UNTOUCHED * noise) ** 2)
     assert doubt[0, 0] == doubt[2, 2] == 0
     # the face that was touched stays where it is: centre less half the side
     face = np.r_[0, -0.5, 0, -s, c, 0]
     assert face @ doubt @ face == pytest.approx(0, abs=1e-15)
-    assert not unseen(chart, CUBOID, [[9, 9], [9, 9], [0, 9]], noise).any()
+    assert not untouched_faces(tangent, CUBOID, [[9, 9], [9, 9], [0, 9]], noise).any()
 
 
 def test_a_finger_off_its_face_is_off_in_that_touch_alone(programme, curvature):
@@ -290,8 +286,9 @@ def test_what_keeps_the_matrix_regular_counts_as_a_prior(
     chosen = np.arange(3)
     pulls, held = curvature.response_of(chosen)
     given = pulls, held, programme.sensed, programme.window, programme.shape
-    errors = spread(curvature, *given)
-    monkeypatch.setattr("tactilenlp.information.error_budget.LOOSE", 1.0 + LOOSE)
-    more = spread(curvature, *given) - errors
+    at = Linearisation(curvature, *given)
+    errors = error_budget(at)
+    monkeypatch.setattr("tactilenlp.information.error_budget_terms.LOOSE", 1.0 + LOOSE)
+    more = error_budget(at) - errors
     scaled = pulls / programme.problem.scale[:, None]
     assert np.allclose(more, scaled.T @ scaled, rtol=1e-6)

@@ -1,11 +1,11 @@
 """What the simulated world records: times, contacts, what is valid, and its truth."""
 
 import copy
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from conftest import RECORDED
 from pushes import SIZES, gap_and_normal, line, push
 
 from tactilenlp.data.measurements import Measurements
@@ -13,7 +13,7 @@ from tactilenlp.data.noise_model import Noise
 from tactilenlp.errors import SceneError
 from tactilenlp.simulation.world import World
 
-DATA = Path(__file__).parents[1] / "examples/data/cuboid.npz"
+DATA = RECORDED
 
 
 def test_contact_is_a_normal_force_above_the_threshold(pushed):

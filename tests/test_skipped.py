@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactilenlp import Options, solve_estimate
-from tactilenlp.problem import certificates as holding
+from tactilenlp.problem import certificates
 
 
 def test_every_reduction_can_be_switched_off_alone(recorded):
@@ -52,7 +52,9 @@ def test_still_spans_that_are_doubted_get_poses_of_their_own_where_they_would_mo
     still = next(s for s in merged.skipped if s.name == "still")
     assert 0 < still.value <= 1
     assert still.holds
-    monkeypatch.setattr(holding, "BY_METRE", 0.8 * still.value * holding.BY_METRE)
+    monkeypatch.setattr(
+        certificates, "MM_PER_M", 0.8 * still.value * certificates.MM_PER_M
+    )
     cut = solve_estimate(data, scene)
     poses = [len(e.unknowns["x"][0]) for e in (merged, cut, apart)]
     assert poses[0] < poses[1] <= poses[2]

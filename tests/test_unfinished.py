@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import RECORDED, ROOT
+from conftest import RECORDED, RECORDINGS
 from trimesh.convex import convex_hull
 from trimesh.transformations import quaternion_matrix, transform_points
 
@@ -97,7 +97,7 @@ def test_rough_levels_of_a_race_are_better_than_least_motion(recorded, pressed):
 def test_a_search_for_a_polytope_leaves_what_its_planes_carve_out(pressed, monkeypatch):
     from tactilenlp.search import polytope_init as polytopes
 
-    file = ROOT / "examples" / "data" / "polytope.npz"
+    file = RECORDINGS / "polytope.npz"
     data, scene = Measurements.load(file).select(range(3)), Scene.load(file)
     pressed(polytopes, "extended_faces", 2)
     with pytest.raises(Interrupted, match="2 of 3 actions") as stop:

@@ -34,8 +34,8 @@ from tactilenlp import Measurements, Options, Scene, solve_estimate
 from tactilenlp.data.sensor_noise import Precision, precise
 from tactilenlp.evaluation import metrics
 from tactilenlp.geometry.faces import touched_faces
-from tactilenlp.information.error_budget import ENOUGH
 from tactilenlp.information.information import TOUCHED
+from tactilenlp.information.measurement_noise import KNOWN_FACE
 from tactilenlp.nlp.term_functions import seconds_deriving
 from tactilenlp.search.hypothesis import Hypothesis
 
@@ -136,8 +136,8 @@ def compare(estimate, truth) -> dict:
             row |= {f"{part}_{axis}_error": e * unit, f"{part}_{axis}_sigma": s * unit}
             row[f"{part}_{axis}_ratio"] = abs(e) / s
     faces = touched_faces(data, truth.quaternion[: last + 1], TOUCHED)
-    faces[2, 0] += ENOUGH  # the ground touches -z
-    row |= {f"touched_{'xyz'[i]}": bool(faces[i].min() >= ENOUGH) for i in range(3)}
+    faces[2, 0] += KNOWN_FACE  # the ground touches -z
+    row |= {f"touched_{'xyz'[i]}": bool(faces[i].min() >= KNOWN_FACE) for i in range(3)}
     return row | {"unobserved": "; ".join(estimate.information.unobserved)}
 
 

@@ -21,7 +21,7 @@ from study import add_executor, executor_of, write_csv
 
 from tactilenlp import Measurements, Scene, observed_information, solve_estimate
 from tactilenlp.estimation.observed_information import INFORMATION_KINDS, programme_at
-from tactilenlp.information.comparisons import links
+from tactilenlp.information.comparisons import pose_jacobians
 from tactilenlp.nlp.kkt_sensitivity import curvature_of
 
 UNITS = np.r_[1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.05]  # [m, rad] make numbers comparable
@@ -45,7 +45,7 @@ def rows_of(file: Path, actions, executor) -> tuple[list[dict], object]:
         row = {"actions": na, "samples": part.samples, "unknowns": again.problem.size}
         began = process_time()
         curvature = curvature_of(again.problem, again.solution)
-        curvature.response_of(again.chart.chosen)
+        curvature.response_of(again.tangent.chosen)
         row["exact_ms"] = 1e3 * (process_time() - began)
         for kind in INFORMATION_KINDS:
             row[kind] = condition(observed_information(estimate, kind).matrix)
@@ -66,7 +66,7 @@ def main() -> None:
         rows, estimate = rows_of(arguments.file, arguments.actions, executor)
     write_csv(arguments.folder / "information_kinds.csv", rows)
     again = programme_at(estimate)
-    link, _ = links(
+    link, _ = pose_jacobians(
         curvature_of(again.problem, again.solution), again.window, again.shape
     )
     figure, axes = plt.subplots(1, 3, figsize=(13, 4))

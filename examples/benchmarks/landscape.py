@@ -33,7 +33,7 @@ from formulations.finger import SPHERE
 from formulations.shape import CUBOID
 from formulations.sliding_path import path
 from formulations.time_stepping import Sliding
-from tactilenlp import Measurements, Problem, Scene
+from tactilenlp import Measurements, Problem, Scene, example_recording
 from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.nlp.codegen import compiled
 from tactilenlp.nlp.ipopt import SolverOptions, make_solver, solve
@@ -210,7 +210,7 @@ def draw(found, grid, file) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    default = Path(__file__).parents[1] / "data" / "cuboid.npz"
+    default = example_recording()
     parser.add_argument("file", nargs="?", type=Path, default=default)
     parser.add_argument("--one", type=int, default=1, help="the action looked at alone")
     parser.add_argument("--side", type=int, default=1, help="0, 1, 2: x, y, z")

@@ -24,7 +24,14 @@ from trimesh.transformations import rotation_matrix, translation_matrix
 
 from formulations import paper
 from formulations.shape import CUBOID
-from tactilenlp import Measurements, Problem, Scene, SolverOptions, surface_distance
+from tactilenlp import (
+    Measurements,
+    Problem,
+    Scene,
+    SolverOptions,
+    example_recording,
+    surface_distance,
+)
 from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.nlp.ipopt import make_solver, solve, solve_levels
 from tactilenlp.problem.reductions import Reductions, reduce
@@ -99,7 +106,7 @@ def lying(sizes, x):
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    default = Path(__file__).parents[1] / "data" / "cuboid.npz"
+    default = example_recording()
     parser.add_argument("file", nargs="?", type=Path, default=default)
     parser.add_argument("--actions", type=int, default=2)
     parser.add_argument("--epochs", type=int, default=300)

@@ -15,11 +15,12 @@ from scipy.optimize import nnls
 
 from formulations import polytope_extension as extension
 
-from ..information.error_budget import touches
+from ..information.measurement_noise import touches
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..nlp.solution import Solution, after
 from ..problem.action_window import of_action
+from ..problem.outliers import MIN_OF_TOUCH, UNEXPLAINED_BY_UPDATE, unexplained
 from ..problem.polytope_window import HullWindow, window_of
 from ..problem.reductions import ARM, Reductions, coasts
 from ..problem.unreduced import corners_of, rows_of, samples_of
@@ -47,8 +48,6 @@ from .result import Estimate, solution_of
 
 log = logging.getLogger("tactilenlp")
 UPDATE_MU = 1e-3  # IPOPT's mu_init where all but one action is known
-UNEXPLAINED_SHARE = 0.5  # [outlier costs] a sample that costs more is not explained
-UNEXPLAINED_SAMPLES = 3  # of a touch: more than a wrong boolean or two
 MIN_INFORMATION = 1.0  # [1 / m^2] about any direction
 
 
@@ -158,15 +157,12 @@ def unexplained_touches(solved: Solved) -> int:
     if "touch" not in problem.terms:
         return 0
     x, data = problem.pack(s.values), problem.data(s.parameters)
-    wrong = (
-        problem.value("touch", x, data)[:, 0] > UNEXPLAINED_SHARE * window.outlier_cost
-    )
+    wrong = unexplained(problem, window, x, data, UNEXPLAINED_BY_UPDATE)
     keys = zip(window.touch.sample, window.touch.finger, strict=True)
     wrong = dict(zip(keys, wrong, strict=True))
     wholes = touches(window, solved.job.data)
     return sum(
-        sum(wrong[t, f] for t in samples) >= UNEXPLAINED_SAMPLES
-        for samples, f in wholes
+        sum(wrong[t, f] for t in samples) >= MIN_OF_TOUCH for samples, f in wholes
     )
 
 

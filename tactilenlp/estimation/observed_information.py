@@ -20,11 +20,11 @@ import numpy as np
 from ..common.validation import check_types
 from ..data.sensor_noise import Precision, smoothed
 from ..errors import OptionError, TactileError
-from ..information.comparisons import inverse_dynamics, paper, without_downward
+from ..information.comparisons import gauss_newton, inverse_dynamics, paper
 from ..information.information import Information, inverse
 from ..information.measurement_noise import Sensed, moved_by, scatter, sources
 from ..information.sensitivity import Sensitivity, moves
-from ..information.tangent_space import chart_of
+from ..information.tangent_space import tangent_space_of
 from ..nlp.kkt_sensitivity import curvature_of
 from ..nlp.problem import Problem
 from ..nlp.solution import Solution
@@ -55,24 +55,24 @@ def observed_information(estimate, kind: str = "exact") -> Information:
     again = programme_at(estimate)
     if kind == "paper":
         M = paper(again.problem, again.solution, again.window, again.shape)
-        M = again.chart.back.T @ M @ again.chart.back
+        M = again.tangent.inverse.T @ M @ again.tangent.inverse
         return replace(estimate.information, matrix=M, spread=inverse(M))
     curvature = curvature_of(again.problem, again.solution)
     if kind == "inverse_dynamics":
         M = inverse_dynamics(curvature, again.solution, again.window, again.shape)
         _check_finite(M)
-        M = again.chart.back.T @ M @ again.chart.back
+        M = again.tangent.inverse.T @ M @ again.tangent.inverse
         return replace(estimate.information, matrix=M, spread=inverse(M))
     if kind == "gauss_newton":
-        curvature = without_downward(curvature)
-    pulls, held = curvature.response_of(again.chart.chosen)
-    tangent = again.chart.tangent
-    C = tangent @ pulls[again.chart.chosen] @ tangent.T
+        curvature = gauss_newton(curvature)
+    pulls, held = curvature.response_of(again.tangent.chosen)
+    J = again.tangent.jacobian
+    C = J @ pulls[again.tangent.chosen] @ J.T
     if kind == "sandwich":
         sensed = again.sensed
         source = sources(curvature, sensed, again.window)
         C = scatter(*moved_by(curvature, pulls, held, sensed, source), sensed)
-        C = tangent @ C @ tangent.T
+        C = J @ C @ J.T
     C = (C + C.T) / 2
     return replace(estimate.information, matrix=inverse(C), spread=C)
 
@@ -91,14 +91,14 @@ def assumption_sensitivity(estimate) -> Sensitivity:
     check_types(estimate=(estimate, "Estimate"))
     again = programme_at(estimate)
     curvature = curvature_of(again.problem, again.solution)
-    pulls, held = curvature.response_of(again.chart.chosen)
-    pulls, held = pulls @ again.chart.tangent.T, held @ again.chart.tangent.T
+    pulls, held = curvature.response_of(again.tangent.chosen)
+    pulls, held = pulls @ again.tangent.jacobian.T, held @ again.tangent.jacobian.T
 
     def build(scene, window):
         return again.sensed.build(window, scene)
 
     found, units = moves(curvature, pulls, held, build, estimate.scene, again.window)
-    return Sensitivity(again.chart.names, found, units, again.chart.maps)
+    return Sensitivity(again.tangent.names, found, units, again.tangent.maps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +109,7 @@ class Programme:
     solution: Solution
     window: object
     shape: object
-    chart: object
+    tangent: object
     sensed: Sensed
 
 
@@ -139,9 +139,9 @@ def programme_at(estimate) -> Programme:
     problem = build(window)
     _check_same_unknowns(problem, estimate)
     solution = solution_of(estimate)
-    chart = chart_of(problem, solution, window, shape, R_wg)
+    tangent = tangent_space_of(problem, solution, window, shape, R_wg)
     sensed = Sensed(data, precision, build)
-    return Programme(problem, solution, window, shape, chart, sensed)
+    return Programme(problem, solution, window, shape, tangent, sensed)
 
 
 def _check_same_unknowns(problem, estimate) -> None:

@@ -27,8 +27,8 @@ import numpy as np
 
 from formulations.rigid_body import PLANAR
 
-from ..information.error_budget import ENOUGH
 from ..information.information import TINY
+from ..information.measurement_noise import KNOWN_FACE
 from ..information.tangent_space import final_unknowns
 from ..nlp.ipopt import solve_levels
 from ..nlp.kkt_sensitivity import curvature_of
@@ -59,12 +59,12 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
     if not (job.reductions.planar and getattr(job.shape, "symmetries", ())):
         return profile, None  # the unknowns are not sides, or it may tilt
     chosen, faces = final_unknowns(solved.problem), solved.touched
-    faces[2, 0] += ENOUGH  # the ground touches the lowest one
+    faces[2, 0] += KNOWN_FACE  # the ground touches the lowest one
     pulls, _ = curvature_of(solved.problem, solved.solution).response_of(chosen)
     known = np.sqrt(np.maximum(np.diag(pulls[chosen]), 0.0))
     open_sizes = {
         axis: touched for axis, touched in enumerate(faces)
-        if touched.min() < ENOUGH or known[axis] >= faces_sigma(job, touched)
+        if touched.min() < KNOWN_FACE or known[axis] >= faces_sigma(job, touched)
     }  # fmt: skip
     elsewhere = partial(_constrained, job, page, solved, options, {}, chosen)
     asked, along = [*open_sizes], n + int(np.argmax(known[n : n + 2]))
@@ -106,7 +106,7 @@ def _deviation(elsewhere, at, prior, axis: int, pull, off, touched):
     """
     known = max(off[axis], TINY)
     off = off * min(1.0, prior / known)
-    is_open, widest = touched is None or touched.min() < ENOUGH, None
+    is_open, widest = touched is None or touched.min() < KNOWN_FACE, None
     enough = (
         PROFILE_RISE / 2 if touched is None else PROFILE_RISE
     )  # a pose is told more roughly

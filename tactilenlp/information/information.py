@@ -1,9 +1,10 @@
-r"""What the data say of shape and final pose, and how far off an estimate may be.
+r"""Compute the information about shape and final pose, and the covariance of both.
 
 matrix   the exact information: the Hessian of the Lagrangian reduced to the null space
-         of what is active, past poses and impulses marginalised (curvature.py)
-spread   the covariance that `sigma` tells: what sensors, model, assumptions and
-         physics are known to err (spread.py), over the modes found (modes.py)
+         of the active constraints, past poses and impulses marginalised by a Schur
+         complement (nlp/kkt_sensitivity.py)
+spread   the covariance that `sigma` reports: the error budget (error_budget.py) of a
+         Laplace mixture of the local optima that were found (mixture.py)
 """
 
 from __future__ import annotations
@@ -15,19 +16,23 @@ import numpy as np
 from ..common.validation import check_types
 from ..errors import OptionError
 from ..nlp.kkt_sensitivity import Curvature, curvature_of
-from .error_budget import ENOUGH, near, spread, unheld, unseen
+from .error_budget import (
+    Linearisation,
+    TouchedFaces,
+    after_mixture,
+    bounded_pose,
+    error_budget,
+)
 from .finger_offsets import covariance_of_offsets, covariance_with_offsets
-from .mixture import SAME, Modes, weighted
-from .tangent_space import WORDS, chart_of
+from .mixture import SAME, Modes, laplace_mixture
+from .tangent_space import tangent_space_of
+from .unobserved import open_directions
 
 TOUCHED = 0.99  # [-] |n . axis| above which a normal belongs to a face
-HELD = 0.1  # [prior deviations] a size known better than this is observed
-ASTRAY = 0.05  # [m] a position less certain than this is not observed
-LOST = np.radians(45)  # a turn less certain than this is not observed
 TINY = 1e-12  # [SI] a deviation below which a number is known exactly
 SHARP = 1e-12  # [-] of the other variances: a direction below this is known exactly
 MOST = 4  # unknowns that name a direction
-HOPELESS = 40.0  # [nats] behind the best: a mode that weighs nothing
+NEGLIGIBLE = 40.0  # [nats] behind the best: a mode of negligible weight
 RARE = 0.02  # [-] modes of less weight are not spoken of
 
 
@@ -145,77 +150,68 @@ def information_of(
     faces: (axes, 2) number of samples that touched each face; R_wg (3, 3): from the
     ground's frame, in which the programme is written, to the world.  sensed: the
     measurements, without which sigma is that of the Hessian; rivals: (problem,
-    solution, window) of other local optima; profile (k, k): see profile.py.
+    solution, window) of other local optima; profile (k, k): see profile_likelihood.py.
     """
     curvature = curvature_of(problem, solution)
-    chart = chart_of(problem, solution, window, shape, R_wg)
-    pulls, held = curvature.response_of(chart.chosen)
-    pulls, held = pulls @ chart.tangent.T, held @ chart.tangent.T
-    C = chart.tangent @ pulls[chart.chosen]
+    tangent = tangent_space_of(problem, solution, window, shape, R_wg)
+    pulls, held = curvature.response_of(tangent.chosen)
+    pulls, held = pulls @ tangent.jacobian.T, held @ tangent.jacobian.T
+    C = tangent.jacobian @ pulls[tangent.chosen]
     C = (C + C.T) / 2
-    errors, doubt = C, np.zeros_like(C)
+    errors = C
     if sensed is not None:
-        errors = spread(curvature, pulls, held, sensed, window, shape) + unheld(C)
-    best = chart.z, chart.R, solution.objective, errors
-    modes = weighted(shape, chart.turning, [best, *_others(best, rivals, shape, R_wg)])
+        given = curvature, pulls, held, sensed, window, shape
+        errors = error_budget(Linearisation(*given, hessian=C))
+    best = tangent.z, tangent.R, solution.objective, errors
+    optima = [best, *_others(best, rivals, shape, R_wg)]
+    modes = laplace_mixture(shape, tangent.turning, optima)
+    covariance = _covariance(modes, tangent, window, shape, faces, sensed, profile)
+    words, directions = open_directions(tangent, covariance, shape, faces)
     if sensed is not None:
-        noise, grounded = sensed.precision.position, len(window.corner) > 0
-        doubt = unseen(chart, shape, faces, noise, grounded)
-        doubt += _beyond(profile, modes.covariance)
-    matrix, spreading = inverse(C), modes.covariance + doubt
-    offsets = covariance_of_offsets(curvature, sensed, window, shape, R_wg)
-    with_offsets = None
-    if offsets is not None:
-        with_offsets = inverse(covariance_with_offsets(curvature, chart))
+        covariance = bounded_pose(covariance, shape.theta, tangent.turning)
+    matrix, terms = inverse(C), problem.terms
     parts = {
         name: matrix @ (pulls.T @ (H @ pulls)) @ matrix
         for name, H in curvature.hessians.items()
     }
-    terms = problem.terms
-    words, directions = _lost(chart, spreading, shape, faces)
-    if sensed is not None:
-        spreading = near(spreading, shape.theta, chart.turning)
     return Information(
-        names=chart.names,
-        matrix=matrix,
-        spread=spreading,
-        parts=parts,
+        names=tangent.names, matrix=matrix, spread=covariance, parts=parts,
         roles={name: terms[name].role or "constraint" for name in parts},
-        modes=modes,
-        maps=chart.maps,
-        unobserved=words,
-        directions=directions,
-        fixed=chart.fixed,
-        active=curvature.active,
-        ambiguous=curvature.ambiguous,
+        modes=modes, maps=tangent.maps, unobserved=words, directions=directions,
+        fixed=tangent.fixed, active=curvature.active, ambiguous=curvature.ambiguous,
         indefinite=_indefinite(curvature),
-        offsets=offsets,
-        with_offsets=with_offsets,
-    )
+        **_of_offsets(curvature, sensed, window, shape, R_wg, tangent),
+    )  # fmt: skip
 
 
-def _beyond(profile, C) -> np.ndarray:
-    """Return the covariance (k, k) that the profile (k, k) has beyond C.
+def _covariance(modes, tangent, window, shape, faces, sensed, profile) -> np.ndarray:
+    """Return the covariance (k, k) of a mixture and of what it leaves out."""
+    if sensed is None:
+        return modes.covariance
+    noise, grounded = sensed.precision.position, len(window.corner) > 0
+    seen = TouchedFaces(tangent, shape, faces, noise, grounded, profile)
+    return modes.covariance + after_mixture(seen, modes.covariance)
 
-    Of a row, what the rows before have not told already.
-    """
-    beyond = np.zeros_like(C)
-    for i, off in enumerate(() if profile is None else profile):
-        more = off[i] ** 2 - max(C[i, i], 0.0) - beyond[i, i]
-        if more > 0:
-            beyond += more / off[i] ** 2 * np.outer(off, off)
-    return beyond
+
+def _of_offsets(curvature, sensed, window, shape, R_wg, tangent) -> dict:
+    """Return the fields of an Information that tell of the fingers' offsets."""
+    offsets = covariance_of_offsets(curvature, sensed, window, shape, R_wg)
+    if offsets is None:
+        return {}
+    matrix = inverse(covariance_with_offsets(curvature, tangent))
+    return {"offsets": offsets, "with_offsets": matrix}
 
 
 def _others(best, rivals, shape, R_wg):
     """Yield z, R, objective and covariance of other local optima that count."""
     for problem, solution, window in rivals:
-        chart = chart_of(problem, solution, window, shape, R_wg)
-        same = len(chart.z) == len(best[0]) and np.abs(chart.z - best[0]).max() < SAME
-        if same or solution.objective > best[2] + HOPELESS:
+        there = tangent_space_of(problem, solution, window, shape, R_wg)
+        same = len(there.z) == len(best[0]) and np.abs(there.z - best[0]).max() < SAME
+        if same or solution.objective > best[2] + NEGLIGIBLE:
             continue
-        C, *_ = reduced_covariance(problem, solution, chart.chosen)
-        yield chart.z, chart.R, solution.objective, chart.tangent @ C @ chart.tangent.T
+        C, *_ = reduced_covariance(problem, solution, there.chosen)
+        C = there.jacobian @ C @ there.jacobian.T
+        yield there.z, there.R, solution.objective, C
 
 
 def reduced_covariance(problem, solution, chosen: np.ndarray):
@@ -248,49 +244,3 @@ def _indefinite(curvature: Curvature) -> tuple[str, ...]:
         for i in worst[(worst >= v.first) & (worst < v.span.stop)] - v.first:
             where.append(f"{name}[{i % v.rows}, {i // v.rows}]")
     return (f"{term} along {', '.join(where)}",)
-
-
-def _lost(chart, C, shape, faces):
-    """Return words and unit vectors (k, r) for what only the prior holds."""
-    n = shape.theta
-    prior = np.ones(len(C)) * ASTRAY
-    prior[:n] = shape.size_prior[1]
-    prior[len(C) - chart.turning :] = LOST
-    values, vectors = np.linalg.eigh(C / np.outer(prior, prior))
-    directions = vectors[:, values > HELD**2]
-    deviation = np.sqrt(np.abs(np.diag(C)))
-    turn, way = (
-        chart.maps[name] @ np.diag(deviation) for name in ("rotation", "position")
-    )
-    words = unobserved(
-        faces, deviation[:n] / shape.size_prior[1],
-        np.linalg.norm(np.nan_to_num(turn)), np.linalg.norm(way),
-    )  # fmt: skip
-    return words, directions
-
-
-def unobserved(faces, sides=None, turn=0.0, way=0.0) -> tuple[str, ...]:
-    """Name what touch does not hold.
-
-    faces (axes, 2): samples that touched each face; sides (axes,): sigma of each size
-    in deviations of its prior, a small one is held by edges or physics; turn [rad] and
-    way [m]: sigma of rotation and position.
-    """
-    words = []
-    for axis, (low, high) in enumerate(faces):
-        if sides is not None and sides[axis] < HELD:
-            continue
-        missing = [s for s, n in (("-", low), ("+", high)) if n < ENOUGH]
-        if axis == 2:
-            if high < ENOUGH:
-                words.append("side z: top never touched")
-        elif len(missing) == 2:
-            words.append(f"side {WORDS[axis]}: neither face touched")
-        elif missing:
-            face = f"{missing[0]}{WORDS[axis]}"
-            words.append(f"side {WORDS[axis]}: face {face} never touched")
-    if turn > LOST:
-        words.append("rotation: no side says which way the object is turned")
-    if way > ASTRAY:
-        words.append("position: no side says where on the ground the object lies")
-    return tuple(words)

@@ -1,7 +1,7 @@
-"""What the data say of a hull: covariance of its vertices, which faces were touched.
+"""Compute the information about the vertices of a hull, and which faces were touched.
 
-The last pose of a polytope is held, so that all that is not known is in the vertices:
-they are those of the last sample, in the frame of the world.
+The last pose of a polytope is not estimated, so that the vertices carry all of the
+uncertainty: they are those of the last sample, in the frame of the world.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from ..geometry.convex_hull import centroid, fingers
 from ..geometry.faces import polygons
 from ..geometry.transforms import directions_in_body
 from ..nlp.kkt_sensitivity import curvature_of
-from .error_budget import spread
-from .error_budget_terms import dragging, guessed, tension
+from .error_budget import Linearisation, error_budget
 from .information import Information
 from .mixture import single
+from .unobserved import untouched_polygons
 
 FLOOR = 1e-6  # [m] deviation of what a bound holds: a vertex on the ground
 ON = 0.5e-3  # [m] a contact point this near to a face is on it
@@ -30,9 +30,7 @@ def hull_information(
     """Return the information about the vertices at the last sample, world frame.
 
     faces: touches of each polygon of the hull; R_wg (3, 3): ground's frame to world;
-    sensed: the measurements, whose noise sigma tells (spread.py), beside what pulls at
-    each other (tension.py), fingers that may have stuck (dragging.py) and what nothing
-    touched (guessed.py).
+    sensed: the measurements, from whose noise the error budget starts.
     """
     theta = problem.variables["theta"]
     chosen = np.arange(theta.span.start, theta.span.stop)
@@ -42,10 +40,8 @@ def hull_information(
     turned_down = np.linalg.eigvalsh(C)[0] < -(FLOOR**2)
     turn = np.kron(np.eye(theta.columns), R_wg)
     floor = FLOOR**2 * np.eye(len(C))
-    errors = spread(curvature, pulls, held, sensed, window, shape)
-    for doubt in (tension, dragging):
-        errors = errors + doubt(curvature, pulls, window, sensed.data.action)
-    errors = errors + guessed(curvature, pulls)
+    given = curvature, pulls, held, sensed, window, shape
+    errors = error_budget(Linearisation(*given))
     C, errors = (turn @ (M + floor) @ turn.T for M in (C, errors))
     V = solution.values["theta"].T
     middle = _slope_of_centroid(V) @ turn.T
@@ -62,19 +58,13 @@ def hull_information(
         roles={},
         modes=single(solution.objective, errors),
         maps=maps,
-        unobserved=untouched(faces),
+        unobserved=untouched_polygons(faces),
         directions=np.zeros((len(C), 0)),
         fixed=("rotation: the body's axes are the world's at the last sample",),
         active=curvature.active,
         ambiguous=curvature.ambiguous,
         indefinite=("vertices",) if turned_down else (),
     )
-
-
-def untouched(faces) -> tuple[str, ...]:
-    """Name how many faces were never touched."""
-    missing = int(np.count_nonzero(faces == 0))
-    return (f"{missing} of {len(faces)} faces never touched",) if missing else ()
 
 
 def touched_polygons(window, vertices, x, sigma: float) -> np.ndarray:

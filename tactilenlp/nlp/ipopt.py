@@ -20,7 +20,7 @@ log = logging.getLogger("tactilenlp")
 CLOSE = 1e-6  # [-] how far a warm start, multipliers too, is pushed inside its bounds
 SIDES = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
 KEPT = [f"warm_start_{side}" for side in (*SIDES, "mult_bound_push")]
-LEVEL = {"mu_init": 1e-2, "max_iter": 200}  # of a level that does not set them
+LEVEL_DEFAULTS = {"mu_init": 1e-2, "max_iter": 200}  # of a level that does not set them
 
 
 def check_positive(options, *names: str) -> None:
@@ -226,7 +226,7 @@ def _tries(level, start) -> list[tuple[dict, bool]]:
     Far from an optimum a small mu is slow, however good the multipliers, so it comes
     last there; a stiff problem may need it all the same.
     """
-    cold = LEVEL | level.ipopt
+    cold = LEVEL_DEFAULTS | level.ipopt
     if level.warm_start is None or not isinstance(start, Solution):
         return [(cold, False)]
     near = [(cold | level.warm_start, True)]

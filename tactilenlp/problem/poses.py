@@ -1,4 +1,4 @@
-"""problem.poses."""
+"""Compute poses and corners of a body from the unknowns of a page."""
 
 from __future__ import annotations
 
@@ -6,13 +6,11 @@ from functools import cache
 
 import casadi as ca
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 
 def poses(shape, motion, theta, x, ground):
     """Return position (T, 3) [m], quaternion (T, 4) wxyz, world, of poses x (u, T)."""
-    import casadi as ca
-    from scipy.spatial.transform import Rotation
-
     t, c = ca.SX.sym("theta", len(theta)), ca.SX.sym("x", motion.unknowns)
     p, R = motion.pose(shape, t, c)
     function = ca.Function("pose", [t, c], [p, ca.reshape(ca.densify(R), 9, 1)])
@@ -27,15 +25,6 @@ def poses(shape, motion, theta, x, ground):
     return position, rotation.as_quat()[:, [3, 0, 1, 2]]
 
 
-@cache
-def _corners(shape):
-    theta = ca.SX.sym("theta", shape.theta)
-    signs = np.array(shape.corners)
-    every = np.vstack([signs, signs * [1, 1, -1]])
-    points = ca.horzcat(*(shape.corner(theta, ca.DM(s)) for s in every))
-    return ca.Function("corners", [theta], [points])
-
-
 def body_corners(shape, theta) -> np.ndarray:
     """Return the corners of a body, body frame, (corners, 3) [m]."""
     return np.asarray(_corners(shape)(theta)).T
@@ -48,3 +37,12 @@ def planar_corners(shape, theta, x) -> np.ndarray:
     return np.stack(
         [c * body[0] - s * body[1] + x[0], s * body[0] + c * body[1] + x[1], body[2]], 1
     )
+
+
+@cache
+def _corners(shape):
+    theta = ca.SX.sym("theta", shape.theta)
+    signs = np.array(shape.corners)
+    every = np.vstack([signs, signs * [1, 1, -1]])
+    points = ca.horzcat(*(shape.corner(theta, ca.DM(s)) for s in every))
+    return ca.Function("corners", [theta], [points])

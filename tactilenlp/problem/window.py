@@ -1,7 +1,7 @@
 """What a page sees of the data: plain arrays and index lists, no branches.
 
-Every list may be empty; a term over an empty list costs nothing.  `pose` numbers the
-pose unknowns: all samples of a still span share one.
+Every list may be empty; a term over an empty list costs nothing.  `pose` indexes the
+pose unknowns x: all samples of a still span share one.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ class _Rows:
 
 @dataclass(frozen=True, eq=False)
 class Samples(_Rows):
-    """Finger samples: at pose `pose`, finger at p_wf (as formulations/finger.py has
-    it: (3,) [m] for a sphere), its radius [m], normal, and how far [m] it may have
-    moved since it last felt the contact.
+    """Finger samples: index of the pose, where the finger is, p_wf (as in
+    formulations/finger.py: (3,) [m] for a sphere), its radius [m], normal, and contact
+    latency: how far [m] it may have moved since it last felt the contact.
     """
 
     sample: np.ndarray
@@ -45,7 +45,7 @@ class Samples(_Rows):
 
 @dataclass(frozen=True, eq=False)
 class Steps(_Rows):
-    """Time steps of dt [s] to pose `pose` from the poses before and before that."""
+    """Time steps of dt [s]: index of the pose, and of one and two samples before."""
 
     sample: np.ndarray
     pose: np.ndarray

@@ -22,8 +22,8 @@ import numpy as np
 
 from ..data.sensor_noise import precise
 from ..geometry.transforms import is_planar
-from ..information.error_budget import ENOUGH
 from ..information.information import reduced_covariance
+from ..information.measurement_noise import KNOWN_FACE
 from ..information.tangent_space import final_unknowns
 from ..problem.reductions import ARM
 from .kalman_filter import filtered_paths
@@ -204,7 +204,7 @@ def alternative_sizes(job, solved) -> list:
     C, *_ = reduced_covariance(best.problem, best.solution, chosen)
     faces, proposed = best.touched, []
     for axis in (0, 1):
-        known = faces[axis].min() >= ENOUGH
+        known = faces[axis].min() >= KNOWN_FACE
         if known or np.sqrt(max(C[axis, axis], 0.0)) > UNOBSERVED_SHARE * deviation:
             continue
         for size in (mean - deviation, mean):
@@ -221,7 +221,7 @@ def resized(hypothesis, axis: int, size: float, touched):
     A change of the height (axis 2) does not change a planar pose.
     """
     theta, x = hypothesis.theta.copy(), hypothesis.x.copy()
-    low, high = np.asarray(touched) >= ENOUGH
+    low, high = np.asarray(touched) >= KNOWN_FACE
     way = (size - theta[axis]) / 2 * (int(low) - int(high))
     theta[axis] = size
     if axis < 2:
