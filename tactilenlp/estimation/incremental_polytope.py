@@ -77,10 +77,9 @@ def updated(job: Job, page, start, options, certified) -> tuple[Solved | None, b
         found = _better(found, continued(job, page, found, options))
     if good(found):
         found = certified(job, page, found, options)
-        if {*found.certificates.broken} <= {
-            s.name for s in start.skipped if not s.holds
-        }:
-            return found, True  # no certificate is broken that held
+        before = {s.name for s in start.skipped if not s.holds}
+        if {*found.certificates.broken} <= before:
+            return found, True
     more = found.solution.objective - start.objective
     log.info(
         "incremental update rejected (%+.0f nats): solving all actions again", more
