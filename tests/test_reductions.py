@@ -15,7 +15,7 @@ from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.errors import MeasurementError
 from tactilenlp.evaluation.metrics import cuboid_errors
 from tactilenlp.nlp.ipopt import SolverOptions, solve, solve_levels
-from tactilenlp.nlp.kkt import newton_step
+from tactilenlp.nlp.kkt_sensitivity import newton_step
 from tactilenlp.problem.reductions import Reductions, may_move, maybe_touching, reduce
 from tactilenlp.problem.unreduced import carried
 

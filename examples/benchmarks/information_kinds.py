@@ -22,7 +22,7 @@ from study import add_executor, executor_of, write_csv
 from tactilenlp import Measurements, Scene, observed_information, solve_estimate
 from tactilenlp.estimation.observed_information import INFORMATION_KINDS, programme_at
 from tactilenlp.information.comparisons import pose_jacobians
-from tactilenlp.nlp.kkt_sensitivity import curvature_of
+from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
 
 UNITS = np.r_[1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.05]  # [m, rad] make numbers comparable
 
@@ -44,8 +44,8 @@ def rows_of(file: Path, actions, executor) -> tuple[list[dict], object]:
         again = programme_at(estimate)
         row = {"actions": na, "samples": part.samples, "unknowns": again.problem.size}
         began = process_time()
-        curvature = curvature_of(again.problem, again.solution)
-        curvature.response_of(again.tangent.chosen)
+        curvature = kkt_system_of(again.problem, again.solution)
+        curvature.sensitivity(again.tangent.chosen)
         row["exact_ms"] = 1e3 * (process_time() - began)
         for kind in INFORMATION_KINDS:
             row[kind] = condition(observed_information(estimate, kind).matrix)
@@ -67,7 +67,7 @@ def main() -> None:
     write_csv(arguments.folder / "information_kinds.csv", rows)
     again = programme_at(estimate)
     link, _ = pose_jacobians(
-        curvature_of(again.problem, again.solution), again.window, again.shape
+        kkt_system_of(again.problem, again.solution), again.window, again.shape
     )
     figure, axes = plt.subplots(1, 3, figsize=(13, 4))
     back = np.arange(len(link))[::-1]

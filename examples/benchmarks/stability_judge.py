@@ -26,6 +26,7 @@ from tactilenlp.errors import TactileError
 from tactilenlp.estimation.observed_information import INFORMATION_KINDS
 from tactilenlp.evaluation import metrics
 from tactilenlp.geometry.convex_hull import centroid
+from tactilenlp.geometry.transforms import rotation_of
 
 RIGHT, HONEST, ERROR = "right", "honest sigma", "typed error"
 WRONG, NAN, OFF = "confident wrong", "not finite", "rule broken"
@@ -174,10 +175,9 @@ def _of_hull(estimate, truth):
 
 def _corners(truth) -> np.ndarray:
     """Return the corners of the true body at the last sample (8, 3) [m], world."""
-    from scipy.spatial.transform import Rotation
 
     signs = np.indices((2, 2, 2)).reshape(3, 8).T - 0.5
-    R_wo = Rotation.from_quat(np.roll(truth.quaternion[-1], -1))
+    R_wo = rotation_of(truth.quaternion[-1])
     return R_wo.apply(signs * truth.sides) + truth.position[-1]
 
 

@@ -30,6 +30,7 @@ from tactilenlp import (
     information_gain,
 )
 from tactilenlp.data.sensor_noise import precision_of, smoothed
+from tactilenlp.geometry.transforms import rotation_of
 from tactilenlp.nlp.ipopt import solve_levels
 from tactilenlp.problem.reductions import Reductions, insisted, reduce
 
@@ -59,7 +60,7 @@ def local(case: Case, page, theta, x, tolerance=TIGHT):
 
 def begun(case: Case):
     """Return sizes (3,) and path (3, T) of a start near the truth."""
-    turn = Rotation.from_quat(np.roll(case.truth.quaternion, -1, axis=1))
+    turn = rotation_of(case.truth.quaternion)
     yaw = np.unwrap(turn.as_euler("zyx")[:, 0])
     x = np.vstack([case.truth.position[:, :2].T, yaw])
     return case.truth.sides * 1.03, x + OFF[:, None]

@@ -15,6 +15,7 @@ from scipy.optimize import nnls
 
 from formulations import polytope_extension as extension
 
+from ..geometry.transforms import planar_matrix
 from ..information.measurement_noise import touches
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
@@ -174,14 +175,14 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
     lean = replace(lean, data=credible_data(job.data, job.precision.normal))
     h = replace(past.at, x=poses_of_new_action(lean, faces_of(lean, past.at)))
     options = SolverOptions(SEARCH_TOLERANCE, SEARCH_TIME, ipopt=ACCEPTABLE)
-    solution, kinds = past.solution, past.problem.kinds
+    solution, kinds = past.solution, past.problem.term_functions
     for build, levels in (
         (extension.build, extension.LEVELS),
         (extension.build_pushed, extension.PUSHED),
     ):
         window, shape = window_of(job, (h.theta, h.x))
         window = of_action(window, past.at, about)
-        problem = Problem(kinds=kinds)
+        problem = Problem(term_functions=kinds)
         build(problem, window, job.scene, shape)
         known = {k: v for k, v in past.solution.values.items() if v.size == 1}
         known = {k: v for k, v in known.items() if k in problem.variables}
@@ -222,8 +223,7 @@ def with_axes_of_ground(h: Hypothesis) -> tuple[Hypothesis, np.ndarray]:
     And the rotation (3, 3) from the body's axes before to those now.
     """
     yaw = h.x[2, -1]
-    c, s = np.cos(yaw), np.sin(yaw)
-    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    turn = planar_matrix(yaw)
     x = h.x - [[0.0], [0.0], [yaw]]
     return replace(h, theta=(h.theta.reshape(-1, 3) @ turn.T).ravel(), x=x), turn
 
@@ -262,8 +262,7 @@ def redistributed(old, legs, yaw, impulses) -> np.ndarray:
     """
     out = np.zeros((*impulses.shape[:2], len(legs)))
     for k, angle in enumerate(yaw):
-        c, s = np.cos(angle), np.sin(angle)
-        p, q = (v[:, :2] @ [[c, s], [-s, c]] for v in (old, legs))
+        p, q = (v[:, :2] @ planar_matrix(-angle)[:2, :2] for v in (old, legs))
         up, same = impulses[0, k], np.vstack([np.ones(len(q)), q.T / ARM])
         out[0, k] = nnls(same, np.r_[up.sum(), up @ p / ARM])[0]
         if len(impulses) > 1:

@@ -25,7 +25,7 @@ from ..information.information import Information, inverse
 from ..information.measurement_noise import Sensed, moved_by, scatter, sources
 from ..information.sensitivity import Sensitivity, moves
 from ..information.tangent_space import tangent_space_of
-from ..nlp.kkt_sensitivity import curvature_of
+from ..nlp.kkt_sensitivity import kkt_system_of
 from ..nlp.problem import Problem
 from ..nlp.solution import Solution
 from ..problem.pages import page_of, shape_of
@@ -57,7 +57,7 @@ def observed_information(estimate, kind: str = "exact") -> Information:
         M = paper(again.problem, again.solution, again.window, again.shape)
         M = again.tangent.inverse.T @ M @ again.tangent.inverse
         return replace(estimate.information, matrix=M, spread=inverse(M))
-    curvature = curvature_of(again.problem, again.solution)
+    curvature = kkt_system_of(again.problem, again.solution)
     if kind == "inverse_dynamics":
         M = inverse_dynamics(curvature, again.solution, again.window, again.shape)
         _check_finite(M)
@@ -65,7 +65,7 @@ def observed_information(estimate, kind: str = "exact") -> Information:
         return replace(estimate.information, matrix=M, spread=inverse(M))
     if kind == "gauss_newton":
         curvature = gauss_newton(curvature)
-    pulls, held = curvature.response_of(again.tangent.chosen)
+    pulls, held = curvature.sensitivity(again.tangent.chosen)
     J = again.tangent.jacobian
     C = J @ pulls[again.tangent.chosen] @ J.T
     if kind == "sandwich":
@@ -90,8 +90,8 @@ def assumption_sensitivity(estimate) -> Sensitivity:
     """Return how shape and final pose change with mass, frictions, sensors, fingers."""
     check_types(estimate=(estimate, "Estimate"))
     again = programme_at(estimate)
-    curvature = curvature_of(again.problem, again.solution)
-    pulls, held = curvature.response_of(again.tangent.chosen)
+    curvature = kkt_system_of(again.problem, again.solution)
+    pulls, held = curvature.sensitivity(again.tangent.chosen)
     pulls, held = pulls @ again.tangent.jacobian.T, held @ again.tangent.jacobian.T
 
     def build(scene, window):

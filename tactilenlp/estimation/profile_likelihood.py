@@ -31,7 +31,7 @@ from ..information.information import TINY
 from ..information.measurement_noise import KNOWN_FACE
 from ..information.tangent_space import final_unknowns
 from ..nlp.ipopt import solve_levels
-from ..nlp.kkt_sensitivity import curvature_of
+from ..nlp.kkt_sensitivity import kkt_system_of
 from ..search.alternatives import resized
 from ..search.hypothesis import Hypothesis
 from ..search.local_solve import RANKING_TOLERANCE, settings_of, start_values
@@ -60,7 +60,7 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
         return profile, None  # the unknowns are not sides, or it may tilt
     chosen, faces = final_unknowns(solved.problem), solved.touched
     faces[2, 0] += KNOWN_FACE  # the ground touches the lowest one
-    pulls, _ = curvature_of(solved.problem, solved.solution).response_of(chosen)
+    pulls, _ = kkt_system_of(solved.problem, solved.solution).sensitivity(chosen)
     known = np.sqrt(np.maximum(np.diag(pulls[chosen]), 0.0))
     open_sizes = {
         axis: touched for axis, touched in enumerate(faces)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ..common.npz import versions
 from ..geometry.convex_hull import centroid
-from ..geometry.transforms import is_planar, matrices
+from ..geometry.transforms import is_planar, matrices, quaternion_of, rotate_planar
 from ..information.finger_offsets import offsets_of
 from ..information.information import Information, information_of
 from ..information.measurement_noise import Sensed
@@ -112,7 +112,7 @@ def read_polytope(job, page, solved, modes=()) -> tuple[Body, Information]:
     position, turn = hull_poses(scene, x, middle)
     vertices = (V - middle) @ R_wg.T
     faces = touched_polygons(window, V, x, job.precision.normal)
-    body = Body(position, turn.as_quat()[:, [3, 0, 1, 2]], vertices, faces)
+    body = Body(position, quaternion_of(turn), vertices, faces)
     shape = standing(job.shape, solved.hypothesis.theta.reshape(-1, 3))  # as solved
     sensed = Sensed(
         job.data, job.precision, problem_builder(page, shape, scene, job.kinds_of)
@@ -131,12 +131,8 @@ def hull_poses(scene, x, middle) -> tuple[np.ndarray, Rotation]:
         R_wg = _ground_rotation(scene).T
         turn = Rotation.from_matrix(R_wg @ matrices(x) @ R_wg.T)
         return p if scene.ground is None else scene.ground.from_ground(p), turn
-    c, s = np.cos(x[2]), np.sin(x[2])
-    p = np.stack([
-        x[0] + c * middle[0] - s * middle[1],
-        x[1] + s * middle[0] + c * middle[1],
-        np.full(x.shape[1], middle[2]),
-    ], axis=1)  # fmt: skip
+    level = rotate_planar(x[2], *middle[:2], origin=x)
+    p = np.stack([*level, np.full(x.shape[1], middle[2])], axis=1)
     turn = Rotation.from_rotvec(np.outer(x[2] - x[2, -1], scene.ground.normal))
     return scene.ground.from_ground(p), turn
 
@@ -154,7 +150,7 @@ def problem_builder(page, shape, scene, kinds_of=None):
 
     def build(window, other=scene) -> Problem:
         alike = kinds_of is not None and other is scene
-        problem = Problem(kinds=kinds_of(page, window) if alike else {})
+        problem = Problem(term_functions=kinds_of(page, window) if alike else {})
         page.build(problem, window, other, shape)
         return problem
 

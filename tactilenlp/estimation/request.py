@@ -14,7 +14,7 @@ from ..data.measurements import Measurements
 from ..data.scene import Scene
 from ..data.sensor_noise import precise, precision_of, smoothed
 from ..errors import NoContactError, OptionError, SceneError, StartError
-from ..geometry.transforms import backward
+from ..geometry.transforms import backward, rotation_of
 from ..problem.certificates import without
 from ..problem.pages import page_of, shape_of
 from ..problem.reductions import Reductions, flat, insisted
@@ -249,9 +249,7 @@ def as_polytope(estimate, scene, samples: int | None = None) -> Hypothesis:
     p, turn = estimate.position[:samples], np.eye(3)
     if scene.ground is not None:
         p, turn = scene.ground.to_ground(p), scene.ground.rotation
-    w, *v = estimate.quaternion[:samples].T
-    R = Rotation.from_quat(np.stack([*v, w], axis=1))
-    R = Rotation.from_matrix(turn) * R
+    R = Rotation.from_matrix(turn) * rotation_of(estimate.quaternion[:samples])
     if scene.ground is None:
         x = np.vstack([p.T, backward((R * R[-1].inv()).as_matrix()).T])
         theta = R[-1].apply(estimate.vertices).ravel()

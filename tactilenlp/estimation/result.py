@@ -13,6 +13,7 @@ from ..data.measurements import Measurements
 from ..data.scene import Ground, Scene
 from ..errors import TactileError
 from ..geometry.faces import SupportingPlanes, supporting_planes
+from ..geometry.transforms import rotation_of
 from ..information.finger_offsets import words
 from ..information.information import Information
 from ..information.mixture import Modes
@@ -102,10 +103,7 @@ class Estimate:
     def rotation(self, sample: int = -1) -> np.ndarray:
         """Return the rotation matrix (3, 3) from body to world at a sample."""
         check_sample(sample, len(self.quaternion))
-        from scipy.spatial.transform import Rotation
-
-        w, x, y, z = self.quaternion[sample]
-        return Rotation.from_quat([x, y, z, w]).as_matrix()
+        return rotation_of(self.quaternion[sample]).as_matrix()
 
     def mesh(self, sample: int = -1):
         """Return the shape at a sample as a trimesh.Trimesh, world frame [m]."""

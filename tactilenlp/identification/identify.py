@@ -14,6 +14,7 @@ from ..common.validation import check_types
 from ..data.scene import Scene
 from ..data.trajectories import Trajectories
 from ..errors import MotionError, OptionError, SceneError
+from ..geometry.transforms import rotation_of
 from ..information.information import reduced_covariance
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
@@ -119,7 +120,7 @@ def _prepared(trajectories, scene, shape, guess, gauge):
     from scipy.spatial.transform import Rotation
 
     turn = Rotation.from_matrix(scene.ground.rotation)
-    rotation = turn * Rotation.from_quat(np.roll(trajectories.quaternion, -1, axis=1))
+    rotation = turn * rotation_of(trajectories.quaternion)
     where = scene.ground.to_ground(trajectories.position)
     where = where - [*where[:, :2].mean(axis=0), 0]  # slopes turn about the middle
     given = trajectories.toss, where, rotation, trajectories.dt, scene.gravity

@@ -19,7 +19,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..nlp.kkt_sensitivity import Curvature
+from ..nlp.kkt_sensitivity import KKTSystem
 from .error_budget_terms import (
     GROUND_GAP,
     cluster_robust,
@@ -50,12 +50,12 @@ EVERY_SHAPE = (*SIZES, *VERTICES)
 class Linearisation:
     """What the terms of an error budget are computed from, at a solution.
 
-    pulls (unknowns, k), held (rows, k): see Curvature.response_of; sensed: the
+    pulls (unknowns, k), held (rows, k): see KKTSystem.response_of; sensed: the
     measurements and their noise; hessian (k, k): the covariance by the Hessian alone,
     None where its negative directions are of no interest.
     """
 
-    curvature: Curvature
+    curvature: KKTSystem
     pulls: np.ndarray
     held: np.ndarray
     sensed: Sensed

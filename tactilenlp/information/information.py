@@ -15,7 +15,7 @@ import numpy as np
 
 from ..common.validation import check_types
 from ..errors import OptionError
-from ..nlp.kkt_sensitivity import Curvature, curvature_of
+from ..nlp.kkt_sensitivity import KKTSystem, kkt_system_of
 from .error_budget import (
     Linearisation,
     TouchedFaces,
@@ -152,9 +152,9 @@ def information_of(
     measurements, without which sigma is that of the Hessian; rivals: (problem,
     solution, window) of other local optima; profile (k, k): see profile_likelihood.py.
     """
-    curvature = curvature_of(problem, solution)
+    curvature = kkt_system_of(problem, solution)
     tangent = tangent_space_of(problem, solution, window, shape, R_wg)
-    pulls, held = curvature.response_of(tangent.chosen)
+    pulls, held = curvature.sensitivity(tangent.chosen)
     pulls, held = pulls @ tangent.jacobian.T, held @ tangent.jacobian.T
     C = tangent.jacobian @ pulls[tangent.chosen]
     C = (C + C.T) / 2
@@ -219,8 +219,8 @@ def reduced_covariance(problem, solution, chosen: np.ndarray):
 
     chosen: indices into the vector of all unknowns.
     """
-    curvature = curvature_of(problem, solution)
-    C = curvature.response_of(chosen)[0][chosen]
+    curvature = kkt_system_of(problem, solution)
+    C = curvature.sensitivity(chosen)[0][chosen]
     counts = (sum(n.values()) for n in (curvature.active, curvature.ambiguous))
     return (C + C.T) / 2, *counts
 
@@ -233,7 +233,7 @@ def inverse(C) -> np.ndarray:
     return (vectors / values) @ vectors.T / np.outer(d, d)
 
 
-def _indefinite(curvature: Curvature) -> tuple[str, ...]:
+def _indefinite(curvature: KKTSystem) -> tuple[str, ...]:
     """Name the term and the unknowns along which the reduced Hessian curves down."""
     if curvature.negative is None:
         return ()

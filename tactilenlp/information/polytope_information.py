@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..common.validation import check_types
-from ..geometry.convex_hull import centroid, fingers
+from ..geometry.convex_hull import centroid, fingers_in_body
 from ..geometry.faces import polygons
 from ..geometry.transforms import directions_in_body
-from ..nlp.kkt_sensitivity import curvature_of
+from ..nlp.kkt_sensitivity import kkt_system_of
 from .error_budget import Linearisation, error_budget
 from .information import Information
 from .mixture import single
@@ -34,8 +34,8 @@ def hull_information(
     """
     theta = problem.variables["theta"]
     chosen = np.arange(theta.span.start, theta.span.stop)
-    curvature = curvature_of(problem, solution)
-    pulls, held = curvature.response_of(chosen)
+    curvature = kkt_system_of(problem, solution)
+    pulls, held = curvature.sensitivity(chosen)
     C = (pulls[chosen] + pulls[chosen].T) / 2
     turned_down = np.linalg.eigvalsh(C)[0] < -(FLOOR**2)
     turn = np.kron(np.eye(theta.columns), R_wg)
@@ -75,7 +75,7 @@ def touched_polygons(window, vertices, x, sigma: float) -> np.ndarray:
     """
     facing = np.cos(min(FACING, TILT + NOISE * sigma))
     touch = window.touch
-    centre = fingers(touch, x)
+    centre = fingers_in_body(touch, x)
     n = directions_in_body(x, touch.sample, touch.normal)
     point = centre - touch.radius[:, None] * n
     alike = []  # (faces, touches): cosine to a face that the point is on

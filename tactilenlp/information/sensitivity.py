@@ -16,7 +16,7 @@ import numpy as np
 
 from ..errors import OptionError
 from ..nlp.kkt import gradient
-from ..nlp.kkt_sensitivity import Curvature
+from ..nlp.kkt_sensitivity import KKTSystem
 
 STEP = 1e-4  # [-] relative change of what was assumed
 OFFSET = 1e-6  # [m] shift of a finger
@@ -64,7 +64,7 @@ def move(curvature, pulls, held, change: dict, relative=False) -> np.ndarray:
 
 
 def moves(
-    curvature: Curvature, pulls, held, build: Callable, scene, window
+    curvature: KKTSystem, pulls, held, build: Callable, scene, window
 ) -> tuple[dict, dict]:
     """Return the moves (k,) by assumption, and their units, of a solved programme.
 
@@ -120,7 +120,7 @@ def shifted(window, finger: int, axis: int, way: float):
     return replace(window, **changed)
 
 
-def score(problem, curvature: Curvature, data=None) -> tuple[np.ndarray, np.ndarray]:
+def score(problem, curvature: KKTSystem, data=None) -> tuple[np.ndarray, np.ndarray]:
     """Return the gradient of L and the values of all constraints at the solution."""
     data = problem.data() if data is None else data
     x = curvature.x

@@ -23,7 +23,7 @@ import numpy as np
 from formulations.violation_implicit import WEIGHTS
 
 from ..geometry.transforms import is_planar, turning
-from ..nlp.kkt import newton_step
+from ..nlp.kkt_sensitivity import newton_step
 from .outliers import PLANAR_LIMIT, contradicts, planar_share
 from .reductions import ARM, SLIPPERY, Reductions
 from .unreduced import expand

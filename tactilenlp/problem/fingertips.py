@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from formulations.finger import SPHERE, Finger, capsule
+
+from ..geometry.transforms import rotation_of
 
 ALONG = 0.1  # [-] cosine between capsule and normal from which on its end touches
 
@@ -32,8 +33,8 @@ def as_spheres(data, scene):
     """
     if scene.finger_length == 0:
         return data
-    xyzw = np.roll(data.finger_orientation.reshape(-1, 4), -1, axis=1)
-    axis = Rotation.from_quat(xyzw).apply([0, 0, 1.0]).reshape(data.normal.shape)
+    turn = rotation_of(data.finger_orientation.reshape(-1, 4))
+    axis = turn.apply([0, 0, 1.0]).reshape(data.normal.shape)
     along = (axis * data.normal).sum(axis=2, keepdims=True)
     u = -np.clip(along / ALONG, -1, 1)
     p = data.finger_position + u * scene.finger_length / 2 * axis

@@ -57,7 +57,7 @@ def contradicts(job, window, values) -> list[Evidence]:
     values: theta and x of a flat solution, of whatever page.
     """
     page = page_of("quasi_static", job.shape)
-    problem = Problem(kinds=job.kinds_of(page, window))
+    problem = Problem(term_functions=job.kinds_of(page, window))
     page.build(problem, window, job.scene, job.shape)
     known = {name: values[name] for name in problem.variables if name in values}
     scale = {

@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from formulations.likelihood import ALPHA
 
-from ..geometry.convex_hull import fingers, nearest, nearest_triangles
+from ..geometry.convex_hull import fingers_in_body, nearest, nearest_triangles
 from ..geometry.convex_hull import triangles as triangles_of
 from ..geometry.transforms import is_planar, matrices
 from .reductions import reduce
@@ -149,7 +149,7 @@ def without_clear(window, vertices, x):
     free = window.free
     if not len(free):
         return window
-    centre = fingers(free, x)
+    centre = fingers_in_body(free, x)
     gap = np.linalg.norm(centre - nearest(vertices, centre), axis=1) - free.radius
     return replace(window, free=free.pick(gap < CLEAR * softness))
 
@@ -164,7 +164,7 @@ def near(samples, vertices, x) -> np.ndarray:
     count = min(NEAR, len(vertices))
     if not len(samples):
         return np.zeros((0, count), int)
-    centre = fingers(samples, x)
+    centre = fingers_in_body(samples, x)
     point, on = nearest_triangles(vertices, centre)
     n = centre - point
     n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)

@@ -56,7 +56,7 @@ def expand(job, page, solved) -> Expansion:
     whole = replace(job.reductions, **dict.fromkeys(LEFT_OUT, False))
     more = replace(job, reductions=whole, cuts=())
     again, shape = window_of(more, (h.theta, h.x), solved.at.theta)
-    problem = Problem(kinds=job.kinds_of(page, again))
+    problem = Problem(term_functions=job.kinds_of(page, again))
     page.build(problem, again, job.scene, shape)
     values, bounds, multipliers = carried(solved, again, problem)
     free = rows_of(samples_of(window.free), samples_of(again.free))
@@ -88,8 +88,8 @@ def carried(solved, again, problem) -> tuple[dict, dict, dict]:
         bounds[name] = _columns(pull, source, np.zeros(v.guess.shape))
     for name, term in problem.constraints.items():
         source = came_from.get(name.split()[0], np.arange(term.instances))
-        old = solution.multipliers.get(name, np.zeros((0, term.kind.rows)))
-        none = np.zeros((term.kind.rows, term.instances))
+        old = solution.multipliers.get(name, np.zeros((0, term.function.rows)))
+        none = np.zeros((term.function.rows, term.instances))
         multipliers[name] = _columns(old.T, source, none).T
     return values, bounds, multipliers
 

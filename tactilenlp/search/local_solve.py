@@ -17,7 +17,7 @@ from formulations.finger_offset import NAME as OFFSET
 from formulations.rigid_body import PLANAR
 
 from ..geometry.faces import touched_faces
-from ..geometry.tipping import lifted
+from ..geometry.tipping import planar_to_free
 from ..information.information import TOUCHED
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
@@ -103,7 +103,7 @@ def problem_for(job: Job, page, guess=None):
     """Return the problem that a page poses of a job's data, and the window."""
     made = insisted(page, job.reductions)
     window = reduce(job.data, job.scene, job.shape, job.precision, made, guess)
-    problem = Problem(kinds=job.kinds_of(page, window))
+    problem = Problem(term_functions=job.kinds_of(page, window))
     page.build(problem, window, job.scene, job.shape)
     return problem, window
 
@@ -115,7 +115,7 @@ def problem_at(job, page, hypothesis):
     """
     began = time.process_time()
     window, shape = window_of(job, (hypothesis.theta, hypothesis.x))
-    problem = Problem(kinds=job.kinds_of(page, window))
+    problem = Problem(term_functions=job.kinds_of(page, window))
     page.build(problem, window, job.scene, shape)
     return window, problem, time.process_time() - began
 
@@ -161,7 +161,7 @@ def solved_from(
     """
     shared = {} if shared is None else shared
     if not job.reductions.planar and len(hypothesis.x) == PLANAR.unknowns:
-        lying = lifted(hypothesis.theta, hypothesis.x, job.shape)
+        lying = planar_to_free(hypothesis.theta, hypothesis.x, job.shape)
         hypothesis = replace(hypothesis, x=lying)
     if not shared:
         window, problem, built = problem_at(job, page, hypothesis)
@@ -213,12 +213,12 @@ def warm_started(
 def freed_to_tilt(job, page, slid: Solved, settings, mu_init: float) -> Solved:
     """Solve the page in free motion from its solution `slid` in planar motion."""
     s, at = slid.solution, slid.at
-    x = lifted(at.theta, s.values["x"], job.shape)
+    x = planar_to_free(at.theta, s.values["x"], job.shape)
     known = replace(
         s, values=s.values | {"x": x},
         bound_multipliers=s.bound_multipliers | {"x": np.zeros_like(x)},
     )  # fmt: skip
-    at = replace(at, x=lifted(at.theta, at.x, job.shape))
+    at = replace(at, x=planar_to_free(at.theta, at.x, job.shape))
     lying = replace(slid, hypothesis=at, solution=known)
     found = warm_started(job, page, lying, settings, mu_init)
     return replace(found, solution=after(s, found.solution))

@@ -16,8 +16,8 @@ import numpy as np
 
 from formulations import quasi_static
 
-from ..geometry.tipping import FLAT, Tip, fall, lifted
-from ..geometry.transforms import carried, continuous, matrices
+from ..geometry.tipping import QUARTER_TURN, Tip, fall, planar_to_free
+from ..geometry.transforms import carried, continuous, matrices, rotate_planar
 from ..nlp.problem import Problem
 from ..problem.outliers import tilt_of
 from ..problem.reductions import SIDE, Reductions, reduce
@@ -70,10 +70,10 @@ class Tumble:
         theta[:2] = np.where(known, self.theta[:2], theta[:2])
         stood, landed = self.before.x[:, self.start], later.x[:, n - 1]
         x = self._upright(theta, stood, landed)
-        past = lifted(theta, carried(self.before.x[:, :k], stood, x))
+        past = planar_to_free(theta, carried(self.before.x[:, :k], stood, x))
         p, R = self.tip.poses(theta, x)
         off = R[-1].T @ (p[-1] - [*landed[:2], p[-1, 2]])
-        after = lifted(np.abs(S) @ theta, later.x[:, n:])
+        after = planar_to_free(np.abs(S) @ theta, later.x[:, n:])
         R_after = matrices(after) @ S
         tail = slice(n - (self.x.shape[1] - k), n)
         R = np.concatenate([matrices(past), R[tail], R_after])
@@ -107,7 +107,7 @@ def tumbled(job, kept) -> list[Tumble]:
         for share, tip in _tips_to_try(tipped) if tipped is not None else ():
             thin, name = _thinned(h, tip, share), f"tips {len(out)}"
             p, R = tip.poses(thin.theta, thin.x[:, start])
-            flat = lifted(thin.theta, thin.x[:, : start + 1])
+            flat = planar_to_free(thin.theta, thin.x[:, : start + 1])
             fallen = np.hstack([p, continuous(R)])[:-1][start + 1 - h.x.shape[1] :]
             x = np.hstack([flat, fallen.T])
             out.append(Tumble(thin.theta, x, name, thin, start, tip))
@@ -120,7 +120,7 @@ def _tips_to_try(tip: Tip) -> list:
     Where the record ends while it is tipped less than halfway, either may follow.
     """
     ways = [(share, tip) for share in DEPTH_SHARES]
-    if tip.angle[-1] < FLAT / 2:
+    if tip.angle[-1] < QUARTER_TURN / 2:
         ways.append((1.0, replace(tip, end=0.0)))
     return ways
 
@@ -240,9 +240,7 @@ def _tipped(job, h):
     first = upright[-1] if len(upright) else k[0]
     start = int(rows[first])
     x = h.x[:, start]
-    c, s = np.cos(x[2]), np.sin(x[2])
-    n = normals[k[0], pusher]
-    n_o = [c * n[0] + s * n[1], c * n[1] - s * n[0]]
+    n_o = rotate_planar(-x[2], *normals[k[0], pusher, :2])
     axis = int(np.argmax(np.abs(n_o)))
     angle = np.interp(np.arange(len(rows)), np.r_[first, k[k > first]],
                       np.r_[0.0, rising[k > first]])  # fmt: skip
