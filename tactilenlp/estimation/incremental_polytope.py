@@ -45,7 +45,7 @@ from ..search.polytope_init import (
     faces_of,
 )
 from .readout import name_of
-from .result import Estimate
+from .result import Estimate, solution_of
 
 log = logging.getLogger("tactilenlp")
 UPDATE_MU = 1e-3  # IPOPT's mu_init where all but one action is known
@@ -78,10 +78,9 @@ def updated(job: Job, page, start, options, certified) -> tuple[Solved | None, b
         found = _better(found, continued(job, page, found, options))
     if good(found):
         found = certified(job, page, found, options)
-        if {*found.certificates.broken} <= {
-            s.name for s in start.skipped if not s.holds
-        }:
-            return found, True  # no certificate is broken that held
+        before = {s.name for s in start.skipped if not s.holds}
+        if {*found.certificates.broken} <= before:
+            return found, True
     more = found.solution.objective - start.objective
     log.info(
         "incremental update rejected (%+.0f nats): solving all actions again", more
@@ -130,13 +129,9 @@ def past_solution(job: Job, page, start) -> Solved:
     """Return the estimate as a solved page."""
     job = replace(job, data=job.data.select(np.unique(start.measurements.action)))
     window, problem, built = problem_at(job, page, start.origin)
-    solution = Solution(
-        values=start.unknowns, objective=start.objective, costs=start.costs,
-        violations=start.violations, multipliers=start.multipliers,
-        bound_multipliers=start.bound_multipliers, parameters={},
-        success=start.success, status=start.status, iterations=0, evaluations=0,
-        seconds={"build": built, "solve": 0.0}, progress=start.progress,
-    )  # fmt: skip
+    seconds = {"build": built, "solve": 0.0}
+    solution = solution_of(start)
+    solution = replace(solution, iterations=0, evaluations=0, seconds=seconds)
     return Solved(start.origin, problem, window, solution, job)
 
 
@@ -275,6 +270,6 @@ def redistributed(old, legs, yaw, impulses) -> np.ndarray:
             turn = (p[:, 0] * along[1] - p[:, 1] * along[0]).sum()
             one, none = np.ones(len(q)), np.zeros(len(q))
             rows = [np.r_[one, none], np.r_[none, one], np.r_[-q[:, 1], q[:, 0]] / ARM]
-            told = np.r_[along.sum(axis=1), turn / ARM]
-            out[1:, k] = np.linalg.lstsq(rows, told, rcond=None)[0].reshape(2, -1)
+            wrench = np.r_[along.sum(axis=1), turn / ARM]
+            out[1:, k] = np.linalg.lstsq(rows, wrench, rcond=None)[0].reshape(2, -1)
     return out

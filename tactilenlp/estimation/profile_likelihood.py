@@ -107,9 +107,7 @@ def _deviation(elsewhere, at, prior, axis: int, pull, off, touched):
     known = max(off[axis], LEAST_SIGMA)
     off = off * min(1.0, prior / known)
     is_open, widest = touched is None or touched.min() < KNOWN_FACE, None
-    enough = (
-        PROFILE_RISE / 2 if touched is None else PROFILE_RISE
-    )  # a pose is told more roughly
+    enough = PROFILE_RISE / 2 if touched is None else PROFILE_RISE
     for way in (1, -1):
         behind = touched if is_open and way > 0 else None
         there = partial(elsewhere, axis, way * pull / known, behind)

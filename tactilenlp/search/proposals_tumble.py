@@ -22,7 +22,7 @@ from ..nlp.problem import Problem
 from ..problem.outliers import side_tilt
 from ..problem.reductions import SIDE_NORMAL, Reductions, reduce
 from .beam import beam
-from .hypothesis import Hypothesis
+from .hypothesis import Hypothesis, distinct
 from .local_solve import start_values
 from .proposals import BELOW_TOP, extensions
 
@@ -30,7 +30,6 @@ TIPPING_TILT = np.radians(2)  # a side normal that rises further shows tipping
 DEPTH_SHARES = (1.0, 2 / 3)  # [-] of the proposed depth: the edge is not observed
 # Which of the two horizontal sides are taken from before the tumble:
 KNOWN_SIDES = tuple(np.array(k, bool) for k in ((0, 0), (0, 1), (1, 0), (1, 1)))
-SAME_MOTION = 1e-3  # [m] free motions that agree this well, first and last, are one
 MAX_TUMBLES = 100  # proposals that are continued, the likeliest first
 
 
@@ -163,7 +162,7 @@ def recovered(job, evidence, width: int, solves: int, executor=None):
         tumbles = _likeliest(part, tumbled(part, kept))
         if tumbles:
             found += continued(job, tumbles, width, solves, executor)
-    return _distinct(sorted(found, key=_objective), width)
+    return distinct(job.shape, found, width, np.inf)
 
 
 def continued(job, tumbles, width: int, solves: int, executor=None):
@@ -186,7 +185,7 @@ def continued(job, tumbles, width: int, solves: int, executor=None):
     alone = rest == data.samples  # nothing was felt later: each lies as it fell
     pairs = zip(lying, tumbles, strict=True) if alone else product(later, tumbles)
     joined = [t.joined(h, known) for h, t in pairs for known in KNOWN_SIDES]
-    return _distinct(_costed(job, joined), width)
+    return distinct(job.shape, _costed(job, joined), width, np.inf)
 
 
 def _likeliest(job, tumbles) -> list[Tumble]:
@@ -222,18 +221,6 @@ def _costs(job, found) -> list[float]:
 
 def _objective(h: Hypothesis) -> float:
     return h.objective
-
-
-def _distinct(found, count: int) -> list[Hypothesis]:
-    """Return the first `count` of which no two are the same motion."""
-    kept = []
-    for h in found:
-        ends = np.r_[h.theta, h.x[:3, 0], h.x[:3, -1]]
-        if len(kept) < count and all(
-            np.abs(ends - e).max() > SAME_MOTION for e, _ in kept
-        ):
-            kept.append((ends, h))
-    return [h for _, h in kept]
 
 
 def _tipped(job, h):
