@@ -166,5 +166,5 @@ def test_what_cannot_be_is_refused(joints, recorded):
     with pytest.raises(SceneError, match="ground"):
         Scene(ground=None, sigma_offset=joints)
     alone = JointZeros(DEGREE, **joints_about(FINGERS[:1], PLACES[:1]))
-    with pytest.raises(SceneError, match="other fingers"):
+    with pytest.raises(SceneError, match="another number of fingers"):
         solve_estimate(recorded[0], Scene(sigma_offset=alone))

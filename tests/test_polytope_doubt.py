@@ -19,7 +19,7 @@ from tactilenlp.information.error_budget_terms import (
 from tactilenlp.nlp.ipopt import solve
 from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
 from tactilenlp.nlp.problem import Problem
-from tactilenlp.problem.polytope_window import CLEAR, near, without_clear
+from tactilenlp.problem.polytope_window import CLEAR, vertices_near, without_clear
 from tactilenlp.problem.window import Pushes, Samples, Steps
 
 RADIUS = 0.01
@@ -115,7 +115,7 @@ def test_a_finger_on_a_large_face_reads_the_corners_around_it():
     crowd = box[4:] - [1e-3, 0, 0]  # at one end of the box, eight of its corners
     vertices = np.vstack([box, crowd, box[4:] - [2e-3, 0, 0]])
     touch = felt(np.array([[0.045, 0.015 + RADIUS, 0.0]]), [0, 1, 0])
-    read = vertices[near(touch, vertices, np.zeros((3, 1)))[0]]
+    read = vertices[vertices_near(touch, vertices, np.zeros((3, 1)))[0]]
     point = [0.045, 0.015, 0.0]
     _, off = nnls(np.vstack([read.T, np.ones(len(read))]), [*point, 1])
     assert off < 1e-9  # it is a mean of what is read

@@ -67,7 +67,9 @@ def test_normals_that_turn_between_samples_are_refused_by_name(recorded):
     turn = 2 * np.pi / 3 * np.arange(data.samples)  # no two of three samples agree
     way = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)[:, None]
     spun = replace(data, normal=np.where(data.contact[..., None], way, 0.0))
-    with pytest.raises(NoContactError, match=r"normal: no touch is backed") as caught:
+    with pytest.raises(
+        NoContactError, match=r"normal: no touch is confirmed"
+    ) as caught:
         solve_estimate(spun, scene, shape="polytope")
     assert "touches, none like another" in caught.value.got
     assert caught.value.next

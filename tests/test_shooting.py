@@ -25,7 +25,7 @@ from tactilenlp.information.error_budget_terms import missing_impulses
 from tactilenlp.nlp.ipopt import SolverOptions, make_solver, solve, solve_levels
 from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
 from tactilenlp.nlp.problem import Problem
-from tactilenlp.problem.reductions import Reductions, insisted, reduce
+from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 
 STEPS, DT = 20, 0.05
 
@@ -113,7 +113,7 @@ def begun(recorded):
     theta, x = truth["side_lengths"] * 1.05, x + np.c_[[1e-3, -1e-3, 0.03]]
 
     def solved(page):
-        made = insisted(page, Reductions())
+        made = required_reductions(page, Reductions())
         known = (data, scene, CUBOID, precision, made)
         window, problem = reduce(*known, guess=(theta, x)), Problem()
         page.build(problem, window, scene, CUBOID)

@@ -16,7 +16,7 @@ from tactilenlp.information.error_budget_terms import UNTOUCHED, untouched_faces
 from tactilenlp.information.information import inverse
 from tactilenlp.information.measurement_noise import gaps_of_touches, touches
 from tactilenlp.information.mixture import laplace_mixture
-from tactilenlp.information.sensitivity import score
+from tactilenlp.information.sensitivity import kkt_residual
 from tactilenlp.information.tangent_space import TangentSpace
 from tactilenlp.nlp.ipopt import SolverOptions, solve
 from tactilenlp.nlp.kkt import LEAST_CURVATURE
@@ -81,7 +81,7 @@ def test_hessian_of_the_estimate_is_the_slope_of_its_gradient(curvature):
         for side in (1, -1):
             x = curvature.x + side * h * way
             moved = type(curvature)(**{**vars_of(curvature), "x": x})
-            ends.append(score(problem, moved)[0])
+            ends.append(kkt_residual(problem, moved)[0])
         found.append((ends[0] - ends[1]) / (2 * h))
     extrapolated = (4 * found[0] - found[1]) / 3
     error = np.abs((extrapolated - exact) * problem.scale).max()

@@ -47,7 +47,7 @@ from formulations.shape import CUBOID
 from tactilenlp import Measurements, Problem, Scene, SolverOptions, surface_distance
 from tactilenlp.data.sensor_noise import precision_of, smoothed
 from tactilenlp.nlp.ipopt import solve_levels
-from tactilenlp.problem.reductions import Reductions, insisted, reduce
+from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 
 PAGES = (
     *("quasi_static", "violation_implicit", "paper"),
@@ -131,7 +131,9 @@ def run(file, na, kind, seed, name) -> dict:
     theta, start = started(kind, truth, x, seed)
     precision = precision_of(data, scene)
     known = smoothed(data, precision), scene, CUBOID, precision
-    window = reduce(*known, insisted(page, Reductions()), guess=(theta, start))
+    window = reduce(
+        *known, required_reductions(page, Reductions()), guess=(theta, start)
+    )
     problem = Problem()
     page.build(problem, window, scene, CUBOID)
     _ = problem.functions  # kinds are derived, and compiled, before the clock runs

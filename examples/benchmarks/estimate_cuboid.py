@@ -35,7 +35,7 @@ from tactilenlp import Measurements, Options, Scene, solve_estimate
 from tactilenlp.data.sensor_noise import Precision, precise
 from tactilenlp.evaluation import metrics
 from tactilenlp.geometry.faces import touched_faces
-from tactilenlp.information.information import TOUCHED
+from tactilenlp.information.information import FACE_COSINE
 from tactilenlp.information.measurement_noise import KNOWN_FACE
 from tactilenlp.nlp.term_functions import default_cache
 from tactilenlp.search.hypothesis import Hypothesis
@@ -136,7 +136,7 @@ def compare(estimate, truth) -> dict:
         for axis, e, s in zip("xyz", errors, sigmas, strict=True):
             row |= {f"{part}_{axis}_error": e * unit, f"{part}_{axis}_sigma": s * unit}
             row[f"{part}_{axis}_ratio"] = abs(e) / s
-    faces = touched_faces(data, truth.quaternion[: last + 1], TOUCHED)
+    faces = touched_faces(data, truth.quaternion[: last + 1], FACE_COSINE)
     faces[2, 0] += KNOWN_FACE  # the ground touches -z
     row |= {f"touched_{'xyz'[i]}": bool(faces[i].min() >= KNOWN_FACE) for i in range(3)}
     return row | {"unobserved": "; ".join(estimate.information.unobserved)}

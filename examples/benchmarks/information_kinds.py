@@ -20,7 +20,7 @@ from matplotlib import pyplot as plt
 from study import add_executor, executor_of, write_csv
 
 from tactilenlp import Measurements, Scene, observed_information, solve_estimate
-from tactilenlp.estimation.observed_information import KINDS, programme_at
+from tactilenlp.estimation.observed_information import INFORMATION_KINDS, programme_at
 from tactilenlp.information.comparisons import pose_jacobians
 from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
 
@@ -47,7 +47,7 @@ def rows_of(file: Path, actions, executor) -> tuple[list[dict], object]:
         curvature = kkt_system_of(again.problem, again.solution)
         curvature.sensitivity(again.tangent.chosen)
         row["exact_ms"] = 1e3 * (process_time() - began)
-        for kind in KINDS:
+        for kind in INFORMATION_KINDS:
             row[kind] = condition(observed_information(estimate, kind).matrix)
         print("  ".join(f"{k} {v:.3g}" for k, v in row.items()), flush=True)
         rows.append(row)
@@ -74,7 +74,7 @@ def main() -> None:
     axes[0].semilogy(back, [np.linalg.norm(chain, 2) for chain in link])
     axes[0].set(xlabel="poses before the last", ylabel="|dx_t / dx_T|, inverted")
     samples = [row["samples"] for row in rows]
-    for kind in KINDS:
+    for kind in INFORMATION_KINDS:
         axes[1].semilogy(samples, [row[kind] for row in rows], "o-", label=kind)
     axes[1].set(xlabel="samples", ylabel="condition number of the information")
     axes[1].legend()

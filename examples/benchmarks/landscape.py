@@ -37,7 +37,7 @@ from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.geometry.transforms import planar_matrix, rotation_of
 from tactilenlp.nlp.codegen import compiled
 from tactilenlp.nlp.ipopt import SolverOptions, make_solver, solve
-from tactilenlp.problem.reductions import Reductions, insisted, reduce
+from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 
 SHOOTING = {  # name: times 30 Hz, still [m/s]
     "shooting 30 Hz, s = 100 mm/s": (1, 100e-3),
@@ -71,7 +71,7 @@ class Recording:
         self.solver = make_solver(self.vimp, SolverOptions(tolerance=1e-5))
 
     def problem(self, page):
-        made = insisted(page, Reductions(still=False, far=False))
+        made = required_reductions(page, Reductions(still=False, far=False))
         known = self.data, self.scene, CUBOID, self.precision, made
         window, problem = reduce(*known, guess=(self.theta, self.x)), Problem()
         page.build(problem, window, self.scene, CUBOID)

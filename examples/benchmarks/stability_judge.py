@@ -23,7 +23,7 @@ from tactilenlp import (
     solve_estimate,
 )
 from tactilenlp.errors import TactileError
-from tactilenlp.estimation.observed_information import KINDS
+from tactilenlp.estimation.observed_information import INFORMATION_KINDS
 from tactilenlp.evaluation import metrics
 from tactilenlp.geometry.convex_hull import centroid
 from tactilenlp.geometry.transforms import rotation_of
@@ -197,7 +197,7 @@ def _informed(estimate) -> dict:
     ours = estimate.shape == "cuboid" and estimate.formulation in (
         formulation for _, formulation in WAYS.values()
     )
-    for kind in KINDS if ours else ("exact",):
+    for kind in INFORMATION_KINDS if ours else ("exact",):
         try:
             info = observed_information(estimate, kind)
         except TactileError as error:

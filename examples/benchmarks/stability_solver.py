@@ -32,7 +32,7 @@ from tactilenlp import (
 from tactilenlp.data.sensor_noise import precision_of, smoothed
 from tactilenlp.geometry.transforms import rotation_of
 from tactilenlp.nlp.ipopt import solve_levels
-from tactilenlp.problem.reductions import Reductions, insisted, reduce
+from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 
 EXACT, CLOSE, END = 1e-6, 1e-6, 0.01  # [relative], [m], [sigma] of two solves
 TIGHT = 1e-9  # tolerance of solves that are compared
@@ -46,7 +46,7 @@ def local(case: Case, page, theta, x, tolerance=TIGHT):
     """Solve a page once from sizes (3,) and a path (3, T): no search."""
     precision = precision_of(case.data, case.scene)
     known = smoothed(case.data, precision), case.scene, CUBOID, precision
-    window = reduce(*known, insisted(page, Reductions()), guess=(theta, x))
+    window = reduce(*known, required_reductions(page, Reductions()), guess=(theta, x))
     problem = Problem()
     page.build(problem, window, case.scene, CUBOID)
     options = SolverOptions(tolerance=tolerance)

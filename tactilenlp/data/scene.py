@@ -11,10 +11,9 @@ from ..common.npz import read_npz
 from ..common.validation import check_types, checked_array
 from ..errors import MeasurementError, OptionError, SceneError
 from .joint_offsets import JointZeros
-from .measurements import Measurements
+from .measurements import UNIT_EXACT, Measurements
 
 NORMAL_TOLERANCE = 1e-6  # [1], a normal further from unit length was not normalised
-UNIT_EXACT = 1e-12  # [1], a normal closer to unit length is left alone
 FLIP_LIMIT = -0.9  # [1], cosine below which the shortest rotation to +z is ill-defined
 HEAVIEST = 100.0  # [kg] no finger pushes more: beyond it a mass is in grams
 KNOWN_KEYS = ("mass", "friction_ground", "friction_finger")  # read from a file

@@ -30,7 +30,7 @@ from formulations.polytope_quasi_static import LEG, SPREAD, STAY
 
 from ..geometry.convex_hull import hull_vertices, nearest
 from ..geometry.transforms import rotation_of
-from ..information.polytope_information import TILT
+from ..information.polytope_information import FACE_TILT
 from ..problem.polytope_window import LIFTED
 from .beliefs import VAGUE, Belief, steepness
 from .push_model import ARM, LEAST, REMEMBERED, SHARE, remembered
@@ -59,7 +59,7 @@ def hull_believed(estimate, shape) -> list[Belief]:
 def hull_sensors(estimate) -> np.ndarray:
     """Return alpha [1/m], sigma [m] of a felt gap, sigma_n [rad] of one sample."""
     p, n = estimate.precision["position"], estimate.precision["normal"]
-    sigma, sigma_n = np.sqrt(ALIKE) * TOUCH, np.sqrt(ALIKE) * TILT
+    sigma, sigma_n = np.sqrt(ALIKE) * TOUCH, np.sqrt(ALIKE) * FACE_TILT
     return np.array([steepness(p), np.hypot(sigma, p), np.hypot(sigma_n, n)])
 
 

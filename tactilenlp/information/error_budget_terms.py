@@ -3,7 +3,7 @@ r"""Compute the terms of the error budget, each a covariance (k, k) by one named
 Each function returns K^{-1} G K^{-1} for the middle G of one error; `error_budget.py`
 lists which of them apply to which class of shapes and adds them up.
 
-    pulls (unknowns, k), held (rows, k): columns of K^{-1}, see KKTSystem.response_of
+    pulls (unknowns, k), held (rows, k): columns of K^{-1}, see KKTSystem.sensitivity
     action (T,): the action of every sample
 """
 
@@ -18,7 +18,7 @@ from ..geometry.transforms import is_planar, matrices, points_in_body, rotate_pl
 from ..nlp.kkt import LEAST_CURVATURE
 from ..nlp.kkt_sensitivity import KKTSystem
 from .measurement_noise import KNOWN_FACE
-from .sensitivity import move
+from .sensitivity import parameter_sensitivity
 
 BALANCE = WEIGHTS["balance sigma"][0]  # [weights] that may be missing in a step
 FRICTION = 0.1  # [-] relative deviation of a coefficient of friction that was given
@@ -65,7 +65,7 @@ def regularisation(curvature: KKTSystem, pulls) -> np.ndarray:
 
 def friction_error(curvature: KKTSystem, pulls, held, name: str) -> np.ndarray:
     """Return the covariance (k, k) by a coefficient of friction that was given."""
-    moved = move(curvature, pulls, held, {name: 1.0}, relative=True)
+    moved = parameter_sensitivity(curvature, pulls, held, {name: 1.0}, relative=True)
     return FRICTION**2 * np.outer(moved, moved)
 
 
@@ -105,7 +105,7 @@ def cluster_robust(curvature: KKTSystem, pulls, window, action) -> np.ndarray:
 
     (Liang and Zeger 1986): small where all clusters agree, large where they disagree.
 
-    pulls: see KKTSystem.response_of; action (T,): of every sample.
+    pulls: see KKTSystem.sensitivity; action (T,): of every sample.
     """
     clusters = [*_touch_gradients(curvature, window, action)]
     clusters += _physics_gradients(curvature, window, action)
@@ -156,7 +156,7 @@ def stick_slip(curvature: KKTSystem, pulls, window, action) -> np.ndarray:
 
     zero where touches alone determine the poses.
 
-    pulls: see KKTSystem.response_of; action (T,): of every sample.
+    pulls: see KKTSystem.sensitivity; action (T,): of every sample.
     """
     problem, push = curvature.problem, window.push
     names = [n for n, term in problem.costs.items() if term.role == "physics"]
@@ -206,7 +206,7 @@ def shape_prior_error(curvature: KKTSystem, pulls) -> np.ndarray:
 
         K^{-1} H cov(e) H K^{-1}
 
-    pulls: see KKTSystem.response_of.
+    pulls: see KKTSystem.sensitivity.
     """
     problem, values = curvature.problem, curvature.problem.unpack(curvature.x)
     V, (*middle, radius) = values["theta"].T, np.ravel(values["ball"])

@@ -54,7 +54,7 @@ def prior_of_offsets(scene, fingers: int) -> np.ndarray:
     return block_diag(*scene.joints.information.reshape(-1, 3, 3))
 
 
-def words(offset: np.ndarray, C: np.ndarray) -> str:
+def offsets_in_words(offset: np.ndarray, C: np.ndarray) -> str:
     """Return offsets (F, 3) [m] in words, with their deviations."""
     mm, each = 1e3, []
     for f, sigma in enumerate(np.sqrt(np.diag(C)).reshape(-1, 3)):

@@ -38,20 +38,20 @@ MEDIAN_2 = 1.1774  # median of the length of a standard normal vector in the pla
 
 @dataclass(frozen=True, eq=False)
 class Sensed:
-    """What was measured, how precisely, and how a window becomes a programme again."""
+    """What was measured, how precisely, and how a problem is built from a window."""
 
     data: object
     precision: Precision
     build: Callable
 
 
-def moved_by(
+def sensitivity_to_measurements(
     curvature: KKTSystem, pulls, held, sensed: Sensed, source, terms=None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return how the chosen unknowns move with what each finger measured.
 
     By its position and by its normal, (k, T, F, 3) each [SI], through all terms or the
-    named ones.  pulls, held: see KKTSystem.response_of; source: see sources.
+    named ones.  pulls, held: see KKTSystem.sensitivity; source: see sources.
     """
     shape = (*sensed.data.contact.shape, 3)
     count = int(np.prod(shape))
@@ -62,7 +62,9 @@ def moved_by(
         read = number >= 0
         if not read.any():
             continue
-        slope, value = cross(curvature, name, np.nonzero(read.any(axis=0))[0])
+        slope, value = mixed_derivatives(
+            curvature, name, np.nonzero(read.any(axis=0))[0]
+        )
         change = np.einsum("ivk,ivd->idk", pulls[term.unknowns], slope)
         if name in curvature.problem.constraints:
             rows = held[term.span].reshape(term.instances, term.function.rows, -1)
@@ -72,7 +74,7 @@ def moved_by(
     return by_position, by_normal
 
 
-def scatter(by_position, by_normal, sensed: Sensed) -> np.ndarray:
+def sensor_covariance(by_position, by_normal, sensed: Sensed) -> np.ndarray:
     """Return the covariance (k, k) that the sensors' noise gives the estimate."""
     data, precision, k = sensed.data, sensed.precision, len(by_position)
     raw = np.empty_like(by_position)
@@ -89,7 +91,7 @@ def tangential(by_normal, normal) -> np.ndarray:
     return by_normal - along[..., None] * normal
 
 
-def cross(curvature: KKTSystem, name: str, columns: Iterable[int]):
+def mixed_derivatives(curvature: KKTSystem, name: str, columns: Iterable[int]):
     """Return d^2 L / dx dy and d g / dy of each instance of a term, by its local data.
 
     (instances, unknowns, data) and (instances, rows, data), by central differences of
@@ -114,10 +116,10 @@ def cross(curvature: KKTSystem, name: str, columns: Iterable[int]):
     return slope, value
 
 
-def sources(curvature: KKTSystem, sensed: Sensed, window) -> np.ndarray:
+def measurement_numbers(curvature: KKTSystem, sensed: Sensed, window) -> np.ndarray:
     """Return for every datum of the programme which measurement it is, -1 if none.
 
-    The programme is built again from measurements shifted by CODE times their number:
+    The problem is built again from measurements shifted by CODE times their number:
     positions count from 1, normals after them.
     """
     shape = (*sensed.data.contact.shape, 3)

@@ -9,7 +9,7 @@ from scipy.spatial import HalfspaceIntersection
 
 from ..geometry.faces import face_sigma, polygons
 from ..geometry.transforms import rotation_of
-from ..information.information import TOUCHED
+from ..information.information import FACE_COSINE
 from ..information.measurement_noise import KNOWN_FACE
 
 MM = 1e3  # [mm / m]
@@ -60,12 +60,12 @@ def _touched(estimate, normals) -> np.ndarray:
     data, scene = estimate.measurements, estimate.scene
     t, f = np.nonzero(data.contact & data.valid)
     R_ow = rotation_of(estimate.quaternion[t]).inv()
-    met = R_ow.apply(data.normal[t, f]) @ normals.T > TOUCHED
+    met = R_ow.apply(data.normal[t, f]) @ normals.T > FACE_COSINE
     # A cuboid's face was touched where its size takes it as known.
     enough = KNOWN_FACE if estimate.shape == "cuboid" else 1
     down = np.zeros(len(normals), bool)
     if scene.ground is not None:
-        down = normals @ estimate.rotation().T @ scene.ground.normal < -TOUCHED
+        down = normals @ estimate.rotation().T @ scene.ground.normal < -FACE_COSINE
     return (met.sum(axis=0) >= enough) | down
 
 

@@ -1,4 +1,4 @@
-"""Read the measurements as the end-effectors that the scene says took them."""
+"""Describe fingertips: their geometry, their poses, and equivalent spheres."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from formulations.finger import SPHERE, Finger, capsule
 
 from ..geometry.transforms import rotation_of
 
-ALONG = 0.1  # [-] cosine between capsule and normal from which on its end touches
+END_COSINE = 0.1  # [-] cosine between capsule and normal from which on its end touches
 
 
 def finger_of(scene) -> Finger:
@@ -18,7 +18,7 @@ def finger_of(scene) -> Finger:
     return capsule(scene.finger_length / 2) if scene.finger_length > 0 else SPHERE
 
 
-def poses(data, scene) -> np.ndarray:
+def finger_poses(data, scene) -> np.ndarray:
     """Return where the fingers are as their geometry takes it, (T, F, numbers)."""
     if scene.finger_length == 0:
         return data.finger_position
@@ -26,7 +26,7 @@ def poses(data, scene) -> np.ndarray:
 
 
 def as_spheres(data, scene):
-    """Return the data as spherical fingertips would measure them: good for a guess.
+    """Return the data as spherical fingertips would measure them, for initial guesses.
 
     Where a capsule touches, the sphere is at that end of it which points against the
     normal, or in its middle where it lies along the surface; else in its middle.
@@ -36,6 +36,6 @@ def as_spheres(data, scene):
     turn = rotation_of(data.finger_orientation.reshape(-1, 4))
     axis = turn.apply([0, 0, 1.0]).reshape(data.normal.shape)
     along = (axis * data.normal).sum(axis=2, keepdims=True)
-    u = -np.clip(along / ALONG, -1, 1)
+    u = -np.clip(along / END_COSINE, -1, 1)
     p = data.finger_position + u * scene.finger_length / 2 * axis
     return replace(data, finger_position=p, finger_orientation=None)

@@ -18,15 +18,15 @@ from formulations.rigid_body import PLANAR
 
 from ..geometry.faces import touched_faces
 from ..geometry.tipping import planar_to_free
-from ..information.information import TOUCHED
+from ..information.information import FACE_COSINE
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..nlp.solution import Solution, after
 from ..problem.certificates import Certificates
 from ..problem.polytope_window import window_of
 from ..problem.poses import poses
-from ..problem.reductions import insisted, reduce
-from ..problem.unreduced import carried
+from ..problem.reductions import reduce, required_reductions
+from ..problem.unreduced import transferred_values
 from .hypothesis import Hypothesis, Job
 from .margins import UNTOUCHED_FACE
 from .polytope_init import CLOSED, IPOPT_OPTIONS, with_vertices_on_hull
@@ -76,7 +76,7 @@ class Solved:
         """How many samples touched each face of a box, (3, 2): lower end, upper end."""
         at, motion = self.at, self.window.motion
         _, turned = poses(self.job.shape, motion, at.theta, at.x, None)
-        return touched_faces(self.job.data, turned, TOUCHED)
+        return touched_faces(self.job.data, turned, FACE_COSINE)
 
     @property
     def at(self) -> Hypothesis:
@@ -101,7 +101,7 @@ def best_first(solved) -> list[Solved]:
 
 def problem_for(job: Job, page, guess=None):
     """Return the problem that a page poses of a job's data, and the window."""
-    made = insisted(page, job.reductions)
+    made = required_reductions(page, job.reductions)
     window = reduce(job.data, job.scene, job.shape, job.precision, made, guess)
     problem = Problem(term_functions=job.kinds_of(page, window))
     page.build(problem, window, job.scene, job.shape)
@@ -186,7 +186,7 @@ def transferred(known: Solved, window, problem) -> Solution:
     Values and multipliers of what both problems have are kept; the page guesses the
     values of the rest, whose multipliers are zero.
     """
-    values, pulls, multipliers = carried(known, window, problem)
+    values, pulls, multipliers = transferred_values(known, window, problem)
     return replace(
         known.solution, values=values, bound_multipliers=pulls, multipliers=multipliers
     )
@@ -274,7 +274,7 @@ def _rebuilt_for(job, page, solved, groups, options) -> Solved:
     for levels in groups:
         h = with_vertices_on_hull(job.shape, solved.at)
         window, problem, built = problem_at(job, page, h)
-        values, _, _ = carried(solved, window, problem)
+        values, _, _ = transferred_values(solved, window, problem)
         kept = {name: v for name, v in values.items() if name not in RESTARTED}
         start = kept | start_values(problem, window, h)
         solution = solve_levels(problem, levels, start, settings_of(job, options))

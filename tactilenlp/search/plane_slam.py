@@ -29,7 +29,7 @@ from ..geometry.transforms import directions_in_body, rotate_planar
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..problem.reductions import reduce
-from ..problem.window import Window, _Rows
+from ..problem.window import Rows, Window
 
 FREE_REACH = 15e-3  # [m] free fingers further from a contact point are left out
 FACE_ANGLE = 0.03  # [rad] normals of one face agree this well
@@ -39,7 +39,7 @@ SEARCH_TIME = 20.0  # [s] at most, of one such solve
 
 
 @dataclass(frozen=True, eq=False)
-class Pairs(_Rows):
+class Pairs(Rows):
     """Touches and planes that they lie behind."""
 
     touch: np.ndarray
@@ -47,7 +47,7 @@ class Pairs(_Rows):
 
 
 @dataclass(frozen=True, eq=False)
-class Outside(_Rows):
+class Outside(Rows):
     """Touches whose contact point is outside a free finger at p_wf; pose: its index."""
 
     touch: np.ndarray
