@@ -182,6 +182,7 @@ def test_a_hull_that_tilts_stands_on_what_is_low_and_bears_nothing_in_the_air(sl
     assert window.floor == -tilted[2, -1]
 
 
+@pytest.mark.slow
 def test_without_a_ground_a_window_has_none(slid):
     data, scene, vertices, x = slid
     free = planar_to_free(vertices.ravel(), x, SHAPE)
