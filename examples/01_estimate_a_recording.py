@@ -2,7 +2,7 @@
 
     python examples/01_estimate_a_recording.py [recording.npz [picture.png]]
 
-The defaults are examples/data/cuboid.npz, and estimate.png in the current folder.  A
+The defaults are the shipped recording, and estimate.png in the current folder.  A
 recording of your own contains no truth: omit everything below `summary`, and call
 plot_estimate(estimate).
 """
@@ -18,6 +18,7 @@ from trimesh.transformations import quaternion_matrix, translation_matrix
 from tactilenlp import (
     Measurements,
     Scene,
+    example_recording,
     plot_estimate,
     solve_estimate,
     surface_distance,
@@ -26,7 +27,7 @@ from tactilenlp import (
 LIMIT = 1.0  # [mm] largest error accepted, clean recording
 
 matplotlib.use("Agg")  # write to a file, without a screen
-default = Path(__file__).parent / "data" / "cuboid.npz"
+default = example_recording()
 recording = Path(sys.argv[1]) if len(sys.argv) > 1 else default
 picture = Path(sys.argv[2]) if len(sys.argv) > 2 else Path("estimate.png")
 

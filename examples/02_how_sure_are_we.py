@@ -12,10 +12,16 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from tactilenlp import Measurements, Scene, plot_information, solve_estimate
+from tactilenlp import (
+    Measurements,
+    Scene,
+    example_recording,
+    plot_information,
+    solve_estimate,
+)
 
 plt.switch_backend("Agg")  # write to a file, without a screen
-recording = Path(__file__).parent / "data" / "cuboid.npz"
+recording = example_recording()
 picture = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("how_sure.png")
 data, scene = Measurements.load(recording), Scene.load(recording)
 

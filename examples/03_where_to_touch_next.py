@@ -18,12 +18,13 @@ from tactilenlp import (
     Scene,
     Workspace,
     choose_action,
+    example_recording,
     plot_gain,
     solve_estimate,
 )
 
 matplotlib.use("Agg")  # write to a file, without a screen
-recording = Path(__file__).parent / "data" / "cuboid.npz"
+recording = example_recording()
 picture = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("where_next.png")
 data, scene = Measurements.load(recording), Scene.load(recording)
 estimate = solve_estimate(data.select(range(3)), scene)

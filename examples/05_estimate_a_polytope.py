@@ -2,7 +2,7 @@
 
     python examples/05_estimate_a_polytope.py [recording.npz]
 
-The default is examples/data/polytope.npz: nine actions of two fingers.
+The default is the shipped recording "polytope": nine actions of two fingers.
 """
 
 import sys
@@ -15,6 +15,7 @@ from trimesh.transformations import quaternion_matrix, transform_points
 from tactilenlp import (
     Measurements,
     Scene,
+    example_recording,
     solve_estimate,
     surface_distance,
     vertex_information,
@@ -22,7 +23,7 @@ from tactilenlp import (
 
 LIMIT = 1.5  # [mm] largest error accepted, clean recording
 
-default = Path(__file__).parent / "data" / "polytope.npz"
+default = example_recording("polytope")
 recording = Path(sys.argv[1]) if len(sys.argv) > 1 else default
 data, scene = Measurements.load(recording), Scene.load(recording)
 

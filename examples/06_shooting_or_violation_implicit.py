@@ -14,12 +14,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from formulations.shape import CUBOID
-from tactilenlp import Measurements, Options, Problem, Scene, solve_estimate
+from tactilenlp import Measurements, Options, Scene, example_recording, solve_estimate
 from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.nlp.ipopt import solve
-from tactilenlp.problem.reductions import Reductions, insisted, reduce
+from tactilenlp.nlp.problem import Problem
+from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 
-recording = Path(__file__).parent / "data" / "cuboid.npz"
+recording = example_recording()
 picture = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("shooting.png")
 data, scene = Measurements.load(recording).select([0, 1]), Scene.load(recording)
 precision, offsets = precision_of(data, scene), np.linspace(-6e-3, 6e-3, 31)  # [m]
@@ -29,9 +30,7 @@ axes = figure.subplots()
 for name in ("shooting", "violation_implicit"):
     lean = Options(hypotheses=1, starts=4)
     estimate = solve_estimate(data, scene, formulation=name, options=lean)
-    print(
-        f"{name}: {1e3 * estimate.side_lengths} mm, {estimate.seconds['total']:.1f} s"
-    )
+    print(f"{name}: {1e3 * estimate.side_lengths} mm, objective {estimate.objective}")
     best = np.argmin(estimate.information.sigma("side_lengths")[:2])  # of x and y
     with np.load(recording) as file:
         off = np.abs(file["side_lengths"] - estimate.side_lengths[best]).min()
@@ -41,7 +40,8 @@ for name in ("shooting", "violation_implicit"):
 
     # Build the same problem again; change that side, and keep the other unknowns.
     page, known, losses = import_module(f"formulations.{name}"), estimate.unknowns, []
-    window = reduce(data, scene, CUBOID, precision, insisted(page, Reductions()))
+    lean = required_reductions(page, Reductions())
+    window = reduce(data, scene, CUBOID, precision, lean)
     problem = Problem()
     page.build(problem, window, scene, CUBOID)
     for offset in offsets:

@@ -1,22 +1,22 @@
-r"""eq:loss_const with the physics as hard constraints: complementarity, relaxed.
+r"""eq:loss_const with the physics as hard constraints: relaxed complementarity.
 
-    min  sum_t L_t(theta, x_t)                                   what was felt, eq:loss
-    s.t. |momentum_change_k - sum of impulses| <= slack          x_{t+1} = f(x, lam, r)
-         phi >= 0,  lam_n >= 0,   lam_n phi               <= eps        complementarity
-         |lam_t| <= mu lam_n,     mu lam_n |v_s| + v_s . lam_t <= eps       dissipation
-                                  lam_n v_n               <= eps           inelasticity
-    over theta, x_k, lam_k
+    min  sum_t L_t(theta, x_t)                          eq:loss, as in quasi_static.py
+    s.t. |unbalanced impulse, in weights| <= slack      x_{k+1} = f(x, lam, r)
+         phi + depth >= 0,  lam_n >= 0
+         lam_n phi                     <= eps           complementarity
+         lam_n v_n                     <= eps           inelasticity
+         mu lam_n |v_s| + v_s . lam_t  <= eps           maximum dissipation
+         (mu lam_n)^2 - |lam_t|^2      >= -APEX^2       friction cone
+    over theta, x_k, lam_k, depth
 
-Scholtes' relaxation: eps [weights mm] falls from level to level to what is left at the
-end; the cone is exact.  What was felt, what is known and which impulses there are is
-that of violation_implicit.py, where the same products are penalties.  Of the ground in
-planar motion phi = 0 holds by construction.
+The balance is in balance.py.  Scholtes' relaxation: eps [weights mm] falls from level
+to level to EPS.  Eq:loss, the priors and the set of impulses are those of
+violation_implicit.py, where the same products are penalties.  In planar motion phi = 0
+of the ground holds by construction.
 
-Departures, named:
-  |v_s|       is rounded by `V_EPS`, from below: sqrt(v^2 + s^2) - s
-  cone        (mu lam_n)^2 - |lam_t|^2 >= -APEX^2: exact but for an apex without slope
-  phi         of a felt finger, over the `depth` of the likelihood
-  noise       of finger positions enters as it is: nothing gives way
+Departures:
+  |v_s|   is rounded from below by V_EPS: sqrt(v^2 + V_EPS^2) - V_EPS
+  noise   of finger positions enters as it is: no constraint is relaxed for it
 """
 
 from __future__ import annotations
@@ -25,14 +25,13 @@ import casadi as ca
 
 from . import contact
 from .balance import Balance, groups, moves
-from .finger_contact import FingerContact
+from .contact import MM
 from .friction import Impulses, excess, friction, impulses, least
-from .ground_contact import GroundContact
 from .level import Level
 from .rigid_body import ARM, G
-from .violation_implicit import felt
+from .violation_implicit import contacts_of, felt
 
-# Of free motion and of contacts without friction nothing has been tried.
+# Free motion and contacts without friction have not been tested.
 REDUCTIONS = {"planar": True, "frictionless": False}
 LEVELS = (
     Level(
@@ -43,11 +42,10 @@ LEVELS = (
     Level("close", {"eps": 0.01, "slack": 0.003}),
     Level("tight", ipopt={"mu_init": 1e-3}),
 )
-SLACK = 1e-4  # [weights] that may be missing in a balance at the end
-EPS = 1e-3  # [weights mm] of every relaxed product at the end
+SLACK = 1e-4  # [weights] residual of a balance at the last level
+EPS = 1e-3  # [weights mm] of every relaxed product at the last level
 V_EPS = 3e-3  # [m/s] rounds the sliding speed, as in violation_implicit.py
 APEX = 3e-3  # [weights] by which the apex of the cone is rounded
-LIFT = 1e-3  # [m] unit of gaps and ways
 
 
 def build(nlp, window, scene, shape):
@@ -55,8 +53,7 @@ def build(nlp, window, scene, shape):
     theta, x = felt(nlp, window, scene, shape)
     eps = nlp.parameter("eps", EPS, "weights mm")
     slack = nlp.parameter("slack", SLACK, "weights")
-    fingers = FingerContact(shape, window.motion, window.finger)
-    ground = GroundContact(shape, window.motion)
+    fingers, ground = contacts_of(window, shape)
     step, push, corner = window.step, window.push, window.corner
     w = scene.mass * G * step.dt  # (steps,) [N s]
     pushes, corners = impulses_of(nlp, window, scene, shape, w)
@@ -66,11 +63,10 @@ def build(nlp, window, scene, shape):
     def now(s):
         return theta, x[:, step.pose[s]], x[:, step.before[s]], step.dt[s]
 
-    at = push.p_wf, push.p_wf_1, push.radius, push.tangent
+    at, at_g = (push.p_wf, push.p_wf_1, push.radius, push.tangent), (corner.signs,)
     sliding(nlp, "finger", fingers.velocity, now(push.step), pushes, eps, at)
-    parting(nlp, fingers, now(push.step), pushes, eps, at)
-    at = (corner.signs,)
-    sliding(nlp, "ground", ground.velocity, now(corner.step), corners, eps, at)
+    separation(nlp, fingers, now(push.step), pushes, eps, at)
+    sliding(nlp, "ground", ground.velocity, now(corner.step), corners, eps, at_g)
     nlp.report(
         "finger impulse", fingers.impulse, theta, x[:, step.pose[push.step]],
         pushes.lam, push.p_wf, push.radius, push.tangent,
@@ -97,12 +93,12 @@ def balanced(nlp, window, law, theta, x, w, pushes, corners, slack):
         off = ca.vertcat(force, moment / ARM) / w
         return ca.vertcat(slack - off, slack + off)
 
-    def given_way(w):  # to one weight in x, y, z, and about each at ARM
+    def compliance(w):  # to one weight in x, y, z, and about each at ARM
         return ca.vertcat(-ca.DM.eye(6), ca.DM.eye(6)) + 0 * w
 
     for count, s, contacts in groups(window, pushes, corners):
         name = f"balance, {count} pushing"
-        nlp.report(f"{name}, gives", given_way, w[s])
+        nlp.report(f"{name}, gives", compliance, w[s])
         nlp.subject_to(
             name, imbalance, theta, *moves(window, x, s), w[s], slack, *contacts,
             lower=0,
@@ -119,7 +115,7 @@ def sliding(nlp, name, velocity, now, side, eps, at):
     def dissipation(theta, x, x_1, dt, w, lam, mu, eps, *at):
         _, v_s = velocity(theta, x, x_1, dt, *at)
         loss = contact.dissipation(mu, lam, v_s, V_EPS) - mu * lam[0] * V_EPS
-        return loss * dt / (w * LIFT) - eps
+        return loss * dt / (w * MM) - eps
 
     def cone(lam, mu, w):
         return contact.cone_squared(mu, lam / w) + APEX**2
@@ -132,7 +128,7 @@ def sliding(nlp, name, velocity, now, side, eps, at):
     nlp.minimize(f"least {name} impulse", least, lam, w, role="regulariser")
 
 
-def parting(nlp, fingers, now, pushes, eps, at):
+def separation(nlp, fingers, now, pushes, eps, at):
     """Add non-penetration; complementarity and inelasticity within eps."""
     theta, x, *_ = now
     depth = nlp.variables["depth"]
@@ -140,11 +136,11 @@ def parting(nlp, fingers, now, pushes, eps, at):
     def gap(theta, x, depth, p_wf, _, rho, *__):
         pose = fingers.motion.pose(fingers.shape, theta, x)
         phi = fingers.finger.gap(fingers.shape, theta, pose, p_wf, rho) + depth
-        return phi / LIFT
+        return phi / MM
 
     def products(theta, x, x_1, dt, w, lam, depth, eps, *at):
         v_n, _ = fingers.velocity(theta, x, x_1, dt, *at)
-        both = ca.vertcat(gap(theta, x, depth, *at), v_n * dt / LIFT)
+        both = ca.vertcat(gap(theta, x, depth, *at), v_n * dt / MM)
         return lam[0] / w * both - eps
 
     nlp.subject_to("finger gap", gap, theta, x, depth, *at, lower=0)

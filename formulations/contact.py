@@ -18,6 +18,8 @@ import casadi as ca
 
 from .shape import positive_part
 
+MM = 1e-3  # [m] unit of gaps, and of the way that an energy lifts a weight
+
 
 @dataclass(frozen=True)
 class Contact:

@@ -1,9 +1,9 @@
-r"""Where to touch next: the paper's action space, and what an action may tell (eq:eig).
+r"""Where to touch next: the paper's action space, and expected information (eq:eig).
 
 Action space.  Each finger comes along a straight line from a fixed radius towards the
 body's centroid c, with right ascension a about +Z and declination b towards +Z:
 
-    r(t) = c + l(t) (cos b cos(h + a), cos b sin(h + a), sin b)
+    r(t) = c + l(t) (cos b cos(h + a), cos b sin(h + a), sin b)    (`line`, `direction`)
 
 h = 0 for the finger of the +X side, pi for that of -X (h = 2 pi f / F for F fingers),
 l(t) falls from the radius to an end before the centroid with least jerk.  A finger
@@ -14,17 +14,19 @@ a future sample has phi(omega, s_t, r_t) and n(omega, s_t, r_t).  In expectation
 c ~ eq:bool and n_m ~ eq:norm the second derivatives vanish and eq:obsinfo holds with
 equality: with p = 1 / (1 + e^{alpha phi}), J total slopes by omega,
 
-    F = sum_t  w J_phi' J_phi + p / sigma_n^2 J_n' J_n
-    w = alpha^2 p (1 - p) + p / sigma^2
+    F = sum_t  w J_phi' J_phi + p / sigma_n^2 J_n' J_n           (`sample_information`)
+    w = alpha^2 p (1 - p) + p / sigma^2                          (`gap_information`)
 
-Departures, named.  A felt finger is *on* the surface (sensing.py), hence p / sigma^2;
-sigma = inf leaves the paper's.  The way s_t is predicted by the page `pushing`, not
-exactly: s_{t+1} = f(s_t, omega) + q_t, Cov q = Q, and F is that of the samples'
-marginal distribution, as a Kalman filter of s finds it (`told`): e is the slope of an
-innovation, M = d mean(s) / d omega, P = Cov(s | omega).  M = P = 0 is dx_t/dx_T = I,
-as in the paper.
+Departures.  A felt finger is *on* the surface (sensing.py), hence p / sigma^2;
+sigma = inf gives the paper's.  The motion s_t is predicted by the page `pushing`, with
+process noise: s_{t+1} = f(s_t, omega) + q_t, Cov q = Q (`process_noise`), and F is that
+of the samples' marginal distribution, as a Kalman filter of s finds it
+(`measurement_update`): e is the slope of an innovation, M = d mean(s) / d omega,
+P = Cov(s | omega).  M = P = 0 is dx_t/dx_T = I, as in the paper.
 
-    EIG = (logdet(I + F) - logdet(I)) / 2     [nats], I: what is known already
+    EIG = (logdet(I + F) - logdet(I)) / 2     [nats], I: the information so far
+
+The logdet is `tactilenlp.information_gain`.
 """
 
 from __future__ import annotations
@@ -76,14 +78,14 @@ def probability(phi, alpha):
     return ca.if_else(z > 0, small, 1) / (1 + small)
 
 
-def worth(phi, alpha, sigma):
-    """Return w [1 / m^2] of a gap phi [m]: sigma [m] where it is felt, alpha [1/m]."""
+def gap_information(phi, alpha, sigma):
+    """Return w [1 / m^2] of a gap phi [m]: sigma [m] where felt, alpha [1/m]."""
     p = probability(phi, alpha)
     return alpha**2 * p * (1 - p) + p / sigma**2
 
 
 def sample_information(c, phi, J_phi, J_n, alpha, sigma, sigma_n):
-    """Return what one finger's sample with boolean c tells (eq:obsinfo), (k, k).
+    """Return the information (k, k) of one finger's sample with boolean c (eq:obsinfo).
 
     J_phi (1, k), J_n (3, k): slopes of gap and normal; c = p gives the expectation.
     """
@@ -92,10 +94,10 @@ def sample_information(c, phi, J_phi, J_n, alpha, sigma, sigma_n):
     return gap * J_phi.T @ J_phi + c / sigma_n**2 * J_n.T @ J_n
 
 
-def told(M, P, h, h_s, w):
+def measurement_update(M, P, h, h_s, w):
     """Return e, M, P after a measurement of information w, slopes h (1, k), h_s (1, 3).
 
-    e (1, k): e'e is what it tells of omega; M (3, k), P (3, 3): mean's slope and
+    e (1, k): e'e is its information about omega; M (3, k), P (3, 3): mean's slope and
     covariance of s.
     """
     e = h + h_s @ M
@@ -104,7 +106,7 @@ def told(M, P, h, h_s, w):
     return ca.sqrt(gain) * e, M - gain * lag @ e, P - gain * lag @ lag.T
 
 
-def wandered(d, share, least, arm):
+def process_noise(d, share, least, arm):
     """Return Q (3, 3) of a step d = (dx, dy, dyaw): a share of it, and `least` [m].
 
     arm [m]: a radian of turn counts as this much way.

@@ -14,7 +14,7 @@ The nearest point of a segment p(u) = c + u a, -1 < u < 1, is where
     F(u) = (1 - u^2) a . grad distance(p(u)) + 2 tau u = 0,
 
 the minimum of distance(p(u)) - tau log(1 - u^2).  The distance is convex along the
-segment, so there is just one, found by bisection.  The barrier makes u(theta, x) smooth
+segment, so there is just one, found by bisection.  The log makes u(theta, x) smooth
 where the nearest point runs into an end, and unique where segment and face are parallel
 (the middle); it widens the gap by tau at most.  Bisection has no derivatives; from its
 end each of two Newton steps, u - F(u, x) / A with A = dF/du frozen, gives u one more
@@ -29,7 +29,7 @@ from functools import cache, partial
 
 import casadi as ca
 
-BARRIER = 5e-5  # [rho] tau: turns the normal by sqrt(tau / rho) rad = 0.4 deg at most
+TAU = 5e-5  # [rho] tau: turns the normal by sqrt(tau / rho) rad = 0.4 deg at most
 HALVINGS = 20  # of the segment: within its length / 10^6, where Newton's steps finish
 
 
@@ -70,14 +70,14 @@ def segment_core(half_length, shape, theta, pose, p_wf, rho):
     for k in range(HALVINGS):
         u -= ca.sign(slope(u, *line)) / 2 ** (k + 1)
     u = frozen(u - slope(u, *line) / steepness(u, *line), 2.0**-50)
-    A = frozen(steepness(u, *line), 1e-6 * BARRIER * rho)
+    A = frozen(steepness(u, *line), 1e-6 * TAU * rho)
     for _ in range(2):
         u -= slope(u, *line) / A
     return c_wf + u * a_wf
 
 
-def as_it_is(normal, p_wf):
-    """Return the normal: the finger knows how it is turned."""
+def unchanged(normal, p_wf):
+    """Return the normal: the orientation of the finger is known."""
     return normal
 
 
@@ -91,7 +91,7 @@ def _along(shape):
     """Return F(u), and dF/du, on the segment c + u a of the body frame."""
     u, rho = ca.SX.sym("u"), ca.SX.sym("rho")
     theta, c, a = (ca.SX.sym(*s) for s in (("theta", shape.theta), ("c", 3), ("a", 3)))
-    tau = BARRIER * rho
+    tau = TAU * rho
     distance = shape.distance(theta, c + u * a, rho / 10)
     F = (1 - u * u) * ca.gradient(distance, u) + 2 * tau * u
     given = [u, theta, c, a, rho]
@@ -103,19 +103,19 @@ def _along(shape):
 
 @dataclass(frozen=True)
 class Finger:
-    """What a page may ask of an end-effector, given where it is, p_wf, and its rho [m].
+    """The functions of an end-effector, given where it is, p_wf, and its rho [m].
 
     numbers: how many p_wf has; core(shape, theta, pose, p_wf, rho) -> (3,) [m] nearest
     point of the core, world frame; before(p_w, p_wf, p_wf_1) -> (3,) [m] where the
     finger's own point p_w was when the finger was at p_wf_1; felt(normal, p_wf) -> (3,)
-    the normal as the finger says it is.
+    the normal that the finger measures.
     """
 
     name: str
     numbers: int
     core: Callable
     before: Callable
-    felt: Callable = as_it_is
+    felt: Callable = unchanged
 
     def gap(self, shape, theta, pose, p_wf, rho):
         """Return the gap [m] between body and finger."""

@@ -19,10 +19,10 @@ from typing import NamedTuple
 import casadi as ca
 
 from . import contact
+from .contact import MM
 from .friction import rounding
 
 UNFELT = 2000.0  # [nats] for an impulse of one weight not felt: 20 for what would be
-MM = 1e-3  # [m] unit of kappa
 
 
 class Push(NamedTuple):

@@ -1,23 +1,23 @@
-r"""Fingers that are not where their kinematics say: each is off by an unknown e_f.
+r"""Fingers with an unknown position error: each is displaced by a constant e_f.
 
-    p_wf + e_f                            in place of p_wf, in every term
-    sum_f |e_f|^2 / (2 sigma^2)           e_f ~ N(0, sigma^2), constant, world frame
+    p_wf + e_f                            in place of p_wf, everywhere    (`elsewhere`)
+    sum_f |e_f|^2 / (2 sigma^2)           e_f ~ N(0, sigma^2), world frame  (`prior`)
 
-Encoders that count from angles a degree wrong put a tip 3 to 5 mm off, by nearly the
-same way all over a workspace of some centimetres: it varies by 0.1 to 0.3 mm.
+A zero offset of a degree in the joints puts a tip 3 to 5 mm off, by nearly the same
+vector all over a workspace of some centimetres: it varies by 0.1 to 0.3 mm.
 
-What all e_f have in common moves the world: only the prior holds it.  Along a line on
-which two fingers face each other, their difference is a wider body: only the prior
-tells these two apart, until the body has turned or the fingers have changed sides.
+The mean of all e_f moves the world: only the prior determines it.  Along a line on
+which two fingers face each other, their difference acts like a wider body: only the
+prior separates the two, until the body has turned or the fingers have changed sides.
 
 Where the joints are known (an object of fields `place`, `slope`, `turn`, `covariance`,
-a finger each), the same angles put a finger elsewhere and turn it, with p its place:
+a finger each), the same zero offsets displace and turn a finger, with p its place:
 
-    p_wf + e_f + ((p_wf - p) . slope) e_f             n - (turn e_f) x n
-    sum_f  e_f' covariance^-1 e_f / 2
+    p_wf + e_f + ((p_wf - p) . slope) e_f             n - (turn e_f) x n    (`turned`)
+    sum_f  e_f' covariance^-1 e_f / 2                               (`prior_within`)
 
-n as the finger says it is: a side that stands upright leans as the finger does.  That
-tells what all e_f have in common, where no distance can.
+n is the measured normal: on an upright side it tilts as the finger does.  That
+determines the mean of all e_f, which no distance does.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ PLACE, SLOPE, TURN = 3, 27, 9  # numbers of a finger whose joints are known
 
 
 def displaced(nlp, window, scene):
-    """Return the window with every finger off by its e_f; as it is, where none is."""
+    """Return the window with every finger displaced by e_f, if offsets are unknown."""
     sigma = scene.sigma_offset
     if sigma is None:
         return window
@@ -98,7 +98,7 @@ def turned(finger):
 
 
 def moved(finger, numbers, at):
-    """Return the finger that is at(p_wf), p_wf of so many numbers."""
+    """Return the finger at at(p_wf), where p_wf has `numbers` entries."""
 
     def core(shape, theta, pose, p_wf, rho):
         return finger.core(shape, theta, pose, at(p_wf), rho)

@@ -20,11 +20,11 @@ from typing import NamedTuple
 import casadi as ca
 
 from . import contact
+from .contact import MM
 from .friction import FRICTION, rounding
 
 REST = 0.1e-3  # [m] deviation of a resting corner from the ground
 ROOM = 3e-3  # [REST] below the ground (0.3 um): an interior, also for poses held fixed
-MM = 1e-3  # [m] unit of kappa
 X, Y, Z = ca.DM([1, 0, 0]), ca.DM([0, 1, 0]), ca.DM([0, 0, 1])
 
 

@@ -1,13 +1,12 @@
 r"""eq:loss_const by multiple shooting: every pose an unknown, every step a constraint.
 
-    min  sum_t L_t(theta, x_t)                                what was felt, eq:loss
-    s.t. x_{t+1} = f_theta(x_t, x_{t-1}, r_t)                 time_stepping.py
-    over theta, x_t
+    min  sum_t L_t(theta, x_t)                       eq:loss, as in quasi_static.py
+    s.t. x_{t+1} = f_theta(x_t, x_{t-1}, r_t)        time_stepping.py
+    over theta, x_t, depth
 
-What the fingers felt and what was known is that of violation_implicit.py.  Contact is
-whatever f computes: fingers push where they are, also where they felt nothing, so that
-no sample may be left out and no still span shares a pose (REDUCTIONS); noise of finger
-positions enters f as it is.  f is rounded over `v_eps`; the levels sharpen it.
+Contact is what f computes: a finger also pushes where it felt nothing.  So no sample
+may be left out, and no poses may be merged (REDUCTIONS).  The noise of finger positions
+enters f as it is.  f is rounded over v_eps, which the second level reduces.
 """
 
 from __future__ import annotations
@@ -17,10 +16,11 @@ import casadi as ca
 from .friction import friction
 from .level import Level
 from .rigid_body import G, momentum_change, uniform
+from .sliding_contact import Pusher
 from .time_stepping import V_EPS, Sliding
 from .violation_implicit import felt
 
-# What these equations insist on, whatever the options say.
+# These equations need every sample, whatever the options say.
 REDUCTIONS = {"planar": True, "still": False, "far": False, "absent": False}
 LEVELS = (
     Level("soft", {"speed rounding": 20e-3, "touch scale": 2e-3, "normal scale": 0.2}),
@@ -37,24 +37,29 @@ def build(nlp, window, scene, shape):
     v_eps = nlp.parameter("speed rounding", V_EPS, "m/s")
     step, push = window.step, window.push
 
-    def given_way(*step):
+    def compliance(*step):
         return ca.diag(1 / x.scale) @ body.gives(*step)
 
     for count, g in window.groups.items():
-        s, fingers = g.steps, []
-        for j in g.pushes.T:
-            fingers += [push.p_wf[j], push.p_wf_1[j], push.radius[j]]
+        s, at = g.steps, g.pushes.T
+        fingers = [Pusher(push.p_wf[j], push.p_wf_1[j], push.radius[j]) for j in at]
         name, end = f"motion, {count} fingers", x[:, step.pose[s]]
         begun = (
             theta, x[:, step.before[s]], x[:, step.before_2[s]], step.dt[s], mu, mu_g,
             v_eps, *fingers,
         )  # fmt: skip
         nlp.follow(name, body.step, *begun, gives=end)
-        nlp.report(f"{name}, gives", given_way, end, *begun)
+        nlp.report(f"{name}, gives", compliance, end, *begun)
+    reports(nlp, window, scene, shape, body, theta, x, mu)
 
-    def pushed(theta, x, x_1, dt, mu, v_eps, p_wf, p_wf_1, rho):
+
+def reports(nlp, window, scene, shape, body, theta, x, mu):
+    """Name the impulses of fingers, and of all contacts together."""
+    step, push, v_eps = window.step, window.push, nlp.parameters["speed rounding"]
+
+    def pushed(theta, x, x_1, dt, mu, v_eps, pusher):
         w = scene.mass * G * dt
-        return body.push(theta, x, x_1, dt, w, mu, v_eps, p_wf, p_wf_1, rho)[1]
+        return body.push(theta, x, x_1, dt, w, mu, v_eps, pusher)[1]
 
     def whole(theta, x, x_1, x_2, dt):
         poses = [window.motion.pose(shape, theta, c) for c in (x, x_1, x_2)]
@@ -64,7 +69,7 @@ def build(nlp, window, scene, shape):
     s = push.step
     nlp.report(
         "finger impulse", pushed, theta, x[:, step.pose[s]], x[:, step.before[s]],
-        step.dt[s], mu, v_eps, push.p_wf, push.p_wf_1, push.radius,
+        step.dt[s], mu, v_eps, Pusher(push.p_wf, push.p_wf_1, push.radius),
     )  # fmt: skip
     nlp.report(
         "impulse", whole, theta, x[:, step.pose], x[:, step.before],

@@ -65,20 +65,20 @@ def _written_out(vertices, q_of, small):
     u = frozen(u, 2.0**-60)
     slope = frozen(residual_of(V, q, u, eps)[1], 2.0**-40)
     for _ in range(EXACT):
-        u = u - solve_3(slope, residual_of(V, q, u, eps)[0])
+        u = u - solve_symmetric(slope, residual_of(V, q, u, eps)[0])
     return u
 
 
 def newton_step(V, q, u, eps):
     """Return u after one Newton step."""
     residual, slope = residual_of(V, q, u, eps)
-    return u - solve_3(slope, residual)
+    return u - solve_symmetric(slope, residual)
 
 
 def damped_step(V, q, u, eps):
     """Return u after a Newton step that changes log w_j / w_k by FAR at most."""
     residual, slope = residual_of(V, q, u, eps)
-    step = solve_3(slope, residual)
+    step = solve_symmetric(slope, residual)
     change = V.T @ step / eps
     change = ca.mmax(change) - ca.mmin(change)
     return u - step * ca.fmin(1, FAR / (change + 1e-12))
@@ -89,7 +89,9 @@ def predictor_corrector(V, q, u, before, eps):
     residual, slope = residual_of(V, q, u, before)
     height, w = softmax(V, u, before)
     F_eps = -V @ (w * (height - ca.dot(w, height))) / before
-    return newton_step(V, q, u - solve_3(slope, residual + (eps - before) * F_eps), eps)
+    return newton_step(
+        V, q, u - solve_symmetric(slope, residual + (eps - before) * F_eps), eps
+    )
 
 
 def softmax(V, u, eps):
@@ -107,7 +109,7 @@ def residual_of(V, q, u, eps):
     return u + c - q, slope
 
 
-def solve_3(A, b):
+def solve_symmetric(A, b):
     """Return A^-1 b for a symmetric positive (3, 3) matrix, by cofactors."""
     a, d, e = A[:, 0], A[:, 1], A[:, 2]
     cofactors = ca.horzcat(ca.cross(d, e), ca.cross(e, a), ca.cross(a, d))

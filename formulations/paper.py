@@ -10,7 +10,7 @@ r"""The printed problem, literally: eq:vimp, with eq:loss for what the fingers f
     s.t. lam in FC = {|lam_t| <= mu lam_n}
     over theta, x_t, lam_t;  the inner minimum over lam is taken jointly
 
-eq:loss and f are in paper_physics.py, (1) to (4), FC and MOST in paper_contact.py.
+eq:loss and f are in paper_physics.py, (1) to (4), FC and LAM_MAX in paper_contact.py.
 
 Not printed, so chosen here:
   weights            all but alpha and Sigma_n (public code), from a few scenes
@@ -20,7 +20,7 @@ Not printed, so chosen here:
   mu                 is given; where it is not, it is an unknown with a prior
 
 Departures, all of them:
-  lam_n <= MOST      or the problem is unbounded below: two fingers that squeeze raise
+  lam_n <= LAM_MAX   or the problem is unbounded below: two fingers that squeeze raise
                      lam_n without moving anything, and are paid for it by (1) where
                      phi < 0 and by (2), negative down to lam_n |v_s| (|v_s| - mu)
   (4)                max(v_n, 0) rounded over v_eps: too large by v_eps / 2 at v_n = 0

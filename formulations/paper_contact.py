@@ -3,8 +3,8 @@ r"""The contact terms of the printed problem (paper.py): (1) to (4), and the con
     (1) lam_n phi      (2) |v_s|^2 lam_n + v_s . lam_t      (3) min(0, phi)^2
     (4) lam_n max(v_n, 0)            FC = {|lam_t| <= mu lam_n}
 
-The expressions are in contact.py; here they become terms, energies over w LIFT, the
-work of lifting the object by LIFT.  `now` stands for theta, x, x_1, dt and the weight w
+The expressions are in contact.py; here they become terms, energies over w MM, the work
+of lifting the object by 1 mm.  `now` stands for theta, x, x_1, dt and the weight w
 over the step; gap(theta, x, *where) and velocity(theta, x, x_1, dt, *where) are those
 of a contact, `where` the data that they read.
 """
@@ -14,17 +14,17 @@ from __future__ import annotations
 import casadi as ca
 
 from . import contact
+from .contact import MM
 from .rigid_body import G
 
-LIFT = 1e-3  # [m] unit of energy: the object lifted so far
-MOST = 2.0  # [weights] of the normal impulse of one contact
+LAM_MAX = 2.0  # [weights] of the normal impulse of one contact
 
 
 def impulses(nlp, window, scene, shape):
     """Declare the impulses (normal, t1, t2) [N s] of fingers and ground."""
     step, push, corner = window.step, window.push, window.corner
     size = scene.mass * G * (step.dt.mean() if len(step) else 1.0)  # [N s]
-    bounds = {"lower": [0, -ca.inf, -ca.inf], "upper": [MOST * size, ca.inf, ca.inf],
+    bounds = {"lower": [0, -ca.inf, -ca.inf], "upper": [LAM_MAX * size, ca.inf, ca.inf],
               "unit": "N s", "scale": size}  # fmt: skip
     corners = len(shape.corners) * bool(len(corner))
     guess, guess_g = [size / 10, 0, 0], [size / max(1, corners), 0, 0]
@@ -37,7 +37,7 @@ def dissipation_and_cone(nlp, name, velocity, now, lam, mu, where):
 
     def dissipation(theta, x, x_1, dt, w, lam, nats, *where):
         _, v_s = velocity(theta, x, x_1, dt, *where)
-        return nats * contact.printed_dissipation(lam, v_s) * dt / (w * LIFT)
+        return nats * contact.printed_dissipation(lam, v_s) * dt / (w * MM)
 
     def cone(lam, mu, w, slack):
         return contact.cone_squared(mu, lam / w) + slack**2
@@ -55,11 +55,11 @@ def complementarity_and_inelasticity(nlp, name, gap, velocity, now, lam, where):
 
     def complementarity(theta, x, x_1, dt, w, lam, nats, *where):
         phi = gap(theta, x, *where)
-        return nats * contact.printed_complementarity(lam, phi) / (w * LIFT)
+        return nats * contact.printed_complementarity(lam, phi) / (w * MM)
 
     def inelasticity(theta, x, x_1, dt, w, lam, nats, v_eps, *where):
         v_n, _ = velocity(theta, x, x_1, dt, *where)
-        return nats * contact.inelasticity(lam, v_n, v_eps) * dt / (w * LIFT)
+        return nats * contact.inelasticity(lam, v_n, v_eps) * dt / (w * MM)
 
     p = nlp.parameters
     nlp.minimize(

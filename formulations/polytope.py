@@ -2,9 +2,9 @@ r"""Convex polytopes: the hull of vertices v_j as a Shape, its volume and inerti
 
     distance = |u|,   normal = u / |u|,   u = q - nearest point
 
-(nearest_point.py), right for faces, edges and vertices as long as q is outside: a sphere of radius rho
-around q may sink in by nearly rho.  A doubled, coplanar or interior vertex changes
-nothing.
+(nearest_point.py), right for faces, edges and vertices as long as q is outside: a
+sphere of radius rho around q may sink in by nearly rho.  A doubled, coplanar or
+interior vertex changes nothing.
 
 Volume, centroid and inertia are sums over the tetrahedra that the hull's triangles
 (a, b, c) span with the origin, polynomials of the vertices for a given list of them:
@@ -105,4 +105,10 @@ def polytope(vertices: int = 20) -> Shape:
         inertia=None,
         reach=reach,
         mirrored=False,
+        parameters="vertices",
+        last_pose_held=True,
+        window_depends_on_start=True,
+        hypotheses=1,
+        own_pages=("quasi_static", "violation_implicit"),
+        symbol=ca.MX.sym,
     )

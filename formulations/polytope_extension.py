@@ -1,15 +1,14 @@
-r"""How a polytope moved in one more action: its past is a Gaussian of its vertices.
+r"""One more action of a polytope: the earlier ones as a Gaussian prior of its vertices.
 
-    min  what was felt in the action                          (polytope_quasi_static.py)
-       + (v - v_0)' Lambda (v - v_0) / 2                                      (the past)
+    min  eq:loss of the action                                (polytope_quasi_static.py)
+       + (v - v_0)' Lambda (v - v_0) / 2                                        (`past`)
        + least motion, or the physics of every step     (polytope_violation_implicit.py)
     s.t. v_z >= 0
     over v_j, x_k of the action, and lam_k
 
-v_0 and Lambda are the vertices and the information about them at the last pose of the
-past, which is held: all that was felt before says no more than how far they may move.
-Two pages: `build` with least motion, `build_pushed` with impulses.  They start the
-joint programme of all actions and are the result of nothing.
+v_0 and Lambda are the vertices and the information about them at the last pose before
+the action, which is held.  There are two pages: `build` with least motion,
+`build_pushed` with impulses.  Their solutions start the joint problem of all actions.
 """
 
 from __future__ import annotations
@@ -31,18 +30,18 @@ PUSHED = (Level("pushed", ipopt={"mu_init": 1e-1, "max_iter": 60}),)
 
 
 def build(nlp, window, scene, shape):
-    """Fill `nlp` with what was felt in the action, the past, and least motion."""
+    """Fill `nlp` with eq:loss of the action, the prior, and least motion."""
     _, x = sense(nlp, window, shape)
     quasi_static.least_motion(nlp, window, shape, 0.0, x)
 
 
 def build_pushed(nlp, window, scene, shape):
-    """Fill `nlp` with eq:vimp of the action, and the past."""
+    """Fill `nlp` with eq:vimp of the action, and the prior."""
     polytope_violation_implicit.build(nlp, window, scene, shape, sense)
 
 
 def past(nlp, window, shape, theta):
-    """Add the past: window.information (3 V, 3 V) [1/m^2] about the vertices."""
+    """Add the prior: window.information (3 V, 3 V) [1/m^2] about window.past."""
     n = theta.rows * theta.columns
 
     def known(v, v_0, information):

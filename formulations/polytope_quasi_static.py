@@ -1,19 +1,20 @@
 r"""Vertices and poses of a convex polytope with minimal motion, no impulses.
 
-    min  what was felt, least motion, between actions            (see quasi_static.py)
-       + sum_j (|v_j - m| - r)^2 / (2 (SPREAD r)^2)              (ball prior)
-       + (r - mean)^2 / (2 deviation^2)                          (size prior)
-       + sum_legs v_z^2 / (2 LEG^2)              (legs on the ground, planar motion)
-       + sum_j |v_j - v_j0|^2 / (2 STAY^2)                       (stay)
-    s.t. v_z >= 0                                            (where there is a ground)
+    min  eq:loss                                                   (likelihood.py)
+       + heavy-tailed motion between actions                       (between_actions.py)
+       + sum_j (|v_j - m| / r - 1)^2 / (2 SPREAD^2)                (ball prior)
+       + (r - mean)^2 / (2 deviation^2)                            (size prior)
+       + sum_legs v_z^2 / (2 LEG^2)                                (legs on the ground)
+       + sum_j |v_j - v_j0|^2 / (2 STAY^2)                         (stay)
+       + least motion                                              (quasi_static.py)
+    s.t. v_z >= 0                                                  (with a ground)
     over v_j, x_k, m, r
 
-A touch reads the vertices nearest to it (window.near), the others are out of its reach:
-what is far from the contact point does not change the nearest point.  `window.legs` are
-the vertices that carry the body, at least three of which rest on the ground; in free
-motion that is not said of the last pose.  Where nothing was felt, the vertices lie
-about a sphere (m, r), near where they started: the regulariser `stay` pins what slides
-along the surface at no cost.
+A touch reads the vertices nearest to it (window.near_touch): the others do not change
+the nearest point.  `window.legs` are the vertices that carry the body, at least three
+of which rest on the ground in planar motion (window.grounded).  Where nothing was felt,
+the vertices lie about a sphere (m, r), near where they started: the regulariser `stay`
+makes unique what slides along the surface at no cost.
 
 The last pose is held (see polytope_planes.py): v_z is the height at the last sample.
 """
@@ -26,7 +27,7 @@ from . import between_actions, likelihood, quasi_static
 from .indentation import NONE
 from .level import Level
 
-REDUCTIONS = {"planar": True}  # nothing here would keep a body on the ground
+REDUCTIONS = {"planar": True}  # no term keeps a free body on the ground
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
     Level("coarse", {"touch scale": 1e-3, "normal scale": 0.2}, ipopt={"max_iter": 40}),
@@ -47,7 +48,7 @@ def build(nlp, window, scene, shape):
 
 
 def ball(nlp, window, shape, theta):
-    """Add what is known of a body before it is touched."""
+    """Add the priors of a body that was not touched yet."""
     mean, deviation = shape.size_prior
     sphere = nlp.variable(
         "ball", 4, guess=[*window.start.mean(axis=0), mean],
@@ -75,9 +76,9 @@ def ball(nlp, window, shape, theta):
 
 
 def sense(nlp, window, shape, touch=TOUCH, normal=NORMAL, indentation=NONE, known=ball):
-    """Declare vertices and poses; add what the fingers felt and what was known.
+    """Declare vertices and poses; add what the fingers felt and what was known before.
 
-    known(nlp, window, shape, theta): adds what was, by default before any touch.
+    known(nlp, window, shape, theta): adds what was known, by default the priors.
     """
     motion = window.motion
     theta = nlp.variable(

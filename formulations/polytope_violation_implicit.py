@@ -1,41 +1,38 @@
-r"""The joint programme of eq:vimp for a convex polytope of unknown vertices.
+r"""The joint problem of eq:vimp for a convex polytope of unknown vertices.
 
     min  what was felt and known                           (polytope_quasi_static.py)
-       + sum_k |impulse balance_k|^2 / (2 sigma^2)         x_{t+1} = f(x_t, lam, r_t)
-       + sum   complementarity + dissipation + inelasticity     g(x_t, lam, r_t)
+       + balance of every step, g(x_k, lam_k, r_k)              (violation_implicit.py)
     s.t. lam_n >= 0,  |lam_t| <= mu lam_n,  v_z >= 0
-         vol = sum vol_i,  vol c = sum first_i,  vol S = sum second_i        (mass)
+         vol = sum vol_i,  vol c = sum first_i,  vol S = sum second_i          (`mass`)
     over v_j, x_k, lam_k, and vol, c, S
 
-The same as violation_implicit.py but for three things.  Every contact reads the
-vertices near it, not all.  The body's centroid c and its second moments S, unknowns of
-their own, are tied to the vertices by the sums over the hull's triangles: mass known,
-density uniform; an impulse balance then reads nine numbers of the body, not all
-vertices.  The last pose is held, all of it, in free motion as in planar: the vertices
-lie in a frame that is upright at the last sample.  Without a ground nothing of it is
-here, no legs and no v_z >= 0.
+It differs from violation_implicit.py in three things:
+  vertices   every contact reads the vertices near it, not all
+  mass       the body's centroid c and its second moments S are unknowns of their own,
+             tied to the vertices by sums over the hull's triangles (mass known, density
+             uniform): an impulse balance then reads nine numbers of the body, not all
+             vertices
+  last pose  is held, in free motion as in planar: the vertices lie in a frame that is
+             upright at the last sample.  Without a ground there are no ground contacts,
+             no legs and no v_z >= 0
 
-Which vertices a contact reads and which triangles the hull has follows from where the
-page starts.  Its last level fills it anew where the one before ended: vertices that had
-become invisible, inside the hull, are moved onto it, and the solve goes on.
+Which vertices a contact reads and which triangles the hull has follows from the start.
+Before the last level they are determined again (`rebuild`): vertices inside the hull,
+which no term reads, are first moved onto it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import casadi as ca
 
-from . import balance, finger_contact, ground_contact
 from .balance import Balance
-from .finger_contact import FingerContact
-from .friction import cone
-from .ground_contact import GroundContact
 from .level import Level
 from .polytope import inertia_about, whole_moments
 from .polytope_quasi_static import sense
-from .rigid_body import Body, G, momentum_change
-from .violation_implicit import WEIGHTS, felt, impulses_of
+from .rigid_body import Body
+from .violation_implicit import contacts_of, felt, impulses_of, physics
 
 EXTENDS = True  # an estimate is extended by one action: polytope_extension.py
 COMPLIANT = True  # fingertips may be soft
@@ -63,23 +60,15 @@ def build(nlp, window, scene, shape, sense=sense):
 
     sense: declares vertices and poses and adds what was felt and known of them.
     """
-    w = scene.mass * G * window.step.dt  # (steps,) [N s]
-    pushes, corners = impulses_of(nlp, window, scene, shape, w, window.weight_share)
+    w, pushes, corners = impulses_of(nlp, window, scene, shape, window.weight_share)
     theta, x = felt(nlp, window, scene, shape, pushes, sense)
-    for name, (value, unit) in WEIGHTS.items():
-        nlp.parameter(name, value, unit)
     pushes = replace(pushes, theta=theta[:, window.near_push])
     corners = replace(corners, theta=theta[:, window.leg])
     body = mass(nlp, window, theta)
-    fingers = FingerContact(shape, window.motion, window.finger)
-    ground = GroundContact(shape, window.motion)
-    law = HullBalance(fingers, ground, scene.gravity, mass=scene.mass)
-    balance.add(nlp, window, law, body, x, w, pushes, corners)
-    finger_contact.add(nlp, window, fingers, theta, x, pushes)
+    fingers, ground = contacts_of(window, shape)
+    law = Balance(fingers, ground, scene.gravity, hull_body)
     resting = theta[:, window.resting]
-    ground_contact.add(nlp, window, ground, theta, x, corners, resting)
-    cone(nlp, "finger", pushes)
-    cone(nlp, "ground", corners)
+    physics(nlp, window, law, body, x, w, pushes, corners, resting)
 
 
 def mass(nlp, window, theta):
@@ -101,26 +90,6 @@ def mass(nlp, window, theta):
     return body
 
 
-@dataclass(frozen=True, eq=False)
-class HullBalance(Balance):
-    """The balance of a hull: its body (10,) is an unknown of its own."""
-
-    mass: float = 0.0
-
-    def unbalanced(self, body, x, x_1, x_2, dt, w, contacts):
-        """Return force (3,) [N s] and moment (3,) [N s m], zero where balanced."""
-        known = Body(self.mass, body[1:4], inertia_about(body[1:4], body[4:10]))
-        motion = self.fingers.motion
-        poses = [motion.pose(self.fingers.shape, body, c) for c in (x, x_1, x_2)]
-        linear, angular = momentum_change(known, poses, dt)
-        force, moment = ca.vertcat(0, 0, self.gravity * dt) + linear, angular
-        force, moment = self.mass * force, self.mass * moment
-        p_wo, R_wo = poses[0]
-        arm = R_wo @ known.centroid
-        for c in self.named(body, x, contacts):
-            turning = ca.cross(c.point - p_wo, c.impulse)
-            force, moment = (
-                force - c.impulse,
-                moment - turning + ca.cross(arm, c.impulse),
-            )
-        return force, moment
+def hull_body(shape, body, mass):
+    """Return the rigid_body.Body of volume, centroid and second moments (10,)."""
+    return Body(mass, body[1:4], inertia_about(body[1:4], body[4:10]))

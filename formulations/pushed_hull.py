@@ -1,14 +1,16 @@
-r"""A hull of vertices as the page `pushing` reads it: calls, not written out.
+r"""A polytope for the page `pushing`: its nearest point as a function that is called.
 
-The nearest point of a hull takes a dozen Newton steps (nearest_point.py).  A step of
-`pushing` needs it two dozen times, so here it is one function that is called; u from
-the nearest point to q is then brought to
+The nearest point of a hull takes a dozen Newton steps (nearest_point.py), and a step of
+`pushing` needs it two dozen times.  So they are one function that is called, not
+written out, and without derivatives.  One more step on
 
-    u + V w(u) = q,    w = softmax(V'u / eps)
+    u + V w(u) = q,    w = softmax(V'u / eps)                       (`exact`)
 
-by one more step, which alone has derivatives: exact to first order.
+gives u, the vector from the nearest point to q, with exact first derivatives.
 
-The body's origin is its centroid, and its foot its lowest vertices.
+The body's origin is its centroid, and its foot its lowest vertices:
+
+    c^2 = sum_j w_j (x_j^2 + y_j^2) / sum_j w_j,   w_j = exp((min z - z_j) / LIFTED)
 """
 
 from __future__ import annotations
@@ -61,7 +63,7 @@ def _functions(count):
     given = u, small, V, q = [ca.SX.sym("in", *size) for size in sizes]
     size = frozen(ca.sqrt(ca.sumsqr(q - ca.sum2(V) / count)), 1e-6)
     residual, slope = near.residual_of(V, q, u, small * size)
-    better = u - near.solve_3(frozen(slope, 2.0**-40), residual)
+    better = u - near.solve_symmetric(frozen(slope, 2.0**-40), residual)
     exact = ca.Function(
         "exact", [u, V, q, small], [better],
         {"cse": True, "is_diff_in": [False, True, True, True]},

@@ -3,22 +3,18 @@ r"""How a body that lies on the ground follows the fingers that push it, step by
 Quasi-static: over one time step the body moves by d = (dx, dy, dyaw), so that the work
 of friction and springs is least,
 
-    min_d  mu_g N sqrt(dx^2 + dy^2 + c^2 dyaw^2 + e^2)             ground, limit surface
+    min_d  mu_g N sqrt(dx^2 + dy^2 + c^2 dyaw^2 + SLIP^2)          ground, limit surface
          + sum_f  U(-phi_f(s + d))  +  V(u_f(d))                    fingers
 
-A finger is a spring between where it is, p, and where it is meant to be, r; phi_f is
-the gap at r, u_f = r - p less the way of the touched point, both along the surface.  It
-presses and rubs with
+with U' = lam and V' = f_t of finger_spring.py.  `work_slope` has the gradient of these
+terms.  N = m g + sum lam_f n_z carries what presses down (`loads_of`); c^2 = 3 I_zz / m
+is the square of half the diagonal of a rectangular foot (`foot_squared`).  Where the
+servo of a finger saturates, r goes on no deeper than a step beyond f_max / k
+(`reached`).
 
-    lam(phi) = k S(-phi) / sqrt(1 + (k S(-phi) / f_max)^2),                U' = lam
-    f_t(u)   = k u / sqrt(1 + (k |u| / (mu_f lam))^2),                     V' = f_t
-
-that is, it sticks like a spring until friction lets it slip: then |f_t| -> mu_f lam.
-Where its servo saturates, r goes on no deeper than a step beyond f_max / k (`reached`).
-N = m g + sum lam_f n_z carries what presses down; c^2 = 3 I_zz / m is the square of
-half the diagonal of a rectangular foot.  N and lam_f in the friction terms are those of
-the iterate before: then each term is convex, and `improved`, a Newton step in which the
-bent terms are replaced by the parabolas that touch them from above, descends.
+N and lam_f in the friction terms are those of the iterate before: then each term is
+convex, and `improved`, a Newton step on a convex quadratic bound of the work
+(majorisation), descends.
 
 A body at s = (x, y, yaw) has moved by that much from a given pose.  Inertia is left
 out: at 0.2 m/s a body slides 7 mm on its own where mu_g = 0.3, but a finger that slows
@@ -32,11 +28,17 @@ from __future__ import annotations
 
 import casadi as ca
 
+from .finger_spring import (
+    SOFT,
+    contact_of,
+    held_back,
+    positive_slope,
+    press,
+    sticking,
+)
 from .shape import positive_part
 
-SLIP = 1e-4  # [m] e: a step shorter than this is sticking to the ground
-FAINT = 1e-6  # [N] of friction where nothing touches
-SOFT = 5e-5  # [m] rounds the onset of a contact
+SLIP = 1e-4  # [m] a step shorter than this is sticking to the ground
 LIGHTEST = 0.1  # [m g] the least load on the ground: a finger may lift
 
 
@@ -46,12 +48,6 @@ def moved(pose, s):
     c, s_ = ca.cos(s[2]), ca.sin(s[2])
     turn = ca.blockcat([[c, -s_, 0], [s_, c, 0], [0, 0, 1]])
     return p_wo + ca.vertcat(s[0], s[1], 0), turn @ R_wo
-
-
-def press(phi, stiffness, max_force):
-    """Return the normal force [N] of a finger meant to be at a gap phi [m]."""
-    force = stiffness * positive_part(-phi, SOFT)
-    return force / ca.sqrt(1 + (force / max_force) ** 2)
 
 
 def reached(shape, finger, theta, pose, p_wf, goal, rho, depth):
@@ -72,26 +68,13 @@ def foot_squared(shape, theta, R_wo):
     return 3 * (R_wo @ shape.inertia(theta) @ R_wo.T)[2, 2]
 
 
-def contact_of(shape, finger, theta, pose, p_wf, rho):
-    """Return gap, normal and the slope (1, 3) of the gap along (x, y, yaw)."""
-    phi = finger.gap(shape, theta, pose, p_wf, rho)
-    n = finger.normal(shape, theta, pose, p_wf, rho)
-    return phi, n, -(n.T @ lever(pose, p_wf - rho * n))
-
-
-def lever(pose, p_w):
-    """Return how a body's point p_w moves with (x, y, yaw), (3, 3)."""
-    a = p_w - pose[0]
-    return ca.blockcat([[1, 0, -a[1]], [0, 1, a[0]], [0, 0, 0]])
-
-
 def balance(shape, finger, theta, pose, s, d, fingers, known, loads):
     """Return the gradient (3,) [N, N, N m] of the work by d, zero at the step.
 
     pose: of the body where s = 0; fingers: (r, p, rho) each; known: mu_g, mu_f, weight
     [N], stiffness [N/m], max_force [N], foot c^2 [m^2]; loads: N, lam_f, held fixed.
     """
-    return _pull(shape, finger, theta, pose, s, d, fingers, known, loads)[0]
+    return work_slope(shape, finger, theta, pose, s, d, fingers, known, loads)[0]
 
 
 def loads_of(shape, finger, theta, pose, s, fingers, known):
@@ -108,11 +91,11 @@ def loads_of(shape, finger, theta, pose, s, fingers, known):
 def improved(shape, finger, theta, pose, s, d, fingers, known):
     """Return a better step d (3,): one majorised Newton step."""
     loads = loads_of(shape, finger, theta, pose, s + d, fingers, known)
-    g, H = _pull(shape, finger, theta, pose, s, d, fingers, known, loads)
+    g, H = work_slope(shape, finger, theta, pose, s, d, fingers, known, loads)
     return d - solve_3(H, g)
 
 
-def _pull(shape, finger, theta, pose, s, d, fingers, known, loads):
+def work_slope(shape, finger, theta, pose, s, d, fingers, known, loads):
     """Return gradient and majorised Hessian of the work by d."""
     mu_g, mu_f, _, stiffness, max_force, foot = known
     at = moved(pose, s + d)
@@ -130,19 +113,6 @@ def _pull(shape, finger, theta, pose, s, d, fingers, known, loads):
     return g, H
 
 
-def held_back(pose, d, p_wf, p_wf_1, rho, n):
-    """Return how a touched point moves along the surface with d (3, 3), and u (3,)."""
-    along = ca.DM.eye(3) - n @ n.T
-    across = along @ lever(pose, p_wf - rho * n)
-    return across, along @ (p_wf - p_wf_1) - across @ d
-
-
-def sticking(u, friction, stiffness):
-    """Return the share of u (3,) [m] that friction [N] holds: 1 sticks, 0 slips."""
-    force = stiffness * stiffness * ca.sumsqr(u)
-    return (friction + FAINT) / ca.sqrt((friction + FAINT) ** 2 + force)
-
-
 def tips(shape, finger, theta, pose, s, d, fingers, known, loads):
     """Return where every finger is after the step, p (3,) [m]."""
     at, out = moved(pose, s + d), []
@@ -152,11 +122,6 @@ def tips(shape, finger, theta, pose, s, d, fingers, known, loads):
         u *= sticking(u, known[1] * load, known[3])
         out.append(p_wf + n * positive_part(-phi, SOFT) - u)
     return out
-
-
-def positive_slope(x):
-    """Return the derivative of S(x) at the onset of a contact."""
-    return (1 + x / ca.sqrt(x * x + SOFT**2)) / 2
 
 
 def solve_3(A, b):

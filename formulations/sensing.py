@@ -1,8 +1,9 @@
-r"""Likelihoods of what a finger feels, as negative logarithms (nats).
+r"""Negative log-likelihoods [nats] of what a finger feels.
 
 eq:bool   p(c = 0) = 1 / (1 + exp(-alpha phi))          a sample without contact
 eq:norm   |n_m - n|^2 / (2 sigma_n^2)                   a measured normal
-touch     pseudo-Huber((phi) / sigma)                   a sample with contact
+touch     4 (sqrt(1 + (phi / 2 sigma)^2) - 1)           a sample with contact
+mixture   -log(exp(-cost) + exp(-outlier_cost)) + const  a sample that may be wrong
 
 Departure from eq:bool for c = 1: the logistic is satisfied by any penetration, but a
 finger that is felt is *on* the surface.  The touch cost is two-sided, quadratic within

@@ -29,7 +29,7 @@ def half_diagonal(theta):
 
 @dataclass(frozen=True)
 class Shape:
-    """What a page may ask of a body.
+    """The functions of a class of bodies, its bounds and priors.
 
     theta: number of unknowns; distance(theta, q_of, small) -> [m];
     normal(theta, q_of, small) -> (3,) outward unit, body frame;
@@ -43,6 +43,18 @@ class Shape:
     symmetries: relabellings of the axes that leave the body what it is, each the order
     of theta and the rotation (3, 3) whose columns are the new axes in the old.
     words: for each entry of theta; quantities: (name, function of theta) to ask for.
+
+    What differs between classes of shapes:
+    parameters: what theta lists, "sizes" along the body's own axes or "vertices".
+    last_pose_held: whether the body's axes are the world's at the last sample, whose
+    pose is not estimated (vertices leave no other frame).
+    window_depends_on_start: whether a page's contacts follow from where theta starts,
+    so that each start needs a window of its own.
+    hypotheses: how many hypotheses are carried to the next action; None: as many as the
+    options say.
+    own_pages: the formulations that have a page of this class alone, which is
+    formulations.<name>_<formulation>; empty where the general pages apply.
+    symbol: makes the symbols of expressions: MX where the distance is a function call.
     """
 
     name: str
@@ -60,6 +72,12 @@ class Shape:
     quantities: tuple = ()
     reach: Callable = half_diagonal
     mirrored: bool = True
+    parameters: str = "sizes"
+    last_pose_held: bool = False
+    window_depends_on_start: bool = False
+    hypotheses: int | None = None
+    own_pages: tuple[str, ...] = ()
+    symbol: Callable = ca.SX.sym
 
 
 def positive_part(x, width):

@@ -1,35 +1,35 @@
-r"""The joint programme of eq:vimp: shape, every pose and every contact impulse.
+r"""The joint problem of eq:vimp: shape, every pose and every contact impulse.
 
-    min  sum_t L_t(theta, x_t)                                  what was felt, eq:loss
-       + sum_k |impulse balance_k|^2 / (2 sigma^2)              x_{t+1} = f(x_t, lam, r)
-       + sum   complementarity + dissipation + inelasticity     g(x_t, lam, r), in nats
-    s.t. lam_n >= 0,  |lam_t| <= mu lam_n,  ground gap >= 0
-    over theta, x_k, lam_k
+    min  sum_t L_t(theta, x_t)                     eq:loss and priors (quasi_static.py)
+       + sum_k |x_{k+1} - f(x_k, lam_k, r_k)|^2    balance of every step (balance.py)
+       + sum   g(x_k, lam_k, r_k)                  finger_contact.py, ground_contact.py
+    s.t. lam_n >= 0,  |lam_t| <= mu lam_n          friction.py
+         height of every corner >= 0               ground_contact.py
+    over theta, x_k, lam_k, and the indentation            indentation.py
 
-An impulse is compared with the weight over its time step, w = m g dt, and an energy
-with the work of lifting the object by a millimetre: KAPPA nats each, so that mass and
-time step cancel.
+`felt` adds the first line, `physics` the others.  An impulse is compared with the
+weight over its time step, w = m g dt, and an energy with the work of lifting the object
+by a millimetre, which costs kappa nats: mass and time step cancel.
 
-Departures from the printed equations, named:
-  touch, between actions   see quasi_static.py; an object that still slides when an
-                           action ends comes to rest further on
-  dissipation              v_s lam_n mu |v_s| instead of lam_n |v_s|^2: the printed form
-                           is no power, and is not zero where friction opposes sliding
+Departures from the printed equations:
+  eq:loss, sliding on      see likelihood.py and between_actions.py
+  dissipation              mu lam_n |v_s| + v_s . lam_t, instead of |v_s|^2 lam_n + ...:
+                           the printed form is no power, and is not zero where friction
+                           opposes sliding
   indentation              felt fingers sit inside the surface, the deeper the harder
                            they press where fingertips are soft: see indentation.py
-  offset                   of a finger from where it says, unknown: see finger_offset.py
-  |v_s|, cone apex         rounded (STILL, ROUND), else no second derivative at rest
+  offset                   of a finger from its measured place: see finger_offset.py
+  |v_s|, apex of the cone  rounded, or there is no second derivative at rest
   complementarity          of a felt finger is the touch cost; of the ground in planar
                            motion it holds by construction, else lam_n z is an exact
-                           penalty beside the hard z >= 0
+                           penalty beside the hard constraint z >= 0
   non-penetration          of the ground is a hard constraint; of a finger it is part of
                            the likelihoods of touch and free samples
-  unfelt                   a finger that feels nothing hardly pushes: UNFELT, linear,
-                           in place of dissipation
+  unfelt                   a finger that feels nothing has a linear cost on its impulse
+                           (UNFELT) in place of dissipation
   rest                     an action starts at rest: all low corners on the ground
-  least impulse            pins what contact leaves open (four corners share a load)
-
-The terms of g are in finger_contact.py and ground_contact.py, cones in friction.py.
+  least impulse            makes unique what contact leaves open (four corners share a
+                           load)
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ from .ground_contact import GroundContact
 from .level import Level
 from .rigid_body import G
 
-OFFSETS = True  # of fingers may be unknown
 COMPLIANT = True  # fingertips may be soft
+OFFSETS = True  # of fingers may be unknown
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
     Level(
@@ -59,40 +59,22 @@ LEVELS = (
         "joint", ipopt={"mu_init": 1e-3, "max_iter": 400}, warm_start={"mu_init": 1e-5}
     ),
 )
-ROUGH = (  # from poses that are guessed, not solved: centimetres off where it tumbles
+ROUGH = (  # from guessed poses, which are centimetres off where the object tumbles
     LEVELS[0],
-    Level(
-        "loose",
-        {
-            "touch scale": 2e-3,
-            "normal scale": 0.2,
-            "gap scale": 5e-3,
-            "kappa": 2.0,
-            "balance sigma": 0.3,
-        },
-    ),
-    Level(
-        "firm",
-        {
-            "touch scale": 0.5e-3,
-            "normal scale": 0.05,
-            "kappa": 4.0,
-            "balance sigma": 0.1,
-        },
-    ),
+    Level("loose", {"touch scale": 2e-3, "normal scale": 0.2, "gap scale": 5e-3,
+                    "kappa": 2.0, "balance sigma": 0.3}),
+    Level("firm", {"touch scale": 0.5e-3, "normal scale": 0.05, "kappa": 4.0,
+                   "balance sigma": 0.1}),
     LEVELS[1],
-)
+)  # fmt: skip
 
 TOUCH = 0.15e-3  # [m] model error of a touched gap: soft contact, rounded edges
 NORMAL = 0.010  # [rad] model error of a normal, likewise
-COASTING = partial(quasi_static.sense, coasts=True)  # momentum tells how fast it is
+COASTING = partial(quasi_static.sense, coasts=True)  # poses tell the object's speed
 WEIGHTS = {  # parameters, each with its unit
     "kappa": (5.0, "nats/mm"),  # for an energy that lifts the object by 1 mm
-    "speed rounding": (
-        3e-3,
-        "m/s",
-    ),  # rounds the sliding speed: 0.1 mm in a step of 1/30 s
-    "balance sigma": (0.03, "weights"),  # deviation of an impulse from balance
+    "speed rounding": (3e-3, "m/s"),  # v_eps, of |v_s|: 0.1 mm in a step of 1/30 s
+    "balance sigma": (0.03, "weights"),  # deviation of a step from balance
     "cone rounding": (0.003, "weights"),  # rounds the apex of the friction cone
 }
 
@@ -100,16 +82,18 @@ WEIGHTS = {  # parameters, each with its unit
 def build(nlp, window, scene, shape):
     """Fill `nlp` with eq:vimp: what was felt, then the physics of every step."""
     window = displaced(nlp, window, scene)
-    w = scene.mass * G * window.step.dt  # (steps,) [N s]
-    pushes, corners = impulses_of(nlp, window, scene, shape, w)
+    w, pushes, corners = impulses_of(nlp, window, scene, shape)
     theta, x = felt(nlp, window, scene, shape, pushes)
-    physics(nlp, window, scene, shape, theta, x, w, pushes, corners)
+    fingers, ground = contacts_of(window, shape)
+    law = Balance(fingers, ground, scene.gravity)
+    physics(nlp, window, law, theta, x, w, pushes, corners)
 
 
 def felt(nlp, window, scene, shape, pushes=None, sense=COASTING):
     """Declare theta and x; add what was felt by fingers that sit in the surface.
 
-    pushes: friction.Impulses, that press soft fingertips in; None: all are rigid.
+    pushes: friction.Impulses, which press soft fingertips in; None: all are rigid.
+    sense: declares theta and x and adds eq:loss, as quasi_static.sense does.
     """
     inside = indentation.declare(nlp, window, scene, pushes)
     theta, x = sense(nlp, window, shape, TOUCH, NORMAL, inside)
@@ -117,26 +101,16 @@ def felt(nlp, window, scene, shape, pushes=None, sense=COASTING):
     return theta, x
 
 
-def physics(nlp, window, scene, shape, theta, x, w, pushes, corners):
-    """Add the balance of every step, and g; w: weights of the steps [N s]."""
+def impulses_of(nlp, window, scene, shape, share=None):
+    """Declare WEIGHTS, and impulses and friction of fingers and of the ground.
+
+    share: of the weight, that each ground contact carries at the start; by default all
+    corners carry the same.  Returns w = m g dt of the steps [N s], and the
+    friction.Impulses of fingers and ground.
+    """
     for name, (value, unit) in WEIGHTS.items():
         nlp.parameter(name, value, unit)
-    fingers = FingerContact(shape, window.motion, window.finger)
-    ground = GroundContact(shape, window.motion)
-    law = Balance(fingers, ground, scene.gravity)
-    balance.add(nlp, window, law, theta, x, w, pushes, corners)
-    finger_contact.add(nlp, window, fingers, theta, x, pushes)
-    ground_contact.add(nlp, window, ground, theta, x, corners)
-    cone(nlp, "finger", pushes)
-    cone(nlp, "ground", corners)
-
-
-def impulses_of(nlp, window, scene, shape, w, share=None):
-    """Declare impulses and friction of fingers and of the ground (friction.Impulses).
-
-    w: weights of the steps; share: of the weight, that each ground contact carries at
-    the start; by default all corners carry the same.
-    """
+    w = scene.mass * G * window.step.dt
     w_f, w_g = w[window.push.step], w[window.corner.step]
     size = w.mean() if len(w) else scene.mass * G
     share = 1 / max(1, len(shape.corners)) if share is None else share
@@ -145,4 +119,22 @@ def impulses_of(nlp, window, scene, shape, w, share=None):
     lam_g = impulses(nlp, "ground", w_g, size, w_g * share, frictionless=slips)
     mu = friction(nlp, "finger friction", scene.friction_finger)
     mu_g = friction(nlp, "ground friction", scene.friction_ground if len(w_g) else 0)
-    return Impulses(lam, mu, w_f), Impulses(lam_g, mu_g, w_g)
+    return w, Impulses(lam, mu, w_f), Impulses(lam_g, mu_g, w_g)
+
+
+def contacts_of(window, shape):
+    """Return the functions of the contacts of a shape with fingers and ground."""
+    fingers = FingerContact(shape, window.motion, window.finger)
+    return fingers, GroundContact(shape, window.motion)
+
+
+def physics(nlp, window, law, theta, x, w, pushes, corners, resting=None):
+    """Add the balance of every step, g of fingers and ground, and the friction cones.
+
+    law: a balance.Balance, theta: the body that it reads; resting: see ground_contact.
+    """
+    balance.add(nlp, window, law, theta, x, w, pushes, corners)
+    finger_contact.add(nlp, window, law.fingers, theta, x, pushes)
+    ground_contact.add(nlp, window, law.ground, theta, x, corners, resting)
+    cone(nlp, "finger", pushes)
+    cone(nlp, "ground", corners)

@@ -1,1 +1,1 @@
-"""The bench: bytes to Measurements."""
+"""Drivers, recordings and simulation of the robot: bytes to Measurements."""

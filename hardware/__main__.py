@@ -19,43 +19,43 @@ ABOUT = """\
 Record a robot with tactile fingers, and turn the record into measurements.
 
     python -m hardware record rig.json touches/      listen until Ctrl-C
-    python -m hardware check touches/                how well did it come?
+    python -m hardware check touches/                say how complete it is
     python -m hardware assemble touches/ touches.npz
-    python -m hardware replay touches/ --rig r.json  send it out again, without a robot
+    python -m hardware replay touches/ --rig r.json  send it again, without a robot
 
-rig.json says which finger is on which wires; hardware/README.md has one to start from.
+rig.json describes fingers and wires; hardware/README.md has an example.
 """
 RECORD = """\
 Listen to a robot and write all frames, bytes and pictures with their times to a new
-folder, until --seconds have passed, Ctrl-C or `kill`.  Ends with 1, all data so far on
-disk, where a wire falls silent for longer than --patience.
+folder, until --seconds have passed, Ctrl-C or `kill`.  Returns 1 if a wire is silent
+for longer than --patience; all data received so far are then on the disk.
 
     python -m hardware record rig.json touches/ --seconds 60
 """
 REPLAY = """\
-Send a recording out again at its own pace: CAN frames on buses, serial bytes on
-pseudo-terminals.  Writes the rig to listen to; what listens cannot tell the difference.
+Send a recording again at the recorded times: CAN frames on buses, serial bytes on
+pseudo-terminals.  Writes the rig file that describes these wires.
 
     python -m hardware replay touches/ --rig replayed.json --interface virtual
 """
 CHECK = """\
-Say of every stream how many samples came, how regularly, and how many are missing, and
-of every finger how many samples of the grid are valid.  Ends with 1 where these are
-fewer than --complete.
+Print for every stream the number of samples, their rate and jitter, and how many are
+missing, and for every finger the share of valid samples of the grid.  Returns 1 if that
+share is below --complete.
 
     python -m hardware check touches/
 """
 ASSEMBLE = """\
-Bring all streams to one grid and write tactilenlp.Measurements.  What is missing is
-marked as not valid, never as no contact; too much missing is refused.
+Sample all streams on one grid and write tactilenlp.Measurements.  Missing samples are
+marked as not valid, never as no contact; too many missing samples are an error.
 
     python -m hardware assemble touches/ touches.npz
 """
-TICK = 0.005  # [s] between looks at the wires
+TICK = 0.005  # [s] between two readings of the wires
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Do what the arguments say; return 0, or 1 after an error that was told."""
+    """Run a command; return 0, or 1 after an error, which is printed."""
     options = _parser().parse_args(arguments)
     try:
         return options.do(options)
@@ -129,7 +129,7 @@ def _replay(options: argparse.Namespace) -> int:
 class _Help(
     argparse.RawDescriptionHelpFormatter, argparse.ArgumentDefaultsHelpFormatter
 ):
-    """Keep the lines of a description, and tell what an option is unless given."""
+    """Keep the lines of a description, and print the defaults of options."""
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -172,7 +172,7 @@ def _record_options(record: argparse.ArgumentParser) -> None:
         "--ask",
         action="store_true",
         help="tell the boards to send what they measure (no motor is enabled); without "
-        "it nothing is sent, and whoever commands the robot must have told them",
+        "it nothing is sent, and the program that commands the robot must have done so",
     )
     patience = "[s] of silence that end it"
     record.add_argument("--patience", type=float, default=3.0, help=patience)

@@ -1,11 +1,12 @@
-"""Bring all streams of all fingers to one grid of 30 Hz: Measurements.
+"""Sample all streams of all fingers on one 30 Hz grid: Measurements.
 
-Grid: from the first touch in the range that all streams share to its end; nothing is
-extrapolated.  Positions: motors are interpolated linearly, then kinematics.  Contact:
-the newest touch that is not later than the sample (causal), at most 1.5 samples old;
-its normal comes with it, turned to the world by the finger's pose when it was felt,
-never blended.  The latency of a sensor is subtracted first.  What is missing is not
-valid; too much missing is refused.
+Grid: from the first touch in the time range common to all streams to the end of that
+range; nothing is extrapolated.  Positions: motor positions are interpolated linearly,
+then mapped by the kinematics.  Contact: zero-order hold of the newest touch that is not
+later than the sample (causal), at most 1.5 samples old, with its normal, rotated to the
+world by the pose of the finger at the time of the touch; normals are not interpolated.
+The latency of a sensor is subtracted first.  Missing samples are not valid; too many of
+them are an error.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from tactilenlp.data.measurements import Measurements
 from .errors import ClockError, CompletenessError
 from .streams import FingerStreams, Stream, StreamReport
 
-RATE = 30.0  # [Hz]; the formulations want one interval throughout
+RATE = 30.0  # [Hz]; the formulations need a constant interval
 OLDEST_TOUCH = 1.5  # [samples]
 LARGEST_GAP = 0.02  # [s] between two positions of a motor
 COMPLETE = 0.9  # [1], share of a finger's samples that must be valid
@@ -29,7 +30,7 @@ ROUNDING = 1e-6  # [s]: a stamp of 1.7e9 s has digits of 2.4e-7 s
 
 @dataclass(frozen=True)
 class Report:
-    """Say how well the streams came, and what of the grid is valid.
+    """Hold how complete the streams are, and which share of the grid is valid.
 
     streams:  one report each
     valid:    [1], share of valid samples by finger
@@ -71,9 +72,9 @@ def assemble(
     parked:   names of fingers that take no part: not valid, not judged
     complete: [1], the least share of valid samples of each other finger
     nearest:  take the touch nearest in time instead of the newest one before: for
-              recordings only, a robot does not know the future
+              recordings only, as it is not causal
 
-    Raises CompletenessError with a report where too much is missing, ClockError where
+    Raises CompletenessError with a report if too much is missing, ClockError if
     the streams do not overlap.
     """
     time = _grid(fingers, rate, start, end)
@@ -102,7 +103,7 @@ def examine(
     end: float = np.inf,
     nearest: bool = False,
 ) -> Report:
-    """Return how complete the streams are, without judging; options of `assemble`."""
+    """Return how complete the streams are, without an error; options of `assemble`."""
     time = _grid(fingers, rate, start, end)
     parts = [_finger(one, time, OLDEST_TOUCH / rate, nearest) for one in fingers]
     return _report(fingers, time, parts)

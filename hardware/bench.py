@@ -1,4 +1,4 @@
-"""Open all wires of a rig at once, listen to them, and leave all of them in peace."""
+"""Open all wires of a rig, read them, and stop all motors when they are closed."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from contextlib import ExitStack
 import numpy as np
 
 from .clock import Clock, HostClock
-from .motor_board import MAX_CURRENT, STALE, MotorBoard
+from .motor_board import MAX_CURRENT, STALE, MotorBoard, check_current
 from .motor_can import Quantity
 from .motor_joints import start_motors
 from .rig import FingerRig, Rig, Tactile
@@ -43,11 +43,15 @@ class FingerBench:
         return self.geometry.forward(self.angles)
 
     def apply(self, torques: np.ndarray) -> None:
-        """Command joint torques (3,) [N m]."""
-        for board, current in zip(
-            self.boards, self.joints.currents(torques), strict=True
-        ):
-            board.command(*current.tolist())
+        """Command joint torques (3,) [N m]; raises LimitError before anything is sent.
+
+        All boards of the finger are commanded, or none.
+        """
+        currents = self.joints.currents(torques).tolist()
+        for board, pair in zip(self.boards, currents, strict=True):
+            board.check_currents(*pair)
+        for board, pair in zip(self.boards, currents, strict=True):
+            board.command(*pair)
 
     def _newest(self, quantity: Quantity) -> np.ndarray:
         return np.stack([board.newest(quantity) for board in self.boards])
@@ -56,12 +60,15 @@ class FingerBench:
 class Bench:
     """Open the drivers of a rig; `with` closes them, with zero current first.
 
-    rig:         which wires there are
-    tape:        what records them, already opened
+    rig:         the description of the wires
+    tape:        the recording, already opened
     listen_only: never send; otherwise `start` may be called
-    clock:       that of the host, or of a simulated robot
-    reader:      (tactile, name, sink, clock) -> what reads a sensor; a simulated robot
-                 brings its own
+    clock:       HostClock, or a simulated robot
+    reader:      (tactile, name, sink, clock) -> reader of a sensor; a simulated robot
+                 has its own
+
+    Between `remember` and `forget` all samples are kept in memory, otherwise only the
+    newest of each stream.
     """
 
     def __init__(
@@ -74,6 +81,7 @@ class Bench:
         clock: Clock | None = None,
         reader: Callable | None = None,
     ) -> None:
+        check_current(max_current, "Bench")
         self.rig, self.clock = rig, clock or HostClock()
         self.fingers: list[FingerBench] = []
         self._tape, self._reader = tape, reader or Tactile.reader
@@ -105,20 +113,21 @@ class Bench:
             sink = tape and tape.can(stream_name(one.name, f"board {k}"))
             name = f"{one.name}, board {k}"
             options = {"name": name, "sink": sink, "clock": clock}
-            boards.append(MotorBoard(config, **self._drive, **options))
+            options |= self._drive | {"remember": False}
+            boards.append(MotorBoard(config, **options))
         sink = tape and tape.sink(tactile.wire, stream_name(one.name, "tactile"))
         reader = self._reader(tactile, f"{one.name}, tactile", sink, clock)
         return FingerBench(one, boards, Skin(reader, tactile.toucher()))
 
     def poll(self) -> None:
-        """Take in all that has come."""
+        """Read all frames that have arrived."""
         for finger in self.fingers:
             for board in finger.boards:
                 board.poll()
             finger.skin.poll()
 
     def check(self, stale: float = STALE, touch_stale: float = TOUCH_STALE) -> None:
-        """Raise what is wrong with any wire: silence for longer [s], faults."""
+        """Raise the error of any wire: silence for longer [s], or a fault."""
         for finger in self.fingers:
             for board in finger.boards:
                 board.check(stale)
@@ -133,8 +142,15 @@ class Bench:
         for board in self.boards:
             board.stop()
 
+    def remember(self) -> None:
+        """Keep all samples from now on, for the streams of an action."""
+        for finger in self.fingers:
+            for board in finger.boards:
+                board.remember()
+            finger.skin.remember()
+
     def forget(self) -> None:
-        """Drop what was heard so far, but for the newest."""
+        """Drop all samples but the newest of each stream, and keep only the newest."""
         for finger in self.fingers:
             for board in finger.boards:
                 board.forget()

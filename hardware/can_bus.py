@@ -1,10 +1,9 @@
-"""Open a CAN bus of python-can, and read what waits on it without waiting.
+"""Open a CAN bus of python-can, and read it without blocking.
 
-What the back ends raise differs: a missing SocketCAN interface a bare OSError, a
-garbled line of slcan a ValueError or IndexError, bytes that are no text a
-CanOperationError after which the line stays in the buffer until it is flushed.  Here it
-becomes one of two: a BusError where the bus is gone, a call of `on_error` where one
-frame is.
+The back ends raise different errors: OSError for a missing SocketCAN interface,
+ValueError or IndexError for a garbled line of slcan, CanOperationError for bytes that
+are not text, after which the line stays in the buffer until it is flushed.  Here there
+are two cases: a BusError if the bus is lost, a call of `on_error` if a frame is lost.
 """
 
 from __future__ import annotations
@@ -13,14 +12,15 @@ from collections.abc import Callable, Iterator, Mapping
 
 import can
 
+from .clock import WallStamps
 from .errors import BusError
 
-POLL_LIMIT = 4096  # [frames] read in one go: a babbling bus must not hang the caller
+POLL_LIMIT = 4096  # [frames] per reading: a flooded bus must not block the caller
 GARBLED = (ValueError, IndexError)
 
 
 def open_bus(config: Mapping, name: str) -> can.BusABC:
-    """Open a bus by python-can's ordinary configuration; raises BusError."""
+    """Open a bus from a configuration of python-can; raises BusError."""
     try:
         return can.Bus(**config)
     except (can.CanError, OSError, ValueError, TypeError) as bad:
@@ -28,17 +28,45 @@ def open_bus(config: Mapping, name: str) -> can.BusABC:
             "cannot be opened",
             where=name,
             got=f"{type(bad).__name__}: {bad}",
-            next="check interface and channel of python-can; is the link up?",
+            next="check interface and channel of python-can, and that the link is up",
         ) from bad
 
 
 def waiting(
+    bus: can.BusABC,
+    name: str,
+    on_error: Callable[[Exception], None],
+    stamps: WallStamps,
+) -> list[can.Message]:
+    """Return all received frames, stamped by the clock of the run.
+
+    Raises BusError if the bus is lost and no frame was received before.
+    """
+    messages: list[can.Message] = []
+    try:
+        for message in _read(bus, name, on_error):
+            messages.append(message)
+    except BusError as bad:
+        if not messages:
+            raise
+        on_error(bad)  # a bus that is lost raises again at the next reading
+    stamps.look()
+    for message in messages:
+        message.timestamp = stamps(message.timestamp)
+    return messages
+
+
+def _read(
     bus: can.BusABC, name: str, on_error: Callable[[Exception], None]
 ) -> Iterator[can.Message]:
-    """Yield the frames that wait; raises BusError where the bus is gone."""
+    """Yield the received frames; raises BusError if the bus is lost.
+
+    Not by `bus.recv(timeout=0)`: it measures its time-out by the wall clock, and blocks
+    for as long as that clock is set back meanwhile.
+    """
     for _ in range(POLL_LIMIT):
         try:
-            message = bus.recv(timeout=0)
+            message, filtered = bus._recv_internal(timeout=0)
         except (can.CanError, OSError) as bad:
             if not isinstance(bad.__cause__, UnicodeDecodeError):
                 raise lost("read", name, bad) from bad
@@ -49,10 +77,11 @@ def waiting(
         else:
             if message is None:
                 return
-            yield message
+            if filtered or bus._matches_filters(message):
+                yield message
 
 
 def lost(verb: str, name: str, bad: Exception) -> BusError:
-    """Return the error of a bus that does not carry any more."""
-    got, fix = f"{type(bad).__name__}: {bad}", "is the adapter still plugged in?"
+    """Return the error of a bus that is lost."""
+    got, fix = f"{type(bad).__name__}: {bad}", "check that the adapter is plugged in"
     return BusError(f"cannot {verb}", where=name, got=got, next=fix)

@@ -1,9 +1,9 @@
 """Map the clocks of devices to the time of the host.
 
-A sample that a device stamps d arrives at the host at h = a d + b + delay, and delays
-are never negative: the line under all points (d, h) is the clock, what lies above it is
-waiting.  So the map is the lower convex hull's edge over the middle of the record, not
-least squares, which a few late samples pull up.
+A sample with device stamp d arrives at the host at h = a d + b + delay, delay >= 0: the
+clock is the line below all points (d, h), and the distance above it is the delay.  The
+map is therefore the edge of the lower convex hull over the middle of the record, not a
+least-squares line, which a few late samples bias upward.
 """
 
 from __future__ import annotations
@@ -16,27 +16,90 @@ import numpy as np
 
 from .errors import ClockError
 
-LARGEST_DRIFT = 1e-3  # [1]; quartz drifts by 1e-4 at most, beyond it the unit is wrong
+LARGEST_DRIFT = 1e-3  # [1]; quartz drifts by 1e-4 at most; larger: wrong unit
+STEP = 1e-3  # [s], a larger change between wall clock and run time is a step
+READS = 3  # attempts to read two clocks at one instant
 
 
 class Clock(Protocol):
-    """What tells the time and waits: HostClock, or that of a simulated robot."""
+    """Tell the time of a run and wait: HostClock, or that of a simulated robot.
+
+    now:  [s], never steps: control, ages and time-outs use it alone
+    wall: [s], the time of day, which may step: the operating system stamps with it
+    """
 
     def now(self) -> float: ...
+
+    def wall(self) -> float: ...
 
     def sleep(self, duration: float) -> None: ...
 
 
 class HostClock:
-    """The time of this computer, CLOCK_REALTIME [s], and waiting by it."""
+    """The monotonic clock of this computer, shifted once to the time of day.
+
+    The shift is sampled when the clock is made: stamps of a run read as CLOCK_REALTIME
+    [s], and a step of the wall clock (NTP, an operator) does not reach the control.
+    """
+
+    def __init__(self) -> None:
+        self._shift = time.time() - time.monotonic()
 
     def now(self) -> float:
-        """Return the time [s]."""
+        """Return the time [s] of the run; it never runs backward."""
+        return time.monotonic() + self._shift
+
+    def wall(self) -> float:
+        """Return CLOCK_REALTIME [s], which may step."""
         return time.time()
 
     def sleep(self, duration: float) -> None:
         """Wait for a duration [s]."""
         time.sleep(max(duration, 0.0))
+
+
+class WallStamps:
+    """Map stamps of the wall clock to the time of the run, across its steps.
+
+    A frame that is read now came after the previous reading: where the wall clock was
+    stepped in between, that tells whether its stamp is of before or after the step.
+    Call `look` after every reading, then the object with each stamp.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._latest, offset = self._read()
+        self._earliest, self._offsets = self._latest, (offset, offset)
+
+    def look(self) -> None:
+        """Read both clocks: all stamps that are mapped next are not later than now."""
+        self._earliest = self._latest
+        self._latest, offset = self._read()
+        self._offsets = self._offsets[1], offset
+
+    def __call__(self, stamp: float) -> float:
+        """Return the time [s] of the run that a stamp [s] of the wall clock means."""
+        before, after = self._offsets
+        if abs(after - before) < STEP:
+            return stamp - after
+        times = sorted((stamp - before, stamp - after), key=self._outside)
+        return min(max(times[0], self._earliest), self._latest)
+
+    def _outside(self, time: float) -> float:
+        """Return by how much [s] a time lies outside the last two readings."""
+        return max(self._earliest - time, time - self._latest, 0.0)
+
+    def _read(self) -> tuple[float, float]:
+        """Return the time of the run and the wall clock's lead [s], at one instant."""
+        tries = []
+        for _ in range(READS):
+            before, wall, after = (
+                self._clock.now(),
+                self._clock.wall(),
+                self._clock.now(),
+            )
+            tries.append((after - before, after, wall - (before + after) / 2))
+        return min(tries)[1:]
 
 
 @dataclass(frozen=True)
@@ -69,7 +132,7 @@ class ClockMap:
         device, host = np.asarray(device, float), np.asarray(host, float)
         _check(device, host)
         origin, start = device[0], host[0]
-        x, y = device - origin, host - start  # small numbers: no digits are lost
+        x, y = device - origin, host - start  # small numbers keep all digits
         hull = _lower_hull(x, y)
         middle = (x[0] + x[-1]) / 2
         edge = min(np.searchsorted(x[hull], middle, side="right"), len(hull) - 1)
@@ -88,9 +151,9 @@ class ClockMap:
 
 
 def unwrap(counter: np.ndarray, bits: int) -> np.ndarray:
-    """Return counts (n,) that go on where an unsigned counter of so many bits wraps.
+    """Return counts (n,) without the wraps of an unsigned counter of so many bits.
 
-    Gaps shorter than half the range are seen right; a step of 1 means nothing is lost.
+    Gaps shorter than half the range are resolved; a step of 1 means no sample is lost.
     """
     counter, size = np.asarray(counter, np.int64), 1 << bits
     if counter.size and not (counter.min() >= 0 and counter.max() < size):

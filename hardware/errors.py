@@ -1,4 +1,4 @@
-"""The errors that the bench raises on purpose: what, where, got, expected, next."""
+"""Errors of the bench: what, where, got, expected, next."""
 
 from __future__ import annotations
 
@@ -6,31 +6,31 @@ from tactilenlp.errors import TactileError
 
 
 class HardwareError(TactileError):
-    """Something on the bench is not as it must be; the root of all errors here."""
+    """Base class of all errors of the bench."""
 
 
 class FrameError(HardwareError, ValueError):
-    """A frame, packet or picture does not hold what its format promises."""
+    """A frame, packet or picture does not have the format that it should have."""
 
 
 class BusError(HardwareError):
-    """A bus, serial line or camera cannot be opened, or carries nothing any more."""
+    """A bus, serial line or camera cannot be opened, or is lost."""
 
 
 class BoardError(HardwareError):
-    """A motor board reports a fault, or does not do what it was told."""
+    """A motor board reports a fault, or does not follow a command."""
 
 
 class StaleStreamError(HardwareError):
-    """A stream has fallen silent: the newest sample is older than is safe."""
+    """A stream is silent: the newest sample is too old."""
 
 
 class LimitError(HardwareError, ValueError):
-    """A target, speed, current or angle lies outside what the robot may do."""
+    """A target, speed, current or angle is beyond a limit of the robot."""
 
 
 class ReachError(LimitError):
-    """A point cannot be reached by the finger, whatever its joints do."""
+    """A point cannot be reached by the finger."""
 
 
 class ClockError(HardwareError, ValueError):
@@ -38,15 +38,15 @@ class ClockError(HardwareError, ValueError):
 
 
 class RigError(HardwareError, ValueError):
-    """The description of the robot is missing something, or contradicts itself."""
+    """The description of the robot is incomplete or contradictory."""
 
 
 class RecordingError(HardwareError, ValueError):
-    """A recording is incomplete, damaged or not a recording."""
+    """A folder is not a recording, or the recording is incomplete or damaged."""
 
 
 class CompletenessError(RecordingError):
-    """Too many samples are missing; `report` says of which stream."""
+    """Too many samples are missing; `report` counts them for each stream."""
 
     def __init__(self, what: str, *, report=None, **parts):
         self.report = report

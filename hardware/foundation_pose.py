@@ -1,4 +1,4 @@
-"""Read the poses that FoundationPose wrote: ground truth for `metrics`, never for more.
+"""Read the poses that FoundationPose wrote: ground truth for `metrics` only.
 
 One text file per picture, 4 x 4 numbers: the object in the camera (OpenCV axes: x
 right, y down, z forward), in metres, for the origin of the mesh.  File names are the
@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from .errors import ClockError, RecordingError
 
 log = logging.getLogger(__name__)
-COUNTER = r"\d{1,7}"  # longer numbers are stamps
+COUNTER = r"\d{1,7}"  # longer numbers are time stamps
 RATE = 30.0  # [Hz] of the camera
 ROTATION_TOLERANCE = 1e-3  # [1], largest entry of R'R - 1
 LARGEST_GAP = 2.5 / RATE  # [s]: poses are not interpolated over more than two pictures
@@ -76,7 +76,7 @@ def load_poses(
     folder:            that folder, or the one that holds it
     times:             (N,) [s] of all pictures, in their order: the number of a file,
                        where names are counters, is its place; otherwise its rank.
-                       None: from 0 on, at `rate`, which drifts; a warning is logged
+                       None: from 0, at `rate`, which drifts; a warning is logged
     world_from_camera: (4, 4) of the camera in the world, None: the camera is the world
     rate:              [Hz] of the pictures
 
@@ -135,7 +135,7 @@ def _times(given, count: int, rate: float, where: str) -> np.ndarray:
 
 
 def _natural(path: Path) -> list:
-    """Return a key that sorts 10 after 9, as people do."""
+    """Return a key that sorts by number: 10 after 9."""
     parts = re.split(r"(\d+)", path.stem)
     return [(part.isdigit(), int(part) if part.isdigit() else part) for part in parts]
 
@@ -159,7 +159,7 @@ def _given(matrix: np.ndarray) -> np.ndarray:
             where="world_from_camera",
             got=f"shape {X_wc.shape}",
             expected="(4, 4): a rotation, a translation [m], and 0 0 0 1",
-            next="the paper's group saves camera-from-world: give its inverse",
+            next="camera-from-world, as the paper's group saves it, must be inverted",
         )
     return X_wc
 

@@ -1,4 +1,4 @@
-"""Read pictures: live from a camera, in a thread, or back from files."""
+"""Read pictures: from a camera, in a thread, or from files."""
 
 from __future__ import annotations
 
@@ -14,24 +14,25 @@ from .optical_flow import opencv
 from .reader import Reader
 
 log = logging.getLogger(__name__)
-HANG = 1.0  # [s], a driver that hangs in a read for longer is left behind
+HANG = 1.0  # [s] that closing waits for a read that does not return
+QUEUE = 64  # [pictures] that wait to be taken: 2 s at 30 Hz
 FIRST_WAIT, LONGEST_WAIT = 0.1, 2.0  # [s] between attempts to open the camera again
 NATURAL = "f_%05d.png"  # how recorded pictures are named
 
 
 class Camera(Reader):
-    """Read a camera in a thread; `with` opens, and waits for no picture.
+    """Read a camera in a thread; `with` opens it and does not wait for a picture.
 
     source:   number or path of the camera, or a function that waits for the next
               picture and returns it, None once there are no more
     size:     (width, height) [px], None: as the camera is
     rate:     [Hz], None: as the camera is
-    exposure: in the camera's unit; a DenseTact wants a fixed one
+    exposure: in the camera's unit; a DenseTact needs a fixed one
     sink:     called with every picture and its time, to record it
 
-    OpenCV stamps nothing that can be trusted: a picture's time is that of its arrival,
-    and the latency of the camera is to be subtracted later.  A picture that equals the
-    one before to the last bit is no news (`frozen` counts them): real ones have noise.
+    The time stamps of OpenCV are not reliable: the time of a picture is its arrival,
+    and the latency of the camera must be subtracted later.  A picture that is equal to
+    the previous one is dropped and counted in `frozen`: real pictures have noise.
     """
 
     def __init__(
@@ -45,7 +46,7 @@ class Camera(Reader):
         sink: Callable[[np.ndarray, float], None] | None = None,
         clock: Clock | None = None,
     ) -> None:
-        super().__init__(name, clock, HANG)
+        super().__init__(name, clock, HANG, QUEUE)
         self.source, self.sink = source, sink
         self.size, self.rate, self.exposure = size, rate, exposure
         self.good = self.frozen = self.reconnects = 0

@@ -4,18 +4,18 @@
 
 On the grid of the mask, flow lives on the edges between neighbouring nodes.  With d0
 the difference along edges and d1 the circulation around faces, d1 d0 = 0, so that the
-three parts are orthogonal to the last digit:
+three parts are orthogonal to rounding:
 
-    psi   0 on the rim of the mask     d0' d0 psi = d0' flow      spreading
-    chi   on faces, 0 outside          d1 d1' chi = d1 flow       swirling
-    h     neither spreads nor swirls: all that moves as one, a sheared gel for instance
+    psi   0 on the rim of the mask     d0' d0 psi = d0' flow      divergence
+    chi   on faces, 0 outside          d1 d1' chi = d1 flow       rotation
+    h     neither: common motion, of a sheared gel for instance
 
 Systems are factored once; edges and faces exist only inside the mask, so that its rim
-makes no false ring of divergence.  After Zhang et al., RA-L 2019 (the paper's
+causes no spurious divergence.  After Zhang et al., RA-L 2019 (the paper's
 tactile_hhd).
 
-A touch near the rim would be pulled inwards by psi = 0 there.  `potential` therefore
-leaves the rim free, once the motion that all nodes share is taken off.
+psi = 0 on the rim would move a touch near the rim inwards.  `potential` therefore
+leaves the rim free, after the common motion of all nodes is subtracted.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class Hodge:
     def potential(self, flow: np.ndarray) -> np.ndarray:
         """Return the psi (H, W) [px^2] whose gradient is nearest to a flow [px].
 
-        The rim is free, the median flow is taken off, the median of psi is zero.
+        The rim is free, the median flow is subtracted, the median of psi is zero.
         """
         common = np.median(flow[self.mask], axis=0)
         edge = self._along(flow - common)

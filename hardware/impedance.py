@@ -1,9 +1,9 @@
-"""Turn joint targets into joint torques: a spring, a damper and the links' weight.
+"""Compute joint torques from joint targets: spring, damper and weight of the links.
 
     torque = kp (q_target - q) + kd (dq_target - dq) + g(q), bounded
 
-The robot's own controllers do the same at 1 kHz; here a few hundred hertz have to do,
-with more damping than theirs.
+The robot's own controllers do the same at 1 kHz; at the few hundred hertz of this loop
+more damping is needed.
 """
 
 from __future__ import annotations
@@ -14,9 +14,14 @@ import numpy as np
 
 from .errors import LimitError
 from .kinematics import Finger
+from .ranges import check_range, check_ranges
 
 GRAVITY = 9.81  # [m/s^2]
 ROUNDING = 1e-9  # [m] of forward and inverse kinematics
+STIFFEST, MOST_DAMPED = 100.0, 10.0  # [N m/rad], [N m s/rad]: ten times the defaults
+STRONGEST = 0.4  # [N m] of a joint: 2.2 A of a motor of TriFingerPro
+FASTEST = 20.0  # [rad/s] of a joint, velocity limit of the URDF
+SLOWEST = 1e-3  # [rad/s], least speed limit
 # Mass [kg], and where its centre is in the mechanism's frame (kinematics.py) [m]:
 # across, down the upper and down the lower link.  From the authors' URDF.
 LINKS = (
@@ -28,11 +33,11 @@ LINKS = (
 
 @dataclass(frozen=True)
 class Gains:
-    """Say how stiffly joints follow their targets.
+    """Hold the stiffness and damping with which joints follow their targets.
 
     stiffness: (3,) [N m / rad];  damping: (3,) [N m s / rad]
     torque:    [N m], bound of each joint: 2 A of a motor
-    weight:    [1], 1 where the links of a TriFingerEdu hang on the joints, 0 otherwise
+    weight:    [1], 1 to compensate the weight of the links of a TriFingerEdu, 0 not to
     """
 
     stiffness: tuple[float, float, float] = (7.0, 7.0, 6.5)
@@ -41,10 +46,17 @@ class Gains:
     weight: float = 1.0
 
     def __post_init__(self) -> None:
-        values = np.array([*self.stiffness, *self.damping, self.torque, self.weight])
-        if values.shape != (8,) or not (np.isfinite(values) & (values >= 0)).all():
-            expected = "three numbers each, finite and not negative"
-            raise LimitError("no gains", got=self, expected=expected)
+        parts = (
+            ("stiffness", STIFFEST, "N m/rad"),
+            ("damping", MOST_DAMPED, "N m s/rad"),
+        )
+        try:
+            for name, most, unit in parts:
+                check_ranges(f"Gains.{name}", getattr(self, name), 3, 0.0, most, unit)
+            check_range("Gains.torque", self.torque, 0.0, STRONGEST, "N m")
+            check_range("Gains.weight", self.weight, 0.0, 2.0, "")
+        except LimitError as bad:
+            raise LimitError("no gains", got=bad) from bad
 
     def torques(
         self,
@@ -53,10 +65,17 @@ class Gains:
         angles: np.ndarray,
         velocities: np.ndarray,
     ) -> np.ndarray:
-        """Return the torques (3,) [N m] towards a target, within the bound."""
-        torque = np.array(self.stiffness) * (target - angles)
-        torque += np.array(self.damping) * (target_velocity - velocities)
-        torque += self.weight * holding(angles)
+        """Return the torques (3,) [N m] towards a target, within the bound.
+
+        Raises LimitError where one of the numbers is not finite.
+        """
+        with np.errstate(invalid="ignore", over="ignore"):  # refused below
+            torque = np.array(self.stiffness) * (target - angles)
+            torque += np.array(self.damping) * (target_velocity - velocities)
+            torque += self.weight * holding(angles)
+        if np.shape(torque) != (3,) or not np.isfinite(torque).all():
+            got = f"target {target}, {target_velocity}, state {angles}, {velocities}"
+            raise LimitError("no torque", got=got, expected="three finite numbers each")
         return np.clip(torque, -self.torque, self.torque)
 
 
@@ -76,13 +95,14 @@ def holding(angles: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Limits:
-    """Say what a robot may be asked to do; whatever is beyond is refused beforehand.
+    """Hold the limits of what a robot may do; a path beyond them is refused beforehand.
 
     joint_speed: [rad/s], of targets
-    top_speed:   [rad/s], of the joints themselves: beyond it everything stops
+    top_speed:   [rad/s], of measured joint speeds: beyond it all motors stop
     lowest:      [m] between the tip's surface and the ground
     approach:    [rad/s], on the way to a start
-    margin:      [rad], by which joints may leave their soft limits before all stops
+    margin:      [rad], by which joints may leave their soft limits before motors stop
+    longest:     [s] of an action, as its samples are in memory until it ends
     """
 
     joint_speed: float = 3.0
@@ -90,16 +110,26 @@ class Limits:
     lowest: float = 0.001
     approach: float = 1.0
     margin: float = 0.1
+    longest: float = 60.0
+
+    def __post_init__(self) -> None:
+        for name in ("joint_speed", "top_speed", "approach"):
+            speed = getattr(self, name)
+            check_range(f"Limits.{name}", speed, SLOWEST, FASTEST, "rad/s")
+        check_range("Limits.lowest", self.lowest, 0.0, 1.0, "m")
+        check_range("Limits.margin", self.margin, 0.0, 0.5, "rad")
+        check_range("Limits.longest", self.longest, 0.01, 3600.0, "s")
 
     def check_path(
         self, name: str, finger: Finger, angles: np.ndarray, dt: float, begun=np.inf
     ) -> None:
         """Refuse a path (n, 3) [rad] of samples dt [s] apart; raises LimitError.
 
-        begun: [m], height of the tip's surface from which it goes: a finger that has
-        sagged below `lowest` may leave, but no lower.
+        begun: [m], height of the tip's surface at the start: a finger that is below
+        `lowest` there may move up, but no lower.
         """
-        outside = (angles < finger.lower) | (angles > finger.upper)
+        check_range(f"{name}, sample interval", dt, 1e-9, self.longest, "s")
+        outside = ~((angles >= finger.lower) & (angles <= finger.upper))
         if outside.any():
             step, joint = np.argwhere(outside)[0].tolist()
             raise LimitError(
@@ -107,20 +137,20 @@ class Limits:
                 where=name,
                 got=f"{angles[step, joint]:.3f} rad at step {step}",
                 expected=f"{finger.lower[joint]} to {finger.upper[joint]} rad",
-                next="choose another trajectory",
+                next="choose a trajectory within the limits",
             )
         speed = abs(np.diff(angles, axis=0)).max(initial=0.0) / dt
-        if speed > self.joint_speed:
+        if not speed <= self.joint_speed:
             raise LimitError(
                 "too fast",
                 where=name,
                 got=f"{speed:.2f} rad/s",
                 expected=f"{self.joint_speed} rad/s at most",
-                next="stretch the trajectory",
+                next="give the trajectory a longer duration",
             )
         height = finger.forward(angles)[:, 2].min() - finger.tip_radius
         lowest = min(self.lowest, begun)
-        if height < lowest - ROUNDING:
+        if not height >= lowest - ROUNDING:
             raise LimitError(
                 "the tip would touch the ground",
                 where=name,
@@ -133,15 +163,32 @@ class Limits:
         self, name: str, finger: Finger, angles: np.ndarray, velocities: np.ndarray
     ) -> None:
         """Refuse to go on from a state; raises LimitError."""
+        words = "a joint has left its limits", "check the zero angles of the rig"
+        self._check_angles(name, finger, angles, *words)
+        words = "a joint runs away", "check the gains"
+        _check_speeds(name, velocities, self.top_speed, *words)
+
+    def check_target(
+        self, name: str, finger: Finger, angles: np.ndarray, velocities: np.ndarray
+    ) -> None:
+        """Refuse a target that a command is to be made of; raises LimitError."""
+        fix = "check how the path was made"
+        self._check_angles(name, finger, angles, "a target lies beyond the limits", fix)
+        _check_speeds(name, velocities, FASTEST, "a target moves too fast", fix)
+
+    def _check_angles(
+        self, name: str, finger: Finger, angles: np.ndarray, what: str, fix: str
+    ) -> None:
         low, high = np.array(finger.lower), np.array(finger.upper)
         off = np.maximum(low - angles, angles - high)
-        if off.max() > self.margin:
-            got = f"{angles.round(3).tolist()} rad"
-            expected, fix = "joints within their limits", "are the zero angles right?"
-            what, where = "a joint has left its limits", name
-            raise LimitError(what, where=where, got=got, expected=expected, next=fix)
-        if abs(velocities).max() > self.top_speed:
-            got = f"{velocities.round(2).tolist()} rad/s"
-            expected, fix = f"{self.top_speed} rad/s at most", "are the gains right?"
-            what, where = "a joint runs away", name
-            raise LimitError(what, where=where, got=got, expected=expected, next=fix)
+        if not off.max() <= self.margin:  # NaN as well
+            got, expected = f"{np.round(angles, 3)} rad", "joints within their limits"
+            raise LimitError(what, where=name, got=got, expected=expected, next=fix)
+
+
+def _check_speeds(
+    name: str, velocities: np.ndarray, most: float, what: str, fix: str
+) -> None:
+    if not np.abs(velocities).max() <= most:  # NaN as well
+        got, expected = f"{np.round(velocities, 2)} rad/s", f"{most} rad/s at most"
+        raise LimitError(what, where=name, got=got, expected=expected, next=fix)

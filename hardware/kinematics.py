@@ -1,8 +1,8 @@
 """Relate joint angles and the tip of a TriFinger's finger: forward, inverse, Jacobian.
 
-All TriFingers are one mechanism.  With the unit vectors a0, a1 of the first two axes
-and a2 = -z (a right-handed frame, base of the finger), upper and lower link of length
-L, and s, c for sine and cosine,
+All TriFinger robots have the same mechanism.  With the unit vectors a0, a1 of the first
+two axes and a2 = -z (a right-handed frame, base of the finger), upper and lower link of
+length L, and s, c for sine and cosine,
 
     p0 = along + L s1 + L s12                the tip, along a0
     p1 = across c0 - depth s0                along a1
@@ -24,15 +24,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .errors import ReachError, RigError
+from .ranges import check_range, check_ranges
 
 ROUNDING = 1e-12  # [1], a cosine this far above one is one
 EDU_AXES = ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0))  # rows a0, a1, a2
+TURN = 2 * math.pi  # [rad], largest angle of a finger, a robot or a joint's limit
+FAR, WIDE = 10.0, 0.1  # [m], largest length of a finger, largest radius of its tip
 PRO_AXES = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
 
 
 @dataclass(frozen=True)
 class Finger:
-    """One finger of a robot: where its base is, how it is made, what it may do.
+    """Hold one finger of a robot: pose of its base, lengths, limits of its joints.
 
     angle:      [rad] at which the finger stands, 0 for finger 0 (clockwise from above)
     turn:       [rad] of the whole robot about z
@@ -55,6 +58,19 @@ class Finger:
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
     tip_radius: float
+
+    def __post_init__(self) -> None:
+        for name in ("angle", "turn"):
+            check_range(name, getattr(self, name), -TURN, TURN, "rad", RigError)
+        for name in ("height", "offset", "along", "across"):
+            check_range(name, getattr(self, name), -FAR, FAR, "m", RigError)
+        check_range("link", self.link, 1e-3, FAR, "m", RigError)
+        check_range("tip_radius", self.tip_radius, 1e-4, WIDE, "m", RigError)
+        for name in ("lower", "upper"):
+            check_ranges(name, getattr(self, name), 3, -TURN, TURN, "rad", RigError)
+        if not np.all(np.less(self.lower, self.upper)):
+            got, expected = f"{self.lower}, {self.upper}", "lower below upper"
+            raise RigError("no limits of joints", got=got, expected=expected)
 
     @property
     def base_rotation(self) -> np.ndarray:
@@ -157,7 +173,7 @@ EDU = Finger(
     link=0.16,
     lower=(-1.6, -1.2, -3.0),
     upper=(1.0, 1.6, 3.0),
-    tip_radius=0.0095,  # the cap of the printed tip, centred on the tip's origin
+    tip_radius=0.0095,  # cap of the printed tip, centred on the tip's origin
 )
 PRO = replace(
     EDU,
@@ -171,7 +187,7 @@ PRO = replace(
     upper=(1.0, 1.57, 0.0),
     tip_radius=0.01,
 )
-ROBOTS = {  # the authors' tip is that of a DenseTact with a margin
+ROBOTS = {  # the authors' tip: a DenseTact with a margin
     "edu": EDU,
     "edu_dair": replace(EDU, height=0.282, offset=0.0395, tip_radius=0.01575),
     "pro": PRO,
@@ -186,7 +202,7 @@ def finger(robot: str = "edu_dair", degrees: float = 0.0) -> Finger:
     Stock robots have fingers at 0, 120 and 240 degrees, the paper's at 0 and 180.
     """
     if robot not in ROBOTS:
-        expected, fix = f"one of {list(ROBOTS)}", "or make a Finger of your own"
+        expected, fix = f"one of {list(ROBOTS)}", "or construct a Finger"
         raise RigError("no such robot", got=robot, expected=expected, next=fix)
     return replace(ROBOTS[robot], angle=math.radians(degrees))
 

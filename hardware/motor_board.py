@@ -1,43 +1,52 @@
-"""Listen to one motor board on one CAN bus and, only if asked to, drive it.
+"""Read one motor board on one CAN bus and, if enabled, command it.
 
-The firmware disables a board that hears nothing for its receive time-out while a motor
-has a current: that, not this program, is the last line of defence.
+The firmware disables a board that receives nothing for its receive time-out while a
+motor has a current.  This also stops the motors if this program fails.
 """
 
 from __future__ import annotations
 
 import logging
+from collections import deque
 from collections.abc import Callable, Mapping
+from numbers import Real
 
 import can
 import numpy as np
 
 from . import motor_can as codec
 from .can_bus import lost, open_bus, waiting
-from .clock import Clock, HostClock
+from .clock import Clock, HostClock, WallStamps
 from .errors import BoardError, BusError, HardwareError, LimitError, StaleStreamError
 from .motor_can import Command, Content, Fault, Pair, Quantity, Status
+from .ranges import check_range
 
 log = logging.getLogger(__name__)
 STALE = 0.1  # [s] without a position: 100 frames of a healthy board
 STATUS_STALE = 3.0  # [s] without a status: three of a healthy board
 MAX_CURRENT = 2.0  # [A] of TriFingerEdu
+LARGEST_CURRENT = 2.2  # [A] of TriFingerPro: no bound may be larger
 RECEIVE_TIMEOUT = 0.1  # [s] after which the firmware switches off
+LONGEST_TIMEOUT = 10.0  # [s]
+INDICES = 1000  # events of the encoder index that are kept
 
 
 class MotorBoard(can.Listener):
-    """Keep the state of a board; `with` opens and always leaves it without current.
+    """Hold the state of a board; `with` opens the bus and ends with zero current.
 
     config:      of python-can, e.g. {"interface": "socketcan", "channel": "can0"}
     name:        for messages, e.g. "finger 0, board 1"
-    listen_only: never send anything.  A board sends positions only when told to, so
-                 that whoever commands the robot must have told it
+    listen_only: never send anything.  A board sends positions only when told to: the
+                 program that commands the robot must have told it
     max_current: [A], beyond it `command` refuses
     sink:        called with every frame that comes or goes, to record it
-    clock:       what the age of a stream is told by
+    clock:       by which the age of a stream is measured
+    remember:    keep all samples for `series`; otherwise, as after `forget`, only the
+                 newest one of each quantity, so that memory does not grow
 
-    Read with `poll()`, or hang it on a `can.Notifier`.  `broken` counts frames that
-    were no frames, `errors` error frames; the latter are raised by `check`.
+    Read with `poll()`, or add it to a `can.Notifier`.  `broken` counts frames that
+    could not be decoded, `errors` error frames; `check` raises the latter.  `poll` maps
+    stamps of the wall clock to `clock`; frames of a Notifier keep theirs.
     """
 
     def __init__(
@@ -49,20 +58,24 @@ class MotorBoard(can.Listener):
         max_current: float = MAX_CURRENT,
         sink: Callable[[can.Message], None] | None = None,
         clock: Clock | None = None,
+        remember: bool = True,
     ) -> None:
+        check_current(max_current, name)
         self.config, self.name, self.listen_only = dict(config), name, listen_only
         self.max_current, self.sink = max_current, sink
-        self.clock = clock or HostClock()
+        self.clock, self._remembers = clock or HostClock(), remember
         self.status: Status | None = None
         self.broken = self.errors = self.foreign = 0
-        self.index: list[tuple[float, codec.EncoderIndex]] = []
+        self.index: deque[tuple[float, codec.EncoderIndex]] = deque(maxlen=INDICES)
         self._bus: can.BusABC | None = None
+        self._stamps: WallStamps | None = None
         self._series: dict[Quantity, list] = {quantity: [] for quantity in Quantity}
         self._heard: dict[str, float] = {}
         self._bus_error: BusError | None = None
 
     def __enter__(self) -> MotorBoard:
         self._bus = open_bus(self.config, self.name)
+        self._stamps = WallStamps(self.clock)
         self._heard["opened"] = self.clock.now()
         return self
 
@@ -77,15 +90,15 @@ class MotorBoard(can.Listener):
     # Reading
 
     def poll(self) -> int:
-        """Read the frames that wait, without waiting; return how many they were."""
-        count = 0
-        for message in waiting(self._open_bus(), self.name, self.on_error):
+        """Read all received frames without blocking; return their number."""
+        bus = self._open_bus()
+        messages = waiting(bus, self.name, self.on_error, self._stamps)
+        for message in messages:
             self.on_message_received(message)
-            count += 1
-        return count
+        return len(messages)
 
     def on_message_received(self, msg: can.Message) -> None:
-        """Take in one frame, live or from a recording; never raises for its content."""
+        """Process one frame, live or recorded; never raises for its content."""
         if self.sink is not None:
             self.sink(msg)
         try:
@@ -98,13 +111,15 @@ class MotorBoard(can.Listener):
             self._take(msg.timestamp, content)
 
     def on_error(self, exc: Exception) -> None:
-        """Count what could not be read; a silent stream is found by `check`."""
+        """Count a frame that could not be read; `check` detects a silent stream."""
         self.broken += 1
         log.debug("%s: %s", self.name, exc)
 
     def _take(self, stamp: float, content: Content | None) -> None:
         match content:
             case Pair(quantity, values):
+                if not self._remembers:
+                    self._series[quantity].clear()
                 self._series[quantity].append((stamp, *values))
                 self._heard[quantity.name] = self.clock.now()
             case Status():
@@ -116,7 +131,7 @@ class MotorBoard(can.Listener):
                 self.foreign += 1
 
     def series(self, quantity: Quantity) -> tuple[np.ndarray, np.ndarray]:
-        """Return the stamps (n,) [s] and values (n, 2) of all frames so far."""
+        """Return the stamps (n,) [s] and values (n, 2) of all frames remembered."""
         rows = np.array(self._series[quantity], float).reshape(-1, 3)
         return rows[:, 0], rows[:, 1:]
 
@@ -126,8 +141,14 @@ class MotorBoard(can.Listener):
             raise self._silent(quantity.name, None, 0.0)
         return np.array(self._series[quantity][-1][1:])
 
+    def remember(self) -> None:
+        """Drop the series but for the newest sample, and keep all new samples."""
+        self.forget()
+        self._remembers = True
+
     def forget(self) -> None:
-        """Drop the series, not the state: before a new action."""
+        """Drop the series but for the newest sample, and keep only the newest."""
+        self._remembers = False
         for rows in self._series.values():
             del rows[:-1]
 
@@ -137,7 +158,7 @@ class MotorBoard(can.Listener):
         return self.clock.now() - heard
 
     def check(self, stale: float = STALE) -> None:
-        """Raise what is wrong: bus errors, faults of the board, or a silent stream.
+        """Raise a bus error, a fault of the board, or the error of a silent stream.
 
         stale: [s], the largest age of a position.
         """
@@ -147,7 +168,7 @@ class MotorBoard(can.Listener):
         if self.status is not None and self.status.fault is not Fault.NONE:
             raise self._fault()
         for stream, limit in (("POSITION", stale), ("STATUS", STATUS_STALE)):
-            if (age := self.age(stream)) > limit:
+            if not (age := self.age(stream)) <= limit:
                 raise self._silent(stream, age, limit)
 
     # Driving
@@ -162,9 +183,10 @@ class MotorBoard(can.Listener):
 
         timeout: [s] of silence after which the firmware switches off, 0: never.
         """
+        milliseconds = self._milliseconds(timeout)
         self._send(codec.encode_current(0.0, 0.0))
         for command, value in (
-            (Command.RECEIVE_TIMEOUT, round(1e3 * timeout)),
+            (Command.RECEIVE_TIMEOUT, milliseconds),
             (Command.ENABLE_SYSTEM, 1),
             (Command.SEND_ALL, 1),
             (Command.ENABLE_MOTOR_1, 1),
@@ -181,28 +203,40 @@ class MotorBoard(can.Listener):
         return status.system_enabled and all(status.motor_enabled + status.motor_ready)
 
     def watch(self, timeout: float = RECEIVE_TIMEOUT) -> None:
-        """Let the firmware switch off after so much silence [s]."""
-        milliseconds = round(1e3 * timeout)
+        """Set the receive time-out [s] of the firmware."""
+        milliseconds = self._milliseconds(timeout)
         self._send(codec.encode_command(Command.RECEIVE_TIMEOUT, milliseconds))
+
+    def _milliseconds(self, timeout: float) -> int:
+        """Return a time-out [s] in ms; one that rounds to 0 (never) is refused."""
+        least = 0.0 if timeout == 0 else 1e-3
+        where = f"{self.name}, time-out"
+        check_range(where, timeout, least, LONGEST_TIMEOUT, "s (0: never)")
+        return round(1e3 * timeout)
 
     def command(self, motor_1: float, motor_2: float) -> None:
         """Set both current references [A]; raises LimitError beyond `max_current`."""
-        for current in (motor_1, motor_2):
-            if not abs(current) <= self.max_current:
+        self.check_currents(motor_1, motor_2)
+        self._send(codec.encode_current(motor_1, motor_2))
+
+    def check_currents(self, *currents: float) -> None:
+        """Raise LimitError unless all currents [A] may be commanded; sends nothing."""
+        for current in currents:
+            number = isinstance(current, Real) and not isinstance(current, bool)
+            if not (number and abs(current) <= self.max_current):
                 raise LimitError(
                     "too much current",
                     where=self.name,
                     got=f"{current} A",
                     expected=f"at most {self.max_current} A",
-                    next="bound the torque before it becomes a current",
+                    next="bound the torque from which the current is computed",
                 )
-        self._send(codec.encode_current(motor_1, motor_2))
 
     def stop(self) -> None:
         """Command zero current first, then disable; can be called at any time, twice.
 
-        Never raises: the other boards must be stopped too.  Sends nothing where only
-        listening was asked for.
+        Never raises, as the other boards must be stopped too.  Sends nothing if
+        listen_only.
         """
         if self._bus is None or self.listen_only:
             return
@@ -224,7 +258,7 @@ class MotorBoard(can.Listener):
             message.is_rx = False
             self.sink(message)
 
-    # What went wrong
+    # Errors
 
     def _open_bus(self) -> can.BusABC:
         if self._bus is None:
@@ -233,7 +267,7 @@ class MotorBoard(can.Listener):
         return self._bus
 
     def _fault(self) -> BoardError:
-        fix = "look at the board, then start it again"
+        fix = "remove the cause of the fault, then start the board again"
         got = self.status.fault.name
         return BoardError("switched itself off", where=self.name, got=got, next=fix)
 
@@ -243,12 +277,17 @@ class MotorBoard(can.Listener):
             where=self.name,
             got="nothing so far" if age is None else f"silence for {age:.3f} s",
             expected=f"one every {limit} s",
-            next="is the board powered, is the bus connected, is it told to send?",
+            next="check the power, the bus, and that the board is told to send",
         )
 
 
+def check_current(bound: float, name: str) -> None:
+    """Raise LimitError unless this may bound the currents [A] of a board."""
+    check_range(f"{name}, max_current", bound, 0.0, LARGEST_CURRENT, "A")
+
+
 def _quietly(action: Callable[[], None], name: str) -> None:
-    """Do what must not keep the rest from being done; what fails is logged."""
+    """Run an action; log its errors, so that the following actions are run."""
     try:
         action()
     except (can.CanError, OSError, HardwareError) as bad:

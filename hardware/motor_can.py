@@ -1,4 +1,4 @@
-"""Translate between CAN frames and what a motor board of the ODRI means by them.
+"""Encode and decode the CAN frames of an ODRI motor board.
 
 Classic CAN 2.0B at 1 Mbit/s (sample point 86.7 %), identifiers of 11 bits, two
 big-endian 32-bit words.  Values are Q24: int32 / 2^24, in [-128, 128).  A board has no
@@ -13,8 +13,8 @@ address: every board needs a bus of its own.  From the documents of udriver_firm
     0x050 analogue       A6, B6 [1]                   1 kHz
     0x060 encoder index  position [rev], motor        when the index passes
 
-Nothing here touches a bus.  An error frame carries its error class in the place of the
-identifier (bus-off reads 0x40, which is the velocity): `decode` looks at that first.
+No I/O.  An error frame carries its error class in place of the identifier (bus-off is
+0x40, which is also the velocity): `decode` tests for an error frame first.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ BUS_OFF = 0x40  # [1], error class of linux/can/error.h in an error frame's iden
 
 
 class Quantity(Enum):
-    """What a pair of numbers, one per motor, measures; its value is the identifier."""
+    """Quantity that a pair of numbers, one per motor, measures; value: identifier."""
 
     CURRENT = 0x020  # [A]
     POSITION = 0x030  # [rev] of the motor
@@ -47,7 +47,7 @@ class Quantity(Enum):
 
 
 class Command(IntEnum):
-    """What a board can be told; the value that goes with it is in the comment."""
+    """Command codes of a board; comments give the value of the command."""
 
     ENABLE_SYSTEM = 1  # 0 or 1
     ENABLE_MOTOR_1 = 2  # 0 or 1
@@ -65,7 +65,7 @@ class Command(IntEnum):
 
 
 class Fault(IntEnum):
-    """Why a board has switched itself off."""
+    """Error codes with which a board switches itself off."""
 
     NONE = 0
     ENCODER = 1
@@ -124,10 +124,10 @@ Content = Status | Pair | EncoderIndex | Order | Reference
 def to_q24(value: float) -> int:
     """Return the counts of a value: rounded (as documented), saturated at +-128.
 
-    Raises FrameError for what is no number.
+    Raises FrameError unless it is a finite number.
     """
     if not math.isfinite(value):
-        expected, fix = "a finite number", "look where the value comes from"
+        expected, fix = "a finite number", "check how the value was computed"
         raise FrameError("no Q24 number", got=value, expected=expected, next=fix)
     return min(max(round(value * ONE), LOWEST), HIGHEST)
 
@@ -138,7 +138,7 @@ def from_q24(counts: int) -> float:
 
 
 def encode(content: Content, timestamp: float = 0.0) -> can.Message:
-    """Return the frame that says this, stamped [s]; the inverse of `decode`."""
+    """Return the frame of this content, stamped [s]; the inverse of `decode`."""
     match content:
         case Order(command, value):
             identifier, data = COMMAND, WORDS.pack(_int32(value), command)
@@ -170,10 +170,10 @@ def encode_current(motor_1: float, motor_2: float) -> can.Message:
 
 
 def decode(message: can.Message) -> Content | None:
-    """Return what a frame says, or None where it is not of the motor boards.
+    """Return the content of a frame, None if it is not of a motor board.
 
-    Raises BusError for an error frame and FrameError for a frame of a board that has
-    not the length or the content that it must have.
+    Raises BusError for an error frame, and FrameError for a frame of a board with a
+    wrong length or content.
     """
     if message.is_error_frame:
         off = bool(message.arbitration_id & BUS_OFF)
@@ -181,7 +181,7 @@ def decode(message: can.Message) -> Content | None:
             "the bus is off" if off else "the bus reports an error",
             where=f"CAN {message.channel or ''}".strip(),
             got=f"error class 0x{message.arbitration_id:03X}",
-            next="look at wiring, termination and bit rate; then restart the interface",
+            next="check wiring, termination and bit rate; then restart the interface",
         )
     if message.is_extended_id or message.is_remote_frame or message.is_fd:
         return None
@@ -213,7 +213,7 @@ QUANTITIES = {quantity.value: quantity for quantity in Quantity}
 
 
 def _sized(identifier: int, data: bytes, layout: struct.Struct) -> tuple:
-    """Unpack; the data decide: slcan keeps the length code of a line cut short."""
+    """Unpack by the length of the data: slcan keeps the code of a truncated line."""
     if len(data) != layout.size:
         raise _bad(identifier, f"{len(data)} bytes", f"{layout.size} bytes")
     return layout.unpack(data)
@@ -237,5 +237,5 @@ def _int32(value: int) -> int:
 
 
 def _bad(identifier: int, got: str, expected: str) -> FrameError:
-    where, fix = f"CAN 0x{identifier:03X}", "look for another device on this bus"
+    where, fix = f"CAN 0x{identifier:03X}", "check for another device on this bus"
     return FrameError("bad frame", where=where, got=got, expected=expected, next=fix)

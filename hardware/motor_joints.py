@@ -1,7 +1,7 @@
-"""Relate the motors on the boards of a finger to its joints.
+"""Convert between the motors on the boards of a finger and its joints.
 
 joint angle [rad] = motor [rev] * 2 pi / gear - zero angle, torque [N m] = current [A] *
-torque constant * gear.  Encoders count from where they are switched on: zero angles are
+torque constant * gear.  Encoders count from their position at power-up: zero angles are
 found by homing, per robot (index or end stop, plus an offset).
 """
 
@@ -15,18 +15,20 @@ import numpy as np
 from .clock import Clock
 from .errors import BoardError, RigError
 from .motor_board import RECEIVE_TIMEOUT, MotorBoard
+from .ranges import check_range, check_ranges
 
 READY = 10.0  # [s], alignment after power-up takes a few seconds
 POLL = 0.01  # [s]
+TURNS = 4 * math.pi  # [rad], largest zero angle of a joint
 KRPM = 1000 * 2 * math.pi / 60  # [rad/s]
 
 
 @dataclass(frozen=True)
 class JointMap:
-    """Say which motor moves which joint of a finger, and how.
+    """Hold which motor moves which joint of a finger, and its constants.
 
     motors: (board, motor) of the three joints, each numbered from 0.  The default is
-            what the reference driver's code does; its documentation says otherwise
+            that of the reference driver's code, which its documentation contradicts
     zero:   (3,) [rad], the zero angles
     gear:   [1], motor turns per joint turn
     torque_constant: [N m / A] of a motor
@@ -46,10 +48,10 @@ class JointMap:
                 got=self.motors,
                 expected="three different (board, motor) out of 0 and 1",
             )
-        if len(self.zero) != 3 or not np.isfinite(self.zero).all():
-            raise RigError(
-                "not three angles", where="zero", got=self.zero, expected="(3,) [rad]"
-            )
+        check_ranges("zero", self.zero, 3, -TURNS, TURNS, "rad", RigError)
+        check_range("gear", self.gear, 1.0, 100.0, "", RigError)
+        constant = self.torque_constant
+        check_range("torque_constant", constant, 1e-4, 1.0, "N m/A", RigError)
 
     def angles(self, revolutions: np.ndarray) -> np.ndarray:
         """Return joint angles (..., 3) [rad] of motors (..., board, motor) [rev]."""
@@ -108,6 +110,7 @@ def start_motors(
     Raises BoardError for a fault, or where alignment takes longer than `patience` [s];
     all boards are stopped then.
     """
+    check_range("start_motors, patience", patience, POLL, 600.0, "s")
     try:
         for board in boards:
             board.start()
@@ -123,7 +126,7 @@ def start_motors(
                     where=waiting[0].name,
                     got=repr(waiting[0].status),
                     expected=f"both motors aligned within {patience} s",
-                    next="can the joints move freely? is the motor supply on?",
+                    next="check that the joints move freely and the motor supply is on",
                 )
         for board in boards:
             board.command(0.0, 0.0)

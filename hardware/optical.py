@@ -1,9 +1,10 @@
 """Sense touches with a camera behind a soft dome (DenseTact), as the paper does.
 
-Where something presses, the skin comes towards the camera and its texture spreads out:
-the irrotational part of the flow since the reference is grad psi with a minimum of psi
-there.  So -psi is the pressure [px^2]; its weighted mean is the centre of pressure, its
-size there decides on contact, and the dome's normal there is against the object's.
+Under pressure the skin moves towards the camera and its texture expands: the
+irrotational part of the flow since the reference is grad psi, with a minimum of psi at
+the contact.  Therefore -psi is the pressure [px^2].  Its weighted mean is the centre of
+pressure, its peak decides on contact, and the normal of the object is opposite to the
+dome's there.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ from .hodge import Hodge
 from .optical_flow import AGREE, Flow, grey, opencv
 from .touch import DOWN, Hysteresis, Touch
 
-NODES = 80  # across the disc: the decomposition needs no more, and is fast then
-SURE = 0.7  # [1], share of the disc where the flow there and back must agree; texture
-# gives 0.9 and more, a real gel without any 0.3 to 0.4
-HALF = 0.5  # [1], the region of a touch is where the pressure is above half its peak
+NODES = 80  # across the disc: sufficient for the decomposition, and fast
+SURE = 0.7  # [1], least share of the disc where forward and backward flow agree: at
+# least 0.9 with texture, 0.3 to 0.4 on a real gel without texture
+HALF = 0.5  # [1], share of the peak pressure that bounds the region of a touch
 ROUNDS, SETTLED = 20, 1e-3  # [1], [nodes] of the search for a centre of pressure
 LEAST = 16.0  # [px^2], false peaks on real texture stay below it (256 px across)
 ACROSS = 256.0  # [px], for which LEAST was measured; psi grows with the square
@@ -75,11 +76,11 @@ class Lens:
 
 @dataclass(frozen=True, eq=False)
 class Sensed:
-    """What one picture shows, before a decision is made.
+    """Hold the quantities measured in one picture, before the decision on contact.
 
     centre:   (u, v) [px], centre of pressure in the picture
     strength: [px^2], pressure there
-    agreement: [1], share of the disc where the flow can be believed
+    agreement: [1], share of the disc where forward and backward flow agree
     pressure: (n, n) [px^2], -psi on the nodes of the disc
     """
 
@@ -96,7 +97,7 @@ class OpticalTouch:
     mount:  R_ts (3, 3), from the sensor's frame to the tip's
     rest:   pictures from which reference and thresholds are learnt
 
-    `learn` does the same with pictures of your own.
+    `learn` does the same with given pictures.
     """
 
     def __init__(
@@ -129,7 +130,7 @@ class OpticalTouch:
         if sensed.agreement < SURE:
             return Touch(time, False, np.zeros(3), sensed.strength, valid=False)
         contact, normal = self.decide(sensed.strength), np.zeros(3)
-        if contact:  # out of the object, so against the skin's outward normal
+        if contact:  # out of the object: opposite to the skin's outward normal
             normal = -self.R_ts @ self.lens.direction(sensed.centre)
         return Touch(time, contact, normal, sensed.strength)
 
@@ -138,7 +139,7 @@ class OpticalTouch:
         self._learn([self._cropped(frame) for frame in frames])
 
     def sense(self, frame: np.ndarray) -> Sensed:
-        """Return what a picture shows; raises FrameError before `learn`."""
+        """Return what is measured in a picture; raises FrameError before `learn`."""
         if self._flow is None:
             fix = "call learn with pictures without contact"
             raise FrameError("no reference yet", where="OpticalTouch", next=fix)
@@ -190,12 +191,12 @@ class OpticalTouch:
     def _centre(self, pressure: np.ndarray) -> tuple[np.ndarray, float]:
         """Return the centre of pressure (u, v) [px] and the pressure there [px^2].
 
-        What the rim cuts off a region would pull its mean inwards, by 5 degrees at 75:
-        nodes count only where their mirror image about the centre is on the disc too.
+        A region that the rim truncates would have a mean too far inwards, by 5 degrees
+        at 75: only nodes whose mirror image about the centre is on the disc count.
         """
         peak = np.unravel_index(pressure.argmax(), pressure.shape)
         strength = float(pressure[peak])
-        if strength <= 0:  # nothing presses anywhere
+        if strength <= 0:  # no pressure
             return np.array(self.lens.centre, float), 0.0
         label, _ = ndimage.label(pressure >= HALF * strength)
         node = np.argwhere(label == label[peak])

@@ -1,8 +1,8 @@
-"""Measure how a tactile picture has moved since its reference, and how surely.
+"""Measure the optical flow of a tactile picture since its reference, with a check.
 
-Brightness is normalised locally first (coloured light is not even, and a touch changes
-it), then dense inverse search (DIS) finds the flow.  DIS stands in for the paper's
-RAFT: it needs neither GPU nor weights, and the decomposition's authors use it too.
+Brightness is normalised locally (coloured light is uneven, and a touch changes it),
+then dense inverse search (DIS) computes the flow.  DIS replaces the paper's RAFT: it
+needs neither GPU nor weights, and the authors of the decomposition use it too.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ import numpy as np
 
 from .errors import FrameError, HardwareError
 
-NEIGHBOURHOOD = 6.0  # [px], sigma of what is local
+NEIGHBOURHOOD = 6.0  # [px], sigma of the local mean and deviation
 CONTRAST = 40.0  # [grey levels] of one local standard deviation
-FLAT = 2.0  # [grey levels], local deviations below it are noise and are not blown up
-AGREE = 1.0  # [px], forward and backward flow agree to better than that where they hold
+FLAT = 2.0  # [grey levels], smaller local deviations are noise and not amplified
+AGREE = 1.0  # [px], largest difference of valid forward and backward flow
 
 
 def opencv():
@@ -57,13 +57,15 @@ class Flow:
     def __init__(self, reference: np.ndarray) -> None:
         make = opencv().DISOpticalFlow_create
         self._there = make(opencv().DISOPTICAL_FLOW_PRESET_MEDIUM)
-        self._back = make(opencv().DISOPTICAL_FLOW_PRESET_FAST)  # enough for a check
+        self._back = make(
+            opencv().DISOPTICAL_FLOW_PRESET_FAST
+        )  # sufficient for a check
         self._reference = normalised(grey(reference))
         rows, columns = np.indices(self._reference.shape, dtype=np.float32)
         self._grid = np.stack([columns, rows], axis=-1)
 
     def __call__(self, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the flow and by how much [px] going there and back misses (H, W)."""
+        """Return the flow and its forward-backward error (H, W) [px]."""
         now = normalised(grey(frame))
         if now.shape != self._reference.shape:
             expected = f"{self._reference.shape}, as the reference"

@@ -1,21 +1,58 @@
-"""Lay paths of a finger's joints (n, 3) [rad]: to a start, and back out to it."""
+"""Compute joint paths (n, 3) [rad]: to the start of an action, and back."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from .kinematics import Finger
+from .errors import LimitError
+from .kinematics import FAR, Finger
 
 PEAK = 1.875  # [1], peak by mean speed of a minimum-jerk motion
+
+
+def checked_trajectory(
+    trajectory, fingers: int, longest: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the time (n,) [s] and the places (n, F, 3) [m] of a trajectory.
+
+    longest: [s] that it may last.  Raises LimitError unless all numbers are finite, in
+    range and of these shapes.
+    """
+    try:
+        time = np.asarray(getattr(trajectory, "time", None), float)
+        p_wf = np.asarray(getattr(trajectory, "finger_position", None), float)
+    except (TypeError, ValueError):  # words, ragged lists
+        time = p_wf = np.full(0, np.nan)
+    shape = (time.size, fingers, 3)
+    good = time.ndim == 1 and time.size > 1 and p_wf.shape == shape
+    good = good and np.isfinite(time).all() and (time[1:] > time[:-1]).all()
+    if not (good and (abs(p_wf) <= FAR).all()):
+        raise LimitError(
+            "no trajectory",
+            where="execute",
+            got=f"time {time.shape}, finger_position {p_wf.shape}",
+            expected=f"increasing times (n,) [s], {shape} [m] within {FAR} m, finite",
+        )
+    with np.errstate(over="ignore"):
+        duration = float(time[-1] - time[0])
+    if not duration <= longest:
+        raise LimitError(
+            "too long",
+            where="execute",
+            got=f"{duration:g} s",
+            expected=f"{longest:g} s at most (Limits.longest)",
+            next="execute it in parts",
+        )
+    return time, p_wf
 
 
 def way_there(
     geometry: Finger, here: np.ndarray, goal: np.ndarray, steps: int
 ) -> np.ndarray:
-    """Return a minimum-jerk path between joint angles (3,), straight in the joints.
+    """Return a minimum-jerk path between joint angles (3,), straight in joint space.
 
-    A finger hangs from its base: swung from side to side its tip dips like a pendulum.
-    Where it would be lower than the straight line between both ends, it is raised.
+    A finger hangs from its base: a sideways motion lowers the tip in the middle.  Where
+    the tip would be below the straight line between both ends, it is raised.
     """
     s = np.linspace(0, 1, steps)[:, None]
     smooth = s**3 * (10 - 15 * s + 6 * s**2)
@@ -29,15 +66,16 @@ def way_there(
 
 
 def way_back(path: np.ndarray, here: np.ndarray) -> np.ndarray:
-    """Return the path from where a finger is back to its start, as it came.
+    """Return the path from the present angles of a finger back to its start, reversed.
 
-    What an object kept it from is given up at once: it stops pushing.
+    It begins at the measured angles: a finger that an object stopped pushes no more.
     """
     left = np.linspace(1, 0, len(path))[:, None]
     return path[::-1] + left * (here - path[-1])
 
 
 def row_of(path: np.ndarray, row: float) -> np.ndarray:
-    """Return a row (3,) between two rows of a path."""
+    """Return a row (3,) between two rows of a path, not beyond its ends."""
+    row = min(max(row, 0.0), len(path) - 1.0)
     low = min(int(row), len(path) - 2)
     return path[low] + (row - low) * (path[low + 1] - path[low])

@@ -1,4 +1,4 @@
-"""Read a recorded folder back, through the same code that read the wires."""
+"""Read a recorded folder, by the same code that reads the wires."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from .serial_tactile import RESTART, ForceFrame
 from .streams import FingerStreams, Stream, touch_stream
 from .tape import FORMAT, FORMATS, MANIFEST, stream_name
 
-LONG = 2.0  # [s] from which the rate of a device's clock can be told from its delays
+LONG = 2.0  # [s], least record from which the rate of a device's clock is fitted
 
 
 class Recording:
-    """A recorded folder; raises RecordingError where it is none."""
+    """Read a recorded folder; raises RecordingError if it is not one."""
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
@@ -46,7 +46,7 @@ class Recording:
 
     @property
     def complete(self) -> bool:
-        """Whether the recording ended as it should: without an error."""
+        """Whether the recording ended without an error."""
         return bool(self.manifest["complete"])
 
     def fingers(self) -> list[FingerStreams]:
@@ -54,12 +54,12 @@ class Recording:
         return [self._finger(one) for one in self.rig.fingers]
 
     def messages(self, stream: str) -> Iterator[can.Message]:
-        """Yield the frames of one bus; raises RecordingError where it is damaged."""
+        """Yield the frames of one bus; raises RecordingError if the file is damaged."""
         path = self._bus(stream)
         try:
             with can.LogReader(str(path)) as reader:
                 yield from reader
-        except Exception as bad:  # python-can lets through whatever its parsers meet
+        except Exception as bad:  # python-can passes on any error of its parsers
             raise _damaged(path, bad) from bad
 
     def chunks(self, stream: str) -> Iterator[tuple[float, bytes]]:
@@ -69,7 +69,7 @@ class Recording:
         for time, size in self._rows(stream):
             chunk = raw[at : at + int(size)]
             if len(chunk) < int(size):
-                return  # the last chunk was cut short, with what wrote it
+                return  # the last chunk is incomplete: the program was killed
             at += int(size)
             yield time, chunk
 
@@ -112,7 +112,7 @@ class Recording:
     def _frames(self, stream: str, tactile: Tactile) -> tuple[list, int]:
         """Return the frames of a sensor with their times, and how many were broken."""
         if tactile.wire == ON_CAN:
-            sensor = OptoForceCan()
+            sensor = OptoForceCan(queue=None)
             for message in self.messages(stream):
                 sensor.on_message_received(message)
             frames, framer = sensor.take(), sensor.framer
@@ -143,7 +143,7 @@ class Recording:
             raise _damaged(path, bad) from bad
 
     def _rows(self, stream: str) -> Iterator[tuple[float, str]]:
-        """Yield the rows of a table that are whole."""
+        """Yield the complete rows of a table."""
         text = self._read(f"{stream}.csv").decode(errors="replace")
         rows = csv.reader(text[: text.rfind("\n") + 1].splitlines()[1:])
         for row in rows:
@@ -157,8 +157,8 @@ class Recording:
 def device_times(frames: list[tuple[float, ForceFrame]], unit: float) -> np.ndarray:
     """Return host times (n,) [s] by the counters of the samples, not their arrival.
 
-    Chunks bring many samples at once: their arrivals are equal, their counters not.
-    unit: [s] between samples.  A sensor that was switched on again starts a new clock.
+    A chunk holds many samples: their arrivals are equal, their counters are not.
+    unit: [s] between samples.  A sensor that was restarted starts a new clock.
     """
     arrival = np.array([time for time, _ in frames])
     counter = unwrap([frame.counter for _, frame in frames], 16)
@@ -175,5 +175,5 @@ def device_times(frames: list[tuple[float, ForceFrame]], unit: float) -> np.ndar
 
 
 def _damaged(path: Path, bad: Exception) -> HardwareError:
-    got, fix = f"{type(bad).__name__}: {bad}", "is the file whole?"
+    got, fix = f"{type(bad).__name__}: {bad}", "check that the file is complete"
     return RecordingError("cannot be read", where=str(path), got=got, next=fix)

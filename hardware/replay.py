@@ -1,7 +1,7 @@
-"""Send a recording out again, at its own pace: CAN to buses, bytes to terminals.
+"""Send a recording again at the recorded times: CAN to buses, bytes to terminals.
 
-Whoever has no robot reads these wires as if they were one.  Pictures are not sent: a
-pseudo-terminal is no camera; `Recording.pictures` has them.
+These wires replace a robot.  Pictures are not sent, as a pseudo-terminal is not a
+camera; `Recording.pictures` reads them.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from .recording import Recording
 from .rig import CAMERA, ON_CAN, Rig
 from .tape import stream_name
 
-CHANNELS = "239.74.163.{}"  # multicast addresses that nobody was given
+CHANNELS = "239.74.163.{}"  # multicast addresses that are not assigned
 Event = tuple[float, int, Callable[[], None]]
 
 
 class Replay(AbstractContextManager):
-    """Open the wires of a replay; `rig` says where to listen, `run` sends.
+    """Open the wires of a replay; `rig` describes them, `run` sends.
 
     recording: what to send
     config:    of python-can for a bus, by its number; None: UDP multicast, which other
-               processes of this computer hear without any set-up
+               processes of this computer receive without any set-up
     """
 
     def __init__(
@@ -72,9 +72,9 @@ class Replay(AbstractContextManager):
         self._stack.__exit__(*exception)
 
     def run(self, speed: float = 1.0) -> int:
-        """Send everything in its order; return the number of frames and chunks.
+        """Send all frames and chunks in order of time; return their number.
 
-        speed: [1], 2 is twice as fast as it was.
+        speed: [1], 2 is twice as fast as recorded.
         """
         if not 0 < speed <= 1000:
             raise HardwareError("no speed", got=speed, expected="0 to 1000")
@@ -105,7 +105,7 @@ class Replay(AbstractContextManager):
         self._add(events())
 
     def _serial(self, stack: ExitStack, stream: str) -> str:
-        """Open a pseudo-terminal, plan its chunks, return its name."""
+        """Open a pseudo-terminal, add its chunks to the events, return its name."""
         ours, theirs = os.openpty()
         tty.setraw(theirs)
         stack.callback(os.close, ours)
@@ -119,12 +119,12 @@ class Replay(AbstractContextManager):
         return os.ttyname(theirs)
 
     def _add(self, events: Iterator[Event]) -> None:
-        number = len(self._events)  # of the stream: lambdas are not compared
+        number = len(self._events)  # of the stream: functions cannot be compared
         self._events.append(((t, (k, number), send) for t, k, send in events))
 
 
 def _write(terminal: int, chunk: bytes) -> None:
-    """Write as much as somebody reads; what nobody reads is dropped, as on a wire."""
+    """Write without blocking; bytes that no program reads are dropped, as on a wire."""
     os.set_blocking(terminal, False)
     try:
         os.write(terminal, chunk)

@@ -1,6 +1,6 @@
-"""Describe a robot: which finger is where, on which wires, with which sensor.
+"""Describe a robot: the place, wires and sensor of each finger.
 
-A rig is a JSON file that people write (README.md has one) and recordings keep.
+A rig is a JSON file, written by hand (README.md has an example) and kept in recordings.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from .errors import RigError
 from .frames import Camera
 from .kinematics import Finger, finger
 from .motor_joints import JointMap
+from .ranges import check_range
 from .serial_reader import OptoForceCan, SerialTactile
 from .serial_tactile import (
     AnySkinFramer,
@@ -35,7 +36,7 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Tactile:
-    """Say which sensor a finger has.
+    """Describe the sensor of a finger.
 
     kind:    optoforce, optoforce_can, anyskin, reskin or densetact
     source:  port of a serial sensor, number or path of a camera
@@ -63,6 +64,7 @@ class Tactile:
                 got=self.kind,
                 expected=f"one of {list(KINDS)}",
             )
+        check_range("tactile.latency", self.latency, 0.0, 1.0, "s", RigError)
 
     @property
     def wire(self) -> str:
@@ -70,7 +72,7 @@ class Tactile:
         return KINDS[self.kind]
 
     def toucher(self) -> Toucher:
-        """Return what makes touches of the sensor's frames; raises RigError."""
+        """Return the function from frames of the sensor to touches; raises RigError."""
         options = dict(self.touch)
         make = {"anyskin": FieldTouch, "reskin": FieldTouch}.get(self.kind, ForceTouch)
         try:
@@ -83,7 +85,7 @@ class Tactile:
             raise RigError("wrong options", where="tactile.touch", got=bad) from bad
 
     def framer(self) -> OptoForceFramer | AnySkinFramer:
-        """Return what cuts the bytes of a serial sensor."""
+        """Return the framer of a serial sensor."""
         return OptoForceFramer() if self.kind == "optoforce" else AnySkinFramer()
 
     def reader(self, name: str, sink, clock: Clock) -> SerialTactile | Camera:
@@ -101,10 +103,10 @@ class Tactile:
 
 @dataclass(frozen=True)
 class FingerRig:
-    """Say how one finger is built and wired.
+    """Describe the kinematics, wires and sensor of one finger.
 
     name:    for messages and files
-    degrees: where it stands on the robot
+    degrees: angle of the finger on the robot
     boards:  two configurations of python-can, one bus each
     zero:    (3,) [rad], found by homing
     motors:  (board, motor) of each joint
@@ -123,6 +125,7 @@ class FingerRig:
     @property
     def geometry(self) -> Finger:
         """The kinematics of the finger."""
+        check_range("degrees", self.degrees, -360.0, 360.0, "deg", RigError)
         made = finger(self.robot, self.degrees)
         if self.tip_radius is None:
             return made
@@ -130,13 +133,13 @@ class FingerRig:
 
     @property
     def joints(self) -> JointMap:
-        """Which motor moves which joint."""
+        """The map from motors to joints."""
         return JointMap(tuple(map(tuple, self.motors)), tuple(self.zero))
 
 
 @dataclass(frozen=True)
 class Rig:
-    """Hold the fingers of a robot."""
+    """Describe the fingers of a robot."""
 
     fingers: tuple[FingerRig, ...]
 
@@ -156,7 +159,7 @@ class Rig:
 
     @classmethod
     def load(cls, path: str | os.PathLike) -> Rig:
-        """Read a JSON file; raises RigError for what it does not understand."""
+        """Read a JSON file; raises RigError if it is not a rig."""
         try:
             return cls.from_dict(json.loads(Path(path).read_text()))
         except (ValueError, OSError) as bad:

@@ -1,8 +1,9 @@
-"""Read a tactile sensor on a serial line, and come back after it was unplugged."""
+"""Read a tactile sensor on a serial line or on CAN; reconnect after an unplug."""
 
 from __future__ import annotations
 
 import logging
+from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
@@ -11,19 +12,19 @@ import serial
 
 from . import serial_tactile as codec
 from .can_bus import open_bus, waiting
-from .clock import Clock, HostClock
+from .clock import Clock, HostClock, WallStamps
 from .errors import HardwareError
-from .reader import STALE, Reader
+from .reader import QUEUE, STALE, Reader
 from .touch import check_age
 
 log = logging.getLogger(__name__)
 FIRST_WAIT, LONGEST_WAIT = 0.05, 2.0  # [s] between attempts to open the port again
 READ_TIME = 0.02  # [s] that a read waits for a first byte
-LOST = serial.SerialException, OSError  # a port that vanishes raises the one or other
+LOST = serial.SerialException, OSError  # either is raised when a port disappears
 
 
 class Framer(Protocol):
-    """What cuts chunks into frames; see `serial_tactile`."""
+    """Split chunks of bytes into frames; see `serial_tactile`."""
 
     good: int
     broken: int
@@ -35,16 +36,16 @@ class Framer(Protocol):
 
 
 class SerialTactile(Reader):
-    """Feed a framer from a port, in a thread; `with` opens, and waits for no sensor.
+    """Read a port in a thread; `with` opens it and does not wait for the sensor.
 
-    url:       "/dev/ttyACM0" or what else pyserial opens
-    framer:    cuts the bytes; its counters are those of the stream
+    url:       "/dev/ttyACM0", or another port of pyserial
+    framer:    splits the bytes into frames, and counts them
     baudrate:  [Bd], 1 000 000 for OptoForce, 115 200 for AnySkin
     configure: bytes sent whenever the port is opened, e.g. `encode_configuration`
     sink:      called with every chunk and its time, to record it
 
-    A port that vanishes is tried again after 0.05 s, then twice as long each time up
-    to 2 s.  `reconnects` counts how often it came back, `check` says if it has not.
+    A lost port is opened again after 0.05 s, then after twice as long each time up to
+    2 s.  `reconnects` counts the successes; `check` raises while the port is lost.
     """
 
     def __init__(
@@ -106,8 +107,10 @@ class SerialTactile(Reader):
 class OptoForceCan(can.Listener):
     """Read an OptoForce sensor on CAN: packets in frames of identifier 0x100.
 
-    config: of python-can.  Where an adapter can be opened once only, hang this on the
-    sink of the MotorBoard that has it: `MotorBoard(..., sink=sensor)`.
+    config: of python-can.  If an adapter can be opened only once, use this as the sink
+    of its MotorBoard: `MotorBoard(..., sink=sensor)`.
+    queue: frames that wait to be taken, None: all; older ones are dropped, `dropped`
+    counts them
     """
 
     def __init__(
@@ -117,17 +120,21 @@ class OptoForceCan(can.Listener):
         name: str = "sensor",
         sink: Callable[[can.Message], None] | None = None,
         clock: Clock | None = None,
+        queue: int | None = QUEUE,
     ) -> None:
         self.config, self.name, self.sink = config, name, sink
         self.framer = codec.OptoForceFramer()
         self.clock = clock or HostClock()
         self._heard = self.clock.now()
-        self._frames: list[tuple[float, object]] = []
+        self._frames: deque[tuple[float, object]] = deque(maxlen=queue)
+        self.dropped = 0
         self._bus: can.BusABC | None = None
+        self._stamps: WallStamps | None = None
 
     def __enter__(self) -> OptoForceCan:
         if self.config is not None:
             self._bus = open_bus(self.config, self.name)
+            self._stamps = WallStamps(self.clock)
         self._heard = self.clock.now()
         return self
 
@@ -137,13 +144,13 @@ class OptoForceCan(can.Listener):
             bus.shutdown()
 
     def poll(self) -> None:
-        """Read the frames that wait on the own bus, if there is one."""
+        """Read all received frames of the sensor's own bus, if it has one."""
         if self._bus is not None:
-            for message in waiting(self._bus, self.name, self.on_error):
+            for message in waiting(self._bus, self.name, self.on_error, self._stamps):
                 self.on_message_received(message)
 
     def on_message_received(self, msg: can.Message) -> None:
-        """Take in one frame; an error frame of class 0x100 is none of ours."""
+        """Process one frame; an error frame of class 0x100 is not of the sensor."""
         if self.sink is not None:
             self.sink(msg)
         foreign = msg.is_error_frame or msg.is_extended_id or msg.is_remote_frame
@@ -151,19 +158,21 @@ class OptoForceCan(can.Listener):
             return
         for frame in self.framer.feed(bytes(msg.data)):
             self._heard = self.clock.now()
+            self.dropped += len(self._frames) == self._frames.maxlen
             self._frames.append((msg.timestamp, frame))
 
     def on_error(self, exc: Exception) -> None:
-        """Count what could not be read."""
+        """Count a frame that could not be read."""
         self.framer.broken += 1
         log.debug("%s: %s", self.name, exc)
 
     def take(self) -> list[tuple[float, object]]:
         """Return the frames since the last call, each with its stamp [s]."""
         self.poll()
-        frames, self._frames = self._frames, []
+        frames = list(self._frames)
+        self._frames.clear()
         return frames
 
     def check(self, stale: float = STALE) -> None:
-        """Raise StaleStreamError where the sensor has fallen silent."""
+        """Raise StaleStreamError after a longer silence [s] of the sensor."""
         check_age(self.name, self.clock.now() - self._heard, stale)

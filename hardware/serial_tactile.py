@@ -1,4 +1,4 @@
-"""Cut the byte streams of tactile sensors into frames; no port is touched here.
+"""Split the byte streams of tactile sensors into frames, without I/O.
 
 OptoForce OMD, big-endian, 16 bytes, on a serial line (1 Mbaud) as on CAN (0x100):
 
@@ -8,8 +8,8 @@ AnySkin and ReSkin, little-endian, no header, no checksum, no time:
 
     t x y z f32 per magnetometer [deg C, uT] | CR LF
 
-A framer takes chunks cut anywhere, returns the good frames that they complete, and
-finds its way back after rubbish.
+A framer takes chunks of any size, returns the good frames that they complete, and
+synchronises again after damaged bytes.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ DATA_ID, CONFIG_ID = 0x100, 0x101  # identifiers on CAN
 SPEEDS = {0: 0, 1000: 1, 333: 3, 100: 10, 30: 33, 10: 100}  # [Hz] -> code
 FILTERS = {0: 0, 500: 1, 150: 2, 50: 3, 15: 4, 5: 5, 1.5: 6}  # [Hz] -> code
 WRAP = 1 << 16  # counts of the sample counter
-RESTART = WRAP // 2  # a gap beyond it is a sensor that was switched on again
+RESTART = WRAP // 2  # a larger gap is a restart of the sensor
 DELIMITER = b"\r\n"
 WORD = 4  # [bytes] of a float32; four words a magnetometer
 
@@ -88,7 +88,7 @@ class OptoForceFramer:
             if len(buffer) - start < PACKET.size:
                 break
             frame = self._frame(bytes(buffer[start : start + PACKET.size]))
-            if frame is None:  # look for a header inside: the next packet may be there
+            if frame is None:  # the next packet may begin inside
                 at += 1
                 self.skipped += 1
             else:
@@ -102,7 +102,7 @@ class OptoForceFramer:
         return frames
 
     def reset(self) -> None:
-        """Forget the bytes of an unfinished packet: the line was cut."""
+        """Drop the bytes of an incomplete packet, after a lost connection."""
         self._buffer.clear()
 
     def _frame(self, packet: bytes) -> ForceFrame | None:
@@ -121,9 +121,9 @@ class OptoForceFramer:
 class AnySkinFramer:
     """Find frames of AnySkin or ReSkin between two delimiters one frame apart.
 
-    A single CR LF is found in one random frame of a thousand, hence two of them; the
-    first frame of a stream is not used, nothing marks its start.  `broken` counts
-    losses of step and frames that hold no numbers; what was lost cannot be known, and
+    One random frame in a thousand contains CR LF, hence two of them; the first frame of
+    a stream is not used, as its start is not marked.  `broken` counts losses of
+    synchronisation and frames that are not finite; lost frames cannot be counted, and
     `lost` stays 0.
     """
 
@@ -155,7 +155,7 @@ class AnySkinFramer:
         return frames
 
     def reset(self) -> None:
-        """Forget the bytes of an unfinished frame: the line was cut."""
+        """Drop the bytes of an incomplete frame, after a lost connection."""
         self._buffer.clear()
         self._in_step = False
 

@@ -1,8 +1,8 @@
-"""Answer on a CAN bus as the firmware of a motor board does.
+"""Simulate the firmware of a motor board on a CAN bus.
 
-Streams are off until they are asked for, a status comes every second whatever happens,
-motors align for a while after they are enabled first, silence beyond the receive
-time-out disables the system while a motor that is enabled has a current.
+Streams are off until they are requested, a status is sent every second, motors align
+for a while after they are first enabled, and silence beyond the receive time-out
+disables the system while an enabled motor has a current.
 """
 
 from __future__ import annotations
@@ -33,18 +33,19 @@ STREAMS = {
     Command.SEND_VELOCITY: Quantity.VELOCITY,
     Command.SEND_ANALOGUE: Quantity.ANALOGUE,
 }
+RECEIVED = 20_000  # commands that are kept at least: 80 s of them
 MOTORS = {Command.ENABLE_MOTOR_1: 0, Command.ENABLE_MOTOR_2: 1}
 
 
 class SimulatedBoard:
-    """Be the other end of a MotorBoard; `with` opens the bus.
+    """Simulate the board at the other end of a MotorBoard; `with` opens the bus.
 
     config:    of python-can, the same channel as the MotorBoard's
     alignment: [s] until a motor that is enabled first is ready
-    streams:   what it can send; fewer make a faster simulation
+    streams:   quantities it can send; fewer make a faster simulation
     period:    [s] of its status
 
-    `current` (2,) [A] is what the motors really get: the references while they are
+    `current` (2,) [A] is the current of the motors: the references while they are
     enabled and ready, otherwise zero.
     """
 
@@ -94,15 +95,17 @@ class SimulatedBoard:
         return np.where(flows, self.reference, 0.0)
 
     def listen(self, now: float) -> None:
-        """Obey the frames that have come; `now` [s]."""
+        """Process all received frames; `now` [s]."""
         self._now = now
         while (message := self._bus.recv(timeout=0)) is not None:
             try:
                 content = decode(message)
             except FrameError:
-                continue  # the firmware ignores what it does not know
+                continue  # the firmware ignores unknown frames
             if content is not None:
                 self.received.append(content)
+                if len(self.received) > 2 * RECEIVED:
+                    del self.received[:RECEIVED]
                 self._obey(content)
         live = bool((self._enabled & (self.reference != 0)).any())
         if self._timeout and live and now - self._heard_at > self._timeout:
@@ -114,18 +117,27 @@ class SimulatedBoard:
         self._enabled[:] = False
         self._status_at = -np.inf
 
-    def talk(self, measured: Mapping[Quantity, np.ndarray], now: float) -> None:
-        """Send the status if it is due, and each stream (2,) that is switched on."""
+    def talk(
+        self,
+        measured: Mapping[Quantity, np.ndarray],
+        now: float,
+        stamp: float | None = None,
+    ) -> None:
+        """Send the status if it is due, and each stream (2,) that is switched on.
+
+        stamp: [s] of the wall clock for the frames, None: now.
+        """
+        stamp = now if stamp is None else stamp
         self._now = now
         if self.silent:
             return
         if now - self._status_at >= self.period:
             self._status_at = now
-            self._bus.send(encode(self._status(), now))
+            self._bus.send(encode(self._status(), stamp))
         for quantity, values in measured.items():
             if quantity in self._sending:
                 pair = Pair(quantity, tuple(map(float, values)))
-                self._bus.send(encode(pair, now))
+                self._bus.send(encode(pair, stamp))
 
     def _status(self) -> Status:
         enabled, ready = map(bool, self._enabled), map(bool, self.ready)

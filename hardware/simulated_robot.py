@@ -1,14 +1,13 @@
-"""Answer on all wires of a rig as the robot would: boards, fingers, skins, an object.
+"""Simulate a robot on all wires of a rig: boards, fingers, sensors, an object.
 
 The object and the fingertips are tactilenlp's simulation.  A finger is a point mass
 that the torques of its motors push through the Jacobian, against friction in the joints
-and the weight of the links; encoders tell its true place but for an error of the zero
-angles.  Skins see the simulated contact force: pictures of a DenseTact, packets of an
-OptoForce.
+and the weight of the links; encoders measure its true position up to an error of the
+zero angles.  Sensors measure the simulated contact force: pictures of a DenseTact,
+packets of an OptoForce.
 
-While no current flows, somebody holds the fingers.  The robot is a clock: time passes
-only while somebody waits (`sleep`), so that a run is the same to the last digit however
-fast the computer is.
+While no current flows, the fingers are held fixed.  The robot is a clock: time passes
+only during `sleep`, so that a run gives the same digits on any computer.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from .simulated_board import SimulatedBoard
 from .simulated_sensors import FORCES, simulated_sensor
 from .touch import INWARD
 
-NOON = 1.7e9  # [s], the time of day at which the simulation begins
+NOON = 1.7e9  # [s], time of day at the start of the simulation
 COULOMB, VISCOUS = 0.043, 0.02  # [N m], [N m s/rad] in a joint; the first measured
 SLIP = 0.05  # [rad/s], below it Coulomb friction is viscous
 WIRES = 500.0  # [Hz] of boards; the real ones send at 1 kHz
@@ -38,7 +37,7 @@ SENT = (Quantity.POSITION, Quantity.VELOCITY)
 
 
 class SimulatedFinger:
-    """One finger: its motors' boards, its true kinematics, its skin."""
+    """Hold one finger: boards of its motors, true kinematics, sensor."""
 
     def __init__(self, rig: FingerRig, zero_error: np.ndarray, seed: int) -> None:
         self.rig, self.geometry = rig, rig.geometry
@@ -57,17 +56,18 @@ class SimulatedFinger:
 
 
 class SimulatedRobot:
-    """Be the robot of a rig; `with` opens the other ends of its wires.
+    """Simulate the robot of a rig; `with` opens the other ends of its wires.
 
-    side_lengths: (3,) [m] of the box, `position` (2,) [m] and `quaternion` (4,) where
-                  it lies;  mass [kg];  friction of ground and fingers [1]
-    zero_error:   (F, 3) [rad], by which the rig's zero angles are wrong
-    angles:       (F, 3) [rad], true joint angles at first
+    side_lengths: (3,) [m] of the box, `position` (2,) [m] and `quaternion` (4,) of its
+                  pose;  mass [kg];  friction of ground and fingers [1]
+    zero_error:   (F, 3) [rad], error of the rig's zero angles
+    angles:       (F, 3) [rad], true joint angles at the start
     seed:         of pictures and their noise
 
     Use it as clock and for the sensors of a bench:
     `Bench(rig, clock=robot, reader=robot.reader, listen_only=False)`.
-    `after` is called after every step of the wires, with the time [s].
+    `after` is called after every step of the wires, with the time [s].  `wall_step` [s]
+    is by how much the wall clock, which stamps frames, was set since the beginning.
     """
 
     def __init__(
@@ -109,6 +109,7 @@ class SimulatedRobot:
         self._touch = np.zeros((count, 6))
         self._torque, self._inverse = np.zeros((count, 3)), np.zeros((count, 3, 3))
         self._now = self._wires_due = NOON
+        self.wall_step = 0.0
 
     def __enter__(self) -> SimulatedRobot:
         for finger in self.fingers:
@@ -130,12 +131,16 @@ class SimulatedRobot:
 
     @property
     def tips(self) -> np.ndarray:
-        """The true places of the fingertips (F, 3) [m]."""
+        """The true positions of the fingertips (F, 3) [m]."""
         return self._tips.copy()
 
     def now(self) -> float:
         """Return the time [s]."""
         return self._now
+
+    def wall(self) -> float:
+        """Return the time of day [s], by which frames are stamped."""
+        return self._now + self.wall_step
 
     def sleep(self, duration: float) -> None:
         """Let a duration [s] pass."""
@@ -151,7 +156,7 @@ class SimulatedRobot:
             self._now += steps * STEP
 
     def reader(self, tactile: Tactile, name: str, sink, clock) -> object:
-        """Return what reads a sensor: pictures come by hand, the rest by its wire."""
+        """Return the reader of a sensor: pictures directly, other data by its wire."""
         if tactile.wire != CAMERA:
             return tactile.reader(name, sink, clock)
         named = {f"{one.rig.name}, tactile": one for one in self.fingers}
@@ -164,7 +169,7 @@ class SimulatedRobot:
         velocity = np.einsum("fij,fj->fi", self._inverse, self._velocity)
         drag = VISCOUS * velocity + COULOMB * np.tanh(velocity / SLIP)
         force = np.einsum("fji,fj->fi", self._inverse, self._torque - drag)
-        # the servo of the plant is made to apply just this force
+        # with this goal the servo of the plant applies exactly this force
         goal = self._tips + force / STIFFNESS
         touch = self._plant.follow(np.stack([goal - STEP * self._velocity, goal]))[0]
         tips = self._plant.fingers
@@ -172,7 +177,7 @@ class SimulatedRobot:
         self._touch += SKIN * (touch - self._touch)
 
     def _talk(self, now: float) -> None:
-        """Let all wires carry what is due, obey what came, look at the joints anew."""
+        """Receive and send on all wires; update joint angles, Jacobians and torques."""
         for k, finger in enumerate(self.fingers):
             angles = finger.geometry.inverse(self._tips[k])
             self._inverse[k] = np.linalg.inv(finger.geometry.jacobian(angles))
@@ -181,11 +186,11 @@ class SimulatedRobot:
             for b, board in enumerate(finger.boards):
                 board.listen(now)
                 measured = {Quantity.POSITION: turns[b], Quantity.VELOCITY: krpm[b]}
-                board.talk(measured, now)
+                board.talk(measured, now, self.wall())
             self._torque[k] = finger.torques - holding(angles)
             R_tw = finger.geometry.rotation(angles).T
             force, press = R_tw @ -self._touch[k, :3], R_tw @ self._touch[k, 3:]
-            finger.skin.send(force, press, now)
+            finger.skin.send(force, press, now, self.wall())
         if self.after is not None:
             self.after(now)
 

@@ -1,6 +1,6 @@
-"""Answer as fingertip sensors do: DenseTact with pictures, OptoForce with packets.
+"""Simulate fingertip sensors: DenseTact with pictures, OptoForce with packets.
 
-A sensor is told the force on its tip in the tip's frame, and sends when it is due.
+A sensor is given the force on its tip in the tip's frame, and sends at its rate.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ PICTURES, FORCES = 30.0, 100  # [Hz]
 
 
 class SimulatedCamera:
-    """Pictures of a DenseTact at 30 Hz; read as a Camera is."""
+    """Render pictures of a DenseTact at 30 Hz, with the interface of a Camera."""
 
     def __init__(self, tactile: Tactile, seed: int) -> None:
         from .optical import Lens
@@ -34,7 +34,7 @@ class SimulatedCamera:
         self._due, self._now, self._heard = 0.0, 0.0, 0.0
 
     def open(self) -> None:
-        """There is no wire."""
+        """Do nothing: there is no wire."""
 
     close = open
 
@@ -45,7 +45,9 @@ class SimulatedCamera:
     def __exit__(self, *exception) -> None:
         self._frames.clear()
 
-    def send(self, force: np.ndarray, press: np.ndarray, now: float) -> None:
+    def send(
+        self, force: np.ndarray, press: np.ndarray, now: float, stamp: float
+    ) -> None:
         """Take a picture if it is due; `press` (3,) [N] normal force, tip's frame."""
         self._now = now
         if now < self._due or self.frozen:
@@ -65,12 +67,12 @@ class SimulatedCamera:
         return frames
 
     def check(self, stale: float) -> None:
-        """Raise StaleStreamError where no new picture came for longer [s]."""
+        """Raise StaleStreamError without a new picture for longer [s]."""
         check_age(self.name, self._now - self._heard, stale)
 
 
 class SimulatedDome:
-    """Packets of an OptoForce at 100 Hz, on CAN or to a function of bytes."""
+    """Send packets of an OptoForce at 100 Hz, on CAN or to a function of bytes."""
 
     def __init__(self, tactile: Tactile) -> None:
         self.tactile, self.silent = tactile, False
@@ -89,8 +91,13 @@ class SimulatedDome:
         if self._bus is not None:
             self._bus.shutdown()
 
-    def send(self, force: np.ndarray, press: np.ndarray, now: float) -> None:
-        """Send a packet if it is due; `force` (3,) [N] on the tip, in its frame."""
+    def send(
+        self, force: np.ndarray, press: np.ndarray, now: float, stamp: float
+    ) -> None:
+        """Send a packet if it is due; `force` (3,) [N] on the tip, in its frame.
+
+        stamp: [s] of the wall clock for the frames.
+        """
         if now < self._due or self.silent:
             return
         self._due = max(self._due, now - 1 / FORCES) + 1 / FORCES
@@ -101,12 +108,12 @@ class SimulatedDome:
         if self.write is not None:
             self.write(packet)
         elif self._bus is not None:
-            for message in to_can(packet, DATA_ID, now):
+            for message in to_can(packet, DATA_ID, stamp):
                 self._bus.send(message)
 
 
 def simulated_sensor(tactile: Tactile, seed: int) -> SimulatedCamera | SimulatedDome:
-    """Return the sensor that a rig names; raises RigError for others."""
+    """Return the simulated sensor of a rig; raises RigError for unknown kinds."""
     if tactile.kind == "densetact":
         return SimulatedCamera(tactile, seed)
     if tactile.kind.startswith("optoforce"):

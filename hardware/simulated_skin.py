@@ -1,8 +1,8 @@
-"""Render what the camera of a DenseTact sees: a texture that a touch pushes apart.
+"""Render the pictures of a DenseTact: a texture that a touch expands.
 
-The skin moves by grad of a Gaussian: away from the touch, most at one `spread` from it.
-The truth is known exactly, and the texture is better than a real one (a synthetic test
-flatters the method by a factor of 5 to 40 in the centre of pressure).
+The skin moves by the gradient of a Gaussian: away from the touch, most at one `spread`
+from it.  The truth is known exactly.  The texture is better than a real one: on real
+texture the errors of the centre of pressure are 5 to 40 times larger.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ COMPLIANCE = 2.0  # [px/N], the most that the skin moves under a force
 
 
 class SimulatedSkin:
-    """Make pictures (H, W) uint8 of one sensor.
+    """Render pictures (H, W) uint8 of one sensor.
 
-    lens:  where the dome is in the picture
+    lens:  position of the dome in the picture
     shape: (H, W) [px]
     """
 
@@ -52,7 +52,7 @@ class SimulatedSkin:
         return np.clip(picture.round(), 0, 255).astype(np.uint8)
 
     def displacement(self, direction: np.ndarray, force: float) -> np.ndarray:
-        """Return by how much (H, W, 2) [px] the skin has moved at each pixel."""
+        """Return the displacement (H, W, 2) [px] of the skin at each pixel."""
         spread = SPREAD * self.lens.edge
         out = self._pixel - self.lens.pixel(direction)
         square = (out**2).sum(axis=-1, keepdims=True) / spread**2

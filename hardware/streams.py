@@ -1,4 +1,4 @@
-"""Hold what the wires of one finger gave, in host time, sorted and judged."""
+"""Hold the samples of the wires of one finger, sorted, in host time, with counts."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from .kinematics import Finger
 from .motor_joints import JointMap
 from .touch import Touch
 
-LOST = 1.5  # [1], an interval longer than so many usual ones has lost samples
+LOST = 1.5  # [1], ratio to the median interval from which samples are lost
 
 
 @dataclass(frozen=True)
 class StreamReport:
-    """Say how well one stream came.
+    """Count the samples of one stream, and what is missing.
 
     samples, doubles, disordered: counts; doubles have the same stamp and are dropped,
                 disordered ones are sorted in
     lost:       samples missing, by the intervals
-    broken:     frames that were no frames, as the framer counted them
+    broken:     frames that could not be decoded, as the framer counted them
     rate:       [Hz], of the median interval
     jitter:     [s], from the 5th to the 95th percentile of the intervals
     largest_gap: [s]
@@ -72,11 +72,11 @@ class Stream:
         time, values = time[fresh], values[fresh]
         if len(time) < 2 or not finite:
             raise FrameError(
-                "too little was heard",
+                "too few samples",
                 where=name,
                 got=f"{len(time)} samples",
                 expected="two finite times or more",
-                next="was the device connected, told to send, and listened to?",
+                next="check that the device was connected, told to send, and read",
             )
         gaps = np.diff(time)
         usual = float(np.median(gaps))
@@ -89,7 +89,7 @@ class Stream:
 
 @dataclass(frozen=True, eq=False)
 class FingerStreams:
-    """Hold what one finger gave.
+    """Hold the streams of one finger.
 
     boards: two streams of motor positions (n, 2) [rev]
     touch:  a stream of rows: contact, valid, strength, normal in the tip's frame (3)

@@ -1,12 +1,12 @@
-"""Write everything that a bench hears and says to a folder, as it comes.
+"""Write all frames, bytes and pictures of a bench to a folder, in real time.
 
-    manifest.json                  the rig, versions, what was written; first and last
+    manifest.json                  rig, versions, counts; written first and last
     <stream>.blf | .log            CAN, one file per bus (python-can reads them)
     <stream>.bin, <stream>.csv     serial bytes, and time and length of each chunk
     <stream>/f_00000.png, <stream>.csv     pictures (lossless), and their times
 
-What is written is on disk when a sink returns (CAN: when the tape is closed, which
-every way out of a `with` does).
+Data are on the disk when a sink returns (CAN: in blocks of 128 kB, and when the tape is
+closed, at the end of `with`).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ LIBRARIES = ("tactilenlp", "numpy", "python-can", "pyserial", "opencv-python-hea
 
 
 class Tape:
-    """Give sinks to the drivers of a rig; `with` opens and closes the files.
+    """Provide sinks for the drivers of a rig; `with` opens and closes the files.
 
     folder: must not hold a recording yet
     bus:    "blf" (compressed) or "log" (text, of can-utils)
@@ -52,7 +52,7 @@ class Tape:
 
     def __enter__(self) -> Tape:
         if (self.folder / MANIFEST).exists():
-            fix = "give a new folder: nothing is overwritten"
+            fix = "give a new folder; recordings are not overwritten"
             where = str(self.folder)
             raise RecordingError("holds a recording already", where=where, next=fix)
         _written(self.folder, lambda: self.folder.mkdir(parents=True, exist_ok=True))
@@ -110,7 +110,7 @@ class Tape:
         return sink
 
     def sink(self, wire: str, stream: str):
-        """Return the sink for what a sensor is read through (see rig.KINDS)."""
+        """Return the sink for a kind of wire (see rig.KINDS)."""
         make = {"can": self.can, "serial": self.bytes, "camera": self.pictures}[wire]
         return make(stream)
 
@@ -151,11 +151,14 @@ def stream_name(finger: str, part: str) -> str:
 
 
 def _written(path, action: Callable):
-    """Do what writes; a full disk or a missing folder is a RecordingError."""
+    """Run an action that writes; an OSError becomes a RecordingError."""
     try:
         return action()
     except OSError as bad:
-        got, fix = f"{type(bad).__name__}: {bad}", "is there space, may I write there?"
+        got, fix = (
+            f"{type(bad).__name__}: {bad}",
+            "check the free space and the permissions",
+        )
         what = "cannot be written"
         raise RecordingError(what, where=str(path), got=got, next=fix) from bad
 

@@ -1,8 +1,8 @@
-"""Turn what a tactile sensor measures into touches: contact, and the normal.
+"""Convert the frames of a tactile sensor to touches: contact and normal.
 
 A touch starts when the strength rises above `on` and ends when it falls below `off`,
 both learnt from samples without contact.  The normal is the outward normal of the
-object: it points from object to finger, against the outward normal of the skin.
+object: it points from object to finger, opposite to the outward normal of the skin.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .errors import FrameError, StaleStreamError
 from .serial_tactile import FieldFrame, ForceFrame
 
 ON, OFF = 6.0, 4.0  # [1], standard deviations of the strength above its mean
-REST = 100  # [samples] of which the zero of a sensor is the mean
+REST = 100  # [samples] whose mean is the zero of a sensor
 # R_ts (3, 3): the sensor's z, out of its top, goes down along the last link, or
 # inwards to the middle of the robot (TriFingerEdu: the tip's +y at any joint angles).
 DOWN = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
@@ -28,11 +28,11 @@ class Touch:
     """One sample of a fingertip.
 
     time:    [s] of the host
-    contact: whether it touches
+    contact: whether the finger touches the object
     normal:  (3,) outward normal of the object in the tip's frame; zeros without
-             contact, and where the sensor cannot tell it
-    strength: what the contact was decided on, in the unit of the sensor
-    valid:   False where the sensor could not tell whether it touches
+             contact, and where the sensor does not measure it
+    strength: the quantity that decides on contact, in the unit of the sensor
+    valid:   False where the sensor could not decide on contact
     """
 
     time: float
@@ -43,14 +43,14 @@ class Touch:
 
 
 class Toucher(Protocol):
-    """What makes a touch of a frame and its time [s]: ForceTouch, FieldTouch."""
+    """Make a touch of a frame and its time [s]: ForceTouch, FieldTouch."""
 
     def __call__(self, time: float, frame) -> Touch | None: ...
 
 
 @dataclass
 class Hysteresis:
-    """Contact begins above `on`, ends below `off`; in between it stays as it is."""
+    """Decide on contact: it begins above `on`, and ends below `off`."""
 
     on: float
     off: float
@@ -70,7 +70,7 @@ class Hysteresis:
     def learn(cls, quiet: np.ndarray, least: float) -> Hysteresis:
         """Return thresholds above all strengths (n,) of samples without contact.
 
-        least: the smallest `on` that makes sense for the sensor, in its unit.
+        least: the smallest allowed `on`, in the unit of the sensor.
         """
         quiet = np.asarray(quiet, float)
         if quiet.size < 2 or not np.isfinite(quiet).all():
@@ -87,7 +87,7 @@ class Hysteresis:
 
 
 class Tare:
-    """The mean of the first samples, at rest, is zero."""
+    """Subtract the mean of the first samples, which are without contact."""
 
     def __init__(self, samples: int = REST) -> None:
         self.samples = samples
@@ -102,10 +102,10 @@ class Tare:
 
 
 class ForceTouch:
-    """Touches of an OptoForce dome: the force decides, and its direction is the normal.
+    """Make touches of an OptoForce dome: contact by the force, normal by its direction.
 
     The force lies within the friction cone about the normal, not along it: with
-    friction 0.5 it may be off by 27 degrees.  Say so in the sigma of the scene.
+    friction 0.5 the angle is up to 27 degrees.  Set sigma_normal of the scene for it.
 
     scale:   (3,) [counts/N], on the sensor's data sheet
     on, off: [N]
@@ -138,7 +138,7 @@ class ForceTouch:
 
 
 class FieldTouch:
-    """Touches of a magnetic skin: whether, not where; the normal stays zero.
+    """Make touches of a magnetic skin: contact only; the normal is zero.
 
     on, off: [uT], norm of the change of the whole field; they depend on the skin
     """
@@ -157,25 +157,28 @@ class FieldTouch:
 
 def check_age(name: str, age: float, limit: float, why: str = "") -> None:
     """Raise StaleStreamError where the newest sample is older [s] than the limit."""
-    if age > limit:
+    if not age <= limit:
         raise StaleStreamError(
             "no touch is sensed",
             where=name,
             got=f"silence for {age:.3f} s" + (f" ({why})" if why else ""),
             expected=f"a sample every {limit} s",
-            next="is the sensor plugged in and powered?",
+            next="check that the sensor is plugged in and powered",
         )
 
 
 class Skin:
     """Collect the touches of one fingertip: from a reader's frames, by a toucher.
 
-    reader: has `take()` -> [(time [s], frame)], `check(stale)` and can be entered
+    Between `remember` and `forget` all touches are kept, otherwise only the newest.
+
+    reader: a context manager with `take()` -> [(time [s], frame)] and `check(stale)`
     """
 
     def __init__(self, reader, toucher: Toucher) -> None:
         self.reader, self.toucher = reader, toucher
         self.touches: list[Touch] = []
+        self._remembers = False
 
     def __enter__(self) -> Skin:
         self.reader.__enter__()
@@ -185,16 +188,24 @@ class Skin:
         self.reader.__exit__(*exception)
 
     def poll(self) -> None:
-        """Take in what the sensor has sent; raises what the toucher raises."""
+        """Read the frames of the sensor; raises the errors of the toucher."""
         for time, frame in self.reader.take():
             touch = self.toucher(time, frame)
             if touch is not None:
+                if not self._remembers:
+                    self.touches.clear()
                 self.touches.append(touch)
 
     def check(self, stale: float) -> None:
-        """Raise where the sensor has been silent for longer [s]."""
+        """Raise StaleStreamError after a longer silence [s] of the sensor."""
         self.reader.check(stale)
 
+    def remember(self) -> None:
+        """Drop all touches but the newest, and keep all new ones."""
+        self.forget()
+        self._remembers = True
+
     def forget(self) -> None:
-        """Drop all touches but the newest: before a new action."""
+        """Drop all touches but the newest, and keep only the newest."""
+        self._remembers = False
         del self.touches[:-1]

@@ -1,11 +1,11 @@
-"""Move the fingers of a robot, and return what they felt: the world for `explore`.
+"""Move the fingers of a robot, and return measurements: the world for `explore`.
 
     with Tape(folder, rig) as tape, Bench(rig, tape=tape, listen_only=False) as bench:
         world = RobotWorld(bench)
         data = world.execute(trajectory)
 
-Whatever goes wrong (a silent wire, a fault, a limit, Ctrl-C), all motors get zero
-current before anything else happens; then the error goes on to the caller.
+After any error (a silent wire, a fault, a limit, Ctrl-C) all motors get zero current
+first; then the error is passed on to the caller.
 """
 
 from __future__ import annotations
@@ -20,34 +20,36 @@ from tactilenlp.data.measurements import Measurements
 from .assemble import COMPLETE, RATE, assemble
 from .bench import TOUCH_STALE, Bench, FingerBench
 from .clock import HostClock
-from .errors import HardwareError, LimitError, StaleStreamError
+from .errors import ClockError, HardwareError, StaleStreamError
 from .impedance import Gains, Limits
 from .motor_board import RECEIVE_TIMEOUT, STALE
 from .motor_can import Quantity
-from .paths import PEAK, row_of, way_back, way_there
+from .paths import PEAK, checked_trajectory, row_of, way_back, way_there
+from .ranges import check_range
 from .streams import FingerStreams, Stream, touch_stream
 
 CONTROL = 250.0  # [Hz] of commands
-HELD_UP = 0.1  # [s] between commands, beyond which the loop was held up
-SETTLE = 0.1  # [s] at the start of a trajectory, before it is recorded
-KEEP = 0.02  # [s], between looks at whether the thread is still wanted
-STILL = 1e-9  # [m], a finger that is to move less than this is parked
-LEARN = 10.0  # [s] for the sensors to find their zero without contact
-THERE = 1e-3  # [rad], closer than that to the start there is no way to go
+CONTROLS = 50.0, 2000.0  # [Hz], between which it may be
+HELD_UP = 0.1  # [s] between commands, beyond which the loop is held up
+SETTLE = 0.1  # [s] at the start of a trajectory, not recorded
+KEEP = 0.02  # [s] between two tests whether the thread is to end
+STILL = 1e-9  # [m], a finger that moves less is parked
+LEARN = 10.0  # [s], longest time in which the sensors find their zero
+THERE = 1e-3  # [rad], a start that is closer needs no motion
 
 
 class RobotWorld:
     """Execute trajectories on the robot of an open bench (listen_only=False).
 
-    gains, limits: how stiffly, and what is refused
+    gains, limits: of the control
     control:       [Hz] of the control loop
-    complete:      [1], least share of valid samples of a finger that takes part
+    complete:      [1], least share of valid samples of a finger that moves
 
-    `measurements` holds all that was felt so far, None before the first action;
-    `origin` [s] is the host's time that is 0 there.
+    `measurements` holds all actions so far, None before the first one; `origin` [s] is
+    the host time of their time 0.
 
-    Motors start with the first action.  Between actions a thread keeps the fingers up,
-    unless the clock is a simulated one, which stands still meanwhile.  `stop` ends it.
+    Motors are enabled at the first action.  Between actions a thread holds the fingers,
+    unless the clock is simulated and does not run then.  `stop` ends the thread.
     """
 
     def __init__(
@@ -61,6 +63,8 @@ class RobotWorld:
     ) -> None:
         self.bench, self.clock = bench, bench.clock
         self.gains, self.limits = gains or Gains(), limits or Limits()
+        check_range("RobotWorld.control", control, *CONTROLS, "Hz")
+        check_range("RobotWorld.complete", complete, 0.0, 1.0, "")
         self.control, self.complete = control, complete
         self.measurements: Measurements | None = None
         self._started, self.origin = False, 0.0
@@ -69,25 +73,28 @@ class RobotWorld:
         self._leave, self._failed = threading.Event(), None
 
     def execute(self, trajectory) -> Measurements:
-        """Move along a trajectory, return what was felt at 30 Hz, and move back out.
+        """Move along a trajectory and back, and return the measurements at 30 Hz.
 
-        trajectory: has `time` (n,) [s], of which differences count, and
+        trajectory: has `time` (n,) [s], of which only differences are used, and
         `finger_position` (n, F, 3) [m], followed smoothly (PCHIP).  A finger whose
         positions are constant stays parked where it is; its samples are not valid.
 
-        The way to the start (paths.py) is not recorded.  Raises LimitError before
-        anything moves, any HardwareError afterwards.
+        The motion to the start (paths.py) is not recorded.  Raises LimitError before
+        anything moves, other HardwareErrors afterwards.
         """
         try:
+            plan, duration = self._planned(trajectory)
             self._end_keeping()
             self._start()
-            paths, duration, parked = self._planned(trajectory)
+            here, parked = self._here(), np.array([path is None for path in plan])
+            paths = [h if p is None else p for p, h in zip(plan, here, strict=True)]
             self._approach([path[0] for path in paths])
-            self.bench.forget()
+            self.bench.remember()
             begin = self._follow(paths, duration)
             here = [finger.angles for finger in self.bench.fingers]
             self._follow(list(map(way_back, paths, here)), duration)
             data = self._assembled(begin, begin + duration, parked)
+            self.bench.forget()
         except BaseException:
             self.stop()
             raise
@@ -99,7 +106,7 @@ class RobotWorld:
 
     @property
     def finger_radius(self) -> np.ndarray:
-        """The radii (F,) [m] of the fingertips, as `explore` wants to know them."""
+        """The radii (F,) [m] of the fingertips."""
         geometries = [one.geometry for one in self.bench.rig.fingers]
         return np.array([geometry.tip_radius for geometry in geometries])
 
@@ -109,11 +116,11 @@ class RobotWorld:
         self._leave.set()
         if self._keeper not in (None, threading.current_thread()):
             self._keeper.join()
-            self.bench.stop()  # whatever it commanded last
+            self.bench.stop()  # after its last command
         self._started, self._last_tick, self._keeper = False, None, None
 
     def _keep(self) -> None:
-        """Keep the fingers where they are, in a thread."""
+        """Hold the fingers where they are, in a thread."""
 
         def run() -> None:
             try:
@@ -129,7 +136,7 @@ class RobotWorld:
         self._keeper.start()
 
     def _end_keeping(self) -> None:
-        """End that thread; raises what it ended with."""
+        """End that thread; raises the error that ended it."""
         self._leave.set()
         if self._keeper is not None:
             self._keeper.join()
@@ -139,7 +146,7 @@ class RobotWorld:
             raise failed
 
     def _start(self) -> None:
-        """Enable the motors, and let the sensors find their zero."""
+        """Enable the motors, and wait until the sensors have found their zero."""
         if self._started:
             return
         self.bench.start(RECEIVE_TIMEOUT)
@@ -153,39 +160,32 @@ class RobotWorld:
                     "a sensor finds no zero",
                     where="RobotWorld",
                     got=f"no touch within {LEARN} s",
-                    next="does it send? see `python -m hardware record` and `check`",
+                    next="check with `python -m hardware record` that it sends",
                 )
         if self.measurements is None:
             self.origin = self.clock.now()
 
-    def _planned(self, trajectory) -> tuple[list[np.ndarray], float, np.ndarray]:
-        """Return joint paths (n, 3) [rad] at the control rate, duration, who parks."""
-        time = np.asarray(getattr(trajectory, "time", None), float)
-        p_wf = np.asarray(getattr(trajectory, "finger_position", None), float)
-        shape = (time.size, len(self.bench.fingers), 3)
-        good = time.ndim == 1 and time.size > 1 and p_wf.shape == shape
-        if not (good and np.isfinite(p_wf).all() and (np.diff(time) > 0).all()):
-            raise LimitError(
-                "no trajectory",
-                where="execute",
-                got=f"time {time.shape}, finger_position {p_wf.shape}",
-                expected=f"increasing times (n,) [s] and finite {shape} [m]",
-            )
+    def _planned(self, trajectory) -> tuple[list[np.ndarray | None], float]:
+        """Return joint paths (n, 3) [rad] at the control rate, and the duration [s].
+
+        None stands for the path of a parked finger.
+        """
+        fingers = self.bench.fingers
+        time, p_wf = checked_trajectory(trajectory, len(fingers), self.limits.longest)
         duration = float(time[-1] - time[0])
-        parked = np.ptp(p_wf, axis=0).max(axis=1) < STILL
         steps = max(round(duration * self.control), 2)
         path = PchipInterpolator(time - time[0], p_wf)(
             np.linspace(0, duration, steps + 1)
         )
-        paths = []
-        for k, finger in enumerate(self.bench.fingers):
-            if parked[k]:
-                paths.append(np.repeat(finger.angles[None], steps + 1, axis=0))
+        paths: list[np.ndarray | None] = []
+        for k, finger in enumerate(fingers):
+            if np.ptp(p_wf[:, k], axis=0).max() < STILL:
+                paths.append(None)
                 continue
             angles = finger.geometry.inverse(path[:, k])
             self._check(finger, angles, duration / steps)
             paths.append(angles)
-        return paths, duration, parked
+        return paths, duration
 
     def _approach(self, goals: list[np.ndarray]) -> None:
         """Move to joint angles, slowly, and settle there."""
@@ -212,14 +212,15 @@ class RobotWorld:
         speeds = [np.gradient(path, axis=0) * (len(path) - 1) for path in paths]
         step = 0
         while now < begin + duration:
-            share = (now - begin) / duration
+            share = min(max((now - begin) / duration, 0.0), 1.0)
             for finger, path, speed in zip(
                 self.bench.fingers, paths, speeds, strict=True
             ):
                 row = share * (len(path) - 1)
                 self._drive(finger, row_of(path, row), row_of(speed, row) / duration)
             step += 1
-            self.clock.sleep(begin + step / self.control - self.clock.now())
+            due = begin + step / self.control - self.clock.now()
+            self.clock.sleep(min(due, 1 / self.control))
             self.bench.poll()
             self.bench.check(STALE, TOUCH_STALE)
             now = self.clock.now()
@@ -232,11 +233,19 @@ class RobotWorld:
         angles, speed = finger.angles, finger.velocities
         name, geometry = finger.rig.name, finger.geometry
         self.limits.check_state(name, geometry, angles, speed)
+        self.limits.check_target(name, geometry, target, velocity)
         finger.apply(self.gains.torques(target, velocity, angles, speed))
 
     def _watch(self, now: float) -> None:
-        """Raise where commands did not go out for too long: something held them up."""
+        """Raise HardwareError if the time since the last command is too long."""
         last, self._last_tick = self._last_tick, now
+        if last is not None and not now >= last:
+            raise ClockError(
+                "the clock of the control loop ran backward",
+                where="RobotWorld",
+                got=f"a step of {now - last:g} s",
+                expected="a clock that never steps, such as HostClock",
+            )
         if last is not None and now - last > HELD_UP:
             raise HardwareError(
                 "the control loop was held up",

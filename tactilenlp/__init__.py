@@ -18,6 +18,7 @@ _HOMES = {
     "Ground": "data.scene",
     "JointZeros": "data.joint_offsets",
     "Options": "estimation.options",
+    "Session": "estimation.options",
     "Reductions": "problem.reductions",
     "Guess": "estimation.options",
     "Estimate": "estimation.result",
@@ -30,11 +31,12 @@ _HOMES = {
     "Trajectory": "exploration.action_space",
     "ExpectedInformation": "exploration.expected_information",
     "expected_information_gain": "exploration.expected_information",
-    "information_gain": "information.information_gain",
+    "information_gain": "information.information",
     "choose_action": "exploration.action_search",
     "Choice": "exploration.action_search",
     "CrossEntropy": "exploration.action_search",
     "explore": "exploration.loop",
+    "ExploreOptions": "exploration.options",
     "Step": "exploration.log",
     "Exploration": "exploration.log",
     "Plan": "exploration.policies",
@@ -65,12 +67,17 @@ _HOMES = {
     "SolverOptions": "nlp.ipopt",
     "Solution": "nlp.solution",
     "TactileError": "errors",
+    "example_recording": "data.examples",
 }
 
 __all__ = sorted(_HOMES)
 
 
 def __getattr__(name: str):
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("tactilenlp")
     if name not in _HOMES:
         raise AttributeError(f"module 'tactilenlp' has no attribute {name!r}")
     value = getattr(import_module(f".{_HOMES[name]}", __name__), name)

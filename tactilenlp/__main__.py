@@ -8,6 +8,8 @@ import math
 import sys
 from pathlib import Path
 
+import tactilenlp
+
 from .common.interrupt import interruptible
 from .common.npz import check_folder, format_of
 from .errors import FileError, Interrupted, TactileError
@@ -42,6 +44,8 @@ def parser() -> argparse.ArgumentParser:
         description="Find shape, motion and contact impulses of an object from touch.",
         epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
+    shown = f"tactilenlp {tactilenlp.__version__}"
+    top.add_argument("--version", action="version", version=shown)
     top.add_argument("--verbose", action="store_true", help="say what is being done")
     commands = top.add_subparsers(dest="command", required=True)
 

@@ -88,6 +88,8 @@ class ManualClock:
     def now(self):
         return self.time
 
+    wall = now
+
     def sleep(self, duration):
         for _ in range(max(round(duration / self.step), 1)):
             self.time += self.step

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hardware.bench import Bench
+from hardware.clock import HostClock
 from hardware.kinematics import finger
 from hardware.motor_can import Reference
 from hardware.simulated_robot import SimulatedRobot, simulated_rig
@@ -47,6 +48,10 @@ def poised(first=FREE):
     rig = simulated_rig("optoforce_can")
     tips = zip(rig.fingers, first.finger_position[0], strict=True)
     return [one.geometry.inverse(p) for one, p in tips]
+
+
+class Patient(SimulatedRobot, HostClock):
+    """A robot whose clock counts as real: its fingers are kept up by a thread."""
 
 
 class Setup:

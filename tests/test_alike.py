@@ -1,12 +1,15 @@
-"""Problems of a page that says ALIKE share kinds: one trace of a term holds for all."""
+"""Problems of a page that says ALIKE share term functions."""
 
+import gc
 import pickle
 import time
+import weakref
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import RECORDINGS
 
 from formulations import (
     polytope_quasi_static,
@@ -18,9 +21,10 @@ from formulations import (
 from formulations.polytope import polytope
 from formulations.shape import CUBOID
 from tactilenlp import Measurements, Options, Scene
-from tactilenlp.estimation.solver import _job
-from tactilenlp.search.hypothesis import Hypothesis, Kinds
-from tactilenlp.search.local_solve import built_at
+from tactilenlp.estimation.options import Session
+from tactilenlp.estimation.request import make_job
+from tactilenlp.search.hypothesis import Hypothesis, TermFunctions
+from tactilenlp.search.local_solve import problem_at
 
 pytestmark = pytest.mark.usefixtures("not_compiled")  # nothing is evaluated
 
@@ -34,19 +38,20 @@ CUBE = 0.02 * (2.0 * np.indices((2, 2, 2)).reshape(3, 8).T - 1) + [0, 0, 0.02]
 
 
 def job_of(page, shape, name, actions, **scene):
-    path = ROOT / "examples" / "data" / f"{name}.npz"
+    path = RECORDINGS / f"{name}.npz"
     data, known = Measurements.load(path), replace(Scene.load(path), **scene)
     data = data.select(np.unique(data.action)[:actions])
-    return _job(data, known, shape, Options(), time.monotonic(), page)
+    return make_job(data, known, shape, Options(), time.monotonic(), page)
 
 
 def problem_of(job, page):
     """Return the page's problem at a body that lies still."""
     theta = CUBE.ravel() if job.shape.name == "polytope" else np.full(3, 0.04)
     x = np.zeros((3 if job.reductions.planar else 6, job.data.samples))
-    return built_at(job, page, Hypothesis(theta, x, np.inf, ()))[1]
+    return problem_at(job, page, Hypothesis(theta, x, np.inf, ()))[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("page", "shape", "name"), CASES)
 @pytest.mark.parametrize("free", [False, True], ids=["planar", "free"])
 def test_a_term_is_the_same_function_whatever_else_its_window_holds(
@@ -58,47 +63,68 @@ def test_a_term_is_the_same_function_whatever_else_its_window_holds(
     made = replace(few.reductions, planar=not free)
     few = replace(few, reductions=replace(made, still=False, far=False, absent=False))
     more = replace(more, reductions=made)
-    one, other = (problem_of(job, page).kinds for job in (few, more))
+    one, other = (problem_of(job, page).term_functions for job in (few, more))
     common = one.keys() & other.keys()
     assert len(common) >= 4
     for key in common:
         assert one[key].value.serialize() == other[key].value.serialize(), key
 
 
-def test_problems_of_one_job_share_kinds_but_not_those_of_another_motion():
+def test_problems_of_one_job_share_term_functions_but_not_those_of_another_motion():
     job = job_of(violation_implicit, CUBOID, "cuboid", 1)
     first, again = (problem_of(job, violation_implicit) for _ in range(2))
-    assert first.kinds
-    assert first.kinds is again.kinds
+    assert first.term_functions
+    assert first.term_functions is again.term_functions
     free = replace(job, reductions=replace(job.reductions, planar=False))
-    assert problem_of(free, violation_implicit).kinds is not first.kinds
-    assert problem_of(job, quasi_static).kinds is not first.kinds
+    assert (
+        problem_of(free, violation_implicit).term_functions is not first.term_functions
+    )
+    assert problem_of(job, quasi_static).term_functions is not first.term_functions
 
 
 def test_a_page_that_does_not_say_so_shares_nothing():
     job = job_of(shooting, CUBOID, "cuboid", 1)
     first, again = (problem_of(job, shooting) for _ in range(2))
-    assert first.kinds is not again.kinds
-    assert not job.kinds
+    assert first.term_functions is not again.term_functions
+    assert not job.functions
 
 
-def test_an_estimate_leaves_its_kinds_to_who_goes_on_from_it():
+def test_an_estimate_leaves_its_term_functions_to_who_goes_on_from_it():
+    session = Session()
     job = job_of(quasi_static, CUBOID, "cuboid", 1)
-    kinds = problem_of(job, quasi_static).kinds
+    functions = problem_of(job, quasi_static).term_functions
     origin = Hypothesis(np.full(3, 0.04), np.zeros((3, 1)), 0.0, ())
-    job.remember(origin, quasi_static)
-    more = job_of(quasi_static, CUBOID, "cuboid", 2)
-    more.recall(origin, quasi_static)
-    assert problem_of(more, quasi_static).kinds is kinds
-    other = job_of(quasi_static, CUBOID, "cuboid", 2, mass=7.0)
-    other.recall(origin, quasi_static)
-    more.recall(replace(origin), quasi_static)  # of no estimate
-    assert not other.kinds
+    start = SimpleNamespace(origin=origin)
+    session.keep(start, job, quasi_static)
+
+    def known(start, scene):
+        return session.functions_for(start, scene, CUBOID, quasi_static)
+
+    more = replace(job, functions=known(start, job.scene))
+    assert problem_of(more, quasi_static).term_functions is functions
+    assert not known(start, replace(job.scene, mass=7.0))
+    assert not known(SimpleNamespace(origin=replace(origin)), job.scene)
+    assert not known(None, job.scene)
+    assert not Session().functions_for(start, job.scene, CUBOID, quasi_static)
 
 
-def test_kinds_stay_in_their_process():
+def test_a_session_forgets_an_estimate_that_is_gone():
+    session = Session()
+    job = job_of(quasi_static, CUBOID, "cuboid", 1)
+    start = SimpleNamespace(
+        origin=Hypothesis(np.full(3, 0.04), np.zeros((3, 1)), 0.0, ())
+    )
+    session.keep(start, job, quasi_static)
+    functions = weakref.ref(job.functions)
+    del start, job
+    gc.collect()
+    assert functions() is None
+
+
+def test_term_functions_stay_in_their_process():
     job = job_of(quasi_static, CUBOID, "cuboid", 1)
     problem_of(job, quasi_static)
-    assert job.kinds
-    assert pickle.loads(pickle.dumps(job.kinds)) == {}
-    assert isinstance(pickle.loads(pickle.dumps(job.kinds)), Kinds)
+    assert job.functions
+    again = pickle.loads(pickle.dumps(job.functions))
+    assert again == {}
+    assert isinstance(again, TermFunctions)

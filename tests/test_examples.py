@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import TOSSES
+from conftest import RECORDED, TOSSES
 
 TOSSED = "07_identify_a_tossed_cube"  # needs recordings that do not ship with us
 EXAMPLES = sorted((Path(__file__).resolve().parents[1] / "examples").glob("0*.py"))
@@ -28,6 +28,7 @@ def run(example, folder, *arguments):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
 def test_an_example_runs_and_ends_with_a_sentence(example, tmp_path, request):
     if example.stem == TOSSED:
@@ -52,8 +53,9 @@ def test_an_example_is_short_and_has_no_helpers(example):
     assert "sys.path" not in text
 
 
+@pytest.mark.slow
 def test_the_first_example_takes_a_recording_and_a_picture(tmp_path):
-    recording = EXAMPLES[0].parent / "data" / "cuboid.npz"
+    recording = RECORDED
     done = run(EXAMPLES[0], tmp_path, recording, tmp_path / "mine.png")
     assert done.returncode == 0, done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["mine.png"]

@@ -132,7 +132,7 @@ def test_measurements_told_one_by_one_are_a_kalman_filter_of_the_way():
     slope = rng.normal(size=(3, 4))
     F, M, P = np.zeros((4, 4)), ca.DM(slope), ca.DM(Q)
     for i in range(5):
-        e, M, P = exploration.told(
+        e, M, P = exploration.measurement_update(
             M, P, ca.DM(h[i : i + 1]), ca.DM(h_s[i : i + 1]), weights[i]
         )
         F += e.full().T @ e.full()

@@ -76,6 +76,7 @@ def test_a_few_chosen_actions_find_the_box(whole):
     assert steps[2].errors == {}  # a Recorder tells no truth
 
 
+@pytest.mark.slow
 def test_an_exploration_of_a_world_that_knows_its_truth_is_judged(whole):
     steps, _ = whole
     world = fresh()
@@ -88,6 +89,7 @@ def test_an_exploration_of_a_world_that_knows_its_truth_is_judged(whole):
     assert again[0].errors["surface"] > again[2].errors["surface"]
 
 
+@pytest.mark.slow
 def test_an_exploration_that_was_interrupted_goes_on_without_losing_an_action(
     whole, tmp_path
 ):
@@ -116,6 +118,7 @@ def first(data, count):
     return Measurements(**given, finger_radius=data.finger_radius)
 
 
+@pytest.mark.slow
 def test_samples_can_be_appended_while_an_action_still_runs(whole):
     steps, _ = whole
     given = {"options": QUICK["options"], "formulation": "quasi_static"}
@@ -197,6 +200,7 @@ def test_exploration_goes_on_until_the_last_size_is_as_sure_as_wanted(whole, tmp
         assert took == min(enough, default=3)
 
 
+@pytest.mark.slow
 def test_a_guess_wholly_outside_the_object_recovers(whole):
     """The estimate is 7 cm off: what was touched says where to go."""
     steps, _ = whole
@@ -256,6 +260,7 @@ def test_an_estimate_apart_from_what_was_touched_is_not_aimed_at(whole):
     assert "apart from what was touched" in astray(far)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("policy", ["random", "fisher", "farthest"])
 def test_the_other_policies_act_too(whole, policy):
     steps, world = whole

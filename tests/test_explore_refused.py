@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from formulations.shape import CUBOID
-from tactilenlp import Exploration, Guess, Scene, Step, explore
+from tactilenlp import Exploration, ExploreOptions, Guess, Scene, Step, explore
 from tactilenlp.errors import OptionError, SceneError, StartError
 
 AFLOAT = Scene(ground=None)
@@ -100,3 +100,21 @@ def test_a_file_made_with_other_settings_is_not_taken_up(kept, other, field):
 def test_what_predicts_nothing_is_not_held_up(fine):
     with pytest.raises(Moved):
         next(explore(Robot(), centre=(0.0, 0.0, 0.02), **fine))
+
+
+def test_settings_are_given_at_once_or_by_name_but_not_both():
+    with pytest.raises(OptionError, match="given twice"):
+        next(explore(None, settings=ExploreOptions(actions=1), seed=1))
+    with pytest.raises(OptionError, match="given twice"):
+        next(explore(None, None, 3, actions=2))
+    with pytest.raises(OptionError, match="no such setting"):
+        next(explore(None, action=3))
+    with pytest.raises(OptionError, match="too many positional"):
+        next(explore(None, None, 3, "eig", "cuboid", 0, None))
+
+
+def test_settings_are_checked_where_they_are_made():
+    with pytest.raises(OptionError, match="actions"):
+        ExploreOptions(actions=-1)
+    with pytest.raises(OptionError, match="policy"):
+        ExploreOptions(policy="best")

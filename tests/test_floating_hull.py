@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import ROOT, squeezed
+from conftest import RECORDINGS, squeezed
 from scipy.spatial.transform import Rotation
 from trimesh.convex import convex_hull
 from trimesh.proximity import closest_point_naive
@@ -21,18 +21,22 @@ from tactilenlp import (
     solve_estimate,
 )
 from tactilenlp.errors import SceneError
-from tactilenlp.estimation.incremental_polytope import extends
-from tactilenlp.estimation.request import carried
-from tactilenlp.estimation.solver import _job
+from tactilenlp.estimation.incremental_polytope import is_one_action_more
+from tactilenlp.estimation.request import carried_hypotheses, make_job
 from tactilenlp.information.polytope_information import touched_polygons
-from tactilenlp.search.proposals_floating import flattened, floated, followed, plane_for
+from tactilenlp.search.proposals_floating import (
+    in_free_motion,
+    in_plane,
+    search_plane,
+    with_faces_tracked,
+)
 
-OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
+OCTAHEDRON = RECORDINGS / "polytope.npz"
 AFLOAT = Scene(ground=None, gravity=0.0)
 RADIUS = 0.03  # [m] of the octahedron that floats
 SHAPE = polytope()
 
-pytestmark = pytest.mark.usefixtures("not_compiled")
+pytestmark = [pytest.mark.usefixtures("not_compiled"), pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")
@@ -88,9 +92,9 @@ def test_its_faces_are_followed_as_it_turns(world, afloat):
 
 def test_a_way_is_found_on_which_fingers_keep_their_faces(world, afloat):
     data, true = world.measurements, world.truth
-    (h,) = carried(afloat, SHAPE, AFLOAT, data)
+    (h,) = carried_hypotheses(afloat, SHAPE, AFLOAT, data)
     still = replace(h, x=np.tile(h.x[:, -1:], data.samples))
-    x = followed(still, data).x
+    x = with_faces_tracked(still, data).x
     t, f = held(world)
     turn = Rotation.from_rotvec(x[3:, t].T)
     there = Rotation.from_quat(np.roll(true.object_quaternion, -1, axis=1))
@@ -155,18 +159,18 @@ def test_the_estimate_of_a_floating_hull_survives_the_disk(afloat, tmp_path):
 
 def test_a_floating_hull_starts_the_next_search_from_where_it_is(world, afloat):
     data = world.measurements
-    job = _job(data, AFLOAT, SHAPE, Options(), 0.0, page)
-    (h,) = carried(afloat, SHAPE, AFLOAT, data)
+    job = make_job(data, AFLOAT, SHAPE, Options(), 0.0, page)
+    (h,) = carried_hypotheses(afloat, SHAPE, AFLOAT, data)
     assert h.x.shape == (6, data.samples)
     here = h.theta.reshape(-1, 3) + h.x[:3, -1]
     assert here == pytest.approx(afloat.vertices + afloat.position[-1], abs=1e-9)
-    plane = plane_for(job)
-    flat = flattened(h, plane)
-    again = floated(flat, plane, SHAPE)
+    plane = search_plane(job)
+    flat = in_plane(h, plane)
+    again = in_free_motion(flat, plane, SHAPE)
     lie = again.theta.reshape(-1, 3) + again.x[:3, -1]
     assert lie == pytest.approx(here, abs=1e-9)  # the last pose is kept, whole
-    assert flattened(again, plane).x == pytest.approx(flat.x, abs=1e-9)
-    assert not extends(afloat, job, page)  # not by an action: the whole way is gone
+    assert in_plane(again, plane).x == pytest.approx(flat.x, abs=1e-9)
+    assert not is_one_action_more(afloat, job, page)  # not by an action alone
 
 
 @pytest.fixture(scope="module")
@@ -218,12 +222,12 @@ def test_in_free_motion_it_stays_on_the_ground_that_carries_it(slid, loose):
     assert np.median(carried[carried != 0]) == pytest.approx(weight, rel=0.1)
     longer = Measurements.load(OCTAHEDRON).select(range(3))
     jobs = [
-        _job(longer, free.scene, SHAPE, Options(reduce=off), 0.0, page)
+        make_job(longer, free.scene, SHAPE, Options(reduce=off), 0.0, page)
         for off in (True, ("planar",))
     ]
-    assert extends(slid, jobs[0], page)
-    assert not extends(free, jobs[1], page)  # the whole way is gone
-    assert not extends(slid, jobs[1], page)
+    assert is_one_action_more(slid, jobs[0], page)
+    assert not is_one_action_more(free, jobs[1], page)  # the whole way is gone
+    assert not is_one_action_more(slid, jobs[1], page)
 
 
 def test_least_motion_alone_keeps_no_hull_on_a_ground_and_asks_for_one(world):

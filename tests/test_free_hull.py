@@ -5,16 +5,16 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import RECORDINGS
 from scipy.spatial.transform import Rotation
 
 from formulations import polytope_violation_implicit as page
 from formulations.polytope import polytope
 from formulations.rigid_body import rotation
 from tactilenlp import Measurements, Options, Scene
-from tactilenlp.estimation.solver import _job
+from tactilenlp.estimation.request import make_job
 from tactilenlp.geometry.convex_hull import filled
-from tactilenlp.geometry.tipping import lifted
+from tactilenlp.geometry.tipping import planar_to_free
 from tactilenlp.geometry.transforms import (
     backward,
     directions_in_body,
@@ -25,7 +25,7 @@ from tactilenlp.geometry.transforms import (
 from tactilenlp.nlp.problem import Problem
 from tactilenlp.problem.polytope_window import LIFTED, window_of
 
-OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
+OCTAHEDRON = RECORDINGS / "polytope.npz"
 SHAPE = polytope(8)
 # Edges are rounded over 0.03 mm, a thirtieth of the scale of which differences take
 # steps: their own error; a wrong derivative is off by its size.
@@ -55,7 +55,7 @@ def slid():
 
 def posed(data, scene, vertices, x, reduce=("planar",)):
     """Return the problem of the joint page at vertices and poses, and its window."""
-    job = _job(data, scene, SHAPE, Options(reduce=reduce), 0.0, page)
+    job = make_job(data, scene, SHAPE, Options(reduce=reduce), 0.0, page)
     window, shape = window_of(job, (vertices.ravel(), x))
     problem = Problem()
     page.build(problem, window, scene, shape)
@@ -77,9 +77,10 @@ def costs(problem, values):
     return {name: problem.value(name, x, data).sum() for name in problem.costs}
 
 
+@pytest.mark.slow
 def test_a_hull_that_slides_costs_the_same_in_free_motion(slid):
     data, scene, vertices, x = slid
-    free = lifted(vertices.ravel(), x, SHAPE)
+    free = planar_to_free(vertices.ravel(), x, SHAPE)
     flat, window = posed(data, scene, vertices, x, reduce=("still",))
     known = values_of(flat, window, vertices, x, np.random.default_rng(1))
     loose, opened = posed(data, scene, vertices, free, reduce=("planar", "still"))
@@ -92,12 +93,13 @@ def test_a_hull_that_slides_costs_the_same_in_free_motion(slid):
         assert other[name] == pytest.approx(one[name], rel=SAME, abs=SAME), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("grounded", [True, False])
 def test_the_page_in_free_motion_has_the_derivatives_of_finite_differences(
     slid, grounded
 ):
     data, scene, vertices, x = slid
-    free = lifted(vertices.ravel(), x, SHAPE)
+    free = planar_to_free(vertices.ravel(), x, SHAPE)
     given = scene if grounded else replace(scene, ground=None, gravity=0.0)
     problem, window = posed(data, given, vertices, free)
     rng = np.random.default_rng(2)
@@ -113,11 +115,12 @@ def test_the_page_in_free_motion_has_the_derivatives_of_finite_differences(
     assert set(report.unused) <= idle
 
 
+@pytest.mark.slow
 def test_moving_a_floating_hull_and_its_fingers_costs_nothing(slid):
     data, scene, vertices, x = slid
     scene = replace(scene, ground=None, gravity=0.0)
     spin, t = Rotation.from_rotvec([0.4, -0.3, 0.8]), np.array([0.3, -0.2, 0.1])
-    free = lifted(vertices.ravel(), x, SHAPE)
+    free = planar_to_free(vertices.ravel(), x, SHAPE)
     R = spin * Rotation.from_rotvec(free[3:].T) * spin.inv()
     turned = np.vstack([spin.as_matrix() @ free[:3] + t[:, None], R.as_rotvec().T])
     problem, window = posed(data, scene, vertices, free)
@@ -135,10 +138,11 @@ def test_moving_a_floating_hull_and_its_fingers_costs_nothing(slid):
         assert other[name] == pytest.approx(cost, rel=1e-4, abs=1e-7), name
 
 
+@pytest.mark.slow
 def test_what_falls_needs_no_impulse_and_what_hangs_does(slid):
     data, scene, vertices, x = slid
     scene = replace(scene, ground=None)
-    free = lifted(vertices.ravel(), 0 * x, SHAPE)
+    free = planar_to_free(vertices.ravel(), 0 * x, SHAPE)
     problem, window = posed(data, scene, vertices, free, reduce=False)
     step, values = window.step, {"theta": vertices.T, "x": free[:, window.last]}
     zero = np.zeros((3, problem.variables["finger"].columns))
@@ -155,9 +159,10 @@ def test_what_falls_needs_no_impulse_and_what_hangs_does(slid):
     assert sum(fell[n] for n in balances) < 1e-6 * per_step
 
 
+@pytest.mark.slow
 def test_a_hull_that_tilts_stands_on_what_is_low_and_bears_nothing_in_the_air(slid):
     data, scene, vertices, x = slid
-    free = lifted(vertices.ravel(), x, SHAPE)
+    free = planar_to_free(vertices.ravel(), x, SHAPE)
     _, flat = posed(data, scene, vertices, free, reduce=("planar", "still"))
     assert set(flat.leg) == set(flat.legs)
     assert flat.weight_share.reshape(len(flat.step), -1).sum(axis=1) == pytest.approx(
@@ -177,9 +182,10 @@ def test_a_hull_that_tilts_stands_on_what_is_low_and_bears_nothing_in_the_air(sl
     assert window.floor == -tilted[2, -1]
 
 
+@pytest.mark.slow
 def test_without_a_ground_a_window_has_none(slid):
     data, scene, vertices, x = slid
-    free = lifted(vertices.ravel(), x, SHAPE)
+    free = planar_to_free(vertices.ravel(), x, SHAPE)
     scene = replace(scene, ground=None, gravity=0.0)
     problem, window = posed(data, scene, vertices, free)
     assert len(window.corner) == len(window.lift) == len(window.rest) == 0
@@ -194,7 +200,7 @@ def test_without_a_ground_a_window_has_none(slid):
 def test_points_and_directions_are_the_same_in_planar_and_in_lifted_poses():
     rng = np.random.default_rng(4)
     x, samples = rng.normal(size=(3, 5)), rng.integers(0, 5, 20)
-    free, p = lifted(np.zeros(24), x, SHAPE), rng.normal(size=(20, 3))
+    free, p = planar_to_free(np.zeros(24), x, SHAPE), rng.normal(size=(20, 3))
     np.testing.assert_allclose(
         points_in_body(free, samples, p), points_in_body(x, samples, p)
     )
@@ -222,11 +228,12 @@ def test_rotations_end_upright_however_far_they_came():
     np.testing.assert_allclose(np.linalg.norm(w, axis=1), -angle, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_legs_of_a_rigid_body_move_as_its_poses_do(slid):
     data, scene, vertices, x = slid
     square = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]) * 0.015
     vertices = np.vstack([square, square + np.array([0, 0, 0.03])])
-    free = lifted(vertices.ravel(), x, SHAPE)
+    free = planar_to_free(vertices.ravel(), x, SHAPE)
     problem, window = posed(data, scene, vertices, free)
     values = {"theta": vertices.T, "x": free[:, window.last]}
     slopes = problem.jacobian("ground gap", problem.pack(values), problem.data())

@@ -92,7 +92,7 @@ def test_the_encoder_index_is_kept():
     with Wired() as wired:
         index = EncoderIndex(0.5, 1)
         wired.board.on_message_received(encode(index, 12.0))
-        assert wired.board.index == [(12.0, index)]
+        assert list(wired.board.index) == [(12.0, index)]
 
 
 def test_a_notifier_outlives_a_listener_that_raises():

@@ -12,20 +12,20 @@ from bench_robot import (
     FREE,
     PUSH,
     SQUEEZE,
+    Patient,
     Setup,
     poised,
     stop_a_board,
     trajectory,
 )
 
-from hardware.clock import HostClock
 from hardware.errors import (
     LimitError,
     ReachError,
     StaleStreamError,
 )
 from hardware.kinematics import finger
-from hardware.simulated_robot import NOON, SimulatedRobot
+from hardware.simulated_robot import NOON
 
 
 @pytest.fixture(scope="module")
@@ -157,10 +157,6 @@ def test_what_is_no_trajectory_is_refused(wrong):
 
 
 # Between actions
-
-
-class Patient(SimulatedRobot, HostClock):
-    """A robot whose clock counts as real: its fingers are kept up by a thread."""
 
 
 def test_fingers_are_kept_up_between_actions():

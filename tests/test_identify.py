@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 from formulations import known_trajectory as page
 from tactilenlp import Ground, Problem, Scene, Trajectories, identify_body
 from tactilenlp.errors import MeasurementError, MotionError, OptionError, SceneError
-from tactilenlp.identification.body import sharpened
-from tactilenlp.identification.identify import SIGNS, _prepared
-from tactilenlp.identification.impacts import gravity_of, impacts, near, steps_of
+from tactilenlp.identification.body import corner_shift
+from tactilenlp.identification.identify import CUBE_SIGNS, _prepared
+from tactilenlp.identification.impacts import gravity_of, impacts, may_touch, steps_of
 
 HALF, MASS = 52.4e-3, 0.37  # [m], [kg] as measured by who recorded it
 SCENE = Scene(mass=MASS)
@@ -90,7 +90,7 @@ def test_another_world_frame_changes_nothing(cube, tosses):
 def test_derivatives_of_the_page_are_right(tosses):
     few = tosses.select(tosses.tosses[:1])
     steps, theta, signs, _ = _prepared(few, SCENE, "corners", None, None)
-    window = impacts(steps, near(steps, (theta * signs).T), theta, signs, few.dt)
+    window = impacts(steps, may_touch(steps, (theta * signs).T), theta, signs, few.dt)
     problem = Problem()
     page.build(problem, window, SCENE)
     report = problem.check()
@@ -104,7 +104,7 @@ def test_gravity_of_a_parabola_is_exact():
     steps = steps_of(
         np.zeros(30, int), position, Rotation.identity(30), 0.01, gravity=9.81
     )
-    found, sigma = gravity_of(steps, 0.05 * SIGNS.T, 0.01)
+    found, sigma = gravity_of(steps, 0.05 * CUBE_SIGNS.T, 0.01)
     assert found == pytest.approx(9.7, rel=1e-9)
     assert 0 < sigma < 0.5
 
@@ -120,7 +120,9 @@ def test_a_glide_is_thinned_and_a_flight_is_kept():
 
 
 def test_rounded_cube_has_corners_where_its_faces_meet():
-    np.testing.assert_allclose(sharpened(0.05 * SIGNS.T), SIGNS.T, atol=1e-6)
+    np.testing.assert_allclose(
+        corner_shift(0.05 * CUBE_SIGNS.T), CUBE_SIGNS.T, atol=1e-6
+    )
 
 
 @pytest.mark.parametrize(

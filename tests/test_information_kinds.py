@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from tactilenlp import observed_information
-from tactilenlp.estimation.observed_information import KINDS, programme_of
-from tactilenlp.information.comparisons import half_turns, paper
+from tactilenlp.estimation.observed_information import INFORMATION_KINDS, programme_at
+from tactilenlp.information.comparisons import paper, quaternion_jacobian
 
 UNITS = np.r_[1e3, 1e3, 1e3, 1e3, 1e3, 50.0]  # to mm, a radian as 50 mm
 STEP = 1e-6  # [m, rad] of central differences
@@ -14,10 +14,10 @@ STEP = 1e-6  # [m, rad] of central differences
 
 @pytest.fixture(scope="module")
 def programme(estimate):
-    return programme_of(estimate)
+    return programme_at(estimate)
 
 
-@pytest.mark.parametrize("kind", KINDS[:-1])
+@pytest.mark.parametrize("kind", INFORMATION_KINDS[:-1])
 def test_every_kind_of_information_is_positive_and_has_the_same_names(estimate, kind):
     information = observed_information(estimate, kind)
     assert information.names == estimate.information.names
@@ -43,7 +43,7 @@ def test_sensor_noise_alone_scatters_less_than_users_are_told(estimate):
 
 def test_the_papers_link_of_a_pose_with_itself_is_the_identity(programme):
     x = programme.solution.values["x"][:, -1]
-    half = half_turns(programme.window.motion, x)
+    half = quaternion_jacobian(programme.window.motion, x)
     assert np.linalg.pinv(half) @ half == pytest.approx(np.eye(len(half)))
 
 

@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from formulations import paper
-from formulations.paper_contact import LIFT, MOST
+from formulations.contact import MM
+from formulations.paper_contact import LAM_MAX
 from formulations.rigid_body import FREE
 from formulations.shape import CUBOID
 from tactilenlp import solve_estimate
@@ -116,7 +117,7 @@ def agree(got, expected):
 
 def energies(name, losses):
     """Return losses [J] in the unit of the page, times the weight of the term."""
-    return WEIGHT[name] * np.array(losses) / (W * LIFT)
+    return WEIGHT[name] * np.array(losses) / (W * MM)
 
 
 # What is felt
@@ -259,7 +260,7 @@ def test_pushing_harder_where_the_finger_sank_in_is_paid_for(free):
     z, name = free.problem.pack(more), "finger complementarity"
     after = free.problem.value(name, z, free.problem.data())
     assert after.sum() < free.value(name).sum()
-    assert free.problem.variables["finger"].upper[0] == pytest.approx(MOST * W)
+    assert free.problem.variables["finger"].upper[0] == pytest.approx(LAM_MAX * W)
 
 
 # Slopes and solves
@@ -272,6 +273,7 @@ def test_derivatives_agree_with_finite_differences(free):
     assert report.assembled < 1e-4
 
 
+@pytest.mark.slow
 def test_two_actions_end_converged_or_in_the_typed_error(recorded):
     data, scene = recorded[0].select([0, 1]), recorded[1]
     try:
@@ -290,6 +292,7 @@ def test_two_actions_end_converged_or_in_the_typed_error(recorded):
     np.testing.assert_allclose(total[moved], 1.0, atol=0.1)
 
 
+@pytest.mark.slow
 def test_without_ground_or_gravity_the_page_has_neither(recorded):
     data, scene, _ = recorded
     loose = Scene(scene.mass, ground=None, gravity=0.0, friction_finger=None)

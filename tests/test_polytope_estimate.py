@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import RECORDINGS
 from scipy.spatial.transform import Rotation
 from trimesh.convex import convex_hull
 from trimesh.proximity import closest_point_naive
@@ -24,14 +24,14 @@ from tactilenlp import (
 )
 from tactilenlp.errors import OptionError, SceneError, StartError
 from tactilenlp.estimation.options import Options
-from tactilenlp.estimation.readout import hull_read
-from tactilenlp.estimation.solver import _job
-from tactilenlp.problem import certificates as holding
+from tactilenlp.estimation.readout import read_polytope
+from tactilenlp.estimation.request import make_job
+from tactilenlp.problem import certificates
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.search.local_solve import solved_from
-from tactilenlp.search.polytope_init import search
+from tactilenlp.search.polytope_init import search_polytope
 
-OCTAHEDRON = ROOT / "examples" / "data" / "polytope.npz"
+OCTAHEDRON = RECORDINGS / "polytope.npz"
 ACTIONS = 4
 
 
@@ -66,9 +66,9 @@ def test_the_solve_goes_on_from_a_page_that_is_filled_anew(octahedron):
     data, scene, _ = octahedron
     page = polytope_violation_implicit
     assert [level.rebuild for level in page.LEVELS] == [False, True]
-    job = _job(data.select([0]), scene, polytope(), Options(), 0.0, page)
+    job = make_job(data.select([0]), scene, polytope(), Options(), 0.0, page)
     job = replace(job, deadline=np.inf)
-    (h,) = search(replace(job, reductions=Reductions()), [])
+    (h,) = search_polytope(replace(job, reductions=Reductions()), [])
     solved = solved_from(job, page, h, Options())
     solution = solved.solution
     assert solution.success
@@ -87,15 +87,15 @@ def test_it_stands_on_three_vertices_and_none_is_below_the_ground(hull):
 def test_a_hull_on_three_legs_is_read_with_these(octahedron):
     data, scene, _ = octahedron
     page, options = polytope_violation_implicit, Options()
-    job = _job(data.select([0]), scene, polytope(), options, 0.0, page)
+    job = make_job(data.select([0]), scene, polytope(), options, 0.0, page)
     job = replace(job, deadline=np.inf)
-    (found,) = search(replace(job, reductions=Reductions()), [])
+    (found,) = search_polytope(replace(job, reductions=Reductions()), [])
     vertices = found.theta.reshape(-1, 3)
     vertices[np.argsort(vertices[:, 2])[3:], 2] += 2e-3  # a fourth might carry as well
     found = replace(found, theta=vertices.ravel())
     solved = solved_from(job, page, found, options, levels=page.LEVELS[:1])
     assert len(solved.window.legs) == 3 < len(job.shape.corners)
-    body, information = hull_read(job, page, solved, solved.at.x)
+    body, information = read_polytope(job, page, solved)
     assert np.isfinite(body.vertices).all()
     assert np.isfinite(information.spread).all()
 
@@ -143,7 +143,7 @@ def test_friction_holds_a_hull_that_nothing_touches(octahedron, monkeypatch):
     still, holds = shared_poses(solve_estimate(*given, **told))
     assert holds
     assert still > data.samples / 4
-    monkeypatch.setattr(holding, "WEIGHTS", {"kappa": (0.01, "nats/mm")})
+    monkeypatch.setattr(certificates, "WEIGHTS", {"kappa": (0.01, "nats/mm")})
     sliding, _ = shared_poses(solve_estimate(*given, **told))
     assert sliding < still  # what friction does not hold has poses of its own
 
@@ -188,6 +188,7 @@ def contact_points(estimate):
     return R[-1].apply(body) + estimate.position[-1]
 
 
+@pytest.mark.slow
 def test_a_cuboid_seen_as_a_polytope_has_the_same_faces_where_it_was_touched(
     estimate, recorded
 ):

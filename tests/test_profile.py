@@ -7,9 +7,14 @@ import numpy as np
 import pytest
 
 from formulations.shape import CUBOID
-from tactilenlp.search import profile_likelihood as profile_of
+from tactilenlp.estimation import profile_likelihood as profile_of
+from tactilenlp.estimation.profile_likelihood import (
+    KNOWN_POSITION,
+    VAGUE_SHARE,
+    profiled,
+)
 from tactilenlp.search.hypothesis import Hypothesis
-from tactilenlp.search.profile_likelihood import CLAIMED, PRICE, SURE, profiled
+from tactilenlp.search.margins import PROFILE_RISE
 
 SHARP = 0.4e-3  # [m] that a Hessian claims
 PRIOR = CUBOID.size_prior[1]
@@ -51,14 +56,14 @@ def test_a_kink_is_as_wide_as_its_slopes_say():
     slope = 80.0  # [nats / m] where the kink itself looks as sharp as SHARP
     found, _ = deviation(lambda d: slope * abs(d))
     assert found > 10 * SHARP
-    assert slope * found < PRICE  # no farther than where that is the price
+    assert slope * found < PROFILE_RISE  # no farther than where that is the price
 
 
 def test_a_larger_body_tells_how_far_a_size_may_be_off():
     def price(d):  # on its right an exponential of 2 mm, on its left a parabola
         return 500 * d if d > 0 else (d / SHARP) ** 2 / 2
 
-    where_it_costs_so_much = np.sqrt(PRICE / 2) * 2e-3
+    where_it_costs_so_much = np.sqrt(PROFILE_RISE / 2) * 2e-3
     assert deviation(price)[0] == pytest.approx(where_it_costs_so_much, rel=0.3)
 
 
@@ -69,7 +74,7 @@ def test_of_a_pose_both_ways_are_asked_for_and_the_flatter_one_counts():
             return 500 * side * d if side * d > 0 else (d / SHARP) ** 2 / 2
 
         flatter = deviation(price, None)[0]
-        assert flatter == pytest.approx(np.sqrt(PRICE / 2) * 2e-3, rel=0.3)
+        assert flatter == pytest.approx(np.sqrt(PROFILE_RISE / 2) * 2e-3, rel=0.3)
 
 
 def test_a_pose_is_no_surer_than_its_curvature():
@@ -83,7 +88,7 @@ def test_faces_that_were_felt_go_along_with_a_larger_body():
 
 def test_what_costs_nothing_is_known_by_its_prior_alone():
     assert deviation(lambda d: 0.0)[0] == pytest.approx(PRIOR, rel=0.9)
-    assert deviation(lambda d: 0.0)[0] >= CLAIMED * PRIOR
+    assert deviation(lambda d: 0.0)[0] >= VAGUE_SHARE * PRIOR
 
 
 @pytest.mark.parametrize("slope", [60.0, 200.0, 2e4])
@@ -95,10 +100,10 @@ def test_no_place_is_asked_for_that_could_not_be_claimed(slope):
         return slope * abs(d)
 
     deviation(price)
-    assert asked[0] <= CLAIMED * PRIOR
-    assert max(asked) <= CLAIMED * PRIOR * np.sqrt(2 * PRICE) * (1 + 1e-9)
+    assert asked[0] <= VAGUE_SHARE * PRIOR
+    assert max(asked) <= VAGUE_SHARE * PRIOR * np.sqrt(2 * PROFILE_RISE) * (1 + 1e-9)
     assert len(asked) <= 4
-    dear = [d for d in asked if slope * d >= PRICE]
+    dear = [d for d in asked if slope * d >= PROFILE_RISE]
     assert dear in ([], asked[-1:])  # once it is dear enough, no more
 
 
@@ -131,7 +136,7 @@ def test_an_untouched_size_is_no_surer_than_its_profile(touched, recorded):
 def test_a_place_that_the_hessian_claims_little_of_is_no_surer_than_that(touched):
     sharp = touched.information.of_hessian().sigma("position")[:2]
     along = np.argmax(sharp)
-    assert sharp[along] > SURE
+    assert sharp[along] > KNOWN_POSITION
     assert touched.information.sigma("position")[along] > 0.99 * sharp[along]
 
 

@@ -9,22 +9,18 @@ import pytest
 from formulations.shape import CUBOID
 from tactilenlp import Estimate, Problem, assumption_sensitivity, observed_information
 from tactilenlp.errors import OptionError
-from tactilenlp.estimation.observed_information import programme_of
-from tactilenlp.information.comparisons import without_downward
-from tactilenlp.information.error_budget import (
-    UNSEEN,
-    gaps_of_touches,
-    spread,
-    touches,
-    unseen,
-)
+from tactilenlp.estimation.observed_information import programme_at
+from tactilenlp.information.comparisons import gauss_newton
+from tactilenlp.information.error_budget import Linearisation, error_budget
+from tactilenlp.information.error_budget_terms import UNTOUCHED, untouched_faces
 from tactilenlp.information.information import inverse
-from tactilenlp.information.mixture import weighted
-from tactilenlp.information.sensitivity import score
-from tactilenlp.information.tangent_space import Chart
+from tactilenlp.information.measurement_noise import gaps_of_touches, touches
+from tactilenlp.information.mixture import laplace_mixture
+from tactilenlp.information.sensitivity import kkt_residual
+from tactilenlp.information.tangent_space import TangentSpace
 from tactilenlp.nlp.ipopt import SolverOptions, solve
-from tactilenlp.nlp.kkt import LOOSE
-from tactilenlp.nlp.kkt_sensitivity import curvature_of
+from tactilenlp.nlp.kkt import LEAST_CURVATURE
+from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
 from tactilenlp.search.alternatives import resized
 from tactilenlp.search.hypothesis import Hypothesis
 
@@ -33,12 +29,12 @@ UNITS = np.r_[1e3, 1e3, 1e3, 1e3, 1e3, 50.0]  # to mm, a radian as 50 mm
 
 @pytest.fixture(scope="module")
 def programme(estimate):
-    return programme_of(estimate)
+    return programme_at(estimate)
 
 
 @pytest.fixture(scope="module")
 def curvature(programme):
-    return curvature_of(programme.problem, programme.solution)
+    return kkt_system_of(programme.problem, programme.solution)
 
 
 @pytest.fixture(scope="module")
@@ -70,9 +66,9 @@ def chain(slope=0.8, noise=0.1, drift=0.05, steps=12):
 
 def test_covariance_of_a_linear_gaussian_chain_is_exact_to_the_eighth_digit():
     problem, C = chain()
-    curvature = curvature_of(problem, solve(problem, SolverOptions(tolerance=1e-10)))
+    curvature = kkt_system_of(problem, solve(problem, SolverOptions(tolerance=1e-10)))
     chosen = np.array([0, problem.size - 1])
-    found = curvature.response_of(chosen)[0][chosen]
+    found = curvature.sensitivity(chosen)[0][chosen]
     assert np.allclose(found, C[np.ix_(chosen, chosen)], rtol=1e-8)
 
 
@@ -85,7 +81,7 @@ def test_hessian_of_the_estimate_is_the_slope_of_its_gradient(curvature):
         for side in (1, -1):
             x = curvature.x + side * h * way
             moved = type(curvature)(**{**vars_of(curvature), "x": x})
-            ends.append(score(problem, moved)[0])
+            ends.append(kkt_residual(problem, moved)[0])
         found.append((ends[0] - ends[1]) / (2 * h))
     extrapolated = (4 * found[0] - found[1]) / 3
     error = np.abs((extrapolated - exact) * problem.scale).max()
@@ -158,12 +154,12 @@ def test_what_curves_down_is_named_and_not_repaired():
     problem.minimize("ridge", lambda a: -2 * a[1] ** 2, a, role="physics")
     saddle = solve(problem, SolverOptions(iterations=1), throw=False)
     saddle.values["a"][:] = 0.0
-    curvature = curvature_of(problem, saddle)
+    curvature = kkt_system_of(problem, saddle)
     term, direction = curvature.negative
     assert term == "ridge"
     assert abs(direction[1]) > 10 * abs(direction[0])
-    assert without_downward(curvature).negative is None
-    assert curvature.response_of(np.array([1]))[0][1, 0] < 0
+    assert gauss_newton(curvature).negative is None
+    assert curvature.sensitivity(np.array([1]))[0][1, 0] < 0
 
 
 def test_what_curves_down_is_found_among_thousands_of_unknowns():
@@ -176,7 +172,7 @@ def test_what_curves_down_is_found_among_thousands_of_unknowns():
                      role="regulariser")  # fmt: skip
     saddle = solve(problem, SolverOptions(iterations=1), throw=False)
     saddle.values["a"][:] = 0.0
-    term, direction = curvature_of(problem, saddle).negative
+    term, direction = kkt_system_of(problem, saddle).negative
     assert term == "pair"
     assert set(np.argsort(np.abs(direction))[-2:]) == {7, 8}
 
@@ -197,31 +193,31 @@ def mode(sizes, yaw, objective=0.0, deviation=1e-4):
 
 def test_two_bodies_that_are_equally_likely_are_half_their_distance_wide():
     found = [mode([0.05, 0.03, 0.04], 0.0), mode([0.05, 0.04, 0.04], 0.0)]
-    modes = weighted(CUBOID, 1, found)
+    modes = laplace_mixture(CUBOID, 1, found)
     assert modes.weights == pytest.approx([0.5, 0.5])
     assert np.sqrt(modes.covariance[1, 1]) == pytest.approx(0.01 / np.sqrt(2), rel=1e-3)
     assert np.sqrt(modes.covariance[0, 0]) == pytest.approx(1e-4)
 
 
 def test_a_mode_two_nats_worse_weighs_less_and_a_vaguer_one_more():
-    worse = weighted(CUBOID, 1, [mode([0.05, 0.03, 0.04], 0.0),
+    worse = laplace_mixture(CUBOID, 1, [mode([0.05, 0.03, 0.04], 0.0),
                                  mode([0.05, 0.04, 0.04], 0.0, 2.0)])  # fmt: skip
     assert worse.weights[1] / worse.weights[0] == pytest.approx(np.exp(-2))
-    vague = weighted(CUBOID, 1, [mode([0.05, 0.03, 0.04], 0.0),
+    vague = laplace_mixture(CUBOID, 1, [mode([0.05, 0.03, 0.04], 0.0),
                                  mode([0.05, 0.04, 0.04], 0.0, 0.0, 2e-4)])  # fmt: skip
     assert vague.weights[1] / vague.weights[0] == pytest.approx(2**6)
 
 
 def test_a_quarter_turn_that_swaps_two_sides_is_the_same_body():
     found = [mode([0.05, 0.03, 0.04], 0.1), mode([0.03, 0.05, 0.04], 0.1 + np.pi / 2)]
-    assert len(weighted(CUBOID, 1, found).weights) == 1
+    assert len(laplace_mixture(CUBOID, 1, found).weights) == 1
 
 
 def test_a_mode_of_which_a_direction_is_certain_has_a_weight():
     """A covariance that is singular to the last digit has a volume all the same."""
     flat = np.diag([1e-8, 1e-8, 1e-8, 100.0, 100.0, 0.0])
     found = [(np.full(6, 0.05), np.eye(3), 1.0, flat)]
-    modes = weighted(CUBOID, 1, found)
+    modes = laplace_mixture(CUBOID, 1, found)
     assert modes.weights == pytest.approx([1.0])
     assert np.isfinite(modes.covariance).all()
 
@@ -243,7 +239,7 @@ def test_a_resized_body_keeps_the_face_that_was_touched(axis, face):
 
 def test_another_body_that_explains_the_data_is_spoken_of(estimate):
     found = [mode([0.05, 0.03, 0.04], 0.0), mode([0.05, 0.04, 0.04], 0.0, 1.0)]
-    modes = weighted(CUBOID, 1, found)
+    modes = laplace_mixture(CUBOID, 1, found)
     information = replace(estimate.information, modes=modes, spread=modes.covariance)
     assert information.also[0].startswith("27% that side y +10.0 mm")
 
@@ -261,14 +257,14 @@ def test_a_face_that_nothing_touched_is_as_doubtful_as_the_fingers_paths_are_noi
     c, s = np.cos(yaw), np.sin(yaw)
     R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     z = np.r_[0.05, 0.03, 0.04, 0.1, 0.2, yaw]
-    chart = Chart(("",) * 6, np.arange(6), np.eye(6), {}, (), z, R, R, 1)
-    doubt = unseen(chart, CUBOID, [[9, 9], [9, 0], [0, 9]], noise)
-    assert doubt[1, 1] == pytest.approx((UNSEEN * noise) ** 2)
+    tangent = TangentSpace(("",) * 6, np.arange(6), np.eye(6), {}, (), z, R, R, 1)
+    doubt = untouched_faces(tangent, CUBOID, [[9, 9], [9, 0], [0, 9]], noise)
+    assert doubt[1, 1] == pytest.approx((UNTOUCHED * noise) ** 2)
     assert doubt[0, 0] == doubt[2, 2] == 0
     # the face that was touched stays where it is: centre less half the side
     face = np.r_[0, -0.5, 0, -s, c, 0]
     assert face @ doubt @ face == pytest.approx(0, abs=1e-15)
-    assert not unseen(chart, CUBOID, [[9, 9], [9, 9], [0, 9]], noise).any()
+    assert not untouched_faces(tangent, CUBOID, [[9, 9], [9, 9], [0, 9]], noise).any()
 
 
 def test_a_finger_off_its_face_is_off_in_that_touch_alone(programme, curvature):
@@ -288,10 +284,14 @@ def test_what_keeps_the_matrix_regular_counts_as_a_prior(
     programme, curvature, monkeypatch
 ):
     chosen = np.arange(3)
-    pulls, held = curvature.response_of(chosen)
+    pulls, held = curvature.sensitivity(chosen)
     given = pulls, held, programme.sensed, programme.window, programme.shape
-    errors = spread(curvature, *given)
-    monkeypatch.setattr("tactilenlp.information.error_budget.LOOSE", 1.0 + LOOSE)
-    more = spread(curvature, *given) - errors
+    at = Linearisation(curvature, *given)
+    errors = error_budget(at)
+    monkeypatch.setattr(
+        "tactilenlp.information.error_budget_terms.LEAST_CURVATURE",
+        1.0 + LEAST_CURVATURE,
+    )
+    more = error_budget(at) - errors
     scaled = pulls / programme.problem.scale[:, None]
     assert np.allclose(more, scaled.T @ scaled, rtol=1e-6)

@@ -27,6 +27,7 @@ def shot(friction_ground):
     return world, world.truth.object_position[:, 0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", ["box", "icosahedron"])
 def test_resting_object_does_not_drift(shape):
     if shape == "box":
@@ -71,6 +72,7 @@ def test_a_box_that_falls_comes_back_up_by_the_square_of_its_restitution():
         assert np.sqrt((z[landed:].max() - 0.02) / 0.05) == pytest.approx(e, abs=0.05)
 
 
+@pytest.mark.slow
 def test_fingers_sink_in_by_less_than_a_tenth_of_a_millimetre():
     for mass in (0.5, 2.0):
         world = World(SIZES, mass=mass)
@@ -135,6 +137,7 @@ def test_convex_body_has_the_inertia_of_uniform_density():
     np.testing.assert_allclose(np.sort(model.body_inertia[1]), expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_raised_ground_shifts_everything_and_nothing_else():
     up = np.array([0, 0, 0.037])
     low, high = World(SIZES), World(SIZES, ground=0.037)

@@ -1,11 +1,11 @@
 """What the simulated world records: times, contacts, what is valid, and its truth."""
 
 import copy
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from conftest import RECORDED
 from pushes import SIZES, gap_and_normal, line, push
 
 from tactilenlp.data.measurements import Measurements
@@ -13,7 +13,7 @@ from tactilenlp.data.noise_model import Noise
 from tactilenlp.errors import SceneError
 from tactilenlp.simulation.world import World
 
-DATA = Path(__file__).parents[1] / "examples/data/cuboid.npz"
+DATA = RECORDED
 
 
 def test_contact_is_a_normal_force_above_the_threshold(pushed):
@@ -28,6 +28,7 @@ def test_contact_is_a_normal_force_above_the_threshold(pushed):
     np.testing.assert_array_equal(numb.truth.normal_force, truth.normal_force[:31])
 
 
+@pytest.mark.slow
 def test_parked_finger_is_not_valid_even_where_it_is_touched():
     world = World(SIZES)
     stop = [-0.036, 0.0, 0.02]  # behind the box, which is pushed against it
@@ -78,6 +79,7 @@ def test_saved_world_loads_as_measurements_and_keeps_its_truth(pushed, tmp_path)
         World(SIZES, settle=0).save(tmp_path / "nothing.npz")
 
 
+@pytest.mark.slow
 def test_equal_worlds_record_equal_data_to_the_last_digit(pushed):
     noise = Noise(1e-3, 1e-3, 0.1, 0.05, 0.05, seed=4)
     a, b = World(SIZES, noise=noise), World(SIZES, noise=noise)
@@ -89,6 +91,7 @@ def test_equal_worlds_record_equal_data_to_the_last_digit(pushed):
         np.testing.assert_array_equal(value, getattr(pushed[0].truth, name))
 
 
+@pytest.mark.slow
 def test_a_record_of_another_rate_sees_the_same_motion():
     slow, fast = World(SIZES), World(SIZES, rate=120)
     seldom, often = slow.execute(push()), fast.execute(push())

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from tactilenlp import Options, solve_estimate
-from tactilenlp.problem import certificates as holding
+from tactilenlp.problem import certificates
 
 
+@pytest.mark.slow
 def test_every_reduction_can_be_switched_off_alone(recorded):
     data, scene, _ = recorded
     data = data.select(range(2))
@@ -23,6 +24,7 @@ def test_every_reduction_can_be_switched_off_alone(recorded):
         assert full.objective == pytest.approx(reduced.objective, abs=less)
 
 
+@pytest.mark.slow
 def test_free_motion_ends_beside_the_optimum_of_a_box_that_slides(estimate, recorded):
     options = Options(reduce="planar")
     free = solve_estimate(estimate.measurements, recorded[1], options=options)
@@ -42,6 +44,7 @@ def test_a_body_at_rest_does_not_creep(estimate):
         assert np.ptp(estimate.position[before], axis=0).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_still_spans_that_are_doubted_get_poses_of_their_own_where_they_would_move(
     recorded, monkeypatch
 ):
@@ -52,7 +55,9 @@ def test_still_spans_that_are_doubted_get_poses_of_their_own_where_they_would_mo
     still = next(s for s in merged.skipped if s.name == "still")
     assert 0 < still.value <= 1
     assert still.holds
-    monkeypatch.setattr(holding, "BY_METRE", 0.8 * still.value * holding.BY_METRE)
+    monkeypatch.setattr(
+        certificates, "MM_PER_M", 0.8 * still.value * certificates.MM_PER_M
+    )
     cut = solve_estimate(data, scene)
     poses = [len(e.unknowns["x"][0]) for e in (merged, cut, apart)]
     assert poses[0] < poses[1] <= poses[2]

@@ -10,8 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from formulations.finger import SPHERE
 from formulations.shape import CUBOID
-from formulations.time_stepping import ROUND, V_EPS, Sliding, path
-from tactilenlp.nlp.term_functions import kind_of
+from formulations.sliding_contact import ROUND, Pusher
+from formulations.sliding_path import path
+from formulations.time_stepping import V_EPS, Sliding
+from tactilenlp.nlp.term_functions import default_cache
 
 G, MU_G, RHO = 9.81, 0.3, 0.01
 SIDES = np.array([0.05, 0.04, 0.03])
@@ -22,8 +24,12 @@ BODY = Sliding(CUBOID, SPHERE, mass=0.5, gravity=G)
 @pytest.fixture(scope="module")
 def step():
     """One step with one finger: value, slopes and curvatures."""
+
+    def stepped(theta, x_1, x_2, dt, mu, mu_g, v_eps, *finger):
+        return BODY.step(theta, x_1, x_2, dt, mu, mu_g, v_eps, Pusher(*finger))
+
     sizes = (("z", 3), ("z", 3), ("z", 3), *(("d", n) for n in (1, 1, 1, 1, 3, 3, 1)))
-    return kind_of(BODY.step, [3, 3, 3], list(sizes))
+    return default_cache().of(stepped, [3, 3, 3], list(sizes))
 
 
 _x, _theta, _p = ca.SX.sym("x", 3), ca.SX.sym("theta", 3), ca.SX.sym("p", 3)
@@ -173,15 +179,15 @@ def test_a_step_gives_way_to_an_impulse_as_its_balance_says(step):
     dt, impulse = 1 / 30, np.array([0.01, -0.005, 0.008])
     x_1, x_2 = np.array([0.002, 0.0, 0.0]), np.zeros(3)
     finger = np.array([-0.033, 0.005, 0.015]), np.array([-0.035, 0.005, 0.015]), RHO
-    given = SIDES, x_1, x_2, dt, 0.5, MU_G, *finger
+    known = SIDES, x_1, x_2, dt, 0.5, MU_G
     z = np.concatenate([SIDES, x_1, x_2])
     data = np.concatenate([[dt, 0.5, MU_G, V_EPS], *finger[:2], [RHO]])
     x = np.asarray(step.value(z, data)).ravel()
-    way = np.asarray(ca.evalf(BODY.gives(x, *given[:6], V_EPS, *given[6:]))) @ impulse
-    balance, slope, _ = BODY._functions([np.size(a) for a in given])
+    way = np.asarray(ca.evalf(BODY.gives(x, *known, V_EPS, Pusher(*finger)))) @ impulse
+    balance, slope, _ = BODY.functions(known, [Pusher(*finger)])
     moved = x.copy()
     for _ in range(20):
-        off = np.asarray(balance(moved, V_EPS, *given)).ravel() - impulse
-        moved -= np.linalg.solve(np.asarray(slope(moved, V_EPS, *given)), off)
+        off = np.asarray(balance(moved, V_EPS, *known, *finger)).ravel() - impulse
+        moved -= np.linalg.solve(np.asarray(slope(moved, V_EPS, *known, *finger)), off)
     assert np.linalg.norm(way) > 1e-6
     assert moved - x == pytest.approx(way, rel=0.1, abs=0.1 * np.linalg.norm(way))

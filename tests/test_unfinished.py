@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import RECORDED, ROOT
+from conftest import RECORDED, RECORDINGS
 from trimesh.convex import convex_hull
 from trimesh.transformations import quaternion_matrix, transform_points
 
@@ -43,6 +43,7 @@ def pressed(monkeypatch):
     return press
 
 
+@pytest.mark.slow
 def test_a_search_leaves_the_actions_it_is_through_with(recorded, pressed, monkeypatch):
     from tactilenlp.search import beam as search
 
@@ -65,9 +66,11 @@ def test_a_search_leaves_the_actions_it_is_through_with(recorded, pressed, monke
 
 
 def test_solved_pages_are_left_as_they_are(recorded, pressed, tmp_path):
+    from tactilenlp.estimation import certification
+
     data, scene, _ = recorded
     data = data.select(range(2))
-    pressed(sys.modules["tactilenlp.estimation.solver"], "certify", 0)
+    pressed(certification, "certify", 0)
     with pytest.raises(Interrupted) as stop:
         solve_estimate(data, scene, options=QUICK)
     found = stop.value.estimate
@@ -78,6 +81,7 @@ def test_solved_pages_are_left_as_they_are(recorded, pressed, tmp_path):
     assert Estimate.load(tmp_path / "unfinished.npz").status == found.status
 
 
+@pytest.mark.slow
 def test_rough_levels_of_a_race_are_better_than_least_motion(recorded, pressed):
     from tactilenlp.search import multistart as race
 
@@ -92,12 +96,13 @@ def test_rough_levels_of_a_race_are_better_than_least_motion(recorded, pressed):
     assert found.impulses["finger 0"].any()
 
 
+@pytest.mark.slow
 def test_a_search_for_a_polytope_leaves_what_its_planes_carve_out(pressed, monkeypatch):
     from tactilenlp.search import polytope_init as polytopes
 
-    file = ROOT / "examples" / "data" / "polytope.npz"
+    file = RECORDINGS / "polytope.npz"
     data, scene = Measurements.load(file).select(range(3)), Scene.load(file)
-    pressed(polytopes, "extended", 2)
+    pressed(polytopes, "extended_faces", 2)
     with pytest.raises(Interrupted, match="2 of 3 actions") as stop:
         solve_estimate(data, scene, shape="polytope")
     found = stop.value.estimate
@@ -123,6 +128,7 @@ def test_before_anything_is_found_there_is_nothing(recorded, pressed):
     assert not isinstance(stop.value, Exception)  # no `except Exception` swallows it
 
 
+@pytest.mark.slow
 def test_a_real_ctrl_c_ends_the_command_and_leaves_a_file(tmp_path):
     """The signal meets compiled code, as it does at a terminal."""
     saved = tmp_path / "estimate.npz"

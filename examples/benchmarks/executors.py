@@ -20,9 +20,9 @@ from time import perf_counter
 
 import numpy as np
 
-from tactilenlp import Measurements, Scene, solve_estimate
+from tactilenlp import Measurements, Scene, example_recording, solve_estimate
 
-RECORDING = Path(__file__).resolve().parents[1] / "data" / "cuboid.npz"
+RECORDING = example_recording()
 TRIALS = 4  # of the study: each is one estimate
 
 

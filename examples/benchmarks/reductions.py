@@ -38,20 +38,24 @@ from formulations.polytope import polytope
 from formulations.shape import CUBOID, Shape
 from tactilenlp import Ground, Measurements, Scene, SolverOptions, solve_estimate
 from tactilenlp.data.sensor_noise import precision_of, smoothed
-from tactilenlp.geometry.tipping import lifted
+from tactilenlp.geometry.tipping import planar_to_free
 from tactilenlp.problem.pages import is_polytope
 from tactilenlp.problem.reductions import Reductions
-from tactilenlp.search.hypothesis import Hypothesis, Job
+from tactilenlp.search.hypothesis import Hypothesis, Job, TermFunctions
 from tactilenlp.search.local_solve import (
     Solved,
-    built_at,
-    gone_on,
-    let_tilt,
+    freed_to_tilt,
+    problem_at,
     settings_of,
     solved_from,
+    warm_started,
 )
-from tactilenlp.search.polytope_init import search
-from tactilenlp.search.proposals_floating import floated, laid_out, plane_for
+from tactilenlp.search.polytope_init import search_polytope
+from tactilenlp.search.proposals_floating import (
+    in_free_motion,
+    in_search_plane,
+    search_plane,
+)
 from tactilenlp.simulation.world import World
 
 PAGES = {"cuboid": violation_implicit, "polytope": polytope_violation_implicit}
@@ -83,7 +87,7 @@ class Way:
         precision = precision_of(self.data, self.scene)
         return Job(
             smoothed(self.data, precision), self.scene, self.shape, precision,
-            Reductions.of(self.off), deadline=time.monotonic() + LONGEST,
+            Reductions.of(self.off), time.monotonic() + LONGEST, TermFunctions(),
         )  # fmt: skip
 
 
@@ -110,7 +114,7 @@ def recorded(file) -> Way:
 def searched(way) -> Hypothesis:
     """Return the best hypothesis of a search."""
     if is_polytope(way.shape):  # its page takes a refined one for a rough one
-        return search(way.job(), [])[0]
+        return search_polytope(way.job(), [])[0]
     return solve_estimate(way.data, way.scene, throw=False).hypotheses[0]
 
 
@@ -148,21 +152,21 @@ def floating(shape) -> tuple[dict[str, Way], Hypothesis]:
         "ground out of reach": Way(raised, below, ("planar",), REACH, shape),
     }
     lean = Way(data, scene, shape=shape)
-    plane = plane_for(lean.job())
+    plane = search_plane(lean.job())
     if is_polytope(shape):
-        best = search(laid_out(lean.job(), plane), [])[0]
+        best = search_polytope(in_search_plane(lean.job(), plane), [])[0]
     else:
         best = searched(lean)
-    return ways, floated(best, plane, shape)
+    return ways, in_free_motion(best, plane, shape)
 
 
 def written(way, h) -> tuple[Job, Hypothesis, dict]:
     """Return a job, where its solve starts, and its problem, from planar poses of h."""
     job = way.job()
     if not job.reductions.planar:
-        x = lifted(h.theta, h.x, way.shape) if len(h.x) == 3 else h.x
+        x = planar_to_free(h.theta, h.x, way.shape) if len(h.x) == 3 else h.x
         h = replace(h, x=x + np.array([[0], [0], [way.up], [0], [0], [0]]))
-    window, problem, _ = built_at(job, way.page, h)
+    window, problem, _ = problem_at(job, way.page, h)
     return job, h, {"window": window, "problem": problem, "solvers": {}}
 
 
@@ -175,7 +179,7 @@ def begun(way, h) -> Solved:
 def to_the_end(way, found) -> Solved:
     """Return a solve that went on to the end, with what `way` does not leave out."""
     job = way.job()
-    on = let_tilt if "planar" in way.off else gone_on
+    on = freed_to_tilt if "planar" in way.off else warm_started
     return on(job, way.page, found, settings_of(job, TO_THE_END), NEAR)
 
 

@@ -27,6 +27,7 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = ROOT.parent / "shared" / "scenes"
+RECORDINGS = ROOT / "tactilenlp" / "data" / "recordings"
 SHIPPED = {"shipped": "cuboid.npz", "shipped_polytope": "polytope.npz"}
 SHARED = ("cuboid_00", "cuboid_00_noisy", "cuboid_03", "cuboid_03_noisy")
 HULLS = ("platonic_octa_0", "stress_irregular_0")
@@ -39,8 +40,7 @@ COLUMNS = ("objective", "sizes_mm", "sigma_mm", "distance_mm", "cpu_s")
 def file_of(name: str) -> Path:
     """Return the file of a recording."""
     if name in SHIPPED:
-        folder = Path(__file__).parents[1] / "data"
-        return folder / SHIPPED[name]
+        return RECORDINGS / SHIPPED[name]
     return SCENES / f"{name}.npz"
 
 

@@ -87,7 +87,7 @@ class InUnits:
 
             def there(*local):
                 pairs = zip(local, factors, strict=True)
-                value = function(*(v if f is None else v / f for v, f in pairs))
+                value = function(*(in_si(v, f) for v, f in pairs))
                 return value if out is None else value * out
 
             return add(name, there, *arguments, **more)
@@ -96,12 +96,21 @@ class InUnits:
 
     def _of(self, argument):
         """Return the factors of what an argument reads, None where it is SI."""
+        if hasattr(argument, "_fields"):  # a named tuple of arguments
+            return type(argument)(*map(self._of, argument))
         if isinstance(argument, Variable):
             return ca.DM(self.by_name[argument.name])  # a column for each instance
         if not isinstance(argument, Columns):
             return None
         each = int(np.prod(argument.columns.shape[1:]))
         return ca.DM(np.tile(self.by_name[argument.variable.name], each))
+
+
+def in_si(value, factors):
+    """Return what a function reads of an argument, in SI; factors: as of `_of`."""
+    if hasattr(value, "_fields"):
+        return type(value)(*map(in_si, value, factors))
+    return value if factors is None else value / factors
 
 
 def by_unit(unit: str, numbers: dict[str, float]):

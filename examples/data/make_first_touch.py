@@ -1,10 +1,10 @@
-"""Record examples/data/cuboid.npz: a first touch and five random actions, in MuJoCo."""
+"""Record the shipped "cuboid": a first touch and five random actions, in MuJoCo."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 
+from tactilenlp import example_recording
 from tactilenlp.simulation.world import World
 
 SEED = 0  # the first seed tried; it is not selected
@@ -58,7 +58,7 @@ def main() -> None:
         moved = 1e3 * np.linalg.norm(world.pose[:3] - centroid)
         touches, centroid = data.contact.sum(axis=0), world.pose[:3]
         print(f"action {action}: contact samples {touches}, moved {moved:.1f} mm")
-    world.save(Path(__file__).with_name("cuboid.npz"))
+    world.save(example_recording("cuboid"))
     upright = 1 - 2 * (world.pose[4:6] ** 2).sum()  # z of the body's z axis
     tilt = np.degrees(np.arccos(min(1.0, upright)))
     print(f"cuboid.npz: {world.measurements}; final tilt {tilt:.2f} degrees")

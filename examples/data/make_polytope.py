@@ -1,11 +1,10 @@
-"""Record examples/data/polytope.npz: nine touches of an octahedron, in MuJoCo."""
-
-from pathlib import Path
+"""Record the shipped "polytope": nine touches of an octahedron, in MuJoCo."""
 
 import numpy as np
 from make_first_touch import random_action
 from scipy.spatial.transform import Rotation
 
+from tactilenlp import example_recording
 from tactilenlp.simulation.world import World
 
 SEED = 0  # the first seed tried; it is not selected
@@ -30,7 +29,7 @@ def main() -> None:
         target = world.pose[:3] + error
         data = world.execute(random_action(rng, target, first=action == 0))
         print(f"action {action}: contact samples {data.contact.sum(axis=0)}")
-    world.save(Path(__file__).with_name("polytope.npz"))
+    world.save(example_recording("polytope"))
     upright = 1 - 2 * (world.pose[4:6] ** 2).sum()  # z of the body's z axis
     assert upright > np.cos(np.radians(1)), "the object tumbled"
 

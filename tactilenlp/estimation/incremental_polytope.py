@@ -1,109 +1,118 @@
-"""Extend an estimate of a polytope by one action, the past known but for a Gaussian.
+"""Incremental update of a polytope's estimate by one action, the past as a Gaussian.
 
-Planes say where the object went; a page of the new action alone, what it adds to the
-vertices (polytope_extension.py); then the joint programme of all actions is solved from
-the unknowns and multipliers that the estimate had.
+Planes give the poses of the new action; a page of that action alone gives what it adds
+to the vertices (polytope_extension.py); then the joint problem of all actions is solved
+from the unknowns and multipliers of the estimate.
 """
 
 from __future__ import annotations
 
 import logging
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, replace
 
 import numpy as np
 from scipy.optimize import nnls
 
 from formulations import polytope_extension as extension
 
-from ..information.error_budget import touches
+from ..geometry.transforms import planar_matrix
+from ..information.measurement_noise import touches
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..nlp.solution import Solution, after
-from ..problem.polytope_window import HullWindow, window_of
+from ..problem.action_window import of_action
+from ..problem.outliers import MIN_OF_TOUCH, unexplained
+from ..problem.polytope_window import PolytopeWindow, window_of
 from ..problem.reductions import ARM, Reductions, coasts
-from ..problem.unreduced import carried, corners_of, rows_of, samples_of
-from ..problem.window import Corners, Group
-from ..search.alternatives import jumps, worth
+from ..problem.unreduced import corners_of, rows_of, samples_of
+from ..problem.window import Corners
+from ..search.alternatives import jump_threshold, jumps
 from ..search.hypothesis import Hypothesis, Job
-from ..search.local_solve import Solved, best_first, built_at, loosened, settings_of
-from ..search.plane_slam import onward
-from ..search.polytope_init import CREEPING, LONGEST, TOLERANCE, backed, resumed
+from ..search.local_solve import (
+    Solved,
+    best_first,
+    continued,
+    problem_at,
+    settings_of,
+    transferred,
+    warm_started,
+)
+from ..search.margins import UPDATE_COST, UPDATE_SHARE
+from ..search.plane_slam import SEARCH_TIME, SEARCH_TOLERANCE, poses_of_new_action
+from ..search.polytope_init import (
+    ACCEPTABLE,
+    credible_data,
+    faces_of,
+)
 from .readout import name_of
-from .result import Estimate
+from .result import Estimate, solution_of
 
 log = logging.getLogger("tactilenlp")
-CLOSE = 1e-3  # IPOPT's first mu where all but one action is known
-ADDED, USUAL = 3.0, 2.0  # [nats], [cost of an action so far]: what one more may cost
-DENIED = 0.5  # [outlier costs] a sample that costs more is not explained
-FEW = 3  # such samples of a touch, more than a wrong boolean or two
-PICKED = (
-    ("near_touch", "touch"), ("near_free", "free"), ("near_push", "push"),
-    ("leg", "corner"), ("weight_share", "corner"),
-)  # fmt: skip
-WEAKEST = 1.0  # [1 / m^2] information about any direction, at least
-
-
-@dataclass(frozen=True, eq=False)
-class ActionWindow(HullWindow):
-    """The window of one action; past (V, 3) [m]: vertices before it, information."""
-
-    past: np.ndarray = None
-    information: np.ndarray = None
+UPDATE_MU = 1e-3  # IPOPT's mu_init where all but one action is known
+MIN_INFORMATION = 1.0  # [1 / m^2] about any direction
 
 
 def updated(job: Job, page, start, options, certified) -> tuple[Solved | None, bool]:
     """Return the page of all actions, solved from an estimate of all but the last one.
 
-    And whether that is good: no touch of the past or of the new action is left
-    unexplained, nothing jumps, it costs no more than an action does, and what was
-    dropped holds, by certified(job, page, solved, options), if it did before.  Else
-    the whole way is to be gone, and the better of the two kept.  None where `start` is
-    no such estimate.
+    And whether that is accepted: every touch is explained, nothing jumps, the objective
+    rises by no more than an action usually adds, and no certificate, by certified(job,
+    page, solved, options), is broken that held before. Otherwise all actions are to be
+    solved again, and the better result kept. None where `start` is no such estimate.
     """
-    if not extends(start, job, page):
+    if not is_one_action_more(start, job, page):
         return None, False
     job = replace(job, cuts=start.cuts)
-    job.recall(start.origin, page)
-    past = past_of(job, page, start)
-    found = joint(job, page, past, guessed(job, past, information(start)), options)
+    past = past_solution(job, page, start)
+    found = joint(
+        job, page, past, new_action_alone(job, past, past_information(start)), options
+    )
     usual = max(start.objective, 0.0) / start.measurements.actions
-    most = start.objective + ADDED + USUAL * usual
+    most = start.objective + UPDATE_COST + UPDATE_SHARE * usual
 
     def good(found) -> bool:
         cheap = found.solution.objective < most
-        return cheap and found.solution.success and not astray(found)
+        return cheap and found.solution.success and not implausible(found)
 
     if not good(found):
-        found = loosened(job, page, found, options)
+        found = _better(found, continued(job, page, found, options))
     if good(found):
         found = certified(job, page, found, options)
-        if {*found.certificates.broken} <= {
-            s.name for s in start.skipped if not s.holds
-        }:
-            return found, True  # nothing breaks that had held
+        before = {s.name for s in start.skipped if not s.holds}
+        if {*found.certificates.broken} <= before:
+            return found, True
     more = found.solution.objective - start.objective
-    log.info("an action more costs %+.0f nats, or breaks: the whole way is gone", more)
+    log.info(
+        "incremental update rejected (%+.0f nats): solving all actions again", more
+    )
     return found, False
 
 
-def explained(job: Job, page, solved, options, update=None) -> list[Solved]:
-    """Return solves, best first; the best is gone over where it went astray.
+def repaired(job: Job, page, solved, options, update=None) -> list[Solved]:
+    """Return solves, best first; the best is solved again where it is implausible.
 
-    update: what an update ended with, one of them, if it was tried.
+    update: the result of a rejected update, which competes, if there is one.
     """
     best, *others = solved
-    if getattr(page, "EXTENDS", False) and astray(best):
-        log.info("a touch is not explained, or a jump: once more, loosely first")
-        best = loosened(job, page, best, options)
+    if getattr(page, "EXTENDS", False) and implausible(best):
+        log.info(
+            "a touch is not explained, or the body jumps: solving again by continuation"
+        )
+        best = _better(best, continued(job, page, best, options))
     found = [best, *others]
     return found if update is None else best_first([*found, update])
 
 
-def extends(start, job: Job, page) -> bool:
+def _better(solved: Solved, again: Solved | None) -> Solved:
+    """Return the better of two solves, the first one if there is no other."""
+    return solved if again is None else min(solved, again, key=lambda s: s.rank)
+
+
+def is_one_action_more(start, job: Job, page) -> bool:
     """Tell whether a job is that of an estimate of this page and one action more."""
     if not isinstance(start, Estimate) or not start.success:
         return False
-    # Where the body moves freely, the whole way is gone.
+    # In free motion all actions are solved again.
     if not (getattr(page, "EXTENDS", False) and job.reductions.planar):
         return False
     whole = start.measurements.samples == np.count_nonzero(
@@ -116,64 +125,64 @@ def extends(start, job: Job, page) -> bool:
     return whole and alike and bool(np.all(known))
 
 
-def past_of(job: Job, page, start) -> Solved:
-    """Return the page as the estimate had solved it."""
+def past_solution(job: Job, page, start) -> Solved:
+    """Return the estimate as a solved page."""
     job = replace(job, data=job.data.select(np.unique(start.measurements.action)))
-    window, problem, built = built_at(job, page, start.origin)
-    solution = Solution(
-        values=start.unknowns, objective=start.objective, costs=start.costs,
-        violations=start.violations, multipliers=start.multipliers,
-        bound_multipliers=start.bound_multipliers, parameters={},
-        success=start.success, status=start.status, iterations=0, evaluations=0,
-        seconds={"build": built, "solve": 0.0}, progress=start.progress,
-    )  # fmt: skip
+    window, problem, built = problem_at(job, page, start.origin)
+    seconds = {"build": built, "solve": 0.0}
+    solution = solution_of(start)
+    solution = replace(solution, iterations=0, evaluations=0, seconds=seconds)
     return Solved(start.origin, problem, window, solution, job)
 
 
-def information(start) -> np.ndarray:
-    """Return the information (3 V, 3 V) [1/m^2] about vertices, the ground's frame."""
+def past_information(start) -> np.ndarray:
+    """Return the information (3 V, 3 V) [1/m^2] about vertices, ground frame."""
     turn = np.kron(np.eye(start.theta.size // 3), start.scene.ground.rotation.T)
     values, vectors = np.linalg.eigh(turn.T @ start.information.matrix @ turn)
-    return (vectors * np.maximum(values, WEAKEST)) @ vectors.T
+    return (vectors * np.maximum(values, MIN_INFORMATION)) @ vectors.T
 
 
-def astray(solved: Solved) -> bool:
-    """Tell whether a touch is denied, or a body that friction holds jumps."""
+def implausible(solved: Solved) -> bool:
+    """Tell whether a touch is not explained, or a body that friction holds jumps."""
     jump = jumps(solved.job.data, solved.at.x).max(initial=0.0)
-    jumped = jump > worth(solved.job.precision) and not coasts(solved.job.scene)
-    return jumped or denied(solved) > 0
+    jumped = jump > jump_threshold(solved.job.precision) and not coasts(
+        solved.job.scene
+    )
+    return jumped or unexplained_touches(solved) > 0
 
 
-def denied(solved: Solved) -> int:
-    """Return how many touches, a finger's in an action each, are not explained."""
+def unexplained_touches(solved: Solved) -> int:
+    """Return how many touches, of a finger in an action each, are not explained."""
     problem, window, s = solved.problem, solved.window, solved.solution
     if "touch" not in problem.terms:
         return 0
     x, data = problem.pack(s.values), problem.data(s.parameters)
-    wrong = problem.value("touch", x, data)[:, 0] > DENIED * window.outlier_cost
+    wrong = unexplained(problem, window, x, data)
     keys = zip(window.touch.sample, window.touch.finger, strict=True)
     wrong = dict(zip(keys, wrong, strict=True))
     wholes = touches(window, solved.job.data)
-    return sum(sum(wrong[t, f] for t in samples) >= FEW for samples, f in wholes)
+    return sum(
+        sum(wrong[t, f] for t in samples) >= MIN_OF_TOUCH for samples, f in wholes
+    )
 
 
-def guessed(job: Job, past: Solved, about) -> Solved:
+def new_action_alone(job: Job, past: Solved, about) -> Solved:
     """Return the new action solved alone: vertices, its poses and impulses.
 
     about: information (3 V, 3 V) about the vertices of the past.
     """
     lean = replace(job, reductions=Reductions())
-    lean = replace(lean, data=backed(job.data, job.precision.normal))
-    h = replace(past.at, x=onward(lean, resumed(lean, past.at)))
-    options = SolverOptions(TOLERANCE, LONGEST, ipopt=CREEPING)
-    solution, kinds = past.solution, past.problem.kinds
+    lean = replace(lean, data=credible_data(job.data, job.precision.normal))
+    h = replace(past.at, x=poses_of_new_action(lean, faces_of(lean, past.at)))
+    options = SolverOptions(SEARCH_TOLERANCE, SEARCH_TIME, ipopt=ACCEPTABLE)
+    solution, kinds = past.solution, past.problem.term_functions
     for build, levels in (
         (extension.build, extension.LEVELS),
         (extension.build_pushed, extension.PUSHED),
     ):
         window, shape = window_of(job, (h.theta, h.x))
         window = of_action(window, past.at, about)
-        problem = Problem(kinds=kinds)
+        problem = Problem(term_functions=kinds)
         build(problem, window, job.scene, shape)
         known = {k: v for k, v in past.solution.values.items() if v.size == 1}
         known = {k: v for k, v in known.items() if k in problem.variables}
@@ -183,87 +192,55 @@ def guessed(job: Job, past: Solved, about) -> Solved:
     return Solved(h, problem, window, solution, job)
 
 
-def of_action(window: HullWindow, past: Hypothesis, about) -> ActionWindow:
-    """Return the part of a window that comes after the samples of the past, held."""
-    samples = past.x.shape[1]
-    first = window.pose[samples]
-    lower, upper = window.holding(past.x, slice(first))
-    parts = {f.name: getattr(window, f.name) for f in fields(HullWindow)}
-    new = {k: parts[k].sample >= samples for k in ("touch", "free", "step", "push")}
-    new["corner"] = new["step"][window.corner.step]
-    parts |= {k: parts[k].pick(rows) for k, rows in new.items()}
-    at = {k: np.cumsum(rows) - 1 for k, rows in new.items()}  # where rows go
-    for name in ("push", "corner"):
-        parts[name] = replace(parts[name], step=at["step"][parts[name].step])
-    for name, rows in PICKED:
-        parts[name] = parts[name][new[rows]]
-    unfelt = window.unfelt[new["push"][window.unfelt]]
-    groups = {n: _later(g, new["step"], at) for n, g in window.groups.items()}
-    parts |= {"unfelt": at["push"][unfelt], "groups": groups}
-    parts |= {"gap": window.gap.pick(window.gap.sample >= samples)}
-    parts |= {"lower": lower, "upper": upper}
-    vertices = past.theta.reshape(-1, 3)
-    return ActionWindow(**parts, past=vertices, information=about)
-
-
-def _later(group: Group, new, at) -> Group:
-    """Return the new steps of a group; at: where steps, pushes and corners go."""
-    kept = new[group.steps]
-    return Group(
-        at["step"][group.steps[kept]], at["push"][group.pushes[kept]],
-        at["corner"][group.corners[kept]],
-    )  # fmt: skip
-
-
 def joint(job: Job, page, past: Solved, new: Solved, options) -> Solved:
     """Return the page of all actions, solved from the past and the new action."""
-    h, turn = aligned(new.hypothesis)
-    window, problem, built = built_at(job, page, h)
-    past, new = stood(past, window), stood(new, window)
-    missing = np.full(len(window.pose) - len(past.window.pose), -1)
-    known = replace(past.window, pose=np.r_[past.window.pose, missing])
-    known = replace(past, window=known)
-    values, pulls, multipliers = carried(known, window, problem)
-    values["ball"][:3] = turn @ values["ball"][:3]
-    values["theta"], values["x"] = h.theta.reshape(-1, 3).T, h.x[:, window.last]
-    values["body"] = window.body[:, None]
-    pushes = samples_of(new.window.push), samples_of(window.push)
-    corners = corners_of(new.window), corners_of(window)
-    for name, keys in (("finger", pushes), ("ground", corners)):
-        row = rows_of(*keys)
-        values[name][:, row >= 0] = new.solution.values[name][:, row[row >= 0]]
-    start = replace(
-        past.solution, values=values, bound_multipliers=pulls, multipliers=multipliers
-    )
-    level = replace(page.LEVELS[-1], warm_start={"mu_init": CLOSE})
-    solution = solve_levels(problem, (level,), start, settings_of(job, options))
-    solution.seconds["build"] += built
-    return Solved(h, problem, window, after(new.solution, solution), job)
+    h, turn = with_axes_of_ground(new.hypothesis)
+
+    def start(past, window, problem) -> Solution:
+        past, last = on_legs(past, window), on_legs(new, window)
+        missing = np.full(len(window.pose) - len(past.window.pose), -1)
+        known = replace(past.window, pose=np.r_[past.window.pose, missing])
+        solution = transferred(replace(past, window=known), window, problem)
+        values = solution.values
+        values["ball"][:3] = turn @ values["ball"][:3]
+        values["theta"], values["x"] = h.theta.reshape(-1, 3).T, h.x[:, window.last]
+        values["body"] = window.body[:, None]
+        pushes = samples_of(last.window.push), samples_of(window.push)
+        corners = corners_of(last.window), corners_of(window)
+        for name, keys in (("finger", pushes), ("ground", corners)):
+            row = rows_of(*keys)
+            values[name][:, row >= 0] = last.solution.values[name][:, row[row >= 0]]
+        return solution
+
+    settings = settings_of(job, options)
+    found = warm_started(job, page, past, settings, UPDATE_MU, h, start)
+    return replace(found, solution=after(new.solution, found.solution))
 
 
-def aligned(h: Hypothesis) -> tuple[Hypothesis, np.ndarray]:
+def with_axes_of_ground(h: Hypothesis) -> tuple[Hypothesis, np.ndarray]:
     """Return the same motion, the body's axes those of the ground at the last sample.
 
     And the rotation (3, 3) from the body's axes before to those now.
     """
     yaw = h.x[2, -1]
-    c, s = np.cos(yaw), np.sin(yaw)
-    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    turn = planar_matrix(yaw)
     x = h.x - [[0.0], [0.0], [yaw]]
     return replace(h, theta=(h.theta.reshape(-1, 3) @ turn.T).ravel(), x=x), turn
 
 
-def stood(solved: Solved, window: HullWindow) -> Solved:
+def on_legs(solved: Solved, window: PolytopeWindow) -> Solved:
     """Return a solution as if the body had stood on the legs of another window.
 
-    What the ground does to the body stays the same, force and moment.
+    The force and the moment of the ground on the body stay the same.
     """
     old, legs, V = solved.window.legs, window.legs, window.start
     if np.array_equal(old, legs):
         return solved
     s, yaw = solved.solution, solved.at.x[2, solved.window.step.sample]
     ground = s.values["ground"]
-    moved = spread_over(V[old], V[legs], yaw, ground.reshape(len(ground), -1, len(old)))
+    moved = redistributed(
+        V[old], V[legs], yaw, ground.reshape(len(ground), -1, len(old))
+    )
     moved = moved.reshape(len(ground), -1)
     corner = Corners(
         np.repeat(np.arange(len(yaw)), len(legs)), np.zeros((moved.shape[1], 3))
@@ -277,16 +254,15 @@ def stood(solved: Solved, window: HullWindow) -> Solved:
     return replace(solved, solution=solution, window=at)
 
 
-def spread_over(old, legs, yaw, impulses) -> np.ndarray:
-    """Return the impulses (rows, steps, legs) that do what those of other legs did.
+def redistributed(old, legs, yaw, impulses) -> np.ndarray:
+    """Return impulses at other legs with the same force and moment.
 
     old (m, 3), legs (n, 3): body frame; yaw (steps,) of the body; impulses (rows,
     steps, m): normal and, unless there is no friction, along x and y of the world.
     """
     out = np.zeros((*impulses.shape[:2], len(legs)))
     for k, angle in enumerate(yaw):
-        c, s = np.cos(angle), np.sin(angle)
-        p, q = (v[:, :2] @ [[c, s], [-s, c]] for v in (old, legs))
+        p, q = (v[:, :2] @ planar_matrix(-angle)[:2, :2] for v in (old, legs))
         up, same = impulses[0, k], np.vstack([np.ones(len(q)), q.T / ARM])
         out[0, k] = nnls(same, np.r_[up.sum(), up @ p / ARM])[0]
         if len(impulses) > 1:
@@ -294,6 +270,6 @@ def spread_over(old, legs, yaw, impulses) -> np.ndarray:
             turn = (p[:, 0] * along[1] - p[:, 1] * along[0]).sum()
             one, none = np.ones(len(q)), np.zeros(len(q))
             rows = [np.r_[one, none], np.r_[none, one], np.r_[-q[:, 1], q[:, 0]] / ARM]
-            told = np.r_[along.sum(axis=1), turn / ARM]
-            out[1:, k] = np.linalg.lstsq(rows, told, rcond=None)[0].reshape(2, -1)
+            wrench = np.r_[along.sum(axis=1), turn / ARM]
+            out[1:, k] = np.linalg.lstsq(rows, wrench, rcond=None)[0].reshape(2, -1)
     return out

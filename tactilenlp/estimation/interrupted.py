@@ -1,4 +1,4 @@
-"""What Ctrl-C leaves of a solve: an estimate of what was found so far, marked."""
+"""Interrupted solves: an estimate of what was found before Ctrl-C, marked as such."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..errors import Interrupted
-from ..problem.pages import is_polytope, page_of
+from ..problem.pages import page_of
 from ..search.local_solve import solved_from
 from .readout import read_off
+from .request import Request
 
-WIND_UP = 2.0  # [s] that a person waits after Ctrl-C for what there is
+SHUTDOWN_TIME = 2.0  # [s] that a solve after Ctrl-C may take
 
 
 @dataclass
@@ -25,35 +26,38 @@ class SoFar:
 
     @property
     def spent(self) -> float:
-        """The seconds of CPU since."""
+        """CPU time [s] since the beginning."""
         return time.process_time() - self.began
 
 
-def interrupted(data, job, page, options, so_far: SoFar) -> Interrupted:
-    """Return Ctrl-C that carries the best estimate of what was found by now.
+def interrupted(request: Request, so_far: SoFar) -> Interrupted:
+    """Return the error for Ctrl-C, with the best estimate of what was found by now.
 
-    Of solved pages, the best, or roughly solved ones where no other is there yet;
-    before these, least motion of the actions that the search is through with; before
-    the first of them, and for a floating object whose hypotheses lie in a plane of
-    their own, nothing.
+    Of solved pages the best, or roughly solved ones where there is no other; before
+    these, least motion of the actions that the search has finished; before the first of
+    them, and for a floating object, whose hypotheses lie in a plane of their own, no
+    estimate.
     """
+    data, job = request.data, request.job
     whole, solved = data.actions, min(so_far.solved, key=lambda s: s.rank, default=None)
     if solved is None and so_far.kept and job.scene.ground is not None:
         page = page_of("quasi_static", job.shape)
         best = min(so_far.kept, key=lambda h: h.rank)
         done = np.unique(data.action[: best.x.shape[1]])
-        data, deadline = data.select(done), time.monotonic() + WIND_UP
+        data, deadline = data.select(done), time.monotonic() + SHUTDOWN_TIME
         job = replace(job, data=job.data.select(done), deadline=deadline)
-        solved = solved_from(job, page, best, options, levels=page.LEVELS[-1:])
+        levels = page.LEVELS[-1:]
+        solved = solved_from(job, page, best, request.options, levels=levels)
+        request = replace(request, data=data, job=job, page=page)
     if solved is None:
         return Interrupted("stopped by Ctrl-C before anything was found")
-    kept = [solved.at] if is_polytope(job.shape) else so_far.kept
-    seconds = {**solved.solution.seconds, "total": time.process_time() - so_far.began}
-    estimate = read_off(data, job, page, options, solved, kept, seconds, False)
+    kept = [solved.at] if job.shape.hypotheses == 1 else so_far.kept
+    seconds = {**solved.solution.seconds, "total": so_far.spent}
+    estimate = read_off(request, solved, kept, seconds, False)
     words = f"interrupted, {data.actions} of {whole} actions"
     estimate = replace(estimate, success=False, status=f"{words}, {estimate.status}")
     return Interrupted(
         f"stopped by Ctrl-C: {words}; the estimate so far is in `.estimate`, and "
-        "start=... goes on from it",
+        "start=... continues from it",
         estimate,
     )

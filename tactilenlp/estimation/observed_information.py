@@ -1,10 +1,10 @@
-r"""observed_information: what the data of an estimate say, exactly or approximately.
+r"""Information about shape and final pose from the data of an estimate, by kind.
 
-exact             the Hessian of the Lagrangian of the whole programme, reduced and
-                  marginalised; its sigma tells every error that is known (spread.py)
-sandwich          the scatter of the estimate under repeated measurements, by the
-                  sensors' noise alone (scatter.py)
-gauss_newton      the same reduction of Hessians without what curves down: no second
+exact             the Hessian of the Lagrangian of the whole problem, reduced and
+                  marginalised; its sigma has all terms of the error budget
+sandwich          the covariance of the estimate under repeated measurements, by the
+                  sensors' noise alone (measurement_noise.py)
+gauss_newton      the same reduction of Hessians without negative curvature: no second
                   derivatives of gaps and normals where they lower the information
 paper             eq:obsinfo, past poses taken for the last one: dx_t/dx_{t-1} = 1
 inverse_dynamics  eq:obsinfo, past poses from the last by inverted Jacobians of the
@@ -20,55 +20,66 @@ import numpy as np
 from ..common.validation import check_types
 from ..data.sensor_noise import Precision, smoothed
 from ..errors import OptionError, TactileError
-from ..information.comparisons import inverse_dynamics, paper, without_downward
+from ..information.comparisons import gauss_newton, inverse_dynamics, paper
 from ..information.information import Information, inverse
-from ..information.measurement_noise import Sensed, moved_by, scatter, sources
-from ..information.sensitivity import Sensitivity, moves
-from ..information.tangent_space import chart_of
-from ..nlp.kkt_sensitivity import curvature_of
+from ..information.measurement_noise import (
+    Sensed,
+    measurement_numbers,
+    sensitivity_to_measurements,
+    sensor_covariance,
+)
+from ..information.sensitivity import Sensitivity, assumption_sensitivities
+from ..information.tangent_space import tangent_space_of
+from ..nlp.kkt_sensitivity import kkt_system_of
 from ..nlp.problem import Problem
 from ..nlp.solution import Solution
-from ..problem.pages import is_polytope, page_of, shape_of
+from ..problem.pages import page_of, shape_of
 from ..problem.reductions import Reductions, reduce
-from .readout import builder
+from .readout import problem_builder
+from .result import solution_of
 
-KINDS = ("exact", "sandwich", "gauss_newton", "paper", "inverse_dynamics")
+INFORMATION_KINDS = ("exact", "sandwich", "gauss_newton", "paper", "inverse_dynamics")
 
 
 def observed_information(estimate, kind: str = "exact") -> Information:
-    """Return what the data of an estimate say of shape and final pose.
+    """Return the information of an estimate's data about shape and final pose.
 
-    kind: one of KINDS; all but "exact" build the programme of the estimate again, and
-    their sigma is that of their matrix.
+    kind: one of INFORMATION_KINDS; all but "exact" build the problem of the estimate
+    again, and their sigma is that of their matrix.
     """
     check_types(estimate=(estimate, "Estimate"))
-    if not isinstance(kind, str) or kind not in KINDS:
+    if not isinstance(kind, str) or kind not in INFORMATION_KINDS:
         raise OptionError(
-            "no such information", where="kind", got=kind, expected=f"one of {KINDS}"
+            "no such information",
+            where="kind",
+            got=kind,
+            expected=f"one of {INFORMATION_KINDS}",
         )
     if kind == "exact":
         return estimate.information
-    again = programme_of(estimate)
+    again = programme_at(estimate)
     if kind == "paper":
         M = paper(again.problem, again.solution, again.window, again.shape)
-        M = again.chart.back.T @ M @ again.chart.back
+        M = again.tangent.inverse.T @ M @ again.tangent.inverse
         return replace(estimate.information, matrix=M, spread=inverse(M))
-    curvature = curvature_of(again.problem, again.solution)
+    curvature = kkt_system_of(again.problem, again.solution)
     if kind == "inverse_dynamics":
         M = inverse_dynamics(curvature, again.solution, again.window, again.shape)
         _check_finite(M)
-        M = again.chart.back.T @ M @ again.chart.back
+        M = again.tangent.inverse.T @ M @ again.tangent.inverse
         return replace(estimate.information, matrix=M, spread=inverse(M))
     if kind == "gauss_newton":
-        curvature = without_downward(curvature)
-    pulls, held = curvature.response_of(again.chart.chosen)
-    tangent = again.chart.tangent
-    C = tangent @ pulls[again.chart.chosen] @ tangent.T
+        curvature = gauss_newton(curvature)
+    pulls, held = curvature.sensitivity(again.tangent.chosen)
+    J = again.tangent.jacobian
+    C = J @ pulls[again.tangent.chosen] @ J.T
     if kind == "sandwich":
         sensed = again.sensed
-        source = sources(curvature, sensed, again.window)
-        C = scatter(*moved_by(curvature, pulls, held, sensed, source), sensed)
-        C = tangent @ C @ tangent.T
+        source = measurement_numbers(curvature, sensed, again.window)
+        C = sensor_covariance(
+            *sensitivity_to_measurements(curvature, pulls, held, sensed, source), sensed
+        )
+        C = J @ C @ J.T
     C = (C + C.T) / 2
     return replace(estimate.information, matrix=inverse(C), spread=C)
 
@@ -83,38 +94,40 @@ def _check_finite(M) -> None:
 
 
 def assumption_sensitivity(estimate) -> Sensitivity:
-    """Return how shape and final pose move with mass, frictions, sensors, fingers."""
+    """Return how shape and final pose change with mass, frictions, sensors, fingers."""
     check_types(estimate=(estimate, "Estimate"))
-    again = programme_of(estimate)
-    curvature = curvature_of(again.problem, again.solution)
-    pulls, held = curvature.response_of(again.chart.chosen)
-    pulls, held = pulls @ again.chart.tangent.T, held @ again.chart.tangent.T
+    again = programme_at(estimate)
+    curvature = kkt_system_of(again.problem, again.solution)
+    pulls, held = curvature.sensitivity(again.tangent.chosen)
+    pulls, held = pulls @ again.tangent.jacobian.T, held @ again.tangent.jacobian.T
 
     def build(scene, window):
         return again.sensed.build(window, scene)
 
-    found, units = moves(curvature, pulls, held, build, estimate.scene, again.window)
-    return Sensitivity(again.chart.names, found, units, again.chart.maps)
+    found, units = assumption_sensitivities(
+        curvature, pulls, held, build, estimate.scene, again.window
+    )
+    return Sensitivity(again.tangent.names, found, units, again.tangent.maps)
 
 
 @dataclass(frozen=True, eq=False)
 class Programme:
-    """The programme of an estimate, built again."""
+    """The problem of an estimate, built again, at its solution."""
 
     problem: Problem
     solution: Solution
     window: object
     shape: object
-    chart: object
+    tangent: object
     sensed: Sensed
 
 
-def programme_of(estimate) -> Programme:
-    """Build the programme of an estimate again, at its solution."""
+def programme_at(estimate) -> Programme:
+    """Build the problem of an estimate again, at its solution."""
     shape, scene = shape_of(estimate.shape), estimate.scene
-    if is_polytope(shape):
+    if shape.parameters == "vertices":
         raise OptionError(
-            "the programme of a polytope is not built again",
+            "the problem of a polytope is not built again",
             where="estimate", got=estimate.shape, expected="a cuboid",
             next='ask for kind="exact", which every estimate carries',
         )  # fmt: skip
@@ -131,24 +144,22 @@ def programme_of(estimate) -> Programme:
         data, scene, shape, precision, Reductions(**estimate.reductions),
         guess=(h.theta, h.x), cuts=estimate.cuts,
     )  # fmt: skip
-    build = builder(page, shape, scene)
+    build = problem_builder(page, shape, scene)
     problem = build(window)
+    _check_same_unknowns(problem, estimate)
+    solution = solution_of(estimate)
+    tangent = tangent_space_of(problem, solution, window, shape, R_wg)
+    sensed = Sensed(data, precision, build)
+    return Programme(problem, solution, window, shape, tangent, sensed)
+
+
+def _check_same_unknowns(problem, estimate) -> None:
+    """Raise OptionError unless an estimate has the unknowns of its problem."""
     for name, variable in problem.variables.items():
         found = np.shape(estimate.unknowns.get(name, ()))
         if found != (variable.rows, variable.columns):
             raise OptionError(
-                "the programme of this estimate cannot be built again",
+                "the problem of this estimate cannot be built again",
                 where=name, got=found, expected=(variable.rows, variable.columns),
                 next="estimate again with this version of the page",
             )  # fmt: skip
-    solution = Solution(
-        values=estimate.unknowns, objective=estimate.objective, costs=estimate.costs,
-        violations=estimate.violations, multipliers=estimate.multipliers,
-        bound_multipliers=estimate.bound_multipliers, parameters={},
-        success=estimate.success, status=estimate.status,
-        iterations=estimate.iterations, evaluations=estimate.evaluations,
-        seconds=estimate.seconds,
-    )  # fmt: skip
-    chart = chart_of(problem, solution, window, shape, R_wg)
-    sensed = Sensed(data, precision, build)
-    return Programme(problem, solution, window, shape, chart, sensed)

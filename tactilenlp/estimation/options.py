@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -10,24 +12,28 @@ from ..common.validation import check_types
 from ..errors import OptionError
 from ..nlp.ipopt import check_positive
 from ..problem.reductions import Reductions
+from ..search.hypothesis import TermFunctions
 
-WIDE, PRECISE = (4, 8), (2, 3)  # hypotheses and starts: noise leaves more of them open
+NOISY_WIDTHS, PRECISE_WIDTHS = (
+    (4, 8),
+    (2, 3),
+)  # (hypotheses, starts) for noisy, for precise sensors
 
 
 @dataclass(frozen=True)
 class Options:
     """How to estimate.
 
-    seed: of everything random [-] (nothing is, at present); reduce: True, False, a
-    Reductions, or names of reductions to switch off; hypotheses: kept from action to
-    action [-], and starts: solved per action [-], by default as many as the sensors'
-    noise leaves open (WIDE, PRECISE); tolerance: of the last solve [-];
-    time_limit [s]: then what is left is guessed, and the result is marked; ipopt:
-    passed on verbatim; rivals: also solve from other sizes and paths, and with sizes
-    held elsewhere, which tells how far those that touch leaves open may be off.
+    reduce: True, False, a Reductions, or names of reductions to switch off; hypotheses:
+    kept from action to action [-]; starts: solved per action [-]; both by default as
+    many as the sensors' noise leaves open (NOISY_WIDTHS, PRECISE_WIDTHS); tolerance: of
+    the last solve [-]; time_limit [s]: the remaining actions are then extrapolated, and
+    the result is marked; ipopt: passed on verbatim; rivals: also solve alternative
+    trajectories and sizes, and compute profile likelihoods of sizes that no touch
+    determines. seed: has no effect, nothing is random; a FutureWarning if it is given.
     """
 
-    seed: int = 0
+    seed: int | None = None
     reduce: object = True
     hypotheses: int | None = None
     starts: int | None = None
@@ -38,8 +44,12 @@ class Options:
 
     def __post_init__(self):
         check_types(
-            seed=(self.seed, int), ipopt=(self.ipopt, dict), rivals=(self.rivals, bool)
-        )
+            seed=(self.seed, (int, type(None))), ipopt=(self.ipopt, dict),
+            rivals=(self.rivals, bool),
+        )  # fmt: skip
+        if self.seed is not None:
+            words = "Options.seed has no effect: an estimate draws no random numbers"
+            warnings.warn(words, FutureWarning, stacklevel=3)
         Reductions.of(self.reduce)
         for name in ("hypotheses", "starts"):
             value = getattr(self, name)
@@ -51,7 +61,7 @@ class Options:
 
     def widths(self, precise: bool) -> tuple[int, int]:
         """Return hypotheses and starts for sensors that are precise, or for others."""
-        kept, solved = PRECISE if precise else WIDE
+        kept, solved = PRECISE_WIDTHS if precise else NOISY_WIDTHS
         return self.hypotheses or kept, self.starts or solved
 
 
@@ -65,3 +75,32 @@ class Guess:
     side_lengths: np.ndarray
     position: np.ndarray
     yaw: float = 0.0
+
+
+class Session:
+    """Keep the term functions that estimates were solved with; mutable.
+
+    A solve that starts from an estimate of the same session, scene, shape and page
+    reuses them instead of deriving them again.  The caller owns a session and passes it
+    to `solve_estimate`; without one, solves share PROCESS.  A session holds estimates
+    by weak references: what belongs to an estimate is dropped together with it.
+    """
+
+    def __init__(self):
+        self._by_origin = WeakKeyDictionary()
+
+    def functions_for(self, start, scene, shape, page) -> TermFunctions:
+        """Return the term functions of the estimate `start`; new ones of any other."""
+        if getattr(start, "origin", None) not in self._by_origin:
+            return TermFunctions()
+        known, functions = self._by_origin[start.origin]
+        # A page that was edited and reloaded has another `build`.
+        return functions if known == (scene, shape, page.build) else TermFunctions()
+
+    def keep(self, estimate, job, page) -> None:
+        """Keep the term functions of a job for solves that start from its estimate."""
+        known = job.scene, job.shape, page.build
+        self._by_origin[estimate.origin] = known, job.functions
+
+
+PROCESS = Session()  # the default session: one in every process

@@ -1,4 +1,4 @@
-"""From a solved page to an Estimate: unknowns become people's words."""
+"""Readout: from a solved page to an `Estimate`, by name, in the world frame."""
 
 from __future__ import annotations
 
@@ -8,70 +8,74 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..common.npz import versions
+from ..data.sensor_noise import variance_left
 from ..geometry.convex_hull import centroid
-from ..geometry.transforms import is_planar, matrices
+from ..geometry.transforms import is_planar, matrices, quaternion_of, rotate_planar
 from ..information.finger_offsets import offsets_of
+from ..information.goodness_of_fit import fit_of
 from ..information.information import Information, information_of
 from ..information.measurement_noise import Sensed
-from ..information.polytope_information import hull_information, touched_polygons
+from ..information.polytope_information import polytope_information, touched_polygons
 from ..nlp.problem import Problem
-from ..problem.pages import is_polytope
-from ..problem.polytope_window import standing
+from ..problem.polytope_window import with_supports
 from ..problem.poses import body_corners, poses
+from .request import Request
 from .result import Estimate
 
 
-def read_off(
-    data, job, page, options, solved, kept, seconds, late: bool, rivals=()
-) -> Estimate:
+def read_off(request: Request, solved, kept, seconds, late: bool, modes=()) -> Estimate:
     """Return the estimate of a solved page, in the frame of the data.
 
-    rivals: the same page solved from other hypotheses.
+    kept: hypotheses for the next action; seconds: of CPU time by step; late: whether
+    the time limit was reached; modes: other local optima of the same page.
     """
-    problem, window, solution = solved.problem, solved.window, solved.solution
-    shape, scene = job.shape, job.scene
-    theta = solution.values["theta"].T.ravel()
-    x = solution.values["x"][:, window.pose]
-    if is_polytope(shape):
-        body, information = hull_read(job, page, solved, x)
-    else:
-        body, information = box_read(job, page, solved, theta, x, rivals)
-    job.remember(solved.hypothesis, page)
+    job, page, solution = request.job, request.page, solved.solution
+    status = f"{solution.status}, time limit reached" if late else solution.status
+    read = {"sizes": read_box, "vertices": read_polytope}[job.shape.parameters]
+    body, information = read(job, page, solved, modes)
+    left = variance_left(job.data, job.precision)
+    fit = fit_of(solved.problem, solution, solved.window, job.data, left)
+    if fit is not None:
+        information = information.widened(fit.widening)
     return Estimate(
-        measurements=data,
-        scene=scene,
-        shape=shape.name,
+        measurements=request.data,
+        scene=job.scene,
+        shape=job.shape.name,
         formulation=name_of(page),
-        options=_plain(options),
-        theta=theta,
+        options=_plain(request.options),
         position=body.position,
         quaternion=body.quaternion,
         body_vertices=body.vertices,
-        impulses=impulses(problem, window, solution, data, scene),
-        unknowns=solution.values,
-        costs=solution.costs,
-        violations={**solution.violations, **exact(problem, solution)},
-        multipliers=solution.multipliers,
-        bound_multipliers=solution.bound_multipliers,
-        objective=solution.objective,
-        success=solution.success,
-        status=f"{solution.status}, time limit reached" if late else solution.status,
-        iterations=solution.iterations,
-        iterations_by_level=solution.iterations_by_level,
-        evaluations=solution.evaluations,
-        seconds=seconds,
-        skipped=solved.skipped,
         faces=body.faces,
         information=information,
-        precision=asdict(job.precision),
-        reductions=asdict(solved.job.reductions),
-        cuts=tuple(int(i) for i in solved.job.cuts),
-        origin=solved.hypothesis,
+        fit=fit,
+        impulses=impulses(solved, request.data, job.scene),
+        finger_offset=offsets_of(solution.values, _ground_rotation(job.scene).T),
         hypotheses=tuple(kept),
+        seconds=seconds,
         versions=versions(),
-        progress=solution.progress,
-        finger_offset=offsets_of(solution.values, _turn(scene).T),
+        **_solved_fields(solved) | {"status": status},
     )
+
+
+def _solved_fields(solved) -> dict:
+    """Return the fields of an estimate that are those of the solve."""
+    problem, solution = solved.problem, solved.solution
+    exact = exact_violations(problem, solution)
+    same = (
+        *("costs", "multipliers", "bound_multipliers", "objective", "success"),
+        *("iterations", "iterations_by_level", "evaluations", "progress"),
+    )
+    return {name: getattr(solution, name) for name in same} | {
+        "theta": solution.values["theta"].T.ravel(),
+        "unknowns": solution.values,
+        "violations": {**solution.violations, **exact},
+        "skipped": solved.skipped,
+        "precision": asdict(solved.job.precision),
+        "reductions": asdict(solved.job.reductions),
+        "cuts": tuple(int(i) for i in solved.job.cuts),
+        "origin": solved.hypothesis,
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,94 +91,99 @@ class Body:
     faces: np.ndarray
 
 
-def box_read(job, page, solved, theta, x, rivals) -> tuple[Body, Information]:
-    """Return the body, and what is known of it, of a shape with sizes."""
+def read_box(job, page, solved, modes=()) -> tuple[Body, Information]:
+    """Return the body, and the information about it, of a shape with sizes."""
     problem, window, solution = solved.problem, solved.window, solved.solution
     shape, scene = job.shape, job.scene
+    theta, x = solved.at.theta, solved.at.x
     faces = solved.touched
+    build = problem_builder(page, shape, scene, job.kinds_of)
     information = information_of(
-        problem, solution, window, shape, faces, _turn(scene).T,
-        Sensed(job.data, job.precision, builder(page, shape, scene, job.kinds_of)),
-        [(r.problem, r.solution, r.window) for r in rivals], solved.profile,
+        problem, solution, window, shape, faces, _ground_rotation(scene).T,
+        Sensed(job.data, job.precision, build),
+        [(r.problem, r.solution, r.window) for r in modes], solved.profile,
     )  # fmt: skip
     where = poses(shape, window.motion, theta, x, scene.ground)
     return Body(*where, body_corners(shape, theta), faces), information
 
 
-def hull_read(job, page, solved, x) -> tuple[Body, Information]:
-    """Return the body, and what is known of it, of a hull of vertices.
+def read_polytope(job, page, solved, modes=()) -> tuple[Body, Information]:
+    """Return the body, and the information about it, of a polytope.
 
     Its origin is the centroid, its axes are the world's at the last sample.
     """
     problem, window, solution = solved.problem, solved.window, solved.solution
     scene = job.scene
-    V = solution.values["theta"].T
-    middle, R_wg = centroid(V), _turn(scene).T
+    V, x = solution.values["theta"].T, solved.at.x
+    middle, R_wg = centroid(V), _ground_rotation(scene).T
     position, turn = hull_poses(scene, x, middle)
     vertices = (V - middle) @ R_wg.T
     faces = touched_polygons(window, V, x, job.precision.normal)
-    body = Body(position, turn.as_quat()[:, [3, 0, 1, 2]], vertices, faces)
-    shape = standing(job.shape, solved.hypothesis.theta.reshape(-1, 3))  # as solved
-    sensed = Sensed(job.data, job.precision, builder(page, shape, scene, job.kinds_of))
-    return body, hull_information(problem, solution, window, shape, faces, R_wg, sensed)
+    body = Body(position, quaternion_of(turn), vertices, faces)
+    shape = with_supports(
+        job.shape, solved.hypothesis.theta.reshape(-1, 3)
+    )  # as solved
+    sensed = Sensed(
+        job.data, job.precision, problem_builder(page, shape, scene, job.kinds_of)
+    )
+    return body, polytope_information(
+        problem, solution, window, shape, faces, R_wg, sensed
+    )
 
 
 def hull_poses(scene, x, middle) -> tuple[np.ndarray, Rotation]:
-    """Return positions (T, 3) [m] and turns (T) of a hull at poses x, world frame.
+    """Return positions (T, 3) [m] and rotations (T) of a hull at poses x, world frame.
 
-    middle (3,) [m]: what of the body is where; turns are against the last sample, at
-    which the pose is held upright.
+    middle (3,) [m]: the point of the body whose position is returned; rotations are
+    relative to the last sample, at which the pose is held upright.
     """
     if not is_planar(x):
         p = x[:3].T + matrices(x) @ middle
-        R_wg = _turn(scene).T
+        R_wg = _ground_rotation(scene).T
         turn = Rotation.from_matrix(R_wg @ matrices(x) @ R_wg.T)
         return p if scene.ground is None else scene.ground.from_ground(p), turn
-    c, s = np.cos(x[2]), np.sin(x[2])
-    p = np.stack([
-        x[0] + c * middle[0] - s * middle[1],
-        x[1] + s * middle[0] + c * middle[1],
-        np.full(x.shape[1], middle[2]),
-    ], axis=1)  # fmt: skip
+    level = rotate_planar(x[2], *middle[:2], origin=x)
+    p = np.stack([*level, np.full(x.shape[1], middle[2])], axis=1)
     turn = Rotation.from_rotvec(np.outer(x[2] - x[2, -1], scene.ground.normal))
     return scene.ground.from_ground(p), turn
 
 
 def name_of(page) -> str:
-    """Return what an estimate calls the page that it is of."""
+    """Return the name of a page in an estimate."""
     return getattr(page, "__name__", "page").rpartition(".")[2]
 
 
-def builder(page, shape, scene, kinds_of=None):
-    """Return build(window, scene): the page's programme of another window or scene.
+def problem_builder(page, shape, scene, kinds_of=None):
+    """Return build(window, scene): the page's problem of another window or scene.
 
-    kinds_of(page, window): the kinds of what has this shape and scene, if any are.
+    kinds_of(page, window): term functions to share for this shape and scene, if any.
     """
 
     def build(window, other=scene) -> Problem:
         alike = kinds_of is not None and other is scene
-        problem = Problem(kinds=kinds_of(page, window) if alike else {})
+        problem = Problem(term_functions=kinds_of(page, window) if alike else {})
         page.build(problem, window, other, shape)
         return problem
 
     return build
 
 
-def exact(problem, solution) -> dict[str, float]:
-    """Return the violations of what a solve rounds, recomputed as it is meant."""
+def exact_violations(problem, solution) -> dict[str, float]:
+    """Return the violations of constraints that a solve smooths, without smoothing."""
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
     names = [name for name in problem.reports if name.endswith(", exact")]
     return {n: max(0.0, float(problem.value(n, x, data).max())) for n in names}
 
 
-def impulses(problem, window, solution, data, scene) -> dict[str, np.ndarray]:
+def impulses(solved, data, scene) -> dict[str, np.ndarray]:
     """Return the impulses on the object by contact, (T, 3) [N s], world frame."""
+    problem, window, solution = solved.problem, solved.window, solved.solution
     T = data.samples
     out = {f"finger {i}": np.zeros((T, 3)) for i in range(data.fingers)}
     if scene.ground is not None:
         out["ground"] = np.zeros((T, 3))
     x, values = problem.pack(solution.values), problem.data(solution.parameters)
-    turn = _turn(scene)
+    turn = _ground_rotation(scene)
     if "finger impulse" in problem.reports:
         pushed = problem.value("finger impulse", x, values) @ turn
         for i in range(data.fingers):
@@ -191,7 +200,7 @@ def impulses(problem, window, solution, data, scene) -> dict[str, np.ndarray]:
     return out
 
 
-def _turn(scene) -> np.ndarray:
+def _ground_rotation(scene) -> np.ndarray:
     """Return the rotation (3, 3) from the world to the ground's frame."""
     return np.eye(3) if scene.ground is None else scene.ground.rotation
 

@@ -1,7 +1,8 @@
-"""Solve a page from what the search found: race it, challenge it, let it tilt.
+"""Refinement: the page solved from what the search found, and alternatives to it.
 
-What a scene lets slide or tilt is solved as if it slid, first: there the past can be
-followed and asked again, and the optimum of free motion lies beside.
+Multistart from the best hypotheses, then alternative trajectories and sizes.  Where the
+scene lets an object tilt, it is first solved as if it slid: there the past can be
+filtered again, and the optimum of free motion is close.
 """
 
 from __future__ import annotations
@@ -11,76 +12,77 @@ from dataclasses import replace
 
 from ..geometry.transforms import is_planar
 from ..problem.certificates import planar_certificate
-from ..problem.pages import is_polytope
-from ..problem.reductions import Reductions, insisted
-from ..search.alternatives import challenged, settled
-from ..search.beam import RIVAL
+from ..problem.reductions import Reductions, required_reductions
+from ..search.alternatives import still_explained, with_alternatives
 from ..search.hypothesis import distinct
 from ..search.local_solve import (
-    CLOSE,
-    REASON,
+    RESTART_MU,
     Solved,
     best_first,
-    let_tilt,
-    opened,
+    freed_levels,
+    freed_to_tilt,
     settings_of,
     solved_from,
 )
-from ..search.multistart import raced
-from .incremental_polytope import explained
-
-LOST = 40.0  # [nats an action] beyond least motion: opened poses ran away
+from ..search.margins import CLOSE_OPTIMUM, LEAST_MOTION_BEHIND, RAN_AWAY
+from ..search.multistart import multistart
+from .incremental_polytope import repaired
 
 
 def refined(job, page, kept, options, solved, start=None) -> list[Solved]:
-    """Return the page solved from hypotheses and from their rivals, best first.
+    """Return the page solved from hypotheses and from alternatives, best first.
 
-    solved: an empty list to leave in, for whoever interrupts, what there is before
-    rivals; start: an estimate that this one carries on, if its rivals were asked for.
+    solved: an empty list that holds the solves before alternatives when Ctrl-C
+    interrupts; start: an estimate that this one continues, if alternatives to it were
+    solved.
     """
-    hull, lean = is_polytope(job.shape), insisted(page, Reductions())  # as a search is
+    sized, lean = (
+        job.shape.parameters == "sizes",
+        required_reductions(page, Reductions()),
+    )
     lying = job.scene.ground is not None and all(is_planar(h.x) for h in kept)
     if lying and lean.planar and not job.reductions.planar:
         flat = replace(job, reductions=lean)
         found = refined(flat, page, kept, options, solved, start)
-        found = explained(flat, page, found, options)
-        if hull or planar_certificate(flat, page, found[0]).holds:
-            return _tilted(job, page, found[:1] if hull else found, options)
-    start = None if hull else start
-    found = _raced(job, page, kept, options, solved, start)
-    if options.rivals and not hull:
-        found = challenged(job, page, found, options, start)
+        found = repaired(flat, page, found, options)
+        if not sized or planar_certificate(flat, page, found[0]).holds:
+            return _in_free_motion(job, page, found[: job.shape.hypotheses], options)
+    start = start if sized else None
+    found = _multistart(job, page, kept, options, solved, start)
+    if options.rivals and sized:
+        found = with_alternatives(job, page, found, options, start)
     return found
 
 
-def _tilted(job, page, slid, options) -> list[Solved]:
-    """Return the page in free motion from where it slides, close rivals too."""
+def _in_free_motion(job, page, slid, options) -> list[Solved]:
+    """Return the page in free motion, from planar solves that are close to the best."""
     ends, settings = [s.at for s in slid], settings_of(job, options)
-    near = distinct(job.shape, ends, len(ends), REASON)
+    near = distinct(job.shape, ends, len(ends), CLOSE_OPTIMUM)
     slid = [s for s, end in zip(slid, ends, strict=True) if end in near]
-    return best_first(let_tilt(job, page, s, settings, CLOSE) for s in slid)
+    return best_first(freed_to_tilt(job, page, s, settings, RESTART_MU) for s in slid)
 
 
-def _raced(job, page, kept, options, solved, start) -> list[Solved]:
+def _multistart(job, page, kept, options, solved, start) -> list[Solved]:
     """Return the page solved from the best hypotheses, best first.
 
-    Of those that carry on the path of `start` the first is enough where it is settled.
+    Where the first one, which continues the path of `start`, explains the new data, it
+    is solved alone.
     """
-    limit = min(h.objective for h in kept) + RIVAL
+    limit = min(h.objective for h in kept) + LEAST_MOTION_BEHIND
     own = page.LEVELS
-    levels = opened(own, final=True) if job.reductions.planar else own
-    if job.scene.ground is None:  # these poses lie in a plane that the object leaves
+    levels = freed_levels(own, final=True) if job.reductions.planar else own
+    if job.scene.ground is None:  # the poses are guesses in a plane
         levels = getattr(page, "ROUGH", own)
     promising = [h for h in kept if h.objective <= limit]
     first = promising[: None if start is None else 1]
-    solved = raced(job, page, first, options, levels, solved=solved)
-    if len(first) < len(promising) and not settled(solved[0], start):
-        others = raced(job, page, promising[1:], options, levels, known=solved)
+    solved = multistart(job, page, first, options, levels, solved=solved)
+    if len(first) < len(promising) and not still_explained(solved[0], start):
+        others = multistart(job, page, promising[1:], options, levels, known=solved)
         solved = best_first([*solved, *others])
     good = [s for s in solved if s.solution.success]
-    bound = min(h.objective for h in kept) + LOST * job.data.actions
+    bound = min(h.objective for h in kept) + RAN_AWAY * job.data.actions
     lost = not good or good[0].solution.objective > bound
     if lost and levels is not own and time.monotonic() < job.deadline:
-        # The slower way, poses held first, as the page says.
+        # Slower: the page's own levels, which hold poses first.
         good = [*good, solved_from(job, page, solved[0].hypothesis, options)]
     return best_first(good or solved)

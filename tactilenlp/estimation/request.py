@@ -1,21 +1,67 @@
-"""Read what a caller asks for: shape, page, start; refuse what cannot be solved."""
+"""The request of a caller, read and checked: measurements, shape, page, start."""
 
 from __future__ import annotations
 
 import sys
+import time
+from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 
 from ..common.validation import check_types
+from ..data.measurements import Measurements
 from ..data.scene import Scene
+from ..data.sensor_noise import precise, precision_of, smoothed
 from ..errors import NoContactError, OptionError, SceneError, StartError
-from ..geometry.transforms import backward
-from ..problem.pages import is_polytope, page_of, shape_of
-from ..problem.reductions import flat
-from ..search.hypothesis import Hypothesis
-from ..search.polytope_init import check as check_round
-from .options import Guess, Options
+from ..geometry.transforms import backward, rotation_of
+from ..problem.certificates import without
+from ..problem.pages import page_of, shape_of
+from ..problem.reductions import Reductions, required_reductions, states_planar_motion
+from ..search.hypothesis import Hypothesis, Job, TermFunctions
+from ..search.polytope_init import check_round_fingertips as check_round
+from .options import Guess, Options, Session
 from .result import Estimate
+
+
+@dataclass(frozen=True, eq=False)
+class Request:
+    """What a caller asks for, checked.
+
+    data: the measurements as given; job: the same in the ground's frame and smoothed,
+    with scene, shape and reductions; page: a module with `build` and `LEVELS`; start:
+    an Estimate, a Guess or None; executor: of concurrent.futures, or None.
+    """
+
+    data: Measurements
+    job: Job
+    page: ModuleType
+    options: Options
+    start: Estimate | Guess | None = None
+    executor: object = None
+
+    @property
+    def widths(self) -> tuple[int, int]:
+        """How many hypotheses are kept, and starts solved, after an action."""
+        return self.options.widths(precise(self.job.data, self.job.precision))
+
+
+def read_request(
+    data, scene, shape, formulation, options, start, executor, session: Session
+) -> tuple[Request, list[Hypothesis]]:
+    """Return the request, and the hypotheses of the first actions that it starts from.
+
+    Raises NoContactError, MeasurementError, OptionError, SceneError or StartError for
+    what cannot be solved.
+    """
+    check_types(data=(data, Measurements), session=(session, Session))
+    scene, shape, options, page = asked(scene, shape, formulation, options, executor)
+    scene.check(data)
+    check_touched(data)
+    functions = session.functions_for(start, scene, shape, page)
+    job = make_job(data, scene, shape, options, time.monotonic(), page, functions)
+    known = [] if start is None else carried_hypotheses(start, shape, scene, data)
+    return Request(data, job, page, options, start, executor), known
 
 
 def asked(scene, shape, formulation, options, executor) -> tuple:
@@ -28,23 +74,42 @@ def asked(scene, shape, formulation, options, executor) -> tuple:
     check_plane(page, scene)
     check_offset(page, scene)
     check_executor(executor, page)
-    if is_polytope(shape):
+    if shape.parameters == "vertices":
         check_round(scene)
     return scene, shape, options, page
+
+
+def make_job(data, scene, shape, options, began, page, functions=None) -> Job:
+    """Return what a solve needs: data in the ground's frame, noisy paths smoothed.
+
+    began [s] of time.monotonic(); functions: TermFunctions to share, by default new.
+    """
+    ground = scene.ground
+    if ground is not None:
+        data = data.transformed(ground.rotation, ground.translation)
+    precision = precision_of(data, scene)
+    made = Reductions.of(options.reduce)
+    if ground is None:  # nothing keeps the object flat
+        made = without(made, ["planar"])
+    return Job(
+        data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
+        reductions=required_reductions(page, made), deadline=began + options.time_limit,
+        functions=TermFunctions() if functions is None else functions,
+    )  # fmt: skip
 
 
 def check_start(start, shape, scene) -> None:
     """Raise for an Estimate or a Guess from which this shape cannot start."""
     if start is not None:
-        carried(start, shape, scene, getattr(start, "measurements", None))
+        carried_hypotheses(start, shape, scene, getattr(start, "measurements", None))
         first_guess(start, shape)
 
 
 def check_plane(page, scene) -> None:
-    """Raise SceneError where a page of planar motion is asked without a ground."""
-    if scene.ground is None and flat(page):
+    """Raise SceneError where a page of planar motion is used without a ground."""
+    if scene.ground is None and states_planar_motion(page):
         raise SceneError(
-            "this page knows planar motion only",
+            "this page is of planar motion only",
             where="scene.ground",
             got="None",
             expected="a ground on which the object slides",
@@ -53,10 +118,10 @@ def check_plane(page, scene) -> None:
 
 
 def check_offset(page, scene) -> None:
-    """Raise SceneError where a page takes fingers to be where they say, and none is."""
+    """Raise SceneError where a page cannot estimate the finger offsets of a scene."""
     if scene.sigma_offset is not None and not getattr(page, "OFFSETS", False):
         raise SceneError(
-            "this page takes the fingers to be where they say",
+            "this page takes measured finger positions as exact",
             where="scene.sigma_offset",
             got=f"an offset with {getattr(page, '__name__', page)!r}",
             expected="None",
@@ -103,7 +168,7 @@ def check_touched(data) -> None:
 
 
 def first_guess(start, shape) -> tuple:
-    """Return a user's guess as the search takes it: (name, theta, x), or none."""
+    """Return a user's guess as the search takes it: (name, theta, x), or nothing."""
     if not isinstance(start, Guess):
         return ()
     theta = np.asarray(start.side_lengths, float)
@@ -133,14 +198,14 @@ def first_guess(start, shape) -> tuple:
     return (("guess", theta, np.r_[position[:2], start.yaw]),)
 
 
-def carried(start, shape, scene, data) -> list[Hypothesis]:
-    """Return the hypotheses to carry on from an earlier estimate.
+def carried_hypotheses(start, shape, scene, data) -> list[Hypothesis]:
+    """Return the hypotheses of an earlier estimate, to continue from.
 
-    Where that ends within an action which goes on, this action is fitted anew.  A
+    Where that ends within an action which goes on, this action is fitted again. A
     polytope may start from an estimate of any shape, with its vertices and poses.
     """
     if isinstance(start, Guess):
-        if is_polytope(shape):
+        if shape.parameters == "vertices":
             raise StartError(
                 "a polytope starts without a guess", where="start", got="a Guess",
                 expected="an Estimate, or None",
@@ -155,9 +220,9 @@ def carried(start, shape, scene, data) -> list[Hypothesis]:
             expected="an estimate whose measurements are a prefix of data",
             next="start from scratch, or append to the same measurements",
         )
-    done = _whole(start.measurements.samples, data)
-    if is_polytope(shape):
-        return [lying(start, scene, done)] if done else []
+    done = _samples_of_whole_actions(start.measurements.samples, data)
+    if shape.parameters == "vertices":
+        return [as_polytope(start, scene, done)] if done else []
     if start.shape != shape.name:
         raise StartError(
             "the start is of another shape", where="start", got=start.shape,
@@ -166,14 +231,14 @@ def carried(start, shape, scene, data) -> list[Hypothesis]:
     return [h.at(done) for h in start.hypotheses] if done else []
 
 
-def _whole(samples: int, data) -> int:
+def _samples_of_whole_actions(samples: int, data) -> int:
     """Return how many of the first samples are of actions that end with them."""
     last = np.flatnonzero(data.action == data.action[samples - 1])
     return samples if last[-1] < samples else int(last[0])
 
 
-def lying(estimate, scene, samples: int | None = None) -> Hypothesis:
-    """Return an estimate of whatever shape as the vertices and poses of a hull.
+def as_polytope(estimate, scene, samples: int | None = None) -> Hypothesis:
+    """Return an estimate of any shape as the vertices and poses of a polytope.
 
     Planar poses in the ground's frame, free ones in the world where there is none; the
     body's axes are the world's at the last of so many samples.
@@ -183,9 +248,7 @@ def lying(estimate, scene, samples: int | None = None) -> Hypothesis:
     p, turn = estimate.position[:samples], np.eye(3)
     if scene.ground is not None:
         p, turn = scene.ground.to_ground(p), scene.ground.rotation
-    w, *v = estimate.quaternion[:samples].T
-    R = Rotation.from_quat(np.stack([*v, w], axis=1))
-    R = Rotation.from_matrix(turn) * R
+    R = Rotation.from_matrix(turn) * rotation_of(estimate.quaternion[:samples])
     if scene.ground is None:
         x = np.vstack([p.T, backward((R * R[-1].inv()).as_matrix()).T])
         theta = R[-1].apply(estimate.vertices).ravel()

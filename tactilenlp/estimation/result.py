@@ -1,10 +1,13 @@
-"""Estimate: what was found, complete, named and without a solver's symbols."""
+"""`Estimate`: shape, poses and impulses by name, without the symbols of a solver."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
 import numpy as np
+
+from formulations.indentation import NAME as COMPLIANCE
+from formulations.rigid_body import G
 
 from ..common.npz import read_result, write_result
 from ..common.validation import check_sample
@@ -13,14 +16,17 @@ from ..data.measurements import Measurements
 from ..data.scene import Ground, Scene
 from ..errors import TactileError
 from ..geometry.faces import SupportingPlanes, supporting_planes
-from ..information.finger_offsets import words
+from ..geometry.transforms import rotation_of
+from ..information.finger_offsets import offsets_in_words
+from ..information.goodness_of_fit import Fit
 from ..information.information import Information
 from ..information.mixture import Modes
+from ..nlp.solution import Solution
 from ..problem.certificates import Skipped
 from ..search.hypothesis import Hypothesis
 
-FORMAT, VERSION = "estimate", 2  # of the files that `save` writes
-UNKNOWN_TURN = 45.0  # [deg] a standard deviation beyond which a turn is unknown
+ESTIMATE_FORMAT, ESTIMATE_VERSION = "estimate", 2  # of the files that `save` writes
+UNOBSERVED_TURN = 45.0  # [deg] of sigma beyond which a rotation is not observed
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +39,9 @@ class Estimate:
     first, for the next action; information about shape and final pose.  origin: the
     hypothesis it was solved from; reductions and cuts in use: with them the programme
     can be built again.  progress: of the last solve by iteration, as in Solution.
-    finger_offset (F, 3) [m]: how far fingers are from where they say, world frame; None
-    where the scene knows (Scene.sigma_offset).
+    finger_offset (F, 3) [m]: true less measured finger positions, world frame; None
+    where the scene takes them as exact (Scene.sigma_offset).  fit: how well the model
+    explains the measurements; None for a page that states no touch likelihood.
     """
 
     measurements: Measurements
@@ -70,6 +77,7 @@ class Estimate:
     versions: dict[str, str]
     progress: dict[str, np.ndarray] = field(default_factory=dict)
     finger_offset: np.ndarray | None = None
+    fit: Fit | None = None
 
     @property
     def side_lengths(self) -> np.ndarray:
@@ -90,7 +98,7 @@ class Estimate:
 
     @property
     def seen_positions(self) -> np.ndarray:
-        """Where the fingers were (T, F, 3) [m], world: as they say, plus offset."""
+        """Finger positions (T, F, 3) [m], world frame: measured, plus offset."""
         said, joints = self.measurements.finger_position, self.scene.sigma_offset
         if self.finger_offset is None:
             return said
@@ -98,13 +106,17 @@ class Estimate:
             return said + joints.off(said, self.finger_offset)
         return said + self.finger_offset
 
+    @property
+    def compliance(self) -> float | None:
+        """Estimated compliance of the fingertips [m/N]; None where it is no unknown."""
+        if COMPLIANCE not in self.unknowns:
+            return None
+        return float(self.unknowns[COMPLIANCE].item()) / (self.scene.mass * G)
+
     def rotation(self, sample: int = -1) -> np.ndarray:
         """Return the rotation matrix (3, 3) from body to world at a sample."""
         check_sample(sample, len(self.quaternion))
-        from scipy.spatial.transform import Rotation
-
-        w, x, y, z = self.quaternion[sample]
-        return Rotation.from_quat([x, y, z, w]).as_matrix()
+        return rotation_of(self.quaternion[sample]).as_matrix()
 
     def mesh(self, sample: int = -1):
         """Return the shape at a sample as a trimesh.Trimesh, world frame [m]."""
@@ -118,7 +130,7 @@ class Estimate:
         return supporting_planes(self)
 
     def summary(self) -> str:
-        """Return a paragraph for people."""
+        """Return a paragraph in words: size, pose, sigma, solve, what was left out."""
         mm = 1e3
         x, y, z = self.position[-1] * mm
         where = self.information.sigma("position") * mm
@@ -129,8 +141,12 @@ class Estimate:
             f"after {self.iterations} iterations, {self.seconds['total']:.1f} CPU s; "
             f"largest violation {max(self.violations.values(), default=0.0):.1g}.",
         ]
+        if self.fit is not None:
+            lines.append(self.fit.text)
+        if self.compliance is not None:
+            lines.append(self._softness())
         if self.finger_offset is not None:
-            lines.append(words(self.finger_offset, self.information.offsets))
+            lines.append(offsets_in_words(self.finger_offset, self.information.offsets))
         if self.information.unobserved:
             lines.append(
                 "Not observed: " + "; ".join(self.information.unobserved) + "."
@@ -141,7 +157,7 @@ class Estimate:
         return "\n".join(lines)
 
     def _sized(self) -> str:
-        """Return in words how large the body is."""
+        """Return the size of the body in words."""
         mm = 1e3
         if "side_lengths" not in self.information.maps:
             size = np.ptp(self.vertices, axis=0) * mm
@@ -157,23 +173,31 @@ class Estimate:
         sides = zip(self.theta, sigma, strict=True)
         return " x ".join(f"{s * mm:.2f} ± {e:.2f}" for s, e in sides) + " mm"
 
+    def _softness(self) -> str:
+        """Return the compliance of the fingertips in words."""
+        weight = self.scene.mass * G
+        return (
+            f"Fingertips are soft: they yield by {1e3 * self.compliance * weight:.2f} "
+            f"mm under the object's weight ({weight:.1f} N)."
+        )
+
     def _turned(self) -> str:
-        """Return in words which way the body is turned at the last sample."""
+        """Return the orientation of the body at the last sample in words."""
         w, x, y, z = self.quaternion[-1]
         yaw = np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
         off = np.degrees(np.nanmax(self.information.sigma("rotation")))
         if off == 0.0:  # a hull has no axes of its own
-            return "its axes those of the world"
-        if off > UNKNOWN_TURN:
-            return "turned no one knows how"
+            return "with the axes of the world"
+        if off > UNOBSERVED_TURN:
+            return "orientation not observed"
         return f"turned by {yaw:.2f} ± {off:.2f} deg about the vertical"
 
     def save(self, path) -> None:
-        """Write one .npz: plain arrays and a JSON header, readable without us."""
-        write_result(path, FORMAT, VERSION, self, KINDS)
+        """Write one .npz: plain arrays and a JSON header, readable by NumPy alone."""
+        write_result(path, ESTIMATE_FORMAT, ESTIMATE_VERSION, self, ESTIMATE_CLASSES)
 
     def report(self, path) -> None:
-        """Write one HTML page to turn and scrub through; it needs no network."""
+        """Write one HTML page with a scene to turn and a time slider; works offline."""
         from ..output.html_report import write_report
 
         write_report(self, path)
@@ -187,10 +211,22 @@ class Estimate:
     @classmethod
     def load(cls, path) -> Estimate:
         """Read what `save` wrote, to the last digit; FileError of anything else."""
-        return read_result(path, FORMAT, VERSION, KINDS, cls)
+        return read_result(
+            path, ESTIMATE_FORMAT, ESTIMATE_VERSION, ESTIMATE_CLASSES, cls
+        )
 
 
-KINDS = {  # what a file of an estimate is made of
+def solution_of(estimate: Estimate) -> Solution:
+    """Return the solution that an estimate was read from; parameters are the page's."""
+    same = (
+        *("objective", "costs", "violations", "multipliers", "bound_multipliers"),
+        *("success", "status", "iterations", "evaluations", "seconds", "progress"),
+    )
+    known = {name: getattr(estimate, name) for name in same}
+    return Solution(values=estimate.unknowns, parameters={}, **known)
+
+
+ESTIMATE_CLASSES = {  # what a file of an estimate is made of
     kind.__name__: kind
     for kind in (
         *(Estimate, Skipped, Information, Modes, Measurements),

@@ -1,4 +1,7 @@
-"""solve_estimate: from measurements to shape, poses and impulses."""
+"""solve_estimate: from measurements to shape, poses and impulses.
+
+The steps, in this order: request, search, refinement, certificates, readout.
+"""
 
 from __future__ import annotations
 
@@ -10,43 +13,35 @@ from types import ModuleType
 from formulations.shape import Shape
 
 from ..common.interrupt import interruptible
-from ..common.validation import check_types
-from ..data.measurements import Measurements
 from ..data.scene import Scene
-from ..data.sensor_noise import precise, precision_of, smoothed
 from ..errors import MotionError
 from ..nlp.solution import not_converged
-from ..problem.certificates import certify, without
-from ..problem.outliers import check_explained, contradicts
-from ..problem.pages import is_polytope
-from ..problem.reductions import Reductions, flat, insisted
-from ..search.beam import RIVAL, beam
-from ..search.hypothesis import Hypothesis, Job, distinct, same
-from ..search.local_solve import CLOSE, Solved, gone_on, settings_of, solved_from
-from ..search.polytope_init import search as polytope_search
-from ..search.profile_likelihood import profiled
+from ..problem.outliers import check_explained
+from ..problem.reductions import Reductions
+from ..search.beam import beam
+from ..search.hypothesis import Hypothesis, distinct, same
+from ..search.local_solve import Solved
+from ..search.margins import LEAST_MOTION_BEHIND
+from ..search.polytope_init import search_polytope
 from ..search.proposals_floating import (
-    flattened,
-    floated,
-    followed,
-    laid_out,
-    plane_for,
-    tilting,
+    in_free_motion,
+    in_plane,
+    in_search_plane,
+    search_plane,
+    with_faces_tracked,
+    with_tilted_normals,
 )
-from ..search.proposals_tumble import recovered
-from .freedoms import with_soft_fingertips, with_tilt
-from .incremental_polytope import explained, updated
+from .certification import certified, checked
+from .incremental_polytope import repaired, updated
 from .interrupted import SoFar, interrupted
-from .options import Guess, Options
+from .model_selection import with_soft_fingertips
+from .options import PROCESS, Guess, Options, Session
 from .readout import name_of, read_off
 from .refinement import refined
-from .request import asked, carried, check_touched, first_guess
+from .request import Request, first_guess, read_request
 from .result import Estimate
 
 log = logging.getLogger("tactilenlp")
-ASTRAY = 1.0  # [nats] more freedom costs no more than what new resting steps do
-PUT_BACK = 2  # times that a problem is solved again with what it needs after all
-TUMBLES = 3  # guesses of a tumble at most that are solved in free motion
 
 
 def solve_estimate(
@@ -59,193 +54,118 @@ def solve_estimate(
     start: Estimate | Guess | None = None,
     executor=None,
     throw: bool = True,
+    session: Session | None = None,
 ) -> Estimate:
-    """Find shape, poses and impulses that explain what the fingers felt (eq:vimp).
+    """Find shape, poses and impulses that explain the measurements (eq:vimp).
 
     data: Measurements.  scene: what is known (default Scene()).  shape: "cuboid",
     "polytope" (20 vertices), formulations.polytope.polytope(30), or a Shape.
     formulation: "quasi_static", "violation_implicit", "multiple_shooting", "shooting",
     "complementarity", "paper" or a page (module with `build`, `LEVELS`).  start: an
     earlier Estimate of the first actions (for a polytope: of any shape), even of a part
-    of an action that still runs, or a Guess.
-    executor: any concurrent.futures executor; processes, not threads.
+    of an action that still runs, or a Guess.  executor: any concurrent.futures executor
+    of processes.  session: keeps term functions for solves that start from this
+    estimate; by default one for the process.
 
     Raises NoContactError, MeasurementError, OptionError, StartError before any solve,
     and NotConverged or MotionError after it unless `throw` is False.  Ctrl-C raises
-    Interrupted, whose `estimate` is of the actions done by then: a start to go on from.
+    Interrupted, whose `estimate` of the actions done by then can be a start.
     """
-    check_types(data=(data, Measurements))
-    scene, shape, options, page = asked(scene, shape, formulation, options, executor)
-    scene.check(data)
-    check_touched(data)
-    job = _job(data, scene, shape, options, time.monotonic(), page)
-    so_far = SoFar([] if start is None else carried(start, shape, scene, data))
+    session = PROCESS if session is None else session
+    request, known = read_request(
+        data, scene, shape, formulation, options, start, executor, session
+    )
+    so_far = SoFar(known)
     try:
         with interruptible():
-            estimate, best = _found(data, job, page, start, options, executor, so_far)
+            estimate, best = _estimated(request, so_far)
     except KeyboardInterrupt as stop:
-        raise interrupted(data, job, page, options, so_far) from stop
+        raise interrupted(request, so_far) from stop
+    session.keep(estimate, request.job, request.page)
     if throw:
         _raise_unless_good(estimate, best)
     return estimate
 
 
-def _found(data, job, page, start, options, executor, so_far):
-    """Return the estimate of a job, and the solved page that it was read off."""
-    update, good = updated(job, page, start, options, _certified)
-    if good:
+def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
+    """Return the estimate of a request, and the solved page that it was read from."""
+    job, page, options, start = (
+        request.job, request.page, request.options, request.start
+    )  # fmt: skip
+    update, accepted = updated(job, page, start, options, certified)
+    if accepted:
         so_far.kept = [update.at]
-        return _read(data, job, page, options, update, so_far, 0.0, [update]), update
-    kept, starts = _searched(job, page, so_far.kept, start, options, executor)
+        return _read(request, update, so_far, 0.0, [update]), update
+    kept, starts = _searched(request, so_far.kept)
     so_far.kept, searched = kept, so_far.spent
-    known = start if _was_challenged(start, page) else None
-    solved = refined(job, page, starts, options, so_far.solved, known)
+    earlier = start if _had_alternatives(start, page) else None
+    solved = refined(job, page, starts, options, so_far.solved, earlier)
     job, solved = with_soft_fingertips(
         job, page, solved, options,
-        lambda soft: refined(soft, page, starts, options, so_far.solved, known),
+        lambda soft: refined(soft, page, starts, options, so_far.solved, earlier),
     )  # fmt: skip
-    solved = explained(job, page, solved, options, update)
-    best = _certified(replace(job, cuts=solved[0].job.cuts), page, solved[0], options)
-    fell = "planar" in best.certificates.broken and not flat(page)
-    rocked = with_tilt(best.job, page, best, options)
-    if fell and not is_polytope(job.shape):
-        best = min(
-            rocked, _tumbled(job, page, best, options, executor), key=lambda s: s.rank
-        )
-    elif rocked is not best:
-        best = _certified(rocked.job, page, rocked, options)
-    job = best.job
-    if not fell and options.rivals and best.solution.success:
-        best = _profiled(job, page, best, options)
-    so_far.kept = _carried_on(job, solved, kept, _widths(job, options)[0])
-    alike = [s for s in solved if s.solution.success]
-    others = [s for s in alike if s.window.motion is best.window.motion]
-    return _read(data, job, page, options, best, so_far, searched, others), best
+    solved = repaired(job, page, solved, options, update)
+    cuts = solved[0].job.cuts
+    best = checked(replace(job, cuts=cuts), page, solved[0], options, request.executor)
+    so_far.kept = _carried_on(job, solved, kept, request.widths[0])
+    others = [
+        s for s in solved
+        if s.solution.success and s.window.motion is best.window.motion
+    ]  # fmt: skip
+    return _read(request, best, so_far, searched, others), best
 
 
-def _read(data, job, page, options, best, so_far, searched, rivals) -> Estimate:
-    """Return the estimate read off the best page; searched [s] of CPU."""
+def _read(request, best, so_far, searched: float, modes) -> Estimate:
+    """Return the estimate read from the best page; searched [s] of CPU time."""
     seconds = best.solution.seconds | {"search": searched, "total": so_far.spent}
-    given = page, options, best, so_far.kept, seconds, time.monotonic() > job.deadline
-    return read_off(data, job, *given, rivals)
+    late = time.monotonic() > request.job.deadline
+    return read_off(request, best, so_far.kept, seconds, late, modes)
 
 
-def _was_challenged(start, page) -> bool:
-    """Tell whether a start is an estimate whose rivals this page was asked for."""
+def _had_alternatives(start, page) -> bool:
+    """Tell whether a start is an estimate of this page with alternatives solved."""
     if not (isinstance(start, Estimate) and start.success):
         return False
     return start.options["rivals"] and start.formulation == name_of(page)
 
 
-def _searched(job, page, kept, start, options, executor):
-    """Return hypotheses to carry on, and the same as the page starts from them.
+def _searched(request: Request, kept) -> tuple[list[Hypothesis], list[Hypothesis]]:
+    """Return hypotheses for the next action, and the same as the page starts from them.
 
-    kept: a list of those to begin with; holds those of the actions done so far.
+    kept: a list of those to begin with; holds those of the actions done so far.  A
+    floating object is searched in the plane of its touches.
     """
-    # A search is as lean as it can be, whatever the last solve leaves out.
-    search, plane = replace(job, reductions=Reductions()), None
+    job, start, plane = request.job, request.start, None
+    lean = replace(job, reductions=Reductions())  # whatever the last solve leaves out
     if job.scene.ground is None:
-        plane = plane_for(job, start if isinstance(start, Guess) else None)
-        search = laid_out(search, plane)
-    if is_polytope(job.shape):
-        kept[:] = kept if plane is None else [flattened(h, plane) for h in kept]
-        found = polytope_search(search, kept, so_far=kept)
-        if plane is not None:
-            (other,) = polytope_search(tilting(search), kept, so_far=kept)
-            found += [replace(other, objective=found[0].objective)]  # of other weights
-    else:
-        search = replace(search, first=first_guess(start, job.shape))
-        ranks = page if plane is None else None
-        widths = _widths(job, options)
-        found = beam(search, kept, *widths, executor, ranks, so_far=kept)
+        plane = search_plane(job, start if isinstance(start, Guess) else None)
+        lean = in_search_plane(lean, plane)
+    search = {"sizes": _search_sizes, "vertices": _search_vertices}
+    found = search[job.shape.parameters](request, lean, plane, kept)
     if plane is None:
         return found, found
-    starts = [floated(h, plane, job.shape) for h in found]
-    if is_polytope(job.shape):
-        starts += [followed(h, job.data) for h in starts]
+    starts = [in_free_motion(h, plane, job.shape) for h in found]
+    if job.shape.last_pose_held:
+        starts += [with_faces_tracked(h, job.data) for h in starts]
     return found, starts
 
 
-def _widths(job, options) -> tuple[int, int]:
-    """Return how many hypotheses are kept, and starts solved, after an action."""
-    return options.widths(precise(job.data, job.precision))
+def _search_sizes(request: Request, job, plane, kept) -> list[Hypothesis]:
+    """Return hypotheses of a shape with sizes: beam search over actions."""
+    job = replace(job, first=first_guess(request.start, job.shape))
+    page = request.page if plane is None else None
+    return beam(job, kept, *request.widths, request.executor, page, so_far=kept)
 
 
-def _job(data, scene, shape, options, began, page) -> Job:
-    """Return what a solve needs: data in the ground's frame, noisy paths smoothed."""
-    ground = scene.ground
-    if ground is not None:
-        data = data.transformed(ground.rotation, ground.translation)
-    precision = precision_of(data, scene)
-    made = Reductions.of(options.reduce)
-    if ground is None:  # nothing keeps the object flat
-        made = without(made, ["planar"])
-    return Job(
-        data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
-        reductions=insisted(page, made), deadline=began + options.time_limit,
-    )  # fmt: skip
-
-
-def _certified(job, page, solved, options) -> Solved:
-    """Check what was dropped; put back what was needed and solve again.
-
-    Still spans are cut first where they would move, and dropped if that was not enough.
-    """
-    found = certify(job, page, solved)
-    for _ in range(PUT_BACK):
-        back = [name for name in found.broken if name != "planar"]
-        if not back:
-            break
-        log.info("needed after all: %s", ", ".join(back))
-        more = {*found.cuts, *job.cuts}
-        if found.cuts and (not job.cuts or is_polytope(job.shape)):
-            job = replace(job, cuts=tuple(sorted(more)))
-            back.remove("still")
-        job = replace(job, reductions=without(job.reductions, back))
-        again = _solved_on(job, page, solved, options)
-        if again.solution.objective > solved.solution.objective + ASTRAY:
-            break  # another optimum, which is worse: what does not hold is said
-        solved, found = again, certify(job, page, again)
-    return replace(solved, certificates=found)
-
-
-def _profiled(job, page, best, options) -> Solved:
-    """Return the best with the profile of its sizes; or a better one that is met."""
-    profile, better = profiled(job, page, best, options)
-    if better is not None:
-        again = solved_from(job, page, better, options, levels=page.LEVELS[-1:])
-        again = _certified(job, page, again, options)
-        if again.rank < best.rank:
-            best = again
-            profile, _ = profiled(job, page, best, options)
-    return replace(best, profile=profile)
-
-
-def _solved_on(job, page, solved, options) -> Solved:
-    """Solve again, with less left out, from where a solve ended."""
-    again = gone_on(job, page, solved, settings_of(job, options), CLOSE)
-    if again.solution.success:
-        return again
-    return solved_from(job, page, solved.at, options)
-
-
-def _tumbled(job, page, flat, options, executor) -> Solved:
-    """Solve in free motion from guesses of a tumble; keep the best, or the flat one."""
-    evidence = contradicts(job, flat)
-    found = recovered(job, evidence, *options.widths(precise=False), executor)
-    free = replace(job, reductions=without(job.reductions, ["planar"]))
-    levels = getattr(page, "ROUGH", page.LEVELS)
-    solved = [
-        solved_from(free, page, h, options, levels=levels) for h in found[:TUMBLES]
-    ]
-    better = [
-        s for s in solved
-        if s.solution.success and s.solution.objective < flat.solution.objective
-    ]  # fmt: skip
-    if not better:
-        return flat
-    best = min(better, key=lambda s: s.solution.objective)
-    return replace(best, certificates=certify(free, page, best))
+def _search_vertices(request: Request, job, plane, kept) -> list[Hypothesis]:
+    """Return hypotheses of a polytope: poses and planes, then its vertices."""
+    if plane is None:
+        return search_polytope(job, kept, so_far=kept)
+    kept[:] = [in_plane(h, plane) for h in kept]
+    found = search_polytope(job, kept, so_far=kept)
+    (other,) = search_polytope(with_tilted_normals(job), kept, so_far=kept)
+    # Its objective has other weights.
+    return [*found, replace(other, objective=found[0].objective)]
 
 
 def _raise_unless_good(estimate, solved) -> None:
@@ -268,10 +188,10 @@ def _raise_unless_good(estimate, solved) -> None:
 
 
 def _carried_on(job, solved, kept, width: int) -> list[Hypothesis]:
-    """Return the hypotheses for the next action: those that the page prefers first."""
-    if is_polytope(job.shape):
-        return [s.at for s in solved[:1]]
+    """Return the hypotheses for the next action, those of the page first."""
+    if job.shape.hypotheses is not None:
+        return [s.at for s in solved[: job.shape.hypotheses]]
     refined = [s.at for s in solved] if job.reductions.planar else []
-    refined = distinct(job.shape, refined, width, RIVAL)
+    refined = distinct(job.shape, refined, width, LEAST_MOTION_BEHIND)
     rest = [h for h in kept if not any(same(job.shape, h, k) for k in refined)]
     return [*refined, *rest][:width]

@@ -20,7 +20,7 @@ from formulations.shape import Shape
 
 from ..common.validation import check_sample, check_types
 from ..errors import OptionError
-from ..information.information_gain import information_gain
+from ..information.information import information_gain
 from ..problem.pages import is_polytope, shape_of
 from .action_space import Action, Workspace
 from .beliefs import Belief, believed, freely, sensors

@@ -64,7 +64,7 @@ def first_touch(world, space: Workspace, centre, rng):
     """Return action, data and trajectories of a first touch: one finger, or a sweep."""
     alone, told = tuple(f == 0 for f in range(space.fingers)), []
     if centre is not None:
-        centre = _checked_centre(centre)
+        centre = checked_centre(centre)
         action = space.random(rng, alone)
         told.append(action.trajectory(centre))
         data = world.execute(told[-1])
@@ -85,7 +85,7 @@ def first_touch(world, space: Workspace, centre, rng):
     )
 
 
-def _checked_centre(centre) -> np.ndarray:
+def checked_centre(centre) -> np.ndarray:
     """Return where a first finger aims, (3,) [m]."""
     try:
         place = np.array(centre, float)

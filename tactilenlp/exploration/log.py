@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
+import shutil
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryFile
 
-from ..common.npz import read_result, write_result
+from ..common.npz import check_folder, read_result, write_result
 from ..common.validation import check_types
 from ..data.measurements import Measurements
-from ..errors import StartError
-from ..estimation.result import KINDS as ESTIMATE_KINDS
-from ..estimation.result import Estimate
+from ..errors import FileError, StartError
+from ..estimation.result import ESTIMATE_CLASSES, Estimate
 from .action_search import Choice
 from .action_space import Action, Trajectory, Workspace
 
 FORMAT, VERSION = "exploration", 1  # of the files that are kept
+PAUSE = 1.0  # [s] between the last kept sample and the first one of another process
+SPACE = 10e6  # [bytes] that are free where an exploration is to be kept
 OTHER = {"measurements": "other data"}  # what is said of a field that differs
 
 
@@ -76,10 +80,46 @@ class Exploration:
         return read_result(path, FORMAT, VERSION, KINDS, cls)
 
 
-KINDS = ESTIMATE_KINDS | {
+KINDS = ESTIMATE_CLASSES | {
     kind.__name__: kind
     for kind in (Exploration, Step, Action, Choice, Trajectory, Workspace)
 }
+
+
+def onward(step: Step, past: Measurements | None, again: bool) -> Step:
+    """Return a step whose measurements go on after those of the past, checked.
+
+    again: the past may be of another process.  The world was then made anew and counts
+    time from zero again: the step is moved so that it begins PAUSE after the past.
+    Raises MeasurementError where the measurements cannot be appended.
+    """
+    data = step.measurements
+    if past is None:
+        return step
+    if again and data.time[0] <= past.time[-1]:
+        data = replace(data, time=data.time - data.time[0] + past.time[-1] + PAUSE)
+        step = replace(step, measurements=data)
+    past.append(data)
+    return step
+
+
+def check_file(file) -> None:
+    """Raise FileError unless an exploration can be kept in this file."""
+    check_folder(file, str(file))
+    folder = Path(file).absolute().parent
+    try:
+        with TemporaryFile(dir=folder):
+            free = shutil.disk_usage(folder).free
+    except OSError as bad:
+        raise FileError(
+            "cannot be written", where=str(file), got=f"{type(bad).__name__}: {bad}",
+            expected="a folder in which files can be made", next="write elsewhere",
+        ) from bad  # fmt: skip
+    if free < SPACE:
+        raise FileError(
+            "too little space", where=str(file), got=f"{free / 1e6:.1f} MB",
+            expected=f"{SPACE / 1e6:.0f} MB or more", next="write elsewhere",
+        )  # fmt: skip
 
 
 def taken_up(file) -> Exploration:

@@ -5,117 +5,153 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from ..common.progress import progress, wipe
-from ..common.validation import check_numbers, check_path, check_types
+from ..common.validation import check_path, check_types
 from ..data.scene import Scene
-from ..errors import OptionError
-from ..estimation.options import Guess, Options
+from ..errors import OptionError, StartError
+from ..estimation.options import Guess
 from ..estimation.readout import name_of
 from ..estimation.request import asked, check_start
 from ..estimation.result import Estimate
 from ..estimation.solver import solve_estimate
 from ..evaluation.ground_truth import errors_of
-from .action_search import CrossEntropy, check_search
-from .action_space import Action, Workspace
+from .action_space import Workspace
 from .first_touch import first_touch
-from .log import Exploration, Step, check_same, taken_up
-from .policies import Plan, check_predicted, chosen, known_policy
+from .log import Exploration, Step, check_file, check_same, onward, taken_up
+from .options import ExploreOptions
+from .policies import check_predicted, chosen, known_policy
 
 log = logging.getLogger("tactilenlp")
+
+POSITIONAL = ("actions", "policy", "shape", "seed")  # settings after world and scene
 
 
 def explore(
     world,
     scene: Scene | None = None,
-    actions: int = 5,
-    policy: str | Callable[[Plan], Action] = "eig",
-    shape: str = "cuboid",
-    seed: int = 0,
-    *,
-    workspace: Workspace | None = None,
-    formulation="violation_implicit",
-    centre=None,
-    search: str | CrossEntropy = "facing",
-    budget: int = 180,
-    options: Options | None = None,
-    until: float | Callable[[Step], bool] | None = None,
+    *positional,
+    settings: ExploreOptions | None = None,
     file=None,
     start: Estimate | Guess | None = None,
     executor=None,
+    **keywords,
 ) -> Iterator[Step]:
     """Touch an object and yield a Step after the first touch and after each action.
 
     world: anything with `execute(trajectory) -> Measurements`; one that keeps a truth,
-    as World does, is compared with it in step.errors.  centre: where a first
-    finger aims, (2,) or (3,) [m], as in the paper; where it meets nothing, or without a
-    centre, the workspace is swept until something is touched (not counted).  policy:
-    "eig", "random", "fisher" (information of the action alone), "farthest" (from all
-    directions so far), or a function of a Plan.  until: a deviation [m] of the sizes,
-    or of the vertices of a polytope, that is enough, or a function of a Step.  file:
+    as World does, is compared with it in step.errors.  scene: what is known (default
+    Scene()).  settings: ExploreOptions; each of them may be given as a keyword instead
+    (actions, policy, shape, seed also by position, in this order), but not both.  file:
     keeps every action as soon as it is measured, as an Exploration; called again with
-    the same file, it goes on from there.
-    start: an Estimate to begin from instead of a first touch, or a Guess of the object.
+    the same file, it goes on from there.  start: an Estimate to begin from instead of a
+    first touch, or a Guess of the object.  executor: any concurrent.futures executor.
 
-    An action without contact is data.  After one, or where an estimate lies apart from
+    Where a first finger aimed at `centre` meets nothing, the workspace is swept.  An
+    action without contact is data.  After one, or where an estimate lies apart from
     what was touched, the next action is random and aims at the last touched spot.
 
-    While an action runs, whoever has its samples so far may look ahead, repeatedly:
+    While an action runs, its samples so far can be estimated, repeatedly:
     solve_estimate(estimate.measurements.append(so_far), scene, start=estimate).
+    Raises OptionError, SceneError, StartError and FileError before anything moves.
     """
-    _check(world, actions, seed, workspace, until, file, start)
-    check_search(search, budget)
-    policy = known_policy(policy)
-    scene, shape, options, page = asked(scene, shape, formulation, options, executor)
-    check_start(start, shape, scene)
-    check_predicted(policy, actions, start, shape, scene)
-    settings = {"search": search, "budget": budget, "policy": policy, "shape": shape}
-    solve = partial(
-        solve_estimate, scene=scene, shape=shape, formulation=page, options=options,
-        executor=executor, throw=False,
-    )  # fmt: skip
-    same = {"scene": scene, "shape": shape.name, "formulation": name_of(page)}
-    space = _space(world, scene, workspace)
+    given = _by_name(positional, keywords)
+    settings = ExploreOptions.of(settings, given)
+    loop = _prepared(world, scene, settings, file, start, executor)
     estimate, past = start if isinstance(start, Estimate) else None, []
-    diary, numbers = taken_up(file), range(0 if estimate is None else 1, actions + 1)
-    for number in progress(numbers, "explore"):
-        step = diary.at(number)
-        if step is None:
-            rng = np.random.default_rng([seed, number])
-            if estimate is None:
-                step = _touch_first(world, space, centre, rng)
-            else:
-                step = _act(world, space, number, estimate, past, rng, settings)
-            diary = _kept(diary.with_step(step), file)
+    kept, first = taken_up(file), 0 if estimate is None else 1
+    again = bool(kept.steps) or estimate is not None
+    _check_fingers(world, loop.space, kept)
+    for number in progress(range(first, settings.actions + 1), "explore"):
+        step = kept.at(number)
+        before = None if estimate is None else estimate.measurements
+        if step is None or step.estimate is None:  # or the process ended in the solve
+            step = loop.acted(number, estimate, past) if step is None else step
+            step = onward(step, before, again)
+            kept = _saved(kept.with_step(step), file)
         data = step.measurements
-        data = data if estimate is None else estimate.measurements.append(data)
+        data = data if before is None else before.append(data)
         if step.estimate is None:
-            step = _estimated(world, step, solve, data, estimate or start)
-            diary = _kept(diary.with_step(step), file)
-        check_same(step.estimate, data, same, file)
+            step = loop.estimated(step, data, estimate or start)
+            kept = _saved(kept.with_step(step), file)
+        check_same(step.estimate, data, loop.same, file)
         estimate = step.estimate
         past += [] if step.action is None else [step.action]
         log.info("action %d (%s): %s", number, step.policy, _headline(estimate))
         wipe()
         yield step
-        if until is not None and _enough(step, until):
+        if settings.until is not None and _enough(step, settings.until):
             return
 
 
-def _estimated(world, step: Step, solve, data, start) -> Step:
-    """Return the step with the estimate of all data so far, and how far off it is."""
-    began = time.process_time()
-    found = solve(data, start=start)
-    seconds = step.seconds | {"estimate": time.process_time() - began}
-    errors = errors_of(world, found)
-    return replace(step, estimate=found, seconds=seconds, errors=errors)
+@dataclass(frozen=True, eq=False)
+class _Loop:
+    """What every step needs: solve(data, start=...) and the arguments of `chosen`.
+
+    same: what a kept estimate must be of, by field.
+    """
+
+    world: object
+    space: Workspace
+    settings: ExploreOptions
+    choice: dict
+    solve: Callable
+    same: dict
+
+    def acted(self, number: int, estimate, past) -> Step:
+        """Return the step of the first touch or of a chosen action, not yet solved."""
+        rng = np.random.default_rng([self.settings.seed, number])
+        if estimate is None:
+            return _touch_first(self.world, self.space, self.settings.centre, rng)
+        return _act(self.world, self.space, number, estimate, past, rng, self.choice)
+
+    def estimated(self, step: Step, data, start) -> Step:
+        """Return the step with the estimate of all data so far, and its errors."""
+        began = time.process_time()
+        found = self.solve(data, start=start)
+        seconds = step.seconds | {"estimate": time.process_time() - began}
+        errors = errors_of(self.world, found)
+        return replace(step, estimate=found, seconds=seconds, errors=errors)
 
 
-def _check(world, actions, seed, workspace, until, file, start) -> None:
+def _prepared(world, scene, settings: ExploreOptions, file, start, executor) -> _Loop:
+    """Return what the steps need; raise for what cannot be explored."""
+    _check(world, file, start)
+    policy = known_policy(settings.policy)
+    scene, shape, options, page = asked(
+        scene, settings.shape, settings.formulation, settings.options, executor
+    )
+    check_start(start, shape, scene)
+    check_predicted(policy, settings.actions, start, shape, scene)
+    choice = {"search": settings.search, "budget": settings.budget}
+    choice |= {"policy": policy, "shape": shape}
+    solve = partial(
+        solve_estimate, scene=scene, shape=shape, formulation=page, options=options,
+        executor=executor, throw=False,
+    )  # fmt: skip
+    same = {"scene": scene, "shape": shape.name, "formulation": name_of(page)}
+    space = _space(world, scene, settings.workspace)
+    return _Loop(world, space, settings, choice, solve, same)
+
+
+def _by_name(positional, keywords: dict) -> dict:
+    """Return settings by name, of positional and keyword arguments."""
+    if len(positional) > len(POSITIONAL):
+        raise OptionError(
+            "too many positional arguments", where="explore", got=len(positional) + 2,
+            expected=f"world, scene, {', '.join(POSITIONAL)}",
+        )  # fmt: skip
+    given = dict(zip(POSITIONAL, positional, strict=False))
+    if twice := [name for name in given if name in keywords]:
+        raise OptionError("given twice", where=twice[0], got="by position and by name")
+    return given | keywords
+
+
+def _check(world, file, start) -> None:
     """Raise OptionError for what cannot be explored, before anything moves."""
     # A file can stand for a world that is not there: for actions that it has.
     if world is not None and not callable(getattr(world, "execute", None)):
@@ -123,25 +159,38 @@ def _check(world, actions, seed, workspace, until, file, start) -> None:
             "nothing to explore", where="world", got=repr(world)[:80],
             expected="an object with execute(trajectory) -> Measurements",
         )  # fmt: skip
-    none = type(None)
-    check_types(
-        workspace=(workspace, (Workspace, none)),
-        start=(start, (Estimate, Guess, none)), actions=(actions, (int, np.integer)),
-        seed=(seed, (int, np.integer)),
-    )  # fmt: skip
-    check_numbers("", "a whole number from 0", actions=(actions, -1, np.inf))
-    check_numbers("", "a whole number from 0", seed=(seed, -1, np.inf))
-    if until is not None and not callable(until):
-        check_numbers("", "a deviation above 0 [m], or a function", until=(until, 0, 1))
+    check_types(start=(start, (Estimate, Guess, type(None))))
     if file is not None:
         check_path(file)
+        if world is not None:
+            check_file(file)
 
 
-def _kept(diary: Exploration, file) -> Exploration:
-    """Return the diary, kept in a file if there is to be one."""
+def _check_fingers(world, space: Workspace, kept: Exploration) -> None:
+    """Raise unless the world has the fingers of the workspace and of what is kept."""
+    radius = getattr(world, "finger_radius", None)
+    if radius is None:
+        return
+    if np.ndim(radius) and len(radius) != space.fingers:
+        raise OptionError(
+            "another number of fingers", where="workspace.fingers", got=space.fingers,
+            expected=f"{len(radius)}, as the world has",
+        )  # fmt: skip
+    for step in kept.steps:
+        kept = step.measurements.finger_radius
+        if len(kept) != space.fingers or not np.all(kept == radius):
+            raise StartError(
+                "kept measurements of other fingers", where=f"step {step.number}",
+                got=f"finger_radius {kept.tolist()}", expected=f"{radius} [m]",
+                next="explore into another file",
+            )  # fmt: skip
+
+
+def _saved(kept: Exploration, file) -> Exploration:
+    """Return the steps so far, saved if there is a file for them."""
     if file is not None:
-        diary.save(file)
-    return diary
+        kept.save(file)
+    return kept
 
 
 def _touch_first(world, space, centre, rng) -> Step:

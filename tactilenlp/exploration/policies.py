@@ -45,7 +45,7 @@ class Plan:
 
 def known_policy(policy):
     """Return a policy; OptionError where it is none."""
-    if callable(policy) or policy in POLICIES:
+    if callable(policy) or (isinstance(policy, str) and policy in POLICIES):
         return policy
     raise OptionError(
         "no such policy",

@@ -61,7 +61,7 @@ def _step(shape, free: bool, fingers: int, off: bool) -> ca.Function:
     D_z = ca.horzcat(D_z, D_r) if off else D_z
     now, A = s + step, ca.DM.eye(3) + D_s
     M_now = M + sloped * (D_s @ M + D_z)
-    P_now = sloped * (A @ P @ A.T + exploration.wandered(step, SHARE, LEAST, ARM))
+    P_now = sloped * (A @ P @ A.T + exploration.process_noise(step, SHARE, LEAST, ARM))
     felt, told, feel = [], [], _feeling(shape, free)
     for f, p_wf in enumerate(meant):
         chance, weights, h, h_s, h_r = feel(z, now, p_wf, rho[f], sensors)
@@ -91,7 +91,7 @@ def _sample_told(M, P, h, h_s, weights):
     """Return rows of what the four numbers of one sample tell, and M, P after it."""
     rows = []
     for i in range(4):
-        e, M, P = exploration.told(M, P, h[i, :], h_s[i, :], weights[i])
+        e, M, P = exploration.measurement_update(M, P, h[i, :], h_s[i, :], weights[i])
         rows.append(e)
     return rows, M, P
 
@@ -127,7 +127,10 @@ def _feeling(shape, free: bool) -> ca.Function:
     at = pushing.moved(pose, s)
     phi = SPHERE.gap(shape, theta, at, r, rho)
     sensed = ca.vertcat(phi, SPHERE.normal(shape, theta, at, r, rho))
-    p, w = exploration.probability(phi, alpha), exploration.worth(phi, alpha, sigma)
+    p, w = (
+        exploration.probability(phi, alpha),
+        exploration.gap_information(phi, alpha, sigma),
+    )
     weights = ca.vertcat(w, *[p / sigma_n**2] * 3)
     slopes = [ca.densify(ca.jacobian(sensed, v)) for v in (z, s, r)]
     inputs = [z, s, r, rho, sensors]

@@ -1,4 +1,4 @@
-"""Body: what recorded motion says of a body, named, in SI, with deviations."""
+"""`Body`: shape, inertia and friction identified from motion, with deviations."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-LOST = 0.5  # [prior deviations] a vertex less certain than this was not observed
+UNOBSERVED_VERTEX = 0.5  # [prior deviations] of sigma, of an unobserved vertex
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class Body:
         return trimesh.convex.convex_hull(self.vertices)
 
     def summary(self) -> str:
-        """Return a paragraph for people."""
+        """Return a paragraph in words."""
         mm, sigma = 1e3, self.sigma
         if self.shape == "cuboid":
             pairs = zip(self.half_widths * mm, sigma["half_widths"] * mm, strict=True)
@@ -87,7 +87,7 @@ class Body:
         return "\n".join([*lines, *(f"Skipped {words}." for words in self.skipped)])
 
 
-def sharpened(corners: np.ndarray) -> np.ndarray:
+def corner_shift(corners: np.ndarray) -> np.ndarray:
     """Return by how much a radius of 1 moves each corner (V, 3) of the sharp hull.
 
     Every facet moves out by the radius; a corner goes where its facets meet, in the

@@ -14,20 +14,21 @@ from ..common.validation import check_types
 from ..data.scene import Scene
 from ..data.trajectories import Trajectories
 from ..errors import MotionError, OptionError, SceneError
+from ..geometry.transforms import rotation_of
 from ..information.information import reduced_covariance
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..nlp.solution import not_converged
-from .body import LOST, Body, sharpened
-from .impacts import gravity_of, impacts, near, steps_of
+from .body import UNOBSERVED_VERTEX, Body, corner_shift
+from .impacts import gravity_of, impacts, may_touch, steps_of
 
 log = logging.getLogger("tactilenlp")
-SIGNS = np.array(np.meshgrid([-1.0, 1], [-1.0, 1], [-1.0, 1])).reshape(3, 8)
-SOLVER = SolverOptions(tolerance=1e-5, time_limit=600.0)
-SHAPES = ("cuboid", "corners")
-DEEP = 3.0  # [SURFACE] that a corner left out may lie below the ground
-ROUNDS = 3  # solves at most: corners that were left out wrongly come back
-CHOSEN = ("theta", "radius", "friction", "inertia", "plane")  # get a sigma
+CUBE_SIGNS = np.array(np.meshgrid([-1.0, 1], [-1.0, 1], [-1.0, 1])).reshape(3, 8)
+DEFAULT_SOLVER = SolverOptions(tolerance=1e-5, time_limit=600.0)
+BODY_SHAPES = ("cuboid", "corners")
+SUNK_DEPTH = 3.0  # [SURFACE] below the ground: a vertex left out must come back
+MAX_SOLVES = 3  # with vertices that were wrongly left out restored
+WITH_SIGMA = ("theta", "radius", "friction", "inertia", "plane")
 
 
 def identify_body(
@@ -52,26 +53,18 @@ def identify_body(
     """
     began = time.process_time()
     scene = Scene() if scene is None else scene
-    options = SOLVER if options is None else options
+    options = DEFAULT_SOLVER if options is None else options
     _check(trajectories, scene, shape, gauge, options)
     steps, theta, signs, ruler = _prepared(trajectories, scene, shape, guess, gauge)
-    chosen = near(steps, (theta * signs).T)
+    chosen = may_touch(steps, (theta * signs).T)
     if not chosen.any():
         raise MotionError(
             "no corner comes near the ground", where="trajectories",
             got=f"origins at {1e3 * steps.p_wo[:, 2].min():.0f} mm and higher",
             expected="tosses that land", next="check scene.ground, or give a guess",
         )  # fmt: skip
-    for _ in range(ROUNDS):
-        window = impacts(steps, chosen, theta, signs, trajectories.dt)
-        problem = Problem()
-        page.build(problem, window, scene)
-        solution = solve_levels(problem, page.LEVELS, {}, options)
-        back = _sunk(steps, solution.values, signs) & ~chosen
-        if not back.any():
-            break
-        log.info("%d corners touched that were left out", back.sum())
-        chosen = chosen | back
+    given = steps, theta, signs, trajectories.dt, scene, options
+    problem, window, solution, chosen = _solved(*given, chosen)
     if throw and not solution.success:
         raise not_converged(problem, solution)
     body = _read_off(
@@ -83,15 +76,34 @@ def identify_body(
     return replace(body, skipped=(words,), seconds=seconds)
 
 
+def _solved(steps, theta, signs, dt, scene, options, chosen):
+    """Return problem, window, solution and the vertices (n, V) that may touch.
+
+    What was left out and lies below the ground in the solution is added, and the
+    problem solved again, MAX_SOLVES times at most.
+    """
+    for _ in range(MAX_SOLVES):
+        window = impacts(steps, chosen, theta, signs, dt)
+        problem = Problem()
+        page.build(problem, window, scene)
+        solution = solve_levels(problem, page.LEVELS, {}, options)
+        back = _sunk(steps, solution.values, signs) & ~chosen
+        if not back.any():
+            break
+        log.info("solving again: %d vertices that were left out touch", back.sum())
+        chosen = chosen | back
+    return problem, window, solution, chosen
+
+
 def _check(trajectories, scene, shape, gauge, options) -> None:
     check_types(
         trajectories=(trajectories, Trajectories),
         scene=(scene, Scene),
         options=(options, SolverOptions),
     )
-    if not isinstance(shape, str) or shape not in SHAPES:
+    if not isinstance(shape, str) or shape not in BODY_SHAPES:
         raise OptionError(
-            "unknown shape", where="shape", got=shape, expected=f"one of {SHAPES}"
+            "unknown shape", where="shape", got=shape, expected=f"one of {BODY_SHAPES}"
         )
     if gauge is not None and not (isinstance(gauge, int | float) and 0.5 < gauge < 2):
         expected = "None, or a number near 1"
@@ -108,12 +120,12 @@ def _prepared(trajectories, scene, shape, guess, gauge):
     from scipy.spatial.transform import Rotation
 
     turn = Rotation.from_matrix(scene.ground.rotation)
-    rotation = turn * Rotation.from_quat(np.roll(trajectories.quaternion, -1, axis=1))
+    rotation = turn * rotation_of(trajectories.quaternion)
     where = scene.ground.to_ground(trajectories.position)
     where = where - [*where[:, :2].mean(axis=0), 0]  # slopes turn about the middle
     given = trajectories.toss, where, rotation, trajectories.dt, scene.gravity
     steps = steps_of(*given)
-    theta, signs = _first(guess, shape, where)
+    theta, signs = _first_guess(guess, shape, where)
     ruler = (gauge or 1.0), 0.0
     if gauge is None and scene.gravity > 0:
         g, sigma = gravity_of(steps, (theta * signs).T, trajectories.dt)
@@ -122,12 +134,16 @@ def _prepared(trajectories, scene, shape, guess, gauge):
     return steps_of(given[0], ruler[0] * where, *given[2:]), theta, signs, ruler
 
 
-def _first(guess, shape, position):
+def _first_guess(guess, shape, position):
     """Return theta (3, columns) [m] and signs (3, V) of the first guess."""
     cuboid = shape == "cuboid"
     if guess is None:
         half = np.full(3, max(position[:, 2].min(), 1e-3))
-        return (half[:, None], SIGNS) if cuboid else (half[:, None] * SIGNS, SIGNS**2)
+        return (
+            (half[:, None], CUBE_SIGNS)
+            if cuboid
+            else (half[:, None] * CUBE_SIGNS, CUBE_SIGNS**2)
+        )
     try:
         given = np.asarray(guess, float)
     except (TypeError, ValueError):
@@ -140,7 +156,7 @@ def _first(guess, shape, position):
             "cannot start there", where="guess", got=repr(guess)[:80],
             expected="half widths (3,) > 0 [m]" if cuboid else "vertices (V, 3) [m]",
         )  # fmt: skip
-    return (given[:, None], SIGNS) if cuboid else (given.T, np.ones(given.T.shape))
+    return (given[:, None], CUBE_SIGNS) if cuboid else (given.T, np.ones(given.T.shape))
 
 
 def _sunk(steps, values, signs) -> np.ndarray:
@@ -148,20 +164,20 @@ def _sunk(steps, values, signs) -> np.ndarray:
     level = (values["plane"] + values["offset"]).T[steps.toss]
     p = steps.corners((values["theta"] * signs).T)[:, :, 0]
     ground = level[:, :1] + p[..., 0] * level[:, 1:2] + p[..., 1] * level[:, 2:]
-    low = p[..., 2] - ground < values["radius"] - DEEP * page.SURFACE
+    low = p[..., 2] - ground < values["radius"] - SUNK_DEPTH * page.SURFACE
     return low & ~steps.resting[:, None]
 
 
 def _read_off(trajectories, scene, shape, problem, window, solution, signs, ruler):
     values = {k: v.squeeze() for k, v in solution.values.items()}
-    spans = {name: problem.variables[name].span for name in CHOSEN}
+    spans = {name: problem.variables[name].span for name in WITH_SIGMA}
     chosen = np.concatenate([np.arange(s.start, s.stop) for s in spans.values()])
     C, _, _ = reduced_covariance(problem, solution, chosen)
     names = np.repeat([*spans], [s.stop - s.start for s in spans.values()])
     deviation = np.sqrt(np.where(np.diag(C) < 0, np.inf, np.diag(C)))
-    sigma = {name: deviation[names == name].squeeze() for name in CHOSEN}
+    sigma = {name: deviation[names == name].squeeze() for name in WITH_SIGMA}
     corners = (solution.values["theta"] * signs).T
-    push = sharpened(corners)
+    push = corner_shift(corners)
     vertices = corners + push * values["radius"]
     with_radius = _sharp_sigma(C, names, signs, push, shape)
     spread = np.hypot(with_radius, vertices * ruler[1] / ruler[0])
@@ -172,7 +188,7 @@ def _read_off(trajectories, scene, shape, problem, window, solution, signs, rule
         "inertia": sigma["inertia"] * uniform,
     }  # fmt: skip
     del sigma["theta"]
-    lost = np.flatnonzero((with_radius > LOST * page.SIZE).any(axis=1))
+    lost = np.flatnonzero((with_radius > UNOBSERVED_VERTEX * page.SIZE).any(axis=1))
     return Body(
         shape=shape, mass=scene.mass, vertices=vertices, radius=float(values["radius"]),
         friction=float(values["friction"]), inertia=values["inertia"] * uniform,

@@ -1,7 +1,8 @@
-"""What the page `known_trajectory` reads of recorded motion: steps, and who may touch.
+"""Time steps of recorded motion, and the vertices that may touch within each.
 
 A step is a sample k with a pose before and one after it; the change of velocity there,
-(p_{k+1} - 2 p_k + p_{k-1}) / dt, is what impulses between these two have done.
+(p_{k+1} - 2 p_k + p_{k-1}) / dt, is caused by the impulses between these two.  The page
+`known_trajectory` reads steps and possible touches.
 """
 
 from __future__ import annotations
@@ -10,21 +11,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..problem.window import _Rows
+from ..problem.window import Rows
 
-NEAR = 10e-3  # [m] a corner that stays higher than this over a step does not touch
-CALM = 0.04, 0.3  # [m/s], [rad/s] a lesser change of velocity is no impact
-GLIDE = 1.0  # [rad/s] slower than this and calm, a body rests or glides on a face
-KEPT = 4  # one in so many steps of a glide is kept: its samples all say the same
-QUIET = 0.006, 0.04  # [m/s], [rad/s] deviation of a change of velocity (free flights)
-IMPACT = 0.2  # [1] of a change of velocity: deviation of real impacts from rigid ones
-FLIGHT = 8  # samples that a fall must have to measure gravity
-UNSURE = 0.016  # [1] deviation of the gravity that one toss measures (of 76 real ones)
-FEW = 4  # tosses below which their scatter says nothing
+NEAR_GROUND = 10e-3  # [m] a vertex that stays higher over a step does not touch
+CALM_CHANGE = 0.04, 0.3  # [m/s], [rad/s] a lesser change of velocity is no impact
+GLIDE_SPEED = 1.0  # [rad/s] below this and calm, a body rests or glides on a face
+GLIDE_KEPT = 4  # one in so many steps of a glide is kept: they are redundant
+# Deviation of a change of velocity [m/s], [rad/s], from free flights:
+FLIGHT_NOISE = 0.006, 0.04
+IMPACT_SIGMA = 0.2  # [1] of a change of velocity: of real impacts from rigid ones
+FLIGHT_SAMPLES = 8  # of a fall that measures gravity
+GRAVITY_SIGMA = 0.016  # [1] of the gravity of one toss (scatter of 76 real ones)
+MIN_TOSSES = 4  # below which their own scatter is not used
 
 
 @dataclass(frozen=True, eq=False)
-class Steps(_Rows):
+class Steps(Rows):
     """All steps: poses now, one sample before (_1) and after (_2), and velocities.
 
     sample, toss: of `now`; p_wo (n, 3) [m]; R_wo (n, 9) column by column; dv [m/s];
@@ -64,7 +66,7 @@ class Steps(_Rows):
 
 
 @dataclass(frozen=True, eq=False)
-class Touches(_Rows):
+class Touches(Rows):
     """Corners that may touch within a step: column of theta, vertex, signs of theta."""
 
     step: np.ndarray
@@ -107,15 +109,15 @@ def steps_of(toss, position, rotation, dt: float, gravity: float) -> Steps:
     dv = (p[k + 1] - 2 * p[k] + p[k - 1]) / dt
     fall = np.linalg.norm(dv + np.array([0, 0, gravity * dt]), axis=1)
     turn = np.linalg.norm(way - way_1, axis=1) / dt
-    calm = (np.linalg.norm(dv, axis=1) < CALM[0]) & (turn < CALM[1])
-    calm &= np.linalg.norm(way, axis=1) < GLIDE * dt
+    calm = (np.linalg.norm(dv, axis=1) < CALM_CHANGE[0]) & (turn < CALM_CHANGE[1])
+    calm &= np.linalg.norm(way, axis=1) < GLIDE_SPEED * dt
     index = np.unique(toss, return_inverse=True)[1].reshape(-1)[k]
     return Steps(
         sample=k, toss=index, p_wo=p[k], R_wo=R[k], p_wo_1=p[k - 1], R_wo_1=R[k - 1],
         p_wo_2=p[k + 1], R_wo_2=R[k + 1], dv=dv, w=way / dt, w_1=way_1 / dt,
         R_half=_columns(Rotation.from_rotvec(way / 2) * rotation[k]),
         R_half_1=_columns(Rotation.from_rotvec(way_1 / 2) * rotation[k - 1]),
-        noise=np.hypot(QUIET, IMPACT * np.stack([fall, turn], axis=1)),
+        noise=np.hypot(FLIGHT_NOISE, IMPACT_SIGMA * np.stack([fall, turn], axis=1)),
         resting=_thinned(calm, index),
     )  # fmt: skip
 
@@ -125,40 +127,40 @@ def _columns(rotation) -> np.ndarray:
 
 
 def _thinned(calm: np.ndarray, toss: np.ndarray) -> np.ndarray:
-    """Return which steps of a glide are left out: all but one in KEPT."""
+    """Return which steps of a glide are left out: all but one in GLIDE_KEPT."""
     count, out = 0, np.zeros(len(calm), bool)
     for i in range(len(calm)):
         goes_on = i > 0 and toss[i] == toss[i - 1] and calm[i]
         count = count + 1 if goes_on else 0
-        out[i] = count % KEPT > 0
+        out[i] = count % GLIDE_KEPT > 0
     return out
 
 
-def near(steps: Steps, vertices: np.ndarray) -> np.ndarray:
-    """Return which vertices (V, 3) [m] may touch within which step, (n, V)."""
-    low = steps.corners(vertices)[..., 2].min(axis=-1) < NEAR
+def may_touch(steps: Steps, vertices: np.ndarray) -> np.ndarray:
+    """Return which vertices (V, 3) [m] may touch the ground in which step, (n, V)."""
+    low = steps.corners(vertices)[..., 2].min(axis=-1) < NEAR_GROUND
     return low & ~steps.resting[:, None]
 
 
 def gravity_of(steps: Steps, vertices, dt: float) -> tuple[float, float]:
-    """Return the gravity [m/s^2] that free falls show, and its standard deviation.
+    """Return the gravity [m/s^2] of free falls, and its standard deviation.
 
     The first steps of each toss in which no vertex is near the ground are one parabola.
-    A tracker whose lengths are a little off measures gravity as much off.
-    Returns NaN, NaN where no toss falls for FLIGHT samples.
+    A scale error of the tracker scales the measured gravity alike. Returns NaN, NaN
+    where no toss falls for FLIGHT_SAMPLES samples.
     """
     found = []
-    high = steps.corners(vertices)[..., 2].min(axis=(1, 2)) > NEAR
+    high = steps.corners(vertices)[..., 2].min(axis=(1, 2)) > NEAR_GROUND
     for toss in range(steps.toss.max() + 1):
         rows = np.flatnonzero(steps.toss == toss)
         fall = rows[: np.argmin(np.append(high[rows], False))]
-        if len(fall) >= FLIGHT:
+        if len(fall) >= FLIGHT_SAMPLES:
             time = np.arange(len(fall)) * dt
             found.append(-2 * np.polyfit(time, steps.p_wo[fall, 2], 2)[0])
     if not found:
         return np.nan, np.nan
     mean = float(np.mean(found))
-    spread = np.std(found, ddof=1) if len(found) >= FEW else UNSURE * mean
+    spread = np.std(found, ddof=1) if len(found) >= MIN_TOSSES else GRAVITY_SIGMA * mean
     return mean, float(spread / len(found) ** 0.5)
 
 

@@ -1,27 +1,26 @@
-"""Hessians without what curves down: Gauss-Newton's matrix, for comparison.
+r"""Compute the information about shape and final pose in three other ways, to compare.
 
-Where residuals are zero, the Hessian of a sum of squares is J'J already; elsewhere its
-part that curves down is cut off, instance by instance.  The constraints' own curvature
-is left out.
+gauss_newton      The Hessian of every residual without its negative part: for a sum of
+                  squares with zero residuals this is J'J.  The curvature of constraints
+                  is left out.
 
-Information as the paper approximates it (eq:obsinfo), for comparison.
+paper             eq:obsinfo, with the final pose in the page's own unknowns,
 
     I = sum_t alpha^2 p (1 - p) grad phi grad phi' + c_t grad n Sigma_n^{-1} grad n'
 
-with p = 1 / (1 + exp(-alpha phi)), by shape and the pose of each sample; a past pose
-counts as the last one: position and the vector part of the quaternion move alike
-(dx_t/dx_{t-1} = 1).
+                  with p = 1 / (1 + exp(-alpha phi)), by shape and the pose of each
+                  sample; an earlier pose counts as the last one, since position and the
+                  vector part of the quaternion move alike (dx_t/dx_{t-1} = 1).
 
-Past poses from the last one by inverted Jacobians of the dynamics, for comparison.
-
-One sample's part of the programme, x_k and its impulses at given earlier poses, is a
-time step; its derivative F_k = dx_k / dx_{k-1} (at the same velocity) is inverted to
-carry what an early sample felt to the last pose,
+inverse_dynamics  The same sum, earlier poses by inverted Jacobians of the dynamics.  At
+                  given earlier poses x_k and its impulses solve one time step, whose
+                  derivative F_k = dx_k / dx_{k-1} (at the same velocity) gives
 
     dx_{k-1} = F_k^{-1} (dx_k - dx_k/dtheta dtheta).
 
-A finger that pushes decides where the object is, whatever it was before: F_k is nearly
-singular along the push, and the product of inverses grows with every sample.
+                  A pushing finger determines the pose whatever it was before: F_k is
+                  nearly singular along the push, and the product of the inverses grows
+                  with every sample.
 """
 
 from __future__ import annotations
@@ -31,13 +30,13 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import OptionError
-from ..nlp.kkt import LOOSE
-from ..nlp.kkt_sensitivity import Curvature
+from ..nlp.kkt import LEAST_CURVATURE
+from ..nlp.kkt_sensitivity import KKTSystem
 from ..nlp.term_functions import mapped
 
 
-def without_downward(curvature: Curvature) -> Curvature:
-    """Return the curvature with the Hessian of every instance made positive."""
+def gauss_newton(curvature: KKTSystem) -> KKTSystem:
+    """Return the KKT system with the Hessian of every instance made positive."""
     problem, hessians = curvature.problem, {}
     for name in curvature.hessians:
         hessians[name] = sp.csc_matrix((problem.size, problem.size))
@@ -52,46 +51,115 @@ def without_downward(curvature: Curvature) -> Curvature:
     return curvature.with_hessians(hessians)
 
 
-def local_hessians(curvature: Curvature, name: str) -> np.ndarray:
-    """Return the Hessian of every instance of a term, (instances, z, z), SI."""
-    term = curvature.problem.terms[name]
-    kind, x, data = term.kind, curvature.x, curvature.data
-    weight = curvature.multipliers.get(name, np.ones((term.instances, kind.rows)))
-    second = mapped(kind.second, term.instances)
-    upper = second(x[term.unknowns].T, data[term.data].T, weight.T)
-    i, j = (np.array(p, int) for p in kind.hessian_sparsity.get_triplet())
-    local = np.zeros((term.instances, term.unknowns.shape[1], term.unknowns.shape[1]))
-    local[:, i, j] = local[:, j, i] = np.asarray(upper).T
-    return local
-
-
-def scattered(curvature: Curvature, name: str, local) -> sp.csc_matrix:
-    """Return the sum of local matrices (instances, z, z) at their places."""
-    problem = curvature.problem
-    unknowns = problem.terms[name].unknowns
-    rows = np.broadcast_to(unknowns[:, :, None], local.shape).ravel()
-    columns = np.broadcast_to(unknowns[:, None, :], local.shape).ravel()
-    return sp.csc_matrix((local.ravel(), (rows, columns)), (problem.size,) * 2)
-
-
 def paper(problem, solution, window, shape) -> np.ndarray:
-    """Return eq:obsinfo (k, k) about theta and the last pose, in the page's chart."""
+    """Return eq:obsinfo (k, k) about theta and the last pose, page's unknowns."""
     x = solution.values["x"]
-    last = half_turns(window.motion, x[:, -1])
-    link = []
+    last = quaternion_jacobian(window.motion, x[:, -1])
+    by_last = []
     for k in range(x.shape[1]):
         same = np.eye(len(x))
-        turn = np.linalg.pinv(half_turns(window.motion, x[:, k])) @ last
+        turn = np.linalg.pinv(quaternion_jacobian(window.motion, x[:, k])) @ last
         same[len(x) - len(turn) :, len(x) - len(turn) :] = turn
-        link.append(same)
-    return chained(problem, solution, window, shape, np.array(link))
+        by_last.append(same)
+    return summed(problem, solution, window, shape, np.array(by_last))
 
 
-def chained(problem, solution, window, shape, link, theta=None) -> np.ndarray:
-    """Return the sum of the samples' information (k, k), each by its own pose's link.
+def quaternion_jacobian(motion, x) -> np.ndarray:
+    """Return d(vector part of the quaternion) / d(unknowns of rotation), (m, m)."""
+    if motion.name == "planar":
+        return np.array([[np.cos(x[2] / 2) / 2]])
+    w = ca.SX.sym("w", 3)
+    angle = ca.sqrt(ca.sumsqr(w) + 1e-16)
+    J = ca.Function("J", [w], [ca.jacobian(ca.sin(angle / 2) / angle * w, w)])
+    return np.asarray(J(x[3:]))
 
-    link (poses, u, u): how each pose follows the last one; theta (poses, u, n): how it
-    follows the shape at a given last pose.
+
+def inverse_dynamics(curvature: KKTSystem, solution, window, shape) -> np.ndarray:
+    """Return eq:obsinfo (k, k) with past poses by inverted Jacobians."""
+    by_last, by_theta = pose_jacobians(curvature, window, shape)
+    return summed(curvature.problem, solution, window, shape, by_last, by_theta)
+
+
+def pose_jacobians(
+    curvature: KKTSystem, window, shape
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return d pose / d last pose (poses, u, u) and d pose / d theta (poses, u, n)."""
+    u, n = window.motion.unknowns, shape.theta
+    by_last = np.tile(np.eye(u), (window.poses, 1, 1))
+    by_shape = np.zeros((window.poses, u, n))
+    row = {int(k): i for i, k in enumerate(window.step.pose)}
+    latest = _latest_poses(curvature, window)
+    local = {name: local_hessians(curvature, name) for name in curvature.hessians}
+    for k in range(window.poses - 1, 0, -1):
+        by_last[k - 1], by_shape[k - 1] = by_last[k], by_shape[k]
+        if k not in row:  # a gap between actions: the object stays
+            continue
+        H = sp.csc_matrix((curvature.problem.size,) * 2)
+        for name, poses in latest.items():
+            here = np.where((poses == k)[:, None, None], local[name], 0.0)
+            if (poses == k).any():
+                H = H + scattered(curvature, name, here)
+        F, by_theta = _time_step(curvature, window, shape, H, row[k])
+        back = np.linalg.inv(F)
+        by_last[k - 1] = back @ by_last[k]
+        by_shape[k - 1] = back @ (by_shape[k] - by_theta)
+    return by_last, by_shape
+
+
+def _time_step(curvature: KKTSystem, window, shape, H, s: int):
+    """Return dx_k/dx_{k-1} (u, u) and dx_k/dtheta (u, n) of the step s."""
+    problem, step = curvature.problem, window.step
+    columns = problem.variables["x"][:, :].indices
+    now = columns[step.pose[s]]
+    impulses = [
+        problem.variables[name][:, np.nonzero(rows.step == s)[0]].indices.ravel()
+        for name, rows in (("finger", window.push), ("ground", window.corner))
+        if name in problem.variables
+    ]
+    inside = np.concatenate([now, *impulses])
+    before = columns[step.before[s]], columns[step.before_2[s]]
+    given = problem.variables["theta"][:, :].indices.ravel()[: shape.theta]
+    D = sp.diags(problem.scale)
+    H, A = (D @ H @ D).tocsc(), curvature.A
+    A = A[np.unique(A[:, inside].nonzero()[0])]
+    K = sp.bmat(
+        [
+            [
+                H[inside][:, inside] + LEAST_CURVATURE * sp.identity(len(inside)),
+                A[:, inside].T,
+            ],
+            [A[:, inside], -LEAST_CURVATURE * sp.identity(A.shape[0])],
+        ]
+    ).toarray()
+    outside = np.concatenate([*before, given])
+    right = sp.vstack([H[inside][:, outside], A[:, outside]]).toarray()
+    moved = -np.linalg.solve(K, right)[: len(now)]
+    moved = moved * problem.scale[now][:, None] / problem.scale[outside]
+    u = len(now)
+    if step.before[s] == step.before_2[s]:  # the same columns twice
+        return moved[:, :u], moved[:, 2 * u :]
+    return moved[:, :u] + moved[:, u : 2 * u], moved[:, 2 * u :]
+
+
+def _latest_poses(curvature: KKTSystem, window) -> dict[str, np.ndarray]:
+    """Return for every term the latest pose of each instance, -1 if none."""
+    problem = curvature.problem
+    pose = np.full(problem.size, -1)
+    x = problem.variables["x"]
+    pose[x.span] = np.repeat(np.arange(x.columns), x.rows)
+    for name, rows in (("finger", window.push), ("ground", window.corner)):
+        if name in problem.variables:
+            v = problem.variables[name]
+            pose[v.span] = np.repeat(window.step.pose[rows.step], v.rows)
+    terms = curvature.hessians
+    return {name: pose[problem.terms[name].unknowns].max(axis=1) for name in terms}
+
+
+def summed(problem, solution, window, shape, by_last, by_theta=None) -> np.ndarray:
+    """Return the sum of the samples' information (k, k), each by its own pose.
+
+    by_last (poses, u, u): derivative of each pose by the last one; by_theta (poses, u,
+    n): by the shape at a given last pose.
     """
     n, u = shape.theta, len(solution.values["x"])
     alpha, sigma = (_value(problem, name) for name in ("alpha", "normal scale"))
@@ -102,9 +170,9 @@ def chained(problem, solution, window, shape, link, theta=None) -> np.ndarray:
         phi, by_phi, by_normal = _slopes(solution, window, shape, samples)
         to_last = np.zeros((len(samples), n + u, n + u))
         to_last[:, :n, :n] = np.eye(n)
-        to_last[:, n:, n:] = link[samples.pose]
-        if theta is not None:
-            to_last[:, n:, :n] = theta[samples.pose]
+        to_last[:, n:, n:] = by_last[samples.pose]
+        if by_theta is not None:
+            to_last[:, n:, :n] = by_theta[samples.pose]
         p = 1 / (1 + np.exp(-np.clip(alpha * phi, -500, 500)))
         J = np.einsum("ij,ijk->ik", by_phi, to_last)
         M += np.einsum("i,ij,ik->jk", alpha**2 * p * (1 - p), J, J)
@@ -112,16 +180,6 @@ def chained(problem, solution, window, shape, link, theta=None) -> np.ndarray:
             J = np.einsum("iaj,ijk->iak", by_normal, to_last)
             M += np.einsum("iaj,iak->jk", J, J) / sigma**2
     return M
-
-
-def half_turns(motion, x) -> np.ndarray:
-    """Return d(vector part of the quaternion) / d(entries of x that turn), (m, m)."""
-    if motion.name == "planar":
-        return np.array([[np.cos(x[2] / 2) / 2]])
-    w = ca.SX.sym("w", 3)
-    angle = ca.sqrt(ca.sumsqr(w) + 1e-16)
-    J = ca.Function("J", [w], [ca.jacobian(ca.sin(angle / 2) / angle * w, w)])
-    return np.asarray(J(x[3:]))
 
 
 def _slopes(solution, window, shape, samples):
@@ -155,77 +213,23 @@ def _value(problem, name: str) -> float:
     return float(problem.parameters[name].value[0])
 
 
-def inverse_dynamics(curvature: Curvature, solution, window, shape) -> np.ndarray:
-    """Return eq:obsinfo (k, k) with past poses by inverted Jacobians."""
-    link, theta = links(curvature, window, shape)
-    return chained(curvature.problem, solution, window, shape, link, theta)
+def local_hessians(curvature: KKTSystem, name: str) -> np.ndarray:
+    """Return the Hessian of every instance of a term, (instances, z, z), SI."""
+    term = curvature.problem.terms[name]
+    function, x, data = term.function, curvature.x, curvature.data
+    weight = curvature.multipliers.get(name, np.ones((term.instances, function.rows)))
+    second = mapped(function.second, term.instances)
+    upper = second(x[term.unknowns].T, data[term.data].T, weight.T)
+    i, j = (np.array(p, int) for p in function.hessian_sparsity.get_triplet())
+    local = np.zeros((term.instances, term.unknowns.shape[1], term.unknowns.shape[1]))
+    local[:, i, j] = local[:, j, i] = np.asarray(upper).T
+    return local
 
 
-def links(curvature: Curvature, window, shape) -> tuple[np.ndarray, np.ndarray]:
-    """Return how each pose follows the last (poses, u, u), and the shape (.., u, n)."""
-    u, n = window.motion.unknowns, shape.theta
-    link = np.tile(np.eye(u), (window.poses, 1, 1))
-    theta = np.zeros((window.poses, u, n))
-    row = {int(k): i for i, k in enumerate(window.step.pose)}
-    latest = _latest_knots(curvature, window)
-    local = {name: local_hessians(curvature, name) for name in curvature.hessians}
-    for k in range(window.poses - 1, 0, -1):
-        link[k - 1], theta[k - 1] = link[k], theta[k]
-        if k not in row:  # a gap between actions: the object stays
-            continue
-        H = sp.csc_matrix((curvature.problem.size,) * 2)
-        for name, poses in latest.items():
-            here = np.where((poses == k)[:, None, None], local[name], 0.0)
-            if (poses == k).any():
-                H = H + scattered(curvature, name, here)
-        F, by_theta = _time_step(curvature, window, shape, H, row[k])
-        back = np.linalg.inv(F)
-        link[k - 1] = back @ link[k]
-        theta[k - 1] = back @ (theta[k] - by_theta)
-    return link, theta
-
-
-def _time_step(curvature: Curvature, window, shape, H, s: int):
-    """Return dx_k/dx_{k-1} (u, u) and dx_k/dtheta (u, n) of the step s."""
-    problem, step = curvature.problem, window.step
-    columns = problem.variables["x"][:, :].indices
-    now = columns[step.pose[s]]
-    impulses = [
-        problem.variables[name][:, np.nonzero(rows.step == s)[0]].indices.ravel()
-        for name, rows in (("finger", window.push), ("ground", window.corner))
-        if name in problem.variables
-    ]
-    inside = np.concatenate([now, *impulses])
-    before = columns[step.before[s]], columns[step.before_2[s]]
-    given = problem.variables["theta"][:, :].indices.ravel()[: shape.theta]
-    D = sp.diags(problem.scale)
-    H, A = (D @ H @ D).tocsc(), curvature.A
-    A = A[np.unique(A[:, inside].nonzero()[0])]
-    K = sp.bmat(
-        [
-            [H[inside][:, inside] + LOOSE * sp.identity(len(inside)), A[:, inside].T],
-            [A[:, inside], -LOOSE * sp.identity(A.shape[0])],
-        ]
-    ).toarray()
-    outside = np.concatenate([*before, given])
-    right = sp.vstack([H[inside][:, outside], A[:, outside]]).toarray()
-    moved = -np.linalg.solve(K, right)[: len(now)]
-    moved = moved * problem.scale[now][:, None] / problem.scale[outside]
-    u = len(now)
-    if step.before[s] == step.before_2[s]:  # the same columns twice
-        return moved[:, :u], moved[:, 2 * u :]
-    return moved[:, :u] + moved[:, u : 2 * u], moved[:, 2 * u :]
-
-
-def _latest_knots(curvature: Curvature, window) -> dict[str, np.ndarray]:
-    """Return for every term the latest pose of each instance, -1 if none."""
+def scattered(curvature: KKTSystem, name: str, local) -> sp.csc_matrix:
+    """Return the sum of local matrices (instances, z, z) at their places."""
     problem = curvature.problem
-    pose = np.full(problem.size, -1)
-    x = problem.variables["x"]
-    pose[x.span] = np.repeat(np.arange(x.columns), x.rows)
-    for name, rows in (("finger", window.push), ("ground", window.corner)):
-        if name in problem.variables:
-            v = problem.variables[name]
-            pose[v.span] = np.repeat(window.step.pose[rows.step], v.rows)
-    terms = curvature.hessians
-    return {name: pose[problem.terms[name].unknowns].max(axis=1) for name in terms}
+    unknowns = problem.terms[name].unknowns
+    rows = np.broadcast_to(unknowns[:, :, None], local.shape).ravel()
+    columns = np.broadcast_to(unknowns[:, None, :], local.shape).ravel()
+    return sp.csc_matrix((local.ravel(), (rows, columns)), (problem.size,) * 2)

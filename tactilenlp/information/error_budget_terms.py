@@ -1,67 +1,119 @@
-"""How far off an estimate may be where what it weighs together disagrees.
+r"""Compute the terms of the error budget, each a covariance (k, k) by one named error.
 
-At an optimum the gradients of all terms add up to nothing: those of the touches of one
-finger in one action, and the forces that physics puts on the poses of one action, are
-balanced by all the rest.  Each of these groups g errs as a whole: a wrong pose moves
-all of its touches, a wrong coefficient of friction all of its impulses.  Hence
+Each function returns K^{-1} G K^{-1} for the middle G of one error; `error_budget.py`
+lists which of them apply to which class of shapes and adds them up.
 
-    K^{-1} ( sum_g  s_g s_g' ) K^{-1},        s_g = sum of the gradients of the group,
-
-the middle of a sandwich whose errors are shared within a group (cluster-robust, Liang
-and Zeger 1986): small where all say the same, large where they pull at each other.
-
-How far off an estimate may be where a finger slides: it may have stuck instead.
-
-A finger that moves along a face slides on it or takes the body along.  No sensor tells
-which; the physics of a solve holds to one of them with a curvature that is only that of
-a rounded |v|.  Had a finger f stuck in action a, the body would have come by its slip
-u in that action, and all poses before would lie by -u from where they are: a move e of
-the poses against which the physics' Hessian H pulls by H e.  Hence
-
-    K^{-1} ( sum_{a, f}  STUCK  H e e' H ) K^{-1},
-
-nothing where touches alone hold the poses: a move that physics does not resist.
-
-How far off an estimate may be where nothing was felt: its ball is but a guess.
-
-There the vertices lie about a sphere (m, r) and near where they started, which is what
-a page's prior says, each for itself.  A body differs from its ball otherwise: by INSIDE
-radii, and alike in directions alike.  With u_j the direction of vertex j from m,
-
-    v_j = start_j + r INSIDE g_j u_j,    cov(g_i, g_j) = exp(-|u_i - u_j|^2 / 2 ALIKE^2)
-
-By such errors e of where it pulls to, the prior's Hessian H moves the estimate by
-K^{-1} H e, nothing where touches hold the vertices:
-
-    K^{-1} H cov(e) H K^{-1}
+    pulls (unknowns, k), held (rows, k): columns of K^{-1}, see KKTSystem.sensitivity
+    action (T,): the action of every sample
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from ..geometry.convex_hull import INSIDE
-from ..geometry.transforms import is_planar, matrices, points_in_body
-from ..nlp.kkt_sensitivity import Curvature
+from formulations.violation_implicit import WEIGHTS
 
-STUCK = 0.1  # [-] of the fingers that seem to slide did not
-ALIKE = 1.0  # [-] on the unit sphere: as far apart as directions to one face are
-PRIOR = ("ball prior", "stay")  # what holds a vertex that nothing touches
-TINY = 1e-9  # [-] of the covariance of g: it is singular where vertices coincide
+from ..geometry.convex_hull import SIGMA_INSIDE
+from ..geometry.transforms import is_planar, matrices, points_in_body, rotate_planar
+from ..nlp.kkt import LEAST_CURVATURE
+from ..nlp.kkt_sensitivity import KKTSystem
+from .measurement_noise import KNOWN_FACE
+from .sensitivity import parameter_sensitivity
+
+BALANCE = WEIGHTS["balance sigma"][0]  # [weights] that may be missing in a step
+FRICTION = 0.1  # [-] relative deviation of a coefficient of friction that was given
+GROUND_GAP = "ground gap"  # the constraint of a hard ground
+UNEVEN = 1.0  # [REST] deviation of a corner from the hard ground
+UNTOUCHED = 2.0  # [position noise] deviation of a face that only physics determines
+TUMBLED = 0.1  # [size] the same where it follows from how the object tumbled
+VERTICAL = 0.99  # [-] cosine between the vertical and the axis of a face on the ground
+STICKING = 0.1  # [-] probability that a finger that seems to slide sticks
+CORRELATION_LENGTH = 1.0  # [-] on the unit sphere, between directions to one face
+VERTEX_PRIORS = ("ball prior", "stay")  # costs that determine untouched vertices
+REGULARISATION = 1e-9  # [-] of the covariance of g, singular where vertices coincide
 
 
-def tension(curvature: Curvature, pulls, window, action) -> np.ndarray:
-    """Return the covariance (k, k) of the chosen unknowns that disagreement tells, SI.
+def curvature_of_costs(curvature: KKTSystem, pulls, names) -> np.ndarray:
+    """Return the covariance (k, k) if the curvature of these terms is their error."""
+    return positive_part(pulls.T @ (curvature.hessian(names) @ pulls))
 
-    pulls: see Curvature.response_of; action (T,): of every sample.
+
+def missing_impulses(curvature: KKTSystem, held) -> np.ndarray:
+    """Return the covariance (k, k) by impulses of BALANCE missing in hard balances.
+
+    A page reports how such a constraint moves by one weight, "<its name>, gives".
     """
-    groups = [*_touches(curvature, window, action)]
-    groups += _physics(curvature, window, action)
-    moved = np.array([pulls.T @ s for s in groups]).reshape(-1, pulls.shape[1])
+    problem, total = curvature.problem, np.zeros((held.shape[1],) * 2)
+    for name, term in problem.constraints.items():
+        if f"{name}, gives" not in problem.reports:
+            continue
+        gives = problem.value(f"{name}, gives", curvature.x, curvature.data)
+        gives = gives.reshape(
+            term.instances, -1, term.function.rows
+        )  # column by column
+        rows = held[term.span].reshape(term.instances, term.function.rows, -1)
+        moved = (gives @ rows).reshape(-1, len(total))
+        total += BALANCE**2 * moved.T @ moved
+    return total
+
+
+def regularisation(curvature: KKTSystem, pulls) -> np.ndarray:
+    """Return the covariance (k, k) of K's regularisation, a weak prior."""
+    scaled = pulls / curvature.problem.scale[:, None]
+    return LEAST_CURVATURE * scaled.T @ scaled
+
+
+def friction_error(curvature: KKTSystem, pulls, held, name: str) -> np.ndarray:
+    """Return the covariance (k, k) by a coefficient of friction that was given."""
+    moved = parameter_sensitivity(curvature, pulls, held, {name: 1.0}, relative=True)
+    return FRICTION**2 * np.outer(moved, moved)
+
+
+def uneven_ground(curvature: KKTSystem, held, window) -> np.ndarray:
+    """Return the covariance (k, k) by a ground that is not the plane of a hard gap."""
+    problem = curvature.problem
+    slopes = problem.jacobian(GROUND_GAP, curvature.x, curvature.data)
+    slopes = slopes[:, problem.variables["x"].span]
+    rows = window.followed(held[problem.constraints[GROUND_GAP].span], slopes)
+    return UNEVEN**2 * rows.T @ rows
+
+
+def negative_curvature(C) -> np.ndarray:
+    """Return the covariance (k, k) along which the Hessian, of inverse C, is negative.
+
+    The data do not determine these directions; no error enters there, so that the
+    sandwich alone would take them for known.
+    """
+    return positive_part(-C)
+
+
+def positive_part(M) -> np.ndarray:
+    """Return the positive part of a symmetric matrix: no term reduces errors."""
+    values, vectors = np.linalg.eigh((M + M.T) / 2)
+    return (vectors * np.maximum(values, 0.0)) @ vectors.T
+
+
+def cluster_robust(curvature: KKTSystem, pulls, window, action) -> np.ndarray:
+    """Return the cluster-robust covariance (k, k) of the chosen unknowns, SI.
+
+    At an optimum the gradients of all terms add up to zero: those of the touches of one
+    finger in one action, and the forces of physics on the poses of one action, are
+    balanced by all others.  Each such cluster g errs as a whole: a wrong pose moves all
+    of its touches, a wrong coefficient of friction all of its impulses.  Hence
+
+        K^{-1} ( sum_g  s_g s_g' ) K^{-1},        s_g = sum of the gradients of g
+
+    (Liang and Zeger 1986): small where all clusters agree, large where they disagree.
+
+    pulls: see KKTSystem.sensitivity; action (T,): of every sample.
+    """
+    clusters = [*_touch_gradients(curvature, window, action)]
+    clusters += _physics_gradients(curvature, window, action)
+    moved = np.array([pulls.T @ s for s in clusters]).reshape(-1, pulls.shape[1])
     return moved.T @ moved
 
 
-def _touches(curvature, window, action):
+def _touch_gradients(curvature, window, action):
     """Return the gradients (n,) of the touches of each finger in each action."""
     if "touch" not in curvature.problem.terms:
         return
@@ -72,8 +124,8 @@ def _touches(curvature, window, action):
         yield _sum(each[np.flatnonzero((key == pair[:, None]).all(axis=0))])
 
 
-def _physics(curvature, window, action) -> list[np.ndarray]:
-    """Return what physics pulls (n,) at the poses of each action, and at the rest."""
+def _physics_gradients(curvature, window, action) -> list[np.ndarray]:
+    """Return the gradients (n,) of physics by the poses of each action and the rest."""
     problem = curvature.problem
     pull = np.zeros(problem.size)
     for name, term in problem.costs.items():
@@ -91,10 +143,20 @@ def _sum(rows) -> np.ndarray:
     return np.asarray(rows.sum(axis=0)).ravel()
 
 
-def dragging(curvature: Curvature, pulls, window, action) -> np.ndarray:
-    """Return the covariance (k, k) of the chosen unknowns if fingers stuck, SI.
+def stick_slip(curvature: KKTSystem, pulls, window, action) -> np.ndarray:
+    """Return the covariance (k, k) by fingers that may stick instead of slide, SI.
 
-    pulls: see Curvature.response_of; action (T,): of every sample.
+    A finger that moves along a face slides on it or moves the body.  No sensor tells
+    which; a solve decides for one of them, with the curvature of a rounded |v|.  Had a
+    finger f stuck in action a, the body would have moved by its slip u in that action,
+    and all earlier poses would be off by -u: a change e of the poses, on which the
+    Hessian H of physics acts with H e.  Hence
+
+        K^{-1} ( sum_{a, f}  STICKING  H e e' H ) K^{-1},
+
+    zero where touches alone determine the poses.
+
+    pulls: see KKTSystem.sensitivity; action (T,): of every sample.
     """
     problem, push = curvature.problem, window.push
     names = [n for n, term in problem.costs.items() if term.role == "physics"]
@@ -110,10 +172,10 @@ def dragging(curvature: Curvature, pulls, window, action) -> np.ndarray:
         e[x.span] = move.ravel()
         moved.append(pulls.T @ (H @ e))
     moved = np.array(moved).reshape(-1, pulls.shape[1])
-    return STUCK * moved.T @ moved
+    return STICKING * moved.T @ moved
 
 
-def slips(curvature: Curvature, window) -> np.ndarray:
+def slips(curvature: KKTSystem, window) -> np.ndarray:
     """Return how far [m] each pushing finger slid over the body.
 
     (pushes, 2) over the ground, in planar motion; else (pushes, 3).
@@ -125,26 +187,82 @@ def slips(curvature: Curvature, window) -> np.ndarray:
         met = points_in_body(before, slice(None), push.p_wf_1)
         return push.p_wf - now[:3].T - np.einsum("nij,nj->ni", matrices(now), met)
     arm = (push.p_wf_1[:, :2] - before[:2].T).T
-    c, s = np.cos(now[2] - before[2]), np.sin(now[2] - before[2])
-    carried = now[:2] + np.stack([c * arm[0] - s * arm[1], s * arm[0] + c * arm[1]])
+    carried = now[:2] + np.stack(rotate_planar(now[2] - before[2], *arm))
     return push.p_wf[:, :2] - carried.T
 
 
-def guessed(curvature: Curvature, pulls) -> np.ndarray:
-    """Return the covariance (k, k) of the chosen unknowns by a wrong ball, SI.
+def shape_prior_error(curvature: KKTSystem, pulls) -> np.ndarray:
+    """Return the covariance (k, k) by bodies that differ from the prior's ball, SI.
 
-    pulls: see Curvature.response_of.
+    Without touches the vertices lie about a sphere (m, r) and near where they started,
+    which is what a page's prior says of each vertex alone.  Bodies differ from their
+    ball by INSIDE radii, and similarly in similar directions.  With u_j the direction
+    of vertex j from m,
+
+        v_j = start_j + r INSIDE g_j u_j,   cov(g_i, g_j) = exp(-|u_i - u_j|^2 / 2 L^2)
+
+    with L = CORRELATION_LENGTH.  By such errors e of its centre, the prior's Hessian H
+    moves the estimate by K^{-1} H e, zero where touches determine the vertices:
+
+        K^{-1} H cov(e) H K^{-1}
+
+    pulls: see KKTSystem.sensitivity.
     """
     problem, values = curvature.problem, curvature.problem.unpack(curvature.x)
     V, (*middle, radius) = values["theta"].T, np.ravel(values["ball"])
     u = V - middle
-    u /= np.maximum(np.linalg.norm(u, axis=1, keepdims=True), radius * TINY)
+    u /= np.maximum(np.linalg.norm(u, axis=1, keepdims=True), radius * REGULARISATION)
     apart = np.linalg.norm(u[:, None] - u[None], axis=2)
-    alike = np.exp(-((apart / ALIKE) ** 2) / 2)
-    root = np.linalg.cholesky(alike + TINY * np.eye(len(u)))
+    alike = np.exp(-((apart / CORRELATION_LENGTH) ** 2) / 2)
+    root = np.linalg.cholesky(alike + REGULARISATION * np.eye(len(u)))
     errors = np.zeros((problem.size, len(u)))
     errors[problem.variables["theta"].span] = (
-        radius * INSIDE * (u[:, :, None] * root[:, None]).reshape(u.size, -1)
+        radius * SIGMA_INSIDE * (u[:, :, None] * root[:, None]).reshape(u.size, -1)
     )
-    moved = pulls.T @ (curvature.hessian(PRIOR) @ errors)
+    moved = pulls.T @ (curvature.hessian(VERTEX_PRIORS) @ errors)
     return moved @ moved.T
+
+
+def untouched_faces(
+    tangent, shape, faces, noise: float, grounded: bool = True
+) -> np.ndarray:
+    """Return the covariance (k, k) of faces that nothing touched, SI.
+
+    What physics tells of them is not Gaussian: one optimum among others, and too small
+    rather than too large where finger paths are noisy (noise [m]).  faces (axes, 2):
+    samples that touched each; grounded: the ground touches one at the first and at the
+    last sample.  A body whose unknowns are no lengths of sides has no such term.
+    """
+    n, k = shape.theta, len(tangent.z)
+    total = np.zeros((k, k))
+    if not getattr(shape, "symmetries", ()):
+        return total
+    known = np.asarray(faces) >= KNOWN_FACE
+    for R in (tangent.R_first, tangent.R) if grounded else ():
+        down = np.argmax(np.abs(R[2]))
+        known[down, 0 if R[2, down] > 0 else 1] |= abs(R[2, down]) > VERTICAL
+    for axis, (low, high) in enumerate(known):
+        if low and high:
+            continue
+        way = np.zeros(k)
+        way[axis] = 1.0
+        places = k - n - tangent.turning
+        way[n : n + places] = (int(low) - int(high)) / 2 * tangent.R[:places, axis]
+        deviation = UNTOUCHED * noise
+        if tangent.turning == 3:
+            deviation = np.hypot(deviation, TUMBLED * tangent.z[axis])
+        total += deviation**2 * np.outer(way, way)
+    return total
+
+
+def profile_beyond(profile, C) -> np.ndarray:
+    """Return the covariance (k, k) that the profile likelihood (k, k) has beyond C.
+
+    Each row adds what the rows before it have not added already.
+    """
+    beyond = np.zeros_like(C)
+    for i, off in enumerate(() if profile is None else profile):
+        more = off[i] ** 2 - max(C[i, i], 0.0) - beyond[i, i]
+        if more > 0:
+            beyond += more / off[i] ** 2 * np.outer(off, off)
+    return beyond

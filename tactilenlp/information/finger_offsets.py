@@ -1,4 +1,4 @@
-"""What is known of fingers that are not where they say, in the world."""
+"""Compute the covariance of constant offsets of the finger positions, world frame."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from scipy.linalg import block_diag
 
 from formulations.finger_offset import NAME
 
-from .error_budget import spread
+from .error_budget import Linearisation, error_budget
 
 
 def offsets_of(values: dict, R_wg) -> np.ndarray | None:
@@ -26,24 +26,24 @@ def covariance_of_offsets(curvature, sensed, window, shape, R_wg) -> np.ndarray 
     span = variables[NAME].span
     chosen = np.arange(span.start, span.stop)
     turn = np.kron(np.eye(len(chosen) // 3), R_wg)
-    pulls, held = (part @ turn.T for part in curvature.response_of(chosen))
+    pulls, held = (part @ turn.T for part in curvature.sensitivity(chosen))
     if sensed is None:
         C = turn @ pulls[chosen]
         return (C + C.T) / 2
-    return spread(curvature, pulls, held, sensed, window, shape)
+    return error_budget(Linearisation(curvature, pulls, held, sensed, window, shape))
 
 
-def covariance_with_offsets(curvature, chart) -> np.ndarray:
+def covariance_with_offsets(curvature, tangent) -> np.ndarray:
     """Return the covariance (k + 3 F, k + 3 F) by the Hessian, offsets last.
 
-    Of shape and final pose in their chart, and of the offsets as the page has them.
+    Of shape and final pose in their tangent space, and of the page's own offsets.
     """
     span = curvature.problem.variables[NAME].span
-    chosen = np.r_[chart.chosen, span.start : span.stop]
-    C = curvature.response_of(chosen)[0][chosen]
-    tangent, k = np.eye(len(chosen)), len(chart.chosen)
-    tangent[:k, :k] = chart.tangent
-    C = tangent @ C @ tangent.T
+    chosen = np.r_[tangent.chosen, span.start : span.stop]
+    C = curvature.sensitivity(chosen)[0][chosen]
+    jacobian, k = np.eye(len(chosen)), len(tangent.chosen)
+    jacobian[:k, :k] = tangent.jacobian
+    C = jacobian @ C @ jacobian.T
     return (C + C.T) / 2
 
 
@@ -54,7 +54,7 @@ def prior_of_offsets(scene, fingers: int) -> np.ndarray:
     return block_diag(*scene.joints.information.reshape(-1, 3, 3))
 
 
-def words(offset: np.ndarray, C: np.ndarray) -> str:
+def offsets_in_words(offset: np.ndarray, C: np.ndarray) -> str:
     """Return offsets (F, 3) [m] in words, with their deviations."""
     mm, each = 1e3, []
     for f, sigma in enumerate(np.sqrt(np.diag(C)).reshape(-1, 3)):

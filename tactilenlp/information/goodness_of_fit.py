@@ -11,6 +11,11 @@ uniformly between the surface and the way of the finger in a sample, so that
 for every touch that begins or ends.  How late a sensor notices a touch is not modelled:
 the spread of free samples is at least their expected cost.
 
+The verdict is "good" up to POOR spreads and MARGIN nats of excess, "bad" beyond BAD of
+either, else "poor".  Where it is not good, deviations are multiplied by the Birge ratio
+
+    B = sqrt(actual / (expected + spread))                             (Birge, 1932)
+
 Deviations of a rigid world from the model are RIGID of the page's own scales: the mean
 cost of the touches of 28 boxes that slid flat in clean recordings of our simulator was
 0.003 nats, which is RIGID^2 (1/2 + 1).
@@ -22,6 +27,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+POOR, BAD = 3.0, 10.0  # [spreads] and [MARGIN] of excess
+MARGIN = 3.0  # [nats] odds of 20 to 1
 RIGID = 0.045  # [scales] deviation of gaps and normals of rigid bodies from the page
 HALF_SQUARE = 0.3606  # integral of log(1 + exp(-s))^2 over s > 0
 NODES = 24  # of each quadrature
@@ -45,6 +52,117 @@ class Misfit:
         return Misfit(
             self.actual + other.actual, self.expected + other.expected, spread
         )
+
+
+NOTHING = Misfit(0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class TouchMisfit:
+    """The misfit of the touched samples of a finger in an action."""
+
+    action: int
+    finger: int
+    misfit: Misfit
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How well the model explains the measurements.
+
+    verdict: "good", "poor" or "bad"; terms: the Misfit of each likelihood term by name;
+    touches: of each finger in each action, the worst first; widening: factor of all
+    standard deviations.  actual, expected, spread [nats]: of all terms.
+    """
+
+    verdict: str
+    terms: dict[str, Misfit]
+    touches: tuple[TouchMisfit, ...]
+    widening: float
+
+    @property
+    def total(self) -> Misfit:
+        """The Misfit of all terms."""
+        return sum(self.terms.values(), start=NOTHING)
+
+    @property
+    def actual(self) -> float:
+        """What all likelihood terms cost [nats]."""
+        return self.total.actual
+
+    @property
+    def expected(self) -> float:
+        """What they should cost under the noise model [nats]."""
+        return self.total.expected
+
+    @property
+    def spread(self) -> float:
+        """The standard deviation of that [nats]."""
+        return self.total.spread
+
+    @property
+    def text(self) -> str:
+        """The verdict in a sentence; where it is not good, where the misfit is."""
+        words = (
+            f"The fit is {self.verdict}: touches and free samples cost "
+            f"{_in_words(self.total)}"
+        )
+        if self.verdict == "good" or not self.touches:
+            return f"{words}."
+        worst = self.touches[0]
+        words += (
+            f"; touches of finger {worst.finger} in action {worst.action} cost "
+            f"{_in_words(worst.misfit)}.  Standard deviations are multiplied by "
+            f"{self.widening:.1f}"
+        )
+        advice = (
+            ", and the estimate is not to be trusted" if self.verdict == "bad" else ""
+        )
+        return f"{words}{advice}."
+
+
+def _in_words(misfit: Misfit) -> str:
+    """Return a misfit in words."""
+    expected = f"{misfit.expected:.0f} ± {misfit.spread:.0f}"
+    return f"{misfit.actual:.0f} nats where {expected} are expected"
+
+
+def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | None:
+    """Return the fit of a solved page; None for a page without a term "touch".
+
+    smoothing [1]: share of the noise variance that smoothing of the paths leaves.
+    """
+    if "touch" not in problem.costs:
+        return None
+    x, data = problem.pack(solution.values), problem.data(solution.parameters)
+    terms = misfits(problem, x, data, window, measurements, smoothing)
+    total = sum(terms.values(), start=NOTHING)
+    limit = POOR * total.spread + MARGIN
+    verdict = "good" if total.excess <= limit else "poor"
+    if total.excess > BAD * (total.spread + MARGIN):
+        verdict = "bad"
+    ratio = total.actual / max(total.expected + total.spread, MARGIN)
+    widening = 1.0 if verdict == "good" else float(np.sqrt(max(ratio, 1.0)))
+    touches = _by_touch(problem, x, data, window, measurements, smoothing)
+    return Fit(verdict, terms, touches, widening)
+
+
+def _by_touch(problem, x, data, window, measurements, smoothing) -> tuple:
+    """Return the TouchMisfit of every finger in every action, the worst first."""
+    if not len(window.touch):
+        return ()
+    cost = problem.value("touch", x, data)[:, 0]
+    mean, variance = touch_moments(problem, data, window, smoothing)
+    action = measurements.action[window.touch.sample]
+    found = []
+    for pair in sorted(
+        set(zip(action.tolist(), window.touch.finger.tolist(), strict=True))
+    ):
+        mine = (action == pair[0]) & (window.touch.finger == pair[1])
+        found.append(
+            TouchMisfit(*pair, _misfit(cost[mine], mean[mine], variance[mine]))
+        )
+    return tuple(sorted(found, key=lambda t: -t.misfit.excess))
 
 
 def misfits(problem, x, data, window, measurements, smoothing: float) -> dict:
@@ -91,8 +209,7 @@ def touch_moments(problem, data, window, smoothing: float):
 
 
 def ways_at_ends(data) -> np.ndarray:
-    """Return how far a finger moved in the free sample beside each end of a touch [m].
-    """
+    """Return the way of the finger in the sample in which a touch begins or ends [m]."""
     felt, valid = data.contact & data.valid, data.valid
     same = (data.action[1:] == data.action[:-1])[:, None]
     ends = (felt[1:] != felt[:-1]) & valid[1:] & valid[:-1] & same

@@ -1,9 +1,10 @@
-r"""What the data say of shape and final pose, and how far off an estimate may be.
+r"""Compute the information about shape and final pose, and the covariance of both.
 
 matrix   the exact information: the Hessian of the Lagrangian reduced to the null space
-         of what is active, past poses and impulses marginalised (curvature.py)
-spread   the covariance that `sigma` tells: what sensors, model, assumptions and
-         physics are known to err (spread.py), over the modes found (modes.py)
+         of the active constraints, past poses and impulses marginalised by a Schur
+         complement (nlp/kkt_sensitivity.py)
+spread   the covariance that `sigma` reports: the error budget (error_budget.py) of a
+         Laplace mixture of the local optima that were found (mixture.py)
 """
 
 from __future__ import annotations
@@ -13,22 +14,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..common.validation import check_types
-from ..errors import OptionError
-from ..nlp.kkt_sensitivity import Curvature, curvature_of
-from .error_budget import ENOUGH, near, spread, unheld, unseen
+from ..errors import OptionError, TactileError
+from ..nlp.kkt_sensitivity import KKTSystem, kkt_system_of
+from .error_budget import (
+    Linearisation,
+    TouchedFaces,
+    after_mixture,
+    bounded_pose,
+    error_budget,
+)
 from .finger_offsets import covariance_of_offsets, covariance_with_offsets
-from .mixture import SAME, Modes, weighted
-from .tangent_space import WORDS, chart_of
+from .mixture import SAME, Modes, laplace_mixture
+from .tangent_space import tangent_space_of
+from .unobserved import open_directions
 
-TOUCHED = 0.99  # [-] |n . axis| above which a normal belongs to a face
-HELD = 0.1  # [prior deviations] a size known better than this is observed
-ASTRAY = 0.05  # [m] a position less certain than this is not observed
-LOST = np.radians(45)  # a turn less certain than this is not observed
-TINY = 1e-12  # [SI] a deviation below which a number is known exactly
-SHARP = 1e-12  # [-] of the other variances: a direction below this is known exactly
-MOST = 4  # unknowns that name a direction
-HOPELESS = 40.0  # [nats] behind the best: a mode that weighs nothing
-RARE = 0.02  # [-] modes of less weight are not spoken of
+FACE_COSINE = 0.99  # [-] |n . axis| above which a normal belongs to a face
+LEAST_SIGMA = 1e-12  # [SI] a deviation below which a number is known exactly
+LEAST_VARIANCE = (
+    1e-12  # [-] of the other variances: a direction below this is known exactly
+)
+MAX_NAMES = 4  # unknowns that name a direction
+NEGLIGIBLE = 40.0  # [nats] behind the best: a mode of negligible weight
+MIN_WEIGHT = 0.02  # [-] modes of less weight are not spoken of
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +116,7 @@ class Information:
         for weight, off in zip(
             self.modes.weights[1:], self.modes.offsets[1:], strict=True
         ):
-            if weight < RARE:
+            if weight < MIN_WEIGHT:
                 continue
             units = [180 / np.pi if "rotation" in n else 1e3 for n in self.names]
             sigma = np.sqrt(np.maximum(np.diag(self.spread), 0.0))
@@ -121,6 +128,10 @@ class Information:
             ]
             words.append(f"{weight:.0%} that {', '.join(parts)}")
         return tuple(words)
+
+    def widened(self, factor: float) -> Information:
+        """Return the same, all standard deviations multiplied by a factor."""
+        return replace(self, spread=factor**2 * self.spread)
 
     def of_hessian(self) -> Information:
         """Return the same, its sigma that of the Hessian alone, of this mode alone."""
@@ -140,82 +151,79 @@ class Information:
 def information_of(
     problem, solution, window, shape, faces, R_wg, sensed=None, rivals=(), profile=None
 ) -> Information:
-    """Return the information about theta and the last pose of a solved programme.
+    """Return the information about theta and the last pose of a solved problem.
 
     faces: (axes, 2) number of samples that touched each face; R_wg (3, 3): from the
-    ground's frame, in which the programme is written, to the world.  sensed: the
+    ground's frame, in which the problem is written, to the world.  sensed: the
     measurements, without which sigma is that of the Hessian; rivals: (problem,
-    solution, window) of other local optima; profile (k, k): see profile.py.
+    solution, window) of other local optima; profile (k, k): see profile_likelihood.py.
     """
-    curvature = curvature_of(problem, solution)
-    chart = chart_of(problem, solution, window, shape, R_wg)
-    pulls, held = curvature.response_of(chart.chosen)
-    pulls, held = pulls @ chart.tangent.T, held @ chart.tangent.T
-    C = chart.tangent @ pulls[chart.chosen]
+    curvature = kkt_system_of(problem, solution)
+    tangent = tangent_space_of(problem, solution, window, shape, R_wg)
+    pulls, held = curvature.sensitivity(tangent.chosen)
+    pulls, held = pulls @ tangent.jacobian.T, held @ tangent.jacobian.T
+    C = tangent.jacobian @ pulls[tangent.chosen]
     C = (C + C.T) / 2
-    errors, doubt = C, np.zeros_like(C)
+    errors = C
     if sensed is not None:
-        errors = spread(curvature, pulls, held, sensed, window, shape) + unheld(C)
-    best = chart.z, chart.R, solution.objective, errors
-    modes = weighted(shape, chart.turning, [best, *_others(best, rivals, shape, R_wg)])
+        given = curvature, pulls, held, sensed, window, shape
+        errors = error_budget(Linearisation(*given, hessian=C))
+    best = tangent.z, tangent.R, solution.objective, errors
+    optima = [best, *_others(best, rivals, shape, R_wg)]
+    modes = laplace_mixture(shape, tangent.turning, optima)
+    covariance = _covariance(modes, tangent, window, shape, faces, sensed, profile)
+    words, directions = open_directions(tangent, covariance, shape, faces)
     if sensed is not None:
-        noise, grounded = sensed.precision.position, len(window.corner) > 0
-        doubt = unseen(chart, shape, faces, noise, grounded)
-        doubt += _beyond(profile, modes.covariance)
-    matrix, spreading = inverse(C), modes.covariance + doubt
-    offsets = covariance_of_offsets(curvature, sensed, window, shape, R_wg)
-    with_offsets = None
-    if offsets is not None:
-        with_offsets = inverse(covariance_with_offsets(curvature, chart))
-    parts = {
+        covariance = bounded_pose(covariance, shape.theta, tangent.turning)
+    matrix = inverse(C)
+    parts = _parts(curvature, pulls, matrix)
+    terms = problem.terms
+    return Information(
+        names=tangent.names, matrix=matrix, spread=covariance, parts=parts,
+        roles={name: terms[name].role or "constraint" for name in parts},
+        modes=modes, maps=tangent.maps, unobserved=words, directions=directions,
+        fixed=tangent.fixed, active=curvature.active, ambiguous=curvature.ambiguous,
+        indefinite=_indefinite(curvature),
+        **_of_offsets(curvature, sensed, window, shape, R_wg, tangent),
+    )  # fmt: skip
+
+
+def _parts(curvature: KKTSystem, pulls, matrix) -> dict[str, np.ndarray]:
+    """Return what the Hessian of each term adds to the information (k, k)."""
+    return {
         name: matrix @ (pulls.T @ (H @ pulls)) @ matrix
         for name, H in curvature.hessians.items()
     }
-    terms = problem.terms
-    words, directions = _lost(chart, spreading, shape, faces)
-    if sensed is not None:
-        spreading = near(spreading, shape.theta, chart.turning)
-    return Information(
-        names=chart.names,
-        matrix=matrix,
-        spread=spreading,
-        parts=parts,
-        roles={name: terms[name].role or "constraint" for name in parts},
-        modes=modes,
-        maps=chart.maps,
-        unobserved=words,
-        directions=directions,
-        fixed=chart.fixed,
-        active=curvature.active,
-        ambiguous=curvature.ambiguous,
-        indefinite=_indefinite(curvature),
-        offsets=offsets,
-        with_offsets=with_offsets,
-    )
 
 
-def _beyond(profile, C) -> np.ndarray:
-    """Return the covariance (k, k) that the profile (k, k) has beyond C.
+def _covariance(modes, tangent, window, shape, faces, sensed, profile) -> np.ndarray:
+    """Return the covariance (k, k) of a mixture and of what it leaves out."""
+    if sensed is None:
+        return modes.covariance
+    noise, grounded = sensed.precision.position, len(window.corner) > 0
+    seen = TouchedFaces(tangent, shape, faces, noise, grounded, profile)
+    return modes.covariance + after_mixture(seen, modes.covariance)
 
-    Of a row, what the rows before have not told already.
-    """
-    beyond = np.zeros_like(C)
-    for i, off in enumerate(() if profile is None else profile):
-        more = off[i] ** 2 - max(C[i, i], 0.0) - beyond[i, i]
-        if more > 0:
-            beyond += more / off[i] ** 2 * np.outer(off, off)
-    return beyond
+
+def _of_offsets(curvature, sensed, window, shape, R_wg, tangent) -> dict:
+    """Return the fields of an Information that tell of the fingers' offsets."""
+    offsets = covariance_of_offsets(curvature, sensed, window, shape, R_wg)
+    if offsets is None:
+        return {}
+    matrix = inverse(covariance_with_offsets(curvature, tangent))
+    return {"offsets": offsets, "with_offsets": matrix}
 
 
 def _others(best, rivals, shape, R_wg):
     """Yield z, R, objective and covariance of other local optima that count."""
     for problem, solution, window in rivals:
-        chart = chart_of(problem, solution, window, shape, R_wg)
-        same = len(chart.z) == len(best[0]) and np.abs(chart.z - best[0]).max() < SAME
-        if same or solution.objective > best[2] + HOPELESS:
+        there = tangent_space_of(problem, solution, window, shape, R_wg)
+        same = len(there.z) == len(best[0]) and np.abs(there.z - best[0]).max() < SAME
+        if same or solution.objective > best[2] + NEGLIGIBLE:
             continue
-        C, *_ = reduced_covariance(problem, solution, chart.chosen)
-        yield chart.z, chart.R, solution.objective, chart.tangent @ C @ chart.tangent.T
+        C, *_ = reduced_covariance(problem, solution, there.chosen)
+        C = there.jacobian @ C @ there.jacobian.T
+        yield there.z, there.R, solution.objective, C
 
 
 def reduced_covariance(problem, solution, chosen: np.ndarray):
@@ -223,74 +231,60 @@ def reduced_covariance(problem, solution, chosen: np.ndarray):
 
     chosen: indices into the vector of all unknowns.
     """
-    curvature = curvature_of(problem, solution)
-    C = curvature.response_of(chosen)[0][chosen]
+    curvature = kkt_system_of(problem, solution)
+    C = curvature.sensitivity(chosen)[0][chosen]
     counts = (sum(n.values()) for n in (curvature.active, curvature.ambiguous))
     return (C + C.T) / 2, *counts
 
 
 def inverse(C) -> np.ndarray:
     """Return the inverse of a covariance, finite also where a direction is known."""
-    d = np.sqrt(np.maximum(np.abs(np.diag(C)), TINY**2))
+    d = np.sqrt(np.maximum(np.abs(np.diag(C)), LEAST_SIGMA**2))
     values, vectors = np.linalg.eigh(C / np.outer(d, d))
-    values = np.where(np.abs(values) < SHARP, SHARP, values)
+    values = np.where(np.abs(values) < LEAST_VARIANCE, LEAST_VARIANCE, values)
     return (vectors / values) @ vectors.T / np.outer(d, d)
 
 
-def _indefinite(curvature: Curvature) -> tuple[str, ...]:
+def _indefinite(curvature: KKTSystem) -> tuple[str, ...]:
     """Name the term and the unknowns along which the reduced Hessian curves down."""
     if curvature.negative is None:
         return ()
     term, direction = curvature.negative
     share = np.abs(direction / curvature.problem.scale)
-    worst, where = np.argsort(share)[::-1][:MOST], []
+    worst, where = np.argsort(share)[::-1][:MAX_NAMES], []
     for name, v in curvature.problem.variables.items():
         for i in worst[(worst >= v.first) & (worst < v.span.stop)] - v.first:
             where.append(f"{name}[{i % v.rows}, {i // v.rows}]")
     return (f"{term} along {', '.join(where)}",)
 
 
-def _lost(chart, C, shape, faces):
-    """Return words and unit vectors (k, r) for what only the prior holds."""
-    n = shape.theta
-    prior = np.ones(len(C)) * ASTRAY
-    prior[:n] = shape.size_prior[1]
-    prior[len(C) - chart.turning :] = LOST
-    values, vectors = np.linalg.eigh(C / np.outer(prior, prior))
-    directions = vectors[:, values > HELD**2]
-    deviation = np.sqrt(np.abs(np.diag(C)))
-    turn, way = (
-        chart.maps[name] @ np.diag(deviation) for name in ("rotation", "position")
-    )
-    words = unobserved(
-        faces, deviation[:n] / shape.size_prior[1],
-        np.linalg.norm(np.nan_to_num(turn)), np.linalg.norm(way),
-    )  # fmt: skip
-    return words, directions
+def information_gain(known, told, asked: int | None = None) -> float:
+    """Return (logdet(I + F) - logdet(I)) / 2 in nats, by two Cholesky factors.
 
-
-def unobserved(faces, sides=None, turn=0.0, way=0.0) -> tuple[str, ...]:
-    """Name what touch does not hold.
-
-    faces (axes, 2): samples that touched each face; sides (axes,): sigma of each size
-    in deviations of its prior, a small one is held by edges or physics; turn [rad] and
-    way [m]: sigma of rotation and position.
+    known: I (k, k), positive definite; told: F (k, k), positive semidefinite; asked:
+    how many of the first unknowns count, all others being marginalised.
     """
-    words = []
-    for axis, (low, high) in enumerate(faces):
-        if sides is not None and sides[axis] < HELD:
-            continue
-        missing = [s for s, n in (("-", low), ("+", high)) if n < ENOUGH]
-        if axis == 2:
-            if high < ENOUGH:
-                words.append("side z: top never touched")
-        elif len(missing) == 2:
-            words.append(f"side {WORDS[axis]}: neither face touched")
-        elif missing:
-            face = f"{missing[0]}{WORDS[axis]}"
-            words.append(f"side {WORDS[axis]}: face {face} never touched")
-    if turn > LOST:
-        words.append("rotation: no side says which way the object is turned")
-    if way > ASTRAY:
-        words.append("position: no side says where on the ground the object lies")
-    return tuple(words)
+    known, told = (np.asarray(matrix, float) for matrix in (known, told))
+    if known.ndim != 2 or known.shape != told.shape or len(known) != known.shape[1]:
+        raise OptionError(
+            "wrong shape", where="information_gain",
+            expected="two square matrices of one size",
+            got=f"{known.shape} and {told.shape}",
+        )  # fmt: skip
+    if asked is not None and asked < len(known):  # logdet of a Schur complement
+        rest = slice(asked, None)
+        nuisance = information_gain(known[rest, rest], told[rest, rest])
+        return information_gain(known, told) - nuisance
+    scale = 1 / np.sqrt(np.abs(np.diag(known)))
+    known, told = known * np.outer(scale, scale), told * np.outer(scale, scale)
+    try:
+        before, after = np.linalg.cholesky(known), np.linalg.cholesky(known + told)
+    except np.linalg.LinAlgError as bad:
+        raise TactileError(
+            "not positive definite",
+            where="information_gain",
+            expected="I and I + F with positive eigenvalues only",
+            got=f"{np.linalg.eigvalsh(known)[0]:.2g} as the least one of I",
+            next="give what is known a prior in physical units",
+        ) from bad
+    return float(np.log(np.diag(after) / np.diag(before)).sum())

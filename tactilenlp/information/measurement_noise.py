@@ -1,4 +1,4 @@
-r"""How the noise of the sensors moves an estimate: the middle of H^{-1} G H^{-1}.
+r"""Compute how errors of measured touches move an estimate: noise and model errors.
 
 An estimate z answers a change of the measurements y by
 
@@ -7,6 +7,10 @@ An estimate z answers a change of the measurements y by
 so that its scatter under repeated measurements is (dz/dy) cov(y) (dz/dy)': what the
 sensors' noise makes of it, whatever weight a term has in the objective.  Positions act
 through all terms (gaps and slip), smoothed first where the estimate smooths them.
+
+Model errors enter in the same way: touched gaps are off by what the page states,
+normals by what their residuals show, and whole touches by the gap that the estimate
+leaves.
 """
 
 from __future__ import annotations
@@ -16,33 +20,38 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..data.sensor_noise import Precision, smoothing
+from formulations.finger_offset import NAME as OFFSET
+
+from ..data.sensor_noise import Precision, smoothing_matrices
 from ..errors import PageError
-from ..nlp.kkt_sensitivity import Curvature
+from ..nlp.kkt_sensitivity import KKTSystem
 from ..nlp.term_functions import mapped
 
 STEP = 1e-6  # [-] of a datum, at least of SMALL: of the central differences
 SMALL = 1e-2  # [SI]
 CODE = 1e-6  # [m] times a measurement's number: shifts that tell them apart
 EXACT = 1e-2  # [-] how far a decoded number may lie from a whole one
+KNOWN_FACE = 3  # contact samples that make a face known
+CONTRADICTION = 2.0  # [touch scale] the gap of a whole touch beyond this is no noise
+MEDIAN_2 = 1.1774  # median of the length of a standard normal vector in the plane
 
 
 @dataclass(frozen=True, eq=False)
 class Sensed:
-    """What was measured, how precisely, and how a window becomes a programme again."""
+    """What was measured, how precisely, and how a problem is built from a window."""
 
     data: object
     precision: Precision
     build: Callable
 
 
-def moved_by(
-    curvature: Curvature, pulls, held, sensed: Sensed, source, terms=None
+def sensitivity_to_measurements(
+    curvature: KKTSystem, pulls, held, sensed: Sensed, source, terms=None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return how the chosen unknowns move with what each finger measured.
 
     By its position and by its normal, (k, T, F, 3) each [SI], through all terms or the
-    named ones.  pulls, held: see Curvature.response_of; source: see sources.
+    named ones.  pulls, held: see KKTSystem.sensitivity; source: see sources.
     """
     shape = (*sensed.data.contact.shape, 3)
     count = int(np.prod(shape))
@@ -53,21 +62,23 @@ def moved_by(
         read = number >= 0
         if not read.any():
             continue
-        slope, value = cross(curvature, name, np.nonzero(read.any(axis=0))[0])
+        slope, value = mixed_derivatives(
+            curvature, name, np.nonzero(read.any(axis=0))[0]
+        )
         change = np.einsum("ivk,ivd->idk", pulls[term.unknowns], slope)
         if name in curvature.problem.constraints:
-            rows = held[term.span].reshape(term.instances, term.kind.rows, -1)
+            rows = held[term.span].reshape(term.instances, term.function.rows, -1)
             change += np.einsum("irk,ird->idk", rows, value)
         np.add.at(moved, number[read], -change[read])
     by_position, by_normal = moved.T.reshape(-1, 2, *shape).swapaxes(0, 1)
     return by_position, by_normal
 
 
-def scatter(by_position, by_normal, sensed: Sensed) -> np.ndarray:
+def sensor_covariance(by_position, by_normal, sensed: Sensed) -> np.ndarray:
     """Return the covariance (k, k) that the sensors' noise gives the estimate."""
     data, precision, k = sensed.data, sensed.precision, len(by_position)
     raw = np.empty_like(by_position)
-    for rows, S in smoothing(data, precision):
+    for rows, S in smoothing_matrices(data, precision):
         raw[:, rows] = np.einsum("kafc,ab->kbfc", by_position[:, rows], S)
     raw = raw.reshape(k, -1)
     across = tangential(by_normal, data.normal).reshape(k, -1)
@@ -80,7 +91,7 @@ def tangential(by_normal, normal) -> np.ndarray:
     return by_normal - along[..., None] * normal
 
 
-def cross(curvature: Curvature, name: str, columns: Iterable[int]):
+def mixed_derivatives(curvature: KKTSystem, name: str, columns: Iterable[int]):
     """Return d^2 L / dx dy and d g / dy of each instance of a term, by its local data.
 
     (instances, unknowns, data) and (instances, rows, data), by central differences of
@@ -88,12 +99,12 @@ def cross(curvature: Curvature, name: str, columns: Iterable[int]):
     """
     problem = curvature.problem
     term = problem.terms[name]
-    kind, first = term.kind, mapped(term.kind.first, term.instances)
-    rows, places = (np.array(i, int) for i in kind.jacobian_sparsity.get_triplet())
-    weight = curvature.multipliers.get(name, np.ones((term.instances, kind.rows)))
+    function, first = term.function, mapped(term.function.first, term.instances)
+    rows, places = (np.array(i, int) for i in function.jacobian_sparsity.get_triplet())
+    weight = curvature.multipliers.get(name, np.ones((term.instances, function.rows)))
     z, d = curvature.x[term.unknowns].T, curvature.data[term.data].T
     slope = np.zeros((term.instances, len(z), len(d)))
-    value = np.zeros((term.instances, kind.rows, len(d)))
+    value = np.zeros((term.instances, function.rows, len(d)))
     for j in columns:
         step = np.zeros_like(d)
         step[j] = STEP * np.maximum(np.abs(d[j]), SMALL)
@@ -105,10 +116,10 @@ def cross(curvature: Curvature, name: str, columns: Iterable[int]):
     return slope, value
 
 
-def sources(curvature: Curvature, sensed: Sensed, window) -> np.ndarray:
+def measurement_numbers(curvature: KKTSystem, sensed: Sensed, window) -> np.ndarray:
     """Return for every datum of the programme which measurement it is, -1 if none.
 
-    The programme is built again from measurements shifted by CODE times their number:
+    The problem is built again from measurements shifted by CODE times their number:
     positions count from 1, normals after them.
     """
     shape = (*sensed.data.contact.shape, 3)
@@ -142,3 +153,95 @@ def sources(curvature: Curvature, sensed: Sensed, window) -> np.ndarray:
             next="move the computation into the term",
         )
     return whole.astype(int) - 1
+
+
+def model_error(curvature, by_position, by_normal, sensed, window, shape) -> np.ndarray:
+    """Return the covariance (k, k) by touched gaps and normals that are off the model.
+
+    by_position, by_normal: how the estimate moves with both, through the touches alone.
+    """
+    parameters = curvature.problem.parameters
+    k, data, precision = len(by_position), sensed.data, sensed.precision
+    touch, normal = (
+        float(curvature.data[parameters[name].span][0]) if name in parameters else 0.0
+        for name in ("touch scale", "normal scale")
+    )
+    gap = max(0.0, touch**2 - precision.position**2)
+    turn = max(0.0, normal**2 - precision.normal**2)
+    turn = min(turn, residual_of_normals(curvature, window, shape) ** 2)
+    along = np.einsum("ktfc,tfc->ktf", by_position, data.normal)
+    across = tangential(by_normal, data.normal).reshape(k, -1)
+    whole = [along[:, t, f].sum(axis=1) for t, f in touches(window, data)]
+    whole = np.reshape(whole, (len(whole), k)).T
+    off = gaps_of_touches(curvature, window, shape, data).max(initial=0.0)
+    apart = (
+        2 * off**2 if off > CONTRADICTION * touch else 0.0
+    )  # two that disagree share it
+    along = along.reshape(k, -1)
+    noise = gap * along @ along.T + turn * across @ across.T
+    return noise + apart * whole @ whole.T
+
+
+def touches(window, data) -> list:
+    """Return (samples, finger) of every touch: a finger's in an action."""
+    touch, found = window.touch, {}
+    actions = data.action[touch.sample]
+    for sample, finger, action in zip(touch.sample, touch.finger, actions, strict=True):
+        found.setdefault((action, finger), []).append(sample)
+    return [(np.array(samples), finger) for (_, finger), samples in found.items()]
+
+
+def gaps_of_touches(curvature: KKTSystem, window, shape, data) -> np.ndarray:
+    """Return how far each touch as a whole is from the surface [m], by its median.
+
+    Where fingers disagree about a face, neither noise nor any body explains the gap.  A
+    touch of fewer than KNOWN_FACE samples may be a wrong boolean: its gap counts as 0.
+    """
+    touch = window.touch
+    values = curvature.problem.unpack(curvature.x)
+    p_wf = touch.p_wf.T.copy()
+    if OFFSET in values:
+        p_wf[:3] += values[OFFSET][:, touch.finger]
+    gap = at_touches(window, shape, values, p_wf, window.finger.gap)[:, 0]
+    if "indentation" in curvature.problem.reports:
+        inside = curvature.problem.value("indentation", curvature.x, curvature.data)
+        gap = gap + inside[:, 0]
+    else:
+        gap = gap + np.ravel(values.get("depth", 0.0))[0]
+    keys = zip(touch.sample, touch.finger, strict=True)
+    number = {key: i for i, key in enumerate(keys)}
+    return np.array([
+        abs(np.median([gap[number[t, finger]] for t in samples]))
+        if len(samples) >= KNOWN_FACE else 0.0
+        for samples, finger in touches(window, data)
+    ])  # fmt: skip
+
+
+def residual_of_normals(curvature: KKTSystem, window, shape) -> float:
+    """Return the standard deviation of felt normals about the modelled ones [rad]."""
+    touch = window.touch
+    if not len(touch):
+        return 0.0
+    values = curvature.problem.unpack(curvature.x)
+    normal = at_touches(window, shape, values, touch.p_wf.T, window.finger.normal)
+    off = np.linalg.norm(normal - touch.normal, axis=1)
+    return float(np.median(off)) / MEDIAN_2
+
+
+def at_touches(window, shape, values, p_wf, of) -> np.ndarray:
+    """Return what a finger's function gives at every touch sample, a row each.
+
+    of(shape, theta, pose, p_wf, rho): window.finger.gap or normal; p_wf (numbers, n).
+    """
+    import casadi as ca
+
+    touch = window.touch
+    seen = window.seen_by_touches(values["theta"])
+    sizes = len(seen), window.motion.unknowns, len(p_wf), 1
+    symbols = [ca.SX.sym("s", n) for n in sizes]
+    theta, x, p, rho = symbols
+    found = of(shape, theta, window.motion.pose(shape, theta, x), p, rho)
+    modelled = ca.Function("modelled", symbols, [found]).map(len(touch))(
+        seen, values["x"][:, touch.pose], p_wf, touch.radius[None]
+    )  # fmt: skip
+    return np.asarray(modelled).T

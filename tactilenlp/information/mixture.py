@@ -1,14 +1,14 @@
-r"""Other local optima, weighted: what an estimate may also be.
+r"""Weigh local optima as a Laplace mixture: its weights, offsets and covariance.
 
-Touch leaves several bodies possible: another face touched, another way turned.  Modes
-m are weighted by Laplace's evidence of shape z and final pose,
+Touch can leave several bodies possible: another face touched, another rotation.  Modes
+m are weighted by Laplace's approximation to the evidence of shape z and final pose,
 
     w_m  ~  exp(-objective_m) sqrt(det C_m),      sum w = 1,
 
 and the mixture's covariance about the best one is sum w_m (C_m + d_m d_m'), where d_m
-is how far mode m is off, after the relabelling of the body's axes that turns it least.
-Only the volume of (z) counts: that of the impulses hangs on which bounds are active,
-differs by tens of nats from mode to mode, and is no evidence of anything.
+is the offset of mode m after the relabelling of the body's axes that rotates it least.
+Only the volume of z counts: that of the impulses depends on which bounds are active,
+differs by tens of nats from mode to mode, and says nothing about the shape.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ class Modes:
         return np.einsum("m,mij->ij", self.weights, self.covariances + second)
 
 
-def single(objective: float, covariance) -> Modes:
-    """Return the modes of an estimate that has no rival."""
+def one_mode(objective: float, covariance) -> Modes:
+    """Return the modes of an estimate without alternatives."""
     zero = np.zeros((1, len(covariance)))
     return Modes(np.ones(1), zero, covariance[None], np.array([objective]))
 
 
-def weighted(shape, turning: int, found) -> Modes:
+def laplace_mixture(shape, turning: int, found) -> Modes:
     """Return the distinct modes among (z, R, objective, covariance), the first first.
 
     z (k,): theta, then position and turn, `turning` numbers; R (3, 3): the final

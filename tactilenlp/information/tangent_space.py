@@ -1,7 +1,7 @@
-"""Which unknowns are shape and final pose, and what people ask of them.
+"""Describe the tangent space of shape and final pose, and maps to what users ask for.
 
-The pose is given in a tangent chart: position and a small turn about the world's axes,
-whatever chart the page's motion uses for its unknowns.
+Coordinates of the pose are its position and a small rotation about the world's axes,
+whatever unknowns the page's motion uses.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ UNKNOWNS = {  # the words for the unknowns of a pose, by motion
 
 
 @dataclass(frozen=True, eq=False)
-class Chart:
+class TangentSpace:
     """Coordinates z (k,) of shape and final pose, SI.
 
-    names (k,); chosen (k,): indices into all unknowns; tangent (k, k): from a change of
-    those to one of z; maps: (3, k) Jacobian of each quantity by z; fixed: words for
+    names (k,); chosen (k,): indices into all unknowns; jacobian (k, k): from a change
+    of those to one of z; maps: (3, k) Jacobian of each quantity by z; fixed: words for
     what the motion fixes, whose rows are NaN; R, R_first (3, 3): the final and the
     first rotation; turning: how many of the last entries of z turn the body.
     """
 
     names: tuple[str, ...]
     chosen: np.ndarray
-    tangent: np.ndarray
+    jacobian: np.ndarray
     maps: dict[str, np.ndarray]
     fixed: tuple[str, ...]
     z: np.ndarray
@@ -39,9 +39,9 @@ class Chart:
     turning: int
 
     @property
-    def back(self) -> np.ndarray:
+    def inverse(self) -> np.ndarray:
         """From a change of z to one of the chosen unknowns (k, k)."""
-        return np.linalg.inv(self.tangent)
+        return np.linalg.inv(self.jacobian)
 
 
 def final_unknowns(problem) -> np.ndarray:
@@ -50,8 +50,8 @@ def final_unknowns(problem) -> np.ndarray:
     return np.r_[theta.start : theta.stop, x.span.stop - x.rows : x.span.stop]
 
 
-def chart_of(problem, solution, window, shape, R_wg) -> Chart:
-    """Return the chart at a solution; R_wg (3, 3): from the ground to the world."""
+def tangent_space_of(problem, solution, window, shape, R_wg) -> TangentSpace:
+    """Return the tangent space at a solution; R_wg (3, 3): from ground to world."""
     motion, n, chosen = window.motion, shape.theta, final_unknowns(problem)
     at = np.r_[solution.values["theta"][:, 0], solution.values["x"][:, -1]]
     p, R, quantities, position, rotation = _maps(shape, motion, at)
@@ -75,7 +75,9 @@ def chart_of(problem, solution, window, shape, R_wg) -> Chart:
         fixed = ["tilt against the ground"]
     maps = quantities | {"position": position, "rotation": rotation}
     turning = 1 if motion.name == "planar" else 3
-    return Chart(names, chosen, tangent, maps, tuple(fixed), at, R, first, turning)
+    return TangentSpace(
+        names, chosen, tangent, maps, tuple(fixed), at, R, first, turning
+    )
 
 
 def tangent_of(shape, motion, at, R_wg) -> np.ndarray:
@@ -93,7 +95,7 @@ def _tangent(n: int, position, rotation) -> np.ndarray:
 def _maps(shape, motion, at):
     """Return p (3,), R (3, 3), and Jacobians of quantities, position and turn, (3, k).
 
-    A turn is a rotation vector in the frame of the programme.
+    A turn is a rotation vector in the frame of the problem.
     """
     n = shape.theta
     z = ca.SX.sym("z", len(at))

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import HalfspaceIntersection
-from scipy.spatial.transform import Rotation
 
 from ..geometry.faces import face_sigma, polygons
-from ..information.error_budget import ENOUGH
-from ..information.information import TOUCHED
+from ..geometry.transforms import rotation_of
+from ..information.information import FACE_COSINE
+from ..information.measurement_noise import KNOWN_FACE
 
 MM = 1e3  # [mm / m]
 MOST = 26e-3  # [m] a face that no one knows is drawn this far off: beside the object
@@ -59,13 +59,13 @@ def _touched(estimate, normals) -> np.ndarray:
     """Return which faces were touched, or lie on the ground, (faces,)."""
     data, scene = estimate.measurements, estimate.scene
     t, f = np.nonzero(data.contact & data.valid)
-    R_ow = Rotation.from_quat(np.roll(estimate.quaternion[t], -1, axis=1)).inv()
-    met = R_ow.apply(data.normal[t, f]) @ normals.T > TOUCHED
+    R_ow = rotation_of(estimate.quaternion[t]).inv()
+    met = R_ow.apply(data.normal[t, f]) @ normals.T > FACE_COSINE
     # A cuboid's face was touched where its size takes it as known.
-    enough = ENOUGH if estimate.shape == "cuboid" else 1
+    enough = KNOWN_FACE if estimate.shape == "cuboid" else 1
     down = np.zeros(len(normals), bool)
     if scene.ground is not None:
-        down = normals @ estimate.rotation().T @ scene.ground.normal < -TOUCHED
+        down = normals @ estimate.rotation().T @ scene.ground.normal < -FACE_COSINE
     return (met.sum(axis=0) >= enough) | down
 
 
@@ -76,7 +76,7 @@ def _deviations(estimate, sample: int, normals) -> np.ndarray:
         return face_sigma(estimate)
     axis, side = np.argmax(abs(normals), axis=1), (normals.sum(axis=1) > 0).astype(int)
     if not last:  # a size alone: the face that was not touched has all of it
-        known = estimate.faces >= ENOUGH
+        known = estimate.faces >= KNOWN_FACE
         known[2, 0] |= estimate.scene.ground is not None
         share = np.where(known.sum(axis=1, keepdims=True) == 1, ~known, 0.5)
         return (estimate.information.sigma("side_lengths")[:, None] * share)[axis, side]

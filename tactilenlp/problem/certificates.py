@@ -1,16 +1,17 @@
-"""Check after the solve that what was dropped was not needed; say what to put back.
+"""Certify after a solve that every reduction was right, and name what to restore.
 
 Exact reductions (far, absent, frictionless) must leave the optimum where it is; model
-reductions (still, planar) must not be contradicted by the data.  One unreduced problem,
-written out at the solution, answers for far, absent and still.
+reductions (still, planar) must not be contradicted by the data.  The unreduced problem,
+written out once at the solution, gives the certificates of far, absent and still:
 
-Check that friction holds what shares a pose: the certificate of still spans.
-
-Were a body at rest to move within a span that nothing touches, the objective would
-fall by its pull, in nats per metre, and friction would dissipate more than that.  It is
-rounded where a page is solved: poses of their own would creep, which no body does.  The
-pull at a sample is the slope of the objective in the poses before it in its span: along
-the ground, the weight holds the body down.
+far     the free samples that were left out add nothing to the objective
+absent  the gradient by an impulse that was left out shows no descent
+still   without a ground: the Newton decrement and step of separate poses are small.
+        On a ground: static friction carries the body.  The slope of the objective in
+        the poses of a still span before a sample is the force [nats / m] that would
+        move the body there; it must be less than friction dissipates by that motion.
+        (A page rounds friction, so that separate poses would creep.)
+planar  planar poses explain the touches: see outliers.py
 """
 
 from __future__ import annotations
@@ -22,30 +23,48 @@ import numpy as np
 from formulations.violation_implicit import WEIGHTS
 
 from ..geometry.transforms import is_planar, turning
-from ..nlp.kkt import newton_step
-from .outliers import contradicts
-from .pages import is_polytope
-from .poses import body_corners
-from .reductions import ARM, SLIPPERY, Reductions
-from .unreduced import expand
+from ..nlp.kkt_sensitivity import newton_step
+from .outliers import PLANAR_LIMIT, evidence_against_planar, planar_share
+from .reductions import ARM, UNKNOWN_FRICTION, Reductions
+from .unreduced import unreduced
 
-EXACT = 1e-6  # [relative] an exact reduction moves the objective by less
+NEUTRAL = 1e-6  # [relative] an exact reduction moves the objective by less
 DECREMENT = 0.1  # [nats] a model reduction's Newton decrement stays below
 SHIFT = 0.1  # [sigma] and no size and no last pose moves further
-CUT = 0.1  # [-] of the longest way within a still span is worth a pose of its own
-SHARE = 0.25  # [-] of all touches may stay unexplained, else the motion is another
-MOST = 0.6  # [-] and so may this share of one action's
-FEW = 4  # touches that may stay unexplained in any action
-BY_METRE = 1e3  # [mm / m]: the page weighs friction in nats per mm
-HARDLY = 0.5  # [-] what is pulled so hard may give way when another span is cut
-LEAST = 1.0  # [nats / m] on ice a body at rest is pulled by nothing, up to rounding
+CUT = 0.1  # [-] of the longest step within a still span is worth a pose of its own
+MM_PER_M = 1e3  # a page weighs friction in nats per mm
+NEARLY_SLIPS = 0.5  # [-] of friction: such a span may slip when another one is cut
+ON_ICE = 1.0  # [nats / m] least force: without friction a body at rest feels rounding
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """One reduction: what was dropped, why, and the check after the solve.
+
+    value is compared with limit (both in `unit`); `holds` is the verdict.
+    """
+
+    name: str
+    dropped: str
+    reason: str
+    check: str
+    value: float
+    limit: float
+    holds: bool
+
+    def __str__(self) -> str:
+        verdict = "holds" if self.holds else "DOES NOT HOLD"
+        return (
+            f"{self.name}: {self.dropped} ({self.reason}); {self.check} "
+            f"{self.value:.2g}, limit {self.limit:.2g}: {verdict}"
+        )
 
 
 @dataclass(frozen=True)
 class Certificates:
-    """What was dropped, each with its check.
+    """Every reduction that was made, with its check.
 
-    cuts: samples that need a pose of their own, where still spans do not hold.
+    cuts: samples that need a pose of their own, where a still span does not hold.
     """
 
     skipped: tuple[Skipped, ...]
@@ -58,16 +77,16 @@ class Certificates:
 
 
 def certify(job, page, solved) -> Certificates:
-    """Return what was dropped for a solved page, each with the check of it."""
+    """Return the reductions of a solved page, each with its certificate."""
     made, found, cuts = job.reductions, [], ()
     if made.still or made.far or made.absent:
-        whole = expand(job, page, solved)
+        whole = unreduced(job, page, solved)
         found += [far(solved, whole)] * made.far + [absent(solved, whole)] * made.absent
         shared = made.still and len(solved.window.pose) > solved.window.poses
         if shared and job.scene.ground is not None:
-            hold = held(job.scene, solved, whole)
-            found.append(resting(solved, hold))
-            cuts = hold.cuts
+            rest = rest_force(job.scene, solved, whole)
+            found.append(resting(solved, rest))
+            cuts = rest.cuts
         elif shared:
             step = _step(solved, whole)
             found.append(still(solved, step))
@@ -84,11 +103,11 @@ def without(reductions: Reductions, names) -> Reductions:
 
 
 def far(solved, whole) -> Skipped | None:
-    """The free samples that were dropped cost nothing at the solution."""
+    """Certify that the dropped free samples cost nothing at the solution."""
     if not len(whole.far):
         return None
     cost = float(whole.problem.value("free", whole.x, whole.data)[whole.far].sum())
-    limit = EXACT * max(1.0, abs(solved.solution.objective))
+    limit = NEUTRAL * max(1.0, abs(solved.solution.objective))
     return Skipped(
         "far", f"{len(whole.far)} free samples", "certainly away from the object",
         "they would add to the objective [nats]", cost, limit, abs(cost) <= limit,
@@ -96,7 +115,7 @@ def far(solved, whole) -> Skipped | None:
 
 
 def absent(solved, whole) -> Skipped | None:
-    """No finger that feels nothing would gain by pushing."""
+    """Certify that no impulse of a finger that feels nothing lowers the objective."""
     if "finger" not in whole.problem.variables or not len(whole.unfelt):
         return None
     variable = whole.problem.variables["finger"]
@@ -110,7 +129,7 @@ def absent(solved, whole) -> Skipped | None:
 
 
 def still(solved, step) -> Skipped:
-    """Poses of their own would gain little for samples that share one."""
+    """Certify that separate poses would lower the objective little."""
     window = solved.window
     dropped = len(window.pose) - window.poses
     shift = np.nanmax(np.abs(step.shift), initial=0.0)
@@ -123,50 +142,8 @@ def still(solved, step) -> Skipped:
     )  # fmt: skip
 
 
-def resting(solved, hold) -> Skipped:
-    """Friction holds a body at rest against all that pulls it."""
-    window = solved.window
-    return Skipped(
-        "still", f"{len(window.pose) - window.poses} poses",
-        "nothing touched or moved the object",
-        "hardest pull on a body at rest, in what friction holds", hold.share, 1.0,
-        hold.share <= 1,
-    )  # fmt: skip
-
-
-def frictionless(solved) -> Skipped | None:
-    """A cone of no friction holds no tangential impulse: nothing to check."""
-    window = solved.window
-    of = {"finger": window.push, "ground": window.corner}
-    count = sum(2 * len(of[name]) for name in window.frictionless)
-    if not count:
-        return None
-    return Skipped(
-        "frictionless", f"{count} tangential impulses", "friction is zero",
-        "largest that the cone would allow [weights]", 0.0, 0.0, True,
-    )  # fmt: skip
-
-
-def planar_certificate(job, page, solved) -> Skipped | None:
-    """The touches are explained by an object that never tilts.
-
-    Wrong booleans and a wrong mode leave touches unexplained here and there; an object
-    that tumbled leaves most of an action so.
-    """
-    evidence = contradicts(job, solved)
-    touches = sum(e.touches for e in evidence)
-    wrong = sum(e.unexplained for e in evidence)
-    shares = [e.unexplained / e.touches for e in evidence if e.unexplained >= FEW]
-    worst = max([*shares, wrong / touches * MOST / SHARE])
-    return Skipped(
-        "planar", "height and two tilts of every pose", "the object lies flat",
-        "share of an action's touches that no flat pose explains", worst, MOST,
-        worst <= MOST,
-    )  # fmt: skip
-
-
 def _step(solved, whole):
-    """Return the Newton step of the unreduced problem, unfelt fingers held."""
+    """Return the Newton step of the unreduced problem, unfelt impulses fixed."""
     problem = whole.problem
     theta, x = problem.variables["theta"], problem.variables["x"]
     chosen = np.r_[
@@ -196,36 +173,48 @@ def _cuts(window, whole, step) -> tuple[int, ...]:
     return tuple(cut.tolist())
 
 
-@dataclass(frozen=True, eq=False)
-class Hold:
-    """How hard still spans are pulled: largest share of what friction holds [-].
+def resting(solved, rest) -> Skipped:
+    """Certify that static friction balances the forces on a body at rest."""
+    window = solved.window
+    return Skipped(
+        "still", f"{len(window.pose) - window.poses} poses",
+        "nothing touched or moved the object",
+        "largest force on a body at rest, as a share of static friction", rest.share,
+        1.0, rest.share <= 1,
+    )  # fmt: skip
 
-    cuts: the samples of the hardest pull in each span that friction hardly holds, if it
-    does not hold one of them.
+
+@dataclass(frozen=True, eq=False)
+class RestForce:
+    """Forces on the still spans: the largest as a share of static friction [-].
+
+    cuts: if friction does not balance one of them, the samples of the largest force in
+    each span where it exceeds NEARLY_SLIPS.
     """
 
     share: float
     cuts: tuple[int, ...]
 
 
-def held(scene, solved, whole) -> Hold:
-    """Return how well friction holds the still spans of a solved page.
+def rest_force(scene, solved, whole) -> RestForce:
+    """Return the forces on the still spans of a solved page against static friction.
 
     whole: the problem with a pose for every sample, at the solution (Expansion).
     """
     v = whole.problem.variables["x"]
     slope = whole.whole_slope[v.span].reshape(v.columns, v.rows)
     slope = _along(whole.x[v.span].reshape(slope.shape).T, slope)[whole.window.pose]
-    pose, arm = solved.window.pose, _arm(solved, whole.window)
-    price, cuts, worst = _price(scene, solved.solution), [], 0.0
+    pose, arm = solved.window.pose, _lever_arm(solved, whole.window)
+    friction, cuts, worst = _static_friction(scene, solved.solution), [], 0.0
     for k in np.unique(pose):
         rows = np.nonzero(pose == k)[0]
-        pull = np.cumsum(slope[rows[:-1]], axis=0)
-        pull = np.hypot(np.linalg.norm(pull[:, :2], axis=1), pull[:, 2] / arm) / price
-        worst = max(worst, pull.max(initial=0.0))
-        if pull.max(initial=0.0) > HARDLY:
-            cuts.append(int(rows[1 + np.argmax(pull)]))
-    return Hold(float(worst), tuple(cuts) if worst > 1 else ())
+        force = np.cumsum(slope[rows[:-1]], axis=0)
+        force = np.hypot(np.linalg.norm(force[:, :2], axis=1), force[:, 2] / arm)
+        force = force / friction
+        worst = max(worst, force.max(initial=0.0))
+        if force.max(initial=0.0) > NEARLY_SLIPS:
+            cuts.append(int(rows[1 + np.argmax(force)]))
+    return RestForce(float(worst), tuple(cuts) if worst > 1 else ())
 
 
 def _along(x, slope) -> np.ndarray:
@@ -236,47 +225,44 @@ def _along(x, slope) -> np.ndarray:
     return np.c_[slope[:, :2], turn[:, 2]]
 
 
-def _arm(solved, window) -> float:
+def _lever_arm(solved, window) -> float:
     """Return the arm [m] at which the ground's friction resists a turn."""
-    if is_polytope(solved.job.shape):
-        legs = window.start[window.legs] - window.body[1:4]
-    else:
-        legs = body_corners(solved.job.shape, solved.at.theta)
+    legs = window.supports(solved.job.shape, solved.at.theta)
     return float(np.linalg.norm(legs[:, :2], axis=1).mean())
 
 
-def _price(scene, solution) -> float:
-    """Return what friction takes of a body that slides [nats / m].
+def _static_friction(scene, solution) -> float:
+    """Return what friction dissipates when a body slides [nats / m].
 
-    The price is that of the physics (violation_implicit) whatever page was solved, also
-    one that weighs no dissipation; only its own `kappa` and coefficient come first.
+    It is that of violation_implicit whatever page was solved, also one without
+    dissipation; the page's own weight `kappa` and coefficient come first.
     """
     known = {"kappa": WEIGHTS["kappa"][0], "ground friction": scene.friction_ground}
     if known["ground friction"] is None:
-        known["ground friction"] = SLIPPERY
+        known["ground friction"] = UNKNOWN_FRICTION
     known |= solution.parameters | solution.values
     kappa, mu = (float(np.ravel(known[k])[0]) for k in ("kappa", "ground friction"))
-    return max(BY_METRE * kappa * mu * (scene.gravity > 0), LEAST)
+    return max(MM_PER_M * kappa * mu * (scene.gravity > 0), ON_ICE)
 
 
-@dataclass(frozen=True)
-class Skipped:
-    """One reduction: what was dropped, why, and the check after the solve.
+def frictionless(solved) -> Skipped | None:
+    """Certify dropped tangential impulses: without friction there are none."""
+    window = solved.window
+    of = {"finger": window.push, "ground": window.corner}
+    count = sum(2 * len(of[name]) for name in window.frictionless)
+    if not count:
+        return None
+    return Skipped(
+        "frictionless", f"{count} tangential impulses", "friction is zero",
+        "largest that the cone would allow [weights]", 0.0, 0.0, True,
+    )  # fmt: skip
 
-    value is compared with limit (both in `unit`); `holds` is the verdict.
-    """
 
-    name: str
-    dropped: str
-    reason: str
-    check: str
-    value: float
-    limit: float
-    holds: bool
-
-    def __str__(self) -> str:
-        verdict = "holds" if self.holds else "DOES NOT HOLD"
-        return (
-            f"{self.name}: {self.dropped} ({self.reason}); {self.check} "
-            f"{self.value:.2g}, limit {self.limit:.2g}: {verdict}"
-        )
+def planar_certificate(job, page, solved) -> Skipped | None:
+    """Certify that an object that never tilts explains the touches (outliers.py)."""
+    worst = planar_share(evidence_against_planar(job, solved))
+    return Skipped(
+        "planar", "height and two tilts of every pose", "the object lies flat",
+        "share of an action's touches that no flat pose explains", worst, PLANAR_LIMIT,
+        worst <= PLANAR_LIMIT,
+    )  # fmt: skip

@@ -1,4 +1,14 @@
-"""Tell which touches say that an object did something else than slide."""
+"""Define which touches an estimate does not explain, and what they contradict.
+
+A touched sample is unexplained if its cost exceeds UNEXPLAINED outlier costs: this is
+the one definition.  How many of them contradict an assumption depends on what that is:
+
+a touch     MIN_OF_TOUCH samples of a finger in an action (a wrong boolean is fewer)
+sliding     MIN_OF_ACTION samples and the share SHARE_OF_ACTION of one action
+planar      MIN_OF_PLANAR samples and the share PLANAR_LIMIT of one action, or the share
+            PLANAR_TOTAL of all: a wrong mode also leaves some samples unexplained, an
+            object that tumbled leaves most of an action so
+"""
 
 from __future__ import annotations
 
@@ -9,19 +19,21 @@ import numpy as np
 from ..errors import MotionError
 from ..nlp.problem import Problem
 from .pages import page_of
-from .reductions import SIDE
+from .reductions import SIDE_NORMAL
 
-TOUCH, NORMAL = 0.15e-3, 0.015  # [m], [rad] model errors of a touch of a rigid object
-WRONG = 0.8  # [outlier costs] a touch that costs more is not explained
-TWO, SHARE = 2, 0.2  # so many touches, and this part of an action's, are no accident
+GAP_ERROR, NORMAL_ERROR = 0.15e-3, 0.015  # [m], [rad] of a touch model
+UNEXPLAINED = 0.8  # [outlier costs] a touched sample that costs more
+MIN_OF_TOUCH = 3  # samples
+MIN_OF_ACTION, SHARE_OF_ACTION = 2, 0.2  # samples, [-]
+MIN_OF_PLANAR, PLANAR_LIMIT, PLANAR_TOTAL = 4, 0.6, 0.25  # samples, [-], [-]
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What speaks against sliding in one action.
+    """The evidence against planar sliding in one action.
 
-    touches: how many; unexplained: how many of them no flat pose explains; tilt [rad]:
-    how far the normals of a side rise.
+    touches: touched samples; unexplained: how many of them no planar pose explains;
+    tilt [rad]: the largest angle of a side's normal above the ground.
     """
 
     action: int
@@ -32,7 +44,10 @@ class Evidence:
     @property
     def against(self) -> bool:
         """Whether the object did something else than slide."""
-        return self.unexplained >= TWO and self.unexplained > SHARE * self.touches
+        return (
+            self.unexplained >= MIN_OF_ACTION
+            and self.unexplained > SHARE_OF_ACTION * self.touches
+        )
 
 
 def with_rigid_fingertips(solved):
@@ -45,48 +60,64 @@ def with_rigid_fingertips(solved):
         return window
     touch = window.touch
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
-    inside = problem.value("indentation", x, data)
     p_wf = touch.p_wf.copy()
-    p_wf[:, :3] += inside * touch.normal
+    p_wf[:, :3] += problem.value("indentation", x, data) * touch.normal
     return replace(window, touch=replace(touch, p_wf=p_wf))
 
 
-def contradicts(job, solved) -> list[Evidence]:
+def evidence_against_planar(job, solved) -> list[Evidence]:
     """Return the evidence against flat motion in every action that touched.
 
     solved: a flat solution, of whatever page.
     """
     window, values = with_rigid_fingertips(solved), solved.solution.values
     page = page_of("quasi_static", job.shape)
-    problem = Problem(kinds=job.kinds_of(page, window))
+    problem = Problem(term_functions=job.kinds_of(page, window))
     page.build(problem, window, job.scene, job.shape)
     known = {name: values[name] for name in problem.variables if name in values}
     scale = {
-        "touch scale": np.hypot(TOUCH, window.sigma_position),
-        "normal scale": np.hypot(NORMAL, window.sigma_normal),
+        "touch scale": np.hypot(GAP_ERROR, window.sigma_position),
+        "normal scale": np.hypot(NORMAL_ERROR, window.sigma_normal),
     }
-    cost = problem.value("touch", problem.pack(known), problem.data(scale))[:, 0]
-    wrong = cost > WRONG * window.outlier_cost
+    wrong = unexplained(problem, window, problem.pack(known), problem.data(scale))
     action = job.data.action[window.touch.sample]
     return [
         Evidence(
             int(a), int((action == a).sum()), int(wrong[action == a].sum()),
-            tilt_of(window.touch.normal[action == a]).max(initial=0.0),
+            side_tilt(window.touch.normal[action == a]).max(initial=0.0),
         )
         for a in np.unique(action)
     ]  # fmt: skip
 
 
+def unexplained(problem, window, x, data) -> np.ndarray:
+    """Tell which touched samples (touches,) unknowns x do not explain."""
+    cost = problem.value("touch", x, data)[:, 0]
+    return cost > UNEXPLAINED * window.outlier_cost
+
+
+def planar_share(evidence) -> float:
+    """Return the largest share of an action's touches that planar motion leaves open.
+
+    The share of all actions counts in units of PLANAR_TOTAL / PLANAR_LIMIT.
+    """
+    touches = sum(e.touches for e in evidence)
+    wrong = sum(e.unexplained for e in evidence)
+    most = [e for e in evidence if e.unexplained >= MIN_OF_PLANAR]
+    shares = [e.unexplained / e.touches for e in most]
+    return max([*shares, wrong / touches * PLANAR_LIMIT / PLANAR_TOTAL])
+
+
 def check_explained(solved) -> None:
     """Raise MotionError where touches of a floating object are left unexplained."""
-    evidence = contradicts(solved.job, solved)
+    evidence = evidence_against_planar(solved.job, solved)
     wrong = [e for e in evidence if e.against]
     if wrong:
         raise MotionError(
             "the motion of the floating object was not found",
             where=f"touch, actions {[e.action for e in wrong]}",
             got=f"{sum(e.unexplained for e in wrong)} touches not explained",
-            expected=f"at most {sum(e.touches for e in wrong) * SHARE:.0f}",
+            expected=f"at most {sum(e.touches for e in wrong) * SHARE_OF_ACTION:.0f}",
             next="give start=Guess(...), select fewer actions, or pass throw=False to "
             "look at the estimate",
             problem=solved.problem.describe(),
@@ -94,7 +125,7 @@ def check_explained(solved) -> None:
         )
 
 
-def tilt_of(n) -> np.ndarray:
-    """Return how far side normals (n, 3) rise [rad]; 0 for those of other faces."""
-    side = np.abs(n[:, 2]) < SIDE
+def side_tilt(n) -> np.ndarray:
+    """Return the angles (n,) [rad] of side normals above the ground, else 0."""
+    side = np.abs(n[:, 2]) < SIDE_NORMAL
     return np.where(side, np.arctan2(n[:, 2], np.hypot(n[:, 0], n[:, 1])), 0.0)

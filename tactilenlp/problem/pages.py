@@ -1,4 +1,4 @@
-"""problem.pages."""
+"""Find the page and the shape that a name stands for."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from formulations.shape import CUBOID, Shape
 from ..errors import OptionError
 
 SHAPES = {"cuboid": CUBOID, "polytope": polytope()}
-POLYTOPES = ("polytope_quasi_static", "polytope_violation_implicit")
 FORMULATIONS = (
     *("quasi_static", "violation_implicit", "paper"),
     *("shooting", "multiple_shooting", "complementarity"),
@@ -18,6 +17,7 @@ FORMULATIONS = (
 
 
 def shape_of(shape) -> Shape:
+    """Return the shape of a name, or a user's; OptionError for an unknown name."""
     if isinstance(shape, Shape):
         return shape
     if not isinstance(shape, str) or shape not in SHAPES:
@@ -28,33 +28,37 @@ def shape_of(shape) -> Shape:
 
 
 def page_of(formulation, shape):
-    """Return the page of a name, a polytope's own if there is one, or a user's."""
+    """Return the page of a name, the shape's own if it has any, or a user's page."""
     if isinstance(formulation, str):
-        if formulation not in FORMULATIONS:
-            raise OptionError(
-                "unknown formulation",
-                where="formulation",
-                got=formulation,
-                expected=f"one of {FORMULATIONS}, or a page",
-            )
-        own = f"{shape.name}_{formulation}"
-        if is_polytope(shape) and own not in POLYTOPES:
-            raise OptionError(
-                "no page of this name for a polytope",
-                where="formulation",
-                got=formulation,
-                expected='"quasi_static" or "violation_implicit"',
-                next='use shape="cuboid", or give a page of your own',
-            )
-        return importlib.import_module(
-            f"formulations.{own if own in POLYTOPES else formulation}"
-        )
+        return importlib.import_module(f"formulations.{_module_of(formulation, shape)}")
     for name in ("build", "LEVELS"):
         if not hasattr(formulation, name):
             raise OptionError(
                 f"a page needs {name}", where="formulation", got=repr(formulation)
             )
     return formulation
+
+
+def _module_of(formulation: str, shape) -> str:
+    """Return the module of a formulation; OptionError where the shape has none."""
+    if formulation not in FORMULATIONS:
+        raise OptionError(
+            "unknown formulation",
+            where="formulation",
+            got=formulation,
+            expected=f"one of {FORMULATIONS}, or a page",
+        )
+    if not shape.own_pages:
+        return formulation
+    if formulation not in shape.own_pages:
+        raise OptionError(
+            f"no page of this name for a {shape.name}",
+            where="formulation",
+            got=formulation,
+            expected=" or ".join(f'"{name}"' for name in shape.own_pages),
+            next='use shape="cuboid", or give a page of your own',
+        )
+    return f"{shape.name}_{formulation}"
 
 
 def page_named(page):
@@ -64,4 +68,4 @@ def page_named(page):
 
 def is_polytope(shape) -> bool:
     """Tell whether a shape is a hull of vertices."""
-    return shape.name == "polytope"
+    return shape.parameters == "vertices"

@@ -1,4 +1,4 @@
-"""problem.poses."""
+"""Compute poses and corners of a body from the unknowns of a page."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from functools import cache
 
 import casadi as ca
 import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..geometry.transforms import quaternion_of, rotate_planar
 
 
 def poses(shape, motion, theta, x, ground):
     """Return position (T, 3) [m], quaternion (T, 4) wxyz, world, of poses x (u, T)."""
-    import casadi as ca
-    from scipy.spatial.transform import Rotation
-
     t, c = ca.SX.sym("theta", len(theta)), ca.SX.sym("x", motion.unknowns)
     p, R = motion.pose(shape, t, c)
     function = ca.Function("pose", [t, c], [p, ca.reshape(ca.densify(R), 9, 1)])
@@ -24,16 +24,7 @@ def poses(shape, motion, theta, x, ground):
     if ground is not None:
         position = ground.from_ground(position)
         rotation = Rotation.from_matrix(ground.rotation).inv() * rotation
-    return position, rotation.as_quat()[:, [3, 0, 1, 2]]
-
-
-@cache
-def _corners(shape):
-    theta = ca.SX.sym("theta", shape.theta)
-    signs = np.array(shape.corners)
-    every = np.vstack([signs, signs * [1, 1, -1]])
-    points = ca.horzcat(*(shape.corner(theta, ca.DM(s)) for s in every))
-    return ca.Function("corners", [theta], [points])
+    return position, quaternion_of(rotation)
 
 
 def body_corners(shape, theta) -> np.ndarray:
@@ -44,7 +35,14 @@ def body_corners(shape, theta) -> np.ndarray:
 def planar_corners(shape, theta, x) -> np.ndarray:
     """Return the corners of a body lying at the planar pose x, (corners, 3) [m]."""
     body = np.asarray(_corners(shape)(theta))
-    c, s = np.cos(x[2]), np.sin(x[2])
-    return np.stack(
-        [c * body[0] - s * body[1] + x[0], s * body[0] + c * body[1] + x[1], body[2]], 1
-    )
+    level = rotate_planar(x[2], *body[:2]) + x[:2, None]
+    return np.stack([*level, body[2]], 1)
+
+
+@cache
+def _corners(shape):
+    theta = ca.SX.sym("theta", shape.theta)
+    signs = np.array(shape.corners)
+    every = np.vstack([signs, signs * [1, 1, -1]])
+    points = ca.horzcat(*(shape.corner(theta, ca.DM(s)) for s in every))
+    return ca.Function("corners", [theta], [points])

@@ -1,7 +1,7 @@
-"""What a page sees of the data: plain arrays and index lists, no branches.
+"""Define the window, the data as a page reads them: plain arrays and index lists.
 
-Every list may be empty; a term over an empty list costs nothing.  `pose` numbers the
-pose unknowns: all samples of a still span share one.
+Every list may be empty; a term over an empty list costs nothing.  `pose` indexes the
+pose unknowns x: all samples of a still span share one.
 """
 
 from __future__ import annotations
@@ -13,8 +13,10 @@ import numpy as np
 from formulations.finger import Finger
 from formulations.rigid_body import Motion
 
+from .poses import body_corners
 
-class _Rows:
+
+class Rows:
     """Arrays that share their first axis, an instance of a term each."""
 
     def __len__(self) -> int:
@@ -26,10 +28,10 @@ class _Rows:
 
 
 @dataclass(frozen=True, eq=False)
-class Samples(_Rows):
-    """Finger samples: at pose `pose`, finger at p_wf (as formulations/finger.py has
-    it: (3,) [m] for a sphere), its radius [m], normal, and how far [m] it may have
-    moved since it last felt the contact.
+class Samples(Rows):
+    """Finger samples: index of the pose, where the finger is, p_wf (as in
+    formulations/finger.py: (3,) [m] for a sphere), its radius [m], normal, and contact
+    latency: how far [m] it may have moved since it last felt the contact.
     """
 
     sample: np.ndarray
@@ -42,8 +44,8 @@ class Samples(_Rows):
 
 
 @dataclass(frozen=True, eq=False)
-class Steps(_Rows):
-    """Time steps of dt [s] to pose `pose` from the poses before and before that."""
+class Steps(Rows):
+    """Time steps of dt [s]: index of the pose, and of one and two samples before."""
 
     sample: np.ndarray
     pose: np.ndarray
@@ -53,7 +55,7 @@ class Steps(_Rows):
 
 
 @dataclass(frozen=True, eq=False)
-class Pushes(_Rows):
+class Pushes(Rows):
     """Finger contacts that may carry an impulse, each within one step.
 
     p_wf_1 is where the finger was a sample ago, tangent (3,) where t1 points.
@@ -69,7 +71,7 @@ class Pushes(_Rows):
 
 
 @dataclass(frozen=True, eq=False)
-class Corners(_Rows):
+class Corners(Rows):
     """Ground contacts, each at one corner of the shape within one step."""
 
     step: np.ndarray
@@ -77,7 +79,7 @@ class Corners(_Rows):
 
 
 @dataclass(frozen=True, eq=False)
-class Rests(_Rows):
+class Rests(Rows):
     """Corners on which the object rests while nothing pushes it, one pose each."""
 
     pose: np.ndarray
@@ -162,6 +164,10 @@ class Window:
         sizes always lie as a body has them.
         """
         return rows
+
+    def supports(self, shape, theta) -> np.ndarray:
+        """Return the corners (n, 3) [m] that carry a body theta, from its middle."""
+        return body_corners(shape, theta)
 
     def seen_by_touches(self, theta) -> np.ndarray:
         """Return what each touch reads (n, touches) of a body theta (rows, columns)."""

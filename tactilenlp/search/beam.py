@@ -1,14 +1,15 @@
-"""The beam: extends, solves, ranks and keeps hypotheses action by action.
+"""Beam search over actions: hypotheses are extended, solved, ranked and selected.
 
-Each new action extends every hypothesis kept by a few guesses; the most promising are
+Each new action extends every hypothesis kept by a few proposals; the most promising are
 solved by the quasi-static page, and the best distinct ones are kept.  Least motion
-drags a touch to the nearest edge, so it proposes well and ranks badly: where a page
-with physics is given, that ranks the first ones (`rank`).
+draws a touch to the nearest edge, so that it proposes well and ranks badly: a page with
+physics, if given, ranks the hypotheses of the first actions (`rank`).
 """
 
 from __future__ import annotations
 
 import logging
+import os
 import time
 from dataclasses import replace
 
@@ -19,17 +20,20 @@ from formulations import quasi_static
 from ..common.progress import progress
 from ..problem.pages import page_named
 from .hypothesis import Hypothesis, Job, distinct, same
-from .local_solve import ROUGH, opened, posed, spread, started, tried
-from .proposals import WEAK, extensions
+from .local_solve import (
+    RANKING_TOLERANCE,
+    freed_levels,
+    problem_for,
+    solved_roughly,
+    start_values,
+)
+from .margins import COARSE_LEVEL, LEAST_MOTION_BEHIND, PHYSICS_BEHIND
+from .plane_slam import SEARCH_TOLERANCE
+from .proposals import WEAK_MOTION, extensions
 
-__all__ = ["Hypothesis", "Job", "beam", "distinct", "extensions", "rank", "same"]
 log = logging.getLogger("tactilenlp")
-TOLERANCE = 1e-4  # of the search's solves; the page that follows is solved tighter
-COARSE = 40.0  # [nats] a start that costs less than this skips the coarse level
-RIVAL = 15.0  # [nats] of least motion behind the best: physics is not asked
-BEHIND = 30.0  # [nats] of physics behind the best: dropped
-RANKED = 2  # actions after which a page ranks
-EARLY = 2  # actions in which sizes are free: twice as many hypotheses
+RANKED_ACTIONS = 2  # actions after which a page with physics ranks
+EARLY_ACTIONS = 2  # actions in which sizes are free: twice as many hypotheses
 
 
 def beam(
@@ -37,10 +41,10 @@ def beam(
 ):
     """Return the best distinct hypotheses for all actions of a job, by least motion.
 
-    kept: hypotheses of the first actions to carry on, if any; page: ranks those of
-    the first RANKED actions, while its problem is small.  `width` are kept,
-    twice as many in the first actions, and guesses that least motion has not moved.
-    so_far: a list to leave them in after each action, for whoever interrupts.
+    kept: hypotheses of the first actions to continue, if any; width: how many are kept,
+    twice as many in the first actions, besides proposals as they were; solves: how many
+    are solved an action; page: ranks those of the first RANKED_ACTIONS, while its
+    problem is small; so_far: a list that holds them after each action, for Ctrl-C.
     """
     done = kept[0].x.shape[1] if kept else 0
     actions, physical = np.unique(job.data.action), bool(kept)
@@ -49,19 +53,15 @@ def beam(
         if last <= done or not (job.data.contact & job.data.valid)[:last].any():
             continue
         part = replace(job, data=job.data.select(np.unique(job.data.action[:last])))
-        more = 2 if i < EARLY else 1
+        more = 2 if i < EARLY_ACTIONS else 1
         starts = _most_promising(part, extensions(part, kept), solves * more)
-        if time.monotonic() > job.deadline:  # what is left is guessed, not solved
+        if time.monotonic() > job.deadline:  # the rest is proposed, not solved
             kept = starts[:width]
             continue
-        found = spread(_solve_chunk, part, starts, executor)
-        found += starts if i < EARLY else []
-        kept = distinct(job.shape, found, width * more)
-        if i >= EARLY:  # as it was: its past may be one that physics found
-            twin = any(same(job.shape, starts[0], h) for h in kept)
-            kept = kept if twin and not physical else [*kept, starts[0]]
+        early = i < EARLY_ACTIONS
+        kept = _selected(part, starts, width * more, executor, early, physical)
         physical = False
-        if page is not None and i < RANKED and last < len(job.data.time):
+        if page is not None and i < RANKED_ACTIONS and last < len(job.data.time):
             kept = rank(part, page, kept, width, executor)
         if so_far is not None:
             so_far[:] = kept
@@ -70,39 +70,78 @@ def beam(
     return kept
 
 
+def _selected(job: Job, starts, width: int, executor, early: bool, physical: bool):
+    """Return the best distinct solves of the starts, by least motion.
+
+    early: the starts compete too; physical: the starts continue solves by physics, so
+    that the best of them is kept as it was.
+    """
+    found = _distributed(_solve_chunk, job, starts, executor)
+    found += starts if early else []
+    kept = distinct(job.shape, found, width)
+    if early:
+        return kept
+    twin = any(same(job.shape, starts[0], h) for h in kept)
+    return kept if twin and not physical else [*kept, starts[0]]
+
+
 def rank(job, page, kept, width, executor=None) -> list[Hypothesis]:
     """Return the best distinct hypotheses by a page's first levels, solved roughly."""
-    limit = min(h.objective for h in kept) + RIVAL
-    rivals = [h for h in kept if h.objective <= limit]
+    limit = min(h.objective for h in kept) + LEAST_MOTION_BEHIND
+    promising = [h for h in kept if h.objective <= limit]
     if executor is not None:
-        page = page.__name__  # a module travels by its name
-    found = spread(_rank_chunk, job, rivals, executor, page)
-    return distinct(job.shape, found, width, BEHIND)
+        page = page.__name__  # a module is sent to other processes by its name
+    found = _distributed(_rank_chunk, job, promising, executor, page)
+    return distinct(job.shape, found, width, PHYSICS_BEHIND)
+
+
+def _distributed(solve_chunk, job: Job, starts, executor, *args) -> list:
+    """Solve every start, in order; in chunks over the executor if there is one."""
+    if executor is None:
+        return solve_chunk(job, starts, *args)
+    workers = getattr(executor, "_max_workers", None) or os.cpu_count() or 1
+    chunks = [starts[i::workers] for i in range(workers) if starts[i::workers]]
+    futures = [executor.submit(solve_chunk, job, chunk, *args) for chunk in chunks]
+    out = [None] * len(starts)
+    try:
+        for i, future in enumerate(futures):
+            out[i::workers] = future.result()
+    finally:  # after an error or Ctrl-C, pending chunks are cancelled
+        for future in futures:
+            future.cancel()
+    return out
 
 
 def _rank_chunk(job: Job, kept, page) -> list[Hypothesis]:
     page = page_named(page)
-    problem, window = posed(job, page, (kept[0].theta, kept[0].x))
-    levels, solvers = opened(page.LEVELS, final=False), {}
-    return [tried(job, problem, window, levels, h, ROUGH, solvers) for h in kept]
+    problem, window = problem_for(job, page, (kept[0].theta, kept[0].x))
+    levels, solvers = freed_levels(page.LEVELS, final=False), {}
+    return [
+        solved_roughly(job, problem, window, levels, h, RANKING_TOLERANCE, solvers)
+        for h in kept
+    ]
 
 
 def _most_promising(job: Job, starts, count: int) -> list[Hypothesis]:
     """Return the cheapest distinct starts by the quasi-static page's own cost."""
-    problem, window = posed(job, quasi_static)
-    data, costed = problem.data(WEAK), []
+    problem, window = problem_for(job, quasi_static)
+    data, costed = problem.data(WEAK_MOTION), []
     for h in starts:
-        x = problem.pack(started(problem, window, h))
+        x = problem.pack(start_values(problem, window, h))
         cost = sum(float(problem.value(n, x, data).sum()) for n in problem.costs)
         costed.append(replace(h, objective=cost))
     return distinct(job.shape, costed, count)
 
 
 def _solve_chunk(job: Job, starts) -> list[Hypothesis]:
-    problem, window = posed(job, quasi_static)
-    weak = [replace(v, parameters=v.parameters | WEAK) for v in quasi_static.LEVELS]
+    problem, window = problem_for(job, quasi_static)
+    weak = [
+        replace(v, parameters=v.parameters | WEAK_MOTION) for v in quasi_static.LEVELS
+    ]
     solvers, out = {}, []
     for h in starts:
-        levels = weak if h.objective > COARSE else weak[-1:]
-        out.append(tried(job, problem, window, levels, h, TOLERANCE, solvers))
+        levels = weak if h.objective > COARSE_LEVEL else weak[-1:]
+        out.append(
+            solved_roughly(job, problem, window, levels, h, SEARCH_TOLERANCE, solvers)
+        )
     return out

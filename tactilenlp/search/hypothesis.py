@@ -1,21 +1,22 @@
-"""A hypothesis: one local optimum of where the object is, what it is, how it moved.
+"""A hypothesis: one local optimum of shape and trajectory, and how two are compared.
 
-Which face was touched, which way the object is turned, how it was pushed: every answer
-is a hypothesis of its own.  They are compared by the body at the first and last pose.
+Which face was touched, which way the object is turned, how it was pushed: each answer
+is a hypothesis of its own.  Two are the same body where the corners agree at the first
+and at the last pose.  A `Job` is what a search for hypotheses is given.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from weakref import WeakKeyDictionary
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..problem.poses import planar_corners
+from ..geometry.transforms import is_planar, matrices
+from ..problem.poses import body_corners, planar_corners
+from .margins import START_BEHIND
 
-SAME = 1e-3  # [m] hypotheses whose corners agree this well are one
-HOPELESS = 60.0  # [nats] behind the best start or hypothesis: not followed up
-ENDS = (0, -1)  # the poses by which bodies are compared: the first and the last
+SAME_BODY = 1e-3  # [m] corners of one body agree this well
+COMPARED = (0, -1)  # samples at which bodies are compared: first, last
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,8 +24,8 @@ class Hypothesis:
     """One local optimum: theta (n,) [m], poses x (unknowns, T), objective [nats].
 
     Poses are planar (3, T), or free (6, T) where a solve of free motion starts or ends;
-    path: the guess it came from, one word an action; offset (3, F) [m] of the fingers,
-    where these are not known exactly.
+    path: the proposals that led to it, one word an action; offset (3, F) [m] of the
+    fingers, where their positions are not known exactly.
     """
 
     theta: np.ndarray
@@ -36,7 +37,7 @@ class Hypothesis:
 
     @property
     def rank(self) -> float:
-        """The objective to sort by: symmetric twins are a tie, the first one wins."""
+        """The objective to sort by, rounded: of symmetric twins the first one wins."""
         return round(self.objective, 3)
 
     @property
@@ -60,21 +61,25 @@ class Hypothesis:
         return replace(self, x=self.x[:, :samples])
 
 
-class Kinds(dict):
-    """Kinds of terms by page and motion; they stay in the process that derived them."""
+class TermFunctions(dict):
+    """Derived term functions by page and motion; mutable, shared by related solves.
+
+    Pickled, it is empty: derived functions stay in the process that derived them.
+    """
 
     def __reduce__(self):
-        return Kinds, ()
-
-
-# Where estimates came from, and the kinds that solving them took: an update shares
-# them as long as the estimate is in this process.
-_solved: WeakKeyDictionary[Hypothesis, tuple[tuple, Kinds]] = WeakKeyDictionary()
+        return TermFunctions, ()
 
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What a solve needs to know, picklable: the data so far and how to read them."""
+    """What a solve needs to know, picklable: measurements and how to read them.
+
+    data, scene, shape, precision, reductions; deadline [s] of time.monotonic();
+    functions: the caller's store of term functions, filled by the solves; first: a
+    user's guesses (name, theta, x) of the first touch; cuts: samples within rest
+    intervals that need a pose of their own.
+    """
 
     data: object
     scene: object
@@ -82,35 +87,30 @@ class Job:
     precision: object
     reductions: object
     deadline: float
-    first: tuple = ()  # (name, theta, x) guesses of the first touch, if a user has some
-    cuts: tuple = ()  # samples within still spans that need a pose of their own
-    kinds: Kinds = field(default_factory=Kinds)
+    functions: TermFunctions
+    first: tuple = ()
+    cuts: tuple = ()
 
     def kinds_of(self, page, window) -> dict:
-        """Return the kinds that the problems of a page share, if they are alike.
+        """Return the term functions that problems of a page share, if they are alike.
 
         They are where the functions of terms depend on page, shape, scene and motion,
-        not on what else a window holds: a page says so by ALIKE.
+        not on what else a window holds: a page states so by ALIKE.
         """
         if not getattr(page, "ALIKE", False):
             return {}
-        return self.kinds.setdefault((page, window.motion, window.frictionless), {})
-
-    def remember(self, origin: Hypothesis, page) -> None:
-        """Keep the kinds for whoever goes on from the estimate of this origin."""
-        _solved[origin] = (self.scene, self.shape, page.build), self.kinds
-
-    def recall(self, origin: Hypothesis, page) -> None:
-        """Take the kinds of an estimate of this origin, if it was solved here."""
-        of, kinds = _solved.get(origin, (None, {}))
-        if of == (self.scene, self.shape, page.build):  # not of a page that was edited
-            self.kinds.update(kinds)
+        key = page, window.motion, window.frictionless, window.compliant
+        return self.functions.setdefault(key, {})
 
 
 def distinct(
-    shape, found, count: int, hopeless=HOPELESS, samples=ENDS
+    shape, found, count: int, hopeless=START_BEHIND, samples=COMPARED
 ) -> list[Hypothesis]:
-    """Return the best `count` hypotheses of which no two are the same body."""
+    """Return the best `count` hypotheses of which no two are the same body.
+
+    hopeless [nats]: none that is further behind the best; samples: where bodies are
+    compared.
+    """
     kept = []
     for h in sorted(found, key=lambda h: h.rank):
         if kept and h.objective > kept[0].objective + hopeless:
@@ -120,11 +120,19 @@ def distinct(
     return kept
 
 
-def same(shape, a: Hypothesis, b: Hypothesis, samples=ENDS) -> bool:
-    """Tell whether two hypotheses are one: corners agree at the given samples."""
+def same(shape, a: Hypothesis, b: Hypothesis, samples=COMPARED) -> bool:
+    """Tell whether two hypotheses are the same body at the given samples."""
     for k in samples:
-        corners = [planar_corners(shape, h.theta, h.x[:, k]) for h in (a, b)]
+        corners = [_corners_at(shape, h, k) for h in (a, b)]
         apart = np.linalg.norm(corners[0][:, None] - corners[1][None], axis=2)
-        if max(apart.min(axis=0).max(), apart.min(axis=1).max()) > SAME:
+        if max(apart.min(axis=0).max(), apart.min(axis=1).max()) > SAME_BODY:
             return False
     return True
+
+
+def _corners_at(shape, h: Hypothesis, sample: int) -> np.ndarray:
+    """Return the corners (corners, 3) [m] of a body at a sample, planar or free."""
+    x = h.x[:, sample]
+    if is_planar(h.x):
+        return planar_corners(shape, h.theta, x)
+    return body_corners(shape, h.theta) @ matrices(x[:, None])[0].T + x[:3]

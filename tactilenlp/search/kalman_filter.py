@@ -1,8 +1,9 @@
-"""Propose first guesses: where the object may be and how it may have moved.
+"""Extended Kalman filter of size and planar pose through contact measurements.
 
-Nothing is solved here to optimality.  `first_guesses` reads the first touch,
-`realigned` the touches of a new action, `follow` carries size and pose through the
-samples by an extended Kalman filter.  Poses are planar, x = (x, y, yaw).
+The state is (theta, x before, x now), with x = (x, y, yaw).  The process is a random
+walk: large where the object is touched, small where it is not.  Touched gaps and
+normals are measurements, each corrected by a few Gauss-Newton passes; a finger that
+feels nothing pushes the body out where they overlap.  Many states run at once.
 """
 
 from __future__ import annotations
@@ -14,15 +15,17 @@ import numpy as np
 
 from ..nlp.term_functions import mapped
 
-TOUCH = 0.5e-3  # [m] deviation of a touched gap while following
-NORMAL = 0.15  # [rad] deviation of a measured normal while following
-MOVE = np.array([2e-3, 2e-3, 0.1])  # [m, m, rad] of a touched object in one sample
-TIGHT = np.r_[1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-3]  # [m, rad] of what is not corrected
-BRIEF = 5  # samples: friction of 0.3 stops a body that a finger left in three
-REST = np.array([1e-4, 1e-4, 5e-3])  # [m, m, rad] of one that nothing touches
-PASSES = 4  # Gauss-Newton passes per sample with contact
-SETTLED = 1e-5  # [m, rad] a smaller step ends the passes
-STEP = np.array([8e-3, 8e-3, 0.3])  # [m, m, rad] longest step of a pass
+GAP_SIGMA = 0.5e-3  # [m] measurement deviation of a touched gap
+NORMAL_SIGMA = 0.15  # [rad] measurement deviation of a normal
+# Process deviations of one sample [m, m, rad], touched and untouched:
+TOUCHED_STEP = np.array([2e-3, 2e-3, 0.1])
+# [m, rad] of size and first pose in the second run, which finds the path:
+RESTART_SIGMA = np.r_[1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-3]
+STOPPING_SAMPLES = 5  # a released body stops in three, at a friction of 0.3
+UNTOUCHED_STEP = np.array([1e-4, 1e-4, 5e-3])
+MAX_PASSES = 4  # Gauss-Newton passes per sample with contact
+PASS_TOLERANCE = 1e-5  # [m, rad] a smaller step ends the passes
+LONGEST_PASS = np.array([8e-3, 8e-3, 0.3])  # [m, m, rad] step of a pass
 
 
 @cache
@@ -39,33 +42,34 @@ def finger_residuals(shape, motion, finger):
     return ca.Function("residuals", [z, p_wf, rho, n_m], out, {"cse": True})
 
 
-def sustained(data) -> np.ndarray:
-    """Tell which contacts (T, F) have a neighbour in time: a flipped one has none."""
+def lasting_contacts(data) -> np.ndarray:
+    """Tell which contacts (T, F) have a neighbour in time, unlike a flipped boolean."""
     felt = data.contact & data.valid
     pair = felt[1:] & felt[:-1] & (data.action[1:] == data.action[:-1])[:, None]
     none = np.zeros((1, data.fingers), bool)
     return np.vstack([none, pair]) | np.vstack([pair, none])
 
 
-def follow(data, window, shape, z, spread, turning, samples, offsets=0.0):
-    """Follow guesses z (S, n + 3) of theta and pose through `samples`, all at once.
+def filtered_paths(data, window, shape, z, spread, turning, samples, offsets=0.0):
+    """Filter states z (S, n + 3) of theta and pose through `samples`, all at once.
 
-    offsets: of the fingers (S, 3, F) [m], if these are not where they say.
-    spread (S, n + 3, n + 3): how far z may be off; turning (S,) [-]: how readily the
-    object turns, in TURN.  A first run corrects z by what is felt, a second one finds
-    the path from there.  Returns z (S, n + 3) and the poses (S, 3, samples).
+    spread (S, n + 3, n + 3): covariance of z; turning (S,) [-]: scale of the process
+    noise in yaw; offsets: of the fingers (S, 3, F) [m], where these are not known
+    exactly. A first run corrects z by the measurements, a second one finds the path
+    from there. Returns z (S, n + 3) and the poses (S, 3, samples).
     """
     shift = np.broadcast_to(offsets, (len(z), 3, data.fingers)).swapaxes(1, 2)
     given = data, window, shape, shift
     z, _ = _filtered(*given, z, spread, turning, samples)
-    tight = np.broadcast_to(np.diag(TIGHT**2), spread.shape)
+    tight = np.broadcast_to(np.diag(RESTART_SIGMA**2), spread.shape)
     return _filtered(*given, z, tight, turning, samples)
 
 
 def _filtered(data, window, shape, shift, z, spread, turning, samples):
-    """Run an extended Kalman filter: the state is (theta, x before, x now).
+    """Run the filter: the state is (theta, x before, x now).
 
-    Touched gaps and normals are fitted, a finger that feels nothing is pushed out.
+    Touched gaps and normals are fitted; a free finger that overlaps the body pushes it
+    out.
     """
     n, m = shape.theta, window.motion.unknowns
     copy = np.vstack([np.eye(n + m), np.eye(m, n + m, n)])
@@ -74,44 +78,44 @@ def _filtered(data, window, shape, shift, z, spread, turning, samples):
     way = np.ones((len(z), m))
     way[:, -1] = turning
     sigma = window.sigma_position, window.sigma_normal
-    noise = np.hypot((TOUCH, NORMAL), sigma)
+    noise = np.hypot((GAP_SIGMA, NORMAL_SIGMA), sigma)
     low = np.r_[np.full(n, shape.bounds[0]), np.full(2 * m, -np.inf)]
-    longest = np.r_[np.full(n, STEP[0]), STEP, STEP]
-    felt, path = sustained(data), []
-    sliding = _sliding_on(felt, window)
+    longest = np.r_[np.full(n, LONGEST_PASS[0]), LONGEST_PASS, LONGEST_PASS]
+    felt, path = lasting_contacts(data), []
+    sliding = _still_sliding(felt, window)
     for t in samples:
         touched = felt[t].any()
-        walk = way * (MOVE if touched or sliding[t] else REST)
+        walk = way * (TOUCHED_STEP if touched or sliding[t] else UNTOUCHED_STEP)
         P[:, -m:, -m:] += walk[:, :, None] ** 2 * np.eye(m)
         prior, z = np.linalg.inv(P), mean
-        for _ in range(PASSES if touched else 1):
-            H, g = _pull(data, window, shape, shift, z, t, felt[t], noise)
+        for _ in range(MAX_PASSES if touched else 1):
+            H, g = _measured(data, window, shape, shift, z, t, felt[t], noise)
             g += np.einsum("sij,sj->si", prior, z - mean)
             change = np.linalg.solve(prior + H, g[..., None])[..., 0]
             change /= np.maximum(1, np.abs(change / longest).max(axis=1, keepdims=True))
             z = np.maximum(z - change, low)
-            if np.abs(change).max() < SETTLED:
+            if np.abs(change).max() < PASS_TOLERANCE:
                 break
         mean, P = z, np.linalg.inv(prior + H)
         path.append(z[:, -m:])
     return mean[:, : n + m], np.stack(path, axis=2)
 
 
-def _sliding_on(felt, window) -> np.ndarray:
+def _still_sliding(felt, window) -> np.ndarray:
     """Tell the samples (T,) through which an untouched body slides on, as on ice.
 
-    On other ground it stops within BRIEF samples, and hardly moves in these.
+    On other ground it stops within STOPPING_SAMPLES and hardly moves in these.
     """
     moving = np.isin(np.arange(len(felt)), window.step.sample)
     alone = moving & ~felt.any(axis=1)
     ends = np.flatnonzero(np.diff(np.r_[False, alone, False]))
     for first, last in ends.reshape(-1, 2):
-        alone[first:last] = last - first > BRIEF
+        alone[first:last] = last - first > STOPPING_SAMPLES
     return alone
 
 
-def _pull(data, window, shape, shift, z, t, felt, noise):
-    """Return Hessians and gradients of what the fingers say of states z (S, n + 6)."""
+def _measured(data, window, shape, shift, z, t, felt, noise):
+    """Return Hessians and gradients of the measurements at states z (S, n + 6)."""
     n, m = shape.theta, window.motion.unknowns
     local = np.r_[:n, n + m : n + 2 * m]
     fingers = np.nonzero(data.valid[t] & (felt | ~data.contact[t]))[0]

@@ -1,12 +1,14 @@
-"""Solve a page from hypotheses: in this process, or spread over an executor.
+"""Local solves of a page, each from one hypothesis.
 
-Solve a page from a hypothesis: window, problem, solution, kept together.
+A page poses a problem of a job's data (`problem_for`, `problem_at`); IPOPT solves it
+level by level from a hypothesis (`solved_from`), from an earlier solution and its
+multipliers (`warm_started`), or by continuation (`continued`).
 """
 
 from __future__ import annotations
 
-import os
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,98 +17,36 @@ from formulations.finger_offset import NAME as OFFSET
 from formulations.rigid_body import PLANAR
 
 from ..geometry.faces import touched_faces
-from ..geometry.tipping import lifted
-from ..information.information import TOUCHED
+from ..geometry.tipping import planar_to_free
+from ..information.information import FACE_COSINE
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
-from ..nlp.solution import after
+from ..nlp.solution import Solution, after
 from ..problem.certificates import Certificates
-from ..problem.pages import is_polytope
 from ..problem.polytope_window import window_of
 from ..problem.poses import poses
-from ..problem.reductions import insisted, reduce
-from ..problem.unreduced import carried
+from ..problem.reductions import reduce, required_reductions
+from ..problem.unreduced import transferred_values
 from .hypothesis import Hypothesis, Job
-from .polytope_init import CLOSED, CREEPING, reseeded
+from .margins import UNTOUCHED_FACE
+from .polytope_init import CLOSED, IPOPT_OPTIONS, with_vertices_on_hull
 
-ROUGH = 1e-3  # tolerance of a page's solves that only rank
-HELD, OPEN = 20, 20  # iterations of a level that holds poses, and of one that opens it
-RELAXED = 0.03  # IPOPT's first mu where it is opened
-LONGEST = 60.0  # [s] that one level of a page may take
-CLOSE = 1e-5  # IPOPT's first mu where a solution is known but for what was left out
-REASON = 3.0  # [nats] as odds of 20 to 1 are
-CHOSEN_AGAIN = ("theta", "x", "body")  # where a page that is filled anew starts
-
-
-def posed(job: Job, page, guess=None):
-    """Return the problem that a page poses of a job's data, and the window."""
-    made = insisted(page, job.reductions)
-    window = reduce(job.data, job.scene, job.shape, job.precision, made, guess)
-    problem = Problem(kinds=job.kinds_of(page, window))
-    page.build(problem, window, job.scene, job.shape)
-    return problem, window
-
-
-def tried(job, problem, window, levels, h, tolerance, solvers) -> Hypothesis:
-    """Return the hypothesis that solving the levels makes of h."""
-    left = min(LONGEST, max(0.05, job.deadline - time.monotonic()))
-    options = SolverOptions(tolerance=tolerance, time_limit=left)
-    s = solve_levels(problem, levels, started(problem, window, h), options, solvers)
-    theta, x = s.values["theta"][:, 0], s.values["x"][:, window.pose]
-    offset = s.values.get(OFFSET)
-    return Hypothesis(theta, x, s.objective, h.path, s.iterations, offset)
-
-
-def started(problem, window, h: Hypothesis) -> dict:
-    """Return where a solve starts: the hypothesis as unknowns of the problem."""
-    theta = problem.variables["theta"]
-    theta = h.theta.reshape(theta.columns, theta.rows).T
-    start = {"theta": theta, "x": h.x[:, window.last]}
-    if h.offset is not None and OFFSET in problem.variables:
-        start[OFFSET] = h.offset
-    return start
-
-
-def opened(levels, final: bool):
-    """Return levels to solve from guessed poses.
-
-    What holds poses is solved for a few iterations only, so that impulses fit a path
-    that is wrong still; then once more with nothing held.
-    """
-    first = []
-    for level in levels:
-        if level.fixed:
-            first.append(level.with_ipopt(max_iter=HELD))
-            free = replace(level, fixed=())
-            first.append(free.with_ipopt(mu_init=RELAXED, max_iter=OPEN))
-    rest = [level for level in levels if not level.fixed]
-    return [*first, *rest] if final or not first else first
-
-
-def spread(solve_chunk, job: Job, starts, executor, *args) -> list:
-    """Solve every start, in order; spread over the executor in chunks."""
-    if executor is None:
-        return solve_chunk(job, starts, *args)
-    workers = getattr(executor, "_max_workers", None) or os.cpu_count() or 1
-    chunks = [starts[i::workers] for i in range(workers) if starts[i::workers]]
-    futures = [executor.submit(solve_chunk, job, chunk, *args) for chunk in chunks]
-    out = [None] * len(starts)
-    try:
-        for i, future in enumerate(futures):
-            out[i::workers] = future.result()
-    finally:  # after an error or Ctrl-C nobody waits for the others
-        for future in futures:
-            future.cancel()
-    return out
+RANKING_TOLERANCE = 1e-3  # of a page's solves that only rank hypotheses
+HELD_ITERATIONS = 20  # of a level that holds poses
+FREED_ITERATIONS = 20  # of the same level with nothing held
+FREED_MU = 0.03  # IPOPT's mu_init of that level
+LEVEL_TIME = 60.0  # [s] at most, of one level of a page
+RESTART_MU = 1e-5  # IPOPT's mu_init from a solution that lacks only what was dropped
+RESTARTED = ("theta", "x", "body")  # unknowns of a rebuilt page that it guesses itself
 
 
 @dataclass(frozen=True, eq=False)
 class Solved:
     """A page solved from one hypothesis: problem, window, solution.
 
-    rough: where the levels before the last one had brought the hypothesis; profile
-    (k, k): how far off sizes and final pose may be (profile.py); declined: models with
-    more unknowns that the data did not ask for.
+    rough: the hypothesis after the levels before the last one; profile (k, k): how far
+    sizes and final pose may be off (estimation/profile_likelihood.py); declined: larger
+    models that the data did not ask for, each with its check.
     """
 
     hypothesis: Hypothesis
@@ -126,11 +66,11 @@ class Solved:
 
     @property
     def rank(self) -> tuple[bool, float]:
-        """What to sort by: what failed comes last.
+        """The key to sort by: failed solves last, then by objective.
 
-        A face that nothing felt must be worth REASON.
+        A face that no touch supports must lower the objective by UNTOUCHED_FACE.
         """
-        favour = REASON * (CLOSED in self.hypothesis.path)
+        favour = UNTOUCHED_FACE * (CLOSED in self.hypothesis.path)
         return not self.solution.success, round(self.solution.objective, 3) - favour
 
     @property
@@ -138,7 +78,7 @@ class Solved:
         """How many samples touched each face of a box, (3, 2): lower end, upper end."""
         at, motion = self.at, self.window.motion
         _, turned = poses(self.job.shape, motion, at.theta, at.x, None)
-        return touched_faces(self.job.data, turned, TOUCHED)
+        return touched_faces(self.job.data, turned, FACE_COSINE)
 
     @property
     def at(self) -> Hypothesis:
@@ -153,112 +93,194 @@ class Solved:
         )
 
 
-def solved_from(
-    job, page, hypothesis, options, shared=None, levels=None, before=None
-) -> Solved:
-    """Solve the page from one hypothesis; `shared` keeps problem and solvers.
-
-    before: what earlier levels found from this hypothesis, to go on from.
-    """
-    shared = {} if shared is None else shared
-    if not job.reductions.planar and len(hypothesis.x) == PLANAR.unknowns:
-        lying = lifted(hypothesis.theta, hypothesis.x, job.shape)
-        hypothesis = replace(hypothesis, x=lying)
-    if not shared:
-        window, problem, built = built_at(job, page, hypothesis)
-        shared.update(window=window, problem=problem, solvers={}, built=built)
-    window, problem = shared["window"], shared["problem"]
-    settings = settings_of(job, options)
-    start = started(problem, window, hypothesis) if before is None else before
-    first, *later = _rounds(levels or page.LEVELS)
-    solution = solve_levels(problem, first, start, settings, shared["solvers"])
-    solution = solution if before is None else after(before, solution)
-    solution.seconds["build"] += shared.pop("built", 0.0)  # it was built once
-    solved = Solved(hypothesis, problem, window, solution, job)
-    for levels in later:
-        solved = _anew(job, page, solved, levels, options)
-    return solved
-
-
-def _rounds(levels) -> list[list]:
-    """Return the levels in groups, a new one before each level that rebuilds."""
-    rounds = [[]]
-    for level in levels:
-        if level.rebuild and rounds[-1]:
-            rounds.append([])
-        rounds[-1].append(level)
-    return rounds
-
-
-def _anew(job, page, solved, levels, options) -> Solved:
-    """Fill the page again where a solve ended and go on with more levels."""
-    hypothesis = reseeded(solved.at) if is_polytope(job.shape) else solved.at
-    window, problem, built = built_at(job, page, hypothesis)
-    values, _, _ = carried(solved, window, problem)
-    kept = {name: values[name] for name in values if name not in CHOSEN_AGAIN}
-    start = kept | started(problem, window, hypothesis)
-    solution = solve_levels(problem, levels, start, settings_of(job, options))
-    solution.seconds["build"] += built
-    solution = after(solved.solution, solution)
-    return Solved(hypothesis, problem, window, solution, job)
-
-
-def gone_on(job, page, solved, settings, warm) -> Solved:
-    """Return a solve that goes on, with less left out, from where another one ended.
-
-    warm: IPOPT's first mu.
-    """
-    window, problem, built = built_at(job, page, solved.hypothesis)
-    values, pulls, multipliers = carried(solved, window, problem)
-    start = replace(
-        solved.solution, values=values, bound_multipliers=pulls, multipliers=multipliers
-    )
-    last = replace(page.LEVELS[-1], warm_start={"mu_init": warm})
-    solution = solve_levels(problem, (last,), start, settings)
-    solution.seconds["build"] += built
-    return Solved(solved.hypothesis, problem, window, solution, job)
-
-
-def let_tilt(job, page, slid, settings, warm) -> Solved:
-    """Return the page in free motion, from where an object that slides was found.
-
-    slid: the page solved in planar motion; warm: IPOPT's first mu.
-    """
-    s, at = slid.solution, slid.at
-    x = lifted(at.theta, s.values["x"], job.shape)
-    known = replace(
-        s, values=s.values | {"x": x},
-        bound_multipliers=s.bound_multipliers | {"x": np.zeros_like(x)},
-    )  # fmt: skip
-    at = replace(at, x=lifted(at.theta, at.x, job.shape))
-    lying = replace(slid, hypothesis=at, solution=known)
-    found = gone_on(job, page, lying, settings, warm)
-    return replace(found, solution=after(s, found.solution))
-
-
 def best_first(solved) -> list[Solved]:
     """Return solves, the best first; what failed comes last."""
     return sorted(solved, key=lambda s: s.rank)
 
 
-def loosened(job, page, solved, options) -> Solved:
-    """Return the better of a solve and of one that goes on from it, level by level."""
-    again = solved
-    for level in page.LEVELS:
-        again = _anew(job, page, again, [level], options)
-    return min(solved, again, key=lambda s: s.rank)
+# Problems of a page, where they start, how they are solved
 
 
-def built_at(job, page, hypothesis):
-    """Return window and problem of a page at a hypothesis, and the seconds it took."""
+def problem_for(job: Job, page, guess=None):
+    """Return the problem that a page poses of a job's data, and the window."""
+    made = required_reductions(page, job.reductions)
+    window = reduce(job.data, job.scene, job.shape, job.precision, made, guess)
+    problem = Problem(term_functions=job.kinds_of(page, window))
+    page.build(problem, window, job.scene, job.shape)
+    return problem, window
+
+
+def problem_at(job, page, hypothesis):
+    """Return window and problem of a page at a hypothesis, and the seconds it took.
+
+    The window of a polytope depends on the hypothesis: which vertices a contact reads.
+    """
     began = time.process_time()
     window, shape = window_of(job, (hypothesis.theta, hypothesis.x))
-    problem = Problem(kinds=job.kinds_of(page, window))
+    problem = Problem(term_functions=job.kinds_of(page, window))
     page.build(problem, window, job.scene, shape)
     return window, problem, time.process_time() - began
 
 
+def start_values(problem, window, h: Hypothesis) -> dict:
+    """Return where a solve starts: the hypothesis as unknowns of the problem."""
+    theta = problem.variables["theta"]
+    theta = h.theta.reshape(theta.columns, theta.rows).T
+    start = {"theta": theta, "x": h.x[:, window.last]}
+    if h.offset is not None and OFFSET in problem.variables:
+        start[OFFSET] = h.offset
+    return start
+
+
 def settings_of(job, options) -> SolverOptions:
-    left = min(LONGEST, max(0.1, job.deadline - time.monotonic()))
-    ipopt = {**(CREEPING if is_polytope(job.shape) else {}), **options.ipopt}
+    """Return the solver's settings within the time that a job has left."""
+    left = min(LEVEL_TIME, max(0.1, job.deadline - time.monotonic()))
+    ipopt = {**IPOPT_OPTIONS[job.shape.parameters], **options.ipopt}
     return SolverOptions(tolerance=options.tolerance, time_limit=left, ipopt=ipopt)
+
+
+# Solves from a hypothesis
+
+
+def solved_roughly(job, problem, window, levels, h, tolerance, solvers) -> Hypothesis:
+    """Return the hypothesis that a solve of the levels makes of h."""
+    left = min(LEVEL_TIME, max(0.05, job.deadline - time.monotonic()))
+    options = SolverOptions(tolerance=tolerance, time_limit=left)
+    start = start_values(problem, window, h)
+    s = solve_levels(problem, levels, start, options, solvers)
+    theta, x = s.values["theta"][:, 0], s.values["x"][:, window.pose]
+    offset = s.values.get(OFFSET)
+    return Hypothesis(theta, x, s.objective, h.path, s.iterations, offset)
+
+
+def solved_from(
+    job, page, hypothesis, options, shared=None, levels=None, before=None
+) -> Solved:
+    """Solve the page from one hypothesis; `shared` keeps problem and solvers.
+
+    levels: by default those of the page; before: the solution of earlier levels from
+    this hypothesis, to start from.
+    """
+    shared = {} if shared is None else shared
+    if not job.reductions.planar and len(hypothesis.x) == PLANAR.unknowns:
+        lying = planar_to_free(hypothesis.theta, hypothesis.x, job.shape)
+        hypothesis = replace(hypothesis, x=lying)
+    if not shared:
+        window, problem, built = problem_at(job, page, hypothesis)
+        shared.update(window=window, problem=problem, solvers={}, built=built)
+    window, problem = shared["window"], shared["problem"]
+    settings = settings_of(job, options)
+    start = start_values(problem, window, hypothesis) if before is None else before
+    first, *later = _between_rebuilds(levels or page.LEVELS)
+    solution = solve_levels(problem, first, start, settings, shared["solvers"])
+    solution = solution if before is None else after(before, solution)
+    solution.seconds["build"] += shared.pop("built", 0.0)  # it was built once
+    solved = Solved(hypothesis, problem, window, solution, job)
+    return _rebuilt_for(job, page, solved, later, options)
+
+
+# Warm starts: values and multipliers of an earlier solution
+
+
+def transferred(known: Solved, window, problem) -> Solution:
+    """Return a solution as the start of another problem of the same data, or of more.
+
+    Values and multipliers of what both problems have are kept; the page guesses the
+    values of the rest, whose multipliers are zero.
+    """
+    values, pulls, multipliers = transferred_values(known, window, problem)
+    return replace(
+        known.solution, values=values, bound_multipliers=pulls, multipliers=multipliers
+    )
+
+
+def warm_started(
+    job, page, known: Solved, settings, mu_init: float, hypothesis=None,
+    start: Callable = transferred,
+) -> Solved:  # fmt: skip
+    """Solve the page's last level from an earlier solution and its multipliers.
+
+    known: solved with other reductions, or with less data; mu_init: of IPOPT;
+    hypothesis: at which the problem is built, by default that of `known`;
+    start(known, window, problem): the Solution to start from.
+    """
+    hypothesis = known.hypothesis if hypothesis is None else hypothesis
+    window, problem, built = problem_at(job, page, hypothesis)
+    last = replace(page.LEVELS[-1], warm_start={"mu_init": mu_init})
+    solution = solve_levels(problem, (last,), start(known, window, problem), settings)
+    solution.seconds["build"] += built
+    return Solved(hypothesis, problem, window, solution, job)
+
+
+def freed_to_tilt(job, page, slid: Solved, settings, mu_init: float) -> Solved:
+    """Solve the page in free motion from its solution `slid` in planar motion."""
+    s, at = slid.solution, slid.at
+    x = planar_to_free(at.theta, s.values["x"], job.shape)
+    known = replace(
+        s, values=s.values | {"x": x},
+        bound_multipliers=s.bound_multipliers | {"x": np.zeros_like(x)},
+    )  # fmt: skip
+    at = replace(at, x=planar_to_free(at.theta, at.x, job.shape))
+    lying = replace(slid, hypothesis=at, solution=known)
+    found = warm_started(job, page, lying, settings, mu_init)
+    return replace(found, solution=after(s, found.solution))
+
+
+# Continuation: from an easier problem of the same page to the page itself
+
+
+def freed_levels(levels, final: bool):
+    """Return levels that start a continuation from guessed poses.
+
+    What holds poses is solved for a few iterations only, so that impulses fit a path
+    that is still wrong; then once more with nothing held.  final: with the levels that
+    follow.
+    """
+    first = []
+    for level in levels:
+        if level.fixed:
+            first.append(level.with_ipopt(max_iter=HELD_ITERATIONS))
+            free = replace(level, fixed=())
+            first.append(free.with_ipopt(mu_init=FREED_MU, max_iter=FREED_ITERATIONS))
+    rest = [level for level in levels if not level.fixed]
+    return [*first, *rest] if final or not first else first
+
+
+def continued(job, page, solved: Solved, options) -> Solved | None:
+    """Solve again by continuation from where a solve ended; None if the page has none.
+
+    A page with levels for guessed poses (`ROUGH`) starts from the last two of them:
+    the kinks between sliding and sticking, which can hold a path in a local optimum,
+    are smooth there.  A page that is extended action by action (`EXTENDS`) goes through
+    all its levels, rebuilt before each.
+    """
+    if rough := getattr(page, "ROUGH", ())[-2:]:
+        return solved_from(job, page, solved.at, options, levels=rough)
+    if not getattr(page, "EXTENDS", False):
+        return None
+    return _rebuilt_for(job, page, solved, [[k] for k in page.LEVELS], options)
+
+
+def _between_rebuilds(levels) -> list[list]:
+    """Return the levels in groups, a new one before each level that rebuilds."""
+    groups = [[]]
+    for level in levels:
+        if level.rebuild and groups[-1]:
+            groups.append([])
+        groups[-1].append(level)
+    return groups
+
+
+def _rebuilt_for(job, page, solved, groups, options) -> Solved:
+    """Go on from a solve through groups of levels, the page rebuilt before each."""
+    for levels in groups:
+        h = with_vertices_on_hull(job.shape, solved.at)
+        window, problem, built = problem_at(job, page, h)
+        values, _, _ = transferred_values(solved, window, problem)
+        kept = {name: v for name, v in values.items() if name not in RESTARTED}
+        start = kept | start_values(problem, window, h)
+        solution = solve_levels(problem, levels, start, settings_of(job, options))
+        solution.seconds["build"] += built
+        solution = after(solved.solution, solution)
+        solved = Solved(h, problem, window, solution, job)
+    return solved

@@ -1,7 +1,9 @@
-"""Search for a polytope: poses and observed supporting planes, action by action.
+"""Poses of a polytope and the supporting planes of its touched faces, action by action.
 
-Touches whose normals rise equally are runs, each a plane; runs that turn out to be one
-face become one plane.  Poses are planar, in the frame of the ground.
+Simultaneous localisation and mapping: touches whose normals stay constant are contact
+segments, each a plane; segments that turn out to be one face become one plane
+(`polytope_planes` solves for poses and planes).  Poses are planar, in the frame of the
+ground.
 """
 
 from __future__ import annotations
@@ -12,31 +14,32 @@ import numpy as np
 
 from formulations import polytope_planes
 
-from ..data.contact_segments import DOUBT, runs
+from ..data.contact_segments import NOISE_SIGMAS, contact_segments
 from ..geometry.convex_hull import (
-    AFLOAT,
-    HEIGHT,
+    CENTRE_HEIGHT,
+    FLOATING_HEIGHT,
     Ball,
     centroid,
-    corners,
-    fingers,
+    fingers_in_body,
     fitted_ball,
     nearest,
+    vertices_behind,
 )
-from ..geometry.transforms import directions_in_body
+from ..geometry.transforms import directions_in_body, rotate_planar
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..problem.reductions import reduce
-from ..problem.window import Window, _Rows
+from ..problem.window import Rows, Window
 
-NEAR = 15e-3  # [m] a free finger further than this from a contact point says nothing
-ANGLE, OFFSET = 0.03, 0.2e-3  # [rad], [m] planes that agree this well are one face
-TOLERANCE = 1e-4
-LONGEST = 20.0  # [s] of one solve
+FREE_REACH = 15e-3  # [m] free fingers further from a contact point are left out
+FACE_ANGLE = 0.03  # [rad] normals of one face agree this well
+FACE_OFFSET = 0.2e-3  # [m] and its offsets
+SEARCH_TOLERANCE = 1e-4  # of solves that only start another page
+SEARCH_TIME = 20.0  # [s] at most, of one such solve
 
 
 @dataclass(frozen=True, eq=False)
-class Pairs(_Rows):
+class Pairs(Rows):
     """Touches and planes that they lie behind."""
 
     touch: np.ndarray
@@ -44,8 +47,8 @@ class Pairs(_Rows):
 
 
 @dataclass(frozen=True, eq=False)
-class Outside(_Rows):
-    """Touches whose contact point lies outside a free finger at p_wf, pose pose."""
+class Outside(Rows):
+    """Touches whose contact point is outside a free finger at p_wf; pose: its index."""
 
     touch: np.ndarray
     pose: np.ndarray
@@ -87,14 +90,14 @@ class Faces:
     iterations: int = 0
 
 
-def bodily(touch, x, n) -> tuple[np.ndarray, np.ndarray]:
+def in_body(touch, x, n) -> tuple[np.ndarray, np.ndarray]:
     """Return contact points (touches, 3) and normals, body frame at poses x (3, T)."""
     normal = directions_in_body(x, touch.sample, touch.normal)
     n = normal if n is None else n
-    return fingers(touch, x) - touch.radius[:, None] * n, normal
+    return fingers_in_body(touch, x) - touch.radius[:, None] * n, normal
 
 
-def windowed(window, faces: Faces) -> PlanesWindow:
+def planes_window(window, faces: Faces) -> PlanesWindow:
     """Return the window with the pairs of touches, planes and free fingers."""
     plane, touch = faces.plane, window.touch
     order = np.lexsort((touch.sample, touch.finger))
@@ -107,11 +110,11 @@ def windowed(window, faces: Faces) -> PlanesWindow:
     ends = order[~(np.r_[False, same] & np.r_[same, False])]
     i, j = np.meshgrid(ends, np.arange(len(faces.b)), indexing="ij")
     other = plane[i] != j
-    point, _ = bodily(touch, faces.x, faces.n[plane])
+    point, _ = in_body(touch, faces.x, faces.n[plane])
     free = window.free
-    centre, _ = bodily(replace(free, radius=0 * free.radius), faces.x, None)
+    centre, _ = in_body(replace(free, radius=0 * free.radius), faces.x, None)
     apart = np.linalg.norm(point[ends][:, None] - centre[None], axis=2)
-    a, f = np.nonzero(apart < free.radius + NEAR)
+    a, f = np.nonzero(apart < free.radius + FREE_REACH)
     lower, upper = window.holding(faces.x, [-1])
     known = {k.name: getattr(window, k.name) for k in fields(Window)}
     return PlanesWindow(
@@ -122,8 +125,8 @@ def windowed(window, faces: Faces) -> PlanesWindow:
     )  # fmt: skip
 
 
-def since(window: PlanesWindow, x, planes: int) -> PlanesWindow:
-    """Return what a new action adds to a past of poses x (3, T), held, and planes."""
+def of_new_action(window: PlanesWindow, x, planes: int) -> PlanesWindow:
+    """Return what a new action adds to the pairs of a past with poses x (3, T)."""
     past, touch = x.shape[1], window.touch
     new, first = touch.sample >= past, window.pose[past]
     behind, outside = window.behind, window.outside
@@ -139,33 +142,33 @@ def since(window: PlanesWindow, x, planes: int) -> PlanesWindow:
     )  # fmt: skip
 
 
-def onward(job, faces: Faces) -> np.ndarray:
-    """Return the poses x (3, T) of one more action; its past is held as it is."""
+def poses_of_new_action(job, faces: Faces) -> np.ndarray:
+    """Return the poses x (3, T) of one more action, those of its past held."""
     window = reduce(job.data, job.scene, job.shape, job.precision, job.reductions)
-    start, known = continued(window, faces, job.data.samples), len(faces.b)
-    window = since(windowed(window, start), faces.x, known)
-    problem = Problem(kinds=job.kinds_of(polytope_planes, window))
+    start, known = continued_faces(window, faces, job.data.samples), len(faces.b)
+    window = of_new_action(planes_window(window, start), faces.x, known)
+    problem = Problem(term_functions=job.kinds_of(polytope_planes, window))
     polytope_planes.build(problem, window, job.scene, job.shape)
     plane = problem.variables["plane"]
     held = plane.first + np.arange(plane.rows * known)
     levels = [replace(level, fixed=(held,)) for level in polytope_planes.LEVELS]
-    s = from_faces(problem, window, start, levels, LONGEST)
+    s = solution_from(problem, window, start, levels, SEARCH_TIME)
     return s.values["x"][:, window.pose]
 
 
-def from_faces(problem, window, faces: Faces, levels, time_limit: float):
+def solution_from(problem, window, faces: Faces, levels, time_limit: float):
     """Return what the levels of the page find from `faces`."""
     start = {"x": faces.x[:, window.last], "plane": np.vstack([faces.n.T, faces.b])}
-    options = SolverOptions(tolerance=TOLERANCE, time_limit=time_limit)
+    options = SolverOptions(tolerance=SEARCH_TOLERANCE, time_limit=time_limit)
     return solve_levels(problem, levels, start, options)
 
 
-def solved(job, window, faces: Faces, levels, time_limit: float) -> Faces:
+def solved_faces(job, window, faces: Faces, levels, time_limit: float) -> Faces:
     """Return the planes and poses that the page finds from `faces`."""
-    window = windowed(window, faces)
-    problem = Problem(kinds=job.kinds_of(polytope_planes, window))
+    window = planes_window(window, faces)
+    problem = Problem(term_functions=job.kinds_of(polytope_planes, window))
     polytope_planes.build(problem, window, job.scene, job.shape)
-    s = from_faces(problem, window, faces, levels, time_limit)
+    s = solution_from(problem, window, faces, levels, time_limit)
     m, b = s.values["plane"][:3].T, s.values["plane"][3]
     n = m / np.linalg.norm(m, axis=1, keepdims=True)
     x = s.values["x"][:, window.pose]
@@ -173,17 +176,17 @@ def solved(job, window, faces: Faces, levels, time_limit: float) -> Faces:
     return replace(faces, n=n, b=b, x=x, objective=s.objective, iterations=iterations)
 
 
-def merged(window, faces: Faces) -> Faces:
-    """Return the planes with those that are one face made one."""
+def merged_faces(window, faces: Faces) -> Faces:
+    """Return the planes with those of one face merged."""
     n, b, plane = faces.n, faces.b, faces.plane
-    point, _ = bodily(window.touch, faces.x, n[plane])
+    point, _ = in_body(window.touch, faces.x, n[plane])
     label = np.arange(len(b))
     off = np.abs(point @ n.T - b)  # (touches, planes)
     worst = np.array([off[plane == i].max(axis=0) for i in label])
-    agree = np.maximum(worst, worst.T) < np.hypot(OFFSET, window.sigma_position)
+    agree = np.maximum(worst, worst.T) < np.hypot(FACE_OFFSET, window.sigma_position)
     count = np.bincount(plane, minlength=len(b))
-    doubt = DOUBT * window.sigma_normal * np.sqrt(1 / count + 1 / count[:, None])
-    agree &= n @ n.T > np.cos(np.minimum(np.hypot(ANGLE, doubt), np.pi / 2))
+    doubt = NOISE_SIGMAS * window.sigma_normal * np.sqrt(1 / count + 1 / count[:, None])
+    agree &= n @ n.T > np.cos(np.minimum(np.hypot(FACE_ANGLE, doubt), np.pi / 2))
     for i, j in zip(*np.nonzero(np.triu(agree, 1)), strict=True):
         if agree[np.ix_(label == label[i], label == label[j])].all():
             label[label == label[j]] = label[i]
@@ -198,41 +201,43 @@ def merged(window, faces: Faces) -> Faces:
     return replace(faces, plane=label[plane], n=mean, b=b)
 
 
-def seen(window, vertices, x) -> Faces:
-    """Return the planes that the touches have on a body at poses x (3, T)."""
-    centre = fingers(window.touch, x)
+def faces_touched(window, vertices, x) -> Faces:
+    """Return the planes of the touches of a known body at poses x (3, T)."""
+    centre = fingers_in_body(window.touch, x)
     point = nearest(vertices, centre)
     n = centre - point
     n /= np.linalg.norm(n, axis=1, keepdims=True)
-    return merged(window, Faces(np.arange(len(n)), n, (n * point).sum(axis=1), x))
+    return merged_faces(window, Faces(np.arange(len(n)), n, (n * point).sum(axis=1), x))
 
 
-def extended(job, faces: Faces | None, samples: int) -> Faces:
+def extended_faces(job, faces: Faces | None, samples: int) -> Faces:
     """Return the planes and poses for the first `samples` samples of a job."""
     data = job.data.select(np.unique(job.data.action[:samples]))
     window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
     start = (
-        begun(window, samples, job.shape.size_prior[0])
+        first_faces(window, samples, job.shape.size_prior[0])
         if faces is None
-        else continued(window, faces, samples)
+        else continued_faces(window, faces, samples)
     )
-    found = solved(job, window, start, polytope_planes.LEVELS, LONGEST)
-    joined = merged(window, found)
+    found = solved_faces(job, window, start, polytope_planes.LEVELS, SEARCH_TIME)
+    joined = merged_faces(window, found)
     if joined is not found:
-        found = solved(job, window, joined, polytope_planes.LEVELS[1:], LONGEST)
+        found = solved_faces(
+            job, window, joined, polytope_planes.LEVELS[1:], SEARCH_TIME
+        )
     given = job.shape.size_prior, job.scene.ground is not None
-    return anchored(window, found, *given)
+    return centred(window, found, *given)
 
 
-def begun(window, samples: int, size: float) -> Faces:
-    """Return the first planes as they were measured, of a body that has not moved."""
+def first_faces(window, samples: int, size: float) -> Faces:
+    """Return the planes of the first touches as measured, the body at rest."""
     x = np.zeros((3, samples))
-    x[:2] = middle(window, size)[:, None]
+    x[:2] = first_position(window, size)[:, None]
     return Faces(*as_measured(window, window.touch, x), x)
 
 
-def continued(window, faces: Faces, samples: int) -> Faces:
-    """Return the planes with those of a new action as measured; nothing moved in it."""
+def continued_faces(window, faces: Faces, samples: int) -> Faces:
+    """Return the planes with those of a new action as measured, the body at rest."""
     touch, before = window.touch, faces.x.shape[1]
     x = np.hstack([faces.x, np.repeat(faces.x[:, -1:], samples - before, axis=1)])
     new = touch.sample >= before
@@ -245,38 +250,38 @@ def continued(window, faces: Faces, samples: int) -> Faces:
 
 
 def as_measured(window, touch, x) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the planes of touches at poses x, one for each run: plane, n, b."""
-    plane = runs(touch, window.sigma_normal)
-    _, normal = bodily(touch, x, None)
+    """Return the planes of touches at poses x, one for each segment: plane, n, b."""
+    plane = contact_segments(touch, window.sigma_normal)
+    _, normal = in_body(touch, x, None)
     count = np.bincount(plane)
     n = np.stack([np.bincount(plane, normal[:, k]) for k in range(3)], 1)
     n = n / np.linalg.norm(n, axis=1, keepdims=True)
-    point, _ = bodily(touch, x, n[plane])
+    point, _ = in_body(touch, x, n[plane])
     b = np.bincount(plane, (point * n[plane]).sum(axis=1)) / count
     return plane, n, b
 
 
-def anchored(window, faces: Faces, size, ground) -> Faces:
-    """Return the same motion with the body's origin below its middle."""
-    shift = centroid(roughly(window, faces, size, ground))[:2]
-    c, s = np.cos(faces.x[2]), np.sin(faces.x[2])
+def centred(window, faces: Faces, size, ground) -> Faces:
+    """Return the same motion with the body's origin below its centroid."""
+    shift = centroid(rough_vertices(window, faces, size, ground))[:2]
     x = faces.x.copy()
-    x[0] += c * shift[0] - s * shift[1]
-    x[1] += s * shift[0] + c * shift[1]
+    x[:2] += rotate_planar(x[2], *shift)
     return replace(faces, x=x, b=faces.b - faces.n[:, :2] @ shift)
 
 
-def roughly(window, faces: Faces, size, ground) -> np.ndarray:
-    """Return vertices of what lies behind the planes, the ground and a ball."""
+def rough_vertices(window, faces: Faces, size, ground) -> np.ndarray:
+    """Return vertices of the intersection of the planes, the ground and a ball."""
     n = faces.n
-    points, _ = bodily(window.touch, faces.x, n[faces.plane])
+    points, _ = in_body(window.touch, faces.x, n[faces.plane])
     b = np.maximum(faces.b, (points @ n.T).max(axis=0))
     ball = unseen_ball(points, size, ground)
-    return corners(np.vstack([np.c_[n, b], unseen(points, ball, ground)]))
+    return vertices_behind(
+        np.vstack([np.c_[n, b], unseen_halfspaces(points, ball, ground)])
+    )
 
 
-def unseen(points, ball: Ball, ground) -> np.ndarray:
-    """Return half-spaces (n, 4) of what no finger told: a ball, and the ground if any.
+def unseen_halfspaces(points, ball: Ball, ground) -> np.ndarray:
+    """Return half-spaces (n, 4) of the untouched side: a ball, and the ground if any.
 
     points (k, 3) [m]: where the body was touched.
     """
@@ -285,11 +290,11 @@ def unseen(points, ball: Ball, ground) -> np.ndarray:
 
 
 def unseen_ball(points, size, ground) -> Ball:
-    """Return the ball that is thought of where no finger was."""
-    return fitted_ball(points, size, HEIGHT if ground else AFLOAT)
+    """Return the ball that stands for the untouched side of the body."""
+    return fitted_ball(points, size, CENTRE_HEIGHT if ground else FLOATING_HEIGHT)
 
 
-def middle(window, size: float) -> np.ndarray:
-    """Return a first guess (2,) of where the body is: behind its first touch."""
+def first_position(window, size: float) -> np.ndarray:
+    """Return a first guess (2,) [m] of the body's position: behind its first touch."""
     t = window.touch
     return t.p_wf[0, :2] - (t.radius[0] + size) * t.normal[0, :2]

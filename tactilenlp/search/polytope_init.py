@@ -1,9 +1,10 @@
-"""Carve a polytope out of what was felt: planes, free fingers, ground and a ball.
+"""Initialisation of a polytope: a polytope from half-spaces, fitted with least motion.
 
-Search for a convex polytope, and show a page what it needs of one.
-
-Planes and poses first, action by action (planes.py), then a body carved out of the
-planes (carving.py), then its vertices polished with least motion: a hypothesis.
+`search_polytope` finds poses and supporting planes action by action (plane_slam.py),
+intersects the half-spaces behind the planes, between the touches and every free finger,
+above the ground and within a ball for the untouched side, and fits vertices and poses
+by the quasi-static page.  Where the touched planes and the ground close a body by
+themselves, a second hypothesis does without the ball.
 """
 
 from __future__ import annotations
@@ -16,102 +17,112 @@ from formulations import polytope_quasi_static
 
 from ..common.interrupt import interruptible
 from ..common.progress import progress
-from ..data.contact_segments import credible
+from ..data.contact_segments import without_outliers
 from ..errors import NoContactError, SceneError, TactileError
 from ..geometry.convex_hull import (
     Ball,
-    corners,
     filled,
-    fingers,
+    fingers_in_body,
+    hull_vertices,
     merged,
     nearest,
-    outer,
     thinned,
+    vertices_behind,
 )
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..problem.polytope_window import window_of
 from ..problem.reductions import reduce
 from .hypothesis import Hypothesis
-from .plane_slam import Faces, bodily, extended, seen, unseen, unseen_ball
+from .plane_slam import (
+    SEARCH_TIME,
+    SEARCH_TOLERANCE,
+    Faces,
+    extended_faces,
+    faces_touched,
+    in_body,
+    unseen_ball,
+    unseen_halfspaces,
+)
 
-CUTS = 30  # at most, by fingers that feel nothing
-PENETRATION = 0.1e-3  # [m] a free finger may sink in so far
-FARTHEST = 3**0.5  # [radii] a cube's corners are so far out of the ball within it
-TOLERANCE = 1e-4
-CREEPING = {  # IPOPT stops where kinks of the surface let it creep on and on
+MAX_CUTS = 30  # half-spaces from free fingers, at most
+PENETRATION = 0.1e-3  # [m] a free finger may overlap the body so far
+CUBE_CORNER = 3**0.5  # [radii] of a cube's corners about the ball within it
+ACCEPTABLE = {  # IPOPT's early stop: kinks of the surface make its steps tiny
     "acceptable_tol": 0.5,  # [nats / mm]
     "acceptable_obj_change_tol": 1e-4,  # [relative] over as many iterations
     "acceptable_iter": 5,
     "acceptable_compl_inf_tol": 1e-2,
     "acceptable_constr_viol_tol": 1e-4,
 }
-CLOSED = "closed"  # the path of a body with no faces but those that were felt
-LONGEST = 20.0  # [s] of one solve
-ENOUGH = 40  # iterations of a level that only starts another page
+IPOPT_OPTIONS = {"sizes": {}, "vertices": ACCEPTABLE}  # by what theta lists
+CLOSED = "closed"  # in the path of a body whose every face was touched
+POLISH_ITERATIONS = 40  # of a level that only starts another page
 
 
-def carved(window, faces: Faces, size, vertices: int, ground=True, ball=True):
-    """Return the vertices (vertices, 3) [m] of the body behind the planes.
+def polytope_from_planes(
+    window, faces: Faces, size, vertices: int, ground=True, ball=True
+):
+    """Return the vertices (vertices, 3) [m] of the intersection of half-spaces.
 
-    ground: whether there is one, at z = 0; ball: whether it is a ball where no finger
-    was.  Without one, None unless planes and ground close the body.
+    ground: whether there is one, at z = 0; ball: whether a ball bounds the untouched
+    side. Without one, None unless planes and ground close the body.
     """
     n = faces.n
-    points, _ = bodily(window.touch, faces.x, n[faces.plane])
+    points, _ = in_body(window.touch, faces.x, n[faces.plane])
     planes = np.c_[n, np.maximum(faces.b, (points @ n.T).max(axis=0))]
     fitted = unseen_ball(points, size, ground)
     if ball:
-        halfspaces = np.vstack([planes, unseen(points, fitted, ground)])
-    elif (halfspaces := closed(planes, points, fitted, ground)) is None:
+        halfspaces = np.vstack([planes, unseen_halfspaces(points, fitted, ground)])
+    elif (halfspaces := closing_halfspaces(planes, points, fitted, ground)) is None:
         return None
-    found = corners(halfspaces)
-    cuts = separating(window, faces, points)
-    for _ in range(CUTS):
+    found = vertices_behind(halfspaces)
+    cuts = separating_halfspaces(window, faces, points)
+    for _ in range(MAX_CUTS):
         deep = (found @ cuts[:, :3].T).max(axis=0, initial=-np.inf) - cuts[:, 3]
         if not len(cuts) or deep.max() < PENETRATION:
             break
         halfspaces = np.vstack([halfspaces, cuts[[np.argmax(deep)]]])
         try:
-            found = corners(halfspaces)
+            found = vertices_behind(halfspaces)
         except TactileError:
             break
-    return filled(thinned(outer(merged(found)), vertices), vertices)
+    return filled(thinned(hull_vertices(merged(found)), vertices), vertices)
 
 
-def closed(planes, points, ball: Ball, ground) -> np.ndarray | None:
-    """Return the half-spaces (n, 4) that close a body without a ball, if they do.
+def closing_halfspaces(planes, points, ball: Ball, ground) -> np.ndarray | None:
+    """Return the half-spaces (n, 4) that bound a body without a ball, if they do.
 
-    They do where no corner of planes and ground is FARTHEST radii from the middle of
-    the ball, or farther: a sharp corner that no finger felt is no reason for a face.
+    They do where no corner of planes and ground is CUBE_CORNER radii from the ball's
+    centre or farther: a sharp corner that no finger felt does not need another face.
     """
-    wide = replace(ball, radius=2 * FARTHEST * ball.radius)
-    halfspaces = np.vstack([planes, unseen(points, wide, ground)])
-    far = np.linalg.norm(corners(halfspaces) - ball.centre, axis=1).max()
-    return halfspaces if far < FARTHEST * ball.radius else None
+    wide = replace(ball, radius=2 * CUBE_CORNER * ball.radius)
+    halfspaces = np.vstack([planes, unseen_halfspaces(points, wide, ground)])
+    far = np.linalg.norm(vertices_behind(halfspaces) - ball.centre, axis=1).max()
+    return halfspaces if far < CUBE_CORNER * ball.radius else None
 
 
-def separating(window, faces: Faces, points) -> np.ndarray:
+def separating_halfspaces(window, faces: Faces, points) -> np.ndarray:
     """Return half-spaces (n, 4) between the touched points and every free finger."""
-    centre = fingers(window.free, faces.x)
+    centre = fingers_in_body(window.free, faces.x)
     if not len(centre):
         return np.zeros((0, 4))
-    away = centre - nearest_of(points, centre)
+    away = centre - nearest_in_hull(points, centre)
     away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
     b = (centre * away).sum(axis=1) - window.free.radius
     return np.c_[away, np.maximum(b, (points @ away.T).max(axis=0))]
 
 
-def nearest_of(points, centre) -> np.ndarray:
+def nearest_in_hull(points, centre) -> np.ndarray:
     """Return the points of the hull of `points` nearest to each centre (n, 3)."""
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if len(points) < 4 or spread[-1] < 1e-4:
         apart = np.linalg.norm(points[None] - centre[:, None], axis=2)
         return points[np.argmin(apart, axis=1)]
-    return nearest(outer(points), centre)
+    return nearest(hull_vertices(points), centre)
 
 
-def check(scene) -> None:
+def check_round_fingertips(scene) -> None:
     """Raise SceneError unless the fingertips are round."""
     if scene.finger_length > 0:
         raise SceneError(
@@ -120,31 +131,37 @@ def check(scene) -> None:
         )  # fmt: skip
 
 
-def reseeded(h: Hypothesis) -> Hypothesis:
-    """Return a hull whose invisible vertices, those inside of it, are moved onto it."""
+def with_vertices_on_hull(shape, h: Hypothesis) -> Hypothesis:
+    """Return a hypothesis whose vertices inside the hull are moved onto its surface.
+
+    No contact sees a vertex inside.  A shape with other parameters has none.
+    """
+    if shape.parameters != "vertices":
+        return h
     vertices = h.theta.reshape(-1, 3)
-    onto = filled(outer(vertices), len(vertices))
+    onto = filled(hull_vertices(vertices), len(vertices))
     return replace(h, theta=onto.ravel())
 
 
-def search(job, kept, so_far=None) -> list[Hypothesis]:
+def search_polytope(job, kept, so_far=None) -> list[Hypothesis]:
     """Return the hypothesis that explains all actions of a job, with least motion.
 
-    And one of a body that has no faces but those that were felt, if they close one.
+    And one of a body whose every face was touched, where planes and ground close one.
     kept: a hypothesis of the first actions, if any, with any number of vertices.
-    so_far: a list in which Ctrl-C leaves that of the actions done by then.
+    so_far: a list that holds the hypothesis of the actions done when Ctrl-C interrupts.
+    Raises NoContactError where no touch is credible.
     """
-    job = replace(job, data=backed(job.data, job.precision.normal))
-    faces = [resumed(job, kept[0])] if kept else []
+    job = replace(job, data=credible_data(job.data, job.precision.normal))
+    faces = [faces_of(job, kept[0])] if kept else []
     try:
         with interruptible():
             for last in progress(_ends(job.data), "search"):
                 if not kept or last > kept[0].x.shape[1]:
-                    faces[:] = [extended(job, faces[0] if faces else None, last)]
-            return [polished(job, body) for body in bodies_of(job, faces[0])]
+                    faces[:] = [extended_faces(job, faces[0] if faces else None, last)]
+            return [polished(job, body) for body in bodies_from(job, faces[0])]
     except KeyboardInterrupt:
         if so_far is not None:
-            so_far[:] = [bodies_of(job, one)[0] for one in faces]
+            so_far[:] = [bodies_from(job, one)[0] for one in faces]
         raise
 
 
@@ -156,18 +173,19 @@ def _ends(data) -> list[int]:
     return [last for last in ends if (data.contact & data.valid)[:last].any()]
 
 
-def bodies_of(job, faces: Faces) -> list[Hypothesis]:
-    """Return the body that planes of the first samples carve out, where they saw it.
+def bodies_from(job, faces: Faces) -> list[Hypothesis]:
+    """Return the bodies of the planes seen so far, as hypotheses.
 
-    And one without any face that nothing felt, where planes and ground close it.
+    The first is bounded by a ball on its untouched side; a second one has touched faces
+    only, where planes and ground close it.
     """
     data = job.data.select(np.unique(job.data.action[: faces.x.shape[1]]))
     window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
     ground = job.scene.ground is not None
     given = window, faces, job.shape.size_prior, job.shape.theta // 3, ground
-    found = {("planes",): carved(*given)}
+    found = {("planes",): polytope_from_planes(*given)}
     if ground:
-        found["planes", CLOSED] = carved(*given, ball=False)
+        found["planes", CLOSED] = polytope_from_planes(*given, ball=False)
     return [
         Hypothesis(V.ravel(), faces.x, faces.objective, path, faces.iterations)
         for path, V in found.items() if V is not None
@@ -175,26 +193,31 @@ def bodies_of(job, faces: Faces) -> list[Hypothesis]:
 
 
 def polished(job, body: Hypothesis) -> Hypothesis:
-    """Return the carved body with vertices and poses that fit what was felt."""
+    """Return the body with vertices and poses fitted to the measurements."""
     window, shape = window_of(job, (body.theta, body.x))
-    problem = Problem(kinds=job.kinds_of(polytope_quasi_static, window))
+    problem = Problem(term_functions=job.kinds_of(polytope_quasi_static, window))
     polytope_quasi_static.build(problem, window, job.scene, shape)
-    options = SolverOptions(tolerance=TOLERANCE, time_limit=LONGEST)
+    options = SolverOptions(tolerance=SEARCH_TOLERANCE, time_limit=SEARCH_TIME)
     start = {"theta": body.theta.reshape(-1, 3).T, "x": body.x[:, window.last]}
-    levels = [k.with_ipopt(max_iter=ENOUGH) for k in polytope_quasi_static.LEVELS]
+    levels = [
+        k.with_ipopt(max_iter=POLISH_ITERATIONS) for k in polytope_quasi_static.LEVELS
+    ]
     s = solve_levels(problem, levels, start, options)
     theta, x = s.values["theta"].T.ravel(), s.values["x"][:, window.pose]
     iterations = body.iterations + s.iterations
     return Hypothesis(theta, x, s.objective, body.path, iterations)
 
 
-def backed(data, sigma: float):
-    """Return the data less what stands alone; NoContactError where nothing is left."""
-    left = credible(data, sigma)
+def credible_data(data, sigma: float):
+    """Return the data without touches that no neighbour confirms.
+
+    Raises NoContactError where none is left.
+    """
+    left = without_outliers(data, sigma)
     if (left.contact & left.valid).any():
         return left
     raise NoContactError(
-        "no touch is backed by its neighbours",
+        "no touch is confirmed by its neighbours",
         where="normal",
         got=f"{int((data.contact & data.valid).sum())} touches, none like another",
         expected="a finger that feels about one normal for two samples or more",
@@ -202,8 +225,8 @@ def backed(data, sigma: float):
     )
 
 
-def resumed(job, h: Hypothesis) -> Faces:
+def faces_of(job, h: Hypothesis) -> Faces:
     """Return the planes that the touches of the first actions have on a known body."""
     data = job.data.select(np.unique(job.data.action[: h.x.shape[1]]))
     window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
-    return seen(window, h.theta.reshape(-1, 3), h.x)
+    return faces_touched(window, h.theta.reshape(-1, 3), h.x)

@@ -1,11 +1,10 @@
-"""Lay out a search for an object that floats: in the plane in which it was touched.
+"""Proposals for a floating object: the planar search in the plane of its touches.
 
 Fingers that push a floating object touch it around a plane, and it moves mostly in that
-plane.  So the planar search looks there as if the object slid: a box without friction
-on a ground half a typical size below the touches; a hull, of which nothing else is
-known, across a plane through them.  What it finds starts a solve in which the object
-moves freely.  The plane is that of the first action with touches, so that more actions
-leave it where it is.
+plane.  So the planar search runs there as if the object slid: a box without friction on
+a ground half a typical size below the touches; a polytope, of which nothing else is
+known, across a plane through them.  The results start a solve in free motion.  The
+plane is that of the first action with touches: more actions do not move it.
 """
 
 from __future__ import annotations
@@ -16,22 +15,21 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..data.scene import Ground
-from ..geometry.tipping import lifted
+from ..geometry.tipping import planar_to_free
 from ..geometry.transforms import backward, continuous, matrices
-from ..problem.pages import is_polytope
-from .hypothesis import Kinds
+from .hypothesis import TermFunctions
 
-LENGTH = 0.02  # [m] of spread across the plane that counts as much as a normal across
-TILT = 0.2  # [rad] by which a body may tilt out of the plane, and a normal with it
-OPEN = 0.03  # [-] preference for the way found where no face tells of one
-UPRIGHT = 1e-3  # [-] preference for the world's z where touches leave the plane open
+PLANE_ARM = 0.02  # [m] of scatter across the plane that counts as a normal across
+PLANE_TILT = 0.2  # [rad] of a body out of the plane, and of a normal with it
+FREE_WEIGHT = 0.03  # [-] of the path found, where no face determines the motion
+VERTICAL_BIAS = 1e-3  # [-] towards the world's z where touches leave it open
 
 
 def plane_of_touch(data, size: float, guess=None) -> Ground:
-    """Return the plane to search on: half of `size` [m] below the first touches.
+    """Return the plane to search in: half of `size` [m] below the first touches.
 
-    It contains their normals and points as well as can be; a user's guess (a Guess)
-    lies with its z along the world's.
+    It contains their normals and points as well as possible; with a user's guess (a
+    Guess) its normal is the world's z.
     """
     felt = data.contact & data.valid
     first = data.action[felt.any(axis=1)][0]
@@ -43,59 +41,64 @@ def plane_of_touch(data, size: float, guess=None) -> Ground:
         position = np.asarray(guess.position, float)
         height = position[2] if len(position) == 3 else p[:, 2].mean()
         return Ground(height=height - np.asarray(guess.side_lengths)[2] / 2)
-    apart = (p - p.mean(axis=0)) / LENGTH
+    apart = (p - p.mean(axis=0)) / PLANE_ARM
     across = (n.T @ n + apart.T @ apart) / len(n)
-    across[2, 2] -= UPRIGHT
+    across[2, 2] -= VERTICAL_BIAS
     up = np.linalg.eigh(across)[1][:, 0]
     up *= np.copysign(1.0, up[np.argmax(np.abs(up))])
     return Ground(height=float(p.mean(axis=0) @ up) - size / 2, normal=tuple(up))
 
 
-def plane_for(job, guess=None) -> Ground:
-    """Return the plane to search on for a job: a hull's goes through the touches."""
-    size = 0.0 if is_polytope(job.shape) else job.shape.size_prior[0]
+def search_plane(job, guess=None) -> Ground:
+    """Return the plane to search in for a job: of a polytope, through the touches."""
+    size = job.shape.size_prior[0] if _rests(job.shape) else 0.0
     return plane_of_touch(job.data, size, guess)
 
 
-def laid_out(job, ground: Ground):
-    """Return the job as the planar search takes it: on the plane, nothing brakes."""
+def _rests(shape) -> bool:
+    """Tell whether a body lies on the search plane; hulls may reach below it."""
+    return shape.parameters == "sizes"
+
+
+def in_search_plane(job, ground: Ground):
+    """Return the job for the planar search: in the plane, without friction."""
     data = job.data.transformed(ground.rotation, ground.translation)
-    if is_polytope(job.shape):  # it may reach below the plane
-        return replace(job, data=data, kinds=Kinds())
+    if not _rests(job.shape):
+        return replace(job, data=data, functions=TermFunctions())
     scene = replace(job.scene, ground=ground, friction_ground=0.0)
-    return replace(job, data=data, scene=scene, kinds=Kinds())
+    return replace(job, data=data, scene=scene, functions=TermFunctions())
 
 
-def tilting(job):
-    """Return the job of a hull that tilts out of the plane: normals tell less of it."""
-    normal = float(np.hypot(job.precision.normal, TILT))
+def with_tilted_normals(job):
+    """Return the job of a body that may tilt out of the plane: less certain normals."""
+    normal = float(np.hypot(job.precision.normal, PLANE_TILT))
     return replace(job, precision=replace(job.precision, normal=normal))
 
 
-def floated(h, ground: Ground, shape):
+def in_free_motion(h, ground: Ground, shape):
     """Return the planar hypothesis as free poses in the world.
 
-    The axes of a hull are the world's at the last sample.
+    The axes of a polytope are the world's at the last sample.
     """
-    x = lifted(h.theta, h.x, shape)
+    x = planar_to_free(h.theta, h.x, shape)
     p = ground.from_ground(x[:3].T)
     R = ground.rotation.T @ matrices(x)
-    if is_polytope(shape):
+    if shape.last_pose_held:
         theta = (h.theta.reshape(-1, 3) @ R[-1].T).ravel()
         return replace(h, theta=theta, x=np.vstack([p.T, backward(R @ R[-1].T).T]))
     offset = None if h.offset is None else ground.rotation.T @ h.offset
     return replace(h, x=np.vstack([p.T, continuous(R).T]), offset=offset)
 
 
-def flattened(h, ground: Ground):
-    """Return the free motion of a hull as planar poses along the plane."""
+def in_plane(h, ground: Ground):
+    """Return the free motion of a polytope as planar poses along the plane."""
     p = ground.to_ground(h.x[:3].T)
     vertices = h.theta.reshape(-1, 3) @ ground.rotation.T + [0.0, 0.0, p[-1, 2]]
     yaw = backward(ground.rotation @ matrices(h.x) @ ground.rotation.T)[:, 2]
     return replace(h, theta=vertices.ravel(), x=np.vstack([p[:, :2].T, yaw]))
 
 
-def followed(h, data):
+def with_faces_tracked(h, data):
     """Return the free motion in which every finger keeps the face that it is on.
 
     From the last sample backward: a face turns as its normal does, and stays where its
@@ -114,10 +117,10 @@ def followed(h, data):
         if on:
             m = np.vstack([*(faces[f][0] for f in on), np.eye(3)])
             to = np.vstack([n[t, on], turned[t].T])
-            weight = np.r_[np.ones(len(on)), np.full(3, OPEN)]
+            weight = np.r_[np.ones(len(on)), np.full(3, FREE_WEIGHT)]
             turned[t] = Rotation.align_vectors(to, m, weight)[0].as_matrix()
             offset = [faces[f][1] for f in on]
-            A = np.vstack([n[t, on], OPEN * np.eye(3)])
+            A = np.vstack([n[t, on], FREE_WEIGHT * np.eye(3)])
             away = (n[t, on] * (c[t, on] - moved[t])).sum(axis=1) - offset
             moved[t] += np.linalg.lstsq(A, np.r_[away, np.zeros(3)], rcond=None)[0]
         for f in range(data.fingers):

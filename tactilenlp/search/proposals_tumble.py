@@ -1,9 +1,9 @@
-"""Guess how an object tipped over that did not only slide.
+"""Proposals for an object that tipped over: the tumble, and what was known before.
 
 An object that is pushed high tips over its far bottom edge: the measured normal of the
 pushed side rises with the tilt, then the object falls like a pendulum and comes to lie
-on the next face.  Lying, it slides again: a turn by 90 degrees renames the sides.  So a
-tumble is guessed from the normals, what follows is searched by the planar beam, and
+on the next face.  There it slides again; a turn by 90 degrees permutes the sides.  So a
+tumble is proposed from the normals, what follows is searched by the planar beam, and
 both together start one local solve in free motion.
 """
 
@@ -16,28 +16,28 @@ import numpy as np
 
 from formulations import quasi_static
 
-from ..geometry.tipping import FLAT, Tip, fall, lifted
-from ..geometry.transforms import carried, continuous, matrices
+from ..geometry.tipping import QUARTER_TURN, Tip, fall, planar_to_free
+from ..geometry.transforms import carried, continuous, matrices, rotate_planar
 from ..nlp.problem import Problem
-from ..problem.outliers import tilt_of
-from ..problem.reductions import SIDE, Reductions, reduce
+from ..problem.outliers import side_tilt
+from ..problem.reductions import SIDE_NORMAL, Reductions, reduce
 from .beam import beam
-from .hypothesis import Hypothesis
-from .local_solve import started
-from .proposals import BELOW, extensions
+from .hypothesis import Hypothesis, distinct
+from .local_solve import start_values
+from .proposals import BELOW_TOP, extensions
 
-TILTED = np.radians(2)  # a side normal that rises further says that the object tilts
-DEPTHS = (1.0, 2 / 3)  # [-] of the guessed depth: where the edge lies is not known yet
-KNOWN = tuple(np.array(k, bool) for k in ((0, 0), (0, 1), (1, 0), (1, 1)))
-SAME = 1e-3  # [m] guesses that agree this well, first and last, are one
-MOST = 100  # guesses of a tumble that are continued, the likeliest until it was over
+TIPPING_TILT = np.radians(2)  # a side normal that rises further shows tipping
+DEPTH_SHARES = (1.0, 2 / 3)  # [-] of the proposed depth: the edge is not observed
+# Which of the two horizontal sides are taken from before the tumble:
+KNOWN_SIDES = tuple(np.array(k, bool) for k in ((0, 0), (0, 1), (1, 0), (1, 1)))
+MAX_TUMBLES = 100  # proposals that are continued, the likeliest first
 
 
 @dataclass(frozen=True, eq=False)
 class Tumble:
-    """A guess of how the last action of a job went on: theta (3,), x (6, T), name.
+    """A proposal of how the last action of a job went on: theta (3,), x (6, T), name.
 
-    before: the planar hypothesis until it tipped; start: the sample since when it does.
+    before: the planar hypothesis until it tipped; start: the sample at which it tips.
     """
 
     theta: np.ndarray
@@ -70,10 +70,10 @@ class Tumble:
         theta[:2] = np.where(known, self.theta[:2], theta[:2])
         stood, landed = self.before.x[:, self.start], later.x[:, n - 1]
         x = self._upright(theta, stood, landed)
-        past = lifted(theta, carried(self.before.x[:, :k], stood, x))
+        past = planar_to_free(theta, carried(self.before.x[:, :k], stood, x))
         p, R = self.tip.poses(theta, x)
         off = R[-1].T @ (p[-1] - [*landed[:2], p[-1, 2]])
-        after = lifted(np.abs(S) @ theta, later.x[:, n:])
+        after = planar_to_free(np.abs(S) @ theta, later.x[:, n:])
         R_after = matrices(after) @ S
         tail = slice(n - (self.x.shape[1] - k), n)
         R = np.concatenate([matrices(past), R[tail], R_after])
@@ -96,7 +96,7 @@ class Tumble:
 
 
 def tumbled(job, kept) -> list[Tumble]:
-    """Return guesses of how the object tumbled in the last action of a job.
+    """Return proposals of how the object tumbled in the last action of a job.
 
     kept: planar hypotheses of the actions before, none if it is the first.
     """
@@ -104,23 +104,23 @@ def tumbled(job, kept) -> list[Tumble]:
     for h in extensions(job, kept):
         h = _raised(job, h)
         start, tipped = _tipped(job, h)
-        for share, tip in _ways(tipped) if tipped is not None else ():
+        for share, tip in _tips_to_try(tipped) if tipped is not None else ():
             thin, name = _thinned(h, tip, share), f"tips {len(out)}"
             p, R = tip.poses(thin.theta, thin.x[:, start])
-            flat = lifted(thin.theta, thin.x[:, : start + 1])
+            flat = planar_to_free(thin.theta, thin.x[:, : start + 1])
             fallen = np.hstack([p, continuous(R)])[:-1][start + 1 - h.x.shape[1] :]
             x = np.hstack([flat, fallen.T])
             out.append(Tumble(thin.theta, x, name, thin, start, tip))
     return out
 
 
-def _ways(tip: Tip) -> list:
+def _tips_to_try(tip: Tip) -> list:
     """Return (share of the depth, tip): over the edge, and back if it still stands.
 
-    Where the record ends while it is tipped less than halfway, nobody saw it fall.
+    Where the record ends while it is tipped less than halfway, either may follow.
     """
-    ways = [(share, tip) for share in DEPTHS]
-    if tip.angle[-1] < FLAT / 2:
+    ways = [(share, tip) for share in DEPTH_SHARES]
+    if tip.angle[-1] < QUARTER_TURN / 2:
         ways.append((1.0, replace(tip, end=0.0)))
     return ways
 
@@ -128,11 +128,11 @@ def _ways(tip: Tip) -> list:
 def _raised(job, h: Hypothesis) -> Hypothesis:
     """Return the hypothesis tall enough for the sides that were touched."""
     data = job.data
-    touched = data.contact & data.valid & (np.abs(data.normal[..., 2]) < SIDE)
+    touched = data.contact & data.valid & (np.abs(data.normal[..., 2]) < SIDE_NORMAL)
     touched &= (data.action == data.action[-1])[:, None]
     theta = h.theta.copy()
     highest = data.finger_position[touched][:, 2].max(initial=-np.inf)
-    theta[2] = max(theta[2], highest + BELOW)
+    theta[2] = max(theta[2], highest + BELOW_TOP)
     return replace(h, theta=theta)
 
 
@@ -148,11 +148,11 @@ def _thinned(h: Hypothesis, tip: Tip, share: float) -> Hypothesis:
 def recovered(job, evidence, width: int, solves: int, executor=None):
     """Return free hypotheses of all actions, best first: it tumbled in one of them.
 
-    evidence: what `contradicts` says of the best planar hypothesis.  Any action that
-    speaks against sliding and shows a rising normal may be the one; else none is found.
+    evidence: of outliers.evidence_against_planar for the best planar hypothesis. Any
+    action that contradicts sliding and shows a rising normal may be the one.
     """
     actions, found = np.unique(job.data.action), []
-    for action in [e.action for e in evidence if e.against and e.tilt > TILTED]:
+    for action in [e.action for e in evidence if e.against and e.tilt > TIPPING_TILT]:
         before, until = actions[actions < action], actions[actions <= action]
         kept = []
         if len(before):
@@ -162,15 +162,15 @@ def recovered(job, evidence, width: int, solves: int, executor=None):
         tumbles = _likeliest(part, tumbled(part, kept))
         if tumbles:
             found += continued(job, tumbles, width, solves, executor)
-    return _distinct(sorted(found, key=_objective), width)
+    return distinct(job.shape, found, width, np.inf)
 
 
 def continued(job, tumbles, width: int, solves: int, executor=None):
     """Return free hypotheses of all actions of a job: tumbled, then slid, best first.
 
-    job: the data from the first action on; tumbles: of one action of it.  The planar
-    beam searches what comes after.  What it found and what was known before are joined
-    in every way; the objective is that of the likelihoods, on the coarse level.
+    job: the data from the first action on; tumbles: of one action of it. The planar
+    beam searches what comes after. Its results and what was known before are joined in
+    every way; the objective is that of the likelihoods, on the coarse level.
     """
     action = job.data.action[tumbles[0].x.shape[1] - 1]
     data = job.data.select([a for a in np.unique(job.data.action) if a >= action])
@@ -184,17 +184,17 @@ def continued(job, tumbles, width: int, solves: int, executor=None):
     later = beam(part, lying, width, solves, executor)
     alone = rest == data.samples  # nothing was felt later: each lies as it fell
     pairs = zip(lying, tumbles, strict=True) if alone else product(later, tumbles)
-    joined = [t.joined(h, known) for h, t in pairs for known in KNOWN]
-    return _distinct(_costed(job, joined), width)
+    joined = [t.joined(h, known) for h, t in pairs for known in KNOWN_SIDES]
+    return distinct(job.shape, _costed(job, joined), width, np.inf)
 
 
 def _likeliest(job, tumbles) -> list[Tumble]:
-    """Return the MOST tumbles that explain best what was felt until they end."""
-    if len(tumbles) <= MOST:
+    """Return the MAX_TUMBLES tumbles that explain best what was felt until they end."""
+    if len(tumbles) <= MAX_TUMBLES:
         return tumbles
     found = [Hypothesis(t.theta, t.x, np.inf, ()) for t in tumbles]
     order = np.argsort(_costs(job, found), kind="stable")
-    return [tumbles[i] for i in order[:MOST]]
+    return [tumbles[i] for i in order[:MAX_TUMBLES]]
 
 
 def _costed(job, found) -> list[Hypothesis]:
@@ -213,7 +213,7 @@ def _costs(job, found) -> list[float]:
     names = [n for n, t in problem.costs.items() if t.role in ("likelihood", "prior")]
 
     def cost(h):
-        x = problem.pack(started(problem, window, h))
+        x = problem.pack(start_values(problem, window, h))
         return sum(float(problem.value(name, x, data).sum()) for name in names)
 
     return [cost(h) for h in found]
@@ -223,36 +223,24 @@ def _objective(h: Hypothesis) -> float:
     return h.objective
 
 
-def _distinct(found, count: int) -> list[Hypothesis]:
-    """Return the first `count` of which no two are the same motion."""
-    kept = []
-    for h in found:
-        ends = np.r_[h.theta, h.x[:3, 0], h.x[:3, -1]]
-        if len(kept) < count and all(np.abs(ends - e).max() > SAME for e, _ in kept):
-            kept.append((ends, h))
-    return [h for _, h in kept]
-
-
 def _tipped(job, h):
-    """Return since which sample the last action tips the object, and how, or None."""
+    """Return the sample at which the last action tips the object, and how, or None."""
     data = job.data
     rows = np.nonzero(data.action == data.action[-1])[0]
     touched = (data.contact & data.valid)[rows]
     normals = data.normal[rows]
-    tilt = np.array([tilt_of(normals[:, f]) for f in range(data.fingers)]).T
-    tilt = np.where(touched & (np.abs(normals[..., 2]) < SIDE), tilt, -1.0)
-    if tilt.max() < TILTED + 3 * job.precision.normal:
+    tilt = np.array([side_tilt(normals[:, f]) for f in range(data.fingers)]).T
+    tilt = np.where(touched & (np.abs(normals[..., 2]) < SIDE_NORMAL), tilt, -1.0)
+    if tilt.max() < TIPPING_TILT + 3 * job.precision.normal:
         return 0, None
     pusher = int(np.argmax(tilt.max(axis=0)))
     k = np.nonzero(tilt[:, pusher] >= 0)[0]
     rising = np.maximum.accumulate(tilt[k, pusher])
-    upright = k[rising < TILTED]
+    upright = k[rising < TIPPING_TILT]
     first = upright[-1] if len(upright) else k[0]
     start = int(rows[first])
     x = h.x[:, start]
-    c, s = np.cos(x[2]), np.sin(x[2])
-    n = normals[k[0], pusher]
-    n_o = [c * n[0] + s * n[1], c * n[1] - s * n[0]]
+    n_o = rotate_planar(-x[2], *normals[k[0], pusher, :2])
     axis = int(np.argmax(np.abs(n_o)))
     angle = np.interp(np.arange(len(rows)), np.r_[first, k[k > first]],
                       np.r_[0.0, rising[k > first]])  # fmt: skip

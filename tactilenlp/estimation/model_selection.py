@@ -3,8 +3,8 @@
 By default fingertips are rigid and a body on the ground slides flat.  Where the
 likelihood costs more than the noise explains, the page is solved again from the optimum
 with that assumption given up: compliant fingertips, six unknowns a pose.  The larger
-model is kept where it lowers the objective by REASON nats or more; its Laplace evidence
-is lower by the logarithm of prior over posterior deviations, about as much.
+model is kept where it lowers the objective by LARGER_MODEL nats or more: the logarithm
+of prior over posterior deviations, which its Laplace evidence loses, is about as much.
 """
 
 from __future__ import annotations
@@ -13,23 +13,21 @@ import logging
 from dataclasses import replace
 
 from ..data.sensor_noise import variance_left
-from ..information.goodness_of_fit import Misfit, misfits
+from ..information.goodness_of_fit import NOTHING, Misfit, misfits
 from ..problem.certificates import Skipped
-from ..problem.reductions import flat, insisted
+from ..problem.reductions import required_reductions, states_planar_motion
 from ..search.local_solve import (
-    CLOSE,
-    REASON,
+    RESTART_MU,
     Solved,
     best_first,
-    let_tilt,
-    opened,
+    freed_levels,
+    freed_to_tilt,
     settings_of,
     solved_from,
 )
+from ..search.margins import LARGER_MODEL, POOR_FIT
 
 log = logging.getLogger("tactilenlp")
-
-POOR = 3.0  # [spreads] of excess beyond which a fit is poor whatever noise there was
 
 
 def misfit_of(job, solved: Solved) -> Misfit:
@@ -38,7 +36,7 @@ def misfit_of(job, solved: Solved) -> Misfit:
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
     left = variance_left(job.data, job.precision)
     found = misfits(problem, x, data, solved.window, job.data, left)
-    return sum(found.values(), start=Misfit(0.0, 0.0, 0.0))
+    return sum(found.values(), start=NOTHING)
 
 
 def with_soft_fingertips(job, page, solved, options, solve) -> tuple:
@@ -51,18 +49,18 @@ def with_soft_fingertips(job, page, solved, options, solve) -> tuple:
     if not (may_be_soft(job, page) and best.solution.success):
         return job, solved
     misfit = misfit_of(job, best)
-    if misfit.excess < REASON:
+    if misfit.excess < LARGER_MODEL:
         return job, [declined(best, RIGID, misfit.excess, "at most "), *solved[1:]]
     soft = replace(job, reductions=replace(job.reductions, rigid=False))
-    levels = opened(page.LEVELS, final=True) if job.reductions.planar else None
+    levels = freed_levels(page.LEVELS, final=True) if job.reductions.planar else None
     tried = [solved_from(soft, page, best.at, options, levels=levels)]
     gain = _gain(best, tried[0])
-    if gain < REASON and misfit.excess > POOR * misfit.spread + REASON:
+    if gain < LARGER_MODEL and misfit.excess > POOR_FIT * misfit.spread + LARGER_MODEL:
         tried += solve(soft)
         gain = max(_gain(best, one) for one in tried)
-    elif gain >= REASON:
+    elif gain >= LARGER_MODEL:
         tried += solve(soft)
-    if gain < REASON:
+    if gain < LARGER_MODEL:
         return job, [declined(best, RIGID, gain), *solved[1:]]
     log.info("fingertips are soft: the objective falls by %.1f nats", gain)
     return soft, best_first(tried)
@@ -73,12 +71,12 @@ def with_tilt(job, page, best: Solved, options) -> Solved:
     if not (may_tilt(job, page) and best.solution.success):
         return best
     misfit = misfit_of(job, best)
-    if misfit.excess < REASON:
+    if misfit.excess < LARGER_MODEL:
         return best
     free = replace(job, reductions=replace(job.reductions, planar=False))
-    tilted = let_tilt(free, page, best, settings_of(free, options), CLOSE)
+    tilted = freed_to_tilt(free, page, best, settings_of(free, options), RESTART_MU)
     gain = _gain(best, tilted)
-    if gain < REASON:
+    if gain < LARGER_MODEL:
         return best
     log.info("the body rocks: the objective falls by %.1f nats", gain)
     return replace(tilted, declined=best.declined)
@@ -92,8 +90,10 @@ def may_be_soft(job, page) -> bool:
 
 def may_tilt(job, page) -> bool:
     """Tell whether a body slides flat by assumption, and a page can let it tilt."""
-    made = insisted(page, job.reductions)
-    return job.scene.ground is not None and made.planar and not flat(page)
+    made = required_reductions(page, job.reductions)
+    return (
+        job.scene.ground is not None and made.planar and not states_planar_motion(page)
+    )
 
 
 RIGID = ("rigid", "compliance of the fingertips", "they are rigid unless data say so")
@@ -103,7 +103,9 @@ def declined(solved: Solved, model, gain: float, bound: str = "") -> Solved:
     """Return a solve with the certificate that a larger model explains no more."""
     name, dropped, reason = model
     check = f"freeing it would lower the objective by {bound}[nats]"
-    skipped = Skipped(name, dropped, reason, check, gain, REASON, gain < REASON)
+    skipped = Skipped(
+        name, dropped, reason, check, gain, LARGER_MODEL, gain < LARGER_MODEL
+    )
     return replace(solved, declined=(*solved.declined, skipped))
 
 

@@ -1,0 +1,24 @@
+"""The recordings that are installed with the package, for examples and first steps."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+
+from ..errors import OptionError
+
+RECORDINGS = ("cuboid", "polytope")
+
+
+def example_recording(name: str = "cuboid") -> Path:
+    """Return the path of a recording in the simulator, an .npz file with its truth.
+
+    "cuboid": two fingers touch a box in six actions; "polytope": an octahedron of
+    22 mm radius in nine actions.  Load it by `Measurements.load` and `Scene.load`.
+    Raises OptionError for another name.
+    """
+    if not isinstance(name, str) or name not in RECORDINGS:
+        raise OptionError(
+            "no such recording", where="name", got=name, expected=f"one of {RECORDINGS}"
+        )
+    return Path(str(files("tactilenlp.data") / "recordings" / f"{name}.npz"))

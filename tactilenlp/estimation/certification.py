@@ -1,0 +1,114 @@
+"""Certificates of a solved page, and the further solves that they ask for.
+
+What the reductions dropped is checked at the solution; what was needed is restored and
+the page solved again.  Where the data contradict sliding on the ground, the object
+tumbled and is solved in free motion.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+from ..problem.certificates import certify, without
+from ..problem.outliers import evidence_against_planar
+from ..problem.reductions import states_planar_motion
+from ..search.local_solve import (
+    RESTART_MU,
+    Solved,
+    settings_of,
+    solved_from,
+    warm_started,
+)
+from ..search.margins import RESTORED
+from ..search.proposals_tumble import recovered
+from .model_selection import with_tilt
+from .profile_likelihood import profiled
+
+log = logging.getLogger("tactilenlp")
+MAX_RESTORED = 2  # solves with reductions restored
+MAX_TUMBLE_SOLVES = 3  # proposals of a tumble that are solved
+
+
+def checked(job, page, solved, options, executor=None) -> Solved:
+    """Return a solved page with certificates, or what they ask for instead.
+
+    An object that did not only slide is solved in free motion; otherwise, with
+    options.rivals, profile likelihoods are added.
+    """
+    best = certified(job, page, solved, options)
+    fell = "planar" in best.certificates.broken and not states_planar_motion(page)
+    rocked = with_tilt(best.job, page, best, options)
+    if fell and job.shape.parameters == "sizes":
+        tumbled = _tumbled(job, page, best, options, executor)
+        return min(rocked, tumbled, key=lambda s: s.rank)
+    if rocked is not best:
+        best = certified(rocked.job, page, rocked, options)
+    job = best.job
+    if options.rivals and best.solution.success:
+        return _profiled(job, page, best, options)
+    return best
+
+
+def certified(job, page, solved, options) -> Solved:
+    """Check what was dropped; restore what was needed and solve again.
+
+    Rest intervals are first cut where the body would move, and dropped if that was not
+    enough.
+    """
+    found = certify(job, page, solved)
+    for _ in range(MAX_RESTORED):
+        back = [name for name in found.broken if name != "planar"]
+        if not back:
+            break
+        log.info("restoring reductions that do not hold: %s", ", ".join(back))
+        more = {*found.cuts, *job.cuts}
+        if found.cuts and (not job.cuts or job.shape.parameters == "vertices"):
+            job = replace(job, cuts=tuple(sorted(more)))
+            back.remove("still")
+        job = replace(job, reductions=without(job.reductions, back))
+        again = _solved_again(job, page, solved, options)
+        if again.solution.objective > solved.solution.objective + RESTORED:
+            break  # a worse optimum: the certificates state what does not hold
+        solved, found = again, certify(job, page, again)
+    return replace(solved, certificates=found)
+
+
+def _solved_again(job, page, solved, options) -> Solved:
+    """Solve again with fewer reductions, from the solution and its multipliers."""
+    again = warm_started(job, page, solved, settings_of(job, options), RESTART_MU)
+    if again.solution.success:
+        return again
+    return solved_from(job, page, solved.at, options)
+
+
+def _profiled(job, page, best, options) -> Solved:
+    """Return the best with profile likelihoods, or a better optimum met on the way."""
+    profile, better = profiled(job, page, best, options)
+    if better is not None:
+        again = solved_from(job, page, better, options, levels=page.LEVELS[-1:])
+        again = certified(job, page, again, options)
+        if again.rank < best.rank:
+            best = again
+            profile, _ = profiled(job, page, best, options)
+    return replace(best, profile=profile)
+
+
+def _tumbled(job, page, flat, options, executor) -> Solved:
+    """Solve proposals of a tumble in free motion; keep the best, or the flat one."""
+    evidence = evidence_against_planar(job, flat)
+    found = recovered(job, evidence, *options.widths(precise=False), executor)
+    free = replace(job, reductions=without(job.reductions, ["planar"]))
+    levels = getattr(page, "ROUGH", page.LEVELS)
+    solved = [
+        solved_from(free, page, h, options, levels=levels)
+        for h in found[:MAX_TUMBLE_SOLVES]
+    ]
+    better = [
+        s for s in solved
+        if s.solution.success and s.solution.objective < flat.solution.objective
+    ]  # fmt: skip
+    if not better:
+        return flat
+    best = min(better, key=lambda s: s.solution.objective)
+    return replace(best, certificates=certify(free, page, best))

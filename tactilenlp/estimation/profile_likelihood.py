@@ -1,0 +1,184 @@
+r"""Profile likelihood of sizes and of the final position.
+
+The optimum of a size that no touch determines, or only by way of a path, is often a
+kink: cones and sliding are not smooth, and from there the objective grows as the
+distance, not as its square.  It looks sharp to a Hessian and is not.  So the page is
+solved again with the size s held elsewhere, all else free, farther each time until the
+objective has risen by PROFILE_RISE,
+
+    sigma = |s - s_0| / sqrt(2 (L(s) - L(s_0))),
+
+as of a Gaussian with the same likelihood ratio; the other sizes and the final pose
+change as they do in that solve.  Where L is lower than at s_0, a better optimum is
+near.
+
+A final pose that a body slid and turned to is determined by cones and sliding as well.
+Of its coordinates the one along the ground that is known least is held elsewhere, in
+both directions.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from formulations.rigid_body import PLANAR
+
+from ..information.information import LEAST_SIGMA
+from ..information.measurement_noise import KNOWN_FACE
+from ..information.tangent_space import final_unknowns
+from ..nlp.ipopt import solve_levels
+from ..nlp.kkt_sensitivity import kkt_system_of
+from ..search.alternatives import resized
+from ..search.hypothesis import Hypothesis
+from ..search.local_solve import RANKING_TOLERANCE, settings_of, start_values
+from ..search.margins import BETTER_OPTIMUM, ONE_SIGMA, PROFILE_RISE
+
+FACES_DISTANCE = 0.3e-3  # [m] sigma of the distance of two touched faces
+NOISE_FACTOR = 2.0  # [-] of the sigma of their means, for noisy fingers
+VAGUE_SHARE = 0.3  # [prior deviations] a larger sigma of a size needs no profile
+KNOWN_POSITION = 1e-3  # [m] a larger sigma of a position needs no profile
+FIRST_STEP = 0.5e-3  # [m] at least
+MAX_STEP_GROWTH = 10.0  # [-] from step to step
+PROFILE_MU = 1e-2  # IPOPT's mu_init where a size is held elsewhere
+PROFILE_ITERATIONS = 100  # of one such solve
+
+
+def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]:
+    """Return the deviations (k, k) of sizes and final pose by profile likelihood.
+
+    Row i: a deviation of a size that no touch determines, or of a position [m], and
+    what sizes [m], position [m] and yaw [rad] do then; 0 where there is no profile. And
+    a hypothesis that is better than the solved one, or None.
+    """
+    n = job.shape.theta
+    profile = np.zeros((n + PLANAR.unknowns, n + PLANAR.unknowns))
+    if not (job.reductions.planar and getattr(job.shape, "symmetries", ())):
+        return profile, None  # the unknowns are not sides, or it may tilt
+    chosen, faces = final_unknowns(solved.problem), solved.touched
+    faces[2, 0] += KNOWN_FACE  # the ground touches the lowest one
+    pulls, _ = kkt_system_of(solved.problem, solved.solution).sensitivity(chosen)
+    known = np.sqrt(np.maximum(np.diag(pulls[chosen]), 0.0))
+    open_sizes = {
+        axis: touched for axis, touched in enumerate(faces)
+        if touched.min() < KNOWN_FACE or known[axis] >= faces_sigma(job, touched)
+    }  # fmt: skip
+    elsewhere = partial(_constrained, job, page, solved, options, {}, chosen)
+    asked, along = [*open_sizes], n + int(np.argmax(known[n : n + 2]))
+    if known[along] < KNOWN_POSITION:
+        asked.append(along)
+    else:  # the Hessian already states a large sigma
+        profile[along] = pulls[chosen, along] / known[along]
+    for axis in asked:
+        pull = pulls[:, axis] / max(known[axis], LEAST_SIGMA)
+        touched, prior = open_sizes.get(axis), job.shape.size_prior[1]
+        given = solved.at, prior, axis, pull, pull[chosen], touched
+        profile[axis], better = _deviation(elsewhere, *given)
+        if better is not None:
+            return profile, better
+    return profile, None
+
+
+def faces_sigma(job, touched) -> float:
+    """Return the sigma [m] of the distance of two faces (2,) by samples on each."""
+    return max(
+        FACES_DISTANCE,
+        NOISE_FACTOR * job.precision.position * np.sqrt(np.sum(1 / touched)),
+    )
+
+
+def _deviation(elsewhere, at, prior, axis: int, pull, off, touched):
+    """Return by how much sizes and final pose are off (k,) where one of them is.
+
+    elsewhere(axis, pull, touched, step): the hypothesis `at` with that one held `step`
+    off, or None. prior [m]: the most that it may be off; pull, off: what all unknowns,
+    and sizes and final pose (k,), do by the Hessian where it is off by a deviation, SI;
+    touched (2,): samples on both faces of a size, None of a pose. The Hessian's
+    deviation is kept where it is large, where there is no profile, and of an untouched
+    size or a pose where it is the larger one. And a better hypothesis, or None.
+
+    A larger body is the flatter side: what lies behind a touched face contradicts no
+    finger. A smaller one is solved where a larger one gives no result; of a pose both
+    directions are solved, and the wider one counts.
+    """
+    known = max(off[axis], LEAST_SIGMA)
+    off = off * min(1.0, prior / known)
+    is_open, widest = touched is None or touched.min() < KNOWN_FACE, None
+    enough = PROFILE_RISE / 2 if touched is None else PROFILE_RISE
+    for way in (1, -1):
+        behind = touched if is_open and way > 0 else None
+        there = partial(elsewhere, axis, way * pull / known, behind)
+        claim = abs((off if widest is None else widest)[axis])
+        # Where a Gaussian costs twice as much as is enough; most cost half as much.
+        first = max(min(np.sqrt(4 * enough) * known, VAGUE_SHARE * prior), FIRST_STEP)
+        found, better = _one_direction(there, at, axis, first, claim, prior, enough)
+        if better is not None:
+            return off, better
+        both = [d for d in (widest, found) if d is not None]
+        widest = max(both, key=lambda d: abs(d[axis]), default=None)
+        if widest is not None and touched is not None:
+            break
+    if widest is None or (is_open and abs(widest[axis]) <= abs(off[axis])):
+        return off, None
+    return widest, None
+
+
+def _one_direction(there, at, axis, step, claim, prior, enough):
+    """Return the widest deviation (k,) in one direction, or None; and a better optimum.
+
+    there(step): the hypothesis with that one held so far off [m], or None; claim [m]:
+    the deviation so far; enough [nats]: the rise at which the profile ends; it also
+    ends beyond the distance at which that rise leaves a large deviation.
+    """
+    found, farthest = None, VAGUE_SHARE * prior * np.sqrt(2 * enough)
+    while (claim if found is None else abs(found[axis])) < VAGUE_SHARE * prior:
+        moved = there(step)
+        if moved is None:
+            break
+        price = moved.objective - at.objective
+        if price < -BETTER_OPTIMUM:
+            return None, moved
+        deviation = min(step / np.sqrt(2 * max(price, ONE_SIGMA)), prior)
+        if found is None or deviation > abs(found[axis]):
+            found = (_final(moved) - _final(at)) * deviation / step
+        if price >= enough or step >= farthest:
+            break
+        step = min(
+            step * min(MAX_STEP_GROWTH, enough / max(price, ONE_SIGMA)), farthest
+        )
+    return found, None
+
+
+def _final(hypothesis) -> np.ndarray:
+    """Return sizes and final pose of a hypothesis (k,)."""
+    return np.r_[hypothesis.theta, hypothesis.x[:, -1]]
+
+
+def _constrained(job, page, solved, options, shared, chosen, axis, pull, touched, step):
+    """Return the hypothesis of one of the chosen unknowns held `step` [m] off, or None.
+
+    pull: the response of all unknowns to it by the Hessian; shared: keeps solvers. The
+    start moves all unknowns along, or, with the samples on both faces of a size
+    (touched), only that size. A feasible solve with a small rise is enough: the minimum
+    is no higher.
+    """
+    problem, held = solved.problem, chosen[axis]
+    x = problem.pack(solved.solution.values) + step * pull
+    too_small = axis < job.shape.theta and x[held] < job.shape.bounds[0]
+    if too_small or time.monotonic() > job.deadline:
+        return None
+    values = problem.unpack(x)
+    if touched is not None:
+        moved = resized(solved.at, axis, x[held], touched)
+        values = solved.solution.values | start_values(problem, solved.window, moved)
+    level = replace(page.LEVELS[-1], fixed=(np.array([held]),))
+    level = level.with_ipopt(mu_init=PROFILE_MU, max_iter=PROFILE_ITERATIONS)
+    settings = replace(settings_of(job, options), tolerance=RANKING_TOLERANCE)
+    found = solve_levels(problem, (level,), values, settings, shared)
+    cheap = found.objective < solved.solution.objective + PROFILE_RISE
+    if max(found.violations.values(), default=0.0) > RANKING_TOLERANCE:
+        return None
+    return replace(solved, solution=found).at if found.success or cheap else None

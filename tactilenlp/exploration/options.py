@@ -1,0 +1,88 @@
+"""The settings of an exploration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from ..common.validation import check_numbers, check_types
+from ..errors import OptionError
+from ..estimation.options import Options
+from ..problem.pages import shape_of
+from .action_search import CrossEntropy, check_search
+from .action_space import Workspace
+from .first_touch import checked_centre
+from .policies import known_policy
+
+
+@dataclass(frozen=True, eq=False)
+class ExploreOptions:
+    """How to explore.
+
+    actions:     [1], how many follow the first touch
+    policy:      "eig" (expected information gain), "random", "fisher" (information of
+                 the action alone), "farthest" (from all directions so far), or a
+                 function of a Plan that returns an Action
+    shape:       "cuboid", "polytope", or a Shape
+    seed:        [1], of everything random; equal seeds give equal actions
+    workspace:   where fingers may move; None: that of the world's fingers and ground
+    formulation: the page that estimates, by name or as a module
+    centre:      (2,) or (3,) [m], where the first finger aims; None: the workspace is
+                 swept until something is touched
+    search:      of the best action: "facing", another name that choose_action knows, or
+                 a CrossEntropy
+    budget:      [1], evaluations of the expected gain for each choice
+    options:     of every estimate; None: Options()
+    until:       [m], a standard deviation of sizes (vertices of a polytope) that is
+                 enough, or a function of a Step; None: all actions are made
+    """
+
+    actions: int = 5
+    policy: str | Callable = "eig"
+    shape: object = "cuboid"
+    seed: int = 0
+    workspace: Workspace | None = None
+    formulation: object = "violation_implicit"
+    centre: object = None
+    search: str | CrossEntropy = "facing"
+    budget: int = 180
+    options: Options | None = None
+    until: float | Callable | None = None
+
+    def __post_init__(self) -> None:
+        whole = (int, np.integer)
+        check_types(
+            workspace=(self.workspace, (Workspace, type(None))),
+            options=(self.options, (Options, type(None))),
+            actions=(self.actions, whole), seed=(self.seed, whole),
+        )  # fmt: skip
+        shape_of(self.shape)
+        if self.centre is not None:
+            checked_centre(self.centre)
+        check_numbers("", "a whole number from 0", actions=(self.actions, -1, np.inf))
+        check_numbers("", "a whole number from 0", seed=(self.seed, -1, np.inf))
+        if self.until is not None and not callable(self.until):
+            expected = "a deviation above 0 [m], or a function"
+            check_numbers("", expected, until=(self.until, 0, 1))
+        check_search(self.search, self.budget)
+        known_policy(self.policy)
+
+    @classmethod
+    def of(cls, settings: ExploreOptions | None, given: dict) -> ExploreOptions:
+        """Return the settings, or those of keyword arguments; OptionError for both."""
+        names = [f.name for f in fields(cls)]
+        if unknown := [name for name in given if name not in names]:
+            raise OptionError(
+                "no such setting", where="explore", got=unknown,
+                expected=f"settings, file, start, executor, or one of {names}",
+            )  # fmt: skip
+        check_types(settings=(settings, (cls, type(None))))
+        if settings is not None and given:
+            raise OptionError(
+                "settings are given twice", where="settings", got=[*given],
+                expected="settings=ExploreOptions(...) or keyword arguments",
+                next="put all of them into ExploreOptions",
+            )  # fmt: skip
+        return cls(**given) if settings is None else settings

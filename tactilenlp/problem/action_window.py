@@ -1,0 +1,58 @@
+"""The window of one action of a polytope, its past held and known as a Gaussian."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from .polytope_window import PolytopeWindow
+from .window import Group
+
+INDEXED_BY = (
+    ("near_touch", "touch"), ("near_free", "free"), ("near_push", "push"),
+    ("leg", "corner"), ("weight_share", "corner"),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class ActionWindow(PolytopeWindow):
+    """The window of one action; past (V, 3) [m]: vertices before it, information."""
+
+    past: np.ndarray = None
+    information: np.ndarray = None
+
+
+def of_action(window: PolytopeWindow, past, about) -> ActionWindow:
+    """Return the part of a window that comes after the samples of the past.
+
+    about: information (3 V, 3 V) about the vertices of the past, whose poses are held.
+    """
+    samples = past.x.shape[1]
+    first = window.pose[samples]
+    lower, upper = window.holding(past.x, slice(first))
+    parts = {f.name: getattr(window, f.name) for f in fields(PolytopeWindow)}
+    new = {k: parts[k].sample >= samples for k in ("touch", "free", "step", "push")}
+    new["corner"] = new["step"][window.corner.step]
+    parts |= {k: parts[k].pick(rows) for k, rows in new.items()}
+    at = {k: np.cumsum(rows) - 1 for k, rows in new.items()}  # where rows go
+    for name in ("push", "corner"):
+        parts[name] = replace(parts[name], step=at["step"][parts[name].step])
+    for name, rows in INDEXED_BY:
+        parts[name] = parts[name][new[rows]]
+    unfelt = window.unfelt[new["push"][window.unfelt]]
+    groups = {n: _later(g, new["step"], at) for n, g in window.groups.items()}
+    parts |= {"unfelt": at["push"][unfelt], "groups": groups}
+    parts |= {"gap": window.gap.pick(window.gap.sample >= samples)}
+    parts |= {"lower": lower, "upper": upper}
+    vertices = past.theta.reshape(-1, 3)
+    return ActionWindow(**parts, past=vertices, information=about)
+
+
+def _later(group: Group, new, at) -> Group:
+    """Return the new steps of a group; at: where steps, pushes and corners go."""
+    kept = new[group.steps]
+    return Group(
+        at["step"][group.steps[kept]], at["push"][group.pushes[kept]],
+        at["corner"][group.corners[kept]],
+    )  # fmt: skip

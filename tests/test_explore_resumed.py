@@ -1,0 +1,74 @@
+"""An exploration goes on with a world that was made anew and begins at time zero."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_explore import SAME, Recorder, fresh
+
+from tactilenlp import Exploration, explore
+from tactilenlp.errors import MeasurementError
+
+
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory):
+    """A first touch that is kept in a file."""
+    file = tmp_path_factory.mktemp("begun") / "kept.npz"
+    (step,) = explore(fresh(), file=file, **SAME | {"actions": 0})
+    return step, file.read_bytes()
+
+
+@pytest.fixture
+def file(begun, tmp_path):
+    path = tmp_path / "kept.npz"
+    path.write_bytes(begun[1])
+    return path
+
+
+def test_times_go_on_after_those_that_are_kept(begun, file):
+    first, _ = begun
+    *_, last = explore(fresh(), file=file, **SAME | {"actions": 1})
+    assert last.estimate.measurements.actions == 2
+    assert last.measurements.time[0] == first.measurements.time[-1] + 1.0
+    assert np.ptp(last.measurements.time) == pytest.approx(1.0, abs=0.05)
+    assert Exploration.load(file).at(1).measurements == last.measurements
+    again = list(
+        explore(
+            None, file=file, workspace=last.action.workspace, **SAME | {"actions": 1}
+        )
+    )
+    assert again[-1].estimate.objective == last.estimate.objective
+
+
+def test_times_go_on_after_those_of_a_start(begun):
+    start = begun[0].estimate
+    (step,) = explore(fresh(), start=start, **SAME | {"actions": 1})
+    assert step.estimate.measurements.actions == 2
+
+
+def test_a_kept_step_whose_times_do_not_go_on_is_taken_up_too(begun, file):
+    first, _ = begun
+    *_, last = explore(fresh(), file=file, **SAME | {"actions": 1})
+    data = replace(
+        last.measurements, time=last.measurements.time - last.measurements.time[0]
+    )
+    broken = replace(last, measurements=data, estimate=None)
+    Exploration((first, broken)).save(file)
+    *_, again = explore(fresh(), file=file, **SAME | {"actions": 1})
+    times = [one.estimate.measurements.time for one in (again, last)]
+    assert times[0] == pytest.approx(times[1], abs=1e-12)
+
+
+class Stuck(Recorder):
+    """A world whose clock does not go on."""
+
+    def execute(self, trajectory):
+        data = super().execute(trajectory)
+        return replace(data, time=data.time - data.time[0])
+
+
+def test_what_cannot_be_appended_is_not_stored(tmp_path):
+    file = tmp_path / "kept.npz"
+    with pytest.raises(MeasurementError, match="does not go on"):
+        list(explore(Stuck(fresh()), file=file, **SAME))
+    assert [step.number for step in Exploration.load(file).steps] == [0]

@@ -1,0 +1,88 @@
+"""An exploration on the robot whose process dies goes on in another one."""
+
+import os
+import time
+
+import numpy as np
+import pytest
+from bench_resume import KEPT, Process, kept
+
+# The full run is TACTILENLP_KILLS=20.
+KILLS = int(os.environ.get("TACTILENLP_KILLS", "1"))
+ACTIONS = 1 if KILLS == 1 else 3
+CLOSE = 5e-4  # [m] between the sides after the same touches, sampled at other instants
+SIGMAS = 3.0  # [1] between the sides after touches that differ
+
+
+def check_together(first, second):
+    """Two explorations hold the same actions, whose times go on."""
+    for one in (first, second):
+        data = one.estimate.measurements
+        assert (np.diff(data.time) > 0).all()
+        assert data.actions == len(one.steps)
+    assert [s.number for s in first.steps] == [s.number for s in second.steps]
+
+
+def sides(exploration):
+    return np.sort(exploration.estimate.side_lengths)
+
+
+def sigma(exploration):
+    information = exploration.estimate.information
+    order = np.argsort(exploration.estimate.side_lengths)
+    return information.sigma("side_lengths")[order]
+
+
+@pytest.mark.slow
+def test_a_run_that_is_killed_after_action_2_ends_as_one_that_is_not(tmp_path):
+    folders = [tmp_path / name for name in ("whole", "killed")]
+    for folder in folders:
+        folder.mkdir()
+    whole, killed = (Process(folder, 3) for folder in folders)
+    assert killed.wait_for("step 2")
+    killed.kill()
+    left = kept(folders[1])
+    Process(folders[1], 3).finish()
+    whole.finish()
+    first, second = map(kept, folders)
+    check_together(first, second)
+    for k in range(3):
+        assert second.at(k).measurements == first.at(k).measurements
+        assert second.at(k).measurements == left.at(k).measurements
+        assert second.at(k).estimate.objective == first.at(k).estimate.objective
+    chosen = [one.at(3).action.angles for one in (first, second)]
+    assert np.array_equal(*chosen)
+    off = abs(sides(first) - sides(second)).max()
+    print(f"sides differ by {1e3 * off:.3f} mm")
+    assert off < CLOSE
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """An exploration that nobody killed, and its duration [s]."""
+    folder = tmp_path_factory.mktemp("whole")
+    began = time.monotonic()
+    Process(folder, ACTIONS).finish()
+    return kept(folder), time.monotonic() - began
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("trial", range(KILLS))
+def test_a_run_that_is_killed_at_any_moment_loses_nothing(whole, trial, tmp_path):
+    undisturbed, duration = whole
+    rng = np.random.default_rng([trial, 9])
+    process = Process(tmp_path, ACTIONS)
+    ran = process.kill(rng.uniform(0.0, duration))
+    left = kept(tmp_path)
+    Process(tmp_path, ACTIONS).finish()
+    ended = kept(tmp_path)
+    check_together(undisturbed, ended)
+    for step in left.steps:
+        assert ended.at(step.number).measurements == step.measurements
+        if step.estimate is not None:
+            assert ended.at(step.number).estimate.objective == step.estimate.objective
+    off = abs(sides(undisturbed) - sides(ended))
+    allowed = np.maximum(CLOSE, SIGMAS * np.hypot(sigma(undisturbed), sigma(ended)))
+    print(f"killed {ran}, {len(left.steps)} kept, {1e3 * off.round(6)} mm")
+    assert (off < allowed).all()
+    assert sorted(tmp_path.glob("*.npz")) == [tmp_path / KEPT]
