@@ -3,8 +3,10 @@
 By default fingertips are rigid and a body on the ground slides flat.  Where the
 likelihood costs more than the noise explains, the page is solved again from the optimum
 with that assumption given up: compliant fingertips, six unknowns a pose.  The larger
-model is kept where it lowers the objective by LARGER_MODEL nats or more: the logarithm
-of prior over posterior deviations, which its Laplace evidence loses, is about as much.
+model is kept where it lowers the objective by more than LARGER_MODEL nats, which is
+about what its Laplace evidence loses (the logarithm of prior over posterior
+deviations), and the spread of the likelihood: from another start noise alone is fitted
+better by about as much.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ import logging
 from dataclasses import replace
 
 from ..data.sensor_noise import variance_left
-from ..information.goodness_of_fit import NOTHING, Misfit, misfits
+from ..information.goodness_of_fit import NOTHING, misfits
 from ..problem.certificates import Skipped
 from ..problem.reductions import required_reductions, states_planar_motion
 from ..search.local_solve import (
@@ -25,18 +27,22 @@ from ..search.local_solve import (
     settings_of,
     solved_from,
 )
-from ..search.margins import LARGER_MODEL, POOR_FIT
+from ..search.margins import LARGER_MODEL
 
 log = logging.getLogger("tactilenlp")
 
 
-def misfit_of(job, solved: Solved) -> Misfit:
-    """Return what touches and free samples cost at a solution, and should cost."""
+def excess_of(job, solved: Solved) -> tuple[float, float]:
+    """Return the excess of the likelihood over its expectation, and the gain asked for.
+
+    Both in nats; no larger model can gain much more than the excess.
+    """
     problem, solution = solved.problem, solved.solution
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
     left = variance_left(job.data, job.precision)
     found = misfits(problem, x, data, solved.window, job.data, left)
-    return sum(found.values(), start=NOTHING)
+    total = sum(found.values(), start=NOTHING)
+    return total.excess, LARGER_MODEL + total.spread
 
 
 def with_soft_fingertips(job, page, solved, options, solve) -> tuple:
@@ -48,35 +54,31 @@ def with_soft_fingertips(job, page, solved, options, solve) -> tuple:
     best = solved[0]
     if not (may_be_soft(job, page) and best.solution.success):
         return job, solved
-    misfit = misfit_of(job, best)
-    if misfit.excess < LARGER_MODEL:
-        return job, [declined(best, RIGID, misfit.excess, "at most "), *solved[1:]]
+    excess, needed = excess_of(job, best)
+    if excess < needed:
+        return job, [declined(best, RIGID, excess, needed, "at most "), *solved[1:]]
     soft = replace(job, reductions=replace(job.reductions, rigid=False))
     levels = freed_levels(page.LEVELS, final=True) if job.reductions.planar else None
-    tried = [solved_from(soft, page, best.at, options, levels=levels)]
-    gain = _gain(best, tried[0])
-    if gain < LARGER_MODEL and misfit.excess > POOR_FIT * misfit.spread + LARGER_MODEL:
-        tried += solve(soft)
-        gain = max(_gain(best, one) for one in tried)
-    elif gain >= LARGER_MODEL:
-        tried += solve(soft)
-    if gain < LARGER_MODEL:
-        return job, [declined(best, RIGID, gain), *solved[1:]]
+    nearest = solved_from(soft, page, best.at, options, levels=levels)
+    freed = best_first([nearest, *solve(soft)])
+    gain = _gain(best, freed[0])
+    if gain < needed:
+        return job, [declined(best, RIGID, gain, needed), *solved[1:]]
     log.info("fingertips are soft: the objective falls by %.1f nats", gain)
-    return soft, best_first(tried)
+    return soft, freed
 
 
 def with_tilt(job, page, best: Solved, options) -> Solved:
     """Return the page in free motion where data ask for it, or the flat solve."""
     if not (may_tilt(job, page) and best.solution.success):
         return best
-    misfit = misfit_of(job, best)
-    if misfit.excess < LARGER_MODEL:
+    excess, needed = excess_of(job, best)
+    if excess < needed:
         return best
     free = replace(job, reductions=replace(job.reductions, planar=False))
     tilted = freed_to_tilt(free, page, best, settings_of(free, options), RESTART_MU)
     gain = _gain(best, tilted)
-    if gain < LARGER_MODEL:
+    if gain < needed:
         return best
     log.info("the body rocks: the objective falls by %.1f nats", gain)
     return replace(tilted, declined=best.declined)
@@ -99,13 +101,11 @@ def may_tilt(job, page) -> bool:
 RIGID = ("rigid", "compliance of the fingertips", "they are rigid unless data say so")
 
 
-def declined(solved: Solved, model, gain: float, bound: str = "") -> Solved:
+def declined(solved: Solved, model, gain, needed, bound: str = "") -> Solved:
     """Return a solve with the certificate that a larger model explains no more."""
     name, dropped, reason = model
     check = f"freeing it would lower the objective by {bound}[nats]"
-    skipped = Skipped(
-        name, dropped, reason, check, gain, LARGER_MODEL, gain < LARGER_MODEL
-    )
+    skipped = Skipped(name, dropped, reason, check, gain, needed, gain < needed)
     return replace(solved, declined=(*solved.declined, skipped))
 
 

@@ -18,7 +18,7 @@ from ..errors import TactileError
 from ..geometry.faces import SupportingPlanes, supporting_planes
 from ..geometry.transforms import rotation_of
 from ..information.finger_offsets import offsets_in_words
-from ..information.goodness_of_fit import Fit
+from ..information.goodness_of_fit import Fit, Misfit, TouchMisfit
 from ..information.information import Information
 from ..information.mixture import Modes
 from ..nlp.solution import Solution
@@ -231,5 +231,6 @@ ESTIMATE_CLASSES = {  # what a file of an estimate is made of
     for kind in (
         *(Estimate, Skipped, Information, Modes, Measurements),
         *(Scene, Ground, JointZeros, Hypothesis),
+        *(Fit, Misfit, TouchMisfit),
     )
 }

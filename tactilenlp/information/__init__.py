@@ -5,6 +5,7 @@ the Lagrangian is reduced to the null space of the active constraints, and all e
 marginalised by a Schur complement (Laplace approximation); nothing is solved here.
 
 - `information`, `tangent_space`, `polytope_information`, `unobserved`: what is known
+- `goodness_of_fit`: expected and actual cost of the likelihood, a verdict
 - `error_budget`: the list of errors that sigma covers (`TERMS`); `error_budget_terms`,
   `measurement_noise`, `finger_offsets`: each term;  `mixture`: several local optima
 - `sensitivity`, `comparisons`: parametric sensitivity; other kinds of information

@@ -27,7 +27,6 @@ CLOSE_OPTIMUM = 3.0  # optima within odds of 20 to 1 are all solved in free moti
 
 # Between a model and a larger one that contains it:
 LARGER_MODEL = 3.0  # that a freed assumption must gain: odds of 20 to 1
-POOR_FIT = 3.0  # [spreads] of excess over the expected misfit, besides LARGER_MODEL
 
 # Profile likelihood:
 PROFILE_RISE = (

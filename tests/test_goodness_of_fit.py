@@ -1,0 +1,94 @@
+"""The fit: expected costs are those of simulated noise; misfits are named."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from programmes import programme
+
+from formulations import sensing, violation_implicit
+from tactilenlp import Options, solve_estimate
+from tactilenlp.information.goodness_of_fit import (
+    HALF_SQUARE,
+    Fit,
+    Misfit,
+    TouchMisfit,
+    touch_moments,
+)
+
+DRAWS = 200_000
+
+
+@pytest.mark.parametrize(("gap", "normal"), [(1e-3, 0.087), (0.2e-3, 0.02), (0.0, 0.0)])
+def test_expected_touch_costs_are_the_mean_of_drawn_noise(recorded, gap, normal):
+    data, scene, _ = recorded
+    problem, window = programme(violation_implicit, data.select([0]), scene)
+    window = replace(window, sigma_position=gap, sigma_normal=normal)
+    given = problem.data({
+        "touch scale": np.hypot(violation_implicit.TOUCH, gap),
+        "normal scale": np.hypot(violation_implicit.NORMAL, normal),
+    })  # fmt: skip
+    mean, variance = touch_moments(problem, given, window, 1.0)
+    k = int(np.argmin(window.touch.latency))  # a finger that stays in contact
+    scales = [given[problem.parameters[n].span][0]
+              for n in ("touch scale", "normal scale")]  # fmt: skip
+    rng = np.random.default_rng(0)
+    phi = rng.normal(size=DRAWS) * np.hypot(gap, 0.045 * scales[0])
+    off = rng.normal(size=(DRAWS, 2)) * np.hypot(normal, 0.045 * scales[1])
+    cost = 4 * (np.sqrt(1 + (phi / (2 * scales[0])) ** 2) - 1)
+    cost += (off**2).sum(axis=1) / (2 * scales[1] ** 2)
+    bound = window.outlier_cost
+    drawn = bound - np.logaddexp(0, bound - cost) + np.logaddexp(0, -bound)
+    assert float(sensing.mixture(3.0, bound)) == pytest.approx(
+        bound - np.logaddexp(0, bound - 3.0) + np.logaddexp(0, -bound)
+    )
+    error = 4 * drawn.std() / np.sqrt(DRAWS)  # of the mean of the draws
+    assert mean[k] == pytest.approx(drawn.mean(), abs=error + 1e-6)
+    assert variance[k] == pytest.approx(drawn.var(), rel=0.05, abs=1e-9)
+
+
+def test_the_integrals_over_free_samples_are_right():
+    s = np.linspace(0, 60, 600_001)
+    cost = np.log1p(np.exp(-s))
+    step = s[1]
+    assert cost.sum() * step == pytest.approx(np.pi**2 / 12, abs=1e-4)
+    assert (cost**2).sum() * step == pytest.approx(HALF_SQUARE, abs=1e-4)
+
+
+def test_the_shipped_recording_fits_well_and_nothing_is_widened(estimate):
+    fit = estimate.fit
+    assert fit.verdict == "good"
+    assert fit.widening == 1.0
+    assert fit.actual == pytest.approx(
+        sum(estimate.costs[name] for name in ("touch", "free"))
+    )
+    assert sum(t.misfit.actual for t in fit.touches) == pytest.approx(
+        estimate.costs["touch"]
+    )
+    assert "The fit is good" in estimate.summary()
+
+
+def test_a_contradiction_is_named_by_finger_and_action(recorded):
+    data, scene, _ = recorded
+    data = data.select([0, 1])
+    told = data.finger_position.copy()
+    rows = (data.action == 1)[:, None] & data.contact & data.valid
+    finger = int(np.argmax(rows.sum(axis=0)))
+    told[data.action == 1, finger] += [0.0, 0.0, 4e-3]  # its kinematics are wrong
+    told[data.action == 1, finger] += 3e-3 * data.normal[rows[:, finger], finger][0]
+    wrong = replace(data, finger_position=told)
+    lean = Options(hypotheses=1, starts=1, rivals=False)
+    right, off = (
+        solve_estimate(d, scene, options=lean, throw=False) for d in (data, wrong)
+    )
+    assert right.fit.verdict == "good"
+    assert off.fit.actual > right.fit.actual
+
+
+def test_words_and_verdict_of_a_bad_fit():
+    touch = Misfit(41.0, 9.0, 4.0)
+    fit = Fit("bad", {"touch": touch}, (TouchMisfit(3, 1, touch),), 2.0)
+    assert fit.actual == 41.0
+    assert "touches of finger 1 in action 3 cost 41 nats where 9 ± 4" in fit.text
+    assert "not to be trusted" in fit.text
+    assert "multiplied by 2.0" in fit.text
