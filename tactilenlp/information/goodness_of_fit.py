@@ -3,8 +3,9 @@ r"""Goodness of fit: what the likelihood terms cost at the solution, and should 
 A touched sample costs touch(phi / sigma) + |n - n_m|^2 / (2 sigma_n^2), bounded by the
 outlier cost (likelihood.py of the pages).  Under the noise model its gap and the two
 components of its normal are Gaussian; mean and variance of the cost follow by
-Gauss-Hermite and Gauss-Laguerre quadrature.  A touched sample without a touched
-neighbour in time is most likely a wrong boolean, and costs the bound.  A free sample
+Gauss-Hermite and Gauss-Laguerre quadrature.  Where sensors are noisy, a
+touched sample without a touched neighbour in time is most likely a wrong boolean, and
+costs the bound.  A free sample
 next to a touch lies uniformly between the surface and the way of the finger in a
 sample, so that
 
@@ -208,7 +209,7 @@ def touch_moments(problem, data, window, smoothing: float):
     cost = _bounded(cost, window.outlier_cost)
     mean = (cost * weight).sum(axis=(1, 2))
     variance = (cost**2 * weight).sum(axis=(1, 2)) - mean**2
-    lone = lone_touches(touch)
+    lone = lone_touches(touch) & (smoothing < 1)
     return np.where(lone, window.outlier_cost, mean), np.where(lone, 1.0, variance)
 
 
