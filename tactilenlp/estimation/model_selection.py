@@ -1,7 +1,7 @@
 """Free what a page holds fixed where the data ask for it: selection of nested models.
 
-By default fingertips are rigid and a body on the ground slides flat.  Where the
-likelihood costs more than the noise explains, the page is solved again from the optimum
+By default fingertips are rigid and a body on the ground slides flat.  Where touches
+cost more than the noise explains, the page is solved again from the optimum
 with that assumption given up: compliant fingertips, six unknowns a pose.  The larger
 model is kept where it lowers the objective by more than LARGER_MODEL nats, which is
 about what its Laplace evidence loses (the logarithm of prior over posterior
@@ -33,7 +33,7 @@ log = logging.getLogger("tactilenlp")
 
 
 def excess_of(job, solved: Solved) -> tuple[float, float]:
-    """Return the excess of the likelihood over its expectation, and the gain asked for.
+    """Return the excess of the touches over their expected cost, and the gain asked for.
 
     Both in nats; no larger model can gain much more than the excess.
     """
@@ -41,8 +41,8 @@ def excess_of(job, solved: Solved) -> tuple[float, float]:
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
     left = variance_left(job.data, job.precision)
     found = misfits(problem, x, data, solved.window, job.data, left)
-    total = sum(found.values(), start=NOTHING)
-    return total.excess, LARGER_MODEL + total.spread
+    touches = found.get("touch", NOTHING)
+    return touches.excess, LARGER_MODEL + touches.spread
 
 
 def with_soft_fingertips(job, page, solved, options, solve) -> tuple:
