@@ -46,6 +46,7 @@ def test_help_is_there_for_every_command():
         assert "usage: python -m tactilenlp" in done.stdout
 
 
+@pytest.mark.slow
 def test_a_box_is_explored_taken_up_again_and_reported(tmp_path, capsys):
     file = tmp_path / "box.npz"
     words = ["explore", str(file), "--sides", "0.05", "0.035", "0.04", "--seed", "3"]

@@ -91,6 +91,7 @@ def test_links_to_files_lead_somewhere(page):
             assert ((ROOT / page).parent / target).exists(), target
 
 
+@pytest.mark.slow
 def test_the_reference_is_built_without_warnings(tmp_path):
     pdoc = pytest.importorskip("pdoc", reason="pdoc is not installed (extra: test)")
     for name in tactilenlp.__all__:  # they are imported when they are first asked for

@@ -61,6 +61,7 @@ def test_impulses_leave_the_exact_friction_cone_by_less_than_its_rounding(estima
     assert estimate.violations["finger cone"] < 1e-6
 
 
+@pytest.mark.slow
 def test_truth_keys_of_a_file_are_never_read(recorded, tmp_path):
     _, _, truth = recorded
     rng = np.random.default_rng(0)
@@ -84,6 +85,7 @@ def test_truth_keys_of_a_file_are_never_read(recorded, tmp_path):
     assert np.array_equal(a.side_lengths, b.side_lengths)
 
 
+@pytest.mark.slow
 def test_a_ground_at_37_mm_gives_the_same_estimate_shifted(recorded):
     data, scene, _ = recorded
     data = data.select(range(2))
@@ -99,6 +101,7 @@ def test_a_ground_at_37_mm_gives_the_same_estimate_shifted(recorded):
     assert high.side_lengths[2] == pytest.approx(low.side_lengths[2], abs=1e-5)
 
 
+@pytest.mark.slow
 def test_a_tilted_ground_gives_the_same_estimate_turned(recorded):
     from scipy.spatial.transform import Rotation
 
@@ -115,6 +118,7 @@ def test_a_tilted_ground_gives_the_same_estimate_turned(recorded):
     assert np.allclose(pushed, flat.impulses["finger 0"], atol=1e-4)
 
 
+@pytest.mark.slow
 def test_the_same_input_gives_the_same_digits(recorded):
     data, scene, _ = recorded
     data = data.select(range(2))
@@ -159,6 +163,7 @@ def test_the_default_scene_needs_one_argument(recorded):
     assert estimate.success
 
 
+@pytest.mark.slow
 def test_unknown_friction_becomes_an_unknown_with_a_prior(recorded):
     data, scene, _ = recorded
     unknown = replace(scene, friction_ground=None, friction_finger=None)
@@ -185,6 +190,7 @@ def test_single_false_contacts_are_no_touch(recorded):
         solve_estimate(replace(data, contact=contact, normal=normal))
 
 
+@pytest.mark.slow
 def test_a_tumbling_object_is_followed_in_free_motion(scenes):
     import trimesh
     from trimesh.transformations import quaternion_matrix, translation_matrix
@@ -240,6 +246,7 @@ def test_options_out_of_range_are_refused(wrong):
         Options(**wrong)
 
 
+@pytest.mark.slow
 def test_a_process_pool_gives_the_same_digits(recorded):
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
@@ -252,6 +259,7 @@ def test_a_process_pool_gives_the_same_digits(recorded):
     assert np.array_equal(spread.position, serial.position)
 
 
+@pytest.mark.slow
 def test_summary_says_what_was_not_observed(recorded):
     data, scene, _ = recorded
     first = solve_estimate(data.select([0]), scene)

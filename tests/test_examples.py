@@ -28,6 +28,7 @@ def run(example, folder, *arguments):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
 def test_an_example_runs_and_ends_with_a_sentence(example, tmp_path, request):
     if example.stem == TOSSED:
@@ -52,6 +53,7 @@ def test_an_example_is_short_and_has_no_helpers(example):
     assert "sys.path" not in text
 
 
+@pytest.mark.slow
 def test_the_first_example_takes_a_recording_and_a_picture(tmp_path):
     recording = RECORDED
     done = run(EXAMPLES[0], tmp_path, recording, tmp_path / "mine.png")

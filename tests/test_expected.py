@@ -84,6 +84,7 @@ def test_an_action_that_meets_nothing_tells_next_to_nothing():
     assert 0 <= far < 0.01 < 1 < near
 
 
+@pytest.mark.slow
 def test_the_prediction_agrees_with_a_simulation_of_the_same_body():
     """Contacts sample by sample; the way of the body to a few millimetres."""
     rng, off, wrong, felt = np.random.default_rng(5), [], 0, 0

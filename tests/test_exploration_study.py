@@ -79,6 +79,7 @@ def test_a_study_that_was_interrupted_runs_only_what_is_missing(
     assert "band below 10 mm after 1 + 1" in text
 
 
+@pytest.mark.slow
 def test_a_trial_is_the_same_object_and_first_touch_under_every_policy(modules):
     study, _ = modules
     a, b = (study.run(3, policy, "ours", 0, 10) for policy in ("eig", "random"))
@@ -105,6 +106,7 @@ def test_platonic_solids_lie_on_a_face_and_fill_a_sphere_of_two_centimetres(modu
         assert np.linalg.norm(world.pose[:2]) < 0.021
 
 
+@pytest.mark.slow
 def test_a_platonic_solid_is_explored_and_every_error_told(modules):
     study, _ = modules
     rows = study.run(3, "eig", "ours", 1, 10, "polytope")

@@ -76,6 +76,7 @@ def test_a_few_chosen_actions_find_the_box(whole):
     assert steps[2].errors == {}  # a Recorder tells no truth
 
 
+@pytest.mark.slow
 def test_an_exploration_of_a_world_that_knows_its_truth_is_judged(whole):
     steps, _ = whole
     world = fresh()
@@ -88,6 +89,7 @@ def test_an_exploration_of_a_world_that_knows_its_truth_is_judged(whole):
     assert again[0].errors["surface"] > again[2].errors["surface"]
 
 
+@pytest.mark.slow
 def test_an_exploration_that_was_interrupted_goes_on_without_losing_an_action(
     whole, tmp_path
 ):
@@ -197,6 +199,7 @@ def test_exploration_goes_on_until_the_last_size_is_as_sure_as_wanted(whole, tmp
         assert took == min(enough, default=3)
 
 
+@pytest.mark.slow
 def test_a_guess_wholly_outside_the_object_recovers(whole):
     """The estimate is 7 cm off: what was touched says where to go."""
     steps, _ = whole

@@ -77,6 +77,7 @@ def costs(problem, values):
     return {name: problem.value(name, x, data).sum() for name in problem.costs}
 
 
+@pytest.mark.slow
 def test_a_hull_that_slides_costs_the_same_in_free_motion(slid):
     data, scene, vertices, x = slid
     free = lifted(vertices.ravel(), x, SHAPE)
@@ -135,6 +136,7 @@ def test_moving_a_floating_hull_and_its_fingers_costs_nothing(slid):
         assert other[name] == pytest.approx(cost, rel=1e-4, abs=1e-7), name
 
 
+@pytest.mark.slow
 def test_what_falls_needs_no_impulse_and_what_hangs_does(slid):
     data, scene, vertices, x = slid
     scene = replace(scene, ground=None)
@@ -222,6 +224,7 @@ def test_rotations_end_upright_however_far_they_came():
     np.testing.assert_allclose(np.linalg.norm(w, axis=1), -angle, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_legs_of_a_rigid_body_move_as_its_poses_do(slid):
     data, scene, vertices, x = slid
     square = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]) * 0.015

@@ -23,6 +23,7 @@ def test_positions_come_back_within_the_quantisation_of_the_encoders(recorded):
     assert np.abs(back.time - data.time).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_the_estimate_from_the_wires_is_that_from_the_simulator(recorded, estimate):
     from tactilenlp import solve_estimate
 

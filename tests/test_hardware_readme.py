@@ -20,6 +20,7 @@ README = Path(__file__).resolve().parents[1] / "hardware" / "README.md"
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", README.read_text(), re.S)
 
 
+@pytest.mark.slow
 def test_every_block_runs_in_its_order(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     names = {}

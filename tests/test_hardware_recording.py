@@ -44,6 +44,7 @@ def test_a_recording_gives_the_measurements_that_were_made_live(taped):
     assert again.valid.all()
 
 
+@pytest.mark.slow
 def test_pictures_and_buses_come_back_to_the_last_bit(tmp_path):
     data, origin = recorded("densetact", tmp_path / "tape")
     fingers = Recording(tmp_path / "tape").fingers()

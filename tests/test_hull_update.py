@@ -46,6 +46,7 @@ def rejected_an_update(caplog):
     return any("update rejected" in record.getMessage() for record in caplog.records)
 
 
+@pytest.mark.slow
 def test_an_action_more_ends_no_worse_than_all_from_scratch(octahedron, early, caplog):
     data, scene = octahedron[0].select(range(4)), octahedron[1]
     caplog.set_level(logging.INFO, "tactilenlp")
@@ -58,6 +59,7 @@ def test_an_action_more_ends_no_worse_than_all_from_scratch(octahedron, early, c
     assert later.seconds["search"] == 0 < whole.seconds["search"]
 
 
+@pytest.mark.slow
 def test_a_touch_that_no_hull_explains_sends_the_whole_way(octahedron, early, caplog):
     data, scene = octahedron[0].select(range(4)), octahedron[1]
     wrong = early.unknowns["theta"] * [[0.5], [0.5], [1.0]]  # far inside every touch

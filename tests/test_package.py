@@ -59,6 +59,7 @@ def test_the_versions_of_code_and_citation_agree():
     assert f"## {cited.group(1)}" in (ROOT / "CHANGELOG.md").read_text()
 
 
+@pytest.mark.slow
 def test_the_shape_of_the_formulations_readme_is_estimated_as_printed():
     text = (ROOT / "formulations" / "README.md").read_text()
     code = re.findall(r"```python\n(.*?)```", text, re.S)[1]

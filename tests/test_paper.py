@@ -273,6 +273,7 @@ def test_derivatives_agree_with_finite_differences(free):
     assert report.assembled < 1e-4
 
 
+@pytest.mark.slow
 def test_two_actions_end_converged_or_in_the_typed_error(recorded):
     data, scene = recorded[0].select([0, 1]), recorded[1]
     try:
@@ -291,6 +292,7 @@ def test_two_actions_end_converged_or_in_the_typed_error(recorded):
     np.testing.assert_allclose(total[moved], 1.0, atol=0.1)
 
 
+@pytest.mark.slow
 def test_without_ground_or_gravity_the_page_has_neither(recorded):
     data, scene, _ = recorded
     loose = Scene(scene.mass, ground=None, gravity=0.0, friction_finger=None)

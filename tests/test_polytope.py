@@ -75,6 +75,7 @@ def test_distance_and_normal_are_those_of_the_exact_hull():
     assert angle.max() < 0.1  # where the feature changes, over SMALL
 
 
+@pytest.mark.slow
 def test_the_nearest_point_is_found_on_large_faces_and_by_their_edges():
     rng = np.random.default_rng(4)
     for sides in rng.uniform(0.01, 0.1, (20, 3)):

@@ -42,6 +42,7 @@ def total(problem, values):
     return sum(problem.value(name, x, data).sum() for name in problem.costs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slippery", ["finger", "ground", "both"])
 def test_without_friction_no_tangential_impulse_is_possible_and_none_is_paid(
     found, slippery
@@ -138,6 +139,7 @@ def errors_of(estimate, world):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", [None, Guess(SIDES + 5e-3, AT + 4e-3, 0.2)])
 def test_a_floating_box_is_followed_as_it_turns(floating, start):
     data, scene = floating.measurements, Scene(ground=None, gravity=0.0)
@@ -188,6 +190,7 @@ def with_capsules(data, length, rng):
     return replace(data, finger_position=p, finger_orientation=q)
 
 
+@pytest.mark.slow
 def test_capsules_measure_a_box_as_well_as_spheres(recorded):
     data, scene, truth = recorded
     length, data = 0.03, data.select(range(3))

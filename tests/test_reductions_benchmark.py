@@ -39,6 +39,7 @@ def test_denser_data_keep_their_samples_and_the_gaps_between_actions(
     assert gap == pytest.approx(np.diff(data.time)[first[1:]])
 
 
+@pytest.mark.slow
 def test_what_a_hull_left_out_as_far_or_absent_is_put_back_at_no_gain(
     benchmarks, recorded
 ):

@@ -53,6 +53,7 @@ def test_an_error_does_not_depend_on_how_the_sides_are_named(study, quarters):
     assert off == pytest.approx([0.001, 0, 0, 0.002, 0, 0.01], abs=1e-12)
 
 
+@pytest.mark.slow
 def test_a_trial_goes_through_all_wires_and_is_judged_again(study, tmp_path):
     told = study.run(3, "random", 0, 60, tmp_path)
     assert [row["step"] for row in told] == [0]

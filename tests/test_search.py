@@ -9,6 +9,7 @@ from tactilenlp import Guess, Options, solve_estimate
 from tactilenlp.errors import StartError
 
 
+@pytest.mark.slow
 def test_a_guess_of_the_user_starts_the_search(recorded):
     data, scene, truth = recorded
     x, y, z = truth["object_position"][0]

@@ -126,6 +126,7 @@ def begun(recorded):
     return solved
 
 
+@pytest.mark.slow
 def test_single_and_multiple_shooting_find_the_same_motion(begun, recorded):
     single, multiple = begun(shooting), begun(multiple_shooting)
     assert single.solution.success
@@ -142,6 +143,7 @@ def test_single_and_multiple_shooting_find_the_same_motion(begun, recorded):
         assert np.abs(off).max() < 0.5e-3
 
 
+@pytest.mark.slow
 def test_complementarity_is_solved_to_a_small_residual(begun):
     found = begun(complementarity)
     assert found.solution.success
@@ -155,6 +157,7 @@ def test_complementarity_is_solved_to_a_small_residual(begun):
     assert gap.min() > -1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", [multiple_shooting, complementarity])
 def test_hard_physics_are_doubted_as_much_as_penalised_ones(begun, page):
     """An impulse may be missing: it moves the last pose, not a size felt twice."""
@@ -182,6 +185,7 @@ def build(nlp, window, scene, shape):
 """
 
 
+@pytest.mark.slow
 def test_an_edited_equation_reaches_estimate_information_and_gain(
     recorded, tmp_path, monkeypatch
 ):
@@ -235,6 +239,7 @@ def test_a_page_of_planar_motion_asks_for_a_ground(recorded):
         )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_envelope_gradient_is_that_of_the_inner_minimum(begun):
     """The paper's descent: min over impulses, then the loss's own slope there."""
     found = begun(paper)

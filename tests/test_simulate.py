@@ -135,6 +135,7 @@ def test_convex_body_has_the_inertia_of_uniform_density():
     np.testing.assert_allclose(np.sort(model.body_inertia[1]), expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_raised_ground_shifts_everything_and_nothing_else():
     up = np.array([0, 0, 0.037])
     low, high = World(SIZES), World(SIZES, ground=0.037)

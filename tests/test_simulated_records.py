@@ -78,6 +78,7 @@ def test_saved_world_loads_as_measurements_and_keeps_its_truth(pushed, tmp_path)
         World(SIZES, settle=0).save(tmp_path / "nothing.npz")
 
 
+@pytest.mark.slow
 def test_equal_worlds_record_equal_data_to_the_last_digit(pushed):
     noise = Noise(1e-3, 1e-3, 0.1, 0.05, 0.05, seed=4)
     a, b = World(SIZES, noise=noise), World(SIZES, noise=noise)
@@ -89,6 +90,7 @@ def test_equal_worlds_record_equal_data_to_the_last_digit(pushed):
         np.testing.assert_array_equal(value, getattr(pushed[0].truth, name))
 
 
+@pytest.mark.slow
 def test_a_record_of_another_rate_sees_the_same_motion():
     slow, fast = World(SIZES), World(SIZES, rate=120)
     seldom, often = slow.execute(push()), fast.execute(push())

@@ -7,6 +7,7 @@ from tactilenlp import Options, solve_estimate
 from tactilenlp.problem import certificates
 
 
+@pytest.mark.slow
 def test_every_reduction_can_be_switched_off_alone(recorded):
     data, scene, _ = recorded
     data = data.select(range(2))
@@ -23,6 +24,7 @@ def test_every_reduction_can_be_switched_off_alone(recorded):
         assert full.objective == pytest.approx(reduced.objective, abs=less)
 
 
+@pytest.mark.slow
 def test_free_motion_ends_beside_the_optimum_of_a_box_that_slides(estimate, recorded):
     options = Options(reduce="planar")
     free = solve_estimate(estimate.measurements, recorded[1], options=options)
@@ -42,6 +44,7 @@ def test_a_body_at_rest_does_not_creep(estimate):
         assert np.ptp(estimate.position[before], axis=0).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_still_spans_that_are_doubted_get_poses_of_their_own_where_they_would_move(
     recorded, monkeypatch
 ):

@@ -39,6 +39,7 @@ def asked(folder, **changes):
     return Namespace(**given | changes)
 
 
+@pytest.mark.slow
 def test_the_fast_core_passes_every_rule(suite, tmp_path):
     rows = suite.suite(asked(tmp_path))
     assert [suite.said(r) for r in rows if not r["passed"]] == []
@@ -83,6 +84,7 @@ def test_a_cell_that_takes_its_process_along_is_a_hang_and_the_others_go_on(suit
     assert by_value == {"1e-6": None, "1e-4": suite.HANG, "1e-2": None}
 
 
+@pytest.mark.slow
 def test_the_suite_on_processes_ends_and_leaves_none_behind(tmp_path):
     words = ["--axes", "internal units", "--ways", "quasi-static", "--workers", "2"]
     suite = [sys.executable, BENCHMARKS / "stability.py", tmp_path, *words]

@@ -43,6 +43,7 @@ def pressed(monkeypatch):
     return press
 
 
+@pytest.mark.slow
 def test_a_search_leaves_the_actions_it_is_through_with(recorded, pressed, monkeypatch):
     from tactilenlp.search import beam as search
 
@@ -94,6 +95,7 @@ def test_rough_levels_of_a_race_are_better_than_least_motion(recorded, pressed):
     assert found.impulses["finger 0"].any()
 
 
+@pytest.mark.slow
 def test_a_search_for_a_polytope_leaves_what_its_planes_carve_out(pressed, monkeypatch):
     from tactilenlp.search import polytope_init as polytopes
 
@@ -125,6 +127,7 @@ def test_before_anything_is_found_there_is_nothing(recorded, pressed):
     assert not isinstance(stop.value, Exception)  # no `except Exception` swallows it
 
 
+@pytest.mark.slow
 def test_a_real_ctrl_c_ends_the_command_and_leaves_a_file(tmp_path):
     """The signal meets compiled code, as it does at a terminal."""
     saved = tmp_path / "estimate.npz"

@@ -25,6 +25,7 @@ def test_what_curves_down_is_held_by_nothing():
     )
 
 
+@pytest.mark.slow
 def test_after_a_touch_from_above_the_ground_place_is_unobserved_but_bounded(recorded):
     data, scene, _ = recorded
     found = solve_estimate(data.select([0]), scene).information
