@@ -48,6 +48,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("page", "code"), blocks("python", "py"))
 def test_python_runs_as_printed(page, code, folder, monkeypatch):
     # What a block takes as given: one more action, recorded later.

@@ -10,6 +10,7 @@ from tactilenlp.errors import NoContactError, NotConverged, OptionError, StartEr
 from tactilenlp.evaluation.metrics import cuboid_errors, surface_distance
 
 
+@pytest.mark.slow
 def test_side_lengths_touched_on_both_sides_are_right_to_a_fifth_of_a_millimetre(
     recorded,
 ):
@@ -139,6 +140,7 @@ def test_save_and_load_round_trip_to_the_last_digit(estimate, tmp_path):
     assert again.options["seed"] == 0
 
 
+@pytest.mark.slow
 def test_a_loaded_estimate_carries_on(recorded, estimate, tmp_path):
     data, scene, _ = recorded
     estimate.save(tmp_path / "e.npz")
@@ -156,6 +158,7 @@ def test_a_start_from_other_data_is_refused(recorded, estimate):
         solve_estimate(data.select([0, 2]), scene, start=estimate)
 
 
+@pytest.mark.slow
 def test_the_default_scene_needs_one_argument(recorded):
     data, _, _ = recorded
     estimate = solve_estimate(data.select(range(2)))

@@ -86,7 +86,9 @@ def test_derivatives_with_offsets_are_those_of_finite_differences(
     assert max(worst, report.assembled) < 1e-4, str(report)
 
 
-@pytest.mark.parametrize("page", [quasi_static, violation_implicit])
+@pytest.mark.parametrize(
+    "page", [quasi_static, pytest.param(violation_implicit, marks=pytest.mark.slow)]
+)
 def test_an_offset_is_the_same_as_fingers_elsewhere(recorded, page):
     data, scene, _ = recorded
     data = data.select([0, 1])
@@ -119,6 +121,7 @@ def certain(recorded):
     return lean(data.select(range(2)), replace(scene, sigma_offset=1e-9))
 
 
+@pytest.mark.slow
 def test_a_prior_that_is_certain_is_the_same_as_none(certain, exact):
     again = certain
     assert again.objective == pytest.approx(exact.objective, abs=1e-4)
@@ -228,6 +231,7 @@ def test_what_is_known_of_body_and_offsets_marginalises_to_the_body(told):
     assert np.allclose(C, np.linalg.inv(information.matrix), rtol=1e-6, atol=0)
 
 
+@pytest.mark.slow
 def test_a_certain_prior_tells_of_an_action_what_none_does(certain, exact, action):
     gains = [
         ExpectedInformation(e, action.workspace, hypotheses=1).gain(action)

@@ -101,7 +101,9 @@ def test_derivatives_are_those_of_finite_differences(
     assert max(worst, report.assembled) < 1e-4, str(report)
 
 
-@pytest.mark.parametrize("page", [quasi_static, violation_implicit])
+@pytest.mark.parametrize(
+    "page", [quasi_static, pytest.param(violation_implicit, marks=pytest.mark.slow)]
+)
 def test_an_offset_is_the_same_as_fingers_elsewhere_and_turned(recorded, joints, page):
     data, scene, _ = recorded
     data, e = data.select([0, 1]), 1e-3 * np.array([[1.5, -1.0, 0.5], [-2.0, 1.0, 0.4]])
