@@ -24,7 +24,7 @@ from tactilenlp import (
 )
 from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.nlp.ipopt import solve
-from tactilenlp.problem.reductions import Reductions, insisted, reduce
+from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 
 recording = example_recording()
 picture = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("shooting.png")
@@ -48,7 +48,9 @@ for name in ("shooting", "violation_implicit"):
 
     # Build the same problem again; change that side, and keep the other unknowns.
     page, known, losses = import_module(f"formulations.{name}"), estimate.unknowns, []
-    window = reduce(data, scene, CUBOID, precision, insisted(page, Reductions()))
+    window = reduce(
+        data, scene, CUBOID, precision, required_reductions(page, Reductions())
+    )
     problem = Problem()
     page.build(problem, window, scene, CUBOID)
     for offset in offsets:

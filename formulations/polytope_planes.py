@@ -4,17 +4,16 @@ r"""Poses and observed supporting planes: the path of a convex body of unknown s
        + sum_links  |n_i - n_j|^2 / (2 FACE^2) + (b_i - b_j)^2 / (2 OFFSET^2) (one face)
        + sum_pairs  max(n_j . c_i - b_j, 0)^2 / (2 sigma^2)                   (behind)
        + sum_free   max(rho - |R'(r - p) - c_i|, 0)^2 / (2 sigma^2)           (outside)
-       + sum_slips  SLIP (sqrt(|c_i - c_j|^2 + WAY_EPS^2) - WAY_EPS)          (slip)
+       + sum_slips  SLIP_WEIGHT (sqrt(|c_i - c_j|^2 + WAY_EPS^2) - WAY_EPS)   (slip)
        + ((|m_i|^2 - 1) / UNIT)^2 / 2,   n_i = m_i / |m_i|             (unit length)
        + least motion, between actions         (quasi_static.py, between_actions.py)
     over x_k, m_i, b_i
 
-The cost of an instance of the first four lines is bounded (sensing.mixture).  Nothing
-is assumed of the shape but that it is convex: a touch says that the body lies behind a
-plane n_i . q <= b_i through the contact point c_i = R'(r - p) - rho n_i.  Most
-successive touches of a finger are on one face (a link), some roll over an edge.  The
-last pose is held: the body's axes are the world's at the last sample, its origin on
-the ground below its middle.
+The cost of an instance of the first four lines is bounded (sensing.mixture).  Of the
+shape only convexity is assumed: a touch says that the body lies behind a plane
+n_i . q <= b_i through the contact point c_i = R'(r - p) - rho n_i.  Most successive
+touches of a finger are on one face (a link), some roll over an edge.  The last pose is
+held: the body's axes are the world's at the last sample, its origin on the ground.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ FACE = 0.01  # [rad] deviation of the normals of two touches of one face
 OFFSET = 0.1e-3  # [m] deviation of their offsets
 FACE_COST = 1.5  # [nats] for two successive touches that are not of one face
 PAIR_COST = 3.0  # [nats] that one pair of touches can cost: they may be of a wrong pose
-SLIP = 100.0  # [nats / m] price of a finger's slip along the body
+SLIP_WEIGHT = 100.0  # [nats / m] price of a finger's slip along the body
 UNIT = 0.1  # [-] deviation of the length of the vector whose direction is a normal
 
 
@@ -130,7 +129,7 @@ class Touched:
     def slip(self, x, x_1, plane, plane_1, p_wf, rho, p_wf_1):
         c = self.contact(x, plane, p_wf, rho)
         c_1 = self.contact(x_1, plane_1, p_wf_1, rho)
-        return SLIP * (ca.sqrt(ca.sumsqr(c - c_1) + WAY_EPS**2) - WAY_EPS)
+        return SLIP_WEIGHT * (ca.sqrt(ca.sumsqr(c - c_1) + WAY_EPS**2) - WAY_EPS)
 
 
 def one_face(plane, other):

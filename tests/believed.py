@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from tactilenlp import Estimate, Scene, Workspace
-from tactilenlp.information.mixture import single
+from tactilenlp.information.mixture import one_mode
 
 SPACE = Workspace()
 NAMES = ("side x", "side y", "side z", "position x", "position y", "rotation z")
@@ -34,7 +34,7 @@ def informed(matrix, spread=None):
     """Return what stands for the information of one mode; by itself sigma is exact."""
     spread = np.linalg.inv(matrix) if spread is None else spread
     names = NAMES if len(matrix) == len(NAMES) else WHOLE
-    modes = single(0.0, spread)
+    modes = one_mode(0.0, spread)
     return SimpleNamespace(names=names, matrix=matrix, spread=spread, modes=modes)
 
 

@@ -35,12 +35,10 @@ def squeezed(*body, **about):
 
 @pytest.fixture(scope="module")
 def not_compiled():
-    """Compile no kind for a few terms that is not compiled already."""
-    from tactilenlp.nlp import term_functions as kind
+    """Compile no term function for a few terms that is not compiled already."""
+    from tactilenlp.nlp.term_functions import TermFunctionCache
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(kind, "_cache", {})
-        patch.setattr(kind, "compiled", lambda functions, origin: functions)
+    with TermFunctionCache(compile=False).as_default():
         yield
 
 
@@ -125,13 +123,12 @@ def truth(recorded, touched):
 
 
 @pytest.fixture
-def interpreted(monkeypatch):
-    """Derive every kind anew, evaluate it by the virtual machine, compile nothing."""
-    from tactilenlp.nlp import term_functions as kind
+def interpreted():
+    """Derive every term function anew, evaluated by the virtual machine: its cache."""
+    from tactilenlp.nlp.term_functions import TermFunctionCache
 
-    monkeypatch.setattr(kind, "_cache", {})
-    monkeypatch.setattr(kind, "kept", lambda names, origin: None)
-    monkeypatch.setattr(kind, "compiled", lambda functions, origin: functions)
+    with TermFunctionCache(read=False, compile=False).as_default() as cache:
+        yield cache
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""Problems of a page that says ALIKE share kinds: one trace of a term holds for all."""
+"""Problems of a page that says ALIKE share term functions."""
 
 import gc
 import pickle
@@ -62,34 +62,36 @@ def test_a_term_is_the_same_function_whatever_else_its_window_holds(
     made = replace(few.reductions, planar=not free)
     few = replace(few, reductions=replace(made, still=False, far=False, absent=False))
     more = replace(more, reductions=made)
-    one, other = (problem_of(job, page).kinds for job in (few, more))
+    one, other = (problem_of(job, page).term_functions for job in (few, more))
     common = one.keys() & other.keys()
     assert len(common) >= 4
     for key in common:
         assert one[key].value.serialize() == other[key].value.serialize(), key
 
 
-def test_problems_of_one_job_share_kinds_but_not_those_of_another_motion():
+def test_problems_of_one_job_share_term_functions_but_not_those_of_another_motion():
     job = job_of(violation_implicit, CUBOID, "cuboid", 1)
     first, again = (problem_of(job, violation_implicit) for _ in range(2))
-    assert first.kinds
-    assert first.kinds is again.kinds
+    assert first.term_functions
+    assert first.term_functions is again.term_functions
     free = replace(job, reductions=replace(job.reductions, planar=False))
-    assert problem_of(free, violation_implicit).kinds is not first.kinds
-    assert problem_of(job, quasi_static).kinds is not first.kinds
+    assert (
+        problem_of(free, violation_implicit).term_functions is not first.term_functions
+    )
+    assert problem_of(job, quasi_static).term_functions is not first.term_functions
 
 
 def test_a_page_that_does_not_say_so_shares_nothing():
     job = job_of(shooting, CUBOID, "cuboid", 1)
     first, again = (problem_of(job, shooting) for _ in range(2))
-    assert first.kinds is not again.kinds
+    assert first.term_functions is not again.term_functions
     assert not job.functions
 
 
 def test_an_estimate_leaves_its_term_functions_to_who_goes_on_from_it():
     session = Session()
     job = job_of(quasi_static, CUBOID, "cuboid", 1)
-    kinds = problem_of(job, quasi_static).kinds
+    functions = problem_of(job, quasi_static).term_functions
     origin = Hypothesis(np.full(3, 0.04), np.zeros((3, 1)), 0.0, ())
     start = SimpleNamespace(origin=origin)
     session.keep(start, job, quasi_static)
@@ -98,7 +100,7 @@ def test_an_estimate_leaves_its_term_functions_to_who_goes_on_from_it():
         return session.functions_for(start, scene, CUBOID, quasi_static)
 
     more = replace(job, functions=known(start, job.scene))
-    assert problem_of(more, quasi_static).kinds is kinds
+    assert problem_of(more, quasi_static).term_functions is functions
     assert not known(start, replace(job.scene, mass=7.0))
     assert not known(SimpleNamespace(origin=replace(origin)), job.scene)
     assert not known(None, job.scene)

@@ -37,12 +37,12 @@ def test_a_good_problem_passes_its_check():
 def test_a_wrong_derivative_is_found_and_named(which):
     problem = merged()
     term = problem.constraints["lever"]
-    right = getattr(term.kind, which)
+    right = getattr(term.function, which)
     symbols = [ca.MX.sym("s", *right.size_in(i)) for i in range(right.n_in())]
     out = right.call(symbols)
     wrong = ca.Function("wrong", symbols, [*out[:-1], out[-1] * 1.01])
-    falsified = replace(term.kind, **{which: wrong})
-    problem.constraints["lever"] = replace(term, kind=falsified)
+    falsified = replace(term.function, **{which: wrong})
+    problem.constraints["lever"] = replace(term, function=falsified)
     report = problem.check()
     word = {"first": "Jacobian", "second": "Hessian"}[which]
     assert any(f'the {word} of "lever" is off' in line for line in report.findings)

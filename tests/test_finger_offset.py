@@ -21,8 +21,8 @@ from tactilenlp.errors import OptionError, SceneError
 from tactilenlp.exploration.expected_information import ExpectedInformation
 from tactilenlp.exploration.push_model import pushed
 from tactilenlp.information.information_gain import information_gain
-from tactilenlp.nlp import term_functions as kind
 from tactilenlp.nlp.problem import Problem
+from tactilenlp.nlp.term_functions import TermFunctionCache
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.problem.reductions import Reductions, reduce
 
@@ -68,13 +68,12 @@ def told(recorded):
 @pytest.mark.parametrize("page", [quasi_static, violation_implicit])
 @pytest.mark.parametrize("planar", [True, False])
 def test_derivatives_with_offsets_are_those_of_finite_differences(
-    recorded, page, planar, monkeypatch
+    recorded, page, planar
 ):
-    monkeypatch.setattr(kind, "_cache", {})  # interpreted: compiling takes longer
-    monkeypatch.setattr(kind, "compiled", lambda functions, origin: functions)
     data, scene, _ = recorded
     scene = replace(scene, sigma_offset=SIGMA)
-    problem, _ = programme(data.select([1]), scene, page, planar=planar)
+    with TermFunctionCache(compile=False).as_default():  # compiling takes longer
+        problem, _ = programme(data.select([1]), scene, page, planar=planar)
     rng = np.random.default_rng(0)
     start = {
         name: v.guess + 0.3 * v.scale[:, None] * rng.normal(size=v.guess.shape)

@@ -14,7 +14,7 @@ from formulations.rigid_body import rotation
 from tactilenlp import Measurements, Options, Scene
 from tactilenlp.estimation.request import make_job
 from tactilenlp.geometry.convex_hull import filled
-from tactilenlp.geometry.tipping import lifted
+from tactilenlp.geometry.tipping import planar_to_free
 from tactilenlp.geometry.transforms import (
     backward,
     directions_in_body,
@@ -80,7 +80,7 @@ def costs(problem, values):
 @pytest.mark.slow
 def test_a_hull_that_slides_costs_the_same_in_free_motion(slid):
     data, scene, vertices, x = slid
-    free = lifted(vertices.ravel(), x, SHAPE)
+    free = planar_to_free(vertices.ravel(), x, SHAPE)
     flat, window = posed(data, scene, vertices, x, reduce=("still",))
     known = values_of(flat, window, vertices, x, np.random.default_rng(1))
     loose, opened = posed(data, scene, vertices, free, reduce=("planar", "still"))
@@ -98,7 +98,7 @@ def test_the_page_in_free_motion_has_the_derivatives_of_finite_differences(
     slid, grounded
 ):
     data, scene, vertices, x = slid
-    free = lifted(vertices.ravel(), x, SHAPE)
+    free = planar_to_free(vertices.ravel(), x, SHAPE)
     given = scene if grounded else replace(scene, ground=None, gravity=0.0)
     problem, window = posed(data, given, vertices, free)
     rng = np.random.default_rng(2)
@@ -118,7 +118,7 @@ def test_moving_a_floating_hull_and_its_fingers_costs_nothing(slid):
     data, scene, vertices, x = slid
     scene = replace(scene, ground=None, gravity=0.0)
     spin, t = Rotation.from_rotvec([0.4, -0.3, 0.8]), np.array([0.3, -0.2, 0.1])
-    free = lifted(vertices.ravel(), x, SHAPE)
+    free = planar_to_free(vertices.ravel(), x, SHAPE)
     R = spin * Rotation.from_rotvec(free[3:].T) * spin.inv()
     turned = np.vstack([spin.as_matrix() @ free[:3] + t[:, None], R.as_rotvec().T])
     problem, window = posed(data, scene, vertices, free)
@@ -140,7 +140,7 @@ def test_moving_a_floating_hull_and_its_fingers_costs_nothing(slid):
 def test_what_falls_needs_no_impulse_and_what_hangs_does(slid):
     data, scene, vertices, x = slid
     scene = replace(scene, ground=None)
-    free = lifted(vertices.ravel(), 0 * x, SHAPE)
+    free = planar_to_free(vertices.ravel(), 0 * x, SHAPE)
     problem, window = posed(data, scene, vertices, free, reduce=False)
     step, values = window.step, {"theta": vertices.T, "x": free[:, window.last]}
     zero = np.zeros((3, problem.variables["finger"].columns))
@@ -159,7 +159,7 @@ def test_what_falls_needs_no_impulse_and_what_hangs_does(slid):
 
 def test_a_hull_that_tilts_stands_on_what_is_low_and_bears_nothing_in_the_air(slid):
     data, scene, vertices, x = slid
-    free = lifted(vertices.ravel(), x, SHAPE)
+    free = planar_to_free(vertices.ravel(), x, SHAPE)
     _, flat = posed(data, scene, vertices, free, reduce=("planar", "still"))
     assert set(flat.leg) == set(flat.legs)
     assert flat.weight_share.reshape(len(flat.step), -1).sum(axis=1) == pytest.approx(
@@ -181,7 +181,7 @@ def test_a_hull_that_tilts_stands_on_what_is_low_and_bears_nothing_in_the_air(sl
 
 def test_without_a_ground_a_window_has_none(slid):
     data, scene, vertices, x = slid
-    free = lifted(vertices.ravel(), x, SHAPE)
+    free = planar_to_free(vertices.ravel(), x, SHAPE)
     scene = replace(scene, ground=None, gravity=0.0)
     problem, window = posed(data, scene, vertices, free)
     assert len(window.corner) == len(window.lift) == len(window.rest) == 0
@@ -196,7 +196,7 @@ def test_without_a_ground_a_window_has_none(slid):
 def test_points_and_directions_are_the_same_in_planar_and_in_lifted_poses():
     rng = np.random.default_rng(4)
     x, samples = rng.normal(size=(3, 5)), rng.integers(0, 5, 20)
-    free, p = lifted(np.zeros(24), x, SHAPE), rng.normal(size=(20, 3))
+    free, p = planar_to_free(np.zeros(24), x, SHAPE), rng.normal(size=(20, 3))
     np.testing.assert_allclose(
         points_in_body(free, samples, p), points_in_body(x, samples, p)
     )
@@ -229,7 +229,7 @@ def test_legs_of_a_rigid_body_move_as_its_poses_do(slid):
     data, scene, vertices, x = slid
     square = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]) * 0.015
     vertices = np.vstack([square, square + np.array([0, 0, 0.03])])
-    free = lifted(vertices.ravel(), x, SHAPE)
+    free = planar_to_free(vertices.ravel(), x, SHAPE)
     problem, window = posed(data, scene, vertices, free)
     values = {"theta": vertices.T, "x": free[:, window.last]}
     slopes = problem.jacobian("ground gap", problem.pack(values), problem.data())

@@ -9,7 +9,7 @@ from tactilenlp.errors import OptionError, TactileError
 from tactilenlp.information.information import reduced_covariance
 from tactilenlp.information.unobserved import unobserved
 from tactilenlp.nlp.ipopt import SolverOptions, solve
-from tactilenlp.nlp.kkt_sensitivity import curvature_of
+from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
 
 SIGMA = 0.1
 
@@ -76,7 +76,7 @@ def test_what_is_active_is_told_by_name_and_what_may_be_is_too(samples):
     free = solved_slope(y, t)
     told = {}
     for word, upper in (("on", free - 0.1), ("tie", free), ("off", free + 0.1)):
-        curvature = curvature_of(*fit(y, t, upper=upper))
+        curvature = kkt_system_of(*fit(y, t, upper=upper))
         told[word] = curvature.active["bounds of slope"]
         told[word] = told[word], curvature.ambiguous["bounds of slope"]
         assert curvature.active["bounds of offset"] == 0

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tactilenlp import observed_information
-from tactilenlp.estimation.observed_information import KINDS, programme_at
+from tactilenlp.estimation.observed_information import INFORMATION_KINDS, programme_at
 from tactilenlp.information.comparisons import paper, quaternion_jacobian
 
 UNITS = np.r_[1e3, 1e3, 1e3, 1e3, 1e3, 50.0]  # to mm, a radian as 50 mm
@@ -17,7 +17,7 @@ def programme(estimate):
     return programme_at(estimate)
 
 
-@pytest.mark.parametrize("kind", KINDS[:-1])
+@pytest.mark.parametrize("kind", INFORMATION_KINDS[:-1])
 def test_every_kind_of_information_is_positive_and_has_the_same_names(estimate, kind):
     information = observed_information(estimate, kind)
     assert information.names == estimate.information.names

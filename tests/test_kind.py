@@ -1,6 +1,7 @@
 """A kind is derived once, on a machine, and gives the same digits compiled or not."""
 
 import os
+import pickle
 import subprocess
 import sys
 
@@ -9,53 +10,39 @@ import numpy as np
 import pytest
 from made_up import merged
 
-from tactilenlp.nlp import term_functions as kind
 from tactilenlp.nlp.codegen import compiler
 from tactilenlp.nlp.problem import Problem
-
-
-@pytest.fixture
-def derivations(monkeypatch, interpreted):
-    """Count derivations, with nothing derived so far."""
-    done, derive = [], kind._derive
-    monkeypatch.setattr(
-        kind, "_derive", lambda traced: done.append(1) or derive(traced)
-    )
-    return done
+from tactilenlp.nlp.term_functions import TermFunctionCache
 
 
 def fit(problem, name, function, columns=3):
     x = problem.variable(f"x {name}", 2, columns, guess=1.0, unit="m", scale=1)
     problem.minimize(name, function, x, np.arange(columns), role="prior")
-    return problem.costs[name].kind
+    return problem.costs[name].function
 
 
-def test_a_function_is_derived_once_however_often_and_wide_it_is_used(derivations):
+def test_a_function_is_derived_once_however_often_and_wide_it_is_used(interpreted):
     problem = Problem()
     first = fit(problem, "a", lambda x, d: x[0] ** 3 * d)
     again = fit(problem, "b", lambda y, e: y[0] ** 3 * e, columns=200)
     other = fit(Problem(), "a", lambda x, d: x[0] ** 3 * d)
     assert first is again is other
-    assert len(derivations) == 1
+    assert interpreted.derived == 1
 
 
 def test_a_kind_is_derived_once_on_a_machine(monkeypatch, tmp_path):
     if compiler() is None:
         pytest.skip("no C compiler here")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    done, derive, found = [], kind._derive, []
-    monkeypatch.setattr(
-        kind, "_derive", lambda traced: done.append(1) or derive(traced)
-    )
-    for _ in range(2):  # two processes, as far as the kinds can tell
-        monkeypatch.setattr(kind, "_cache", {})
-        problem = Problem()
+    caches = TermFunctionCache(), TermFunctionCache()  # as of two processes
+    found = [Problem(cache=cache) for cache in caches]
+    for problem in found:
         fit(problem, "a", lambda x, d: x[0] ** 3 * d)
-        found.append(problem)
-    assert len(done) == 1
-    kinds = [problem.costs["a"].kind for problem in found]
-    assert kinds[0].jacobian_sparsity == kinds[1].jacobian_sparsity
-    assert kinds[0].hessian_sparsity == kinds[1].hessian_sparsity
+    assert [cache.derived for cache in caches] == [1, 0]
+    assert caches[0].seconds > 0 == caches[1].seconds
+    functions = [problem.costs["a"].function for problem in found]
+    assert functions[0].jacobian_sparsity == functions[1].jacobian_sparsity
+    assert functions[0].hessian_sparsity == functions[1].hessian_sparsity
     x, data = found[0].pack({}), found[0].data()
     slopes = [problem.jacobian("a", x, data).toarray() for problem in found]
     np.testing.assert_array_equal(*slopes)
@@ -64,24 +51,29 @@ def test_a_kind_is_derived_once_on_a_machine(monkeypatch, tmp_path):
     spoilt.parent.mkdir(parents=True)
     spoilt.write_bytes(b"no library")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "spoilt"))
-    monkeypatch.setattr(kind, "_cache", {})
-    fit(Problem(), "a", lambda x, d: x[0] ** 3 * d)
-    assert len(done) == 2
+    cache = TermFunctionCache()
+    fit(Problem(cache=cache), "a", lambda x, d: x[0] ** 3 * d)
+    assert cache.derived == 1
 
 
-def test_an_edited_function_is_derived_anew(derivations):
+def test_a_cache_stays_in_its_process(interpreted):
+    assert TermFunctionCache() is not interpreted
+    assert pickle.loads(pickle.dumps(TermFunctionCache())) is interpreted
+
+
+def test_an_edited_function_is_derived_anew(interpreted):
     problem, power = Problem(), 3
     first = fit(problem, "a", lambda x, d: x[0] ** power * d)
     power = 4  # the same source: what counts is the expression
     edited = fit(problem, "b", lambda x, d: x[0] ** power * d)
     assert first is not edited
-    assert len(derivations) == 2
+    assert interpreted.derived == 2
     x, data = problem.pack({}), problem.data()
     slopes = [problem.jacobian(n, x, data)[2].max() for n in ("a", "b")]
     assert slopes == [6.0, 8.0]  # 2 x^3 and 2 x^4 at x = 1
 
 
-def test_terms_over_nothing_cost_nothing(derivations):
+def test_terms_over_nothing_cost_nothing(interpreted):
     problem = Problem()
     x = problem.variable("x", 2, 5, guess=0, unit="m", scale=1)
     none = np.zeros((0, 3))
@@ -90,7 +82,7 @@ def test_terms_over_nothing_cost_nothing(derivations):
     )
     problem.subject_to("gap", lambda x: x, x[:, np.zeros(0, int)], lower=0)
     assert problem.terms == {}
-    assert problem.rows == len(derivations) == 0
+    assert problem.rows == interpreted.derived == 0
 
 
 def test_compiled_kinds_and_the_virtual_machine_give_the_same_digits(request):
@@ -100,8 +92,8 @@ def test_compiled_kinds_and_the_virtual_machine_give_the_same_digits(request):
     request.getfixturevalue("interpreted")
     plain = merged()
     x, data = fast.pack({}), fast.data()
-    assert fast.costs["swing"].kind.value.class_name() == "External"
-    assert plain.costs["swing"].kind.value.class_name() == "SXFunction"
+    assert fast.costs["swing"].function.value.class_name() == "External"
+    assert plain.costs["swing"].function.value.class_name() == "SXFunction"
     for name in fast.terms:
         for of in ("value", "jacobian", "hessian"):
             a, b = (getattr(problem, of)(name, x, data) for problem in (fast, plain))

@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 from tactilenlp import Measurements, Options, World
-from tactilenlp.data.sensor_noise import LAG, Precision, contact_latency, precise
+from tactilenlp.data.sensor_noise import (
+    CONTACT_LATENCY,
+    Precision,
+    contact_latency,
+    precise,
+)
 
 SPEED = 0.12  # [m/s]
 
@@ -28,7 +33,7 @@ def brushed():
 def test_only_a_finger_that_feels_nothing_a_sample_later_may_have_parted(brushed):
     way = contact_latency(brushed)
     assert np.argwhere(way).tolist() == [[5, 0]]  # not at the end of an action
-    assert way[5, 0] == pytest.approx(LAG * SPEED)
+    assert way[5, 0] == pytest.approx(CONTACT_LATENCY * SPEED)
     lost = brushed.valid.copy()
     lost[6] = False  # nobody knows whether it left
     assert not contact_latency(replace(brushed, valid=lost)).any()

@@ -17,7 +17,11 @@ from formulations.polytope import (
 from tactilenlp import Problem
 from tactilenlp.errors import TactileError
 from tactilenlp.geometry import convex_hull as hull
-from tactilenlp.problem.polytope_window import body, legs, shares
+from tactilenlp.problem.polytope_window import (
+    hull_moments,
+    support_shares,
+    supporting_vertices,
+)
 from tactilenlp.search.hypothesis import Hypothesis
 from tactilenlp.search.plane_slam import unseen_ball
 from tactilenlp.search.polytope_init import closing_halfspaces, with_vertices_on_hull
@@ -146,14 +150,14 @@ def test_moments_are_those_of_the_solid():
     m = np.asarray(f(vertices[triangles].ravel())).ravel()
     assert m[0] == pytest.approx(mesh.volume)
     assert m[1:4] / m[0] == pytest.approx(mesh.center_mass)
-    assert np.r_[m[0], m[1:] / m[0]] == pytest.approx(body(vertices, triangles))
+    assert np.r_[m[0], m[1:] / m[0]] == pytest.approx(hull_moments(vertices, triangles))
     inertia = np.asarray(ca.DM(inertia_about(ca.DM(m[1:4] / m[0]), m[4:] / m[0])))
     assert inertia == pytest.approx(mesh.moment_inertia / mesh.volume, rel=1e-6)
 
 
 def test_half_spaces_of_a_cube_leave_its_corners():
     n = np.vstack([np.eye(3), -np.eye(3)])
-    found = hull.merged(hull.corners(np.c_[n, np.full(6, 0.02)]))
+    found = hull.merged(hull.vertices_behind(np.c_[n, np.full(6, 0.02)]))
     assert sorted(found.round(6).tolist()) == sorted(CUBE.tolist())
 
 
@@ -167,15 +171,20 @@ def test_planes_and_ground_close_a_body_unless_a_face_is_missing(missing):
     ball = unseen_ball(points[kept], (0.022, 0.008), ground=True)
     found = closing_halfspaces(planes, points[kept], ball, ground=True)
     if missing is None:
-        corners, up = hull.merged(hull.corners(found)), np.array([0, 0, 0.02])
+        corners, up = (
+            hull.merged(hull.vertices_behind(found)),
+            np.array([0, 0, 0.02]),
+        )
         assert sorted(corners.round(6).tolist()) == sorted((CUBE + up).tolist())
     else:
         assert found is None
 
 
 def test_half_spaces_without_a_common_point_are_refused():
-    with pytest.raises(TactileError, match="leave no body"):
-        hull.corners(np.array([[0, 0, 1, -0.01], [0, 0, -1, -0.01], [1, 0, 0, 0.1]]))
+    with pytest.raises(TactileError, match="empty or flat"):
+        hull.vertices_behind(
+            np.array([[0, 0, 1, -0.01], [0, 0, -1, -0.01], [1, 0, 0, 0.1]])
+        )
 
 
 def test_thinning_keeps_what_carries_volume():
@@ -192,9 +201,11 @@ def test_missing_vertices_are_put_where_the_hull_stays_as_it_is():
 
 def test_a_body_stands_on_the_vertices_that_span_most():
     low = np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0.1, 0, 0.0]])
-    standing = legs(0.01 * np.vstack([low, [[0, 0, 2.0]]]), 4)
+    standing = supporting_vertices(0.01 * np.vstack([low, [[0, 0, 2.0]]]), 4)
     assert standing.tolist() == [0, 1, 2, 3]
-    assert len(legs(np.vstack([0.01 * ball(9, 5), [[0, 0, -1.0]]]), 4)) >= 3
+    assert (
+        len(supporting_vertices(np.vstack([0.01 * ball(9, 5), [[0, 0, -1.0]]]), 4)) >= 3
+    )
 
 
 def test_a_term_may_read_several_columns_of_a_variable():
@@ -219,13 +230,17 @@ def test_classes_of_a_number_of_vertices_are_one_object_each():
 
 def test_legs_share_the_weight_by_the_law_of_the_lever():
     square = CUBE[CUBE[:, 2] < 0]
-    assert shares(square, np.zeros(3)) == pytest.approx(np.full(4, 1 / 4), abs=1e-5)
+    assert support_shares(square, np.zeros(3)) == pytest.approx(
+        np.full(4, 1 / 4), abs=1e-5
+    )
     off = np.array([0.01, 0.0, 0.0])  # half way to the side at x = 20 mm
-    assert shares(square, off) @ square == pytest.approx([0.01, 0, -0.02], abs=1e-6)
+    assert support_shares(square, off) @ square == pytest.approx(
+        [0.01, 0, -0.02], abs=1e-6
+    )
     three = square[:3]
-    share = shares(three, three.T @ [0.2, 0.3, 0.5])
+    share = support_shares(three, three.T @ [0.2, 0.3, 0.5])
     assert share == pytest.approx([0.2, 0.3, 0.5], abs=1e-4)
-    outside = shares(three, np.array([0.03, 0.03, 0.0]))  # it would topple
+    outside = support_shares(three, np.array([0.03, 0.03, 0.0]))  # it would topple
     assert outside.min() >= 0
     assert outside.sum() == pytest.approx(1)
 
@@ -235,7 +250,7 @@ def test_an_invisible_vertex_is_moved_onto_the_hull_which_stays_as_it_is():
     h = Hypothesis(np.vstack([inside, CUBE]).ravel(), np.zeros((3, 1)), 0.0, ())
     moved = with_vertices_on_hull(polytope(len(h.theta) // 3), h).theta.reshape(-1, 3)
     assert moved.shape == (10, 3)
-    assert hull.outer(moved).shape == (8, 3)
+    assert hull.hull_vertices(moved).shape == (8, 3)
     away = np.abs(moved).max(axis=1)
     assert away == pytest.approx(np.full(10, 0.02))  # every one is on a face
-    assert body(moved, hull.triangles(moved, 16))[0] == pytest.approx(0.04**3)
+    assert hull_moments(moved, hull.triangles(moved, 16))[0] == pytest.approx(0.04**3)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from tactilenlp.geometry.convex_hull import INSIDE, Ball
+from tactilenlp.geometry.convex_hull import SIGMA_INSIDE, Ball
 from tactilenlp.information.error_budget_terms import (
     STICKING,
     cluster_robust,
@@ -17,9 +17,9 @@ from tactilenlp.information.error_budget_terms import (
     stick_slip,
 )
 from tactilenlp.nlp.ipopt import solve
-from tactilenlp.nlp.kkt_sensitivity import curvature_of
+from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
 from tactilenlp.nlp.problem import Problem
-from tactilenlp.problem.polytope_window import CLEAR, near, without_clear
+from tactilenlp.problem.polytope_window import CLEAR, vertices_near, without_clear
 from tactilenlp.problem.window import Pushes, Samples, Steps
 
 RADIUS = 0.01
@@ -64,8 +64,8 @@ def by_two_touches(gap):
         touch=SimpleNamespace(sample=np.zeros(2, int), finger=np.arange(2)),
         last=np.zeros(1, int),
     )
-    curvature = curvature_of(problem, solve(problem))
-    pulls, _ = curvature.response_of(np.array([0]))
+    curvature = kkt_system_of(problem, solve(problem))
+    pulls, _ = curvature.sensitivity(np.array([0]))
     return cluster_robust(curvature, pulls, window, np.zeros(1, int)).item()
 
 
@@ -92,9 +92,9 @@ def test_a_finger_that_slides_may_have_taken_the_body_along():
     window = SimpleNamespace(
         push=push, step=Steps(one, one, 0 * one, 0 * one, np.ones(1)), last=np.arange(2)
     )
-    curvature = curvature_of(problem, solve(problem))
+    curvature = kkt_system_of(problem, solve(problem))
     assert slips(curvature, window) == pytest.approx(np.array([[slip, 0]]))
-    pulls, _ = curvature.response_of(np.array([0]))
+    pulls, _ = curvature.sensitivity(np.array([0]))
     found = stick_slip(curvature, pulls, window, np.zeros(2, int)).item()
     assert found == pytest.approx(STICKING * slip**2, rel=1e-3)
 
@@ -115,7 +115,7 @@ def test_a_finger_on_a_large_face_reads_the_corners_around_it():
     crowd = box[4:] - [1e-3, 0, 0]  # at one end of the box, eight of its corners
     vertices = np.vstack([box, crowd, box[4:] - [2e-3, 0, 0]])
     touch = felt(np.array([[0.045, 0.015 + RADIUS, 0.0]]), [0, 1, 0])
-    read = vertices[near(touch, vertices, np.zeros((3, 1)))[0]]
+    read = vertices[vertices_near(touch, vertices, np.zeros((3, 1)))[0]]
     point = [0.045, 0.015, 0.0]
     _, off = nnls(np.vstack([read.T, np.ones(len(read))]), [*point, 1])
     assert off < 1e-9  # it is a mean of what is read
@@ -143,11 +143,11 @@ def test_a_vertex_that_nothing_holds_is_as_uncertain_as_the_ball(price):
         ("touch", lambda v: price * (v[2] - 0.06) ** 2, theta[:, [0]]),
     ):
         problem.minimize(name, cost, *of, role="prior")
-    curvature = curvature_of(problem, solve(problem))
-    pulls, _ = curvature.response_of(np.arange(9))
+    curvature = kkt_system_of(problem, solve(problem))
+    pulls, _ = curvature.sensitivity(np.arange(9))
     C = shape_prior_error(curvature, pulls)
-    top = 0.0 if price else INSIDE * 0.03
+    top = 0.0 if price else SIGMA_INSIDE * 0.03
     assert np.sqrt(np.diag(C)[[2, 3, 7]]) == pytest.approx(
-        [top, INSIDE * 0.03, INSIDE * 0.03], abs=1e-6
+        [top, SIGMA_INSIDE * 0.03, SIGMA_INSIDE * 0.03], abs=1e-6
     )
     assert C[3, 7] < 0  # outward of both means x of one and -y of the other

@@ -95,7 +95,7 @@ def test_a_hull_on_three_legs_is_read_with_these(octahedron):
     found = replace(found, theta=vertices.ravel())
     solved = solved_from(job, page, found, options, levels=page.LEVELS[:1])
     assert len(solved.window.legs) == 3 < len(job.shape.corners)
-    body, information = read_polytope(job, page, solved, solved.at.x)
+    body, information = read_polytope(job, page, solved)
     assert np.isfinite(body.vertices).all()
     assert np.isfinite(information.spread).all()
 

@@ -10,7 +10,7 @@ from trimesh.convex import convex_hull
 from trimesh.transformations import quaternion_matrix, transform_points
 
 from tactilenlp import Measurements, Scene, solve_estimate, surface_distance
-from tactilenlp.data.contact_segments import credible, runs
+from tactilenlp.data.contact_segments import contact_segments, without_outliers
 from tactilenlp.data.noise_model import Noise, add_noise
 from tactilenlp.errors import NoContactError
 
@@ -47,15 +47,15 @@ def test_a_touch_that_stands_alone_says_nothing(octahedron):
     t = int(np.argmax(free[:, 0]))  # the hand is still on its way: all silent
     contact[t, 0], normal[t, 0] = True, [0.0, 0.6, 0.8]
     flipped = replace(octahedron, contact=contact, normal=normal)
-    assert not credible(flipped, 0.0).valid[t, 0]
-    assert credible(flipped, 0.0).valid[t + 1, 0]
+    assert not without_outliers(flipped, 0.0).valid[t, 0]
+    assert without_outliers(flipped, 0.0).valid[t + 1, 0]
 
 
 def test_a_silence_amid_a_touch_says_nothing(octahedron):
     t, f = lone_silence(octahedron)
     contact, normal = octahedron.contact.copy(), octahedron.normal.copy()
     contact[t, f], normal[t, f] = False, 0.0
-    found = credible(replace(octahedron, contact=contact, normal=normal), 0.0)
+    found = without_outliers(replace(octahedron, contact=contact, normal=normal), 0.0)
     assert not found.valid[t, f]
     assert found.valid[t - 1, f]
     assert found.valid[t + 1, f]
@@ -67,14 +67,16 @@ def test_normals_that_turn_between_samples_are_refused_by_name(recorded):
     turn = 2 * np.pi / 3 * np.arange(data.samples)  # no two of three samples agree
     way = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)[:, None]
     spun = replace(data, normal=np.where(data.contact[..., None], way, 0.0))
-    with pytest.raises(NoContactError, match=r"normal: no touch is backed") as caught:
+    with pytest.raises(
+        NoContactError, match=r"normal: no touch is confirmed"
+    ) as caught:
         solve_estimate(spun, scene, shape="polytope")
     assert "touches, none like another" in caught.value.got
     assert caught.value.next
 
 
 def test_lasting_touches_stay_what_they_are(octahedron):
-    found = credible(octahedron, np.radians(5))
+    found = without_outliers(octahedron, np.radians(5))
     assert (found.contact == octahedron.contact).all()
     felt = octahedron.contact & octahedron.valid
     assert (found.valid & felt).sum() >= felt.sum() - 1
@@ -83,20 +85,20 @@ def test_lasting_touches_stay_what_they_are(octahedron):
 def test_a_noisy_face_is_one_run_and_two_faces_are_two():
     rng, sigma = np.random.default_rng(0), np.radians(5)
     one = touches(sigma * rng.normal(size=14))
-    assert runs(one, sigma).tolist() == [0] * 14
+    assert contact_segments(one, sigma).tolist() == [0] * 14
     two = touches(np.repeat([0.0, 0.7], 7) + sigma * rng.normal(size=14))
-    assert runs(two, sigma).tolist() == [0] * 7 + [1] * 7
+    assert contact_segments(two, sigma).tolist() == [0] * 7 + [1] * 7
 
 
 def test_exact_normals_that_differ_are_different_runs():
     rolling = touches([0, 0, 0, 0.1, 0.2, 0.2])
-    assert runs(rolling, 0.0).tolist() == [0, 0, 0, 1, 2, 2]
+    assert contact_segments(rolling, 0.0).tolist() == [0, 0, 0, 1, 2, 2]
 
 
 def test_a_finger_that_let_go_begins_a_run():
     parted = touches(np.zeros(6), samples=[0, 1, 3, 7, 8, 9])
-    assert runs(parted, 0.0).tolist() == [0, 0, 0, 1, 1, 1]
-    assert runs(touches([]), 0.0).tolist() == []
+    assert contact_segments(parted, 0.0).tolist() == [0, 0, 0, 1, 1, 1]
+    assert contact_segments(touches([]), 0.0).tolist() == []
 
 
 def test_a_body_is_found_from_noisy_sensors(octahedron):

@@ -24,7 +24,7 @@ from tactilenlp.search.alternatives import (
     with_alternatives,
     without_longest_jump,
 )
-from tactilenlp.search.hypothesis import distinct, same
+from tactilenlp.search.hypothesis import Hypothesis, distinct, same
 from tactilenlp.search.local_solve import continued, freed_levels
 from tactilenlp.search.margins import EXPLAINED
 from tactilenlp.search.multistart import multistart
@@ -192,3 +192,14 @@ def test_an_update_asks_for_another_past_where_its_objective_rises(recorded):
     assert not asks(data, 4, 1.2)
     assert not asks(noisy, 4, 30.0)  # noise lifts it, and three have the same middle
     assert asks(noisy, 5, 30.0)
+
+
+def test_free_bodies_are_the_same_where_their_corners_agree_whatever_the_axes():
+    quarter = np.array([0.0, 0.0, 0.02, 0.0, 0.0, np.pi / 2])  # [m, rad] about z
+    box = Hypothesis(np.r_[0.03, 0.05, 0.04], np.zeros((6, 2)), 0.0, ())
+    box.x[2] = 0.02
+    relabelled = replace(
+        box, theta=np.r_[0.05, 0.03, 0.04], x=np.repeat(quarter[:, None], 2, axis=1)
+    )
+    assert same(CUBOID, box, relabelled)
+    assert not same(CUBOID, box, replace(relabelled, theta=box.theta))

@@ -15,9 +15,9 @@ from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.errors import MeasurementError
 from tactilenlp.evaluation.metrics import cuboid_errors
 from tactilenlp.nlp.ipopt import SolverOptions, solve, solve_levels
-from tactilenlp.nlp.kkt import newton_step
-from tactilenlp.problem.reductions import Reductions, may_move, maybe_touching, reduce
-from tactilenlp.problem.unreduced import carried
+from tactilenlp.nlp.kkt_sensitivity import newton_step
+from tactilenlp.problem.reductions import Reductions, may_move, possible_contact, reduce
+from tactilenlp.problem.unreduced import transferred_values
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +90,7 @@ def test_what_is_far_or_absent_leaves_the_optimum_where_it_is(found, name):
     start = {"theta": h.theta, "x": h.x[:, windows[0].last]}
     best = solve_levels(lean, page.LEVELS, start, exact)
     reduced = SimpleNamespace(window=windows[0], solution=best)
-    start, _, _ = carried(reduced, windows[1], whole)
+    start, _, _ = transferred_values(reduced, windows[1], whole)
     again = solve(whole, replace(exact, barrier=1e-5), start=start)
     assert again.objective == pytest.approx(best.objective, rel=1e-6, abs=1e-6)
 
@@ -263,10 +263,10 @@ def test_what_was_not_measured_beside_a_touch_may_have_moved_the_object(recorded
     valid, contact, normal = data.valid.copy(), data.contact.copy(), data.normal.copy()
     valid[t:, f], contact[t:, f], normal[t:, f] = False, False, 0.0
     lost = replace(data, valid=valid, contact=contact, normal=normal)
-    assert maybe_touching(lost)[t:, f].all()
+    assert possible_contact(lost)[t:, f].all()
     first = np.arange(lost.samples) == 0
     assert may_move(lost, scene, first)[t:].all()
     # A finger that measures nothing in a whole action takes no part in it.
     valid[:, f], contact[:, f], normal[:, f] = False, False, 0.0
     away = replace(data, valid=valid, contact=contact, normal=normal)
-    assert not maybe_touching(away)[:, f].any()
+    assert not possible_contact(away)[:, f].any()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from tactilenlp.nlp.kkt import LOOSE, factorised
+from tactilenlp.nlp.kkt import LEAST_CURVATURE, factorise
 
 
 def chain(samples: int, shared: int, seed: int = 0):
@@ -32,13 +32,13 @@ def test_a_factorised_chain_answers_like_the_dense_matrix(shared):
     n, m = H.shape[0], A.shape[0]
     K = np.block(
         [
-            [H.toarray() + LOOSE * np.eye(n), A.T.toarray()],
-            [A.toarray(), -LOOSE * np.eye(m)],
+            [H.toarray() + LEAST_CURVATURE * np.eye(n), A.T.toarray()],
+            [A.toarray(), -LEAST_CURVATURE * np.eye(m)],
         ]
     )
     right = np.random.default_rng(1).normal(size=(n + m, 2))
     wanted = np.linalg.solve(K, right)
-    saddle = factorised(H, A)
+    saddle = factorise(H, A)
     assert len(saddle.border) == shared
     # both lose the digits that the condition of K takes
     tolerance = 1e-15 * np.linalg.cond(K) * abs(wanted).max()
@@ -47,5 +47,5 @@ def test_a_factorised_chain_answers_like_the_dense_matrix(shared):
 
 
 def test_factors_grow_as_the_samples_do():
-    entries = [factorised(*chain(samples, 4)).core.nnz for samples in (100, 400)]
+    entries = [factorise(*chain(samples, 4)).core.nnz for samples in (100, 400)]
     assert entries[1] < 4.5 * entries[0]

@@ -221,7 +221,7 @@ def test_moving_the_frame_moves_points_and_only_turns_directions():
     ids=["mirror", "scale", "nan", "4 x 4", "flat offset"],
 )
 def test_what_is_no_rigid_motion_is_refused(R, t):
-    with pytest.raises(MeasurementError, match="no rigid motion") as error:
+    with pytest.raises(MeasurementError, match="not a rigid motion") as error:
         measurements().transformed(R, t)
     assert error.value.where == "R, t"
     assert all((error.value.got, error.value.expected, error.value.next))

@@ -23,9 +23,9 @@ from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.errors import PageError, SceneError
 from tactilenlp.information.error_budget_terms import missing_impulses
 from tactilenlp.nlp.ipopt import SolverOptions, make_solver, solve, solve_levels
-from tactilenlp.nlp.kkt_sensitivity import curvature_of
+from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
 from tactilenlp.nlp.problem import Problem
-from tactilenlp.problem.reductions import Reductions, insisted, reduce
+from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 
 STEPS, DT = 20, 0.05
 
@@ -113,7 +113,7 @@ def begun(recorded):
     theta, x = truth["side_lengths"] * 1.05, x + np.c_[[1e-3, -1e-3, 0.03]]
 
     def solved(page):
-        made = insisted(page, Reductions())
+        made = required_reductions(page, Reductions())
         known = (data, scene, CUBOID, precision, made)
         window, problem = reduce(*known, guess=(theta, x)), Problem()
         page.build(problem, window, scene, CUBOID)
@@ -162,10 +162,10 @@ def test_complementarity_is_solved_to_a_small_residual(begun):
 def test_hard_physics_are_doubted_as_much_as_penalised_ones(begun, page):
     """An impulse may be missing: it moves the last pose, not a size felt twice."""
     found = begun(page)
-    curvature = curvature_of(found.problem, found.solution)
+    curvature = kkt_system_of(found.problem, found.solution)
     sizes, x = (found.problem.variables[name].span for name in ("theta", "x"))
     chosen = np.r_[sizes.start : sizes.stop, x.stop - 3 : x.stop]
-    _, held = curvature.response_of(chosen)
+    _, held = curvature.sensitivity(chosen)
     sigma = np.sqrt(np.diag(missing_impulses(curvature, held)))
     assert 0.05e-3 < np.linalg.norm(sigma[3:5]) < 5e-3
     assert sigma[1:3].max() < 0.05e-3

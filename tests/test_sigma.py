@@ -16,11 +16,11 @@ from tactilenlp.information.error_budget_terms import UNTOUCHED, untouched_faces
 from tactilenlp.information.information import inverse
 from tactilenlp.information.measurement_noise import gaps_of_touches, touches
 from tactilenlp.information.mixture import laplace_mixture
-from tactilenlp.information.sensitivity import score
+from tactilenlp.information.sensitivity import kkt_residual
 from tactilenlp.information.tangent_space import TangentSpace
 from tactilenlp.nlp.ipopt import SolverOptions, solve
-from tactilenlp.nlp.kkt import LOOSE
-from tactilenlp.nlp.kkt_sensitivity import curvature_of
+from tactilenlp.nlp.kkt import LEAST_CURVATURE
+from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
 from tactilenlp.search.alternatives import resized
 from tactilenlp.search.hypothesis import Hypothesis
 
@@ -34,7 +34,7 @@ def programme(estimate):
 
 @pytest.fixture(scope="module")
 def curvature(programme):
-    return curvature_of(programme.problem, programme.solution)
+    return kkt_system_of(programme.problem, programme.solution)
 
 
 @pytest.fixture(scope="module")
@@ -66,9 +66,9 @@ def chain(slope=0.8, noise=0.1, drift=0.05, steps=12):
 
 def test_covariance_of_a_linear_gaussian_chain_is_exact_to_the_eighth_digit():
     problem, C = chain()
-    curvature = curvature_of(problem, solve(problem, SolverOptions(tolerance=1e-10)))
+    curvature = kkt_system_of(problem, solve(problem, SolverOptions(tolerance=1e-10)))
     chosen = np.array([0, problem.size - 1])
-    found = curvature.response_of(chosen)[0][chosen]
+    found = curvature.sensitivity(chosen)[0][chosen]
     assert np.allclose(found, C[np.ix_(chosen, chosen)], rtol=1e-8)
 
 
@@ -81,7 +81,7 @@ def test_hessian_of_the_estimate_is_the_slope_of_its_gradient(curvature):
         for side in (1, -1):
             x = curvature.x + side * h * way
             moved = type(curvature)(**{**vars_of(curvature), "x": x})
-            ends.append(score(problem, moved)[0])
+            ends.append(kkt_residual(problem, moved)[0])
         found.append((ends[0] - ends[1]) / (2 * h))
     extrapolated = (4 * found[0] - found[1]) / 3
     error = np.abs((extrapolated - exact) * problem.scale).max()
@@ -154,12 +154,12 @@ def test_what_curves_down_is_named_and_not_repaired():
     problem.minimize("ridge", lambda a: -2 * a[1] ** 2, a, role="physics")
     saddle = solve(problem, SolverOptions(iterations=1), throw=False)
     saddle.values["a"][:] = 0.0
-    curvature = curvature_of(problem, saddle)
+    curvature = kkt_system_of(problem, saddle)
     term, direction = curvature.negative
     assert term == "ridge"
     assert abs(direction[1]) > 10 * abs(direction[0])
     assert gauss_newton(curvature).negative is None
-    assert curvature.response_of(np.array([1]))[0][1, 0] < 0
+    assert curvature.sensitivity(np.array([1]))[0][1, 0] < 0
 
 
 def test_what_curves_down_is_found_among_thousands_of_unknowns():
@@ -172,7 +172,7 @@ def test_what_curves_down_is_found_among_thousands_of_unknowns():
                      role="regulariser")  # fmt: skip
     saddle = solve(problem, SolverOptions(iterations=1), throw=False)
     saddle.values["a"][:] = 0.0
-    term, direction = curvature_of(problem, saddle).negative
+    term, direction = kkt_system_of(problem, saddle).negative
     assert term == "pair"
     assert set(np.argsort(np.abs(direction))[-2:]) == {7, 8}
 
@@ -284,11 +284,14 @@ def test_what_keeps_the_matrix_regular_counts_as_a_prior(
     programme, curvature, monkeypatch
 ):
     chosen = np.arange(3)
-    pulls, held = curvature.response_of(chosen)
+    pulls, held = curvature.sensitivity(chosen)
     given = pulls, held, programme.sensed, programme.window, programme.shape
     at = Linearisation(curvature, *given)
     errors = error_budget(at)
-    monkeypatch.setattr("tactilenlp.information.error_budget_terms.LOOSE", 1.0 + LOOSE)
+    monkeypatch.setattr(
+        "tactilenlp.information.error_budget_terms.LEAST_CURVATURE",
+        1.0 + LEAST_CURVATURE,
+    )
     more = error_budget(at) - errors
     scaled = pulls / programme.problem.scale[:, None]
     assert np.allclose(more, scaled.T @ scaled, rtol=1e-6)

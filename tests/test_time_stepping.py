@@ -13,7 +13,7 @@ from formulations.shape import CUBOID
 from formulations.sliding_contact import ROUND, Pusher
 from formulations.sliding_path import path
 from formulations.time_stepping import V_EPS, Sliding
-from tactilenlp.nlp.term_functions import kind_of
+from tactilenlp.nlp.term_functions import default_cache
 
 G, MU_G, RHO = 9.81, 0.3, 0.01
 SIDES = np.array([0.05, 0.04, 0.03])
@@ -29,7 +29,7 @@ def step():
         return BODY.step(theta, x_1, x_2, dt, mu, mu_g, v_eps, Pusher(*finger))
 
     sizes = (("z", 3), ("z", 3), ("z", 3), *(("d", n) for n in (1, 1, 1, 1, 3, 3, 1)))
-    return kind_of(stepped, [3, 3, 3], list(sizes))
+    return default_cache().of(stepped, [3, 3, 3], list(sizes))
 
 
 _x, _theta, _p = ca.SX.sym("x", 3), ca.SX.sym("theta", 3), ca.SX.sym("p", 3)

@@ -11,7 +11,7 @@ from formulations import violation_implicit as page
 from formulations.shape import CUBOID
 from tactilenlp import Options
 from tactilenlp.estimation.request import make_job
-from tactilenlp.geometry.tipping import FLAT, Tip, lifted
+from tactilenlp.geometry.tipping import QUARTER_TURN, Tip, planar_to_free
 from tactilenlp.geometry.transforms import continuous
 from tactilenlp.search import proposals_tumble as tumble
 from tactilenlp.search.proposals_tumble import _tips_to_try
@@ -34,7 +34,9 @@ def test_a_box_that_falls_over_lies_on_the_side_behind_the_push():
     assert np.abs(R[-1][2]) == pytest.approx([0, 1, 0], abs=1e-12)
 
 
-@pytest.mark.parametrize(("last", "ends"), [(9.0, {0.0, FLAT}), (60.0, {FLAT})])
+@pytest.mark.parametrize(
+    ("last", "ends"), [(9.0, {0.0, QUARTER_TURN}), (60.0, {QUARTER_TURN})]
+)
 def test_a_box_tipped_less_than_halfway_may_fall_back(last, ends):
     tip = Tip(0, -1.0, np.radians([0.0, last]))
     assert {way.end for _, way in _tips_to_try(tip)} == ends
@@ -47,7 +49,7 @@ def test_of_many_falls_the_likeliest_are_continued(recorded, monkeypatch):
     sides, T = truth["side_lengths"], data.samples
     R = Rotation.from_quat(np.roll(truth["object_quaternion"][:T], -1, axis=1))
     flat = np.vstack([truth["object_position"][:T, :2].T, R.as_euler("xyz").T[2]])
-    x = lifted(sides, flat)
+    x = planar_to_free(sides, flat)
     fall = tumble.Tumble(sides, x, "true", None, 0, Tip(0, 1.0, ANGLE))
     away = [replace(fall, x=x + np.eye(6)[:, :1] * d * 1e-3, name=d) for d in (9, 3, 6)]
     assert tumble._likeliest(job, [*away, fall]) == [*away, fall]

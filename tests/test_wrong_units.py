@@ -99,7 +99,7 @@ WRONG = {  # call of estimate and data -> what the message must say
         lambda e, d: d.select(["a"]),
         lambda e, d: tossed().select(None),
     ],
-    "no rigid motion": [lambda e, d: d.transformed("turn", None)],
+    "not a rigid motion": [lambda e, d: d.transformed("turn", None)],
     "the path of a file": [lambda e, d: d.save("")],
     "as many fingers": [lambda e, d: t.JointZeros(0.02, [[0, 0, 0]], [], [])],
     "np.deg2rad": [lambda e, d: t.JointZeros(1.0, [], [], [])],

@@ -26,6 +26,8 @@ The truth is read here, for starts and errors, never by the package.
 
 import os
 
+from tactilenlp.geometry.transforms import rotation_of
+
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread a process: before NumPy
 
 import argparse
@@ -36,7 +38,6 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from scipy.spatial.transform import Rotation
 from study import add_executor, executor_of, run_study, write_csv
 from trimesh.creation import box
 from trimesh.transformations import rotation_matrix, translation_matrix
@@ -46,7 +47,7 @@ from formulations.shape import CUBOID
 from tactilenlp import Measurements, Problem, Scene, SolverOptions, surface_distance
 from tactilenlp.data.sensor_noise import precision_of, smoothed
 from tactilenlp.nlp.ipopt import solve_levels
-from tactilenlp.problem.reductions import Reductions, insisted, reduce
+from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 
 PAGES = (
     *("quasi_static", "violation_implicit", "paper"),
@@ -124,13 +125,15 @@ def run(file, na, kind, seed, name) -> dict:
     page = page_of(name)
     truth, data, scene = np.load(file), Measurements.load(file), Scene.load(file)
     data = data.select(np.unique(data.action)[:na])
-    turn = Rotation.from_quat(np.roll(truth["object_quaternion"], -1, axis=1))
+    turn = rotation_of(truth["object_quaternion"])
     yaw = np.unwrap(turn.as_euler("zyx")[:, 0])
     x = np.vstack([truth["object_position"][:, :2].T, yaw])[:, : data.samples]
     theta, start = started(kind, truth, x, seed)
     precision = precision_of(data, scene)
     known = smoothed(data, precision), scene, CUBOID, precision
-    window = reduce(*known, insisted(page, Reductions()), guess=(theta, start))
+    window = reduce(
+        *known, required_reductions(page, Reductions()), guess=(theta, start)
+    )
     problem = Problem()
     page.build(problem, window, scene, CUBOID)
     _ = problem.functions  # kinds are derived, and compiled, before the clock runs

@@ -12,6 +12,8 @@ repeated.
 
 import os
 
+from tactilenlp.geometry.transforms import rotation_of
+
 os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
 
 import argparse
@@ -24,7 +26,6 @@ from timeit import repeat
 
 import numpy as np
 from report_cuboid import report
-from scipy.spatial.transform import Rotation
 from study import add_executor, executor_of, mapped, write_csv
 from trimesh.creation import box
 from trimesh.sample import sample_surface
@@ -34,9 +35,9 @@ from tactilenlp import Measurements, Options, Scene, solve_estimate
 from tactilenlp.data.sensor_noise import Precision, precise
 from tactilenlp.evaluation import metrics
 from tactilenlp.geometry.faces import touched_faces
-from tactilenlp.information.information import TOUCHED
+from tactilenlp.information.information import FACE_COSINE
 from tactilenlp.information.measurement_noise import KNOWN_FACE
-from tactilenlp.nlp.term_functions import seconds_deriving
+from tactilenlp.nlp.term_functions import default_cache
 from tactilenlp.search.hypothesis import Hypothesis
 
 A = np.random.default_rng(0).normal(size=(700, 700))  # LAPACK solves A x = b: the unit
@@ -98,7 +99,7 @@ class Truth:
     def start(self, estimate):
         """Return the estimate with the true motion as its only hypothesis."""
         T = estimate.measurements.samples
-        turn = Rotation.from_quat(np.roll(self.quaternion[:T], -1, axis=1))
+        turn = rotation_of(self.quaternion[:T])
         x = np.vstack([self.position[:T].T, turn.as_rotvec().T])
         if len(estimate.unknowns["x"]) == 3:
             ahead = turn.apply([1.0, 0.0, 0.0])
@@ -135,7 +136,7 @@ def compare(estimate, truth) -> dict:
         for axis, e, s in zip("xyz", errors, sigmas, strict=True):
             row |= {f"{part}_{axis}_error": e * unit, f"{part}_{axis}_sigma": s * unit}
             row[f"{part}_{axis}_ratio"] = abs(e) / s
-    faces = touched_faces(data, truth.quaternion[: last + 1], TOUCHED)
+    faces = touched_faces(data, truth.quaternion[: last + 1], FACE_COSINE)
     faces[2, 0] += KNOWN_FACE  # the ground touches -z
     row |= {f"touched_{'xyz'[i]}": bool(faces[i].min() >= KNOWN_FACE) for i in range(3)}
     return row | {"unobserved": "; ".join(estimate.information.unobserved)}
@@ -173,11 +174,11 @@ def against_truth(case, estimate, truth) -> dict:
 def run(case, data, truth, start=None):
     """Return the row of one run, and its estimate or None."""
     unit = min(repeat(lambda: np.linalg.solve(A, A[0]), timer=process_time, number=1))
-    row, kinds = {"success": False, "reference_s": unit}, seconds_deriving[0]
+    row, kinds = {"success": False, "reference_s": unit}, default_cache().seconds
     began, estimate = process_time(), None
     try:
         estimate = case.solve(data, start)
-        row["kinds_s"] = seconds_deriving[0] - kinds
+        row["kinds_s"] = default_cache().seconds - kinds
         if row["kinds_s"] > 0:
             began = process_time()
             estimate = case.solve(data, start)

@@ -19,6 +19,8 @@ seconds exclude the derivation of term functions; a case that derives some is re
 
 import os
 
+from tactilenlp.geometry.transforms import rotation_of
+
 os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
 
 import argparse
@@ -38,7 +40,7 @@ from trimesh.proximity import closest_point_naive
 
 from formulations.polytope import polytope
 from tactilenlp import Measurements, Scene, Workspace, solve_estimate, surface_distance
-from tactilenlp.nlp.term_functions import seconds_deriving
+from tactilenlp.nlp.term_functions import default_cache
 
 STAGES = {"vertices": "quasi_static", "impulses": "violation_implicit"}
 SCRATCH, INCREMENTAL = "scratch", "incremental"
@@ -67,7 +69,7 @@ def truth(file, last):
 
 def poses(truth) -> tuple[np.ndarray, Rotation]:
     """Return true positions (T, 3) [m] and rotations (T,)."""
-    R = Rotation.from_quat(np.roll(truth.object_quaternion, -1, axis=1))
+    R = rotation_of(truth.object_quaternion)
     return truth.object_position, R
 
 
@@ -94,8 +96,8 @@ def measured(file, vertices, stage, actions, begun):
         start = solve_estimate(data.select(names[:-1]), scene, **told)
     data = data.select(names)
     derived = -1.0
-    while derived != seconds_deriving[0]:  # who derives kinds is run again
-        derived, began = seconds_deriving[0], process_time()
+    while derived != default_cache().seconds:  # who derives kinds is run again
+        derived, began = default_cache().seconds, process_time()
         estimate = solve_estimate(data, scene, start=start, **told)
         cpu = process_time() - began
     mesh, points = truth(file, data.samples - 1)

@@ -19,6 +19,8 @@ The script writes trials.csv, table.txt and real.png, the paper's figure.
 
 import os
 
+from tactilenlp.geometry.transforms import rotation_of
+
 os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
 
 import argparse
@@ -156,7 +158,7 @@ def said(case, rows) -> str:
 def errors(estimate, pose: np.ndarray) -> dict:
     """Return what an estimate is off from the box at a pose (7,) [mm, deg]."""
     placed = np.eye(4)
-    turn = Rotation.from_quat(np.roll(pose[3:], -1))
+    turn = rotation_of(pose[3:])
     placed[:3, :3], placed[:3, 3] = turn.as_matrix(), pose[:3]
     true, found = trimesh.creation.box(BOX, transform=placed), estimate.mesh()
     off, C = error_of(estimate, pose, turn), estimate.information.covariance()

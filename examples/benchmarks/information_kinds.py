@@ -20,9 +20,9 @@ from matplotlib import pyplot as plt
 from study import add_executor, executor_of, write_csv
 
 from tactilenlp import Measurements, Scene, observed_information, solve_estimate
-from tactilenlp.estimation.observed_information import KINDS, programme_at
+from tactilenlp.estimation.observed_information import INFORMATION_KINDS, programme_at
 from tactilenlp.information.comparisons import pose_jacobians
-from tactilenlp.nlp.kkt_sensitivity import curvature_of
+from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
 
 UNITS = np.r_[1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.05]  # [m, rad] make numbers comparable
 
@@ -44,10 +44,10 @@ def rows_of(file: Path, actions, executor) -> tuple[list[dict], object]:
         again = programme_at(estimate)
         row = {"actions": na, "samples": part.samples, "unknowns": again.problem.size}
         began = process_time()
-        curvature = curvature_of(again.problem, again.solution)
-        curvature.response_of(again.tangent.chosen)
+        curvature = kkt_system_of(again.problem, again.solution)
+        curvature.sensitivity(again.tangent.chosen)
         row["exact_ms"] = 1e3 * (process_time() - began)
-        for kind in KINDS:
+        for kind in INFORMATION_KINDS:
             row[kind] = condition(observed_information(estimate, kind).matrix)
         print("  ".join(f"{k} {v:.3g}" for k, v in row.items()), flush=True)
         rows.append(row)
@@ -67,14 +67,14 @@ def main() -> None:
     write_csv(arguments.folder / "information_kinds.csv", rows)
     again = programme_at(estimate)
     link, _ = pose_jacobians(
-        curvature_of(again.problem, again.solution), again.window, again.shape
+        kkt_system_of(again.problem, again.solution), again.window, again.shape
     )
     figure, axes = plt.subplots(1, 3, figsize=(13, 4))
     back = np.arange(len(link))[::-1]
     axes[0].semilogy(back, [np.linalg.norm(chain, 2) for chain in link])
     axes[0].set(xlabel="poses before the last", ylabel="|dx_t / dx_T|, inverted")
     samples = [row["samples"] for row in rows]
-    for kind in KINDS:
+    for kind in INFORMATION_KINDS:
         axes[1].semilogy(samples, [row[kind] for row in rows], "o-", label=kind)
     axes[1].set(xlabel="samples", ylabel="condition number of the information")
     axes[1].legend()

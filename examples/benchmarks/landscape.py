@@ -25,7 +25,6 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from scipy.spatial.transform import Rotation
 from study import add_executor, executor_of, mapped, write_csv
 
 from formulations import multiple_shooting, violation_implicit
@@ -35,9 +34,10 @@ from formulations.sliding_path import path
 from formulations.time_stepping import Sliding
 from tactilenlp import Measurements, Problem, Scene, example_recording
 from tactilenlp.data.sensor_noise import precision_of
+from tactilenlp.geometry.transforms import planar_matrix, rotation_of
 from tactilenlp.nlp.codegen import compiled
 from tactilenlp.nlp.ipopt import SolverOptions, make_solver, solve
-from tactilenlp.problem.reductions import Reductions, insisted, reduce
+from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 
 SHOOTING = {  # name: times 30 Hz, still [m/s]
     "shooting 30 Hz, s = 100 mm/s": (1, 100e-3),
@@ -59,7 +59,7 @@ class Recording:
         truth, data = np.load(file), Measurements.load(file)
         self.data = data.select(actions)
         self.scene, self.theta = Scene.load(file), truth["side_lengths"]
-        turn = Rotation.from_quat(np.roll(truth["object_quaternion"], -1, axis=1))
+        turn = rotation_of(truth["object_quaternion"])
         yaw = np.unwrap(turn.as_euler("zyx")[:, 0])
         x = np.vstack([truth["object_position"][:, :2].T, yaw])
         self.x = x[:, np.isin(data.action, actions)]
@@ -71,7 +71,7 @@ class Recording:
         self.solver = make_solver(self.vimp, SolverOptions(tolerance=1e-5))
 
     def problem(self, page):
-        made = insisted(page, Reductions(still=False, far=False))
+        made = required_reductions(page, Reductions(still=False, far=False))
         known = self.data, self.scene, CUBOID, self.precision, made
         window, problem = reduce(*known, guess=(self.theta, self.x)), Problem()
         page.build(problem, window, self.scene, CUBOID)
@@ -116,8 +116,7 @@ def slices(file, actions, axis, way, grid):
     recording, side = Recording(file, actions), np.eye(3)[axis]
     points = [(g * side, 0 * side) for g in grid]
     if way == "position":
-        c, s = np.cos(recording.x[2, 0]), np.sin(recording.x[2, 0])
-        across = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ side
+        across = planar_matrix(recording.x[2, 0]) @ side
         points = [(0 * side, g * across) for g in grid]
     out = {}
     for name, how in SHOOTING.items():

@@ -38,7 +38,12 @@ from trimesh.transformations import translation_matrix
 from tactilenlp import Scene, Workspace, World, solve_estimate, surface_distance
 from tactilenlp.errors import TactileError
 from tactilenlp.evaluation.ground_truth import true_mesh
-from tactilenlp.geometry.convex_hull import filled, nearest_triangles, outer, thinned
+from tactilenlp.geometry.convex_hull import (
+    filled,
+    hull_vertices,
+    nearest_triangles,
+    thinned,
+)
 
 POINTS = 1000  # of the true surface, to which a class is fitted
 ROUNDS, STEP = 30, 0.5  # of the fit of vertices, and how far it goes each time
@@ -96,7 +101,7 @@ def best_hull(mesh, count: int = 20):
     V = filled(thinned(mesh.vertices, count), count)
     found, best = convex_hull(V), np.inf
     for _ in range(ROUNDS):
-        V = filled(outer(V), count)
+        V = filled(hull_vertices(V), count)
         on, corners = nearest_triangles(V, points)
         off = points - on
         share = np.zeros((len(points), count))

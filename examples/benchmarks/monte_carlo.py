@@ -10,6 +10,8 @@ plain arguments, so any concurrent.futures executor can distribute it.
 
 import os
 
+from tactilenlp.geometry.transforms import rotation_of
+
 os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
 
 import argparse
@@ -21,7 +23,6 @@ from time import process_time
 import numpy as np
 from estimate_cuboid import Truth
 from report_monte_carlo import FILE, report
-from scipy.spatial.transform import Rotation
 from study import add_executor, executor_of, run_study
 
 from tactilenlp import Measurements, Noise, Options, Scene, observed_information
@@ -38,7 +39,7 @@ def known(file: str, actions: int):
     """Return data, scene, truth, options and a start at the true motion."""
     data, truth = Measurements.load(file), Truth(file)
     data = data.select(np.unique(data.action)[:actions])
-    up = Rotation.from_quat(np.roll(truth.quaternion, -1, axis=1)).as_matrix()[:, 2]
+    up = rotation_of(truth.quaternion).as_matrix()[:, 2]
     turned = np.arccos(np.clip(up @ up[0], -1, 1)).max() > TILTED
     options = Options(reduce=["planar"] if turned else True, rivals=False)
     first = data.select(np.unique(data.action)[:1])
@@ -59,9 +60,7 @@ def measure(file: str, actions: int, number: int, noise: dict) -> dict:
     row |= {"success": bool(estimate.success), "cpu_s": process_time() - began}
     if not estimate.success:
         return row
-    R_we, R_wt = (
-        Rotation.from_quat(np.roll(c.quaternion[last], -1)) for c in (estimate, truth)
-    )
+    R_we, R_wt = (rotation_of(c.quaternion[last]) for c in (estimate, truth))
     error = np.r_[
         estimate.side_lengths - truth.side_lengths,
         estimate.position[last] - truth.position[last],

@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 from compare_formulations import started
-from scipy.spatial.transform import Rotation
 from trimesh.creation import box
 from trimesh.transformations import rotation_matrix, translation_matrix
 
@@ -33,6 +32,7 @@ from tactilenlp import (
     surface_distance,
 )
 from tactilenlp.data.sensor_noise import precision_of
+from tactilenlp.geometry.transforms import rotation_of
 from tactilenlp.nlp.ipopt import make_solver, solve, solve_levels
 from tactilenlp.problem.reductions import Reductions, reduce
 
@@ -115,7 +115,7 @@ def main() -> None:
     args = parser.parse_args()
     truth, data = np.load(args.file), Measurements.load(args.file)
     scene, data = Scene.load(args.file), data.select(range(args.actions))
-    turn = Rotation.from_quat(np.roll(truth["object_quaternion"], -1, axis=1))
+    turn = rotation_of(truth["object_quaternion"])
     yaw = np.unwrap(turn.as_euler("zyx")[:, 0])
     x = np.vstack([truth["object_position"][:, :2].T, yaw])[:, : data.samples]
     theta, start = started(args.start, truth, x, seed=0)

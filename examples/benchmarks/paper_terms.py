@@ -36,7 +36,7 @@ from formulations.paper_physics import Physics
 from tactilenlp import Measurements, Scene, solve_estimate
 from tactilenlp.errors import TactileError
 from tactilenlp.evaluation.metrics import surface_distance
-from tactilenlp.nlp.term_functions import seconds_deriving
+from tactilenlp.nlp.term_functions import default_cache
 
 INFORMATION = ca.inv(ca.DM(paper.SIGMA_N))  # (3, 3) [1/rad^2]
 WEIGHT = {name: value for name, (value, _) in paper.WEIGHTS.items()}
@@ -145,8 +145,8 @@ def run(file, na, name) -> dict:
     data, scene = data.select(np.unique(data.action)[:na]), Scene.load(file)
     row, derived = {"scene": Path(file).stem, "page": name, "converged": False}, None
     try:
-        while derived != seconds_deriving[0]:
-            derived = seconds_deriving[0]
+        while derived != default_cache().seconds:
+            derived = default_cache().seconds
             estimate = solve_estimate(data, scene, formulation=PAGES[name], throw=False)
     except TactileError as error:
         return row | {"status": f"{type(error).__name__}: {error}"}

@@ -38,7 +38,7 @@ from formulations.polytope import polytope
 from formulations.shape import CUBOID, Shape
 from tactilenlp import Ground, Measurements, Scene, SolverOptions, solve_estimate
 from tactilenlp.data.sensor_noise import precision_of, smoothed
-from tactilenlp.geometry.tipping import lifted
+from tactilenlp.geometry.tipping import planar_to_free
 from tactilenlp.problem.pages import is_polytope
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.search.hypothesis import Hypothesis, Job, TermFunctions
@@ -164,7 +164,7 @@ def written(way, h) -> tuple[Job, Hypothesis, dict]:
     """Return a job, where its solve starts, and its problem, from planar poses of h."""
     job = way.job()
     if not job.reductions.planar:
-        x = lifted(h.theta, h.x, way.shape) if len(h.x) == 3 else h.x
+        x = planar_to_free(h.theta, h.x, way.shape) if len(h.x) == 3 else h.x
         h = replace(h, x=x + np.array([[0], [0], [way.up], [0], [0], [0]]))
     window, problem, _ = problem_at(job, way.page, h)
     return job, h, {"window": window, "problem": problem, "solvers": {}}

@@ -23,9 +23,10 @@ from tactilenlp import (
     solve_estimate,
 )
 from tactilenlp.errors import TactileError
-from tactilenlp.estimation.observed_information import KINDS
+from tactilenlp.estimation.observed_information import INFORMATION_KINDS
 from tactilenlp.evaluation import metrics
 from tactilenlp.geometry.convex_hull import centroid
+from tactilenlp.geometry.transforms import rotation_of
 
 RIGHT, HONEST, ERROR = "right", "honest sigma", "typed error"
 WRONG, NAN, OFF = "confident wrong", "not finite", "rule broken"
@@ -174,10 +175,9 @@ def _of_hull(estimate, truth):
 
 def _corners(truth) -> np.ndarray:
     """Return the corners of the true body at the last sample (8, 3) [m], world."""
-    from scipy.spatial.transform import Rotation
 
     signs = np.indices((2, 2, 2)).reshape(3, 8).T - 0.5
-    R_wo = Rotation.from_quat(np.roll(truth.quaternion[-1], -1))
+    R_wo = rotation_of(truth.quaternion[-1])
     return R_wo.apply(signs * truth.sides) + truth.position[-1]
 
 
@@ -197,7 +197,7 @@ def _informed(estimate) -> dict:
     ours = estimate.shape == "cuboid" and estimate.formulation in (
         formulation for _, formulation in WAYS.values()
     )
-    for kind in KINDS if ours else ("exact",):
+    for kind in INFORMATION_KINDS if ours else ("exact",):
         try:
             info = observed_information(estimate, kind)
         except TactileError as error:

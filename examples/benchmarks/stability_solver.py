@@ -30,8 +30,9 @@ from tactilenlp import (
     information_gain,
 )
 from tactilenlp.data.sensor_noise import precision_of, smoothed
+from tactilenlp.geometry.transforms import rotation_of
 from tactilenlp.nlp.ipopt import solve_levels
-from tactilenlp.problem.reductions import Reductions, insisted, reduce
+from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 
 EXACT, CLOSE, END = 1e-6, 1e-6, 0.01  # [relative], [m], [sigma] of two solves
 TIGHT = 1e-9  # tolerance of solves that are compared
@@ -45,7 +46,7 @@ def local(case: Case, page, theta, x, tolerance=TIGHT):
     """Solve a page once from sizes (3,) and a path (3, T): no search."""
     precision = precision_of(case.data, case.scene)
     known = smoothed(case.data, precision), case.scene, CUBOID, precision
-    window = reduce(*known, insisted(page, Reductions()), guess=(theta, x))
+    window = reduce(*known, required_reductions(page, Reductions()), guess=(theta, x))
     problem = Problem()
     page.build(problem, window, case.scene, CUBOID)
     options = SolverOptions(tolerance=tolerance)
@@ -59,7 +60,7 @@ def local(case: Case, page, theta, x, tolerance=TIGHT):
 
 def begun(case: Case):
     """Return sizes (3,) and path (3, T) of a start near the truth."""
-    turn = Rotation.from_quat(np.roll(case.truth.quaternion, -1, axis=1))
+    turn = rotation_of(case.truth.quaternion)
     yaw = np.unwrap(turn.as_euler("zyx")[:, 0])
     x = np.vstack([case.truth.position[:, :2].T, yaw])
     return case.truth.sides * 1.03, x + OFF[:, None]

@@ -1,4 +1,4 @@
-"""Hear Ctrl-C while compiled code runs that would swallow it."""
+"""Ctrl-C while compiled code runs that loses the exception."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from contextlib import contextmanager
 
 
 class _Listener:
-    """A handler of SIGINT that raises KeyboardInterrupt and remembers that it did."""
+    """A handler of SIGINT that raises KeyboardInterrupt and records that it did."""
 
     def __init__(self):
-        self.heard = False
+        self.received = False
 
     def __call__(self, number, frame):
-        self.heard = True
+        self.received = True
         raise KeyboardInterrupt
 
 
@@ -23,13 +23,13 @@ class _Listener:
 def interruptible() -> Iterator[None]:
     """Raise KeyboardInterrupt at the end if Ctrl-C was pressed inside.
 
-    Compiled code loses the exception: IPOPT stops and reports no more than a failed
-    solve (CasADi 3.8), so that a loop over solves would go on; reading a number out of
-    a CasADi matrix turns it into SystemError; a callback may drop it.  Whatever comes
-    of it inside, here it is Ctrl-C again, also of blocks within blocks.
+    Compiled code loses the exception: IPOPT stops and reports a failed solve (CasADi
+    3.8), so that a loop over solves would continue; reading a number from a CasADi
+    matrix turns it into SystemError; a callback may drop it.  At the end of this block,
+    nested ones included, it is raised again.
 
-    Only the main thread hears signals: elsewhere, and where somebody else handles
-    SIGINT already, nothing is changed.
+    Only the main thread receives signals: in other threads, and where another handler
+    of SIGINT is installed, nothing is changed.
     """
     main = threading.current_thread() is threading.main_thread()
     before = signal.getsignal(signal.SIGINT)
@@ -42,15 +42,15 @@ def interruptible() -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        listener.heard = False  # it is on its way
+        listener.received = False  # it propagates already
         raise
     except Exception as error:
-        if listener.heard:
-            listener.heard = False
+        if listener.received:
+            listener.received = False
             raise KeyboardInterrupt from error
         raise
     finally:
         signal.signal(signal.SIGINT, before)
-    if listener.heard:
-        listener.heard = False
+    if listener.received:
+        listener.received = False
         raise KeyboardInterrupt

@@ -1,10 +1,10 @@
-"""Read the arrays of an .npz file from anybody: nothing in it is executed.
+"""Files in the .npz format: plain arrays, and results with a JSON header.
 
-Keep results in one .npz that can be read without us: a JSON header, plain arrays.
-
-The header says format, version and who wrote it; its `content` is a tree in which
-{"array": name} stands for an array of the file, {"kind": name, "fields": {...}} for one
-of our dataclasses, {"dict": ...} and {"list": ...} for what they say.
+Nothing in a file is executed (no pickle), and any reader of .npz files can open one.
+The header of a result holds format, version and the libraries that wrote it.  Its
+`content` is a tree in which {"array": name} stands for an array of the file, {"kind":
+name, "fields": {...}} for one of our dataclasses, and {"dict": ...} and {"list": ...}
+for dictionaries and sequences.
 """
 
 from __future__ import annotations
@@ -33,16 +33,25 @@ UNREADABLE = (  # AttributeError, TypeError: np.load gave an array, it was an .n
     *(SyntaxError, tokenize.TokenError, OverflowError),  # of a damaged array's header
 )
 MALFORMED = (ValueError, KeyError, TypeError, AttributeError, RecursionError)
-SOME = 5  # names that are shown of a file that is something else
+SHOWN_NAMES = 5  # of the arrays of a file without header, in the error
 LIBRARIES = ("tactilenlp", "casadi", "numpy", "scipy")
+
+
+def write_npz(path, arrays: dict) -> None:
+    """Write arrays by name to an .npz file at exactly this path, completely or not."""
+    check_path(path)
+    check_folder(path, str(path))
+    with _whole(path) as file:
+        np.savez_compressed(file, **arrays)
 
 
 def read_npz(
     path: str | os.PathLike, keys: Iterable | None, error: type = MeasurementError
 ) -> dict[str, np.ndarray]:
-    """Read those of `keys` (None: all) that an .npz file has; unpickle nothing.
+    """Return the arrays of an .npz file, those of `keys` that it has (None: all).
 
-    Raises `error` for what is no .npz file, FileNotFoundError for no file at all.
+    Raises `error` if the file is no .npz file of plain arrays, FileNotFoundError if
+    there is no file.
     """
     check_path(path)
     arrays, where = {}, os.fspath(path)
@@ -59,13 +68,11 @@ def read_npz(
     return arrays
 
 
-def versions() -> dict[str, str]:
-    """Return the versions of the libraries that made a result."""
-    return {name: version(name) for name in LIBRARIES}
-
-
 def write_result(path, name: str, number: int, content, kinds: dict) -> None:
-    """Write content as version `number` of the format `name`: whole, or not at all."""
+    """Write content as version `number` of the format `name`, completely or not at all.
+
+    kinds: the dataclasses that may occur in it, by name.
+    """
     check_path(path)
     arrays: dict[str, np.ndarray] = {}
     header = {"format": name, "version": number, "written_by": versions()}
@@ -73,63 +80,14 @@ def write_result(path, name: str, number: int, content, kinds: dict) -> None:
     write_npz(path, {"header": np.array(json.dumps(header)), **arrays})
 
 
-def write_npz(path, arrays: dict) -> None:
-    """Write arrays by name as an .npz file at this very path: whole, or not at all."""
-    check_path(path)
-    check_folder(path, str(path))
-    with _whole(path) as file:
-        np.savez_compressed(file, **arrays)
-
-
-def check_folder(path, where: str) -> None:
-    """Raise FileError unless the folder of a file to be written is there."""
-    folder = Path(path).absolute().parent
-    if not folder.is_dir():
-        raise FileError(
-            "no such folder", where=where, got=str(folder),
-            expected="a file in a folder that is there",
-            next="make the folder, or write elsewhere",
-        )  # fmt: skip
-    if Path(path).is_dir():  # an empty word is this folder
-        expected = "the path of a file"
-        got = repr(str(path))
-        raise FileError("a folder", where=where or "path", got=got, expected=expected)
-
-
-@contextmanager
-def _whole(path):
-    """Open a new file beside `path` to write, which takes its place once it is whole.
-
-    It has a name of its own, as another program may be writing to the same path.
-    """
-    path = Path(path)
-    where = {"dir": path.parent, "prefix": f".{path.name}."}
-    with NamedTemporaryFile(**where, delete=False) as part:
-        try:
-            yield part
-            part.close()
-            os.chmod(part.name, _mode(path))
-            os.replace(part.name, path)
-        except BaseException:  # Ctrl-C as well
-            part.close()
-            Path(part.name).unlink(missing_ok=True)
-            raise
-
-
-def _mode(path: Path) -> int:
-    """Return the permissions of the file that is replaced, or of any new one."""
-    if path.exists():
-        return stat.S_IMODE(path.stat().st_mode)
-    mask = os.umask(0)  # cannot be read without being set
-    os.umask(mask)
-    return 0o666 & ~mask
-
-
 def read_result(path, name: str, number: int, kinds: dict, kind: type):
-    """Return what `write` wrote of a kind, to the last digit; FileError of others."""
+    """Return an object of class `kind` as `write_result` wrote it, to the last digit.
+
+    Raises FileError for files of another format, version or class.
+    """
     arrays = read_npz(path, None, error=FileError)
     if "header" not in arrays:
-        some = ", ".join(sorted(arrays)[:SOME])
+        some = ", ".join(sorted(arrays)[:SHOWN_NAMES])
         raise FileError(
             f"not an {name}", where=str(path), got=f"no header, but {some}, ...",
             expected="what `save` wrote", next="Measurements.load reads recordings",
@@ -152,7 +110,7 @@ def read_result(path, name: str, number: int, kinds: dict, kind: type):
 
 
 def format_of(path) -> str:
-    """Return what a file says that it is; an empty word where it says nothing."""
+    """Return the format that a file's header names, "" if it names none."""
     header = read_npz(path, ["header"], error=FileError).get("header")
     try:
         return str(json.loads(str(header))["format"])
@@ -160,11 +118,60 @@ def format_of(path) -> str:
         return ""
 
 
+def versions() -> dict[str, str]:
+    """Return the versions of the libraries that made a result."""
+    return {name: version(name) for name in LIBRARIES}
+
+
+def check_folder(path, where: str) -> None:
+    """Raise FileError unless the folder of a file to be written exists."""
+    folder = Path(path).absolute().parent
+    if not folder.is_dir():
+        raise FileError(
+            "no such folder", where=where, got=str(folder),
+            expected="a file in a folder that exists",
+            next="make the folder, or write elsewhere",
+        )  # fmt: skip
+    if Path(path).is_dir():  # an empty path is the current folder
+        expected = "the path of a file"
+        got = repr(str(path))
+        raise FileError("a folder", where=where or "path", got=got, expected=expected)
+
+
+@contextmanager
+def _whole(path):
+    """Open a temporary file that replaces `path` once it is completely written.
+
+    Its name is unique, as another program may be writing to the same path.
+    """
+    path = Path(path)
+    where = {"dir": path.parent, "prefix": f".{path.name}."}
+    with NamedTemporaryFile(**where, delete=False) as part:
+        try:
+            yield part
+            part.close()
+            os.chmod(part.name, _mode(path))
+            os.replace(part.name, path)
+        except BaseException:  # Ctrl-C as well
+            part.close()
+            Path(part.name).unlink(missing_ok=True)
+            raise
+
+
+def _mode(path: Path) -> int:
+    """Return the permissions of the file to be replaced, or those of new files."""
+    if path.exists():
+        return stat.S_IMODE(path.stat().st_mode)
+    mask = os.umask(0)  # cannot be read without being set
+    os.umask(mask)
+    return 0o666 & ~mask
+
+
 def _check_version(header: dict, name: str, number: int, where: str) -> None:
-    """Raise FileError unless a header is of this format, in this version."""
+    """Raise FileError unless a header names this format and version."""
     found = header["format"]
     if "version" not in header and isinstance(found, int):
-        # The first files had a number alone, and were estimates.
+        # The first files had only a number, and were estimates.
         of = "" if name == "estimate" else " of an estimate"
         expected = f"version {number}{of and f' of an {name}'}"
         raise _foreign(f"version {found}{of}", expected, header, where)
@@ -176,7 +183,7 @@ def _check_version(header: dict, name: str, number: int, where: str) -> None:
 
 
 def _foreign(got: str, expected: str, header: dict, where: str) -> FileError:
-    """Return the error of a file whose form is not that of this program."""
+    """Return the error for a file of another version."""
     by = header.get("written_by", {}).get("tactilenlp", "an older one")
     here = version("tactilenlp")
     return FileError(
@@ -187,7 +194,7 @@ def _foreign(got: str, expected: str, header: dict, where: str) -> FileError:
 
 
 def _check_fields(tree, kinds: dict, header: dict, where: str) -> None:
-    """Raise FileError where a kind in the file has other fields than ours has."""
+    """Raise FileError if a dataclass in the file has other fields than here."""
     if isinstance(tree, dict) and "kind" in tree:
         kind, fields = tree["kind"], tree["fields"]
         ours = kinds[kind].__dataclass_fields__
@@ -207,7 +214,7 @@ def _branches(tree):
 
 
 def _pack(value, name: str, arrays: dict, kinds: dict):
-    """Return a JSON tree of `value`; arrays go to `arrays` under their path."""
+    """Return a JSON tree of `value`; its arrays are stored in `arrays` by path."""
     if isinstance(value, np.ndarray):
         arrays[name] = value
         return {"array": name}

@@ -1,4 +1,4 @@
-"""Refuse arguments of the wrong type, in words, before they do harm."""
+"""Checks of arguments: type, range and shape, with errors that name the argument."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 
 from ..errors import OptionError
 
-LONGEST = 80  # characters of a value that are shown
+SHOWN_CHARACTERS = 80  # of the repr of a value in an error
 
 
 def check_types(**given) -> None:
-    """Raise OptionError unless name=(value, type) hold; where several may be, a tuple.
+    """Raise OptionError unless every name=(value, type) is of its type.
 
-    A type can be a string where it cannot be imported: the name of a class.
+    type: a class, the name of a class that cannot be imported here, or a tuple.
     """
     for name, (value, kind) in given.items():
         kinds = kind if isinstance(kind, tuple) else (kind,)
@@ -29,17 +29,17 @@ def check_types(**given) -> None:
 
 
 def check_path(path) -> None:
-    """Raise OptionError unless this may be the path of a file."""
+    """Raise OptionError unless path is a str or an os.PathLike."""
     if not isinstance(path, (str, os.PathLike)):
         raise OptionError(
-            "no path", where="path", got=_short(path), expected="a str or a Path"
+            "not a path", where="path", got=_short(path), expected="a str or a Path"
         )
 
 
 def check_numbers(where: str, expected: str, **given) -> None:
     """Raise OptionError unless name=(value, low, high) is a number above low.
 
-    It may be as large as high.  Infinity is a number; NaN, None, booleans, arrays not.
+    It may equal high.  Infinity is a number; NaN, None, booleans and arrays are not.
     """
     for name, (value, low, high) in given.items():
         number = isinstance(value, Real) and not isinstance(value, bool)
@@ -51,7 +51,7 @@ def check_numbers(where: str, expected: str, **given) -> None:
 
 
 def check_sample(sample, samples: int, name: str = "sample") -> None:
-    """Raise OptionError unless `sample` is a whole number that picks one of so many."""
+    """Raise OptionError unless `sample` is an integer index into so many samples."""
     whole = isinstance(sample, Integral) and not isinstance(sample, bool)
     if not (whole and -samples <= sample < samples):
         raise OptionError(
@@ -61,7 +61,7 @@ def check_sample(sample, samples: int, name: str = "sample") -> None:
 
 
 def checked_array(where: str, value, *shape: int, unit: str) -> np.ndarray:
-    """Return the value as floats of this shape, finite; OptionError if it is none.
+    """Return the value as finite floats of this shape, or raise OptionError.
 
     shape: sizes; -1 in front stands for any number of axes of any size.
     """
@@ -76,7 +76,7 @@ def checked_array(where: str, value, *shape: int, unit: str) -> np.ndarray:
         return array
     words = ", ".join("..." if n == -1 else str(n) for n in shape)
     raise OptionError(
-        "not the numbers that it should be", where=where, got=_short(value),
+        "not an array of this shape", where=where, got=_short(value),
         expected=f"({words}{',' * (len(shape) == 1)}) finite numbers {unit}".strip(),
     )  # fmt: skip
 
@@ -85,7 +85,7 @@ def checked_choice(where: str, value, known, error=OptionError) -> np.ndarray:
     """Return an iterable of whole numbers among those known; `error` otherwise."""
     try:
         wanted = np.asarray(list(value))
-    except TypeError:  # it is no iterable
+    except TypeError:  # not iterable
         wanted = np.full(0, np.nan)
     if wanted.dtype.kind not in "iu" or not np.isin(wanted, known).all():
         raise error(
@@ -103,4 +103,5 @@ def _is(value, kind) -> bool:
 
 def _short(value) -> str:
     text = repr(value)
-    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+    short = len(text) <= SHOWN_CHARACTERS
+    return text if short else f"{text[: SHOWN_CHARACTERS - 3]}..."

@@ -1,7 +1,8 @@
-"""Group the touches of a finger into runs that lie on one plane of the body.
+"""Contact segments: successive touches of a finger on one plane of the body.
 
-A finger that stays on a face feels one normal, up to noise, while the body hardly
-turns; where the normal changes by more than noise explains, a new run begins.
+While a finger stays on a face and the body hardly turns, its normal is constant up to
+noise; where the mean normal changes by more than noise explains, a new segment begins.
+Touches without a similar neighbour are outliers.
 """
 
 from __future__ import annotations
@@ -13,23 +14,24 @@ import numpy as np
 
 from .measurements import Measurements
 
-SAME = 0.005  # [rad] normals of exact sensors that are one
-AGREE = 0.5  # [rad] a touch that turns further from all its neighbours is a wrong one
-REACH = 2  # samples: a flipped boolean may part two touches of a run
-SPAN = 4  # touches on either side whose mean normals are compared
-DOUBT = 3.5  # [sigma] by which means of one face differ at most
+EQUAL_NORMALS = 0.005  # [rad] normals of exact sensors closer than this are equal
+OUTLIER_ANGLE = 0.5  # [rad] from the normals of all neighbours: an outlier
+LARGEST_GAP = 2  # samples: a flipped boolean may separate two touches
+COMPARED_TOUCHES = 4  # touches on either side whose mean normals are compared
+NOISE_SIGMAS = 3.5  # [sigma] largest difference of means of one segment
 
 
-def credible(data: Measurements, sigma: float) -> Measurements:
-    """Return the data less what a flipped boolean makes: samples that stand alone.
+def without_outliers(data: Measurements, sigma: float) -> Measurements:
+    """Return the data with isolated samples marked as not valid: flipped booleans.
 
-    A touch stands alone without another of its finger nearby with a normal like it,
-    sigma [rad] being the normals' noise; a silence stands alone between two touches.
+    A touch is isolated without another touch of its finger within LARGEST_GAP samples
+    that has a similar normal (noise sigma [rad]); a sample without contact is isolated
+    between two touches.
     """
     felt, n = data.contact & data.valid, data.normal
-    limit = np.cos(min(np.pi / 2, AGREE + DOUBT * sigma))
+    limit = np.cos(min(np.pi / 2, OUTLIER_ANGLE + NOISE_SIGMAS * sigma))
     backed = np.zeros_like(felt)
-    for step in range(1, REACH + 1):
+    for step in range(1, LARGEST_GAP + 1):
         same = (data.action[step:] == data.action[:-step])[:, None]
         alike = (n[step:] * n[:-step]).sum(axis=2) > limit
         pair = felt[step:] & felt[:-step] & same & alike
@@ -41,15 +43,15 @@ def credible(data: Measurements, sigma: float) -> Measurements:
     return replace(data, valid=data.valid & ~wrong)
 
 
-def runs(touch, sigma: float) -> np.ndarray:
-    """Return the run (touches,) of each touch, numbered from 0.
+def contact_segments(touch, sigma: float) -> np.ndarray:
+    """Return the segment (touches,) of each touch, numbered from 0.
 
     touch: samples with contact; sigma [rad]: noise of their normals.
     """
     order = np.lexsort((touch.sample, touch.finger))
     t, f, n = touch.sample[order], touch.finger[order], touch.normal[order]
     begins = np.ones(len(order), bool)
-    begins[1:] = (f[1:] != f[:-1]) | (np.diff(t) > REACH)
+    begins[1:] = (f[1:] != f[:-1]) | (np.diff(t) > LARGEST_GAP)
     starts = np.nonzero(begins)[0]
     for first, last in pairwise([*starts, len(begins)]):
         begins[_breaks(n[first:last], sigma) + first] = True
@@ -59,13 +61,13 @@ def runs(touch, sigma: float) -> np.ndarray:
 
 
 def _breaks(n, sigma: float) -> np.ndarray:
-    """Return where in a row of normals (k, 3) another run begins, worst break first."""
+    """Return where in normals (k, 3) new segments begin (binary segmentation)."""
     excess = np.zeros(len(n))
     for i in range(1, len(n)):
-        before, after = n[max(0, i - SPAN) : i], n[i : i + SPAN]
-        doubt = DOUBT * sigma * np.sqrt(1 / len(before) + 1 / len(after))
+        before, after = n[max(0, i - COMPARED_TOUCHES) : i], n[i : i + COMPARED_TOUCHES]
+        doubt = NOISE_SIGMAS * sigma * np.sqrt(1 / len(before) + 1 / len(after))
         apart = np.linalg.norm(before.mean(axis=0) - after.mean(axis=0))
-        excess[i] = apart / np.hypot(SAME, doubt)
+        excess[i] = apart / np.hypot(EQUAL_NORMALS, doubt)
     if excess.max(initial=0.0) <= 1:
         return np.zeros(0, int)
     i = int(np.argmax(excess))

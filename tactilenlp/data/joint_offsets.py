@@ -1,12 +1,13 @@
-r"""What is known of fingers whose joints count from angles that are a little wrong.
+r"""Joint offsets: the prior of finger offsets caused by wrong zero angles of joints.
 
-A finger's joints are off by d ~ N(0, sigma^2): its tip at `place` by e = J d, and it is
-turned by W d, (J, W) = jacobian.  With J^+ e for d, at p it is off by
+The zero angles of a finger's joints have errors d ~ N(0, sigma^2).  They displace the
+tip at `place` by e = J d and rotate it by W d, (J, W) = jacobian.  With d = J^+ e, the
+displacement and the rotation at p are
 
-    e + sum_k (p - place)_k (dJ / dp_k) J^+ e        and turned by        W J^+ e.
+    e + sum_k (p - place)_k (dJ / dp_k) J^+ e        and        W J^+ e.
 
-e (3,) [m] is what is estimated; its covariance is sigma^2 J J'.  The turn is what tells
-of it: the sides of a body on level ground seem to lean, by as much as the finger does.
+e (3,) [m] is estimated; its covariance is sigma^2 J J'.  The rotation makes it
+observable: the sides of a body on level ground seem to lean by as much as the finger.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ import numpy as np
 
 from ..errors import SceneError
 
-WIDEST = 0.35  # [rad], 20 degrees: beyond it a deviation was given in degrees
-LAYOUT = {  # of each finger
+LARGEST_JOINT_SIGMA = 0.35  # [rad], 20 degrees: a larger one was given in degrees
+JOINT_LAYOUT = {  # of each finger
     "place": ((3,), "[m]"),
     "jacobian": ((6, 3), "[m/rad, 1]"),
     "change": ((3, 3, 3), "[1/rad]"),
@@ -27,14 +28,14 @@ LAYOUT = {  # of each finger
 
 @dataclass(frozen=True)
 class JointZeros:
-    """Say how wrong zero angles of joints put fingers elsewhere and turn them; world.
+    """How wrong zero angles of joints displace and rotate fingers, world frame.
 
     sigma:    [rad], standard deviation of each joint's zero angle
-    place:    (F, 3) [m], of each tip, amid its work
-    jacobian: (F, 6, 3) [m/rad, 1], there: how each joint moves, then turns the tip
+    place:    (F, 3) [m], of each tip, in the middle of its work space
+    jacobian: (F, 6, 3) [m/rad, 1], there: displacement, then rotation of the tip
     change:   (F, 3, 3, 3) [1/rad], d jacobian[:3, joint] / d place: row, joint, x y z
 
-    Those of a TriFinger's fingers: hardware.kinematics.joints_about.
+    For a TriFinger: hardware.kinematics.joints_about.
     """
 
     sigma: float
@@ -44,19 +45,24 @@ class JointZeros:
 
     def __post_init__(self) -> None:
         sigma = np.asarray(self.sigma)
-        if sigma.ndim or sigma.dtype.kind not in "iuf" or not 0 < sigma < WIDEST:
+        if (
+            sigma.ndim
+            or sigma.dtype.kind not in "iuf"
+            or not 0 < sigma < LARGEST_JOINT_SIGMA
+        ):
             raise SceneError(
-                "no deviation of an angle", where="JointZeros.sigma", got=self.sigma,
-                expected=f"one number above 0 and below {WIDEST} rad",
-                next="np.deg2rad(1.0) is a degree",
+                "not a standard deviation of an angle",
+                where="JointZeros.sigma", got=self.sigma,
+                expected=f"one number above 0 and below {LARGEST_JOINT_SIGMA} rad",
+                next="give radians: np.deg2rad(1.0) is one degree",
             )  # fmt: skip
         object.__setattr__(self, "sigma", float(sigma))
-        for name in LAYOUT:
+        for name in JOINT_LAYOUT:
             array = _numbers(name, getattr(self, name), self.fingers)
             object.__setattr__(self, name, _tuples(array.tolist()))
         if (np.linalg.cond(self._J) > 1e6).any():
             raise SceneError(
-                "joints that cannot move the tip every way",
+                "the joints cannot move the tip in all directions",
                 where="JointZeros.jacobian", expected="three independent joints",
             )  # fmt: skip
 
@@ -76,27 +82,27 @@ class JointZeros:
 
     @property
     def turn(self) -> np.ndarray:
-        """(F, 3, 3) [rad/m]: the turn of a finger that is off by e."""
+        """(F, 3, 3) [rad/m]: the rotation of a finger displaced by e."""
         return np.array(self.jacobian)[:, 3:] @ np.linalg.inv(self._J)
 
     @property
     def covariance(self) -> np.ndarray:
-        """(F, 3, 3) [m^2] of e."""
+        """(F, 3, 3) [m^2]: the covariance of e."""
         return self.sigma**2 * self._J @ self._J.transpose(0, 2, 1)
 
     @property
     def information(self) -> np.ndarray:
-        """(F, 9) [1/m^2]: the inverse of each covariance, as a page reads it."""
+        """(F, 9) [1/m^2]: the inverse of each covariance, flattened for the page."""
         return np.linalg.inv(self.covariance).reshape(-1, 9)
 
     def beside(self, said: np.ndarray, finger: np.ndarray) -> np.ndarray:
-        """Return rows (n, N), each beside 39 numbers that a page reads."""
+        """Return rows `said` (n, N) with the 39 numbers of their fingers appended."""
         slope = self.slope.transpose(0, 3, 2, 1).reshape(-1, 27)
         turn = self.turn.transpose(0, 2, 1).reshape(-1, 9)
         return np.hstack([said, np.hstack([self.place, slope, turn])[finger]])
 
     def off(self, said: np.ndarray, e: np.ndarray) -> np.ndarray:
-        """Return by how much fingers that say (..., F, 3) [m] are off; e (F, 3) [m]."""
+        """Return the displacements (..., F, 3) [m] at measured positions; e (F, 3)."""
         way = np.asarray(said) - self.place
         return e + np.einsum("...fk,filk,fl->...fi", way, self.slope, e)
 
@@ -110,7 +116,7 @@ class JointZeros:
 
 
 def _numbers(name: str, value, fingers: int) -> np.ndarray:
-    shape, unit = LAYOUT[name]
+    shape, unit = JOINT_LAYOUT[name]
     words = ", ".join(["F", *map(str, shape)])
     try:
         array = np.asarray(value, float)
@@ -120,9 +126,9 @@ def _numbers(name: str, value, fingers: int) -> np.ndarray:
     if fit and fingers:
         return array
     raise SceneError(
-        "not the numbers of fingers", where=f"JointZeros.{name}", got=repr(value)[:60],
+        "not an array of this shape", where=f"JointZeros.{name}", got=repr(value)[:60],
         expected=f"({words}) {unit}, of as many fingers as place",
-        next="stack those of every finger",
+        next="stack the arrays of all fingers",
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Hold what the fingers measured: arrays in SI, checked at the door."""
+"""Measurements of the fingers: arrays in SI units, checked on construction."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ OPTIONAL = ("valid", "finger_orientation")
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Measurements:
-    """Hold T samples of F fingers, in SI and in the world frame.
+    """T samples of F fingers, in SI units and in the world frame.
 
     time:               (T,) [s], increasing; jumps between actions
     finger_position:    (T, F, 3) [m], centres of the fingertips
@@ -72,7 +72,7 @@ class Measurements:
 
     @classmethod
     def load(cls, path: str | os.PathLike) -> Measurements:
-        """Read the documented keys of an .npz file; ignore all others, truth first."""
+        """Read the documented keys of an .npz file; ignore all others."""
         return cls(**dict.fromkeys(LAYOUT) | read_npz(path, LAYOUT))
 
     def save(self, path: str | os.PathLike) -> None:
@@ -102,7 +102,7 @@ class Measurements:
         return dt
 
     def append(self, other: Measurements) -> Measurements:
-        """Return these data and then those of `other`, its actions numbered on."""
+        """Return these data followed by those of `other`, its actions renumbered."""
         check_types(other=(other, Measurements))
         mine, theirs = self._arrays(), other._arrays()
         radius, end = self.finger_radius, self.time[-1]
@@ -136,16 +136,19 @@ class Measurements:
         if not (rigid and np.linalg.det(R_vw) > 0):
             parts = {"where": "R, t", "got": f"{R}, {t}"}
             parts |= {"expected": "a rotation matrix (3, 3) and an offset (3,) [m]"}
-            raise MeasurementError("no rigid motion", next="check R R' = 1", **parts)
+            raise MeasurementError("not a rigid motion", next="check R R' = 1", **parts)
         moved = self._arrays() | {"normal": self.normal @ R_vw.T}
         moved["finger_position"] = self.finger_position @ R_vw.T + t_vw
         if self.finger_orientation is not None:
-            from scipy.spatial.transform import Rotation  # lazily: import stays light
+            # lazily: import stays light
+            from scipy.spatial.transform import Rotation
 
-            xyzw = np.roll(self.finger_orientation.reshape(-1, 4), -1, axis=1)
-            turned = Rotation.from_matrix(R_vw) * Rotation.from_quat(xyzw)
-            wxyz = np.roll(turned.as_quat(), 1, axis=1)
-            moved["finger_orientation"] = wxyz.reshape(self.finger_orientation.shape)
+            from ..geometry.transforms import quaternion_of, rotation_of
+
+            wxyz = self.finger_orientation.reshape(-1, 4)
+            turned = Rotation.from_matrix(R_vw) * rotation_of(wxyz)
+            wxyz = quaternion_of(turned).reshape(self.finger_orientation.shape)
+            moved["finger_orientation"] = wxyz
         return Measurements(**moved)
 
     def is_prefix_of(self, other: Measurements) -> bool:
@@ -161,7 +164,7 @@ class Measurements:
         return same and self.is_prefix_of(other)
 
     def __reduce__(self):
-        # Unpickled arrays would be writable: build anew, which makes them read-only.
+        # Unpickled arrays would be writable; the constructor makes them read-only.
         return partial(Measurements, **self._arrays()), ()
 
     def __repr__(self) -> str:
@@ -206,7 +209,7 @@ def _shaped(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     sizes: dict = {3: 3, 4: 4}
     for key, (axes, _, _) in LAYOUT.items():
         if key not in arrays:
-            missing, fix = key not in OPTIONAL, "record it, nothing stands in for it"
+            missing, fix = key not in OPTIONAL, "record it, there is no default"
             _reject(key, missing, "missing", f"only {list(arrays)}", fix)
             continue
         if key == "finger_radius" and arrays[key].ndim == 0:

@@ -1,4 +1,4 @@
-"""Spoil clean measurements the way real sensors do."""
+"""Synthetic sensor noise, added to clean measurements."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .measurements import Measurements
 
 @dataclass(frozen=True)
 class Noise:
-    """Say how the sensors err; all zero by default.
+    """Errors of the sensors; all zero by default.
 
     position: [m]   standard deviation of each coordinate of the fingers, every sample
     bias:     [m]   standard deviation of a constant offset, one vector per finger
@@ -50,13 +50,12 @@ class Noise:
 
 
 def add_noise(data: Measurements, noise: Noise) -> Measurements:
-    """Return the data with this noise on them; nothing else changes.
+    """Return the data with this noise added; nothing else changes.
 
     The bias depends on the seed alone, the rest on seed and action number: noise on a
     whole record equals noise on its actions one by one, and one kind of noise does not
-    change the draws of another.  A contact that is missed loses its normal; one that is
-    invented gets a normal drawn uniformly from the sphere.  What is not valid is never
-    flipped.
+    change the draws of another.  A missed contact loses its normal; a false one gets a
+    normal drawn uniformly from the sphere.  Invalid samples are never flipped.
     """
     position, normal = data.finger_position.copy(), data.normal.copy()
     contact, valid = data.contact.copy(), data.valid.copy()

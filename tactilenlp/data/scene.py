@@ -1,4 +1,4 @@
-"""Hold what is known of the scene before anything is touched."""
+"""Prior knowledge of the scene: object, ground, fingertips and sensors."""
 
 from __future__ import annotations
 
@@ -11,10 +11,9 @@ from ..common.npz import read_npz
 from ..common.validation import check_types, checked_array
 from ..errors import MeasurementError, OptionError, SceneError
 from .joint_offsets import JointZeros
-from .measurements import Measurements
+from .measurements import UNIT_EXACT, Measurements
 
-UNIT_TOLERANCE = 1e-6  # [1], a normal further from unit length was not normalised
-UNIT_EXACT = 1e-12  # [1], a normal closer to unit length is left alone
+NORMAL_TOLERANCE = 1e-6  # [1], a normal further from unit length was not normalised
 FLIP_LIMIT = -0.9  # [1], cosine below which the shortest rotation to +z is ill-defined
 HEAVIEST = 100.0  # [kg] no finger pushes more: beyond it a mass is in grams
 KNOWN_KEYS = ("mass", "friction_ground", "friction_finger")  # read from a file
@@ -22,7 +21,7 @@ KNOWN_KEYS = ("mass", "friction_ground", "friction_finger")  # read from a file
 
 @dataclass(frozen=True)
 class Ground:
-    """Place the plane that the object rests on: all points p with normal . p = height.
+    """The plane that the object rests on: all points p with normal . p = height.
 
     height: [m], of the plane above the world's origin, along the normal
     normal: (3,), unit, pointing up, world frame
@@ -44,7 +43,7 @@ class Ground:
         """R_gw (3, 3): rotates vectors from the world to the ground frame."""
         n_w = np.array(self.normal)
         flip = np.eye(3)
-        if n_w[2] < FLIP_LIMIT:  # half a turn about x first, then the short rest
+        if n_w[2] < FLIP_LIMIT:  # first half a turn about x, then the shortest rotation
             flip = np.diag([1.0, -1.0, -1.0])
             n_w = flip @ n_w
         x, y, z = n_w
@@ -79,25 +78,25 @@ class Ground:
 
 @dataclass(frozen=True)
 class Scene:
-    """Hold what is known of object, ground and sensors; raise SceneError if impossible.
+    """What is known of object, ground and sensors; SceneError if it is impossible.
 
     mass:            [kg], of the object; must be given, impulses scale with it
     friction_ground: [1], Coulomb, object and ground; None: unknown, estimated
     friction_finger: [1], Coulomb, object and fingertip; None: unknown, estimated
     ground:          the plane that carries the object; None: there is none
     gravity:         [m/s^2], acts against the ground's normal (along -z without one);
-                     without ground and gravity the object floats and goes on as it is
+                     without ground and gravity the object floats and keeps its velocity
     finger_length:   [m], of the straight part of a fingertip: 0 for spheres, else
                      capsules along z of the measured finger_orientation
     sigma_position:  [m], standard deviation of each coordinate of a finger position
     sigma_normal:    [1], about rad, standard deviation of each component of a normal
     flip_rate:       [1], probability that a contact boolean is wrong
     sigma_offset:    [m], standard deviation of each coordinate of a constant offset of
-                     each finger, which is estimated; None: fingers are where they say;
+                     each finger, which is estimated; None: positions have no offset;
                      JointZeros: the offset is that of wrong zero angles of joints
 
-    The default mass and frictions are those of the recorded scenes.  A sensor figure
-    that is None is estimated from the data, but for sigma_offset.
+    The default mass and frictions are those of the recorded scenes.  Sensor
+    figures that are None are estimated from the data, except sigma_offset.
     """
 
     mass: float = 0.5
@@ -134,7 +133,7 @@ class Scene:
             object.__setattr__(self, name, number)
         if self.ground is not None and not isinstance(self.ground, Ground):
             raise SceneError(
-                "no ground",
+                "not a ground",
                 where="ground",
                 got=repr(self.ground),
                 expected="a Ground, or None",
@@ -142,8 +141,9 @@ class Scene:
             )
         if self.ground is None and isinstance(self.sigma_offset, JointZeros):
             raise SceneError(
-                "wrong joints are told from level ground only", where="sigma_offset",
-                got="JointZeros", expected="a ground, or one number [m]",
+                "joint offsets can be estimated with a ground only",
+                where="sigma_offset", got="JointZeros",
+                expected="a ground, or one number [m]",
             )  # fmt: skip
 
     @classmethod
@@ -181,12 +181,12 @@ class Scene:
         """Raise MeasurementError where the centre of a finger lies below the ground.
 
         The surface of a fingertip may touch the ground; samples not valid are skipped.
-        Raise it as well where capsules were not measured which way they point.
+        Also where the orientation of capsules was not measured.
         """
         check_types(data=(data, Measurements))
         if self.finger_length > 0 and data.finger_orientation is None:
             raise MeasurementError(
-                "no one says which way the fingertips point",
+                "the orientation of the fingertips is missing",
                 where="finger_orientation",
                 got="None",
                 expected=f"unit quaternions for capsules of {self.finger_length} m",
@@ -194,7 +194,7 @@ class Scene:
             )
         if self.joints is not None and self.joints.fingers != data.fingers:
             raise SceneError(
-                "joints of other fingers", where="sigma_offset",
+                "another number of fingers", where="sigma_offset",
                 got=f"those of {self.joints.fingers}",
                 expected=f"those of the {data.fingers} fingers measured",
                 next="stack place, jacobian and change of every finger",
@@ -223,7 +223,7 @@ def _number(
     high: float = np.inf,
     fix: str = "give one finite number in SI units",
 ) -> float:
-    """Return a finite number in [low, high), or say why it is not."""
+    """Return a finite number in [low, high), or raise SceneError."""
     array = np.asarray(value)
     single = array.ndim == 0 and array.dtype.kind in "iuf"
     if not (single and np.isfinite(array) and low <= array < high):
@@ -238,18 +238,18 @@ def _number(
 
 
 def _unit(name: str, value: object) -> tuple[float, float, float]:
-    """Return a unit vector as a tuple, or say why it is none."""
+    """Return a unit vector as a tuple, or raise SceneError."""
     try:
         vector = np.asarray(value, dtype=float)
     except (TypeError, ValueError):  # None, words, ragged lists
         vector = np.zeros(0)
     length = np.linalg.norm(vector)
-    if vector.shape != (3,) or not abs(length - 1.0) <= UNIT_TOLERANCE:
+    if vector.shape != (3,) or not abs(length - 1.0) <= NORMAL_TOLERANCE:
         raise SceneError(
             "not a unit vector",
             where=name,
             got=repr(value),
-            expected=f"3 numbers of length 1 within {UNIT_TOLERANCE}",
+            expected=f"3 numbers of length 1 within {NORMAL_TOLERANCE}",
             next="divide it by its length; (0, 0, 1) is level ground",
         )
     if abs(length - 1.0) > UNIT_EXACT:

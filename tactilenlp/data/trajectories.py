@@ -1,4 +1,4 @@
-"""Hold the recorded motion of one body: poses at a steady rate, toss by toss."""
+"""Recorded motion of one body: poses at a constant rate, toss by toss."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from ..common.npz import read_npz, write_npz
 from ..common.validation import checked_choice
 from ..errors import MeasurementError
 
-UNIT_TOLERANCE = 1e-3  # [1], a quaternion further from unit length is none
-LARGEST = 100.0  # [m], no tracked body is further off: beyond it the file is in mm
-SHORTEST = 3  # samples: a change of velocity needs three poses
-KEYS = ("toss", "position", "quaternion", "dt")
+QUATERNION_TOLERANCE = 1e-3  # [1], of the length of a quaternion
+LARGEST_POSITION = 100.0  # [m], further than any tracked body: the file is in mm
+LEAST_SAMPLES = 3  # samples: a change of velocity needs three poses
+TRAJECTORY_KEYS = ("toss", "position", "quaternion", "dt")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -45,34 +45,42 @@ class Trajectories:
         if not len(toss) == len(position) == len(quaternion):
             got = f"{len(toss)}, {len(position)} and {len(quaternion)} samples"
             raise _wrong("toss, position, quaternion", "one length T", got)
-        _reject("position", abs(position).max(axis=1) > LARGEST, "within 100 m")
+        _reject(
+            "position", abs(position).max(axis=1) > LARGEST_POSITION, "within 100 m"
+        )
         length = np.linalg.norm(quaternion, axis=1)
-        _reject("quaternion", abs(length - 1) > UNIT_TOLERANCE, "unit length")
+        _reject("quaternion", abs(length - 1) > QUATERNION_TOLERANCE, "unit length")
         dt = np.asarray(self.dt)
         if dt.ndim or dt.dtype.kind not in "iuf" or not 0 < dt < 1:
             raise _wrong("dt", "one interval [s] between 0 and 1", repr(self.dt))
         _, counts = np.unique(toss, return_counts=True)
         if np.count_nonzero(np.diff(toss)) + 1 != len(counts):
-            raise _wrong("toss", "samples of one toss in a row", "torn apart")
-        if counts.min() < SHORTEST:
+            raise _wrong(
+                "toss",
+                "samples of one toss in a row",
+                "samples of one toss in several places",
+            )
+        if counts.min() < LEAST_SAMPLES:
             got = f"{counts.min()} samples"
-            raise _wrong("toss", f"{SHORTEST} samples a toss at least", got)
+            raise _wrong("toss", f"{LEAST_SAMPLES} samples a toss at least", got)
         values = toss, position, quaternion / length[:, None], float(dt)
-        for name, value in zip(KEYS, values, strict=True):
+        for name, value in zip(TRAJECTORY_KEYS, values, strict=True):
             object.__setattr__(self, name, value)
 
     @classmethod
     def load(cls, path: str | os.PathLike) -> Trajectories:
-        """Read toss, position, quaternion and dt from an .npz; ignore all else."""
-        arrays = read_npz(path, KEYS)
-        missing = [key for key in KEYS if key not in arrays]
+        """Read toss, position, quaternion and dt from an .npz; ignore all others."""
+        arrays = read_npz(path, TRAJECTORY_KEYS)
+        missing = [key for key in TRAJECTORY_KEYS if key not in arrays]
         if missing:
-            raise _wrong(missing[0], f"the keys {', '.join(KEYS)}", f"no {missing[0]}")
+            raise _wrong(
+                missing[0], f"the keys {', '.join(TRAJECTORY_KEYS)}", f"no {missing[0]}"
+            )
         return cls(**arrays)
 
     def save(self, path: str | os.PathLike) -> None:
         """Write an .npz file that loads to the same trajectories."""
-        write_npz(path, {key: getattr(self, key) for key in KEYS})
+        write_npz(path, {key: getattr(self, key) for key in TRAJECTORY_KEYS})
 
     @property
     def tosses(self) -> np.ndarray:

@@ -3,8 +3,9 @@
 In: `Measurements`, `Scene`, a shape, a page, `Options`, perhaps an earlier estimate.
 Out: an `Estimate`: shape, poses, impulses, information, by name and in SI units.
 
-- `request`, `options`: read and refuse what is asked;  `solver`: the steps in order
-- `refinement`, `incremental_polytope`: the last solves, and updates by one action
+- `request`, `options`, `session`: what is asked;  `solver`: the steps in order
+- `refinement`, `certification`, `incremental_polytope`: solves after the search
+- `profile_likelihood`: sigma of sizes that no touch determines
 - `readout`, `result`, `interrupted`: from a solution to an `Estimate`
 - `observed_information`: information of other kinds, sensitivity to assumptions
 """

@@ -11,8 +11,8 @@ import logging
 from dataclasses import replace
 
 from ..problem.certificates import certify, without
-from ..problem.outliers import contradicts
-from ..problem.reductions import flat
+from ..problem.outliers import evidence_against_planar
+from ..problem.reductions import states_planar_motion
 from ..search.local_solve import (
     RESTART_MU,
     Solved,
@@ -36,7 +36,7 @@ def checked(job, page, solved, options, executor=None) -> Solved:
     options.rivals, profile likelihoods are added.
     """
     best = certified(job, page, solved, options)
-    fell = "planar" in best.certificates.broken and not flat(page)
+    fell = "planar" in best.certificates.broken and not states_planar_motion(page)
     if fell and job.shape.parameters == "sizes":
         return _tumbled(job, page, best, options, executor)
     if options.rivals and best.solution.success:
@@ -90,7 +90,7 @@ def _profiled(job, page, best, options) -> Solved:
 
 def _tumbled(job, page, flat, options, executor) -> Solved:
     """Solve proposals of a tumble in free motion; keep the best, or the flat one."""
-    evidence = contradicts(job, flat.window, flat.solution.values)
+    evidence = evidence_against_planar(job, flat.window, flat.solution.values)
     found = recovered(job, evidence, *options.widths(precise=False), executor)
     free = replace(job, reductions=without(job.reductions, ["planar"]))
     levels = getattr(page, "ROUGH", page.LEVELS)

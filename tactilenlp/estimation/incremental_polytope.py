@@ -15,13 +15,14 @@ from scipy.optimize import nnls
 
 from formulations import polytope_extension as extension
 
+from ..geometry.transforms import planar_matrix
 from ..information.measurement_noise import touches
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..nlp.solution import Solution, after
 from ..problem.action_window import of_action
-from ..problem.outliers import MIN_OF_TOUCH, UNEXPLAINED_BY_UPDATE, unexplained
-from ..problem.polytope_window import HullWindow, window_of
+from ..problem.outliers import MIN_OF_TOUCH, unexplained
+from ..problem.polytope_window import PolytopeWindow, window_of
 from ..problem.reductions import ARM, Reductions, coasts
 from ..problem.unreduced import corners_of, rows_of, samples_of
 from ..problem.window import Corners
@@ -44,7 +45,7 @@ from ..search.polytope_init import (
     faces_of,
 )
 from .readout import name_of
-from .result import Estimate
+from .result import Estimate, solution_of
 
 log = logging.getLogger("tactilenlp")
 UPDATE_MU = 1e-3  # IPOPT's mu_init where all but one action is known
@@ -77,10 +78,9 @@ def updated(job: Job, page, start, options, certified) -> tuple[Solved | None, b
         found = _better(found, continued(job, page, found, options))
     if good(found):
         found = certified(job, page, found, options)
-        if {*found.certificates.broken} <= {
-            s.name for s in start.skipped if not s.holds
-        }:
-            return found, True  # no certificate is broken that held
+        before = {s.name for s in start.skipped if not s.holds}
+        if {*found.certificates.broken} <= before:
+            return found, True
     more = found.solution.objective - start.objective
     log.info(
         "incremental update rejected (%+.0f nats): solving all actions again", more
@@ -129,13 +129,9 @@ def past_solution(job: Job, page, start) -> Solved:
     """Return the estimate as a solved page."""
     job = replace(job, data=job.data.select(np.unique(start.measurements.action)))
     window, problem, built = problem_at(job, page, start.origin)
-    solution = Solution(
-        values=start.unknowns, objective=start.objective, costs=start.costs,
-        violations=start.violations, multipliers=start.multipliers,
-        bound_multipliers=start.bound_multipliers, parameters={},
-        success=start.success, status=start.status, iterations=0, evaluations=0,
-        seconds={"build": built, "solve": 0.0}, progress=start.progress,
-    )  # fmt: skip
+    seconds = {"build": built, "solve": 0.0}
+    solution = solution_of(start)
+    solution = replace(solution, iterations=0, evaluations=0, seconds=seconds)
     return Solved(start.origin, problem, window, solution, job)
 
 
@@ -161,7 +157,7 @@ def unexplained_touches(solved: Solved) -> int:
     if "touch" not in problem.terms:
         return 0
     x, data = problem.pack(s.values), problem.data(s.parameters)
-    wrong = unexplained(problem, window, x, data, UNEXPLAINED_BY_UPDATE)
+    wrong = unexplained(problem, window, x, data)
     keys = zip(window.touch.sample, window.touch.finger, strict=True)
     wrong = dict(zip(keys, wrong, strict=True))
     wholes = touches(window, solved.job.data)
@@ -179,14 +175,14 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
     lean = replace(lean, data=credible_data(job.data, job.precision.normal))
     h = replace(past.at, x=poses_of_new_action(lean, faces_of(lean, past.at)))
     options = SolverOptions(SEARCH_TOLERANCE, SEARCH_TIME, ipopt=ACCEPTABLE)
-    solution, kinds = past.solution, past.problem.kinds
+    solution, kinds = past.solution, past.problem.term_functions
     for build, levels in (
         (extension.build, extension.LEVELS),
         (extension.build_pushed, extension.PUSHED),
     ):
         window, shape = window_of(job, (h.theta, h.x))
         window = of_action(window, past.at, about)
-        problem = Problem(kinds=kinds)
+        problem = Problem(term_functions=kinds)
         build(problem, window, job.scene, shape)
         known = {k: v for k, v in past.solution.values.items() if v.size == 1}
         known = {k: v for k, v in known.items() if k in problem.variables}
@@ -227,13 +223,12 @@ def with_axes_of_ground(h: Hypothesis) -> tuple[Hypothesis, np.ndarray]:
     And the rotation (3, 3) from the body's axes before to those now.
     """
     yaw = h.x[2, -1]
-    c, s = np.cos(yaw), np.sin(yaw)
-    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    turn = planar_matrix(yaw)
     x = h.x - [[0.0], [0.0], [yaw]]
     return replace(h, theta=(h.theta.reshape(-1, 3) @ turn.T).ravel(), x=x), turn
 
 
-def on_legs(solved: Solved, window: HullWindow) -> Solved:
+def on_legs(solved: Solved, window: PolytopeWindow) -> Solved:
     """Return a solution as if the body had stood on the legs of another window.
 
     The force and the moment of the ground on the body stay the same.
@@ -267,8 +262,7 @@ def redistributed(old, legs, yaw, impulses) -> np.ndarray:
     """
     out = np.zeros((*impulses.shape[:2], len(legs)))
     for k, angle in enumerate(yaw):
-        c, s = np.cos(angle), np.sin(angle)
-        p, q = (v[:, :2] @ [[c, s], [-s, c]] for v in (old, legs))
+        p, q = (v[:, :2] @ planar_matrix(-angle)[:2, :2] for v in (old, legs))
         up, same = impulses[0, k], np.vstack([np.ones(len(q)), q.T / ARM])
         out[0, k] = nnls(same, np.r_[up.sum(), up @ p / ARM])[0]
         if len(impulses) > 1:
@@ -276,6 +270,6 @@ def redistributed(old, legs, yaw, impulses) -> np.ndarray:
             turn = (p[:, 0] * along[1] - p[:, 1] * along[0]).sum()
             one, none = np.ones(len(q)), np.zeros(len(q))
             rows = [np.r_[one, none], np.r_[none, one], np.r_[-q[:, 1], q[:, 0]] / ARM]
-            told = np.r_[along.sum(axis=1), turn / ARM]
-            out[1:, k] = np.linalg.lstsq(rows, told, rcond=None)[0].reshape(2, -1)
+            wrench = np.r_[along.sum(axis=1), turn / ARM]
+            out[1:, k] = np.linalg.lstsq(rows, wrench, rcond=None)[0].reshape(2, -1)
     return out

@@ -58,6 +58,6 @@ def interrupted(request: Request, so_far: SoFar) -> Interrupted:
     estimate = replace(estimate, success=False, status=f"{words}, {estimate.status}")
     return Interrupted(
         f"stopped by Ctrl-C: {words}; the estimate so far is in `.estimate`, and "
-        "start=... goes on from it",
+        "start=... continues from it",
         estimate,
     )

@@ -22,29 +22,38 @@ from ..data.sensor_noise import Precision, smoothed
 from ..errors import OptionError, TactileError
 from ..information.comparisons import gauss_newton, inverse_dynamics, paper
 from ..information.information import Information, inverse
-from ..information.measurement_noise import Sensed, moved_by, scatter, sources
-from ..information.sensitivity import Sensitivity, moves
+from ..information.measurement_noise import (
+    Sensed,
+    measurement_numbers,
+    sensitivity_to_measurements,
+    sensor_covariance,
+)
+from ..information.sensitivity import Sensitivity, assumption_sensitivities
 from ..information.tangent_space import tangent_space_of
-from ..nlp.kkt_sensitivity import curvature_of
+from ..nlp.kkt_sensitivity import kkt_system_of
 from ..nlp.problem import Problem
 from ..nlp.solution import Solution
 from ..problem.pages import page_of, shape_of
 from ..problem.reductions import Reductions, reduce
 from .readout import problem_builder
+from .result import solution_of
 
-KINDS = ("exact", "sandwich", "gauss_newton", "paper", "inverse_dynamics")
+INFORMATION_KINDS = ("exact", "sandwich", "gauss_newton", "paper", "inverse_dynamics")
 
 
 def observed_information(estimate, kind: str = "exact") -> Information:
     """Return the information of an estimate's data about shape and final pose.
 
-    kind: one of KINDS; all but "exact" build the problem of the estimate again, and
-    their sigma is that of their matrix.
+    kind: one of INFORMATION_KINDS; all but "exact" build the problem of the estimate
+    again, and their sigma is that of their matrix.
     """
     check_types(estimate=(estimate, "Estimate"))
-    if not isinstance(kind, str) or kind not in KINDS:
+    if not isinstance(kind, str) or kind not in INFORMATION_KINDS:
         raise OptionError(
-            "no such information", where="kind", got=kind, expected=f"one of {KINDS}"
+            "no such information",
+            where="kind",
+            got=kind,
+            expected=f"one of {INFORMATION_KINDS}",
         )
     if kind == "exact":
         return estimate.information
@@ -53,7 +62,7 @@ def observed_information(estimate, kind: str = "exact") -> Information:
         M = paper(again.problem, again.solution, again.window, again.shape)
         M = again.tangent.inverse.T @ M @ again.tangent.inverse
         return replace(estimate.information, matrix=M, spread=inverse(M))
-    curvature = curvature_of(again.problem, again.solution)
+    curvature = kkt_system_of(again.problem, again.solution)
     if kind == "inverse_dynamics":
         M = inverse_dynamics(curvature, again.solution, again.window, again.shape)
         _check_finite(M)
@@ -61,13 +70,15 @@ def observed_information(estimate, kind: str = "exact") -> Information:
         return replace(estimate.information, matrix=M, spread=inverse(M))
     if kind == "gauss_newton":
         curvature = gauss_newton(curvature)
-    pulls, held = curvature.response_of(again.tangent.chosen)
+    pulls, held = curvature.sensitivity(again.tangent.chosen)
     J = again.tangent.jacobian
     C = J @ pulls[again.tangent.chosen] @ J.T
     if kind == "sandwich":
         sensed = again.sensed
-        source = sources(curvature, sensed, again.window)
-        C = scatter(*moved_by(curvature, pulls, held, sensed, source), sensed)
+        source = measurement_numbers(curvature, sensed, again.window)
+        C = sensor_covariance(
+            *sensitivity_to_measurements(curvature, pulls, held, sensed, source), sensed
+        )
         C = J @ C @ J.T
     C = (C + C.T) / 2
     return replace(estimate.information, matrix=inverse(C), spread=C)
@@ -86,14 +97,16 @@ def assumption_sensitivity(estimate) -> Sensitivity:
     """Return how shape and final pose change with mass, frictions, sensors, fingers."""
     check_types(estimate=(estimate, "Estimate"))
     again = programme_at(estimate)
-    curvature = curvature_of(again.problem, again.solution)
-    pulls, held = curvature.response_of(again.tangent.chosen)
+    curvature = kkt_system_of(again.problem, again.solution)
+    pulls, held = curvature.sensitivity(again.tangent.chosen)
     pulls, held = pulls @ again.tangent.jacobian.T, held @ again.tangent.jacobian.T
 
     def build(scene, window):
         return again.sensed.build(window, scene)
 
-    found, units = moves(curvature, pulls, held, build, estimate.scene, again.window)
+    found, units = assumption_sensitivities(
+        curvature, pulls, held, build, estimate.scene, again.window
+    )
     return Sensitivity(again.tangent.names, found, units, again.tangent.maps)
 
 
@@ -133,6 +146,15 @@ def programme_at(estimate) -> Programme:
     )  # fmt: skip
     build = problem_builder(page, shape, scene)
     problem = build(window)
+    _check_same_unknowns(problem, estimate)
+    solution = solution_of(estimate)
+    tangent = tangent_space_of(problem, solution, window, shape, R_wg)
+    sensed = Sensed(data, precision, build)
+    return Programme(problem, solution, window, shape, tangent, sensed)
+
+
+def _check_same_unknowns(problem, estimate) -> None:
+    """Raise OptionError unless an estimate has the unknowns of its problem."""
     for name, variable in problem.variables.items():
         found = np.shape(estimate.unknowns.get(name, ()))
         if found != (variable.rows, variable.columns):
@@ -141,14 +163,3 @@ def programme_at(estimate) -> Programme:
                 where=name, got=found, expected=(variable.rows, variable.columns),
                 next="estimate again with this version of the page",
             )  # fmt: skip
-    solution = Solution(
-        values=estimate.unknowns, objective=estimate.objective, costs=estimate.costs,
-        violations=estimate.violations, multipliers=estimate.multipliers,
-        bound_multipliers=estimate.bound_multipliers, parameters={},
-        success=estimate.success, status=estimate.status,
-        iterations=estimate.iterations, evaluations=estimate.evaluations,
-        seconds=estimate.seconds,
-    )  # fmt: skip
-    tangent = tangent_space_of(problem, solution, window, shape, R_wg)
-    sensed = Sensed(data, precision, build)
-    return Programme(problem, solution, window, shape, tangent, sensed)

@@ -12,20 +12,23 @@ from ..errors import OptionError
 from ..nlp.ipopt import check_positive
 from ..problem.reductions import Reductions
 
-WIDE, PRECISE = (4, 8), (2, 3)  # (hypotheses, starts) for noisy, for precise sensors
+NOISY_WIDTHS, PRECISE_WIDTHS = (
+    (4, 8),
+    (2, 3),
+)  # (hypotheses, starts) for noisy, for precise sensors
 
 
 @dataclass(frozen=True)
 class Options:
     """How to estimate.
 
-    reduce: True, False, a Reductions, or names of reductions to switch off;
-    hypotheses: kept from action to action [-]; starts: solved per action [-]; both by
-    default as many as the sensors' noise leaves open (WIDE, PRECISE); tolerance: of the
-    last solve [-]; time_limit [s]: the remaining actions are then extrapolated, and the
-    result is marked; ipopt: passed on verbatim; rivals: also solve alternative
+    reduce: True, False, a Reductions, or names of reductions to switch off; hypotheses:
+    kept from action to action [-]; starts: solved per action [-]; both by default as
+    many as the sensors' noise leaves open (NOISY_WIDTHS, PRECISE_WIDTHS); tolerance: of
+    the last solve [-]; time_limit [s]: the remaining actions are then extrapolated, and
+    the result is marked; ipopt: passed on verbatim; rivals: also solve alternative
     trajectories and sizes, and compute profile likelihoods of sizes that no touch
-    determines.  seed: has no effect, nothing is random; a FutureWarning if it is given.
+    determines. seed: has no effect, nothing is random; a FutureWarning if it is given.
     """
 
     seed: int | None = None
@@ -56,7 +59,7 @@ class Options:
 
     def widths(self, precise: bool) -> tuple[int, int]:
         """Return hypotheses and starts for sensors that are precise, or for others."""
-        kept, solved = PRECISE if precise else WIDE
+        kept, solved = PRECISE_WIDTHS if precise else NOISY_WIDTHS
         return self.hypotheses or kept, self.starts or solved
 
 

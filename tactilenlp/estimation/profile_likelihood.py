@@ -27,11 +27,11 @@ import numpy as np
 
 from formulations.rigid_body import PLANAR
 
-from ..information.information import TINY
+from ..information.information import LEAST_SIGMA
 from ..information.measurement_noise import KNOWN_FACE
 from ..information.tangent_space import final_unknowns
 from ..nlp.ipopt import solve_levels
-from ..nlp.kkt_sensitivity import curvature_of
+from ..nlp.kkt_sensitivity import kkt_system_of
 from ..search.alternatives import resized
 from ..search.hypothesis import Hypothesis
 from ..search.local_solve import RANKING_TOLERANCE, settings_of, start_values
@@ -60,7 +60,7 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
         return profile, None  # the unknowns are not sides, or it may tilt
     chosen, faces = final_unknowns(solved.problem), solved.touched
     faces[2, 0] += KNOWN_FACE  # the ground touches the lowest one
-    pulls, _ = curvature_of(solved.problem, solved.solution).response_of(chosen)
+    pulls, _ = kkt_system_of(solved.problem, solved.solution).sensitivity(chosen)
     known = np.sqrt(np.maximum(np.diag(pulls[chosen]), 0.0))
     open_sizes = {
         axis: touched for axis, touched in enumerate(faces)
@@ -73,7 +73,7 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
     else:  # the Hessian already states a large sigma
         profile[along] = pulls[chosen, along] / known[along]
     for axis in asked:
-        pull = pulls[:, axis] / max(known[axis], TINY)
+        pull = pulls[:, axis] / max(known[axis], LEAST_SIGMA)
         touched, prior = open_sizes.get(axis), job.shape.size_prior[1]
         given = solved.at, prior, axis, pull, pull[chosen], touched
         profile[axis], better = _deviation(elsewhere, *given)
@@ -104,12 +104,10 @@ def _deviation(elsewhere, at, prior, axis: int, pull, off, touched):
     finger. A smaller one is solved where a larger one gives no result; of a pose both
     directions are solved, and the wider one counts.
     """
-    known = max(off[axis], TINY)
+    known = max(off[axis], LEAST_SIGMA)
     off = off * min(1.0, prior / known)
     is_open, widest = touched is None or touched.min() < KNOWN_FACE, None
-    enough = (
-        PROFILE_RISE / 2 if touched is None else PROFILE_RISE
-    )  # a pose is told more roughly
+    enough = PROFILE_RISE / 2 if touched is None else PROFILE_RISE
     for way in (1, -1):
         behind = touched if is_open and way > 0 else None
         there = partial(elsewhere, axis, way * pull / known, behind)

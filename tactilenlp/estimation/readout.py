@@ -9,13 +9,13 @@ from scipy.spatial.transform import Rotation
 
 from ..common.npz import versions
 from ..geometry.convex_hull import centroid
-from ..geometry.transforms import is_planar, matrices
+from ..geometry.transforms import is_planar, matrices, quaternion_of, rotate_planar
 from ..information.finger_offsets import offsets_of
 from ..information.information import Information, information_of
 from ..information.measurement_noise import Sensed
-from ..information.polytope_information import hull_information, touched_polygons
+from ..information.polytope_information import polytope_information, touched_polygons
 from ..nlp.problem import Problem
-from ..problem.polytope_window import standing
+from ..problem.polytope_window import with_supports
 from ..problem.poses import body_corners, poses
 from .request import Request
 from .result import Estimate
@@ -27,50 +27,48 @@ def read_off(request: Request, solved, kept, seconds, late: bool, modes=()) -> E
     kept: hypotheses for the next action; seconds: of CPU time by step; late: whether
     the time limit was reached; modes: other local optima of the same page.
     """
-    data, job, page, options = (
-        request.data, request.job, request.page, request.options
-    )  # fmt: skip
-    problem, window, solution = solved.problem, solved.window, solved.solution
-    shape, scene = job.shape, job.scene
-    theta = solution.values["theta"].T.ravel()
-    x = solution.values["x"][:, window.pose]
-    read = {"sizes": read_box, "vertices": read_polytope}[shape.parameters]
-    body, information = read(job, page, solved, x, modes)
+    job, page, solution = request.job, request.page, solved.solution
+    status = f"{solution.status}, time limit reached" if late else solution.status
+    read = {"sizes": read_box, "vertices": read_polytope}[job.shape.parameters]
+    body, information = read(job, page, solved, modes)
     return Estimate(
-        measurements=data,
-        scene=scene,
-        shape=shape.name,
+        measurements=request.data,
+        scene=job.scene,
+        shape=job.shape.name,
         formulation=name_of(page),
-        options=_plain(options),
-        theta=theta,
+        options=_plain(request.options),
         position=body.position,
         quaternion=body.quaternion,
         body_vertices=body.vertices,
-        impulses=impulses(problem, window, solution, data, scene),
-        unknowns=solution.values,
-        costs=solution.costs,
-        violations={**solution.violations, **exact_violations(problem, solution)},
-        multipliers=solution.multipliers,
-        bound_multipliers=solution.bound_multipliers,
-        objective=solution.objective,
-        success=solution.success,
-        status=f"{solution.status}, time limit reached" if late else solution.status,
-        iterations=solution.iterations,
-        iterations_by_level=solution.iterations_by_level,
-        evaluations=solution.evaluations,
-        seconds=seconds,
-        skipped=solved.skipped,
         faces=body.faces,
         information=information,
-        precision=asdict(job.precision),
-        reductions=asdict(solved.job.reductions),
-        cuts=tuple(int(i) for i in solved.job.cuts),
-        origin=solved.hypothesis,
+        impulses=impulses(solved, request.data, job.scene),
+        finger_offset=offsets_of(solution.values, _ground_rotation(job.scene).T),
         hypotheses=tuple(kept),
+        seconds=seconds,
         versions=versions(),
-        progress=solution.progress,
-        finger_offset=offsets_of(solution.values, _ground_rotation(scene).T),
+        **_solved_fields(solved) | {"status": status},
     )
+
+
+def _solved_fields(solved) -> dict:
+    """Return the fields of an estimate that are those of the solve."""
+    problem, solution = solved.problem, solved.solution
+    exact = exact_violations(problem, solution)
+    same = (
+        *("costs", "multipliers", "bound_multipliers", "objective", "success"),
+        *("iterations", "iterations_by_level", "evaluations", "progress"),
+    )
+    return {name: getattr(solution, name) for name in same} | {
+        "theta": solution.values["theta"].T.ravel(),
+        "unknowns": solution.values,
+        "violations": {**solution.violations, **exact},
+        "skipped": solved.skipped,
+        "precision": asdict(solved.job.precision),
+        "reductions": asdict(solved.job.reductions),
+        "cuts": tuple(int(i) for i in solved.job.cuts),
+        "origin": solved.hypothesis,
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +84,11 @@ class Body:
     faces: np.ndarray
 
 
-def read_box(job, page, solved, x, modes=()) -> tuple[Body, Information]:
+def read_box(job, page, solved, modes=()) -> tuple[Body, Information]:
     """Return the body, and the information about it, of a shape with sizes."""
     problem, window, solution = solved.problem, solved.window, solved.solution
     shape, scene = job.shape, job.scene
-    theta = solution.values["theta"].T.ravel()
+    theta, x = solved.at.theta, solved.at.x
     faces = solved.touched
     build = problem_builder(page, shape, scene, job.kinds_of)
     information = information_of(
@@ -102,24 +100,28 @@ def read_box(job, page, solved, x, modes=()) -> tuple[Body, Information]:
     return Body(*where, body_corners(shape, theta), faces), information
 
 
-def read_polytope(job, page, solved, x, modes=()) -> tuple[Body, Information]:
+def read_polytope(job, page, solved, modes=()) -> tuple[Body, Information]:
     """Return the body, and the information about it, of a polytope.
 
     Its origin is the centroid, its axes are the world's at the last sample.
     """
     problem, window, solution = solved.problem, solved.window, solved.solution
     scene = job.scene
-    V = solution.values["theta"].T
+    V, x = solution.values["theta"].T, solved.at.x
     middle, R_wg = centroid(V), _ground_rotation(scene).T
     position, turn = hull_poses(scene, x, middle)
     vertices = (V - middle) @ R_wg.T
     faces = touched_polygons(window, V, x, job.precision.normal)
-    body = Body(position, turn.as_quat()[:, [3, 0, 1, 2]], vertices, faces)
-    shape = standing(job.shape, solved.hypothesis.theta.reshape(-1, 3))  # as solved
+    body = Body(position, quaternion_of(turn), vertices, faces)
+    shape = with_supports(
+        job.shape, solved.hypothesis.theta.reshape(-1, 3)
+    )  # as solved
     sensed = Sensed(
         job.data, job.precision, problem_builder(page, shape, scene, job.kinds_of)
     )
-    return body, hull_information(problem, solution, window, shape, faces, R_wg, sensed)
+    return body, polytope_information(
+        problem, solution, window, shape, faces, R_wg, sensed
+    )
 
 
 def hull_poses(scene, x, middle) -> tuple[np.ndarray, Rotation]:
@@ -133,12 +135,8 @@ def hull_poses(scene, x, middle) -> tuple[np.ndarray, Rotation]:
         R_wg = _ground_rotation(scene).T
         turn = Rotation.from_matrix(R_wg @ matrices(x) @ R_wg.T)
         return p if scene.ground is None else scene.ground.from_ground(p), turn
-    c, s = np.cos(x[2]), np.sin(x[2])
-    p = np.stack([
-        x[0] + c * middle[0] - s * middle[1],
-        x[1] + s * middle[0] + c * middle[1],
-        np.full(x.shape[1], middle[2]),
-    ], axis=1)  # fmt: skip
+    level = rotate_planar(x[2], *middle[:2], origin=x)
+    p = np.stack([*level, np.full(x.shape[1], middle[2])], axis=1)
     turn = Rotation.from_rotvec(np.outer(x[2] - x[2, -1], scene.ground.normal))
     return scene.ground.from_ground(p), turn
 
@@ -156,7 +154,7 @@ def problem_builder(page, shape, scene, kinds_of=None):
 
     def build(window, other=scene) -> Problem:
         alike = kinds_of is not None and other is scene
-        problem = Problem(kinds=kinds_of(page, window) if alike else {})
+        problem = Problem(term_functions=kinds_of(page, window) if alike else {})
         page.build(problem, window, other, shape)
         return problem
 
@@ -170,8 +168,9 @@ def exact_violations(problem, solution) -> dict[str, float]:
     return {n: max(0.0, float(problem.value(n, x, data).max())) for n in names}
 
 
-def impulses(problem, window, solution, data, scene) -> dict[str, np.ndarray]:
+def impulses(solved, data, scene) -> dict[str, np.ndarray]:
     """Return the impulses on the object by contact, (T, 3) [N s], world frame."""
+    problem, window, solution = solved.problem, solved.window, solved.solution
     T = data.samples
     out = {f"finger {i}": np.zeros((T, 3)) for i in range(data.fingers)}
     if scene.ground is not None:

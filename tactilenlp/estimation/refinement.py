@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from ..geometry.transforms import is_planar
 from ..problem.certificates import planar_certificate
-from ..problem.reductions import Reductions, insisted
+from ..problem.reductions import Reductions, required_reductions
 from ..search.alternatives import still_explained, with_alternatives
 from ..search.hypothesis import distinct
 from ..search.local_solve import (
@@ -36,7 +36,10 @@ def refined(job, page, kept, options, solved, start=None) -> list[Solved]:
     interrupts; start: an estimate that this one continues, if alternatives to it were
     solved.
     """
-    sized, lean = job.shape.parameters == "sizes", insisted(page, Reductions())
+    sized, lean = (
+        job.shape.parameters == "sizes",
+        required_reductions(page, Reductions()),
+    )
     lying = job.scene.ground is not None and all(is_planar(h.x) for h in kept)
     if lying and lean.planar and not job.reductions.planar:
         flat = replace(job, reductions=lean)

@@ -14,10 +14,10 @@ from ..data.measurements import Measurements
 from ..data.scene import Scene
 from ..data.sensor_noise import precise, precision_of, smoothed
 from ..errors import NoContactError, OptionError, SceneError, StartError
-from ..geometry.transforms import backward
+from ..geometry.transforms import backward, rotation_of
 from ..problem.certificates import without
 from ..problem.pages import page_of, shape_of
-from ..problem.reductions import Reductions, flat, insisted
+from ..problem.reductions import Reductions, required_reductions, states_planar_motion
 from ..search.hypothesis import Hypothesis, Job, TermFunctions
 from ..search.polytope_init import check_round_fingertips as check_round
 from .options import Guess, Options
@@ -94,7 +94,7 @@ def make_job(data, scene, shape, options, began, page, functions=None) -> Job:
         made = without(made, ["planar"])
     return Job(
         data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
-        reductions=insisted(page, made), deadline=began + options.time_limit,
+        reductions=required_reductions(page, made), deadline=began + options.time_limit,
         functions=TermFunctions() if functions is None else functions,
     )  # fmt: skip
 
@@ -108,7 +108,7 @@ def check_start(start, shape, scene) -> None:
 
 def check_plane(page, scene) -> None:
     """Raise SceneError where a page of planar motion is used without a ground."""
-    if scene.ground is None and flat(page):
+    if scene.ground is None and states_planar_motion(page):
         raise SceneError(
             "this page is of planar motion only",
             where="scene.ground",
@@ -249,9 +249,7 @@ def as_polytope(estimate, scene, samples: int | None = None) -> Hypothesis:
     p, turn = estimate.position[:samples], np.eye(3)
     if scene.ground is not None:
         p, turn = scene.ground.to_ground(p), scene.ground.rotation
-    w, *v = estimate.quaternion[:samples].T
-    R = Rotation.from_quat(np.stack([*v, w], axis=1))
-    R = Rotation.from_matrix(turn) * R
+    R = Rotation.from_matrix(turn) * rotation_of(estimate.quaternion[:samples])
     if scene.ground is None:
         x = np.vstack([p.T, backward((R * R[-1].inv()).as_matrix()).T])
         theta = R[-1].apply(estimate.vertices).ravel()

@@ -13,13 +13,15 @@ from ..data.measurements import Measurements
 from ..data.scene import Ground, Scene
 from ..errors import TactileError
 from ..geometry.faces import SupportingPlanes, supporting_planes
-from ..information.finger_offsets import words
+from ..geometry.transforms import rotation_of
+from ..information.finger_offsets import offsets_in_words
 from ..information.information import Information
 from ..information.mixture import Modes
+from ..nlp.solution import Solution
 from ..problem.certificates import Skipped
 from ..search.hypothesis import Hypothesis
 
-FORMAT, VERSION = "estimate", 2  # of the files that `save` writes
+ESTIMATE_FORMAT, ESTIMATE_VERSION = "estimate", 2  # of the files that `save` writes
 UNOBSERVED_TURN = 45.0  # [deg] of sigma beyond which a rotation is not observed
 
 
@@ -101,10 +103,7 @@ class Estimate:
     def rotation(self, sample: int = -1) -> np.ndarray:
         """Return the rotation matrix (3, 3) from body to world at a sample."""
         check_sample(sample, len(self.quaternion))
-        from scipy.spatial.transform import Rotation
-
-        w, x, y, z = self.quaternion[sample]
-        return Rotation.from_quat([x, y, z, w]).as_matrix()
+        return rotation_of(self.quaternion[sample]).as_matrix()
 
     def mesh(self, sample: int = -1):
         """Return the shape at a sample as a trimesh.Trimesh, world frame [m]."""
@@ -130,7 +129,7 @@ class Estimate:
             f"largest violation {max(self.violations.values(), default=0.0):.1g}.",
         ]
         if self.finger_offset is not None:
-            lines.append(words(self.finger_offset, self.information.offsets))
+            lines.append(offsets_in_words(self.finger_offset, self.information.offsets))
         if self.information.unobserved:
             lines.append(
                 "Not observed: " + "; ".join(self.information.unobserved) + "."
@@ -170,7 +169,7 @@ class Estimate:
 
     def save(self, path) -> None:
         """Write one .npz: plain arrays and a JSON header, readable by NumPy alone."""
-        write_result(path, FORMAT, VERSION, self, KINDS)
+        write_result(path, ESTIMATE_FORMAT, ESTIMATE_VERSION, self, ESTIMATE_CLASSES)
 
     def report(self, path) -> None:
         """Write one HTML page with a scene to turn and a time slider; works offline."""
@@ -187,10 +186,22 @@ class Estimate:
     @classmethod
     def load(cls, path) -> Estimate:
         """Read what `save` wrote, to the last digit; FileError of anything else."""
-        return read_result(path, FORMAT, VERSION, KINDS, cls)
+        return read_result(
+            path, ESTIMATE_FORMAT, ESTIMATE_VERSION, ESTIMATE_CLASSES, cls
+        )
 
 
-KINDS = {  # what a file of an estimate is made of
+def solution_of(estimate: Estimate) -> Solution:
+    """Return the solution that an estimate was read from; parameters are the page's."""
+    same = (
+        *("objective", "costs", "violations", "multipliers", "bound_multipliers"),
+        *("success", "status", "iterations", "evaluations", "seconds", "progress"),
+    )
+    known = {name: getattr(estimate, name) for name in same}
+    return Solution(values=estimate.unknowns, parameters={}, **known)
+
+
+ESTIMATE_CLASSES = {  # what a file of an estimate is made of
     kind.__name__: kind
     for kind in (
         *(Estimate, Skipped, Information, Modes, Measurements),

@@ -56,21 +56,20 @@ def solve_estimate(
     throw: bool = True,
     session: Session | None = None,
 ) -> Estimate:
-    """Find shape, poses and impulses that explain what the fingers felt (eq:vimp).
+    """Find shape, poses and impulses that explain the measurements (eq:vimp).
 
     data: Measurements.  scene: what is known (default Scene()).  shape: "cuboid",
     "polytope" (20 vertices), formulations.polytope.polytope(30), or a Shape.
     formulation: "quasi_static", "violation_implicit", "multiple_shooting", "shooting",
     "complementarity", "paper" or a page (module with `build`, `LEVELS`).  start: an
     earlier Estimate of the first actions (for a polytope: of any shape), even of a part
-    of an action that still runs, or a Guess.
-    executor: any concurrent.futures executor; processes, not threads.  session: keeps
-    derived term functions for solves that start from this estimate; by default one for
-    the whole process.
+    of an action that still runs, or a Guess.  executor: any concurrent.futures executor
+    of processes.  session: keeps term functions for solves that start from this
+    estimate; by default one for the process.
 
     Raises NoContactError, MeasurementError, OptionError, StartError before any solve,
     and NotConverged or MotionError after it unless `throw` is False.  Ctrl-C raises
-    Interrupted, whose `estimate` is of the actions done by then: a start to go on from.
+    Interrupted, whose `estimate` of the actions done by then can be a start.
     """
     session = PROCESS if session is None else session
     request, known = read_request(

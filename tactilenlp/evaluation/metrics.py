@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import OptionError, TactileError
+from ..geometry.convex_hull import centroid
+from ..geometry.transforms import rotation_of
 
 if TYPE_CHECKING:
     from trimesh import Trimesh
@@ -180,7 +182,7 @@ def _smallest_turn(quaternion, true_quaternion, group: np.ndarray, misfit: np.nd
     from scipy.spatial.transform import Rotation
 
     wxyz = [_unit(quaternion, "quaternion"), _unit(true_quaternion, "true_quaternion")]
-    R_we, R_wt = Rotation.from_quat(np.roll(wxyz, -1, axis=1)).as_matrix()
+    R_we, R_wt = rotation_of(wxyz).as_matrix()
     turns = Rotation.from_matrix(R_we @ group @ R_wt.T).as_rotvec()
     angles = np.linalg.norm(turns, axis=1)
     near = np.flatnonzero(angles <= angles.min() + NEAR_TIE)
@@ -190,17 +192,13 @@ def _smallest_turn(quaternion, true_quaternion, group: np.ndarray, misfit: np.nd
 
 def _centroid(mesh: Trimesh, where: str) -> np.ndarray:
     """Return the volume centroid (3,) [m] of the convex hull."""
-    from scipy.spatial import ConvexHull, QhullError
+    from scipy.spatial import QhullError
 
-    points = _triangles(mesh, where).reshape(-1, 3)
-    middle = points.mean(axis=0)
     try:
-        fans = points[ConvexHull(points).simplices] - middle
+        return centroid(_triangles(mesh, where).reshape(-1, 3))
     except QhullError as error:
         expected = "vertices that are not all in one plane"
         raise TactileError("no volume", where=where, expected=expected) from error
-    volumes = np.abs(np.linalg.det(fans))
-    return middle + volumes @ fans.mean(axis=1) * 0.75 / volumes.sum()
 
 
 def _points_on(triangles: np.ndarray, cube: np.ndarray) -> np.ndarray:

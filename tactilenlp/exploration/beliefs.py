@@ -17,6 +17,7 @@ from formulations import between_actions, likelihood, violation_implicit
 from formulations.finger_offset import NAME as OFFSET
 from formulations.rigid_body import ARM, FREE, PLANAR
 
+from ..geometry.transforms import rotation_of
 from ..information.finger_offsets import prior_of_offsets
 from ..information.tangent_space import tangent_of
 from ..nlp.term_functions import mapped
@@ -191,7 +192,7 @@ def _poses(estimate, free: bool) -> np.ndarray:
 
     ground = estimate.scene.ground
     position = ground.to_ground(estimate.position)
-    turn = Rotation.from_quat(np.roll(estimate.quaternion, -1, axis=1))
+    turn = rotation_of(estimate.quaternion)
     turn = Rotation.from_matrix(ground.rotation) * turn
     x = np.hstack([position, turn.as_rotvec()]).T
     return x if free else x[[0, 1, 5]]

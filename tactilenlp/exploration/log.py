@@ -12,8 +12,7 @@ from ..common.npz import check_folder, read_result, write_result
 from ..common.validation import check_types
 from ..data.measurements import Measurements
 from ..errors import FileError, StartError
-from ..estimation.result import KINDS as ESTIMATE_KINDS
-from ..estimation.result import Estimate
+from ..estimation.result import ESTIMATE_CLASSES, Estimate
 from .action_search import Choice
 from .action_space import Action, Trajectory, Workspace
 
@@ -81,7 +80,7 @@ class Exploration:
         return read_result(path, FORMAT, VERSION, KINDS, cls)
 
 
-KINDS = ESTIMATE_KINDS | {
+KINDS = ESTIMATE_CLASSES | {
     kind.__name__: kind
     for kind in (Exploration, Step, Action, Choice, Trajectory, Workspace)
 }

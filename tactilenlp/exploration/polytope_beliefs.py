@@ -23,14 +23,14 @@ pull curves down where a vertex is inside.
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from formulations import rigid_body
 from formulations.between_actions import GAP
 from formulations.polytope_quasi_static import LEG, SPREAD, STAY
 
-from ..geometry.convex_hull import nearest, outer
-from ..information.polytope_information import TILT
+from ..geometry.convex_hull import hull_vertices, nearest
+from ..geometry.transforms import rotation_of
+from ..information.polytope_information import FACE_TILT
 from ..problem.polytope_window import LIFTED
 from .beliefs import VAGUE, Belief, steepness
 from .push_model import ARM, LEAST, REMEMBERED, SHARE, remembered
@@ -59,7 +59,7 @@ def hull_believed(estimate, shape) -> list[Belief]:
 def hull_sensors(estimate) -> np.ndarray:
     """Return alpha [1/m], sigma [m] of a felt gap, sigma_n [rad] of one sample."""
     p, n = estimate.precision["position"], estimate.precision["normal"]
-    sigma, sigma_n = np.sqrt(ALIKE) * TOUCH, np.sqrt(ALIKE) * TILT
+    sigma, sigma_n = np.sqrt(ALIKE) * TOUCH, np.sqrt(ALIKE) * FACE_TILT
     return np.array([steepness(p), np.hypot(sigma, p), np.hypot(sigma_n, n)])
 
 
@@ -86,7 +86,7 @@ def fingers_then(estimate) -> np.ndarray:
     ground = estimate.scene.ground
     origin = ground.to_ground(estimate.position)[:, None]
     p = ground.to_ground(estimate.seen_positions) - origin
-    turn = Rotation.from_quat(np.roll(estimate.quaternion, -1, axis=1))
+    turn = rotation_of(estimate.quaternion)
     since = turn[-1] * turn.inv()
     since = ground.rotation @ since.as_matrix() @ ground.rotation.T
     return np.einsum("tij,tfj->tfi", since, p)
@@ -96,7 +96,7 @@ def felt(estimate, shape, vertices, points) -> np.ndarray:
     """Return eq:obsinfo of all samples (3 V, 3 V), the way since then being unsure."""
     data = estimate.measurements
     position = estimate.scene.ground.to_ground(estimate.position)
-    turn = Rotation.from_quat(np.roll(estimate.quaternion, -1, axis=1))
+    turn = rotation_of(estimate.quaternion)
     yaw = (turn[1:] * turn[:-1].inv()).magnitude()
     way = (np.diff(position[:, :2], axis=0) ** 2).sum(axis=1) + (ARM * yaw) ** 2
     Q = SHARE**2 * way + LEAST**2 + GAP**2 * (np.diff(data.action) != 0)
@@ -121,7 +121,7 @@ def contacts(estimate, vertices, points):
     """Return where the body was felt and along what, (n, 3) each, about the centre."""
     data = estimate.measurements
     centre = points[data.contact & data.valid]
-    point = nearest(outer(vertices), centre)
+    point = nearest(hull_vertices(vertices), centre)
     n = centre - point
     n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
     return point, n

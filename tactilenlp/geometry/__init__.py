@@ -2,7 +2,7 @@
 
 In: points, half-spaces, poses.  Out: rotations, hulls, faces, tipping motions.
 
-- `transforms`: rotation vectors, planar poses, world to body frame
+- `transforms`: planar rotations, quaternions wxyz, poses, world to body frame
 - `convex_hull`: half-space intersection, vertex reduction, centroid, closest point
 - `faces`: facets merged into faces, supporting planes and their uncertainty
 - `tipping`: the kinematics of a body that tips over an edge

@@ -1,7 +1,7 @@
-"""Cut a convex body out of half-spaces; bring it to a number of vertices.
+"""Convex hulls: half-space intersection, vertex reduction, centroid, closest point.
 
 A half-space is a row (n, b) of the plane n . q = b, n (3,) outward unit, b [m]; the
-body lies behind it.  Lengths in [m], the body's frame, the ground at z = 0.
+body lies where n . q <= b.  Lengths in [m], body frame, the ground at z = 0.
 """
 
 from __future__ import annotations
@@ -13,48 +13,55 @@ from scipy.optimize import least_squares, linprog
 from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 from ..errors import TactileError
-from .transforms import points_in_body
+from .transforms import planar_matrix, points_in_body
 
-CAPS = 60  # planes that stand for the ball of what was never touched
-MERGED = 1e-3  # [m] vertices nearer than this are one
-LEAST = 1e-4  # [m] a body is at least this thick
-INSIDE, OUTSIDE = 0.3, 0.06  # [radii] deviations of a contact point from the ball
-INDEPENDENT = 30  # touches at most that say something new of the ball
-HEIGHT = (0.7, 0.25)  # [radii] mean and deviation of the ball's centre over the ground
-AFLOAT = (0.0, 0.5)  # [radii] and over the plane of touch of a body that floats
-GOLDEN = np.pi * (3 - np.sqrt(5))
+BALL_PLANES = 60  # half-spaces that approximate the ball
+MERGE_DISTANCE = 1e-3  # [m] vertices closer than this are merged
+LEAST_INRADIUS = 1e-4  # [m] of the largest ball in a body; thinner ones are errors
+SIGMA_INSIDE, SIGMA_OUTSIDE = (
+    0.3,
+    0.06,
+)  # [radii] deviations of a contact point from the ball
+INDEPENDENT_TOUCHES = 30  # touches counted as independent, at most
+# Mean and deviation [radii] of the height of the ball's centre: over the ground, and
+# over the plane of touch of a body that floats.
+CENTRE_HEIGHT = 0.7, 0.25
+FLOATING_HEIGHT = 0.0, 0.5
+GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
 
 @dataclass(frozen=True, eq=False)
 class Ball:
-    """The ball that a body is thought to fill where nothing was felt: (3,), [m]."""
+    """The prior shape of a body where it was not touched: centre (3,), radius, [m]."""
 
     centre: np.ndarray
     radius: float
 
-    def caps(self, points, count: int = CAPS) -> np.ndarray:
-        """Return half-spaces (count, 4) that touch the ball, spread evenly.
+    def caps(self, points, count: int = BALL_PLANES) -> np.ndarray:
+        """Return half-spaces (count, 4) tangent to the ball, evenly distributed.
 
-        They are turned towards the farthest of the points (n, 3), so that they turn
-        with the body and not with the world's axes.
+        Their heading is that of the farthest of the points (n, 3), so that the result
+        does not depend on the world's axes.
         """
         away = (points - self.centre)[:, :2]
         x, y = away[np.argmax(np.linalg.norm(away, axis=1))]
         turn = np.arctan2(y, x)
-        c, s = np.cos(turn), np.sin(turn)
-        n = directions(count) @ [[c, s, 0], [-s, c, 0], [0, 0, 1]]
+        n = directions(count) @ planar_matrix(-turn)
         return np.c_[n, n @ self.centre + self.radius]
 
 
 def directions(count: int) -> np.ndarray:
-    """Return unit vectors (count, 3) spread evenly over the sphere (Fibonacci)."""
+    """Return unit vectors (count, 3) evenly distributed (Fibonacci sphere)."""
     z = 1 - (2 * np.arange(count) + 1) / count
-    r, phi = np.sqrt(1 - z * z), GOLDEN * np.arange(count)
+    r, phi = np.sqrt(1 - z * z), GOLDEN_ANGLE * np.arange(count)
     return np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=1)
 
 
-def deepest(halfspaces) -> tuple[np.ndarray, float]:
-    """Return centre (3,) and radius of the largest ball behind all half-spaces."""
+def chebyshev_centre(halfspaces) -> tuple[np.ndarray, float]:
+    """Return the Chebyshev centre (3,) [m] and inradius [m] of an intersection.
+
+    The centre of the largest ball in it; radius -inf where it is empty.
+    """
     A = np.c_[halfspaces[:, :3], np.ones(len(halfspaces))]
     bounds = [(None, None)] * 3 + [(None, 1.0)]
     found = linprog([0, 0, 0, -1], A, halfspaces[:, 3], bounds=bounds, method="highs")
@@ -63,25 +70,30 @@ def deepest(halfspaces) -> tuple[np.ndarray, float]:
     return found.x[:3], float(found.x[3])
 
 
-def corners(halfspaces) -> np.ndarray:
-    """Return the vertices (V, 3) of an intersection; TactileError if it is empty."""
-    inside, depth = deepest(halfspaces)
-    if depth < LEAST:
+def vertices_behind(halfspaces) -> np.ndarray:
+    """Return the vertices (V, 3) [m] of the intersection of half-spaces (n, 4).
+
+    Raises TactileError if it is empty or thinner than LEAST_INRADIUS.
+    """
+    inside, depth = chebyshev_centre(halfspaces)
+    if depth < LEAST_INRADIUS:
         raise TactileError(
-            "the half-spaces leave no body", where="corners", got=f"{depth:.2g} m deep"
+            "the intersection of the half-spaces is empty or flat",
+            where="halfspaces",
+            got=f"inradius {depth:.2g} m",
         )
     rows = np.c_[halfspaces[:, :3], -halfspaces[:, 3]]
     points = HalfspaceIntersection(rows, inside).intersections
     return points[np.isfinite(points).all(axis=1)]
 
 
-def outer(points) -> np.ndarray:
+def hull_vertices(points) -> np.ndarray:
     """Return the points (V, 3) that are vertices of their hull."""
     return points[ConvexHull(points).vertices]
 
 
-def merged(points, distance: float = MERGED) -> np.ndarray:
-    """Return the points with clusters nearer than `distance` made one, their mean."""
+def merged(points, distance: float = MERGE_DISTANCE) -> np.ndarray:
+    """Return the points (n, 3) with clusters within `distance` [m] averaged."""
     points, out = list(points), []
     while points:
         near = [np.linalg.norm(p - points[0]) < distance for p in points]
@@ -91,11 +103,11 @@ def merged(points, distance: float = MERGED) -> np.ndarray:
 
 
 def thinned(points, count: int) -> np.ndarray:
-    """Return `count` of the vertices at most: those whose removal costs volume stay.
+    """Return at most `count` of the vertices, removing those that add least volume.
 
-    A removal changes what its neighbours are worth, and no others.
+    Greedy: after a removal only the losses of its neighbours are computed again.
     """
-    points = outer(points)
+    points = hull_vertices(points)
     if len(points) <= count:
         return points
     neighbours = _neighbours(points)
@@ -113,7 +125,7 @@ def thinned(points, count: int) -> np.ndarray:
 
 
 def _neighbours(points, names=None) -> dict[int, set]:
-    """Return the vertices that share an edge with each vertex, by name."""
+    """Return for each vertex, by name, the set of those that share an edge with it."""
     names = range(len(points)) if names is None else names
     found = {i: set() for i in names}
     if len(points) < 4:
@@ -142,9 +154,9 @@ def _loss(points, i: int, ring) -> float:
 
 
 def filled(points, count: int) -> np.ndarray:
-    """Return exactly `count` vertices: what is missing is put on the longest edges.
+    """Return exactly `count` vertices, adding midpoints of the longest edges.
 
-    A point on an edge leaves the hull as it is and can move off it.
+    A midpoint does not change the hull; an optimiser can move it off the edge.
     """
     points = np.array(points)
     while len(points) < count:
@@ -171,26 +183,26 @@ def triangles(points, count: int) -> np.ndarray:
 
 
 def centroid(points) -> np.ndarray:
-    """Return the centroid (3,) [m] of the volume of a hull."""
+    """Return the centroid (3,) [m] of the volume of the hull of points (n, 3) [m]."""
     middle = points.mean(axis=0)
     fans = points[ConvexHull(points).simplices] - middle
     volumes = np.abs(np.linalg.det(fans))
     return middle + volumes @ fans.mean(axis=1) * 0.75 / volumes.sum()
 
 
-def fitted_ball(points, size, height=HEIGHT) -> Ball:
-    """Return the ball on the ground near whose surface the points (n, 3) lie.
+def fitted_ball(points, size, height=CENTRE_HEIGHT) -> Ball:
+    """Return the ball fitted by least squares to contact points (n, 3) [m].
 
-    size: mean and deviation [m] of its radius before any touch; height: those [radii]
-    of its centre over z = 0.  Contact points are in the middle of faces more often than
-    at corners: INSIDE the ball, not OUTSIDE.
+    size: prior mean and standard deviation [m] of its radius; height: those [radii] of
+    its centre over z = 0.  Contact points lie in the middle of faces more often than at
+    corners, hence more often inside the ball: SIGMA_INSIDE, SIGMA_OUTSIDE.
     """
     mean, deviation = size
-    often = np.sqrt(max(1.0, len(points) / INDEPENDENT))
+    often = np.sqrt(max(1.0, len(points) / INDEPENDENT_TOUCHES))
 
     def residual(z):
         away = np.linalg.norm(points - z[:3], axis=1) / z[3] - 1
-        away = np.where(away > 0, away / OUTSIDE, away / INSIDE) / often
+        away = np.where(away > 0, away / SIGMA_OUTSIDE, away / SIGMA_INSIDE) / often
         above = (z[2] / z[3] - height[0]) / height[1]
         return np.r_[away, above, (z[3] - mean) / deviation]
 
@@ -198,20 +210,20 @@ def fitted_ball(points, size, height=HEIGHT) -> Ball:
     return Ball(found.x[:3], float(abs(found.x[3])))
 
 
-def fingers(samples, x) -> np.ndarray:
+def fingers_in_body(samples, x) -> np.ndarray:
     """Return the fingers' centres (samples, 3) [m] in the body frame."""
     return points_in_body(x, samples.sample, samples.p_wf)
 
 
 def nearest(vertices, points) -> np.ndarray:
-    """Return the points (n, 3) of a hull that are nearest to given ones outside."""
+    """Return the points (n, 3) [m] of a hull closest to given points (n, 3) outside."""
     return nearest_triangles(vertices, points)[0]
 
 
 def nearest_triangles(vertices, points) -> tuple[np.ndarray, np.ndarray]:
-    """Return the points (n, 3) of a hull nearest to given ones outside.
+    """Return the points (n, 3) [m] of a hull closest to given points outside.
 
-    And the vertices (n, 3) of the triangle on which each lies.
+    And the indices (n, 3) of the vertices of the triangle on which each lies.
     """
     import trimesh
 

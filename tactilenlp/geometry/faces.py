@@ -1,4 +1,4 @@
-"""How well each face of an estimated shape is known: one deviation, one colour each."""
+"""Faces of a polytope: polygons, supporting planes with sigma, touches per face."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.validation import check_types
+from .transforms import rotation_of
 
 
 def polygons(points: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return the faces of the hull of points (n, 3): corners in order, outward normal.
+    """Return the faces of the hull of points (n, 3): ordered corners, outward normal.
 
-    Corners are indices; facets of one plane are one face.
+    Corners are indices of points; coplanar facets are one face.
     """
     from scipy.spatial import ConvexHull
 
@@ -28,12 +29,12 @@ def polygons(points: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
 
 @dataclass(frozen=True, eq=False)
 class SupportingPlanes:
-    """The planes behind which a body lies at the last sample, a row for each face.
+    """The supporting planes of a body at the last sample, one row per face.
 
     normal (n, 3) outward unit, world frame; offset (n,) [m]: the body lies where
-    normal . p <= offset; sigma (n,) [m]: standard deviation of the offset, the normal
-    as it is: that of the face's least certain corner; corners: indices of vertices;
-    touches (n,): samples that touched the face, -1 where the estimate does not tell.
+    normal . p <= offset; sigma (n,) [m]: standard deviation of the offset for a fixed
+    normal, that of the face's least certain corner; corners: indices of vertices;
+    touches (n,): samples that touched the face, -1 where this is unknown.
     """
 
     normal: np.ndarray
@@ -46,7 +47,7 @@ class SupportingPlanes:
 def supporting_planes(estimate) -> SupportingPlanes:
     """Return the planes of all faces, touched or not, in the order of `polygons`.
 
-    sigma is NaN for all where the information knows no corners.
+    sigma is NaN for all if the information has no map to the corners.
     """
     check_types(estimate=(estimate, "Estimate"))
     R_wo, faces = estimate.rotation(), polygons(estimate.vertices)
@@ -63,11 +64,11 @@ def supporting_planes(estimate) -> SupportingPlanes:
 
 
 def face_sigma(estimate) -> np.ndarray:
-    """Return how well each face is known at the last sample, (faces,) [m].
+    """Return the standard deviation of each face at the last sample, (faces,) [m].
 
-    The standard deviation of a face's middle along its normal, from the covariance of
-    shape and pose together, in the order of `polygons`; NaN for all where the
-    information knows no corners.
+    That of the face's middle along its normal, from the joint covariance of shape and
+    pose, in the order of `polygons`; NaN for all if the information has no map to the
+    corners.
     """
     check_types(estimate=(estimate, "Estimate"))
     faces, moves = polygons(estimate.vertices), _moves_of_corners(estimate)
@@ -81,9 +82,9 @@ def face_sigma(estimate) -> np.ndarray:
 
 
 def _moves_of_corners(estimate) -> np.ndarray | None:
-    """Return how each vertex moves with the unknowns (V, 3, k), world frame [m].
+    """Return the Jacobian of vertices by the unknowns (V, 3, k), world frame.
 
-    None where the information knows no corners.
+    None if the information has no map to the corners.
     """
     maps, vertices = estimate.information.maps, estimate.vertices
     k = maps["position"].shape[1]
@@ -100,17 +101,19 @@ def _moves_of_corners(estimate) -> np.ndarray | None:
 
 
 def _deviations(estimate, moves, n) -> np.ndarray:
-    """Return deviations (c,) [m] along n (3,) of points that move by (c, 3, k)."""
+    """Return sigma (c,) [m] along n (3,) of points with Jacobians (c, 3, k)."""
     J = n @ moves
     variance = ((J @ estimate.information.spread) * J).sum(axis=1)
     return np.sqrt(np.where(variance < 0, np.inf, variance))
 
 
 def touched_faces(data, quaternion, threshold) -> np.ndarray:
-    """Return how many samples touched each face, (3 axes, 2 sides)."""
-    from scipy.spatial.transform import Rotation
+    """Return how many samples touched each face of a cuboid, (3 axes, 2 sides).
+
+    threshold [-]: least cosine between measured and face normal.
+    """
 
     t, f = np.nonzero(data.contact & data.valid)
-    R = Rotation.from_quat(quaternion[t][:, [1, 2, 3, 0]])
+    R = rotation_of(quaternion[t])
     n = R.inv().apply(data.normal[t, f])
     return np.stack([(n < -threshold).sum(axis=0), (n > threshold).sum(axis=0)], 1)

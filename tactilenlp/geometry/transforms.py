@@ -1,8 +1,7 @@
-"""Rotations of free poses x (6, T): their vectors, and the matrices that these mean.
+"""Rotations and rigid motions: planar ones, quaternions wxyz, poses of a moving body.
 
-Carry points and directions from the world into the frame of a body that moves.
-
-Poses x are planar (3, T), the body's origin on the ground, or free (6, T).
+Poses x are planar (3, T), with rows x, y [m] and yaw [rad] and the body's origin on the
+ground, or free (6, T), with rows position [m] and rotation vector [rad].
 """
 
 from __future__ import annotations
@@ -10,14 +9,16 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-SMALL = 1e-4  # [rad] a turn below which the series is exact to rounding
+SERIES_ANGLE = 1e-4  # [rad] below it the series is exact to rounding
 
 
 def continuous(R) -> np.ndarray:
-    """Return rotation vectors (n, 3) [rad] of rotations (n, 3, 3) without jumps."""
+    """Return continuous rotation vectors (n, 3) [rad] of rotations (n, 3, 3)."""
     w = Rotation.from_matrix(np.array(R)).as_rotvec()
     far = np.linalg.norm(np.diff(w, axis=0), axis=1) >= np.pi
-    first = 1 + int(np.argmax(far)) if far.any() else len(w)  # till then w goes on
+    first = (
+        1 + int(np.argmax(far)) if far.any() else len(w)
+    )  # w is continuous before it
     for k in range(first, len(w)):
         angle = np.linalg.norm(w[k])
         if angle > 1e-6:
@@ -27,19 +28,19 @@ def continuous(R) -> np.ndarray:
 
 
 def backward(R) -> np.ndarray:
-    """Return the same, none at the last of the rotations, where the body is upright."""
+    """Return the same, continuous from the last rotation back, where w is shortest."""
     return continuous(R[::-1])[::-1]
 
 
 def turning(x) -> np.ndarray:
-    """Return how free poses x (6, T) turn with their rotation vectors (T, 3, 3).
+    """Return the left Jacobians of SO(3) (T, 3, 3) of free poses x (6, T).
 
-    From a change of the vector to a small turn about the world's axes [rad].
+    They map a change of the rotation vector to a small rotation about the world's axes.
     """
     w = x[3:].T
     angle = np.linalg.norm(w, axis=1)[:, None, None]
     K = -np.cross(w[:, None], np.eye(3))
-    small = angle < SMALL
+    small = angle < SERIES_ANGLE
     angle = np.where(small, 1.0, angle)
     first = np.where(small, 1 / 2, (1 - np.cos(angle)) / angle**2)
     second = np.where(small, 1 / 6, (angle - np.sin(angle)) / angle**3)
@@ -51,23 +52,47 @@ def matrices(x) -> np.ndarray:
     return Rotation.from_rotvec(x[3:].T).as_matrix()
 
 
+def rotation_of(quaternion) -> Rotation:
+    """Return the rotations that quaternions wxyz (..., 4) stand for."""
+    return Rotation.from_quat(np.roll(quaternion, -1, axis=-1))
+
+
+def quaternion_of(rotation: Rotation) -> np.ndarray:
+    """Return the quaternions wxyz (..., 4) of rotations."""
+    return np.roll(rotation.as_quat(), 1, axis=-1)
+
+
+def rotate_planar(yaw, x, y, origin=(0.0, 0.0)) -> tuple:
+    """Return origin + R(yaw) (x, y), coordinates turned about the vertical.
+
+    yaw [rad]; all arguments broadcast.  The inverse rotation is that by -yaw, to the
+    last digit.
+    """
+    c, s = np.cos(yaw), np.sin(yaw)
+    return origin[0] + c * x - s * y, origin[1] + s * x + c * y
+
+
+def planar_matrix(yaw: float) -> np.ndarray:
+    """Return the rotation matrix (3, 3) about the vertical by yaw [rad]."""
+    x, y, z = np.eye(3)
+    return np.array([*rotate_planar(yaw, x, y), z])
+
+
 def is_planar(x) -> bool:
-    """Tell whether poses x (unknowns, T) are planar."""
+    """Return whether poses x (unknowns, T) are planar."""
     return len(x) == 3
 
 
 def directions_in_body(x, samples, a) -> np.ndarray:
-    """Return the directions a (n, 3) at samples (n,), in the body frame."""
+    """Return world directions a (n, 3) at samples (n,) in the body frame (n, 3)."""
     pose = x[:, samples]
     if not is_planar(x):
         return np.einsum("nji,nj->ni", matrices(pose), a)
-    c, s = np.cos(pose[2]), np.sin(pose[2])
-    back = c * a[:, 0] + s * a[:, 1], c * a[:, 1] - s * a[:, 0], a[:, 2]
-    return np.stack(back, axis=1)
+    return np.stack([*rotate_planar(-pose[2], a[:, 0], a[:, 1]), a[:, 2]], axis=1)
 
 
 def points_in_body(x, samples, p_w) -> np.ndarray:
-    """Return the points p_w (n, 3) [m] at samples (n,), in the body frame."""
+    """Return world points p_w (n, 3) [m] at samples (n,) in the body frame (n, 3)."""
     places = 2 if is_planar(x) else 3
     away = p_w.copy()
     away[:, :places] -= x[:places, samples].T
@@ -75,8 +100,7 @@ def points_in_body(x, samples, p_w) -> np.ndarray:
 
 
 def carried(x, old, new) -> np.ndarray:
-    """Return poses x (3, T) carried by the planar motion that takes `old` to `new`."""
+    """Return poses x (3, T) moved by the planar motion that maps `old` to `new`."""
     turn = new[2] - old[2]
-    c, s = np.cos(turn), np.sin(turn)
-    a, b = x[:2] - old[:2, None]
-    return np.vstack([new[0] + c * a - s * b, new[1] + s * a + c * b, x[2] + turn])
+    away = x[:2] - old[:2, None]
+    return np.vstack([*rotate_planar(turn, *away, origin=new), x[2] + turn])

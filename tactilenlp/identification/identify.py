@@ -14,6 +14,7 @@ from ..common.validation import check_types
 from ..data.scene import Scene
 from ..data.trajectories import Trajectories
 from ..errors import MotionError, OptionError, SceneError
+from ..geometry.transforms import rotation_of
 from ..information.information import reduced_covariance
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
@@ -62,18 +63,8 @@ def identify_body(
             got=f"origins at {1e3 * steps.p_wo[:, 2].min():.0f} mm and higher",
             expected="tosses that land", next="check scene.ground, or give a guess",
         )  # fmt: skip
-    for _ in range(MAX_SOLVES):
-        window = impacts(steps, chosen, theta, signs, trajectories.dt)
-        problem = Problem()
-        page.build(problem, window, scene)
-        solution = solve_levels(problem, page.LEVELS, {}, options)
-        back = _sunk(steps, solution.values, signs) & ~chosen
-        if not back.any():
-            break
-        log.info(
-            "solving again with %d vertices that were left out and touch", back.sum()
-        )
-        chosen = chosen | back
+    given = steps, theta, signs, trajectories.dt, scene, options
+    problem, window, solution, chosen = _solved(*given, chosen)
     if throw and not solution.success:
         raise not_converged(problem, solution)
     body = _read_off(
@@ -83,6 +74,25 @@ def identify_body(
     words = f"{left[0]} of {len(chosen)} steps: in free flight, or at rest ({left[1]})"
     seconds = solution.seconds | {"total": time.process_time() - began}
     return replace(body, skipped=(words,), seconds=seconds)
+
+
+def _solved(steps, theta, signs, dt, scene, options, chosen):
+    """Return problem, window, solution and the vertices (n, V) that may touch.
+
+    What was left out and lies below the ground in the solution is added, and the
+    problem solved again, MAX_SOLVES times at most.
+    """
+    for _ in range(MAX_SOLVES):
+        window = impacts(steps, chosen, theta, signs, dt)
+        problem = Problem()
+        page.build(problem, window, scene)
+        solution = solve_levels(problem, page.LEVELS, {}, options)
+        back = _sunk(steps, solution.values, signs) & ~chosen
+        if not back.any():
+            break
+        log.info("solving again: %d vertices that were left out touch", back.sum())
+        chosen = chosen | back
+    return problem, window, solution, chosen
 
 
 def _check(trajectories, scene, shape, gauge, options) -> None:
@@ -110,7 +120,7 @@ def _prepared(trajectories, scene, shape, guess, gauge):
     from scipy.spatial.transform import Rotation
 
     turn = Rotation.from_matrix(scene.ground.rotation)
-    rotation = turn * Rotation.from_quat(np.roll(trajectories.quaternion, -1, axis=1))
+    rotation = turn * rotation_of(trajectories.quaternion)
     where = scene.ground.to_ground(trajectories.position)
     where = where - [*where[:, :2].mean(axis=0), 0]  # slopes turn about the middle
     given = trajectories.toss, where, rotation, trajectories.dt, scene.gravity

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..problem.window import _Rows
+from ..problem.window import Rows
 
 NEAR_GROUND = 10e-3  # [m] a vertex that stays higher over a step does not touch
 CALM_CHANGE = 0.04, 0.3  # [m/s], [rad/s] a lesser change of velocity is no impact
@@ -26,7 +26,7 @@ MIN_TOSSES = 4  # below which their own scatter is not used
 
 
 @dataclass(frozen=True, eq=False)
-class Steps(_Rows):
+class Steps(Rows):
     """All steps: poses now, one sample before (_1) and after (_2), and velocities.
 
     sample, toss: of `now`; p_wo (n, 3) [m]; R_wo (n, 9) column by column; dv [m/s];
@@ -66,7 +66,7 @@ class Steps(_Rows):
 
 
 @dataclass(frozen=True, eq=False)
-class Touches(_Rows):
+class Touches(Rows):
     """Corners that may touch within a step: column of theta, vertex, signs of theta."""
 
     step: np.ndarray

@@ -4,8 +4,8 @@ In: a solved `Problem`.  Out: `Information` about shape and final pose.  The Hes
 the Lagrangian is reduced to the null space of the active constraints, and all else is
 marginalised by a Schur complement (Laplace approximation); nothing is solved here.
 
-- `information`, `tangent_space`, `polytope_information`, `information_gain`
-- `error_budget`, `error_budget_terms`, `measurement_noise`, `finger_offsets`: sandwich
-  covariance and the errors of assumptions;  `mixture`: several local optima
+- `information`, `tangent_space`, `polytope_information`, `unobserved`: what is known
+- `error_budget`: the list of errors that sigma covers (`TERMS`); `error_budget_terms`,
+  `measurement_noise`, `finger_offsets`: each term;  `mixture`: several local optima
 - `sensitivity`, `comparisons`: parametric sensitivity; other kinds of information
 """

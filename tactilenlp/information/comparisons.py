@@ -30,12 +30,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import OptionError
-from ..nlp.kkt import LOOSE
-from ..nlp.kkt_sensitivity import Curvature
+from ..nlp.kkt import LEAST_CURVATURE
+from ..nlp.kkt_sensitivity import KKTSystem
 from ..nlp.term_functions import mapped
 
 
-def gauss_newton(curvature: Curvature) -> Curvature:
+def gauss_newton(curvature: KKTSystem) -> KKTSystem:
     """Return the KKT system with the Hessian of every instance made positive."""
     problem, hessians = curvature.problem, {}
     for name in curvature.hessians:
@@ -74,14 +74,14 @@ def quaternion_jacobian(motion, x) -> np.ndarray:
     return np.asarray(J(x[3:]))
 
 
-def inverse_dynamics(curvature: Curvature, solution, window, shape) -> np.ndarray:
+def inverse_dynamics(curvature: KKTSystem, solution, window, shape) -> np.ndarray:
     """Return eq:obsinfo (k, k) with past poses by inverted Jacobians."""
     by_last, by_theta = pose_jacobians(curvature, window, shape)
     return summed(curvature.problem, solution, window, shape, by_last, by_theta)
 
 
 def pose_jacobians(
-    curvature: Curvature, window, shape
+    curvature: KKTSystem, window, shape
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return d pose / d last pose (poses, u, u) and d pose / d theta (poses, u, n)."""
     u, n = window.motion.unknowns, shape.theta
@@ -106,7 +106,7 @@ def pose_jacobians(
     return by_last, by_shape
 
 
-def _time_step(curvature: Curvature, window, shape, H, s: int):
+def _time_step(curvature: KKTSystem, window, shape, H, s: int):
     """Return dx_k/dx_{k-1} (u, u) and dx_k/dtheta (u, n) of the step s."""
     problem, step = curvature.problem, window.step
     columns = problem.variables["x"][:, :].indices
@@ -124,8 +124,11 @@ def _time_step(curvature: Curvature, window, shape, H, s: int):
     A = A[np.unique(A[:, inside].nonzero()[0])]
     K = sp.bmat(
         [
-            [H[inside][:, inside] + LOOSE * sp.identity(len(inside)), A[:, inside].T],
-            [A[:, inside], -LOOSE * sp.identity(A.shape[0])],
+            [
+                H[inside][:, inside] + LEAST_CURVATURE * sp.identity(len(inside)),
+                A[:, inside].T,
+            ],
+            [A[:, inside], -LEAST_CURVATURE * sp.identity(A.shape[0])],
         ]
     ).toarray()
     outside = np.concatenate([*before, given])
@@ -138,7 +141,7 @@ def _time_step(curvature: Curvature, window, shape, H, s: int):
     return moved[:, :u] + moved[:, u : 2 * u], moved[:, 2 * u :]
 
 
-def _latest_poses(curvature: Curvature, window) -> dict[str, np.ndarray]:
+def _latest_poses(curvature: KKTSystem, window) -> dict[str, np.ndarray]:
     """Return for every term the latest pose of each instance, -1 if none."""
     problem = curvature.problem
     pose = np.full(problem.size, -1)
@@ -210,20 +213,20 @@ def _value(problem, name: str) -> float:
     return float(problem.parameters[name].value[0])
 
 
-def local_hessians(curvature: Curvature, name: str) -> np.ndarray:
+def local_hessians(curvature: KKTSystem, name: str) -> np.ndarray:
     """Return the Hessian of every instance of a term, (instances, z, z), SI."""
     term = curvature.problem.terms[name]
-    kind, x, data = term.kind, curvature.x, curvature.data
-    weight = curvature.multipliers.get(name, np.ones((term.instances, kind.rows)))
-    second = mapped(kind.second, term.instances)
+    function, x, data = term.function, curvature.x, curvature.data
+    weight = curvature.multipliers.get(name, np.ones((term.instances, function.rows)))
+    second = mapped(function.second, term.instances)
     upper = second(x[term.unknowns].T, data[term.data].T, weight.T)
-    i, j = (np.array(p, int) for p in kind.hessian_sparsity.get_triplet())
+    i, j = (np.array(p, int) for p in function.hessian_sparsity.get_triplet())
     local = np.zeros((term.instances, term.unknowns.shape[1], term.unknowns.shape[1]))
     local[:, i, j] = local[:, j, i] = np.asarray(upper).T
     return local
 
 
-def scattered(curvature: Curvature, name: str, local) -> sp.csc_matrix:
+def scattered(curvature: KKTSystem, name: str, local) -> sp.csc_matrix:
     """Return the sum of local matrices (instances, z, z) at their places."""
     problem = curvature.problem
     unknowns = problem.terms[name].unknowns

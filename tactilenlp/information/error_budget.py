@@ -19,7 +19,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..nlp.kkt_sensitivity import Curvature
+from ..nlp.kkt_sensitivity import KKTSystem
 from .error_budget_terms import (
     GROUND_GAP,
     cluster_robust,
@@ -34,7 +34,13 @@ from .error_budget_terms import (
     uneven_ground,
     untouched_faces,
 )
-from .measurement_noise import Sensed, model_error, moved_by, scatter, sources
+from .measurement_noise import (
+    Sensed,
+    measurement_numbers,
+    model_error,
+    sensitivity_to_measurements,
+    sensor_covariance,
+)
 
 PHYSICS = (
     0.3  # [-] of the curvature of physics is its error: penalties are no densities
@@ -50,12 +56,12 @@ EVERY_SHAPE = (*SIZES, *VERTICES)
 class Linearisation:
     """What the terms of an error budget are computed from, at a solution.
 
-    pulls (unknowns, k), held (rows, k): see Curvature.response_of; sensed: the
+    pulls (unknowns, k), held (rows, k): see KKTSystem.sensitivity; sensed: the
     measurements and their noise; hessian (k, k): the covariance by the Hessian alone,
     None where its negative directions are of no interest.
     """
 
-    curvature: Curvature
+    curvature: KKTSystem
     pulls: np.ndarray
     held: np.ndarray
     sensed: Sensed
@@ -75,11 +81,11 @@ class Linearisation:
 
     @cached_property
     def _sources(self) -> np.ndarray:
-        return sources(self.curvature, self.sensed, self.window)
+        return measurement_numbers(self.curvature, self.sensed, self.window)
 
     def _moved(self, terms) -> tuple[np.ndarray, np.ndarray]:
         given = self.curvature, self.pulls, self.held, self.sensed, self._sources
-        return moved_by(*given, terms=terms)
+        return sensitivity_to_measurements(*given, terms=terms)
 
     def costs(self, roles) -> list[str]:
         """Return the names of the costs with one of these roles."""
@@ -95,7 +101,9 @@ class Linearisation:
 def sensor_noise(at: Linearisation) -> np.ndarray:
     """Return the covariance (k, k) by the noise of positions and normals."""
     pairs = zip(at.by_touches, at.by_others, strict=True)
-    return scatter(*(touched + others for touched, others in pairs), at.sensed)
+    return sensor_covariance(
+        *(touched + others for touched, others in pairs), at.sensed
+    )
 
 
 def touch_model(at: Linearisation) -> np.ndarray:

@@ -3,7 +3,7 @@ r"""Compute the terms of the error budget, each a covariance (k, k) by one named
 Each function returns K^{-1} G K^{-1} for the middle G of one error; `error_budget.py`
 lists which of them apply to which class of shapes and adds them up.
 
-    pulls (unknowns, k), held (rows, k): columns of K^{-1}, see Curvature.response_of
+    pulls (unknowns, k), held (rows, k): columns of K^{-1}, see KKTSystem.sensitivity
     action (T,): the action of every sample
 """
 
@@ -13,12 +13,12 @@ import numpy as np
 
 from formulations.violation_implicit import WEIGHTS
 
-from ..geometry.convex_hull import INSIDE
-from ..geometry.transforms import is_planar, matrices, points_in_body
-from ..nlp.kkt import LOOSE
-from ..nlp.kkt_sensitivity import Curvature
+from ..geometry.convex_hull import SIGMA_INSIDE
+from ..geometry.transforms import is_planar, matrices, points_in_body, rotate_planar
+from ..nlp.kkt import LEAST_CURVATURE
+from ..nlp.kkt_sensitivity import KKTSystem
 from .measurement_noise import KNOWN_FACE
-from .sensitivity import move
+from .sensitivity import parameter_sensitivity
 
 BALANCE = WEIGHTS["balance sigma"][0]  # [weights] that may be missing in a step
 FRICTION = 0.1  # [-] relative deviation of a coefficient of friction that was given
@@ -33,12 +33,12 @@ VERTEX_PRIORS = ("ball prior", "stay")  # costs that determine untouched vertice
 REGULARISATION = 1e-9  # [-] of the covariance of g, singular where vertices coincide
 
 
-def curvature_of_costs(curvature: Curvature, pulls, names) -> np.ndarray:
+def curvature_of_costs(curvature: KKTSystem, pulls, names) -> np.ndarray:
     """Return the covariance (k, k) if the curvature of these terms is their error."""
     return positive_part(pulls.T @ (curvature.hessian(names) @ pulls))
 
 
-def missing_impulses(curvature: Curvature, held) -> np.ndarray:
+def missing_impulses(curvature: KKTSystem, held) -> np.ndarray:
     """Return the covariance (k, k) by impulses of BALANCE missing in hard balances.
 
     A page reports how such a constraint moves by one weight, "<its name>, gives".
@@ -48,26 +48,28 @@ def missing_impulses(curvature: Curvature, held) -> np.ndarray:
         if f"{name}, gives" not in problem.reports:
             continue
         gives = problem.value(f"{name}, gives", curvature.x, curvature.data)
-        gives = gives.reshape(term.instances, -1, term.kind.rows)  # column by column
-        rows = held[term.span].reshape(term.instances, term.kind.rows, -1)
+        gives = gives.reshape(
+            term.instances, -1, term.function.rows
+        )  # column by column
+        rows = held[term.span].reshape(term.instances, term.function.rows, -1)
         moved = (gives @ rows).reshape(-1, len(total))
         total += BALANCE**2 * moved.T @ moved
     return total
 
 
-def regularisation(curvature: Curvature, pulls) -> np.ndarray:
+def regularisation(curvature: KKTSystem, pulls) -> np.ndarray:
     """Return the covariance (k, k) of K's regularisation, a weak prior."""
     scaled = pulls / curvature.problem.scale[:, None]
-    return LOOSE * scaled.T @ scaled
+    return LEAST_CURVATURE * scaled.T @ scaled
 
 
-def friction_error(curvature: Curvature, pulls, held, name: str) -> np.ndarray:
+def friction_error(curvature: KKTSystem, pulls, held, name: str) -> np.ndarray:
     """Return the covariance (k, k) by a coefficient of friction that was given."""
-    moved = move(curvature, pulls, held, {name: 1.0}, relative=True)
+    moved = parameter_sensitivity(curvature, pulls, held, {name: 1.0}, relative=True)
     return FRICTION**2 * np.outer(moved, moved)
 
 
-def uneven_ground(curvature: Curvature, held, window) -> np.ndarray:
+def uneven_ground(curvature: KKTSystem, held, window) -> np.ndarray:
     """Return the covariance (k, k) by a ground that is not the plane of a hard gap."""
     problem = curvature.problem
     slopes = problem.jacobian(GROUND_GAP, curvature.x, curvature.data)
@@ -91,7 +93,7 @@ def positive_part(M) -> np.ndarray:
     return (vectors * np.maximum(values, 0.0)) @ vectors.T
 
 
-def cluster_robust(curvature: Curvature, pulls, window, action) -> np.ndarray:
+def cluster_robust(curvature: KKTSystem, pulls, window, action) -> np.ndarray:
     """Return the cluster-robust covariance (k, k) of the chosen unknowns, SI.
 
     At an optimum the gradients of all terms add up to zero: those of the touches of one
@@ -103,7 +105,7 @@ def cluster_robust(curvature: Curvature, pulls, window, action) -> np.ndarray:
 
     (Liang and Zeger 1986): small where all clusters agree, large where they disagree.
 
-    pulls: see Curvature.response_of; action (T,): of every sample.
+    pulls: see KKTSystem.sensitivity; action (T,): of every sample.
     """
     clusters = [*_touch_gradients(curvature, window, action)]
     clusters += _physics_gradients(curvature, window, action)
@@ -141,7 +143,7 @@ def _sum(rows) -> np.ndarray:
     return np.asarray(rows.sum(axis=0)).ravel()
 
 
-def stick_slip(curvature: Curvature, pulls, window, action) -> np.ndarray:
+def stick_slip(curvature: KKTSystem, pulls, window, action) -> np.ndarray:
     """Return the covariance (k, k) by fingers that may stick instead of slide, SI.
 
     A finger that moves along a face slides on it or moves the body.  No sensor tells
@@ -154,7 +156,7 @@ def stick_slip(curvature: Curvature, pulls, window, action) -> np.ndarray:
 
     zero where touches alone determine the poses.
 
-    pulls: see Curvature.response_of; action (T,): of every sample.
+    pulls: see KKTSystem.sensitivity; action (T,): of every sample.
     """
     problem, push = curvature.problem, window.push
     names = [n for n, term in problem.costs.items() if term.role == "physics"]
@@ -173,7 +175,7 @@ def stick_slip(curvature: Curvature, pulls, window, action) -> np.ndarray:
     return STICKING * moved.T @ moved
 
 
-def slips(curvature: Curvature, window) -> np.ndarray:
+def slips(curvature: KKTSystem, window) -> np.ndarray:
     """Return how far [m] each pushing finger slid over the body.
 
     (pushes, 2) over the ground, in planar motion; else (pushes, 3).
@@ -185,12 +187,11 @@ def slips(curvature: Curvature, window) -> np.ndarray:
         met = points_in_body(before, slice(None), push.p_wf_1)
         return push.p_wf - now[:3].T - np.einsum("nij,nj->ni", matrices(now), met)
     arm = (push.p_wf_1[:, :2] - before[:2].T).T
-    c, s = np.cos(now[2] - before[2]), np.sin(now[2] - before[2])
-    carried = now[:2] + np.stack([c * arm[0] - s * arm[1], s * arm[0] + c * arm[1]])
+    carried = now[:2] + np.stack(rotate_planar(now[2] - before[2], *arm))
     return push.p_wf[:, :2] - carried.T
 
 
-def shape_prior_error(curvature: Curvature, pulls) -> np.ndarray:
+def shape_prior_error(curvature: KKTSystem, pulls) -> np.ndarray:
     """Return the covariance (k, k) by bodies that differ from the prior's ball, SI.
 
     Without touches the vertices lie about a sphere (m, r) and near where they started,
@@ -205,7 +206,7 @@ def shape_prior_error(curvature: Curvature, pulls) -> np.ndarray:
 
         K^{-1} H cov(e) H K^{-1}
 
-    pulls: see Curvature.response_of.
+    pulls: see KKTSystem.sensitivity.
     """
     problem, values = curvature.problem, curvature.problem.unpack(curvature.x)
     V, (*middle, radius) = values["theta"].T, np.ravel(values["ball"])
@@ -216,7 +217,7 @@ def shape_prior_error(curvature: Curvature, pulls) -> np.ndarray:
     root = np.linalg.cholesky(alike + REGULARISATION * np.eye(len(u)))
     errors = np.zeros((problem.size, len(u)))
     errors[problem.variables["theta"].span] = (
-        radius * INSIDE * (u[:, :, None] * root[:, None]).reshape(u.size, -1)
+        radius * SIGMA_INSIDE * (u[:, :, None] * root[:, None]).reshape(u.size, -1)
     )
     moved = pulls.T @ (curvature.hessian(VERTEX_PRIORS) @ errors)
     return moved @ moved.T

@@ -26,7 +26,7 @@ def covariance_of_offsets(curvature, sensed, window, shape, R_wg) -> np.ndarray 
     span = variables[NAME].span
     chosen = np.arange(span.start, span.stop)
     turn = np.kron(np.eye(len(chosen) // 3), R_wg)
-    pulls, held = (part @ turn.T for part in curvature.response_of(chosen))
+    pulls, held = (part @ turn.T for part in curvature.sensitivity(chosen))
     if sensed is None:
         C = turn @ pulls[chosen]
         return (C + C.T) / 2
@@ -40,7 +40,7 @@ def covariance_with_offsets(curvature, tangent) -> np.ndarray:
     """
     span = curvature.problem.variables[NAME].span
     chosen = np.r_[tangent.chosen, span.start : span.stop]
-    C = curvature.response_of(chosen)[0][chosen]
+    C = curvature.sensitivity(chosen)[0][chosen]
     jacobian, k = np.eye(len(chosen)), len(tangent.chosen)
     jacobian[:k, :k] = tangent.jacobian
     C = jacobian @ C @ jacobian.T
@@ -54,7 +54,7 @@ def prior_of_offsets(scene, fingers: int) -> np.ndarray:
     return block_diag(*scene.joints.information.reshape(-1, 3, 3))
 
 
-def words(offset: np.ndarray, C: np.ndarray) -> str:
+def offsets_in_words(offset: np.ndarray, C: np.ndarray) -> str:
     """Return offsets (F, 3) [m] in words, with their deviations."""
     mm, each = 1e3, []
     for f, sigma in enumerate(np.sqrt(np.diag(C)).reshape(-1, 3)):

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..common.validation import check_types
 from ..errors import OptionError
-from ..nlp.kkt_sensitivity import Curvature, curvature_of
+from ..nlp.kkt_sensitivity import KKTSystem, kkt_system_of
 from .error_budget import (
     Linearisation,
     TouchedFaces,
@@ -28,12 +28,14 @@ from .mixture import SAME, Modes, laplace_mixture
 from .tangent_space import tangent_space_of
 from .unobserved import open_directions
 
-TOUCHED = 0.99  # [-] |n . axis| above which a normal belongs to a face
-TINY = 1e-12  # [SI] a deviation below which a number is known exactly
-SHARP = 1e-12  # [-] of the other variances: a direction below this is known exactly
-MOST = 4  # unknowns that name a direction
+FACE_COSINE = 0.99  # [-] |n . axis| above which a normal belongs to a face
+LEAST_SIGMA = 1e-12  # [SI] a deviation below which a number is known exactly
+LEAST_VARIANCE = (
+    1e-12  # [-] of the other variances: a direction below this is known exactly
+)
+MAX_NAMES = 4  # unknowns that name a direction
 NEGLIGIBLE = 40.0  # [nats] behind the best: a mode of negligible weight
-RARE = 0.02  # [-] modes of less weight are not spoken of
+MIN_WEIGHT = 0.02  # [-] modes of less weight are not spoken of
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +116,7 @@ class Information:
         for weight, off in zip(
             self.modes.weights[1:], self.modes.offsets[1:], strict=True
         ):
-            if weight < RARE:
+            if weight < MIN_WEIGHT:
                 continue
             units = [180 / np.pi if "rotation" in n else 1e3 for n in self.names]
             sigma = np.sqrt(np.maximum(np.diag(self.spread), 0.0))
@@ -145,16 +147,16 @@ class Information:
 def information_of(
     problem, solution, window, shape, faces, R_wg, sensed=None, rivals=(), profile=None
 ) -> Information:
-    """Return the information about theta and the last pose of a solved programme.
+    """Return the information about theta and the last pose of a solved problem.
 
     faces: (axes, 2) number of samples that touched each face; R_wg (3, 3): from the
-    ground's frame, in which the programme is written, to the world.  sensed: the
+    ground's frame, in which the problem is written, to the world.  sensed: the
     measurements, without which sigma is that of the Hessian; rivals: (problem,
     solution, window) of other local optima; profile (k, k): see profile_likelihood.py.
     """
-    curvature = curvature_of(problem, solution)
+    curvature = kkt_system_of(problem, solution)
     tangent = tangent_space_of(problem, solution, window, shape, R_wg)
-    pulls, held = curvature.response_of(tangent.chosen)
+    pulls, held = curvature.sensitivity(tangent.chosen)
     pulls, held = pulls @ tangent.jacobian.T, held @ tangent.jacobian.T
     C = tangent.jacobian @ pulls[tangent.chosen]
     C = (C + C.T) / 2
@@ -169,11 +171,9 @@ def information_of(
     words, directions = open_directions(tangent, covariance, shape, faces)
     if sensed is not None:
         covariance = bounded_pose(covariance, shape.theta, tangent.turning)
-    matrix, terms = inverse(C), problem.terms
-    parts = {
-        name: matrix @ (pulls.T @ (H @ pulls)) @ matrix
-        for name, H in curvature.hessians.items()
-    }
+    matrix = inverse(C)
+    parts = _parts(curvature, pulls, matrix)
+    terms = problem.terms
     return Information(
         names=tangent.names, matrix=matrix, spread=covariance, parts=parts,
         roles={name: terms[name].role or "constraint" for name in parts},
@@ -182,6 +182,14 @@ def information_of(
         indefinite=_indefinite(curvature),
         **_of_offsets(curvature, sensed, window, shape, R_wg, tangent),
     )  # fmt: skip
+
+
+def _parts(curvature: KKTSystem, pulls, matrix) -> dict[str, np.ndarray]:
+    """Return what the Hessian of each term adds to the information (k, k)."""
+    return {
+        name: matrix @ (pulls.T @ (H @ pulls)) @ matrix
+        for name, H in curvature.hessians.items()
+    }
 
 
 def _covariance(modes, tangent, window, shape, faces, sensed, profile) -> np.ndarray:
@@ -219,27 +227,27 @@ def reduced_covariance(problem, solution, chosen: np.ndarray):
 
     chosen: indices into the vector of all unknowns.
     """
-    curvature = curvature_of(problem, solution)
-    C = curvature.response_of(chosen)[0][chosen]
+    curvature = kkt_system_of(problem, solution)
+    C = curvature.sensitivity(chosen)[0][chosen]
     counts = (sum(n.values()) for n in (curvature.active, curvature.ambiguous))
     return (C + C.T) / 2, *counts
 
 
 def inverse(C) -> np.ndarray:
     """Return the inverse of a covariance, finite also where a direction is known."""
-    d = np.sqrt(np.maximum(np.abs(np.diag(C)), TINY**2))
+    d = np.sqrt(np.maximum(np.abs(np.diag(C)), LEAST_SIGMA**2))
     values, vectors = np.linalg.eigh(C / np.outer(d, d))
-    values = np.where(np.abs(values) < SHARP, SHARP, values)
+    values = np.where(np.abs(values) < LEAST_VARIANCE, LEAST_VARIANCE, values)
     return (vectors / values) @ vectors.T / np.outer(d, d)
 
 
-def _indefinite(curvature: Curvature) -> tuple[str, ...]:
+def _indefinite(curvature: KKTSystem) -> tuple[str, ...]:
     """Name the term and the unknowns along which the reduced Hessian curves down."""
     if curvature.negative is None:
         return ()
     term, direction = curvature.negative
     share = np.abs(direction / curvature.problem.scale)
-    worst, where = np.argsort(share)[::-1][:MOST], []
+    worst, where = np.argsort(share)[::-1][:MAX_NAMES], []
     for name, v in curvature.problem.variables.items():
         for i in worst[(worst >= v.first) & (worst < v.span.stop)] - v.first:
             where.append(f"{name}[{i % v.rows}, {i // v.rows}]")

@@ -1,4 +1,4 @@
-"""Say in nats how much more is known: the gain of one information by another."""
+"""Compute the expected information gain of planned measurements, in nats."""
 
 from __future__ import annotations
 

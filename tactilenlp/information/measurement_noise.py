@@ -22,9 +22,9 @@ import numpy as np
 
 from formulations.finger_offset import NAME as OFFSET
 
-from ..data.sensor_noise import Precision, smoothing
+from ..data.sensor_noise import Precision, smoothing_matrices
 from ..errors import PageError
-from ..nlp.kkt_sensitivity import Curvature
+from ..nlp.kkt_sensitivity import KKTSystem
 from ..nlp.term_functions import mapped
 
 STEP = 1e-6  # [-] of a datum, at least of SMALL: of the central differences
@@ -38,20 +38,20 @@ MEDIAN_2 = 1.1774  # median of the length of a standard normal vector in the pla
 
 @dataclass(frozen=True, eq=False)
 class Sensed:
-    """What was measured, how precisely, and how a window becomes a programme again."""
+    """What was measured, how precisely, and how a problem is built from a window."""
 
     data: object
     precision: Precision
     build: Callable
 
 
-def moved_by(
-    curvature: Curvature, pulls, held, sensed: Sensed, source, terms=None
+def sensitivity_to_measurements(
+    curvature: KKTSystem, pulls, held, sensed: Sensed, source, terms=None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return how the chosen unknowns move with what each finger measured.
 
     By its position and by its normal, (k, T, F, 3) each [SI], through all terms or the
-    named ones.  pulls, held: see Curvature.response_of; source: see sources.
+    named ones.  pulls, held: see KKTSystem.sensitivity; source: see sources.
     """
     shape = (*sensed.data.contact.shape, 3)
     count = int(np.prod(shape))
@@ -62,21 +62,23 @@ def moved_by(
         read = number >= 0
         if not read.any():
             continue
-        slope, value = cross(curvature, name, np.nonzero(read.any(axis=0))[0])
+        slope, value = mixed_derivatives(
+            curvature, name, np.nonzero(read.any(axis=0))[0]
+        )
         change = np.einsum("ivk,ivd->idk", pulls[term.unknowns], slope)
         if name in curvature.problem.constraints:
-            rows = held[term.span].reshape(term.instances, term.kind.rows, -1)
+            rows = held[term.span].reshape(term.instances, term.function.rows, -1)
             change += np.einsum("irk,ird->idk", rows, value)
         np.add.at(moved, number[read], -change[read])
     by_position, by_normal = moved.T.reshape(-1, 2, *shape).swapaxes(0, 1)
     return by_position, by_normal
 
 
-def scatter(by_position, by_normal, sensed: Sensed) -> np.ndarray:
+def sensor_covariance(by_position, by_normal, sensed: Sensed) -> np.ndarray:
     """Return the covariance (k, k) that the sensors' noise gives the estimate."""
     data, precision, k = sensed.data, sensed.precision, len(by_position)
     raw = np.empty_like(by_position)
-    for rows, S in smoothing(data, precision):
+    for rows, S in smoothing_matrices(data, precision):
         raw[:, rows] = np.einsum("kafc,ab->kbfc", by_position[:, rows], S)
     raw = raw.reshape(k, -1)
     across = tangential(by_normal, data.normal).reshape(k, -1)
@@ -89,7 +91,7 @@ def tangential(by_normal, normal) -> np.ndarray:
     return by_normal - along[..., None] * normal
 
 
-def cross(curvature: Curvature, name: str, columns: Iterable[int]):
+def mixed_derivatives(curvature: KKTSystem, name: str, columns: Iterable[int]):
     """Return d^2 L / dx dy and d g / dy of each instance of a term, by its local data.
 
     (instances, unknowns, data) and (instances, rows, data), by central differences of
@@ -97,12 +99,12 @@ def cross(curvature: Curvature, name: str, columns: Iterable[int]):
     """
     problem = curvature.problem
     term = problem.terms[name]
-    kind, first = term.kind, mapped(term.kind.first, term.instances)
-    rows, places = (np.array(i, int) for i in kind.jacobian_sparsity.get_triplet())
-    weight = curvature.multipliers.get(name, np.ones((term.instances, kind.rows)))
+    function, first = term.function, mapped(term.function.first, term.instances)
+    rows, places = (np.array(i, int) for i in function.jacobian_sparsity.get_triplet())
+    weight = curvature.multipliers.get(name, np.ones((term.instances, function.rows)))
     z, d = curvature.x[term.unknowns].T, curvature.data[term.data].T
     slope = np.zeros((term.instances, len(z), len(d)))
-    value = np.zeros((term.instances, kind.rows, len(d)))
+    value = np.zeros((term.instances, function.rows, len(d)))
     for j in columns:
         step = np.zeros_like(d)
         step[j] = STEP * np.maximum(np.abs(d[j]), SMALL)
@@ -114,10 +116,10 @@ def cross(curvature: Curvature, name: str, columns: Iterable[int]):
     return slope, value
 
 
-def sources(curvature: Curvature, sensed: Sensed, window) -> np.ndarray:
+def measurement_numbers(curvature: KKTSystem, sensed: Sensed, window) -> np.ndarray:
     """Return for every datum of the programme which measurement it is, -1 if none.
 
-    The programme is built again from measurements shifted by CODE times their number:
+    The problem is built again from measurements shifted by CODE times their number:
     positions count from 1, normals after them.
     """
     shape = (*sensed.data.contact.shape, 3)
@@ -189,7 +191,7 @@ def touches(window, data) -> list:
     return [(np.array(samples), finger) for (_, finger), samples in found.items()]
 
 
-def gaps_of_touches(curvature: Curvature, window, shape, data) -> np.ndarray:
+def gaps_of_touches(curvature: KKTSystem, window, shape, data) -> np.ndarray:
     """Return how far each touch as a whole is from the surface [m], by its median.
 
     Where fingers disagree about a face, neither noise nor any body explains the gap.  A
@@ -211,7 +213,7 @@ def gaps_of_touches(curvature: Curvature, window, shape, data) -> np.ndarray:
     ])  # fmt: skip
 
 
-def residual_of_normals(curvature: Curvature, window, shape) -> float:
+def residual_of_normals(curvature: KKTSystem, window, shape) -> float:
     """Return the standard deviation of felt normals about the modelled ones [rad]."""
     touch = window.touch
     if not len(touch):

@@ -40,7 +40,7 @@ class Modes:
         return np.einsum("m,mij->ij", self.weights, self.covariances + second)
 
 
-def single(objective: float, covariance) -> Modes:
+def one_mode(objective: float, covariance) -> Modes:
     """Return the modes of an estimate without alternatives."""
     zero = np.zeros((1, len(covariance)))
     return Modes(np.ones(1), zero, covariance[None], np.array([objective]))

@@ -9,22 +9,25 @@ from __future__ import annotations
 import numpy as np
 
 from ..common.validation import check_types
-from ..geometry.convex_hull import centroid, fingers
+from ..geometry.convex_hull import centroid, fingers_in_body
 from ..geometry.faces import polygons
 from ..geometry.transforms import directions_in_body
-from ..nlp.kkt_sensitivity import curvature_of
+from ..nlp.kkt_sensitivity import kkt_system_of
 from .error_budget import Linearisation, error_budget
 from .information import Information
-from .mixture import single
+from .mixture import one_mode
 from .unobserved import untouched_polygons
 
-FLOOR = 1e-6  # [m] deviation of what a bound holds: a vertex on the ground
-ON = 0.5e-3  # [m] a contact point this near to a face is on it
-TILT = 0.05  # [rad] as exact as touched faces come out
-FACING, NOISE = 0.14, 3.0  # [rad], deviations: a touch at most so far off is of a face
+LEAST_DEVIATION = 1e-6  # [m] deviation of what a bound holds: a vertex on the ground
+ON_FACE = 0.5e-3  # [m] a contact point this near to a face is on it
+FACE_TILT = 0.05  # [rad] as exact as touched faces come out
+MAX_TILT, TILT_DEVIATIONS = (
+    0.14,
+    3.0,
+)  # [rad], deviations: a touch at most so far off is of a face
 
 
-def hull_information(
+def polytope_information(
     problem, solution, window, shape, faces, R_wg, sensed
 ) -> Information:
     """Return the information about the vertices at the last sample, world frame.
@@ -34,12 +37,12 @@ def hull_information(
     """
     theta = problem.variables["theta"]
     chosen = np.arange(theta.span.start, theta.span.stop)
-    curvature = curvature_of(problem, solution)
-    pulls, held = curvature.response_of(chosen)
+    curvature = kkt_system_of(problem, solution)
+    pulls, held = curvature.sensitivity(chosen)
     C = (pulls[chosen] + pulls[chosen].T) / 2
-    turned_down = np.linalg.eigvalsh(C)[0] < -(FLOOR**2)
+    indefinite = np.linalg.eigvalsh(C)[0] < -(LEAST_DEVIATION**2)
     turn = np.kron(np.eye(theta.columns), R_wg)
-    floor = FLOOR**2 * np.eye(len(C))
+    floor = LEAST_DEVIATION**2 * np.eye(len(C))
     given = curvature, pulls, held, sensed, window, shape
     errors = error_budget(Linearisation(*given))
     C, errors = (turn @ (M + floor) @ turn.T for M in (C, errors))
@@ -52,38 +55,32 @@ def hull_information(
     }
     return Information(
         names=tuple(f"vertex {j} {w}" for j in range(theta.columns) for w in "xyz"),
-        matrix=np.linalg.inv(C),
-        spread=errors,
-        parts={},
-        roles={},
-        modes=single(solution.objective, errors),
-        maps=maps,
-        unobserved=untouched_polygons(faces),
-        directions=np.zeros((len(C), 0)),
+        matrix=np.linalg.inv(C), spread=errors, parts={}, roles={},
+        modes=one_mode(solution.objective, errors), maps=maps,
+        unobserved=untouched_polygons(faces), directions=np.zeros((len(C), 0)),
         fixed=("rotation: the body's axes are the world's at the last sample",),
-        active=curvature.active,
-        ambiguous=curvature.ambiguous,
-        indefinite=("vertices",) if turned_down else (),
-    )
+        active=curvature.active, ambiguous=curvature.ambiguous,
+        indefinite=("vertices",) if indefinite else (),
+    )  # fmt: skip
 
 
 def touched_polygons(window, vertices, x, sigma: float) -> np.ndarray:
-    """Return how many touches each polygon of the hull has, as `surface.polygons`.
+    """Return the number of touches of each polygon of `geometry.faces.polygons`.
 
-    sigma: deviation of felt normals [rad].  A touch is of the face that looks most as
-    it was felt, and of others at most as tilted from that as felt normals come out.
+    sigma: deviation of felt normals [rad].  A touch belongs to the face whose normal is
+    closest to the felt one, and to others within the error of felt normals.
     """
-    facing = np.cos(min(FACING, TILT + NOISE * sigma))
+    facing = np.cos(min(MAX_TILT, FACE_TILT + TILT_DEVIATIONS * sigma))
     touch = window.touch
-    centre = fingers(touch, x)
+    centre = fingers_in_body(touch, x)
     n = directions_in_body(x, touch.sample, touch.normal)
     point = centre - touch.radius[:, None] * n
     alike = []  # (faces, touches): cosine to a face that the point is on
     for corners, normal in polygons(vertices):
         off = (point - vertices[corners[0]]) @ normal
-        alike.append(np.where(np.abs(off) < ON, n @ normal, -1.0))
+        alike.append(np.where(np.abs(off) < ON_FACE, n @ normal, -1.0))
     alike = np.array(alike)
-    best = np.maximum(alike.max(axis=0, initial=-1.0), np.cos(FACING))
+    best = np.maximum(alike.max(axis=0, initial=-1.0), np.cos(MAX_TILT))
     return np.count_nonzero((alike > facing) | (alike >= best), axis=1)
 
 
@@ -95,7 +92,7 @@ def vertex_information(estimate) -> np.ndarray:
     check_types(estimate=(estimate, "Estimate"))
     C = estimate.information.covariance("vertices")
     blocks = [C[3 * j : 3 * j + 3, 3 * j : 3 * j + 3] for j in range(len(C) // 3)]
-    floor = FLOOR**2 * np.eye(3)
+    floor = LEAST_DEVIATION**2 * np.eye(3)
     return np.array([-np.linalg.slogdet(block + floor)[1] for block in blocks])
 
 

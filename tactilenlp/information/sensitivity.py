@@ -1,10 +1,11 @@
-r"""How an estimate moves with what was assumed: mass, frictions, sensors, fingers.
+r"""Compute the parametric sensitivity of an estimate to what was assumed.
 
     dz/da = - K^{-1} [ d^2 L / dx da ]
                      [ d g   / da    ]
 
-by the factorised K of the solution and central differences of exact gradients: no
-solve is repeated.  It holds as long as no contact changes its state.
+for mass, frictions, sensor noise and finger offsets a, by the factorised K of the
+solution and central differences of exact gradients: no solve is repeated.  It holds as
+long as no contact changes its state.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 
 from ..errors import OptionError
 from ..nlp.kkt import gradient
-from ..nlp.kkt_sensitivity import Curvature
+from ..nlp.kkt_sensitivity import KKTSystem
 
 STEP = 1e-4  # [-] relative change of what was assumed
 OFFSET = 1e-6  # [m] shift of a finger
@@ -46,8 +47,10 @@ class Sensitivity:
         return self.maps[quantity] @ self.moves[assumption]
 
 
-def move(curvature, pulls, held, change: dict, relative=False) -> np.ndarray:
-    """Return how the chosen unknowns (k,) move with parameters of the programme.
+def parameter_sensitivity(
+    curvature, pulls, held, change: dict, relative=False
+) -> np.ndarray:
+    """Return the derivative of the chosen unknowns (k,) by parameters of the problem.
 
     change: by how much each parameter changes per unit, by name; relative: in units of
     the parameter's value.
@@ -59,21 +62,23 @@ def move(curvature, pulls, held, change: dict, relative=False) -> np.ndarray:
             span = problem.parameters[name].span
             size = data[span] if relative else np.ones_like(data[span])
             data[span] += side * STEP * amount * size
-        ends.append(score(problem, curvature, data))
+        ends.append(kkt_residual(problem, curvature, data))
     return _difference(pulls, held, ends, STEP)
 
 
-def moves(
-    curvature: Curvature, pulls, held, build: Callable, scene, window
+def assumption_sensitivities(
+    curvature: KKTSystem, pulls, held, build: Callable, scene, window
 ) -> tuple[dict, dict]:
-    """Return the moves (k,) by assumption, and their units, of a solved programme.
+    """Return the derivatives (k,) by assumption, and their units, of a solved problem.
 
-    build(scene, window) makes the programme again under other assumptions.
+    build(scene, window) builds the problem again under other assumptions.
     """
     found, units = {}, {}
 
     def add(name, unit, changed, step):
-        ends = [score(build(*changed(side * step)), curvature) for side in (1, -1)]
+        ends = [
+            kkt_residual(build(*changed(side * step)), curvature) for side in (1, -1)
+        ]
         found[name], units[name] = _difference(pulls, held, ends, step), unit
 
     for name, unit in (
@@ -120,7 +125,9 @@ def shifted(window, finger: int, axis: int, way: float):
     return replace(window, **changed)
 
 
-def score(problem, curvature: Curvature, data=None) -> tuple[np.ndarray, np.ndarray]:
+def kkt_residual(
+    problem, curvature: KKTSystem, data=None
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the gradient of L and the values of all constraints at the solution."""
     data = problem.data() if data is None else data
     x = curvature.x

@@ -95,7 +95,7 @@ def _tangent(n: int, position, rotation) -> np.ndarray:
 def _maps(shape, motion, at):
     """Return p (3,), R (3, 3), and Jacobians of quantities, position and turn, (3, k).
 
-    A turn is a rotation vector in the frame of the programme.
+    A turn is a rotation vector in the frame of the problem.
     """
     n = shape.theta
     z = ca.SX.sym("z", len(at))

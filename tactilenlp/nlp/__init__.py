@@ -2,10 +2,11 @@
 
 In: variables, parameters and terms, each a small function of a few local unknowns.
 Out: a `Problem`, its `Solution` by IPOPT, and parametric sensitivities of its KKT
-system.  No tactile word stands here.
+system.  Nothing here depends on touch.
 
 - `problem`, `terms`, `term_functions`, `assembly`, `codegen`: state, derive, compile
-- `ipopt`, `solution`: solve level by level; recompute what the solver says
-- `kkt`, `kkt_sensitivity`, `reduced_space`: bordered factorisation, active set, Newton
+- `ipopt`, `solution`: continuation by IPOPT; objective and violations recomputed
+- `kkt`, `kkt_sensitivity`: bordered factorisation; active set, sensitivity, Newton step
+- `reduced_space`: unknowns that follow from others are eliminated
 - `diagnostics`, `derivative_check`: describe and check a problem before a solve
 """

@@ -1,7 +1,7 @@
 """Assemble the terms of a programme into the sparse functions that `nlpsol` takes.
 
-Every term's kind is mapped over its instances; the results are summed where they belong
-in gradient, Jacobian and Hessian of the Lagrangian, in scaled unknowns.
+The function of a term is mapped over its instances; the results are summed where they
+belong in gradient, Jacobian and Hessian of the Lagrangian, in scaled unknowns.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ def assemble(terms, scale: np.ndarray, data: int, rows: int) -> dict:
     g, g_again, jacobian, hessian = [ca.MX(0, 1)], [ca.MX(0, 1)], [], []
     for term in terms:
         z, d = _gather(si, term.unknowns), _gather(p, term.data)
-        value, first = mapped(term.kind.first, term.instances)(z, d)
-        plain = mapped(term.kind.value, term.instances)(z, d)
+        value, first = mapped(term.function.first, term.instances)(z, d)
+        plain = mapped(term.function.value, term.instances)(z, d)
         row, column = term.jacobian_places()
         first = ca.vec(_times(first, scale[column]))
         if term.role is None:
-            weight = ca.reshape(lam_g[term.span], term.kind.rows, term.instances)
+            weight = ca.reshape(lam_g[term.span], term.function.rows, term.instances)
             g.append(ca.vec(plain))
             g_again.append(ca.vec(value))
             jacobian.append((first, row + term.first_row, column))
         else:
-            weight = ca.repmat(lam_f, term.kind.rows, term.instances)
+            weight = ca.repmat(lam_f, term.function.rows, term.instances)
             cost, again = cost + ca.sum2(plain), again + ca.sum2(value)
             grad += _summed(first, column, n)
-        second = mapped(term.kind.second, term.instances)(z, d, weight)
+        second = mapped(term.function.second, term.instances)(z, d, weight)
         i, j, factor = term.hessian_places()
         second = ca.vec(_times(second, scale[i] * scale[j]))
         hessian.append((_doubled(second, factor > 1), i, j))

@@ -1,9 +1,10 @@
-"""Compile the functions of a kind to machine code, once per machine.
+"""Compilation of term functions to machine code, once per machine.
 
 C from CasADi's code generator runs ten to twenty times as fast as its virtual machine
 on the Hessians of contact terms.  The library is kept in the user's cache folder under
-the hash of what it follows from.  Without a C compiler, or with TACTILENLP_COMPILE=0,
-the virtual machine evaluates the very same expressions.
+the hash of its origin: expression, derivation rule, compiler and CasADi version.
+Without a C compiler, or with TACTILENLP_COMPILE=0, CasADi's virtual machine evaluates
+the same expressions.
 """
 
 from __future__ import annotations
@@ -25,14 +26,14 @@ FLAGS = ("-O1", "-shared", "-fPIC", "-ffp-contract=off")
 
 
 def compiled(functions: list[ca.Function], origin: str = "") -> list[ca.Function]:
-    """Return the functions compiled, or as they are where nothing can compile them.
+    """Return the functions compiled, or unchanged without a working C compiler.
 
-    origin: what the functions follow from, the same for `kept`; by default their own
-    source.
+    origin: text that determines the functions, by which `kept` finds them again; by
+    default their own C source.
     """
     if compiler() is None:
         return functions
-    generator = ca.CodeGenerator("kind.c")
+    generator = ca.CodeGenerator("term.c")
     for function in functions:
         generator.add(function)
     source = generator.dump()
@@ -43,7 +44,7 @@ def compiled(functions: list[ca.Function], origin: str = "") -> list[ca.Function
 
 
 def kept(names, origin: str) -> list[ca.Function] | None:
-    """Return the functions that were compiled from this origin before, if any were."""
+    """Return the functions compiled from this origin earlier, or None."""
     if compiler() is None or not _library(origin).exists():
         return None
     return _read(_library(origin), names)
@@ -58,7 +59,7 @@ def _read(library: Path, names) -> list[ca.Function] | None:
     try:
         return [ca.external(name, str(library)) for name in names]
     except RuntimeError as error:  # a library of another machine, or half a file
-        log.warning("a compiled kind cannot be read and is dropped: %s", error)
+        log.warning("a compiled term function cannot be read and is deleted: %s", error)
         library.unlink(missing_ok=True)
         return None
 
@@ -72,7 +73,7 @@ def compiler() -> str | None:
 
 
 def cache_folder() -> Path:
-    """Return where compiled kinds are kept."""
+    """Return the folder of compiled term functions."""
     root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(root) / "tactilenlp"
 
@@ -81,13 +82,13 @@ def _compile(source: str, library: Path) -> bool:
     try:
         library.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=library.parent) as folder:
-            code, built = Path(folder) / "kind.c", Path(folder) / "kind.so"
+            code, built = Path(folder) / "term.c", Path(folder) / "term.so"
             code.write_text(source)
             command = [compiler(), *FLAGS, str(code), "-o", str(built), "-lm"]
             subprocess.run(command, check=True, capture_output=True, text=True)
-            os.replace(built, library)  # whoever comes first; the content is the same
+            os.replace(built, library)  # another process may have done the same
     except (OSError, subprocess.CalledProcessError) as error:
         reason = getattr(error, "stderr", None) or error
-        log.warning("kinds are not compiled, which is slower: %s", reason)
+        log.warning("term functions are not compiled, solves are slower: %s", reason)
         return False
     return True

@@ -17,9 +17,13 @@ from .terms import Term
 if TYPE_CHECKING:
     from .problem import Problem
 
-STEP = 6e-6  # [scales] of the differences: cube root of the precision of a double
-ROUNDING = 1e-4  # [-] of a value is no derivative: differences lose 11 of 16 digits
-WRONG = 1e-4  # [-] relative error above which a derivative is called wrong
+DIFFERENCE_STEP = (
+    6e-6  # [scales] of the differences: cube root of the precision of a double
+)
+ROUNDING_SHARE = (
+    1e-4  # [-] of a value is no derivative: differences lose 11 of 16 digits
+)
+TOLERATED = 1e-4  # [-] relative error above which a derivative is called wrong
 
 
 def derivative_errors(
@@ -30,31 +34,33 @@ def derivative_errors(
     Relative to the largest entry of its instance, or to a ten-thousandth of the largest
     of all.  What two widths of a difference disagree about is the difference's error.
     """
-    kind = term.kind
+    function = term.function
     z, d = x[term.unknowns].T, data[term.data].T
     scale = problem.scale[term.unknowns].T
-    weight = rng.normal(size=(kind.rows, term.instances))
-    value, *exact = _scaled(kind, z, d, weight, scale)
-    fine, wide = (_differences(kind, z, d, weight, scale, k * STEP) for k in (1, 2))
+    weight = rng.normal(size=(function.rows, term.instances))
+    value, *exact = _scaled(function, z, d, weight, scale)
+    fine, wide = (
+        _differences(function, z, d, weight, scale, k * DIFFERENCE_STEP) for k in (1, 2)
+    )
     errors, size = [], np.abs(value).max(axis=0)
     for derivative, near, far in zip(exact, fine, wide, strict=True):
         largest = np.abs(derivative).max(axis=(0, 1), initial=0.0)
-        size = ROUNDING * (size + largest.max(initial=0.0)) + largest
+        size = ROUNDING_SHARE * (size + largest.max(initial=0.0)) + largest
         unsure = np.abs(near - far).max(initial=0.0)
         off = np.abs(near - derivative).max(axis=(0, 1), initial=0.0)
-        errors.append(_worst(off, size + unsure / WRONG))
+        errors.append(_worst(off, size + unsure / TOLERATED))
     return tuple(errors)
 
 
-def _differences(kind, z, d, weight, scale, width):
+def _differences(function, z, d, weight, scale, width):
     """Return central differences of value (r, n, k) and gradient (n, n, k), scaled."""
-    slope = np.empty((kind.rows, *z.shape))
+    slope = np.empty((function.rows, *z.shape))
     bend = np.empty((len(z), *z.shape))
     for j in range(len(z)):
         step = np.zeros_like(z)
         step[j] = width * scale[j]
         (v, s, _), (v_1, s_1, _) = (
-            _scaled(kind, z + side * step, d, weight, scale, second=False)
+            _scaled(function, z + side * step, d, weight, scale, second=False)
             for side in (1, -1)
         )
         taken = ((z[j] + step[j]) - (z[j] - step[j])) / scale[j]
@@ -63,17 +69,17 @@ def _differences(kind, z, d, weight, scale, width):
     return slope, bend
 
 
-def _scaled(kind, z, d, weight, scale, second=True):
+def _scaled(function, z, d, weight, scale, second=True):
     """Return value (r, k), Jacobian (r, n, k), weighted Hessian (n, n, k), scaled."""
     count = z.shape[1]
-    value, nonzeros = mapped(kind.first, count)(z, d)
-    i, j = (np.array(p, int) for p in kind.jacobian_sparsity.get_triplet())
-    jacobian = np.zeros((kind.rows, *z.shape))
+    value, nonzeros = mapped(function.first, count)(z, d)
+    i, j = (np.array(p, int) for p in function.jacobian_sparsity.get_triplet())
+    jacobian = np.zeros((function.rows, *z.shape))
     jacobian[i, j] = np.asarray(nonzeros) * scale[j]
     hessian = np.zeros((len(z), *z.shape))
     if second:
-        i, j = (np.array(p, int) for p in kind.hessian_sparsity.get_triplet())
-        upper = np.asarray(mapped(kind.second, count)(z, d, weight))
+        i, j = (np.array(p, int) for p in function.hessian_sparsity.get_triplet())
+        upper = np.asarray(mapped(function.second, count)(z, d, weight))
         hessian[i, j] = hessian[j, i] = upper * scale[i] * scale[j]
     return np.asarray(value), jacobian, hessian
 
@@ -86,7 +92,7 @@ def assembled_error(problem: Problem, x, data, rng) -> float:
     (_, grad), (_, jac) = f["grad_f"](x, data), f["jac_g"](x, data)
     upper = f["hess_lag"](x, data, 1.0, lam)
     ends = []
-    for y in (x + STEP * way, x - STEP * way):
+    for y in (x + DIFFERENCE_STEP * way, x - DIFFERENCE_STEP * way):
         (cost, slope), (g, J) = f["grad_f"](y, data), f["jac_g"](y, data)
         ends.append((cost, g, slope + ca.mtimes(J.T, lam)))
     exact = (
@@ -98,8 +104,10 @@ def assembled_error(problem: Problem, x, data, rng) -> float:
     for plus, minus, product in zip(*ends, exact, strict=True):
         plus, minus, product = (np.asarray(a).ravel() for a in (plus, minus, product))
         size = np.abs(product).max(initial=0.0)
-        size += ROUNDING * np.abs(plus).max(initial=0.0)
-        error = np.abs((plus - minus) / (2 * STEP) - product).max(initial=0.0)
+        size += ROUNDING_SHARE * np.abs(plus).max(initial=0.0)
+        error = np.abs((plus - minus) / (2 * DIFFERENCE_STEP) - product).max(
+            initial=0.0
+        )
         worst = max(worst, _worst(error, size))
     return worst
 

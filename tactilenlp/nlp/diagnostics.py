@@ -1,6 +1,8 @@
-"""Describe a problem in words: sizes, units, terms.
+"""Diagnostics of a problem before it is solved: a description, and a check.
 
-Examine a problem before any solve: what is wrong with it at and near its guess.
+`describe` lists sizes, units and terms.  `check` compares derivatives with finite
+differences, at the guess and at a random point near it, and reports bad scaling,
+dependent constraints and unused variables.
 """
 
 from __future__ import annotations
@@ -12,18 +14,23 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import qr
 
-from .derivative_check import STEP, WRONG, assembled_error, derivative_errors
+from .derivative_check import (
+    DIFFERENCE_STEP,
+    TOLERATED,
+    assembled_error,
+    derivative_errors,
+)
 from .kkt import gradient
 
 if TYPE_CHECKING:
     from .problem import Problem
 from .terms import Term
 
-AWAY = 0.5  # [scales] standard deviation of the random point about the guess
-STEEP = 1e4  # [-] scaled derivatives of first order beyond this, or below its inverse
-SINGULAR = 1e-9  # [-] of the largest pivot: a row below it depends on the others
-DENSE = 10_000_000  # entries of the largest Jacobian whose rank is computed
-NOTHING = (np.nan, np.nan)
+POINT_SIGMA = 0.5  # [scales] standard deviation of the random point about the guess
+BAD_SCALE = 1e4  # [-] scaled first derivatives beyond this, or below its inverse
+LEAST_PIVOT = 1e-9  # [-] of the largest pivot: a row below it depends on the others
+LARGEST_DENSE = 10_000_000  # entries of the largest Jacobian whose rank is computed
+NO_RANGE = (np.nan, np.nan)
 
 
 def describe(problem: Problem) -> str:
@@ -38,11 +45,10 @@ def describe(problem: Problem) -> str:
         "unknowns",
     ]
     for v in problem.variables.values():
-        limits = (
-            f"{v.lower.min(initial=np.inf):.3g} .. {v.upper.max(initial=-np.inf):.3g}"
-        )
+        low, high = v.lower.min(initial=np.inf), v.upper.max(initial=-np.inf)
         lines.append(
-            f"  {v.name:30} {v.rows} x {v.columns:<5} [{v.unit}]  bounds {limits}, "
+            f"  {v.name:30} {v.rows} x {v.columns:<5} [{v.unit}]  "
+            f"bounds {low:.3g} .. {high:.3g}, "
             f"scale {', '.join(f'{s:.3g}' for s in v.scale)}"
         )
     for title, group in (
@@ -60,11 +66,11 @@ def describe(problem: Problem) -> str:
 
 
 def _sentence(term: Term) -> str:
-    kind = term.kind
+    function = term.function
     role = f"  {term.role}" if term.role else ""
     return (
-        f"  {term.name:30} {term.instances} x {kind.rows} row(s) of {kind.unknowns} "
-        f"unknowns, {kind.data} data{role}"
+        f"  {term.name:30} {term.instances} x {function.rows} row(s) of "
+        f"{function.unknowns} unknowns, {function.data} data{role}"
     )
 
 
@@ -76,18 +82,18 @@ def _nonzeros(places, size: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """What `check` found; `findings` are sentences that say what to mend, if any.
+    """The result of `check`; findings: one sentence for each fault, and its remedy.
 
-    Derivatives are those at the guess or at a random point near it, the worse ones; all
-    else is of the random point.
+    Errors of derivatives are the larger of those at the guess and at a random point
+    near it; everything else is at the random point.
 
     derivatives: by term, error of (Jacobian, Hessian), relative to the largest entry of
     its instance; assembled: the same for the whole programme along a random direction.
     gradient, curvature: by variable, range of the nonzero |entries| of the objective's
     gradient and of its Hessian's diagonal, in scaled units; slope: by constraint, range
     of the lengths of its Jacobian's rows.  rank of the Jacobian with `rows` rows, None
-    where that is too large; equality_rank of its `equalities` rows.  unused: what no
-    term reads.
+    where that is too large; equality_rank of its `equalities` rows.  unused: names
+    that no term reads.
     """
 
     size: int
@@ -113,9 +119,7 @@ class Report:
         for name, (first, second) in self.derivatives.items():
             lines.append(f"  {name:34} {first:8.1e}  {second:8.1e}")
         lines.append(f"  {'whole programme, one direction':34} {self.assembled:8.1e}")
-        lines.append(
-            "scaling                               gradient           curvature"
-        )
+        lines += ["scaling                               gradient           curvature"]
         for name, span in self.gradient.items():
             lines.append(f"  {name:30} {_range(span)} {_range(self.curvature[name])}")
         lines += [f"  {name:30} {_range(span)}" for name, span in self.slope.items()]
@@ -133,7 +137,7 @@ def check(problem: Problem, start: dict | None = None, seed: int = 0) -> Report:
     """Examine a problem at `start` (by name, SI; else the guesses) and beside it."""
     rng = np.random.default_rng(seed)
     guess, data = problem.pack(start or {}), problem.data()
-    at, x = (_near(problem, guess, away, rng) for away in (0.0, AWAY))
+    at, x = (_near(problem, guess, away, rng) for away in (0.0, POINT_SIGMA))
     errors = {}
     with np.errstate(all="ignore"):
         for name, term in problem.terms.items():
@@ -169,18 +173,17 @@ def check(problem: Problem, start: dict | None = None, seed: int = 0) -> Report:
 def _near(problem, x, away, rng) -> np.ndarray:
     """Return a random point near x, inside the bounds with room for differences."""
     lower, upper = problem.bounds("lower"), problem.bounds("upper")
-    room = np.minimum(4 * STEP * problem.scale, (upper - lower) / 2)
+    room = np.minimum(4 * DIFFERENCE_STEP * problem.scale, (upper - lower) / 2)
     x = x + away * problem.scale * rng.normal(size=x.size)
     return np.clip(x, lower + room, upper - room)
 
 
 def _not_finite(problem, guess, data):
-    """Say which terms are not finite at the guess itself, where a solve would start."""
+    """Yield a sentence for each term that is not finite at the guess."""
     for name, term in problem.terms.items():
         value = problem.value(name, guess, data)
-        slope, bend = (
-            of(name, guess, data) for of in (problem.jacobian, problem.hessian)
-        )
+        slope = problem.jacobian(name, guess, data)
+        bend = problem.hessian(name, guess, data)
         bad = np.argwhere(~np.isfinite(value))
         if len(bad):
             yield f'"{name}" is not finite at the guess, first at instance {bad[0, 0]}'
@@ -192,35 +195,36 @@ def _not_finite(problem, guess, data):
 
 
 def _wrong(errors, assembled):
-    """Say which derivatives are wrong."""
+    """Yield a sentence for each wrong derivative."""
     for name, both in errors.items():
         if not np.isfinite(both).all():
             yield f'"{name}" or a derivative of it is not finite near the guess'
             continue
         for error, word in zip(both, ("Jacobian", "Hessian"), strict=True):
-            if error > WRONG:
+            if error > TOLERATED:
                 yield (
                     f'the {word} of "{name}" is off by {error:.1e} of its size: round '
                     "its kinks, keep divisors and roots away from zero"
                 )
-    if assembled > WRONG and not any(max(both) > WRONG for both in errors.values()):
-        yield f"the assembled derivatives are off by {assembled:.1e}: a machine's bug"
+    worst = max((max(both) for both in errors.values()), default=0.0)
+    if assembled > TOLERATED and not worst > TOLERATED:
+        yield f"the assembled derivatives are off by {assembled:.1e}: report this bug"
 
 
 # -- scaling --------------------------------------------------------------------------
 def _bad_scales(problem, found, J):
-    """Name the variables and constraints whose scaled slopes are far from one."""
+    """Yield a sentence for each variable or constraint with slopes far from one."""
     for name, v in problem.variables.items():
         slopes = [np.sqrt(found["curvature"][name][1])]
         slopes += [abs(j[:, v.span]).max() for j in J if v.columns]
         largest = np.nanmax([0.0, *slopes])
-        if largest and not 1 / STEEP <= largest <= STEEP:
+        if largest and not 1 / BAD_SCALE <= largest <= BAD_SCALE:
             yield (
                 f"{name} is badly scaled: one scale ({v.scale[0]:.3g} {v.unit}, ...) "
                 f"changes the programme {largest:.1e}-fold; divide the scale by that"
             )
     for name, (least, largest) in found["slope"].items():
-        if largest > STEEP or largest < 1 / STEEP:
+        if largest > BAD_SCALE or largest < 1 / BAD_SCALE:
             yield (
                 f'"{name}" is badly scaled: its rows change by {least:.1e} to '
                 f"{largest:.1e} over one scale; divide the term by that"
@@ -229,7 +233,7 @@ def _bad_scales(problem, found, J):
 
 def _span(values) -> tuple[float, float]:
     values = values[values != 0]
-    return (float(values.min()), float(values.max())) if values.size else NOTHING
+    return (float(values.min()), float(values.max())) if values.size else NO_RANGE
 
 
 def _range(span) -> str:
@@ -243,7 +247,7 @@ def _rank(problem, J):
     free = problem.bounds("lower") < problem.bounds("upper")
     J = sp.vstack([sp.csr_matrix((0, problem.size)), *J], format="csr")[:, free]
     equal = np.nonzero(problem.limits("lower") == problem.limits("upper"))[0]
-    if np.prod(J.shape) > DENSE:
+    if np.prod(J.shape) > LARGEST_DENSE:
         return None, len(equal), None, ()
     rank, _ = _independent(J.toarray())
     equality_rank, dependent = _independent(J[equal].toarray())
@@ -265,13 +269,13 @@ def _independent(matrix) -> tuple[int | None, np.ndarray]:
     triangle, order = qr((matrix / np.where(length > 0, length, 1.0)).T, mode="r",
                          pivoting=True)  # fmt: skip
     pivots = np.abs(np.diag(triangle))
-    rank = int((pivots > SINGULAR * max(pivots[0], SINGULAR)).sum())
+    rank = int((pivots > LEAST_PIVOT * max(pivots[0], LEAST_PIVOT)).sum())
     return rank, np.sort(order[rank:])
 
 
-# -- what nobody reads ----------------------------------------------------------------
+# -- unused ---------------------------------------------------------------------------
 def _unused_variables(problem):
-    """Name the unknowns on which no term depends."""
+    """Yield the names of unknowns on which no term depends."""
     read = np.zeros(problem.size, bool)
     for term in problem.terms.values():
         read[term.jacobian_places()[1]] = True
@@ -286,7 +290,7 @@ def _unused_variables(problem):
 
 
 def _unused_parameters(problem):
-    """Name the parameters that no term reads."""
+    """Yield the names of parameters that no term reads."""
     terms = [*problem.terms.values(), *problem.reports.values()]
     read = np.unique(
         np.concatenate([np.zeros(0, int), *(t.data.ravel() for t in terms)])

@@ -1,4 +1,4 @@
-"""Solve a Problem with IPOPT; recompute what the solver says of its solution."""
+"""IPOPT solves a Problem, once or along the levels of a continuation."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from .problem import Problem
 from .solution import Solution, after, not_converged, recomputed
 
 log = logging.getLogger("tactilenlp")
-CLOSE = 1e-6  # [-] how far a warm start, multipliers too, is pushed inside its bounds
-SIDES = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
-KEPT = [f"warm_start_{side}" for side in (*SIDES, "mult_bound_push")]
+WARM_PUSH = 1e-6  # [-] by which a warm start and its multipliers are pushed inside
+PUSH_OPTIONS = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
+WARM_OPTIONS = [f"warm_start_{name}" for name in (*PUSH_OPTIONS, "mult_bound_push")]
 LEVEL_DEFAULTS = {"mu_init": 1e-2, "max_iter": 200}  # of a level that does not set them
 
 
@@ -31,7 +31,7 @@ def check_positive(options, *names: str) -> None:
 
 @dataclass(frozen=True)
 class SolverOptions:
-    """How to solve one programme.
+    """Options of one solve.
 
     tolerance: of the scaled optimality conditions [-]; time_limit [s];
     iterations: at most [-]; barrier: IPOPT's first mu [-]; push: how far a start is
@@ -50,7 +50,7 @@ class SolverOptions:
         check_positive(self, "tolerance", "time_limit", "iterations", "barrier", "push")
 
     def for_nlpsol(self, warm: bool = False) -> dict:
-        """Return the options in CasADi's words; warm: from a point and multipliers."""
+        """Return the options as CasADi names them; warm: start with multipliers too."""
         ours = {
             "linear_solver": "mumps",
             "tol": self.tolerance,
@@ -62,14 +62,15 @@ class SolverOptions:
             "bound_frac": self.push,
             "bound_relax_factor": 0.0,
             "nlp_scaling_method": "none",
-            # Else the gradient is evaluated twice an iteration, for their multipliers.
+            # Other treatments evaluate the gradient twice an iteration.
             "fixed_variable_treatment": "make_parameter_nodual",
-            "max_soc": 0,  # corrected steps trade nats for a thousandth of feasibility
+            "max_soc": 0,  # second-order corrections end at higher objectives
             "print_level": 0,
             "sb": "yes",
         }
         if warm:
-            ours |= {"warm_start_init_point": "yes"} | dict.fromkeys(KEPT, CLOSE)
+            ours["warm_start_init_point"] = "yes"
+            ours |= dict.fromkeys(WARM_OPTIONS, WARM_PUSH)
         return {f"ipopt.{k}": v for k, v in {**ours, **self.ipopt}.items()} | {
             "print_time": False,
             "error_on_fail": False,
@@ -79,7 +80,7 @@ class SolverOptions:
 
 
 def make_solver(problem, options: SolverOptions, eliminate=False, warm=False):
-    """Return IPOPT for this problem; solvers of one problem share its derivatives."""
+    """Return IPOPT as a CasADi solver of this problem; it shares the derivatives."""
     functions = (problem.eliminated if eliminate else problem).functions
     exact = {k: functions[k] for k in ("grad_f", "jac_g", "hess_lag")}
     settings = options.for_nlpsol(warm) | exact
@@ -87,10 +88,10 @@ def make_solver(problem, options: SolverOptions, eliminate=False, warm=False):
         return ca.nlpsol("solver", "ipopt", functions["nlp"], settings)
     except RuntimeError as error:
         raise OptionError(
-            "IPOPT does not take these options",
+            "IPOPT does not accept these options",
             where="ipopt",
             got=f"{options.ipopt}: {str(error).strip().splitlines()[-1]}",
-            expected="names and values of IPOPT's own documentation",
+            expected="names and values of IPOPT's documentation",
         ) from error
 
 
@@ -107,9 +108,9 @@ def solve(
 ) -> Solution:
     """Minimise from `start` with some variables fixed.
 
-    start: values by name, SI, else the guesses; or a Solution of this problem, whose
-    multipliers are taken too.  eliminate: compute the unknowns that `follow` gives,
-    instead of solving for them.
+    start: values by name, SI, by default the guesses; or a Solution of this problem,
+    whose multipliers start the solver too (warm start).  eliminate: compute the
+    unknowns that `follow` gives instead of solving for them.
 
     Raises NotConverged unless the solver succeeded or `throw` is False.
     """
@@ -120,28 +121,14 @@ def solve(
     built = time.process_time() - began
     values = (warm.values if warm else start) or {}
     x, lower, upper = _start(problem, values, fixed)
-    scale, data = problem.scale, problem.data(parameters)
-    free = problem.eliminated.free if eliminate else slice(None)
-    kept = problem.eliminated.kept if eliminate else slice(None)
-    given = _pulls(problem, warm, free, kept) if warm else {}
+    data = problem.data(parameters)
     began = time.process_time()
+    inputs = _inputs(problem, x, lower, upper, warm, eliminate)
     with interruptible():
-        out = solver(
-            x0=(x / scale)[free], p=data,
-            lbx=(lower / scale)[free], ubx=(upper / scale)[free],
-            lbg=problem.limits("lower")[kept], ubg=problem.limits("upper")[kept],
-            **given,
-        )  # fmt: skip
-    lam_x = np.zeros(problem.size)
-    x[free] = np.asarray(out["x"]).ravel() * scale[free]
-    functions = (problem.eliminated if eliminate else problem).functions
-    held = (lower == upper)[free]
-    lam_x[free] = _bound_multipliers(functions, out, data, held) / scale[free]
-    lam_g = np.asarray(out["lam_g"]).ravel()
-    if eliminate:
-        x = problem.eliminated.complete(x, data)
-        lam_g = problem.eliminated.multipliers(x, data, lam_g)
+        out = solver(p=data, **inputs)
+    found = _outputs(problem, out, x, data, lower == upper, eliminate)
     seconds = {"build": built, "solve": time.process_time() - began}
+    x, lam_g, lam_x = found
     solution = recomputed(problem, x, data, lam_g, lam_x, solver.stats(), seconds)
     log.debug("%s after %d iterations", solution.status, solution.iterations)
     if throw and not solution.success:
@@ -149,33 +136,66 @@ def solve(
     return solution
 
 
-def _bound_multipliers(functions, out, data, held) -> np.ndarray:
-    """Return the multipliers of all bounds, scaled, as IPOPT has them.
+def _part(problem, eliminate) -> tuple[dict, object, object]:
+    """Return functions, free unknowns and kept rows of what the solver is given."""
+    if not eliminate:
+        return problem.functions, slice(None), slice(None)
+    reduced = problem.eliminated
+    return reduced.functions, reduced.free, reduced.kept
 
-    held: which unknowns cannot move; IPOPT leaves them out, and what their bounds push
-    is what makes the Lagrangian stationary.
+
+def _inputs(problem, x, lower, upper, warm: Solution | None, eliminate) -> dict:
+    """Return start, bounds and multipliers (of `warm`) as IPOPT takes them, scaled."""
+    _, free, kept = _part(problem, eliminate)
+    scale = problem.scale
+    inputs = {
+        "x0": (x / scale)[free],
+        "lbx": (lower / scale)[free],
+        "ubx": (upper / scale)[free],
+        "lbg": problem.limits("lower")[kept],
+        "ubg": problem.limits("upper")[kept],
+    }
+    if warm:
+        rows = [warm.multipliers[name].ravel() for name in problem.constraints]
+        bounds = problem.pack(warm.bound_multipliers) * scale
+        inputs["lam_g0"] = np.concatenate([np.zeros(0), *rows])[kept]
+        inputs["lam_x0"] = bounds[free]
+    return inputs
+
+
+def _outputs(problem, out, x, data, fixed, eliminate) -> tuple:
+    """Return x and the multipliers of constraints and bounds, of all, in SI.
+
+    x: the start; fixed (unknowns,): whose bounds coincide.
     """
-    pulls = np.asarray(out["lam_x"]).ravel()
-    if held.any():
+    functions, free, _ = _part(problem, eliminate)
+    scale, x, lam_x = problem.scale, x.copy(), np.zeros(problem.size)
+    x[free] = np.asarray(out["x"]).ravel() * scale[free]
+    lam_x[free] = _bound_multipliers(functions, out, data, fixed[free]) / scale[free]
+    lam_g = np.asarray(out["lam_g"]).ravel()
+    if eliminate:
+        x = problem.eliminated.complete(x, data)
+        lam_g = problem.eliminated.multipliers(x, data, lam_g)
+    return x, lam_g, lam_x
+
+
+def _bound_multipliers(functions, out, data, fixed) -> np.ndarray:
+    """Return the multipliers of all bounds, scaled.
+
+    IPOPT leaves fixed unknowns out and returns no multipliers for their bounds; they
+    follow from the stationarity of the Lagrangian.
+    """
+    multipliers = np.asarray(out["lam_x"]).ravel()
+    if fixed.any():
         slope = np.asarray(functions["grad_f"](out["x"], data)[1]).ravel()
         jacobian = functions["jac_g"](out["x"], data)[1].sparse()
         slope += jacobian.T @ np.asarray(out["lam_g"]).ravel()
-        pulls[held] = -slope[held]
-    return pulls
-
-
-def _pulls(problem, warm: Solution, free, kept) -> dict:
-    """Return the multipliers of a solution as IPOPT takes them, scaled."""
-    rows = [warm.multipliers[name].ravel() for name in problem.constraints]
-    bounds = problem.pack(warm.bound_multipliers) * problem.scale
-    return {
-        "lam_g0": np.concatenate([np.zeros(0), *rows])[kept],
-        "lam_x0": bounds[free],
-    }
+        multipliers[fixed] = -slope[fixed]
+    return multipliers
 
 
 def _start(problem, values, fixed):
-    """Return where to start within the bounds, and the bounds, fixed ones closed."""
+    """Return a start within the bounds, and the bounds, equal where x is fixed."""
     names = [name for name in fixed if isinstance(name, str)]
     unknown = [name for name in names if name not in problem.variables]
     if unknown:
@@ -200,11 +220,11 @@ def solve_levels(
     options: SolverOptions | None = None,
     solvers: dict | None = None,
 ) -> Solution:
-    """Run the levels of a homotopy, each from where the one before ended.
+    """Run the levels of a continuation, each from the solution of the one before.
 
-    `solvers` keeps what was built for a next call on the same problem.  The iterations
-    and seconds of the result are summed; a level that fails does not stop the next, the
-    last one decides.
+    solvers: keeps the solvers that were built, for further calls on the same problem.
+    Iterations and seconds of the result are sums over the levels.  A level that fails
+    does not stop the next; the status is that of the last.
     """
     options = options or SolverOptions()
     solvers = {} if solvers is None else solvers
@@ -215,16 +235,16 @@ def solve_levels(
             whole = solution if whole is None else after(whole, solution)
             if solution.success:
                 break
-        # What is held fixed has multipliers that say nothing of the next level.
+        # Multipliers of fixed unknowns are of no use to the next level.
         start = solution.values if level.fixed else solution
     return whole
 
 
 def _tries(level, start) -> list[tuple[dict, bool]]:
-    """Return IPOPT's options to try, and whether multipliers are taken with them.
+    """Return the IPOPT options to try, each with whether multipliers are passed.
 
-    Far from an optimum a small mu is slow, however good the multipliers, so it comes
-    last there; a stiff problem may need it all the same.
+    Far from an optimum a small mu is slow even with good multipliers, so it is tried
+    last there; a stiff problem may need it.
     """
     cold = LEVEL_DEFAULTS | level.ipopt
     if level.warm_start is None or not isinstance(start, Solution):
@@ -234,7 +254,7 @@ def _tries(level, start) -> list[tuple[dict, bool]]:
 
 
 def _at(problem, level, ipopt, warm, start, options, solvers) -> Solution:
-    """Solve one level from `start`, warm: with the multipliers of a solution."""
+    """Solve one level from `start`; warm: with the multipliers of that solution."""
     chosen = replace(options, ipopt=ipopt | options.ipopt)
     key = (*sorted(ipopt.items()), options.tolerance, options.time_limit)
     key += (level.eliminate, warm)

@@ -1,15 +1,15 @@
-r"""A solved programme to second order: how its solution answers a small pull.
+r"""The KKT system of a problem at a point: sensitivities, covariances, a Newton step.
 
-At the optimum, with L the Lagrangian and A the Jacobian of the constraints and bounds
-that are active,
+With L the Lagrangian and A the Jacobian of the active constraints and bounds,
 
-    K [ dx ]   [ pull ]          K = [ H  A' ]      H = nabla^2 L  (exact)
-      [ dl ] = [  0   ]              [ A  0  ]
+    K [ dx ]   [ right ]         K = [ H  A' ]      H = nabla^2 L  (exact)
+      [ dl ] = [   0   ]             [ A  0  ]
 
-so that one sparse factorisation of K gives the covariance of any unknowns (the block of
-K^{-1}: the Hessian reduced to the null space of A, every other unknown marginalised),
-the scatter by sensor noise, and the sensitivity to whatever was assumed.  The unknowns
-are ordered by time, hence the cost is linear in the number of samples.
+One sparse factorisation of K gives the covariance of any unknowns (the block of K^{-1}:
+the Hessian reduced to the null space of A, every other unknown marginalised), the
+parametric sensitivities (how the solution changes with data, weights or limits), and
+the step of Newton's method.  The unknowns are ordered by time, so that the cost is
+linear in the number of samples.
 """
 
 from __future__ import annotations
@@ -22,24 +22,26 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from .kkt import factorised
+from .kkt import factorise, gradient
 
-TIE = 1e2  # [-] a multiplier within this factor of its slack is neither on nor off
-FIRM = 1e6  # [-] price of leaving active constraints, in Hessian entries
-NEGATIVE = 1e-10  # [-] of the largest curvature: less than rounding is no direction
-GROWTH = 4.0  # [-] of a shift that does not make a matrix positive definite
-ROUNDS = 40  # of inverse iteration
+AMBIGUOUS = 1e2  # [-] ratio of multiplier and slack up to which activity is ambiguous
+ACTIVE_PENALTY = 1e6  # [-] times A'A, against scaled Hessians whose entries are near 1
+LEAST_NEGATIVE = 1e-10  # [-] of the largest |entry| of H: smaller is rounding
+SHIFT_GROWTH = 4.0  # [-] factor of a shift that leaves a matrix indefinite
+INVERSE_ITERATIONS = 40  # enough for two digits of the lowest eigenvector
 
 
 @dataclass(frozen=True, eq=False)
-class Curvature:
-    """The second derivatives of a solved programme, by term, and its active set.
+class KKTSystem:
+    """The second derivatives of a problem at a point, by term, and its active set.
 
-    hessians: (unknowns, unknowns) of every cost, and of every constraint times its
-    multipliers, SI; A (active, unknowns): scaled Jacobian of what is active, rows of
-    unit length; rows, lengths (active constraints,): which of all constraint rows
-    these are (bounds follow), and by what they were divided; active, ambiguous: how
-    many rows of each constraint or bound are so.
+    x (unknowns,) SI; data; multipliers: by constraint; hessians: (unknowns, unknowns)
+    of every cost, and of every constraint times its multipliers, SI; A (active,
+    unknowns): scaled Jacobian of the active constraints, then bounds, rows of unit
+    length; rows, lengths (active constraints,): their indices among all constraint
+    rows, and the lengths by which they were divided; fixed: indices of the unknowns
+    whose bounds are active; active, ambiguous: number of such rows by constraint or
+    bound.
     """
 
     problem: object
@@ -50,6 +52,7 @@ class Curvature:
     A: sp.csc_matrix
     rows: np.ndarray
     lengths: np.ndarray
+    fixed: np.ndarray
     active: dict[str, int]
     ambiguous: dict[str, int]
 
@@ -59,47 +62,48 @@ class Curvature:
         zero = sp.csc_matrix((len(self.x), len(self.x)))
         return sum((self.hessians[name] for name in names), zero)
 
-    def with_hessians(self, hessians: dict[str, sp.csc_matrix]) -> Curvature:
-        """Return the same programme with other Hessians of its terms."""
+    def with_hessians(self, hessians: dict[str, sp.csc_matrix]) -> KKTSystem:
+        """Return the same system with other Hessians of its terms."""
         fields = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        return Curvature(**{**fields, "hessians": hessians})
+        return KKTSystem(**{**fields, "hessians": hessians})
 
-    def response_of(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return how the chosen unknowns answer (n, k) pulls, (rows, k) constraints.
+    def sensitivity(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return sensitivities of k chosen unknowns: (unknowns, k) and (rows, k), SI.
 
-        If the gradient of L changes by ds and the values of all constraints by dg, the
-        chosen unknowns change by -(pulls' ds + constraints' dg), everything in SI.
+        If the gradient of L changes by dg and the values of all constraints by dc, the
+        chosen unknowns change by -(first' dg + second' dc).
         """
         scale, n = self.problem.scale, len(self.x)
         right = np.zeros((n + self.A.shape[0], len(chosen)))
         right[chosen, np.arange(len(chosen))] = scale[chosen]
-        answer = self.factor.solve(right)
-        held = np.zeros((self.problem.rows, len(chosen)))
-        held[self.rows] = answer[n : n + len(self.rows)] / self.lengths[:, None]
-        return scale[:, None] * answer[:n], held
+        answer = self.factors.solve(right)
+        by_constraint = np.zeros((self.problem.rows, len(chosen)))
+        multipliers = answer[n : n + len(self.rows)]
+        by_constraint[self.rows] = multipliers / self.lengths[:, None]
+        return scale[:, None] * answer[:n], by_constraint
 
     @cached_property
-    def factor(self):
-        """The factorised matrix K, scaled."""
-        return factorised(self._scaled(self.hessian()), self.A)
+    def factors(self):
+        """The factorised matrix K, in scaled unknowns."""
+        return factorise(self._scaled(self.hessian()), self.A)
 
     @cached_property
     def negative(self) -> tuple[str, np.ndarray] | None:
         """The term and direction (n,) [SI] of most negative curvature, None if none.
 
-        Inertia by the pivots of H + FIRM A'A, which is positive definite if and only
-        if the Hessian reduced to the null space of A is.  A Hessian that is not finite,
-        as that of a failed solve may be, curves nowhere that can be named.
+        The inertia is that of the pivots of H + ACTIVE_PENALTY A'A, which is positive
+        definite if and only if the Hessian reduced to the null space of A is.  None as
+        well where the Hessian is not finite, as after a failed solve.
         """
         H = self._scaled(self.hessian())
         largest = max(abs(H).max(), 1.0)
-        tight = H + FIRM * self.A.T @ self.A
-        if not np.isfinite(tight.data).all():
+        penalised = H + ACTIVE_PENALTY * self.A.T @ self.A
+        if not np.isfinite(penalised.data).all():
             return None
-        shift = NEGATIVE * largest
-        if _positive_definite(tight + shift * sp.identity(H.shape[0])):
+        shift = LEAST_NEGATIVE * largest
+        if _positive_definite(penalised + shift * sp.identity(H.shape[0])):
             return None
-        direction = _lowest(tight, shift) * self.problem.scale
+        direction = _lowest(penalised, shift) * self.problem.scale
         bends = {n: direction @ (h @ direction) for n, h in self.hessians.items()}
         return min(bends, key=bends.get), direction
 
@@ -108,49 +112,105 @@ class Curvature:
         return (D @ H @ D).tocsc()
 
 
-def curvature_of(problem, solution) -> Curvature:
-    """Return the curvature of a problem at a solution of it."""
+def kkt_system_of(problem, solution) -> KKTSystem:
+    """Return the KKT system of a problem at a solution of it."""
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
+    bounds = problem.pack(solution.bound_multipliers)
+    return kkt_system_at(problem, x, data, solution.multipliers, bounds)
+
+
+def kkt_system_at(problem, x, data, multipliers, bounds, held=()) -> KKTSystem:
+    """Return the KKT system of a problem at x (unknowns,) SI.
+
+    multipliers: by constraint; bounds (unknowns,): multipliers of the bounds, SI; held:
+    indices of unknowns that do not move, in addition to those at active bounds.
+    """
     hessians = {name: problem.hessian(name, x, data) for name in problem.costs}
-    rows, numbers, active, ambiguous = [], [np.zeros(0, int)], {}, {}
+    jacobians, numbers, active, ambiguous = [], [np.zeros(0, int)], {}, {}
     for name, term in problem.constraints.items():
-        multiplier = solution.multipliers[name]
+        multiplier = multipliers[name]
         hessians[name] = problem.hessian(name, x, data, multiplier)
         value = problem.value(name, x, data)
         slack = np.minimum(value - term.lower, term.upper - value).ravel()
-        on, unsure = classified(np.abs(multiplier).ravel(), slack)
-        rows.append(problem.jacobian(name, x, data)[on])
+        on, unsure = _classified(np.abs(multiplier).ravel(), slack)
+        jacobians.append(problem.jacobian(name, x, data)[on])
         numbers.append(term.first_row + np.nonzero(on)[0])
         active[name], ambiguous[name] = int(on.sum()), int(unsure.sum())
-    lower, upper = problem.bounds("lower"), problem.bounds("upper")
-    slack = np.minimum(x - lower, upper - x) / problem.scale
-    pull = np.abs(problem.pack(solution.bound_multipliers)) * problem.scale
-    on, unsure = classified(pull, slack)
+    fixed, unsure = _active_bounds(problem, x, bounds, held)
     for name, variable in problem.variables.items():
         bound = f"bounds of {name}"
-        active[bound] = int(on[variable.span].sum())
+        active[bound] = int(fixed[variable.span].sum())
         ambiguous[bound] = int(unsure[variable.span].sum())
-    rows.append(sp.identity(len(x), format="csc")[np.nonzero(on)[0]])
-    A = sp.vstack(rows, format="csc") @ sp.diags(problem.scale)
-    length = np.sqrt(np.asarray(A.multiply(A).sum(axis=1)).ravel())
-    length = np.maximum(length, 1e-12)
-    numbers = np.concatenate(numbers)
-    return Curvature(
-        problem, x, data, dict(solution.multipliers), hessians,
-        (sp.diags(1 / length) @ A).tocsc(), numbers, length[: len(numbers)], active,
-        ambiguous,
+    fixed, numbers = np.nonzero(fixed)[0], np.concatenate(numbers)
+    A, lengths = _scaled_rows(problem, jacobians, fixed)
+    return KKTSystem(
+        problem, x, data, dict(multipliers), hessians, A, numbers,
+        lengths[: len(numbers)], fixed, active, ambiguous,
     )  # fmt: skip
 
 
-def classified(multiplier, slack):
-    """Classify: active where the multiplier outweighs the slack; unsure near a tie."""
-    on = multiplier > slack
-    unsure = (multiplier > slack / TIE) & (multiplier < slack * TIE)
+def _active_bounds(problem, x, multipliers, held) -> tuple[np.ndarray, np.ndarray]:
+    """Return masks (unknowns,) of the active or held bounds and the ambiguous ones."""
+    lower, upper = problem.bounds("lower"), problem.bounds("upper")
+    slack = np.minimum(x - lower, upper - x) / problem.scale
+    on, unsure = _classified(np.abs(multipliers) * problem.scale, slack)
+    on[list(held)] = True
     return on, unsure
 
 
+def _scaled_rows(problem, jacobians, fixed) -> tuple[sp.csc_matrix, np.ndarray]:
+    """Return A, rows of unit length in scaled unknowns, and the lengths before."""
+    rows = [*jacobians, sp.identity(problem.size, format="csc")[fixed]]
+    A = sp.vstack(rows, format="csc") @ sp.diags(problem.scale)
+    length = np.sqrt(np.asarray(A.multiply(A).sum(axis=1)).ravel())
+    length = np.maximum(length, 1e-12)
+    return (sp.diags(1 / length) @ A).tocsc(), length
+
+
+def _classified(multiplier, slack) -> tuple[np.ndarray, np.ndarray]:
+    """Return masks: active where the multiplier exceeds the slack; ambiguous."""
+    on = multiplier > slack
+    unsure = (multiplier > slack / AMBIGUOUS) & (multiplier < slack * AMBIGUOUS)
+    return on, unsure
+
+
+@dataclass(frozen=True, eq=False)
+class NewtonStep:
+    """A step of Newton's method on the KKT system.
+
+    decrement [nats]: -g' step / 2, by which a quadratic objective would decrease; shift
+    (chosen,) [-]: change of the chosen unknowns in standard deviations, NaN where the
+    point is no minimum; step (unknowns,): change of all unknowns, SI.
+    """
+
+    decrement: float
+    shift: np.ndarray
+    step: np.ndarray
+
+
+def newton_step(problem, x, data, multipliers, bounds, held, chosen) -> NewtonStep:
+    """Return the Newton step of a problem at x (unknowns,) SI.
+
+    multipliers, bounds, held: as of `kkt_system_at`; chosen: indices of the unknowns
+    whose shift is returned.
+    """
+    system = kkt_system_at(problem, x, data, multipliers, bounds, held)
+    g = bounds + gradient(problem, x, data, multipliers)
+    g[system.fixed] = 0.0  # balanced by the multipliers of their bounds
+    g, n = problem.scale * g, problem.size
+    right = np.zeros((n + system.A.shape[0], 1 + len(chosen)))
+    right[:n, 0] = -g
+    right[chosen, 1 + np.arange(len(chosen))] = 1.0
+    answer = system.factors.solve(right)[:n]
+    variance = np.diag(answer[chosen, 1:]).copy()
+    variance[variance <= 0] = np.nan
+    step = answer[:, 0]
+    shift = step[chosen] / np.sqrt(variance)
+    return NewtonStep(float(-g @ step) / 2, shift, problem.scale * step)
+
+
 def _positive_definite(M) -> bool:
-    """Tell by the signs of the pivots of a symmetric factorisation."""
+    """Return whether all pivots of a symmetric factorisation are positive."""
     try:
         lu = splu(
             M.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
@@ -162,17 +222,17 @@ def _positive_definite(M) -> bool:
 
 
 def _lowest(M, shift: float) -> np.ndarray:
-    """Return a unit vector along which M curves down the most, or nearly so.
+    """Return a unit vector close to the eigenvector of the lowest eigenvalue of M.
 
-    Inverse iteration of M + shift 1, shift grown until that is positive definite: it
-    always ends, where Lanczos' method on a large M may not.
+    Inverse iteration of M + shift 1, where the shift grows until that is positive
+    definite.  It always ends; Lanczos' method may not for a large M.
     """
     one = sp.identity(M.shape[0])
     while not _positive_definite(M + shift * one):
-        shift *= GROWTH
+        shift *= SHIFT_GROWTH
     inverse = splu((M + shift * one).tocsc(), permc_spec="MMD_AT_PLUS_A")
     v = np.random.default_rng(0).normal(size=M.shape[0])
-    for _ in range(ROUNDS):
+    for _ in range(INVERSE_ITERATIONS):
         v = inverse.solve(v)
         v /= np.linalg.norm(v)
     return v

@@ -4,7 +4,7 @@
     subject to  lower <= g_term(z, d) <= upper,  lower <= x <= upper
 
 A term is a small function and the columns of the unknowns that each of its instances
-reads (DESIGN.md, "The NLP machine").  Its kind is derived once, mapped over the
+reads (DESIGN.md, "The NLP machine").  Its function is derived once, mapped over the
 instances and summed where it belongs in the global sparse derivatives, so that
 building hardly depends on the number of instances and evaluating is linear in it.
 Unknowns are in SI units for the page and scaled for the solver here, nowhere else.
@@ -22,7 +22,13 @@ import scipy.sparse as sp
 from ..errors import PageError
 from .assembly import assemble
 from .reduced_space import Eliminated
-from .term_functions import kind_named, kind_of, mapped, traced
+from .term_functions import (
+    TermFunctionCache,
+    default_cache,
+    mapped,
+    term_function_named,
+    traced,
+)
 from .terms import (
     Columns,
     Parameter,
@@ -30,9 +36,10 @@ from .terms import (
     Variable,
     apart,
     block,
+    check_owner,
     instances_of,
     known,
-    limit,
+    limits_of,
     setting,
     table,
 )
@@ -50,7 +57,9 @@ class Problem:
     constraints: dict[str, Term] = field(default_factory=dict)
     reports: dict[str, Term] = field(default_factory=dict)
     given: dict[str, np.ndarray] = field(default_factory=dict)  # by constraint, indices
-    kinds: dict[tuple, object] = field(default_factory=dict)  # shared by like problems
+    # By name and sizes of the arguments; problems of one page may share them.
+    term_functions: dict[tuple, object] = field(default_factory=dict)
+    cache: TermFunctionCache = field(default_factory=default_cache)
     _data: list[np.ndarray] = field(default_factory=list)
     _data_size: int = 0
 
@@ -182,14 +191,14 @@ class Problem:
     def value(self, name: str, x: np.ndarray, data: np.ndarray) -> np.ndarray:
         """Evaluate one term at every instance, (instances, rows)."""
         term = self.terms.get(name) or self.reports[name]
-        function = mapped(term.kind.value, term.instances)
+        function = mapped(term.function.value, term.instances)
         out = function(x[term.unknowns].T, data[term.data].T)
-        return np.asarray(out).T.reshape(term.instances, term.kind.rows)
+        return np.asarray(out).T.reshape(term.instances, term.function.rows)
 
     def jacobian(self, name: str, x: np.ndarray, data: np.ndarray) -> sp.csc_matrix:
         """Return the Jacobian of one term, (instances * rows, unknowns), SI units."""
         term = self.terms[name]
-        function = mapped(term.kind.first, term.instances)
+        function = mapped(term.function.first, term.instances)
         nonzeros = np.asarray(function(x[term.unknowns].T, data[term.data].T)[1])
         rows, columns = term.jacobian_places()
         shape = (term.rows, self.size)
@@ -200,8 +209,8 @@ class Problem:
     ) -> sp.csc_matrix:
         """Return the Hessian of multiplier' term, (unknowns, unknowns), SI units."""
         term = self.terms[name]
-        function = mapped(term.kind.second, term.instances)
-        shape = (term.instances, term.kind.rows)
+        function = mapped(term.function.second, term.instances)
+        shape = (term.instances, term.function.rows)
         if np.ndim(multiplier) > 0:
             multiplier = np.reshape(multiplier, shape)
         weight = np.broadcast_to(multiplier, shape)
@@ -250,7 +259,7 @@ class Problem:
         return first
 
     def _term(
-        self, name, function, arguments, role=None, first_row=0, trace=kind_of, **limits
+        self, name, function, arguments, role=None, first_row=0, trace=None, **limits
     ):
         """Return the term, or None if it has no instance (nothing to pay for)."""
         self._new(name, {**self.terms, **self.reports})
@@ -260,7 +269,7 @@ class Problem:
             return None
         unknowns, data, order = [], [], []
         for argument in arguments:
-            self._check_owner(name, argument)
+            check_owner(self, name, argument)
             if isinstance(argument, Columns):
                 indices, role_of, kept = argument.indices, "z", unknowns
             else:
@@ -268,29 +277,21 @@ class Problem:
             kept.append(np.broadcast_to(indices, (instances, indices.shape[1])))
             order.append((role_of, indices.shape[1]))
         sizes = [indices.shape[1] for indices in unknowns]
-        if (key := (name, *order)) not in self.kinds:
-            self.kinds[key] = kind_named(name, trace, function, sizes, order)
-        kind = self.kinds[key]
-        if role is not None and kind.rows != 1:
-            told = {"where": name, "got": kind.rows, "expected": "1 row"}
+        derived = self._traced(name, trace, function, sizes, order)
+        if role is not None and derived.rows != 1:
+            told = {"where": name, "got": derived.rows, "expected": "1 row"}
             raise PageError("a cost is one number", **told)
-        limits = {k: limit(v, (instances, kind.rows), name) for k, v in limits.items()}
-        if limits and not np.all(limits["lower"] <= limits["upper"]):
-            raise PageError("limits cross, or are NaN", where=name)
+        limits = limits_of(name, (instances, derived.rows), limits)
         empty = np.zeros((instances, 0), int)
         unknowns, data = np.hstack([empty, *unknowns]), np.hstack([empty, *data])
-        return Term(name, kind, role, unknowns, data, first_row=first_row, **limits)
+        return Term(name, derived, role, unknowns, data, first_row=first_row, **limits)
 
-    def _check_owner(self, name: str, argument) -> None:
-        owner, mine = getattr(argument, "variable", argument), None
-        if isinstance(owner, Variable):
-            mine = self.variables.get(owner.name)
-        elif isinstance(owner, Parameter):
-            mine = self.parameters.get(owner.name)
-        else:
-            return
-        if mine is not owner:
-            raise PageError(f"{owner.name} belongs to another problem", where=name)
+    def _traced(self, name, trace, function, sizes, order):
+        """Return the term function of a term; derive it unless this problem has it."""
+        if (key := (name, *order)) not in self.term_functions:
+            given = name, trace or self.cache.of, function, sizes, order
+            self.term_functions[key] = term_function_named(*given)
+        return self.term_functions[key]
 
     def _data_indices(self, name: str, argument) -> np.ndarray:
         if isinstance(argument, Parameter):

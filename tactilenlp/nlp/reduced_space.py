@@ -57,7 +57,7 @@ class Eliminated:
         for name, rows in self.rounds:
             term = self.problem.constraints[name]
             z, d = x[term.unknowns[rows]], data[term.data[rows]]
-            residual = mapped(term.kind.value, len(rows))(z.T, d.T)
+            residual = mapped(term.function.value, len(rows))(z.T, d.T)
             given = self.problem.given[name][rows]
             x[given] += np.asarray(residual).T * scale[given]
         return x

@@ -1,18 +1,18 @@
-"""Derive one kind of term: value, gradient, Jacobian, Hessian, once per machine.
+"""Term functions: value, Jacobian and Hessian of one term, derived once for all uses.
 
-A kind is a small pure function of a few local unknowns and data.  It is traced with
-CasADi SX, differentiated exactly and kept under the hash of its expression, so that
-an edited page is derived anew and an unedited one never twice: in this process, and
-where a compiler is there on this machine (codegen.py).
+A term is written as a small pure function of a few local unknowns and data.  It is
+traced with CasADi SX, differentiated exactly and kept under its serialised expression,
+so that an edited page is derived again and an unedited one is not: in this process by a
+`TermFunctionCache`, on this machine, where there is a C compiler, by codegen.py.
 """
 
 from __future__ import annotations
 
 import inspect
-import sys
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from functools import cache
 
 import casadi as ca
@@ -20,13 +20,11 @@ import casadi as ca
 from ..errors import PageError
 from .codegen import compiled, kept
 
-PARTS = ("value", "first", "second", "patterns")
-_cache: dict[str, Kind] = {}
-seconds_deriving = [0.0]
+PARTS = ("value", "first", "second", "patterns")  # names of the compiled functions
 
 
 @dataclass(frozen=True)
-class Kind:
+class TermFunction:
     """Functions of (unknowns z, data d, multiplier l) that a term's instances share.
 
     `value` (z, d) -> (m,); `first` (z, d) -> (m,), nonzeros of the Jacobian;
@@ -43,21 +41,84 @@ class Kind:
     hessian_sparsity: ca.Sparsity
 
 
-def kind_of(function: Callable, unknowns: list[int], order: list[tuple]) -> Kind:
-    """Trace `function` and return its kind; derive it if it is new to this process.
+@dataclass
+class TermFunctionCache:
+    """Keep the term functions that were derived, by expression; mutable.
 
-    `order` says for each argument ("z" | "d", length): local unknown or data.
+    The caller owns a cache and passes it as `Problem(cache=...)`; without one, problems
+    use the default of the process (`default_cache`).  read, compile: whether libraries
+    that were compiled earlier are loaded, and new ones compiled; else CasADi's virtual
+    machine evaluates the same expressions.  functions: by serialised expression;
+    derived: how many were differentiated; seconds [s]: what that took.
+
+    A cache stays in its process: unpickled elsewhere it is the default cache there.
     """
+
+    read: bool = True
+    compile: bool = True
+    functions: dict[str, TermFunction] = field(default_factory=dict)
+    derived: int = 0
+    seconds: float = 0.0
+
+    def __reduce__(self):
+        return default_cache, ()
+
+    def of(
+        self, function: Callable, unknowns: list[int], order: list[tuple]
+    ) -> TermFunction:
+        """Trace `function` and return its term function; derive it if it is new.
+
+        unknowns: lengths of the arguments that are local unknowns; order: for each
+        argument ("z" | "d", length), local unknown or data.
+        """
+        value = _trace(function, unknowns, order)
+        key = value.serialize()
+        if key not in self.functions:
+            found = kept(PARTS, _origin(value)) if self.read else None
+            self.functions[key] = (
+                self._derive(value) if found is None else _term_function(*found)
+            )
+        return self.functions[key]
+
+    def _derive(self, value: ca.Function) -> TermFunction:
+        began = time.perf_counter()
+        functions = _derivatives(value)
+        if self.compile:
+            functions = compiled(functions, _origin(value))
+        found = _term_function(*functions)
+        self.derived += 1
+        self.seconds += time.perf_counter() - began
+        return found
+
+    @contextmanager
+    def as_default(self) -> Iterator[TermFunctionCache]:
+        """Make this the default cache of the process within a block."""
+        global _default
+        before, _default = _default, self
+        try:
+            yield self
+        finally:
+            _default = before
+
+
+_default = TermFunctionCache()
+
+
+def default_cache() -> TermFunctionCache:
+    """Return the cache that problems of this process use unless given another."""
+    return _default
+
+
+def traced(function: Callable, unknowns: list[int], order: list[tuple]) -> TermFunction:
+    """Return a term function without derivatives: for what is read off a solution."""
     value = _trace(function, unknowns, order)
-    key = value.serialize()
-    if key not in _cache:
-        found = kept(PARTS, _origin(value))
-        _cache[key] = _derive(value) if found is None else _kind(*found)
-    return _cache[key]
+    sizes = (value.size1_out(0), value.size1_in(0), value.size1_in(1))
+    return TermFunction(*sizes, value, first=None, second=None, jacobian_sparsity=None,
+                        hessian_sparsity=None)  # fmt: skip
 
 
-def kind_named(name, trace, function, sizes, order) -> Kind:
-    """Return `trace` of a function; say whose function it was that failed."""
+def term_function_named(name: str, trace, function, sizes, order) -> TermFunction:
+    """Return trace(function, sizes, order); PageError names the term where it fails."""
     try:
         return trace(function, sizes, order)
     except PageError:
@@ -71,12 +132,10 @@ def kind_named(name, trace, function, sizes, order) -> Kind:
         ) from error
 
 
-def traced(function: Callable, unknowns: list[int], order: list[tuple]) -> Kind:
-    """Return a kind that can only be evaluated: for what is read off a solution."""
-    value = _trace(function, unknowns, order)
-    sizes = (value.size1_out(0), value.size1_in(0), value.size1_in(1))
-    return Kind(*sizes, value, first=None, second=None, jacobian_sparsity=None,
-                hessian_sparsity=None)  # fmt: skip
+@cache
+def mapped(function: ca.Function, instances: int) -> ca.Function:
+    """Return `function` applied to `instances` columns."""
+    return function.map(instances)
 
 
 def _trace(function, unknowns, order) -> ca.Function:
@@ -85,21 +144,21 @@ def _trace(function, unknowns, order) -> ca.Function:
     zs, ds = iter(z), iter(d)
     value = function(*(next(zs) if role == "z" else next(ds) for role, _ in order))
     value = ca.densify(ca.vec(ca.SX(value)))
-    return ca.Function("kind", [ca.vertcat(*z), ca.vertcat(*d)], [value])
+    return ca.Function("term", [ca.vertcat(*z), ca.vertcat(*d)], [value])
 
 
-def _origin(traced: ca.Function) -> str:
-    """Return all that a kind follows from: the expression, and how it is derived."""
-    return _rules() + traced.serialize()
+def _origin(value: ca.Function) -> str:
+    """Return what compiled derivatives follow from: expression and derivation rule."""
+    return _derivation_rule() + value.serialize()
 
 
 @cache
-def _rules() -> str:
-    return inspect.getsource(sys.modules[__name__])
+def _derivation_rule() -> str:
+    return inspect.getsource(_derivatives)
 
 
-def _derive(traced: ca.Function) -> Kind:
-    began = time.perf_counter()
+def _derivatives(traced: ca.Function) -> list[ca.Function]:
+    """Return the functions named in PARTS; their source is part of the compiled key."""
     z = ca.SX.sym("z", traced.size1_in(0))
     d = ca.SX.sym("d", traced.size1_in(1))
     value = ca.cse(ca.densify(traced(z, d)))
@@ -110,20 +169,17 @@ def _derive(traced: ca.Function) -> Kind:
     nonzeros = [ca.SX(0, 1) if n.is_empty() else ca.densify(n) for n in nonzeros]
     patterns = [ca.DM(matrix.sparsity(), 1) for matrix in (jacobian, hessian)]
     cse = {"cse": True}
-    functions = [
+    return [
         ca.Function("value", [z, d], [value], cse),
         ca.Function("first", [z, d], [value, nonzeros[0]], cse),
         ca.Function("second", [z, d, multiplier], [nonzeros[1]], cse),
         ca.Function("patterns", [], patterns),
     ]
-    kind = _kind(*compiled(functions, _origin(traced)))
-    seconds_deriving[0] += time.perf_counter() - began
-    return kind
 
 
-def _kind(value, first, second, patterns) -> Kind:
-    """Return the kind of these functions; the outputs of `patterns` are its own."""
-    return Kind(
+def _term_function(value, first, second, patterns) -> TermFunction:
+    """Return the term function of PARTS; outputs of `patterns` are its sparsities."""
+    return TermFunction(
         rows=value.size1_out(0),
         unknowns=value.size1_in(0),
         data=value.size1_in(1),
@@ -133,9 +189,3 @@ def _kind(value, first, second, patterns) -> Kind:
         jacobian_sparsity=patterns.sparsity_out(0),
         hessian_sparsity=patterns.sparsity_out(1),
     )
-
-
-@cache
-def mapped(function: ca.Function, instances: int) -> ca.Function:
-    """Return `function` applied to `instances` columns."""
-    return function.map(instances)

@@ -10,7 +10,7 @@ import numpy as np
 from casadi import vertcat
 
 from ..errors import PageError
-from .term_functions import Kind
+from .term_functions import TermFunction
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,10 +120,10 @@ class Parameter:
 
 @dataclass(frozen=True, eq=False)
 class Term:
-    """One named cost or constraint: its kind, and what each instance reads."""
+    """One named cost or constraint: its function, and what each instance reads."""
 
     name: str
-    kind: Kind
+    function: TermFunction
     role: str | None
     unknowns: np.ndarray  # (instances, unknowns) global indices
     data: np.ndarray  # (instances, data) indices into the vector of all data
@@ -137,7 +137,7 @@ class Term:
 
     @property
     def rows(self) -> int:
-        return self.instances * self.kind.rows
+        return self.instances * self.function.rows
 
     @property
     def span(self) -> slice:
@@ -146,9 +146,9 @@ class Term:
 
     def jacobian_places(self) -> tuple[np.ndarray, np.ndarray]:
         """Return row and column of every local Jacobian nonzero, by instance."""
-        triplet = self.kind.jacobian_sparsity.get_triplet()
+        triplet = self.function.jacobian_sparsity.get_triplet()
         rows, columns = (np.array(i, int) for i in triplet)
-        offset = np.arange(self.instances)[:, None] * self.kind.rows
+        offset = np.arange(self.instances)[:, None] * self.function.rows
         return (offset + rows).ravel(), self.unknowns[:, columns].ravel()
 
     def hessian_places(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -157,11 +157,24 @@ class Term:
         An off-diagonal entry whose two unknowns are one and the same (merged poses)
         stands for both orders: factor 2.
         """
-        triplet = self.kind.hessian_sparsity.get_triplet()
+        triplet = self.function.hessian_sparsity.get_triplet()
         rows, columns = (np.array(i, int) for i in triplet)
         i, j = self.unknowns[:, rows], self.unknowns[:, columns]
         factor = np.where((i == j) & (rows != columns), 2.0, 1.0)
         return np.minimum(i, j).ravel(), np.maximum(i, j).ravel(), factor.ravel()
+
+
+def check_owner(problem, name: str, argument) -> None:
+    """Raise PageError if a term's argument was declared in another problem."""
+    owner, own = getattr(argument, "variable", argument), None
+    if isinstance(owner, Variable):
+        own = problem.variables.get(owner.name)
+    elif isinstance(owner, Parameter):
+        own = problem.parameters.get(owner.name)
+    else:
+        return
+    if own is not owner:
+        raise PageError(f"{owner.name} belongs to another problem", where=name)
 
 
 def block(values, shape: tuple[int, int], name: str) -> np.ndarray:
@@ -272,3 +285,11 @@ def limit(values, shape: tuple[int, int], name: str) -> np.ndarray:
         raise PageError(
             "wrong shape of a limit", where=name, got=got, expected=str(shape)
         ) from None
+
+
+def limits_of(name: str, shape: tuple[int, int], limits: dict) -> dict:
+    """Return lower and upper limits as arrays (instances, rows); PageError if wrong."""
+    limits = {k: limit(v, shape, name) for k, v in limits.items()}
+    if limits and not np.all(limits["lower"] <= limits["upper"]):
+        raise PageError("limits cross, or are NaN", where=name)
+    return limits

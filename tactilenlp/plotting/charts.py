@@ -12,11 +12,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 import trimesh
 from matplotlib.figure import Figure
-from scipy.spatial.transform import Rotation
 
 from ..common.validation import check_types
 from ..errors import OptionError
 from ..estimation.result import Estimate
+from ..geometry.transforms import rotation_of
 from ..nlp.solution import Solution
 from .style import (
     FINGERS,
@@ -192,4 +192,4 @@ def _parts(estimate, finger, shown):
 
 
 def _rotations(quaternion):
-    return Rotation.from_quat(np.roll(quaternion, -1, axis=-1))
+    return rotation_of(quaternion)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import HalfspaceIntersection
-from scipy.spatial.transform import Rotation
 
 from ..geometry.faces import face_sigma, polygons
-from ..information.information import TOUCHED
+from ..geometry.transforms import rotation_of
+from ..information.information import FACE_COSINE
 from ..information.measurement_noise import KNOWN_FACE
 
 MM = 1e3  # [mm / m]
@@ -59,13 +59,13 @@ def _touched(estimate, normals) -> np.ndarray:
     """Return which faces were touched, or lie on the ground, (faces,)."""
     data, scene = estimate.measurements, estimate.scene
     t, f = np.nonzero(data.contact & data.valid)
-    R_ow = Rotation.from_quat(np.roll(estimate.quaternion[t], -1, axis=1)).inv()
-    met = R_ow.apply(data.normal[t, f]) @ normals.T > TOUCHED
+    R_ow = rotation_of(estimate.quaternion[t]).inv()
+    met = R_ow.apply(data.normal[t, f]) @ normals.T > FACE_COSINE
     # A cuboid's face was touched where its size takes it as known.
     enough = KNOWN_FACE if estimate.shape == "cuboid" else 1
     down = np.zeros(len(normals), bool)
     if scene.ground is not None:
-        down = normals @ estimate.rotation().T @ scene.ground.normal < -TOUCHED
+        down = normals @ estimate.rotation().T @ scene.ground.normal < -FACE_COSINE
     return (met.sum(axis=0) >= enough) | down
 
 

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from ..common.validation import check_types
 from ..exploration.action_search import Choice
 from ..exploration.expected_information import ExpectedInformation
+from ..geometry.transforms import planar_matrix
 from .scene import outline
 from .style import FINGERS, INK, MM, STYLE, below, check_axes
 
@@ -72,8 +73,7 @@ def _draw_lines(axis, estimate, action, expected) -> None:
     way = action.positions(expected.target, 31) * MM
     now = estimate.mesh().vertices
     motion = expected.prospect(action).motion[-1]
-    c, s = np.cos(motion[2]), np.sin(motion[2])
-    turn, centre = np.array([[c, -s], [s, c]]), expected.target[:2]
+    turn, centre = planar_matrix(motion[2])[:2, :2], expected.target[:2]
     then = (now[:, :2] - centre) @ turn.T + centre + motion[:2]
     for points, style, words in ((now, "-", "estimate"), (then, ":", "expected then")):
         axis.plot(*outline(points * MM).T, style, color=INK, label=words)

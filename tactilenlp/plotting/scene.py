@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from ..errors import OptionError
 from ..estimation.result import Estimate
 from ..geometry.faces import face_sigma, polygons
+from ..geometry.transforms import rotation_of
 from ..output.colours import KNOWN, UNKNOWN, information_colour
 from .faces import faces_of
 from .style import (
@@ -273,7 +274,7 @@ def _touches(estimate, sample):
 
 
 def _rotations(quaternion):
-    return Rotation.from_quat(np.roll(quaternion, -1, axis=-1))
+    return rotation_of(quaternion)
 
 
 def _when(data, sample) -> str:

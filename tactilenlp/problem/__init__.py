@@ -3,8 +3,9 @@
 In: `Measurements`, `Scene`, a shape, a page of `formulations`.  Out: a `Window` (plain
 arrays and index lists that a page reads), and certificates of every reduction.
 
-- `window`, `reductions`, `polytope_window`, `fingertips`: build the window
-- `pages`, `poses`: names of pages and shapes; poses and corners of a body
+- `window`, `reductions`, `polytope_window`, `action_window`, `fingertips`: windows
+- `pages`, `poses`: names of pages and shapes; poses and corners of a body.  What
+  differs by class is in `Shape` and in the class of its window
 - `certificates`, `unreduced`: check after a solve that a reduction was right
 - `outliers`: touches that the assumed motion does not explain
 """

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from .polytope_window import HullWindow
+from .polytope_window import PolytopeWindow
 from .window import Group
 
 INDEXED_BY = (
@@ -16,14 +16,14 @@ INDEXED_BY = (
 
 
 @dataclass(frozen=True, eq=False)
-class ActionWindow(HullWindow):
+class ActionWindow(PolytopeWindow):
     """The window of one action; past (V, 3) [m]: vertices before it, information."""
 
     past: np.ndarray = None
     information: np.ndarray = None
 
 
-def of_action(window: HullWindow, past, about) -> ActionWindow:
+def of_action(window: PolytopeWindow, past, about) -> ActionWindow:
     """Return the part of a window that comes after the samples of the past.
 
     about: information (3 V, 3 V) about the vertices of the past, whose poses are held.
@@ -31,7 +31,7 @@ def of_action(window: HullWindow, past, about) -> ActionWindow:
     samples = past.x.shape[1]
     first = window.pose[samples]
     lower, upper = window.holding(past.x, slice(first))
-    parts = {f.name: getattr(window, f.name) for f in fields(HullWindow)}
+    parts = {f.name: getattr(window, f.name) for f in fields(PolytopeWindow)}
     new = {k: parts[k].sample >= samples for k in ("touch", "free", "step", "push")}
     new["corner"] = new["step"][window.corner.step]
     parts |= {k: parts[k].pick(rows) for k, rows in new.items()}

@@ -23,10 +23,10 @@ import numpy as np
 from formulations.violation_implicit import WEIGHTS
 
 from ..geometry.transforms import is_planar, turning
-from ..nlp.kkt import newton_step
-from .outliers import PLANAR_LIMIT, contradicts, planar_share
-from .reductions import ARM, SLIPPERY, Reductions
-from .unreduced import expand
+from ..nlp.kkt_sensitivity import newton_step
+from .outliers import PLANAR_LIMIT, evidence_against_planar, planar_share
+from .reductions import ARM, UNKNOWN_FRICTION, Reductions
+from .unreduced import unreduced
 
 NEUTRAL = 1e-6  # [relative] an exact reduction moves the objective by less
 DECREMENT = 0.1  # [nats] a model reduction's Newton decrement stays below
@@ -80,7 +80,7 @@ def certify(job, page, solved) -> Certificates:
     """Return the reductions of a solved page, each with its certificate."""
     made, found, cuts = job.reductions, [], ()
     if made.still or made.far or made.absent:
-        whole = expand(job, page, solved)
+        whole = unreduced(job, page, solved)
         found += [far(solved, whole)] * made.far + [absent(solved, whole)] * made.absent
         shared = made.still and len(solved.window.pose) > solved.window.poses
         if shared and job.scene.ground is not None:
@@ -239,7 +239,7 @@ def _static_friction(scene, solution) -> float:
     """
     known = {"kappa": WEIGHTS["kappa"][0], "ground friction": scene.friction_ground}
     if known["ground friction"] is None:
-        known["ground friction"] = SLIPPERY
+        known["ground friction"] = UNKNOWN_FRICTION
     known |= solution.parameters | solution.values
     kappa, mu = (float(np.ravel(known[k])[0]) for k in ("kappa", "ground friction"))
     return max(MM_PER_M * kappa * mu * (scene.gravity > 0), ON_ICE)
@@ -260,7 +260,9 @@ def frictionless(solved) -> Skipped | None:
 
 def planar_certificate(job, page, solved) -> Skipped | None:
     """Certify that an object that never tilts explains the touches (outliers.py)."""
-    worst = planar_share(contradicts(job, solved.window, solved.solution.values))
+    worst = planar_share(
+        evidence_against_planar(job, solved.window, solved.solution.values)
+    )
     return Skipped(
         "planar", "height and two tilts of every pose", "the object lies flat",
         "share of an action's touches that no flat pose explains", worst, PLANAR_LIMIT,

@@ -1,15 +1,16 @@
-"""Read the measurements as the end-effectors that the scene says took them."""
+"""Describe fingertips: their geometry, their poses, and equivalent spheres."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from formulations.finger import SPHERE, Finger, capsule
 
-ALONG = 0.1  # [-] cosine between capsule and normal from which on its end touches
+from ..geometry.transforms import rotation_of
+
+END_COSINE = 0.1  # [-] cosine between capsule and normal from which on its end touches
 
 
 def finger_of(scene) -> Finger:
@@ -17,7 +18,7 @@ def finger_of(scene) -> Finger:
     return capsule(scene.finger_length / 2) if scene.finger_length > 0 else SPHERE
 
 
-def poses(data, scene) -> np.ndarray:
+def finger_poses(data, scene) -> np.ndarray:
     """Return where the fingers are as their geometry takes it, (T, F, numbers)."""
     if scene.finger_length == 0:
         return data.finger_position
@@ -25,16 +26,16 @@ def poses(data, scene) -> np.ndarray:
 
 
 def as_spheres(data, scene):
-    """Return the data as spherical fingertips would measure them: good for a guess.
+    """Return the data as spherical fingertips would measure them, for initial guesses.
 
     Where a capsule touches, the sphere is at that end of it which points against the
     normal, or in its middle where it lies along the surface; else in its middle.
     """
     if scene.finger_length == 0:
         return data
-    xyzw = np.roll(data.finger_orientation.reshape(-1, 4), -1, axis=1)
-    axis = Rotation.from_quat(xyzw).apply([0, 0, 1.0]).reshape(data.normal.shape)
+    turn = rotation_of(data.finger_orientation.reshape(-1, 4))
+    axis = turn.apply([0, 0, 1.0]).reshape(data.normal.shape)
     along = (axis * data.normal).sum(axis=2, keepdims=True)
-    u = -np.clip(along / ALONG, -1, 1)
+    u = -np.clip(along / END_COSINE, -1, 1)
     p = data.finger_position + u * scene.finger_length / 2 * axis
     return replace(data, finger_position=p, finger_orientation=None)

@@ -19,11 +19,10 @@ import numpy as np
 from ..errors import MotionError
 from ..nlp.problem import Problem
 from .pages import page_of
-from .reductions import SIDE
+from .reductions import SIDE_NORMAL
 
 GAP_ERROR, NORMAL_ERROR = 0.15e-3, 0.015  # [m], [rad] of a touch model
 UNEXPLAINED = 0.8  # [outlier costs] a touched sample that costs more
-UNEXPLAINED_BY_UPDATE = 0.5  # [outlier costs] the same, after an incremental update
 MIN_OF_TOUCH = 3  # samples
 MIN_OF_ACTION, SHARE_OF_ACTION = 2, 0.2  # samples, [-]
 MIN_OF_PLANAR, PLANAR_LIMIT, PLANAR_TOTAL = 4, 0.6, 0.25  # samples, [-], [-]
@@ -51,13 +50,13 @@ class Evidence:
         )
 
 
-def contradicts(job, window, values) -> list[Evidence]:
+def evidence_against_planar(job, window, values) -> list[Evidence]:
     """Return the evidence against flat motion in every action that touched.
 
     values: theta and x of a flat solution, of whatever page.
     """
     page = page_of("quasi_static", job.shape)
-    problem = Problem(kinds=job.kinds_of(page, window))
+    problem = Problem(term_functions=job.kinds_of(page, window))
     page.build(problem, window, job.scene, job.shape)
     known = {name: values[name] for name in problem.variables if name in values}
     scale = {
@@ -69,19 +68,16 @@ def contradicts(job, window, values) -> list[Evidence]:
     return [
         Evidence(
             int(a), int((action == a).sum()), int(wrong[action == a].sum()),
-            tilt_of(window.touch.normal[action == a]).max(initial=0.0),
+            side_tilt(window.touch.normal[action == a]).max(initial=0.0),
         )
         for a in np.unique(action)
     ]  # fmt: skip
 
 
-def unexplained(problem, window, x, data, limit=UNEXPLAINED) -> np.ndarray:
-    """Tell which touched samples (touches,) the unknowns x of a problem do not explain.
-
-    limit: [outlier costs] that an explained sample may cost.
-    """
+def unexplained(problem, window, x, data) -> np.ndarray:
+    """Tell which touched samples (touches,) unknowns x do not explain."""
     cost = problem.value("touch", x, data)[:, 0]
-    return cost > limit * window.outlier_cost
+    return cost > UNEXPLAINED * window.outlier_cost
 
 
 def planar_share(evidence) -> float:
@@ -98,7 +94,9 @@ def planar_share(evidence) -> float:
 
 def check_explained(solved) -> None:
     """Raise MotionError where touches of a floating object are left unexplained."""
-    evidence = contradicts(solved.job, solved.window, solved.solution.values)
+    evidence = evidence_against_planar(
+        solved.job, solved.window, solved.solution.values
+    )
     wrong = [e for e in evidence if e.against]
     if wrong:
         raise MotionError(
@@ -113,7 +111,7 @@ def check_explained(solved) -> None:
         )
 
 
-def tilt_of(n) -> np.ndarray:
+def side_tilt(n) -> np.ndarray:
     """Return the angles (n,) [rad] of side normals above the ground, else 0."""
-    side = np.abs(n[:, 2]) < SIDE
+    side = np.abs(n[:, 2]) < SIDE_NORMAL
     return np.where(side, np.arctan2(n[:, 2], np.hypot(n[:, 0], n[:, 1])), 0.0)

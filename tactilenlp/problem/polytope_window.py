@@ -1,7 +1,7 @@
-"""What a polytope's page sees: a window, and which vertices each contact reads.
+"""Build the window of a polytope: which vertices each contact depends on.
 
-All of it follows from where vertices and poses start; the lists stay as they are during
-a solve and are made anew for the next.
+The index lists follow from the vertices and poses at which a solve starts.  They are
+constant during a solve and built again for the next one.
 """
 
 from __future__ import annotations
@@ -14,22 +14,22 @@ from scipy.spatial import ConvexHull, QhullError
 
 from formulations.likelihood import ALPHA
 
-from ..geometry.convex_hull import fingers, nearest, nearest_triangles
+from ..geometry.convex_hull import fingers_in_body, nearest, nearest_triangles
 from ..geometry.convex_hull import triangles as triangles_of
 from ..geometry.transforms import is_planar, matrices
 from .reductions import reduce
 from .window import Corners, Rests, Window
 
-NEAR = 8  # vertices that a contact reads
+VERTICES_READ = 8  # vertices that a contact depends on
 LIFTED = 0.5e-3  # [m] a vertex this high still carries the body
-ALIKE, WHOLE = 1e-3, 1e3  # weights of equal shares, and of a sum of one
+EQUAL_WEIGHT, SUM_WEIGHT = 1e-3, 1e3  # weights of equal shares, and of a sum of one
 CLEAR = 20.0  # [-] lengths over which a free finger's cost falls by a factor of e
-RIGID = 1e-3  # [-] of the largest move of legs with a pose: less is no move
-DEPTH = 3.0  # [-] lengths along the surface that one length below it counts for
+RIGID_SHARE = 1e-3  # [-] of the largest move of legs with a pose: less is no move
+DEPTH_WEIGHT = 3.0  # [-] lengths along the surface that one length below it counts for
 
 
 @dataclass(frozen=True, eq=False)
-class HullWindow(Window):
+class PolytopeWindow(Window):
     """A window, where the vertices start and which of them each contact reads.
 
     start (V, 3) [m]; near_touch, near_free, near_push (instances, NEAR): vertices;
@@ -69,7 +69,7 @@ class HullWindow(Window):
             legs = np.flatnonzero((self.lift.step == step) & down)
             if len(legs):
                 ways, size, _ = np.linalg.svd(slopes[legs].toarray())
-                ways = ways[:, : len(size)][:, size > RIGID * size[0]]
+                ways = ways[:, : len(size)][:, size > RIGID_SHARE * size[0]]
                 out[legs] = ways @ (ways.T @ rows[legs])
         return out
 
@@ -82,7 +82,7 @@ class HullWindow(Window):
         return theta.T[self.near_touch].reshape(len(self.touch), -1).T
 
 
-def indexed(window, shape, vertices, x, ground, resting=None) -> HullWindow:
+def polytope_window(window, shape, vertices, x, ground, resting=None) -> PolytopeWindow:
     """Return the window of a polytope that starts as `vertices` at poses x (u, T).
 
     ground: whether there is one; resting: the vertices (V, 3) as which it carries its
@@ -93,35 +93,35 @@ def indexed(window, shape, vertices, x, ground, resting=None) -> HullWindow:
     stand = np.array(shape.corners, int)[:, 0]
     share = np.zeros(len(vertices))
     resting = vertices if resting is None else resting
-    share[stand] = shares(resting[stand], body(resting, triangles)[1:4])
+    share[stand] = support_shares(resting[stand], hull_moments(resting, triangles)[1:4])
     lifts = ground and not is_planar(x)
-    window = tilting(window, stand, vertices, x) if lifts else window
+    window = with_ground_contacts(window, stand, vertices, x) if lifts else window
     known = {f.name: getattr(window, f.name) for f in fields(Window)}
     leg, rest = (part.signs[:, 0].astype(int) for part in (window.corner, window.rest))
     share = share[leg]
     if lifts:  # what is above the ground carries nothing
         at = window.step.sample[window.corner.step]
-        share *= heights(vertices, x)[at, leg] < LIFTED
-    return HullWindow(
+        share *= vertex_heights(vertices, x)[at, leg] < LIFTED
+    return PolytopeWindow(
         **known, start=vertices,
-        near_touch=near(window.touch, vertices, x),
-        near_free=near(window.free, vertices, x),
-        near_push=near(window.push, vertices, x),
+        near_touch=vertices_near(window.touch, vertices, x),
+        near_free=vertices_near(window.free, vertices, x),
+        near_push=vertices_near(window.push, vertices, x),
         legs=stand, leg=leg, weight_share=share, resting=rest,
         grounded=stand if ground and is_planar(x) else stand[:0],
         floor=(0.0 if is_planar(x) else -x[2, -1]) if ground else -np.inf,
-        triangles=triangles, body=body(vertices, triangles),
+        triangles=triangles, body=hull_moments(vertices, triangles),
         lower=lower, upper=upper,
     )  # fmt: skip
 
 
-def tilting(window, stand, vertices, x) -> Window:
+def with_ground_contacts(window, stand, vertices, x) -> Window:
     """Return the window with the ground under the vertices that are low at each pose.
 
     stand (n,): those on which the hull lies; others take over where they are lower by
     LIFTED at poses x (6, T).
     """
-    z = heights(vertices, x)
+    z = vertex_heights(vertices, x)
     z[:, stand] -= LIFTED
     low = np.sort(np.argsort(z, axis=1, kind="stable")[:, : len(stand)], axis=1)
 
@@ -135,7 +135,7 @@ def tilting(window, stand, vertices, x) -> Window:
     return replace(window, corner=corner, lift=corner, rest=rest)
 
 
-def heights(vertices, x) -> np.ndarray:
+def vertex_heights(vertices, x) -> np.ndarray:
     """Return how high (T, V) [m] each vertex is at free poses x (6, T)."""
     return matrices(x)[:, 2] @ vertices.T + x[2][:, None]
 
@@ -149,33 +149,33 @@ def without_clear(window, vertices, x):
     free = window.free
     if not len(free):
         return window
-    centre = fingers(free, x)
+    centre = fingers_in_body(free, x)
     gap = np.linalg.norm(centre - nearest(vertices, centre), axis=1) - free.radius
     return replace(window, free=free.pick(gap < CLEAR * softness))
 
 
-def near(samples, vertices, x) -> np.ndarray:
+def vertices_near(samples, vertices, x) -> np.ndarray:
     """Return the vertices (samples, NEAR) that can be nearest to each finger.
 
     First those of the triangle that the contact point is on: a large face can have many
     vertices nearer than its corners.  Then along the hull's surface the nearest to that
     point; what lies deep below the plane of the contact comes last.
     """
-    count = min(NEAR, len(vertices))
+    count = min(VERTICES_READ, len(vertices))
     if not len(samples):
         return np.zeros((0, count), int)
-    centre = fingers(samples, x)
+    centre = fingers_in_body(samples, x)
     point, on = nearest_triangles(vertices, centre)
     n = centre - point
     n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
     to = vertices[None] - point[:, None]
     below = -np.einsum("svk,sk->sv", to, n)
-    far = np.linalg.norm(to, axis=2) + DEPTH * below
+    far = np.linalg.norm(to, axis=2) + DEPTH_WEIGHT * below
     np.put_along_axis(far, on, -1.0, axis=1)
     return np.sort(np.argsort(far, axis=1, kind="stable")[:, :count], axis=1)
 
 
-def legs(vertices, count: int, height: float = LIFTED) -> np.ndarray:
+def supporting_vertices(vertices, count: int, height: float = LIFTED) -> np.ndarray:
     """Return at least three and at most `count` vertices that carry the body.
 
     Of the lowest ones those that span the largest area.
@@ -194,7 +194,7 @@ def legs(vertices, count: int, height: float = LIFTED) -> np.ndarray:
     return np.sort(around)
 
 
-def shares(legs, centroid) -> np.ndarray:
+def support_shares(legs, centroid) -> np.ndarray:
     """Return the shares (n,) of the weight that legs (n, 3) carry at rest.
 
     They balance it about the centroid as far as legs that only push can, all alike
@@ -202,12 +202,12 @@ def shares(legs, centroid) -> np.ndarray:
     """
     n, arms = len(legs), (legs - centroid)[:, :2].T
     arms = arms / np.abs(arms).max()
-    rows = np.vstack([arms, ALIKE * np.eye(n), np.full(n, WHOLE)])
-    found, _ = nnls(rows, np.r_[0, 0, np.full(n, ALIKE / n), WHOLE])
+    rows = np.vstack([arms, EQUAL_WEIGHT * np.eye(n), np.full(n, SUM_WEIGHT)])
+    found, _ = nnls(rows, np.r_[0, 0, np.full(n, EQUAL_WEIGHT / n), SUM_WEIGHT])
     return found / found.sum()
 
 
-def body(vertices, triangles) -> np.ndarray:
+def hull_moments(vertices, triangles) -> np.ndarray:
     """Return volume [m^3], centroid [m] and second moments [m^2] (10,) of a hull."""
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     volume = (a * np.cross(b, c)).sum(axis=1) / 6
@@ -219,9 +219,9 @@ def body(vertices, triangles) -> np.ndarray:
     return np.r_[volume.sum(), np.r_[first, second] / volume.sum()]
 
 
-def standing(shape, vertices):
+def with_supports(shape, vertices):
     """Return the shape whose corners are the vertices that carry the body."""
-    carry = legs(vertices, len(shape.corners))
+    carry = supporting_vertices(vertices, len(shape.corners))
     return replace(shape, corners=tuple((int(j), 0, 0) for j in carry))
 
 
@@ -246,14 +246,14 @@ def window_of_vertices(job, guess=None, resting=None):
         return window_of_sizes(job)
     theta, x = guess
     vertices = np.reshape(theta, (-1, 3))
-    shape = standing(job.shape, vertices)
+    shape = with_supports(job.shape, vertices)
     known = job.scene, shape, job.precision, job.reductions
     window = reduce(job.data, *known, guess=guess, cuts=job.cuts)
     if job.reductions.far:
         window = without_clear(window, vertices, x)
     resting = vertices if resting is None else np.reshape(resting, (-1, 3))
     ground = job.scene.ground is not None
-    return indexed(window, shape, vertices, x, ground, resting), shape
+    return polytope_window(window, shape, vertices, x, ground, resting), shape
 
 
 WINDOWS = {"sizes": window_of_sizes, "vertices": window_of_vertices}

@@ -8,6 +8,8 @@ import casadi as ca
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..geometry.transforms import quaternion_of, rotate_planar
+
 
 def poses(shape, motion, theta, x, ground):
     """Return position (T, 3) [m], quaternion (T, 4) wxyz, world, of poses x (u, T)."""
@@ -22,7 +24,7 @@ def poses(shape, motion, theta, x, ground):
     if ground is not None:
         position = ground.from_ground(position)
         rotation = Rotation.from_matrix(ground.rotation).inv() * rotation
-    return position, rotation.as_quat()[:, [3, 0, 1, 2]]
+    return position, quaternion_of(rotation)
 
 
 def body_corners(shape, theta) -> np.ndarray:
@@ -33,10 +35,8 @@ def body_corners(shape, theta) -> np.ndarray:
 def planar_corners(shape, theta, x) -> np.ndarray:
     """Return the corners of a body lying at the planar pose x, (corners, 3) [m]."""
     body = np.asarray(_corners(shape)(theta))
-    c, s = np.cos(x[2]), np.sin(x[2])
-    return np.stack(
-        [c * body[0] - s * body[1] + x[0], s * body[0] + c * body[1] + x[1], body[2]], 1
-    )
+    level = rotate_planar(x[2], *body[:2]) + x[:2, None]
+    return np.stack([*level, body[2]], 1)
 
 
 @cache

@@ -1,12 +1,12 @@
-"""What this scene does not need, dropped: from Measurements to a Window.
+"""Reduce measurements to the window that a scene needs: Measurements to Window.
 
-still   samples during which nothing can move share one pose
-far     a free finger far from the object says nothing
-absent  a finger that feels nothing carries no impulse
-planar  an object that lies flat and never tilts has three unknowns a pose, not six
-frictionless  a contact whose friction is zero carries no tangential impulse
+still         samples in which nothing can move share one pose
+far           a free finger far from the object carries no information
+absent        a finger that feels nothing exerts no impulse
+planar        an object that never tilts has three unknowns per pose, not six
+frictionless  a contact without friction has no tangential impulse
 
-Each can be switched off alone; `certify.py` checks them after the solve.
+Each can be switched off alone; `certificates.py` checks them after the solve.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from formulations.rigid_body import FREE, PLANAR
 from ..common.validation import check_types
 from ..data.sensor_noise import contact_latency
 from ..errors import OptionError
-from .fingertips import finger_of, poses
+from .fingertips import finger_of, finger_poses
 from .window import Corners, Group, Pushes, Rests, Samples, Steps, Window
 
-FAR = 30e-3  # [m] a free finger this far beyond the sensor's doubt is not asked
+FAR = 30e-3  # [m] a free finger this far beyond the sensor's doubt is left out
 OUTLIER_COST = 7.0  # [nats] one sample in a thousand is wrong beyond any noise
-MOVES = 0.1e-3  # [m] a guess that moves further in a sample needs poses of its own
+MIN_MOVE = 0.1e-3  # [m] a guess that moves further in a sample needs poses of its own
 ARM = 20e-3  # [m] one radian of turn counts as this much way
-SLIPPERY = 0.1  # [-] friction of the ground, where it is not known: little
-DOUBLE = 0.1  # [sample intervals] sooner than this, a sample has come twice
-SIDE = 0.7  # [-] |n_z| below which a normal belongs to a side
+UNKNOWN_FRICTION = 0.1  # [-] friction of the ground, where it is not known: little
+REPEATED = 0.1  # [sample intervals] sooner than this, a sample has come twice
+SIDE_NORMAL = 0.7  # [-] |n_z| below which a normal belongs to a side
 NAMES = (tuple, list, set, frozenset)  # of names to switch off
 
 
@@ -60,20 +60,18 @@ class Reductions:
         unknown = [n for n in off if not isinstance(n, str) or n not in names]
         if unknown:
             raise OptionError(
-                "no such reduction",
-                where="reduce",
-                got=unknown,
+                "no such reduction", where="reduce", got=unknown,
                 expected=f"True, False or names to switch off among {names}",
-            )
+            )  # fmt: skip
         return cls(**{name: name not in off for name in names})
 
 
-def insisted(page, reductions: Reductions) -> Reductions:
-    """Return the reductions with those switched on or off that a page insists on."""
+def required_reductions(page, reductions: Reductions) -> Reductions:
+    """Return the reductions with those switched on or off that a page requires."""
     return replace(reductions, **getattr(page, "REDUCTIONS", {}))
 
 
-def flat(page) -> bool:
+def states_planar_motion(page) -> bool:
     """Tell whether a page states planar motion only."""
     return getattr(page, "REDUCTIONS", {}).get("planar", False)
 
@@ -87,29 +85,18 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
     choice = choice or Reductions()
     motion = PLANAR if choice.planar else FREE
     first = np.r_[True, data.action[1:] != data.action[:-1]]
+    original = repeated_samples(data, first)
     moving = may_move(data, scene, first) if choice.still else np.ones_like(first)
     if motion is FREE and guess is not None:
-        moving = (moving | moves(guess[1])) & ~first
+        moving = (moving | guess_moves(guess[1])) & ~first
     moving[list(cuts)] = True
-    original = originals(data, first)
     moving &= original == np.arange(len(first))
-    before = np.r_[0, original[:-1]]
-    pose = np.cumsum(moving | first) - 1
-    sample, finger = np.nonzero(data.valid)
-    felt = data.contact[sample, finger]
-    p_wf = poses(data, scene)
-    everything = Samples(
-        sample, finger, pose[sample], p_wf[sample, finger],
-        data.finger_radius[finger], data.normal[sample, finger],
-        contact_latency(data)[sample, finger],
-    )  # fmt: skip
+    before, pose = np.r_[0, original[:-1]], np.cumsum(moving | first) - 1
+    everything, felt, p_wf = _finger_samples(data, scene, pose)
     free = everything.pick(~felt)
     if choice.far and guess is not None:
         free = free.pick(~is_far(free, scene, shape, motion, guess, precision))
-    known = moving & ~first
-    if coasts(scene):  # how fast it was at the start of a later action no one knows
-        known &= ~first[before] | (data.action == data.action[0])
-    step = _steps(data, pose, first, before, np.nonzero(known)[0])
+    step = _steps(data, scene, pose, first, before, moving)
     push = _pushes(data, p_wf, everything, felt, step, before, choice.absent)
     corner, lift, rest = _ground(scene, shape, motion, step, first, pose, guess)
     gap = np.nonzero(first)[0][1:]
@@ -121,15 +108,27 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
         push=push, unfelt=np.nonzero(~data.contact[push.sample, push.finger])[0],
         corner=corner, lift=lift, rest=rest,
         groups=_groups(len(step), push, corner),
-        frictionless=slippery(scene) if choice.frictionless else (),
+        frictionless=frictionless_contacts(scene) if choice.frictionless else (),
         sigma_position=precision.position, sigma_normal=precision.normal,
         outlier_cost=OUTLIER_COST, braking=friction_of(scene) * scene.gravity,
     )  # fmt: skip
 
 
+def _finger_samples(data, scene, pose):
+    """Return all valid samples, which of them felt contact, and finger poses."""
+    sample, finger = np.nonzero(data.valid)
+    p_wf = finger_poses(data, scene)
+    everything = Samples(
+        sample, finger, pose[sample], p_wf[sample, finger],
+        data.finger_radius[finger], data.normal[sample, finger],
+        contact_latency(data)[sample, finger],
+    )  # fmt: skip
+    return everything, data.contact[sample, finger], p_wf
+
+
 def friction_of(scene) -> float:
     """Return the friction of the ground, low where it is not known."""
-    return SLIPPERY if scene.friction_ground is None else scene.friction_ground
+    return UNKNOWN_FRICTION if scene.friction_ground is None else scene.friction_ground
 
 
 def may_move(data, scene, first) -> np.ndarray:
@@ -138,7 +137,7 @@ def may_move(data, scene, first) -> np.ndarray:
     It may while a finger touches it, and until friction with the ground has stopped it:
     v / (mu g) seconds after the last touch, at the speed v of the fastest finger.
     """
-    contact = maybe_touching(data).any(axis=1)
+    contact = possible_contact(data).any(axis=1)
     if coasts(scene):
         return np.logical_or.accumulate(contact) & ~first
     way = np.linalg.norm(np.diff(data.finger_position, axis=0), axis=2)
@@ -153,7 +152,7 @@ def may_move(data, scene, first) -> np.ndarray:
     return moving & ~first
 
 
-def maybe_touching(data) -> np.ndarray:
+def possible_contact(data) -> np.ndarray:
     """Tell where a finger felt contact, or nothing is known beside such samples (T, F).
 
     Samples that were not measured may have been contact where the last one before them,
@@ -173,13 +172,13 @@ def _last(valid, felt, action) -> np.ndarray:
     return same & np.take_along_axis(felt, last, 0)
 
 
-def originals(data, first) -> np.ndarray:
+def repeated_samples(data, first) -> np.ndarray:
     """Return for every sample its index, or that of the one which it repeats (T,).
 
     A sample that comes twice, a moment later, shares the pose of the first: as a time
-    step of its own it would turn a micrometre into a blow.
+    step of its own it would turn a micrometre into a large velocity.
     """
-    late = np.diff(data.time, prepend=-np.inf) >= DOUBLE * data.dt
+    late = np.diff(data.time, prepend=-np.inf) >= REPEATED * data.dt
     return np.maximum.accumulate(np.where(late | first, np.arange(len(first)), 0))
 
 
@@ -188,13 +187,13 @@ def coasts(scene) -> bool:
     return scene.ground is None or scene.gravity == 0 or scene.friction_ground == 0
 
 
-def moves(x) -> np.ndarray:
+def guess_moves(x) -> np.ndarray:
     """Tell for every sample of x (6, T) whether the guess moves on the way to it."""
     way = np.abs(np.diff(x, axis=1, prepend=x[:, :1]))
-    return (way[:3].max(axis=0) > MOVES) | (way[3:].max(axis=0) * ARM > MOVES)
+    return (way[:3].max(axis=0) > MIN_MOVE) | (way[3:].max(axis=0) * ARM > MIN_MOVE)
 
 
-def slippery(scene) -> tuple[str, ...]:
+def frictionless_contacts(scene) -> tuple[str, ...]:
     """Return the contacts whose friction is known to be zero."""
     of = {"finger": scene.friction_finger, "ground": scene.friction_ground}
     return tuple(name for name, mu in of.items() if mu == 0)
@@ -210,8 +209,12 @@ def is_far(free, scene, shape, motion, guess, precision) -> np.ndarray:
     return away > FAR + 10 * precision.position
 
 
-def _steps(data, pose, first, before, samples) -> Steps:
-    """Return the steps that end at `samples`; an action starts at rest."""
+def _steps(data, scene, pose, first, before, moving) -> Steps:
+    """Return the steps that end at moving samples; an action starts at rest."""
+    known = moving & ~first
+    if coasts(scene):  # its speed at the start of a later action is unknown
+        known &= ~first[before] | (data.action == data.action[0])
+    samples = np.nonzero(known)[0]
     one = before[samples]
     two = np.where(first[one], one, before[one])
     dt = data.time[samples] - data.time[one]
@@ -238,8 +241,10 @@ def _pushes(data, p_wf, everything, felt, step, before, only_felt) -> Pushes:
     n = everything.normal[chosen]
     side = np.cross([0.0, 0.0, 1.0], n)
     length = np.linalg.norm(side, axis=1, keepdims=True)
-    sideways = (length > SIDE).ravel()[:, None]
-    tangent = np.where(sideways, side / np.maximum(length, SIDE), [1.0, 0.0, 0.0])
+    sideways = (length > SIDE_NORMAL).ravel()[:, None]
+    tangent = np.where(
+        sideways, side / np.maximum(length, SIDE_NORMAL), [1.0, 0.0, 0.0]
+    )
     now, then = p_wf[s, f], p_wf[before[s], f]
     return Pushes(s, f, index[s], now, then, data.finger_radius[f], tangent)
 
@@ -254,21 +259,21 @@ def _ground(scene, shape, motion, step, first, pose, guess):
     if scene.ground is None:
         return none, none, Rests(none.step, none.signs)
     guess = guess if motion is FREE else None
-    low = lowest(shape, guess, step.sample)
+    low = lowest_corners(shape, guess, step.sample)
     corner = Corners(np.repeat(np.arange(len(low)), low.shape[1]), low.reshape(-1, 3))
     if motion is PLANAR:
         return corner, none, Rests(none.step, none.signs)
     start = np.nonzero(first & (scene.gravity > 0))[0]
-    low = lowest(shape, guess, start)
+    low = lowest_corners(shape, guess, start)
     at = np.repeat(pose[start], low.shape[1])
     return corner, corner, Rests(at, low.reshape(-1, 3))
 
 
-def lowest(shape, guess, samples) -> np.ndarray:
+def lowest_corners(shape, guess, samples) -> np.ndarray:
     """Return the signs of the corners nearest the ground at `samples`, (n, corners, 3).
 
     guess: theta and x (6, T); without one the object lies flat on shape.corners.  Of a
-    shape that is not mirrored these are all (a hull's: hull_window.py).
+    shape that is not mirrored these are all (a hull's: polytope_window.py).
     """
     low = np.array(shape.corners, float).reshape(-1, 3)
     if guess is None or not shape.mirrored:

@@ -1,9 +1,9 @@
-"""Write a reduced solution out in the unknowns that the reductions left out.
+"""Build the unreduced problem at a reduced solution, and transfer its multipliers.
 
-Samples that shared a pose get one each, every finger sample and every impulse that was
-dropped comes back: one problem, built once, on which all certificates are evaluated.
-What kept its multiplier keeps it; what is new has none, poses of the span they were
-merged in, and the page's own guess of an impulse.
+Every sample has a pose of its own, and every finger sample and impulse that was dropped
+is restored: one problem, built once, on which all certificates are evaluated.  Common
+constraints keep their multipliers.  New ones have zero multipliers, new poses are those
+of their still span, and new impulses the page's own guess.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ LEFT_OUT = ("still", "far", "absent")
 
 
 @dataclass(frozen=True, eq=False)
-class Expansion:
+class UnreducedProblem:
     """The unreduced problem at a reduced solution.
 
     x (unknowns,) SI and data of `problem`; multipliers by constraint, pulls (unknowns,)
@@ -50,18 +50,18 @@ class Expansion:
         return self.slope + held
 
 
-def expand(job, page, solved) -> Expansion:
+def unreduced(job, page, solved) -> UnreducedProblem:
     """Return a solved page without its reductions of samples, poses and impulses."""
     h, window, solution = solved.hypothesis, solved.window, solved.solution
     whole = replace(job.reductions, **dict.fromkeys(LEFT_OUT, False))
     more = replace(job, reductions=whole, cuts=())
     again, shape = window_of(more, (h.theta, h.x), solved.at.theta)
-    problem = Problem(kinds=job.kinds_of(page, again))
+    problem = Problem(term_functions=job.kinds_of(page, again))
     page.build(problem, again, job.scene, shape)
-    values, bounds, multipliers = carried(solved, again, problem)
+    values, bounds, multipliers = transferred_values(solved, again, problem)
     free = rows_of(samples_of(window.free), samples_of(again.free))
     unfelt = rows_of(samples_of(window.push), samples_of(again.push))
-    return Expansion(
+    return UnreducedProblem(
         window=again, problem=problem, x=problem.pack(values),
         data=problem.data(solution.parameters), multipliers=multipliers,
         pulls=problem.pack(bounds), far=np.nonzero(free < 0)[0],
@@ -69,7 +69,7 @@ def expand(job, page, solved) -> Expansion:
     )  # fmt: skip
 
 
-def carried(solved, again, problem) -> tuple[dict, dict, dict]:
+def transferred_values(solved, again, problem) -> tuple[dict, dict, dict]:
     """Return values, bound multipliers and multipliers of a solution for a problem.
 
     again: the window of `problem`, of the same data as that of `solved`.
@@ -88,8 +88,8 @@ def carried(solved, again, problem) -> tuple[dict, dict, dict]:
         bounds[name] = _columns(pull, source, np.zeros(v.guess.shape))
     for name, term in problem.constraints.items():
         source = came_from.get(name.split()[0], np.arange(term.instances))
-        old = solution.multipliers.get(name, np.zeros((0, term.kind.rows)))
-        none = np.zeros((term.kind.rows, term.instances))
+        old = solution.multipliers.get(name, np.zeros((0, term.function.rows)))
+        none = np.zeros((term.function.rows, term.instances))
         multipliers[name] = _columns(old.T, source, none).T
     return values, bounds, multipliers
 
@@ -102,11 +102,12 @@ def _columns(old, source, otherwise) -> np.ndarray:
     return out
 
 
-def samples_of(rows):
+def samples_of(rows) -> list[tuple[int, int]]:
+    """Return (sample, finger) of every row."""
     return list(zip(rows.sample.tolist(), rows.finger.tolist(), strict=True))
 
 
-def corners_of(window):
+def corners_of(window) -> list[tuple[int, int]]:
     """Return (sample, which corner of its step) of every ground contact."""
     steps = window.step.sample[window.corner.step].tolist()
     width = max(1, len(window.corner) // max(1, len(window.step)))

@@ -1,4 +1,4 @@
-"""What a page sees of the data: plain arrays and index lists, no branches.
+"""Define the window, the data as a page reads them: plain arrays and index lists.
 
 Every list may be empty; a term over an empty list costs nothing.  `pose` indexes the
 pose unknowns x: all samples of a still span share one.
@@ -16,7 +16,7 @@ from formulations.rigid_body import Motion
 from .poses import body_corners
 
 
-class _Rows:
+class Rows:
     """Arrays that share their first axis, an instance of a term each."""
 
     def __len__(self) -> int:
@@ -28,7 +28,7 @@ class _Rows:
 
 
 @dataclass(frozen=True, eq=False)
-class Samples(_Rows):
+class Samples(Rows):
     """Finger samples: index of the pose, where the finger is, p_wf (as in
     formulations/finger.py: (3,) [m] for a sphere), its radius [m], normal, and contact
     latency: how far [m] it may have moved since it last felt the contact.
@@ -44,7 +44,7 @@ class Samples(_Rows):
 
 
 @dataclass(frozen=True, eq=False)
-class Steps(_Rows):
+class Steps(Rows):
     """Time steps of dt [s]: index of the pose, and of one and two samples before."""
 
     sample: np.ndarray
@@ -55,7 +55,7 @@ class Steps(_Rows):
 
 
 @dataclass(frozen=True, eq=False)
-class Pushes(_Rows):
+class Pushes(Rows):
     """Finger contacts that may carry an impulse, each within one step.
 
     p_wf_1 is where the finger was a sample ago, tangent (3,) where t1 points.
@@ -71,7 +71,7 @@ class Pushes(_Rows):
 
 
 @dataclass(frozen=True, eq=False)
-class Corners(_Rows):
+class Corners(Rows):
     """Ground contacts, each at one corner of the shape within one step."""
 
     step: np.ndarray
@@ -79,7 +79,7 @@ class Corners(_Rows):
 
 
 @dataclass(frozen=True, eq=False)
-class Rests(_Rows):
+class Rests(Rows):
     """Corners on which the object rests while nothing pushes it, one pose each."""
 
     pose: np.ndarray

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..problem.poses import planar_corners
+from ..geometry.transforms import is_planar, matrices
+from ..problem.poses import body_corners, planar_corners
 from .margins import START_BEHIND
 
 SAME_BODY = 1e-3  # [m] corners of one body agree this well
@@ -122,8 +123,16 @@ def distinct(
 def same(shape, a: Hypothesis, b: Hypothesis, samples=COMPARED) -> bool:
     """Tell whether two hypotheses are the same body at the given samples."""
     for k in samples:
-        corners = [planar_corners(shape, h.theta, h.x[:, k]) for h in (a, b)]
+        corners = [_corners_at(shape, h, k) for h in (a, b)]
         apart = np.linalg.norm(corners[0][:, None] - corners[1][None], axis=2)
         if max(apart.min(axis=0).max(), apart.min(axis=1).max()) > SAME_BODY:
             return False
     return True
+
+
+def _corners_at(shape, h: Hypothesis, sample: int) -> np.ndarray:
+    """Return the corners (corners, 3) [m] of a body at a sample, planar or free."""
+    x = h.x[:, sample]
+    if is_planar(h.x):
+        return planar_corners(shape, h.theta, x)
+    return body_corners(shape, h.theta) @ matrices(x[:, None])[0].T + x[:3]

@@ -17,16 +17,16 @@ from formulations.finger_offset import NAME as OFFSET
 from formulations.rigid_body import PLANAR
 
 from ..geometry.faces import touched_faces
-from ..geometry.tipping import lifted
-from ..information.information import TOUCHED
+from ..geometry.tipping import planar_to_free
+from ..information.information import FACE_COSINE
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..nlp.solution import Solution, after
 from ..problem.certificates import Certificates
 from ..problem.polytope_window import window_of
 from ..problem.poses import poses
-from ..problem.reductions import insisted, reduce
-from ..problem.unreduced import carried
+from ..problem.reductions import reduce, required_reductions
+from ..problem.unreduced import transferred_values
 from .hypothesis import Hypothesis, Job
 from .margins import UNTOUCHED_FACE
 from .polytope_init import CLOSED, IPOPT_OPTIONS, with_vertices_on_hull
@@ -76,7 +76,7 @@ class Solved:
         """How many samples touched each face of a box, (3, 2): lower end, upper end."""
         at, motion = self.at, self.window.motion
         _, turned = poses(self.job.shape, motion, at.theta, at.x, None)
-        return touched_faces(self.job.data, turned, TOUCHED)
+        return touched_faces(self.job.data, turned, FACE_COSINE)
 
     @property
     def at(self) -> Hypothesis:
@@ -101,9 +101,9 @@ def best_first(solved) -> list[Solved]:
 
 def problem_for(job: Job, page, guess=None):
     """Return the problem that a page poses of a job's data, and the window."""
-    made = insisted(page, job.reductions)
+    made = required_reductions(page, job.reductions)
     window = reduce(job.data, job.scene, job.shape, job.precision, made, guess)
-    problem = Problem(kinds=job.kinds_of(page, window))
+    problem = Problem(term_functions=job.kinds_of(page, window))
     page.build(problem, window, job.scene, job.shape)
     return problem, window
 
@@ -115,7 +115,7 @@ def problem_at(job, page, hypothesis):
     """
     began = time.process_time()
     window, shape = window_of(job, (hypothesis.theta, hypothesis.x))
-    problem = Problem(kinds=job.kinds_of(page, window))
+    problem = Problem(term_functions=job.kinds_of(page, window))
     page.build(problem, window, job.scene, shape)
     return window, problem, time.process_time() - began
 
@@ -161,7 +161,7 @@ def solved_from(
     """
     shared = {} if shared is None else shared
     if not job.reductions.planar and len(hypothesis.x) == PLANAR.unknowns:
-        lying = lifted(hypothesis.theta, hypothesis.x, job.shape)
+        lying = planar_to_free(hypothesis.theta, hypothesis.x, job.shape)
         hypothesis = replace(hypothesis, x=lying)
     if not shared:
         window, problem, built = problem_at(job, page, hypothesis)
@@ -186,7 +186,7 @@ def transferred(known: Solved, window, problem) -> Solution:
     Values and multipliers of what both problems have are kept; the page guesses the
     values of the rest, whose multipliers are zero.
     """
-    values, pulls, multipliers = carried(known, window, problem)
+    values, pulls, multipliers = transferred_values(known, window, problem)
     return replace(
         known.solution, values=values, bound_multipliers=pulls, multipliers=multipliers
     )
@@ -213,12 +213,12 @@ def warm_started(
 def freed_to_tilt(job, page, slid: Solved, settings, mu_init: float) -> Solved:
     """Solve the page in free motion from its solution `slid` in planar motion."""
     s, at = slid.solution, slid.at
-    x = lifted(at.theta, s.values["x"], job.shape)
+    x = planar_to_free(at.theta, s.values["x"], job.shape)
     known = replace(
         s, values=s.values | {"x": x},
         bound_multipliers=s.bound_multipliers | {"x": np.zeros_like(x)},
     )  # fmt: skip
-    at = replace(at, x=lifted(at.theta, at.x, job.shape))
+    at = replace(at, x=planar_to_free(at.theta, at.x, job.shape))
     lying = replace(slid, hypothesis=at, solution=known)
     found = warm_started(job, page, lying, settings, mu_init)
     return replace(found, solution=after(s, found.solution))
@@ -274,7 +274,7 @@ def _rebuilt_for(job, page, solved, groups, options) -> Solved:
     for levels in groups:
         h = with_vertices_on_hull(job.shape, solved.at)
         window, problem, built = problem_at(job, page, h)
-        values, _, _ = carried(solved, window, problem)
+        values, _, _ = transferred_values(solved, window, problem)
         kept = {name: v for name, v in values.items() if name not in RESTARTED}
         start = kept | start_values(problem, window, h)
         solution = solve_levels(problem, levels, start, settings_of(job, options))

@@ -14,22 +14,22 @@ import numpy as np
 
 from formulations import polytope_planes
 
-from ..data.contact_segments import DOUBT, runs
+from ..data.contact_segments import NOISE_SIGMAS, contact_segments
 from ..geometry.convex_hull import (
-    AFLOAT,
-    HEIGHT,
+    CENTRE_HEIGHT,
+    FLOATING_HEIGHT,
     Ball,
     centroid,
-    corners,
-    fingers,
+    fingers_in_body,
     fitted_ball,
     nearest,
+    vertices_behind,
 )
-from ..geometry.transforms import directions_in_body
+from ..geometry.transforms import directions_in_body, rotate_planar
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..problem.reductions import reduce
-from ..problem.window import Window, _Rows
+from ..problem.window import Rows, Window
 
 FREE_REACH = 15e-3  # [m] free fingers further from a contact point are left out
 FACE_ANGLE = 0.03  # [rad] normals of one face agree this well
@@ -39,7 +39,7 @@ SEARCH_TIME = 20.0  # [s] at most, of one such solve
 
 
 @dataclass(frozen=True, eq=False)
-class Pairs(_Rows):
+class Pairs(Rows):
     """Touches and planes that they lie behind."""
 
     touch: np.ndarray
@@ -47,7 +47,7 @@ class Pairs(_Rows):
 
 
 @dataclass(frozen=True, eq=False)
-class Outside(_Rows):
+class Outside(Rows):
     """Touches whose contact point is outside a free finger at p_wf; pose: its index."""
 
     touch: np.ndarray
@@ -94,7 +94,7 @@ def in_body(touch, x, n) -> tuple[np.ndarray, np.ndarray]:
     """Return contact points (touches, 3) and normals, body frame at poses x (3, T)."""
     normal = directions_in_body(x, touch.sample, touch.normal)
     n = normal if n is None else n
-    return fingers(touch, x) - touch.radius[:, None] * n, normal
+    return fingers_in_body(touch, x) - touch.radius[:, None] * n, normal
 
 
 def planes_window(window, faces: Faces) -> PlanesWindow:
@@ -147,7 +147,7 @@ def poses_of_new_action(job, faces: Faces) -> np.ndarray:
     window = reduce(job.data, job.scene, job.shape, job.precision, job.reductions)
     start, known = continued_faces(window, faces, job.data.samples), len(faces.b)
     window = of_new_action(planes_window(window, start), faces.x, known)
-    problem = Problem(kinds=job.kinds_of(polytope_planes, window))
+    problem = Problem(term_functions=job.kinds_of(polytope_planes, window))
     polytope_planes.build(problem, window, job.scene, job.shape)
     plane = problem.variables["plane"]
     held = plane.first + np.arange(plane.rows * known)
@@ -166,7 +166,7 @@ def solution_from(problem, window, faces: Faces, levels, time_limit: float):
 def solved_faces(job, window, faces: Faces, levels, time_limit: float) -> Faces:
     """Return the planes and poses that the page finds from `faces`."""
     window = planes_window(window, faces)
-    problem = Problem(kinds=job.kinds_of(polytope_planes, window))
+    problem = Problem(term_functions=job.kinds_of(polytope_planes, window))
     polytope_planes.build(problem, window, job.scene, job.shape)
     s = solution_from(problem, window, faces, levels, time_limit)
     m, b = s.values["plane"][:3].T, s.values["plane"][3]
@@ -185,7 +185,7 @@ def merged_faces(window, faces: Faces) -> Faces:
     worst = np.array([off[plane == i].max(axis=0) for i in label])
     agree = np.maximum(worst, worst.T) < np.hypot(FACE_OFFSET, window.sigma_position)
     count = np.bincount(plane, minlength=len(b))
-    doubt = DOUBT * window.sigma_normal * np.sqrt(1 / count + 1 / count[:, None])
+    doubt = NOISE_SIGMAS * window.sigma_normal * np.sqrt(1 / count + 1 / count[:, None])
     agree &= n @ n.T > np.cos(np.minimum(np.hypot(FACE_ANGLE, doubt), np.pi / 2))
     for i, j in zip(*np.nonzero(np.triu(agree, 1)), strict=True):
         if agree[np.ix_(label == label[i], label == label[j])].all():
@@ -203,7 +203,7 @@ def merged_faces(window, faces: Faces) -> Faces:
 
 def faces_touched(window, vertices, x) -> Faces:
     """Return the planes of the touches of a known body at poses x (3, T)."""
-    centre = fingers(window.touch, x)
+    centre = fingers_in_body(window.touch, x)
     point = nearest(vertices, centre)
     n = centre - point
     n /= np.linalg.norm(n, axis=1, keepdims=True)
@@ -251,7 +251,7 @@ def continued_faces(window, faces: Faces, samples: int) -> Faces:
 
 def as_measured(window, touch, x) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the planes of touches at poses x, one for each segment: plane, n, b."""
-    plane = runs(touch, window.sigma_normal)
+    plane = contact_segments(touch, window.sigma_normal)
     _, normal = in_body(touch, x, None)
     count = np.bincount(plane)
     n = np.stack([np.bincount(plane, normal[:, k]) for k in range(3)], 1)
@@ -264,10 +264,8 @@ def as_measured(window, touch, x) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def centred(window, faces: Faces, size, ground) -> Faces:
     """Return the same motion with the body's origin below its centroid."""
     shift = centroid(rough_vertices(window, faces, size, ground))[:2]
-    c, s = np.cos(faces.x[2]), np.sin(faces.x[2])
     x = faces.x.copy()
-    x[0] += c * shift[0] - s * shift[1]
-    x[1] += s * shift[0] + c * shift[1]
+    x[:2] += rotate_planar(x[2], *shift)
     return replace(faces, x=x, b=faces.b - faces.n[:, :2] @ shift)
 
 
@@ -277,7 +275,9 @@ def rough_vertices(window, faces: Faces, size, ground) -> np.ndarray:
     points, _ = in_body(window.touch, faces.x, n[faces.plane])
     b = np.maximum(faces.b, (points @ n.T).max(axis=0))
     ball = unseen_ball(points, size, ground)
-    return corners(np.vstack([np.c_[n, b], unseen_halfspaces(points, ball, ground)]))
+    return vertices_behind(
+        np.vstack([np.c_[n, b], unseen_halfspaces(points, ball, ground)])
+    )
 
 
 def unseen_halfspaces(points, ball: Ball, ground) -> np.ndarray:
@@ -291,7 +291,7 @@ def unseen_halfspaces(points, ball: Ball, ground) -> np.ndarray:
 
 def unseen_ball(points, size, ground) -> Ball:
     """Return the ball that stands for the untouched side of the body."""
-    return fitted_ball(points, size, HEIGHT if ground else AFLOAT)
+    return fitted_ball(points, size, CENTRE_HEIGHT if ground else FLOATING_HEIGHT)
 
 
 def first_position(window, size: float) -> np.ndarray:

@@ -17,17 +17,17 @@ from formulations import polytope_quasi_static
 
 from ..common.interrupt import interruptible
 from ..common.progress import progress
-from ..data.contact_segments import credible
+from ..data.contact_segments import without_outliers
 from ..errors import NoContactError, SceneError, TactileError
 from ..geometry.convex_hull import (
     Ball,
-    corners,
     filled,
-    fingers,
+    fingers_in_body,
+    hull_vertices,
     merged,
     nearest,
-    outer,
     thinned,
+    vertices_behind,
 )
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
@@ -76,7 +76,7 @@ def polytope_from_planes(
         halfspaces = np.vstack([planes, unseen_halfspaces(points, fitted, ground)])
     elif (halfspaces := closing_halfspaces(planes, points, fitted, ground)) is None:
         return None
-    found = corners(halfspaces)
+    found = vertices_behind(halfspaces)
     cuts = separating_halfspaces(window, faces, points)
     for _ in range(MAX_CUTS):
         deep = (found @ cuts[:, :3].T).max(axis=0, initial=-np.inf) - cuts[:, 3]
@@ -84,10 +84,10 @@ def polytope_from_planes(
             break
         halfspaces = np.vstack([halfspaces, cuts[[np.argmax(deep)]]])
         try:
-            found = corners(halfspaces)
+            found = vertices_behind(halfspaces)
         except TactileError:
             break
-    return filled(thinned(outer(merged(found)), vertices), vertices)
+    return filled(thinned(hull_vertices(merged(found)), vertices), vertices)
 
 
 def closing_halfspaces(planes, points, ball: Ball, ground) -> np.ndarray | None:
@@ -98,13 +98,13 @@ def closing_halfspaces(planes, points, ball: Ball, ground) -> np.ndarray | None:
     """
     wide = replace(ball, radius=2 * CUBE_CORNER * ball.radius)
     halfspaces = np.vstack([planes, unseen_halfspaces(points, wide, ground)])
-    far = np.linalg.norm(corners(halfspaces) - ball.centre, axis=1).max()
+    far = np.linalg.norm(vertices_behind(halfspaces) - ball.centre, axis=1).max()
     return halfspaces if far < CUBE_CORNER * ball.radius else None
 
 
 def separating_halfspaces(window, faces: Faces, points) -> np.ndarray:
     """Return half-spaces (n, 4) between the touched points and every free finger."""
-    centre = fingers(window.free, faces.x)
+    centre = fingers_in_body(window.free, faces.x)
     if not len(centre):
         return np.zeros((0, 4))
     away = centre - nearest_in_hull(points, centre)
@@ -119,7 +119,7 @@ def nearest_in_hull(points, centre) -> np.ndarray:
     if len(points) < 4 or spread[-1] < 1e-4:
         apart = np.linalg.norm(points[None] - centre[:, None], axis=2)
         return points[np.argmin(apart, axis=1)]
-    return nearest(outer(points), centre)
+    return nearest(hull_vertices(points), centre)
 
 
 def check_round_fingertips(scene) -> None:
@@ -139,7 +139,7 @@ def with_vertices_on_hull(shape, h: Hypothesis) -> Hypothesis:
     if shape.parameters != "vertices":
         return h
     vertices = h.theta.reshape(-1, 3)
-    onto = filled(outer(vertices), len(vertices))
+    onto = filled(hull_vertices(vertices), len(vertices))
     return replace(h, theta=onto.ravel())
 
 
@@ -195,7 +195,7 @@ def bodies_from(job, faces: Faces) -> list[Hypothesis]:
 def polished(job, body: Hypothesis) -> Hypothesis:
     """Return the body with vertices and poses fitted to the measurements."""
     window, shape = window_of(job, (body.theta, body.x))
-    problem = Problem(kinds=job.kinds_of(polytope_quasi_static, window))
+    problem = Problem(term_functions=job.kinds_of(polytope_quasi_static, window))
     polytope_quasi_static.build(problem, window, job.scene, shape)
     options = SolverOptions(tolerance=SEARCH_TOLERANCE, time_limit=SEARCH_TIME)
     start = {"theta": body.theta.reshape(-1, 3).T, "x": body.x[:, window.last]}
@@ -213,7 +213,7 @@ def credible_data(data, sigma: float):
 
     Raises NoContactError where none is left.
     """
-    left = credible(data, sigma)
+    left = without_outliers(data, sigma)
     if (left.contact & left.valid).any():
         return left
     raise NoContactError(

@@ -16,7 +16,7 @@ import numpy as np
 from formulations import quasi_static
 from formulations.finger import SPHERE
 
-from ..geometry.transforms import carried
+from ..geometry.transforms import carried, rotate_planar
 from ..problem.fingertips import as_spheres
 from ..problem.reductions import reduce
 from .hypothesis import Hypothesis, Job
@@ -228,8 +228,7 @@ def _mean_normal(data, t, f) -> np.ndarray:
 
 def _grown(shape, theta, yaw, n, phi) -> np.ndarray:
     """Return theta with the side that looks along n moved out by phi."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    side = int(np.argmax(np.abs([c * n[0] + s * n[1], c * n[1] - s * n[0]])))
+    side = int(np.argmax(np.abs(rotate_planar(-yaw, n[0], n[1]))))
     grown = theta.copy()
     grown[side] = np.clip(grown[side] + phi, 2 * shape.bounds[0], shape.bounds[1])
     return grown

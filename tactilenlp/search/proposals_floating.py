@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..data.scene import Ground
-from ..geometry.tipping import lifted
+from ..geometry.tipping import planar_to_free
 from ..geometry.transforms import backward, continuous, matrices
 from .hypothesis import TermFunctions
 
@@ -80,7 +80,7 @@ def in_free_motion(h, ground: Ground, shape):
 
     The axes of a polytope are the world's at the last sample.
     """
-    x = lifted(h.theta, h.x, shape)
+    x = planar_to_free(h.theta, h.x, shape)
     p = ground.from_ground(x[:3].T)
     R = ground.rotation.T @ matrices(x)
     if shape.last_pose_held:

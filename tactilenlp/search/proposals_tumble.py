@@ -16,13 +16,13 @@ import numpy as np
 
 from formulations import quasi_static
 
-from ..geometry.tipping import FLAT, Tip, fall, lifted
-from ..geometry.transforms import carried, continuous, matrices
+from ..geometry.tipping import QUARTER_TURN, Tip, fall, planar_to_free
+from ..geometry.transforms import carried, continuous, matrices, rotate_planar
 from ..nlp.problem import Problem
-from ..problem.outliers import tilt_of
-from ..problem.reductions import SIDE, Reductions, reduce
+from ..problem.outliers import side_tilt
+from ..problem.reductions import SIDE_NORMAL, Reductions, reduce
 from .beam import beam
-from .hypothesis import Hypothesis
+from .hypothesis import Hypothesis, distinct
 from .local_solve import start_values
 from .proposals import BELOW_TOP, extensions
 
@@ -30,7 +30,6 @@ TIPPING_TILT = np.radians(2)  # a side normal that rises further shows tipping
 DEPTH_SHARES = (1.0, 2 / 3)  # [-] of the proposed depth: the edge is not observed
 # Which of the two horizontal sides are taken from before the tumble:
 KNOWN_SIDES = tuple(np.array(k, bool) for k in ((0, 0), (0, 1), (1, 0), (1, 1)))
-SAME_MOTION = 1e-3  # [m] free motions that agree this well, first and last, are one
 MAX_TUMBLES = 100  # proposals that are continued, the likeliest first
 
 
@@ -71,10 +70,10 @@ class Tumble:
         theta[:2] = np.where(known, self.theta[:2], theta[:2])
         stood, landed = self.before.x[:, self.start], later.x[:, n - 1]
         x = self._upright(theta, stood, landed)
-        past = lifted(theta, carried(self.before.x[:, :k], stood, x))
+        past = planar_to_free(theta, carried(self.before.x[:, :k], stood, x))
         p, R = self.tip.poses(theta, x)
         off = R[-1].T @ (p[-1] - [*landed[:2], p[-1, 2]])
-        after = lifted(np.abs(S) @ theta, later.x[:, n:])
+        after = planar_to_free(np.abs(S) @ theta, later.x[:, n:])
         R_after = matrices(after) @ S
         tail = slice(n - (self.x.shape[1] - k), n)
         R = np.concatenate([matrices(past), R[tail], R_after])
@@ -108,7 +107,7 @@ def tumbled(job, kept) -> list[Tumble]:
         for share, tip in _tips_to_try(tipped) if tipped is not None else ():
             thin, name = _thinned(h, tip, share), f"tips {len(out)}"
             p, R = tip.poses(thin.theta, thin.x[:, start])
-            flat = lifted(thin.theta, thin.x[:, : start + 1])
+            flat = planar_to_free(thin.theta, thin.x[:, : start + 1])
             fallen = np.hstack([p, continuous(R)])[:-1][start + 1 - h.x.shape[1] :]
             x = np.hstack([flat, fallen.T])
             out.append(Tumble(thin.theta, x, name, thin, start, tip))
@@ -121,7 +120,7 @@ def _tips_to_try(tip: Tip) -> list:
     Where the record ends while it is tipped less than halfway, either may follow.
     """
     ways = [(share, tip) for share in DEPTH_SHARES]
-    if tip.angle[-1] < FLAT / 2:
+    if tip.angle[-1] < QUARTER_TURN / 2:
         ways.append((1.0, replace(tip, end=0.0)))
     return ways
 
@@ -129,7 +128,7 @@ def _tips_to_try(tip: Tip) -> list:
 def _raised(job, h: Hypothesis) -> Hypothesis:
     """Return the hypothesis tall enough for the sides that were touched."""
     data = job.data
-    touched = data.contact & data.valid & (np.abs(data.normal[..., 2]) < SIDE)
+    touched = data.contact & data.valid & (np.abs(data.normal[..., 2]) < SIDE_NORMAL)
     touched &= (data.action == data.action[-1])[:, None]
     theta = h.theta.copy()
     highest = data.finger_position[touched][:, 2].max(initial=-np.inf)
@@ -149,8 +148,8 @@ def _thinned(h: Hypothesis, tip: Tip, share: float) -> Hypothesis:
 def recovered(job, evidence, width: int, solves: int, executor=None):
     """Return free hypotheses of all actions, best first: it tumbled in one of them.
 
-    evidence: what `contradicts` returns for the best planar hypothesis. Any action that
-    contradicts sliding and shows a rising normal may be the one.
+    evidence: of outliers.evidence_against_planar for the best planar hypothesis. Any
+    action that contradicts sliding and shows a rising normal may be the one.
     """
     actions, found = np.unique(job.data.action), []
     for action in [e.action for e in evidence if e.against and e.tilt > TIPPING_TILT]:
@@ -163,7 +162,7 @@ def recovered(job, evidence, width: int, solves: int, executor=None):
         tumbles = _likeliest(part, tumbled(part, kept))
         if tumbles:
             found += continued(job, tumbles, width, solves, executor)
-    return _distinct(sorted(found, key=_objective), width)
+    return distinct(job.shape, found, width, np.inf)
 
 
 def continued(job, tumbles, width: int, solves: int, executor=None):
@@ -186,7 +185,7 @@ def continued(job, tumbles, width: int, solves: int, executor=None):
     alone = rest == data.samples  # nothing was felt later: each lies as it fell
     pairs = zip(lying, tumbles, strict=True) if alone else product(later, tumbles)
     joined = [t.joined(h, known) for h, t in pairs for known in KNOWN_SIDES]
-    return _distinct(_costed(job, joined), width)
+    return distinct(job.shape, _costed(job, joined), width, np.inf)
 
 
 def _likeliest(job, tumbles) -> list[Tumble]:
@@ -224,26 +223,14 @@ def _objective(h: Hypothesis) -> float:
     return h.objective
 
 
-def _distinct(found, count: int) -> list[Hypothesis]:
-    """Return the first `count` of which no two are the same motion."""
-    kept = []
-    for h in found:
-        ends = np.r_[h.theta, h.x[:3, 0], h.x[:3, -1]]
-        if len(kept) < count and all(
-            np.abs(ends - e).max() > SAME_MOTION for e, _ in kept
-        ):
-            kept.append((ends, h))
-    return [h for _, h in kept]
-
-
 def _tipped(job, h):
     """Return the sample at which the last action tips the object, and how, or None."""
     data = job.data
     rows = np.nonzero(data.action == data.action[-1])[0]
     touched = (data.contact & data.valid)[rows]
     normals = data.normal[rows]
-    tilt = np.array([tilt_of(normals[:, f]) for f in range(data.fingers)]).T
-    tilt = np.where(touched & (np.abs(normals[..., 2]) < SIDE), tilt, -1.0)
+    tilt = np.array([side_tilt(normals[:, f]) for f in range(data.fingers)]).T
+    tilt = np.where(touched & (np.abs(normals[..., 2]) < SIDE_NORMAL), tilt, -1.0)
     if tilt.max() < TIPPING_TILT + 3 * job.precision.normal:
         return 0, None
     pusher = int(np.argmax(tilt.max(axis=0)))
@@ -253,9 +240,7 @@ def _tipped(job, h):
     first = upright[-1] if len(upright) else k[0]
     start = int(rows[first])
     x = h.x[:, start]
-    c, s = np.cos(x[2]), np.sin(x[2])
-    n = normals[k[0], pusher]
-    n_o = [c * n[0] + s * n[1], c * n[1] - s * n[0]]
+    n_o = rotate_planar(-x[2], *normals[k[0], pusher, :2])
     axis = int(np.argmax(np.abs(n_o)))
     angle = np.interp(np.arange(len(rows)), np.r_[first, k[k > first]],
                       np.r_[0.0, rising[k > first]])  # fmt: skip

@@ -12,6 +12,7 @@ from ..common.npz import write_npz
 from ..data.measurements import Measurements
 from ..data.noise_model import Noise, add_noise
 from ..errors import OptionError, SceneError
+from ..geometry.transforms import rotation_of
 from .mujoco_plant import LIVELIEST, STEP, Plant
 from .retraction import STILL, retraction
 
@@ -244,12 +245,11 @@ def _path(trajectory, F: int) -> tuple[Callable, float, np.ndarray]:
 
 def _pose(position, quaternion, corners: np.ndarray, ground: float | None):
     """Return the pose (7,) of a body whose corners (V, 3) [m] stand on the ground."""
-    from scipy.spatial.transform import Rotation
 
     quaternion = _checked("quaternion", quaternion, "unit length", 4)
     if not np.isclose(np.linalg.norm(quaternion), 1, atol=1e-6):
         raise _wrong("quaternion", "unit length", quaternion, "the order is wxyz")
-    R_wo = Rotation.from_quat(np.roll(quaternion, -1)).as_matrix()
+    R_wo = rotation_of(quaternion).as_matrix()
     lowest = (corners @ R_wo.T)[:, 2].min()
     position = _checked("position", np.atleast_1d(position), "m", None)
     if len(position) == 2 and ground is not None:
