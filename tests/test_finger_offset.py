@@ -199,7 +199,7 @@ def test_pages_that_know_no_offsets_say_so(recorded, formulation):
     scene = replace(scene, sigma_offset=SIGMA)
     with pytest.raises(SceneError, match=r"sigma_offset.*violation_implicit"):
         solve_estimate(data, scene, formulation=formulation)
-    with pytest.raises(SceneError, match="where they say"):
+    with pytest.raises(SceneError, match="measured finger positions as exact"):
         solve_estimate(data, scene, shape="polytope")
     with pytest.raises(SceneError, match="sigma_offset"):
         Scene(sigma_offset=0.0)

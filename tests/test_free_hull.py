@@ -93,6 +93,7 @@ def test_a_hull_that_slides_costs_the_same_in_free_motion(slid):
         assert other[name] == pytest.approx(one[name], rel=SAME, abs=SAME), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("grounded", [True, False])
 def test_the_page_in_free_motion_has_the_derivatives_of_finite_differences(
     slid, grounded

@@ -195,6 +195,7 @@ def contact_points(estimate):
     return R[-1].apply(body) + estimate.position[-1]
 
 
+@pytest.mark.slow
 def test_a_cuboid_seen_as_a_polytope_has_the_same_faces_where_it_was_touched(
     estimate, recorded
 ):
