@@ -65,6 +65,7 @@ def test_a_size_is_believed_to_be_as_doubtful_as_its_sigma_says():
     assert surer == pytest.approx(exact, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_body_that_may_tilt_gains_the_same_whichever_way_its_turn_is_counted():
     """Half a turn relabels the body, and a rotation vector has another chart there."""
     sigma = np.array([5e-3, 4e-3, 3e-3, 2e-3, 2e-3, 1e-3, 0.05, 0.1, 0.1])

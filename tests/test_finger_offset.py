@@ -33,6 +33,8 @@ OFF = np.array([[1.5, -1.0, 0.5], [-2.0, 1.0, -0.5]]) * 1e-3  # [m]
 # Fewer hypotheses than by default: two actions are searched in a second or two.
 LEAN = Options(hypotheses=2, starts=4, rivals=False)
 
+pytestmark = pytest.mark.usefixtures("not_compiled")  # compiling takes longer
+
 
 def lean(data, scene, start=None):
     return solve_estimate(data, scene, options=LEAN, start=start, throw=False)

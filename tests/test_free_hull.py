@@ -115,6 +115,7 @@ def test_the_page_in_free_motion_has_the_derivatives_of_finite_differences(
     assert set(report.unused) <= idle
 
 
+@pytest.mark.slow
 def test_moving_a_floating_hull_and_its_fingers_costs_nothing(slid):
     data, scene, vertices, x = slid
     scene = replace(scene, ground=None, gravity=0.0)
@@ -158,6 +159,7 @@ def test_what_falls_needs_no_impulse_and_what_hangs_does(slid):
     assert sum(fell[n] for n in balances) < 1e-6 * per_step
 
 
+@pytest.mark.slow
 def test_a_hull_that_tilts_stands_on_what_is_low_and_bears_nothing_in_the_air(slid):
     data, scene, vertices, x = slid
     free = planar_to_free(vertices.ravel(), x, SHAPE)
@@ -180,6 +182,7 @@ def test_a_hull_that_tilts_stands_on_what_is_low_and_bears_nothing_in_the_air(sl
     assert window.floor == -tilted[2, -1]
 
 
+@pytest.mark.slow
 def test_without_a_ground_a_window_has_none(slid):
     data, scene, vertices, x = slid
     free = planar_to_free(vertices.ravel(), x, SHAPE)

@@ -24,6 +24,8 @@ PLACES = [[0.05, 0.0, 0.04], [-0.05, 0.0, 0.04]]  # [m], either side of the body
 WRONG = np.deg2rad([[1.1, -0.6, 0.5], [-0.9, 0.4, 1.2]])  # of each joint
 LEAN = Options(hypotheses=2, starts=4, rivals=False)
 
+pytestmark = pytest.mark.usefixtures("not_compiled")  # compiling takes longer
+
 
 @pytest.fixture(scope="module")
 def joints():

@@ -213,6 +213,7 @@ def test_an_edited_equation_reaches_estimate_information_and_gain(
         assert 0 < expected_information_gain(e, action) < 100
 
 
+@pytest.mark.slow
 def test_the_impulses_of_shooting_balance_the_motion(recorded):
     data, scene, _ = recorded
     lean = Options(hypotheses=1, starts=2)
