@@ -14,16 +14,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from formulations.shape import CUBOID
-from tactilenlp import (
-    Measurements,
-    Options,
-    Problem,
-    Scene,
-    example_recording,
-    solve_estimate,
-)
+from tactilenlp import Measurements, Options, Scene, example_recording, solve_estimate
 from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.nlp.ipopt import solve
+from tactilenlp.nlp.problem import Problem
 from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 
 recording = example_recording()
@@ -36,9 +30,7 @@ axes = figure.subplots()
 for name in ("shooting", "violation_implicit"):
     lean = Options(hypotheses=1, starts=4)
     estimate = solve_estimate(data, scene, formulation=name, options=lean)
-    print(
-        f"{name}: {1e3 * estimate.side_lengths} mm, {estimate.seconds['total']:.1f} s"
-    )
+    print(f"{name}: {1e3 * estimate.side_lengths} mm, objective {estimate.objective}")
     best = np.argmin(estimate.information.sigma("side_lengths")[:2])  # of x and y
     with np.load(recording) as file:
         off = np.abs(file["side_lengths"] - estimate.side_lengths[best]).min()
@@ -48,9 +40,8 @@ for name in ("shooting", "violation_implicit"):
 
     # Build the same problem again; change that side, and keep the other unknowns.
     page, known, losses = import_module(f"formulations.{name}"), estimate.unknowns, []
-    window = reduce(
-        data, scene, CUBOID, precision, required_reductions(page, Reductions())
-    )
+    lean = required_reductions(page, Reductions())
+    window = reduce(data, scene, CUBOID, precision, lean)
     problem = Problem()
     page.build(problem, window, scene, CUBOID)
     for offset in offsets:

@@ -53,6 +53,7 @@ def problem_of(job, page):
     return problem_at(job, page, Hypothesis(theta, x, np.inf, ()))[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("page", "shape", "name"), CASES)
 @pytest.mark.parametrize("free", [False, True], ids=["planar", "free"])
 def test_a_term_is_the_same_function_whatever_else_its_window_holds(

@@ -19,6 +19,7 @@ def _closed():
     plt.close("all")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("view", ["scene", "top"])
 def test_a_film_has_a_frame_for_every_sample_asked_for(touched, truth, tmp_path, view):
     from PIL import Image

@@ -112,6 +112,7 @@ def test_the_called_distance_is_that_of_the_page_and_so_are_its_slopes():
             assert np.allclose(slopes, others, atol=1e-2 * most)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slopes", ["motion", "identity"])
 def test_no_action_is_expected_to_lose_information(cube, slopes):
     expected = ExpectedInformation(cube, SPACE, slopes=slopes)
@@ -193,6 +194,7 @@ def test_every_touch_makes_what_is_known_more(touched):
     assert (np.diff([before, *volumes]) > 3).all()  # nats
 
 
+@pytest.mark.slow
 def test_the_prediction_agrees_with_a_simulation_of_the_same_body():
     """Contacts sample by sample; the way of the body to a few millimetres."""
     rng, off, wrong, felt = np.random.default_rng(5), [], 0, 0

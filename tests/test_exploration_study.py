@@ -56,6 +56,7 @@ def asked(folder, executor="none", **changes):
     return Namespace(**given | {"executor": executor} | changes)
 
 
+@pytest.mark.slow
 def test_a_study_that_was_interrupted_runs_only_what_is_missing(
     modules, tmp_path, monkeypatch
 ):

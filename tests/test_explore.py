@@ -118,6 +118,7 @@ def first(data, count):
     return Measurements(**given, finger_radius=data.finger_radius)
 
 
+@pytest.mark.slow
 def test_samples_can_be_appended_while_an_action_still_runs(whole):
     steps, _ = whole
     given = {"options": QUICK["options"], "formulation": "quasi_static"}
@@ -259,6 +260,7 @@ def test_an_estimate_apart_from_what_was_touched_is_not_aimed_at(whole):
     assert "apart from what was touched" in astray(far)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("policy", ["random", "fisher", "farthest"])
 def test_the_other_policies_act_too(whole, policy):
     steps, world = whole

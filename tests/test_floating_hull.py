@@ -36,7 +36,7 @@ AFLOAT = Scene(ground=None, gravity=0.0)
 RADIUS = 0.03  # [m] of the octahedron that floats
 SHAPE = polytope()
 
-pytestmark = pytest.mark.usefixtures("not_compiled")
+pytestmark = [pytest.mark.usefixtures("not_compiled"), pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")

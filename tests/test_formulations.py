@@ -45,6 +45,7 @@ def touched(recorded):
     return data.select(range(2)), scene, truth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("page", PAGES)
 def test_every_term_of_a_page_has_the_derivatives_of_finite_differences(

@@ -49,6 +49,7 @@ def hang(setup):
     setup.world._last_tick -= 1.0  # as if a second had passed since
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("harm", "error", "word"),
     [
@@ -90,6 +91,7 @@ def test_a_board_that_hears_nothing_any_more_switches_itself_off():
         assert not setup.robot.fingers[0].boards[0].current.any()
 
 
+@pytest.mark.slow
 def test_a_camera_that_freezes_ends_it_within_200_ms(tmp_path):
     with Setup("densetact", tape=tmp_path / "tape") as setup:
         setup.world._start()

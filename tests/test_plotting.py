@@ -64,6 +64,7 @@ def sides(estimate, sample, vertices):
     return np.ptp(along, axis=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plot", PLOTS)
 def test_a_figure_is_made_without_warnings_and_without_nan(plot, touched):
     figure = plot(touched)  # warnings are errors in all tests
@@ -186,6 +187,7 @@ def test_contacts_lie_on_the_surface(touched):
         assert (abs(p_ow) <= touched.side_lengths[:2] / 2 + 5e-4).all()
 
 
+@pytest.mark.slow
 def test_fingers_are_drawn_where_they_were_not_where_they_say(touched, tmp_path):
     off = np.array([[1.5, -1.0, 0.5], [-2.0, 1.0, -0.5]]) * 1e-3
     data = touched.measurements
@@ -241,6 +243,7 @@ def hull():
     return solve_estimate(data, Scene.load(file), **how)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plot", PLOTS)
 def test_a_polytope_is_drawn_as_well(plot, hull):
     figure = plot(hull)  # warnings are errors in all tests

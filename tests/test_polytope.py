@@ -123,6 +123,7 @@ def test_value_slope_and_curvature_agree_with_finite_differences():
         assert np.abs(bend - curvature[:, i]).max() < 1e-3 * np.abs(curvature).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "extra",
     [CUBE[0], CUBE[[0, 1, 3, 2]].mean(axis=0), np.zeros(3)],

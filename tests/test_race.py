@@ -83,6 +83,7 @@ def test_levels_that_hold_poses_are_solved_one_by_one(case):
     assert len(solved) == len(kept) == 2
 
 
+@pytest.mark.slow
 def test_a_past_that_jumps_is_followed_backward_without_the_jump(recorded):
     from tactilenlp import solve_estimate
 

@@ -27,6 +27,7 @@ def shot(friction_ground):
     return world, world.truth.object_position[:, 0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", ["box", "icosahedron"])
 def test_resting_object_does_not_drift(shape):
     if shape == "box":
@@ -71,6 +72,7 @@ def test_a_box_that_falls_comes_back_up_by_the_square_of_its_restitution():
         assert np.sqrt((z[landed:].max() - 0.02) / 0.05) == pytest.approx(e, abs=0.05)
 
 
+@pytest.mark.slow
 def test_fingers_sink_in_by_less_than_a_tenth_of_a_millimetre():
     for mass in (0.5, 2.0):
         world = World(SIZES, mass=mass)

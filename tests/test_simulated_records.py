@@ -28,6 +28,7 @@ def test_contact_is_a_normal_force_above_the_threshold(pushed):
     np.testing.assert_array_equal(numb.truth.normal_force, truth.normal_force[:31])
 
 
+@pytest.mark.slow
 def test_parked_finger_is_not_valid_even_where_it_is_touched():
     world = World(SIZES)
     stop = [-0.036, 0.0, 0.02]  # behind the box, which is pushed against it

@@ -81,6 +81,7 @@ def test_solved_pages_are_left_as_they_are(recorded, pressed, tmp_path):
     assert Estimate.load(tmp_path / "unfinished.npz").status == found.status
 
 
+@pytest.mark.slow
 def test_rough_levels_of_a_race_are_better_than_least_motion(recorded, pressed):
     from tactilenlp.search import multistart as race
 
