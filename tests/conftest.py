@@ -1,5 +1,8 @@
 """What several tests share: where the shared recordings lie, and small estimates."""
 
+import fcntl
+import os
+import pickle
 from pathlib import Path
 
 import pytest
@@ -71,21 +74,42 @@ def recorded():
 
 
 @pytest.fixture(scope="session")
-def estimate(recorded):
+def once(tmp_path_factory):
+    """Return a function: what `make()` returns, made by one worker of pytest-xdist.
+
+    The workers of a run share a folder, into which the first one that asks writes it.
+    """
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        return lambda name, make: make()
+    folder = tmp_path_factory.getbasetemp().parent
+
+    def made(name, make):
+        with (folder / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)  # the others wait until it is written
+            file = folder / f"{name}.pickle"
+            if not file.exists():
+                file.write_bytes(pickle.dumps(make()))
+            return pickle.loads(file.read_bytes())
+
+    return made
+
+
+@pytest.fixture(scope="session")
+def estimate(recorded, once):
     """The estimate of the first three actions of the recording."""
     from tactilenlp import solve_estimate
 
     data, scene, _ = recorded
-    return solve_estimate(data.select(range(3)), scene)
+    return once("estimate", lambda: solve_estimate(data.select(range(3)), scene))
 
 
 @pytest.fixture(scope="session")
-def touched(recorded):
+def touched(recorded, once):
     """The estimate of two actions, after which some faces are still untouched."""
     from tactilenlp import solve_estimate
 
     data, scene, _ = recorded
-    return solve_estimate(data.select(range(2)), scene)
+    return once("touched", lambda: solve_estimate(data.select(range(2)), scene))
 
 
 @pytest.fixture

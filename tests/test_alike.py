@@ -32,7 +32,9 @@ CASES = [
     (quasi_static, CUBOID, "cuboid"),
     (violation_implicit, CUBOID, "cuboid"),
     (polytope_quasi_static, polytope(8), "polytope"),
-    (polytope_violation_implicit, polytope(8), "polytope"),
+    pytest.param(
+        polytope_violation_implicit, polytope(8), "polytope", marks=pytest.mark.slow
+    ),
 ]
 CUBE = 0.02 * (2.0 * np.indices((2, 2, 2)).reshape(3, 8).T - 1) + [0, 0, 0.02]
 

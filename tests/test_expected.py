@@ -123,6 +123,7 @@ def left_and_top():
     return solve_estimate(data, Scene()), world.pose
 
 
+@pytest.mark.slow
 def test_with_left_and_top_touched_the_unseen_right_side_gains_most(left_and_top):
     estimate, pose = left_and_top
     yaw, alone = 2 * np.arctan2(pose[6], pose[3]), Workspace(fingers=1)

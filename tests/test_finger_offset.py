@@ -33,6 +33,8 @@ OFF = np.array([[1.5, -1.0, 0.5], [-2.0, 1.0, -0.5]]) * 1e-3  # [m]
 # Fewer hypotheses than by default: two actions are searched in a second or two.
 LEAN = Options(hypotheses=2, starts=4, rivals=False)
 
+pytestmark = pytest.mark.usefixtures("not_compiled")  # compiling takes longer
+
 
 def lean(data, scene, start=None):
     return solve_estimate(data, scene, options=LEAN, start=start, throw=False)
@@ -85,8 +87,9 @@ def test_derivatives_with_offsets_are_those_of_finite_differences(
     assert max(worst, report.assembled) < 1e-4, str(report)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("page", [quasi_static, violation_implicit])
+@pytest.mark.parametrize(
+    "page", [quasi_static, pytest.param(violation_implicit, marks=pytest.mark.slow)]
+)
 def test_an_offset_is_the_same_as_fingers_elsewhere(recorded, page):
     data, scene, _ = recorded
     data = data.select([0, 1])
@@ -119,6 +122,7 @@ def certain(recorded):
     return lean(data.select(range(2)), replace(scene, sigma_offset=1e-9))
 
 
+@pytest.mark.slow
 def test_a_prior_that_is_certain_is_the_same_as_none(certain, exact):
     again = certain
     assert again.objective == pytest.approx(exact.objective, abs=1e-4)
@@ -228,6 +232,7 @@ def test_what_is_known_of_body_and_offsets_marginalises_to_the_body(told):
     assert np.allclose(C, np.linalg.inv(information.matrix), rtol=1e-6, atol=0)
 
 
+@pytest.mark.slow
 def test_a_certain_prior_tells_of_an_action_what_none_does(certain, exact, action):
     gains = [
         ExpectedInformation(e, action.workspace, hypotheses=1).gain(action)

@@ -58,6 +58,7 @@ def held(world):
     return felt[felt[:, 0] > felt[0, 0]].T
 
 
+@pytest.mark.slow
 def test_a_floating_hull_is_found_where_it_was_touched(world, afloat):
     data = world.measurements
     assert afloat.success
@@ -78,6 +79,7 @@ def test_a_floating_hull_is_found_where_it_was_touched(world, afloat):
     assert away.max() < 0.5e-3
 
 
+@pytest.mark.slow
 def test_its_faces_are_followed_as_it_turns(world, afloat):
     true = world.truth
     there = Rotation.from_quat(np.roll(true.object_quaternion, -1, axis=1))
@@ -90,6 +92,7 @@ def test_its_faces_are_followed_as_it_turns(world, afloat):
     assert turned > np.radians(5)  # there was something to follow
 
 
+@pytest.mark.slow
 def test_a_way_is_found_on_which_fingers_keep_their_faces(world, afloat):
     data, true = world.measurements, world.truth
     (h,) = carried_hypotheses(afloat, SHAPE, AFLOAT, data)
@@ -123,6 +126,7 @@ def test_a_touch_is_of_faces_that_are_as_it_was_felt():
     assert noisy.sum() == 2
 
 
+@pytest.mark.slow
 def test_every_normal_is_that_of_the_body_where_it_is_then(world, afloat):
     data = world.measurements
     for t, f in zip(*held(world), strict=True):
@@ -132,6 +136,7 @@ def test_every_normal_is_that_of_the_body_where_it_is_then(world, afloat):
         assert np.linalg.norm(np.cross(out, data.normal[t, f])) < np.radians(1)
 
 
+@pytest.mark.slow
 def test_what_no_one_touched_of_it_is_not_known_and_said_so(afloat):
     sigma, touched = face_sigma(afloat), afloat.faces > 3
     assert sigma[touched].max() < 0.5 * np.median(sigma[afloat.faces == 0])
@@ -139,6 +144,7 @@ def test_what_no_one_touched_of_it_is_not_known_and_said_so(afloat):
     assert any("never touched" in words for words in afloat.information.unobserved)
 
 
+@pytest.mark.slow
 def test_nothing_of_a_ground_is_in_the_estimate(afloat):
     assert "ground" not in afloat.impulses
     assert not any("ground" in name or name == "rest" for name in afloat.costs)
@@ -150,6 +156,7 @@ def test_nothing_of_a_ground_is_in_the_estimate(afloat):
     assert "polytope" in afloat.summary()
 
 
+@pytest.mark.slow
 def test_the_estimate_of_a_floating_hull_survives_the_disk(afloat, tmp_path):
     afloat.save(tmp_path / "hull.npz")
     back = Estimate.load(tmp_path / "hull.npz")
@@ -157,6 +164,7 @@ def test_the_estimate_of_a_floating_hull_survives_the_disk(afloat, tmp_path):
     assert back.summary() == afloat.summary()
 
 
+@pytest.mark.slow
 def test_a_floating_hull_starts_the_next_search_from_where_it_is(world, afloat):
     data = world.measurements
     job = make_job(data, AFLOAT, SHAPE, Options(), 0.0, page)
@@ -188,6 +196,7 @@ def loose(slid):
     )
 
 
+@pytest.mark.slow
 def test_a_hull_that_only_slid_is_found_again_in_free_motion(slid, loose):
     planar, free = slid, loose
     assert [len(e.unknowns["x"]) for e in (planar, free)] == [3, 6]
@@ -210,6 +219,7 @@ def test_a_hull_that_only_slid_is_found_again_in_free_motion(slid, loose):
         assert after.sigma[same] < 3 * sigma + 0.5e-3
 
 
+@pytest.mark.slow
 def test_in_free_motion_it_stays_on_the_ground_that_carries_it(slid, loose):
     data, free = slid.measurements, loose
     x = free.unknowns["x"]

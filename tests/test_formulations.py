@@ -21,6 +21,8 @@ from tactilenlp.problem.reductions import Reductions, reduce
 
 PAGES = {"quasi_static": quasi_static, "violation_implicit": violation_implicit}
 
+pytestmark = pytest.mark.usefixtures("not_compiled")  # compiling takes longer
+
 
 CASES = {
     "planar": {},

@@ -112,6 +112,7 @@ def test_listening_without_a_recording_does_not_grow():
             assert {len(board.series(quantity)[0]) for quantity in Quantity} == {1}
 
 
+@pytest.mark.slow
 def test_what_is_kept_between_actions_is_the_newest_alone():
     with Setup(make=Patient) as setup:
         setup.world.execute(FREE)

@@ -40,6 +40,7 @@ def session():
 # What is measured
 
 
+@pytest.mark.slow
 def test_an_action_comes_back_at_30_hz_and_the_next_one_goes_on(session):
     setup, (first, second), _ = session
     assert 22 <= first.samples <= 23
@@ -49,6 +50,7 @@ def test_an_action_comes_back_at_30_hz_and_the_next_one_goes_on(session):
     assert setup.world.measurements == first.append(second)
 
 
+@pytest.mark.slow
 def test_the_measured_tips_are_where_the_simulated_ones_were(session):
     setup, data, _ = session
     times = np.array([now for now, _ in setup.trace])
@@ -64,6 +66,7 @@ def test_the_measured_tips_are_where_the_simulated_ones_were(session):
         assert np.abs(off[one.valid]).max() < 2e-5  # straight lines between 2 ms
 
 
+@pytest.mark.slow
 def test_a_parked_finger_stays_and_is_not_valid(session):
     _, (first, _), _ = session
     assert not first.valid[:, 1].any()
@@ -71,6 +74,7 @@ def test_a_parked_finger_stays_and_is_not_valid(session):
     assert np.ptp(first.finger_position[:, 1], axis=0).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_pictures_of_a_push_give_contact_and_the_faces_normal(session):
     _, (first, second), _ = session
     assert 3 < first.contact[:, 0].sum() < 20
@@ -86,6 +90,7 @@ def test_pictures_of_a_push_give_contact_and_the_faces_normal(session):
     assert abs(gap) < 3e-3
 
 
+@pytest.mark.slow
 def test_the_object_moved_as_the_papers_did(session):
     _, _, (_, pose) = session
     assert 2e-3 < np.linalg.norm(pose[:2]) < 0.02

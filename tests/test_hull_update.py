@@ -69,6 +69,7 @@ def test_a_touch_that_no_hull_explains_sends_the_whole_way(octahedron, early, ca
     assert rejected_an_update(caplog)
 
 
+@pytest.mark.slow
 def test_only_an_estimate_of_all_actions_but_one_is_extended(octahedron, early):
     assert hull_update.is_one_action_more(early, job_of(octahedron, 4), PAGE)
     assert not hull_update.is_one_action_more(early, job_of(octahedron, 5), PAGE)
@@ -78,6 +79,7 @@ def test_only_an_estimate_of_all_actions_but_one_is_extended(octahedron, early):
     assert not hull_update.is_one_action_more(failed, job_of(octahedron, 4), PAGE)
 
 
+@pytest.mark.slow
 def test_the_past_is_posed_again_as_it_was_solved(octahedron, early):
     past = hull_update.past_solution(
         replace(job_of(octahedron, 4), cuts=early.cuts), PAGE, early
@@ -98,6 +100,7 @@ def test_the_past_is_posed_again_as_it_was_solved(octahedron, early):
     )
 
 
+@pytest.mark.slow
 def test_the_window_of_an_action_is_that_of_its_samples(octahedron, early):
     job = job_of(octahedron, 4)
     past = hull_update.past_solution(replace(job, cuts=early.cuts), PAGE, early)

@@ -24,6 +24,8 @@ PLACES = [[0.05, 0.0, 0.04], [-0.05, 0.0, 0.04]]  # [m], either side of the body
 WRONG = np.deg2rad([[1.1, -0.6, 0.5], [-0.9, 0.4, 1.2]])  # of each joint
 LEAN = Options(hypotheses=2, starts=4, rivals=False)
 
+pytestmark = pytest.mark.usefixtures("not_compiled")  # compiling takes longer
+
 
 @pytest.fixture(scope="module")
 def joints():
@@ -98,7 +100,9 @@ def test_derivatives_are_those_of_finite_differences(recorded, joints, page):
     assert max(worst, report.assembled) < 1e-4, str(report)
 
 
-@pytest.mark.parametrize("page", [quasi_static, violation_implicit])
+@pytest.mark.parametrize(
+    "page", [quasi_static, pytest.param(violation_implicit, marks=pytest.mark.slow)]
+)
 def test_an_offset_is_the_same_as_fingers_elsewhere_and_turned(recorded, joints, page):
     data, scene, _ = recorded
     data, e = data.select([0, 1]), 1e-3 * np.array([[1.5, -1.0, 0.5], [-2.0, 1.0, 0.4]])

@@ -22,6 +22,8 @@ SCENE = Scene()
 W = SCENE.mass * 9.81 / 30  # [N s] the weight over a step
 WEIGHT = {name: value for name, (value, _) in paper.WEIGHTS.items()}
 
+pytestmark = pytest.mark.usefixtures("not_compiled")  # compiling takes longer
+
 
 @pytest.fixture(scope="module")
 def free(recorded):

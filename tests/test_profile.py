@@ -55,7 +55,7 @@ def test_a_parabola_has_the_deviation_of_its_curvature():
 def test_a_kink_is_as_wide_as_its_slopes_say():
     slope = 80.0  # [nats / m] where the kink itself looks as sharp as SHARP
     found, _ = deviation(lambda d: slope * abs(d))
-    assert found > 10 * SHARP
+    assert found > VAGUE_SHARE * PRIOR  # 6 mm cost 0.48 nats, less than one sigma
     assert slope * found < PROFILE_RISE  # no farther than where that is the price
 
 
@@ -63,8 +63,9 @@ def test_a_larger_body_tells_how_far_a_size_may_be_off():
     def price(d):  # on its right an exponential of 2 mm, on its left a parabola
         return 500 * d if d > 0 else (d / SHARP) ** 2 / 2
 
+    # The second step of a straight line ends where the rise is reached.
     where_it_costs_so_much = np.sqrt(PROFILE_RISE / 2) * 2e-3
-    assert deviation(price)[0] == pytest.approx(where_it_costs_so_much, rel=0.3)
+    assert deviation(price)[0] == pytest.approx(where_it_costs_so_much)
 
 
 def test_of_a_pose_both_ways_are_asked_for_and_the_flatter_one_counts():
@@ -73,8 +74,9 @@ def test_of_a_pose_both_ways_are_asked_for_and_the_flatter_one_counts():
         def price(d, side=side):
             return 500 * side * d if side * d > 0 else (d / SHARP) ** 2 / 2
 
+        # The profile of a pose ends at half the rise of that of a size.
         flatter = deviation(price, None)[0]
-        assert flatter == pytest.approx(np.sqrt(PROFILE_RISE / 2) * 2e-3, rel=0.3)
+        assert flatter == pytest.approx(np.sqrt(PROFILE_RISE / 4) * 2e-3)
 
 
 def test_a_pose_is_no_surer_than_its_curvature():
@@ -87,8 +89,10 @@ def test_faces_that_were_felt_go_along_with_a_larger_body():
 
 
 def test_what_costs_nothing_is_known_by_its_prior_alone():
-    assert deviation(lambda d: 0.0)[0] == pytest.approx(PRIOR, rel=0.9)
-    assert deviation(lambda d: 0.0)[0] >= VAGUE_SHARE * PRIOR
+    # The profile ends where the sigma is vague, and no farther than where PROFILE_RISE
+    # nats would leave it so: 0.3 to 0.73 deviations of the prior.
+    found = deviation(lambda d: 0.0)[0] / PRIOR
+    assert VAGUE_SHARE <= found <= VAGUE_SHARE * np.sqrt(2 * PROFILE_RISE) < 0.75
 
 
 @pytest.mark.parametrize("slope", [60.0, 200.0, 2e4])
@@ -129,8 +133,12 @@ def test_an_untouched_size_is_no_surer_than_its_profile(touched, recorded):
     untouched = [i for i, faces in enumerate(touched.faces) if faces.min() == 0]
     assert untouched
     sigma = touched.information.sigma("side_lengths")
-    error = np.sort(touched.side_lengths) - np.sort(truth)
-    assert np.abs(error).max() < 3 * sigma.max()
+    never = touched.faces.max(axis=1) == 0
+    assert never.any()
+    assert (sigma[never] >= VAGUE_SHARE * PRIOR).all()
+    order = np.argsort(touched.side_lengths)  # the names of the axes are arbitrary
+    error = touched.side_lengths[order] - np.sort(truth)
+    assert (np.abs(error) < 3 * sigma[order]).all()  # each by its own sigma
 
 
 def test_a_place_that_the_hessian_claims_little_of_is_no_surer_than_that(touched):

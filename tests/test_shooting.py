@@ -208,11 +208,12 @@ def test_an_edited_equation_reaches_estimate_information_and_gain(
     told[0, 0] = 1e6
     gains = [information_gain(k, told) for k in known]
     assert gains[0] < np.log(2) / 2 + 0.01 < 1 < gains[1]
-    for e in (mine, plain):
-        action = Workspace().action([0.0, 0.2, 0.3, 0.2])
-        assert 0 < expected_information_gain(e, action) < 100
+    action = Workspace().action([0.0, 0.2, 0.3, 0.2])
+    expected = [expected_information_gain(e, action) for e in (mine, plain)]
+    assert 0 < expected[0] < expected[1] < 100  # less is left to tell of a known side
 
 
+@pytest.mark.slow
 def test_the_impulses_of_shooting_balance_the_motion(recorded):
     data, scene, _ = recorded
     lean = Options(hypotheses=1, starts=2)

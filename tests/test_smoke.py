@@ -12,6 +12,8 @@ APEX = 4e-3  # [weights] pages round the apex of the friction cone by 3e-3
 # 0.3 mm; the paper's logistic is as happy with a finger inside.
 OFF = dict.fromkeys(FORMULATIONS, 1e-3) | {"paper": 5e-3}
 
+pytestmark = pytest.mark.usefixtures("not_compiled")  # compiling takes longer
+
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_every_page_puts_the_surface_where_an_action_touched(recorded, formulation):

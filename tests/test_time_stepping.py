@@ -20,6 +20,8 @@ SIDES = np.array([0.05, 0.04, 0.03])
 AWAY = np.array([1.0, 1.0, 0.02])  # [m] a finger here touches nothing
 BODY = Sliding(CUBOID, SPHERE, mass=0.5, gravity=G)
 
+pytestmark = pytest.mark.usefixtures("not_compiled")  # compiling takes longer
+
 
 @pytest.fixture(scope="module")
 def step():
