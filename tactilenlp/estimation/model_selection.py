@@ -33,7 +33,7 @@ log = logging.getLogger("tactilenlp")
 
 
 def excess_of(job, solved: Solved) -> tuple[float, float]:
-    """Return the excess of the touches over their expected cost, and the gain asked for.
+    """Return the excess of the touches over their expected cost, and the gain to ask.
 
     Both in nats; no larger model can gain much more than the excess.
     """
