@@ -45,7 +45,7 @@ from .ground_contact import GroundContact
 from .level import Level
 from .rigid_body import G
 
-COMPLIANT = True  # fingertips may be soft
+FREED = ("rigid", "planar")  # reductions that are undone where the data ask for it
 OFFSETS = True  # of fingers may be unknown
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (

@@ -17,7 +17,7 @@ from dataclasses import replace
 from ..data.sensor_noise import variance_left
 from ..information.goodness_of_fit import NOTHING, misfits
 from ..problem.certificates import Skipped
-from ..problem.reductions import required_reductions, states_planar_motion
+from ..problem.reductions import required_reductions
 from ..search.local_solve import (
     RESTART_MU,
     Solved,
@@ -87,15 +87,14 @@ def with_tilt(job, page, best: Solved, options) -> Solved:
 def may_be_soft(job, page) -> bool:
     """Tell whether fingertips are rigid by assumption, and a page can free them."""
     unknown = job.scene.compliance is None and job.reductions.rigid
-    return unknown and getattr(page, "COMPLIANT", False)
+    return unknown and "rigid" in getattr(page, "FREED", ())
 
 
 def may_tilt(job, page) -> bool:
     """Tell whether a body slides flat by assumption, and a page can let it tilt."""
-    made = required_reductions(page, job.reductions)
-    return (
-        job.scene.ground is not None and made.planar and not states_planar_motion(page)
-    )
+    made = required_reductions(page, job.reductions).planar
+    ground = job.scene.ground is not None
+    return ground and made and "planar" in getattr(page, "FREED", ())
 
 
 RIGID = ("rigid", "compliance of the fingertips", "they are rigid unless data say so")

@@ -131,11 +131,11 @@ def _in_words(misfit: Misfit) -> str:
 
 
 def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | None:
-    """Return the fit of a solved page; None for a page without a term "touch".
+    """Return the fit of a solved page; None for one of another touch likelihood.
 
     smoothing [1]: share of the noise variance that smoothing of the paths leaves.
     """
-    if "touch" not in problem.costs:
+    if not states_touches(problem):
         return None
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
     terms = misfits(problem, x, data, window, measurements, smoothing)
@@ -168,6 +168,11 @@ def _by_touch(problem, x, data, window, measurements, smoothing) -> tuple:
     return tuple(sorted(found, key=lambda t: -t.misfit.excess))
 
 
+def states_touches(problem) -> bool:
+    """Tell whether a page has the touch likelihood of likelihood.py."""
+    return "touch" in problem.costs and "touch scale" in problem.parameters
+
+
 def misfits(problem, x, data, window, measurements, smoothing: float) -> dict:
     """Return the Misfit of the terms "touch" and "free", those that a page has.
 
@@ -175,11 +180,11 @@ def misfits(problem, x, data, window, measurements, smoothing: float) -> dict:
     of positions that smoothing the paths leaves.
     """
     found = {}
-    if "touch" in problem.costs and len(window.touch):
+    if states_touches(problem) and len(window.touch):
         mean, variance = touch_moments(problem, data, window, smoothing)
         cost = problem.value("touch", x, data)
         found["touch"] = _misfit(cost, mean, variance)
-    if "free" in problem.costs and len(window.free):
+    if "free" in problem.costs and "alpha" in problem.parameters and len(window.free):
         alpha = float(data[problem.parameters["alpha"].span][0])
         way = np.maximum(ways_at_ends(measurements), 1e-6)
         mean = np.pi**2 / 12 / (alpha * way)
