@@ -1,5 +1,8 @@
 """Errors of size and pose, modulo the symmetries of the body."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 import trimesh
@@ -9,7 +12,14 @@ from scipy.spatial.transform import Rotation
 from trimesh.transformations import quaternion_matrix, translation_matrix
 
 from tactilenlp.errors import TactileError
-from tactilenlp.evaluation.metrics import cuboid_errors, polytope_pose_error
+from tactilenlp.evaluation.metrics import cuboid_errors
+
+BENCHMARKS = Path(__file__).resolve().parents[1] / "examples" / "benchmarks"
+sys.path.insert(0, str(BENCHMARKS))
+try:
+    from polytope_pose import polytope_pose_error
+finally:
+    sys.path.remove(str(BENCHMARKS))
 
 
 @pytest.mark.parametrize("symmetry", Rotation.create_group("O").as_matrix())
