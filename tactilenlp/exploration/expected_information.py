@@ -13,22 +13,21 @@ import casadi as ca
 import numpy as np
 
 from formulations.friction import FRICTION
-from formulations.polytope import polytope
-from formulations.pushed_hull import as_pushed
 from formulations.rigid_body import PLANAR
 from formulations.shape import Shape
 
 from ..common.validation import check_sample, check_types
 from ..errors import OptionError
 from ..information.information import information_gain
-from ..problem.pages import is_polytope, shape_of
+from ..problem.pages import shape_of
+from . import beliefs, polytope_beliefs
 from .action_space import Action, Workspace
-from .beliefs import Belief, believed, freely, sensors
-from .polytope_beliefs import hull_believed, hull_sensors
+from .beliefs import Belief, freely
 from .push_model import check_ground, check_moves, pushed
 
 GRAVITY_FREE = 9.81  # [m/s^2] makes a weight where nothing falls
 NEAR = 0.01  # [m] a finger further off than this feels nothing and pushes nothing
+BELIEFS = {"sizes": beliefs, "vertices": polytope_beliefs}  # by what theta lists
 CHUNK = 5  # steps: a prediction takes a multiple of these, so that few are built
 SLIPPERY = 0.02  # [1] at least: without any friction a push has no end
 
@@ -75,13 +74,10 @@ class ExpectedInformation:
         check_moves(self.shape)
         self._off = estimate.finger_offset is not None
         self._check_fingers(self.workspace)
-        if is_polytope(self.shape):
-            self._free, self._sensors = False, hull_sensors(estimate)
-            self.beliefs = hull_believed(estimate, self.shape)
-        else:
-            self._free, self._sensors = freely(estimate, self.shape), sensors(estimate)
-            fingers = self.workspace.fingers
-            self.beliefs = believed(estimate, self.shape, fingers, hypotheses)
+        self._free = freely(estimate, self.shape)
+        known, fingers = BELIEFS[self.shape.parameters], self.workspace.fingers
+        self._sensors = known.sensors(estimate)
+        self.beliefs = known.believed(estimate, self.shape, fingers, hypotheses)
         self._known = _known(estimate.scene, self.workspace)
 
     @property
@@ -153,9 +149,7 @@ class ExpectedInformation:
 def shape_seen(estimate, shape: Shape | None = None) -> Shape:
     """Return the shape of an estimate as the page `pushing` takes it."""
     shape = shape_of(estimate.shape) if shape is None else shape
-    if not is_polytope(shape):
-        return shape
-    return as_pushed(polytope(len(estimate.theta) // 3))
+    return shape.pushed(shape, len(estimate.theta))
 
 
 def _check(estimate, workspace, hypotheses, slopes, shape) -> None:

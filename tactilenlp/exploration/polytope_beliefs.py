@@ -42,8 +42,11 @@ ON = 0.5e-3  # [m] a vertex this near to the plane of a touch lies on it
 FEW = 3  # vertices always lie on one plane
 
 
-def hull_believed(estimate, shape) -> list[Belief]:
-    """Return what is believed of a hull: one hypothesis."""
+def believed(estimate, shape, fingers: int = 0, count: int = 1) -> list[Belief]:
+    """Return what is believed of a hull: one hypothesis, the best one.
+
+    fingers, count: as in beliefs.believed; a hull has one hypothesis, without offsets.
+    """
     ground = estimate.scene.ground
     centre = ground.to_ground(estimate.position[-1])
     R_go = ground.rotation @ estimate.rotation()
@@ -56,7 +59,7 @@ def hull_believed(estimate, shape) -> list[Belief]:
     return [Belief(vertices.ravel(), known, before, 1.0, -centre[None])]
 
 
-def hull_sensors(estimate) -> np.ndarray:
+def sensors(estimate) -> np.ndarray:
     """Return alpha [1/m], sigma [m] of a felt gap, sigma_n [rad] of one sample."""
     p, n = estimate.precision["position"], estimate.precision["normal"]
     sigma, sigma_n = np.sqrt(ALIKE) * TOUCH, np.sqrt(ALIKE) * FACE_TILT
@@ -109,7 +112,7 @@ def felt(estimate, shape, vertices, points) -> np.ndarray:
         here, at = back >= 0, np.maximum(back, 0)  # before the first: says nothing
         M, P, E = step(
             *now, z, r[at].T, data.finger_radius, data.contact[at].T.astype(float),
-            here * data.valid[at].T, here * Q[at].T, hull_sensors(estimate),
+            here * data.valid[at].T, here * Q[at].T, sensors(estimate),
         )  # fmt: skip
         now = M[:, -k:], P[:, -3:]
         rows = E.full().reshape(-1, k)

@@ -12,7 +12,6 @@ from formulations.rigid_body import FREE, PLANAR
 
 from ..errors import OptionError, SceneError
 from ..nlp.codegen import compiled
-from ..problem.pages import is_polytope
 
 ITERATIONS = 8  # of a time step: the work is then least to a micrometre
 REMEMBERED = 30  # samples of one call
@@ -38,7 +37,7 @@ def pushed(shape, free: bool, fingers: int, steps: int, off=False) -> ca.Functio
 
 @cache
 def _step(shape, free: bool, fingers: int, off: bool) -> ca.Function:
-    sym = symbol(shape)
+    sym = shape.symbol
     z, theta, pose = _unknowns(shape, free)
     k = z.numel() + off * 3 * fingers
     p, goal_1, goal, r = (sym(name, 3 * fingers) for name in ("p", "g", "h", "r"))
@@ -47,11 +46,12 @@ def _step(shape, free: bool, fingers: int, off: bool) -> ca.Function:
     d, s, M = sym("d", 3), sym("s", 3), sym("M", 3, k)
     P = sym("P", 3, 3)
     body, laws = (shape, SPHERE, theta, pose), ca.vertsplit(known)
+    foot = pushing.foot_squared(shape, theta, pose[1])
     here = shape, SPHERE, theta, pushing.moved(pose, s)
     meant = _meant(here, p, goal_1, goal, rho, laws)
 
     tips = [*zip(*map(_triples, (r, p)), ca.vertsplit(rho), strict=True)]
-    rest, given = (tips, [*laws, _foot(*body)]), [d, s, z, p, r, rho, known]
+    rest, given = (tips, [*laws, foot]), [d, s, z, p, r, rho, known]
     better = pushing.improved(*body, s, d, *rest)
     better = ca.Function("improved", given, [better], {"cse": True})
     step, at = d, [s, z, p, ca.vertcat(*meant), rho, known]
@@ -105,7 +105,7 @@ def _slopes(body, s, d, rest, given) -> ca.Function:
 
     By the implicit function theorem.
     """
-    loads = symbol(body[0])("loads", 1 + len(rest[0]))
+    loads = body[0].symbol("loads", 1 + len(rest[0]))
     pull = pushing.balance(*body, s, d, *rest, ca.vertsplit(loads))
     by_d, by_s, by_z, by_p, by_r = (ca.jacobian(pull, v) for v in (d, s, *given[2:5]))
     out = [-pushing.solve_3(by_d, by) for by in (by_s, by_z, by_p + by_r)]
@@ -122,7 +122,7 @@ def _feeling(shape, free: bool) -> ca.Function:
     The rows are gap and normal of one finger's sample.
     """
     z, theta, pose = _unknowns(shape, free)
-    s, r, rho, sensors = (symbol(shape)("in", n) for n in (3, 3, 1, 3))
+    s, r, rho, sensors = (shape.symbol("in", n) for n in (3, 3, 1, 3))
     alpha, sigma, sigma_n = ca.vertsplit(sensors)
     at = pushing.moved(pose, s)
     phi = SPHERE.gap(shape, theta, at, r, rho)
@@ -151,7 +151,7 @@ def remembered(shape, fingers: int) -> ca.Function:
 
 @cache
 def _remembered(shape, fingers: int) -> ca.Function:
-    sym, k = symbol(shape), shape.theta
+    sym, k = shape.symbol, shape.theta
     z, r, rho = sym("z", k), sym("r", 3 * fingers), sym("rho", fingers)
     c, valid, Q = sym("c", fingers), sym("valid", fingers), sym("Q", 3)
     M, P = sym("M", 3, k), sym("P", 3, 3)
@@ -187,28 +187,16 @@ def sampled(shape, free: bool) -> ca.Function:
     return compiled([ca.Function("sampled", inputs, out, {"cse": True})])[0]
 
 
-def _foot(shape, finger, theta, pose):
-    """Return c^2 [m^2] of the page `pushing`."""
-    if is_polytope(shape):
-        return pushed_hull.legs_squared(theta)
-    return pushing.foot_squared(shape, theta, pose[1])
-
-
-def symbol(shape):
-    """Return what makes symbols: a hull's nearest point is called, not written out."""
-    return ca.MX.sym if is_polytope(shape) else ca.SX.sym
-
-
 def _unknowns(shape, free: bool):
-    """Return z, and the shape and the pose that it means.
+    """Return z, and the theta and the pose that it stands for.
 
-    A hull is its vertices where they lie now, about its centroid.
+    Of vertices whose last pose is held, z is where they lie now, about their centroid.
     """
-    if is_polytope(shape):
-        z = ca.MX.sym("z", shape.theta)
+    if shape.last_pose_held:
+        z = shape.symbol("z", shape.theta)
         return z, z, pushed_hull.HERE
     motion = FREE if free else PLANAR
-    z = ca.SX.sym("z", shape.theta + motion.unknowns)
+    z = shape.symbol("z", shape.theta + motion.unknowns)
     theta = z[: shape.theta]
     return z, theta, motion.pose(shape, theta, z[shape.theta :])
 
@@ -227,7 +215,7 @@ def check_ground(scene) -> None:
 
 def check_moves(shape) -> None:
     """Raise OptionError for a shape whose way under a push cannot be predicted."""
-    if shape.inertia is None and not is_polytope(shape):
+    if shape.inertia is None and shape.foot_squared is None:
         raise OptionError(
             "no action is predicted for this shape",
             where="estimate.shape",
