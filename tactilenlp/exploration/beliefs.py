@@ -79,7 +79,8 @@ def believed(estimate, shape, fingers: int, count: int) -> list[Belief]:
 
 def freely(estimate, shape) -> bool:
     """Tell whether poses of an estimate have six unknowns, not three."""
-    return len(estimate.information.names) > shape.theta + 3
+    held = shape.last_pose_held  # then z is theta alone
+    return not held and len(estimate.information.names) > shape.theta + 3
 
 
 def before_any_touch(estimate, shape, fingers: int) -> np.ndarray:
