@@ -22,15 +22,22 @@ EPILOG = """examples:
 
 Ctrl-C leaves what was found so far, marked as interrupted.
 """
-EXPLORING = """Explore a box in simulation: touch it once, estimate, choose the next
+EXPLORE_HELP = """Explore a box in simulation: touch it once, estimate, choose the next
 touch, touch again.  The first finger aims at the centre of the simulated box, which
 the program knows; what follows is chosen from what is felt.  FILE keeps every touch, as
 soon as it is felt, and every estimate; where it is there already, exploration goes on
 from it (give the same box and seed)."""
-NOISE = {"position": 1e-3, "normal": math.radians(5), "flips": 0.01}  # m, rad, 1
-SIZES, WITHIN = (0.03, 0.06), 0.02  # [m] of boxes that are drawn, of their places
-STOPPED = 130  # as shells say of a program that Ctrl-C ended
-KNOWN = {  # what a scene may be told: option, unit
+NOISY_SENSORS = {
+    "position": 1e-3,
+    "normal": math.radians(5),
+    "flips": 0.01,
+}  # m, rad, 1
+SIDE_RANGE, PLACE_RANGE = (
+    (0.03, 0.06),
+    0.02,
+)  # [m] of boxes that are drawn, of their places
+INTERRUPTED_CODE = 130  # as shells say of a program that Ctrl-C ended
+SCENE_OPTIONS = {  # what a scene may be told: option, unit
     "mass": "[kg] of the object",
     "friction_ground": "[1] of the object and the ground",
     "friction_finger": "[1] of the object and a fingertip",
@@ -54,7 +61,7 @@ def parser() -> argparse.ArgumentParser:
     estimate.add_argument("--formulation", default="violation_implicit", help="a page")
     estimate.add_argument("--form", default="cuboid", help="kind of shape")
     estimate.add_argument("--save", type=Path, help="keep the estimate as .npz")
-    for name, words in KNOWN.items():
+    for name, words in SCENE_OPTIONS.items():
         option = f"--{name.replace('_', '-')}"
         estimate.add_argument(option, type=float, help=f"{words}; else from the file")
     _add_outputs(estimate)
@@ -68,7 +75,7 @@ def parser() -> argparse.ArgumentParser:
 
 def _add_explore(commands) -> None:
     explore = commands.add_parser(
-        "explore", help="explore a box in simulation", description=EXPLORING
+        "explore", help="explore a box in simulation", description=EXPLORE_HELP
     )
     add = explore.add_argument
     add("file", type=Path, help="the exploration, .npz: is written, or taken up again")
@@ -79,7 +86,7 @@ def _add_explore(commands) -> None:
     add("--seed", type=int, default=0, help="of place, turn and choices (default 0)")
     words = "sensors with 1 mm, 5 deg and 1 %% flipped booleans (default: clean)"
     add("--noisy", action="store_true", help=words)
-    for name, words in KNOWN.items():
+    for name, words in SCENE_OPTIONS.items():
         add(f"--{name.replace('_', '-')}", type=float, help=f"{words}, and known")
     _add_outputs(explore)
     add("--save", type=Path, help="keep the last estimate alone as .npz")
@@ -106,7 +113,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
-        return STOPPED
+        return INTERRUPTED_CODE
     return code
 
 
@@ -118,7 +125,7 @@ def _found(given) -> tuple:
             return run[given.command](given), 0
     except Interrupted as stop:
         print(stop, file=sys.stderr)
-        return stop.estimate, STOPPED
+        return stop.estimate, INTERRUPTED_CODE
 
 
 def _check_folders(given) -> None:
@@ -157,18 +164,18 @@ def _estimate(given):
 
 def _known(given) -> dict[str, float]:
     """Return what a user says to be known of the scene."""
-    said = {name: getattr(given, name) for name in KNOWN}
+    said = {name: getattr(given, name) for name in SCENE_OPTIONS}
     return {name: value for name, value in said.items() if value is not None}
 
 
 def _explore(given):
     """Explore a simulated box from where the file left it; return the last estimate."""
     from . import Scene, explore
-    from .exploration.log import taken_up
+    from .exploration.log import load_or_new
 
     world = _world(given)
     centre, scene = world.pose[:3], Scene(**_known(given))
-    _replay(world, taken_up(given.file), given.file)
+    _replay(world, load_or_new(given.file), given.file)
     for step in explore(
         world, scene, given.actions, given.policy, seed=given.seed, centre=centre,
         file=given.file,
@@ -186,9 +193,12 @@ def _world(given):
     from . import Noise, World
 
     rng = np.random.default_rng(given.seed)
-    sides, place = rng.uniform(*SIZES, 3), rng.uniform(-WITHIN, WITHIN, 2)
+    sides, place = (
+        rng.uniform(*SIDE_RANGE, 3),
+        rng.uniform(-PLACE_RANGE, PLACE_RANGE, 2),
+    )
     yaw = rng.uniform(0, 2 * np.pi)
-    noise = Noise(seed=given.seed, **NOISE) if given.noisy else Noise()
+    noise = Noise(seed=given.seed, **NOISY_SENSORS) if given.noisy else Noise()
     return World(
         given.sides or sides, position=place, noise=noise, **_known(given),
         quaternion=[np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)],

@@ -15,10 +15,10 @@ from ..common.validation import check_numbers, check_types, checked_array
 from ..data.scene import Ground
 from ..errors import OptionError
 
-RATE = 100  # [Hz] of a trajectory's points
-FARTHEST = 10.0  # [m] no hand reaches further, as in Measurements
-SIMULATION, ROBOT = 2 * np.pi / 5, np.pi / 4  # [rad] bounds of the paper
-ALONE = np.pi  # [rad] a single finger may come from anywhere
+POINT_RATE = 100  # [Hz] of a trajectory's points
+MAX_RADIUS = 10.0  # [m] no hand reaches further, as in Measurements
+SIMULATION_BOUND, ROBOT_BOUND = 2 * np.pi / 5, np.pi / 4  # [rad] bounds of the paper
+SINGLE_FINGER_BOUND = np.pi  # [rad] a single finger may come from anywhere
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class Workspace:
     """
 
     fingers: int = 2
-    bound: float = SIMULATION
+    bound: float = SIMULATION_BOUND
     radius: float = 0.1
     duration: float = 1.0
     finger_radius: float = 0.01
@@ -56,30 +56,32 @@ class Workspace:
 
     def __post_init__(self) -> None:
         if not (isinstance(self.fingers, (int, np.integer)) and self.fingers >= 1):
-            raise _wrong("fingers", "an integer >= 1", self.fingers)
+            raise _option_error("fingers", "an integer >= 1", self.fingers)
         check_types(ground=(self.ground, (Ground, type(None))))
         for name in (f.name for f in fields(self) if f.type == "float"):
             value = getattr(self, name)
             if not (isinstance(value, Real) and 0 < value < np.inf):
-                raise _wrong(name, "a number above 0", getattr(self, name))
+                raise _option_error(name, "a number above 0", getattr(self, name))
         if self.bound > np.pi / 2:
-            raise _wrong("bound", "at most pi / 2 [rad]", self.bound)
-        if self.radius > FARTHEST:
+            raise _option_error("bound", "at most pi / 2 [rad]", self.bound)
+        if self.radius > MAX_RADIUS:
             fix = "divide by 1000 if these are millimetres"
-            raise _wrong("radius", f"at most {FARTHEST:.0f} m", self.radius, fix)
+            raise _option_error(
+                "radius", f"at most {MAX_RADIUS:.0f} m", self.radius, fix
+            )
         if self.radius <= self.apart:
             fix = "lines start outside the space kept between fingers"
-            raise _wrong("radius", f"above {self.apart:.3g} m", self.radius, fix)
+            raise _option_error("radius", f"above {self.apart:.3g} m", self.radius, fix)
 
     @classmethod
     def robot(cls, **overrides) -> Workspace:
         """Return the paper's robot: sensors that face the object, within pi / 4."""
-        return cls(**{"bound": ROBOT} | overrides)
+        return cls(**{"bound": ROBOT_BOUND} | overrides)
 
     @classmethod
     def simulation(cls, **overrides) -> Workspace:
         """Return the paper's simulation: both angles within 2 pi / 5."""
-        return cls(**{"bound": SIMULATION} | overrides)
+        return cls(**{"bound": SIMULATION_BOUND} | overrides)
 
     @property
     def apart(self) -> float:
@@ -102,7 +104,7 @@ class Workspace:
     @property
     def _sideways(self) -> float:
         if self.fingers == 1:
-            return ALONE
+            return SINGLE_FINGER_BOUND
         return min(self.bound, np.pi / self.fingers)
 
     def action(self, angles, active=None) -> Action:
@@ -135,10 +137,10 @@ class Action:
         inside = inside and (space.lower - 1e-9 <= angles).all()
         if not (inside and (angles <= space.upper + 1e-9).all()):
             expected = f"{2 * space.fingers} angles [rad] within the workspace's bounds"
-            raise _wrong("angles", expected, angles.tolist())
+            raise _option_error("angles", expected, angles.tolist())
         active = (True,) * space.fingers if self.active is None else tuple(self.active)
         if len(active) != space.fingers or not any(active):
-            raise _wrong("active", f"{space.fingers} booleans, one True", active)
+            raise _option_error("active", f"{space.fingers} booleans, one True", active)
         object.__setattr__(self, "angles", np.clip(angles, space.lower, space.upper))
         object.__setattr__(self, "active", active)
 
@@ -151,7 +153,7 @@ class Action:
 
     def trajectory(self, target) -> Trajectory:
         """Return the way of all fingers towards a target (3,) [m], world frame."""
-        n = round(self.workspace.duration * RATE) + 1
+        n = round(self.workspace.duration * POINT_RATE) + 1
         time = np.linspace(0, self.workspace.duration, n)
         return Trajectory(time, self.positions(target, n))
 
@@ -165,7 +167,7 @@ class Action:
         lowest = -np.inf if space.ground is None else space.clearance
         lowest += space.finger_radius
         limits = [space.radius, 0.0 if alone else space.apart, space.apart, lowest]
-        way = _way(space.fingers, n)(self.angles, target, limits)
+        way = _finger_lines(space.fingers, n)(self.angles, target, limits)
         way = np.array(way.full()).T.reshape(n, space.fingers, 3)
         for finger, moves in enumerate(self.active):
             if not moves:  # parked on its own side, at twice the radius
@@ -180,7 +182,7 @@ class Action:
 
 
 @cache
-def _way(fingers: int, n: int) -> ca.Function:
+def _finger_lines(fingers: int, n: int) -> ca.Function:
     """Return (angles, target, limits) -> places (3 F, n) [m] of the fingers."""
     angles, target = ca.SX.sym("angles", 2 * fingers), ca.SX.sym("target", 3)
     limits = ca.SX.sym("limits", 4)
@@ -200,6 +202,8 @@ def _way(fingers: int, n: int) -> ca.Function:
     return ca.Function("way", [angles, target, limits], out, {"cse": True})
 
 
-def _wrong(where: str, expected: str, got: object, next: str = "") -> OptionError:
+def _option_error(
+    where: str, expected: str, got: object, next: str = ""
+) -> OptionError:
     parts = {"where": where, "expected": expected, "got": f"{got}", "next": next}
     return OptionError("no such action" if where == "angles" else "unfit", **parts)

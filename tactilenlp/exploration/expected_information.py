@@ -22,14 +22,18 @@ from ..information.information import information_gain
 from ..problem.pages import shape_of
 from . import beliefs, polytope_beliefs
 from .action_space import Action, Workspace
-from .beliefs import Belief, freely
-from .push_model import check_ground, check_moves, pushed
+from .beliefs import Belief, has_free_poses
+from .push_model import check_ground, check_predictable, push_function
 
-GRAVITY_FREE = 9.81  # [m/s^2] makes a weight where nothing falls
-NEAR = 0.01  # [m] a finger further off than this feels nothing and pushes nothing
+WEIGHTLESS_GRAVITY = 9.81  # [m/s^2] makes a weight where nothing falls
+NEAR_DISTANCE = (
+    0.01  # [m] a finger further off than this feels nothing and pushes nothing
+)
 BELIEFS = {"sizes": beliefs, "vertices": polytope_beliefs}  # by what theta lists
-CHUNK = 5  # steps: a prediction takes a multiple of these, so that few are built
-SLIPPERY = 0.02  # [1] at least: without any friction a push has no end
+STEP_MULTIPLE = (
+    5  # steps: a prediction takes a multiple of these, so that few are built
+)
+MIN_GROUND_FRICTION = 0.02  # [1] at least: without any friction a push has no end
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,15 +74,15 @@ class ExpectedInformation:
         check_ground(estimate.scene)
         self.workspace = workspace or Workspace(ground=estimate.scene.ground)
         self.estimate, self._sloped = estimate, float(slopes == "motion")
-        self.shape = shape_seen(estimate, shape)
-        check_moves(self.shape)
+        self.shape = pushed_shape(estimate, shape)
+        check_predictable(self.shape)
         self._off = estimate.finger_offset is not None
         self._check_fingers(self.workspace)
-        self._free = freely(estimate, self.shape)
+        self._free = has_free_poses(estimate, self.shape)
         known, fingers = BELIEFS[self.shape.parameters], self.workspace.fingers
-        self._sensors = known.sensors(estimate)
-        self.beliefs = known.believed(estimate, self.shape, fingers, hypotheses)
-        self._known = _known(estimate.scene, self.workspace)
+        self._sensors = known.sensor_model(estimate)
+        self.beliefs = known.beliefs_of(estimate, self.shape, fingers, hypotheses)
+        self._known = _push_constants(estimate.scene, self.workspace)
 
     @property
     def target(self) -> np.ndarray:
@@ -110,7 +114,7 @@ class ExpectedInformation:
         path = self.estimate.scene.ground.to_ground(path) + belief.shift
         near, F = self._near(belief, path, space), space.fingers
         r = path[n - near :].reshape(near + 1, -1).T
-        step = pushed(self.shape, self._free, F, near, self._off)
+        step = push_function(self.shape, self._free, F, near, self._off)
         rest = np.zeros(3), r[:, 0], np.zeros(3), np.zeros((3, k)), np.zeros((3, 3))
         _, _, s, _, _, p, E = step(
             *rest, belief.z, r[:, :-1], r[:, 1:],
@@ -128,10 +132,10 @@ class ExpectedInformation:
         centre[: len(pose)] = pose[:3]
         if len(pose) == len(PLANAR.scale):  # of a hull, there is none
             centre[2] = float(self.shape.rest_height(ca.DM(theta)))
-        reach = self.shape.reach(theta) + space.finger_radius + NEAR
+        reach = self.shape.reach(theta) + space.finger_radius + NEAR_DISTANCE
         away = np.linalg.norm(path - centre, axis=2).min(axis=1)
         left = n - np.argmax(away[1:] < reach) if (away[1:] < reach).any() else 1
-        return min(n, CHUNK * -(-left // CHUNK))
+        return min(n, STEP_MULTIPLE * -(-left // STEP_MULTIPLE))
 
     def _check_fingers(self, space: Workspace) -> None:
         """Raise OptionError where the offsets known are those of other fingers."""
@@ -146,7 +150,7 @@ class ExpectedInformation:
             )
 
 
-def shape_seen(estimate, shape: Shape | None = None) -> Shape:
+def pushed_shape(estimate, shape: Shape | None = None) -> Shape:
     """Return the shape of an estimate as the page `pushing` takes it."""
     shape = shape_of(estimate.shape) if shape is None else shape
     return shape.pushed(shape, len(estimate.theta))
@@ -191,10 +195,10 @@ def expected_information_gain(
     return ExpectedInformation(*given).gain(action)
 
 
-def _known(scene, space: Workspace) -> np.ndarray:
+def _push_constants(scene, space: Workspace) -> np.ndarray:
     """Return mu_g, mu_f, weight [N], stiffness [N/m], max_force [N]."""
     ground = FRICTION if scene.friction_ground is None else scene.friction_ground
     finger = FRICTION if scene.friction_finger is None else scene.friction_finger
-    weight = scene.mass * (scene.gravity or GRAVITY_FREE)
-    ground = max(ground, SLIPPERY)
+    weight = scene.mass * (scene.gravity or WEIGHTLESS_GRAVITY)
+    ground = max(ground, MIN_GROUND_FRICTION)
     return np.array([ground, finger, weight, space.stiffness, space.max_force])

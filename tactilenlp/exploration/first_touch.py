@@ -13,13 +13,15 @@ import numpy as np
 
 from ..data.measurements import Measurements
 from ..errors import NoContactError, OptionError
-from .action_space import RATE, Trajectory, Workspace
+from .action_space import POINT_RATE, Trajectory, Workspace
 
-APART = 0.03  # [m] between lines: a finger of 1 cm radius then meets all above 1 cm
-PIECE = 0.05  # [m] of one motion: what is met is not pushed further
-LIFT = 0.005  # [m] of the fingertip above its least height
+SWEEP_SPACING = (
+    0.03  # [m] between lines: a finger of 1 cm radius then meets all above 1 cm
+)
+SEGMENT_LENGTH = 0.05  # [m] of one motion: what is met is not pushed further
+SWEEP_LIFT = 0.005  # [m] of the fingertip above its least height
 log = logging.getLogger("tactilenlp")
-LEVEL = 0.02  # [m] above the ground, aimed at where no estimate says more
+AIM_HEIGHT = 0.02  # [m] above the ground, aimed at where no estimate says more
 
 
 def sweep(space: Workspace, centre=None) -> Iterator[Trajectory]:
@@ -32,10 +34,10 @@ def sweep(space: Workspace, centre=None) -> Iterator[Trajectory]:
     middle = centre if ground is None else ground.to_ground(centre)
     height = middle[2]
     if ground is not None:
-        height = space.finger_radius + space.clearance + LIFT
-    pieces = int(np.ceil(2 * space.radius / PIECE))
+        height = space.finger_radius + space.clearance + SWEEP_LIFT
+    pieces = int(np.ceil(2 * space.radius / SEGMENT_LENGTH))
     ends = np.linspace(-space.radius, space.radius, pieces + 1)
-    n = round(space.duration * RATE) + 1
+    n = round(space.duration * POINT_RATE) + 1
     share = np.linspace(0, 1, n)[:, None]
     for line, y in enumerate(_lines(space.radius)):
         along = ends if line % 2 == 0 else ends[::-1]
@@ -55,7 +57,7 @@ def sweep(space: Workspace, centre=None) -> Iterator[Trajectory]:
 
 def _lines(radius: float) -> list[float]:
     """Return the offsets [m] of the lines, the middle one first, then outwards."""
-    count = int(np.ceil(radius / APART))
+    count = int(np.ceil(radius / SWEEP_SPACING))
     offsets = np.linspace(-radius, radius, 2 * count + 1)
     return sorted(offsets, key=abs)
 
@@ -92,7 +94,7 @@ def checked_centre(centre) -> np.ndarray:
     except (TypeError, ValueError):
         place = np.array(np.nan)
     if place.shape in ((2,), (3,)) and np.isfinite(place).all():
-        return np.r_[place, LEVEL][:3]
+        return np.r_[place, AIM_HEIGHT][:3]
     raise OptionError(
         "no place", where="centre", got=repr(centre)[:80],
         expected="(2,) or (3,) finite numbers [m]",

@@ -17,9 +17,11 @@ from .action_search import Choice
 from .action_space import Action, Trajectory, Workspace
 
 FORMAT, VERSION = "exploration", 1  # of the files that are kept
-PAUSE = 1.0  # [s] between the last kept sample and the first one of another process
-SPACE = 10e6  # [bytes] that are free where an exploration is to be kept
-OTHER = {"measurements": "other data"}  # what is said of a field that differs
+RESUMED_AFTER = (
+    1.0  # [s] between the last kept sample and the first one of another process
+)
+MIN_FREE_SPACE = 10e6  # [bytes] that are free where an exploration is to be kept
+DIFFERENCES = {"measurements": "other data"}  # what is said of a field that differs
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +88,7 @@ KINDS = ESTIMATE_CLASSES | {
 }
 
 
-def onward(step: Step, past: Measurements | None, again: bool) -> Step:
+def continued_in_time(step: Step, past: Measurements | None, again: bool) -> Step:
     """Return a step whose measurements go on after those of the past, checked.
 
     again: the past may be of another process.  The world was then made anew and counts
@@ -97,7 +99,9 @@ def onward(step: Step, past: Measurements | None, again: bool) -> Step:
     if past is None:
         return step
     if again and data.time[0] <= past.time[-1]:
-        data = replace(data, time=data.time - data.time[0] + past.time[-1] + PAUSE)
+        data = replace(
+            data, time=data.time - data.time[0] + past.time[-1] + RESUMED_AFTER
+        )
         step = replace(step, measurements=data)
     past.append(data)
     return step
@@ -115,14 +119,14 @@ def check_file(file) -> None:
             "cannot be written", where=str(file), got=f"{type(bad).__name__}: {bad}",
             expected="a folder in which files can be made", next="write elsewhere",
         ) from bad  # fmt: skip
-    if free < SPACE:
+    if free < MIN_FREE_SPACE:
         raise FileError(
             "too little space", where=str(file), got=f"{free / 1e6:.1f} MB",
-            expected=f"{SPACE / 1e6:.0f} MB or more", next="write elsewhere",
+            expected=f"{MIN_FREE_SPACE / 1e6:.0f} MB or more", next="write elsewhere",
         )  # fmt: skip
 
 
-def taken_up(file) -> Exploration:
+def load_or_new(file) -> Exploration:
     """Return the exploration that a file keeps; an empty one where there is no file."""
     if file is None or not os.path.exists(file):
         return Exploration()
@@ -138,7 +142,7 @@ def check_same(estimate: Estimate, data: Measurements, asked: dict, file) -> Non
         kept = getattr(estimate, name)
         if kept != value:
             raise StartError(
-                f"the kept estimate is of {OTHER.get(name, f'another {name}')}",
+                f"the kept estimate is of {DIFFERENCES.get(name, f'another {name}')}",
                 where=str(file), got=f"{name} {kept!r}", expected=repr(value),
                 next="explore into another file, or ask for what this one is of",
             )  # fmt: skip

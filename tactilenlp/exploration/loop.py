@@ -22,9 +22,16 @@ from ..estimation.solver import solve_estimate
 from ..evaluation.ground_truth import errors_of
 from .action_space import Workspace
 from .first_touch import first_touch
-from .log import Exploration, Step, check_file, check_same, onward, taken_up
+from .log import (
+    Exploration,
+    Step,
+    check_file,
+    check_same,
+    continued_in_time,
+    load_or_new,
+)
 from .options import ExploreOptions
-from .policies import check_predicted, chosen, known_policy
+from .policies import check_predicted, checked_policy, next_action
 
 log = logging.getLogger("tactilenlp")
 
@@ -63,7 +70,7 @@ def explore(
     settings = ExploreOptions.of(settings, given)
     loop = _prepared(world, scene, settings, file, start, executor)
     estimate, past = start if isinstance(start, Estimate) else None, []
-    kept, first = taken_up(file), 0 if estimate is None else 1
+    kept, first = load_or_new(file), 0 if estimate is None else 1
     again = bool(kept.steps) or estimate is not None
     _check_fingers(world, loop.space, kept)
     for number in progress(range(first, settings.actions + 1), "explore"):
@@ -71,7 +78,7 @@ def explore(
         before = None if estimate is None else estimate.measurements
         if step is None or step.estimate is None:  # or the process ended in the solve
             step = loop.acted(number, estimate, past) if step is None else step
-            step = onward(step, before, again)
+            step = continued_in_time(step, before, again)
             kept = _saved(kept.with_step(step), file)
         data = step.measurements
         data = data if before is None else before.append(data)
@@ -121,7 +128,7 @@ class _Loop:
 def _prepared(world, scene, settings: ExploreOptions, file, start, executor) -> _Loop:
     """Return what the steps need; raise for what cannot be explored."""
     _check(world, file, start)
-    policy = known_policy(settings.policy)
+    policy = checked_policy(settings.policy)
     scene, shape, options, page = asked(
         scene, settings.shape, settings.formulation, settings.options, executor
     )
@@ -202,7 +209,7 @@ def _touch_first(world, space, centre, rng) -> Step:
 
 def _act(world, space, number, estimate, past, rng, settings) -> Step:
     began = time.process_time()
-    action, choice, words, target = chosen(estimate, space, past, rng, settings)
+    action, choice, words, target = next_action(estimate, space, past, rng, settings)
     acts, told = time.process_time(), action.trajectory(target)
     data = world.execute(told)
     seconds = {"choose": acts - began, "act": time.process_time() - acts}

@@ -11,10 +11,10 @@ from ..common.validation import check_numbers, check_types
 from ..errors import OptionError
 from ..estimation.options import Options
 from ..problem.pages import shape_of
-from .action_search import CrossEntropy, check_search
 from .action_space import Workspace
 from .first_touch import checked_centre
-from .policies import known_policy
+from .optimisers import CrossEntropy, check_search
+from .policies import checked_policy
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ class ExploreOptions:
             expected = "a deviation above 0 [m], or a function"
             check_numbers("", expected, until=(self.until, 0, 1))
         check_search(self.search, self.budget)
-        known_policy(self.policy)
+        checked_policy(self.policy)
 
     @classmethod
     def of(cls, settings: ExploreOptions | None, given: dict) -> ExploreOptions:

@@ -14,17 +14,19 @@ from ..data.measurements import Measurements
 from ..errors import OptionError
 from ..estimation.result import Estimate
 from ..problem.pages import shape_of
-from .action_search import Choice, CrossEntropy, best_action, choose_action
+from .action_search import Choice, best_action, choose_action, facing
 from .action_space import Action, Workspace
-from .candidate_actions import facing
 from .expected_information import ExpectedInformation
-from .push_model import check_ground, check_moves
+from .optimisers import CrossEntropy
+from .push_model import check_ground, check_predictable
 
 log = logging.getLogger("tactilenlp")
 POLICIES = ("eig", "random", "fisher", "farthest")
-PREDICTING = ("eig", "fisher")  # those of them that foresee what an action brings
-INWARD = 0.015  # [m] behind a touched point where an object that was lost is sought
-TRIES = 400  # actions drawn for the policy "farthest"
+PREDICTIVE = ("eig", "fisher")  # those of them that foresee what an action brings
+DEPTH_BEHIND_CONTACT = (
+    0.015  # [m] behind a touched point where an object that was lost is sought
+)
+FARTHEST_DRAWS = 400  # actions drawn for the policy "farthest"
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +45,7 @@ class Plan:
     shape: Shape
 
 
-def known_policy(policy):
+def checked_policy(policy):
     """Return a policy; OptionError where it is none."""
     if callable(policy) or (isinstance(policy, str) and policy in POLICIES):
         return policy
@@ -62,14 +64,14 @@ def check_predicted(policy, actions, start, shape, scene) -> None:
     asked for.
     """
     started = isinstance(start, Estimate)
-    if policy not in PREDICTING:
+    if policy not in PREDICTIVE:
         return
     if started and actions:
         check_ground(start.scene)
-        check_moves(shape_of_start(start, shape))
+        check_predictable(shape_of_start(start, shape))
     if actions > started:
         check_ground(scene)
-        check_moves(shape)
+        check_predictable(shape)
 
 
 def shape_of_start(estimate, shape: Shape) -> Shape:
@@ -77,61 +79,61 @@ def shape_of_start(estimate, shape: Shape) -> Shape:
     return shape if estimate.shape == shape.name else shape_of(estimate.shape)
 
 
-def chosen(estimate, space, past, rng, settings):
+def next_action(estimate, space, past, rng, settings):
     """Return the next action, how it was chosen, in words, and where it aims.
 
     settings: policy, search, budget and shape, by name.
     """
     given = dict(settings)
     target, policy = estimate.position[-1], given.pop("policy")
-    lost = astray(estimate)
+    lost = why_lost(estimate)
     if lost:
         log.warning("%s: aiming at the last touched spot", lost)
-        target = last_touched(estimate.measurements, target)
+        target = last_contact(estimate.measurements, target)
         return space.random(rng), None, "sought again", target
     given["shape"] = shape_of_start(estimate, given["shape"])
     plan = Plan(estimate, space, tuple(past), rng, **given)
     if callable(policy):
         return policy(plan), None, getattr(policy, "__name__", "own"), target
-    if policy in PREDICTING:
+    if policy in PREDICTIVE:
         seed = int(rng.integers(2**31))
-        search = _most_told if policy == "eig" else _most_fisher
+        search = _by_expected_information if policy == "eig" else _by_fisher_information
         choice = search(plan, seed)
         return choice.action, choice, policy, target
-    draw = space.random if policy == "random" else farthest(plan)
+    draw = space.random if policy == "random" else farthest_directions(plan)
     return draw(rng), None, policy, target
 
 
-def astray(estimate) -> str:
+def why_lost(estimate) -> str:
     """Return in words why the estimate cannot be aimed at, or nothing."""
     data = estimate.measurements
     if not (data.contact & data.valid)[data.action == data.action[-1]].any():
         return "nothing was touched"
-    apart = (last_touched(data, estimate.position[-1]) - estimate.position[-1])[:2]
+    apart = (last_contact(data, estimate.position[-1]) - estimate.position[-1])[:2]
     if np.linalg.norm(apart) > np.linalg.norm(estimate.vertices, axis=1).max():
         return "the estimate lies apart from what was touched"
     return ""
 
 
-def last_touched(data: Measurements, otherwise: np.ndarray) -> np.ndarray:
+def last_contact(data: Measurements, otherwise: np.ndarray) -> np.ndarray:
     """Return a point (3,) [m] a little behind the spot that was touched last."""
     t, f = np.nonzero(data.contact & data.valid)
     if not len(t):
         return otherwise
     n = data.normal[t[-1], f[-1]]
-    depth = data.finger_radius[f[-1]] + INWARD
+    depth = data.finger_radius[f[-1]] + DEPTH_BEHIND_CONTACT
     point = data.finger_position[t[-1], f[-1]] - depth * n
     return np.r_[point[:2], otherwise[2]]
 
 
-def _most_told(plan: Plan, seed: int) -> Choice:
+def _by_expected_information(plan: Plan, seed: int) -> Choice:
     return choose_action(
         plan.estimate, plan.workspace, search=plan.search, budget=plan.budget,
         seed=seed, shape=plan.shape,
     )  # fmt: skip
 
 
-def _most_fisher(plan: Plan, seed: int) -> Choice:
+def _by_fisher_information(plan: Plan, seed: int) -> Choice:
     """Return the action that tells most to one who knows nothing but a rough size."""
     expected = ExpectedInformation(plan.estimate, plan.workspace, shape=plan.shape)
     expected.beliefs = [replace(b, information=b.before) for b in expected.beliefs]
@@ -142,7 +144,7 @@ def _most_fisher(plan: Plan, seed: int) -> Choice:
     )  # fmt: skip
 
 
-def farthest(plan: Plan) -> Callable:
+def farthest_directions(plan: Plan) -> Callable:
     """Return a draw of the action whose directions are farthest from all before.
 
     Without actions to look back on, from the normals that were felt.
@@ -155,6 +157,8 @@ def farthest(plan: Plan) -> Callable:
         return np.arccos(np.clip(action.directions @ seen.T, -1, 1)).min(axis=1).sum()
 
     def draw(rng) -> Action:
-        return max((plan.workspace.random(rng) for _ in range(TRIES)), key=nearest)
+        return max(
+            (plan.workspace.random(rng) for _ in range(FARTHEST_DRAWS)), key=nearest
+        )
 
     return draw

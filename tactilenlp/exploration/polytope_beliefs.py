@@ -32,17 +32,23 @@ from ..geometry.convex_hull import hull_vertices, nearest
 from ..geometry.transforms import rotation_of
 from ..information.polytope_information import FACE_TILT
 from ..problem.polytope_window import LIFTED
-from .beliefs import VAGUE, Belief, steepness
-from .push_model import ARM, LEAST, REMEMBERED, SHARE, remembered
+from .beliefs import POSE_PRIOR_SIGMA, Belief, steepness
+from .push_model import (
+    ARM,
+    MIN_STEP_SIGMA,
+    SAMPLES_PER_CALL,
+    STEP_SIGMA_SHARE,
+    backward_filter_function,
+)
 
-TOUCH = 0.3e-3  # [m] as exact as touched faces come out, beside TILT
-ALIKE = 10  # samples of a touch, which share that error
-FLAT = 0.3e-3  # [m] deviation of a vertex from the plane of a felt face
-ON = 0.5e-3  # [m] a vertex this near to the plane of a touch lies on it
-FEW = 3  # vertices always lie on one plane
+FACE_SIGMA = 0.3e-3  # [m] as exact as touched faces come out, beside TILT
+CORRELATED_SAMPLES = 10  # samples of a touch, which share that error
+FLATNESS_SIGMA = 0.3e-3  # [m] deviation of a vertex from the plane of a felt face
+ON_PLANE = 0.5e-3  # [m] a vertex this near to the plane of a touch lies on it
+VERTICES_OF_A_PLANE = 3  # vertices always lie on one plane
 
 
-def believed(estimate, shape, fingers: int = 0, count: int = 1) -> list[Belief]:
+def beliefs_of(estimate, shape, fingers: int = 0, count: int = 1) -> list[Belief]:
     """Return what is believed of a hull: one hypothesis, the best one.
 
     fingers, count: as in beliefs.believed; a hull has one hypothesis, without offsets.
@@ -51,22 +57,27 @@ def believed(estimate, shape, fingers: int = 0, count: int = 1) -> list[Belief]:
     centre = ground.to_ground(estimate.position[-1])
     R_go = ground.rotation @ estimate.rotation()
     vertices = estimate.vertices @ R_go.T
-    before = ball(vertices, shape.size_prior)
-    points = fingers_then(estimate)
-    known = before + felt(estimate, shape, vertices, points)
-    known += flat(vertices, centre[2], contacts(estimate, vertices, points))
-    known = loosened(known, vertices)
+    before = ball_prior(vertices, shape.size_prior)
+    points = fingers_on_body(estimate)
+    known = before + information_of_samples(estimate, shape, vertices, points)
+    known += flatness_information(
+        vertices, centre[2], contact_points(estimate, vertices, points)
+    )
+    known = after_retraction(known, vertices)
     return [Belief(vertices.ravel(), known, before, 1.0, -centre[None])]
 
 
-def sensors(estimate) -> np.ndarray:
+def sensor_model(estimate) -> np.ndarray:
     """Return alpha [1/m], sigma [m] of a felt gap, sigma_n [rad] of one sample."""
     p, n = estimate.precision["position"], estimate.precision["normal"]
-    sigma, sigma_n = np.sqrt(ALIKE) * TOUCH, np.sqrt(ALIKE) * FACE_TILT
+    sigma, sigma_n = (
+        np.sqrt(CORRELATED_SAMPLES) * FACE_SIGMA,
+        np.sqrt(CORRELATED_SAMPLES) * FACE_TILT,
+    )
     return np.array([steepness(p), np.hypot(sigma, p), np.hypot(sigma_n, n)])
 
 
-def ball(vertices, size) -> np.ndarray:
+def ball_prior(vertices, size) -> np.ndarray:
     """Return the information (3 V, 3 V) before any touch of vertices about a ball.
 
     size: mean and deviation [m] of its radius.
@@ -80,11 +91,11 @@ def ball(vertices, size) -> np.ndarray:
         C[j, :, j] = STAY**2 * np.eye(3)
         C[j, :, j] += ((SPREAD * mean) ** 2 - STAY**2) * np.outer(n, n)
     C = C.reshape(3 * V, 3 * V) + deviation**2 * np.outer(u, u)
-    C += VAGUE[0] ** 2 * np.tile(np.eye(3), (V, V))
+    C += POSE_PRIOR_SIGMA[0] ** 2 * np.tile(np.eye(3), (V, V))
     return np.linalg.inv(C)
 
 
-def fingers_then(estimate) -> np.ndarray:
+def fingers_on_body(estimate) -> np.ndarray:
     """Return where the fingers were on the body as it lies now (T, F, 3), about it."""
     ground = estimate.scene.ground
     origin = ground.to_ground(estimate.position)[:, None]
@@ -95,24 +106,28 @@ def fingers_then(estimate) -> np.ndarray:
     return np.einsum("tij,tfj->tfi", since, p)
 
 
-def felt(estimate, shape, vertices, points) -> np.ndarray:
+def information_of_samples(estimate, shape, vertices, points) -> np.ndarray:
     """Return eq:obsinfo of all samples (3 V, 3 V), the way since then being unsure."""
     data = estimate.measurements
     position = estimate.scene.ground.to_ground(estimate.position)
     turn = rotation_of(estimate.quaternion)
     yaw = (turn[1:] * turn[:-1].inv()).magnitude()
     way = (np.diff(position[:, :2], axis=0) ** 2).sum(axis=1) + (ARM * yaw) ** 2
-    Q = SHARE**2 * way + LEAST**2 + GAP**2 * (np.diff(data.action) != 0)
+    Q = (
+        STEP_SIGMA_SHARE**2 * way
+        + MIN_STEP_SIGMA**2
+        + GAP**2 * (np.diff(data.action) != 0)
+    )
     Q = np.r_[Q, 0.0][:, None] / np.r_[1, 1, ARM**2]  # of the step after each sample
     r, k, z = points.reshape(len(points), -1), vertices.size, vertices.ravel()
     now, out = (np.zeros((3, k)), np.zeros((3, 3))), np.zeros((k, k))
-    step = remembered(shape, data.fingers)
-    for end in range(data.samples, 0, -REMEMBERED):
-        back = np.arange(end - 1, end - 1 - REMEMBERED, -1)
+    step = backward_filter_function(shape, data.fingers)
+    for end in range(data.samples, 0, -SAMPLES_PER_CALL):
+        back = np.arange(end - 1, end - 1 - SAMPLES_PER_CALL, -1)
         here, at = back >= 0, np.maximum(back, 0)  # before the first: says nothing
         M, P, E = step(
             *now, z, r[at].T, data.finger_radius, data.contact[at].T.astype(float),
-            here * data.valid[at].T, here * Q[at].T, sensors(estimate),
+            here * data.valid[at].T, here * Q[at].T, sensor_model(estimate),
         )  # fmt: skip
         now = M[:, -k:], P[:, -3:]
         rows = E.full().reshape(-1, k)
@@ -120,7 +135,7 @@ def felt(estimate, shape, vertices, points) -> np.ndarray:
     return out
 
 
-def contacts(estimate, vertices, points):
+def contact_points(estimate, vertices, points):
     """Return where the body was felt and along what, (n, 3) each, about the centre."""
     data = estimate.measurements
     centre = points[data.contact & data.valid]
@@ -130,7 +145,7 @@ def contacts(estimate, vertices, points):
     return point, n
 
 
-def flat(vertices, height: float, felt) -> np.ndarray:
+def flatness_information(vertices, height: float, felt) -> np.ndarray:
     """Return the information (3 V, 3 V) that felt faces and the ground are planes.
 
     height [m]: of the centre above the ground.
@@ -141,18 +156,18 @@ def flat(vertices, height: float, felt) -> np.ndarray:
     out[stands, 2, stands, 2] += 1 / LEG**2
     seen = set()
     for point, n in zip(*felt, strict=True):
-        on = np.nonzero((point - vertices) @ n < ON)[0]
-        if len(on) <= FEW or tuple(on) in seen:
+        on = np.nonzero((point - vertices) @ n < ON_PLANE)[0]
+        if len(on) <= VERTICES_OF_A_PLANE or tuple(on) in seen:
             continue
         seen.add(tuple(on))
         A = np.c_[np.ones(len(on)), vertices[on] - point]
         bend = np.eye(len(on)) - A @ np.linalg.pinv(A, rcond=1e-2)
-        part = np.einsum("ij,a,b->iajb", bend, n, n) / FLAT**2
+        part = np.einsum("ij,a,b->iajb", bend, n, n) / FLATNESS_SIGMA**2
         out[np.ix_(on, range(3), on, range(3))] += part
     return out.reshape(3 * V, 3 * V)
 
 
-def loosened(information, vertices) -> np.ndarray:
+def after_retraction(information, vertices) -> np.ndarray:
     """Return the information once the fingers have gone: the body may slip a little."""
     slip = np.zeros((len(vertices), 3, 3))
     slip[:, 0, 0] = slip[:, 1, 1] = GAP

@@ -13,15 +13,17 @@ from formulations.rigid_body import FREE, PLANAR
 from ..errors import OptionError, SceneError
 from ..nlp.codegen import compiled
 
-ITERATIONS = 8  # of a time step: the work is then least to a micrometre
-REMEMBERED = 30  # samples of one call
-SHARE = 0.2  # [-] deviation of a predicted step, of its way
-LEAST = 1e-5  # [m] and at least
+PUSH_ITERATIONS = 8  # of a time step: the work is then least to a micrometre
+SAMPLES_PER_CALL = 30  # samples of one call
+STEP_SIGMA_SHARE = 0.2  # [-] deviation of a predicted step, of its way
+MIN_STEP_SIGMA = 1e-5  # [m] and at least
 ARM = 20e-3  # [m] a radian of turn counts as this much way
 
 
 @cache
-def pushed(shape, free: bool, fingers: int, steps: int, off=False) -> ca.Function:
+def push_function(
+    shape, free: bool, fingers: int, steps: int, off=False
+) -> ca.Function:
     """Return (d, p, s, M, P; z, goal_1, goal, rho, known, sensors, sloped), all.
 
     s (3,): planar way of the body since x_T, d (3,): its last part; p (3 F,) [m]: where
@@ -48,28 +50,31 @@ def _step(shape, free: bool, fingers: int, off: bool) -> ca.Function:
     body, laws = (shape, SPHERE, theta, pose), ca.vertsplit(known)
     foot = pushing.foot_squared(shape, theta, pose[1])
     here = shape, SPHERE, theta, pushing.moved(pose, s)
-    meant = _meant(here, p, goal_1, goal, rho, laws)
+    meant = _commanded(here, p, goal_1, goal, rho, laws)
 
     tips = [*zip(*map(_triples, (r, p)), ca.vertsplit(rho), strict=True)]
     rest, given = (tips, [*laws, foot]), [d, s, z, p, r, rho, known]
     better = pushing.improved(*body, s, d, *rest)
     better = ca.Function("improved", given, [better], {"cse": True})
     step, at = d, [s, z, p, ca.vertcat(*meant), rho, known]
-    for _ in range(ITERATIONS):
+    for _ in range(PUSH_ITERATIONS):
         step = better(step, *at)
-    D_s, D_z, D_r, p_now = _slopes(body, s, d, rest, given)(step, *at)
+    D_s, D_z, D_r, p_now = _step_slopes(body, s, d, rest, given)(step, *at)
     D_z = ca.horzcat(D_z, D_r) if off else D_z
     now, A = s + step, ca.DM.eye(3) + D_s
     M_now = M + sloped * (D_s @ M + D_z)
-    P_now = sloped * (A @ P @ A.T + exploration.process_noise(step, SHARE, LEAST, ARM))
-    felt, told, feel = [], [], _feeling(shape, free)
+    P_now = sloped * (
+        A @ P @ A.T
+        + exploration.process_noise(step, STEP_SIGMA_SHARE, MIN_STEP_SIGMA, ARM)
+    )
+    felt, told, feel = [], [], _sensing_function(shape, free)
     for f, p_wf in enumerate(meant):
         chance, weights, h, h_s, h_r = feel(z, now, p_wf, rho[f], sensors)
         if off:
             others = [ca.DM.zeros(4, 3) for _ in range(fingers)]
             h = ca.horzcat(h, *others[:f], h_r, *others[f + 1 :])
         felt.append(chance)
-        rows, M_now, P_now = _sample_told(M_now, P_now, h, h_s, weights)
+        rows, M_now, P_now = _measurement_updates(M_now, P_now, h, h_s, weights)
         told += rows
     out = [step, p_now, now, M_now, P_now, ca.vertcat(*felt), ca.vertcat(*told)]
     given = [d, p, s, M, P, z, goal_1, goal, rho, known, sensors, sloped]
@@ -77,7 +82,7 @@ def _step(shape, free: bool, fingers: int, off: bool) -> ca.Function:
     return compiled([ca.Function("step", given, out, {"cse": True})])[0]
 
 
-def _meant(here, p, goal_1, goal, rho, laws) -> list:
+def _commanded(here, p, goal_1, goal, rho, laws) -> list:
     """Return where each finger is meant to be, no deeper than its servo presses."""
     ways = zip(*map(_triples, (p, goal_1, goal)), ca.vertsplit(rho), strict=True)
     deep = laws[4] / laws[3]
@@ -87,7 +92,7 @@ def _meant(here, p, goal_1, goal, rho, laws) -> list:
     ]
 
 
-def _sample_told(M, P, h, h_s, weights):
+def _measurement_updates(M, P, h, h_s, weights):
     """Return rows of what the four numbers of one sample tell, and M, P after it."""
     rows = []
     for i in range(4):
@@ -100,7 +105,7 @@ def _triples(column) -> list:
     return ca.vertsplit(column, 3)
 
 
-def _slopes(body, s, d, rest, given) -> ca.Function:
+def _step_slopes(body, s, d, rest, given) -> ca.Function:
     """Return how the step d follows s, z and fingers that are elsewhere, and tips.
 
     By the implicit function theorem.
@@ -116,7 +121,7 @@ def _slopes(body, s, d, rest, given) -> ca.Function:
 
 
 @cache
-def _feeling(shape, free: bool) -> ca.Function:
+def _sensing_function(shape, free: bool) -> ca.Function:
     """Return (z, s, r, rho, sensors) -> p, weights (4,), slopes by z, s and r (4, ...).
 
     The rows are gap and normal of one finger's sample.
@@ -138,7 +143,7 @@ def _feeling(shape, free: bool) -> ca.Function:
 
 
 @cache
-def remembered(shape, fingers: int) -> ca.Function:
+def backward_filter_function(shape, fingers: int) -> ca.Function:
     """Return (M, P; z, r, rho, c, valid, Q, sensors), REMEMBERED samples backward.
 
     M, P: as in the page `exploration`, s being the pose of a hull at a sample, as seen
@@ -146,16 +151,18 @@ def remembered(shape, fingers: int) -> ca.Function:
     booleans; Q (3,): variance of the step after the sample.  Gives M, P anew and E
     (4 F, k): E'E is what the fingers told.
     """
-    return _remembered(shape, fingers).mapaccum("remembered", REMEMBERED, 2)
+    return _backward_filter_step(shape, fingers).mapaccum(
+        "remembered", SAMPLES_PER_CALL, 2
+    )
 
 
 @cache
-def _remembered(shape, fingers: int) -> ca.Function:
+def _backward_filter_step(shape, fingers: int) -> ca.Function:
     sym, k = shape.symbol, shape.theta
     z, r, rho = sym("z", k), sym("r", 3 * fingers), sym("rho", fingers)
     c, valid, Q = sym("c", fingers), sym("valid", fingers), sym("Q", 3)
     M, P = sym("M", 3, k), sym("P", 3, 3)
-    sensors, feel = sym("sensors", 3), _feeling(shape, False)
+    sensors, feel = sym("sensors", 3), _sensing_function(shape, False)
     alpha, sigma, sigma_n = ca.vertsplit(sensors)
     given = [M, P, z, r, rho, c, valid, Q, sensors]
     P, told = P + ca.diag(Q), []
@@ -163,14 +170,14 @@ def _remembered(shape, fingers: int) -> ca.Function:
         chance, _, h, h_s, _ = feel(z, ca.DM.zeros(3), p_wf, rho[f], sensors)
         gap = alpha**2 * chance * (1 - chance) + c[f] / sigma**2
         weights = valid[f] * ca.vertcat(gap, *[c[f] / sigma_n**2] * 3)
-        rows, M, P = _sample_told(M, P, h, h_s, weights)
+        rows, M, P = _measurement_updates(M, P, h, h_s, weights)
         told += rows
     out = [ca.densify(v) for v in (M, P, ca.vertcat(*told))]
     return compiled([ca.Function("remembered", given, out, {"cse": True})])[0]
 
 
 @cache
-def sampled(shape, free: bool) -> ca.Function:
+def sample_information_function(shape, free: bool) -> ca.Function:
     """Return (z, r, rho, c, sensors) -> (k + 3, k + 3) what a sample of boolean c told.
 
     Of z, theta and the pose at that sample, by which slopes are taken (dx_t/dx_T = I),
@@ -213,7 +220,7 @@ def check_ground(scene) -> None:
         )
 
 
-def check_moves(shape) -> None:
+def check_predictable(shape) -> None:
     """Raise OptionError for a shape whose way under a push cannot be predicted."""
     if shape.inertia is None and shape.foot_squared is None:
         raise OptionError(

@@ -19,19 +19,19 @@ from ..estimation.result import Estimate
 from ..geometry.transforms import rotation_of
 from ..nlp.solution import Solution
 from .style import (
-    FINGERS,
+    FINGER_COLOURS,
     INK,
-    MM,
+    MM_PER_M,
     STYLE,
-    TOUCHED,
-    UNTOUCHED,
+    TOUCHED_COLOUR,
+    UNTOUCHED_COLOUR,
     below,
     check_axes,
     picture,
 )
 
 SIDES = (("x", "#0072B2", "o"), ("y", "#D55E00", "s"), ("z", "#009E73", "^"))
-LEAST = 1e-12  # what is zero is drawn there on logarithmic axes
+LOG_FLOOR = 1e-12  # what is zero is drawn there on logarithmic axes
 
 
 @picture
@@ -52,7 +52,7 @@ def plot_impulses(estimate: Estimate, axis=None) -> Figure:
     mu, at = _friction(estimate), np.arange(len(shown))
     for finger, axis in enumerate(axes):
         normal, tangential = _parts(estimate, finger, shown)
-        colour = FINGERS[finger % len(FINGERS)]
+        colour = FINGER_COLOURS[finger % len(FINGER_COLOURS)]
         axis.bar(at, normal, 1.0, color=(colour, 0.5), label="normal")
         axis.step(at, mu * normal, where="mid", color=INK, lw=1,
                   label=f"friction cone: {mu:.2g} × normal")  # fmt: skip
@@ -71,7 +71,9 @@ def plot_costs(estimate: Estimate, axis=None) -> Figure:
     costs = dict(sorted(estimate.costs.items(), key=lambda cost: abs(cost[1])))
     axis = axis or plt.figure(figsize=(5.6, 0.8 + 0.24 * len(costs))).subplots()
     values = np.array([*costs.values()])
-    bars = axis.barh([*costs], values, color=np.where(values < 0, UNTOUCHED, TOUCHED))
+    bars = axis.barh(
+        [*costs], values, color=np.where(values < 0, UNTOUCHED_COLOUR, TOUCHED_COLOUR)
+    )
     axis.bar_label(bars, [f"{value:.2g}" for value in values], padding=3)
     axis.margins(x=0.15)
     axis.set(xlabel="cost [nats]", title=f"Objective {estimate.objective:.2f} nats")
@@ -91,12 +93,13 @@ def plot_cones(estimate: Estimate, axis=None) -> Figure:
     shown = np.flatnonzero((data.contact & data.valid).any(axis=1))
     for finger in range(data.fingers):
         normal, tangential = _parts(estimate, finger, shown)
-        pushes = normal > LEAST * MM
+        pushes = normal > LOG_FLOOR * MM_PER_M
         axis.scatter(normal[pushes], tangential[pushes], 14, lw=0.4, ec=INK, zorder=3,
-                     color=FINGERS[finger % len(FINGERS)],
+                     color=FINGER_COLOURS[finger % len(FINGER_COLOURS)],
                      label=f"finger {finger}")  # fmt: skip
         most = max(most, *normal)
-    axis.fill_between([0, most], [0, mu * most], color=UNTOUCHED, alpha=0.35, lw=0,
+    axis.fill_between([0, most], [0, mu * most], lw=0,
+                      color=UNTOUCHED_COLOUR, alpha=0.35,
                       label=f"friction cone: {mu:.2g} × normal")  # fmt: skip
     axis.plot([0, most], [0, mu * most], color=INK, lw=1)
     axis.set(xlabel="normal part [mN s]", ylabel="tangential part [mN s]",
@@ -120,11 +123,13 @@ def plot_progress(solved, axis=None) -> Figure:
         )  # fmt: skip
     axis = axis or plt.figure(figsize=(5.6, 3.2)).subplots()
     for name, label, colour in (
-        ("primal", "constraints violated by [scaled]", TOUCHED),
+        ("primal", "constraints violated by [scaled]", TOUCHED_COLOUR),
         ("dual", "gradient of the Lagrangian [scaled]", "#D55E00"),
-        ("barrier", "barrier [nats]", UNTOUCHED),
+        ("barrier", "barrier [nats]", UNTOUCHED_COLOUR),
     ):
-        axis.semilogy(np.maximum(progress[name], LEAST), c=colour, lw=1.4, label=label)
+        axis.semilogy(
+            np.maximum(progress[name], LOG_FLOOR), c=colour, lw=1.4, label=label
+        )
     for start in np.flatnonzero(np.diff(progress["level"])):
         axis.axvline(start + 0.5, color=INK, lw=0.8, ls=":")
     objective = progress["objective"][-1]
@@ -149,8 +154,10 @@ def plot_errors(estimates, truth=None, axis=None) -> Figure:
     check_types(**{f"estimates[{k}]": (e, Estimate) for k, e in enumerate(estimates)})
     axis = axis or plt.figure(figsize=(4.6, 3.4)).subplots()
     actions = [estimate.measurements.actions for estimate in estimates]
-    sides = np.array([estimate.side_lengths for estimate in estimates]) * MM
-    sigma = np.array([e.information.sigma("side_lengths") for e in estimates]) * MM
+    sides = np.array([estimate.side_lengths for estimate in estimates]) * MM_PER_M
+    sigma = (
+        np.array([e.information.sigma("side_lengths") for e in estimates]) * MM_PER_M
+    )
     if truth is not None:
         true = truth.get("side_lengths") if isinstance(truth, dict) else truth
         if np.shape(true) != (3,):
@@ -160,7 +167,9 @@ def plot_errors(estimates, truth=None, axis=None) -> Figure:
             )  # fmt: skip
         order = np.argsort(np.argsort(sides[:, :2], axis=1), axis=1)  # z stands alone
         flat = np.sort(np.ravel(true)[:2])[order]
-        wrong = abs(sides - np.c_[flat, np.full(len(sides), np.ravel(true)[2])] * MM)
+        wrong = abs(
+            sides - np.c_[flat, np.full(len(sides), np.ravel(true)[2])] * MM_PER_M
+        )
     for k, (name, colour, marker) in enumerate(SIDES):
         axis.semilogy(actions, sigma[:, k], "--", color=colour, lw=1.2,
                       label=f"side {name}: predicted ±1σ")  # fmt: skip
@@ -186,7 +195,7 @@ def _parts(estimate, finger, shown):
     body = trimesh.convex.convex_hull(estimate.vertices)
     nearest, distance, _ = trimesh.proximity.closest_point_naive(body, p_of)
     n_o = (p_of - nearest) / distance[:, None]
-    impulse = R_ow.apply(estimate.impulses[f"finger {finger}"][shown]) * MM
+    impulse = R_ow.apply(estimate.impulses[f"finger {finger}"][shown]) * MM_PER_M
     normal = -np.sum(impulse * n_o, axis=1)
     return normal, np.linalg.norm(impulse + normal[:, None] * n_o, axis=1)
 

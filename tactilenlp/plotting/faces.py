@@ -12,9 +12,13 @@ from ..geometry.transforms import rotation_of
 from ..information.information import FACE_COSINE
 from ..information.measurement_noise import KNOWN_FACE
 
-MM = 1e3  # [mm / m]
-MOST = 26e-3  # [m] a face that no one knows is drawn this far off: beside the object
-LEAST = 0.02  # [1] of its distance from the middle, as near as a face is drawn
+MM_PER_M = 1e3  # [mm / m]
+MAX_DRAWN_SIGMA = (
+    26e-3  # [m] a face that no one knows is drawn this far off: beside the object
+)
+MIN_DISTANCE_SHARE = (
+    0.02  # [1] of its distance from the middle, as near as a face is drawn
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,20 +42,27 @@ def faces_of(estimate, sample: int):
     normals = np.array([n for _, n in planes])
     touched = _touched(estimate, normals)
     faces = [
-        Face((estimate.vertices[corners] @ R_wo.T + p_wo) * MM, R_wo @ n_o, bool(known))
+        Face(
+            (estimate.vertices[corners] @ R_wo.T + p_wo) * MM_PER_M,
+            R_wo @ n_o,
+            bool(known),
+        )
         for (corners, n_o), known in zip(planes, touched, strict=True)
     ]
     sigma = _deviations(estimate, sample, normals)
     if np.isnan(sigma).any():
         return faces, None
     away = np.array([estimate.vertices[c[0]] @ n for c, n in planes])  # from the origin
-    band = [_moved(normals, away, way * np.minimum(sigma, MOST)) for way in (1, -1)]
-    return faces, [(corners @ R_wo.T + p_wo) * MM for corners in band]
+    band = [
+        _moved(normals, away, way * np.minimum(sigma, MAX_DRAWN_SIGMA))
+        for way in (1, -1)
+    ]
+    return faces, [(corners @ R_wo.T + p_wo) * MM_PER_M for corners in band]
 
 
 def _moved(normals, away, by) -> np.ndarray:
     """Return the corners (n, 3) [m] of a body whose faces lie `by` [m] farther out."""
-    away = np.maximum(away + by, LEAST * away)
+    away = np.maximum(away + by, MIN_DISTANCE_SHARE * away)
     return HalfspaceIntersection(np.c_[normals, -away], np.zeros(3)).intersections
 
 

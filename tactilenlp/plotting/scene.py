@@ -21,16 +21,16 @@ from ..errors import OptionError
 from ..estimation.result import Estimate
 from ..geometry.faces import face_sigma, polygons
 from ..geometry.transforms import rotation_of
-from ..output.colours import KNOWN, UNKNOWN, information_colour
+from ..output.colours import UNKNOWN_SIGMA, WELL_KNOWN_SIGMA, information_colour
 from .faces import faces_of
 from .style import (
-    BAND,
-    FINGERS,
+    BAND_COLOUR,
+    FINGER_COLOURS,
     INK,
-    MM,
-    TOUCHED,
-    TRUTH,
-    UNTOUCHED,
+    MM_PER_M,
+    TOUCHED_COLOUR,
+    TRUTH_COLOUR,
+    UNTOUCHED_COLOUR,
     below,
     check_axes,
     check_solid,
@@ -38,17 +38,25 @@ from .style import (
     with_key,
 )
 
-ROOM = np.array([26.0, 26.0, 22.0])  # [mm] beside and above the object: a fingertip
-ARROW, GRID = 7.0, 10.0  # [mm] length of a normal, spacing of the ground's lines
+SCENE_MARGINS = np.array(
+    [26.0, 26.0, 22.0]
+)  # [mm] beside and above the object: a fingertip
+NORMAL_LENGTH, GRID_SPACING_MM = (
+    7.0,
+    10.0,
+)  # [mm] length of a normal, spacing of the ground's lines
 ELEVATION, AZIMUTH = 28.0, -58.0  # [deg] from where a scene is seen
 EYE = Rotation.from_euler("yz", [-ELEVATION, AZIMUTH], degrees=True).apply([1, 0, 0])
 LIGHT = LightSource(azdeg=145, altdeg=50)
-LABEL = {
+LABEL_STYLE = {
     "ha": "center", "va": "center", "fontsize": 7,
     "bbox": {"boxstyle": "round,pad=0.2", "fc": "w", "ec": "none", "alpha": 0.8},
 }  # fmt: skip
-WORTH = 100.0  # [mm^2] a face seen this large has room for a label
-WORDS, SIGMA = {True: "face touched", False: "face not touched"}, "±1σ of each face"
+LABELLED_AREA = 100.0  # [mm^2] a face seen this large has room for a label
+FACE_LABELS, SIGMA_LABEL = (
+    {True: "face touched", False: "face not touched"},
+    "±1σ of each face",
+)
 
 
 @picture
@@ -85,17 +93,17 @@ def plot_information(estimate: Estimate, axis=None, key: bool = True) -> Figure:
     points, R_wo = estimate.vertices, estimate.rotation()
     shown = zip(polygons(points), face_sigma(estimate), strict=True)
     for (corners, n_o), sigma in shown:
-        place = (points[corners] @ R_wo.T + estimate.position[-1]) * MM
+        place = (points[corners] @ R_wo.T + estimate.position[-1]) * MM_PER_M
         colour = information_colour(sigma) / 255
         draw_seen(axis, [(place, R_wo @ n_o)], [colour], INK, 4, shade=False)
-        if _extent(place, R_wo @ n_o) > WORTH:
-            words = f"{sigma * MM:.2g}" if sigma < UNKNOWN else "unknown"
-            axis.text(*place.mean(axis=0), words, zorder=9, **LABEL)
+        if _extent(place, R_wo @ n_o) > LABELLED_AREA:
+            words = f"{sigma * MM_PER_M:.2g}" if sigma < UNKNOWN_SIGMA else "unknown"
+            axis.text(*place.mean(axis=0), words, zorder=9, **LABEL_STYLE)
     for colour, seen, _, _ in _touches(estimate, -1):
         axis.scatter(*seen.T, s=5, color=colour, zorder=8, depthshade=False)
-    scale = np.geomspace(UNKNOWN, KNOWN, 64)
+    scale = np.geomspace(UNKNOWN_SIGMA, WELL_KNOWN_SIGMA, 64)
     bar = plt.cm.ScalarMappable(
-        LogNorm(KNOWN * MM, UNKNOWN * MM),
+        LogNorm(WELL_KNOWN_SIGMA * MM_PER_M, UNKNOWN_SIGMA * MM_PER_M),
         ListedColormap(information_colour(scale)[::-1] / 255),
     )
     if key:
@@ -141,25 +149,28 @@ def draw_top(axis, estimate, sample, truth, view) -> None:
     """Draw a sample from above into an axis that shows the box `view` (2, 3) [mm]."""
     data, (faces, spread) = estimate.measurements, faces_of(estimate, sample)
     for face in (face for face in faces if face.normal[2] > -1e-6):
-        side, colour = face.normal[2] < 0.5, TOUCHED if face.touched else UNTOUCHED
+        side, colour = (
+            face.normal[2] < 0.5,
+            TOUCHED_COLOUR if face.touched else UNTOUCHED_COLOUR,
+        )
         axis.fill(*face.corners[:, :2].T, fc=(colour, 0.25), ec=colour, lw=1 + side,
-                  zorder=2 + side, label=WORDS[face.touched])  # fmt: skip
+                  zorder=2 + side, label=FACE_LABELS[face.touched])  # fmt: skip
     if spread is not None:
         ring = np.concatenate([outline(spread[0]), outline(spread[1])[::-1]])
-        axis.fill(*ring.T, fc=(BAND, 0.5), lw=0, zorder=2.5, label=SIGMA)
+        axis.fill(*ring.T, fc=(BAND_COLOUR, 0.5), lw=0, zorder=2.5, label=SIGMA_LABEL)
     if truth is not None:
         true = outline(true_corners(truth, sample))
-        axis.plot(*true.T, "--", color=TRUTH, lw=1.3, zorder=6, label="truth")
+        axis.plot(*true.T, "--", color=TRUTH_COLOUR, lw=1.3, zorder=6, label="truth")
     during = data.action == data.action[sample]
     for finger, (colour, points, normals, now) in enumerate(_touches(estimate, sample)):
-        path = estimate.seen_positions[:, finger] * MM
+        path = estimate.seen_positions[:, finger] * MM_PER_M
         axis.plot(*path[during, :2].T, ".-", ms=2.5, lw=0.8, color=colour, zorder=4)
         axis.add_patch(plt.Circle(
-            path[sample, :2], data.finger_radius[finger] * MM, fc=(colour, 0.35),
+            path[sample, :2], data.finger_radius[finger] * MM_PER_M, fc=(colour, 0.35),
             ec=colour, zorder=5, label=f"finger {finger} and its contacts",
         ))  # fmt: skip
-        axis.quiver(*points[now, :2].T, *normals[now, :2].T, color=colour, angles="xy",
-            scale_units="xy", scale=1 / ARROW, width=3e-3, zorder=7)  # fmt: skip
+        axis.quiver(*points[now, :2].T, *normals[now, :2].T, color=colour,
+            angles="xy", scale_units="xy", scale=1 / NORMAL_LENGTH, width=3e-3, zorder=7)  # fmt: skip
         size = 6 + 10 * now
         axis.scatter(*points[:, :2].T, size, color=colour, ec=INK, lw=0.4, zorder=8)
     axis.set(xlim=view[:, 0], ylim=view[:, 1], xlabel="x [mm]", ylabel="y [mm]",
@@ -171,30 +182,37 @@ def draw_scene(axis, estimate, sample, truth, view) -> None:
     data, (faces, spread) = estimate.measurements, faces_of(estimate, sample)
     _frame(axis, estimate, view)
     for face in (face for face in faces if face.normal @ EYE > 0):
-        colour = TOUCHED if face.touched else UNTOUCHED
+        colour = TOUCHED_COLOUR if face.touched else UNTOUCHED_COLOUR
         draw_seen(axis, [(face.corners, face.normal)], colour, INK, 4, shade=True,
-                  lightsource=LIGHT, label=WORDS[face.touched])  # fmt: skip
+                  lightsource=LIGHT, label=FACE_LABELS[face.touched])  # fmt: skip
     if spread is not None:
-        draw_seen(axis, _polygons(spread[0]), (BAND, 0.12), BAND, 5, label=SIGMA)
+        draw_seen(
+            axis,
+            _polygons(spread[0]),
+            (BAND_COLOUR, 0.12),
+            BAND_COLOUR,
+            5,
+            label=SIGMA_LABEL,
+        )
     if truth is not None:
         true = _polygons(true_corners(truth, sample))
-        draw_seen(axis, true, "none", TRUTH, 6, ls="--", label="truth")
+        draw_seen(axis, true, "none", TRUTH_COLOUR, 6, ls="--", label="truth")
     for finger, (colour, points, normals, _) in enumerate(_touches(estimate, sample)):
         seen = normals @ EYE > 0
-        axis.quiver(*points[seen].T, *normals[seen].T, length=ARROW, color=colour,
-                    lw=0.8, arrow_length_ratio=0.3, zorder=7)  # fmt: skip
+        axis.quiver(*points[seen].T, *normals[seen].T, length=NORMAL_LENGTH,
+                    color=colour, lw=0.8, arrow_length_ratio=0.3, zorder=7)  # fmt: skip
         axis.scatter(
             *points[seen].T, s=8, color=colour, edgecolors=INK, lw=0.4, zorder=8,
             depthshade=False, label=f"finger {finger} and its contacts",
         )  # fmt: skip
-        centre = estimate.seen_positions[sample, finger] * MM
+        centre = estimate.seen_positions[sample, finger] * MM_PER_M
         if np.all((centre > view[0]) & (centre < view[1])):  # 3-D axes do not clip
             near = max(faces, key=lambda f: f.normal @ (centre - f.corners[0])).normal
-            ball = trimesh.creation.icosphere(3, data.finger_radius[finger] * MM)
+            ball = trimesh.creation.icosphere(3, data.finger_radius[finger] * MM_PER_M)
             axis.plot_trisurf(
                 *(ball.vertices + centre).T, triangles=ball.faces, color=colour, lw=0,
                 antialiased=False, lightsource=LIGHT,
-                zorder=9 + EYE @ centre / MM if near @ EYE > 0 else 3,
+                zorder=9 + EYE @ centre / MM_PER_M if near @ EYE > 0 else 3,
             )  # fmt: skip
 
 
@@ -211,9 +229,14 @@ def _frame(axis, estimate, view) -> None:
     axis.view_init(ELEVATION, AZIMUTH)
     axis.computed_zorder = False  # matplotlib's own order hides what is near
     if estimate.scene.ground is not None:
-        (x0, y0, _), (x1, y1, _) = np.round(view / GRID) * GRID
-        flat = np.mgrid[x0 : x1 + 1 : GRID, y0 : y1 + 1 : GRID, 0:1] / MM
-        lines = MM * estimate.scene.ground.from_ground(flat[..., 0].transpose(1, 2, 0))
+        (x0, y0, _), (x1, y1, _) = np.round(view / GRID_SPACING_MM) * GRID_SPACING_MM
+        flat = (
+            np.mgrid[x0 : x1 + 1 : GRID_SPACING_MM, y0 : y1 + 1 : GRID_SPACING_MM, 0:1]
+            / MM_PER_M
+        )
+        lines = MM_PER_M * estimate.scene.ground.from_ground(
+            flat[..., 0].transpose(1, 2, 0)
+        )
         axis.plot_wireframe(*lines.transpose(2, 0, 1), rstride=1, cstride=1, lw=0.5,
                             color="#D0D0D0", zorder=0)  # fmt: skip
 
@@ -258,7 +281,7 @@ def true_corners(truth, sample) -> np.ndarray:
     if corners is None:
         corners = np.indices((2, 2, 2)).reshape(3, -1).T - 0.5
         corners = corners * truth["side_lengths"]
-    return MM * (_rotations(quaternion[now]).apply(corners) + p_wo[now])
+    return MM_PER_M * (_rotations(quaternion[now]).apply(corners) + p_wo[now])
 
 
 def _touches(estimate, sample):
@@ -268,9 +291,14 @@ def _touches(estimate, sample):
         t = np.flatnonzero(data.contact[:, finger] & data.valid[:, finger])
         carry, n_w = R_wo[sample] * R_wo[t].inv(), data.normal[t, finger]
         arms = estimate.seen_positions[t, finger] - radius * n_w - estimate.position[t]
-        points = MM * (carry.apply(arms) + estimate.position[sample])
+        points = MM_PER_M * (carry.apply(arms) + estimate.position[sample])
         now = data.action[t] == data.action[sample]
-        yield FINGERS[finger % len(FINGERS)], points, carry.apply(n_w), now
+        yield (
+            FINGER_COLOURS[finger % len(FINGER_COLOURS)],
+            points,
+            carry.apply(n_w),
+            now,
+        )
 
 
 def _rotations(quaternion):
@@ -283,6 +311,9 @@ def _when(data, sample) -> str:
 
 def view_of(estimate, samples) -> np.ndarray:
     """Return the corners (2, 3) [mm] of what is shown: the object, with some room."""
-    points = np.concatenate([estimate.mesh(sample).vertices for sample in samples]) * MM
-    below = ROOM * (1, 1, estimate.scene.ground is None)
-    return np.stack([points.min(axis=0) - below, points.max(axis=0) + ROOM])
+    points = (
+        np.concatenate([estimate.mesh(sample).vertices for sample in samples])
+        * MM_PER_M
+    )
+    below = SCENE_MARGINS * (1, 1, estimate.scene.ground is None)
+    return np.stack([points.min(axis=0) - below, points.max(axis=0) + SCENE_MARGINS])

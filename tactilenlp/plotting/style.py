@@ -15,15 +15,20 @@ from ..errors import OptionError
 from ..estimation.result import Estimate
 
 # Colours that the colour-blind tell apart (Okabe and Ito, "Color Universal Design").
-TOUCHED, UNTOUCHED, BAND, TRUTH = "#0072B2", "#B5B5B5", "#56B4E9", "#D55E00"
-INK, FINGERS = "#333333", ("#009E73", "#CC79A7", "#E69F00", "#F0E442")
+TOUCHED_COLOUR, UNTOUCHED_COLOUR, BAND_COLOUR, TRUTH_COLOUR = (
+    "#0072B2",
+    "#B5B5B5",
+    "#56B4E9",
+    "#D55E00",
+)
+INK, FINGER_COLOURS = "#333333", ("#009E73", "#CC79A7", "#E69F00", "#F0E442")
 STYLE = {
     "font.size": 8, "legend.fontsize": 8, "legend.frameon": False, "figure.dpi": 150,
     "axes.spines.top": False, "axes.spines.right": False, "axes3d.grid": False,
     "axes.titlesize": 9, "axes.xmargin": 0.01, "figure.constrained_layout.use": True,
 }  # fmt: skip
-MM = 1e3  # [mm / m], also [mN s / N s]
-UNDER = 0.42  # [inch] from an axis to the key below it: room for ticks and label
+MM_PER_M = 1e3  # [mm / m], also [mN s / N s]
+KEY_DISTANCE = 0.42  # [inch] from an axis to the key below it: room for ticks and label
 
 
 def picture(draw):
@@ -80,7 +85,7 @@ def check_solid(axis):
 
 def below(axis) -> dict:
     """Return where a key lies under an axis, whatever its height."""
-    down = ScaledTranslation(0, -UNDER, axis.figure.dpi_scale_trans)
+    down = ScaledTranslation(0, -KEY_DISTANCE, axis.figure.dpi_scale_trans)
     where = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "ncols": 2}
     return where | {"bbox_transform": axis.transAxes + down}
 

@@ -6,21 +6,29 @@ import numpy as np
 
 from ..errors import OptionError, TactileError
 
-STEP = 1 / 4080  # [s]; an impact at 0.2 m/s sinks in by 0.07 mm, most of it in one step
+TIME_STEP = (
+    1 / 4080
+)  # [s]; an impact at 0.2 m/s sinks in by 0.07 mm, most of it in one step
 # Contacts settle in 1 ms (MuJoCo wants two steps at least) without rebound, under the
 # largest impedance that MuJoCo takes: 8 N sink in by less than 0.1 um.  Friction is ten
 # times as stiff: no creep is left that the slow noslip solver could remove.
-CONTACT = 'condim="3" solref="{} {}" solimp="0.9999 0.9999 0.001"'
-SETTLING = 0.001  # [s] of a contact without rebound
-BOUNCING = 0.005  # [s] of one that rebounds: many steps long, or it gains energy
-LIVELIEST = 0.9  # [1] restitution: with more, contacts ring on and on
-OPTION = 'integrator="implicitfast" cone="elliptic" impratio="10" tolerance="1e-10"'
+CONTACT_SETTINGS = 'condim="3" solref="{} {}" solimp="0.9999 0.9999 0.001"'
+CONTACT_TIME = 0.001  # [s] of a contact without rebound
+REBOUND_TIME = 0.005  # [s] of one that rebounds: many steps long, or it gains energy
+MAX_RESTITUTION = 0.9  # [1] restitution: with more, contacts ring on and on
+SOLVER_SETTINGS = (
+    'integrator="implicitfast" cone="elliptic" impratio="10" tolerance="1e-10"'
+)
 FINGER_MASS = 0.05  # [kg], a fingertip; the object feels it in impacts only
-STIFFNESS = 3125.0  # [N/m] of the servo: a finger alone reaches 250 rad/s
+SERVO_STIFFNESS = 3125.0  # [N/m] of the servo: a finger alone reaches 250 rad/s
 # Critical with 0.5 kg before the finger; with less damping a push is a row of blows.
-DAMPING = 2 * (STIFFNESS * (FINGER_MASS + 0.5)) ** 0.5  # [N s/m]
-HOME = 10.0  # [m] above the origin, out of reach: the fingers before the first action
-OVERLAP = 1e-5  # [m] allowed where fingers are placed; a resting object sinks in 0.1 um
+SERVO_DAMPING = 2 * (SERVO_STIFFNESS * (FINGER_MASS + 0.5)) ** 0.5  # [N s/m]
+PARKING_HEIGHT = (
+    10.0  # [m] above the origin, out of reach: the fingers before the first action
+)
+MAX_OVERLAP = (
+    1e-5  # [m] allowed where fingers are placed; a resting object sinks in 0.1 um
+)
 
 
 class Plant:
@@ -64,7 +72,7 @@ class Plant:
         self._data = mujoco.MjData(self._model)
         self._object = self._model.geom("object").id
         self._first = self._object + 1  # the geoms of the fingers follow the object's
-        home = [[f, 0.0, HOME] for f in range(len(finger_radius))]
+        home = [[f, 0.0, PARKING_HEIGHT] for f in range(len(finger_radius))]
         self._data.qpos[:] = np.concatenate([pose, np.ravel(home)])
         self._max_force = max_force
         self.steps = 0
@@ -83,7 +91,7 @@ class Plant:
         """Return the distances (F,) [m] of finger surfaces to the object's, signed."""
         import mujoco
 
-        model, data, far = self._model, self._data, 2 * HOME
+        model, data, far = self._model, self._data, 2 * PARKING_HEIGHT
         mujoco.mj_kinematics(model, data)  # geoms lag one step behind the coordinates
         fingers = range(self._first, model.ngeom)
         pairs = ((model, data, f, self._object, far, None) for f in fingers)
@@ -100,7 +108,7 @@ class Plant:
         mujoco.mj_forward(self._model, self._data)
         contact = self._data.contact
         geoms, overlap = contact.geom.reshape(-1, 2).max(axis=1), -contact.dist
-        deep = np.flatnonzero((geoms >= self._first) & (overlap > OVERLAP))
+        deep = np.flatnonzero((geoms >= self._first) & (overlap > MAX_OVERLAP))
         if len(deep):
             finger = geoms[deep[0]] - self._first
             raise OptionError(
@@ -113,7 +121,9 @@ class Plant:
 
     def hold(self, duration: float) -> None:
         """Step for a duration [s] while the fingers stay where they are."""
-        self.follow(np.repeat(self.fingers[None], round(duration / STEP) + 1, axis=0))
+        self.follow(
+            np.repeat(self.fingers[None], round(duration / TIME_STEP) + 1, axis=0)
+        )
 
     def follow(self, reference: np.ndarray) -> np.ndarray:
         """Step through finger references (n + 1, F, 3) [m], one per step.
@@ -121,11 +131,13 @@ class Plant:
         Returns (n, F, 6) [N], per step and finger: the force on the object, then the
         normal force times the object's outward normal.
         """
-        velocity = np.diff(reference, axis=0) / STEP
+        velocity = np.diff(reference, axis=0) / TIME_STEP
         touch = np.array(
             [self._step(*goal) for goal in zip(reference[1:], velocity, strict=True)]
         )
-        if abs(self._data.time - self.steps * STEP) > STEP:  # MuJoCo resets itself
+        if (
+            abs(self._data.time - self.steps * TIME_STEP) > TIME_STEP
+        ):  # MuJoCo resets itself
             raise TactileError(
                 "the simulation diverged",
                 where="Plant.follow",
@@ -137,8 +149,8 @@ class Plant:
         import mujoco
 
         data = self._data
-        force = STIFFNESS * (position - data.qpos[7:].reshape(-1, 3))
-        force += DAMPING * (velocity - data.qvel[6:].reshape(-1, 3))
+        force = SERVO_STIFFNESS * (position - data.qpos[7:].reshape(-1, 3))
+        force += SERVO_DAMPING * (velocity - data.qvel[6:].reshape(-1, 3))
         size = np.linalg.norm(force, axis=1, keepdims=True)
         force *= self._max_force / np.maximum(size, self._max_force)
         data.qfrc_applied[6:] = force.ravel()
@@ -189,7 +201,7 @@ def _xml(
             mass="{FINGER_MASS}" friction="{friction[1]} 0 0"/></body>"""
         for radius in finger_radius.tolist()
     )
-    return f"""<mujoco><option timestep="{STEP}" {OPTION}/>
+    return f"""<mujoco><option timestep="{TIME_STEP}" {SOLVER_SETTINGS}/>
         <default><geom {contact}/></default>{mesh}
         <worldbody>{plane}<body><freejoint/><geom name="object" {geom} mass="{mass}"
             friction="0 0 0"/></body>{fingers}</worldbody></mujoco>"""
@@ -203,11 +215,11 @@ def _contact(restitution: float) -> str:
     s = sqrt(1 - z^2) (Schwager and Poeschel, 2007).
     """
     if restitution == 0:
-        return CONTACT.format(SETTLING, 1)
+        return CONTACT_SETTINGS.format(CONTACT_TIME, 1)
     z = np.linspace(0.01, 0.99, 1000)
     s = np.sqrt(1 - z**2)
     left = np.exp(-z / s * (np.pi - np.arctan2(2 * z * s, 1 - 2 * z**2)))
-    return CONTACT.format(BOUNCING, np.interp(-restitution, -left, z))
+    return CONTACT_SETTINGS.format(REBOUND_TIME, np.interp(-restitution, -left, z))
 
 
 def _text(numbers: np.ndarray) -> str:

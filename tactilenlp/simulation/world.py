@@ -13,16 +13,18 @@ from ..data.measurements import Measurements
 from ..data.noise_model import Noise, add_noise
 from ..errors import OptionError, SceneError
 from ..geometry.transforms import rotation_of
-from .mujoco_plant import LIVELIEST, STEP, Plant
-from .retraction import STILL, retraction
+from .mujoco_plant import MAX_RESTITUTION, TIME_STEP, Plant
+from .retraction import PARKED_MOTION, retraction
 
-RATE = 30  # [Hz] of the record, as the tactile sensors of the paper
-WINDOW = 40  # steps (10 ms) at the end of a sample over which the sensor averages
-PAUSE = 0.2  # [s] after an action: the object comes to rest
-LARGEST = 5.0  # [m] of a side: fingers push nothing longer
-SUNK = 1e-5  # [m] a body may be placed below the ground; more would make it jump
-SHAPE = ("side_lengths", "vertices")
-KNOWN = {  # what a world is told: unit and length
+SAMPLE_RATE = 30  # [Hz] of the record, as the tactile sensors of the paper
+CONTACT_STEPS = (
+    40  # steps (10 ms) at the end of a sample over which the sensor averages
+)
+REST_TIME = 0.2  # [s] after an action: the object comes to rest
+MAX_SIDE = 5.0  # [m] of a side: fingers push nothing longer
+MAX_DEPTH = 1e-5  # [m] a body may be placed below the ground; more would make it jump
+BODY_ARGUMENTS = ("side_lengths", "vertices")
+ARGUMENT_RULES = {  # what a world is told: unit and length
     "side_lengths": ("m > 0", 3),
     "finger_radius": ("m > 0", None),
     "mass": ("kg > 0", -1),
@@ -36,8 +38,8 @@ KNOWN = {  # what a world is told: unit and length
     "rate": ("Hz > 0", -1),
     "restitution": (">= 0", -1),
 }
-PLANT = (
-    *SHAPE,
+PLANT_ARGUMENTS = (
+    *BODY_ARGUMENTS,
     "mass",
     "finger_radius",
     "ground",
@@ -109,25 +111,31 @@ class World:
     max_force: float = 8.0
     contact_force: float = 0.05
     settle: float = 0.3
-    rate: float = RATE
+    rate: float = SAMPLE_RATE
     restitution: float = 0.0
     noise: Noise = Noise()  # noqa: RUF009 (it is frozen)
 
     def __post_init__(self) -> None:
         if (self.side_lengths is None) == (self.vertices is None):
-            raise _wrong("side_lengths, vertices", "one of the two", "both or neither")
+            raise _world_error(
+                "side_lengths, vertices", "one of the two", "both or neither"
+            )
         self.finger_radius = np.atleast_1d(self.finger_radius)
-        for name, rule in KNOWN.items():
+        for name, rule in ARGUMENT_RULES.items():
             value = getattr(self, name)
             if value is not None or name not in ("side_lengths", "ground"):
                 setattr(self, name, _checked(name, value, *rule))
-        if self.restitution > LIVELIEST:
-            raise _wrong("restitution", f"at most {LIVELIEST}", self.restitution)
-        if self.rate * STEP > 1:
+        if self.restitution > MAX_RESTITUTION:
+            raise _world_error(
+                "restitution", f"at most {MAX_RESTITUTION}", self.restitution
+            )
+        if self.rate * TIME_STEP > 1:
             fix = "a sample is one step of the solver at least"
-            raise _wrong("rate", f"at most {1 / STEP:.0f} Hz", self.rate, fix)
+            raise _world_error(
+                "rate", f"at most {1 / TIME_STEP:.0f} Hz", self.rate, fix
+            )
         if self.ground is None and self.gravity > 0:
-            raise _wrong("ground", "a height [m] where there is gravity", None)
+            raise _world_error("ground", "a height [m] where there is gravity", None)
         if self.vertices is None:
             corners = (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5) * self.side_lengths
         else:
@@ -137,14 +145,14 @@ class World:
         self.measurements: Measurements | None = None
         self.truth: Truth | None = None
         friction = self.friction_ground, self.friction_finger
-        known = {key: getattr(self, key) for key in PLANT}
+        known = {key: getattr(self, key) for key in PLANT_ARGUMENTS}
         self._plant = Plant(pose=pose, friction=friction, **known)
         self._plant.hold(self.settle)
 
     @property
     def time(self) -> float:
         """The simulated time [s]."""
-        return self._plant.steps * STEP
+        return self._plant.steps * TIME_STEP
 
     @property
     def pose(self) -> np.ndarray:
@@ -165,11 +173,11 @@ class World:
         Raises OptionError where a trajectory is malformed or starts inside a body.
         """
         path, duration, parked = _path(trajectory, len(self.finger_radius))
-        each = max(1, round(1 / (self.rate * STEP)))  # steps per sample
-        steps = np.arange(int(duration / (each * STEP) + 1e-6) * each + 1)
-        reference = path(np.minimum(steps * STEP, duration))
+        each = max(1, round(1 / (self.rate * TIME_STEP)))  # steps per sample
+        steps = np.arange(int(duration / (each * TIME_STEP) + 1e-6) * each + 1)
+        reference = path(np.minimum(steps * TIME_STEP, duration))
         self._plant.place(reference[0])
-        time = (self._plant.steps + steps[::each]) * STEP
+        time = (self._plant.steps + steps[::each]) * TIME_STEP
         rows = [self._row(np.zeros((1, len(parked), 6)))]
         for k in range(0, len(steps) - 1, each):
             touch = self._plant.follow(reference[k : k + each + 1])
@@ -177,7 +185,7 @@ class World:
         true = Truth(*map(np.array, zip(*rows, strict=True)))
         out = self._plant.fingers, true.normal[-1]
         self._plant.follow(retraction(*out, path, duration, parked))
-        self._plant.hold(PAUSE)
+        self._plant.hold(REST_TIME)
         return self._keep(time, true, parked)
 
     def _keep(self, time: np.ndarray, true: Truth, parked: np.ndarray) -> Measurements:
@@ -203,25 +211,34 @@ class World:
         """Write measurements, knowledge of the scene and truth as .npz (DESIGN.md)."""
         if self.measurements is None:
             raise SceneError("nothing is recorded", next="execute a trajectory first")
-        known = (*SHAPE, "mass", "friction_ground", "friction_finger", "max_force")
+        known = (
+            *BODY_ARGUMENTS,
+            "mass",
+            "friction_ground",
+            "friction_finger",
+            "max_force",
+        )
         arrays = vars(self.measurements) | {key: getattr(self, key) for key in known}
         arrays = {key: value for key, value in arrays.items() if value is not None}
         for key, value in vars(self.truth).items():
             arrays[key if key.startswith("object_") else f"truth_{key}"] = value
         arrays["final_position"] = self.truth.object_position[-1]
         arrays["final_quaternion"] = self.truth.object_quaternion[-1]
-        arrays |= {"contact_force_threshold": self.contact_force, "solver_step": STEP}
+        arrays |= {
+            "contact_force_threshold": self.contact_force,
+            "solver_step": TIME_STEP,
+        }
         write_npz(path, arrays)
 
     def _row(self, touch: np.ndarray) -> tuple:
         """Return one sample of Truth from the forces (n, F, 6) [N] since the last."""
-        press, finger = touch[-WINDOW:, :, 3:], np.arange(touch.shape[1])
+        press, finger = touch[-CONTACT_STEPS:, :, 3:], np.arange(touch.shape[1])
         felt = np.linalg.norm(press, axis=2)
         force, last = felt.mean(axis=0), (felt > 0).cumsum(axis=0).argmax(axis=0)
         contact = force > self.contact_force  # the normal is the one felt last
         unit = contact / np.where(contact, felt[last, finger], 1.0)
         normal = press[last, finger] * unit[:, None]
-        impulse = touch[:, :, :3].sum(axis=0) * STEP
+        impulse = touch[:, :, :3].sum(axis=0) * TIME_STEP
         pose, fingers, gap = self.pose, self._plant.fingers, self._plant.distance()
         return pose[:3], pose[3:], fingers, contact, normal, force, impulse, gap
 
@@ -235,11 +252,11 @@ def _path(trajectory, F: int) -> tuple[Callable, float, np.ndarray]:
     good = time.ndim == 1 and len(time) > 1 and np.isfinite(time).all()
     if not (good and (np.diff(time) > 0).all()):
         expected = "(n,) [s], finite, increasing, n >= 2"
-        raise _wrong("time", expected, f"shape {time.shape}", kind=OptionError)
+        raise _world_error("time", expected, f"shape {time.shape}", kind=OptionError)
     if position.shape != (len(time), F, 3) or not np.isfinite(position).all():
         expected, got = f"{(len(time), F, 3)} [m], finite", f"shape {position.shape}"
-        raise _wrong("finger_position", expected, got, kind=OptionError)
-    parked = np.ptp(position, axis=0).max(axis=1) < STILL
+        raise _world_error("finger_position", expected, got, kind=OptionError)
+    parked = np.ptp(position, axis=0).max(axis=1) < PARKED_MOTION
     return PchipInterpolator(time - time[0], position), time[-1] - time[0], parked
 
 
@@ -248,17 +265,17 @@ def _pose(position, quaternion, corners: np.ndarray, ground: float | None):
 
     quaternion = _checked("quaternion", quaternion, "unit length", 4)
     if not np.isclose(np.linalg.norm(quaternion), 1, atol=1e-6):
-        raise _wrong("quaternion", "unit length", quaternion, "the order is wxyz")
+        raise _world_error("quaternion", "unit length", quaternion, "the order is wxyz")
     R_wo = rotation_of(quaternion).as_matrix()
     lowest = (corners @ R_wo.T)[:, 2].min()
     position = _checked("position", np.atleast_1d(position), "m", None)
     if len(position) == 2 and ground is not None:
         position = np.append(position, ground - lowest)
     if len(position) != 3:
-        raise _wrong("position", "(3,) [m], or (2,) with a ground", position)
-    if ground is not None and position[2] + lowest < ground - SUNK:
+        raise _world_error("position", "(3,) [m], or (2,) with a ground", position)
+    if ground is not None and position[2] + lowest < ground - MAX_DEPTH:
         fix = "give two coordinates, and the body is set down"
-        raise _wrong("position", "a body above the ground", position, fix)
+        raise _world_error("position", "a body above the ground", position, fix)
     return np.concatenate([position, quaternion / np.linalg.norm(quaternion)])
 
 
@@ -271,7 +288,7 @@ def _hull(vertices) -> np.ndarray:
         hull = ConvexHull(points.reshape(len(points), 3))
     except (QhullError, TypeError, ValueError) as bad:
         expected, fix = "(V, 3) [m], a body", "give the corners of a convex body"
-        raise _wrong("vertices", expected, np.shape(vertices), fix) from bad
+        raise _world_error("vertices", expected, np.shape(vertices), fix) from bad
     inside = points.mean(axis=0)
     legs = points[hull.simplices] - inside  # a tetrahedron per facet
     volume = abs(np.linalg.det(legs))
@@ -288,12 +305,16 @@ def _checked(name: str, value, unit: str, length: int | None = -1):
         array = np.array(np.nan)
     shape = () if length == -1 else (length or max(array.size, 1),)
     if array.shape != shape or not (np.isfinite(array) & (array >= low)).all():
-        raise _wrong(name, f"finite, shape {shape}, [{unit}]", value)
-    if name == "side_lengths" and array.max() > LARGEST:
-        raise _wrong(name, f"at most {LARGEST} m", value, "divide by 1000 if in mm")
+        raise _world_error(name, f"finite, shape {shape}, [{unit}]", value)
+    if name == "side_lengths" and array.max() > MAX_SIDE:
+        raise _world_error(
+            name, f"at most {MAX_SIDE} m", value, "divide by 1000 if in mm"
+        )
     return array if shape else float(array)
 
 
-def _wrong(where: str, expected: str, got: object, next: str = "", kind=SceneError):
+def _world_error(
+    where: str, expected: str, got: object, next: str = "", kind=SceneError
+):
     parts = {"where": where, "expected": expected, "got": f"{got}", "next": next}
     return kind("cannot be simulated", **parts)
