@@ -14,7 +14,7 @@ from ..common.progress import progress
 from ..common.validation import check_numbers, check_path, check_types
 from ..errors import OptionError
 from ..estimation.result import Estimate
-from .scene import draw_scene, draw_top, true_corners, view_of
+from .drawing import draw_scene, draw_top, true_corners, view_of
 from .style import STYLE, check_axes
 
 WRITERS = {".gif": PillowWriter, ".mp4": FFMpegWriter}

@@ -10,7 +10,7 @@ from ..common.validation import check_types
 from ..exploration.action_search import Choice
 from ..exploration.expected_information import ExpectedInformation
 from ..geometry.transforms import planar_matrix
-from .scene import outline
+from .drawing import outline
 from .style import FINGER_COLOURS, INK, MM_PER_M, STYLE, below, check_axes
 
 TOP_VIEW_MARGIN = 35.0  # [mm] beside the object that is seen from above
