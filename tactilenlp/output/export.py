@@ -119,7 +119,7 @@ def _urdf(estimate, path):
 
 
 def _box(estimate) -> np.ndarray | None:
-    """Return the half widths (3,) [m] of a box about its origin; None for other shapes."""
+    """Return the half widths (3,) [m] of a box about its origin, else None."""
     half = np.ptp(estimate.vertices, axis=0) / 2
     flush = np.allclose(abs(estimate.vertices), half, atol=1e-9)
     return half if flush and len(estimate.vertices) == 8 else None

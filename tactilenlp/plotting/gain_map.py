@@ -1,4 +1,4 @@
-"""Draw with matplotlib where touching would tell most: the gain of each direction."""
+"""Draw the expected information gain of each direction of a finger."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from ..geometry.transforms import planar_matrix
 from .drawing import outline
 from .style import FINGER_COLOURS, INK, MM_PER_M, STYLE, below, check_axes
 
-TOP_VIEW_MARGIN = 35.0  # [mm] beside the object that is seen from above
+TOP_VIEW_MARGIN = 35.0  # [mm] beside the object in the view from above
 DIRECTIONS = 33, 17  # directions by azimuth and declination, for each finger
 
 
 @plt.rc_context(STYLE)
 def plot_gain(estimate, choice: Choice, axis=None) -> Figure:
-    """Draw the expected gain over the action sphere, and the chosen lines.
+    """Draw the expected gain over the directions of each finger, and the chosen action.
 
-    Each finger's half is scanned while the other finger does what was chosen.  Left:
-    all directions; right: from above, with the object that is estimated.  axis: these
-    two Axes, or one for the directions alone.
+    The directions of one finger vary while the others keep the chosen ones.  Left: the
+    gain by azimuth and declination; right: the action and the estimated object from
+    above.  axis: these two Axes, or one for the gain alone.
     """
     check_types(estimate=(estimate, "Estimate"), choice=(choice, Choice))
     if axis is None:
@@ -69,13 +69,16 @@ def _scan(expected, choice, finger: int):
 
 
 def _draw_lines(axis, estimate, action, expected) -> None:
-    """Draw the chosen lines from above, the object now, and where it is expected."""
+    """Draw the action from above, the object now and where it is expected after it."""
     way = action.positions(expected.target, 31) * MM_PER_M
     now = estimate.mesh().vertices
     motion = expected.prospect(action).motion[-1]
     turn, centre = planar_matrix(motion[2])[:2, :2], expected.target[:2]
     then = (now[:, :2] - centre) @ turn.T + centre + motion[:2]
-    for points, style, words in ((now, "-", "estimate"), (then, ":", "expected then")):
+    for points, style, words in (
+        (now, "-", "estimate"),
+        (then, ":", "expected after it"),
+    ):
         axis.plot(*outline(points * MM_PER_M).T, style, color=INK, label=words)
     for finger in range(way.shape[1]):
         colour = FINGER_COLOURS[finger % len(FINGER_COLOURS)]
