@@ -1,4 +1,4 @@
-"""Step one rigid object and the fingers that push it, with MuJoCo."""
+"""Step one rigid object and the fingers that push it, by MuJoCo."""
 
 from __future__ import annotations
 
@@ -6,33 +6,27 @@ import numpy as np
 
 from ..errors import OptionError, TactileError
 
-TIME_STEP = (
-    1 / 4080
-)  # [s]; an impact at 0.2 m/s sinks in by 0.07 mm, most of it in one step
+TIME_STEP = 1 / 4080  # [s]; an impact at 0.2 m/s sinks in by 0.07 mm in one step
 # Contacts settle in 1 ms (MuJoCo wants two steps at least) without rebound, under the
 # largest impedance that MuJoCo takes: 8 N sink in by less than 0.1 um.  Friction is ten
 # times as stiff: no creep is left that the slow noslip solver could remove.
 CONTACT_SETTINGS = 'condim="3" solref="{} {}" solimp="0.9999 0.9999 0.001"'
 CONTACT_TIME = 0.001  # [s] of a contact without rebound
-REBOUND_TIME = 0.005  # [s] of one that rebounds: many steps long, or it gains energy
-MAX_RESTITUTION = 0.9  # [1] restitution: with more, contacts ring on and on
+REBOUND_TIME = 0.005  # [s] of one with rebound: many steps, or it gains energy
+MAX_RESTITUTION = 0.9  # [1]; above, contacts oscillate for long
 SOLVER_SETTINGS = (
     'integrator="implicitfast" cone="elliptic" impratio="10" tolerance="1e-10"'
 )
 FINGER_MASS = 0.05  # [kg], a fingertip; the object feels it in impacts only
 SERVO_STIFFNESS = 3125.0  # [N/m] of the servo: a finger alone reaches 250 rad/s
-# Critical with 0.5 kg before the finger; with less damping a push is a row of blows.
+# Critical for 0.5 kg in front of the finger; with less damping a push is many impacts.
 SERVO_DAMPING = 2 * (SERVO_STIFFNESS * (FINGER_MASS + 0.5)) ** 0.5  # [N s/m]
-PARKING_HEIGHT = (
-    10.0  # [m] above the origin, out of reach: the fingers before the first action
-)
-MAX_OVERLAP = (
-    1e-5  # [m] allowed where fingers are placed; a resting object sinks in 0.1 um
-)
+PARKING_HEIGHT = 10.0  # [m] of the fingers before the first action: out of reach
+MAX_OVERLAP = 1e-5  # [m] of a placed finger; a resting object sinks in by 0.1 um
 
 
 class Plant:
-    """Hold one free object, a ground plane and F fingers on position servos.
+    """The MuJoCo model of one free object, a ground plane and F servo-driven fingers.
 
     side_lengths:   (3,) [m] of a box, or None for the convex hull of
     vertices:       (V, 3) [m] in the body frame
@@ -45,7 +39,7 @@ class Plant:
     max_force:      [N] of a finger's servo
     restitution:    [1] of all contacts
 
-    The arguments are checked by who calls.
+    The arguments are not checked here (see arguments.py).
     """
 
     def __init__(
@@ -98,9 +92,9 @@ class Plant:
         return np.array([mujoco.mj_geomDistance(*pair) for pair in pairs])
 
     def place(self, position: np.ndarray) -> None:
-        """Put the fingers (F, 3) [m] there, at rest.
+        """Place the fingers at position (F, 3) [m], at rest.
 
-        Raises OptionError where that is inside the object, the ground or a finger.
+        Raises OptionError if one is inside the object, the ground or a finger.
         """
         import mujoco
 
@@ -186,7 +180,7 @@ def _xml(
     ground: float | None,
     contact: str,
 ) -> str:
-    """Return MuJoCo's description; it takes the larger friction of two geoms."""
+    """Return the XML model; MuJoCo uses the larger friction of two geoms."""
     mesh, plane, geom = "", "", 'type="mesh" mesh="object"'
     if side_lengths is None:
         mesh = f'<asset><mesh name="object" vertex="{_text(vertices)}"/></asset>'
@@ -208,11 +202,11 @@ def _xml(
 
 
 def _contact(restitution: float) -> str:
-    """Return MuJoCo's parameters of a contact that gives back so much of its speed.
+    """Return MuJoCo's contact parameters for a coefficient of restitution.
 
-    A spring and a damper that only push let go when their force is zero, which leaves
-    exp(-z (pi - atan(2 z s / (1 - 2 z^2))) / s) of the speed, z the damping ratio and
-    s = sqrt(1 - z^2) (Schwager and Poeschel, 2007).
+    A spring and damper that cannot pull end the contact when their force is zero.  The
+    restitution is then exp(-z (pi - atan(2 z s / (1 - 2 z^2))) / s), with the damping
+    ratio z and s = sqrt(1 - z^2) (Schwager and Poeschel, 2007).
     """
     if restitution == 0:
         return CONTACT_SETTINGS.format(CONTACT_TIME, 1)
