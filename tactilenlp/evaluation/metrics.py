@@ -1,4 +1,4 @@
-"""Measure how far an estimated body is from the true one.
+"""Measure the distance of an estimated body from the true one.
 
 The exact distance of surfaces, and the errors of size and pose modulo symmetry.  SI
 units; a mesh is a `trimesh.Trimesh` in the world frame, a cuboid's
@@ -22,21 +22,21 @@ if TYPE_CHECKING:
 # The real root of g^3 = g + 1: steps of 1/g and 1/g^2 fill a square evenly (Roberts,
 # "The Unreasonable Effectiveness of Quasirandom Sequences", 2018).
 PLASTIC_NUMBER = 1.3247179572447460
-# Relabelings whose angles differ by less than this [rad] are told apart by their sizes
-# (our choice: one degree).
+# Among relabelings whose angles differ by less than this [rad], the sizes decide (our
+# choice: one degree).
 NEAR_TIE = np.deg2rad(1.0)
 # Pairs of point and triangle in memory at once (some 100 MB with all temporaries).
 PAIRS_AT_ONCE = 200_000
-# A rotation off unit length by more than this is no rounding of a stored one.
+# A quaternion or rotation that is off unit length by more is not due to rounding.
 UNIT_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
 class SurfaceDistance:
-    """Hold the exact distance between two surfaces, all in [m].
+    """The exact distance between two surfaces [m].
 
-    `a_to_b` and `b_to_a` are the mean distances of points of the one surface to the
-    other, `mean` (p2s) is their average, `maximum` the largest in either direction.
+    `a_to_b` and `b_to_a` are the mean distances of points of one surface to the other,
+    `mean` (p2s) is their average, `maximum` the largest of both.
     """
 
     mean: float
@@ -47,7 +47,7 @@ class SurfaceDistance:
 
 @dataclass(frozen=True)
 class PoseError:
-    """Hold a pose error modulo symmetry, in the world frame.
+    """A pose error modulo symmetry, in the world frame.
 
     `position` (3,) [m] is estimate minus truth; `rotation_vector` (3,) [rad], of length
     `rotation_angle`, satisfies R_estimate @ symmetry = exp(rotation_vector) @ R_true;
@@ -62,7 +62,7 @@ class PoseError:
 
 @dataclass(frozen=True)
 class CuboidError(PoseError):
-    """Hold the pose error of a cuboid modulo its 24 axis relabelings, with its sizes'.
+    """The errors of pose and sizes of a cuboid, modulo its 24 axis relabelings.
 
     `side_lengths` (3,) [m] is `estimate[permutation] - truth`, on the true axes, and
     a covariance of sizes becomes `covariance[np.ix_(permutation, permutation)]`; those
@@ -82,7 +82,7 @@ def surface_distance(
     then right to about 0.5 %.  The maximum is over these points and all vertices: the
     Hausdorff distance from below, short of it by less than the spacing of the points.
     Swapping the arguments swaps `a_to_b` and `b_to_a` and changes nothing else.
-    Raises TactileError for what is no surface, OptionError for `samples` and `seed`.
+    Raises TactileError for a mesh without area, OptionError for `samples`, `seed`.
     """
     generator = generator_of(samples, seed)
     a, b = triangles_of(mesh_a, "mesh_a"), triangles_of(mesh_b, "mesh_b")

@@ -1,8 +1,9 @@
-"""What is believed before an action: the hypotheses of an estimate, and how well known.
+"""The belief before an action: weighted Gaussians about the hypotheses of an estimate.
 
-Of a shape with sizes: theta and x_T by the exact information of the estimate, but no
-better in any direction than its sigma says; where that information is indefinite, and
-of other hypotheses, by eq:obsinfo of all samples.  Of a hull see hull_beliefs.py.
+For shapes with sizes.  The Gaussian of the best hypothesis has the exact information of
+the estimate, reduced to its sigma where that is larger.  Where this information is
+indefinite, and for the other hypotheses, it is eq:obsinfo of all samples.  For hulls
+see polytope_beliefs.py.
 """
 
 from __future__ import annotations
@@ -25,20 +26,21 @@ from ..search.hypothesis import Hypothesis, distinct
 from .push_model import sample_information_function
 
 log = logging.getLogger("tactilenlp")
-POSE_PRIOR_SIGMA = 0.1, 3.0  # [m], [rad] of a pose of which nothing is known
-MIN_RELATIVE_WEIGHT = (
-    0.02  # [-] of the best's weight: a hypothesis that is not followed
-)
+POSE_PRIOR_SIGMA = 0.1, 3.0  # [m], [rad] of a pose before any touch
+# [-] to that of the best: hypotheses of a smaller weight are omitted.
+MIN_RELATIVE_WEIGHT = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """One hypothesis: z (k,), theta and x_T, what is known of them, its weight.
+    """A Gaussian about one hypothesis.
 
-    information (k, k), SI, and before (k, k), that before any touch.  shift (F, 3) [m]:
-    of the fingers, ground frame.  Where it is an offset that is not known, information
-    and before (k + 3 F, k + 3 F) are about it, too.  Of a hull, z are the vertices
-    about its centroid, and shift leads there.
+    z:           (k,), theta and x_T; for a hull, its vertices about its centroid [m]
+    information: (k, k), SI; with unknown finger offsets (k + 3 F, k + 3 F)
+    before:      the same before any touch: the prior
+    weight:      [1], of the hypothesis; the weights of a belief sum to one
+    shift:       (F, 3) [m], added to finger positions, ground frame: the estimated
+                 offset; for a hull, minus its centroid
     """
 
     z: np.ndarray
@@ -49,18 +51,16 @@ class Belief:
 
 
 def beliefs_of(estimate, shape, fingers: int, count: int) -> list[Belief]:
-    """Return the hypotheses to follow, best first, weights summing to one.
+    """Return at most `count` beliefs, best first; their weights sum to one.
 
-    fingers: of which offsets may be known; count: hypotheses at most.
+    fingers: the number of fingers, whose offsets may be unknown.
     """
     n = shape.theta
     best = np.r_[estimate.theta, estimate.unknowns["x"][:, -1]]
     offset = estimate.unknowns.get(OFFSET, np.zeros((3, 1))).T
     before = prior_information(estimate, shape, fingers)
     rest = []
-    if not has_free_poses(
-        estimate, shape
-    ):  # of two pasts that end alike, the better one
+    if not has_free_poses(estimate, shape):  # same end: the better one
         here = Hypothesis(best[:n], best[n:, None], -np.inf, ())
         ended = here, *estimate.hypotheses
         rest = distinct(shape, ended, count, np.inf, samples=(-1,))[1:]
@@ -86,15 +86,16 @@ def beliefs_of(estimate, shape, fingers: int, count: int) -> list[Belief]:
 
 
 def has_free_poses(estimate, shape) -> bool:
-    """Tell whether poses of an estimate have six unknowns, not three."""
-    held = shape.last_pose_held  # then z is theta alone
-    return not held and len(estimate.information.names) > shape.theta + 3
+    """Tell whether poses have six unknowns (free motion), not three (planar)."""
+    return (
+        not shape.last_pose_held and len(estimate.information.names) > shape.theta + 3
+    )
 
 
 def prior_information(estimate, shape, fingers: int) -> np.ndarray:
-    """Return the information before any touch: rough sizes, a pose anywhere.
+    """Return the prior information: size prior, wide Gaussian of the pose.
 
-    Of the fingers' offsets as well, where they are not known.
+    With the prior of the finger offsets, where they are unknown.
     """
     k = len(estimate.information.names)
     turns = (k - shape.theta) // 2  # 1 of 3 planar, 3 of 6 free unknowns
@@ -112,8 +113,9 @@ def prior_information(estimate, shape, fingers: int) -> np.ndarray:
 def information_of_best(estimate, shape, before: np.ndarray) -> np.ndarray:
     """Return the information of the estimate; eq:obsinfo where it is indefinite.
 
-    What curves down by less than a vague prior of the pose curves up is not known, no
-    more.  Priors of sizes and offsets are in the estimate's programme already.
+    The prior of the pose is added where this makes it definite: negative curvature of a
+    smaller magnitude means an unobserved direction.  The priors of sizes and offsets
+    are part of the estimate's objective already.
     """
     T = np.eye(len(before))
     k = len(estimate.information.names)
@@ -132,7 +134,7 @@ def information_of_best(estimate, shape, before: np.ndarray) -> np.ndarray:
             return T.T @ known @ T
     log.warning(
         "the information of the estimate is indefinite (least eigenvalue %.2g): "
-        "choosing by the sum of its samples' (eq:obsinfo)", least,
+        "actions are chosen with the sum over its samples (eq:obsinfo)", least,
     )  # fmt: skip
     offset = estimate.unknowns.get(OFFSET, np.zeros((3, 1))).T
     x = _poses(estimate, has_free_poses(estimate, shape))
@@ -142,11 +144,11 @@ def information_of_best(estimate, shape, before: np.ndarray) -> np.ndarray:
 
 
 def widened_to_sigma(known: np.ndarray, information) -> np.ndarray:
-    """Return what is known, made as doubtful as sigma in every direction.
+    """Return the information, reduced where its variance is below that of sigma.
 
-    The optimum of a size that touch leaves open may be a kink: sharp to a Hessian, and
-    not to the profile that sigma tells (profile.py).  Other modes are hypotheses of
-    their own, and no doubt about this one.
+    The optimum of an unobserved size can be at a kink, where the Hessian is large and
+    the profile likelihood is wide; sigma is from the latter (profile_likelihood.py).
+    The variance between modes is not included: other modes are hypotheses themselves.
     """
     modes, k = information.modes, len(information.names)
     S = information.spread - modes.covariance + modes.covariances[0]
@@ -159,13 +161,13 @@ def widened_to_sigma(known: np.ndarray, information) -> np.ndarray:
 
 
 def _tangent_at(estimate, shape, at) -> np.ndarray:
-    """Return from a change of theta and x_T, `at` (k,), to one of the names."""
+    """Return the matrix (k, k) from steps of theta, x_T at `at` to tangent space."""
     motion = FREE if has_free_poses(estimate, shape) else PLANAR
     return tangent_of(shape, motion, at, estimate.scene.ground.rotation.T)
 
 
 def information_of_samples(estimate, shape, theta, x, offset, size: int) -> np.ndarray:
-    """Return eq:obsinfo (size, size) of all samples at poses x (u, T)."""
+    """Return eq:obsinfo (size, size), SI, of all samples at poses x (u, T)."""
     data = estimate.measurements
     points = estimate.scene.ground.to_ground(data.finger_position) + offset
     t, f = np.nonzero(data.valid)
@@ -188,14 +190,14 @@ def information_of_samples(estimate, shape, theta, x, offset, size: int) -> np.n
 
 
 def sensor_model(estimate) -> np.ndarray:
-    """Return alpha [1/m], sigma [m] of a felt gap, sigma_n [rad], as the pages have."""
+    """Return alpha [1/m], sigma [m] of a gap in contact, sigma_n [rad] of the pages."""
     p, n = estimate.precision["position"], estimate.precision["normal"]
     touch, normal = violation_implicit.TOUCH, violation_implicit.NORMAL
     return np.array([steepness(p), np.hypot(touch, p), np.hypot(normal, n)])
 
 
 def steepness(sigma: float) -> float:
-    """Return alpha [1/m] of eq:bool where positions are off by sigma [m]."""
+    """Return alpha [1/m] of eq:bool for positions with a standard deviation [m]."""
     return 1 / np.hypot(1 / likelihood.ALPHA, sigma / 1.7)
 
 
@@ -217,9 +219,9 @@ def _scaled(matrix: np.ndarray) -> np.ndarray:
 
 
 def _after_retraction(belief: Belief, theta: int, tangent) -> np.ndarray:
-    """Return the information once the fingers have gone: the pose may slip a little.
+    """Return the information after the retraction, in which the body may move slightly.
 
-    tangent (k, k): from a change of z to one whose turns are about the world's axes.
+    tangent (k, k): from steps of z to steps with rotations about the world's axes.
     """
     k, C = len(belief.z), np.linalg.inv(belief.information)
     slip = np.zeros(k)

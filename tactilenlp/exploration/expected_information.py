@@ -1,8 +1,8 @@
-r"""What an action is expected to tell of shape and final pose (eq:eig), in nats.
+r"""The expected information gain of an action about shape and final pose (eq:eig).
 
-The body of every kept hypothesis is pushed forward by the planned fingers (page
-`pushing`), the slopes of its way by theta and x_T are carried along by the implicit
-function theorem, and each sample's Fisher information (page `exploration`) is summed.
+For every hypothesis, the planned fingers push the body forward (page `pushing`).  The
+derivatives of its motion by theta and x_T follow by the implicit function theorem.  The
+Fisher information of each sample (page `exploration`) is summed.  In nats.
 """
 
 from __future__ import annotations
@@ -25,23 +25,20 @@ from .action_space import Action, Workspace
 from .beliefs import Belief, has_free_poses
 from .push_model import check_ground, check_predictable, push_function
 
-WEIGHTLESS_GRAVITY = 9.81  # [m/s^2] makes a weight where nothing falls
-NEAR_DISTANCE = (
-    0.01  # [m] a finger further off than this feels nothing and pushes nothing
-)
+WEIGHTLESS_GRAVITY = 9.81  # [m/s^2] of the predicted friction where there is none
+NEAR_DISTANCE = 0.01  # [m] a finger farther away is not in contact
 BELIEFS = {"sizes": beliefs, "vertices": polytope_beliefs}  # by what theta lists
-STEP_MULTIPLE = (
-    5  # steps: a prediction takes a multiple of these, so that few are built
-)
-MIN_GROUND_FRICTION = 0.02  # [1] at least: without any friction a push has no end
+STEP_MULTIPLE = 5  # steps of a prediction are a multiple: few functions are compiled
+MIN_GROUND_FRICTION = 0.02  # [1]: without any friction a pushed body does not stop
 
 
 @dataclass(frozen=True, eq=False)
 class Prospect:
-    """What an action is predicted to do, n samples, from one hypothesis.
+    """The predicted outcome of an action from one hypothesis, n samples.
 
-    motion (n, 3): planar way of the body since now [m, m, rad]; contact (n, F): the
-    probability that a finger feels it; information (k, k): of theta and x_T, SI.
+    motion:      (n, 3) [m, m, rad], planar displacement of the body since now
+    contact:     (n, F) [1], probability of a contact
+    information: (k, k), SI, of theta and x_T
     """
 
     motion: np.ndarray
@@ -50,16 +47,17 @@ class Prospect:
 
 
 class ExpectedInformation:
-    """Tell of any action what it is expected to tell, in nats.
+    """Expected information gains of actions after an estimate.
 
-    estimate: an Estimate; workspace: what the fingers can do; hypotheses: how many of
-    the estimate's are averaged over, weighted by exp(-objective); slopes: "motion", of
-    the predicted way, or "identity", dx_t/dx_T = I as in the paper; shape: the Shape of
-    the estimate where it is one of your own.
+    estimate:   an Estimate
+    workspace:  Workspace of the actions; None: the default above the scene's ground
+    hypotheses: [1], number of hypotheses averaged over, weighted by exp(-objective)
+    slopes:     dx_t/dx_T: "motion", of the predicted motion, or "identity" as in the
+                paper
+    shape:      the Shape of the estimate if it is your own
 
-    Of a polytope the gain is about its vertices where they lie now, the final pose
-    with them.  What is known of them is said in hull_beliefs.py: a ball before any
-    touch, planes where faces were felt.
+    For a polytope the gain is about its vertices in the world frame, which include the
+    final pose; see polytope_beliefs.py.  Raises OptionError, SceneError.
     """
 
     def __init__(
@@ -98,14 +96,14 @@ class ExpectedInformation:
         return float(np.dot([b.weight for b in self.beliefs], gains))
 
     def prospect(self, action: Action, hypothesis: int = 0) -> Prospect:
-        """Return what the action is predicted to do, from one hypothesis."""
+        """Return the predicted outcome of the action, from one hypothesis."""
         check_sample(hypothesis, len(self.beliefs), "hypothesis")
         b = self.beliefs[hypothesis]
         motion, contact, F = self._ahead(b, action)
         return Prospect(motion, contact, F[: len(b.z), : len(b.z)])
 
     def _ahead(self, belief: Belief, action: Action):
-        """Return its way (n, 3), contacts (n, F) and what they tell (k, k)."""
+        """Return motion (n, 3), contact probabilities (n, F), information (k, k)."""
         check_types(action=(action, Action))
         space, k = action.workspace, len(belief.information)
         self._check_fingers(space)
@@ -126,11 +124,11 @@ class ExpectedInformation:
         return motion, contact, np.einsum("ftk,ftl->kl", E, E)
 
     def _near(self, belief: Belief, path, space) -> int:
-        """Return how many last steps of a path (n + 1, F, 3) come near the body."""
+        """Return how many last steps of a path (n + 1, F, 3) are near the body."""
         n, theta = len(path) - 1, belief.z[: self.shape.theta]
         pose, centre = belief.z[len(theta) :], np.zeros(3)
         centre[: len(pose)] = pose[:3]
-        if len(pose) == len(PLANAR.scale):  # of a hull, there is none
+        if len(pose) == len(PLANAR.scale):  # a hull has no pose unknowns
             centre[2] = float(self.shape.rest_height(ca.DM(theta)))
         reach = self.shape.reach(theta) + space.finger_radius + NEAR_DISTANCE
         away = np.linalg.norm(path - centre, axis=2).min(axis=1)
@@ -138,26 +136,26 @@ class ExpectedInformation:
         return min(n, STEP_MULTIPLE * -(-left // STEP_MULTIPLE))
 
     def _check_fingers(self, space: Workspace) -> None:
-        """Raise OptionError where the offsets known are those of other fingers."""
+        """Raise OptionError if the estimated offsets are of other fingers."""
         fingers = self.estimate.measurements.fingers if self._off else space.fingers
         if space.fingers != fingers:
             raise OptionError(
-                "the offsets that the estimate knows are of other fingers",
+                "the estimated finger offsets are of another number of fingers",
                 where="workspace.fingers",
                 got=space.fingers,
-                expected=f"{fingers}, as were measured",
-                next="plan with these, or estimate without Scene.sigma_offset",
+                expected=f"{fingers}, as in the measurements",
+                next="plan with as many, or estimate without Scene.sigma_offset",
             )
 
 
 def pushed_shape(estimate, shape: Shape | None = None) -> Shape:
-    """Return the shape of an estimate as the page `pushing` takes it."""
+    """Return the class of an estimate's shape as the page `pushing` takes it."""
     shape = shape_of(estimate.shape) if shape is None else shape
     return shape.pushed(shape, len(estimate.theta))
 
 
 def _check(estimate, workspace, hypotheses, slopes, shape) -> None:
-    """Raise OptionError for what no gain can be computed with."""
+    """Raise OptionError for unusable arguments."""
     none = type(None)
     check_types(
         estimate=(estimate, "Estimate"), workspace=(workspace, (Workspace, none)),
@@ -187,8 +185,8 @@ def expected_information_gain(
 ) -> float:
     """Return EIG = (logdet(I + F) - logdet(I)) / 2 of an action, in nats (eq:eig).
 
-    It aims at the estimated centroid.  See ExpectedInformation for the options, and use
-    that to ask for many actions of one estimate.
+    The action aims at the estimated centroid.  For the options, and for many actions of
+    one estimate, see ExpectedInformation.
     """
     check_types(action=(action, Action))
     given = estimate, action.workspace, hypotheses, slopes, shape

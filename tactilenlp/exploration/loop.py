@@ -1,4 +1,4 @@
-"""Explore: touch, estimate, choose, touch again, until enough is known (the paper)."""
+"""The exploration loop: touch, estimate, choose the next touch, repeat (the paper)."""
 
 from __future__ import annotations
 
@@ -50,21 +50,21 @@ def explore(
 ) -> Iterator[Step]:
     """Touch an object and yield a Step after the first touch and after each action.
 
-    world: anything with `execute(trajectory) -> Measurements`; one that keeps a truth,
-    as World does, is compared with it in step.errors.  scene: what is known (default
-    Scene()).  settings: ExploreOptions; each of them may be given as a keyword instead
-    (actions, policy, shape, seed also by position, in this order), but not both.  file:
-    keeps every action as soon as it is measured, as an Exploration; called again with
-    the same file, it goes on from there.  start: an Estimate to begin from instead of a
-    first touch, or a Guess of the object.  executor: any concurrent.futures executor.
+    world: anything with `execute(trajectory) -> Measurements`; if it has a truth, as
+    World has, step.errors are the errors of the estimate.  scene: Scene, by default
+    Scene().  settings: ExploreOptions; or its fields as keywords (actions, policy,
+    shape, seed also by position, in this order), but not both.  file: every action is
+    saved there, as an Exploration, as soon as it is measured; a call with an existing
+    file resumes from it.  start: an Estimate instead of a first touch, or a Guess of
+    the object.  executor: any concurrent.futures executor.
 
-    Where a first finger aimed at `centre` meets nothing, the workspace is swept.  An
-    action without contact is data.  After one, or where an estimate lies apart from
-    what was touched, the next action is random and aims at the last touched spot.
+    If the first finger, aimed at `centre`, makes no contact, the workspace is swept.
+    Actions without contact are measurements too.  After one, or if the estimate is not
+    where the last contact was, the next action is random and aims at the last contact.
 
     While an action runs, its samples so far can be estimated, repeatedly:
     solve_estimate(estimate.measurements.append(so_far), scene, start=estimate).
-    Raises OptionError, SceneError, StartError and FileError before anything moves.
+    Raises OptionError, SceneError, StartError and FileError before the first command.
     """
     given = _by_name(positional, keywords)
     settings = ExploreOptions.of(settings, given)
@@ -76,7 +76,7 @@ def explore(
     for number in progress(range(first, settings.actions + 1), "explore"):
         step = kept.at(number)
         before = None if estimate is None else estimate.measurements
-        if step is None or step.estimate is None:  # or the process ended in the solve
+        if step is None or step.estimate is None:  # the process ended in the solve
             step = loop.acted(number, estimate, past) if step is None else step
             step = continued_in_time(step, before, again)
             kept = _saved(kept.with_step(step), file)
@@ -97,9 +97,10 @@ def explore(
 
 @dataclass(frozen=True, eq=False)
 class _Loop:
-    """What every step needs: solve(data, start=...) and the arguments of `chosen`.
+    """What every step needs.
 
-    same: what a kept estimate must be of, by field.
+    choice: settings of next_action, by name; solve: function of data and start; same:
+    the scene, shape and formulation of saved estimates, by name.
     """
 
     world: object
@@ -110,14 +111,14 @@ class _Loop:
     same: dict
 
     def acted(self, number: int, estimate, past) -> Step:
-        """Return the step of the first touch or of a chosen action, not yet solved."""
+        """Return the step of a first touch or a chosen action, without estimate."""
         rng = np.random.default_rng([self.settings.seed, number])
         if estimate is None:
             return _touch_first(self.world, self.space, self.settings.centre, rng)
         return _act(self.world, self.space, number, estimate, past, rng, self.choice)
 
     def estimated(self, step: Step, data, start) -> Step:
-        """Return the step with the estimate of all data so far, and its errors."""
+        """Return the step with the estimate of all data so far and its errors."""
         began = time.process_time()
         found = self.solve(data, start=start)
         seconds = step.seconds | {"estimate": time.process_time() - began}
@@ -126,7 +127,7 @@ class _Loop:
 
 
 def _prepared(world, scene, settings: ExploreOptions, file, start, executor) -> _Loop:
-    """Return what the steps need; raise for what cannot be explored."""
+    """Return what the steps need; raise for unusable arguments."""
     _check(world, file, start)
     policy = checked_policy(settings.policy)
     scene, shape, options, page = asked(
@@ -159,11 +160,11 @@ def _by_name(positional, keywords: dict) -> dict:
 
 
 def _check(world, file, start) -> None:
-    """Raise OptionError for what cannot be explored, before anything moves."""
-    # A file can stand for a world that is not there: for actions that it has.
+    """Raise OptionError or FileError for an unusable world, start or file."""
+    # No world is needed for actions that the file has.
     if world is not None and not callable(getattr(world, "execute", None)):
         raise OptionError(
-            "nothing to explore", where="world", got=repr(world)[:80],
+            "not a world", where="world", got=repr(world)[:80],
             expected="an object with execute(trajectory) -> Measurements",
         )  # fmt: skip
     check_types(start=(start, (Estimate, Guess, type(None))))
@@ -174,7 +175,7 @@ def _check(world, file, start) -> None:
 
 
 def _check_fingers(world, space: Workspace, kept: Exploration) -> None:
-    """Raise unless the world has the fingers of the workspace and of what is kept."""
+    """Raise unless world, workspace and saved measurements have the same fingers."""
     radius = getattr(world, "finger_radius", None)
     if radius is None:
         return
@@ -187,14 +188,14 @@ def _check_fingers(world, space: Workspace, kept: Exploration) -> None:
         kept = step.measurements.finger_radius
         if len(kept) != space.fingers or not np.all(kept == radius):
             raise StartError(
-                "kept measurements of other fingers", where=f"step {step.number}",
+                "saved measurements of other fingers", where=f"step {step.number}",
                 got=f"finger_radius {kept.tolist()}", expected=f"{radius} [m]",
                 next="explore into another file",
             )  # fmt: skip
 
 
 def _saved(kept: Exploration, file) -> Exploration:
-    """Return the steps so far, saved if there is a file for them."""
+    """Save the steps so far, if there is a file; return them."""
     if file is not None:
         kept.save(file)
     return kept
@@ -221,7 +222,7 @@ def _headline(estimate) -> str:
 
 
 def _space(world, scene, workspace) -> Workspace:
-    """Return the workspace: as given, or with the fingers and the ground that are."""
+    """Return the given workspace, or one of the world's fingers and the ground."""
     if workspace is not None:
         return workspace
     ground = scene.ground

@@ -1,4 +1,4 @@
-"""Choose the next action of an exploration: by what it tells, or to compare with."""
+"""Choose the next action of an exploration by a policy."""
 
 from __future__ import annotations
 
@@ -22,18 +22,22 @@ from .push_model import check_ground, check_predictable
 
 log = logging.getLogger("tactilenlp")
 POLICIES = ("eig", "random", "fisher", "farthest")
-PREDICTIVE = ("eig", "fisher")  # those of them that foresee what an action brings
-DEPTH_BEHIND_CONTACT = (
-    0.015  # [m] behind a touched point where an object that was lost is sought
-)
+PREDICTIVE = ("eig", "fisher")  # policies that predict the outcome of actions
+DEPTH_BEHIND_CONTACT = 0.015  # [m] at which the next action aims after a lost object
 FARTHEST_DRAWS = 400  # actions drawn for the policy "farthest"
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What a policy is given: estimate, workspace, past actions, its own generator.
+    """The arguments of a policy.
 
-    shape: that of the estimate.
+    estimate:  of all measurements so far
+    workspace: Workspace of the actions
+    past:      the actions so far
+    rng:       generator of random numbers for this action
+    search:    of the action, as in choose_action
+    budget:    [1], evaluations of the expected gain
+    shape:     Shape of the estimate
     """
 
     estimate: Estimate
@@ -46,7 +50,7 @@ class Plan:
 
 
 def checked_policy(policy):
-    """Return a policy; OptionError where it is none."""
+    """Return a policy; OptionError for what is none."""
     if callable(policy) or (isinstance(policy, str) and policy in POLICIES):
         return policy
     raise OptionError(
@@ -58,10 +62,10 @@ def checked_policy(policy):
 
 
 def check_predicted(policy, actions, start, shape, scene) -> None:
-    """Raise for a policy that predicts what cannot be predicted.
+    """Raise SceneError or OptionError if a policy needs predictions that do not exist.
 
-    The first action is chosen by the start, if that is an Estimate, others by what is
-    asked for.
+    The first action is chosen with the scene and shape of the start, if that is an
+    Estimate; the others with those of the exploration.
     """
     started = isinstance(start, Estimate)
     if policy not in PREDICTIVE:
@@ -75,12 +79,12 @@ def check_predicted(policy, actions, start, shape, scene) -> None:
 
 
 def shape_of_start(estimate, shape: Shape) -> Shape:
-    """Return the shape of an estimate: what is asked for, or another to begin with."""
+    """Return the shape of an estimate: the given one, or the one of its name."""
     return shape if estimate.shape == shape.name else shape_of(estimate.shape)
 
 
 def next_action(estimate, space, past, rng, settings):
-    """Return the next action, how it was chosen, in words, and where it aims.
+    """Return the next action, its Choice or None, the policy in words, its target.
 
     settings: policy, search, budget and shape, by name.
     """
@@ -88,9 +92,9 @@ def next_action(estimate, space, past, rng, settings):
     target, policy = estimate.position[-1], given.pop("policy")
     lost = why_lost(estimate)
     if lost:
-        log.warning("%s: aiming at the last touched spot", lost)
+        log.warning("%s: aiming at the last contact", lost)
         target = last_contact(estimate.measurements, target)
-        return space.random(rng), None, "sought again", target
+        return space.random(rng), None, "last contact", target
     given["shape"] = shape_of_start(estimate, given["shape"])
     plan = Plan(estimate, space, tuple(past), rng, **given)
     if callable(policy):
@@ -105,18 +109,18 @@ def next_action(estimate, space, past, rng, settings):
 
 
 def why_lost(estimate) -> str:
-    """Return in words why the estimate cannot be aimed at, or nothing."""
+    """Return in words why the next action should not aim at the estimate, or ""."""
     data = estimate.measurements
     if not (data.contact & data.valid)[data.action == data.action[-1]].any():
-        return "nothing was touched"
+        return "no contact in the last action"
     apart = (last_contact(data, estimate.position[-1]) - estimate.position[-1])[:2]
     if np.linalg.norm(apart) > np.linalg.norm(estimate.vertices, axis=1).max():
-        return "the estimate lies apart from what was touched"
+        return "the estimate is not where the last contact was"
     return ""
 
 
 def last_contact(data: Measurements, otherwise: np.ndarray) -> np.ndarray:
-    """Return a point (3,) [m] a little behind the spot that was touched last."""
+    """Return a point (3,) [m] behind the last contact, or `otherwise` without any."""
     t, f = np.nonzero(data.contact & data.valid)
     if not len(t):
         return otherwise
@@ -134,7 +138,7 @@ def _by_expected_information(plan: Plan, seed: int) -> Choice:
 
 
 def _by_fisher_information(plan: Plan, seed: int) -> Choice:
-    """Return the action that tells most to one who knows nothing but a rough size."""
+    """Return the action of largest information given only the prior (D-optimal)."""
     expected = ExpectedInformation(plan.estimate, plan.workspace, shape=plan.shape)
     expected.beliefs = [replace(b, information=b.before) for b in expected.beliefs]
     return best_action(
@@ -145,9 +149,10 @@ def _by_fisher_information(plan: Plan, seed: int) -> Choice:
 
 
 def farthest_directions(plan: Plan) -> Callable:
-    """Return a draw of the action whose directions are farthest from all before.
+    """Return a function that draws actions and returns the one farthest from others.
 
-    Without actions to look back on, from the normals that were felt.
+    By the sum over fingers of the angle to the nearest direction of a past action;
+    without past actions, to the nearest measured normal.
     """
     data = plan.estimate.measurements
     seen = [a.directions[list(a.active)] for a in plan.past]

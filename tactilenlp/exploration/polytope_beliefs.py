@@ -1,23 +1,24 @@
-r"""What is believed of a hull before an action: its vertices where they lie now.
+r"""The belief about a hull before an action: a Gaussian of its vertices.
 
-Twenty vertices have sixty directions, and no touch ever tells of most of them.  The
-gain counts those only that the planned touches would tell of, given what is known of
-them; so what is known is put together afresh, each part positive semidefinite:
+The vertices are taken where they lie now.  Twenty have sixty unknowns, most of which no
+touch observes.  The gain should count only those that the planned contacts observe,
+given what is known.  So the information is summed afresh from parts that are positive
+semidefinite each:
 
-before   a ball, as in the page: v_j = m + r u_j + e_j, of which the centre m is
-         anywhere, the radius r as the size prior has it, and the e_j are independent,
-         SPREAD radii along u_j and STAY across it
-felt     eq:obsinfo of every sample, gap and normal, through the weights that the
-         nearest point gives to the vertices: of a plane where a face was felt, of an
-         edge where two planes meet.  The body's way since is that of the estimate, its
-         steps uncertain as in `pushed`: a Kalman filter backward from the last sample.
-         A touch is as exact as touched faces come out, however many samples it has
-flat     a face that was felt, and the ground, is one plane: vertices on it move
-         together, FLAT off it.  What only bends a felt face is no news to hope for
+prior    a ball, as in the page: v_j = m + r u_j + e_j, with any centre m, the radius r
+         of the size prior, and independent e_j, SPREAD radii along u_j, STAY across it
+samples  eq:obsinfo of every sample, gap and normal, through the weights that the
+         nearest point gives to the vertices: of a plane where a face was touched, of an
+         edge where two planes meet.  The motion since then is the estimated one, with
+         the uncertainty of steps as in `push_function`: a Kalman filter backward from
+         the last sample.  The precision of a contact is that of touched faces,
+         however many samples it has
+planes   a touched face, and the ground, is one plane: vertices on it move together,
+         FLATNESS_SIGMA off it.  No gain is counted for bending a touched face
 
-The exact information of the estimate is not used here: it holds what slides along the
-surface by a regulariser (`stay`), the size of the whole body with it, and the ball's
-pull curves down where a vertex is inside.
+The exact information of the estimate is not used: its regulariser (`stay`) holds the
+motion of vertices along the surface, and with it the size of the whole body, and the
+prior ball has negative curvature where a vertex is inside.
 """
 
 from __future__ import annotations
@@ -34,24 +35,24 @@ from ..information.polytope_information import FACE_TILT
 from ..problem.polytope_window import LIFTED
 from .beliefs import POSE_PRIOR_SIGMA, Belief, steepness
 from .push_model import (
-    ARM,
     MIN_STEP_SIGMA,
     SAMPLES_PER_CALL,
     STEP_SIGMA_SHARE,
     backward_filter_function,
 )
 
-FACE_SIGMA = 0.3e-3  # [m] as exact as touched faces come out, beside TILT
-CORRELATED_SAMPLES = 10  # samples of a touch, which share that error
-FLATNESS_SIGMA = 0.3e-3  # [m] deviation of a vertex from the plane of a felt face
-ON_PLANE = 0.5e-3  # [m] a vertex this near to the plane of a touch lies on it
-VERTICES_OF_A_PLANE = 3  # vertices always lie on one plane
+FACE_SIGMA = 0.3e-3  # [m] of touched faces as estimated, besides FACE_TILT
+CORRELATED_SAMPLES = 10  # [1] samples of a contact that share this error
+FLATNESS_SIGMA = 0.3e-3  # [m] of a vertex from the plane of a touched face
+ON_PLANE = 0.5e-3  # [m] a vertex this near to the plane of a contact lies on it
+VERTICES_OF_A_PLANE = 3  # [1]: as many always lie on one plane
 
 
 def beliefs_of(estimate, shape, fingers: int = 0, count: int = 1) -> list[Belief]:
-    """Return what is believed of a hull: one hypothesis, the best one.
+    """Return the belief about a hull: one Gaussian, of the best hypothesis.
 
-    fingers, count: as in beliefs.believed; a hull has one hypothesis, without offsets.
+    fingers, count: as in beliefs.beliefs_of; not used, for there are neither offsets
+    nor other hypotheses.
     """
     ground = estimate.scene.ground
     centre = ground.to_ground(estimate.position[-1])
@@ -68,7 +69,7 @@ def beliefs_of(estimate, shape, fingers: int = 0, count: int = 1) -> list[Belief
 
 
 def sensor_model(estimate) -> np.ndarray:
-    """Return alpha [1/m], sigma [m] of a felt gap, sigma_n [rad] of one sample."""
+    """Return alpha [1/m], sigma [m] of a gap in contact, sigma_n [rad] of a sample."""
     p, n = estimate.precision["position"], estimate.precision["normal"]
     sigma, sigma_n = (
         np.sqrt(CORRELATED_SAMPLES) * FACE_SIGMA,
@@ -78,9 +79,9 @@ def sensor_model(estimate) -> np.ndarray:
 
 
 def ball_prior(vertices, size) -> np.ndarray:
-    """Return the information (3 V, 3 V) before any touch of vertices about a ball.
+    """Return the prior information (3 V, 3 V) of vertices about a ball.
 
-    size: mean and deviation [m] of its radius.
+    size: mean and standard deviation [m] of its radius.
     """
     mean, deviation = size
     u = vertices - vertices.mean(axis=0)
@@ -96,7 +97,7 @@ def ball_prior(vertices, size) -> np.ndarray:
 
 
 def fingers_on_body(estimate) -> np.ndarray:
-    """Return where the fingers were on the body as it lies now (T, F, 3), about it."""
+    """Return finger positions (T, F, 3) [m] relative to the body, in its last pose."""
     ground = estimate.scene.ground
     origin = ground.to_ground(estimate.position)[:, None]
     p = ground.to_ground(estimate.seen_positions) - origin
@@ -107,24 +108,31 @@ def fingers_on_body(estimate) -> np.ndarray:
 
 
 def information_of_samples(estimate, shape, vertices, points) -> np.ndarray:
-    """Return eq:obsinfo of all samples (3 V, 3 V), the way since then being unsure."""
+    """Return eq:obsinfo (3 V, 3 V) of all samples, with uncertain motion since then."""
     data = estimate.measurements
     position = estimate.scene.ground.to_ground(estimate.position)
     turn = rotation_of(estimate.quaternion)
     yaw = (turn[1:] * turn[:-1].inv()).magnitude()
-    way = (np.diff(position[:, :2], axis=0) ** 2).sum(axis=1) + (ARM * yaw) ** 2
+    way = (np.diff(position[:, :2], axis=0) ** 2).sum(axis=1) + (
+        rigid_body.ARM * yaw
+    ) ** 2
     Q = (
         STEP_SIGMA_SHARE**2 * way
         + MIN_STEP_SIGMA**2
         + GAP**2 * (np.diff(data.action) != 0)
     )
-    Q = np.r_[Q, 0.0][:, None] / np.r_[1, 1, ARM**2]  # of the step after each sample
+    Q = (
+        np.r_[Q, 0.0][:, None] / np.r_[1, 1, rigid_body.ARM**2]
+    )  # of the step after each sample
     r, k, z = points.reshape(len(points), -1), vertices.size, vertices.ravel()
     now, out = (np.zeros((3, k)), np.zeros((3, 3))), np.zeros((k, k))
     step = backward_filter_function(shape, data.fingers)
     for end in range(data.samples, 0, -SAMPLES_PER_CALL):
         back = np.arange(end - 1, end - 1 - SAMPLES_PER_CALL, -1)
-        here, at = back >= 0, np.maximum(back, 0)  # before the first: says nothing
+        here, at = (
+            back >= 0,
+            np.maximum(back, 0),
+        )  # before the first sample: no information
         M, P, E = step(
             *now, z, r[at].T, data.finger_radius, data.contact[at].T.astype(float),
             here * data.valid[at].T, here * Q[at].T, sensor_model(estimate),
@@ -136,7 +144,7 @@ def information_of_samples(estimate, shape, vertices, points) -> np.ndarray:
 
 
 def contact_points(estimate, vertices, points):
-    """Return where the body was felt and along what, (n, 3) each, about the centre."""
+    """Return contact points [m] and normals, (n, 3) each, about the centroid."""
     data = estimate.measurements
     centre = points[data.contact & data.valid]
     point = nearest(hull_vertices(vertices), centre)
@@ -145,17 +153,17 @@ def contact_points(estimate, vertices, points):
     return point, n
 
 
-def flatness_information(vertices, height: float, felt) -> np.ndarray:
-    """Return the information (3 V, 3 V) that felt faces and the ground are planes.
+def flatness_information(vertices, height: float, contacts) -> np.ndarray:
+    """Return the information (3 V, 3 V) that touched faces and the ground are planes.
 
-    height [m]: of the centre above the ground.
+    height: [m], of the centroid above the ground; contacts: of contact_points.
     """
     V = len(vertices)
     out = np.zeros((V, 3, V, 3))
     stands = np.nonzero(vertices[:, 2] + height < LIFTED)[0]
     out[stands, 2, stands, 2] += 1 / LEG**2
     seen = set()
-    for point, n in zip(*felt, strict=True):
+    for point, n in zip(*contacts, strict=True):
         on = np.nonzero((point - vertices) @ n < ON_PLANE)[0]
         if len(on) <= VERTICES_OF_A_PLANE or tuple(on) in seen:
             continue
@@ -168,7 +176,7 @@ def flatness_information(vertices, height: float, felt) -> np.ndarray:
 
 
 def after_retraction(information, vertices) -> np.ndarray:
-    """Return the information once the fingers have gone: the body may slip a little."""
+    """Return the information after the retraction, in which the body may slip."""
     slip = np.zeros((len(vertices), 3, 3))
     slip[:, 0, 0] = slip[:, 1, 1] = GAP
     slip[:, 0, 2], slip[:, 1, 2] = -vertices[:, 1], vertices[:, 0]

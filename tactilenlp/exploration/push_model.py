@@ -1,4 +1,4 @@
-"""Compile what exploration evaluates a thousand times: a pushed step, a felt sample."""
+"""Compile the functions of a predicted push: its steps and the samples' information."""
 
 from __future__ import annotations
 
@@ -8,31 +8,32 @@ import casadi as ca
 
 from formulations import exploration, pushed_hull, pushing
 from formulations.finger import SPHERE
-from formulations.rigid_body import FREE, PLANAR
+from formulations.rigid_body import ARM, FREE, PLANAR
 
 from ..errors import OptionError, SceneError
 from ..nlp.codegen import compiled
 
-PUSH_ITERATIONS = 8  # of a time step: the work is then least to a micrometre
-SAMPLES_PER_CALL = 30  # samples of one call
-STEP_SIGMA_SHARE = 0.2  # [-] deviation of a predicted step, of its way
-MIN_STEP_SIGMA = 1e-5  # [m] and at least
-ARM = 20e-3  # [m] a radian of turn counts as this much way
+PUSH_ITERATIONS = 8  # of a time step: the work is then minimal to a micrometre
+SAMPLES_PER_CALL = 30  # of backward_filter_function
+STEP_SIGMA_SHARE = 0.2  # [-] standard deviation of a predicted step over its length
+MIN_STEP_SIGMA = 1e-5  # [m], its least value
 
 
 @cache
 def push_function(
     shape, free: bool, fingers: int, steps: int, off=False
 ) -> ca.Function:
-    """Return (d, p, s, M, P; z, goal_1, goal, rho, known, sensors, sloped), all.
+    """Return (d, p, s, M, P; z, goal_1, goal, rho, known, sensors, sloped) -> ...
 
-    s (3,): planar way of the body since x_T, d (3,): its last part; p (3 F,) [m]: where
-    fingers are; goal_1, goal: where they should be, before and now; M, P: as in the
-    page `exploration`; z: theta and x_T; known: as in `pushing`; sensors: alpha,
-    sigma, sigma_n; sloped: 1, or 0 for dx_t/dx_T = I.  off: M has columns for an
-    offset (3,) of every finger after those of z; where fingers are includes them.
-    Gives the first five anew, the probabilities (F,) that a finger feels the body, and
-    E (4 F, k): E'E is what the fingers tell.
+    The function of all steps of a push.  s (3,): planar displacement of the body since
+    x_T, d (3,): that of the last step; p (3 F,) [m]: finger positions; goal_1, goal:
+    the commanded ones, of the last step and of this one; M, P: as in the page
+    `exploration`; z: theta and x_T; known: as in `pushing`; sensors: alpha, sigma,
+    sigma_n; sloped: 1, or 0 for dx_t/dx_T = I.  off: M has columns for the offset (3,)
+    of every finger after those of z.
+
+    It returns new d, p, s, M, P, the probability of contact (F,), and E (4 F, k):
+    E'E is the information of the sample.
     """
     return _step(shape, free, fingers, off).mapaccum("pushed", steps, 5)
 
@@ -83,7 +84,7 @@ def _step(shape, free: bool, fingers: int, off: bool) -> ca.Function:
 
 
 def _commanded(here, p, goal_1, goal, rho, laws) -> list:
-    """Return where each finger is meant to be, no deeper than its servo presses."""
+    """Return the commanded positions, no deeper than the servo's force allows."""
     ways = zip(*map(_triples, (p, goal_1, goal)), ca.vertsplit(rho), strict=True)
     deep = laws[4] / laws[3]
     return [
@@ -93,7 +94,7 @@ def _commanded(here, p, goal_1, goal, rho, laws) -> list:
 
 
 def _measurement_updates(M, P, h, h_s, weights):
-    """Return rows of what the four numbers of one sample tell, and M, P after it."""
+    """Return the information rows of a sample's four numbers, and M, P after them."""
     rows = []
     for i in range(4):
         e, M, P = exploration.measurement_update(M, P, h[i, :], h_s[i, :], weights[i])
@@ -106,7 +107,7 @@ def _triples(column) -> list:
 
 
 def _step_slopes(body, s, d, rest, given) -> ca.Function:
-    """Return how the step d follows s, z and fingers that are elsewhere, and tips.
+    """Return the derivatives of the step d by s, z and the fingers, and the fingers.
 
     By the implicit function theorem.
     """
@@ -122,9 +123,10 @@ def _step_slopes(body, s, d, rest, given) -> ca.Function:
 
 @cache
 def _sensing_function(shape, free: bool) -> ca.Function:
-    """Return (z, s, r, rho, sensors) -> p, weights (4,), slopes by z, s and r (4, ...).
+    """Return (z, s, r, rho, sensors) -> p, weights (4,), derivatives by z, s and r.
 
-    The rows are gap and normal of one finger's sample.
+    The four rows are gap and normal of one finger's sample; p is the probability of
+    contact.
     """
     z, theta, pose = _unknowns(shape, free)
     s, r, rho, sensors = (shape.symbol("in", n) for n in (3, 3, 1, 3))
@@ -178,10 +180,10 @@ def _backward_filter_step(shape, fingers: int) -> ca.Function:
 
 @cache
 def sample_information_function(shape, free: bool) -> ca.Function:
-    """Return (z, r, rho, c, sensors) -> (k + 3, k + 3) what a sample of boolean c told.
+    """Return (z, r, rho, c, sensors) -> information (k + 3, k + 3) of a sample.
 
-    Of z, theta and the pose at that sample, by which slopes are taken (dx_t/dx_T = I),
-    and of where the finger is.
+    About z, which is theta and the pose at that sample (dx_t/dx_T = I), and about the
+    position r of the finger.  c: the boolean.
     """
     z, theta, pose = _unknowns(shape, free)
     r, rho, c = ca.SX.sym("r", 3), ca.SX.sym("rho"), ca.SX.sym("c")
@@ -209,25 +211,25 @@ def _unknowns(shape, free: bool):
 
 
 def check_ground(scene) -> None:
-    """Raise SceneError without a ground: what floats is not pushed, it drifts away."""
+    """Raise SceneError without a ground, on which the prediction rests."""
     if scene.ground is None:
         raise SceneError(
-            "no action is predicted without a ground",
+            "actions are not predicted without a ground",
             where="scene.ground",
             got="None",
-            expected="the plane on which the object lies",
-            next="explore with policy='random' or one of your own",
+            expected="a Ground, on which the object lies",
+            next="explore with policy='random', 'farthest' or a function",
         )
 
 
 def check_predictable(shape) -> None:
-    """Raise OptionError for a shape whose way under a push cannot be predicted."""
+    """Raise OptionError for a shape whose motion under a push cannot be predicted."""
     if shape.inertia is None and shape.foot_squared is None:
         raise OptionError(
-            "no action is predicted for this shape",
+            "actions are not predicted for this shape",
             where="estimate.shape",
             got=shape.name,
-            expected="a shape with inertia and a foot, as a cuboid has",
+            expected="a Shape with `inertia` or `foot_squared`",
             next="estimate a cuboid to choose actions, or explore with "
             "policy='random' or 'farthest'",
         )
