@@ -16,7 +16,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tactilenlp.simulation.mujoco_plant import STEP, STIFFNESS, Plant
+from tactilenlp.simulation.mujoco_plant import STIFFNESS, TIME_STEP, Plant
 
 from .impedance import holding
 from .kinematics import INITIAL
@@ -145,15 +145,15 @@ class SimulatedRobot:
     def sleep(self, duration: float) -> None:
         """Let a duration [s] pass."""
         end = self.now() + duration
-        while self._now < end - STEP / 2:
-            if self._now >= self._wires_due - STEP / 2:
+        while self._now < end - TIME_STEP / 2:
+            if self._now >= self._wires_due - TIME_STEP / 2:
                 self._wires_due = max(self._wires_due, self._now) + 1 / WIRES
                 self._talk(self._now)
             live = any(board.live for one in self.fingers for board in one.boards)
-            steps = max(round((min(end, self._wires_due) - self._now) / STEP), 1)
+            steps = max(round((min(end, self._wires_due) - self._now) / TIME_STEP), 1)
             for _ in range(steps if live else 0):
                 self._step()
-            self._now += steps * STEP
+            self._now += steps * TIME_STEP
 
     def reader(self, tactile: Tactile, name: str, sink, clock) -> object:
         """Return the reader of a sensor: pictures directly, other data by its wire."""
@@ -171,9 +171,11 @@ class SimulatedRobot:
         force = np.einsum("fji,fj->fi", self._inverse, self._torque - drag)
         # with this goal the servo of the plant applies exactly this force
         goal = self._tips + force / STIFFNESS
-        touch = self._plant.follow(np.stack([goal - STEP * self._velocity, goal]))[0]
+        touch = self._plant.follow(np.stack([goal - TIME_STEP * self._velocity, goal]))[
+            0
+        ]
         tips = self._plant.fingers
-        self._velocity, self._tips = (tips - self._tips) / STEP, tips
+        self._velocity, self._tips = (tips - self._tips) / TIME_STEP, tips
         self._touch += SKIN * (touch - self._touch)
 
     def _talk(self, now: float) -> None:

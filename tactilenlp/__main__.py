@@ -28,9 +28,9 @@ the program knows; what follows is chosen from what is felt.  FILE keeps every t
 soon as it is felt, and every estimate; where it is there already, exploration goes on
 from it (give the same box and seed)."""
 NOISE = {"position": 1e-3, "normal": math.radians(5), "flips": 0.01}  # m, rad, 1
-SIZES, WITHIN = (0.03, 0.06), 0.02  # [m] of boxes that are drawn, of their places
+DRAWN_SIZES, WITHIN = (0.03, 0.06), 0.02  # [m] of boxes that are drawn, of their places
 STOPPED = 130  # as shells say of a program that Ctrl-C ended
-KNOWN = {  # what a scene may be told: option, unit
+SCENE_OPTIONS = {  # what a scene may be told: option, unit
     "mass": "[kg] of the object",
     "friction_ground": "[1] of the object and the ground",
     "friction_finger": "[1] of the object and a fingertip",
@@ -54,7 +54,7 @@ def parser() -> argparse.ArgumentParser:
     estimate.add_argument("--formulation", default="violation_implicit", help="a page")
     estimate.add_argument("--form", default="cuboid", help="kind of shape")
     estimate.add_argument("--save", type=Path, help="keep the estimate as .npz")
-    for name, words in KNOWN.items():
+    for name, words in SCENE_OPTIONS.items():
         option = f"--{name.replace('_', '-')}"
         estimate.add_argument(option, type=float, help=f"{words}; else from the file")
     _add_outputs(estimate)
@@ -79,7 +79,7 @@ def _add_explore(commands) -> None:
     add("--seed", type=int, default=0, help="of place, turn and choices (default 0)")
     words = "sensors with 1 mm, 5 deg and 1 %% flipped booleans (default: clean)"
     add("--noisy", action="store_true", help=words)
-    for name, words in KNOWN.items():
+    for name, words in SCENE_OPTIONS.items():
         add(f"--{name.replace('_', '-')}", type=float, help=f"{words}, and known")
     _add_outputs(explore)
     add("--save", type=Path, help="keep the last estimate alone as .npz")
@@ -157,7 +157,7 @@ def _estimate(given):
 
 def _known(given) -> dict[str, float]:
     """Return what a user says to be known of the scene."""
-    said = {name: getattr(given, name) for name in KNOWN}
+    said = {name: getattr(given, name) for name in SCENE_OPTIONS}
     return {name: value for name, value in said.items() if value is not None}
 
 
@@ -186,7 +186,7 @@ def _world(given):
     from . import Noise, World
 
     rng = np.random.default_rng(given.seed)
-    sides, place = rng.uniform(*SIZES, 3), rng.uniform(-WITHIN, WITHIN, 2)
+    sides, place = rng.uniform(*DRAWN_SIZES, 3), rng.uniform(-WITHIN, WITHIN, 2)
     yaw = rng.uniform(0, 2 * np.pi)
     noise = Noise(seed=given.seed, **NOISE) if given.noisy else Noise()
     return World(

@@ -19,7 +19,7 @@ def closed():
 
 
 def test_the_map_of_gains_marks_the_chosen_action(estimate, monkeypatch):
-    monkeypatch.setattr(maps, "GRID", (5, 3))
+    monkeypatch.setattr(maps, "DIRECTIONS", (5, 3))
     choice = choose_action(estimate, budget=20)
     figure = plot_gain(estimate, choice)
     sphere = figure.axes[0]
@@ -33,7 +33,7 @@ def test_the_map_of_gains_marks_the_chosen_action(estimate, monkeypatch):
 
 
 def test_the_map_is_drawn_into_one_axis_or_two(estimate, monkeypatch):
-    monkeypatch.setattr(maps, "GRID", (3, 2))
+    monkeypatch.setattr(maps, "DIRECTIONS", (3, 2))
     choice = choose_action(estimate, budget=20)
     figure, axes = plt.subplots(1, 2)
     assert plot_gain(estimate, choice, axis=axes) is figure

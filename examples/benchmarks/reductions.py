@@ -39,7 +39,6 @@ from formulations.shape import CUBOID, Shape
 from tactilenlp import Ground, Measurements, Scene, SolverOptions, solve_estimate
 from tactilenlp.data.sensor_noise import precision_of, smoothed
 from tactilenlp.geometry.tipping import planar_to_free
-from tactilenlp.problem.pages import is_polytope
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.search.hypothesis import Hypothesis, Job, TermFunctions
 from tactilenlp.search.local_solve import (
@@ -113,7 +112,7 @@ def recorded(file) -> Way:
 
 def searched(way) -> Hypothesis:
     """Return the best hypothesis of a search."""
-    if is_polytope(way.shape):  # its page takes a refined one for a rough one
+    if way.shape.parameters == "vertices":
         return search_polytope(way.job(), [])[0]
     return solve_estimate(way.data, way.scene, throw=False).hypotheses[0]
 
@@ -153,7 +152,7 @@ def floating(shape) -> tuple[dict[str, Way], Hypothesis]:
     }
     lean = Way(data, scene, shape=shape)
     plane = search_plane(lean.job())
-    if is_polytope(shape):
+    if shape.parameters == "vertices":
         best = search_polytope(in_search_plane(lean.job(), plane), [])[0]
     else:
         best = searched(lean)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-SAME = 1e-6  # [s] two instants of a record are one
+SAME_TIME = 1e-6  # [s] two instants of a record are one
 
 
 def true_mesh(world, time: float):
@@ -67,4 +67,4 @@ def _row_of(world, time: float) -> int | None:
     if getattr(world, "truth", None) is None:
         return None
     row = int(np.abs(world.measurements.time - time).argmin())
-    return row if abs(world.measurements.time[row] - time) < SAME else None
+    return row if abs(world.measurements.time[row] - time) < SAME_TIME else None

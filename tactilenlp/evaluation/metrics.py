@@ -30,7 +30,7 @@ NEAR_TIE = np.deg2rad(1.0)
 # Pairs of point and triangle in memory at once (some 100 MB with all temporaries).
 PAIRS_AT_ONCE = 200_000
 # A rotation off unit length by more than this is no rounding of a stored one.
-UNIT_TOLERANCE = 1e-3
+QUATERNION_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ def polytope_pose_error(
     """
     group = _read(symmetries, (None, 3, 3), "symmetries")
     skew = np.abs(group @ group.transpose(0, 2, 1) - np.eye(3)).max()
-    if skew > UNIT_TOLERANCE or np.linalg.det(group).min() < 0:
+    if skew > QUATERNION_TOLERANCE or np.linalg.det(group).min() < 0:
         expected = "rotation matrices, no reflections"
         raise TactileError("unusable", where="symmetries", expected=expected)
     shift = _centroid(mesh, "mesh") - _centroid(true_mesh, "true_mesh")
@@ -267,7 +267,7 @@ def _triangles(mesh: Trimesh, where: str) -> np.ndarray:
 
 def _unit(quaternion: ArrayLike, where: str) -> np.ndarray:
     wxyz = _read(quaternion, (4,), where)
-    if abs(np.linalg.norm(wxyz) - 1) > UNIT_TOLERANCE:
+    if abs(np.linalg.norm(wxyz) - 1) > QUATERNION_TOLERANCE:
         expected, got = "a quaternion wxyz of length 1", wxyz.tolist()
         raise TactileError("unusable", where=where, expected=expected, got=got)
     return wxyz

@@ -15,7 +15,7 @@ from ..common.validation import check_numbers, check_types, checked_array
 from ..data.scene import Ground
 from ..errors import OptionError
 
-RATE = 100  # [Hz] of a trajectory's points
+TRAJECTORY_RATE = 100  # [Hz] of a trajectory's points
 FARTHEST = 10.0  # [m] no hand reaches further, as in Measurements
 SIMULATION, ROBOT = 2 * np.pi / 5, np.pi / 4  # [rad] bounds of the paper
 ALONE = np.pi  # [rad] a single finger may come from anywhere
@@ -151,7 +151,7 @@ class Action:
 
     def trajectory(self, target) -> Trajectory:
         """Return the way of all fingers towards a target (3,) [m], world frame."""
-        n = round(self.workspace.duration * RATE) + 1
+        n = round(self.workspace.duration * TRAJECTORY_RATE) + 1
         time = np.linspace(0, self.workspace.duration, n)
         return Trajectory(time, self.positions(target, n))
 

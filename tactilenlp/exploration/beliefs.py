@@ -26,7 +26,7 @@ from .push_model import sampled
 
 log = logging.getLogger("tactilenlp")
 VAGUE = 0.1, 3.0  # [m], [rad] of a pose of which nothing is known
-NEGLIGIBLE = 0.02  # [-] of the best's weight: a hypothesis that is not followed
+NEGLIGIBLE_WEIGHT = 0.02  # [-] of the best's weight: a hypothesis that is not followed
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ def believed(estimate, shape, fingers: int, count: int) -> list[Belief]:
     weights = [np.exp(min(0.0, estimate.objective - h.objective)) for h in rest]
     found = [Belief(best, known_of_best(estimate, shape, before), before, 1.0, offset)]
     for h, weight in zip(rest, weights, strict=True):
-        if weight > NEGLIGIBLE:
+        if weight > NEGLIGIBLE_WEIGHT:
             off = h.shift.T
             known = before + told(estimate, shape, h.theta, h.x, off, len(before))
             found.append(Belief(h.end, known, before, weight, off))

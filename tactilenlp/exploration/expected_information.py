@@ -21,7 +21,7 @@ from formulations.shape import Shape
 from ..common.validation import check_sample, check_types
 from ..errors import OptionError
 from ..information.information import information_gain
-from ..problem.pages import is_polytope, shape_of
+from ..problem.pages import shape_of
 from .action_space import Action, Workspace
 from .beliefs import Belief, believed, freely, sensors
 from .polytope_beliefs import hull_believed, hull_sensors
@@ -75,7 +75,7 @@ class ExpectedInformation:
         check_moves(self.shape)
         self._off = estimate.finger_offset is not None
         self._check_fingers(self.workspace)
-        if is_polytope(self.shape):
+        if self.shape.parameters == "vertices":
             self._free, self._sensors = False, hull_sensors(estimate)
             self.beliefs = hull_believed(estimate, self.shape)
         else:
@@ -153,7 +153,7 @@ class ExpectedInformation:
 def shape_seen(estimate, shape: Shape | None = None) -> Shape:
     """Return the shape of an estimate as the page `pushing` takes it."""
     shape = shape_of(estimate.shape) if shape is None else shape
-    if not is_polytope(shape):
+    if shape.parameters != "vertices":
         return shape
     return as_pushed(polytope(len(estimate.theta) // 3))
 

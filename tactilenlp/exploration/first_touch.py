@@ -13,7 +13,7 @@ import numpy as np
 
 from ..data.measurements import Measurements
 from ..errors import NoContactError, OptionError
-from .action_space import RATE, Trajectory, Workspace
+from .action_space import TRAJECTORY_RATE, Trajectory, Workspace
 
 APART = 0.03  # [m] between lines: a finger of 1 cm radius then meets all above 1 cm
 PIECE = 0.05  # [m] of one motion: what is met is not pushed further
@@ -35,7 +35,7 @@ def sweep(space: Workspace, centre=None) -> Iterator[Trajectory]:
         height = space.finger_radius + space.clearance + LIFT
     pieces = int(np.ceil(2 * space.radius / PIECE))
     ends = np.linspace(-space.radius, space.radius, pieces + 1)
-    n = round(space.duration * RATE) + 1
+    n = round(space.duration * TRAJECTORY_RATE) + 1
     share = np.linspace(0, 1, n)[:, None]
     for line, y in enumerate(_lines(space.radius)):
         along = ends if line % 2 == 0 else ends[::-1]

@@ -17,7 +17,9 @@ from .action_search import Choice
 from .action_space import Action, Trajectory, Workspace
 
 FORMAT, VERSION = "exploration", 1  # of the files that are kept
-PAUSE = 1.0  # [s] between the last kept sample and the first one of another process
+GAP_BETWEEN_PROCESSES = (
+    1.0  # [s] between the last kept sample and the first one of another process
+)
 SPACE = 10e6  # [bytes] that are free where an exploration is to be kept
 OTHER = {"measurements": "other data"}  # what is said of a field that differs
 
@@ -97,7 +99,9 @@ def onward(step: Step, past: Measurements | None, again: bool) -> Step:
     if past is None:
         return step
     if again and data.time[0] <= past.time[-1]:
-        data = replace(data, time=data.time - data.time[0] + past.time[-1] + PAUSE)
+        data = replace(
+            data, time=data.time - data.time[0] + past.time[-1] + GAP_BETWEEN_PROCESSES
+        )
         step = replace(step, measurements=data)
     past.append(data)
     return step

@@ -33,7 +33,7 @@ from ..geometry.transforms import rotation_of
 from ..information.polytope_information import FACE_TILT
 from ..problem.polytope_window import LIFTED
 from .beliefs import VAGUE, Belief, steepness
-from .push_model import ARM, LEAST, REMEMBERED, SHARE, remembered
+from .push_model import ARM, LEAST_SPREAD, REMEMBERED, SHARE, remembered
 
 TOUCH = 0.3e-3  # [m] as exact as touched faces come out, beside TILT
 ALIKE = 10  # samples of a touch, which share that error
@@ -99,7 +99,7 @@ def felt(estimate, shape, vertices, points) -> np.ndarray:
     turn = rotation_of(estimate.quaternion)
     yaw = (turn[1:] * turn[:-1].inv()).magnitude()
     way = (np.diff(position[:, :2], axis=0) ** 2).sum(axis=1) + (ARM * yaw) ** 2
-    Q = SHARE**2 * way + LEAST**2 + GAP**2 * (np.diff(data.action) != 0)
+    Q = SHARE**2 * way + LEAST_SPREAD**2 + GAP**2 * (np.diff(data.action) != 0)
     Q = np.r_[Q, 0.0][:, None] / np.r_[1, 1, ARM**2]  # of the step after each sample
     r, k, z = points.reshape(len(points), -1), vertices.size, vertices.ravel()
     now, out = (np.zeros((3, k)), np.zeros((3, 3))), np.zeros((k, k))

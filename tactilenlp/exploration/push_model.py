@@ -12,12 +12,11 @@ from formulations.rigid_body import FREE, PLANAR
 
 from ..errors import OptionError, SceneError
 from ..nlp.codegen import compiled
-from ..problem.pages import is_polytope
 
 ITERATIONS = 8  # of a time step: the work is then least to a micrometre
 REMEMBERED = 30  # samples of one call
 SHARE = 0.2  # [-] deviation of a predicted step, of its way
-LEAST = 1e-5  # [m] and at least
+LEAST_SPREAD = 1e-5  # [m] and at least
 ARM = 20e-3  # [m] a radian of turn counts as this much way
 
 
@@ -38,7 +37,7 @@ def pushed(shape, free: bool, fingers: int, steps: int, off=False) -> ca.Functio
 
 @cache
 def _step(shape, free: bool, fingers: int, off: bool) -> ca.Function:
-    sym = symbol(shape)
+    sym = shape.symbol
     z, theta, pose = _unknowns(shape, free)
     k = z.numel() + off * 3 * fingers
     p, goal_1, goal, r = (sym(name, 3 * fingers) for name in ("p", "g", "h", "r"))
@@ -61,7 +60,9 @@ def _step(shape, free: bool, fingers: int, off: bool) -> ca.Function:
     D_z = ca.horzcat(D_z, D_r) if off else D_z
     now, A = s + step, ca.DM.eye(3) + D_s
     M_now = M + sloped * (D_s @ M + D_z)
-    P_now = sloped * (A @ P @ A.T + exploration.process_noise(step, SHARE, LEAST, ARM))
+    P_now = sloped * (
+        A @ P @ A.T + exploration.process_noise(step, SHARE, LEAST_SPREAD, ARM)
+    )
     felt, told, feel = [], [], _feeling(shape, free)
     for f, p_wf in enumerate(meant):
         chance, weights, h, h_s, h_r = feel(z, now, p_wf, rho[f], sensors)
@@ -105,7 +106,7 @@ def _slopes(body, s, d, rest, given) -> ca.Function:
 
     By the implicit function theorem.
     """
-    loads = symbol(body[0])("loads", 1 + len(rest[0]))
+    loads = body[0].symbol("loads", 1 + len(rest[0]))
     pull = pushing.balance(*body, s, d, *rest, ca.vertsplit(loads))
     by_d, by_s, by_z, by_p, by_r = (ca.jacobian(pull, v) for v in (d, s, *given[2:5]))
     out = [-pushing.solve_3(by_d, by) for by in (by_s, by_z, by_p + by_r)]
@@ -122,7 +123,7 @@ def _feeling(shape, free: bool) -> ca.Function:
     The rows are gap and normal of one finger's sample.
     """
     z, theta, pose = _unknowns(shape, free)
-    s, r, rho, sensors = (symbol(shape)("in", n) for n in (3, 3, 1, 3))
+    s, r, rho, sensors = (shape.symbol("in", n) for n in (3, 3, 1, 3))
     alpha, sigma, sigma_n = ca.vertsplit(sensors)
     at = pushing.moved(pose, s)
     phi = SPHERE.gap(shape, theta, at, r, rho)
@@ -151,7 +152,7 @@ def remembered(shape, fingers: int) -> ca.Function:
 
 @cache
 def _remembered(shape, fingers: int) -> ca.Function:
-    sym, k = symbol(shape), shape.theta
+    sym, k = shape.symbol, shape.theta
     z, r, rho = sym("z", k), sym("r", 3 * fingers), sym("rho", fingers)
     c, valid, Q = sym("c", fingers), sym("valid", fingers), sym("Q", 3)
     M, P = sym("M", 3, k), sym("P", 3, 3)
@@ -189,14 +190,9 @@ def sampled(shape, free: bool) -> ca.Function:
 
 def _foot(shape, finger, theta, pose):
     """Return c^2 [m^2] of the page `pushing`."""
-    if is_polytope(shape):
+    if shape.parameters == "vertices":
         return pushed_hull.legs_squared(theta)
     return pushing.foot_squared(shape, theta, pose[1])
-
-
-def symbol(shape):
-    """Return what makes symbols: a hull's nearest point is called, not written out."""
-    return ca.MX.sym if is_polytope(shape) else ca.SX.sym
 
 
 def _unknowns(shape, free: bool):
@@ -204,11 +200,11 @@ def _unknowns(shape, free: bool):
 
     A hull is its vertices where they lie now, about its centroid.
     """
-    if is_polytope(shape):
-        z = ca.MX.sym("z", shape.theta)
+    if shape.parameters == "vertices":
+        z = shape.symbol("z", shape.theta)
         return z, z, pushed_hull.HERE
     motion = FREE if free else PLANAR
-    z = ca.SX.sym("z", shape.theta + motion.unknowns)
+    z = shape.symbol("z", shape.theta + motion.unknowns)
     theta = z[: shape.theta]
     return z, theta, motion.pose(shape, theta, z[shape.theta :])
 
@@ -227,7 +223,7 @@ def check_ground(scene) -> None:
 
 def check_moves(shape) -> None:
     """Raise OptionError for a shape whose way under a push cannot be predicted."""
-    if shape.inertia is None and not is_polytope(shape):
+    if shape.inertia is None and shape.parameters == "sizes":
         raise OptionError(
             "no action is predicted for this shape",
             where="estimate.shape",

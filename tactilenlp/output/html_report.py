@@ -13,14 +13,18 @@ from ..common.validation import check_path, check_types
 from ..geometry.faces import face_sigma, polygons
 from .colours import BLUE, PALE, RED, information_colour
 
-FINGERS = ((0, 158, 115), (204, 121, 167), (230, 159, 0), (240, 228, 66))
-ROOM = 1.5  # [1] of the picture, to the reach of the object: fingers fit in
+FINGER_COLOURS = ((0, 158, 115), (204, 121, 167), (230, 159, 0), (240, 228, 66))
+PICTURE_MARGIN = 1.5  # [1] of the picture, to the reach of the object: fingers fit in
 LINES, SPACING = 8, 0.02  # lines of the ground's grid to each side, [m] between them
-ARROW = 0.35  # [1] of the picture: length of the largest impulse's arrow
+IMPULSE_ARROW = 0.35  # [1] of the picture: length of the largest impulse's arrow
 MM = 1e3
 ANGLE, LENGTH = ("deg", np.degrees(1.0)), ("mm", MM)
 UNITS = {"side_lengths": LENGTH, "position": LENGTH, "rotation": ANGLE}
-WORDS = {"side_lengths": "side", "position": "position", "rotation": "rotation about"}
+QUANTITY_WORDS = {
+    "side_lengths": "side",
+    "position": "position",
+    "rotation": "rotation about",
+}
 AXES = ("x", "y", "z")
 
 
@@ -60,7 +64,7 @@ def _content(estimate) -> dict:
                 "contact": (data.contact & data.valid)[:, f].tolist(),
                 "valid": data.valid[:, f].tolist(),
                 "impulse": _plain(push),
-                "colour": FINGERS[f % len(FINGERS)],
+                "colour": FINGER_COLOURS[f % len(FINGER_COLOURS)],
             }
             for f, push in enumerate(pushes)
         ],
@@ -69,7 +73,7 @@ def _content(estimate) -> dict:
         "centre": _plain(centre),
         "reach": reach,
         "bar": 0.02,
-        "arrow": ARROW * reach / most if most > 0 else 0.0,
+        "arrow": IMPULSE_ARROW * reach / most if most > 0 else 0.0,
         "ramp": [BLUE, PALE, RED],
         "sigma": _sigma(estimate),
         "costs": sorted(estimate.costs.items(), key=lambda cost: -abs(cost[1])),
@@ -89,7 +93,9 @@ def _frame(estimate) -> tuple[np.ndarray, float]:
     """Return centre (3,) and reach [m] of a picture that holds the whole motion."""
     low, high = estimate.position.min(axis=0), estimate.position.max(axis=0)
     size = np.linalg.norm(estimate.vertices, axis=1).max()
-    return (low + high) / 2, float(np.linalg.norm(high - low) / 2 + ROOM * size)
+    return (low + high) / 2, float(
+        np.linalg.norm(high - low) / 2 + PICTURE_MARGIN * size
+    )
 
 
 def _faces(estimate) -> list[dict]:
@@ -152,7 +158,7 @@ def _sigma(estimate) -> list[list[str]]:
             words = "none: a hull's axes are the world's" if s == 0.0 else words
             if name != "rotation":
                 words = f"{value * factor:.2f} {words}"
-            rows.append([f"{WORDS[name]} {axis}", words])
+            rows.append([f"{QUANTITY_WORDS[name]} {axis}", words])
     return rows
 
 

@@ -19,7 +19,7 @@ from ..estimation.result import Estimate
 from ..geometry.transforms import rotation_of
 from ..nlp.solution import Solution
 from .style import (
-    FINGERS,
+    FINGER_COLOURS,
     INK,
     MM,
     STYLE,
@@ -31,7 +31,7 @@ from .style import (
 )
 
 SIDES = (("x", "#0072B2", "o"), ("y", "#D55E00", "s"), ("z", "#009E73", "^"))
-LEAST = 1e-12  # what is zero is drawn there on logarithmic axes
+LOG_ZERO = 1e-12  # what is zero is drawn there on logarithmic axes
 
 
 @picture
@@ -52,7 +52,7 @@ def plot_impulses(estimate: Estimate, axis=None) -> Figure:
     mu, at = _friction(estimate), np.arange(len(shown))
     for finger, axis in enumerate(axes):
         normal, tangential = _parts(estimate, finger, shown)
-        colour = FINGERS[finger % len(FINGERS)]
+        colour = FINGER_COLOURS[finger % len(FINGER_COLOURS)]
         axis.bar(at, normal, 1.0, color=(colour, 0.5), label="normal")
         axis.step(at, mu * normal, where="mid", color=INK, lw=1,
                   label=f"friction cone: {mu:.2g} × normal")  # fmt: skip
@@ -91,9 +91,9 @@ def plot_cones(estimate: Estimate, axis=None) -> Figure:
     shown = np.flatnonzero((data.contact & data.valid).any(axis=1))
     for finger in range(data.fingers):
         normal, tangential = _parts(estimate, finger, shown)
-        pushes = normal > LEAST * MM
+        pushes = normal > LOG_ZERO * MM
         axis.scatter(normal[pushes], tangential[pushes], 14, lw=0.4, ec=INK, zorder=3,
-                     color=FINGERS[finger % len(FINGERS)],
+                     color=FINGER_COLOURS[finger % len(FINGER_COLOURS)],
                      label=f"finger {finger}")  # fmt: skip
         most = max(most, *normal)
     axis.fill_between([0, most], [0, mu * most], color=UNTOUCHED, alpha=0.35, lw=0,
@@ -124,7 +124,9 @@ def plot_progress(solved, axis=None) -> Figure:
         ("dual", "gradient of the Lagrangian [scaled]", "#D55E00"),
         ("barrier", "barrier [nats]", UNTOUCHED),
     ):
-        axis.semilogy(np.maximum(progress[name], LEAST), c=colour, lw=1.4, label=label)
+        axis.semilogy(
+            np.maximum(progress[name], LOG_ZERO), c=colour, lw=1.4, label=label
+        )
     for start in np.flatnonzero(np.diff(progress["level"])):
         axis.axvline(start + 0.5, color=INK, lw=0.8, ls=":")
     objective = progress["objective"][-1]

@@ -14,7 +14,7 @@ from ..information.measurement_noise import KNOWN_FACE
 
 MM = 1e3  # [mm / m]
 MOST = 26e-3  # [m] a face that no one knows is drawn this far off: beside the object
-LEAST = 0.02  # [1] of its distance from the middle, as near as a face is drawn
+NEAREST_FACE = 0.02  # [1] of its distance from the middle, as near as a face is drawn
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ def faces_of(estimate, sample: int):
 
 def _moved(normals, away, by) -> np.ndarray:
     """Return the corners (n, 3) [m] of a body whose faces lie `by` [m] farther out."""
-    away = np.maximum(away + by, LEAST * away)
+    away = np.maximum(away + by, NEAREST_FACE * away)
     return HalfspaceIntersection(np.c_[normals, -away], np.zeros(3)).intersections
 
 

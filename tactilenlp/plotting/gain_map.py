@@ -11,10 +11,10 @@ from ..exploration.action_search import Choice
 from ..exploration.expected_information import ExpectedInformation
 from ..geometry.transforms import planar_matrix
 from .scene import outline
-from .style import FINGERS, INK, MM, STYLE, below, check_axes
+from .style import FINGER_COLOURS, INK, MM, STYLE, below, check_axes
 
-ROOM = 35.0  # [mm] beside the object that is seen from above
-GRID = 33, 17  # directions by azimuth and declination, for each finger
+MAP_MARGIN = 35.0  # [mm] beside the object that is seen from above
+DIRECTIONS = 33, 17  # directions by azimuth and declination, for each finger
 
 
 @plt.rc_context(STYLE)
@@ -57,8 +57,8 @@ def _scan(expected, choice, finger: int):
     """Return azimuths, declinations (n, m) [rad] and gains [nats] of one finger."""
     space, at = choice.action.workspace, slice(2 * finger, 2 * finger + 2)
     low, high = space.lower[at], space.upper[at]
-    ascension = np.linspace(low[0], high[0], GRID[0])
-    declination = np.linspace(low[1], high[1], GRID[1])
+    ascension = np.linspace(low[0], high[0], DIRECTIONS[0])
+    declination = np.linspace(low[1], high[1], DIRECTIONS[1])
     a, b = np.meshgrid(ascension, declination)
     gain = np.empty_like(a)
     for index in np.ndindex(a.shape):
@@ -78,14 +78,14 @@ def _draw_lines(axis, estimate, action, expected) -> None:
     for points, style, words in ((now, "-", "estimate"), (then, ":", "expected then")):
         axis.plot(*outline(points * MM).T, style, color=INK, label=words)
     for finger in range(way.shape[1]):
-        colour = FINGERS[finger % len(FINGERS)]
+        colour = FINGER_COLOURS[finger % len(FINGER_COLOURS)]
         axis.plot(*way[:, finger, :2].T, color=colour, label=f"finger {finger}")
         radius = action.workspace.finger_radius * MM
         spot = plt.Circle(way[-1, finger, :2], radius, fc=(colour, 0.3), ec=colour)
         axis.add_patch(spot)
     low, high = (
-        (now[:, :2] * MM).min(axis=0) - ROOM,
-        (now[:, :2] * MM).max(axis=0) + ROOM,
+        (now[:, :2] * MM).min(axis=0) - MAP_MARGIN,
+        (now[:, :2] * MM).max(axis=0) + MAP_MARGIN,
     )
     axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal",
              xlabel="x [mm]", ylabel="y [mm]", title="From above")  # fmt: skip

@@ -21,11 +21,11 @@ from ..errors import OptionError
 from ..estimation.result import Estimate
 from ..geometry.faces import face_sigma, polygons
 from ..geometry.transforms import rotation_of
-from ..output.colours import KNOWN, UNKNOWN, information_colour
+from ..output.colours import NOT_KNOWN, WELL_KNOWN, information_colour
 from .faces import faces_of
 from .style import (
     BAND,
-    FINGERS,
+    FINGER_COLOURS,
     INK,
     MM,
     TOUCHED,
@@ -38,8 +38,13 @@ from .style import (
     with_key,
 )
 
-ROOM = np.array([26.0, 26.0, 22.0])  # [mm] beside and above the object: a fingertip
-ARROW, GRID = 7.0, 10.0  # [mm] length of a normal, spacing of the ground's lines
+SCENE_MARGIN = np.array(
+    [26.0, 26.0, 22.0]
+)  # [mm] beside and above the object: a fingertip
+NORMAL_ARROW, GROUND_GRID = (
+    7.0,
+    10.0,
+)  # [mm] length of a normal, spacing of the ground's lines
 ELEVATION, AZIMUTH = 28.0, -58.0  # [deg] from where a scene is seen
 EYE = Rotation.from_euler("yz", [-ELEVATION, AZIMUTH], degrees=True).apply([1, 0, 0])
 LIGHT = LightSource(azdeg=145, altdeg=50)
@@ -48,7 +53,10 @@ LABEL = {
     "bbox": {"boxstyle": "round,pad=0.2", "fc": "w", "ec": "none", "alpha": 0.8},
 }  # fmt: skip
 WORTH = 100.0  # [mm^2] a face seen this large has room for a label
-WORDS, SIGMA = {True: "face touched", False: "face not touched"}, "±1σ of each face"
+FACE_WORDS, SIGMA = (
+    {True: "face touched", False: "face not touched"},
+    "±1σ of each face",
+)
 
 
 @picture
@@ -89,13 +97,13 @@ def plot_information(estimate: Estimate, axis=None, key: bool = True) -> Figure:
         colour = information_colour(sigma) / 255
         draw_seen(axis, [(place, R_wo @ n_o)], [colour], INK, 4, shade=False)
         if _extent(place, R_wo @ n_o) > WORTH:
-            words = f"{sigma * MM:.2g}" if sigma < UNKNOWN else "unknown"
+            words = f"{sigma * MM:.2g}" if sigma < NOT_KNOWN else "unknown"
             axis.text(*place.mean(axis=0), words, zorder=9, **LABEL)
     for colour, seen, _, _ in _touches(estimate, -1):
         axis.scatter(*seen.T, s=5, color=colour, zorder=8, depthshade=False)
-    scale = np.geomspace(UNKNOWN, KNOWN, 64)
+    scale = np.geomspace(NOT_KNOWN, WELL_KNOWN, 64)
     bar = plt.cm.ScalarMappable(
-        LogNorm(KNOWN * MM, UNKNOWN * MM),
+        LogNorm(WELL_KNOWN * MM, NOT_KNOWN * MM),
         ListedColormap(information_colour(scale)[::-1] / 255),
     )
     if key:
@@ -143,7 +151,7 @@ def draw_top(axis, estimate, sample, truth, view) -> None:
     for face in (face for face in faces if face.normal[2] > -1e-6):
         side, colour = face.normal[2] < 0.5, TOUCHED if face.touched else UNTOUCHED
         axis.fill(*face.corners[:, :2].T, fc=(colour, 0.25), ec=colour, lw=1 + side,
-                  zorder=2 + side, label=WORDS[face.touched])  # fmt: skip
+                  zorder=2 + side, label=FACE_WORDS[face.touched])  # fmt: skip
     if spread is not None:
         ring = np.concatenate([outline(spread[0]), outline(spread[1])[::-1]])
         axis.fill(*ring.T, fc=(BAND, 0.5), lw=0, zorder=2.5, label=SIGMA)
@@ -159,7 +167,7 @@ def draw_top(axis, estimate, sample, truth, view) -> None:
             ec=colour, zorder=5, label=f"finger {finger} and its contacts",
         ))  # fmt: skip
         axis.quiver(*points[now, :2].T, *normals[now, :2].T, color=colour, angles="xy",
-            scale_units="xy", scale=1 / ARROW, width=3e-3, zorder=7)  # fmt: skip
+            scale_units="xy", scale=1 / NORMAL_ARROW, width=3e-3, zorder=7)  # fmt: skip
         size = 6 + 10 * now
         axis.scatter(*points[:, :2].T, size, color=colour, ec=INK, lw=0.4, zorder=8)
     axis.set(xlim=view[:, 0], ylim=view[:, 1], xlabel="x [mm]", ylabel="y [mm]",
@@ -173,7 +181,7 @@ def draw_scene(axis, estimate, sample, truth, view) -> None:
     for face in (face for face in faces if face.normal @ EYE > 0):
         colour = TOUCHED if face.touched else UNTOUCHED
         draw_seen(axis, [(face.corners, face.normal)], colour, INK, 4, shade=True,
-                  lightsource=LIGHT, label=WORDS[face.touched])  # fmt: skip
+                  lightsource=LIGHT, label=FACE_WORDS[face.touched])  # fmt: skip
     if spread is not None:
         draw_seen(axis, _polygons(spread[0]), (BAND, 0.12), BAND, 5, label=SIGMA)
     if truth is not None:
@@ -181,8 +189,8 @@ def draw_scene(axis, estimate, sample, truth, view) -> None:
         draw_seen(axis, true, "none", TRUTH, 6, ls="--", label="truth")
     for finger, (colour, points, normals, _) in enumerate(_touches(estimate, sample)):
         seen = normals @ EYE > 0
-        axis.quiver(*points[seen].T, *normals[seen].T, length=ARROW, color=colour,
-                    lw=0.8, arrow_length_ratio=0.3, zorder=7)  # fmt: skip
+        axis.quiver(*points[seen].T, *normals[seen].T, length=NORMAL_ARROW,
+                    color=colour, lw=0.8, arrow_length_ratio=0.3, zorder=7)  # fmt: skip
         axis.scatter(
             *points[seen].T, s=8, color=colour, edgecolors=INK, lw=0.4, zorder=8,
             depthshade=False, label=f"finger {finger} and its contacts",
@@ -211,8 +219,8 @@ def _frame(axis, estimate, view) -> None:
     axis.view_init(ELEVATION, AZIMUTH)
     axis.computed_zorder = False  # matplotlib's own order hides what is near
     if estimate.scene.ground is not None:
-        (x0, y0, _), (x1, y1, _) = np.round(view / GRID) * GRID
-        flat = np.mgrid[x0 : x1 + 1 : GRID, y0 : y1 + 1 : GRID, 0:1] / MM
+        (x0, y0, _), (x1, y1, _) = np.round(view / GROUND_GRID) * GROUND_GRID
+        flat = np.mgrid[x0 : x1 + 1 : GROUND_GRID, y0 : y1 + 1 : GROUND_GRID, 0:1] / MM
         lines = MM * estimate.scene.ground.from_ground(flat[..., 0].transpose(1, 2, 0))
         axis.plot_wireframe(*lines.transpose(2, 0, 1), rstride=1, cstride=1, lw=0.5,
                             color="#D0D0D0", zorder=0)  # fmt: skip
@@ -270,7 +278,12 @@ def _touches(estimate, sample):
         arms = estimate.seen_positions[t, finger] - radius * n_w - estimate.position[t]
         points = MM * (carry.apply(arms) + estimate.position[sample])
         now = data.action[t] == data.action[sample]
-        yield FINGERS[finger % len(FINGERS)], points, carry.apply(n_w), now
+        yield (
+            FINGER_COLOURS[finger % len(FINGER_COLOURS)],
+            points,
+            carry.apply(n_w),
+            now,
+        )
 
 
 def _rotations(quaternion):
@@ -284,5 +297,5 @@ def _when(data, sample) -> str:
 def view_of(estimate, samples) -> np.ndarray:
     """Return the corners (2, 3) [mm] of what is shown: the object, with some room."""
     points = np.concatenate([estimate.mesh(sample).vertices for sample in samples]) * MM
-    below = ROOM * (1, 1, estimate.scene.ground is None)
-    return np.stack([points.min(axis=0) - below, points.max(axis=0) + ROOM])
+    below = SCENE_MARGIN * (1, 1, estimate.scene.ground is None)
+    return np.stack([points.min(axis=0) - below, points.max(axis=0) + SCENE_MARGIN])

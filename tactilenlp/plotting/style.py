@@ -16,7 +16,7 @@ from ..estimation.result import Estimate
 
 # Colours that the colour-blind tell apart (Okabe and Ito, "Color Universal Design").
 TOUCHED, UNTOUCHED, BAND, TRUTH = "#0072B2", "#B5B5B5", "#56B4E9", "#D55E00"
-INK, FINGERS = "#333333", ("#009E73", "#CC79A7", "#E69F00", "#F0E442")
+INK, FINGER_COLOURS = "#333333", ("#009E73", "#CC79A7", "#E69F00", "#F0E442")
 STYLE = {
     "font.size": 8, "legend.fontsize": 8, "legend.frameon": False, "figure.dpi": 150,
     "axes.spines.top": False, "axes.spines.right": False, "axes3d.grid": False,

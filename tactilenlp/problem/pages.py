@@ -64,8 +64,3 @@ def _module_of(formulation: str, shape) -> str:
 def page_named(page):
     """Return a page: a module travels between processes by its name."""
     return importlib.import_module(page) if isinstance(page, str) else page
-
-
-def is_polytope(shape) -> bool:
-    """Tell whether a shape is a hull of vertices."""
-    return shape.parameters == "vertices"

@@ -6,7 +6,9 @@ import numpy as np
 
 from ..errors import OptionError, TactileError
 
-STEP = 1 / 4080  # [s]; an impact at 0.2 m/s sinks in by 0.07 mm, most of it in one step
+TIME_STEP = (
+    1 / 4080
+)  # [s]; an impact at 0.2 m/s sinks in by 0.07 mm, most of it in one step
 # Contacts settle in 1 ms (MuJoCo wants two steps at least) without rebound, under the
 # largest impedance that MuJoCo takes: 8 N sink in by less than 0.1 um.  Friction is ten
 # times as stiff: no creep is left that the slow noslip solver could remove.
@@ -113,7 +115,9 @@ class Plant:
 
     def hold(self, duration: float) -> None:
         """Step for a duration [s] while the fingers stay where they are."""
-        self.follow(np.repeat(self.fingers[None], round(duration / STEP) + 1, axis=0))
+        self.follow(
+            np.repeat(self.fingers[None], round(duration / TIME_STEP) + 1, axis=0)
+        )
 
     def follow(self, reference: np.ndarray) -> np.ndarray:
         """Step through finger references (n + 1, F, 3) [m], one per step.
@@ -121,11 +125,13 @@ class Plant:
         Returns (n, F, 6) [N], per step and finger: the force on the object, then the
         normal force times the object's outward normal.
         """
-        velocity = np.diff(reference, axis=0) / STEP
+        velocity = np.diff(reference, axis=0) / TIME_STEP
         touch = np.array(
             [self._step(*goal) for goal in zip(reference[1:], velocity, strict=True)]
         )
-        if abs(self._data.time - self.steps * STEP) > STEP:  # MuJoCo resets itself
+        if (
+            abs(self._data.time - self.steps * TIME_STEP) > TIME_STEP
+        ):  # MuJoCo resets itself
             raise TactileError(
                 "the simulation diverged",
                 where="Plant.follow",
@@ -189,7 +195,7 @@ def _xml(
             mass="{FINGER_MASS}" friction="{friction[1]} 0 0"/></body>"""
         for radius in finger_radius.tolist()
     )
-    return f"""<mujoco><option timestep="{STEP}" {OPTION}/>
+    return f"""<mujoco><option timestep="{TIME_STEP}" {OPTION}/>
         <default><geom {contact}/></default>{mesh}
         <worldbody>{plane}<body><freejoint/><geom name="object" {geom} mass="{mass}"
             friction="0 0 0"/></body>{fingers}</worldbody></mujoco>"""

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .mujoco_plant import STEP
+from .mujoco_plant import TIME_STEP
 
 BACK_OFF, BACK_OFF_TIME = 0.008, 0.2  # [m], [s] first, out along the contact normal
 RETURN_TIME = 0.4  # [s] back the way it came
@@ -33,5 +33,5 @@ def retraction(
 
 def _smooth(duration: float) -> np.ndarray:
     """Return the minimum-jerk profile from 0 to 1 at every step, (n, 1, 1)."""
-    s = np.linspace(0, 1, round(duration / STEP) + 1)
+    s = np.linspace(0, 1, round(duration / TIME_STEP) + 1)
     return (s**3 * (10 - 15 * s + 6 * s**2))[:, None, None]

@@ -13,16 +13,16 @@ from ..data.measurements import Measurements
 from ..data.noise_model import Noise, add_noise
 from ..errors import OptionError, SceneError
 from ..geometry.transforms import rotation_of
-from .mujoco_plant import LIVELIEST, STEP, Plant
+from .mujoco_plant import LIVELIEST, TIME_STEP, Plant
 from .retraction import STILL, retraction
 
-RATE = 30  # [Hz] of the record, as the tactile sensors of the paper
+RECORD_RATE = 30  # [Hz] of the record, as the tactile sensors of the paper
 WINDOW = 40  # steps (10 ms) at the end of a sample over which the sensor averages
-PAUSE = 0.2  # [s] after an action: the object comes to rest
+SETTLE_TIME = 0.2  # [s] after an action: the object comes to rest
 LARGEST = 5.0  # [m] of a side: fingers push nothing longer
 SUNK = 1e-5  # [m] a body may be placed below the ground; more would make it jump
 SHAPE = ("side_lengths", "vertices")
-KNOWN = {  # what a world is told: unit and length
+WORLD_ARGUMENTS = {  # what a world is told: unit and length
     "side_lengths": ("m > 0", 3),
     "finger_radius": ("m > 0", None),
     "mass": ("kg > 0", -1),
@@ -109,7 +109,7 @@ class World:
     max_force: float = 8.0
     contact_force: float = 0.05
     settle: float = 0.3
-    rate: float = RATE
+    rate: float = RECORD_RATE
     restitution: float = 0.0
     noise: Noise = Noise()  # noqa: RUF009 (it is frozen)
 
@@ -117,15 +117,15 @@ class World:
         if (self.side_lengths is None) == (self.vertices is None):
             raise _wrong("side_lengths, vertices", "one of the two", "both or neither")
         self.finger_radius = np.atleast_1d(self.finger_radius)
-        for name, rule in KNOWN.items():
+        for name, rule in WORLD_ARGUMENTS.items():
             value = getattr(self, name)
             if value is not None or name not in ("side_lengths", "ground"):
                 setattr(self, name, _checked(name, value, *rule))
         if self.restitution > LIVELIEST:
             raise _wrong("restitution", f"at most {LIVELIEST}", self.restitution)
-        if self.rate * STEP > 1:
+        if self.rate * TIME_STEP > 1:
             fix = "a sample is one step of the solver at least"
-            raise _wrong("rate", f"at most {1 / STEP:.0f} Hz", self.rate, fix)
+            raise _wrong("rate", f"at most {1 / TIME_STEP:.0f} Hz", self.rate, fix)
         if self.ground is None and self.gravity > 0:
             raise _wrong("ground", "a height [m] where there is gravity", None)
         if self.vertices is None:
@@ -144,7 +144,7 @@ class World:
     @property
     def time(self) -> float:
         """The simulated time [s]."""
-        return self._plant.steps * STEP
+        return self._plant.steps * TIME_STEP
 
     @property
     def pose(self) -> np.ndarray:
@@ -165,11 +165,11 @@ class World:
         Raises OptionError where a trajectory is malformed or starts inside a body.
         """
         path, duration, parked = _path(trajectory, len(self.finger_radius))
-        each = max(1, round(1 / (self.rate * STEP)))  # steps per sample
-        steps = np.arange(int(duration / (each * STEP) + 1e-6) * each + 1)
-        reference = path(np.minimum(steps * STEP, duration))
+        each = max(1, round(1 / (self.rate * TIME_STEP)))  # steps per sample
+        steps = np.arange(int(duration / (each * TIME_STEP) + 1e-6) * each + 1)
+        reference = path(np.minimum(steps * TIME_STEP, duration))
         self._plant.place(reference[0])
-        time = (self._plant.steps + steps[::each]) * STEP
+        time = (self._plant.steps + steps[::each]) * TIME_STEP
         rows = [self._row(np.zeros((1, len(parked), 6)))]
         for k in range(0, len(steps) - 1, each):
             touch = self._plant.follow(reference[k : k + each + 1])
@@ -177,7 +177,7 @@ class World:
         true = Truth(*map(np.array, zip(*rows, strict=True)))
         out = self._plant.fingers, true.normal[-1]
         self._plant.follow(retraction(*out, path, duration, parked))
-        self._plant.hold(PAUSE)
+        self._plant.hold(SETTLE_TIME)
         return self._keep(time, true, parked)
 
     def _keep(self, time: np.ndarray, true: Truth, parked: np.ndarray) -> Measurements:
@@ -210,7 +210,10 @@ class World:
             arrays[key if key.startswith("object_") else f"truth_{key}"] = value
         arrays["final_position"] = self.truth.object_position[-1]
         arrays["final_quaternion"] = self.truth.object_quaternion[-1]
-        arrays |= {"contact_force_threshold": self.contact_force, "solver_step": STEP}
+        arrays |= {
+            "contact_force_threshold": self.contact_force,
+            "solver_step": TIME_STEP,
+        }
         write_npz(path, arrays)
 
     def _row(self, touch: np.ndarray) -> tuple:
@@ -221,7 +224,7 @@ class World:
         contact = force > self.contact_force  # the normal is the one felt last
         unit = contact / np.where(contact, felt[last, finger], 1.0)
         normal = press[last, finger] * unit[:, None]
-        impulse = touch[:, :, :3].sum(axis=0) * STEP
+        impulse = touch[:, :, :3].sum(axis=0) * TIME_STEP
         pose, fingers, gap = self.pose, self._plant.fingers, self._plant.distance()
         return pose[:3], pose[3:], fingers, contact, normal, force, impulse, gap
 
