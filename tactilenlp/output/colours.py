@@ -7,10 +7,8 @@ import numpy as np
 # Information runs from blue (none) over pale to red (much), as in the paper's first
 # figure; these three are told apart by the colour-blind (after Okabe and Ito).
 BLUE, PALE, RED = (0, 114, 178), (240, 228, 200), (213, 60, 0)
-NOT_KNOWN, WELL_KNOWN = (
-    10e-3,
-    0.1e-3,
-)  # [m] deviations that are as blue, as red as can be
+# [m] deviations that are as blue, as red as can be
+NOT_KNOWN, WELL_KNOWN = 10e-3, 0.1e-3
 
 
 def information_colour(sigma) -> np.ndarray:

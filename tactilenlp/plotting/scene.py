@@ -38,13 +38,10 @@ from .style import (
     with_key,
 )
 
-SCENE_MARGIN = np.array(
-    [26.0, 26.0, 22.0]
-)  # [mm] beside and above the object: a fingertip
-NORMAL_ARROW, GROUND_GRID = (
-    7.0,
-    10.0,
-)  # [mm] length of a normal, spacing of the ground's lines
+# [mm] beside and above the object: a fingertip
+SCENE_MARGIN = np.array([26.0, 26.0, 22.0])
+# [mm] length of a normal, spacing of the ground's lines
+NORMAL_ARROW, GROUND_GRID = 7.0, 10.0
 ELEVATION, AZIMUTH = 28.0, -58.0  # [deg] from where a scene is seen
 EYE = Rotation.from_euler("yz", [-ELEVATION, AZIMUTH], degrees=True).apply([1, 0, 0])
 LIGHT = LightSource(azdeg=145, altdeg=50)
