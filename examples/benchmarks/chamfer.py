@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tactilenlp.data.trajectories import QUATERNION_TOLERANCE
 from tactilenlp.errors import TactileError
 from tactilenlp.evaluation.metrics import (
-    QUATERNION_TOLERANCE,
     PoseError,
     finite_array,
     generator_of,

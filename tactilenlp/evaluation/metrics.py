@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..data.trajectories import QUATERNION_TOLERANCE
 from ..errors import OptionError, TactileError
 from ..geometry.transforms import rotation_of
 
@@ -29,8 +30,6 @@ PLASTIC_NUMBER = 1.3247179572447460
 NEAR_TIE = np.deg2rad(1.0)
 # Pairs of point and triangle in memory at once (some 100 MB with all temporaries).
 PAIRS_AT_ONCE = 200_000
-# A rotation off unit length by more than this is no rounding of a stored one.
-QUATERNION_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
