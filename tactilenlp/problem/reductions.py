@@ -59,8 +59,7 @@ class Reductions:
             return cls(**dict.fromkeys(names, choice))
         many = isinstance(choice, (tuple, list, set, frozenset))
         off = tuple(choice) if many else (choice,)
-        unknown = [n for n in off if not isinstance(n, str) or n not in names]
-        if unknown:
+        if unknown := [n for n in off if not isinstance(n, str) or n not in names]:
             raise OptionError(
                 "no such reduction", where="reduce", got=unknown,
                 expected=f"True, False or names to switch off among {names}",
