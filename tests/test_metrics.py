@@ -13,12 +13,7 @@ from trimesh.creation import icosphere
 from trimesh.transformations import quaternion_matrix, translation_matrix
 
 from tactilenlp.errors import OptionError, TactileError
-from tactilenlp.evaluation.metrics import (
-    chamfer_code,
-    chamfer_floor,
-    chamfer_paper,
-    surface_distance,
-)
+from tactilenlp.evaluation.metrics import surface_distance
 
 
 def test_two_equal_boxes_are_at_distance_zero():
@@ -108,8 +103,6 @@ def test_the_seed_decides_the_points():
     a, b = cuboid(SIDES), cuboid(1.1 * SIDES, [0.001, 0.002, 0], QUATERNION)
     assert surface_distance(a, b, seed=3) == surface_distance(a, b, seed=3)
     assert surface_distance(a, b, seed=3).mean != surface_distance(a, b, seed=4).mean
-    assert chamfer_code(a, b, seed=3) == chamfer_code(a, b, seed=3)
-    assert chamfer_code(a, b, seed=3) != chamfer_code(a, b, seed=4)
 
 
 @pytest.mark.parametrize("samples", [500, 2000])
@@ -120,28 +113,20 @@ def test_another_seed_stays_within_the_sampling_accuracy(samples):
     assert_allclose(means, np.mean(means), rtol=SAMPLING * 2000 / samples)
 
 
-@pytest.mark.parametrize("measure", [surface_distance, chamfer_code])
-def test_moving_both_bodies_changes_nothing(measure):
+def test_moving_both_bodies_changes_nothing():
     meshes = cuboid(SIDES), cuboid(1.1 * SIDES, [0.001, 0.002, 0], [0.6, 0, 0.8, 0])
     move = translation_matrix(POSITION) @ quaternion_matrix(QUATERNION)
     moved = [mesh.copy().apply_transform(move) for mesh in meshes]
-    expected, got = measure(*meshes), measure(*moved)
-    assert_allclose(
-        getattr(got, "mean", got), getattr(expected, "mean", expected), rtol=1e-9
-    )
-    assert_allclose(
-        getattr(got, "maximum", 0), getattr(expected, "maximum", 0), rtol=1e-9
-    )
+    expected, got = surface_distance(*meshes), surface_distance(*moved)
+    assert_allclose(got.mean, expected.mean, rtol=1e-9)
+    assert_allclose(got.maximum, expected.maximum, rtol=1e-9)
 
 
-@pytest.mark.parametrize("measure", [surface_distance, chamfer_code])
-def test_distances_grow_with_the_scale_of_both_bodies(measure):
+def test_distances_grow_with_the_scale_of_both_bodies():
     meshes = cuboid(SIDES), cuboid(1.1 * SIDES, [0.001, 0.002, 0], QUATERNION)
     scaled = [mesh.copy().apply_scale(1000) for mesh in meshes]
-    expected, got = measure(*meshes), measure(*scaled)
-    assert_allclose(
-        getattr(got, "mean", got), 1000 * getattr(expected, "mean", expected)
-    )
+    expected, got = surface_distance(*meshes), surface_distance(*scaled)
+    assert_allclose(got.mean, 1000 * expected.mean)
 
 
 def test_two_boxes_take_less_than_fifty_milliseconds():
@@ -154,42 +139,12 @@ def test_two_boxes_take_less_than_fifty_milliseconds():
     assert min(seconds) < 0.05
 
 
-# --- the paper's Chamfer distance ---
-
-
-def test_chamfer_paper_adds_squares_both_ways():
-    points_a = [[0, 0, 0], [0.01, 0, 0]]
-    points_b = [[0, 0, 0.02]]
-    # a to b: 0.02^2 and 0.01^2 + 0.02^2; b to a: 0.02^2.
-    assert chamfer_paper(points_a, points_b) == pytest.approx(0.0013, rel=1e-12)
-    assert chamfer_paper(points_b, points_a) == pytest.approx(0.0013, rel=1e-12)
-    assert chamfer_paper(points_a, points_a) == 0
-
-
-@pytest.mark.parametrize(("side", "floor"), [(30, 2.3), (45, 3.5), (60, 4.6)])
-def test_a_perfect_estimate_of_a_cube_scores_the_floor(side, floor):
-    cube = cuboid([side / 1000] * 3)
-    assert 1000 * chamfer_floor(cube) == pytest.approx(floor, rel=0.05)
-    # Random points of density n / A are 1 / (2 sqrt(n / A)) from their nearest.
-    assert chamfer_floor(cube) == pytest.approx(np.sqrt(cube.area / 1000), rel=0.05)
-
-
-def test_chamfer_code_of_distant_bodies_is_twice_their_surface_distance():
-    # Far apart, the sampling floor is small against the gap (1 m against 2 mm).
-    a, b = cuboid([0.03] * 3), cuboid([0.03] * 3, [1, 0, 0])
-    assert chamfer_code(a, b) == pytest.approx(
-        2 * surface_distance(a, b).mean, rel=0.005
-    )
-
-
 @pytest.mark.parametrize(
     "mesh", [None, "box", trimesh.Trimesh(), trimesh.PointCloud(np.eye(3))]
 )
 def test_what_is_no_surface_is_refused(mesh):
     with pytest.raises(TactileError, match=r"mesh_b: unusable.*with an area"):
         surface_distance(cuboid(SIDES), mesh)
-    with pytest.raises(TactileError, match=r"mesh_a.*estimate\.mesh"):
-        chamfer_code(mesh, cuboid(SIDES))
 
 
 def test_a_mesh_that_is_not_finite_or_has_no_area_is_refused():
@@ -204,18 +159,8 @@ def test_a_mesh_that_is_not_finite_or_has_no_area_is_refused():
 def test_samples_must_be_a_positive_integer(samples):
     with pytest.raises(OptionError, match=r"samples.*integer, 1 or more"):
         surface_distance(cuboid(SIDES), cuboid(SIDES), samples)
-    with pytest.raises(OptionError, match="samples"):
-        chamfer_floor(cuboid(SIDES), samples)
 
 
 def test_seed_must_not_be_negative():
     with pytest.raises(OptionError, match=r"seed.*integer, 0 or more.*-1"):
         surface_distance(cuboid(SIDES), cuboid(SIDES), seed=-1)
-
-
-@pytest.mark.parametrize(
-    "points", [np.zeros((3, 4)), np.zeros((0, 3)), [[0, 0, np.nan]], "points", 1.0]
-)
-def test_points_of_another_shape_are_refused(points):
-    with pytest.raises(TactileError, match=r"points_b: unusable.*finite numbers"):
-        chamfer_paper(np.zeros((1, 3)), points)

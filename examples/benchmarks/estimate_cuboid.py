@@ -24,6 +24,7 @@ from pathlib import Path
 from time import process_time
 from timeit import repeat
 
+import chamfer
 import numpy as np
 from report_cuboid import report
 from study import add_executor, executor_of, mapped, write_csv
@@ -122,10 +123,10 @@ def compare(estimate, truth) -> dict:
     clouds = [sample_surface(meshes[i > 0], 1000, seed=i)[0] for i in range(3)]
     row = {"mean_mm": 1e3 * distance.mean, "max_mm": 1e3 * distance.maximum}
     row |= {
-        "bch_paper_m2": metrics.chamfer_paper(*clouds[:2]),
-        "bch_paper_floor_m2": metrics.chamfer_paper(*clouds[1:]),
-        "bch_code_mm": 1e3 * metrics.chamfer_code(*meshes),
-        "bch_code_floor_mm": 1e3 * metrics.chamfer_floor(meshes[1]),
+        "bch_paper_m2": chamfer.chamfer_paper(*clouds[:2]),
+        "bch_paper_floor_m2": chamfer.chamfer_paper(*clouds[1:]),
+        "bch_code_mm": 1e3 * chamfer.chamfer_code(*meshes),
+        "bch_code_floor_mm": 1e3 * chamfer.chamfer_floor(meshes[1]),
     }
     error, sigma = apart(estimate, truth, last), estimate.information.sigma
     for part, errors, sigmas, unit in (

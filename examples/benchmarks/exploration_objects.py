@@ -2,6 +2,7 @@
 
 from itertools import product
 
+import chamfer
 import numpy as np
 from scipy.spatial.transform import Rotation
 from trimesh import Trimesh
@@ -95,8 +96,8 @@ def errors(world: World, estimate) -> dict:
     return _pose_errors(world, estimate, where, turn) | {
         "p2s_mm": exact.mean * mm,
         "p2s_max_mm": exact.maximum * mm,
-        "bch_mm": metrics.chamfer_code(found, true, POINTS) * mm,
-        "bch_floor_mm": metrics.chamfer_floor(true, POINTS) * mm,
+        "bch_mm": chamfer.chamfer_code(found, true, POINTS) * mm,
+        "bch_floor_mm": chamfer.chamfer_floor(true, POINTS) * mm,
         "logdet": np.linalg.slogdet(information.matrix)[1],
         "sigma_side_mm": information.sigma(unknown).max() * mm,
         "unobserved": len(information.unobserved),

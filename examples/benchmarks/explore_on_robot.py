@@ -34,6 +34,7 @@ import matplotlib
 matplotlib.use("Agg")
 import numpy as np
 import trimesh
+from chamfer import chamfer_code, chamfer_floor
 from matplotlib import pyplot as plt
 from scipy import stats
 from scipy.spatial.transform import Rotation
@@ -52,7 +53,7 @@ from tactilenlp import (
     explore,
     solve_estimate,
 )
-from tactilenlp.evaluation.metrics import chamfer_code, chamfer_floor, surface_distance
+from tactilenlp.evaluation.metrics import surface_distance
 
 BOX = (0.058, 0.049, 0.053)  # [m], the paper's
 NEAR = 0.02  # [m], starts about the middle of the workspace

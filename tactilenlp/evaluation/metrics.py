@@ -1,8 +1,9 @@
 """Measure how far an estimated body is from the true one.
 
-Never compare one kind of figure with another: the exact surface distance, the paper's
-bidirectional Chamfer distance (bCH, in two forms), and the errors of size and pose
-modulo symmetry.  SI units; a mesh is a `trimesh.Trimesh` in the world frame, a cuboid's
+The exact surface distance, and the errors of a cuboid's sizes and pose modulo its
+symmetries.  The paper's Chamfer distances, which only the benchmarks report, are in
+`examples/benchmarks/chamfer.py`.  SI units; a mesh is a `trimesh.Trimesh` in the world
+frame, a cuboid's
 `box(side_lengths, translation_matrix(position) @ quaternion_matrix(quaternion))`.
 """
 
@@ -14,8 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..data.trajectories import QUATERNION_TOLERANCE
 from ..errors import OptionError, TactileError
-from ..geometry.convex_hull import centroid
 from ..geometry.transforms import rotation_of
 
 if TYPE_CHECKING:
@@ -29,8 +30,6 @@ PLASTIC_NUMBER = 1.3247179572447460
 NEAR_TIE = np.deg2rad(1.0)
 # Pairs of point and triangle in memory at once (some 100 MB with all temporaries).
 PAIRS_AT_ONCE = 200_000
-# A rotation off unit length by more than this is no rounding of a stored one.
-QUATERNION_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -86,42 +85,12 @@ def surface_distance(
     Swapping the arguments swaps `a_to_b` and `b_to_a` and changes nothing else.
     Raises TactileError for what is no surface, OptionError for `samples` and `seed`.
     """
-    generator = _generator(samples, seed)
-    a, b = _triangles(mesh_a, "mesh_a"), _triangles(mesh_b, "mesh_b")
+    generator = generator_of(samples, seed)
+    a, b = triangles_of(mesh_a, "mesh_a"), triangles_of(mesh_b, "mesh_b")
     steps = 1 / samples, 1 / PLASTIC_NUMBER, 1 / PLASTIC_NUMBER**2
     cube = (np.outer(np.arange(samples), steps) + generator.random(3)) % 1.0
     (a_to_b, far_a), (b_to_a, far_b) = _one_way(a, b, cube), _one_way(b, a, cube)
     return SurfaceDistance((a_to_b + b_to_a) / 2, max(far_a, far_b), a_to_b, b_to_a)
-
-
-def chamfer_paper(points_a: ArrayLike, points_b: ArrayLike) -> float:
-    """Compute bCH as the paper prints it: a sum of squares [m^2].
-
-    sum_a min_b |a - b|^2 + sum_b min_a |b - a|^2 (the paper, "Problem formulation"), of
-    finite points (N, 3) and (M, 3) [m], else TactileError.  It grows with N and M.
-    """
-    a = _read(points_a, (None, 3), "points_a")
-    b = _read(points_b, (None, 3), "points_b")
-    return float(sum(np.sum(distance**2) for distance in _nearest(a, b)))
-
-
-def chamfer_code(
-    mesh_a: Trimesh, mesh_b: Trimesh, samples: int = 1000, seed: int = 0
-) -> float:
-    """Compute bCH as the authors' code does: mean distances, both ways added [m].
-
-    Unsquared distances between nearest of `samples` random points a side, which the
-    paper plots in mm.  Read it beside `chamfer_floor`.  Raises as `surface_distance`.
-    """
-    a, b = _triangles(mesh_a, "mesh_a"), _triangles(mesh_b, "mesh_b")
-    generator = _generator(samples, seed)
-    points_a, points_b = (_points_on(x, generator.random((samples, 3))) for x in (a, b))
-    return float(sum(np.mean(distance) for distance in _nearest(points_a, points_b)))
-
-
-def chamfer_floor(mesh: Trimesh, samples: int = 1000, seed: int = 0) -> float:
-    """Compute `chamfer_code` of a perfect estimate, about sqrt(area / samples) [m]."""
-    return chamfer_code(mesh, mesh, samples, seed)
 
 
 def cuboid_errors(
@@ -144,40 +113,20 @@ def cuboid_errors(
     cube = np.round(Rotation.create_group("O").as_matrix())
     # Column k of a relabeling is the new axis k in the old axes: one entry of +-1.
     permutations = np.argmax(np.abs(cube), axis=1)
-    sizes = _read(side_lengths, (3,), "side_lengths", positive=True)[permutations]
-    sizes = sizes - _read(true_side_lengths, (3,), "true_side_lengths", positive=True)
-    shift = _read(position, (3,), "position")
-    shift = shift - _read(true_position, (3,), "true_position")
+    sizes = finite_array(side_lengths, (3,), "side_lengths", positive=True)[
+        permutations
+    ]
+    sizes = sizes - finite_array(
+        true_side_lengths, (3,), "true_side_lengths", positive=True
+    )
+    shift = finite_array(position, (3,), "position")
+    shift = shift - finite_array(true_position, (3,), "true_position")
     misfit = np.linalg.norm(sizes, axis=1)
-    best, angle, turn = _smallest_turn(quaternion, true_quaternion, cube, misfit)
+    best, angle, turn = smallest_turn(quaternion, true_quaternion, cube, misfit)
     return CuboidError(shift, angle, turn, cube[best], sizes[best], permutations[best])
 
 
-def polytope_pose_error(
-    mesh: Trimesh,
-    quaternion: ArrayLike,
-    true_mesh: Trimesh,
-    true_quaternion: ArrayLike,
-    symmetries: ArrayLike = (((1, 0, 0), (0, 1, 0), (0, 0, 1)),),
-) -> PoseError:
-    """Compare the hull centroid and the rotation of a polytope with the truth.
-
-    Quaternions (4,) wxyz, body to world, of body frames whose axes mean the same in
-    estimate and truth; `symmetries` (K, 3, 3) rotate the body about its centroid, in
-    the body frame.  Raises TactileError as `cuboid_errors`, and for flat meshes.
-    """
-    group = _read(symmetries, (None, 3, 3), "symmetries")
-    skew = np.abs(group @ group.transpose(0, 2, 1) - np.eye(3)).max()
-    if skew > QUATERNION_TOLERANCE or np.linalg.det(group).min() < 0:
-        expected = "rotation matrices, no reflections"
-        raise TactileError("unusable", where="symmetries", expected=expected)
-    shift = _centroid(mesh, "mesh") - _centroid(true_mesh, "true_mesh")
-    even = np.zeros(len(group))
-    best, angle, turn = _smallest_turn(quaternion, true_quaternion, group, even)
-    return PoseError(shift, angle, turn, group[best])
-
-
-def _smallest_turn(quaternion, true_quaternion, group: np.ndarray, misfit: np.ndarray):
+def smallest_turn(quaternion, true_quaternion, group: np.ndarray, misfit: np.ndarray):
     """Return the best member of a group, its angle and its rotation vector [rad]."""
     from scipy.spatial.transform import Rotation
 
@@ -190,18 +139,7 @@ def _smallest_turn(quaternion, true_quaternion, group: np.ndarray, misfit: np.nd
     return int(best), float(angles[best]), turns[best]
 
 
-def _centroid(mesh: Trimesh, where: str) -> np.ndarray:
-    """Return the volume centroid (3,) [m] of the convex hull."""
-    from scipy.spatial import QhullError
-
-    try:
-        return centroid(_triangles(mesh, where).reshape(-1, 3))
-    except QhullError as error:
-        expected = "vertices that are not all in one plane"
-        raise TactileError("no volume", where=where, expected=expected) from error
-
-
-def _points_on(triangles: np.ndarray, cube: np.ndarray) -> np.ndarray:
+def points_on(triangles: np.ndarray, cube: np.ndarray) -> np.ndarray:
     """Map points (N, 3) of the unit cube to the surface (M, 3, 3), preserving area."""
     from trimesh.triangles import area
 
@@ -214,7 +152,7 @@ def _points_on(triangles: np.ndarray, cube: np.ndarray) -> np.ndarray:
 
 def _one_way(source: np.ndarray, target: np.ndarray, cube: np.ndarray):
     """Return the mean and the maximum distance [m] of points of source to target."""
-    points = _points_on(source, cube)
+    points = points_on(source, cube)
     corners = np.unique(source.reshape(-1, 3), axis=0)
     distance = _distance(np.concatenate((points, corners)), target)
     return float(np.mean(distance[: len(points)])), float(np.max(distance))
@@ -244,14 +182,7 @@ def _distance(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return distance
 
 
-def _nearest(points_a: np.ndarray, points_b: np.ndarray):
-    """Return the distances [m] from each point to the nearest of the other set."""
-    from scipy.spatial import cKDTree
-
-    return cKDTree(points_b).query(points_a)[0], cKDTree(points_a).query(points_b)[0]
-
-
-def _triangles(mesh: Trimesh, where: str) -> np.ndarray:
+def triangles_of(mesh: Trimesh, where: str) -> np.ndarray:
     """Return the triangles (M, 3, 3) [m] that have an area, or raise TactileError."""
     from trimesh.triangles import area
 
@@ -266,14 +197,14 @@ def _triangles(mesh: Trimesh, where: str) -> np.ndarray:
 
 
 def _unit(quaternion: ArrayLike, where: str) -> np.ndarray:
-    wxyz = _read(quaternion, (4,), where)
+    wxyz = finite_array(quaternion, (4,), where)
     if abs(np.linalg.norm(wxyz) - 1) > QUATERNION_TOLERANCE:
         expected, got = "a quaternion wxyz of length 1", wxyz.tolist()
         raise TactileError("unusable", where=where, expected=expected, got=got)
     return wxyz
 
 
-def _generator(samples: int, seed: int) -> np.random.Generator:
+def generator_of(samples: int, seed: int) -> np.random.Generator:
     """Return the seeded generator, or raise OptionError."""
     for where, value, least in (("samples", samples, 1), ("seed", seed, 0)):
         if not isinstance(value, int | np.integer) or value < least:
@@ -282,7 +213,9 @@ def _generator(samples: int, seed: int) -> np.random.Generator:
     return np.random.default_rng(seed)
 
 
-def _read(value: ArrayLike, shape: tuple, where: str, positive=False) -> np.ndarray:
+def finite_array(
+    value: ArrayLike, shape: tuple, where: str, positive=False
+) -> np.ndarray:
     """Return finite floats of a shape, where None stands for any length above 0."""
     try:
         array = np.atleast_1d(np.asarray(value, dtype=float))

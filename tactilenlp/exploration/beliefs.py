@@ -2,7 +2,7 @@
 
 Of a shape with sizes: theta and x_T by the exact information of the estimate, but no
 better in any direction than its sigma says; where that information is indefinite, and
-of other hypotheses, by eq:obsinfo of all samples.  Of a hull see hull_beliefs.py.
+of other hypotheses, by eq:obsinfo of all samples.  Polytopes: polytope_beliefs.py.
 """
 
 from __future__ import annotations

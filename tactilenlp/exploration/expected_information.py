@@ -1,4 +1,4 @@
-r"""What an action is expected to tell of shape and final pose (eq:eig), in nats.
+r"""Compute the expected information gain of an action (eq:eig), in nats.
 
 The body of every kept hypothesis is pushed forward by the planned fingers (page
 `pushing`), the slopes of its way by theta and x_T are carried along by the implicit
@@ -28,9 +28,13 @@ from .polytope_beliefs import hull_believed, hull_sensors
 from .push_model import check_ground, check_moves, pushed
 
 GRAVITY_FREE = 9.81  # [m/s^2] makes a weight where nothing falls
-NEAR = 0.01  # [m] a finger further off than this feels nothing and pushes nothing
-CHUNK = 5  # steps: a prediction takes a multiple of these, so that few are built
-SLIPPERY = 0.02  # [1] at least: without any friction a push has no end
+CONTACT_RANGE = (
+    0.01  # [m] a finger further off than this feels nothing and pushes nothing
+)
+STEPS_PER_BLOCK = (
+    5  # steps: a prediction takes a multiple of these, so that few are built
+)
+LEAST_FRICTION = 0.02  # [1] without any friction, a pushed body would not stop
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +51,7 @@ class Prospect:
 
 
 class ExpectedInformation:
-    """Tell of any action what it is expected to tell, in nats.
+    """Compute the expected information gain of actions, in nats.
 
     estimate: an Estimate; workspace: what the fingers can do; hypotheses: how many of
     the estimate's are averaged over, weighted by exp(-objective); slopes: "motion", of
@@ -55,8 +59,8 @@ class ExpectedInformation:
     the estimate where it is one of your own.
 
     Of a polytope the gain is about its vertices where they lie now, the final pose
-    with them.  What is known of them is said in hull_beliefs.py: a ball before any
-    touch, planes where faces were felt.
+    with them.  The information on them is that of polytope_beliefs.py: a ball
+    before any touch, planes where faces were touched.
     """
 
     def __init__(
@@ -132,10 +136,10 @@ class ExpectedInformation:
         centre[: len(pose)] = pose[:3]
         if len(pose) == len(PLANAR.scale):  # of a hull, there is none
             centre[2] = float(self.shape.rest_height(ca.DM(theta)))
-        reach = self.shape.reach(theta) + space.finger_radius + NEAR
+        reach = self.shape.reach(theta) + space.finger_radius + CONTACT_RANGE
         away = np.linalg.norm(path - centre, axis=2).min(axis=1)
         left = n - np.argmax(away[1:] < reach) if (away[1:] < reach).any() else 1
-        return min(n, CHUNK * -(-left // CHUNK))
+        return min(n, STEPS_PER_BLOCK * -(-left // STEPS_PER_BLOCK))
 
     def _check_fingers(self, space: Workspace) -> None:
         """Raise OptionError where the offsets known are those of other fingers."""
@@ -202,5 +206,5 @@ def _known(scene, space: Workspace) -> np.ndarray:
     ground = FRICTION if scene.friction_ground is None else scene.friction_ground
     finger = FRICTION if scene.friction_finger is None else scene.friction_finger
     weight = scene.mass * (scene.gravity or GRAVITY_FREE)
-    ground = max(ground, SLIPPERY)
+    ground = max(ground, LEAST_FRICTION)
     return np.array([ground, finger, weight, space.stiffness, space.max_force])

@@ -32,7 +32,7 @@ class Step:
     was left before it was found; choice: how it was chosen, None where nothing was
     searched; policy: in words; seconds (CPU): choose, act, estimate; told: the
     trajectories that the world was given, more than one where it was swept; errors
-    [SI]: how far off the estimate is, where the world knows its truth (judge.py).
+    [SI]: how far off the estimate is, where the world knows its truth (`ground_truth`).
     """
 
     number: int
@@ -73,7 +73,7 @@ class Exploration:
         return Exploration(tuple(sorted([*others, step], key=lambda s: s.number)))
 
     def save(self, path) -> None:
-        """Write one .npz: plain arrays and a JSON header, readable without us."""
+        """Write one .npz: plain arrays and a JSON header, without pickles."""
         write_result(path, FORMAT, VERSION, self, KINDS)
 
     @classmethod

@@ -32,8 +32,9 @@ from ..geometry.convex_hull import hull_vertices, nearest
 from ..geometry.transforms import rotation_of
 from ..information.polytope_information import FACE_TILT
 from ..problem.polytope_window import LIFTED
+from ..problem.reductions import ARM
 from .beliefs import VAGUE, Belief, steepness
-from .push_model import ARM, LEAST_SPREAD, REMEMBERED, SHARE, remembered
+from .push_model import LEAST_SPREAD, REMEMBERED, SHARE, remembered
 
 TOUCH = 0.3e-3  # [m] as exact as touched faces come out, beside TILT
 ALIKE = 10  # samples of a touch, which share that error

@@ -12,12 +12,12 @@ from formulations.rigid_body import FREE, PLANAR
 
 from ..errors import OptionError, SceneError
 from ..nlp.codegen import compiled
+from ..problem.reductions import ARM
 
 ITERATIONS = 8  # of a time step: the work is then least to a micrometre
 REMEMBERED = 30  # samples of one call
 SHARE = 0.2  # [-] deviation of a predicted step, of its way
 LEAST_SPREAD = 1e-5  # [m] and at least
-ARM = 20e-3  # [m] a radian of turn counts as this much way
 
 
 @cache

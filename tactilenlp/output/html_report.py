@@ -17,8 +17,7 @@ FINGER_COLOURS = ((0, 158, 115), (204, 121, 167), (230, 159, 0), (240, 228, 66))
 PICTURE_MARGIN = 1.5  # [1] of the picture, to the reach of the object: fingers fit in
 LINES, SPACING = 8, 0.02  # lines of the ground's grid to each side, [m] between them
 IMPULSE_ARROW = 0.35  # [1] of the picture: length of the largest impulse's arrow
-MM = 1e3
-ANGLE, LENGTH = ("deg", np.degrees(1.0)), ("mm", MM)
+ANGLE, LENGTH = ("deg", np.degrees(1.0)), ("mm", 1e3)
 UNITS = {"side_lengths": LENGTH, "position": LENGTH, "rotation": ANGLE}
 QUANTITY_WORDS = {
     "side_lengths": "side",

@@ -11,8 +11,8 @@ from ..geometry.faces import face_sigma, polygons
 from ..geometry.transforms import rotation_of
 from ..information.information import FACE_COSINE
 from ..information.measurement_noise import KNOWN_FACE
+from .style import MM
 
-MM = 1e3  # [mm / m]
 MOST = 26e-3  # [m] a face that no one knows is drawn this far off: beside the object
 NEAREST_FACE = 0.02  # [1] of its distance from the middle, as near as a face is drawn
 
