@@ -22,7 +22,7 @@ EPILOG = """examples:
 
 Ctrl-C writes the estimate so far, marked as interrupted.
 """
-EXPLORE_HELP = """Explore a box in simulation: touch it, estimate, choose the next touch,
+EXPLORE_HELP = """Explore a box in simulation: touch, estimate, choose the next touch,
 repeat.  The first finger aims at the true centre of the simulated box; later actions
 are chosen from measurements alone.  Every action and every estimate is saved in FILE at
 once; if FILE exists, the exploration resumes from it (give the same box and seed)."""

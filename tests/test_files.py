@@ -177,6 +177,33 @@ def test_an_estimate_with_a_field_missing_is_refused(saved, tmp_path):
             Estimate.load(tmp_path / "bad.npz")
 
 
+def test_a_file_names_classes_without_their_modules(saved):
+    with np.load(saved) as archive:
+        header = str(archive["header"])
+    assert '"kind": "Estimate"' in header
+    assert "tactilenlp." not in header
+
+
+def test_a_file_from_before_a_field_with_a_default_is_read(saved, tmp_path):
+    with np.load(saved) as archive:
+        arrays = dict(archive)
+    header = json.loads(str(arrays["header"]))
+    fields = header["content"]["fields"]
+    fields.pop("fit")
+    fields["scene"]["fields"].pop("compliance")
+    arrays["header"] = np.array(json.dumps(header))
+    np.savez(tmp_path / "old.npz", **arrays)
+    old, new = Estimate.load(tmp_path / "old.npz"), Estimate.load(saved)
+    assert old.fit is None
+    assert old.scene == new.scene
+    np.testing.assert_array_equal(old.theta, new.theta)
+    fields["unheard_of"] = 1
+    arrays["header"] = np.array(json.dumps(header))
+    np.savez(tmp_path / "new.npz", **arrays)
+    with pytest.raises(FileError, match="another version"):
+        Estimate.load(tmp_path / "new.npz")
+
+
 def test_an_old_estimate_is_one_to_an_exploration_as_well(tmp_path):
     old = '{"format": 1, "kind": "Estimate", "fields": {}}'
     np.savez(tmp_path / "old.npz", header=np.array(old))

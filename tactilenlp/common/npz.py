@@ -18,6 +18,7 @@ import zipfile
 import zlib
 from collections.abc import Iterable
 from contextlib import contextmanager
+from dataclasses import MISSING
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import NamedTemporaryFile
@@ -194,17 +195,25 @@ def _foreign(got: str, expected: str, header: dict, where: str) -> FileError:
 
 
 def _check_fields(tree, kinds: dict, header: dict, where: str) -> None:
-    """Raise FileError if a dataclass in the file has other fields than here."""
+    """Raise FileError if a dataclass in the file has other fields than here.
+
+    A field that has a default may be missing: it is younger than the file.
+    """
     if isinstance(tree, dict) and "kind" in tree:
         kind, fields = tree["kind"], tree["fields"]
         ours = kinds[kind].__dataclass_fields__
-        if differ := sorted(set(ours) ^ set(fields)):
+        needed = {name for name, field in ours.items() if not _has_default(field)}
+        if differ := sorted((needed - set(fields)) | (set(fields) - set(ours))):
             words = [f"{'no ' if f in ours else ''}{kind}.{f}" for f in differ]
             expected = f"the {len(ours)} fields of {kind} in this version"
             raise _foreign(", ".join(words), expected, header, where)
         tree = fields
     for branch in _branches(tree):
         _check_fields(branch, kinds, header, where)
+
+
+def _has_default(field) -> bool:
+    return not (field.default is MISSING and field.default_factory is MISSING)
 
 
 def _branches(tree):
@@ -244,7 +253,8 @@ def _unpack(tree, arrays: dict, kinds: dict):
         return tuple(_unpack(v, arrays, kinds) for v in tree["list"])
     kind = kinds[tree["kind"]]
     fields = {k: _unpack(v, arrays, kinds) for k, v in tree["fields"].items()}
-    for name, declared in kind.__dataclass_fields__.items():
-        if declared.type == "np.ndarray" and not isinstance(fields[name], np.ndarray):
+    for name, value in fields.items():
+        declared = kind.__dataclass_fields__[name].type
+        if declared == "np.ndarray" and not isinstance(value, np.ndarray):
             raise TypeError(f"{name} of {kind.__name__} is no array")
     return kind(**fields)

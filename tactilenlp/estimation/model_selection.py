@@ -56,14 +56,17 @@ def with_soft_fingertips(job, page, solved, options, solve) -> tuple:
         return job, solved
     excess, needed = excess_of(job, best)
     if excess < needed:
-        return job, [declined(best, RIGID, excess, needed, "at most "), *solved[1:]]
+        return job, [
+            declined(best, RIGID_FINGERTIPS, excess, needed, "at most "),
+            *solved[1:],
+        ]
     soft = replace(job, reductions=replace(job.reductions, rigid=False))
     levels = freed_levels(page.LEVELS, final=True) if job.reductions.planar else None
     nearest = solved_from(soft, page, best.at, options, levels=levels)
     freed = best_first([nearest, *solve(soft)])
     gain = _gain(best, freed[0])
     if gain < needed:
-        return job, [declined(best, RIGID, gain, needed), *solved[1:]]
+        return job, [declined(best, RIGID_FINGERTIPS, gain, needed), *solved[1:]]
     log.info("fingertips are soft: the objective falls by %.1f nats", gain)
     return soft, freed
 
@@ -97,7 +100,11 @@ def may_tilt(job, page) -> bool:
     return ground and made and "planar" in getattr(page, "FREED", ())
 
 
-RIGID = ("rigid", "compliance of the fingertips", "they are rigid unless data say so")
+RIGID_FINGERTIPS = (
+    "rigid",
+    "compliance of the fingertips",
+    "they are rigid unless data say so",
+)
 
 
 def declined(solved: Solved, model, gain, needed, bound: str = "") -> Solved:

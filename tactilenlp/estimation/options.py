@@ -14,10 +14,8 @@ from ..nlp.ipopt import check_positive
 from ..problem.reductions import Reductions
 from ..search.hypothesis import TermFunctions
 
-NOISY_WIDTHS, PRECISE_WIDTHS = (
-    (4, 8),
-    (2, 3),
-)  # (hypotheses, starts) for noisy, for precise sensors
+# (hypotheses, starts) for noisy, for precise sensors
+NOISY_WIDTHS, PRECISE_WIDTHS = (4, 8), (2, 3)
 
 
 @dataclass(frozen=True)

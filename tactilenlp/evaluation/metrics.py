@@ -1,7 +1,9 @@
 """Measure the distance of an estimated body from the true one.
 
-The exact distance of surfaces, and the errors of size and pose modulo symmetry.  SI
-units; a mesh is a `trimesh.Trimesh` in the world frame, a cuboid's
+The exact surface distance, and the errors of a cuboid's sizes and pose modulo its
+symmetries.  The paper's Chamfer distances, which only the benchmarks report, are in
+`examples/benchmarks/chamfer.py`.  SI units; a mesh is a `trimesh.Trimesh` in the world
+frame, a cuboid's
 `box(side_lengths, translation_matrix(position) @ quaternion_matrix(quaternion))`.
 """
 
@@ -13,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..data.trajectories import QUATERNION_TOLERANCE
 from ..errors import OptionError, TactileError
 from ..geometry.transforms import rotation_of
 
@@ -27,8 +30,6 @@ PLASTIC_NUMBER = 1.3247179572447460
 NEAR_TIE = np.deg2rad(1.0)
 # Pairs of point and triangle in memory at once (some 100 MB with all temporaries).
 PAIRS_AT_ONCE = 200_000
-# A quaternion or rotation that is off unit length by more is not due to rounding.
-UNIT_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -121,13 +122,11 @@ def cuboid_errors(
     shift = finite_array(position, (3,), "position")
     shift = shift - finite_array(true_position, (3,), "true_position")
     misfit = np.linalg.norm(sizes, axis=1)
-    best, angle, turn = smallest_rotation(quaternion, true_quaternion, cube, misfit)
+    best, angle, turn = smallest_turn(quaternion, true_quaternion, cube, misfit)
     return CuboidError(shift, angle, turn, cube[best], sizes[best], permutations[best])
 
 
-def smallest_rotation(
-    quaternion, true_quaternion, group: np.ndarray, misfit: np.ndarray
-):
+def smallest_turn(quaternion, true_quaternion, group: np.ndarray, misfit: np.ndarray):
     """Return the best member of a group, its angle and its rotation vector [rad]."""
     from scipy.spatial.transform import Rotation
 
@@ -199,7 +198,7 @@ def triangles_of(mesh: Trimesh, where: str) -> np.ndarray:
 
 def _unit(quaternion: ArrayLike, where: str) -> np.ndarray:
     wxyz = finite_array(quaternion, (4,), where)
-    if abs(np.linalg.norm(wxyz) - 1) > UNIT_TOLERANCE:
+    if abs(np.linalg.norm(wxyz) - 1) > QUATERNION_TOLERANCE:
         expected, got = "a quaternion wxyz of length 1", wxyz.tolist()
         raise TactileError("unusable", where=where, expected=expected, got=got)
     return wxyz

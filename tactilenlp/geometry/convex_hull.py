@@ -18,10 +18,8 @@ from .transforms import planar_matrix, points_in_body
 BALL_PLANES = 60  # half-spaces that approximate the ball
 MERGE_DISTANCE = 1e-3  # [m] vertices closer than this are merged
 LEAST_INRADIUS = 1e-4  # [m] of the largest ball in a body; thinner ones are errors
-SIGMA_INSIDE, SIGMA_OUTSIDE = (
-    0.3,
-    0.06,
-)  # [radii] deviations of a contact point from the ball
+# [radii] deviations of a contact point from the ball
+SIGMA_INSIDE, SIGMA_OUTSIDE = 0.3, 0.06
 INDEPENDENT_TOUCHES = 30  # touches counted as independent, at most
 # Mean and deviation [radii] of the height of the ball's centre: over the ground, and
 # over the plane of touch of a body that floats.

@@ -48,8 +48,8 @@ PHYSICS = (
 PRIORS = ("prior", "regulariser")  # roles of costs whose curvature is their error
 REACHED = 0.1  # [m] a body that a finger felt is at most this far from there
 ANY_ROTATION = np.pi / np.sqrt(3)  # [rad] deviation of a uniformly distributed rotation
-SIZES, VERTICES = ("sizes",), ("vertices",)  # Shape.parameters
-EVERY_SHAPE = (*SIZES, *VERTICES)
+FOR_SIZES, FOR_VERTICES = ("sizes",), ("vertices",)  # Shape.parameters
+EVERY_SHAPE = (*FOR_SIZES, *FOR_VERTICES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,27 +164,27 @@ TERMS = (
         "negative curvature",
         lambda at: negative_curvature(at.hessian),
         lambda at: at.hessian is not None,
-        shapes=SIZES,
+        shapes=FOR_SIZES,
     ),
     ErrorTerm(
         "cluster-robust covariance",
         lambda at: cluster_robust(*at.clusters),
-        shapes=VERTICES,
+        shapes=FOR_VERTICES,
     ),
     ErrorTerm(
-        "stick-slip ambiguity", lambda at: stick_slip(*at.clusters), shapes=VERTICES
+        "stick-slip ambiguity", lambda at: stick_slip(*at.clusters), shapes=FOR_VERTICES
     ),
     ErrorTerm(
         "shape prior error",
         lambda at: shape_prior_error(at.curvature, at.pulls),
-        shapes=VERTICES,
+        shapes=FOR_VERTICES,
     ),
 )
 AFTER_MIXTURE = (  # functions of TouchedFaces and of the mixture's covariance
-    ErrorTerm("untouched faces", lambda seen, C: seen.untouched(), shapes=SIZES),
+    ErrorTerm("untouched faces", lambda seen, C: seen.untouched(), shapes=FOR_SIZES),
     ErrorTerm(
         "profile likelihood", lambda seen, C: profile_beyond(seen.profile, C),
-        shapes=SIZES,
+        shapes=FOR_SIZES,
     ),
 )  # fmt: skip
 

@@ -24,7 +24,9 @@ BALANCE = WEIGHTS["balance sigma"][0]  # [weights] that may be missing in a step
 FRICTION = 0.1  # [-] relative deviation of a coefficient of friction that was given
 GROUND_GAP = "ground gap"  # the constraint of a hard ground
 UNEVEN = 1.0  # [REST] deviation of a corner from the hard ground
-UNTOUCHED = 2.0  # [position noise] deviation of a face that only physics determines
+UNTOUCHED_FACTOR = (
+    2.0  # [position noise] deviation of a face that only physics determines
+)
 TUMBLED = 0.1  # [size] the same where it follows from how the object tumbled
 VERTICAL = 0.99  # [-] cosine between the vertical and the axis of a face on the ground
 STICKING = 0.1  # [-] probability that a finger that seems to slide sticks
@@ -248,7 +250,7 @@ def untouched_faces(
         way[axis] = 1.0
         places = k - n - tangent.turning
         way[n : n + places] = (int(low) - int(high)) / 2 * tangent.R[:places, axis]
-        deviation = UNTOUCHED * noise
+        deviation = UNTOUCHED_FACTOR * noise
         if tangent.turning == 3:
             deviation = np.hypot(deviation, TUMBLED * tangent.z[axis])
         total += deviation**2 * np.outer(way, way)

@@ -32,7 +32,9 @@ import numpy as np
 
 POOR, BAD = 3.0, 10.0  # [spreads] and [MARGIN] of excess
 MARGIN = 3.0  # [nats] odds of 20 to 1
-RIGID = 0.045  # [scales] deviation of gaps and normals of rigid bodies from the page
+RIGID_MISFIT = (
+    0.045  # [scales] deviation of gaps and normals of rigid bodies from the page
+)
 HALF_SQUARE = 0.30051  # integral of log(1 + exp(-s))^2 over s > 0
 NODES = 24  # of each quadrature
 
@@ -204,8 +206,10 @@ def touch_moments(problem, data, window, smoothing: float):
     touch = window.touch
     off = np.hypot(sigma, touch.latency)
     turned = np.hypot(sigma_n, touch.latency / touch.radius)
-    gap = np.hypot(window.sigma_position * np.sqrt(smoothing), RIGID * sigma) / off
-    normal = np.hypot(window.sigma_normal, RIGID * sigma_n) / turned
+    gap = (
+        np.hypot(window.sigma_position * np.sqrt(smoothing), RIGID_MISFIT * sigma) / off
+    )
+    normal = np.hypot(window.sigma_normal, RIGID_MISFIT * sigma_n) / turned
     z, weight_z = np.polynomial.hermite_e.hermegauss(NODES)
     e, weight_e = np.polynomial.laguerre.laggauss(NODES)
     weight = weight_z[:, None] * weight_e / weight_z.sum()

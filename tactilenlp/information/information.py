@@ -24,7 +24,7 @@ from .error_budget import (
     error_budget,
 )
 from .finger_offsets import covariance_of_offsets, covariance_with_offsets
-from .mixture import SAME, Modes, laplace_mixture
+from .mixture import SAME_MODE, Modes, laplace_mixture
 from .tangent_space import tangent_space_of
 from .unobserved import open_directions
 
@@ -34,7 +34,7 @@ LEAST_VARIANCE = (
     1e-12  # [-] of the other variances: a direction below this is known exactly
 )
 MAX_NAMES = 4  # unknowns that name a direction
-NEGLIGIBLE = 40.0  # [nats] behind the best: a mode of negligible weight
+NEGLIGIBLE_MODE = 40.0  # [nats] behind the best: a mode of negligible weight
 MIN_WEIGHT = 0.02  # [-] modes of less weight are not spoken of
 
 
@@ -218,8 +218,10 @@ def _others(best, rivals, shape, R_wg):
     """Yield z, R, objective and covariance of other local optima that count."""
     for problem, solution, window in rivals:
         there = tangent_space_of(problem, solution, window, shape, R_wg)
-        same = len(there.z) == len(best[0]) and np.abs(there.z - best[0]).max() < SAME
-        if same or solution.objective > best[2] + NEGLIGIBLE:
+        same = (
+            len(there.z) == len(best[0]) and np.abs(there.z - best[0]).max() < SAME_MODE
+        )
+        if same or solution.objective > best[2] + NEGLIGIBLE_MODE:
             continue
         C, *_ = reduced_covariance(problem, solution, there.chosen)
         C = there.jacobian @ C @ there.jacobian.T

@@ -21,13 +21,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from formulations.finger_offset import NAME as OFFSET
+from formulations.indentation import NAME as COMPLIANCE
 
 from ..data.sensor_noise import Precision, smoothing_matrices
 from ..errors import PageError
 from ..nlp.kkt_sensitivity import KKTSystem
 from ..nlp.term_functions import mapped
 
-STEP = 1e-6  # [-] of a datum, at least of SMALL: of the central differences
+DIFFERENCE_STEP = 1e-6  # [-] of a datum, at least of SMALL: of the central differences
 SMALL = 1e-2  # [SI]
 CODE = 1e-6  # [m] times a measurement's number: shifts that tell them apart
 EXACT = 1e-2  # [-] how far a decoded number may lie from a whole one
@@ -107,7 +108,7 @@ def mixed_derivatives(curvature: KKTSystem, name: str, columns: Iterable[int]):
     value = np.zeros((term.instances, function.rows, len(d)))
     for j in columns:
         step = np.zeros_like(d)
-        step[j] = STEP * np.maximum(np.abs(d[j]), SMALL)
+        step[j] = DIFFERENCE_STEP * np.maximum(np.abs(d[j]), SMALL)
         ends = [[np.asarray(o) for o in first(z, d + side * step)] for side in (1, -1)]
         (v, s), (v_1, s_1) = ends
         bend = (s - s_1) / (2 * step[j]) * weight.T[rows]
@@ -203,10 +204,11 @@ def gaps_of_touches(curvature: KKTSystem, window, shape, data) -> np.ndarray:
     if OFFSET in values:
         p_wf[:3] += values[OFFSET][:, touch.finger]
     gap = at_touches(window, shape, values, p_wf, window.finger.gap)[:, 0]
-    if "indentation" in curvature.problem.reports:
+    known = curvature.problem.parameters
+    if COMPLIANCE in known:
         inside = curvature.problem.value("indentation", curvature.x, curvature.data)
         gap = gap + inside[:, 0]
-    else:
+    else:  # compliance that is estimated may stand for another error of the fingers
         gap = gap + np.ravel(values.get("depth", 0.0))[0]
     keys = zip(touch.sample, touch.finger, strict=True)
     number = {key: i for i, key in enumerate(keys)}

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-SAME = 0.3e-3  # [m] modes whose unknowns agree this well (a radian: ARM) are one
+SAME_MODE = 0.3e-3  # [m] modes whose unknowns agree this well (a radian: ARM) are one
 ARM = 20e-3  # [m] one radian of turn counts as this much way
 
 
@@ -58,10 +58,10 @@ def laplace_mixture(shape, turning: int, found) -> Modes:
     kept = []
     for z, R, objective, C in found:
         off, C = aligned(shape, turning, (z, R, C), (z_0, R_0))
-        if all(np.abs((off - other[0]) * units).max() > SAME for other in kept):
+        if all(np.abs((off - other[0]) * units).max() > SAME_MODE for other in kept):
             kept.append((off, objective, C))
     offsets, objectives, covariances = (np.array(a) for a in zip(*kept, strict=True))
-    unit = np.outer(units, units) / SAME**2
+    unit = np.outer(units, units) / SAME_MODE**2
     volumes = [_log_volume(C * unit) for C in covariances]
     evidence = np.array(volumes) - objectives
     weights = np.exp(evidence - evidence.max())

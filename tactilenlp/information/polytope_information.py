@@ -21,10 +21,8 @@ from .unobserved import untouched_polygons
 LEAST_DEVIATION = 1e-6  # [m] deviation of what a bound holds: a vertex on the ground
 ON_FACE = 0.5e-3  # [m] a contact point this near to a face is on it
 FACE_TILT = 0.05  # [rad] as exact as touched faces come out
-MAX_TILT, TILT_DEVIATIONS = (
-    0.14,
-    3.0,
-)  # [rad], deviations: a touch at most so far off is of a face
+# [rad], deviations: a touch at most so far off is of a face
+MAX_TILT, TILT_DEVIATIONS = 0.14, 3.0
 
 
 def polytope_information(

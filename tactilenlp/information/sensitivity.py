@@ -19,7 +19,7 @@ from ..errors import OptionError
 from ..nlp.kkt import gradient
 from ..nlp.kkt_sensitivity import KKTSystem
 
-STEP = 1e-4  # [-] relative change of what was assumed
+ASSUMPTION_STEP = 1e-4  # [-] relative change of what was assumed
 OFFSET = 1e-6  # [m] shift of a finger
 
 
@@ -61,9 +61,9 @@ def parameter_sensitivity(
         for name, amount in change.items():
             span = problem.parameters[name].span
             size = data[span] if relative else np.ones_like(data[span])
-            data[span] += side * STEP * amount * size
+            data[span] += side * ASSUMPTION_STEP * amount * size
         ends.append(kkt_residual(problem, curvature, data))
-    return _difference(pulls, held, ends, STEP)
+    return _difference(pulls, held, ends, ASSUMPTION_STEP)
 
 
 def assumption_sensitivities(
@@ -91,7 +91,7 @@ def assumption_sensitivities(
             add(
                 name, unit,
                 lambda d, n=name, v=value: (replace(scene, **{n: v + d}), window),
-                STEP * value,
+                ASSUMPTION_STEP * value,
             )  # fmt: skip
     for name, unit in (("sigma_position", "m"), ("sigma_normal", "rad")):
         value = getattr(window, name)
@@ -99,7 +99,7 @@ def assumption_sensitivities(
             add(
                 name, unit,
                 lambda d, n=name, v=value: (scene, replace(window, **{n: v + d})),
-                STEP * value,
+                ASSUMPTION_STEP * value,
             )  # fmt: skip
     for finger in np.unique(np.r_[window.touch.finger, window.free.finger]):
         for axis, word in enumerate("xyz"):

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-WORDS = ("x", "y", "z")
+AXES = ("x", "y", "z")
 UNKNOWNS = {  # the words for the unknowns of a pose, by motion
     "planar": ("position x", "position y", "rotation z"),
-    "free": tuple(f"{what} {w}" for what in ("position", "rotation") for w in WORDS),
+    "free": tuple(f"{what} {w}" for what in ("position", "rotation") for w in AXES),
 }
 
 
@@ -70,7 +70,7 @@ def tangent_space_of(problem, solution, window, shape, R_wg) -> TangentSpace:
         first = R_wg @ first
     still = np.all(np.abs(rotation) < 1e-12, axis=1)
     rotation[still] = np.nan
-    fixed = [f"rotation {w}" for w, held in zip(WORDS, still, strict=True) if held]
+    fixed = [f"rotation {w}" for w, held in zip(AXES, still, strict=True) if held]
     if motion.name == "planar" and not fixed:
         fixed = ["tilt against the ground"]
     maps = quantities | {"position": position, "rotation": rotation}

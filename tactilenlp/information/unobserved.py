@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .measurement_noise import KNOWN_FACE
-from .tangent_space import WORDS
+from .tangent_space import AXES
 
 KNOWN_SIZE = 0.1  # [prior deviations] a size with a smaller deviation is observed
 OPEN_POSITION = 0.05  # [m] a position with a larger deviation is not observed
@@ -47,10 +47,10 @@ def unobserved(faces, sides=None, turn=0.0, way=0.0) -> tuple[str, ...]:
             if high < KNOWN_FACE:
                 words.append("side z: top never touched")
         elif len(missing) == 2:
-            words.append(f"side {WORDS[axis]}: neither face touched")
+            words.append(f"side {AXES[axis]}: neither face touched")
         elif missing:
-            face = f"{missing[0]}{WORDS[axis]}"
-            words.append(f"side {WORDS[axis]}: face {face} never touched")
+            face = f"{missing[0]}{AXES[axis]}"
+            words.append(f"side {AXES[axis]}: face {face} never touched")
     if turn > OPEN_ROTATION:
         words.append("rotation: no side says which way the object is turned")
     if way > OPEN_POSITION:

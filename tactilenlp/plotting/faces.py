@@ -11,8 +11,8 @@ from ..geometry.faces import face_sigma, polygons
 from ..geometry.transforms import rotation_of
 from ..information.information import FACE_COSINE
 from ..information.measurement_noise import KNOWN_FACE
+from .style import MM_PER_M
 
-MM_PER_M = 1e3  # [mm / m]
 MAX_DRAWN_SIGMA = 26e-3  # [m] of an unobserved face: the band stays within the margins
 MIN_DISTANCE_SHARE = 0.02  # [-] least distance of a drawn face over that estimated
 

@@ -5,9 +5,9 @@ far           a free finger far from the object carries no information
 absent        a finger that feels nothing exerts no impulse
 planar        an object that never tilts has three unknowns per pose, not six
 frictionless  a contact without friction has no tangential impulse
-rigid         fingertips do not yield under load
+rigid         fingertips do not yield under load (see estimation/model_selection.py)
 
-Each can be switched off alone; `certificates.py` checks them after the solve.
+Each can be switched off alone; certificates check them after the solve.
 """
 
 from __future__ import annotations
@@ -33,7 +33,6 @@ ARM = 20e-3  # [m] one radian of turn counts as this much way
 UNKNOWN_FRICTION = 0.1  # [-] friction of the ground, where it is not known: little
 REPEATED = 0.1  # [sample intervals] sooner than this, a sample has come twice
 SIDE_NORMAL = 0.7  # [-] |n_z| below which a normal belongs to a side
-NAMES = (tuple, list, set, frozenset)  # of names to switch off
 
 
 @dataclass(frozen=True)
@@ -58,9 +57,9 @@ class Reductions:
         names = [f.name for f in fields(cls)]
         if isinstance(choice, bool):
             return cls(**dict.fromkeys(names, choice))
-        off = (choice,) if not isinstance(choice, NAMES) else tuple(choice)
-        unknown = [n for n in off if not isinstance(n, str) or n not in names]
-        if unknown:
+        many = isinstance(choice, (tuple, list, set, frozenset))
+        off = tuple(choice) if many else (choice,)
+        if unknown := [n for n in off if not isinstance(n, str) or n not in names]:
             raise OptionError(
                 "no such reduction", where="reduce", got=unknown,
                 expected=f"True, False or names to switch off among {names}",
@@ -69,7 +68,7 @@ class Reductions:
 
 
 def required_reductions(page, reductions: Reductions) -> Reductions:
-    """Return the reductions with those switched on or off that a page requires."""
+    """Return the reductions, those that a page requires switched on or off."""
     return replace(reductions, **getattr(page, "REDUCTIONS", {}))
 
 
@@ -275,8 +274,7 @@ def _ground(scene, shape, motion, step, first, pose, guess):
 def lowest_corners(shape, guess, samples) -> np.ndarray:
     """Return the signs of the corners nearest the ground at `samples`, (n, corners, 3).
 
-    guess: theta and x (6, T); without one the object lies flat on shape.corners.  Of a
-    shape that is not mirrored these are all (a hull's: polytope_window.py).
+    guess: theta and x (6, T); without one the object lies flat on shape.corners.
     """
     low = np.array(shape.corners, float).reshape(-1, 3)
     if guess is None or not shape.mirrored:
