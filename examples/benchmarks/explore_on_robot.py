@@ -27,9 +27,6 @@ from itertools import chain, product
 from pathlib import Path
 from time import process_time
 
-import matplotlib
-
-matplotlib.use("Agg")
 import numpy as np
 import trimesh
 from chamfer import chamfer_code, chamfer_floor
@@ -54,6 +51,7 @@ from tactilenlp import (
 from tactilenlp.evaluation.metrics import surface_distance
 from tactilenlp.geometry.transforms import rotation_of
 
+plt.switch_backend("Agg")  # without a screen
 BOX = (0.058, 0.049, 0.053)  # [m], the paper's
 NEAR = 0.02  # [m], starts about the middle of the workspace
 ZERO = np.deg2rad(1.0)  # deviation of a joint's zero angle
