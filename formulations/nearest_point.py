@@ -27,6 +27,8 @@ import casadi as ca
 
 from .finger import frozen
 
+SHARP = 30  # lengths of rounding in `small`, a tenth of the finger: 0.03 mm
+TINY = 1e-6  # [m] a distance is not exactly zero, so that it has derivatives
 WIDTHS = (*(10e-3 * 2.0**-k for k in range(10)), 0.0)  # [m] added to small, in turn
 FIRST = 4  # Newton steps while the hull is most round
 FAR = 5.0  # [-] by which these change log w_j - log w_k at most

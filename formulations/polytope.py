@@ -20,11 +20,10 @@ from functools import cache
 
 import casadi as ca
 
-from .nearest_point import towards
+from .nearest_point import SHARP, TINY, towards
+from .pushed_hull import as_pushed, legs_squared
 from .shape import Shape
 
-SHARP = 30  # lengths of rounding in `small`, a tenth of the finger: 0.03 mm
-TINY = 1e-6  # [m] a distance is not exactly zero, so that it has derivatives
 LEGS = 4  # vertices at most that carry the body
 
 
@@ -111,4 +110,6 @@ def polytope(vertices: int = 20) -> Shape:
         hypotheses=1,
         own_pages=("quasi_static", "violation_implicit"),
         symbol=ca.MX.sym,
+        foot_squared=legs_squared,
+        pushed=as_pushed,
     )

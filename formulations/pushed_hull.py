@@ -21,28 +21,27 @@ from functools import cache
 import casadi as ca
 
 from . import nearest_point as near
-from . import polytope
 from .finger import frozen
 
 LIFTED = 0.5e-3  # [m] a vertex this high carries a third of what the lowest does
 HERE = (ca.DM.zeros(3), ca.DM.eye(3))  # pose: vertices are as they lie now
 
 
-def as_pushed(shape):
-    """Return a polytope whose distance and normal are calls."""
-    return replace(shape, distance=distance, normal=normal)
+def as_pushed(shape, theta):
+    """Return the class of polytopes of theta unknowns; distance, normal are calls."""
+    return replace(shape, theta=theta, distance=distance, normal=normal)
 
 
 def distance(theta, q_of, small):
     """Return the distance [m] from the hull of the point q_of, which is outside."""
     u = towards(theta, q_of, small)
-    return ca.sqrt(ca.sumsqr(u) + polytope.TINY**2)
+    return ca.sqrt(ca.sumsqr(u) + near.TINY**2)
 
 
 def normal(theta, q_of, small):
     """Return the outward unit normal towards the point q_of outside of the hull."""
     u = towards(theta, q_of, small)
-    return u / ca.sqrt(ca.sumsqr(u) + polytope.TINY**2)
+    return u / ca.sqrt(ca.sumsqr(u) + near.TINY**2)
 
 
 def towards(theta, q_of, small):
@@ -51,7 +50,7 @@ def towards(theta, q_of, small):
     V = ca.reshape(theta, 3, count)
     origin = V[:, 0]
     V, q = V - origin, q_of - origin
-    small = small / polytope.SHARP
+    small = small / near.SHARP
     nearest, exact = _functions(count)
     return exact(nearest(V, q, small), V, q, small)
 
@@ -91,9 +90,9 @@ def _functions(count):
     return ca.Function("nearest", given, [u], constant), exact
 
 
-def legs_squared(theta):
+def legs_squared(theta, R_wo):
     """Return c^2 [m^2] of a hull: the mean square distance of its lowest vertices."""
-    V = ca.reshape(theta, 3, theta.numel() // 3)
+    V = R_wo @ ca.reshape(theta, 3, theta.numel() // 3)
     height = V[2, :].T
     carries = ca.exp((ca.mmin(height) - height) / LIFTED)
     return ca.sum1(V[:2, :] ** 2) @ carries / ca.sum1(carries)

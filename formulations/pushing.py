@@ -65,6 +65,8 @@ def reached(shape, finger, theta, pose, p_wf, goal, rho, depth):
 
 def foot_squared(shape, theta, R_wo):
     """Return c^2 [m^2]: a moment over c is to the ground what a force is."""
+    if shape.foot_squared is not None:
+        return shape.foot_squared(theta, R_wo)
     return 3 * (R_wo @ shape.inertia(theta) @ R_wo.T)[2, 2]
 
 

@@ -27,6 +27,11 @@ def half_diagonal(theta):
     return float(ca.norm_2(ca.DM(theta))) / 2
 
 
+def as_it_is(shape, theta):
+    """Return the shape: the page `pushing` takes it as every page does."""
+    return shape
+
+
 @dataclass(frozen=True)
 class Shape:
     """The functions of a class of bodies, its bounds and priors.
@@ -55,6 +60,9 @@ class Shape:
     own_pages: the formulations that have a page of this class alone, which is
     formulations.<name>_<formulation>; empty where the general pages apply.
     symbol: makes the symbols of expressions: MX where the distance is a function call.
+    foot_squared(theta, R_wo) -> [m^2], the mean squared radius of the contact with the
+    ground, for the page `pushing`; None: from the inertia.
+    pushed(shape, theta): the class of so many unknowns as the page `pushing` takes it.
     """
 
     name: str
@@ -78,6 +86,8 @@ class Shape:
     hypotheses: int | None = None
     own_pages: tuple[str, ...] = ()
     symbol: Callable = ca.SX.sym
+    foot_squared: Callable | None = None
+    pushed: Callable = as_it_is
 
 
 def positive_part(x, width):

@@ -16,7 +16,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tactilenlp.simulation.mujoco_plant import STIFFNESS, TIME_STEP, Plant
+from tactilenlp.simulation.mujoco_plant import SERVO_STIFFNESS, TIME_STEP, Plant
 
 from .impedance import holding
 from .kinematics import INITIAL
@@ -170,7 +170,7 @@ class SimulatedRobot:
         drag = VISCOUS * velocity + COULOMB * np.tanh(velocity / SLIP)
         force = np.einsum("fji,fj->fi", self._inverse, self._torque - drag)
         # with this goal the servo of the plant applies exactly this force
-        goal = self._tips + force / STIFFNESS
+        goal = self._tips + force / SERVO_STIFFNESS
         touch = self._plant.follow(np.stack([goal - TIME_STEP * self._velocity, goal]))[
             0
         ]

@@ -34,7 +34,7 @@ _HOMES = {
     "information_gain": "information.information",
     "choose_action": "exploration.action_search",
     "Choice": "exploration.action_search",
-    "CrossEntropy": "exploration.action_search",
+    "CrossEntropy": "exploration.optimisers",
     "explore": "exploration.loop",
     "ExploreOptions": "exploration.options",
     "Step": "exploration.log",

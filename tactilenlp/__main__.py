@@ -1,4 +1,4 @@
-"""The command line, for people who don't write Python: python -m tactilenlp --help."""
+"""The command line: python -m tactilenlp --help."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ EPILOG = """examples:
   python -m tactilenlp explore box.npz --sides 0.05 0.035 0.04 --actions 5
   python -m tactilenlp report estimate.npz --output report.html --shape shape.glb
 
-Ctrl-C leaves what was found so far, marked as interrupted.
+Ctrl-C writes the estimate so far, marked as interrupted.
 """
-EXPLORING = """Explore a box in simulation: touch it once, estimate, choose the next
-touch, touch again.  The first finger aims at the centre of the simulated box, which
-the program knows; what follows is chosen from what is felt.  FILE keeps every touch, as
-soon as it is felt, and every estimate; where it is there already, exploration goes on
-from it (give the same box and seed)."""
-NOISE = {"position": 1e-3, "normal": math.radians(5), "flips": 0.01}  # m, rad, 1
-DRAWN_SIZES, WITHIN = (0.03, 0.06), 0.02  # [m] of boxes that are drawn, of their places
-STOPPED = 130  # as shells say of a program that Ctrl-C ended
-SCENE_OPTIONS = {  # what a scene may be told: option, unit
+EXPLORE_HELP = """Explore a box in simulation: touch, estimate, choose the next touch,
+repeat.  The first finger aims at the true centre of the simulated box; later actions
+are chosen from measurements alone.  Every action and every estimate is saved in FILE at
+once; if FILE exists, the exploration resumes from it (give the same box and seed)."""
+NOISY_SENSORS = {"position": 1e-3, "normal": math.radians(5), "flips": 0.01}  # m, rad
+SIDE_RANGE = (0.03, 0.06)  # [m] of random boxes
+PLACE_RANGE = 0.02  # [m] of their centres to each side
+INTERRUPTED_CODE = 130  # exit code after Ctrl-C, as of shells
+SCENE_OPTIONS = {  # known properties of the scene: option, unit
     "mass": "[kg] of the object",
     "friction_ground": "[1] of the object and the ground",
     "friction_finger": "[1] of the object and a fingertip",
@@ -41,26 +41,28 @@ def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     top = argparse.ArgumentParser(
         prog="python -m tactilenlp",
-        description="Find shape, motion and contact impulses of an object from touch.",
+        description="Estimate shape, motion and contact impulses from touch.",
         epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
     shown = f"tactilenlp {tactilenlp.__version__}"
     top.add_argument("--version", action="version", version=shown)
-    top.add_argument("--verbose", action="store_true", help="say what is being done")
+    top.add_argument("--verbose", action="store_true", help="log what is being done")
     commands = top.add_subparsers(dest="command", required=True)
 
     estimate = commands.add_parser("estimate", help="estimate a recording")
     estimate.add_argument("file", type=Path, help="measurements, .npz (see README.md)")
-    estimate.add_argument("--formulation", default="violation_implicit", help="a page")
-    estimate.add_argument("--form", default="cuboid", help="kind of shape")
-    estimate.add_argument("--save", type=Path, help="keep the estimate as .npz")
+    estimate.add_argument(
+        "--formulation", default="violation_implicit", help="name of a page"
+    )
+    estimate.add_argument("--form", default="cuboid", help="cuboid or polytope")
+    estimate.add_argument("--save", type=Path, help="save the estimate as .npz")
     for name, words in SCENE_OPTIONS.items():
         option = f"--{name.replace('_', '-')}"
         estimate.add_argument(option, type=float, help=f"{words}; else from the file")
     _add_outputs(estimate)
 
     _add_explore(commands)
-    report = commands.add_parser("report", help="show what was saved")
+    report = commands.add_parser("report", help="show a saved estimate")
     report.add_argument("file", type=Path, help="an estimate or an exploration, .npz")
     _add_outputs(report)
     return top
@@ -68,64 +70,65 @@ def parser() -> argparse.ArgumentParser:
 
 def _add_explore(commands) -> None:
     explore = commands.add_parser(
-        "explore", help="explore a box in simulation", description=EXPLORING
+        "explore", help="explore a box in simulation", description=EXPLORE_HELP
     )
     add = explore.add_argument
-    add("file", type=Path, help="the exploration, .npz: is written, or taken up again")
-    words = "[m] of the box; drawn from the seed where none are given"
+    add(
+        "file",
+        type=Path,
+        help="the exploration, .npz: written, or resumed if it exists",
+    )
+    words = "[m] of the box; random by default"
     add("--sides", type=float, nargs=3, metavar=("X", "Y", "Z"), help=words)
     add("--actions", type=int, default=5, help="after the first touch (default 5)")
     add("--policy", default="eig", help="eig, random, fisher or farthest (default eig)")
-    add("--seed", type=int, default=0, help="of place, turn and choices (default 0)")
-    words = "sensors with 1 mm, 5 deg and 1 %% flipped booleans (default: clean)"
+    add("--seed", type=int, default=0, help="of random numbers (default 0)")
+    words = "sensor noise: 1 mm, 5 deg, 1 %% wrong booleans (default: none)"
     add("--noisy", action="store_true", help=words)
     for name, words in SCENE_OPTIONS.items():
         add(f"--{name.replace('_', '-')}", type=float, help=f"{words}, and known")
     _add_outputs(explore)
-    add("--save", type=Path, help="keep the last estimate alone as .npz")
+    add("--save", type=Path, help="save the last estimate alone as .npz")
 
 
 def _add_outputs(command) -> None:
-    words = "write a page to look at, .html"
+    words = "write an interactive report, .html"
     command.add_argument("--output", type=Path, metavar="PAGE", help=words)
     words = "write the shape: .stl .obj .ply .glb .xml (MJCF) .urdf"
     command.add_argument("--shape", type=Path, metavar="MODEL", help=words)
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a command; return 0, or 2 and one line on stderr where it cannot be done."""
+    """Run a command; return 0, or after an error 2 and one line on stderr."""
     given = parser().parse_args(arguments)
     logging.basicConfig(level=logging.INFO if given.verbose else logging.WARNING)
     try:
         _check_folders(given)
         found, code = _found(given)
         if found is not None:
-            _hand_out(found, given)
+            _write_outputs(found, given)
     except (TactileError, OSError) as error:
         print(error, file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
-        return STOPPED
+        return INTERRUPTED_CODE
     return code
 
 
 def _found(given) -> tuple:
-    """Return the estimate of a command, or None, and the code to leave with."""
+    """Return the estimate of a command, or None, and the exit code."""
     run = {"estimate": _estimate, "explore": _explore, "report": _load}
     try:
         with interruptible():
             return run[given.command](given), 0
     except Interrupted as stop:
         print(stop, file=sys.stderr)
-        return stop.estimate, STOPPED
+        return stop.estimate, INTERRUPTED_CODE
 
 
 def _check_folders(given) -> None:
-    """Raise FileError where something is to be written to a folder that is not there.
-
-    Before anything is solved, which takes minutes.
-    """
+    """Raise FileError for an output in a missing folder, before any solve."""
     for name in ("save", "output", "shape"):
         if path := getattr(given, name, None):
             check_folder(path, f"--{name}")
@@ -133,8 +136,8 @@ def _check_folders(given) -> None:
         check_folder(given.file, "FILE")
 
 
-def _hand_out(estimate, given) -> None:
-    """Print an estimate, and write whatever was asked for."""
+def _write_outputs(estimate, given) -> None:
+    """Print an estimate and write the requested files."""
     print(estimate.summary())
     if getattr(given, "save", None):
         estimate.save(given.save)
@@ -156,19 +159,19 @@ def _estimate(given):
 
 
 def _known(given) -> dict[str, float]:
-    """Return what a user says to be known of the scene."""
-    said = {name: getattr(given, name) for name in SCENE_OPTIONS}
-    return {name: value for name, value in said.items() if value is not None}
+    """Return the properties of the scene that are given as options."""
+    values = {name: getattr(given, name) for name in SCENE_OPTIONS}
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def _explore(given):
-    """Explore a simulated box from where the file left it; return the last estimate."""
+    """Explore a simulated box, resuming from the file; return the last estimate."""
     from . import Scene, explore
-    from .exploration.log import taken_up
+    from .exploration.log import load_or_new
 
     world = _world(given)
     centre, scene = world.pose[:3], Scene(**_known(given))
-    _replay(world, taken_up(given.file), given.file)
+    _replay(world, load_or_new(given.file), given.file)
     for step in explore(
         world, scene, given.actions, given.policy, seed=given.seed, centre=centre,
         file=given.file,
@@ -180,15 +183,18 @@ def _explore(given):
 
 
 def _world(given):
-    """Return the box where it lies at first."""
+    """Return the simulated world in its first state."""
     import numpy as np
 
     from . import Noise, World
 
     rng = np.random.default_rng(given.seed)
-    sides, place = rng.uniform(*DRAWN_SIZES, 3), rng.uniform(-WITHIN, WITHIN, 2)
+    sides, place = (
+        rng.uniform(*SIDE_RANGE, 3),
+        rng.uniform(-PLACE_RANGE, PLACE_RANGE, 2),
+    )
     yaw = rng.uniform(0, 2 * np.pi)
-    noise = Noise(seed=given.seed, **NOISE) if given.noisy else Noise()
+    noise = Noise(seed=given.seed, **NOISY_SENSORS) if given.noisy else Noise()
     return World(
         given.sides or sides, position=place, noise=noise, **_known(given),
         quaternion=[np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)],
@@ -196,14 +202,14 @@ def _world(given):
 
 
 def _replay(world, exploration, file) -> None:
-    """Bring the world to where an exploration left it."""
+    """Repeat the actions of an exploration, so that the world is in its last state."""
     for step in exploration.steps:
         felt = [world.execute(told) for told in step.told]
         if not felt or felt[-1] != step.measurements:
             raise FileError(
-                "the exploration of another box, or from another seed",
-                where=str(file), got=f"step {step.number}, which this box feels not so",
-                next="give the box and the seed that it began with, or another file",
+                "the exploration of another box or another seed",
+                where=str(file), got=f"other measurements of step {step.number}",
+                next="give the box and the seed of this file, or another file",
             )  # fmt: skip
 
 

@@ -9,8 +9,8 @@ from tactilenlp import CrossEntropy, Workspace, choose_action
 from tactilenlp.errors import OptionError
 from tactilenlp.exploration import expected_information as expected
 from tactilenlp.exploration import push_model as predict
-from tactilenlp.exploration.action_search import SEARCHES, best_action
-from tactilenlp.exploration.candidate_actions import facing
+from tactilenlp.exploration.action_search import best_action, facing
+from tactilenlp.exploration.optimisers import SEARCHES
 
 SPACE = Workspace()
 PEAK = np.array([0.7, 0.3, -0.4, 0.9])  # [rad] of the bump below
@@ -179,8 +179,10 @@ def test_actions_that_face_the_body_come_first_and_the_best_are_polished(estimat
 
 def test_a_choice_takes_so_many_operations_at_most(estimate, monkeypatch):
     """Of 0.6 s at 2 ns an operation; 1.3e8 with three hypotheses, .15 to .5 s."""
-    steps, real = [], expected.pushed
-    monkeypatch.setattr(expected, "pushed", lambda *a: steps.append(a[3]) or real(*a))
+    steps, real = [], expected.push_function
+    monkeypatch.setattr(
+        expected, "push_function", lambda *a: steps.append(a[3]) or real(*a)
+    )
     choice = choose_action(estimate)
     assert choice.evaluations == 180
     assert choice.gain == choice.history.max() > 1

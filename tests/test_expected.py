@@ -159,7 +159,7 @@ def test_options_that_are_none_are_refused():
 
 def test_a_shape_without_inertia_is_refused_in_words():
     massless = replace(CUBOID, inertia=None)
-    with pytest.raises(OptionError, match="no action is predicted for this shape"):
+    with pytest.raises(OptionError, match="actions are not predicted for this shape"):
         ExpectedInformation(BOX, shape=massless)
     with pytest.raises(OptionError, match=r"shape.*cuboid.*got bowl"):
         ExpectedInformation(BOX, shape=replace(CUBOID, name="bowl"))

@@ -19,7 +19,7 @@ from tactilenlp import (
     expected_information_gain,
     information_gain,
 )
-from tactilenlp.exploration.polytope_beliefs import ball
+from tactilenlp.exploration.polytope_beliefs import ball_prior
 
 SPACE = Workspace(fingers=1)
 SIDE = 0.03  # [m] of the cube
@@ -170,7 +170,7 @@ def test_a_face_that_was_felt_has_less_to_tell(touched):
 
 def test_what_is_known_before_any_touch_is_a_ball_anywhere():
     mean, deviation = polytope().size_prior
-    C = np.linalg.inv(ball(CUBE, (mean, deviation))).reshape(8, 3, 8, 3)
+    C = np.linalg.inv(ball_prior(CUBE, (mean, deviation))).reshape(8, 3, 8, 3)
     middle = C.mean(axis=(0, 2))
     assert np.sqrt(np.diag(middle)) == pytest.approx(0.1, rel=0.01)
     between = C[0, :, 0] + C[7, :, 7] - C[0, :, 7] - C[7, :, 0]  # opposite corners

@@ -147,7 +147,7 @@ def pushed(start, goal, steps=40):
     z = np.r_[SIZES.full()[:, 0], np.zeros(3)]
     none = np.zeros(3), np.zeros((3, 6)), np.zeros((3, 3))
     known, sensors = [0.3, 0.5, 4.905, 3125.0, 8.0], [1500.0, 1e-4, 0.01]
-    out = predict.pushed(CUBOID, False, 1, steps)(
+    out = predict.push_function(CUBOID, False, 1, steps)(
         np.zeros(3), goals[:, 0], *none, z, goals[:, :-1], goals[:, 1:], RHO, known,
         sensors, 1,
     )  # fmt: skip

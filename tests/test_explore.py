@@ -21,7 +21,7 @@ from tactilenlp import (
     surface_distance,
 )
 from tactilenlp.errors import OptionError, StartError
-from tactilenlp.exploration.policies import astray, farthest, last_touched
+from tactilenlp.exploration.policies import farthest_directions, last_contact, why_lost
 
 CENTRE = (0.01, -0.01)  # [m] of the box below
 SIDES = (0.05, 0.035, 0.04)
@@ -217,7 +217,7 @@ def test_a_guess_wholly_outside_the_object_recovers(whole):
     first = Action(steps[0].action.angles, Workspace(), steps[0].action.active)
     world.execute(first.trajectory(np.r_[CENTRE, 0.02]))
     found = list(explore(world, actions=2, start=astray, seed=0, **QUICK))
-    assert [s.policy for s in found] == ["sought again", "eig"]
+    assert [s.policy for s in found] == ["last contact", "eig"]
     assert found[0].measurements.contact.any()
     # 45 mm wide where nothing was felt: found is what is a few millimetres off
     assert off(world, found[-1].estimate) < 4e-3
@@ -236,7 +236,7 @@ def test_an_action_without_contact_is_data_and_what_was_touched_is_sought_again(
     assert not missed.measurements.contact.any()
     assert missed.policy == "timid"
     assert missed.estimate.measurements.actions == 2
-    assert found.policy == "sought again"
+    assert found.policy == "last contact"
     assert found.measurements.contact.any()
 
 
@@ -250,14 +250,14 @@ def test_what_was_touched_last_is_sought_again():
     )
     # 10 mm of finger and 15 mm of body behind it, at the height of the guess
     expected = [0.025, 0.01, 0.02]
-    assert np.allclose(last_touched(data, np.array([9.0, 9.0, 0.02])), expected)
+    assert np.allclose(last_contact(data, np.array([9.0, 9.0, 0.02])), expected)
 
 
 def test_an_estimate_apart_from_what_was_touched_is_not_aimed_at(whole):
     estimate = whole[0][1].estimate
-    assert astray(estimate) == ""
+    assert why_lost(estimate) == ""
     far = replace(estimate, position=estimate.position + np.r_[0.08, 0, 0])
-    assert "apart from what was touched" in astray(far)
+    assert "not where the last contact was" in why_lost(far)
 
 
 @pytest.mark.slow
@@ -278,7 +278,7 @@ def test_farthest_turns_away_from_what_was_tried():
     past = [space.action([0.8, 0.1, 0.8, 0.1])] * 2
     data = SimpleNamespace(measurements=None)
     plan = SimpleNamespace(past=past, workspace=space, rng=rng, estimate=data)
-    angles = farthest(plan)(rng).angles
+    angles = farthest_directions(plan)(rng).angles
     assert (angles[[0, 2]] < 0.2).all() or (angles[[1, 3]] > 0.9).any()
 
 

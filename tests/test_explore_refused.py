@@ -35,9 +35,13 @@ class Robot:
         ({"executor": 2}, OptionError, "executor"),
         ({"policy": "best"}, OptionError, "policy"),
         ({"scene": AFLOAT, "formulation": "shooting"}, SceneError, "planar"),
-        ({"scene": AFLOAT}, SceneError, "no action is predicted"),
-        ({"scene": AFLOAT, "policy": "fisher"}, SceneError, "no action is predicted"),
-        ({"shape": MASSLESS}, OptionError, "no action is predicted"),
+        ({"scene": AFLOAT}, SceneError, "actions are not predicted"),
+        (
+            {"scene": AFLOAT, "policy": "fisher"},
+            SceneError,
+            "actions are not predicted",
+        ),
+        ({"shape": MASSLESS}, OptionError, "actions are not predicted"),
         ({"scene": LONG, "shape": "polytope", "actions": 0}, SceneError, "round"),
     ],
 )

@@ -19,7 +19,7 @@ from tactilenlp import (
 from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.errors import OptionError, SceneError
 from tactilenlp.exploration.expected_information import ExpectedInformation
-from tactilenlp.exploration.push_model import pushed
+from tactilenlp.exploration.push_model import push_function
 from tactilenlp.information.information import information_gain
 from tactilenlp.nlp.problem import Problem
 from tactilenlp.nlp.term_functions import TermFunctionCache
@@ -256,7 +256,7 @@ def test_an_action_of_fingers_that_were_not_measured_is_refused(told, exact, act
 
 def test_a_body_follows_fingers_that_are_elsewhere():
     n, k = 30, 12
-    step = pushed(CUBOID, False, 2, n, True)
+    step = push_function(CUBOID, False, 2, n, True)
     s = np.linspace(0, 1, n + 1)[:, None]
     ends = [(0.06, 0.012, 0.02), (0.018, 0.012, 0.02)]
     lines = [

@@ -279,7 +279,7 @@ def test_four_axes_of_ones_own_are_drawn_into(touched):
     axes += [figure.add_subplot(2, 2, k, projection="3d") for k in (3, 4)]
     assert plot_estimate(touched, axis=axes) is figure
     assert all(axis.has_data() for axis in axes)
-    with pytest.raises(OptionError, match="expected 4 matplotlib Axes, got 1 things"):
+    with pytest.raises(OptionError, match="expected 4 matplotlib Axes, got 1"):
         plot_estimate(touched, axis=axes[0])
     with pytest.raises(OptionError, match="expected 2 matplotlib Axes"):
         plot_impulses(touched, axis=axes)

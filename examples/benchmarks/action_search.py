@@ -19,8 +19,8 @@ import numpy as np
 from study import add_executor, executor_of, run_study
 
 from tactilenlp import ExpectedInformation, Exploration, Scene, World, explore
-from tactilenlp.exploration.action_search import SEARCHES, best_action
-from tactilenlp.exploration.candidate_actions import facing
+from tactilenlp.exploration.action_search import best_action, facing
+from tactilenlp.exploration.optimisers import SEARCHES
 
 SEED, ACTIONS = 77, 4  # of the worlds; after each, a state
 SIZES, WITHIN = (0.03, 0.06), 0.02  # [m] of the cuboids, of their centres

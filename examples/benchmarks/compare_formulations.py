@@ -26,8 +26,6 @@ The truth is read here, for starts and errors, never by the package.
 
 import os
 
-from tactilenlp.geometry.transforms import rotation_of
-
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread a process: before NumPy
 
 import argparse
@@ -46,6 +44,7 @@ from formulations import paper, shooting, violation_implicit
 from formulations.shape import CUBOID
 from tactilenlp import Measurements, Problem, Scene, SolverOptions, surface_distance
 from tactilenlp.data.sensor_noise import precision_of, smoothed
+from tactilenlp.geometry.transforms import rotation_of
 from tactilenlp.nlp.ipopt import solve_levels
 from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 

@@ -12,8 +12,6 @@ repeated.
 
 import os
 
-from tactilenlp.geometry.transforms import rotation_of
-
 os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
 
 import argparse
@@ -24,8 +22,8 @@ from pathlib import Path
 from time import process_time
 from timeit import repeat
 
-import chamfer
 import numpy as np
+from chamfer import chamfer_code, chamfer_floor, chamfer_paper
 from report_cuboid import report
 from study import add_executor, executor_of, mapped, write_csv
 from trimesh.creation import box
@@ -36,6 +34,7 @@ from tactilenlp import Measurements, Options, Scene, solve_estimate
 from tactilenlp.data.sensor_noise import Precision, precise
 from tactilenlp.evaluation import metrics
 from tactilenlp.geometry.faces import touched_faces
+from tactilenlp.geometry.transforms import rotation_of
 from tactilenlp.information.information import FACE_COSINE
 from tactilenlp.information.measurement_noise import KNOWN_FACE
 from tactilenlp.nlp.term_functions import default_cache
@@ -123,10 +122,10 @@ def compare(estimate, truth) -> dict:
     clouds = [sample_surface(meshes[i > 0], 1000, seed=i)[0] for i in range(3)]
     row = {"mean_mm": 1e3 * distance.mean, "max_mm": 1e3 * distance.maximum}
     row |= {
-        "bch_paper_m2": chamfer.chamfer_paper(*clouds[:2]),
-        "bch_paper_floor_m2": chamfer.chamfer_paper(*clouds[1:]),
-        "bch_code_mm": 1e3 * chamfer.chamfer_code(*meshes),
-        "bch_code_floor_mm": 1e3 * chamfer.chamfer_floor(meshes[1]),
+        "bch_paper_m2": chamfer_paper(*clouds[:2]),
+        "bch_paper_floor_m2": chamfer_paper(*clouds[1:]),
+        "bch_code_mm": 1e3 * chamfer_code(*meshes),
+        "bch_code_floor_mm": 1e3 * chamfer_floor(meshes[1]),
     }
     error, sigma = apart(estimate, truth, last), estimate.information.sigma
     for part, errors, sigmas, unit in (

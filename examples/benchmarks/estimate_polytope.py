@@ -19,8 +19,6 @@ seconds exclude the derivation of term functions; a case that derives some is re
 
 import os
 
-from tactilenlp.geometry.transforms import rotation_of
-
 os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
 
 import argparse
@@ -40,6 +38,7 @@ from trimesh.proximity import closest_point_naive
 
 from formulations.polytope import polytope
 from tactilenlp import Measurements, Scene, Workspace, solve_estimate, surface_distance
+from tactilenlp.geometry.transforms import rotation_of
 from tactilenlp.nlp.term_functions import default_cache
 
 STAGES = {"vertices": "quasi_static", "impulses": "violation_implicit"}

@@ -2,8 +2,8 @@
 
 from itertools import product
 
-import chamfer
 import numpy as np
+from chamfer import chamfer_code, chamfer_floor
 from scipy.spatial.transform import Rotation
 from trimesh import Trimesh
 from trimesh.convex import convex_hull
@@ -96,8 +96,8 @@ def errors(world: World, estimate) -> dict:
     return _pose_errors(world, estimate, where, turn) | {
         "p2s_mm": exact.mean * mm,
         "p2s_max_mm": exact.maximum * mm,
-        "bch_mm": chamfer.chamfer_code(found, true, POINTS) * mm,
-        "bch_floor_mm": chamfer.chamfer_floor(true, POINTS) * mm,
+        "bch_mm": chamfer_code(found, true, POINTS) * mm,
+        "bch_floor_mm": chamfer_floor(true, POINTS) * mm,
         "logdet": np.linalg.slogdet(information.matrix)[1],
         "sigma_side_mm": information.sigma(unknown).max() * mm,
         "unobserved": len(information.unobserved),

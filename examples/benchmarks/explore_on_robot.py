@@ -19,8 +19,6 @@ The script writes trials.csv, table.txt and real.png, the paper's figure.
 
 import os
 
-from tactilenlp.geometry.transforms import rotation_of
-
 os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
 
 import argparse
@@ -29,9 +27,6 @@ from itertools import chain, product
 from pathlib import Path
 from time import process_time
 
-import matplotlib
-
-matplotlib.use("Agg")
 import numpy as np
 import trimesh
 from chamfer import chamfer_code, chamfer_floor
@@ -54,7 +49,9 @@ from tactilenlp import (
     solve_estimate,
 )
 from tactilenlp.evaluation.metrics import surface_distance
+from tactilenlp.geometry.transforms import rotation_of
 
+plt.switch_backend("Agg")  # without a screen
 BOX = (0.058, 0.049, 0.053)  # [m], the paper's
 NEAR = 0.02  # [m], starts about the middle of the workspace
 ZERO = np.deg2rad(1.0)  # deviation of a joint's zero angle

@@ -10,8 +10,6 @@ plain arguments, so any concurrent.futures executor can distribute it.
 
 import os
 
-from tactilenlp.geometry.transforms import rotation_of
-
 os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
 
 import argparse
@@ -28,6 +26,7 @@ from study import add_executor, executor_of, run_study
 from tactilenlp import Measurements, Noise, Options, Scene, observed_information
 from tactilenlp import solve_estimate as solve
 from tactilenlp.data.noise_model import add_noise
+from tactilenlp.geometry.transforms import rotation_of
 
 TILTED = np.radians(20)  # an object whose axes turn this much out of the flat tumbles
 NOISE = {"position": 1e-3, "normal": np.radians(5), "flips": 0.01}  # [m], [rad], [1]

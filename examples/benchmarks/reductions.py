@@ -112,7 +112,7 @@ def recorded(file) -> Way:
 
 def searched(way) -> Hypothesis:
     """Return the best hypothesis of a search."""
-    if way.shape.parameters == "vertices":
+    if way.shape.own_pages:  # its page takes a refined one for a rough one
         return search_polytope(way.job(), [])[0]
     return solve_estimate(way.data, way.scene, throw=False).hypotheses[0]
 
@@ -152,7 +152,7 @@ def floating(shape) -> tuple[dict[str, Way], Hypothesis]:
     }
     lean = Way(data, scene, shape=shape)
     plane = search_plane(lean.job())
-    if shape.parameters == "vertices":
+    if shape.own_pages:
         best = search_polytope(in_search_plane(lean.job(), plane), [])[0]
     else:
         best = searched(lean)

@@ -1,21 +1,21 @@
-"""Say how far off an estimate is, where the world that was touched knows its truth.
+"""Compare an estimate with the ground truth of a simulated world.
 
-No estimate and no choice reads any of it: it judges afterwards.
+No estimate and no choice of an action reads it.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-SAME_TIME = 1e-6  # [s] two instants of a record are one
+SAME_INSTANT = 1e-6  # [s] largest difference of equal times
 
 
 def true_mesh(world, time: float):
-    """Return the surface (trimesh.Trimesh) where it lay at an instant [s], or None.
+    """Return the true surface (trimesh.Trimesh) at a time [s], world frame, or None.
 
     world: has `truth` with object_position (T, 3) [m] and object_quaternion (T, 4)
     wxyz, `measurements` with their times, and side_lengths (3,) or vertices (V, 3) [m],
-    as World has.  None without a truth, or without one of that instant.
+    as World has.  None without a truth at that time.
     """
     from trimesh.convex import convex_hull
     from trimesh.creation import box
@@ -32,7 +32,7 @@ def true_mesh(world, time: float):
 
 
 def errors_of(world, estimate) -> dict[str, float]:
-    """Return how far off an estimate is at its last sample, SI; empty without truth.
+    """Return the errors of an estimate at its last sample, SI; empty without a truth.
 
     surface, surface_max [m]: exact distance, mean and largest; position [m] of the
     centroid; of two cuboids side_lengths [m], the largest, and rotation [rad], modulo
@@ -58,13 +58,13 @@ def errors_of(world, estimate) -> dict[str, float]:
 
 
 def _sides(world):
-    """Return the side lengths (3,) [m] of a world with a box in it, None of others."""
+    """Return the side lengths (3,) [m] of a world with a box, else None."""
     return getattr(world, "side_lengths", None)
 
 
 def _row_of(world, time: float) -> int | None:
-    """Return the row of a world's record at an instant, None if it keeps none."""
+    """Return the index of the sample of a world's truth at a time, or None."""
     if getattr(world, "truth", None) is None:
         return None
     row = int(np.abs(world.measurements.time - time).argmin())
-    return row if abs(world.measurements.time[row] - time) < SAME_TIME else None
+    return row if abs(world.measurements.time[row] - time) < SAME_INSTANT else None

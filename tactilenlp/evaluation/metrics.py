@@ -1,4 +1,4 @@
-"""Measure how far an estimated body is from the true one.
+"""Measure the distance of an estimated body from the true one.
 
 The exact surface distance, and the errors of a cuboid's sizes and pose modulo its
 symmetries.  The paper's Chamfer distances, which only the benchmarks report, are in
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 # The real root of g^3 = g + 1: steps of 1/g and 1/g^2 fill a square evenly (Roberts,
 # "The Unreasonable Effectiveness of Quasirandom Sequences", 2018).
 PLASTIC_NUMBER = 1.3247179572447460
-# Relabelings whose angles differ by less than this [rad] are told apart by their sizes
-# (our choice: one degree).
+# Among relabelings whose angles differ by less than this [rad], the sizes decide (our
+# choice: one degree).
 NEAR_TIE = np.deg2rad(1.0)
 # Pairs of point and triangle in memory at once (some 100 MB with all temporaries).
 PAIRS_AT_ONCE = 200_000
@@ -34,10 +34,10 @@ PAIRS_AT_ONCE = 200_000
 
 @dataclass(frozen=True)
 class SurfaceDistance:
-    """Hold the exact distance between two surfaces, all in [m].
+    """The exact distance between two surfaces [m].
 
-    `a_to_b` and `b_to_a` are the mean distances of points of the one surface to the
-    other, `mean` (p2s) is their average, `maximum` the largest in either direction.
+    `a_to_b` and `b_to_a` are the mean distances of points of one surface to the other,
+    `mean` (p2s) is their average, `maximum` the largest of both.
     """
 
     mean: float
@@ -48,7 +48,7 @@ class SurfaceDistance:
 
 @dataclass(frozen=True)
 class PoseError:
-    """Hold a pose error modulo symmetry, in the world frame.
+    """A pose error modulo symmetry, in the world frame.
 
     `position` (3,) [m] is estimate minus truth; `rotation_vector` (3,) [rad], of length
     `rotation_angle`, satisfies R_estimate @ symmetry = exp(rotation_vector) @ R_true;
@@ -63,7 +63,7 @@ class PoseError:
 
 @dataclass(frozen=True)
 class CuboidError(PoseError):
-    """Hold the pose error of a cuboid modulo its 24 axis relabelings, with its sizes'.
+    """The errors of pose and sizes of a cuboid, modulo its 24 axis relabelings.
 
     `side_lengths` (3,) [m] is `estimate[permutation] - truth`, on the true axes, and
     a covariance of sizes becomes `covariance[np.ix_(permutation, permutation)]`; those
@@ -83,7 +83,7 @@ def surface_distance(
     then right to about 0.5 %.  The maximum is over these points and all vertices: the
     Hausdorff distance from below, short of it by less than the spacing of the points.
     Swapping the arguments swaps `a_to_b` and `b_to_a` and changes nothing else.
-    Raises TactileError for what is no surface, OptionError for `samples` and `seed`.
+    Raises TactileError for a mesh without area, OptionError for `samples`, `seed`.
     """
     generator = generator_of(samples, seed)
     a, b = triangles_of(mesh_a, "mesh_a"), triangles_of(mesh_b, "mesh_b")

@@ -1,11 +1,11 @@
 """Choose the next touch by expected information gain, act, estimate, repeat.
 
 In: an `Estimate`, a `Workspace`, a world with `execute`.  Out: `Choice`, `Step`, an
-`Exploration` in a file.  Expected information: pushes are predicted for samples of the
-belief, and the information of what would be felt is averaged (Bayesian experimental
-design); nlopt maximises it.
+`Exploration` in a file.  The method is Bayesian experimental design: the push of an
+action is predicted for each hypothesis, the Fisher information of its samples gives the
+expected information gain, and nlopt maximises the mean over hypotheses.
 
-- `action_space`, `candidate_actions`, `action_search`, `policies`: which action
-- `beliefs`, `polytope_beliefs`, `push_model`, `expected_information`: what it tells
-- `first_touch`, `loop`, `log`: the loop, and the file that it keeps
+- `action_space`, `action_search`, `optimisers`, `policies`: choice of an action
+- `beliefs`, `polytope_beliefs`, `push_model`, `expected_information`: its expected gain
+- `first_touch`, `loop`, `options`, `log`: the loop, its settings and its file
 """

@@ -1,11 +1,11 @@
-"""Search the action space for the action that tells most (nlopt, cross-entropy)."""
+"""Search the action space for the largest expected information gain (nlopt)."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -13,50 +13,27 @@ from formulations.shape import Shape
 
 from ..common.interrupt import interruptible
 from ..common.validation import check_numbers, check_types
-from ..errors import OptionError
+from ..geometry.faces import polygons
 from .action_space import Action, Workspace
-from .candidate_actions import combined, facing
 from .expected_information import ExpectedInformation
+from .optimisers import CrossEntropy, Objective, check_search, maximise
 
-SEARCHES = (
-    "facing", "direct", "direct_l", "crs2", "isres", "mlsl", "bobyqa", "cem", "random",
-)  # fmt: skip
-STARTED = 0.3  # [-] of the budget for actions that face something, before DIRECT
-FACED = 0.4  # [-] and of that of "facing", which polishes the best of them
-POLISH = 0.35  # [-] of the budget that a global search leaves to a local one
-WIDTH = 0.06  # [-] first step of a local search, of every angle's range
-WIDE = 0.12  # [-] that of the first one from an action that faces something
-CLOSE = 3e-3  # [rad] at which it leaves off: the gain has kinks, not one smooth top
-WORST = -1e3  # [nats] of an action whose gain cannot be computed: nlopt bears no NaN
-POPULATION = 20  # of CRS2 and ISRES in four dimensions; nlopt's own would use it all up
-
-
-@dataclass(frozen=True)
-class CrossEntropy:
-    """The paper's search: iterations of `samples` actions, refitted to the `best`."""
-
-    samples: int = 60
-    best: int = 5
-    iterations: int = 3
-
-    def __post_init__(self) -> None:
-        given = {name: (getattr(self, name), int) for name in vars(self)}
-        check_types(**given)
-        if not (1 < self.best <= self.samples and self.iterations >= 1):
-            raise OptionError(
-                "out of range",
-                where="CrossEntropy",
-                got=f"{self}",
-                expected="1 < best <= samples and at least one iteration",
-            )
+# Share of the budget for actions that face corners, edges and faces, by search.
+FACING_SHARE = {"facing": 0.4, "direct": 0.3, "direct_l": 0.3}  # [-]
+MAX_PERMUTED = 100_000  # [1] combinations of fingers: of more, some are drawn
+BOUND_MARGIN = 0.15  # [rad] outside of its bounds, a direction is moved to them
 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The action chosen, and how.
+    """The chosen action, and the search that found it.
 
-    gain [nats] is expected of it; evaluations, CPU seconds of the search; history (n,)
-    [nats] of all that was tried, in order, and tried (n, 2 F) [rad].
+    gain:        [nats], the expected information gain of the action
+    evaluations: [1], of the gain
+    seconds:     [s], CPU time of the search
+    search:      its name
+    history:     (n,) [nats], the gains of all evaluated actions, in order
+    tried:       (n, 2 F) [rad], their angles
     """
 
     action: Action
@@ -83,11 +60,11 @@ def choose_action(
     """Return the action with the largest expected information gain (eq:eig).
 
     search: "facing" (actions that face corners, edges and faces; from the best of them
-    COBYLA, then Subplex), "direct" or "direct_l" (some that face, then dividing
-    rectangles, then COBYLA), "crs2", "isres", "mlsl", "bobyqa", "cem" or a
-    CrossEntropy (the paper's: the action is drawn from the last best ones), "random";
-    budget: evaluations of the gain; equal seeds give equal choices.  hypotheses,
-    slopes, shape: see ExpectedInformation.
+    COBYLA, then Subplex), "direct" or "direct_l" (facing actions, then dividing
+    rectangles, then COBYLA), "crs2", "isres", "mlsl", "bobyqa", "random", "cem" or a
+    CrossEntropy (the paper's: the action is drawn from the best of the last iteration).
+    budget: evaluations of the gain.  Equal seeds give equal choices.  hypotheses,
+    slopes, shape: see ExpectedInformation.  Raises OptionError, SceneError.
     """
     began = time.process_time()
     expected = ExpectedInformation(estimate, workspace, hypotheses, slopes, shape)
@@ -109,180 +86,67 @@ def best_action(
     began: float | None = None,
     facing: list[np.ndarray] | None = None,
 ) -> Choice:
-    """Return the action whose angles (2 F,) score most; NaN and infinity are worst.
+    """Return the action whose angles (2 F,) have the largest score.
 
-    facing: for each finger, angles (n, 2) worth trying, by "facing" and "direct".
+    NaN and infinity count as the worst score.  facing: for each finger, the angles
+    (n, 2) that face the object; the searches "facing" and "direct" begin with them.
     """
     began = time.process_time() if began is None else began
     name = check_search(search, budget)
     check_types(seed=(seed, (int, np.integer)))
     check_numbers("", "a whole number from 0", seed=(seed, -1, 2**32 - 1))
-    trial = _Trial(score, space.lower, space.upper, budget)
+    objective = Objective(score, space.lower, space.upper, budget)
     rng = np.random.default_rng(seed)
-    if name == "cem":
-        best = _cross_entropy(trial, search, rng)
-    else:
-        if name == "random":
-            while trial.left:
-                trial(rng.uniform(trial.lower, trial.upper))
-        else:
-            shares = {"facing": FACED, "direct": STARTED, "direct_l": STARTED}
-            if facing and name in shares:
-                for angles in combined(facing, round(shares[name] * budget), rng):
-                    trial(angles)
-            _nlopt_search(trial, name, seed, rng)
-        best = int(np.argmax(trial.scores))
+    if facing and name in FACING_SHARE:
+        for angles in combined(facing, round(FACING_SHARE[name] * budget), rng):
+            objective(angles)
+    best = maximise(objective, search, seed, rng)
     return Choice(
-        action=space.action(trial.tried[best]),
-        gain=trial.scores[best],
-        evaluations=len(trial.scores),
+        action=space.action(objective.tried[best]),
+        gain=objective.scores[best],
+        evaluations=len(objective.scores),
         seconds=time.process_time() - began,
         search=name,
-        history=np.array(trial.scores),
-        tried=np.array(trial.tried),
+        history=np.array(objective.scores),
+        tried=np.array(objective.tried),
     )
 
 
-def check_search(search, budget) -> str:
-    """Return the name of a search; OptionError where it or its budget is none."""
-    check_types(search=(search, (str, CrossEntropy)))
-    name = search if isinstance(search, str) else "cem"
-    if name not in SEARCHES:
-        expected = f"one of {SEARCHES} or a CrossEntropy"
-        raise OptionError("no such search", where="search", got=name, expected=expected)
-    if not (isinstance(budget, (int, np.integer)) and budget >= 2):
-        expected = "an integer >= 2"
-        raise OptionError("too few", where="budget", got=budget, expected=expected)
-    return name
+def facing(estimate, space: Workspace) -> list[np.ndarray]:
+    """Return for each finger the angles (n, 2) [rad] that face the object.
 
-
-class _Trial:
-    """Score angles, count, and keep every one: nlopt's own best is not trusted."""
-
-    def __init__(self, score, lower, upper, budget) -> None:
-        self.score, self.lower, self.upper, self.budget = score, lower, upper, budget
-        self.tried: list[np.ndarray] = []
-        self.scores: list[float] = []
-
-    @property
-    def left(self) -> int:
-        return self.budget - len(self.scores)
-
-    def __call__(self, angles: np.ndarray) -> float:
-        # nlopt passes one and the same buffer every time, and BOBYQA leaves bounds.
-        angles = np.clip(np.array(angles, float), self.lower, self.upper)
-        score = float(self.score(angles))
-        score = score if np.isfinite(score) else WORST
-        self.tried.append(angles)
-        self.scores.append(score)
-        return score
-
-    @property
-    def best(self) -> np.ndarray:
-        return self.tried[int(np.argmax(self.scores))]
-
-
-def _nlopt_search(trial: _Trial, name: str, seed: int, rng) -> None:
-    """Search globally, then polish from the best; or locally from several starts."""
-    import nlopt
-
-    n = len(trial.lower)
-    if name in ("direct", "direct_l"):
-        kind = nlopt.GN_DIRECT if name == "direct" else nlopt.GN_DIRECT_L
-        middle = (trial.lower + trial.upper) / 2
-        _run(trial, nlopt.opt(kind, n), middle, round(POLISH * trial.budget), seed)
-    elif name in ("crs2", "isres"):
-        optimiser = nlopt.opt(nlopt.GN_CRS2_LM if name == "crs2" else nlopt.GN_ISRES, n)
-        # CRS2 refuses a population of fewer than n + 1.
-        optimiser.set_population(max(n + 1, min(POPULATION, trial.budget - 1)))
-        _run(trial, optimiser, rng.uniform(trial.lower, trial.upper), 0, seed)
-    elif name == "mlsl":
-        optimiser = nlopt.opt(nlopt.G_MLSL_LDS, n)
-        local = nlopt.opt(nlopt.LN_COBYLA, n)
-        local.set_xtol_rel(1e-2)
-        optimiser.set_local_optimizer(local)
-        _run(trial, optimiser, rng.uniform(trial.lower, trial.upper), 0, seed)
-    elif name == "facing":
-        return _polish_in_turn(trial, seed, rng)
-    local = nlopt.LN_BOBYQA if name == "bobyqa" else nlopt.LN_COBYLA
-    start = trial.best if trial.tried else (trial.lower + trial.upper) / 2
-    while trial.left:  # from the best, then from anywhere
-        _polish(trial, local, start, WIDTH, 1e-3, seed)
-        start = rng.uniform(trial.lower, trial.upper)
-
-
-def _polish_in_turn(trial: _Trial, seed: int, rng) -> None:
-    """Search locally from what was tried, best first; each time on from the very best.
-
-    COBYLA leaves a start fast; Subplex, on subspaces, gets along kinks where it stalls.
+    They point to its corners, middles of edges and middles of faces.
     """
-    import nlopt
-
-    order = np.argsort(trial.scores)[::-1]
-    starts = [trial.tried[i] for i in order] or [(trial.lower + trial.upper) / 2]
-    while trial.left:
-        start = starts.pop(0) if starts else rng.uniform(trial.lower, trial.upper)
-        _polish(trial, nlopt.LN_COBYLA, start, WIDE, CLOSE, seed)
-        _polish(trial, nlopt.LN_SBPLX, trial.best, WIDTH, CLOSE, seed)
-
-
-def _polish(trial: _Trial, local, start, width: float, close: float, seed) -> None:
-    """Search locally from a start until steps are close [rad]; try once at least."""
-    import nlopt
-
-    before = len(trial.scores)
-    optimiser = nlopt.opt(local, len(trial.lower))
-    optimiser.set_initial_step(width * (trial.upper - trial.lower))
-    optimiser.set_xtol_abs(close)
-    _run(trial, optimiser, start, 0, seed)
-    if trial.left and len(trial.scores) == before:
-        trial(start)
-
-
-def _run(trial: _Trial, optimiser, start: np.ndarray, spared: int, seed: int) -> None:
-    """Let nlopt try until `spared` evaluations of the budget are left."""
-    import nlopt
-
-    end, failed = trial.budget - spared, []
-    if len(trial.scores) >= end:  # nlopt bears no stop before its first evaluation
-        return
-
-    def objective(angles, _gradient) -> float:
-        if len(trial.scores) >= end:  # MLSL and ISRES overrun their maxeval
-            raise nlopt.ForcedStop
-        try:
-            return trial(angles)
-        except Exception as error:  # some of nlopt's searches would swallow it
-            failed.append(error)
-            raise nlopt.ForcedStop from error
-
-    nlopt.srand(seed)  # global state: before every run
-    optimiser.set_lower_bounds(trial.lower)
-    optimiser.set_upper_bounds(trial.upper)
-    optimiser.set_max_objective(objective)
-    optimiser.set_maxeval(max(1, end - len(trial.scores)))
-    with suppress(nlopt.ForcedStop, nlopt.RoundoffLimited):  # what was tried is kept
-        optimiser.optimize(np.clip(start, trial.lower, trial.upper))
-    if failed:
-        raise failed[0]
+    vertices, R_wo = estimate.vertices, estimate.rotation()
+    points = list(vertices)
+    for face, _ in polygons(vertices):
+        points.append(vertices[face].mean(axis=0))
+        points += [
+            (vertices[i] + vertices[j]) / 2 for i, j in pairwise((*face, face[0]))
+        ]
+    toward = np.unique(np.round(points, 9), axis=0) @ R_wo.T
+    if space.ground is not None:
+        toward = toward @ space.ground.rotation.T
+    azimuth = np.arctan2(toward[:, 1], toward[:, 0])
+    declination = np.arcsin(toward[:, 2] / np.linalg.norm(toward, axis=1))
+    out = []
+    for finger in range(space.fingers):
+        heading = 2 * np.pi * finger / space.fingers
+        ascension = (azimuth - heading + np.pi) % (2 * np.pi) - np.pi
+        at = slice(2 * finger, 2 * finger + 2)
+        low, high = space.lower[at], space.upper[at]
+        angles = np.stack([ascension, declination], axis=1)
+        near = (angles >= low - BOUND_MARGIN) & (angles <= high + BOUND_MARGIN)
+        near = np.clip(angles[near.all(axis=1)], low, high)
+        out.append(near if len(near) else (low + high)[None] / 2)
+    return out
 
 
-def _cross_entropy(trial: _Trial, search, rng) -> int:
-    """Refit a Gaussian to the best few; return one of the last best, drawn evenly."""
-    if search == "cem":
-        samples = max(2, trial.budget // CrossEntropy.iterations)
-        best = min(CrossEntropy.best, samples)
-        search = CrossEntropy(samples, best, CrossEntropy.iterations)
-    mean = spread = None
-    for _ in range(search.iterations):
-        first = len(trial.scores)
-        for _ in range(search.samples):
-            if mean is None:
-                angles = rng.uniform(trial.lower, trial.upper)
-            else:
-                angles = rng.multivariate_normal(mean, spread)
-            trial(angles)
-        elite = first + np.argsort(trial.scores[first:])[::-1][: search.best]
-        points = np.array(trial.tried)[elite]
-        mean, spread = points.mean(axis=0), np.cov(points.T)
-    return int(rng.choice(elite))
+def combined(facing: list[np.ndarray], count: int, rng) -> np.ndarray:
+    """Return at most `count` actions (n, 2 F) [rad] of fingers that face the object."""
+    sizes = [len(angles) for angles in facing]
+    drawn = rng.permutation(min(np.prod(sizes), MAX_PERMUTED))[:count]
+    if np.prod(sizes) > MAX_PERMUTED:
+        drawn = rng.integers(np.prod(sizes), size=count)
+    picks = np.unravel_index(drawn, sizes)
+    return np.hstack([a[i] for a, i in zip(facing, picks, strict=True)])

@@ -1,4 +1,4 @@
-"""Actions of the fingers: straight lines towards a target, as the paper draws them."""
+"""Actions of the fingers: straight lines towards a target, as in the paper."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ from ..common.validation import check_numbers, check_types, checked_array
 from ..data.scene import Ground
 from ..errors import OptionError
 
-TRAJECTORY_RATE = 100  # [Hz] of a trajectory's points
-FARTHEST = 10.0  # [m] no hand reaches further, as in Measurements
-SIMULATION, ROBOT = 2 * np.pi / 5, np.pi / 4  # [rad] bounds of the paper
-ALONE = np.pi  # [rad] a single finger may come from anywhere
+POINT_RATE = 100  # [Hz] points of a trajectory
+MAX_RADIUS = 10.0  # [m]; larger values are most likely millimetres
+SIMULATION_BOUND, ROBOT_BOUND = 2 * np.pi / 5, np.pi / 4  # [rad] of the paper
+SINGLE_FINGER_BOUND = np.pi  # [rad] of right ascension: any direction
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Where the fingers are meant to be: time (n,) [s], finger_position (n, F, 3) [m].
+    """Commanded finger positions.
 
-    A finger whose position is constant is parked.
+    time:            (n,) [s]
+    finger_position: (n, F, 3) [m], world frame; a finger of constant position is parked
     """
 
     time: np.ndarray
@@ -34,17 +35,22 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Workspace:
-    """What the fingers can do.
+    """The fingers and the space of their actions.
 
-    fingers: how many [-]; bound: of both approach angles [rad], 2 pi / 5 as in the
-    paper's simulation; radius: of the sphere on which lines start [m]; duration of an
-    action [s]; finger_radius [m]; gap: least distance between two fingertips'
-    surfaces [m]; clearance: of a fingertip above the ground [m]; stiffness [N/m] and
-    max_force [N] of a finger's servo; ground: its frame is that of all angles.
+    fingers:       [1], number of fingers
+    bound:         [rad], of both approach angles, 2 pi / 5 as in the paper's simulation
+    radius:        [m], of the sphere on which lines start
+    duration:      [s], of an action
+    finger_radius: [m]
+    gap:           [m], least distance between the surfaces of two fingertips
+    clearance:     [m], least height of a fingertip above the ground
+    stiffness:     [N/m], of a finger's servo
+    max_force:     [N], of a finger's servo
+    ground:        Ground, in whose frame all angles are; None: world frame, no ground
     """
 
     fingers: int = 2
-    bound: float = SIMULATION
+    bound: float = SIMULATION_BOUND
     radius: float = 0.1
     duration: float = 1.0
     finger_radius: float = 0.01
@@ -56,41 +62,43 @@ class Workspace:
 
     def __post_init__(self) -> None:
         if not (isinstance(self.fingers, (int, np.integer)) and self.fingers >= 1):
-            raise _wrong("fingers", "an integer >= 1", self.fingers)
+            raise _option_error("fingers", "an integer >= 1", self.fingers)
         check_types(ground=(self.ground, (Ground, type(None))))
         for name in (f.name for f in fields(self) if f.type == "float"):
             value = getattr(self, name)
             if not (isinstance(value, Real) and 0 < value < np.inf):
-                raise _wrong(name, "a number above 0", getattr(self, name))
+                raise _option_error(name, "a number above 0", getattr(self, name))
         if self.bound > np.pi / 2:
-            raise _wrong("bound", "at most pi / 2 [rad]", self.bound)
-        if self.radius > FARTHEST:
+            raise _option_error("bound", "at most pi / 2 [rad]", self.bound)
+        if self.radius > MAX_RADIUS:
             fix = "divide by 1000 if these are millimetres"
-            raise _wrong("radius", f"at most {FARTHEST:.0f} m", self.radius, fix)
+            raise _option_error(
+                "radius", f"at most {MAX_RADIUS:.0f} m", self.radius, fix
+            )
         if self.radius <= self.apart:
-            fix = "lines start outside the space kept between fingers"
-            raise _wrong("radius", f"above {self.apart:.3g} m", self.radius, fix)
+            fix = "lines must start outside the gap between fingers"
+            raise _option_error("radius", f"above {self.apart:.3g} m", self.radius, fix)
 
     @classmethod
     def robot(cls, **overrides) -> Workspace:
-        """Return the paper's robot: sensors that face the object, within pi / 4."""
-        return cls(**{"bound": ROBOT} | overrides)
+        """Return the workspace of the paper's robot: both angles within pi / 4."""
+        return cls(**{"bound": ROBOT_BOUND} | overrides)
 
     @classmethod
     def simulation(cls, **overrides) -> Workspace:
         """Return the paper's simulation: both angles within 2 pi / 5."""
-        return cls(**{"bound": SIMULATION} | overrides)
+        return cls(**{"bound": SIMULATION_BOUND} | overrides)
 
     @property
     def apart(self) -> float:
-        """How close a finger's centre comes to the border with the next one [m]."""
+        """Least distance [m] of a fingertip's centre from the next finger's sector."""
         return self.finger_radius + self.gap / 2
 
     @property
     def lower(self) -> np.ndarray:
-        """Least angles (2 F,) [rad]: ascension, declination of every finger.
+        """Least angles (2 F,) [rad]: right ascension and declination of every finger.
 
-        No declination is negative: the ground would bend such a line.
+        No declination is negative: such a line would meet the ground.
         """
         return np.tile([-self._sideways, 0.0], self.fingers)
 
@@ -102,7 +110,7 @@ class Workspace:
     @property
     def _sideways(self) -> float:
         if self.fingers == 1:
-            return ALONE
+            return SINGLE_FINGER_BOUND
         return min(self.bound, np.pi / self.fingers)
 
     def action(self, angles, active=None) -> Action:
@@ -117,10 +125,11 @@ class Workspace:
 
 @dataclass(frozen=True, eq=False)
 class Action:
-    """One second of finger motion, relative to a target.
+    """One motion of all fingers towards a target.
 
-    angles (2 F,) [rad]: right ascension and declination of each finger; active: which
-    fingers move, all by default, the others stay parked.
+    angles:    (2 F,) [rad], right ascension and declination of each finger
+    workspace: Workspace
+    active:    (F,) bool, fingers that move, all by default; the others stay parked
     """
 
     angles: np.ndarray
@@ -135,10 +144,10 @@ class Action:
         inside = inside and (space.lower - 1e-9 <= angles).all()
         if not (inside and (angles <= space.upper + 1e-9).all()):
             expected = f"{2 * space.fingers} angles [rad] within the workspace's bounds"
-            raise _wrong("angles", expected, angles.tolist())
+            raise _option_error("angles", expected, angles.tolist())
         active = (True,) * space.fingers if self.active is None else tuple(self.active)
         if len(active) != space.fingers or not any(active):
-            raise _wrong("active", f"{space.fingers} booleans, one True", active)
+            raise _option_error("active", f"{space.fingers} booleans, one True", active)
         object.__setattr__(self, "angles", np.clip(angles, space.lower, space.upper))
         object.__setattr__(self, "active", active)
 
@@ -150,13 +159,13 @@ class Action:
         return np.array([ca.DM(page.direction(*t)).full()[:, 0] for t in triples])
 
     def trajectory(self, target) -> Trajectory:
-        """Return the way of all fingers towards a target (3,) [m], world frame."""
-        n = round(self.workspace.duration * TRAJECTORY_RATE) + 1
+        """Return the path of all fingers towards a target (3,) [m], world frame."""
+        n = round(self.workspace.duration * POINT_RATE) + 1
         time = np.linspace(0, self.workspace.duration, n)
         return Trajectory(time, self.positions(target, n))
 
     def positions(self, target: np.ndarray, n: int) -> np.ndarray:
-        """Return the places (n, F, 3) [m] at n instants, world frame."""
+        """Return finger positions (n, F, 3) [m] at n instants, world frame."""
         space, target = self.workspace, checked_array("target", target, 3, unit="[m]")
         check_numbers("", "a whole number of instants from 2", n=(n, 1, 1e6))
         if space.ground is not None:
@@ -165,23 +174,23 @@ class Action:
         lowest = -np.inf if space.ground is None else space.clearance
         lowest += space.finger_radius
         limits = [space.radius, 0.0 if alone else space.apart, space.apart, lowest]
-        way = _way(space.fingers, n)(self.angles, target, limits)
+        way = _finger_lines(space.fingers, n)(self.angles, target, limits)
         way = np.array(way.full()).T.reshape(n, space.fingers, 3)
         for finger, moves in enumerate(self.active):
-            if not moves:  # parked on its own side, at twice the radius
+            if not moves:  # parked in its sector, at twice the radius
                 heading = 2 * np.pi * finger / space.fingers
                 away = np.r_[np.cos(heading), np.sin(heading), 0.5]
                 way[:, finger] = target + 2 * space.radius * away
         return way if space.ground is None else space.ground.from_ground(way)
 
     def as_dict(self) -> dict:
-        """Return plain values that JSON keeps; the workspace is not among them."""
+        """Return plain values for JSON, without the workspace."""
         return {"angles": self.angles.tolist(), "active": list(self.active)}
 
 
 @cache
-def _way(fingers: int, n: int) -> ca.Function:
-    """Return (angles, target, limits) -> places (3 F, n) [m] of the fingers."""
+def _finger_lines(fingers: int, n: int) -> ca.Function:
+    """Return the function (angles, target, limits) -> finger positions (3 F, n) [m]."""
     angles, target = ca.SX.sym("angles", 2 * fingers), ca.SX.sym("target", 3)
     limits = ca.SX.sym("limits", 4)
     radius, end, apart, lowest = ca.vertsplit(limits)
@@ -200,6 +209,9 @@ def _way(fingers: int, n: int) -> ca.Function:
     return ca.Function("way", [angles, target, limits], out, {"cse": True})
 
 
-def _wrong(where: str, expected: str, got: object, next: str = "") -> OptionError:
+def _option_error(
+    where: str, expected: str, got: object, next: str = ""
+) -> OptionError:
     parts = {"where": where, "expected": expected, "got": f"{got}", "next": next}
-    return OptionError("no such action" if where == "angles" else "unfit", **parts)
+    problem = "not an action" if where == "angles" else "cannot be planned with"
+    return OptionError(problem, **parts)

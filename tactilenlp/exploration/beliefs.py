@@ -1,8 +1,9 @@
-"""What is believed before an action: the hypotheses of an estimate, and how well known.
+"""The belief before an action: weighted Gaussians about the hypotheses of an estimate.
 
-Of a shape with sizes: theta and x_T by the exact information of the estimate, but no
-better in any direction than its sigma says; where that information is indefinite, and
-of other hypotheses, by eq:obsinfo of all samples.  Polytopes: polytope_beliefs.py.
+For shapes with sizes.  The Gaussian of the best hypothesis has the exact information of
+the estimate, reduced to its sigma where that is larger.  Where this information is
+indefinite, and for the other hypotheses, it is eq:obsinfo of all samples.  For hulls
+see polytope_beliefs.py.
 """
 
 from __future__ import annotations
@@ -22,21 +23,24 @@ from ..information.finger_offsets import prior_of_offsets
 from ..information.tangent_space import tangent_of
 from ..nlp.term_functions import mapped
 from ..search.hypothesis import Hypothesis, distinct
-from .push_model import sampled
+from .push_model import sample_information_function
 
 log = logging.getLogger("tactilenlp")
-VAGUE = 0.1, 3.0  # [m], [rad] of a pose of which nothing is known
-NEGLIGIBLE_WEIGHT = 0.02  # [-] of the best's weight: a hypothesis that is not followed
+POSE_PRIOR_SIGMA = 0.1, 3.0  # [m], [rad] of a pose before any touch
+# [-] to that of the best: hypotheses of a smaller weight are omitted.
+MIN_RELATIVE_WEIGHT = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """One hypothesis: z (k,), theta and x_T, what is known of them, its weight.
+    """A Gaussian about one hypothesis.
 
-    information (k, k), SI, and before (k, k), that before any touch.  shift (F, 3) [m]:
-    of the fingers, ground frame.  Where it is an offset that is not known, information
-    and before (k + 3 F, k + 3 F) are about it, too.  Of a hull, z are the vertices
-    about its centroid, and shift leads there.
+    z:           (k,), theta and x_T; for a hull, its vertices about its centroid [m]
+    information: (k, k), SI; with unknown finger offsets (k + 3 F, k + 3 F)
+    before:      the same before any touch: the prior
+    weight:      [1], of the hypothesis; the weights of a belief sum to one
+    shift:       (F, 3) [m], added to finger positions, ground frame: the estimated
+                 offset; for a hull, minus its centroid
     """
 
     z: np.ndarray
@@ -46,68 +50,77 @@ class Belief:
     shift: np.ndarray
 
 
-def believed(estimate, shape, fingers: int, count: int) -> list[Belief]:
-    """Return the hypotheses to follow, best first, weights summing to one.
+def beliefs_of(estimate, shape, fingers: int, count: int) -> list[Belief]:
+    """Return at most `count` beliefs, best first; their weights sum to one.
 
-    fingers: of which offsets may be known; count: hypotheses at most.
+    fingers: the number of fingers, whose offsets may be unknown.
     """
     n = shape.theta
     best = np.r_[estimate.theta, estimate.unknowns["x"][:, -1]]
     offset = estimate.unknowns.get(OFFSET, np.zeros((3, 1))).T
-    before = before_any_touch(estimate, shape, fingers)
+    before = prior_information(estimate, shape, fingers)
     rest = []
-    if not freely(estimate, shape):  # of two pasts that end alike, the better one
+    if not has_free_poses(estimate, shape):  # same end: the better one
         here = Hypothesis(best[:n], best[n:, None], -np.inf, ())
         ended = here, *estimate.hypotheses
         rest = distinct(shape, ended, count, np.inf, samples=(-1,))[1:]
     weights = [np.exp(min(0.0, estimate.objective - h.objective)) for h in rest]
-    found = [Belief(best, known_of_best(estimate, shape, before), before, 1.0, offset)]
+    found = [
+        Belief(best, information_of_best(estimate, shape, before), before, 1.0, offset)
+    ]
     for h, weight in zip(rest, weights, strict=True):
-        if weight > NEGLIGIBLE_WEIGHT:
+        if weight > MIN_RELATIVE_WEIGHT:
             off = h.shift.T
-            known = before + told(estimate, shape, h.theta, h.x, off, len(before))
+            known = before + information_of_samples(
+                estimate, shape, h.theta, h.x, off, len(before)
+            )
             found.append(Belief(h.end, known, before, weight, off))
     total = sum(b.weight for b in found)
     return [
         replace(
             b, weight=b.weight / total,
-            information=_loosened(b, n, _into_names(estimate, shape, b.z)),
+            information=_after_retraction(b, n, _tangent_at(estimate, shape, b.z)),
         )
         for b in found
     ]  # fmt: skip
 
 
-def freely(estimate, shape) -> bool:
-    """Tell whether poses of an estimate have six unknowns, not three."""
-    return len(estimate.information.names) > shape.theta + 3
+def has_free_poses(estimate, shape) -> bool:
+    """Tell whether poses have six unknowns (free motion), not three (planar)."""
+    return (
+        not shape.last_pose_held and len(estimate.information.names) > shape.theta + 3
+    )
 
 
-def before_any_touch(estimate, shape, fingers: int) -> np.ndarray:
-    """Return the information before any touch: rough sizes, a pose anywhere.
+def prior_information(estimate, shape, fingers: int) -> np.ndarray:
+    """Return the prior information: size prior, wide Gaussian of the pose.
 
-    Of the fingers' offsets as well, where they are not known.
+    With the prior of the finger offsets, where they are unknown.
     """
     k = len(estimate.information.names)
     turns = (k - shape.theta) // 2  # 1 of 3 planar, 3 of 6 free unknowns
     ways = k - shape.theta - turns
     size = np.full(shape.theta, shape.size_prior[1])
-    sigma = np.r_[size, np.full(ways, VAGUE[0]), np.full(turns, VAGUE[1])]
+    sigma = np.r_[
+        size, np.full(ways, POSE_PRIOR_SIGMA[0]), np.full(turns, POSE_PRIOR_SIGMA[1])
+    ]
     information = np.diag(1 / sigma**2)
     if estimate.finger_offset is None:
         return information
     return block_diag(information, prior_of_offsets(estimate.scene, fingers))
 
 
-def known_of_best(estimate, shape, before: np.ndarray) -> np.ndarray:
+def information_of_best(estimate, shape, before: np.ndarray) -> np.ndarray:
     """Return the information of the estimate; eq:obsinfo where it is indefinite.
 
-    What curves down by less than a vague prior of the pose curves up is not known, no
-    more.  Priors of sizes and offsets are in the estimate's programme already.
+    The prior of the pose is added where this makes it definite: negative curvature of a
+    smaller magnitude means an unobserved direction.  The priors of sizes and offsets
+    are part of the estimate's objective already.
     """
     T = np.eye(len(before))
     k = len(estimate.information.names)
     at = np.r_[estimate.theta, estimate.unknowns["x"][:, -1]]
-    T[:k, :k] = _into_names(estimate, shape, at)
+    T[:k, :k] = _tangent_at(estimate, shape, at)
     here = slice(shape.theta, len(estimate.information.names))
     anywhere = np.zeros_like(before)
     anywhere[here, here] = before[here, here]
@@ -117,23 +130,25 @@ def known_of_best(estimate, shape, before: np.ndarray) -> np.ndarray:
     for known in (matrix, matrix + anywhere):
         least = np.linalg.eigvalsh(_scaled(known))[0]
         if least > 0:
-            known = as_doubtful(known, estimate.information)
+            known = widened_to_sigma(known, estimate.information)
             return T.T @ known @ T
     log.warning(
         "the information of the estimate is indefinite (least eigenvalue %.2g): "
-        "choosing by the sum of its samples' (eq:obsinfo)", least,
+        "actions are chosen with the sum over its samples (eq:obsinfo)", least,
     )  # fmt: skip
     offset = estimate.unknowns.get(OFFSET, np.zeros((3, 1))).T
-    x = _poses(estimate, freely(estimate, shape))
-    return before + told(estimate, shape, estimate.theta, x, offset, len(before))
+    x = _poses(estimate, has_free_poses(estimate, shape))
+    return before + information_of_samples(
+        estimate, shape, estimate.theta, x, offset, len(before)
+    )
 
 
-def as_doubtful(known: np.ndarray, information) -> np.ndarray:
-    """Return what is known, made as doubtful as sigma in every direction.
+def widened_to_sigma(known: np.ndarray, information) -> np.ndarray:
+    """Return the information, reduced where its variance is below that of sigma.
 
-    The optimum of a size that touch leaves open may be a kink: sharp to a Hessian, and
-    not to the profile that sigma tells (profile.py).  Other modes are hypotheses of
-    their own, and no doubt about this one.
+    The optimum of an unobserved size can be at a kink, where the Hessian is large and
+    the profile likelihood is wide; sigma is from the latter (profile_likelihood.py).
+    The variance between modes is not included: other modes are hypotheses themselves.
     """
     modes, k = information.modes, len(information.names)
     S = information.spread - modes.covariance + modes.covariances[0]
@@ -145,22 +160,22 @@ def as_doubtful(known: np.ndarray, information) -> np.ndarray:
     return (wider + wider.T) / 2
 
 
-def _into_names(estimate, shape, at) -> np.ndarray:
-    """Return from a change of theta and x_T, `at` (k,), to one of the names."""
-    motion = FREE if freely(estimate, shape) else PLANAR
+def _tangent_at(estimate, shape, at) -> np.ndarray:
+    """Return the matrix (k, k) from steps of theta, x_T at `at` to tangent space."""
+    motion = FREE if has_free_poses(estimate, shape) else PLANAR
     return tangent_of(shape, motion, at, estimate.scene.ground.rotation.T)
 
 
-def told(estimate, shape, theta, x, offset, size: int) -> np.ndarray:
-    """Return eq:obsinfo (size, size) of all samples at poses x (u, T)."""
+def information_of_samples(estimate, shape, theta, x, offset, size: int) -> np.ndarray:
+    """Return eq:obsinfo (size, size), SI, of all samples at poses x (u, T)."""
     data = estimate.measurements
     points = estimate.scene.ground.to_ground(data.finger_position) + offset
     t, f = np.nonzero(data.valid)
     k = len(theta) + len(x)
     z = np.vstack([np.repeat(theta[:, None], len(t), axis=1), x[:, t]])
-    found = mapped(sampled(shape, len(x) > 3), len(t))(
+    found = mapped(sample_information_function(shape, len(x) > 3), len(t))(
         z, points[t, f].T, data.finger_radius[f][None],
-        data.contact[t, f][None].astype(float), sensors(estimate),
+        data.contact[t, f][None].astype(float), sensor_model(estimate),
     )  # fmt: skip
     found = found.full().reshape(k + 3, len(t), k + 3)
     information = np.zeros((size, size))
@@ -174,15 +189,15 @@ def told(estimate, shape, theta, x, offset, size: int) -> np.ndarray:
     return information
 
 
-def sensors(estimate) -> np.ndarray:
-    """Return alpha [1/m], sigma [m] of a felt gap, sigma_n [rad], as the pages have."""
+def sensor_model(estimate) -> np.ndarray:
+    """Return alpha [1/m], sigma [m] of a gap in contact, sigma_n [rad] of the pages."""
     p, n = estimate.precision["position"], estimate.precision["normal"]
     touch, normal = violation_implicit.TOUCH, violation_implicit.NORMAL
     return np.array([steepness(p), np.hypot(touch, p), np.hypot(normal, n)])
 
 
 def steepness(sigma: float) -> float:
-    """Return alpha [1/m] of eq:bool where positions are off by sigma [m]."""
+    """Return alpha [1/m] of eq:bool for positions with a standard deviation [m]."""
     return 1 / np.hypot(1 / likelihood.ALPHA, sigma / 1.7)
 
 
@@ -203,10 +218,10 @@ def _scaled(matrix: np.ndarray) -> np.ndarray:
     return matrix * np.outer(scale, scale)
 
 
-def _loosened(belief: Belief, theta: int, tangent) -> np.ndarray:
-    """Return the information once the fingers have gone: the pose may slip a little.
+def _after_retraction(belief: Belief, theta: int, tangent) -> np.ndarray:
+    """Return the information after the retraction, in which the body may move slightly.
 
-    tangent (k, k): from a change of z to one whose turns are about the world's axes.
+    tangent (k, k): from steps of z to steps with rotations about the world's axes.
     """
     k, C = len(belief.z), np.linalg.inv(belief.information)
     slip = np.zeros(k)

@@ -1,8 +1,8 @@
-r"""Compute the expected information gain of an action (eq:eig), in nats.
+r"""The expected information gain of an action about shape and final pose (eq:eig).
 
-The body of every kept hypothesis is pushed forward by the planned fingers (page
-`pushing`), the slopes of its way by theta and x_T are carried along by the implicit
-function theorem, and each sample's Fisher information (page `exploration`) is summed.
+For every hypothesis, the planned fingers push the body forward (page `pushing`).  The
+derivatives of its motion by theta and x_T follow by the implicit function theorem.  The
+Fisher information of each sample (page `exploration`) is summed.  In nats.
 """
 
 from __future__ import annotations
@@ -13,8 +13,6 @@ import casadi as ca
 import numpy as np
 
 from formulations.friction import FRICTION
-from formulations.polytope import polytope
-from formulations.pushed_hull import as_pushed
 from formulations.rigid_body import PLANAR
 from formulations.shape import Shape
 
@@ -22,27 +20,25 @@ from ..common.validation import check_sample, check_types
 from ..errors import OptionError
 from ..information.information import information_gain
 from ..problem.pages import shape_of
+from . import beliefs, polytope_beliefs
 from .action_space import Action, Workspace
-from .beliefs import Belief, believed, freely, sensors
-from .polytope_beliefs import hull_believed, hull_sensors
-from .push_model import check_ground, check_moves, pushed
+from .beliefs import Belief, has_free_poses
+from .push_model import check_ground, check_predictable, push_function
 
-GRAVITY_FREE = 9.81  # [m/s^2] makes a weight where nothing falls
-CONTACT_RANGE = (
-    0.01  # [m] a finger further off than this feels nothing and pushes nothing
-)
-STEPS_PER_BLOCK = (
-    5  # steps: a prediction takes a multiple of these, so that few are built
-)
-LEAST_FRICTION = 0.02  # [1] without any friction, a pushed body would not stop
+WEIGHTLESS_GRAVITY = 9.81  # [m/s^2] of the predicted friction where there is none
+NEAR_DISTANCE = 0.01  # [m] a finger farther away is not in contact
+BELIEFS = {"sizes": beliefs, "vertices": polytope_beliefs}  # by what theta lists
+STEP_MULTIPLE = 5  # steps of a prediction are a multiple: few functions are compiled
+MIN_GROUND_FRICTION = 0.02  # [1]: without any friction a pushed body does not stop
 
 
 @dataclass(frozen=True, eq=False)
 class Prospect:
-    """What an action is predicted to do, n samples, from one hypothesis.
+    """The predicted outcome of an action from one hypothesis, n samples.
 
-    motion (n, 3): planar way of the body since now [m, m, rad]; contact (n, F): the
-    probability that a finger feels it; information (k, k): of theta and x_T, SI.
+    motion:      (n, 3) [m, m, rad], planar displacement of the body since now
+    contact:     (n, F) [1], probability of a contact
+    information: (k, k), SI, of theta and x_T
     """
 
     motion: np.ndarray
@@ -51,16 +47,17 @@ class Prospect:
 
 
 class ExpectedInformation:
-    """Compute the expected information gain of actions, in nats.
+    """Expected information gains of actions after an estimate.
 
-    estimate: an Estimate; workspace: what the fingers can do; hypotheses: how many of
-    the estimate's are averaged over, weighted by exp(-objective); slopes: "motion", of
-    the predicted way, or "identity", dx_t/dx_T = I as in the paper; shape: the Shape of
-    the estimate where it is one of your own.
+    estimate:   an Estimate
+    workspace:  Workspace of the actions; None: the default above the scene's ground
+    hypotheses: [1], number of hypotheses averaged over, weighted by exp(-objective)
+    slopes:     dx_t/dx_T: "motion", of the predicted motion, or "identity" as in the
+                paper
+    shape:      the Shape of the estimate if it is your own
 
-    Of a polytope the gain is about its vertices where they lie now, the final pose
-    with them.  The information on them is that of polytope_beliefs.py: a ball
-    before any touch, planes where faces were touched.
+    For a polytope the gain is about its vertices in the world frame, which include the
+    final pose; see polytope_beliefs.py.  Raises OptionError, SceneError.
     """
 
     def __init__(
@@ -75,18 +72,15 @@ class ExpectedInformation:
         check_ground(estimate.scene)
         self.workspace = workspace or Workspace(ground=estimate.scene.ground)
         self.estimate, self._sloped = estimate, float(slopes == "motion")
-        self.shape = shape_seen(estimate, shape)
-        check_moves(self.shape)
+        self.shape = pushed_shape(estimate, shape)
+        check_predictable(self.shape)
         self._off = estimate.finger_offset is not None
         self._check_fingers(self.workspace)
-        if self.shape.parameters == "vertices":
-            self._free, self._sensors = False, hull_sensors(estimate)
-            self.beliefs = hull_believed(estimate, self.shape)
-        else:
-            self._free, self._sensors = freely(estimate, self.shape), sensors(estimate)
-            fingers = self.workspace.fingers
-            self.beliefs = believed(estimate, self.shape, fingers, hypotheses)
-        self._known = _known(estimate.scene, self.workspace)
+        self._free = has_free_poses(estimate, self.shape)
+        known, fingers = BELIEFS[self.shape.parameters], self.workspace.fingers
+        self._sensors = known.sensor_model(estimate)
+        self.beliefs = known.beliefs_of(estimate, self.shape, fingers, hypotheses)
+        self._known = _push_constants(estimate.scene, self.workspace)
 
     @property
     def target(self) -> np.ndarray:
@@ -102,14 +96,14 @@ class ExpectedInformation:
         return float(np.dot([b.weight for b in self.beliefs], gains))
 
     def prospect(self, action: Action, hypothesis: int = 0) -> Prospect:
-        """Return what the action is predicted to do, from one hypothesis."""
+        """Return the predicted outcome of the action, from one hypothesis."""
         check_sample(hypothesis, len(self.beliefs), "hypothesis")
         b = self.beliefs[hypothesis]
         motion, contact, F = self._ahead(b, action)
         return Prospect(motion, contact, F[: len(b.z), : len(b.z)])
 
     def _ahead(self, belief: Belief, action: Action):
-        """Return its way (n, 3), contacts (n, F) and what they tell (k, k)."""
+        """Return motion (n, 3), contact probabilities (n, F), information (k, k)."""
         check_types(action=(action, Action))
         space, k = action.workspace, len(belief.information)
         self._check_fingers(space)
@@ -118,7 +112,7 @@ class ExpectedInformation:
         path = self.estimate.scene.ground.to_ground(path) + belief.shift
         near, F = self._near(belief, path, space), space.fingers
         r = path[n - near :].reshape(near + 1, -1).T
-        step = pushed(self.shape, self._free, F, near, self._off)
+        step = push_function(self.shape, self._free, F, near, self._off)
         rest = np.zeros(3), r[:, 0], np.zeros(3), np.zeros((3, k)), np.zeros((3, 3))
         _, _, s, _, _, p, E = step(
             *rest, belief.z, r[:, :-1], r[:, 1:],
@@ -130,40 +124,38 @@ class ExpectedInformation:
         return motion, contact, np.einsum("ftk,ftl->kl", E, E)
 
     def _near(self, belief: Belief, path, space) -> int:
-        """Return how many last steps of a path (n + 1, F, 3) come near the body."""
+        """Return how many last steps of a path (n + 1, F, 3) are near the body."""
         n, theta = len(path) - 1, belief.z[: self.shape.theta]
         pose, centre = belief.z[len(theta) :], np.zeros(3)
         centre[: len(pose)] = pose[:3]
-        if len(pose) == len(PLANAR.scale):  # of a hull, there is none
+        if len(pose) == len(PLANAR.scale):  # a hull has no pose unknowns
             centre[2] = float(self.shape.rest_height(ca.DM(theta)))
-        reach = self.shape.reach(theta) + space.finger_radius + CONTACT_RANGE
+        reach = self.shape.reach(theta) + space.finger_radius + NEAR_DISTANCE
         away = np.linalg.norm(path - centre, axis=2).min(axis=1)
         left = n - np.argmax(away[1:] < reach) if (away[1:] < reach).any() else 1
-        return min(n, STEPS_PER_BLOCK * -(-left // STEPS_PER_BLOCK))
+        return min(n, STEP_MULTIPLE * -(-left // STEP_MULTIPLE))
 
     def _check_fingers(self, space: Workspace) -> None:
-        """Raise OptionError where the offsets known are those of other fingers."""
+        """Raise OptionError if the estimated offsets are of other fingers."""
         fingers = self.estimate.measurements.fingers if self._off else space.fingers
         if space.fingers != fingers:
             raise OptionError(
-                "the offsets that the estimate knows are of other fingers",
+                "the estimated finger offsets are of another number of fingers",
                 where="workspace.fingers",
                 got=space.fingers,
-                expected=f"{fingers}, as were measured",
-                next="plan with these, or estimate without Scene.sigma_offset",
+                expected=f"{fingers}, as in the measurements",
+                next="plan with as many, or estimate without Scene.sigma_offset",
             )
 
 
-def shape_seen(estimate, shape: Shape | None = None) -> Shape:
-    """Return the shape of an estimate as the page `pushing` takes it."""
+def pushed_shape(estimate, shape: Shape | None = None) -> Shape:
+    """Return the class of an estimate's shape as the page `pushing` takes it."""
     shape = shape_of(estimate.shape) if shape is None else shape
-    if shape.parameters != "vertices":
-        return shape
-    return as_pushed(polytope(len(estimate.theta) // 3))
+    return shape.pushed(shape, len(estimate.theta))
 
 
 def _check(estimate, workspace, hypotheses, slopes, shape) -> None:
-    """Raise OptionError for what no gain can be computed with."""
+    """Raise OptionError for unusable arguments."""
     none = type(None)
     check_types(
         estimate=(estimate, "Estimate"), workspace=(workspace, (Workspace, none)),
@@ -193,18 +185,18 @@ def expected_information_gain(
 ) -> float:
     """Return EIG = (logdet(I + F) - logdet(I)) / 2 of an action, in nats (eq:eig).
 
-    It aims at the estimated centroid.  See ExpectedInformation for the options, and use
-    that to ask for many actions of one estimate.
+    The action aims at the estimated centroid.  For the options, and for many actions of
+    one estimate, see ExpectedInformation.
     """
     check_types(action=(action, Action))
     given = estimate, action.workspace, hypotheses, slopes, shape
     return ExpectedInformation(*given).gain(action)
 
 
-def _known(scene, space: Workspace) -> np.ndarray:
+def _push_constants(scene, space: Workspace) -> np.ndarray:
     """Return mu_g, mu_f, weight [N], stiffness [N/m], max_force [N]."""
     ground = FRICTION if scene.friction_ground is None else scene.friction_ground
     finger = FRICTION if scene.friction_finger is None else scene.friction_finger
-    weight = scene.mass * (scene.gravity or GRAVITY_FREE)
-    ground = max(ground, LEAST_FRICTION)
+    weight = scene.mass * (scene.gravity or WEIGHTLESS_GRAVITY)
+    ground = max(ground, MIN_GROUND_FRICTION)
     return np.array([ground, finger, weight, space.stiffness, space.max_force])

@@ -1,7 +1,4 @@
-"""Sweep the workspace with one finger, in short pieces, until something is touched.
-
-Touch an object first: aim at where it may be, else sweep until it is met.
-"""
+"""Touch an unknown object for the first time: aim at a given place, else sweep."""
 
 from __future__ import annotations
 
@@ -13,29 +10,30 @@ import numpy as np
 
 from ..data.measurements import Measurements
 from ..errors import NoContactError, OptionError
-from .action_space import TRAJECTORY_RATE, Trajectory, Workspace
+from .action_space import POINT_RATE, Trajectory, Workspace
 
-APART = 0.03  # [m] between lines: a finger of 1 cm radius then meets all above 1 cm
-PIECE = 0.05  # [m] of one motion: what is met is not pushed further
-LIFT = 0.005  # [m] of the fingertip above its least height
+SWEEP_SPACING = 0.03  # [m] between lines: a 1 cm finger meets what is above 1 cm wide
+SEGMENT_LENGTH = 0.05  # [m] of one motion: a touched object is not pushed farther
+SWEEP_LIFT = 0.005  # [m] of the fingertip above its least height
+AIM_HEIGHT = 0.02  # [m] above the ground, where the centre has no third coordinate
 log = logging.getLogger("tactilenlp")
-LEVEL = 0.02  # [m] above the ground, aimed at where no estimate says more
 
 
 def sweep(space: Workspace, centre=None) -> Iterator[Trajectory]:
-    """Yield motions of the first finger along lines through the workspace.
+    """Yield motions of the first finger along parallel lines through the workspace.
 
-    centre (3,) [m]: of a square of twice the radius; the other fingers wait outside.
+    centre: (3,) [m], of a square of width 2 radius.  The other fingers are parked
+    outside.
     """
     ground = space.ground
     centre = np.zeros(3) if centre is None else np.asarray(centre, float)
     middle = centre if ground is None else ground.to_ground(centre)
     height = middle[2]
     if ground is not None:
-        height = space.finger_radius + space.clearance + LIFT
-    pieces = int(np.ceil(2 * space.radius / PIECE))
+        height = space.finger_radius + space.clearance + SWEEP_LIFT
+    pieces = int(np.ceil(2 * space.radius / SEGMENT_LENGTH))
     ends = np.linspace(-space.radius, space.radius, pieces + 1)
-    n = round(space.duration * TRAJECTORY_RATE) + 1
+    n = round(space.duration * POINT_RATE) + 1
     share = np.linspace(0, 1, n)[:, None]
     for line, y in enumerate(_lines(space.radius)):
         along = ends if line % 2 == 0 else ends[::-1]
@@ -54,14 +52,18 @@ def sweep(space: Workspace, centre=None) -> Iterator[Trajectory]:
 
 
 def _lines(radius: float) -> list[float]:
-    """Return the offsets [m] of the lines, the middle one first, then outwards."""
-    count = int(np.ceil(radius / APART))
+    """Return the offsets [m] of the lines, from the middle one outwards."""
+    count = int(np.ceil(radius / SWEEP_SPACING))
     offsets = np.linspace(-radius, radius, 2 * count + 1)
     return sorted(offsets, key=abs)
 
 
 def first_touch(world, space: Workspace, centre, rng):
-    """Return action, data and trajectories of a first touch: one finger, or a sweep."""
+    """Return action (None after a sweep), measurements and trajectories executed.
+
+    One finger aims at centre (3,) [m], if one is given; without contact, the workspace
+    is swept.  Raises NoContactError.
+    """
     alone, told = tuple(f == 0 for f in range(space.fingers)), []
     if centre is not None:
         centre = checked_centre(centre)
@@ -70,36 +72,36 @@ def first_touch(world, space: Workspace, centre, rng):
         data = world.execute(told[-1])
         if touched(data):
             return action, data, tuple(told)
-        log.warning("the first finger met nothing: the workspace is swept")
+        log.warning("no contact at the given centre: sweeping the workspace")
     for trajectory in sweep(space, centre):
         told.append(trajectory)
         data = world.execute(trajectory)
         if touched(data):
             return None, data, tuple(told)
     raise NoContactError(
-        "nothing was touched",
+        "no contact",
         where="explore",
         got=f"a sweep of {2 * space.radius:.2g} m without contact",
         expected="an object in the workspace",
-        next="give centre=(x, y), where the object may be",
+        next="give centre=(x, y) [m], a place on the object",
     )
 
 
 def checked_centre(centre) -> np.ndarray:
-    """Return where a first finger aims, (3,) [m]."""
+    """Return the place at which the first finger aims, (3,) [m]; OptionError."""
     try:
         place = np.array(centre, float)
     except (TypeError, ValueError):
         place = np.array(np.nan)
     if place.shape in ((2,), (3,)) and np.isfinite(place).all():
-        return np.r_[place, LEVEL][:3]
+        return np.r_[place, AIM_HEIGHT][:3]
     raise OptionError(
-        "no place", where="centre", got=repr(centre)[:80],
+        "not a place", where="centre", got=repr(centre)[:80],
         expected="(2,) or (3,) finite numbers [m]",
     )  # fmt: skip
 
 
 def touched(data: Measurements) -> bool:
-    """Tell whether contact was felt for two samples in a row: no flipped boolean."""
+    """Tell whether two successive samples have contact: one may be a wrong boolean."""
     felt = data.contact & data.valid
     return bool((felt[1:] & felt[:-1]).any())

@@ -1,4 +1,4 @@
-"""Keep an exploration in one file, step by step, so that it can be taken up again."""
+"""The exploration log: the steps, and the file from which an exploration resumes."""
 
 from __future__ import annotations
 
@@ -16,23 +16,26 @@ from ..estimation.result import ESTIMATE_CLASSES, Estimate
 from .action_search import Choice
 from .action_space import Action, Trajectory, Workspace
 
-FORMAT, VERSION = "exploration", 1  # of the files that are kept
-GAP_BETWEEN_PROCESSES = (
-    1.0  # [s] between the last kept sample and the first one of another process
-)
-SPACE = 10e6  # [bytes] that are free where an exploration is to be kept
-OTHER = {"measurements": "other data"}  # what is said of a field that differs
+FORMAT, VERSION = "exploration", 1  # of the files
+RESUMED_AFTER = 1.0  # [s] between samples of two processes
+MIN_FREE_SPACE = 10e6  # [bytes] where an exploration is to be saved
+DIFFERENCES = {"measurements": "other data"}  # words for a field that differs
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """What one action brought: 0 is the first touch.
+    """The record of one action; number 0 is the first touch.
 
-    measurements: of this action only; estimate: of all data so far, None in a file that
-    was left before it was found; choice: how it was chosen, None where nothing was
-    searched; policy: in words; seconds (CPU): choose, act, estimate; told: the
-    trajectories that the world was given, more than one where it was swept; errors
-    [SI]: how far off the estimate is, where the world knows its truth (`ground_truth`).
+    number:       [1]
+    action:       Action; None after a sweep
+    measurements: of this action only
+    estimate:     of all measurements so far; None in a file whose process ended during
+                  the solve
+    choice:       Choice; None where no search was made
+    policy:       in words
+    seconds:      [s] CPU time by name: choose, act, estimate
+    told:         the trajectories that the world executed, several in a sweep
+    errors:       of the estimate by name, SI, if the world has a truth
     """
 
     number: int
@@ -48,7 +51,7 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Exploration:
-    """The steps of an exploration, in order, as `explore(file=...)` keeps them."""
+    """The steps of an exploration, in order, as `explore(file=...)` saves them."""
 
     steps: tuple[Step, ...] = ()
 
@@ -58,7 +61,7 @@ class Exploration:
 
     @property
     def estimate(self) -> Estimate | None:
-        """The last estimate, of all data that it was made of; None if there is none."""
+        """The last estimate, None if there is none."""
         found = [step.estimate for step in self.steps if step.estimate is not None]
         return found[-1] if found else None
 
@@ -67,18 +70,18 @@ class Exploration:
         return next((step for step in self.steps if step.number == number), None)
 
     def with_step(self, step: Step) -> Exploration:
-        """Return the exploration with this step in place of its number's, or added."""
+        """Return the exploration with this step; it replaces one of the same number."""
         check_types(step=(step, Step))
         others = [s for s in self.steps if s.number != step.number]
         return Exploration(tuple(sorted([*others, step], key=lambda s: s.number)))
 
     def save(self, path) -> None:
-        """Write one .npz: plain arrays and a JSON header, without pickles."""
+        """Write one .npz: plain arrays and a JSON header."""
         write_result(path, FORMAT, VERSION, self, KINDS)
 
     @classmethod
     def load(cls, path) -> Exploration:
-        """Read what `save` wrote, to the last digit; FileError of anything else."""
+        """Read what `save` wrote, to the last digit; FileError for anything else."""
         return read_result(path, FORMAT, VERSION, KINDS, cls)
 
 
@@ -88,19 +91,19 @@ KINDS = ESTIMATE_CLASSES | {
 }
 
 
-def onward(step: Step, past: Measurements | None, again: bool) -> Step:
-    """Return a step whose measurements go on after those of the past, checked.
+def continued_in_time(step: Step, past: Measurements | None, again: bool) -> Step:
+    """Return a step whose measurements begin after those of the past, checked.
 
-    again: the past may be of another process.  The world was then made anew and counts
-    time from zero again: the step is moved so that it begins PAUSE after the past.
-    Raises MeasurementError where the measurements cannot be appended.
+    again: the past may be of another process.  A world that was made anew counts time
+    from zero: its samples are shifted to begin RESUMED_AFTER after the past.
+    Raises MeasurementError if the measurements cannot be appended.
     """
     data = step.measurements
     if past is None:
         return step
     if again and data.time[0] <= past.time[-1]:
         data = replace(
-            data, time=data.time - data.time[0] + past.time[-1] + GAP_BETWEEN_PROCESSES
+            data, time=data.time - data.time[0] + past.time[-1] + RESUMED_AFTER
         )
         step = replace(step, measurements=data)
     past.append(data)
@@ -108,7 +111,7 @@ def onward(step: Step, past: Measurements | None, again: bool) -> Step:
 
 
 def check_file(file) -> None:
-    """Raise FileError unless an exploration can be kept in this file."""
+    """Raise FileError unless an exploration can be saved in this file."""
     check_folder(file, str(file))
     folder = Path(file).absolute().parent
     try:
@@ -119,30 +122,30 @@ def check_file(file) -> None:
             "cannot be written", where=str(file), got=f"{type(bad).__name__}: {bad}",
             expected="a folder in which files can be made", next="write elsewhere",
         ) from bad  # fmt: skip
-    if free < SPACE:
+    if free < MIN_FREE_SPACE:
         raise FileError(
             "too little space", where=str(file), got=f"{free / 1e6:.1f} MB",
-            expected=f"{SPACE / 1e6:.0f} MB or more", next="write elsewhere",
+            expected=f"{MIN_FREE_SPACE / 1e6:.0f} MB or more", next="write elsewhere",
         )  # fmt: skip
 
 
-def taken_up(file) -> Exploration:
-    """Return the exploration that a file keeps; an empty one where there is no file."""
+def load_or_new(file) -> Exploration:
+    """Return the exploration of a file, an empty one if there is no file."""
     if file is None or not os.path.exists(file):
         return Exploration()
     return Exploration.load(file)
 
 
 def check_same(estimate: Estimate, data: Measurements, asked: dict, file) -> None:
-    """Raise StartError unless a kept estimate is of these data and of what is asked.
+    """Raise StartError unless a saved estimate is of these data and settings.
 
-    asked: what its scene, shape and formulation are to be.
+    asked: the required scene, shape and formulation, by name.
     """
     for name, value in {"measurements": data, **asked}.items():
         kept = getattr(estimate, name)
         if kept != value:
             raise StartError(
-                f"the kept estimate is of {OTHER.get(name, f'another {name}')}",
+                f"the saved estimate is of {DIFFERENCES.get(name, f'another {name}')}",
                 where=str(file), got=f"{name} {kept!r}", expected=repr(value),
-                next="explore into another file, or ask for what this one is of",
+                next="explore into another file, or with the settings of this one",
             )  # fmt: skip

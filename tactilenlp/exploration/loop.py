@@ -1,4 +1,4 @@
-"""Explore: touch, estimate, choose, touch again, until enough is known (the paper)."""
+"""The exploration loop: touch, estimate, choose the next touch, repeat (the paper)."""
 
 from __future__ import annotations
 
@@ -22,9 +22,16 @@ from ..estimation.solver import solve_estimate
 from ..evaluation.ground_truth import errors_of
 from .action_space import Workspace
 from .first_touch import first_touch
-from .log import Exploration, Step, check_file, check_same, onward, taken_up
+from .log import (
+    Exploration,
+    Step,
+    check_file,
+    check_same,
+    continued_in_time,
+    load_or_new,
+)
 from .options import ExploreOptions
-from .policies import check_predicted, chosen, known_policy
+from .policies import check_predicted, checked_policy, next_action
 
 log = logging.getLogger("tactilenlp")
 
@@ -43,35 +50,35 @@ def explore(
 ) -> Iterator[Step]:
     """Touch an object and yield a Step after the first touch and after each action.
 
-    world: anything with `execute(trajectory) -> Measurements`; one that keeps a truth,
-    as World does, is compared with it in step.errors.  scene: what is known (default
-    Scene()).  settings: ExploreOptions; each of them may be given as a keyword instead
-    (actions, policy, shape, seed also by position, in this order), but not both.  file:
-    keeps every action as soon as it is measured, as an Exploration; called again with
-    the same file, it goes on from there.  start: an Estimate to begin from instead of a
-    first touch, or a Guess of the object.  executor: any concurrent.futures executor.
+    world: anything with `execute(trajectory) -> Measurements`; if it has a truth, as
+    World has, step.errors are the errors of the estimate.  scene: Scene, by default
+    Scene().  settings: ExploreOptions; or its fields as keywords (actions, policy,
+    shape, seed also by position, in this order), but not both.  file: every action is
+    saved there, as an Exploration, as soon as it is measured; a call with an existing
+    file resumes from it.  start: an Estimate instead of a first touch, or a Guess of
+    the object.  executor: any concurrent.futures executor.
 
-    Where a first finger aimed at `centre` meets nothing, the workspace is swept.  An
-    action without contact is data.  After one, or where an estimate lies apart from
-    what was touched, the next action is random and aims at the last touched spot.
+    If the first finger, aimed at `centre`, makes no contact, the workspace is swept.
+    Actions without contact are measurements too.  After one, or if the estimate is not
+    where the last contact was, the next action is random and aims at the last contact.
 
     While an action runs, its samples so far can be estimated, repeatedly:
     solve_estimate(estimate.measurements.append(so_far), scene, start=estimate).
-    Raises OptionError, SceneError, StartError and FileError before anything moves.
+    Raises OptionError, SceneError, StartError and FileError before the first command.
     """
     given = _by_name(positional, keywords)
     settings = ExploreOptions.of(settings, given)
     loop = _prepared(world, scene, settings, file, start, executor)
     estimate, past = start if isinstance(start, Estimate) else None, []
-    kept, first = taken_up(file), 0 if estimate is None else 1
+    kept, first = load_or_new(file), 0 if estimate is None else 1
     again = bool(kept.steps) or estimate is not None
     _check_fingers(world, loop.space, kept)
     for number in progress(range(first, settings.actions + 1), "explore"):
         step = kept.at(number)
         before = None if estimate is None else estimate.measurements
-        if step is None or step.estimate is None:  # or the process ended in the solve
+        if step is None or step.estimate is None:  # the process ended in the solve
             step = loop.acted(number, estimate, past) if step is None else step
-            step = onward(step, before, again)
+            step = continued_in_time(step, before, again)
             kept = _saved(kept.with_step(step), file)
         data = step.measurements
         data = data if before is None else before.append(data)
@@ -90,9 +97,10 @@ def explore(
 
 @dataclass(frozen=True, eq=False)
 class _Loop:
-    """What every step needs: solve(data, start=...) and the arguments of `chosen`.
+    """What every step needs.
 
-    same: what a kept estimate must be of, by field.
+    choice: settings of next_action, by name; solve: function of data and start; same:
+    the scene, shape and formulation of saved estimates, by name.
     """
 
     world: object
@@ -103,14 +111,14 @@ class _Loop:
     same: dict
 
     def acted(self, number: int, estimate, past) -> Step:
-        """Return the step of the first touch or of a chosen action, not yet solved."""
+        """Return the step of a first touch or a chosen action, without estimate."""
         rng = np.random.default_rng([self.settings.seed, number])
         if estimate is None:
             return _touch_first(self.world, self.space, self.settings.centre, rng)
         return _act(self.world, self.space, number, estimate, past, rng, self.choice)
 
     def estimated(self, step: Step, data, start) -> Step:
-        """Return the step with the estimate of all data so far, and its errors."""
+        """Return the step with the estimate of all data so far and its errors."""
         began = time.process_time()
         found = self.solve(data, start=start)
         seconds = step.seconds | {"estimate": time.process_time() - began}
@@ -119,9 +127,9 @@ class _Loop:
 
 
 def _prepared(world, scene, settings: ExploreOptions, file, start, executor) -> _Loop:
-    """Return what the steps need; raise for what cannot be explored."""
+    """Return what the steps need; raise for unusable arguments."""
     _check(world, file, start)
-    policy = known_policy(settings.policy)
+    policy = checked_policy(settings.policy)
     scene, shape, options, page = asked(
         scene, settings.shape, settings.formulation, settings.options, executor
     )
@@ -152,11 +160,11 @@ def _by_name(positional, keywords: dict) -> dict:
 
 
 def _check(world, file, start) -> None:
-    """Raise OptionError for what cannot be explored, before anything moves."""
-    # A file can stand for a world that is not there: for actions that it has.
+    """Raise OptionError or FileError for an unusable world, start or file."""
+    # No world is needed for actions that the file has.
     if world is not None and not callable(getattr(world, "execute", None)):
         raise OptionError(
-            "nothing to explore", where="world", got=repr(world)[:80],
+            "not a world", where="world", got=repr(world)[:80],
             expected="an object with execute(trajectory) -> Measurements",
         )  # fmt: skip
     check_types(start=(start, (Estimate, Guess, type(None))))
@@ -167,7 +175,7 @@ def _check(world, file, start) -> None:
 
 
 def _check_fingers(world, space: Workspace, kept: Exploration) -> None:
-    """Raise unless the world has the fingers of the workspace and of what is kept."""
+    """Raise unless world, workspace and saved measurements have the same fingers."""
     radius = getattr(world, "finger_radius", None)
     if radius is None:
         return
@@ -180,14 +188,14 @@ def _check_fingers(world, space: Workspace, kept: Exploration) -> None:
         kept = step.measurements.finger_radius
         if len(kept) != space.fingers or not np.all(kept == radius):
             raise StartError(
-                "kept measurements of other fingers", where=f"step {step.number}",
+                "saved measurements of other fingers", where=f"step {step.number}",
                 got=f"finger_radius {kept.tolist()}", expected=f"{radius} [m]",
                 next="explore into another file",
             )  # fmt: skip
 
 
 def _saved(kept: Exploration, file) -> Exploration:
-    """Return the steps so far, saved if there is a file for them."""
+    """Save the steps so far, if there is a file; return them."""
     if file is not None:
         kept.save(file)
     return kept
@@ -202,7 +210,7 @@ def _touch_first(world, space, centre, rng) -> Step:
 
 def _act(world, space, number, estimate, past, rng, settings) -> Step:
     began = time.process_time()
-    action, choice, words, target = chosen(estimate, space, past, rng, settings)
+    action, choice, words, target = next_action(estimate, space, past, rng, settings)
     acts, told = time.process_time(), action.trajectory(target)
     data = world.execute(told)
     seconds = {"choose": acts - began, "act": time.process_time() - acts}
@@ -214,7 +222,7 @@ def _headline(estimate) -> str:
 
 
 def _space(world, scene, workspace) -> Workspace:
-    """Return the workspace: as given, or with the fingers and the ground that are."""
+    """Return the given workspace, or one of the world's fingers and the ground."""
     if workspace is not None:
         return workspace
     ground = scene.ground

@@ -11,32 +11,31 @@ from ..common.validation import check_numbers, check_types
 from ..errors import OptionError
 from ..estimation.options import Options
 from ..problem.pages import shape_of
-from .action_search import CrossEntropy, check_search
 from .action_space import Workspace
 from .first_touch import checked_centre
-from .policies import known_policy
+from .optimisers import CrossEntropy, check_search
+from .policies import checked_policy
 
 
 @dataclass(frozen=True, eq=False)
 class ExploreOptions:
-    """How to explore.
+    """The settings of `explore`.
 
-    actions:     [1], how many follow the first touch
+    actions:     [1], number of actions after the first touch
     policy:      "eig" (expected information gain), "random", "fisher" (information of
                  the action alone), "farthest" (from all directions so far), or a
                  function of a Plan that returns an Action
     shape:       "cuboid", "polytope", or a Shape
-    seed:        [1], of everything random; equal seeds give equal actions
-    workspace:   where fingers may move; None: that of the world's fingers and ground
+    seed:        [1], of all random numbers; equal seeds give equal actions
+    workspace:   Workspace of the actions; None: that of the world's fingers and ground
     formulation: the page that estimates, by name or as a module
-    centre:      (2,) or (3,) [m], where the first finger aims; None: the workspace is
-                 swept until something is touched
-    search:      of the best action: "facing", another name that choose_action knows, or
-                 a CrossEntropy
+    centre:      (2,) or (3,) [m], at which the first finger aims; None: the workspace
+                 is swept until a contact
+    search:      of the best action: a name of choose_action, or a CrossEntropy
     budget:      [1], evaluations of the expected gain for each choice
     options:     of every estimate; None: Options()
-    until:       [m], a standard deviation of sizes (vertices of a polytope) that is
-                 enough, or a function of a Step; None: all actions are made
+    until:       [m], stop when the standard deviations of all sizes (vertices of a
+                 polytope) are at most this; or a function of a Step; None: do not stop
     """
 
     actions: int = 5
@@ -64,10 +63,10 @@ class ExploreOptions:
         check_numbers("", "a whole number from 0", actions=(self.actions, -1, np.inf))
         check_numbers("", "a whole number from 0", seed=(self.seed, -1, np.inf))
         if self.until is not None and not callable(self.until):
-            expected = "a deviation above 0 [m], or a function"
+            expected = "a standard deviation above 0 [m], or a function"
             check_numbers("", expected, until=(self.until, 0, 1))
         check_search(self.search, self.budget)
-        known_policy(self.policy)
+        checked_policy(self.policy)
 
     @classmethod
     def of(cls, settings: ExploreOptions | None, given: dict) -> ExploreOptions:

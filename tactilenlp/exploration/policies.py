@@ -1,4 +1,4 @@
-"""Choose the next action of an exploration: by what it tells, or to compare with."""
+"""Choose the next action of an exploration by a policy."""
 
 from __future__ import annotations
 
@@ -14,24 +14,30 @@ from ..data.measurements import Measurements
 from ..errors import OptionError
 from ..estimation.result import Estimate
 from ..problem.pages import shape_of
-from .action_search import Choice, CrossEntropy, best_action, choose_action
+from .action_search import Choice, best_action, choose_action, facing
 from .action_space import Action, Workspace
-from .candidate_actions import facing
 from .expected_information import ExpectedInformation
-from .push_model import check_ground, check_moves
+from .optimisers import CrossEntropy
+from .push_model import check_ground, check_predictable
 
 log = logging.getLogger("tactilenlp")
 POLICIES = ("eig", "random", "fisher", "farthest")
-PREDICTING = ("eig", "fisher")  # those of them that foresee what an action brings
-INWARD = 0.015  # [m] behind a touched point where an object that was lost is sought
-TRIES = 400  # actions drawn for the policy "farthest"
+PREDICTIVE = ("eig", "fisher")  # policies that predict the outcome of actions
+DEPTH_BEHIND_CONTACT = 0.015  # [m] at which the next action aims after a lost object
+FARTHEST_DRAWS = 400  # actions drawn for the policy "farthest"
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What a policy is given: estimate, workspace, past actions, its own generator.
+    """The arguments of a policy.
 
-    shape: that of the estimate.
+    estimate:  of all measurements so far
+    workspace: Workspace of the actions
+    past:      the actions so far
+    rng:       generator of random numbers for this action
+    search:    of the action, as in choose_action
+    budget:    [1], evaluations of the expected gain
+    shape:     Shape of the estimate
     """
 
     estimate: Estimate
@@ -43,8 +49,8 @@ class Plan:
     shape: Shape
 
 
-def known_policy(policy):
-    """Return a policy; OptionError where it is none."""
+def checked_policy(policy):
+    """Return a policy; OptionError for what is none."""
     if callable(policy) or (isinstance(policy, str) and policy in POLICIES):
         return policy
     raise OptionError(
@@ -56,83 +62,83 @@ def known_policy(policy):
 
 
 def check_predicted(policy, actions, start, shape, scene) -> None:
-    """Raise for a policy that predicts what cannot be predicted.
+    """Raise SceneError or OptionError if a policy needs predictions that do not exist.
 
-    The first action is chosen by the start, if that is an Estimate, others by what is
-    asked for.
+    The first action is chosen with the scene and shape of the start, if that is an
+    Estimate; the others with those of the exploration.
     """
     started = isinstance(start, Estimate)
-    if policy not in PREDICTING:
+    if policy not in PREDICTIVE:
         return
     if started and actions:
         check_ground(start.scene)
-        check_moves(shape_of_start(start, shape))
+        check_predictable(shape_of_start(start, shape))
     if actions > started:
         check_ground(scene)
-        check_moves(shape)
+        check_predictable(shape)
 
 
 def shape_of_start(estimate, shape: Shape) -> Shape:
-    """Return the shape of an estimate: what is asked for, or another to begin with."""
+    """Return the shape of an estimate: the given one, or the one of its name."""
     return shape if estimate.shape == shape.name else shape_of(estimate.shape)
 
 
-def chosen(estimate, space, past, rng, settings):
-    """Return the next action, how it was chosen, in words, and where it aims.
+def next_action(estimate, space, past, rng, settings):
+    """Return the next action, its Choice or None, the policy in words, its target.
 
     settings: policy, search, budget and shape, by name.
     """
     given = dict(settings)
     target, policy = estimate.position[-1], given.pop("policy")
-    lost = astray(estimate)
+    lost = why_lost(estimate)
     if lost:
-        log.warning("%s: aiming at the last touched spot", lost)
-        target = last_touched(estimate.measurements, target)
-        return space.random(rng), None, "sought again", target
+        log.warning("%s: aiming at the last contact", lost)
+        target = last_contact(estimate.measurements, target)
+        return space.random(rng), None, "last contact", target
     given["shape"] = shape_of_start(estimate, given["shape"])
     plan = Plan(estimate, space, tuple(past), rng, **given)
     if callable(policy):
         return policy(plan), None, getattr(policy, "__name__", "own"), target
-    if policy in PREDICTING:
+    if policy in PREDICTIVE:
         seed = int(rng.integers(2**31))
-        search = _most_told if policy == "eig" else _most_fisher
+        search = _by_expected_information if policy == "eig" else _by_fisher_information
         choice = search(plan, seed)
         return choice.action, choice, policy, target
-    draw = space.random if policy == "random" else farthest(plan)
+    draw = space.random if policy == "random" else farthest_directions(plan)
     return draw(rng), None, policy, target
 
 
-def astray(estimate) -> str:
-    """Return in words why the estimate cannot be aimed at, or nothing."""
+def why_lost(estimate) -> str:
+    """Return in words why the next action should not aim at the estimate, or ""."""
     data = estimate.measurements
     if not (data.contact & data.valid)[data.action == data.action[-1]].any():
-        return "nothing was touched"
-    apart = (last_touched(data, estimate.position[-1]) - estimate.position[-1])[:2]
+        return "no contact in the last action"
+    apart = (last_contact(data, estimate.position[-1]) - estimate.position[-1])[:2]
     if np.linalg.norm(apart) > np.linalg.norm(estimate.vertices, axis=1).max():
-        return "the estimate lies apart from what was touched"
+        return "the estimate is not where the last contact was"
     return ""
 
 
-def last_touched(data: Measurements, otherwise: np.ndarray) -> np.ndarray:
-    """Return a point (3,) [m] a little behind the spot that was touched last."""
+def last_contact(data: Measurements, otherwise: np.ndarray) -> np.ndarray:
+    """Return a point (3,) [m] behind the last contact, or `otherwise` without any."""
     t, f = np.nonzero(data.contact & data.valid)
     if not len(t):
         return otherwise
     n = data.normal[t[-1], f[-1]]
-    depth = data.finger_radius[f[-1]] + INWARD
+    depth = data.finger_radius[f[-1]] + DEPTH_BEHIND_CONTACT
     point = data.finger_position[t[-1], f[-1]] - depth * n
     return np.r_[point[:2], otherwise[2]]
 
 
-def _most_told(plan: Plan, seed: int) -> Choice:
+def _by_expected_information(plan: Plan, seed: int) -> Choice:
     return choose_action(
         plan.estimate, plan.workspace, search=plan.search, budget=plan.budget,
         seed=seed, shape=plan.shape,
     )  # fmt: skip
 
 
-def _most_fisher(plan: Plan, seed: int) -> Choice:
-    """Return the action that tells most to one who knows nothing but a rough size."""
+def _by_fisher_information(plan: Plan, seed: int) -> Choice:
+    """Return the action of largest information given only the prior (D-optimal)."""
     expected = ExpectedInformation(plan.estimate, plan.workspace, shape=plan.shape)
     expected.beliefs = [replace(b, information=b.before) for b in expected.beliefs]
     return best_action(
@@ -142,10 +148,11 @@ def _most_fisher(plan: Plan, seed: int) -> Choice:
     )  # fmt: skip
 
 
-def farthest(plan: Plan) -> Callable:
-    """Return a draw of the action whose directions are farthest from all before.
+def farthest_directions(plan: Plan) -> Callable:
+    """Return a function that draws actions and returns the one farthest from others.
 
-    Without actions to look back on, from the normals that were felt.
+    By the sum over fingers of the angle to the nearest direction of a past action;
+    without past actions, to the nearest measured normal.
     """
     data = plan.estimate.measurements
     seen = [a.directions[list(a.active)] for a in plan.past]
@@ -155,6 +162,8 @@ def farthest(plan: Plan) -> Callable:
         return np.arccos(np.clip(action.directions @ seen.T, -1, 1)).min(axis=1).sum()
 
     def draw(rng) -> Action:
-        return max((plan.workspace.random(rng) for _ in range(TRIES)), key=nearest)
+        return max(
+            (plan.workspace.random(rng) for _ in range(FARTHEST_DRAWS)), key=nearest
+        )
 
     return draw

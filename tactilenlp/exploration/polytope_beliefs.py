@@ -1,23 +1,24 @@
-r"""What is believed of a hull before an action: its vertices where they lie now.
+r"""The belief about a hull before an action: a Gaussian of its vertices.
 
-Twenty vertices have sixty directions, and no touch ever tells of most of them.  The
-gain counts those only that the planned touches would tell of, given what is known of
-them; so what is known is put together afresh, each part positive semidefinite:
+The vertices are taken where they lie now.  Twenty have sixty unknowns, most of which no
+touch observes.  The gain should count only those that the planned contacts observe,
+given what is known.  So the information is summed afresh from parts that are positive
+semidefinite each:
 
-before   a ball, as in the page: v_j = m + r u_j + e_j, of which the centre m is
-         anywhere, the radius r as the size prior has it, and the e_j are independent,
-         SPREAD radii along u_j and STAY across it
-felt     eq:obsinfo of every sample, gap and normal, through the weights that the
-         nearest point gives to the vertices: of a plane where a face was felt, of an
-         edge where two planes meet.  The body's way since is that of the estimate, its
-         steps uncertain as in `pushed`: a Kalman filter backward from the last sample.
-         A touch is as exact as touched faces come out, however many samples it has
-flat     a face that was felt, and the ground, is one plane: vertices on it move
-         together, FLAT off it.  What only bends a felt face is no news to hope for
+prior    a ball, as in the page: v_j = m + r u_j + e_j, with any centre m, the radius r
+         of the size prior, and independent e_j, SPREAD radii along u_j, STAY across it
+samples  eq:obsinfo of every sample, gap and normal, through the weights that the
+         nearest point gives to the vertices: of a plane where a face was touched, of an
+         edge where two planes meet.  The motion since then is the estimated one, with
+         the uncertainty of steps as in `push_function`: a Kalman filter backward from
+         the last sample.  The precision of a contact is that of touched faces,
+         however many samples it has
+planes   a touched face, and the ground, is one plane: vertices on it move together,
+         FLATNESS_SIGMA off it.  No gain is counted for bending a touched face
 
-The exact information of the estimate is not used here: it holds what slides along the
-surface by a regulariser (`stay`), the size of the whole body with it, and the ball's
-pull curves down where a vertex is inside.
+The exact information of the estimate is not used: its regulariser (`stay`) holds the
+motion of vertices along the surface, and with it the size of the whole body, and the
+prior ball has negative curvature where a vertex is inside.
 """
 
 from __future__ import annotations
@@ -32,42 +33,55 @@ from ..geometry.convex_hull import hull_vertices, nearest
 from ..geometry.transforms import rotation_of
 from ..information.polytope_information import FACE_TILT
 from ..problem.polytope_window import LIFTED
-from ..problem.reductions import ARM
-from .beliefs import VAGUE, Belief, steepness
-from .push_model import LEAST_SPREAD, REMEMBERED, SHARE, remembered
+from .beliefs import POSE_PRIOR_SIGMA, Belief, steepness
+from .push_model import (
+    MIN_STEP_SIGMA,
+    SAMPLES_PER_CALL,
+    STEP_SIGMA_SHARE,
+    backward_filter_function,
+)
 
-TOUCH = 0.3e-3  # [m] as exact as touched faces come out, beside TILT
-ALIKE = 10  # samples of a touch, which share that error
-FLAT = 0.3e-3  # [m] deviation of a vertex from the plane of a felt face
-ON = 0.5e-3  # [m] a vertex this near to the plane of a touch lies on it
-FEW = 3  # vertices always lie on one plane
+FACE_SIGMA = 0.3e-3  # [m] of touched faces as estimated, besides FACE_TILT
+CORRELATED_SAMPLES = 10  # [1] samples of a contact that share this error
+FLATNESS_SIGMA = 0.3e-3  # [m] of a vertex from the plane of a touched face
+ON_PLANE = 0.5e-3  # [m] a vertex this near to the plane of a contact lies on it
+VERTICES_OF_A_PLANE = 3  # [1]: as many always lie on one plane
 
 
-def hull_believed(estimate, shape) -> list[Belief]:
-    """Return what is believed of a hull: one hypothesis."""
+def beliefs_of(estimate, shape, fingers: int = 0, count: int = 1) -> list[Belief]:
+    """Return the belief about a hull: one Gaussian, of the best hypothesis.
+
+    fingers, count: as in beliefs.beliefs_of; not used, for there are neither offsets
+    nor other hypotheses.
+    """
     ground = estimate.scene.ground
     centre = ground.to_ground(estimate.position[-1])
     R_go = ground.rotation @ estimate.rotation()
     vertices = estimate.vertices @ R_go.T
-    before = ball(vertices, shape.size_prior)
-    points = fingers_then(estimate)
-    known = before + felt(estimate, shape, vertices, points)
-    known += flat(vertices, centre[2], contacts(estimate, vertices, points))
-    known = loosened(known, vertices)
+    before = ball_prior(vertices, shape.size_prior)
+    points = fingers_on_body(estimate)
+    known = before + information_of_samples(estimate, shape, vertices, points)
+    known += flatness_information(
+        vertices, centre[2], contact_points(estimate, vertices, points)
+    )
+    known = after_retraction(known, vertices)
     return [Belief(vertices.ravel(), known, before, 1.0, -centre[None])]
 
 
-def hull_sensors(estimate) -> np.ndarray:
-    """Return alpha [1/m], sigma [m] of a felt gap, sigma_n [rad] of one sample."""
+def sensor_model(estimate) -> np.ndarray:
+    """Return alpha [1/m], sigma [m] of a gap in contact, sigma_n [rad] of a sample."""
     p, n = estimate.precision["position"], estimate.precision["normal"]
-    sigma, sigma_n = np.sqrt(ALIKE) * TOUCH, np.sqrt(ALIKE) * FACE_TILT
+    sigma, sigma_n = (
+        np.sqrt(CORRELATED_SAMPLES) * FACE_SIGMA,
+        np.sqrt(CORRELATED_SAMPLES) * FACE_TILT,
+    )
     return np.array([steepness(p), np.hypot(sigma, p), np.hypot(sigma_n, n)])
 
 
-def ball(vertices, size) -> np.ndarray:
-    """Return the information (3 V, 3 V) before any touch of vertices about a ball.
+def ball_prior(vertices, size) -> np.ndarray:
+    """Return the prior information (3 V, 3 V) of vertices about a ball.
 
-    size: mean and deviation [m] of its radius.
+    size: mean and standard deviation [m] of its radius.
     """
     mean, deviation = size
     u = vertices - vertices.mean(axis=0)
@@ -78,12 +92,12 @@ def ball(vertices, size) -> np.ndarray:
         C[j, :, j] = STAY**2 * np.eye(3)
         C[j, :, j] += ((SPREAD * mean) ** 2 - STAY**2) * np.outer(n, n)
     C = C.reshape(3 * V, 3 * V) + deviation**2 * np.outer(u, u)
-    C += VAGUE[0] ** 2 * np.tile(np.eye(3), (V, V))
+    C += POSE_PRIOR_SIGMA[0] ** 2 * np.tile(np.eye(3), (V, V))
     return np.linalg.inv(C)
 
 
-def fingers_then(estimate) -> np.ndarray:
-    """Return where the fingers were on the body as it lies now (T, F, 3), about it."""
+def fingers_on_body(estimate) -> np.ndarray:
+    """Return finger positions (T, F, 3) [m] relative to the body, in its last pose."""
     ground = estimate.scene.ground
     origin = ground.to_ground(estimate.position)[:, None]
     p = ground.to_ground(estimate.seen_positions) - origin
@@ -93,24 +107,35 @@ def fingers_then(estimate) -> np.ndarray:
     return np.einsum("tij,tfj->tfi", since, p)
 
 
-def felt(estimate, shape, vertices, points) -> np.ndarray:
-    """Return eq:obsinfo of all samples (3 V, 3 V), the way since then being unsure."""
+def information_of_samples(estimate, shape, vertices, points) -> np.ndarray:
+    """Return eq:obsinfo (3 V, 3 V) of all samples, with uncertain motion since then."""
     data = estimate.measurements
     position = estimate.scene.ground.to_ground(estimate.position)
     turn = rotation_of(estimate.quaternion)
     yaw = (turn[1:] * turn[:-1].inv()).magnitude()
-    way = (np.diff(position[:, :2], axis=0) ** 2).sum(axis=1) + (ARM * yaw) ** 2
-    Q = SHARE**2 * way + LEAST_SPREAD**2 + GAP**2 * (np.diff(data.action) != 0)
-    Q = np.r_[Q, 0.0][:, None] / np.r_[1, 1, ARM**2]  # of the step after each sample
+    way = (np.diff(position[:, :2], axis=0) ** 2).sum(axis=1) + (
+        rigid_body.ARM * yaw
+    ) ** 2
+    Q = (
+        STEP_SIGMA_SHARE**2 * way
+        + MIN_STEP_SIGMA**2
+        + GAP**2 * (np.diff(data.action) != 0)
+    )
+    Q = (
+        np.r_[Q, 0.0][:, None] / np.r_[1, 1, rigid_body.ARM**2]
+    )  # of the step after each sample
     r, k, z = points.reshape(len(points), -1), vertices.size, vertices.ravel()
     now, out = (np.zeros((3, k)), np.zeros((3, 3))), np.zeros((k, k))
-    step = remembered(shape, data.fingers)
-    for end in range(data.samples, 0, -REMEMBERED):
-        back = np.arange(end - 1, end - 1 - REMEMBERED, -1)
-        here, at = back >= 0, np.maximum(back, 0)  # before the first: says nothing
+    step = backward_filter_function(shape, data.fingers)
+    for end in range(data.samples, 0, -SAMPLES_PER_CALL):
+        back = np.arange(end - 1, end - 1 - SAMPLES_PER_CALL, -1)
+        here, at = (
+            back >= 0,
+            np.maximum(back, 0),
+        )  # before the first sample: no information
         M, P, E = step(
             *now, z, r[at].T, data.finger_radius, data.contact[at].T.astype(float),
-            here * data.valid[at].T, here * Q[at].T, hull_sensors(estimate),
+            here * data.valid[at].T, here * Q[at].T, sensor_model(estimate),
         )  # fmt: skip
         now = M[:, -k:], P[:, -3:]
         rows = E.full().reshape(-1, k)
@@ -118,8 +143,8 @@ def felt(estimate, shape, vertices, points) -> np.ndarray:
     return out
 
 
-def contacts(estimate, vertices, points):
-    """Return where the body was felt and along what, (n, 3) each, about the centre."""
+def contact_points(estimate, vertices, points):
+    """Return contact points [m] and normals, (n, 3) each, about the centroid."""
     data = estimate.measurements
     centre = points[data.contact & data.valid]
     point = nearest(hull_vertices(vertices), centre)
@@ -128,30 +153,30 @@ def contacts(estimate, vertices, points):
     return point, n
 
 
-def flat(vertices, height: float, felt) -> np.ndarray:
-    """Return the information (3 V, 3 V) that felt faces and the ground are planes.
+def flatness_information(vertices, height: float, contacts) -> np.ndarray:
+    """Return the information (3 V, 3 V) that touched faces and the ground are planes.
 
-    height [m]: of the centre above the ground.
+    height: [m], of the centroid above the ground; contacts: of contact_points.
     """
     V = len(vertices)
     out = np.zeros((V, 3, V, 3))
     stands = np.nonzero(vertices[:, 2] + height < LIFTED)[0]
     out[stands, 2, stands, 2] += 1 / LEG**2
     seen = set()
-    for point, n in zip(*felt, strict=True):
-        on = np.nonzero((point - vertices) @ n < ON)[0]
-        if len(on) <= FEW or tuple(on) in seen:
+    for point, n in zip(*contacts, strict=True):
+        on = np.nonzero((point - vertices) @ n < ON_PLANE)[0]
+        if len(on) <= VERTICES_OF_A_PLANE or tuple(on) in seen:
             continue
         seen.add(tuple(on))
         A = np.c_[np.ones(len(on)), vertices[on] - point]
         bend = np.eye(len(on)) - A @ np.linalg.pinv(A, rcond=1e-2)
-        part = np.einsum("ij,a,b->iajb", bend, n, n) / FLAT**2
+        part = np.einsum("ij,a,b->iajb", bend, n, n) / FLATNESS_SIGMA**2
         out[np.ix_(on, range(3), on, range(3))] += part
     return out.reshape(3 * V, 3 * V)
 
 
-def loosened(information, vertices) -> np.ndarray:
-    """Return the information once the fingers have gone: the body may slip a little."""
+def after_retraction(information, vertices) -> np.ndarray:
+    """Return the information after the retraction, in which the body may slip."""
     slip = np.zeros((len(vertices), 3, 3))
     slip[:, 0, 0] = slip[:, 1, 1] = GAP
     slip[:, 0, 2], slip[:, 1, 2] = -vertices[:, 1], vertices[:, 0]

@@ -1,4 +1,4 @@
-"""Compile what exploration evaluates a thousand times: a pushed step, a felt sample."""
+"""Compile the functions of a predicted push: its steps and the samples' information."""
 
 from __future__ import annotations
 
@@ -8,29 +8,32 @@ import casadi as ca
 
 from formulations import exploration, pushed_hull, pushing
 from formulations.finger import SPHERE
-from formulations.rigid_body import FREE, PLANAR
+from formulations.rigid_body import ARM, FREE, PLANAR
 
 from ..errors import OptionError, SceneError
 from ..nlp.codegen import compiled
-from ..problem.reductions import ARM
 
-ITERATIONS = 8  # of a time step: the work is then least to a micrometre
-REMEMBERED = 30  # samples of one call
-SHARE = 0.2  # [-] deviation of a predicted step, of its way
-LEAST_SPREAD = 1e-5  # [m] and at least
+PUSH_ITERATIONS = 8  # of a time step: the work is then minimal to a micrometre
+SAMPLES_PER_CALL = 30  # of backward_filter_function
+STEP_SIGMA_SHARE = 0.2  # [-] standard deviation of a predicted step over its length
+MIN_STEP_SIGMA = 1e-5  # [m], its least value
 
 
 @cache
-def pushed(shape, free: bool, fingers: int, steps: int, off=False) -> ca.Function:
-    """Return (d, p, s, M, P; z, goal_1, goal, rho, known, sensors, sloped), all.
+def push_function(
+    shape, free: bool, fingers: int, steps: int, off=False
+) -> ca.Function:
+    """Return (d, p, s, M, P; z, goal_1, goal, rho, known, sensors, sloped) -> ...
 
-    s (3,): planar way of the body since x_T, d (3,): its last part; p (3 F,) [m]: where
-    fingers are; goal_1, goal: where they should be, before and now; M, P: as in the
-    page `exploration`; z: theta and x_T; known: as in `pushing`; sensors: alpha,
-    sigma, sigma_n; sloped: 1, or 0 for dx_t/dx_T = I.  off: M has columns for an
-    offset (3,) of every finger after those of z; where fingers are includes them.
-    Gives the first five anew, the probabilities (F,) that a finger feels the body, and
-    E (4 F, k): E'E is what the fingers tell.
+    The function of all steps of a push.  s (3,): planar displacement of the body since
+    x_T, d (3,): that of the last step; p (3 F,) [m]: finger positions; goal_1, goal:
+    the commanded ones, of the last step and of this one; M, P: as in the page
+    `exploration`; z: theta and x_T; known: as in `pushing`; sensors: alpha, sigma,
+    sigma_n; sloped: 1, or 0 for dx_t/dx_T = I.  off: M has columns for the offset (3,)
+    of every finger after those of z.
+
+    It returns new d, p, s, M, P, the probability of contact (F,), and E (4 F, k):
+    E'E is the information of the sample.
     """
     return _step(shape, free, fingers, off).mapaccum("pushed", steps, 5)
 
@@ -46,31 +49,33 @@ def _step(shape, free: bool, fingers: int, off: bool) -> ca.Function:
     d, s, M = sym("d", 3), sym("s", 3), sym("M", 3, k)
     P = sym("P", 3, 3)
     body, laws = (shape, SPHERE, theta, pose), ca.vertsplit(known)
+    foot = pushing.foot_squared(shape, theta, pose[1])
     here = shape, SPHERE, theta, pushing.moved(pose, s)
-    meant = _meant(here, p, goal_1, goal, rho, laws)
+    meant = _commanded(here, p, goal_1, goal, rho, laws)
 
     tips = [*zip(*map(_triples, (r, p)), ca.vertsplit(rho), strict=True)]
-    rest, given = (tips, [*laws, _foot(*body)]), [d, s, z, p, r, rho, known]
+    rest, given = (tips, [*laws, foot]), [d, s, z, p, r, rho, known]
     better = pushing.improved(*body, s, d, *rest)
     better = ca.Function("improved", given, [better], {"cse": True})
     step, at = d, [s, z, p, ca.vertcat(*meant), rho, known]
-    for _ in range(ITERATIONS):
+    for _ in range(PUSH_ITERATIONS):
         step = better(step, *at)
-    D_s, D_z, D_r, p_now = _slopes(body, s, d, rest, given)(step, *at)
+    D_s, D_z, D_r, p_now = _step_slopes(body, s, d, rest, given)(step, *at)
     D_z = ca.horzcat(D_z, D_r) if off else D_z
     now, A = s + step, ca.DM.eye(3) + D_s
     M_now = M + sloped * (D_s @ M + D_z)
     P_now = sloped * (
-        A @ P @ A.T + exploration.process_noise(step, SHARE, LEAST_SPREAD, ARM)
+        A @ P @ A.T
+        + exploration.process_noise(step, STEP_SIGMA_SHARE, MIN_STEP_SIGMA, ARM)
     )
-    felt, told, feel = [], [], _feeling(shape, free)
+    felt, told, feel = [], [], _sensing_function(shape, free)
     for f, p_wf in enumerate(meant):
         chance, weights, h, h_s, h_r = feel(z, now, p_wf, rho[f], sensors)
         if off:
             others = [ca.DM.zeros(4, 3) for _ in range(fingers)]
             h = ca.horzcat(h, *others[:f], h_r, *others[f + 1 :])
         felt.append(chance)
-        rows, M_now, P_now = _sample_told(M_now, P_now, h, h_s, weights)
+        rows, M_now, P_now = _measurement_updates(M_now, P_now, h, h_s, weights)
         told += rows
     out = [step, p_now, now, M_now, P_now, ca.vertcat(*felt), ca.vertcat(*told)]
     given = [d, p, s, M, P, z, goal_1, goal, rho, known, sensors, sloped]
@@ -78,8 +83,8 @@ def _step(shape, free: bool, fingers: int, off: bool) -> ca.Function:
     return compiled([ca.Function("step", given, out, {"cse": True})])[0]
 
 
-def _meant(here, p, goal_1, goal, rho, laws) -> list:
-    """Return where each finger is meant to be, no deeper than its servo presses."""
+def _commanded(here, p, goal_1, goal, rho, laws) -> list:
+    """Return the commanded positions, no deeper than the servo's force allows."""
     ways = zip(*map(_triples, (p, goal_1, goal)), ca.vertsplit(rho), strict=True)
     deep = laws[4] / laws[3]
     return [
@@ -88,8 +93,8 @@ def _meant(here, p, goal_1, goal, rho, laws) -> list:
     ]
 
 
-def _sample_told(M, P, h, h_s, weights):
-    """Return rows of what the four numbers of one sample tell, and M, P after it."""
+def _measurement_updates(M, P, h, h_s, weights):
+    """Return the information rows of a sample's four numbers, and M, P after them."""
     rows = []
     for i in range(4):
         e, M, P = exploration.measurement_update(M, P, h[i, :], h_s[i, :], weights[i])
@@ -101,8 +106,8 @@ def _triples(column) -> list:
     return ca.vertsplit(column, 3)
 
 
-def _slopes(body, s, d, rest, given) -> ca.Function:
-    """Return how the step d follows s, z and fingers that are elsewhere, and tips.
+def _step_slopes(body, s, d, rest, given) -> ca.Function:
+    """Return the derivatives of the step d by s, z and the fingers, and the fingers.
 
     By the implicit function theorem.
     """
@@ -117,10 +122,11 @@ def _slopes(body, s, d, rest, given) -> ca.Function:
 
 
 @cache
-def _feeling(shape, free: bool) -> ca.Function:
-    """Return (z, s, r, rho, sensors) -> p, weights (4,), slopes by z, s and r (4, ...).
+def _sensing_function(shape, free: bool) -> ca.Function:
+    """Return (z, s, r, rho, sensors) -> p, weights (4,), derivatives by z, s and r.
 
-    The rows are gap and normal of one finger's sample.
+    The four rows are gap and normal of one finger's sample; p is the probability of
+    contact.
     """
     z, theta, pose = _unknowns(shape, free)
     s, r, rho, sensors = (shape.symbol("in", n) for n in (3, 3, 1, 3))
@@ -139,7 +145,7 @@ def _feeling(shape, free: bool) -> ca.Function:
 
 
 @cache
-def remembered(shape, fingers: int) -> ca.Function:
+def backward_filter_function(shape, fingers: int) -> ca.Function:
     """Return (M, P; z, r, rho, c, valid, Q, sensors), REMEMBERED samples backward.
 
     M, P: as in the page `exploration`, s being the pose of a hull at a sample, as seen
@@ -147,16 +153,18 @@ def remembered(shape, fingers: int) -> ca.Function:
     booleans; Q (3,): variance of the step after the sample.  Gives M, P anew and E
     (4 F, k): E'E is what the fingers told.
     """
-    return _remembered(shape, fingers).mapaccum("remembered", REMEMBERED, 2)
+    return _backward_filter_step(shape, fingers).mapaccum(
+        "remembered", SAMPLES_PER_CALL, 2
+    )
 
 
 @cache
-def _remembered(shape, fingers: int) -> ca.Function:
+def _backward_filter_step(shape, fingers: int) -> ca.Function:
     sym, k = shape.symbol, shape.theta
     z, r, rho = sym("z", k), sym("r", 3 * fingers), sym("rho", fingers)
     c, valid, Q = sym("c", fingers), sym("valid", fingers), sym("Q", 3)
     M, P = sym("M", 3, k), sym("P", 3, 3)
-    sensors, feel = sym("sensors", 3), _feeling(shape, False)
+    sensors, feel = sym("sensors", 3), _sensing_function(shape, False)
     alpha, sigma, sigma_n = ca.vertsplit(sensors)
     given = [M, P, z, r, rho, c, valid, Q, sensors]
     P, told = P + ca.diag(Q), []
@@ -164,18 +172,18 @@ def _remembered(shape, fingers: int) -> ca.Function:
         chance, _, h, h_s, _ = feel(z, ca.DM.zeros(3), p_wf, rho[f], sensors)
         gap = alpha**2 * chance * (1 - chance) + c[f] / sigma**2
         weights = valid[f] * ca.vertcat(gap, *[c[f] / sigma_n**2] * 3)
-        rows, M, P = _sample_told(M, P, h, h_s, weights)
+        rows, M, P = _measurement_updates(M, P, h, h_s, weights)
         told += rows
     out = [ca.densify(v) for v in (M, P, ca.vertcat(*told))]
     return compiled([ca.Function("remembered", given, out, {"cse": True})])[0]
 
 
 @cache
-def sampled(shape, free: bool) -> ca.Function:
-    """Return (z, r, rho, c, sensors) -> (k + 3, k + 3) what a sample of boolean c told.
+def sample_information_function(shape, free: bool) -> ca.Function:
+    """Return (z, r, rho, c, sensors) -> information (k + 3, k + 3) of a sample.
 
-    Of z, theta and the pose at that sample, by which slopes are taken (dx_t/dx_T = I),
-    and of where the finger is.
+    About z, which is theta and the pose at that sample (dx_t/dx_T = I), and about the
+    position r of the finger.  c: the boolean.
     """
     z, theta, pose = _unknowns(shape, free)
     r, rho, c = ca.SX.sym("r", 3), ca.SX.sym("rho"), ca.SX.sym("c")
@@ -188,19 +196,12 @@ def sampled(shape, free: bool) -> ca.Function:
     return compiled([ca.Function("sampled", inputs, out, {"cse": True})])[0]
 
 
-def _foot(shape, finger, theta, pose):
-    """Return c^2 [m^2] of the page `pushing`."""
-    if shape.parameters == "vertices":
-        return pushed_hull.legs_squared(theta)
-    return pushing.foot_squared(shape, theta, pose[1])
-
-
 def _unknowns(shape, free: bool):
-    """Return z, and the shape and the pose that it means.
+    """Return z, and the theta and the pose that it stands for.
 
-    A hull is its vertices where they lie now, about its centroid.
+    Of vertices whose last pose is held, z is where they lie now, about their centroid.
     """
-    if shape.parameters == "vertices":
+    if shape.last_pose_held:
         z = shape.symbol("z", shape.theta)
         return z, z, pushed_hull.HERE
     motion = FREE if free else PLANAR
@@ -210,25 +211,25 @@ def _unknowns(shape, free: bool):
 
 
 def check_ground(scene) -> None:
-    """Raise SceneError without a ground: what floats is not pushed, it drifts away."""
+    """Raise SceneError without a ground, on which the prediction rests."""
     if scene.ground is None:
         raise SceneError(
-            "no action is predicted without a ground",
+            "actions are not predicted without a ground",
             where="scene.ground",
             got="None",
-            expected="the plane on which the object lies",
-            next="explore with policy='random' or one of your own",
+            expected="a Ground, on which the object lies",
+            next="explore with policy='random', 'farthest' or a function",
         )
 
 
-def check_moves(shape) -> None:
-    """Raise OptionError for a shape whose way under a push cannot be predicted."""
-    if shape.inertia is None and shape.parameters == "sizes":
+def check_predictable(shape) -> None:
+    """Raise OptionError for a shape whose motion under a push cannot be predicted."""
+    if shape.inertia is None and shape.foot_squared is None:
         raise OptionError(
-            "no action is predicted for this shape",
+            "actions are not predicted for this shape",
             where="estimate.shape",
             got=shape.name,
-            expected="a shape with inertia and a foot, as a cuboid has",
+            expected="a Shape with `inertia` or `foot_squared`",
             next="estimate a cuboid to choose actions, or explore with "
             "policy='random' or 'farthest'",
         )

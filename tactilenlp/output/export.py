@@ -1,4 +1,4 @@
-"""Write an estimated body as a file that other tools read: mesh or simulator model."""
+"""Write an estimated body as a mesh (STL, OBJ, PLY, GLB) or a model (MJCF, URDF)."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from .colours import information_colour
 
 MESHES = (".stl", ".obj", ".glb", ".ply")
 MODELS = {".xml": "MJCF", ".urdf": "URDF"}
-ROLLING = "0.001 0.0001"  # [m] MuJoCo's torsional and rolling friction: next to none
+ROLLING = "0.001 0.0001"  # [m] MuJoCo's torsional and rolling friction: negligible
 
 
 def export_shape(estimate, path: str | os.PathLike) -> None:
-    """Write the shape of an Estimate or a Body; the suffix of the path says how.
+    """Write the shape of an Estimate or a Body, in the format of the path's suffix.
 
-    .stl .obj .ply .glb: the surface in metres, body frame; GLB and PLY are coloured by
-    information, blue (hardly known) to red (well known).  .xml: MJCF, one free body
-    with mass, inertia and friction, to be attached to a scene.  .urdf: one link; a
-    shape that is no box is written as an .stl beside it, and friction stands in the
-    `contact` element that Bullet reads.  The origin is that of the body frame, the
-    inertia that of a uniform body (of a Body: as identified).
+    .stl .obj .ply .glb: the surface in metres, body frame; in GLB and PLY, faces have
+    colours from blue (standard deviation of 10 mm) to red (0.1 mm).  .xml: MJCF, one
+    free body with mass, inertia and friction.  .urdf: one link; any shape but a box is
+    written as an .stl beside it, and friction is in the `contact` element that Bullet
+    reads.  The origin is that of the body frame; the inertia is that of a uniform body,
+    for a Body the identified one.
 
     Raises OptionError for another suffix.
     """
@@ -48,7 +48,7 @@ def export_shape(estimate, path: str | os.PathLike) -> None:
 
 
 def _coloured(estimate):
-    """Return the surface as a mesh whose faces have the colour of what is known."""
+    """Return the surface as a mesh, faces coloured by their standard deviation."""
     import trimesh
 
     vertices = estimate.vertices
@@ -57,7 +57,7 @@ def _coloured(estimate):
     sigma = face_sigma(estimate) if known else np.full(len(faces), np.nan)
     points, triangles, colours = [], [], []
     for (corners, _), s in zip(faces, sigma, strict=True):
-        first = len(points)  # corners of their own: colours do not run into each other
+        first = len(points)  # faces share no corners, so that colours do not blend
         points += [vertices[c] for c in corners]
         triangles += [
             [first, first + i, first + i + 1] for i in range(1, len(corners) - 1)
@@ -119,7 +119,7 @@ def _urdf(estimate, path):
 
 
 def _box(estimate) -> np.ndarray | None:
-    """Return the half widths (3,) [m] of a box about its origin, None for others."""
+    """Return the half widths (3,) [m] of a box about its origin, else None."""
     half = np.ptp(estimate.vertices, axis=0) / 2
     flush = np.allclose(abs(estimate.vertices), half, atol=1e-9)
     return half if flush and len(estimate.vertices) == 8 else None
@@ -127,7 +127,7 @@ def _box(estimate) -> np.ndarray | None:
 
 def _pose(estimate):
     """Return position (3,) [m] and quaternion (4,) wxyz at the last sample."""
-    if not hasattr(estimate, "position"):  # a Body has no pose of its own
+    if not hasattr(estimate, "position"):  # a Body has no pose
         return np.zeros(3), np.array([1.0, 0, 0, 0])
     return estimate.position[-1], estimate.quaternion[-1]
 
@@ -153,7 +153,7 @@ def _inertia(estimate) -> tuple[float, np.ndarray]:
 
 
 def _friction(estimate) -> float:
-    """Return the coefficient with the ground, known or estimated; 0 without any."""
+    """Return the friction coefficient with the ground, known or estimated, else 0."""
     if hasattr(estimate, "friction"):
         return float(estimate.friction)
     known = estimate.scene.friction_ground

@@ -1,4 +1,4 @@
-"""Write an estimate as one HTML page that needs nothing else: no network, no server."""
+"""Write an estimate as one HTML page, which needs no network and no server."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ import numpy as np
 
 from ..common.validation import check_path, check_types
 from ..geometry.faces import face_sigma, polygons
-from .colours import BLUE, PALE, RED, information_colour
+from .colours import BLUE, FINGER_RGB, PALE, RED, information_colour
 
-FINGER_COLOURS = ((0, 158, 115), (204, 121, 167), (230, 159, 0), (240, 228, 66))
-PICTURE_MARGIN = 1.5  # [1] of the picture, to the reach of the object: fingers fit in
-LINES, SPACING = 8, 0.02  # lines of the ground's grid to each side, [m] between them
-IMPULSE_ARROW = 0.35  # [1] of the picture: length of the largest impulse's arrow
-ANGLE, LENGTH = ("deg", np.degrees(1.0)), ("mm", 1e3)
+REACH_FACTOR = 1.5  # [-] radius of the picture over that of the object
+GROUND_LINES = 8  # [1] lines of the ground's grid to each side
+GROUND_SPACING = 0.02  # [m] between them
+ARROW_SHARE = 0.35  # [-] largest impulse's arrow over the radius of the picture
+MM_PER_M = 1e3  # [mm / m]
+ANGLE, LENGTH = ("deg", np.degrees(1.0)), ("mm", MM_PER_M)
 UNITS = {"side_lengths": LENGTH, "position": LENGTH, "rotation": ANGLE}
 QUANTITY_WORDS = {
     "side_lengths": "side",
@@ -28,27 +29,26 @@ AXES = ("x", "y", "z")
 
 
 def write_report(estimate, path: str | os.PathLike) -> None:
-    """Write one page: motion to turn and scrub, measurements, words, costs."""
+    """Write a page with the motion, measurements, standard deviations and costs."""
     check_types(estimate=(estimate, "Estimate"))
     check_path(path)
-    page = (
-        files("tactilenlp.output").joinpath("report.html").read_text(encoding="utf-8")
-    )
+    template = files("tactilenlp.output").joinpath("report.html")
+    page = template.read_text(encoding="utf-8")
     content = json.dumps(_content(estimate), separators=(",", ":"), allow_nan=False)
-    # No word of a file may open or close a tag.
+    # No text of an estimate may open or close a tag.
     page = page.replace("{{DATA}}", content.replace("<", "\\u003c"))
     Path(path).write_text(page, encoding="utf-8")
 
 
 def _content(estimate) -> dict:
-    """Return all that the page shows, as plain lists."""
+    """Return what the page shows, as numbers, strings and lists."""
     data = estimate.measurements
     first, *_ = estimate.summary().split("\n")
     centre, reach = _frame(estimate)
     pushes = [estimate.impulses[f"finger {f}"] for f in range(data.fingers)]
     most = max((np.linalg.norm(push, axis=1).max() for push in pushes), default=0.0)
     return {
-        "title": f"A {estimate.shape}, from touch alone",
+        "title": f"Estimated {estimate.shape}",
         "subtitle": first,
         "time": _plain(data.time, 3),
         "action": data.action.tolist(),
@@ -56,23 +56,13 @@ def _content(estimate) -> dict:
         "quaternion": _plain(estimate.quaternion, 6),
         "vertices": _plain(estimate.vertices),
         "faces": _faces(estimate),
-        "finger": [
-            {
-                "position": _plain(estimate.seen_positions[:, f]),
-                "radius": float(data.finger_radius[f]),
-                "contact": (data.contact & data.valid)[:, f].tolist(),
-                "valid": data.valid[:, f].tolist(),
-                "impulse": _plain(push),
-                "colour": FINGER_COLOURS[f % len(FINGER_COLOURS)],
-            }
-            for f, push in enumerate(pushes)
-        ],
+        "finger": [_finger(estimate, f) for f in range(data.fingers)],
         "touches": _touches(estimate),
         "grid": _grid(estimate, centre),
         "centre": _plain(centre),
         "reach": reach,
         "bar": 0.02,
-        "arrow": IMPULSE_ARROW * reach / most if most > 0 else 0.0,
+        "arrow": ARROW_SHARE * reach / most if most > 0 else 0.0,
         "ramp": [BLUE, PALE, RED],
         "sigma": _sigma(estimate),
         "costs": sorted(estimate.costs.items(), key=lambda cost: -abs(cost[1])),
@@ -83,18 +73,29 @@ def _content(estimate) -> dict:
     }
 
 
+def _finger(estimate, f: int) -> dict:
+    """Return path, contacts and impulses of a finger."""
+    data = estimate.measurements
+    return {
+        "position": _plain(estimate.seen_positions[:, f]),
+        "radius": float(data.finger_radius[f]),
+        "contact": (data.contact & data.valid)[:, f].tolist(),
+        "valid": data.valid[:, f].tolist(),
+        "impulse": _plain(estimate.impulses[f"finger {f}"]),
+        "colour": FINGER_RGB[f % len(FINGER_RGB)],
+    }
+
+
 def _plain(values, digits: int = 5) -> list:
-    """Return numbers rounded to 10 um, or so many digits: a third of the size."""
+    """Return lists of rounded numbers, a third of the size of the exact ones."""
     return np.round(np.nan_to_num(np.asarray(values, float)), digits).tolist()
 
 
 def _frame(estimate) -> tuple[np.ndarray, float]:
-    """Return centre (3,) and reach [m] of a picture that holds the whole motion."""
+    """Return centre (3,) and radius [m] of a picture that holds the whole motion."""
     low, high = estimate.position.min(axis=0), estimate.position.max(axis=0)
     size = np.linalg.norm(estimate.vertices, axis=1).max()
-    return (low + high) / 2, float(
-        np.linalg.norm(high - low) / 2 + PICTURE_MARGIN * size
-    )
+    return (low + high) / 2, float(np.linalg.norm(high - low) / 2 + REACH_FACTOR * size)
 
 
 def _faces(estimate) -> list[dict]:
@@ -111,7 +112,7 @@ def _faces(estimate) -> list[dict]:
 
 
 def _touches(estimate) -> list[dict]:
-    """Return every contact: its point and normal on the body as it was then."""
+    """Return every contact: sample, finger, point and normal in the body frame."""
     data, centre, found = estimate.measurements, estimate.seen_positions, []
     for t, f in np.argwhere(data.contact & data.valid):
         R_wo, n_w = estimate.rotation(t), data.normal[t, f]
@@ -133,15 +134,16 @@ def _grid(estimate, centre) -> list:
     ground = estimate.scene.ground
     if ground is None:
         return []
-    middle = np.round(ground.to_ground(centre)[:2] / SPACING) * SPACING
-    steps, far = np.arange(-LINES, LINES + 1) * SPACING, LINES * SPACING
+    middle = np.round(ground.to_ground(centre)[:2] / GROUND_SPACING) * GROUND_SPACING
+    steps = np.arange(-GROUND_LINES, GROUND_LINES + 1) * GROUND_SPACING
+    far = GROUND_LINES * GROUND_SPACING
     along = [[[s, -far, 0], [s, far, 0]] for s in steps]
     lines = np.array(along + [[[-far, s, 0], [far, s, 0]] for s in steps])
     return _plain(ground.from_ground(lines + np.array([*middle, 0.0])))
 
 
 def _sigma(estimate) -> list[list[str]]:
-    """Return what is known of each quantity, in words: value and deviation."""
+    """Return name, value and standard deviation of each quantity, in words."""
     rows, information = [], estimate.information
     where = {"position": estimate.position[-1]}
     if estimate.shape == "cuboid":
@@ -152,9 +154,9 @@ def _sigma(estimate) -> list[list[str]]:
         unit, factor = UNITS[name]
         values = where.get(name, np.zeros(3))
         for axis, value, s in zip(AXES, values, information.sigma(name), strict=True):
-            words = f"± {s * factor:.2f} {unit}" if np.isfinite(s) else "not known"
+            words = f"± {s * factor:.2f} {unit}" if np.isfinite(s) else "± unobserved"
             words = "fixed by a reduction" if np.isnan(s) else words
-            words = "none: a hull's axes are the world's" if s == 0.0 else words
+            words = "held: the axes are the world's" if s == 0.0 else words
             if name != "rotation":
                 words = f"{value * factor:.2f} {words}"
             rows.append([f"{QUANTITY_WORDS[name]} {axis}", words])

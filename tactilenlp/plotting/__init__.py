@@ -3,7 +3,7 @@
 In: an `Estimate` or a list of steps.  Out: matplotlib figures, a film.  Imported only
 where something is drawn.
 
-- `scene`, `faces`, `animation`: bodies and fingers in space
+- `scene`, `drawing`, `faces`, `animation`: object and fingers in space
 - `charts`: impulses, cones, costs, errors;  `gain_map`: information gain by action
 - `style`: colours, fonts, and the checks of axes
 """

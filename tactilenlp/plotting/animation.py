@@ -1,4 +1,4 @@
-"""Film an estimate: the object and the fingers, sample by sample."""
+"""Write a film of an estimate: object and fingers, sample by sample."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..common.progress import progress
 from ..common.validation import check_numbers, check_path, check_types
 from ..errors import OptionError
 from ..estimation.result import Estimate
-from .scene import draw_scene, draw_top, true_corners, view_of
+from .drawing import draw_scene, draw_top, true_corners, view_of
 from .style import STYLE, check_axes
 
 WRITERS = {".gif": PillowWriter, ".mp4": FFMpegWriter}
@@ -33,31 +33,15 @@ def animate(
 ) -> Figure:
     """Write a film of the motion, .gif (pillow) or .mp4 (ffmpeg); return its figure.
 
-    view: "scene" (3-D) or "top".  every: samples from frame to frame [1]; rate: frames
-    per second [1/s]; axis: is drawn into, 3-D for "scene".
+    view: "scene" (3-D) or "top".  truth: as in plot_scene.  every: [1] samples from one
+    frame to the next; rate: [1/s] frames per second; axis: to draw into, 3-D for
+    "scene".
 
     Raises OptionError for another suffix or view, or where ffmpeg is not installed.
     """
     check_types(estimate=(estimate, Estimate))
-    check_path(path)
-    check_numbers("", "frames per second above 0", rate=(rate, 0, np.inf))
-    path = Path(path)
-    kind = WRITERS.get(path.suffix.lower())
-    for where, got, known in (
-        ("path", path.suffix, WRITERS), ("view", view, VIEWS),
-    ):  # fmt: skip
-        if got not in known:
-            expected = f"one of {[*known]}"
-            raise OptionError("not known", where=where, got=got, expected=expected)
-    if not kind.isAvailable():
-        raise OptionError(
-            "no program to write it", where="path", got=path.suffix,
-            expected="ffmpeg on the path", next="install ffmpeg, or write a .gif",
-        )  # fmt: skip
-    if not (isinstance(every, int) and every >= 1):
-        got = f"every={every}"
-        raise OptionError("out of range", where="animate", got=got)
-    if truth is not None:  # an error while a film is written would leave half of it
+    writer = _writer_of(path, view, every, rate)
+    if truth is not None:  # an error during the film would leave an incomplete file
         true_corners(truth, 0)
     with plt.rc_context(STYLE | {"figure.dpi": 100}):
         style = {"projection": "3d"} if view == "scene" else {}
@@ -78,5 +62,26 @@ def animate(
         film = FuncAnimation(
             figure, draw, frames, init_func=lambda: None, save_count=len(samples)
         )
-        film.save(path, kind(fps=rate))
+        film.save(path, writer(fps=rate))
     return figure
+
+
+def _writer_of(path, view: str, every: int, rate: float) -> type:
+    """Return the writer of a path's format; OptionError for bad arguments."""
+    check_path(path)
+    check_numbers("", "frames per second above 0", rate=(rate, 0, np.inf))
+    suffix = Path(path).suffix.lower()
+    for where, got, known in (("path", suffix, WRITERS), ("view", view, VIEWS)):
+        if got not in known:
+            expected = f"one of {[*known]}"
+            raise OptionError("unknown", where=where, got=got, expected=expected)
+    writer = WRITERS[suffix]
+    if not writer.isAvailable():
+        raise OptionError(
+            "no program to write it", where="path", got=suffix,
+            expected="ffmpeg on the path", next="install ffmpeg, or write a .gif",
+        )  # fmt: skip
+    if not (isinstance(every, int) and every >= 1):
+        expected = "an integer, 1 or more"
+        raise OptionError("out of range", where="every", got=every, expected=expected)
+    return writer

@@ -1,7 +1,6 @@
-"""Draw numbers with matplotlib: impulses, costs, progress, errors against actions.
+"""Draw charts of an estimate: impulses, costs, progress of IPOPT, errors by action.
 
-Every function returns the figure and draws into `axis` where
-one is given.
+Every function returns the figure, and draws into `axis` if one is given.
 """
 
 from __future__ import annotations
@@ -21,24 +20,24 @@ from ..nlp.solution import Solution
 from .style import (
     FINGER_COLOURS,
     INK,
-    MM,
+    MM_PER_M,
     STYLE,
-    TOUCHED,
-    UNTOUCHED,
+    TOUCHED_COLOUR,
+    UNTOUCHED_COLOUR,
     below,
     check_axes,
     picture,
 )
 
 SIDES = (("x", "#0072B2", "o"), ("y", "#D55E00", "s"), ("z", "#009E73", "^"))
-LOG_ZERO = 1e-12  # what is zero is drawn there on logarithmic axes
+LOG_FLOOR = 1e-12  # drawn in place of zero on logarithmic axes
 
 
 @picture
 def plot_impulses(estimate: Estimate, axis=None) -> Figure:
-    """Draw normal and tangential parts of each finger's impulses where it touched.
+    """Draw normal and tangential impulses of each finger, and its friction cone.
 
-    The friction cone is mu times the normal part.  axis: one Axes, or one per finger.
+    The cone is mu times the normal impulse.  axis: one Axes, or one for each finger.
     """
     data = estimate.measurements
     if axis is None:
@@ -61,7 +60,7 @@ def plot_impulses(estimate: Estimate, axis=None) -> Figure:
         axis.set_xticks(starts - 0.5, ticks, ha="left")
         axis.set_ylabel(f"finger {finger} [mN s]")
         axis.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3)
-    axes[-1].set_xlabel("time [s] over action, where an action's contact begins")
+    axes[-1].set_xlabel("samples with contact; time [s], then action, where one begins")
     return axes[0].figure
 
 
@@ -71,7 +70,9 @@ def plot_costs(estimate: Estimate, axis=None) -> Figure:
     costs = dict(sorted(estimate.costs.items(), key=lambda cost: abs(cost[1])))
     axis = axis or plt.figure(figsize=(5.6, 0.8 + 0.24 * len(costs))).subplots()
     values = np.array([*costs.values()])
-    bars = axis.barh([*costs], values, color=np.where(values < 0, UNTOUCHED, TOUCHED))
+    bars = axis.barh(
+        [*costs], values, color=np.where(values < 0, UNTOUCHED_COLOUR, TOUCHED_COLOUR)
+    )
     axis.bar_label(bars, [f"{value:.2g}" for value in values], padding=3)
     axis.margins(x=0.15)
     axis.set(xlabel="cost [nats]", title=f"Objective {estimate.objective:.2f} nats")
@@ -82,21 +83,22 @@ def plot_costs(estimate: Estimate, axis=None) -> Figure:
 def plot_cones(estimate: Estimate, axis=None) -> Figure:
     """Draw the tangential against the normal part of every impulse of a finger.
 
-    Inside the shaded cone a contact sticks; on its edge it slides.  The normal is that
-    of the nearest face: beside an edge, where a page has one between two faces, a point
-    may lie a little off.
+    Inside the shaded cone a contact sticks; on its boundary it slides.  The normal is
+    that of the nearest face.  Pages round edges, so that points of contacts near an
+    edge may lie slightly outside.
     """
     axis = axis or plt.figure(figsize=(4.2, 3.4)).subplots()
     data, mu, most = estimate.measurements, _friction(estimate), 1e-3
     shown = np.flatnonzero((data.contact & data.valid).any(axis=1))
     for finger in range(data.fingers):
         normal, tangential = _parts(estimate, finger, shown)
-        pushes = normal > LOG_ZERO * MM
+        pushes = normal > LOG_FLOOR * MM_PER_M
         axis.scatter(normal[pushes], tangential[pushes], 14, lw=0.4, ec=INK, zorder=3,
                      color=FINGER_COLOURS[finger % len(FINGER_COLOURS)],
                      label=f"finger {finger}")  # fmt: skip
         most = max(most, *normal)
-    axis.fill_between([0, most], [0, mu * most], color=UNTOUCHED, alpha=0.35, lw=0,
+    axis.fill_between([0, most], [0, mu * most], lw=0,
+                      color=UNTOUCHED_COLOUR, alpha=0.35,
                       label=f"friction cone: {mu:.2g} × normal")  # fmt: skip
     axis.plot([0, most], [0, mu * most], color=INK, lw=1)
     axis.set(xlabel="normal part [mN s]", ylabel="tangential part [mN s]",
@@ -109,28 +111,28 @@ def plot_cones(estimate: Estimate, axis=None) -> Figure:
 def plot_progress(solved, axis=None) -> Figure:
     """Draw IPOPT's progress: infeasibility, optimality, barrier at every iteration.
 
-    solved: an Estimate or a Solution.  Dotted lines part the levels.
+    solved: an Estimate or a Solution.  Dotted lines separate the levels.
     """
     check_types(solved=(solved, (Estimate, Solution)))
     progress = solved.progress
     if not len(progress.get("level", ())):
         raise OptionError(
-            "no iteration is known", where="progress", got=f"status {solved.status}",
-            next="estimate again: older files have none",
+            "no iterations are stored", where="progress", got=f"status {solved.status}",
+            next="estimate again: files of older versions have none",
         )  # fmt: skip
     axis = axis or plt.figure(figsize=(5.6, 3.2)).subplots()
     for name, label, colour in (
-        ("primal", "constraints violated by [scaled]", TOUCHED),
+        ("primal", "constraint violation [scaled]", TOUCHED_COLOUR),
         ("dual", "gradient of the Lagrangian [scaled]", "#D55E00"),
-        ("barrier", "barrier [nats]", UNTOUCHED),
+        ("barrier", "barrier parameter mu [nats]", UNTOUCHED_COLOUR),
     ):
         axis.semilogy(
-            np.maximum(progress[name], LOG_ZERO), c=colour, lw=1.4, label=label
+            np.maximum(progress[name], LOG_FLOOR), c=colour, lw=1.4, label=label
         )
     for start in np.flatnonzero(np.diff(progress["level"])):
         axis.axvline(start + 0.5, color=INK, lw=0.8, ls=":")
     objective = progress["objective"][-1]
-    axis.set(xlabel="iteration [1]", ylabel="size [see key]",
+    axis.set(xlabel="iteration [1]", ylabel="magnitude [see legend]",
              title=f"{solved.status}, {objective:.2f} nats")  # fmt: skip
     axis.legend(**below(axis))
     return axis.figure
@@ -140,9 +142,9 @@ def plot_progress(solved, axis=None) -> Figure:
 def plot_errors(estimates, truth=None, axis=None) -> Figure:
     """Draw error and predicted sigma of each side against the number of actions.
 
-    estimates: of a cuboid, with more and more actions, as `explore` yields them.
-    truth: side lengths (3,) [m], or a dict with `side_lengths`; None: sigma alone.
-    Sides are matched with the true ones by rank: a cuboid has no first side.
+    estimates: of a cuboid after each action, as `explore` yields them.  truth: side
+    lengths (3,) [m], or a dict with `side_lengths`; None: sigma alone.  The horizontal
+    sides are matched with the true ones by rank, as their order is arbitrary.
     """
     check_types(estimates=(estimates, Iterable))
     estimates = list(estimates)
@@ -151,8 +153,10 @@ def plot_errors(estimates, truth=None, axis=None) -> Figure:
     check_types(**{f"estimates[{k}]": (e, Estimate) for k, e in enumerate(estimates)})
     axis = axis or plt.figure(figsize=(4.6, 3.4)).subplots()
     actions = [estimate.measurements.actions for estimate in estimates]
-    sides = np.array([estimate.side_lengths for estimate in estimates]) * MM
-    sigma = np.array([e.information.sigma("side_lengths") for e in estimates]) * MM
+    sides = np.array([estimate.side_lengths for estimate in estimates]) * MM_PER_M
+    sigma = (
+        np.array([e.information.sigma("side_lengths") for e in estimates]) * MM_PER_M
+    )
     if truth is not None:
         true = truth.get("side_lengths") if isinstance(truth, dict) else truth
         if np.shape(true) != (3,):
@@ -160,38 +164,37 @@ def plot_errors(estimates, truth=None, axis=None) -> Figure:
                 "cannot be drawn", where="truth", got=repr(truth)[:80],
                 expected="side lengths (3,) [m], or a dict that has them",
             )  # fmt: skip
-        order = np.argsort(np.argsort(sides[:, :2], axis=1), axis=1)  # z stands alone
+        order = np.argsort(np.argsort(sides[:, :2], axis=1), axis=1)  # z is vertical
         flat = np.sort(np.ravel(true)[:2])[order]
-        wrong = abs(sides - np.c_[flat, np.full(len(sides), np.ravel(true)[2])] * MM)
+        wrong = abs(
+            sides - np.c_[flat, np.full(len(sides), np.ravel(true)[2])] * MM_PER_M
+        )
     for k, (name, colour, marker) in enumerate(SIDES):
         axis.semilogy(actions, sigma[:, k], "--", color=colour, lw=1.2,
                       label=f"side {name}: predicted ±1σ")  # fmt: skip
         if truth is not None:
             axis.semilogy(actions, np.maximum(wrong[:, k], 1e-3), marker, color=colour,
                           ms=5, label=f"side {name}: error")  # fmt: skip
-    axis.set(xlabel="actions [1]", ylabel="of a side length [mm]")
+    axis.set(xlabel="actions [1]", ylabel="error, standard deviation of a side [mm]")
     axis.xaxis.get_major_locator().set_params(integer=True)
     axis.legend(**below(axis))
     return axis.figure
 
 
 def _friction(estimate) -> float:
+    """Return the friction coefficient of the fingers, known or estimated."""
     mu = estimate.unknowns.get("finger friction", estimate.scene.friction_finger)
     return float(np.ravel(mu)[0])
 
 
 def _parts(estimate, finger, shown):
     """Return normal and tangential parts [mN s] of a finger's impulses at samples."""
-    R_ow = _rotations(estimate.quaternion[shown]).inv()
+    R_ow = rotation_of(estimate.quaternion[shown]).inv()
     p_wf = estimate.seen_positions[shown, finger]
     p_of = R_ow.apply(p_wf - estimate.position[shown])
     body = trimesh.convex.convex_hull(estimate.vertices)
     nearest, distance, _ = trimesh.proximity.closest_point_naive(body, p_of)
     n_o = (p_of - nearest) / distance[:, None]
-    impulse = R_ow.apply(estimate.impulses[f"finger {finger}"][shown]) * MM
+    impulse = R_ow.apply(estimate.impulses[f"finger {finger}"][shown]) * MM_PER_M
     normal = -np.sum(impulse * n_o, axis=1)
     return normal, np.linalg.norm(impulse + normal[:, None] * n_o, axis=1)
-
-
-def _rotations(quaternion):
-    return rotation_of(quaternion)

@@ -1,4 +1,4 @@
-"""The faces of an estimated body at a sample, as pictures show them, in millimetres."""
+"""Compute the faces of an estimate at a sample and their one-sigma band, in mm."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from ..geometry.faces import face_sigma, polygons
 from ..geometry.transforms import rotation_of
 from ..information.information import FACE_COSINE
 from ..information.measurement_noise import KNOWN_FACE
-from .style import MM
+from .style import MM_PER_M
 
-MOST = 26e-3  # [m] a face that no one knows is drawn this far off: beside the object
-NEAREST_FACE = 0.02  # [1] of its distance from the middle, as near as a face is drawn
+MAX_DRAWN_SIGMA = 26e-3  # [m] of an unobserved face: the band stays within the margins
+MIN_DISTANCE_SHARE = 0.02  # [-] least distance of a drawn face over that estimated
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,39 +29,46 @@ class Face:
 def faces_of(estimate, sample: int):
     """Return the faces at a sample, and the corners (n, 3) [mm] one sigma out and in.
 
-    A cuboid's faces move by what is known of them at the last sample, of its sizes at
-    others; a hull's by what is known at the last sample.  Where nothing says how well a
-    face is known, nobody can draw it: None in place of the corners.
+    The faces of a cuboid move by their standard deviation at the last sample, and by
+    that of its sizes alone at others; the faces of a polytope by that at the last
+    sample.  None in place of the corners where the deviation of a face is not computed.
     """
     R_wo, p_wo = estimate.rotation(sample), estimate.position[sample]
     planes = polygons(estimate.vertices)
     normals = np.array([n for _, n in planes])
     touched = _touched(estimate, normals)
     faces = [
-        Face((estimate.vertices[corners] @ R_wo.T + p_wo) * MM, R_wo @ n_o, bool(known))
+        Face(
+            (estimate.vertices[corners] @ R_wo.T + p_wo) * MM_PER_M,
+            R_wo @ n_o,
+            bool(known),
+        )
         for (corners, n_o), known in zip(planes, touched, strict=True)
     ]
     sigma = _deviations(estimate, sample, normals)
     if np.isnan(sigma).any():
         return faces, None
     away = np.array([estimate.vertices[c[0]] @ n for c, n in planes])  # from the origin
-    band = [_moved(normals, away, way * np.minimum(sigma, MOST)) for way in (1, -1)]
-    return faces, [(corners @ R_wo.T + p_wo) * MM for corners in band]
+    band = [
+        _moved(normals, away, way * np.minimum(sigma, MAX_DRAWN_SIGMA))
+        for way in (1, -1)
+    ]
+    return faces, [(corners @ R_wo.T + p_wo) * MM_PER_M for corners in band]
 
 
 def _moved(normals, away, by) -> np.ndarray:
-    """Return the corners (n, 3) [m] of a body whose faces lie `by` [m] farther out."""
-    away = np.maximum(away + by, NEAREST_FACE * away)
+    """Return the corners (n, 3) [m] of a body whose faces are moved out by `by` [m]."""
+    away = np.maximum(away + by, MIN_DISTANCE_SHARE * away)
     return HalfspaceIntersection(np.c_[normals, -away], np.zeros(3)).intersections
 
 
 def _touched(estimate, normals) -> np.ndarray:
-    """Return which faces were touched, or lie on the ground, (faces,)."""
+    """Tell which faces were touched or lie on the ground, (faces,) bool."""
     data, scene = estimate.measurements, estimate.scene
     t, f = np.nonzero(data.contact & data.valid)
     R_ow = rotation_of(estimate.quaternion[t]).inv()
     met = R_ow.apply(data.normal[t, f]) @ normals.T > FACE_COSINE
-    # A cuboid's face was touched where its size takes it as known.
+    # As many samples as make a face of a cuboid count as touched in its sigma.
     enough = KNOWN_FACE if estimate.shape == "cuboid" else 1
     down = np.zeros(len(normals), bool)
     if scene.ground is not None:
@@ -75,7 +82,7 @@ def _deviations(estimate, sample: int, normals) -> np.ndarray:
     if estimate.shape != "cuboid":
         return face_sigma(estimate)
     axis, side = np.argmax(abs(normals), axis=1), (normals.sum(axis=1) > 0).astype(int)
-    if not last:  # a size alone: the face that was not touched has all of it
+    if not last:  # sizes alone: the untouched face of two moves by the whole deviation
         known = estimate.faces >= KNOWN_FACE
         known[2, 0] |= estimate.scene.ground is not None
         share = np.where(known.sum(axis=1, keepdims=True) == 1, ~known, 0.5)

@@ -1,4 +1,4 @@
-"""Draw with matplotlib where touching would tell most: the gain of each direction."""
+"""Draw the expected information gain of each direction of a finger."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from ..common.validation import check_types
 from ..exploration.action_search import Choice
 from ..exploration.expected_information import ExpectedInformation
 from ..geometry.transforms import planar_matrix
-from .scene import outline
-from .style import FINGER_COLOURS, INK, MM, STYLE, below, check_axes
+from .drawing import outline
+from .style import FINGER_COLOURS, INK, MM_PER_M, STYLE, below, check_axes
 
-MAP_MARGIN = 35.0  # [mm] beside the object that is seen from above
+TOP_VIEW_MARGIN = 35.0  # [mm] beside the object in the view from above
 DIRECTIONS = 33, 17  # directions by azimuth and declination, for each finger
 
 
 @plt.rc_context(STYLE)
 def plot_gain(estimate, choice: Choice, axis=None) -> Figure:
-    """Draw the expected gain over the action sphere, and the chosen lines.
+    """Draw the expected gain over the directions of each finger, and the chosen action.
 
-    Each finger's half is scanned while the other finger does what was chosen.  Left:
-    all directions; right: from above, with the object that is estimated.  axis: these
-    two Axes, or one for the directions alone.
+    The directions of one finger vary while the others keep the chosen ones.  Left: the
+    gain by azimuth and declination; right: the action and the estimated object from
+    above.  axis: these two Axes, or one for the gain alone.
     """
     check_types(estimate=(estimate, "Estimate"), choice=(choice, Choice))
     if axis is None:
@@ -69,23 +69,26 @@ def _scan(expected, choice, finger: int):
 
 
 def _draw_lines(axis, estimate, action, expected) -> None:
-    """Draw the chosen lines from above, the object now, and where it is expected."""
-    way = action.positions(expected.target, 31) * MM
+    """Draw the action from above, the object now and where it is expected after it."""
+    way = action.positions(expected.target, 31) * MM_PER_M
     now = estimate.mesh().vertices
     motion = expected.prospect(action).motion[-1]
     turn, centre = planar_matrix(motion[2])[:2, :2], expected.target[:2]
     then = (now[:, :2] - centre) @ turn.T + centre + motion[:2]
-    for points, style, words in ((now, "-", "estimate"), (then, ":", "expected then")):
-        axis.plot(*outline(points * MM).T, style, color=INK, label=words)
+    for points, style, words in (
+        (now, "-", "estimate"),
+        (then, ":", "expected after it"),
+    ):
+        axis.plot(*outline(points * MM_PER_M).T, style, color=INK, label=words)
     for finger in range(way.shape[1]):
         colour = FINGER_COLOURS[finger % len(FINGER_COLOURS)]
         axis.plot(*way[:, finger, :2].T, color=colour, label=f"finger {finger}")
-        radius = action.workspace.finger_radius * MM
+        radius = action.workspace.finger_radius * MM_PER_M
         spot = plt.Circle(way[-1, finger, :2], radius, fc=(colour, 0.3), ec=colour)
         axis.add_patch(spot)
     low, high = (
-        (now[:, :2] * MM).min(axis=0) - MAP_MARGIN,
-        (now[:, :2] * MM).max(axis=0) + MAP_MARGIN,
+        (now[:, :2] * MM_PER_M).min(axis=0) - TOP_VIEW_MARGIN,
+        (now[:, :2] * MM_PER_M).max(axis=0) + TOP_VIEW_MARGIN,
     )
     axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal",
              xlabel="x [mm]", ylabel="y [mm]", title="From above")  # fmt: skip

@@ -1,4 +1,4 @@
-"""One style of all pictures: colours, sizes, keys, and which axes they take."""
+"""The style of all pictures: colours, fonts, legends, and the checks of axes."""
 
 from __future__ import annotations
 
@@ -13,21 +13,23 @@ from matplotlib.transforms import ScaledTranslation
 from ..common.validation import check_types
 from ..errors import OptionError
 from ..estimation.result import Estimate
+from ..output.colours import FINGER_RGB
 
-# Colours that the colour-blind tell apart (Okabe and Ito, "Color Universal Design").
-TOUCHED, UNTOUCHED, BAND, TRUTH = "#0072B2", "#B5B5B5", "#56B4E9", "#D55E00"
-INK, FINGER_COLOURS = "#333333", ("#009E73", "#CC79A7", "#E69F00", "#F0E442")
+# Colours that the colour-blind can distinguish (Okabe, Ito, "Color Universal Design").
+TOUCHED_COLOUR, UNTOUCHED_COLOUR = "#0072B2", "#B5B5B5"
+BAND_COLOUR, TRUTH_COLOUR, INK = "#56B4E9", "#D55E00", "#333333"
+FINGER_COLOURS = tuple("#{:02X}{:02X}{:02X}".format(*rgb) for rgb in FINGER_RGB)
 STYLE = {
     "font.size": 8, "legend.fontsize": 8, "legend.frameon": False, "figure.dpi": 150,
     "axes.spines.top": False, "axes.spines.right": False, "axes3d.grid": False,
     "axes.titlesize": 9, "axes.xmargin": 0.01, "figure.constrained_layout.use": True,
 }  # fmt: skip
-MM = 1e3  # [mm / m], also [mN s / N s]
-UNDER = 0.42  # [inch] from an axis to the key below it: room for ticks and label
+MM_PER_M = 1e3  # [mm / m], also [mN s / N s]
+KEY_DISTANCE = 0.42  # [inch] from an axis to the legend below its ticks and label
 
 
 def picture(draw):
-    """Return a function that draws an Estimate in our style, and nothing else."""
+    """Wrap a function that draws an Estimate: check the arguments, set the style."""
 
     @wraps(draw)
     def styled(estimate, *arguments, **named):
@@ -44,7 +46,7 @@ def picture(draw):
 
 
 def dress(axis) -> None:
-    """Give an axis that was made without our style the letters and lines of it."""
+    """Apply the style to an axis that was made without it."""
     for side in ("top", "right"):
         axis.spines[side].set_visible(False)
     size = plt.rcParams["font.size"]
@@ -58,12 +60,12 @@ def dress(axis) -> None:
 
 
 def check_axes(axis, count: int) -> list:
-    """Return so many axes as a list; OptionError where there are not so many."""
+    """Return a list of `count` axes; OptionError for another number of them."""
     axes = [*np.ravel(np.asarray(axis, dtype=object))]
     if len(axes) == count and all(isinstance(a, Axes) for a in axes):
         return axes
     raise OptionError(
-        "wrong number of axes", where="axis", got=f"{len(axes)} things",
+        "wrong number of axes", where="axis", got=len(axes),
         expected=f"{count} matplotlib Axes",
     )  # fmt: skip
 
@@ -79,14 +81,14 @@ def check_solid(axis):
 
 
 def below(axis) -> dict:
-    """Return where a key lies under an axis, whatever its height."""
-    down = ScaledTranslation(0, -UNDER, axis.figure.dpi_scale_trans)
+    """Return the arguments of a legend below an axis of any height."""
+    down = ScaledTranslation(0, -KEY_DISTANCE, axis.figure.dpi_scale_trans)
     where = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "ncols": 2}
     return where | {"bbox_transform": axis.transAxes + down}
 
 
 def with_key(owner, axis, **where):
-    """Give a figure or an axis one legend, with every label once; return the figure."""
+    """Add a legend with every label once to a figure or an axis; return the figure."""
     entries = dict(zip(*axis.get_legend_handles_labels()[::-1], strict=True))
     owner.legend(entries.values(), entries, **where)
     return axis.figure

@@ -1,4 +1,4 @@
-"""Step one rigid object and the fingers that push it, with MuJoCo."""
+"""Step one rigid object and the fingers that push it, by MuJoCo."""
 
 from __future__ import annotations
 
@@ -6,26 +6,27 @@ import numpy as np
 
 from ..errors import OptionError, TactileError
 
-# [s]; an impact at 0.2 m/s sinks in by 0.07 mm, most of it in one step
-TIME_STEP = 1 / 4080
+TIME_STEP = 1 / 4080  # [s]; an impact at 0.2 m/s sinks in by 0.07 mm in one step
 # Contacts settle in 1 ms (MuJoCo wants two steps at least) without rebound, under the
 # largest impedance that MuJoCo takes: 8 N sink in by less than 0.1 um.  Friction is ten
 # times as stiff: no creep is left that the slow noslip solver could remove.
-CONTACT = 'condim="3" solref="{} {}" solimp="0.9999 0.9999 0.001"'
-SETTLING = 0.001  # [s] of a contact without rebound
-BOUNCING = 0.005  # [s] of one that rebounds: many steps long, or it gains energy
-LIVELIEST = 0.9  # [1] restitution: with more, contacts ring on and on
-OPTION = 'integrator="implicitfast" cone="elliptic" impratio="10" tolerance="1e-10"'
+CONTACT_SETTINGS = 'condim="3" solref="{} {}" solimp="0.9999 0.9999 0.001"'
+CONTACT_TIME = 0.001  # [s] of a contact without rebound
+REBOUND_TIME = 0.005  # [s] of one with rebound: many steps, or it gains energy
+MAX_RESTITUTION = 0.9  # [1]; above, contacts oscillate for long
+SOLVER_SETTINGS = (
+    'integrator="implicitfast" cone="elliptic" impratio="10" tolerance="1e-10"'
+)
 FINGER_MASS = 0.05  # [kg], a fingertip; the object feels it in impacts only
-STIFFNESS = 3125.0  # [N/m] of the servo: a finger alone reaches 250 rad/s
-# Critical with 0.5 kg before the finger; with less damping a push is a row of blows.
-DAMPING = 2 * (STIFFNESS * (FINGER_MASS + 0.5)) ** 0.5  # [N s/m]
-HOME = 10.0  # [m] above the origin, out of reach: the fingers before the first action
-OVERLAP = 1e-5  # [m] allowed where fingers are placed; a resting object sinks in 0.1 um
+SERVO_STIFFNESS = 3125.0  # [N/m] of the servo: a finger alone reaches 250 rad/s
+# Critical for 0.5 kg in front of the finger; with less damping a push is many impacts.
+SERVO_DAMPING = 2 * (SERVO_STIFFNESS * (FINGER_MASS + 0.5)) ** 0.5  # [N s/m]
+PARKING_HEIGHT = 10.0  # [m] of the fingers before the first action: out of reach
+MAX_OVERLAP = 1e-5  # [m] of a placed finger; a resting object sinks in by 0.1 um
 
 
 class Plant:
-    """Hold one free object, a ground plane and F fingers on position servos.
+    """The MuJoCo model of one free object, a ground plane and F servo-driven fingers.
 
     side_lengths:   (3,) [m] of a box, or None for the convex hull of
     vertices:       (V, 3) [m] in the body frame
@@ -38,7 +39,7 @@ class Plant:
     max_force:      [N] of a finger's servo
     restitution:    [1] of all contacts
 
-    The arguments are checked by who calls.
+    The arguments are not checked here (see arguments.py).
     """
 
     def __init__(
@@ -65,7 +66,7 @@ class Plant:
         self._data = mujoco.MjData(self._model)
         self._object = self._model.geom("object").id
         self._first = self._object + 1  # the geoms of the fingers follow the object's
-        home = [[f, 0.0, HOME] for f in range(len(finger_radius))]
+        home = [[f, 0.0, PARKING_HEIGHT] for f in range(len(finger_radius))]
         self._data.qpos[:] = np.concatenate([pose, np.ravel(home)])
         self._max_force = max_force
         self.steps = 0
@@ -84,16 +85,16 @@ class Plant:
         """Return the distances (F,) [m] of finger surfaces to the object's, signed."""
         import mujoco
 
-        model, data, far = self._model, self._data, 2 * HOME
+        model, data, far = self._model, self._data, 2 * PARKING_HEIGHT
         mujoco.mj_kinematics(model, data)  # geoms lag one step behind the coordinates
         fingers = range(self._first, model.ngeom)
         pairs = ((model, data, f, self._object, far, None) for f in fingers)
         return np.array([mujoco.mj_geomDistance(*pair) for pair in pairs])
 
     def place(self, position: np.ndarray) -> None:
-        """Put the fingers (F, 3) [m] there, at rest.
+        """Place the fingers at position (F, 3) [m], at rest.
 
-        Raises OptionError where that is inside the object, the ground or a finger.
+        Raises OptionError if one is inside the object, the ground or a finger.
         """
         import mujoco
 
@@ -101,7 +102,7 @@ class Plant:
         mujoco.mj_forward(self._model, self._data)
         contact = self._data.contact
         geoms, overlap = contact.geom.reshape(-1, 2).max(axis=1), -contact.dist
-        deep = np.flatnonzero((geoms >= self._first) & (overlap > OVERLAP))
+        deep = np.flatnonzero((geoms >= self._first) & (overlap > MAX_OVERLAP))
         if len(deep):
             finger = geoms[deep[0]] - self._first
             raise OptionError(
@@ -142,8 +143,8 @@ class Plant:
         import mujoco
 
         data = self._data
-        force = STIFFNESS * (position - data.qpos[7:].reshape(-1, 3))
-        force += DAMPING * (velocity - data.qvel[6:].reshape(-1, 3))
+        force = SERVO_STIFFNESS * (position - data.qpos[7:].reshape(-1, 3))
+        force += SERVO_DAMPING * (velocity - data.qvel[6:].reshape(-1, 3))
         size = np.linalg.norm(force, axis=1, keepdims=True)
         force *= self._max_force / np.maximum(size, self._max_force)
         data.qfrc_applied[6:] = force.ravel()
@@ -179,7 +180,7 @@ def _xml(
     ground: float | None,
     contact: str,
 ) -> str:
-    """Return MuJoCo's description; it takes the larger friction of two geoms."""
+    """Return the XML model; MuJoCo uses the larger friction of two geoms."""
     mesh, plane, geom = "", "", 'type="mesh" mesh="object"'
     if side_lengths is None:
         mesh = f'<asset><mesh name="object" vertex="{_text(vertices)}"/></asset>'
@@ -194,25 +195,25 @@ def _xml(
             mass="{FINGER_MASS}" friction="{friction[1]} 0 0"/></body>"""
         for radius in finger_radius.tolist()
     )
-    return f"""<mujoco><option timestep="{TIME_STEP}" {OPTION}/>
+    return f"""<mujoco><option timestep="{TIME_STEP}" {SOLVER_SETTINGS}/>
         <default><geom {contact}/></default>{mesh}
         <worldbody>{plane}<body><freejoint/><geom name="object" {geom} mass="{mass}"
             friction="0 0 0"/></body>{fingers}</worldbody></mujoco>"""
 
 
 def _contact(restitution: float) -> str:
-    """Return MuJoCo's parameters of a contact that gives back so much of its speed.
+    """Return MuJoCo's contact parameters for a coefficient of restitution.
 
-    A spring and a damper that only push let go when their force is zero, which leaves
-    exp(-z (pi - atan(2 z s / (1 - 2 z^2))) / s) of the speed, z the damping ratio and
-    s = sqrt(1 - z^2) (Schwager and Poeschel, 2007).
+    A spring and damper that cannot pull end the contact when their force is zero.  The
+    restitution is then exp(-z (pi - atan(2 z s / (1 - 2 z^2))) / s), with the damping
+    ratio z and s = sqrt(1 - z^2) (Schwager and Poeschel, 2007).
     """
     if restitution == 0:
-        return CONTACT.format(SETTLING, 1)
+        return CONTACT_SETTINGS.format(CONTACT_TIME, 1)
     z = np.linspace(0.01, 0.99, 1000)
     s = np.sqrt(1 - z**2)
     left = np.exp(-z / s * (np.pi - np.arctan2(2 * z * s, 1 - 2 * z**2)))
-    return CONTACT.format(BOUNCING, np.interp(-restitution, -left, z))
+    return CONTACT_SETTINGS.format(REBOUND_TIME, np.interp(-restitution, -left, z))
 
 
 def _text(numbers: np.ndarray) -> str:

@@ -1,4 +1,4 @@
-"""Plan how fingers leave an object: out along the normal, then back as they came."""
+"""Plan the retraction of fingers: along the contact normal, then back on the path."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 
 from .mujoco_plant import TIME_STEP
 
-BACK_OFF, BACK_OFF_TIME = 0.008, 0.2  # [m], [s] first, out along the contact normal
-RETURN_TIME = 0.4  # [s] back the way it came
-STILL = 1e-9  # [m] a finger that is to move less than this is parked
+BACK_OFF, BACK_OFF_TIME = 0.008, 0.2  # [m], [s] first, along the contact normal
+RETURN_TIME = 0.4  # [s] then, back along the path
+PARKED_MOTION = 1e-9  # [m] a finger whose path is shorter is parked
 
 
 def retraction(
@@ -18,15 +18,16 @@ def retraction(
 ) -> np.ndarray:
     """Return the references (n, F, 3) [m] out along the normal, then back on the path.
 
-    here, normal (F, 3): where the fingers are [m], outward normals of what they touch;
-    path: their positions (F, 3) [m] by time, duration [s]; parked (F,) do not move.
-    The path is moved to where the finger is; the offset fades with the way left.
+    here: (F, 3) [m], positions of the fingers; normal: (F, 3), outward contact normals;
+    path: positions (F, 3) [m] as a function of time [s] up to duration [s]; parked:
+    (F,), fingers that do not move.  The offset from the path at its end decreases to
+    zero along the way back.
     """
     out = here + BACK_OFF * _smooth(BACK_OFF_TIME) * normal
     back = path(duration * (1 - _smooth(RETURN_TIME)[:, 0, 0]))
     steps = np.diff(back, axis=0, prepend=back[:1])
     way = np.linalg.norm(steps, axis=-1).cumsum(axis=0)
-    left = 1 - way / np.maximum(way[-1], STILL)
+    left = 1 - way / np.maximum(way[-1], PARKED_MOTION)
     back = back + left[:, :, None] * (out[-1] - back[0])
     return np.where(parked[:, None], path(0.0), np.concatenate([out, back[1:]]))
 

@@ -1,0 +1,200 @@
+"""Draw one sample of an estimate into an axis, from above or in 3-D."""
+
+from __future__ import annotations
+
+import matplotlib.pyplot as plt
+import numpy as np
+import trimesh
+from matplotlib.colors import LightSource
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+from ..errors import OptionError
+from ..geometry.faces import polygons
+from ..geometry.transforms import rotation_of
+from .faces import faces_of
+from .style import (
+    BAND_COLOUR,
+    FINGER_COLOURS,
+    INK,
+    MM_PER_M,
+    TOUCHED_COLOUR,
+    TRUTH_COLOUR,
+    UNTOUCHED_COLOUR,
+    check_solid,
+)
+
+# [mm] beside and above the object: a fingertip has room.
+SCENE_MARGINS = np.array([26.0, 26.0, 22.0])
+NORMAL_LENGTH = 7.0  # [mm] of an arrow along a normal
+GRID_SPACING_MM = 10.0  # [mm] between the lines of the ground
+ELEVATION, AZIMUTH = 28.0, -58.0  # [deg] of the direction of view
+EYE = Rotation.from_euler("yz", [-ELEVATION, AZIMUTH], degrees=True).apply([1, 0, 0])
+LIGHT = LightSource(azdeg=145, altdeg=50)
+FACE_LABELS = {True: "face touched", False: "face not touched"}
+SIGMA_LABEL = "±1σ of each face"
+
+
+def draw_top(axis, estimate, sample, truth, view) -> None:
+    """Draw a sample from above into an axis that shows the box `view` (2, 3) [mm]."""
+    data, (faces, spread) = estimate.measurements, faces_of(estimate, sample)
+    for face in (face for face in faces if face.normal[2] > -1e-6):
+        colour, upright = _face_colour(face), face.normal[2] < 0.5
+        axis.fill(*face.corners[:, :2].T, fc=(colour, 0.25), ec=colour, lw=1 + upright,
+                  zorder=2 + upright, label=FACE_LABELS[face.touched])  # fmt: skip
+    if spread is not None:
+        ring = np.concatenate([outline(spread[0]), outline(spread[1])[::-1]])
+        axis.fill(*ring.T, fc=(BAND_COLOUR, 0.5), lw=0, zorder=2.5, label=SIGMA_LABEL)
+    if truth is not None:
+        true = outline(true_corners(truth, sample))
+        axis.plot(*true.T, "--", color=TRUTH_COLOUR, lw=1.3, zorder=6, label="truth")
+    during = data.action == data.action[sample]
+    contacts = carried_contacts(estimate, sample)
+    for finger, (colour, points, normals, now) in enumerate(contacts):
+        path = estimate.seen_positions[:, finger] * MM_PER_M
+        axis.plot(*path[during, :2].T, ".-", ms=2.5, lw=0.8, color=colour, zorder=4)
+        axis.add_patch(plt.Circle(
+            path[sample, :2], data.finger_radius[finger] * MM_PER_M, fc=(colour, 0.35),
+            ec=colour, zorder=5, label=f"finger {finger} and its contacts",
+        ))  # fmt: skip
+        axis.quiver(*points[now, :2].T, *normals[now, :2].T, color=colour,
+                    angles="xy", scale_units="xy", scale=1 / NORMAL_LENGTH,
+                    width=3e-3, zorder=7)  # fmt: skip
+        size = 6 + 10 * now
+        axis.scatter(*points[:, :2].T, size, color=colour, ec=INK, lw=0.4, zorder=8)
+    axis.set(xlim=view[:, 0], ylim=view[:, 1], xlabel="x [mm]", ylabel="y [mm]",
+             aspect="equal", title=title_of(data, sample))  # fmt: skip
+
+
+def draw_scene(axis, estimate, sample, truth, view) -> None:
+    """Draw a sample in 3-D into an axis that shows the box `view` (2, 3) [mm]."""
+    data, (faces, spread) = estimate.measurements, faces_of(estimate, sample)
+    set_up(axis, estimate, view)
+    for face in (face for face in faces if face.normal @ EYE > 0):
+        colour = _face_colour(face)
+        draw_seen(axis, [(face.corners, face.normal)], colour, INK, 4, shade=True,
+                  lightsource=LIGHT, label=FACE_LABELS[face.touched])  # fmt: skip
+    if spread is not None:
+        outer, colour = _faces_of_hull(spread[0]), BAND_COLOUR
+        draw_seen(axis, outer, (colour, 0.12), colour, 5, label=SIGMA_LABEL)
+    if truth is not None:
+        true = _faces_of_hull(true_corners(truth, sample))
+        draw_seen(axis, true, "none", TRUTH_COLOUR, 6, ls="--", label="truth")
+    contacts = carried_contacts(estimate, sample)
+    for finger, (colour, points, normals, _) in enumerate(contacts):
+        seen = normals @ EYE > 0
+        axis.quiver(*points[seen].T, *normals[seen].T, length=NORMAL_LENGTH,
+                    color=colour, lw=0.8, arrow_length_ratio=0.3, zorder=7)  # fmt: skip
+        axis.scatter(
+            *points[seen].T, s=8, color=colour, edgecolors=INK, lw=0.4, zorder=8,
+            depthshade=False, label=f"finger {finger} and its contacts",
+        )  # fmt: skip
+        centre = estimate.seen_positions[sample, finger] * MM_PER_M
+        if np.all((centre > view[0]) & (centre < view[1])):  # 3-D axes do not clip
+            near = max(faces, key=lambda f: f.normal @ (centre - f.corners[0])).normal
+            ball = trimesh.creation.icosphere(3, data.finger_radius[finger] * MM_PER_M)
+            axis.plot_trisurf(
+                *(ball.vertices + centre).T, triangles=ball.faces, color=colour, lw=0,
+                antialiased=False, lightsource=LIGHT,
+                zorder=9 + EYE @ centre / MM_PER_M if near @ EYE > 0 else 3,
+            )  # fmt: skip
+
+
+def _face_colour(face) -> str:
+    return TOUCHED_COLOUR if face.touched else UNTOUCHED_COLOUR
+
+
+def set_up(axis, estimate, view) -> None:
+    """Set up a 3-D axis that shows the box `view` (2, 3) [mm], with the ground."""
+    check_solid(axis)
+    axis.set(xlim=view[:, 0], ylim=view[:, 1], zlim=view[:, 2], xlabel="x [mm]",
+             ylabel="y [mm]", zlabel="z [mm]", proj_type="ortho")  # fmt: skip
+    for side, pad in ((axis.xaxis, -4), (axis.yaxis, -4), (axis.zaxis, -10)):
+        side.labelpad = pad
+        side.set_tick_params(pad=-2)
+        side.pane.set_visible(False)
+    axis.set_box_aspect(view[1] - view[0], zoom=1.3)
+    axis.view_init(ELEVATION, AZIMUTH)
+    axis.computed_zorder = False  # matplotlib's own order draws near things below
+    if estimate.scene.ground is not None:
+        step = GRID_SPACING_MM
+        (x0, y0, _), (x1, y1, _) = np.round(view / step) * step
+        flat = np.mgrid[x0 : x1 + 1 : step, y0 : y1 + 1 : step, 0:1] / MM_PER_M
+        flat = flat[..., 0].transpose(1, 2, 0)
+        lines = MM_PER_M * estimate.scene.ground.from_ground(flat)
+        axis.plot_wireframe(*lines.transpose(2, 0, 1), rstride=1, cstride=1, lw=0.5,
+                            color="#D0D0D0", zorder=0)  # fmt: skip
+
+
+def draw_seen(axis, polygons, face, edge, order, **style) -> None:
+    """Draw those faces, pairs of corners and normal, whose outside is visible."""
+    seen = [corners for corners, normal in polygons if normal @ EYE > 0]
+    style |= {"facecolors": face, "edgecolors": edge, "lw": 1, "zorder": order}
+    axis.add_collection3d(Poly3DCollection(seen, **style))
+
+
+def visible_area(corners, normal) -> float:
+    """Return the projected area [mm^2] of a flat face; negative if seen from behind."""
+    turned = np.cross(corners - corners[0], np.roll(corners, -1, axis=0) - corners[0])
+    return np.linalg.norm(turned.sum(axis=0)) / 2 * (normal @ EYE)
+
+
+def _faces_of_hull(points):
+    """Yield corners (k, 3), in order, and outward normal of each face of a hull."""
+    for corners, normal in polygons(points):
+        yield points[corners], normal
+
+
+def outline(corners) -> np.ndarray:
+    """Return the closed outline (k, 2) of corners (n, 3) seen from above."""
+    ring = ConvexHull(corners[:, :2]).vertices
+    return corners[np.append(ring, ring[0]), :2]
+
+
+def true_corners(truth, sample) -> np.ndarray:
+    """Return the corners (n, 3) [mm] of the true body at a sample, world frame."""
+    truth = truth if isinstance(truth, dict) else getattr(truth, "__dict__", {})
+    sized = truth.keys() & {"side_lengths", "vertices"}
+    if not (sized and {"position", "quaternion"} <= truth.keys()):
+        raise OptionError(
+            "cannot be drawn", where="truth", got=f"{sorted(truth)}",
+            expected="position, quaternion (wxyz) and side_lengths or vertices",
+        )  # fmt: skip
+    p_wo, quaternion = (np.atleast_2d(truth[k]) for k in ("position", "quaternion"))
+    now = sample if len(p_wo) > 1 else 0
+    corners = truth.get("vertices")
+    if corners is None:
+        corners = np.indices((2, 2, 2)).reshape(3, -1).T - 0.5
+        corners = corners * truth["side_lengths"]
+    return MM_PER_M * (rotation_of(quaternion[now]).apply(corners) + p_wo[now])
+
+
+def carried_contacts(estimate, sample):
+    """Yield the contacts of each finger, moved with the object to a sample.
+
+    The finger's colour, points (n, 3) [mm], normals (n, 3), world frame, and whether
+    each contact is of the sample's action (n,).
+    """
+    data, R_wo = estimate.measurements, rotation_of(estimate.quaternion)
+    for finger, radius in enumerate(data.finger_radius):
+        t = np.flatnonzero(data.contact[:, finger] & data.valid[:, finger])
+        carry, n_w = R_wo[sample] * R_wo[t].inv(), data.normal[t, finger]
+        arms = estimate.seen_positions[t, finger] - radius * n_w - estimate.position[t]
+        points = MM_PER_M * (carry.apply(arms) + estimate.position[sample])
+        now = data.action[t] == data.action[sample]
+        colour = FINGER_COLOURS[finger % len(FINGER_COLOURS)]
+        yield colour, points, carry.apply(n_w), now
+
+
+def title_of(data, sample) -> str:
+    """Return the time and the action of a sample."""
+    return f"{data.time[sample]:.1f} s, action {data.action[sample]}"
+
+
+def view_of(estimate, samples) -> np.ndarray:
+    """Return the corners (2, 3) [mm] of a box that holds the object, with margins."""
+    meshes = [estimate.mesh(sample) for sample in samples]
+    points = np.concatenate([mesh.vertices for mesh in meshes]) * MM_PER_M
+    below = SCENE_MARGINS * (1, 1, estimate.scene.ground is None)
+    return np.stack([points.min(axis=0) - below, points.max(axis=0) + SCENE_MARGINS])
