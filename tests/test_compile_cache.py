@@ -262,7 +262,7 @@ COMPILERS = {
     "writes no UTF-8": r"printf '\377\376'; printf '\377' >&2; exit 1",
     "hangs, and what it started too": "sleep 60 & sleep 60",
     "writes nothing": "exit 0",
-    "writes rubbish": 'echo rubbish > "${7}"; echo rubbish > "${8}"',
+    "writes rubbish": 'echo rubbish > "${7}"',
     "dies": "kill -SEGV $$",
 }
 

@@ -3,30 +3,36 @@
     with ends_by(time.monotonic() + 60.0):
         ...  # solves and compilations in here end by then
 
-Every solve of `nlp` and every compilation asks `time_left`; a loop over solves asks it
-between them.  Deadlines nest: an inner one can be earlier, never later.
+Every solve of `nlp` and every compilation asks `time_left`; what can be left out asks
+`out_of_time`, which records that it was.  Deadlines nest: an inner one can be earlier,
+never later.
 """
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+log = logging.getLogger("tactilenlp")
 
 
 @dataclass(frozen=True)
 class _Deadline:
     """When a computation ends [s], how long it may take in all [s], what was spent.
 
-    at: of time.monotonic(); spent: seconds by purpose, shared by nested deadlines.
+    at: of time.monotonic(); spent: seconds by purpose, and omitted: what was left out,
+    both shared by nested deadlines.
     """
 
     at: float
     whole: float
     spent: dict[str, float] = field(default_factory=dict)
+    omitted: list[str] = field(default_factory=list)
 
 
 _deadline: ContextVar[_Deadline | None] = ContextVar("deadline", default=None)
@@ -39,7 +45,7 @@ def ends_by(deadline: float) -> Iterator[None]:
     if outer is None:
         inner = _Deadline(deadline, max(0.0, deadline - time.monotonic()))
     else:
-        inner = _Deadline(min(deadline, outer.at), outer.whole, outer.spent)
+        inner = replace(outer, at=min(deadline, outer.at))
     before = _deadline.set(inner)
     try:
         yield
@@ -51,6 +57,23 @@ def time_left() -> float:
     """Return the time [s] until the deadline, at least 0; infinity without one."""
     now = _deadline.get()
     return math.inf if now is None else max(0.0, now.at - time.monotonic())
+
+
+def out_of_time(omitted: str, needed: float = 0.0) -> bool:
+    """Tell whether less time is left than needed [s]; if so, record what is omitted."""
+    if time_left() > needed:
+        return False
+    known = omissions()
+    if omitted not in known:
+        log.info("the time limit is near: without %s", omitted)
+        known.append(omitted)
+    return True
+
+
+def omissions() -> list[str]:
+    """Return what was left out so far for lack of time."""
+    now = _deadline.get()
+    return [] if now is None else now.omitted
 
 
 def share_left(purpose: str, share: float) -> float:

@@ -14,6 +14,7 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 
+from ..common.deadline import out_of_time
 from ..data.sensor_noise import variance_left
 from ..information.goodness_of_fit import NOTHING, misfits
 from ..problem.certificates import Skipped
@@ -60,6 +61,8 @@ def with_soft_fingertips(job, page, solved, options, solve) -> tuple:
             declined(best, RIGID_FINGERTIPS, excess, needed, "at most "),
             *solved[1:],
         ]
+    if out_of_time("soft fingertips"):
+        return job, solved
     soft = replace(job, reductions=replace(job.reductions, rigid=False))
     levels = freed_levels(page.LEVELS, final=True) if job.reductions.planar else None
     nearest = solved_from(soft, page, best.at, options, levels=levels)
@@ -77,6 +80,8 @@ def with_tilt(job, page, best: Solved, options) -> Solved:
         return best
     excess, needed = excess_of(job, best)
     if excess < needed:
+        return best
+    if out_of_time("tilt"):
         return best
     free = replace(job, reductions=replace(job.reductions, planar=False))
     tilted = freed_to_tilt(free, page, best, settings_of(free, options), RESTART_MU)

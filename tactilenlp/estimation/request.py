@@ -40,6 +40,10 @@ class Request:
     start: Estimate | Guess | None = None
     executor: object = None
 
+    def time_at(self, share: float) -> float:
+        """Return when a share of the time limit is over, [s] of time.monotonic()."""
+        return self.job.deadline - (1 - share) * self.options.time_limit
+
     @property
     def widths(self) -> tuple[int, int]:
         """How many hypotheses are kept, and starts solved, after an action."""
