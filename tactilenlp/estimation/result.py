@@ -113,6 +113,16 @@ class Estimate:
             return None
         return float(self.unknowns[COMPLIANCE].item()) / (self.scene.mass * G)
 
+    @property
+    def sigma_position(self) -> np.ndarray:
+        """Standard deviations (T, 3) [m] of the position at every sample."""
+        return self.information.along_path("position")
+
+    @property
+    def sigma_yaw(self) -> np.ndarray:
+        """Standard deviations (T,) [rad] of the turn about the world's z axis."""
+        return self.information.along_path("rotation")[:, 2]
+
     def rotation(self, sample: int = -1) -> np.ndarray:
         """Return the rotation matrix (3, 3) from body to world at a sample."""
         check_sample(sample, len(self.quaternion))
