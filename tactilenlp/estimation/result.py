@@ -151,6 +151,12 @@ class Estimate:
             f"after {self.iterations} iterations, {self.seconds['total']:.1f} CPU s; "
             f"largest violation {max(self.violations.values(), default=0.0):.1g}.",
         ]
+        if self.information.path is not None:
+            off = self.sigma_position.max(axis=1) * mm
+            lines.append(
+                f"Along the path the position is known to {off.min():.2f} to "
+                f"{off.max():.2f} mm (one standard deviation)."
+            )
         if self.fit is not None:
             lines.append(self.fit.text)
         if self.compliance is not None:
