@@ -14,8 +14,14 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 
+import numpy as np
+
+from formulations.rigid_body import PLANAR
+
 from ..data.sensor_noise import variance_left
 from ..information.goodness_of_fit import NOTHING, misfits
+from ..information.information import optimum_of
+from ..information.mixture import distinct, laplace_mixture
 from ..problem.certificates import Skipped
 from ..problem.reductions import required_reductions
 from ..search.local_solve import (
@@ -69,6 +75,31 @@ def with_soft_fingertips(job, page, solved, options, solve) -> tuple:
         return job, [declined(best, RIGID_FINGERTIPS, gain, needed), *solved[1:]]
     log.info("fingertips are soft: the objective falls by %.1f nats", gain)
     return soft, freed
+
+
+def most_probable_first(job, solved) -> list[Solved]:
+    """Return solves, first that of the largest evidence, not of the least objective.
+
+    Laplace's evidence has the volume of shape and final pose: a narrow optimum that is
+    lower by a fraction of a nat is not what is believed.
+    """
+    best = solved[0]
+    comparable = [
+        s for s in solved
+        if s.solution.success and s.window.motion is best.window.motion
+    ]  # fmt: skip
+    if job.shape.parameters != "sizes" or len(comparable) < 2:
+        return solved
+    R_wg = np.eye(3) if job.scene.ground is None else job.scene.ground.rotation.T
+    optima = [
+        (*optimum_of(s.problem, s.solution, s.window, job.shape, R_wg), s)
+        for s in comparable
+    ]
+    turning = 1 if best.window.motion is PLANAR else 3
+    optima = distinct(job.shape, turning, optima)
+    modes = laplace_mixture(job.shape, turning, optima)
+    first = optima[int(np.argmax(modes.weights))][-1]
+    return [first, *(s for s in solved if s is not first)]
 
 
 def with_tilt(job, page, best: Solved, options) -> Solved:

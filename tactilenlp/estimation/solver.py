@@ -34,7 +34,7 @@ from ..search.proposals_floating import (
 from .certification import certified, checked
 from .incremental_polytope import repaired, updated
 from .interrupted import SoFar, interrupted
-from .model_selection import with_soft_fingertips
+from .model_selection import most_probable_first, with_soft_fingertips
 from .options import PROCESS, Guess, Options, Session
 from .readout import name_of, read_off
 from .refinement import refined
@@ -106,7 +106,8 @@ def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
     )  # fmt: skip
     solved = repaired(job, page, solved, options, update)
     cuts = solved[0].job.cuts
-    best = checked(replace(job, cuts=cuts), page, solved[0], options, request.executor)
+    first, *_ = most_probable_first(job, solved)
+    best = checked(replace(job, cuts=cuts), page, first, options, request.executor)
     so_far.kept = _carried_on(job, solved, kept, request.widths[0])
     others = [
         s for s in solved

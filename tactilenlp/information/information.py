@@ -24,7 +24,7 @@ from .error_budget import (
     error_budget,
 )
 from .finger_offsets import covariance_of_offsets, covariance_with_offsets
-from .mixture import SAME_MODE, Modes, distinct, laplace_mixture
+from .mixture import Modes, distinct, laplace_mixture
 from .tangent_space import open_directions, tangent_space_of
 from .trajectory import Beyond, trajectory_variance
 
@@ -180,10 +180,10 @@ def information_of(
     of = at.response(tangent.chosen, tangent.jacobian)
     C = of.hessian
     errors = C if sensed is None else error_budget(of)
-    best = tangent.z, tangent.R, solution.objective, errors, solution, window
+    best = tangent.z, tangent.R, solution.objective, C, solution, window
     optima = [best, *_others(best, rivals, shape, R_wg)]
     optima = distinct(shape, tangent.turning, optima)
-    modes = laplace_mixture(shape, tangent.turning, optima)
+    modes = laplace_mixture(shape, tangent.turning, optima, errors)
     covariance, path = modes.covariance, None
     if sensed is not None:
         beyond = _beyond(modes, tangent, at, faces, profile)
@@ -242,17 +242,19 @@ def _of_offsets(curvature, sensed, window, shape, R_wg, tangent) -> dict:
 
 
 def _others(best, rivals, shape, R_wg):
-    """Yield z, R, objective and covariance of other local optima that count."""
+    """Yield the optima of other solves that count."""
     for problem, solution, window in rivals:
-        there = tangent_space_of(problem, solution, window, shape, R_wg)
-        same = (
-            len(there.z) == len(best[0]) and np.abs(there.z - best[0]).max() < SAME_MODE
-        )
-        if same or solution.objective > best[2] + NEGLIGIBLE_MODE:
+        if solution.objective > best[2] + NEGLIGIBLE_MODE:
             continue
-        C, *_ = reduced_covariance(problem, solution, there.chosen)
-        C = there.jacobian @ C @ there.jacobian.T
-        yield there.z, there.R, solution.objective, C, solution, window
+        yield optimum_of(problem, solution, window, shape, R_wg)
+
+
+def optimum_of(problem, solution, window, shape, R_wg) -> tuple:
+    """Return z, R, objective, covariance by the Hessian, solution, window."""
+    at = tangent_space_of(problem, solution, window, shape, R_wg)
+    C, *_ = reduced_covariance(problem, solution, at.chosen)
+    C = at.jacobian @ C @ at.jacobian.T
+    return at.z, at.R, solution.objective, C, solution, window
 
 
 def reduced_covariance(problem, solution, chosen: np.ndarray):

@@ -46,11 +46,12 @@ def one_mode(objective: float, covariance) -> Modes:
     return Modes(np.ones(1), zero, covariance[None], np.array([objective]))
 
 
-def laplace_mixture(shape, turning: int, found) -> Modes:
+def laplace_mixture(shape, turning: int, found, errors=None) -> Modes:
     """Return the modes of distinct (z, R, objective, covariance), the first first.
 
     z (k,): theta, then position and turn, `turning` numbers; R (3, 3): the final
-    rotation of the body, in the frame of the turn.
+    rotation of the body, in the frame of the turn; covariance (k, k): by the Hessian,
+    of which the weights are.  errors (k, k): the covariance of the first, if another.
     """
     z_0, R_0, *_ = found[0]
     kept = []
@@ -62,6 +63,8 @@ def laplace_mixture(shape, turning: int, found) -> Modes:
     volumes = [_log_volume(C * unit) for C in covariances]
     evidence = np.array(volumes) - objectives
     weights = np.exp(evidence - evidence.max())
+    if errors is not None:
+        covariances[0] = errors
     return Modes(weights / weights.sum(), offsets, covariances, objectives)
 
 
