@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+SHOWN_CHARACTERS = 1000  # of what was got, in a message
+
 
 class TactileError(Exception):
     """Say what went wrong, where, what was got, what was expected and what to do next.
@@ -26,13 +28,22 @@ class TactileError(Exception):
         if expected:
             message += f": expected {expected}"
         if got is not None:
-            message += f", got {got}" if expected else f": got {got}"
+            message += f"{',' if expected else ':'} got {shortened(got, str)}"
         if next:
             message += f"; {next}"
         super().__init__(message)
 
     def __reduce__(self):
         return _rebuild, (type(self), self.args, self.__dict__)
+
+
+def shortened(value: object, words=repr, most: int = SHOWN_CHARACTERS) -> str:
+    """Return a value in words, at most so many characters; its type if it has none."""
+    try:
+        text = words(value)
+    except Exception as bad:  # any: of a foreign class, or an integer of 5000 digits
+        text = f"a {type(value).__name__} that has no words ({type(bad).__name__})"
+    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 def _rebuild(kind: type, args: tuple, state: dict) -> TactileError:
@@ -64,6 +75,12 @@ class SceneError(TactileError, ValueError):
 
 class OptionError(TactileError, ValueError):
     """An option is unknown or out of its range."""
+
+
+class UnknownNameError(TactileError, KeyError):
+    """A result has no entry of this name."""
+
+    __str__ = Exception.__str__  # that of KeyError puts the words in quotes
 
 
 class StartError(TactileError, ValueError):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ..common.validation import check_numbers, check_types
+from ..common.validation import check_numbers, check_types, refuses_unknown_fields
 from ..errors import OptionError
 from ..estimation.options import Options
 from ..problem.pages import shape_of
@@ -17,6 +17,7 @@ from .optimisers import CrossEntropy, check_search
 from .policies import checked_policy
 
 
+@refuses_unknown_fields
 @dataclass(frozen=True, eq=False)
 class ExploreOptions:
     """The settings of `explore`.

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..common.validation import check_types
+from ..common.validation import as_floats, check_types
 from ..errors import OptionError, TactileError
 from ..nlp.kkt_sensitivity import KKTSystem, kkt_system_of
 from .error_budget import (
@@ -266,7 +266,7 @@ def information_gain(known, told, asked: int | None = None) -> float:
     known: I (k, k), positive definite; told: F (k, k), positive semidefinite; asked:
     how many of the first unknowns count, all others being marginalised.
     """
-    known, told = (np.asarray(matrix, float) for matrix in (known, told))
+    known, told = (as_floats(matrix) for matrix in (known, told))
     if known.ndim != 2 or known.shape != told.shape or len(known) != known.shape[1]:
         raise OptionError(
             "wrong shape", where="information_gain",

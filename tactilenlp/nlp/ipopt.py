@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from ..common.interrupt import interruptible
-from ..common.validation import check_numbers, check_types
+from ..common.validation import check_numbers, check_types, refuses_unknown_fields
 from ..errors import OptionError
 from .problem import Problem
 from .solution import Solution, after, not_converged, recomputed
@@ -29,6 +29,7 @@ def check_positive(options, *names: str) -> None:
     check_numbers("", "a positive number", **given)
 
 
+@refuses_unknown_fields
 @dataclass(frozen=True)
 class SolverOptions:
     """Options of one solve.

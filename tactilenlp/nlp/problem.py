@@ -19,6 +19,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
+from ..common.validation import numbers_of
 from ..errors import PageError
 from .assembly import assemble
 from .reduced_space import Eliminated
@@ -91,7 +92,7 @@ class Problem:
     def parameter(self, name, value, unit="") -> Parameter:
         """Declare a number or vector shared by all instances of the terms it enters."""
         self._new(name, self.parameters)
-        value = np.atleast_1d(np.asarray(value, float))
+        value = np.atleast_1d(numbers_of(name, value, PageError))
         parameter = Parameter(name, value, unit, self._append_data(value))
         self.parameters[name] = parameter
         return parameter

@@ -9,6 +9,7 @@ from itertools import islice
 import numpy as np
 from casadi import vertcat
 
+from ..common.validation import numbers_of
 from ..errors import PageError
 from .term_functions import TermFunction
 
@@ -179,7 +180,7 @@ def check_owner(problem, name: str, argument) -> None:
 
 def block(values, shape: tuple[int, int], name: str) -> np.ndarray:
     """Return values as (rows, columns); one number per row fills its columns."""
-    values = np.asarray(values, float)
+    values = numbers_of(name, values, PageError)
     if values.ndim == 1 and values.size == shape[0]:
         values = values[:, None]
     try:
@@ -192,7 +193,7 @@ def block(values, shape: tuple[int, int], name: str) -> np.ndarray:
 
 def table(values, name: str) -> np.ndarray:
     """Return data as a table (instances, numbers); a list is one number an instance."""
-    values = np.asarray(values, float)
+    values = numbers_of(name, values, PageError)
     if values.ndim > 2 or np.isnan(values).any():
         raise PageError(
             "not data",
@@ -206,7 +207,7 @@ def table(values, name: str) -> np.ndarray:
 
 def setting(values, parameter: Parameter) -> np.ndarray:
     """Return a new value of a parameter as it lies in the data."""
-    values, size = np.asarray(values, float), parameter.value.size
+    values, size = numbers_of(parameter.name, values, PageError), parameter.value.size
     if values.size not in (1, size) or np.isnan(values).any():
         raise PageError(
             "not a value of this parameter",
