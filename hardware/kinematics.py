@@ -201,7 +201,7 @@ def finger(robot: str = "edu_dair", degrees: float = 0.0) -> Finger:
 
     Stock robots have fingers at 0, 120 and 240 degrees, the paper's at 0 and 180.
     """
-    if robot not in ROBOTS:
+    if not isinstance(robot, str) or robot not in ROBOTS:
         expected, fix = f"one of {list(ROBOTS)}", "or construct a Finger"
         raise RigError("no such robot", got=robot, expected=expected, next=fix)
     return replace(ROBOTS[robot], angle=math.radians(degrees))

@@ -40,8 +40,9 @@ class JointMap:
     torque_constant: float = 0.02
 
     def __post_init__(self) -> None:
-        pairs = {tuple(pair) for pair in self.motors}
-        if len(self.motors) != 3 or len(pairs) != 3 or not pairs <= PLACES:
+        many = isinstance(self.motors, tuple | list)
+        pairs = {place for place in PLACES if many and place in map(_pair, self.motors)}
+        if not many or len(self.motors) != 3 or len(pairs) != 3:
             raise RigError(
                 "not a map of three joints",
                 where="motors",
@@ -93,6 +94,13 @@ class JointMap:
         board, motor = np.array(self.motors).T
         motors[..., board, motor] = joints
         return motors
+
+
+def _pair(given: object) -> tuple:
+    """Return two whole numbers as a tuple, an empty one for anything else."""
+    pair = tuple(given) if isinstance(given, tuple | list) else ()
+    whole = [isinstance(k, int) and not isinstance(k, bool) for k in pair]
+    return pair if whole == [True, True] else ()
 
 
 PLACES = {(board, motor) for board in (0, 1) for motor in (0, 1)}

@@ -12,10 +12,15 @@ from typing import Protocol
 
 import numpy as np
 
+from tactilenlp.errors import shortened
+
 from .errors import FrameError, StaleStreamError
+from .ranges import check_ranges, check_whole, number, rotation
 from .serial_tactile import FieldFrame, ForceFrame
 
+LARGEST = 1e12  # [unit of a strength], beyond any sensor
 ON, OFF = 6.0, 4.0  # [1], standard deviations of the strength above its mean
+LONGEST_REST = 100_000  # [samples]
 REST = 100  # [samples] whose mean is the zero of a sensor
 # R_ts (3, 3): the sensor's z, out of its top, goes down along the last link, or
 # inwards to the middle of the robot (TriFingerEdu: the tip's +y at any joint angles).
@@ -57,11 +62,11 @@ class Hysteresis:
     contact: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
-        if not 0 < self.off <= self.on < np.inf:
+        if not 0 < number(self.off) <= number(self.on) < np.inf:
             raise FrameError(
                 "no thresholds",
                 where="Hysteresis",
-                got=f"on {self.on}, off {self.off}",
+                got=shortened((self.on, self.off), most=80),
                 expected="0 < off <= on",
                 next="learn them from samples without contact",
             )
@@ -90,6 +95,7 @@ class Tare:
     """Subtract the mean of the first samples, which are without contact."""
 
     def __init__(self, samples: int = REST) -> None:
+        check_whole("Tare.samples", samples, 1, LONGEST_REST, FrameError)
         self.samples = samples
         self._sum, self._count = 0.0, 0
 
@@ -120,7 +126,9 @@ class ForceTouch:
         mount: tuple = DOWN,
         rest: int = REST,
     ) -> None:
-        self.scale, self.R_ts = np.array(scale, float), np.array(mount, float)
+        check_ranges("scale", scale, 3, 1e-9, LARGEST, "counts/N", FrameError)
+        self.scale = np.array(scale, float)
+        self.R_ts = rotation("mount", mount, FrameError)
         self.decide, self.tare = Hysteresis(on, off), Tare(rest)
 
     def __call__(self, time: float, frame: ForceFrame) -> Touch | None:

@@ -235,7 +235,9 @@ def _check_fingers(arrays: dict[str, np.ndarray]) -> None:
             bad, fix = ~np.isfinite(arrays[key]), "give a number even where not valid"
             _reject(key, bad, "not finite", arrays[key], fix)
     radius, p_wf = arrays["finger_radius"], arrays["finger_position"]
-    small, fix = radius < SMALLEST_RADIUS, "measure the tip, give metres"
+    fix = "measure the tip, give metres"
+    _reject("finger_radius", radius <= 0, "not positive", radius, fix)
+    small = radius < SMALLEST_RADIUS
     _reject("finger_radius", small, "too small", radius, fix)
     fix = f"use a frame whose origin is within {FARTHEST:.0f} m of the fingers"
     _reject("finger_position", abs(p_wf) > FARTHEST, "too far away", p_wf, fix)

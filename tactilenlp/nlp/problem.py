@@ -180,9 +180,8 @@ class Problem:
         }
 
     def bounds(self, which: str) -> np.ndarray:
-        return np.concatenate(
-            [getattr(v, which).T.ravel() for v in self.variables.values()]
-        )
+        blocks = [getattr(v, which).T.ravel() for v in self.variables.values()]
+        return np.concatenate(blocks)
 
     def limits(self, which: str) -> np.ndarray:
         blocks = [getattr(t, which).ravel() for t in self.constraints.values()]
