@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tactilenlp.errors import typed_call
+
 from .errors import LimitError
 from .kinematics import Finger
 from .ranges import check_range, check_ranges
@@ -31,6 +33,7 @@ LINKS = (
 )
 
 
+@typed_call(LimitError)
 @dataclass(frozen=True)
 class Gains:
     """Hold the stiffness and damping with which joints follow their targets.
@@ -93,6 +96,7 @@ def holding(angles: np.ndarray) -> np.ndarray:
     return torque
 
 
+@typed_call(LimitError)
 @dataclass(frozen=True)
 class Limits:
     """Hold the limits of what a robot may do; a path beyond them is refused beforehand.

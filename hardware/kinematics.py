@@ -23,6 +23,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tactilenlp.errors import typed_call
+
 from .errors import ReachError, RigError
 from .ranges import check_range, check_ranges
 
@@ -33,6 +35,7 @@ FAR, WIDE = 10.0, 0.1  # [m], largest length of a finger, largest radius of its 
 PRO_AXES = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
 
 
+@typed_call(RigError)
 @dataclass(frozen=True)
 class Finger:
     """Hold one finger of a robot: pose of its base, lengths, limits of its joints.

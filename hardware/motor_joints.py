@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tactilenlp.errors import typed_call
+
 from .clock import Clock
 from .errors import BoardError, RigError
 from .motor_board import RECEIVE_TIMEOUT, MotorBoard
@@ -23,6 +25,7 @@ TURNS = 4 * math.pi  # [rad], largest zero angle of a joint
 KRPM = 1000 * 2 * math.pi / 60  # [rad/s]
 
 
+@typed_call(RigError)
 @dataclass(frozen=True)
 class JointMap:
     """Hold which motor moves which joint of a finger, and its constants.

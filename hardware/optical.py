@@ -16,6 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from tactilenlp.errors import typed_call
+
 from .errors import FrameError, RigError
 from .hodge import Hodge
 from .optical_flow import AGREE, Flow, grey, opencv
@@ -33,6 +35,7 @@ ACROSS = 256.0  # [px], for which LEAST was measured; psi grows with the square
 REST = 30  # [frames] without contact at first: one second
 
 
+@typed_call(RigError)
 @dataclass(frozen=True)
 class Lens:
     """Map pixels to directions: an equidistant fish-eye at the centre of a sphere.
@@ -92,6 +95,7 @@ class Sensed:
     pressure: np.ndarray
 
 
+@typed_call(RigError)
 class OpticalTouch:
     """Make touches of pictures; the first second must be without contact.
 

@@ -10,6 +10,8 @@ import os
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 
+from tactilenlp.errors import typed_call
+
 from .clock import Clock
 from .errors import FrameError, RigError
 from .frames import Camera
@@ -37,6 +39,7 @@ KINDS = {
 }
 
 
+@typed_call(RigError)
 @dataclass(frozen=True)
 class Tactile:
     """Describe the sensor of a finger.
@@ -109,6 +112,7 @@ class Tactile:
         return SerialTactile(str(self.source), self.framer(), **options)
 
 
+@typed_call(RigError)
 @dataclass(frozen=True)
 class FingerRig:
     """Describe the kinematics, wires and sensor of one finger.
@@ -152,6 +156,7 @@ class FingerRig:
         return JointMap(self.motors, self.zero)
 
 
+@typed_call(RigError)
 @dataclass(frozen=True)
 class Rig:
     """Describe the fingers of a robot."""

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from tactilenlp.errors import shortened
+from tactilenlp.errors import shortened, typed_call
 
 from .errors import FrameError, StaleStreamError
 from .ranges import check_ranges, check_whole, number, rotation
@@ -53,6 +53,7 @@ class Toucher(Protocol):
     def __call__(self, time: float, frame) -> Touch | None: ...
 
 
+@typed_call(FrameError)
 @dataclass
 class Hysteresis:
     """Decide on contact: it begins above `on`, and ends below `off`."""
@@ -91,6 +92,7 @@ class Hysteresis:
         return self.contact
 
 
+@typed_call(FrameError)
 class Tare:
     """Subtract the mean of the first samples, which are without contact."""
 
@@ -107,6 +109,7 @@ class Tare:
         return values - self._sum / self._count
 
 
+@typed_call(FrameError)
 class ForceTouch:
     """Make touches of an OptoForce dome: contact by the force, normal by its direction.
 
@@ -145,6 +148,7 @@ class ForceTouch:
         return Touch(time, contact, normal, strength)
 
 
+@typed_call(FrameError)
 class FieldTouch:
     """Make touches of a magnetic skin: contact only; the normal is zero.
 

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from difflib import get_close_matches
+from functools import wraps
+from inspect import signature
+
 SHOWN_CHARACTERS = 1000  # of what was got, in a message
 
 
@@ -116,3 +121,40 @@ class Interrupted(KeyboardInterrupt):
     def __init__(self, words: str, estimate=None):
         self.estimate = estimate
         super().__init__(words)
+
+
+def typed_call(error: type[TactileError] = OptionError) -> Callable:
+    """Return a decorator of classes: a wrong call raises `error` instead of TypeError.
+
+    The error names the arguments that there are, and the one most like an unknown one.
+    """
+
+    def decorated(cls):
+        made, accepted = cls.__init__, signature(cls)
+
+        @wraps(made)
+        def init(self, *args, **given) -> None:
+            try:
+                made(self, *args, **given)
+            except TypeError as bad:
+                try:
+                    accepted.bind(*args, **given)
+                except TypeError as wrong:
+                    names = [*accepted.parameters]
+                    raise _wrong_call(error, cls, names, wrong, given) from bad
+                raise
+
+        cls.__init__ = init
+        return cls
+
+    return decorated
+
+
+def _wrong_call(error, cls, names: list, wrong: TypeError, given: dict) -> TactileError:
+    unknown = [name for name in given if name not in names]
+    like = get_close_matches(unknown[0], names, 1) if unknown else []
+    return error(
+        "no such argument" if unknown else "wrong arguments", where=cls.__name__,
+        got=", ".join(unknown) or f"{wrong}", expected=f"arguments among {names}",
+        next=f"did you mean {like[0]!r}?" if like else "check the spelling",
+    )  # fmt: skip

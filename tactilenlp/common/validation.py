@@ -7,9 +7,6 @@ from __future__ import annotations
 
 import math
 import os
-from difflib import get_close_matches
-from functools import wraps
-from inspect import signature
 from numbers import Integral, Real
 
 import numpy as np
@@ -147,38 +144,6 @@ def checked_choice(where: str, value, known, error=OptionError) -> np.ndarray:
             expected=f"whole numbers among {np.asarray(known).tolist()}",
         )  # fmt: skip
     return wanted
-
-
-def refuses_unknown_fields(cls):
-    """Make a dataclass raise OptionError for a wrong call, not TypeError: a decorator.
-
-    The error names the fields that there are, and the one most like an unknown one.
-    """
-    made, accepted = cls.__init__, signature(cls)
-
-    @wraps(made)
-    def init(self, *args, **given) -> None:
-        try:
-            made(self, *args, **given)
-        except TypeError as bad:
-            try:
-                accepted.bind(*args, **given)
-            except TypeError as wrong:
-                raise _no_such_call(cls, [*accepted.parameters], wrong, given) from bad
-            raise
-
-    cls.__init__ = init
-    return cls
-
-
-def _no_such_call(cls, names: list, wrong: TypeError, given: dict) -> OptionError:
-    unknown = [name for name in given if name not in names]
-    like = [*get_close_matches(unknown[0], names, 1)] if unknown else []
-    return OptionError(
-        "no such field" if unknown else "wrong fields", where=cls.__name__,
-        got=", ".join(unknown) or f"{wrong}", expected=f"fields among {names}",
-        next=f"did you mean {like[0]!r}?" if like else "check the spelling",
-    )  # fmt: skip
 
 
 def _reader(value, kinds) -> str:

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..common.validation import as_array, as_floats, refuses_unknown_fields
-from ..errors import SceneError, shortened
+from ..common.validation import as_array, as_floats
+from ..errors import SceneError, shortened, typed_call
 
 LARGEST_JOINT_SIGMA = 0.35  # [rad], 20 degrees: a larger one was given in degrees
 JOINT_LAYOUT = {  # of each finger
@@ -27,7 +27,7 @@ JOINT_LAYOUT = {  # of each finger
 }
 
 
-@refuses_unknown_fields
+@typed_call()
 @dataclass(frozen=True)
 class JointZeros:
     """How wrong zero angles of joints displace and rotate fingers, world frame.

@@ -15,9 +15,8 @@ from ..common.validation import (
     as_floats,
     check_types,
     checked_choice,
-    refuses_unknown_fields,
 )
-from ..errors import MeasurementError
+from ..errors import MeasurementError, typed_call
 
 UNIT_TOLERANCE = 1e-3  # [1], beyond it a vector is wrong, not merely rounded
 UNIT_EXACT = 1e-12  # [1], below it a length is left alone: round trips stay exact
@@ -41,7 +40,7 @@ LAYOUT = {
 OPTIONAL = ("valid", "finger_orientation")
 
 
-@refuses_unknown_fields
+@typed_call()
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Measurements:
     """T samples of F fingers, in SI units and in the world frame.

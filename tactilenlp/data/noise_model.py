@@ -6,12 +6,12 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from ..common.validation import as_number, is_whole, refuses_unknown_fields
-from ..errors import OptionError, shortened
+from ..common.validation import as_number, is_whole
+from ..errors import OptionError, shortened, typed_call
 from .measurements import Measurements
 
 
-@refuses_unknown_fields
+@typed_call()
 @dataclass(frozen=True)
 class Noise:
     """Errors of the sensors; all zero by default.

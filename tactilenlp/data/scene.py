@@ -13,9 +13,8 @@ from ..common.validation import (
     as_floats,
     check_types,
     checked_array,
-    refuses_unknown_fields,
 )
-from ..errors import MeasurementError, OptionError, SceneError, shortened
+from ..errors import MeasurementError, OptionError, SceneError, shortened, typed_call
 from .joint_offsets import JointZeros
 from .measurements import UNIT_EXACT, Measurements
 
@@ -25,7 +24,7 @@ HEAVIEST = 100.0  # [kg] no finger pushes more: beyond it a mass is in grams
 KNOWN_KEYS = ("mass", "friction_ground", "friction_finger")  # read from a file
 
 
-@refuses_unknown_fields
+@typed_call()
 @dataclass(frozen=True)
 class Ground:
     """The plane that the object rests on: all points p with normal . p = height.
@@ -83,7 +82,7 @@ class Ground:
         return points @ self.rotation + self.origin
 
 
-@refuses_unknown_fields
+@typed_call()
 @dataclass(frozen=True)
 class Scene:
     """What is known of object, ground and sensors; SceneError if it is impossible.

@@ -13,9 +13,8 @@ from ..common.validation import (
     as_array,
     as_floats,
     checked_choice,
-    refuses_unknown_fields,
 )
-from ..errors import MeasurementError, shortened
+from ..errors import MeasurementError, shortened, typed_call
 
 QUATERNION_TOLERANCE = 1e-3  # [1], of the length of a quaternion
 LARGEST_POSITION = 100.0  # [m], further than any tracked body: the file is in mm
@@ -23,7 +22,7 @@ LEAST_SAMPLES = 3  # samples: a change of velocity needs three poses
 TRAJECTORY_KEYS = ("toss", "position", "quaternion", "dt")
 
 
-@refuses_unknown_fields
+@typed_call()
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Trajectories:
     """Poses of one body at T samples, recorded while nothing but the ground touched it.

@@ -13,10 +13,9 @@ from ..common.validation import (
     as_number,
     check_types,
     is_whole,
-    refuses_unknown_fields,
 )
 from ..data.measurements import FARTHEST
-from ..errors import OptionError, StartError, shortened
+from ..errors import OptionError, StartError, shortened, typed_call
 from ..nlp.ipopt import check_positive
 from ..problem.reductions import Reductions
 from ..search.hypothesis import TermFunctions
@@ -26,7 +25,7 @@ MOST = 1_000_000  # [-] hypotheses or starts
 NOISY_WIDTHS, PRECISE_WIDTHS = (4, 8), (2, 3)
 
 
-@refuses_unknown_fields
+@typed_call()
 @dataclass(frozen=True)
 class Options:
     """How to estimate.
@@ -56,7 +55,7 @@ class Options:
         )  # fmt: skip
         if self.seed is not None:
             words = "Options.seed has no effect: an estimate draws no random numbers"
-            warnings.warn(words, FutureWarning, stacklevel=3)
+            warnings.warn(words, FutureWarning, stacklevel=4)
         Reductions.of(self.reduce)
         for name in ("hypotheses", "starts"):
             value = getattr(self, name)
@@ -73,7 +72,7 @@ class Options:
         return self.hypotheses or kept, self.starts or solved
 
 
-@refuses_unknown_fields
+@typed_call()
 @dataclass(frozen=True, eq=False)
 class Guess:
     """What a user thinks the object is: size and pose at the first sample.

@@ -17,10 +17,9 @@ from ..common.validation import (
     check_types,
     checked_array,
     is_whole,
-    refuses_unknown_fields,
 )
 from ..data.scene import Ground
-from ..errors import OptionError, shortened
+from ..errors import OptionError, shortened, typed_call
 
 POINT_RATE = 100  # [Hz] points of a trajectory
 MOST_FINGERS = 1000  # [1]
@@ -29,7 +28,7 @@ SIMULATION_BOUND, ROBOT_BOUND = 2 * np.pi / 5, np.pi / 4  # [rad] of the paper
 SINGLE_FINGER_BOUND = np.pi  # [rad] of right ascension: any direction
 
 
-@refuses_unknown_fields
+@typed_call()
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """Commanded finger positions.
@@ -42,7 +41,7 @@ class Trajectory:
     finger_position: np.ndarray
 
 
-@refuses_unknown_fields
+@typed_call()
 @dataclass(frozen=True)
 class Workspace:
     """The fingers and the space of their actions.
@@ -135,7 +134,7 @@ class Workspace:
         return self.action(rng.uniform(self.lower, self.upper), active)
 
 
-@refuses_unknown_fields
+@typed_call()
 @dataclass(frozen=True, eq=False)
 class Action:
     """One motion of all fingers towards a target.

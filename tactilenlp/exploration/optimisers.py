@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..common.validation import check_types, is_whole, refuses_unknown_fields
-from ..errors import OptionError
+from ..common.validation import check_types, is_whole
+from ..errors import OptionError, typed_call
 
 SEARCHES = (
     "facing", "direct", "direct_l", "crs2", "isres", "mlsl", "bobyqa", "cem", "random",
@@ -21,7 +21,7 @@ WORST_GAIN = -1e3  # [nats] in place of NaN and infinity, which nlopt does not a
 POPULATION = 20  # [1] of CRS2 and ISRES: nlopt's default would use up the budget
 
 
-@refuses_unknown_fields
+@typed_call()
 @dataclass(frozen=True)
 class CrossEntropy:
     """The cross-entropy method, the paper's search.

@@ -11,8 +11,8 @@ import casadi as ca
 import numpy as np
 
 from ..common.interrupt import interruptible
-from ..common.validation import check_numbers, check_types, refuses_unknown_fields
-from ..errors import OptionError
+from ..common.validation import check_numbers, check_types
+from ..errors import OptionError, typed_call
 from .problem import Problem
 from .solution import Solution, after, not_converged, recomputed
 
@@ -29,7 +29,7 @@ def check_positive(options, *names: str) -> None:
     check_numbers("", "a positive number", **given)
 
 
-@refuses_unknown_fields
+@typed_call()
 @dataclass(frozen=True)
 class SolverOptions:
     """Options of one solve.

@@ -19,9 +19,9 @@ from scipy.spatial.transform import Rotation
 
 from formulations.rigid_body import FREE, PLANAR
 
-from ..common.validation import check_types, refuses_unknown_fields
+from ..common.validation import check_types
 from ..data.sensor_noise import contact_latency
-from ..errors import OptionError
+from ..errors import OptionError, typed_call
 from .fingertips import finger_of, finger_poses, yields
 from .window import Corners, Group, Pushes, Rests, Samples, Steps, Window
 
@@ -34,7 +34,7 @@ REPEATED = 0.1  # [sample intervals] sooner than this, a sample has come twice
 SIDE_NORMAL = 0.7  # [-] |n_z| below which a normal belongs to a side
 
 
-@refuses_unknown_fields
+@typed_call()
 @dataclass(frozen=True)
 class Reductions:
     """Which reductions may be made; all by default."""

@@ -8,10 +8,10 @@ from dataclasses import KW_ONLY, dataclass
 import numpy as np
 
 from ..common.npz import write_npz
-from ..common.validation import check_types, refuses_unknown_fields
+from ..common.validation import check_types
 from ..data.measurements import Measurements
 from ..data.noise_model import Noise, add_noise
-from ..errors import SceneError
+from ..errors import SceneError, typed_call
 from .arguments import (
     ARGUMENT_RULES,
     centred_hull,
@@ -54,7 +54,7 @@ class Truth:
     distance: np.ndarray
 
 
-@refuses_unknown_fields
+@typed_call()
 @dataclass(eq=False, repr=False)
 class World:
     """A simulated world in which fingers push one rigid object.
