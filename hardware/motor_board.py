@@ -9,17 +9,25 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Callable, Mapping
-from numbers import Real
 
 import can
 import numpy as np
 
+from tactilenlp.errors import shortened, typed_call
+
 from . import motor_can as codec
 from .can_bus import lost, open_bus, waiting
 from .clock import Clock, HostClock, WallStamps
-from .errors import BoardError, BusError, HardwareError, LimitError, StaleStreamError
+from .errors import (
+    BoardError,
+    BusError,
+    HardwareError,
+    LimitError,
+    RigError,
+    StaleStreamError,
+)
 from .motor_can import Command, Content, Fault, Pair, Quantity, Status
-from .ranges import check_range
+from .ranges import check_kind, check_range, number
 
 log = logging.getLogger(__name__)
 STALE = 0.1  # [s] without a position: 100 frames of a healthy board
@@ -31,6 +39,7 @@ LONGEST_TIMEOUT = 10.0  # [s]
 INDICES = 1000  # events of the encoder index that are kept
 
 
+@typed_call(RigError)
 class MotorBoard(can.Listener):
     """Hold the state of a board; `with` opens the bus and ends with zero current.
 
@@ -60,6 +69,8 @@ class MotorBoard(can.Listener):
         clock: Clock | None = None,
         remember: bool = True,
     ) -> None:
+        check_kind("MotorBoard.name", name, str, RigError)
+        check_kind(f"{name}, config", config, Mapping, RigError)
         check_current(max_current, name)
         self.config, self.name, self.listen_only = dict(config), name, listen_only
         self.max_current, self.sink = max_current, sink
@@ -222,15 +233,13 @@ class MotorBoard(can.Listener):
     def check_currents(self, *currents: float) -> None:
         """Raise LimitError unless all currents [A] may be commanded; sends nothing."""
         for current in currents:
-            number = isinstance(current, Real) and not isinstance(current, bool)
-            if not (number and abs(current) <= self.max_current):
+            if not abs(number(current)) <= self.max_current:
                 raise LimitError(
-                    "too much current",
-                    where=self.name,
-                    got=f"{current} A",
+                    "too much current", where=self.name,
+                    got=f"{shortened(current, str, 80)} A",
                     expected=f"at most {self.max_current} A",
                     next="bound the torque from which the current is computed",
-                )
+                )  # fmt: skip
 
     def stop(self) -> None:
         """Command zero current first, then disable; can be called at any time, twice.
@@ -272,13 +281,12 @@ class MotorBoard(can.Listener):
         return BoardError("switched itself off", where=self.name, got=got, next=fix)
 
     def _silent(self, stream: str, age: float | None, limit: float):
+        got = "nothing so far" if age is None else f"silence for {age:.3f} s"
         return StaleStreamError(
-            f"no {stream.lower()} is heard",
-            where=self.name,
-            got="nothing so far" if age is None else f"silence for {age:.3f} s",
+            f"no {stream.lower()} is heard", where=self.name, got=got,
             expected=f"one every {limit} s",
             next="check the power, the bus, and that the board is told to send",
-        )
+        )  # fmt: skip
 
 
 def check_current(bound: float, name: str) -> None:

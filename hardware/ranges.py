@@ -54,6 +54,30 @@ def check_ranges(
         check_range(f"{where}[{k}]", value, low, high, unit, error)
 
 
+def floats(
+    where: str, value: object, shape: tuple, error: type[HardwareError]
+) -> np.ndarray:
+    """Return a value as floats of this shape, or raise an error.
+
+    shape: sizes; None for any size, `...` in front for any number of axes.  Words,
+    times, ragged lists and masked arrays are no numbers; NaN is one.
+    """
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError, OverflowError, RuntimeError):
+        array = np.asarray(None)
+    sizes = shape[1:] if shape[0] is ... else shape
+    tail = array.shape[-len(sizes) :] if shape[0] is ... else array.shape
+    fit = len(tail) == len(sizes)
+    fit = fit and all(n in (None, m) for n, m in zip(sizes, tail, strict=True))
+    masked = isinstance(value, np.ma.MaskedArray)
+    if masked or array.dtype.kind not in "biuf" or not fit:
+        words = ", ".join({None: "n", ...: "..."}.get(n, str(n)) for n in shape)
+        got, expected = _short(value), f"numbers ({words})"
+        raise error("no array", where=where, got=got, expected=expected)
+    return array.astype(float, copy=False)
+
+
 def check_whole(
     where: str, value: object, low: int, high: int, error: type[HardwareError]
 ) -> None:

@@ -144,7 +144,6 @@ class FingerRig:
     @property
     def geometry(self) -> Finger:
         """The kinematics of the finger."""
-        check_range("degrees", self.degrees, -360.0, 360.0, "deg", RigError)
         made = finger(self.robot, self.degrees)
         if self.tip_radius is None:
             return made

@@ -15,7 +15,7 @@ import numpy as np
 from tactilenlp.errors import shortened, typed_call
 
 from .errors import FrameError, StaleStreamError
-from .ranges import check_ranges, check_whole, number, rotation
+from .ranges import check_range, check_ranges, check_whole, floats, number, rotation
 from .serial_tactile import FieldFrame, ForceFrame
 
 LARGEST = 1e12  # [unit of a strength], beyond any sensor
@@ -78,7 +78,8 @@ class Hysteresis:
 
         least: the smallest allowed `on`, in the unit of the sensor.
         """
-        quiet = np.asarray(quiet, float)
+        quiet = floats("quiet", quiet, (None,), FrameError)
+        check_range("least", least, 0.0, LARGEST, "", FrameError)
         if quiet.size < 2 or not np.isfinite(quiet).all():
             expected, fix = "two finite strengths or more", "record without contact"
             raise FrameError("nothing to learn", expected=expected, next=fix)

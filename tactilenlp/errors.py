@@ -29,7 +29,8 @@ class TactileError(Exception):
     ) -> None:
         self.what, self.where, self.got = what, where, got
         self.expected, self.next = expected, next
-        message = f"{where}: {what}" if where else what
+        place = where if isinstance(where, str) else shortened(where)
+        message = f"{place}: {what}" if place else what
         if expected:
             message += f": expected {expected}"
         if got is not None:

@@ -20,9 +20,10 @@ class Named(dict):
     def __missing__(self, name):
         names = [*self]
         like = get_close_matches(name, names, 1) if isinstance(name, str) else []
+        fix = f"did you mean {like[0]!r}?" if like else ""
         raise UnknownNameError(
             "no such name", where=self.where, got=shortened(name, most=80),
-            expected=f"one of {names}", next=f"did you mean {like[0]!r}?" * len(like),
+            expected=f"one of {names}", next=fix,
         )  # fmt: skip
 
     def __reduce__(self):

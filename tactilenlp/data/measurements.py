@@ -16,7 +16,7 @@ from ..common.validation import (
     check_types,
     checked_choice,
 )
-from ..errors import MeasurementError, typed_call
+from ..errors import MeasurementError, shortened, typed_call
 
 UNIT_TOLERANCE = 1e-3  # [1], beyond it a vector is wrong, not merely rounded
 UNIT_EXACT = 1e-12  # [1], below it a length is left alone: round trips stay exact
@@ -139,7 +139,7 @@ class Measurements:
         rigid = R_vw.shape == (3, 3) and t_vw.shape == (3,) and np.isfinite(R_vw).all()
         rigid = rigid and abs(R_vw @ R_vw.T - np.eye(3)).max() <= ROTATION_TOLERANCE
         if not (rigid and np.linalg.det(R_vw) > 0):
-            parts = {"where": "R, t", "got": f"{R}, {t}"}
+            parts = {"where": "R, t", "got": shortened((R, t), most=200)}
             parts |= {"expected": "a rotation matrix (3, 3) and an offset (3,) [m]"}
             raise MeasurementError("not a rigid motion", next="check R R' = 1", **parts)
         moved = self._arrays() | {"normal": self.normal @ R_vw.T}

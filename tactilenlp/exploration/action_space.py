@@ -13,7 +13,6 @@ from formulations import exploration as page
 from ..common.validation import (
     as_array,
     as_number,
-    check_numbers,
     check_types,
     checked_array,
     is_whole,
@@ -22,7 +21,8 @@ from ..data.scene import Ground
 from ..errors import OptionError, shortened, typed_call
 
 POINT_RATE = 100  # [Hz] points of a trajectory
-MOST_FINGERS = 1000  # [1]
+MOST_FINGERS = 100  # [1]
+MOST_POINTS = 20_000  # [1] of all fingers in a trajectory
 MAX_RADIUS = 10.0  # [m]; larger values are most likely millimetres
 SIMULATION_BOUND, ROBOT_BOUND = 2 * np.pi / 5, np.pi / 4  # [rad] of the paper
 SINGLE_FINGER_BOUND = np.pi  # [rad] of right ascension: any direction
@@ -182,7 +182,10 @@ class Action:
     def positions(self, target: np.ndarray, n: int) -> np.ndarray:
         """Return finger positions (n, F, 3) [m] at n instants, world frame."""
         space, target = self.workspace, checked_array("target", target, 3, unit="[m]")
-        check_numbers("", "a whole number of instants from 2", n=(n, 1, 1e6))
+        most = MOST_POINTS // space.fingers
+        if not (is_whole(n) and 2 <= n <= most):
+            expected = f"a whole number of instants from 2 to {most}"
+            raise _option_error("n", expected, n, "shorten the duration")
         if space.ground is not None:
             target = space.ground.to_ground(target)
         alone = sum(self.active) == 1

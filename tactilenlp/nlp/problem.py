@@ -249,7 +249,7 @@ class Problem:
     def _new(self, name: str, table: dict) -> None:
         for made in ("functions", "scale", "eliminated"):
             self.__dict__.pop(made, None)
-        if name in table:
+        if not isinstance(name, str) or name in table:
             raise PageError("declared twice", where=name, next="give it another name")
 
     def _append_data(self, values: np.ndarray) -> int:
