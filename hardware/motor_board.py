@@ -46,7 +46,7 @@ class MotorBoard(can.Listener):
     config:      of python-can, e.g. {"interface": "socketcan", "channel": "can0"}
     name:        for messages, e.g. "finger 0, board 1"
     listen_only: never send anything.  A board sends positions only when told to: the
-                 program that commands the robot must have told it
+                 program that commands the robot told it
     max_current: [A], beyond it `command` refuses
     sink:        called with every frame that comes or goes, to record it
     clock:       by which the age of a stream is measured
@@ -94,16 +94,16 @@ class MotorBoard(can.Listener):
         try:
             self.stop()
         finally:
-            bus, self._bus = self._bus, None
-            if bus is not None:
+            if (bus := self._bus) is not None:
+                self._bus = None
                 _quietly(bus.shutdown, self.name)
 
     # Reading
 
     def poll(self) -> int:
         """Read all received frames without blocking; return their number."""
-        bus = self._open_bus()
-        messages = waiting(bus, self.name, self.on_error, self._stamps)
+        told = self.name, self.on_error, self._stamps
+        messages = waiting(self._open_bus(), *told)
         for message in messages:
             self.on_message_received(message)
         return len(messages)
@@ -165,8 +165,8 @@ class MotorBoard(can.Listener):
 
     def age(self, stream: str = "POSITION") -> float:
         """Return the time [s] since a stream was heard, or since the bus was opened."""
-        heard = self._heard.get(stream, self._heard.get("opened", -np.inf))
-        return self.clock.now() - heard
+        opened = self._heard.get("opened", -np.inf)
+        return self.clock.now() - self._heard.get(stream, opened)
 
     def check(self, stale: float = STALE) -> None:
         """Raise a bus error, a fault of the board, or the error of a silent stream.
@@ -196,33 +196,30 @@ class MotorBoard(can.Listener):
         """
         milliseconds = self._milliseconds(timeout)
         self._send(codec.encode_current(0.0, 0.0))
-        for command, value in (
-            (Command.RECEIVE_TIMEOUT, milliseconds),
-            (Command.ENABLE_SYSTEM, 1),
-            (Command.SEND_ALL, 1),
-            (Command.ENABLE_MOTOR_1, 1),
-            (Command.ENABLE_MOTOR_2, 1),
+        self._send(codec.encode_command(Command.RECEIVE_TIMEOUT, milliseconds))
+        for command in (
+            *(Command.ENABLE_SYSTEM, Command.SEND_ALL),
+            *(Command.ENABLE_MOTOR_1, Command.ENABLE_MOTOR_2),
         ):
-            self._send(codec.encode_command(command, value))
+            self._send(codec.encode_command(command, 1))
 
     @property
     def ready(self) -> bool:
         """Whether both motors are enabled and aligned."""
-        status = self.status
-        if status is None:
+        if (status := self.status) is None:
             return False
         return status.system_enabled and all(status.motor_enabled + status.motor_ready)
 
     def watch(self, timeout: float = RECEIVE_TIMEOUT) -> None:
         """Set the receive time-out [s] of the firmware."""
-        milliseconds = self._milliseconds(timeout)
-        self._send(codec.encode_command(Command.RECEIVE_TIMEOUT, milliseconds))
+        length = self._milliseconds(timeout)
+        self._send(codec.encode_command(Command.RECEIVE_TIMEOUT, length))
 
     def _milliseconds(self, timeout: float) -> int:
         """Return a time-out [s] in ms; one that rounds to 0 (never) is refused."""
         least = 0.0 if timeout == 0 else 1e-3
-        where = f"{self.name}, time-out"
-        check_range(where, timeout, least, LONGEST_TIMEOUT, "s (0: never)")
+        where, unit = f"{self.name}, time-out", "s (0: never)"
+        check_range(where, timeout, least, LONGEST_TIMEOUT, unit)
         return round(1e3 * timeout)
 
     def command(self, motor_1: float, motor_2: float) -> None:
@@ -256,8 +253,8 @@ class MotorBoard(can.Listener):
 
     def _send(self, message: can.Message) -> None:
         if self.listen_only:
-            fix = "open the board with listen_only=False"
-            raise BoardError("only listens", where=self.name, next=fix)
+            told = {"where": self.name, "next": "open the board with listen_only=False"}
+            raise BoardError("only listens", **told)
         message.timestamp = self.clock.now()
         try:
             self._open_bus().send(message)
@@ -277,8 +274,8 @@ class MotorBoard(can.Listener):
 
     def _fault(self) -> BoardError:
         fix = "remove the cause of the fault, then start the board again"
-        got = self.status.fault.name
-        return BoardError("switched itself off", where=self.name, got=got, next=fix)
+        told = {"where": self.name, "got": self.status.fault.name, "next": fix}
+        return BoardError("switched itself off", **told)
 
     def _silent(self, stream: str, age: float | None, limit: float):
         got = "nothing so far" if age is None else f"silence for {age:.3f} s"

@@ -284,9 +284,9 @@ def test_what_keeps_the_matrix_regular_counts_as_a_prior(
     programme, curvature, monkeypatch
 ):
     chosen = np.arange(3)
-    pulls, held = curvature.sensitivity(chosen)
-    given = pulls, held, programme.sensed, programme.window, programme.shape
-    at = Linearisation(curvature, *given)
+    pulls, _ = curvature.sensitivity(chosen)
+    given = programme.sensed, programme.window, programme.shape
+    at = Linearisation(curvature, *given).response(chosen, np.eye(3))
     errors = error_budget(at)
     monkeypatch.setattr(
         "tactilenlp.information.error_budget_terms.LEAST_CURVATURE",

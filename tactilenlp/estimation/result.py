@@ -121,6 +121,16 @@ class Estimate:
             return None
         return float(self.unknowns[COMPLIANCE].item()) / (self.scene.mass * G)
 
+    @property
+    def sigma_position(self) -> np.ndarray:
+        """Standard deviations (T, 3) [m] of the position at every sample."""
+        return self.information.along_path("position")
+
+    @property
+    def sigma_yaw(self) -> np.ndarray:
+        """Standard deviations (T,) [rad] of the turn about the world's z axis."""
+        return self.information.along_path("rotation")[:, 2]
+
     def rotation(self, sample: int = -1) -> np.ndarray:
         """Return the rotation matrix (3, 3) from body to world at a sample."""
         check_sample(sample, len(self.quaternion))
@@ -149,6 +159,12 @@ class Estimate:
             f"after {self.iterations} iterations, {self.seconds['total']:.1f} CPU s; "
             f"largest violation {max(self.violations.values(), default=0.0):.1g}.",
         ]
+        if self.information.path is not None:
+            off = self.sigma_position.max(axis=1) * mm
+            lines.append(
+                f"Along the path the position is known to {off.min():.2f} to "
+                f"{off.max():.2f} mm (one standard deviation)."
+            )
         if self.fit is not None:
             lines.append(self.fit.text)
         if self.compliance is not None:

@@ -47,25 +47,42 @@ def one_mode(objective: float, covariance) -> Modes:
 
 
 def laplace_mixture(shape, turning: int, found) -> Modes:
-    """Return the distinct modes among (z, R, objective, covariance), the first first.
+    """Return the modes of distinct (z, R, objective, covariance), the first first.
 
     z (k,): theta, then position and turn, `turning` numbers; R (3, 3): the final
     rotation of the body, in the frame of the turn.
     """
-    z_0, R_0 = found[0][:2]
-    units = np.ones(len(z_0))
-    units[len(z_0) - turning :] = ARM
+    z_0, R_0, *_ = found[0]
     kept = []
-    for z, R, objective, C in found:
+    for z, R, objective, C, *_ in distinct(shape, turning, found):
         off, C = aligned(shape, turning, (z, R, C), (z_0, R_0))
-        if all(np.abs((off - other[0]) * units).max() > SAME_MODE for other in kept):
-            kept.append((off, objective, C))
+        kept.append((off, objective, C))
     offsets, objectives, covariances = (np.array(a) for a in zip(*kept, strict=True))
-    unit = np.outer(units, units) / SAME_MODE**2
+    unit = np.outer(*[_units(len(z_0), turning)] * 2) / SAME_MODE**2
     volumes = [_log_volume(C * unit) for C in covariances]
     evidence = np.array(volumes) - objectives
     weights = np.exp(evidence - evidence.max())
     return Modes(weights / weights.sum(), offsets, covariances, objectives)
+
+
+def distinct(shape, turning: int, found) -> list:
+    """Return those of (z, R, objective, covariance, ...) that are no mode of before."""
+    z_0, R_0, *_ = found[0]
+    units, kept, offsets = _units(len(z_0), turning), [], []
+    for one in found:
+        z, R, _, C, *_ = one
+        off, _ = aligned(shape, turning, (z, R, C), (z_0, R_0))
+        if all(np.abs((off - other) * units).max() > SAME_MODE for other in offsets):
+            kept.append(one)
+            offsets.append(off)
+    return kept
+
+
+def _units(unknowns: int, turning: int) -> np.ndarray:
+    """Return by what unknowns (k,) are multiplied to compare them, [1] or [m/rad]."""
+    units = np.ones(unknowns)
+    units[unknowns - turning :] = ARM
+    return units
 
 
 def _log_volume(C) -> float:

@@ -37,10 +37,8 @@ class Variable:
     def __getitem__(self, key) -> Columns:
         rows, columns = key if isinstance(key, tuple) and len(key) == 2 else (key, None)
         if not isinstance(rows, slice) or rows != slice(None) or columns is None:
-            fix = "write x[:, columns] and index the rows inside the term"
-            raise PageError(
-                "only whole columns can be picked", where=self.name, next=fix
-            )
+            told = {"where": self.name, "next": "index rows inside the term"}
+            raise PageError("only whole columns x[:, k] can be picked", **told)
         try:
             picked = np.arange(self.columns)[columns]
         except IndexError as error:

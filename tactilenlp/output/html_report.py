@@ -53,6 +53,7 @@ def _content(estimate) -> dict:
         "time": _plain(data.time, 3),
         "action": data.action.tolist(),
         "position": _plain(estimate.position),
+        "position_sigma": _path_sigma(estimate),
         "quaternion": _plain(estimate.quaternion, 6),
         "vertices": _plain(estimate.vertices),
         "faces": _faces(estimate),
@@ -71,6 +72,13 @@ def _content(estimate) -> dict:
         "solve": _solve(estimate),
         "skipped": [str(skipped) for skipped in estimate.skipped],
     }
+
+
+def _path_sigma(estimate) -> list | None:
+    """Return the deviations (T, 3) [m] of the position; None where not known."""
+    if estimate.information.path is None:
+        return None
+    return _plain(estimate.sigma_position, 6)
 
 
 def _finger(estimate, f: int) -> dict:
