@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import collections
+import contextlib
 import faulthandler
 import json
 import os
@@ -84,9 +85,8 @@ def shard(folder: Path, seed: int, first: int, count: int, end: float, only) -> 
 
     warnings.simplefilter("ignore")
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESSES, ADDRESSES))
-    signal.signal(signal.SIGALRM, _hang)
     counts, failures = collections.Counter(), []
-    with tempfile.TemporaryDirectory() as scratch:
+    with tempfile.TemporaryDirectory() as scratch, interrupting():
         known, draw = Known(folder, Path(scratch)), kinds()
         os.chdir(scratch)
         at = os.open(folder / "at", os.O_WRONLY | os.O_CREAT)
@@ -104,8 +104,18 @@ def shard(folder: Path, seed: int, first: int, count: int, end: float, only) -> 
     return {"counts": table, "failures": failures, "memory": memory}
 
 
-def _hang(*_):
-    raise Hang(f"no end after {LONGEST} s")
+@contextlib.contextmanager
+def interrupting():
+    """Raise Hang in an input that takes too long, as long as the context lasts."""
+
+    def hang(*_):
+        raise Hang(f"no end after {LONGEST} s")
+
+    before = signal.signal(signal.SIGALRM, hang)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGALRM, before)
 
 
 def _failure(bad: BaseException, number: int) -> dict:
@@ -205,8 +215,9 @@ def again(seed: int, number: int, only) -> None:
 
     with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory() as temp:
         prepare(Path(folder), small_estimate())
-        signal.signal(signal.SIGALRM, _hang)
-        print(one(kinds(), Known(Path(folder), Path(temp)), seed, number, only))
+        known = Known(Path(folder), Path(temp))
+        with interrupting():
+            print(one(kinds(), known, seed, number, only))
 
 
 def main() -> int:
