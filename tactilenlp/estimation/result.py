@@ -9,6 +9,7 @@ import numpy as np
 from formulations.indentation import NAME as COMPLIANCE
 from formulations.rigid_body import G
 
+from ..common.named import Named
 from ..common.npz import read_result, write_result
 from ..common.validation import check_sample
 from ..data.joint_offsets import JointZeros
@@ -26,6 +27,8 @@ from ..problem.certificates import Skipped
 from ..search.hypothesis import Hypothesis
 
 ESTIMATE_FORMAT, ESTIMATE_VERSION = "estimate", 2  # of the files that `save` writes
+# Fields that are asked by name, as in estimate.impulses["finger 0"].
+BY_NAME = ("impulses", "unknowns", "costs", "violations", "multipliers", "seconds")
 UNOBSERVED_TURN = 45.0  # [deg] of sigma beyond which a rotation is not observed
 
 
@@ -78,6 +81,11 @@ class Estimate:
     progress: dict[str, np.ndarray] = field(default_factory=dict)
     finger_offset: np.ndarray | None = None
     fit: Fit | None = None
+
+    def __post_init__(self) -> None:
+        for name in BY_NAME:
+            values = Named(f"estimate.{name}", getattr(self, name))
+            object.__setattr__(self, name, values)
 
     @property
     def side_lengths(self) -> np.ndarray:

@@ -15,7 +15,7 @@ from formulations.shape import Shape
 from ..common.interrupt import interruptible
 from ..data.scene import Scene
 from ..errors import MotionError
-from ..nlp.solution import not_converged
+from ..nlp.solution import check_finite, not_converged
 from ..problem.outliers import check_explained
 from ..problem.reductions import Reductions
 from ..search.beam import beam
@@ -100,6 +100,7 @@ def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
     so_far.kept, searched = kept, so_far.spent
     earlier = start if _had_alternatives(start, page) else None
     solved = refined(job, page, starts, options, so_far.solved, earlier)
+    check_finite(solved[0].problem, solved[0].solution)
     job, solved = with_soft_fingertips(
         job, page, solved, options,
         lambda soft: refined(soft, page, starts, options, so_far.solved, earlier),

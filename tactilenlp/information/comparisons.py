@@ -29,6 +29,7 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
+from ..common.validation import as_floats, is_whole
 from ..errors import OptionError, TactileError
 from ..nlp.kkt import LEAST_CURVATURE
 from ..nlp.kkt_sensitivity import KKTSystem
@@ -241,13 +242,16 @@ def information_gain(known, told, asked: int | None = None) -> float:
     known: I (k, k), positive definite; told: F (k, k), positive semidefinite; asked:
     how many of the first unknowns count, all others being marginalised.
     """
-    known, told = (np.asarray(matrix, float) for matrix in (known, told))
+    known, told = (as_floats(matrix) for matrix in (known, told))
     if known.ndim != 2 or known.shape != told.shape or len(known) != known.shape[1]:
         raise OptionError(
             "wrong shape", where="information_gain",
             expected="two square matrices of one size",
             got=f"{known.shape} and {told.shape}",
         )  # fmt: skip
+    if not (asked is None or (is_whole(asked) and asked >= 0)):
+        expected = "a whole number of unknowns, or None"
+        raise OptionError("wrong type", where="asked", got=asked, expected=expected)
     if asked is not None and asked < len(known):  # logdet of a Schur complement
         rest = slice(asked, None)
         nuisance = information_gain(known[rest, rest], told[rest, rest])
@@ -257,11 +261,13 @@ def information_gain(known, told, asked: int | None = None) -> float:
     try:
         before, after = np.linalg.cholesky(known), np.linalg.cholesky(known + told)
     except np.linalg.LinAlgError as bad:
+        finite = np.isfinite(known).all()
+        least = np.linalg.eigvalsh(known)[0] if finite else np.nan
         raise TactileError(
             "not positive definite",
             where="information_gain",
             expected="I and I + F with positive eigenvalues only",
-            got=f"{np.linalg.eigvalsh(known)[0]:.2g} as the least one of I",
+            got=f"{least:.2g} as the least one of I",
             next="give what is known a prior in physical units",
         ) from bad
     return float(np.log(np.diag(after) / np.diag(before)).sum())

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..common.interrupt import interruptible
 from ..common.validation import check_numbers, check_types
-from ..errors import OptionError
+from ..errors import OptionError, typed_call
 from .problem import Problem
 from .solution import Solution, after, not_converged, recomputed
 
@@ -29,6 +29,7 @@ def check_positive(options, *names: str) -> None:
     check_numbers("", "a positive number", **given)
 
 
+@typed_call()
 @dataclass(frozen=True)
 class SolverOptions:
     """Options of one solve.
