@@ -34,7 +34,7 @@ from ..search.proposals_floating import (
 from .certification import certified, checked
 from .incremental_polytope import repaired, updated
 from .interrupted import SoFar, interrupted
-from .model_selection import most_probable_first, with_soft_fingertips
+from .model_selection import most_probable_first, with_nuisance_parameters
 from .options import PROCESS, Guess, Options, Session
 from .readout import name_of, read_off
 from .refinement import refined
@@ -101,7 +101,7 @@ def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
     earlier = start if _had_alternatives(start, page) else None
     solved = refined(job, page, starts, options, so_far.solved, earlier)
     check_finite(solved[0].problem, solved[0].solution)
-    job, solved = with_soft_fingertips(
+    job, solved = with_nuisance_parameters(
         job, page, solved, options,
         lambda soft: refined(soft, page, starts, options, so_far.solved, earlier),
     )  # fmt: skip
