@@ -184,7 +184,7 @@ class Estimate:
                 "Not observed: " + "; ".join(self.information.unobserved) + "."
             )
         if self.information.also:
-            lines.append("Also possible: " + "; ".join(self.information.also) + ".")
+            lines.append(" ".join(self.information.also))
         lines += [f"Skipped {s}." for s in self.skipped]
         return "\n".join(lines)
 
