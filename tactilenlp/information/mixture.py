@@ -85,7 +85,7 @@ def distinct(shape, turning: int, found) -> list:
 def optima_in_words(modes: Modes, names, sigma) -> tuple[str, ...]:
     """Return sentences: the probability of the first optimum, and of each other one.
 
-    names, sigma: of the k numbers.  Empty where there is one; percentages add up to 100.
+    names, sigma: of the k numbers.  Empty where there is one; percentages sum to 100.
     """
     other = np.flatnonzero(modes.weights[1:] >= MIN_WEIGHT) + 1
     if not len(other):
