@@ -137,7 +137,11 @@ def with_tilt(job, page, best: Solved, options) -> Solved:
     if excess < needed:
         return best
     free = replace(job, reductions=replace(job.reductions, planar=False))
-    tilted = freed_to_tilt(free, page, best, settings_of(free, options), RESTART_MU)
+    if rough := getattr(page, "ROUGH", ()):  # touches taken for outliers pull again
+        tilted = solved_from(free, page, best.at, options, levels=rough)
+    else:
+        settings = settings_of(free, options)
+        tilted = freed_to_tilt(free, page, best, settings, RESTART_MU)
     gain = _gain(best, tilted)
     if gain < needed:
         return best
