@@ -171,6 +171,14 @@ class Estimate:
                 f"Along the path the position is known to {off.min():.2f} to "
                 f"{off.max():.2f} mm (one standard deviation)."
             )
+        lines += self.remarks
+        lines += [f"Skipped {s}." for s in self.skipped]
+        return "\n".join(lines)
+
+    @property
+    def remarks(self) -> list[str]:
+        """Sentences on fit, nuisance parameters, what is not observed, other optima."""
+        lines = []
         if self.fit is not None:
             lines.append(self.fit.text)
         if self.compliance is not None:
@@ -179,14 +187,9 @@ class Estimate:
             lines.append(self._unbalanced())
         if self.finger_offset is not None:
             lines.append(offsets_in_words(self.finger_offset, self.information.offsets))
-        if self.information.unobserved:
-            lines.append(
-                "Not observed: " + "; ".join(self.information.unobserved) + "."
-            )
-        if self.information.also:
-            lines.append(" ".join(self.information.also))
-        lines += [f"Skipped {s}." for s in self.skipped]
-        return "\n".join(lines)
+        if open_ := self.information.unobserved:
+            lines.append(f"Not observed: {'; '.join(open_)}.")
+        return [*lines, *self.information.also]
 
     def _sized(self) -> str:
         """Return the size of the body in words."""
