@@ -11,11 +11,11 @@ from types import ModuleType
 
 from formulations.shape import Shape
 
-from ..common.deadline import ends_by, omissions
+from ..common.deadline import ends_by, omissions, out_of_time
 from ..common.interrupt import interruptible
 from ..data.scene import Scene
 from ..errors import MotionError
-from ..nlp.solution import not_converged
+from ..nlp.solution import check_finite, not_converged
 from ..problem.outliers import check_explained
 from ..problem.reductions import Reductions
 from ..search.beam import beam
@@ -34,7 +34,7 @@ from ..search.proposals_floating import (
 from .certification import certified, checked
 from .incremental_polytope import repaired, updated
 from .interrupted import SoFar, interrupted
-from .model_selection import with_soft_fingertips
+from .model_selection import most_probable_first, with_nuisance_parameters
 from .options import PROCESS, Guess, Options, Session
 from .readout import name_of, read_off
 from .refinement import refined
@@ -104,13 +104,16 @@ def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
     earlier = start if _had_alternatives(start, page) else None
     with ends_by(request.time_at(REFINEMENT_END)):
         solved = refined(job, page, starts, options, so_far.solved, earlier)
-        job, solved = with_soft_fingertips(
+        check_finite(solved[0].problem, solved[0].solution)
+        job, solved = with_nuisance_parameters(
             job, page, solved, options,
             lambda soft: refined(soft, page, starts, options, so_far.solved, earlier),
         )  # fmt: skip
         solved = repaired(job, page, solved, options, update)
-    cut, best = replace(job, cuts=solved[0].job.cuts), solved[0]
+    cut, (best, *_) = replace(job, cuts=solved[0].job.cuts), solved
     with ends_by(request.time_at(CERTIFICATES_END)):
+        if not out_of_time("evidence of other optima"):
+            best, *_ = most_probable_first(job, solved)
         best = checked(cut, page, best, options, request.executor)
     so_far.kept = _carried_on(job, solved, kept, request.widths[0])
     others = [

@@ -13,7 +13,7 @@ import numpy as np
 from ..common.deadline import time_left
 from ..common.interrupt import interruptible
 from ..common.validation import check_numbers, check_types
-from ..errors import OptionError
+from ..errors import OptionError, typed_call
 from .problem import Problem
 from .solution import Solution, after, not_converged, recomputed, unfinished
 
@@ -31,6 +31,7 @@ def check_positive(options, *names: str) -> None:
     check_numbers("", "a positive number", **given)
 
 
+@typed_call()
 @dataclass(frozen=True)
 class SolverOptions:
     """Options of one solve.

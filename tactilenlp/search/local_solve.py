@@ -24,6 +24,7 @@ from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..nlp.solution import Solution, after, unfinished
 from ..problem.certificates import Certificates
+from ..problem.pages import check_unknowns
 from ..problem.polytope_window import window_of
 from ..problem.poses import poses
 from ..problem.reductions import reduce, required_reductions
@@ -125,6 +126,7 @@ def problem_at(job, page, hypothesis):
 
 def start_values(problem, window, h: Hypothesis) -> dict:
     """Return where a solve starts: the hypothesis as unknowns of the problem."""
+    check_unknowns(problem, h.theta, h.x[:, window.last])
     theta = problem.variables["theta"]
     theta = h.theta.reshape(theta.columns, theta.rows).T
     start = {"theta": theta, "x": h.x[:, window.last]}
