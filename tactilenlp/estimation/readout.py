@@ -30,11 +30,11 @@ def read_off(request: Request, solved, kept, seconds, omitted=(), modes=()) -> E
     there was no time for; modes: other local optima of the same page.
     """
     job, page, solution = request.job, request.page, solved.solution
-    status = solution.status
-    if omitted:
-        status += f", time limit reached: without {', '.join(omitted)}"
     read = {"sizes": read_box, "vertices": read_polytope}[job.shape.parameters]
     body, information = read(job, page, solved, modes)
+    status = solution.status
+    if omitted:  # a list that grows until here
+        status += f", time limit reached: without {', '.join(omitted)}"
     left = variance_left(job.data, job.precision)
     fit = fit_of(solved.problem, solution, solved.window, job.data, left)
     if fit is not None:

@@ -42,8 +42,8 @@ from .request import Request, first_guess, read_request
 from .result import Estimate
 
 log = logging.getLogger("tactilenlp")
-# [-] of the time limit at which each step ends; the rest is for the readout
-SEARCH_END, REFINEMENT_END, CERTIFICATES_END = 0.5, 0.8, 0.9
+# [-] of the time until the readout, at which each step ends
+SEARCH_END, REFINEMENT_END, CERTIFICATES_END = 0.5, 0.85, 1.0
 
 
 def solve_estimate(

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..common.deadline import out_of_time
 from ..common.validation import check_types
 from ..errors import OptionError
 from ..nlp.kkt_sensitivity import KKTSystem, kkt_system_of
@@ -177,7 +178,8 @@ def information_of(
         beyond = _beyond(modes, tangent, at, faces, profile)
         covariance = covariance + beyond
         others = list(zip(modes.weights, optima, strict=True))[1:]
-        path = _path(at, tangent, solution, R_wg, beyond, others)
+        if not out_of_time("deviations of the path"):
+            path = _path(at, tangent, solution, R_wg, beyond, others)
     words, directions = open_directions(tangent, covariance, shape, faces)
     if sensed is not None:
         covariance = bounded_pose(covariance, shape.theta, tangent.turning)
@@ -266,7 +268,7 @@ def inverse(C) -> np.ndarray:
 
 def _indefinite(curvature: KKTSystem) -> tuple[str, ...]:
     """Name the term and the unknowns along which the reduced Hessian curves down."""
-    if curvature.negative is None:
+    if out_of_time("a check for negative curvature") or curvature.negative is None:
         return ()
     term, direction = curvature.negative
     share = np.abs(direction / curvature.problem.scale)

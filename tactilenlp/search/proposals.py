@@ -70,7 +70,7 @@ def extensions(job: Job, kept: list[Hypothesis]) -> list[Hypothesis]:
 def followed(job: Job, h: Hypothesis) -> Hypothesis:
     """Return a hypothesis whose pose a filter follows through the remaining actions."""
     data, window = spherical(job)
-    new, n = np.arange(h.x.shape[1], data.samples), len(h.theta)
+    new = np.arange(h.x.shape[1], data.samples)
     spread = np.diag(GUESS_SIGMA_MIN**2)[None]
     offset = np.broadcast_to(h.shift, (3, data.fingers))[None]
     given = data, window, job.shape, h.end[None], spread, np.ones(1), new, offset
