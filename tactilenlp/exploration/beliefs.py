@@ -30,7 +30,7 @@ POSE_PRIOR_SIGMA = 0.1, 3.0  # [m], [rad] of a pose before any touch
 # [-] to that of the best: hypotheses of a smaller weight are omitted.
 MIN_RELATIVE_WEIGHT = 0.02
 # Friction shears a rubber pad by up to 0.75 of its indentation where mu is 0.5
-# (Mindlin, 1949): the turn of a felt normal, of indentation over radius, taken as uniform.
+# (Mindlin, 1949): the turn of a felt normal, of indentation over radius; uniform.
 TURNED = 0.75 / 3**0.5  # [-]
 INDENTATION_ERROR = 0.5  # [-] of a predicted one: push and compliance are 30 % off each
 
