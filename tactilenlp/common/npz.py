@@ -25,7 +25,7 @@ import numpy as np
 from ..errors import FileError, MeasurementError
 from .layout import check_kinds, check_layout
 from .validation import check_path
-from .whole_file import whole_file
+from .whole_file import opened, whole_file
 
 UNREADABLE = (  # AttributeError, TypeError: np.load gave an array, it was an .npy file
     *(ValueError, EOFError, OSError, RuntimeError, AttributeError, TypeError),
@@ -53,12 +53,13 @@ def read_npz(
     Raises `error` if the file is no .npz file of plain arrays, FileNotFoundError if
     there is no file.
     """
-    check_path(path)
-    arrays, where = {}, os.fspath(path)
-    with open(path, "rb") as stream:
+    arrays, where = {}, os.fspath(path) if isinstance(path, os.PathLike) else path
+    with opened(path, error) as stream:
         try:
             check_declared(stream, error, where)
             with np.load(stream, allow_pickle=False) as archive:
+                if keys is not None and not {*keys} & {*archive.files}:
+                    raise _another_kind(archive.files, keys, error, where)
                 keys = archive.files if keys is None else keys
                 for where in (key for key in keys if key in archive):
                     arrays[where] = archive[where]
@@ -67,6 +68,18 @@ def read_npz(
             parts |= {"expected": "an .npz file of plain arrays"}
             raise error("cannot be read", next="use numpy.savez", **parts) from bad
     return arrays
+
+
+def _another_kind(found, keys, error: type, where: str):
+    """Return the error for a file that has none of the keys that are read from it."""
+    saved = "header" in found
+    kind = "what Estimate.save or Exploration.save wrote" if saved else "other arrays"
+    fix = "Estimate.load(path).measurements" if saved else "check the path"
+    some = ", ".join(sorted(found)[:SHOWN_NAMES])
+    return error(
+        "another kind of file", where=where, got=f"{kind}: {some}",
+        expected=f"at least one of {', '.join(keys)}", next=fix,
+    )  # fmt: skip
 
 
 def check_declared(stream, error: type, where: str) -> None:
