@@ -22,7 +22,7 @@ from importlib.metadata import version
 
 import numpy as np
 
-from ..errors import FileError, MeasurementError
+from ..errors import FileError, MeasurementError, TactileError
 from .layout import check_kinds, check_layout
 from .validation import check_path
 from .whole_file import opened, whole_file
@@ -58,11 +58,13 @@ def read_npz(
         try:
             check_declared(stream, error, where)
             with np.load(stream, allow_pickle=False) as archive:
-                if keys is not None and not {*keys} & {*archive.files}:
-                    raise _another_kind(archive.files, keys, error, where)
+                if keys is not None and "header" in archive and "header" not in keys:
+                    raise _another_kind(keys, error, where)
                 keys = archive.files if keys is None else keys
                 for where in (key for key in keys if key in archive):
                     arrays[where] = archive[where]
+        except TactileError:
+            raise
         except UNREADABLE as bad:
             parts = {"where": where, "got": f"{type(bad).__name__}: {bad}"}
             parts |= {"expected": "an .npz file of plain arrays"}
@@ -70,15 +72,12 @@ def read_npz(
     return arrays
 
 
-def _another_kind(found, keys, error: type, where: str):
-    """Return the error for a file that has none of the keys that are read from it."""
-    saved = "header" in found
-    kind = "what Estimate.save or Exploration.save wrote" if saved else "other arrays"
-    fix = "Estimate.load(path).measurements" if saved else "check the path"
-    some = ", ".join(sorted(found)[:SHOWN_NAMES])
+def _another_kind(keys, error: type, where: str):
+    """Return the error for a saved result from which arrays of its own are read."""
     return error(
-        "another kind of file", where=where, got=f"{kind}: {some}",
-        expected=f"at least one of {', '.join(keys)}", next=fix,
+        "another kind of file", where=where, got="a saved estimate or exploration",
+        expected=f"at least one of {', '.join(keys)}",
+        next="load it by its class: Estimate.load(path).measurements",
     )  # fmt: skip
 
 
