@@ -14,11 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import scipy.sparse as sp
 
+from ..common.deadline import NEVER, Deadline
 from ..common.validation import numbers_of
 from ..errors import PageError
 from .assembly import assemble
@@ -61,6 +62,7 @@ class Problem:
     # By name and sizes of the arguments; problems of one page may share them.
     term_functions: dict[tuple, object] = field(default_factory=dict)
     cache: TermFunctionCache = field(default_factory=default_cache)
+    deadline: Deadline = NEVER  # of derivations and compilations, not of solves
     _data: list[np.ndarray] = field(default_factory=list)
     _data_size: int = 0
 
@@ -289,7 +291,9 @@ class Problem:
     def _traced(self, name, trace, function, sizes, order):
         """Return the term function of a term; derive it unless this problem has it."""
         if (key := (name, *order)) not in self.term_functions:
-            given = name, trace or self.cache.of, function, sizes, order
+            self.deadline.check()
+            of = partial(self.cache.of, deadline=self.deadline)
+            given = name, trace or of, function, sizes, order
             self.term_functions[key] = term_function_named(*given)
         return self.term_functions[key]
 
