@@ -5,11 +5,13 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
+from ..common.file_lock import can_be_written, locked
 from ..common.progress import progress, wipe
 from ..common.validation import check_path, check_types
 from ..data.scene import Scene
@@ -67,11 +69,19 @@ def explore(
 
     While an action runs, its samples so far can be estimated, repeatedly:
     solve_estimate(estimate.measurements.append(so_far), scene, start=estimate).
-    Raises OptionError, SceneError, StartError and FileError before the first command.
+    Raises OptionError, SceneError, StartError and FileError before the first command;
+    FileError too while another process explores into this file.
     """
     given = _by_name(positional, keywords)
     settings = ExploreOptions.of(settings, given)
     loop = _prepared(world, scene, settings, file, start, executor)
+    with _alone(file, world):
+        yield from _steps(loop, file, start)
+
+
+def _steps(loop: _Loop, file, start) -> Iterator[Step]:
+    """Yield the steps of an exploration, those of a file first."""
+    settings, world = loop.settings, loop.world
     estimate, past = start if isinstance(start, Estimate) else None, []
     kept, first = load_or_new(file), 0 if estimate is None else 1
     again = bool(kept.steps) or estimate is not None
@@ -96,6 +106,16 @@ def explore(
         yield step
         if settings.until is not None and _enough(step, settings.until):
             return
+
+
+def _alone(file, world):
+    """Return a context in which no other process writes the file.
+
+    Steps that a folder has, which cannot be written, are read without a world.
+    """
+    if file is None or (world is None and not can_be_written(file)):
+        return nullcontext()
+    return locked(file)
 
 
 @dataclass(frozen=True, eq=False)
