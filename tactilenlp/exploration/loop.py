@@ -34,6 +34,7 @@ from .log import (
 )
 from .options import ExploreOptions
 from .policies import check_predicted, checked_policy, next_action
+from .reach import check_reach
 
 log = logging.getLogger("tactilenlp")
 
@@ -53,12 +54,13 @@ def explore(
     """Touch an object and yield a Step after the first touch and after each action.
 
     world: anything with `execute(trajectory) -> Measurements`; if it has a truth, as
-    World has, step.errors are the errors of the estimate.  scene: Scene, by default
-    Scene().  settings: ExploreOptions; or its fields as keywords (actions, policy,
-    shape, seed also by position, in this order), but not both.  file: every action is
-    saved there, as an Exploration, as soon as it is measured; a call with an existing
-    file resumes from it.  start: an Estimate instead of a first touch, or a Guess of
-    the object.  executor: any concurrent.futures executor.
+    World has, step.errors are the errors of the estimate; its `check(trajectory)`, if
+    it has one, raises for what it cannot reach.  scene: Scene, by default Scene().
+    settings: ExploreOptions; or its fields as keywords (actions, policy, shape, seed
+    also by position, in this order), but not both.  file: every action is saved there,
+    as an Exploration, as soon as it is measured; a call with an existing file resumes
+    from it.  start: an Estimate instead of a first touch, or a Guess of the object.
+    executor: any concurrent.futures executor.
 
     If the first finger, aimed at `centre`, makes no contact, the workspace is swept.
     Actions without contact are measurements too.  After one, or if the estimate is not
@@ -86,6 +88,7 @@ def _steps(loop: _Loop, file, start) -> Iterator[Step]:
     kept, first = load_or_new(file), 0 if estimate is None else 1
     again = bool(kept.steps) or estimate is not None
     _check_fingers(world, loop.space, kept)
+    check_reach(world, loop.space, settings.centre, kept.estimate or estimate)
     for number in progress(range(first, settings.actions + 1), "explore"):
         step = kept.at(number)
         before = None if estimate is None else estimate.measurements

@@ -138,12 +138,7 @@ def settings_of(job, options) -> SolverOptions:
     """Return the solver's settings within the time that a job has left."""
     left = min(LEVEL_TIME, max(0.1, job.deadline.left))
     ipopt = {**IPOPT_OPTIONS[job.shape.parameters], **options.ipopt}
-    return SolverOptions(
-        tolerance=options.tolerance,
-        time_limit=left,
-        ipopt=ipopt,
-        deadline=job.deadline,
-    )
+    return SolverOptions(options.tolerance, left, ipopt=ipopt, deadline=job.deadline)
 
 
 # Solves from a hypothesis
@@ -282,16 +277,24 @@ def _between_rebuilds(levels) -> list[list]:
 
 def _rebuilt_for(job, page, solved, groups, options) -> Solved:
     """Go on from a solve through groups of levels, the page rebuilt before each."""
-    for levels in groups:
-        if job.deadline.passed("all levels of the page"):
-            return replace(solved, solution=unfinished(solved.solution))
-        h = with_vertices_on_hull(job.shape, solved.at)
-        window, problem, built = problem_at(job, page, h)
-        values, _, _ = transferred_values(solved, window, problem)
-        kept = {name: v for name, v in values.items() if name not in RESTARTED}
-        start = kept | start_values(problem, window, h)
-        solution = solve_levels(problem, levels, start, settings_of(job, options))
-        solution.seconds["build"] += built
-        solution = after(solved.solution, solution)
-        solved = Solved(h, problem, window, solution, job)
-    return solved
+    with job.deadline.ending("all levels of the page"):
+        for levels in groups:
+            if job.deadline.passed("all levels of the page"):
+                break
+            solved = _rebuilt(job, page, solved, levels, options)
+        else:
+            return solved
+    return replace(solved, solution=unfinished(solved.solution))
+
+
+def _rebuilt(job, page, solved, levels, options) -> Solved:
+    """Go on from a solve through levels of the page, rebuilt where it ended."""
+    h = with_vertices_on_hull(job.shape, solved.at)
+    window, problem, built = problem_at(job, page, h)
+    values, _, _ = transferred_values(solved, window, problem)
+    kept = {name: v for name, v in values.items() if name not in RESTARTED}
+    start = kept | start_values(problem, window, h)
+    solution = solve_levels(problem, levels, start, settings_of(job, options))
+    solution.seconds["build"] += built
+    solution = after(solved.solution, solution)
+    return Solved(h, problem, window, solution, job)
