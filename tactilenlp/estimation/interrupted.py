@@ -37,7 +37,8 @@ def not_solved(request: Request, starts, spent: float) -> tuple[Estimate, Solved
     """Return the estimate where the time limit came before the page was solved.
 
     The best of the starts that the search found, at the cost of least motion; nothing
-    is solved, and sigma is that of the prior.  spent [s] of CPU time.
+    is solved, and sigma is that of the prior.  It has no hypotheses, so that a solve
+    that starts from it searches all actions again.  spent [s] of CPU time.
     """
     now = request.job.deadline.until(0.0)  # what is evaluated once is not compiled
     job, page = replace(request.job, deadline=now), request.page
@@ -51,7 +52,7 @@ def not_solved(request: Request, starts, spent: float) -> tuple[Estimate, Solved
     solved = Solved(best, problem, window, solution, job)
     seconds = solution.seconds | {"search": spent, "total": spent}
     request, over = replace(request, page=page), replace(now, strict=True)
-    return read_off(request, solved, starts, seconds, over), solved
+    return read_off(request, solved, (), seconds, over), solved
 
 
 def interrupted(request: Request, so_far: SoFar) -> Interrupted:

@@ -17,7 +17,7 @@ from ..information.goodness_of_fit import fit_of
 from ..information.information import Information, information_of
 from ..information.measurement_noise import Sensed
 from ..information.polytope_information import polytope_information, touched_polygons
-from ..information.prior_information import prior_information
+from ..information.prior_information import NOT_COMPUTED, prior_information
 from ..nlp.problem import Problem
 from ..problem.polytope_window import with_supports
 from ..problem.poses import body_corners, poses
@@ -44,7 +44,7 @@ def read_off(
         status += f", {TIME_LIMIT}{', '.join(deadline.omitted)}"
     left = variance_left(job.data, job.precision)
     fit = fit_of(solved.problem, solution, solved.window, job.data, left)
-    if fit is not None:
+    if fit is not None and NOT_COMPUTED not in information.unobserved:
         information = information.widened(fit.widening)
     return Estimate(
         measurements=request.data,

@@ -232,6 +232,8 @@ def carried_hypotheses(start, shape, scene, data) -> list[Hypothesis]:
             expected="an estimate whose measurements are a prefix of data",
             next="start from scratch, or append to the same measurements",
         )
+    if not start.hypotheses:  # the time limit ended its search
+        return []
     done = _samples_of_whole_actions(start.measurements.samples, data)
     if shape.parameters == "vertices":
         return [as_polytope(start, scene, done)] if done else []

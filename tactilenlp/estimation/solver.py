@@ -103,8 +103,7 @@ def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
     so_far.kept, searched = kept, so_far.spent
     job, solved = _refined(request, starts, so_far, update)
     if not solved:
-        late = not_solved(request, starts, so_far.spent)
-        return replace(late[0], hypotheses=tuple(kept)), late[1]
+        return not_solved(request, starts, so_far.spent)
     best, *_ = solved = [_restamped(s, job.deadline) for s in solved]
     cut = replace(job, cuts=best.job.cuts)
     with job.deadline.ending("certificates"):

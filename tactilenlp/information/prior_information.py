@@ -35,7 +35,11 @@ def prior_information(job, solved, R_wg) -> Information:
     deviation = np.full(len(names), REACHED)
     deviation[:sizes] = shape.size_prior[1]
     deviation[len(names) - turning :] = ANY_ROTATION
-    spread, matrix = np.diag(deviation**2), np.diag(deviation**-2)
+    spread = np.diag(deviation**2)
+    if shape.parameters == "vertices":  # all of them may be elsewhere together
+        along = np.tile(np.eye(3), (len(names) // 3, 1))
+        spread += REACHED**2 * along @ along.T
+    matrix = np.linalg.inv(spread)
     offsets = {}
     if NAME in problem.variables:
         prior = prior_of_offsets(job.scene, solution.values[NAME].shape[1])

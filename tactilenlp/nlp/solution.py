@@ -134,7 +134,7 @@ def check_finite(problem: Problem, solution: Solution) -> None:
 def _advice(solution: Solution) -> str:
     """Return what to do about a solve that ended without a solution."""
     if solution.status == TIME_EXCEEDED:
-        return "raise time_limit, or go on from the error's `estimate` (start=...)"
+        return "raise time_limit; the best so far is the error's `estimate`"
     return "start closer, loosen the tolerance, or run problem.check()"
 
 
