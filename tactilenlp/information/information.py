@@ -10,10 +10,12 @@ spread   the covariance that `sigma` reports: the error budget (error_budget.py)
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
 from ..common.deadline import NEVER, Deadline
+from ..common.layout import ANY
 from ..common.validation import check_types
 from ..errors import OptionError
 from ..nlp.kkt_sensitivity import KKTSystem, kkt_system_of
@@ -70,6 +72,22 @@ class Information:
     offsets: np.ndarray | None = None
     with_offsets: np.ndarray | None = None
     path: np.ndarray | None = None
+
+    LAYOUT: ClassVar = {  # of the arrays in a file
+        "names": ("k",),
+        "matrix": ("k", "k"),
+        "spread": ("k", "k"),
+        "parts/*": ("k", "k"),
+        "maps/*": (ANY, "k"),
+        "modes/weights": ("m",),
+        "modes/offsets": ("m", "k"),
+        "modes/covariances": ("m", "k", "k"),
+        "modes/objectives": ("m",),
+        "directions": ("k", "r"),
+        "offsets": ("f", "f"),
+        "with_offsets": ("both", "both"),
+        "path": ("T", 6),
+    }
 
     def covariance(self, name: str | None = None) -> np.ndarray:
         """Return the covariance (3, 3) of a quantity, or (k, k) of `names`, SI.

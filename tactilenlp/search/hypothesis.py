@@ -8,10 +8,12 @@ and at the last pose.  A `Job` is what a search for hypotheses is given.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
 from ..common.deadline import Deadline
+from ..common.layout import ANY
 from ..geometry.transforms import is_planar, matrices
 from ..nlp.problem import Problem
 from ..problem.poses import body_corners, planar_corners
@@ -36,6 +38,10 @@ class Hypothesis:
     path: tuple[str, ...]
     iterations: int = 0
     offset: np.ndarray | None = None
+
+    LAYOUT: ClassVar = {  # of the arrays in a file
+        "theta": (ANY,), "x": (ANY, ANY), "offset": (3, ANY),
+    }  # fmt: skip
 
     @property
     def rank(self) -> float:
