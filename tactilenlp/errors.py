@@ -104,12 +104,15 @@ class PageError(TactileError, ValueError):
 class NotConverged(TactileError):
     """A solve ended without a solution; names the worst terms, keeps what was reached.
 
-    `solution` is the last iterate with its recomputed violations (plain arrays), and
-    `problem` the description of the problem that was solved.
+    `solution` is the last iterate with its recomputed violations (plain arrays),
+    `problem` the description of the problem that was solved, and `estimate` what
+    throw=False returns: marked, with `success` False.
     """
 
-    def __init__(self, what: str, *, problem=None, solution=None, **parts):
-        self.problem, self.solution = problem, solution
+    def __init__(
+        self, what: str, *, problem=None, solution=None, estimate=None, **parts
+    ):
+        self.problem, self.solution, self.estimate = problem, solution, estimate
         super().__init__(what, **parts)
 
 
