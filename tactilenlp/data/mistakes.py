@@ -67,22 +67,26 @@ def check_mistakes(data: Measurements, scene: Scene) -> None:
         )  # fmt: skip
 
 
-def most_likely(record: Record) -> tuple[Hypothesis | None, float, float]:
+def most_likely(record: Record) -> tuple[Hypothesis, float, float]:
     """Return the most likely mistake, its gain [nats], and the limit of a gain."""
     given = log_likelihood(record)
-    best, most, count = None, -np.inf, 0
-    for count, hypothesis in enumerate(hypotheses(record), 1):
+    best, most, tried = None, -np.inf, 0
+    for hypothesis in hypotheses(record):
+        tried += 1
         terms = log_likelihood(hypothesis.record, hypothesis.terms)
         gain = sum(terms.values()) - sum(given[name] for name in terms)
         if gain > most:
             best, most = hypothesis, gain
-    return best, most, float(np.log(count / FALSE_ALARM))
+    return best, most, float(np.log(tried / FALSE_ALARM))
 
 
 def record_of(data: Measurements, scene: Scene) -> Record:
     """Return the first actions of the measurements as the check takes them."""
-    last = data.action[min(MOST_SAMPLES, data.samples) - 1]
-    rows = slice(int(np.searchsorted(data.action, last, side="right")))
+    stop = data.samples
+    if stop > MOST_SAMPLES:  # whole actions, unless the first is longer
+        begins = np.searchsorted(data.action, data.action[MOST_SAMPLES])
+        stop = int(begins) or MOST_SAMPLES
+    rows = slice(stop)
     precision = precision_of(data, scene)
     return Record(
         position=data.finger_position[rows], normal=data.normal[rows],
@@ -154,11 +158,12 @@ def _of_fingers(record: Record) -> Iterator[Hypothesis]:
         order = np.arange(fingers)
         order[[f, g]] = g, f
         mistake, fix = f"fingers {f} and {g} are swapped", "swap their columns"
-        where, moved = "finger_position", replace(record, position=record.position[:, order])
-        yield Hypothesis(mistake, where, f"{fix} of finger_position", moved)
+        moved = replace(record, position=record.position[:, order])
+        where, fix = "finger_position", f"{fix} of finger_position, or of all others"
+        yield Hypothesis(mistake, where, fix, moved)
         felt = record.felt[:, order] & record.valid
         moved = replace(record, felt=felt, normal=record.normal[:, order])
-        yield Hypothesis(mistake, "contact", f"{fix} of contact and normal", moved)
+        yield Hypothesis(mistake, "contact", fix, moved)
 
 
 def _of_time(record: Record) -> Iterator[Hypothesis]:

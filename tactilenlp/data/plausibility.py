@@ -43,10 +43,11 @@ CLEAR = 3.0  # [sigma] from which a length is not due to noise
 JUMP_RATIO, JUMP_LENGTH = 5.0, 5e-3  # of the neighbouring steps, and at least [m]
 USUAL_RADIUS, RADIUS_SPREAD = 0.012, 0.3  # [m], [decades]: human and robot fingertips
 KINK_REACH, KINK_WINDOW = 14, 10  # samples of a path, and where it may bend
-KINK_FLOOR = 1e-3  # [m] by which paths differ from a cubic with one kink
+KINK_FLOOR = 7e-4  # [m] by which paths differ from a cubic with one kink
 # Probability of the samples by which a path bends later than its touch is reported: a
 # soft contact or a light body slows the finger only gradually.
-KINK_LAG = {-2: 0.05, -1: 0.4, 0: 0.2, 1: 0.1} | dict.fromkeys(range(2, 7), 0.05)
+KINK_LAG = {-2: 0.05, -1: 0.45, 0: 0.25, 1: 0.1, 2: 0.04, 3: 0.02, 4: 0.02, 5: 0.01}
+KINK_LAG |= {6: 0.01}
 
 
 def log_likelihood(record: Record, terms: Sequence[str] | None = None) -> dict:
