@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from formulations.centre_of_mass import NAME as CENTRE
 from formulations.indentation import NAME as COMPLIANCE
 from formulations.rigid_body import G
 
@@ -122,6 +123,11 @@ class Estimate:
         return float(self.unknowns[COMPLIANCE].item()) / (self.scene.mass * G)
 
     @property
+    def centre_of_mass(self) -> np.ndarray:
+        """Offset (3,) [m] from the centroid, body frame; zero where that is fixed."""
+        return self.unknowns.get(CENTRE, np.zeros(3)).ravel()
+
+    @property
     def sigma_position(self) -> np.ndarray:
         """Standard deviations (T, 3) [m] of the position at every sample."""
         return self.information.along_path("position")
@@ -165,20 +171,25 @@ class Estimate:
                 f"Along the path the position is known to {off.min():.2f} to "
                 f"{off.max():.2f} mm (one standard deviation)."
             )
+        lines += self.remarks
+        lines += [f"Skipped {s}." for s in self.skipped]
+        return "\n".join(lines)
+
+    @property
+    def remarks(self) -> list[str]:
+        """Sentences on fit, nuisance parameters, what is not observed, other optima."""
+        lines = []
         if self.fit is not None:
             lines.append(self.fit.text)
         if self.compliance is not None:
             lines.append(self._softness())
+        if CENTRE in self.unknowns:
+            lines.append(self._unbalanced())
         if self.finger_offset is not None:
             lines.append(offsets_in_words(self.finger_offset, self.information.offsets))
-        if self.information.unobserved:
-            lines.append(
-                "Not observed: " + "; ".join(self.information.unobserved) + "."
-            )
-        if self.information.also:
-            lines.append("Also possible: " + "; ".join(self.information.also) + ".")
-        lines += [f"Skipped {s}." for s in self.skipped]
-        return "\n".join(lines)
+        if open_ := self.information.unobserved:
+            lines.append(f"Not observed: {'; '.join(open_)}.")
+        return [*lines, *self.information.also]
 
     def _sized(self) -> str:
         """Return the size of the body in words."""
@@ -203,6 +214,14 @@ class Estimate:
         return (
             f"Fingertips are soft: they yield by {1e3 * self.compliance * weight:.2f} "
             f"mm under the object's weight ({weight:.1f} N)."
+        )
+
+    def _unbalanced(self) -> str:
+        """Return the offset of the centre of mass in words."""
+        x, y, z = 1e3 * self.centre_of_mass
+        return (
+            f"The centre of mass is off the centroid by ({x:.1f}, {y:.1f}, {z:.1f}) mm "
+            "in the axes of the body."
         )
 
     def _turned(self) -> str:
