@@ -31,7 +31,8 @@ from tactilenlp.errors import MeasurementError
 
 SHIFTS = (-8, -5, -3, 3, 5, 8)  # samples
 SEED = 2028
-TURNED, ENOUGH = 45.0, 3  # [deg], touches: a change of axes turns this many normals
+TURNED = 45.0  # [deg] that a change of axes must turn a normal
+ENOUGH = 3  # touches that a mistake must change
 
 
 def turns() -> dict[str, np.ndarray]:
@@ -105,18 +106,26 @@ def mistakes_of(data: Measurements) -> dict:
     return made
 
 
-def untold(data: Measurements, group: str, name: str) -> str:
+def untold(arrays: dict, change: dict, group: str, name: str) -> str:
     """Return why nothing can tell this mistake in this recording, or no words."""
+    felt = arrays["contact"] & arrays["valid"]
     if group.startswith("axes"):
-        Q = turns()[name]
-        felt = data.contact & data.valid
-        new = felt & ~np.vstack([np.zeros((1, felt.shape[1]), bool), felt[:-1]])
-        new &= np.vstack([felt[1:], np.zeros((1, felt.shape[1]), bool)])
-        n = data.normal[new]
+        Q, n = turns()[name], arrays["normal"][begun(felt)]
         cosine = (n * (n @ Q.T)).sum(axis=1)
         if (cosine < np.cos(np.radians(TURNED))).sum() < ENOUGH:
             return f"turns fewer than {ENOUGH} touched normals by {TURNED:.0f} deg"
+    if group.startswith("touch"):
+        left = change["contact"] & change["valid"]
+        moved = (left != felt).any(axis=0)
+        if begun(left)[:, moved].sum() < ENOUGH:
+            return f"fewer than {ENOUGH} touches of the finger are left"
     return ""
+
+
+def begun(felt: np.ndarray) -> np.ndarray:
+    """Return where touches (T, F) of two samples or more begin."""
+    none = np.zeros((1, felt.shape[1]), bool)
+    return felt & ~np.vstack([none, felt[:-1]]) & np.vstack([felt[1:], none])
 
 
 def refusal(arrays: dict) -> tuple[str, float, float]:
@@ -143,7 +152,7 @@ def judged(path: str, correct: bool) -> list[list]:
     arrays = {key: getattr(data, key) for key in vars(data)}
     made = {("none", "as it is"): {}} | ({} if correct else mistakes_of(data))
     return [
-        [*key, *refusal(arrays | change), untold(data, *key)]
+        [*key, *refusal(arrays | change), untold(arrays, change, *key)]
         for key, change in made.items()
     ]
 
