@@ -71,6 +71,17 @@ class NoContactError(MeasurementError):
     """Nothing was ever touched, so nothing can be estimated."""
 
 
+class MistakeError(MeasurementError):
+    """The measurements are much more likely once a common mistake is undone.
+
+    `mistake` says which; `nats` is the gain of log likelihood by undoing it.
+    """
+
+    def __init__(self, what: str, *, mistake: str = "", nats: float = 0.0, **parts):
+        self.mistake, self.nats = mistake, nats
+        super().__init__(what, **parts)
+
+
 class FileError(TactileError, ValueError):
     """A file is not what it should be, or only half of it is there."""
 

@@ -12,6 +12,7 @@ import numpy as np
 from ..common.deadline import Deadline
 from ..common.validation import check_types
 from ..data.measurements import Measurements
+from ..data.mistakes import check_mistakes
 from ..data.scene import Scene
 from ..data.sensor_noise import precise, precision_of, smoothed
 from ..errors import NoContactError, OptionError, SceneError, StartError
@@ -70,11 +71,13 @@ def read_request(
 ) -> tuple[Request, list[Hypothesis]]:
     """Return the request, and the hypotheses of the first actions that it starts from.
 
-    Raises NoContactError, MeasurementError, OptionError, SceneError or StartError for
-    what cannot be solved.
+    Raises NoContactError, MistakeError, MeasurementError, OptionError, SceneError or
+    StartError for what cannot be solved.
     """
     check_types(data=(data, Measurements), session=(session, Session))
     scene, shape, options, page = asked(scene, shape, formulation, options, executor)
+    if options.check_mistakes:
+        check_mistakes(data, scene)
     scene.check(data)
     check_touched(data)
     functions = session.functions_for(start, scene, shape, page)
