@@ -3,7 +3,8 @@
 Where `valid` is False nothing was felt, but the position is known.  A run of missing
 samples of a finger, within one action, may hold a contact if the finger felt contact
 right before or after it, or if it moved by more than LONG_WAY in between: an unseen
-touch may begin and end there.  A finger that stands still takes no part.
+touch may begin and end there.  A finger that stands still takes no part, nor does one
+that never measures anything.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ def unseen_contact(data) -> np.ndarray:
     """Tell which missing samples may hide a contact (T, F)."""
     if data.valid.all():
         return np.zeros_like(data.valid)
-    return ~data.valid & (possible_contact(data) | _travels(data))
+    hidden = possible_contact(data) | _travels(data)
+    return ~data.valid & hidden & data.valid.any(axis=0)
 
 
 def hidden_samples(data, scene, pose) -> Samples:
