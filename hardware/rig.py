@@ -10,6 +10,7 @@ import os
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 
+from tactilenlp.common.whole_file import write_whole
 from tactilenlp.errors import typed_call
 
 from .clock import Clock
@@ -192,7 +193,7 @@ class Rig:
 
     def save(self, path: str | os.PathLike) -> None:
         """Write a JSON file that loads to an equal rig."""
-        Path(path).write_text(json.dumps(asdict(self), indent=2) + "\n")
+        write_whole(path, json.dumps(asdict(self), indent=2) + "\n")
 
     @classmethod
     def from_dict(cls, content: dict) -> Rig:

@@ -75,6 +75,10 @@ class FileError(TactileError, ValueError):
     """A file is not what it should be, or only half of it is there."""
 
 
+class WriteError(FileError, OSError):
+    """A file cannot be written; what was there before is unchanged."""
+
+
 class SceneError(TactileError, ValueError):
     """What is said to be known of the scene cannot be true."""
 

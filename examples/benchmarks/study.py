@@ -9,6 +9,7 @@ line, as after a power failure, is dropped and its trial is run again:
 """
 
 import csv
+import io
 import json
 import os
 from argparse import ArgumentParser
@@ -19,6 +20,7 @@ from pathlib import Path
 
 from tactilenlp.common.npz import versions
 from tactilenlp.common.progress import progress, wipe
+from tactilenlp.common.whole_file import write_whole
 from tactilenlp.errors import FileError
 
 FORMAT, VERSION = "tactilenlp study", 1
@@ -59,11 +61,11 @@ def results_of(path, name: str) -> list:
 
 def write_csv(path, rows: list[dict]) -> None:
     """Write rows as one table; a column for every key that any of them has."""
-    with open(path, "w", newline="", encoding="utf-8") as stream:
-        names = dict.fromkeys(key for row in rows for key in row)
-        table = csv.DictWriter(stream, [*names])
-        table.writeheader()
-        table.writerows(rows)
+    names, text = dict.fromkeys(key for row in rows for key in row), io.StringIO()
+    table = csv.DictWriter(text, [*names])
+    table.writeheader()
+    table.writerows(rows)
+    write_whole(path, text.getvalue())
 
 
 def _plain(value):
@@ -76,7 +78,7 @@ def _taken_up(path: Path, expected: dict) -> dict:
     text = path.read_text(encoding="utf-8") if path.exists() else ""
     whole = text[: text.rfind("\n") + 1]
     if whole != text:
-        path.write_text(whole, encoding="utf-8")
+        write_whole(path, whole)
     if not whole:
         return {}
     where = {"where": str(path), "next": "give another file, or delete this one"}

@@ -104,6 +104,9 @@ class Scene:
     compliance:      [m/N], how far a fingertip yields under a normal force, all alike;
                      0: rigid; None: rigid unless the measurements say otherwise
 
+    sigma_centre:    [1], standard deviation of each coordinate of the centre of mass
+                     from the body's centroid, of a typical size; 0: it is the centroid
+
     The default mass and frictions are those of the recorded scenes.  Sensor
     figures that are None are estimated from the data, except sigma_offset.
     """
@@ -119,6 +122,7 @@ class Scene:
     flip_rate: float | None = None
     sigma_offset: float | JointZeros | None = None
     compliance: float | None = None
+    sigma_centre: float = 0.03
 
     def __post_init__(self) -> None:
         never, inf = np.nextafter(0.0, 1.0), np.inf  # the least number above zero
@@ -133,6 +137,7 @@ class Scene:
             ("sigma_normal", True, never, inf, "a standard deviation above 0"),
             ("flip_rate", True, 0.0, 0.5, "a probability in [0, 0.5)"),
             ("compliance", True, 0.0, 1.0, "a compliance in [0, 1) m/N"),
+            ("sigma_centre", False, 0.0, 1.0, "a share of a typical size in [0, 1)"),
             ("sigma_offset", True, never, inf, "a standard deviation above 0 m"),
         ):
             value = getattr(self, name)
@@ -161,7 +166,9 @@ class Scene:
     def load(cls, path: str | os.PathLike, **overrides: object) -> Scene:
         """Read mass, friction_ground and friction_finger from an .npz that has them.
 
-        Any field can be overridden: `Scene.load(path, friction_ground=None)`.
+        Any field can be overridden: `Scene.load(path, friction_ground=None)`.  A file
+        without mass raises SceneError unless the mass is given: impulses are in units
+        of the weight.  Frictions that the file does not have are those of Scene().
         """
         names = [known.name for known in fields(cls)]
         for name in overrides:
@@ -173,7 +180,14 @@ class Scene:
                     expected=f"one of {names}",
                     next="check the spelling",
                 )
-        return cls(**read_npz(path, KNOWN_KEYS, error=SceneError) | overrides)
+        known = read_npz(path, KNOWN_KEYS, error=SceneError) | overrides
+        if "mass" not in known:
+            raise SceneError(
+                "no mass", where=os.fspath(path), got=f"only {sorted(known)}",
+                expected="a number [kg]",
+                next="give it: Scene.load(path, mass=...), --mass on the command line",
+            )  # fmt: skip
+        return cls(**known)
 
     @property
     def joints(self) -> JointZeros | None:

@@ -23,6 +23,8 @@ from ..search.polytope_init import check_round_fingertips as check_round
 from .options import Guess, Options, Session
 from .result import Estimate
 
+READOUT_TIME = 2.0  # [s] of information and certificates: 1.4 s with 3000 samples
+
 
 @dataclass(frozen=True, eq=False)
 class Request:
@@ -39,6 +41,15 @@ class Request:
     options: Options
     start: Estimate | Guess | None = None
     executor: object = None
+
+    def time_at(self, share: float) -> float:
+        """Return when a share of the time until the readout is over, [s].
+
+        Of time.monotonic(); the readout has READOUT_TIME, a third of a short limit.
+        """
+        limit = self.options.time_limit
+        whole = limit - min(READOUT_TIME, limit / 3)
+        return self.job.deadline - limit + share * whole
 
     @property
     def widths(self) -> tuple[int, int]:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
+from formulations.centre_of_mass import NAME as CENTRE
 from formulations.indentation import NAME as COMPLIANCE
 from formulations.rigid_body import G
 
+from ..common.layout import ANY
 from ..common.named import Named
 from ..common.npz import read_result, write_result
 from ..common.validation import check_sample
@@ -82,6 +85,26 @@ class Estimate:
     finger_offset: np.ndarray | None = None
     fit: Fit | None = None
 
+    LAYOUT: ClassVar = {  # of the arrays in a file
+        "measurements/time": ("T",),
+        "measurements/finger_radius": ("F",),
+        "theta": ("n",),
+        "position": ("T", 3),
+        "quaternion": ("T", 4),
+        "body_vertices": ("V", 3),
+        "impulses/*": ("T", 3),
+        "unknowns/*": (ANY, ANY),
+        "multipliers/*": (...,),
+        "bound_multipliers/*": (...,),
+        "progress/*": ("iterations",),
+        "faces": (ANY, ...),
+        "finger_offset": ("F", 3),
+        "origin/x": (ANY, "T"),
+        "information/path": ("T", 6),
+    }
+    FINITE: ClassVar = ("theta", "position", "quaternion", "body_vertices")
+    UNIT: ClassVar = ("quaternion",)
+
     def __post_init__(self) -> None:
         for name in BY_NAME:
             values = Named(f"estimate.{name}", getattr(self, name))
@@ -120,6 +143,11 @@ class Estimate:
         if COMPLIANCE not in self.unknowns:
             return None
         return float(self.unknowns[COMPLIANCE].item()) / (self.scene.mass * G)
+
+    @property
+    def centre_of_mass(self) -> np.ndarray:
+        """Offset (3,) [m] from the centroid, body frame; zero where that is fixed."""
+        return self.unknowns.get(CENTRE, np.zeros(3)).ravel()
 
     @property
     def sigma_position(self) -> np.ndarray:
@@ -165,20 +193,25 @@ class Estimate:
                 f"Along the path the position is known to {off.min():.2f} to "
                 f"{off.max():.2f} mm (one standard deviation)."
             )
+        lines += self.remarks
+        lines += [f"Skipped {s}." for s in self.skipped]
+        return "\n".join(lines)
+
+    @property
+    def remarks(self) -> list[str]:
+        """Sentences on fit, nuisance parameters, what is not observed, other optima."""
+        lines = []
         if self.fit is not None:
             lines.append(self.fit.text)
         if self.compliance is not None:
             lines.append(self._softness())
+        if CENTRE in self.unknowns:
+            lines.append(self._unbalanced())
         if self.finger_offset is not None:
             lines.append(offsets_in_words(self.finger_offset, self.information.offsets))
-        if self.information.unobserved:
-            lines.append(
-                "Not observed: " + "; ".join(self.information.unobserved) + "."
-            )
-        if self.information.also:
-            lines.append("Also possible: " + "; ".join(self.information.also) + ".")
-        lines += [f"Skipped {s}." for s in self.skipped]
-        return "\n".join(lines)
+        if open_ := self.information.unobserved:
+            lines.append(f"Not observed: {'; '.join(open_)}.")
+        return [*lines, *self.information.also]
 
     def _sized(self) -> str:
         """Return the size of the body in words."""
@@ -193,9 +226,8 @@ class Estimate:
                 f"{len(self.vertices)} vertices, {across} mm across, {touched} of "
                 f"{len(self.faces)} faces touched{words},"
             )
-        sigma = self.information.sigma("side_lengths") * mm
-        sides = zip(self.theta, sigma, strict=True)
-        return " x ".join(f"{s * mm:.2f} ± {e:.2f}" for s, e in sides) + " mm"
+        sides = zip(self.theta, self.information.sigma("side_lengths"), strict=True)
+        return " x ".join(f"{s * mm:.2f} ± {e * mm:.2f}" for s, e in sides) + " mm"
 
     def _softness(self) -> str:
         """Return the compliance of the fingertips in words."""
@@ -203,6 +235,14 @@ class Estimate:
         return (
             f"Fingertips are soft: they yield by {1e3 * self.compliance * weight:.2f} "
             f"mm under the object's weight ({weight:.1f} N)."
+        )
+
+    def _unbalanced(self) -> str:
+        """Return the offset of the centre of mass in words."""
+        x, y, z = 1e3 * self.centre_of_mass
+        return (
+            f"The centre of mass is off the centroid by ({x:.1f}, {y:.1f}, {z:.1f}) mm "
+            "in the axes of the body."
         )
 
     def _turned(self) -> str:

@@ -60,7 +60,10 @@ def explore(
 
     If the first finger, aimed at `centre`, makes no contact, the workspace is swept.
     Actions without contact are measurements too.  After one, or if the estimate is not
-    where the last contact was, the next action is random and aims at the last contact.
+    where the last contact was or explains the measurements badly (`estimate.fit`), the
+    next action is random and aims at the last contact.  An estimate that continues a
+    good one and whose fit is not good is solved once more from scratch; the lower
+    objective is kept.  `until` is not met while the fit is not good.
 
     While an action runs, its samples so far can be estimated, repeatedly:
     solve_estimate(estimate.measurements.append(so_far), scene, start=estimate).
@@ -121,6 +124,10 @@ class _Loop:
         """Return the step with the estimate of all data so far and its errors."""
         began = time.process_time()
         found = self.solve(data, start=start)
+        if isinstance(start, Estimate) and fits(start) and not fits(found):
+            log.info("the fit is %s: solving from scratch", found.fit.verdict)
+            again = self.solve(data)
+            found = min(found, again, key=lambda e: (not e.success, e.objective))
         seconds = step.seconds | {"estimate": time.process_time() - began}
         errors = errors_of(self.world, found)
         return replace(step, estimate=found, seconds=seconds, errors=errors)
@@ -144,6 +151,11 @@ def _prepared(world, scene, settings: ExploreOptions, file, start, executor) -> 
     same = {"scene": scene, "shape": shape.name, "formulation": name_of(page)}
     space = _space(world, scene, settings.workspace)
     return _Loop(world, space, settings, choice, solve, same)
+
+
+def fits(estimate: Estimate) -> bool:
+    """Tell whether the fit of an estimate is good, as far as its page tells."""
+    return estimate.fit is None or estimate.fit.verdict == "good"
 
 
 def _by_name(positional, keywords: dict) -> dict:
@@ -238,6 +250,8 @@ def _space(world, scene, workspace) -> Workspace:
 def _enough(step: Step, until) -> bool:
     if callable(until):
         return bool(until(step))
+    if not fits(step.estimate):
+        return False
     information = step.estimate.information
     size = "vertices" if "vertices" in information.maps else "side_lengths"
     return bool(np.nanmax(information.sigma(size)) <= until)

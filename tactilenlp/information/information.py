@@ -10,9 +10,12 @@ spread   the covariance that `sigma` reports: the error budget (error_budget.py)
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
+from ..common.deadline import out_of_time
+from ..common.layout import ANY
 from ..common.validation import check_types
 from ..errors import OptionError
 from ..nlp.kkt_sensitivity import KKTSystem, kkt_system_of
@@ -24,7 +27,7 @@ from .error_budget import (
     error_budget,
 )
 from .finger_offsets import covariance_of_offsets, covariance_with_offsets
-from .mixture import Modes, distinct, laplace_mixture
+from .mixture import Modes, distinct, laplace_mixture, optima_in_words
 from .tangent_space import open_directions, tangent_space_of
 from .trajectory import Beyond, trajectory_variance
 
@@ -35,7 +38,6 @@ LEAST_VARIANCE = (
 )
 MAX_NAMES = 4  # unknowns that name a direction
 NEGLIGIBLE_MODE = 40.0  # [nats] behind the best: a mode of negligible weight
-MIN_WEIGHT = 0.02  # [-] modes of less weight are not spoken of
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +72,22 @@ class Information:
     offsets: np.ndarray | None = None
     with_offsets: np.ndarray | None = None
     path: np.ndarray | None = None
+
+    LAYOUT: ClassVar = {  # of the arrays in a file
+        "names": ("k",),
+        "matrix": ("k", "k"),
+        "spread": ("k", "k"),
+        "parts/*": ("k", "k"),
+        "maps/*": (ANY, "k"),
+        "modes/weights": ("m",),
+        "modes/offsets": ("m", "k"),
+        "modes/covariances": ("m", "k", "k"),
+        "modes/objectives": ("m",),
+        "directions": ("k", "r"),
+        "offsets": ("f", "f"),
+        "with_offsets": ("both", "both"),
+        "path": ("T", 6),
+    }
 
     def covariance(self, name: str | None = None) -> np.ndarray:
         """Return the covariance (3, 3) of a quantity, or (k, k) of `names`, SI.
@@ -126,23 +144,12 @@ class Information:
 
     @property
     def also(self) -> tuple[str, ...]:
-        """Words for the other bodies that explain the data, by how they differ."""
-        words = []
-        for weight, off in zip(
-            self.modes.weights[1:], self.modes.offsets[1:], strict=True
-        ):
-            if weight < MIN_WEIGHT:
-                continue
-            units = [180 / np.pi if "rotation" in n else 1e3 for n in self.names]
-            sigma = np.sqrt(np.maximum(np.diag(self.spread), 0.0))
-            most = np.argsort(np.abs(off) / np.where(sigma > 0, sigma, 1.0))[::-1][:2]
-            parts = [
-                f"{self.names[i]} {off[i] * units[i]:+.1f} "
-                f"{'deg' if 'rotation' in self.names[i] else 'mm'}"
-                for i in most
-            ]
-            words.append(f"{weight:.0%} that {', '.join(parts)}")
-        return tuple(words)
+        """Sentences: the probability of what is reported and of each other optimum.
+
+        Empty where there is no other optimum; the percentages add up to 100.
+        """
+        sigma = np.sqrt(np.maximum(np.diag(self.spread), 0.0))
+        return optima_in_words(self.modes, self.names, sigma)
 
     def widened(self, factor: float) -> Information:
         """Return the same, all standard deviations multiplied by a factor."""
@@ -189,7 +196,8 @@ def information_of(
         beyond = _beyond(modes, tangent, at, faces, profile)
         covariance = covariance + beyond
         others = list(zip(modes.weights, optima, strict=True))[1:]
-        path = _path(at, tangent, solution, R_wg, beyond, others)
+        if not out_of_time("deviations of the path"):
+            path = _path(at, tangent, solution, R_wg, beyond, others)
     words, directions = open_directions(tangent, covariance, shape, faces)
     if sensed is not None:
         covariance = bounded_pose(covariance, shape.theta, tangent.turning)
@@ -278,7 +286,7 @@ def inverse(C) -> np.ndarray:
 
 def _indefinite(curvature: KKTSystem) -> tuple[str, ...]:
     """Name the term and the unknowns along which the reduced Hessian curves down."""
-    if curvature.negative is None:
+    if out_of_time("a check for negative curvature") or curvature.negative is None:
         return ()
     term, direction = curvature.negative
     share = np.abs(direction / curvature.problem.scale)

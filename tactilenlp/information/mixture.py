@@ -19,6 +19,7 @@ import numpy as np
 
 SAME_MODE = 0.3e-3  # [m] modes whose unknowns agree this well (a radian: ARM) are one
 ARM = 20e-3  # [m] one radian of turn counts as this much way
+MIN_WEIGHT = 0.02  # [-] optima of less weight are not listed one by one
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +80,43 @@ def distinct(shape, turning: int, found) -> list:
             kept.append(one)
             offsets.append(off)
     return kept
+
+
+def optima_in_words(modes: Modes, names, sigma) -> tuple[str, ...]:
+    """Return sentences: the probability of the first optimum, and of each other one.
+
+    names, sigma: of the k numbers.  Empty where there is one; percentages sum to 100.
+    """
+    other = np.flatnonzero(modes.weights[1:] >= MIN_WEIGHT) + 1
+    if not len(other):
+        return ()
+    listed = modes.weights[[0, *other]]
+    shares = whole_percentages(np.r_[listed, max(1 - listed.sum(), 0.0)])
+    words = [f"What is reported has a probability of {shares[0]} %."]
+    for share, off in zip(shares[1:-1], modes.offsets[other], strict=True):
+        most = np.argsort(np.abs(off) / np.where(sigma > 0, sigma, 1.0))[::-1][:2]
+        parts = [_larger(names[i], off[i]) for i in most]
+        words.append(f"With {share} %, {' and '.join(parts)}.")
+    if shares[-1]:
+        words.append(f"All other optima together have {shares[-1]} %.")
+    return tuple(words)
+
+
+def _larger(name: str, by: float) -> str:
+    """Return in words by what a number differs, [m] or a turn [rad]."""
+    turn = "rotation" in name
+    size = abs(by) * (180 / np.pi if turn else 1e3)
+    way = "larger" if by > 0 else "smaller"
+    return f"{name} is {size:.1f} {'deg' if turn else 'mm'} {way}"
+
+
+def whole_percentages(probabilities) -> list[int]:
+    """Return percentages, whole numbers that add up to 100 (largest remainders)."""
+    exact = 100 * np.asarray(probabilities) / np.sum(probabilities)
+    whole = np.floor(exact).astype(int)
+    most = np.argsort(whole - exact, kind="stable")[: 100 - whole.sum()]
+    whole[most] += 1
+    return whole.tolist()
 
 
 def _units(unknowns: int, turning: int) -> np.ndarray:

@@ -14,6 +14,7 @@ INVALID = "Invalid_Number_Detected"  # IPOPT met NaN or infinity
 PROGRESS = {  # our names for IPOPT's
     "objective": "obj", "primal": "inf_pr", "dual": "inf_du", "barrier": "mu",
 }  # fmt: skip
+TIME_EXCEEDED = "Maximum_WallTime_Exceeded"  # IPOPT's status
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +86,11 @@ def after(first: Solution, then: Solution) -> Solution:
         seconds={k: v + first.seconds.get(k, 0.0) for k, v in then.seconds.items()},
         progress=_joined(first.progress, then.progress, len(first.iterations_by_level)),
     )
+
+
+def unfinished(solution: Solution) -> Solution:
+    """Return a solution, marked: a deadline came before the levels that follow."""
+    return replace(solution, success=False, status=TIME_EXCEEDED)
 
 
 def _joined(first: dict, then: dict, levels: int) -> dict[str, np.ndarray]:

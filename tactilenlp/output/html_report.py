@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import os
 from importlib.resources import files
-from pathlib import Path
 
 import numpy as np
 
 from ..common.validation import check_path, check_types
+from ..common.whole_file import write_whole
 from ..geometry.faces import face_sigma, polygons
 from .colours import BLUE, FINGER_RGB, PALE, RED, information_colour
 
@@ -26,6 +26,7 @@ QUANTITY_WORDS = {
     "rotation": "rotation about",
 }
 AXES = ("x", "y", "z")
+WORST_TOUCHES = 4  # [1] fingers in actions that the table of the fit lists
 
 
 def write_report(estimate, path: str | os.PathLike) -> None:
@@ -37,7 +38,7 @@ def write_report(estimate, path: str | os.PathLike) -> None:
     content = json.dumps(_content(estimate), separators=(",", ":"), allow_nan=False)
     # No text of an estimate may open or close a tag.
     page = page.replace("{{DATA}}", content.replace("<", "\\u003c"))
-    Path(path).write_text(page, encoding="utf-8")
+    write_whole(path, page)
 
 
 def _content(estimate) -> dict:
@@ -68,7 +69,8 @@ def _content(estimate) -> dict:
         "sigma": _sigma(estimate),
         "costs": sorted(estimate.costs.items(), key=lambda cost: -abs(cost[1])),
         "objective": f"{estimate.objective:.2f} nats",
-        "unobserved": list(estimate.information.unobserved),
+        "remarks": estimate.remarks,
+        "fit": _fit(estimate.fit),
         "solve": _solve(estimate),
         "skipped": [str(skipped) for skipped in estimate.skipped],
     }
@@ -169,6 +171,22 @@ def _sigma(estimate) -> list[list[str]]:
                 words = f"{value * factor:.2f} {words}"
             rows.append([f"{QUANTITY_WORDS[name]} {axis}", words])
     return rows
+
+
+def _fit(fit) -> dict | None:
+    """Return the verdict, and actual and expected nats by term and by touch, worst."""
+    if fit is None:
+        return None
+    named = [*fit.terms.items(), ("all terms", fit.total)]
+    named += [
+        (f"touches of finger {touch.finger} in action {touch.action}", touch.misfit)
+        for touch in fit.touches[:WORST_TOUCHES]
+    ]
+    rows = [
+        [name, f"{one.actual:.1f}", f"{one.expected:.1f} ± {one.spread:.1f}"]
+        for name, one in named
+    ]
+    return {"verdict": fit.verdict, "rows": rows}
 
 
 def _solve(estimate) -> list[list[str]]:

@@ -6,6 +6,7 @@ absent        a finger that feels nothing exerts no impulse
 planar        an object that never tilts has three unknowns per pose, not six
 frictionless  a contact without friction has no tangential impulse
 rigid         fingertips do not yield under load (see estimation/model_selection.py)
+central       the centre of mass is the centroid (likewise)
 Each can be switched off alone; certificates check them after the solve.
 """
 
@@ -46,6 +47,7 @@ class Reductions:
     planar: bool = True
     frictionless: bool = True
     rigid: bool = True
+    central: bool = True
 
     def __post_init__(self) -> None:
         check_types(**{name: (value, bool) for name, value in vars(self).items()})
@@ -119,6 +121,7 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
         sigma_position=precision.position, sigma_normal=precision.normal,
         outlier_cost=OUTLIER_COST, braking=friction_of(scene) * scene.gravity,
         compliant=yields(scene, choice) and len(push) > 0,
+        central=choice.central or scene.sigma_centre == 0.0,
     )  # fmt: skip
 
 

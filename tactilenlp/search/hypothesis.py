@@ -8,9 +8,11 @@ and at the last pose.  A `Job` is what a search for hypotheses is given.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
+from ..common.layout import ANY
 from ..geometry.transforms import is_planar, matrices
 from ..problem.poses import body_corners, planar_corners
 from .margins import START_BEHIND
@@ -34,6 +36,10 @@ class Hypothesis:
     path: tuple[str, ...]
     iterations: int = 0
     offset: np.ndarray | None = None
+
+    LAYOUT: ClassVar = {  # of the arrays in a file
+        "theta": (ANY,), "x": (ANY, ANY), "offset": (3, ANY),
+    }  # fmt: skip
 
     @property
     def rank(self) -> float:
@@ -99,7 +105,10 @@ class Job:
         """
         if not getattr(page, "ALIKE", False):
             return {}
-        key = page, window.motion, window.frictionless, window.compliant
+        key = (
+            *(page, window.motion, window.frictionless),
+            *(window.compliant, window.central),
+        )
         return self.functions.setdefault(key, {})
 
 
