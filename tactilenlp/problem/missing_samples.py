@@ -9,6 +9,8 @@ that never measures anything.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from .fingertips import finger_poses
@@ -63,21 +65,22 @@ def _last(valid, felt, action) -> np.ndarray:
 def _travels(data) -> np.ndarray:
     """Tell which missing samples belong to runs in which their finger moves far (T, F).
 
-    Its way counts from the last sample before the run to the first one after it.
+    A run counts with the samples right before and after it.  How far it moves is the
+    range of its positions from the tenth to the ninetieth percentile, because a parked
+    finger whose position is noisy moves as well.
     """
-    goes_on = np.r_[False, data.action[1:] == data.action[:-1]][:, None]
-    way = np.linalg.norm(np.diff(data.finger_position, axis=0, prepend=0), axis=2)
-    way = np.where(goes_on, way, 0.0)
-    lost = ~data.valid
-    found = np.zeros_like(lost)
+    begins = np.r_[True, data.action[1:] != data.action[:-1]]
+    lost, found = ~data.valid, np.zeros_like(data.valid)
     for f in range(data.fingers):
-        begins = lost[:, f] & np.r_[True, data.valid[:-1, f] | ~goes_on[1:, 0]]
-        for first in np.flatnonzero(begins):
-            ends = np.flatnonzero(data.valid[first:, f] | ~goes_on[first:, 0])
-            ends = ends[ends > 0]
-            end = first + ends[0] if len(ends) else len(lost)
-            inside = way[first : min(end + 1, len(way)), f]
-            found[first:end, f] = inside.sum() > LONG_WAY
+        edge = np.r_[True, lost[1:, f] != lost[:-1, f]] | begins
+        bounds = np.r_[np.flatnonzero(edge), len(lost)]
+        for first, end in pairwise(bounds.tolist()):
+            if not lost[first, f]:
+                continue
+            before = first - (not begins[first])
+            after = end + (end < len(lost) and not begins[end])
+            p = np.quantile(data.finger_position[before:after, f], (0.1, 0.9), axis=0)
+            found[first:end, f] = np.linalg.norm(p[1] - p[0]) > LONG_WAY
     return found
 
 
