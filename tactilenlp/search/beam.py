@@ -65,7 +65,8 @@ def beam(
         early = i < EARLY_ACTIONS
         kept = _selected(part, starts, width * more, executor, early, physical)
         physical = False
-        if page is not None and i < RANKED_ACTIONS and last < len(job.data.time):
+        ranked = page is not None and i < RANKED_ACTIONS and last < len(job.data.time)
+        if ranked and not job.deadline.passed("a ranking by the page"):
             kept = rank(part, page, kept, width, executor)
         if so_far is not None:
             so_far[:] = kept
@@ -149,6 +150,9 @@ def _solve_chunk(job: Job, starts) -> list[Hypothesis]:
     solvers, out = {}, []
     given = job, problem, window
     for h in starts:
+        if out and job.deadline.passed("solves of all proposals"):
+            out.append(h)
+            continue
         levels = weak if h.objective > COARSE_LEVEL else weak[-1:]
         out.append(solved_roughly(*given, levels, h, SEARCH_TOLERANCE, solvers))
     return out
