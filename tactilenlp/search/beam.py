@@ -34,6 +34,7 @@ from .proposals import WEAK_MOTION, extensions, followed
 log = logging.getLogger("tactilenlp")
 RANKED_ACTIONS = 2  # actions after which a page with physics ranks
 FOLLOW_TIME = 5e-4  # [s] a sample that is followed without a search
+FOLLOW_SHARE = 0.2  # [-] of the time limit that this may take
 EARLY_ACTIONS = 2  # actions in which sizes are free: twice as many hypotheses
 
 
@@ -47,7 +48,7 @@ def beam(
     are solved an action; page: ranks those of the first RANKED_ACTIONS, while its
     problem is small; so_far: a list that holds them after each action, for Ctrl-C.
     When the time for an action as long as the last one is over, the remaining actions
-    are followed by a filter, not searched.
+    are followed by a filter, not searched; with less time the body stays where it is.
     """
     done = kept[0].x.shape[1] if kept else 0
     actions, physical = np.unique(job.data.action), bool(kept)
@@ -58,14 +59,15 @@ def beam(
             continue
         needed = lasted + FOLLOW_TIME * (job.data.samples - done)
         if kept and job.deadline.passed(f"a search from action {i + 1} on", needed):
-            return [followed(job, kept[0])]
+            return [_extrapolated(job, kept[0])]
         part = replace(job, data=job.data.select(np.unique(job.data.action[:last])))
         more = 2 if i < EARLY_ACTIONS else 1
         starts = _most_promising(part, extensions(part, kept), solves * more)
         early = i < EARLY_ACTIONS
         kept = _selected(part, starts, width * more, executor, early, physical)
         physical = False
-        if page is not None and i < RANKED_ACTIONS and last < len(job.data.time):
+        ranked = page is not None and i < RANKED_ACTIONS and last < len(job.data.time)
+        if ranked and not job.deadline.passed("a ranking by the page"):
             kept = rank(part, page, kept, width, executor)
         if so_far is not None:
             so_far[:] = kept
@@ -75,6 +77,15 @@ def beam(
         words = "searched %d of %d actions: %d hypotheses, the best of %.1f nats"
         log.info(words, i + 1, len(actions), len(kept), kept[0].objective)
     return kept
+
+
+def _extrapolated(job: Job, h: Hypothesis) -> Hypothesis:
+    """Return a hypothesis of all samples: a filter follows the body, or it stays."""
+    missing = job.data.samples - h.x.shape[1]
+    if FOLLOW_TIME * missing <= FOLLOW_SHARE * job.deadline.whole:
+        return followed(job, h)
+    rest = np.repeat(h.x[:, -1:], missing, axis=1)
+    return replace(h, x=np.hstack([h.x, rest]), path=(*h.path, "held"))
 
 
 def _selected(job: Job, starts, width: int, executor, early: bool, physical: bool):
@@ -149,6 +160,9 @@ def _solve_chunk(job: Job, starts) -> list[Hypothesis]:
     solvers, out = {}, []
     given = job, problem, window
     for h in starts:
+        if out and job.deadline.passed("solves of all proposals"):
+            out.append(h)
+            continue
         levels = weak if h.objective > COARSE_LEVEL else weak[-1:]
         out.append(solved_roughly(*given, levels, h, SEARCH_TOLERANCE, solvers))
     return out
