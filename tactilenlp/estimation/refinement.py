@@ -49,7 +49,7 @@ def refined(job, page, kept, options, solved, start=None) -> list[Solved]:
             return _in_free_motion(job, page, found[: job.shape.hypotheses], options)
     start = start if sized else None
     found = _multistart(job, page, kept, options, solved, start)
-    if options.rivals and sized:
+    if options.rivals and sized and kept[0].path[:1] != ("track",):
         found = with_alternatives(job, page, found, options, start)
     return found
 

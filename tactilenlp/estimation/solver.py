@@ -18,6 +18,7 @@ from ..errors import MotionError
 from ..nlp.solution import not_converged
 from ..problem.outliers import check_explained
 from ..problem.reductions import Reductions
+from ..search import tracks
 from ..search.beam import beam
 from ..search.hypothesis import Hypothesis, distinct, same
 from ..search.local_solve import Solved
@@ -153,6 +154,9 @@ def _searched(request: Request, kept) -> tuple[list[Hypothesis], list[Hypothesis
 def _search_sizes(request: Request, job, plane, kept) -> list[Hypothesis]:
     """Return hypotheses of a shape with sizes: beam search over actions."""
     job = replace(job, first=first_guess(request.start, job.shape))
+    if not kept and plane is None and not job.first:
+        kept[:] = tracks.searched(job)
+        return kept
     page = request.page if plane is None else None
     return beam(job, kept, *request.widths, request.executor, page, so_far=kept)
 

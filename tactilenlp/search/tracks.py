@@ -25,6 +25,7 @@ NORMAL_SAMPLES = 2  # whose normals are averaged: later ones show a body that tu
 SHARP = 0.5  # [-] unused
 AGAIN = 24  # tracks that run a second time, from their smoothed starts
 AGAIN_SIGMA = np.r_[5e-4, 5e-4, 5e-4, 2e-3, 2e-3, 0.05]  # [m, rad]
+POLISHED = 2  # paths of each pass that are solved
 SMOOTHED = 60  # tracks of the first pass that are smoothed
 NEAR, WORTH, BEHIND = 4e-3, 6.0, 25.0  # [m] far paths; [nats] their bonus; too far behind
 
@@ -70,7 +71,9 @@ def searched(job, seed=0, timing=None):
     again = _again(job, window, data, first, rng)
     if timing is not None:
         timing += [one - began, time.process_time() - one]
-    return [*again, *first]
+    if timing is not None:
+        return [*again, *first]
+    return [*distant(again, POLISHED), *distant(first, POLISHED)]
 
 
 def _again(job, window, data, first, rng):
