@@ -5,8 +5,9 @@ r"""The balance of impulse and momentum in every time step: x_{t+1} = f(x_t, lam
     sum_k (|force|^2 + |moment|^2 / ARM^2) / (2 (sigma w)^2)     w = m g dt
 
 over the contacts c of step k, which act with the impulse J_c at the point p_c; p_wc is
-the centroid.  It serves every body (mass, centroid, inertia: rigid_body.Body) and
-planar as well as free motion.  The changes of momentum are in rigid_body.py.
+the centre of mass, which need not be the centroid (centre_of_mass.py).  It serves every
+body (mass, centroid, inertia: rigid_body.Body) and planar as well as free motion.  The
+changes of momentum are in rigid_body.py.
 
 An instance of a term reads the contacts of its step as named tuples: a Corner of every
 ground contact, then a Push of every finger that pushes.  Steps with equally many
@@ -16,7 +17,7 @@ pushing fingers share a term.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 
@@ -37,11 +38,15 @@ class Balance:
     gravity: float
     body: Callable = uniform
 
-    def unbalanced(self, theta, x, x_1, x_2, dt, w, contacts):
-        """Return force (3,) [N s] and moment (3,) [N s m], zero where balanced."""
+    def unbalanced(self, theta, x, x_1, x_2, dt, w, centre, contacts):
+        """Return force (3,) [N s] and moment (3,) [N s m], zero where balanced.
+
+        centre (3,) [m]: of mass, from the centroid, body frame.
+        """
         shape, motion = self.fingers.shape, self.fingers.motion
         mass = w / (G * dt)  # data, so that every mass shares this term's function
         body = self.body(shape, theta, mass)
+        body = replace(body, centroid=body.centroid + centre)
         poses = [motion.pose(shape, theta, c) for c in (x, x_1, x_2)]
         linear, angular = momentum_change(body, poses, dt)
         force = mass * linear + ca.vertcat(0, 0, mass * self.gravity * dt)
@@ -57,22 +62,23 @@ class Balance:
         sides = {Corner: self.ground, Push: self.fingers}
         return [sides[type(c)].contact(theta, x, c) for c in contacts]
 
-    def cost(self, theta, x, x_1, x_2, dt, w, sigma, *contacts):
+    def cost(self, theta, x, x_1, x_2, dt, w, centre, sigma, *contacts):
         """Return the cost [nats] of a step; sigma: deviation of a balance [weights]."""
-        force, moment = self.unbalanced(theta, x, x_1, x_2, dt, w, contacts)
+        force, moment = self.unbalanced(theta, x, x_1, x_2, dt, w, centre, contacts)
         return (ca.sumsqr(force) + ca.sumsqr(moment) / ARM**2) / (2 * (sigma * w) ** 2)
 
 
-def add(nlp, window, balance, theta, x, w, pushes, corners):
+def add(nlp, window, balance, theta, x, w, centre, pushes, corners):
     """Add the cost of every step.
 
-    pushes, corners: friction.Impulses of fingers and ground; w: weights of the steps.
+    pushes, corners: friction.Impulses of fingers and ground; w: weights of the steps;
+    centre (3,) [m]: of mass, from the centroid.
     """
     sigma = nlp.parameters["balance sigma"]
     for count, s, contacts in groups(window, pushes, corners):
         nlp.minimize(
             f"balance, {count} pushing", balance.cost, theta, *moves(window, x, s),
-            w[s], sigma, *contacts, role="physics",
+            w[s], centre, sigma, *contacts, role="physics",
         )  # fmt: skip
 
 

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from . import contact
+from . import centre_of_mass, contact
 from .balance import Balance, groups, moves
 from .contact import MM
 from .friction import Impulses, excess, friction, impulses, least
@@ -58,7 +58,8 @@ def build(nlp, window, scene, shape):
     w = scene.mass * G * step.dt  # (steps,) [N s]
     pushes, corners = impulses_of(nlp, window, scene, shape, w)
     law = Balance(fingers, ground, scene.gravity)
-    balanced(nlp, window, law, theta, x, w, pushes, corners, slack)
+    centre = centre_of_mass.declare(nlp, window, scene, shape)
+    balanced(nlp, window, law, theta, x, w, centre, pushes, corners, slack)
 
     def now(s):
         return theta, x[:, step.pose[s]], x[:, step.before[s]], step.dt[s]
@@ -85,11 +86,11 @@ def impulses_of(nlp, window, scene, shape, w):
     return Impulses(lam, mu, w_f), Impulses(lam_g, mu_g, w_g)
 
 
-def balanced(nlp, window, law, theta, x, w, pushes, corners, slack):
+def balanced(nlp, window, law, theta, x, w, centre, pushes, corners, slack):
     """Constrain every step: change of momentum is the sum of impulses, in weights."""
 
-    def imbalance(theta, x, x_1, x_2, dt, w, slack, *contacts):
-        force, moment = law.unbalanced(theta, x, x_1, x_2, dt, w, contacts)
+    def imbalance(theta, x, x_1, x_2, dt, w, centre, slack, *contacts):
+        force, moment = law.unbalanced(theta, x, x_1, x_2, dt, w, centre, contacts)
         off = ca.vertcat(force, moment / ARM) / w
         return ca.vertcat(slack - off, slack + off)
 
@@ -100,8 +101,8 @@ def balanced(nlp, window, law, theta, x, w, pushes, corners, slack):
         name = f"balance, {count} pushing"
         nlp.report(f"{name}, gives", compliance, w[s])
         nlp.subject_to(
-            name, imbalance, theta, *moves(window, x, s), w[s], slack, *contacts,
-            lower=0,
+            name, imbalance, theta, *moves(window, x, s), w[s], centre, slack,
+            *contacts, lower=0,
         )  # fmt: skip
 
 

@@ -27,6 +27,7 @@ from dataclasses import replace
 
 import casadi as ca
 
+from . import centre_of_mass
 from .balance import Balance
 from .level import Level
 from .polytope import inertia_about, whole_moments
@@ -35,7 +36,7 @@ from .rigid_body import Body
 from .violation_implicit import contacts_of, felt, impulses_of, physics
 
 EXTENDS = True  # an estimate is extended by one action: polytope_extension.py
-FREED = ("rigid", "planar")  # reductions that are undone where the data ask for it
+FREED = ("rigid", "central", "planar")  # reductions undone where the data ask for it
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
     Level(
@@ -68,7 +69,8 @@ def build(nlp, window, scene, shape, sense=sense):
     fingers, ground = contacts_of(window, shape)
     law = Balance(fingers, ground, scene.gravity, hull_body)
     resting = theta[:, window.resting]
-    physics(nlp, window, law, body, x, w, pushes, corners, resting)
+    centre = centre_of_mass.declare(nlp, window, scene, shape)
+    physics(nlp, window, law, body, x, w, centre, pushes, corners, resting)
 
 
 def mass(nlp, window, theta):

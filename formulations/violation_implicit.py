@@ -5,7 +5,8 @@ r"""The joint problem of eq:vimp: shape, every pose and every contact impulse.
        + sum   g(x_k, lam_k, r_k)                  finger_contact.py, ground_contact.py
     s.t. lam_n >= 0,  |lam_t| <= mu lam_n          friction.py
          height of every corner >= 0               ground_contact.py
-    over theta, x_k, lam_k, and the indentation            indentation.py
+    over theta, x_k, lam_k, indentation, centre of mass    indentation.py,
+                                                           centre_of_mass.py
 
 `felt` adds the first line, `physics` the others.  An impulse is compared with the
 weight over its time step, w = m g dt, and an energy with the work of lifting the object
@@ -36,7 +37,14 @@ from __future__ import annotations
 
 from functools import partial
 
-from . import balance, finger_contact, ground_contact, indentation, quasi_static
+from . import (
+    balance,
+    centre_of_mass,
+    finger_contact,
+    ground_contact,
+    indentation,
+    quasi_static,
+)
 from .balance import Balance
 from .finger_contact import FingerContact
 from .finger_offset import displaced
@@ -45,7 +53,7 @@ from .ground_contact import GroundContact
 from .level import Level
 from .rigid_body import G
 
-FREED = ("rigid", "planar")  # reductions that are undone where the data ask for it
+FREED = ("rigid", "central", "planar")  # reductions undone where the data ask for it
 OFFSETS = True  # of fingers may be unknown
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
@@ -86,7 +94,8 @@ def build(nlp, window, scene, shape):
     theta, x = felt(nlp, window, scene, shape, pushes)
     fingers, ground = contacts_of(window, shape)
     law = Balance(fingers, ground, scene.gravity)
-    physics(nlp, window, law, theta, x, w, pushes, corners)
+    centre = centre_of_mass.declare(nlp, window, scene, shape)
+    physics(nlp, window, law, theta, x, w, centre, pushes, corners)
 
 
 def felt(nlp, window, scene, shape, pushes=None, sense=COASTING):
@@ -128,12 +137,13 @@ def contacts_of(window, shape):
     return fingers, GroundContact(shape, window.motion)
 
 
-def physics(nlp, window, law, theta, x, w, pushes, corners, resting=None):
+def physics(nlp, window, law, theta, x, w, centre, pushes, corners, resting=None):
     """Add the balance of every step, g of fingers and ground, and the friction cones.
 
-    law: a balance.Balance, theta: the body that it reads; resting: see ground_contact.
+    law: a balance.Balance, theta: the body that it reads; centre: of mass, from the
+    centroid; resting: see ground_contact.
     """
-    balance.add(nlp, window, law, theta, x, w, pushes, corners)
+    balance.add(nlp, window, law, theta, x, w, centre, pushes, corners)
     finger_contact.add(nlp, window, law.fingers, theta, x, pushes)
     ground_contact.add(nlp, window, law.ground, theta, x, corners, resting)
     cone(nlp, "finger", pushes)

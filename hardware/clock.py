@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from .errors import ClockError
+from .ranges import check_range, check_whole, floats
 
 LARGEST_DRIFT = 1e-3  # [1]; quartz drifts by 1e-4 at most; larger: wrong unit
 STEP = 1e-3  # [s], a larger change between wall clock and run time is a step
@@ -129,8 +130,11 @@ class ClockMap:
         transport is not observable and stays in the map.  Raises ClockError for fewer
         than two times, times that run backwards, and a drift beyond 1e-3.
         """
-        device, host = np.asarray(device, float), np.asarray(host, float)
+        device = floats("device", device, (None,), ClockError)
+        host = floats("host", host, (None,), ClockError)
+        check_range("unit", unit, 1e-12, 1e9, "s", ClockError)
         _check(device, host)
+        unit = float(unit)
         origin, start = device[0], host[0]
         x, y = device - origin, host - start  # small numbers keep all digits
         hull = _lower_hull(x, y)
@@ -155,11 +159,13 @@ def unwrap(counter: np.ndarray, bits: int) -> np.ndarray:
 
     Gaps shorter than half the range are resolved; a step of 1 means no sample is lost.
     """
-    counter, size = np.asarray(counter, np.int64), 1 << bits
-    if counter.size and not (counter.min() >= 0 and counter.max() < size):
+    check_whole("bits", bits, 1, 62, ClockError)
+    values, size = floats("counter", counter, (None,), ClockError), 1 << bits
+    if values.size and not (values.min() >= 0 and values.max() < size):
         raise ClockError(
-            "no such counter", got=counter.max(), expected=f"{bits} unsigned bits"
+            "no such counter", got=values.max(), expected=f"{bits} unsigned bits"
         )
+    counter = np.asarray(counter).astype(np.int64)
     steps = (np.diff(counter) + size // 2) % size - size // 2
     return np.concatenate([counter[:1], counter[:1] + np.cumsum(steps)])
 

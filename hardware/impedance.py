@@ -12,14 +12,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tactilenlp.errors import typed_call
+
 from .errors import LimitError
 from .kinematics import Finger
-from .ranges import check_range, check_ranges
+from .ranges import check_range, check_ranges, check_whole, floats
 
 GRAVITY = 9.81  # [m/s^2]
 ROUNDING = 1e-9  # [m] of forward and inverse kinematics
 STIFFEST, MOST_DAMPED = 100.0, 10.0  # [N m/rad], [N m s/rad]: ten times the defaults
 STRONGEST = 0.4  # [N m] of a joint: 2.2 A of a motor of TriFingerPro
+MOST_ROWS = 10_000_000  # of a path
 FASTEST = 20.0  # [rad/s] of a joint, velocity limit of the URDF
 SLOWEST = 1e-3  # [rad/s], least speed limit
 # Mass [kg], and where its centre is in the mechanism's frame (kinematics.py) [m]:
@@ -31,6 +34,7 @@ LINKS = (
 )
 
 
+@typed_call(LimitError)
 @dataclass(frozen=True)
 class Gains:
     """Hold the stiffness and damping with which joints follow their targets.
@@ -93,6 +97,7 @@ def holding(angles: np.ndarray) -> np.ndarray:
     return torque
 
 
+@typed_call(LimitError)
 @dataclass(frozen=True)
 class Limits:
     """Hold the limits of what a robot may do; a path beyond them is refused beforehand.
@@ -128,6 +133,8 @@ class Limits:
         begun: [m], height of the tip's surface at the start: a finger that is below
         `lowest` there may move up, but no lower.
         """
+        angles = floats(f"{name}, angles", angles, (None, 3), LimitError)
+        check_whole(f"{name}, rows of angles", len(angles), 1, MOST_ROWS, LimitError)
         check_range(f"{name}, sample interval", dt, 1e-9, self.longest, "s")
         outside = ~((angles >= finger.lower) & (angles <= finger.upper))
         if outside.any():

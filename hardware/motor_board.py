@@ -9,17 +9,25 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Callable, Mapping
-from numbers import Real
 
 import can
 import numpy as np
 
+from tactilenlp.errors import shortened, typed_call
+
 from . import motor_can as codec
 from .can_bus import lost, open_bus, waiting
 from .clock import Clock, HostClock, WallStamps
-from .errors import BoardError, BusError, HardwareError, LimitError, StaleStreamError
+from .errors import (
+    BoardError,
+    BusError,
+    HardwareError,
+    LimitError,
+    RigError,
+    StaleStreamError,
+)
 from .motor_can import Command, Content, Fault, Pair, Quantity, Status
-from .ranges import check_range
+from .ranges import check_kind, check_range, number
 
 log = logging.getLogger(__name__)
 STALE = 0.1  # [s] without a position: 100 frames of a healthy board
@@ -31,13 +39,14 @@ LONGEST_TIMEOUT = 10.0  # [s]
 INDICES = 1000  # events of the encoder index that are kept
 
 
+@typed_call(RigError)
 class MotorBoard(can.Listener):
     """Hold the state of a board; `with` opens the bus and ends with zero current.
 
     config:      of python-can, e.g. {"interface": "socketcan", "channel": "can0"}
     name:        for messages, e.g. "finger 0, board 1"
     listen_only: never send anything.  A board sends positions only when told to: the
-                 program that commands the robot must have told it
+                 program that commands the robot told it
     max_current: [A], beyond it `command` refuses
     sink:        called with every frame that comes or goes, to record it
     clock:       by which the age of a stream is measured
@@ -60,6 +69,8 @@ class MotorBoard(can.Listener):
         clock: Clock | None = None,
         remember: bool = True,
     ) -> None:
+        check_kind("MotorBoard.name", name, str, RigError)
+        check_kind(f"{name}, config", config, Mapping, RigError)
         check_current(max_current, name)
         self.config, self.name, self.listen_only = dict(config), name, listen_only
         self.max_current, self.sink = max_current, sink
@@ -83,16 +94,16 @@ class MotorBoard(can.Listener):
         try:
             self.stop()
         finally:
-            bus, self._bus = self._bus, None
-            if bus is not None:
+            if (bus := self._bus) is not None:
+                self._bus = None
                 _quietly(bus.shutdown, self.name)
 
     # Reading
 
     def poll(self) -> int:
         """Read all received frames without blocking; return their number."""
-        bus = self._open_bus()
-        messages = waiting(bus, self.name, self.on_error, self._stamps)
+        told = self.name, self.on_error, self._stamps
+        messages = waiting(self._open_bus(), *told)
         for message in messages:
             self.on_message_received(message)
         return len(messages)
@@ -154,8 +165,8 @@ class MotorBoard(can.Listener):
 
     def age(self, stream: str = "POSITION") -> float:
         """Return the time [s] since a stream was heard, or since the bus was opened."""
-        heard = self._heard.get(stream, self._heard.get("opened", -np.inf))
-        return self.clock.now() - heard
+        opened = self._heard.get("opened", -np.inf)
+        return self.clock.now() - self._heard.get(stream, opened)
 
     def check(self, stale: float = STALE) -> None:
         """Raise a bus error, a fault of the board, or the error of a silent stream.
@@ -185,33 +196,30 @@ class MotorBoard(can.Listener):
         """
         milliseconds = self._milliseconds(timeout)
         self._send(codec.encode_current(0.0, 0.0))
-        for command, value in (
-            (Command.RECEIVE_TIMEOUT, milliseconds),
-            (Command.ENABLE_SYSTEM, 1),
-            (Command.SEND_ALL, 1),
-            (Command.ENABLE_MOTOR_1, 1),
-            (Command.ENABLE_MOTOR_2, 1),
+        self._send(codec.encode_command(Command.RECEIVE_TIMEOUT, milliseconds))
+        for command in (
+            *(Command.ENABLE_SYSTEM, Command.SEND_ALL),
+            *(Command.ENABLE_MOTOR_1, Command.ENABLE_MOTOR_2),
         ):
-            self._send(codec.encode_command(command, value))
+            self._send(codec.encode_command(command, 1))
 
     @property
     def ready(self) -> bool:
         """Whether both motors are enabled and aligned."""
-        status = self.status
-        if status is None:
+        if (status := self.status) is None:
             return False
         return status.system_enabled and all(status.motor_enabled + status.motor_ready)
 
     def watch(self, timeout: float = RECEIVE_TIMEOUT) -> None:
         """Set the receive time-out [s] of the firmware."""
-        milliseconds = self._milliseconds(timeout)
-        self._send(codec.encode_command(Command.RECEIVE_TIMEOUT, milliseconds))
+        length = self._milliseconds(timeout)
+        self._send(codec.encode_command(Command.RECEIVE_TIMEOUT, length))
 
     def _milliseconds(self, timeout: float) -> int:
         """Return a time-out [s] in ms; one that rounds to 0 (never) is refused."""
         least = 0.0 if timeout == 0 else 1e-3
-        where = f"{self.name}, time-out"
-        check_range(where, timeout, least, LONGEST_TIMEOUT, "s (0: never)")
+        where, unit = f"{self.name}, time-out", "s (0: never)"
+        check_range(where, timeout, least, LONGEST_TIMEOUT, unit)
         return round(1e3 * timeout)
 
     def command(self, motor_1: float, motor_2: float) -> None:
@@ -222,15 +230,13 @@ class MotorBoard(can.Listener):
     def check_currents(self, *currents: float) -> None:
         """Raise LimitError unless all currents [A] may be commanded; sends nothing."""
         for current in currents:
-            number = isinstance(current, Real) and not isinstance(current, bool)
-            if not (number and abs(current) <= self.max_current):
+            if not abs(number(current)) <= self.max_current:
                 raise LimitError(
-                    "too much current",
-                    where=self.name,
-                    got=f"{current} A",
+                    "too much current", where=self.name,
+                    got=f"{shortened(current, str, 80)} A",
                     expected=f"at most {self.max_current} A",
                     next="bound the torque from which the current is computed",
-                )
+                )  # fmt: skip
 
     def stop(self) -> None:
         """Command zero current first, then disable; can be called at any time, twice.
@@ -247,8 +253,8 @@ class MotorBoard(can.Listener):
 
     def _send(self, message: can.Message) -> None:
         if self.listen_only:
-            fix = "open the board with listen_only=False"
-            raise BoardError("only listens", where=self.name, next=fix)
+            told = {"where": self.name, "next": "open the board with listen_only=False"}
+            raise BoardError("only listens", **told)
         message.timestamp = self.clock.now()
         try:
             self._open_bus().send(message)
@@ -268,17 +274,16 @@ class MotorBoard(can.Listener):
 
     def _fault(self) -> BoardError:
         fix = "remove the cause of the fault, then start the board again"
-        got = self.status.fault.name
-        return BoardError("switched itself off", where=self.name, got=got, next=fix)
+        told = {"where": self.name, "got": self.status.fault.name, "next": fix}
+        return BoardError("switched itself off", **told)
 
     def _silent(self, stream: str, age: float | None, limit: float):
+        got = "nothing so far" if age is None else f"silence for {age:.3f} s"
         return StaleStreamError(
-            f"no {stream.lower()} is heard",
-            where=self.name,
-            got="nothing so far" if age is None else f"silence for {age:.3f} s",
+            f"no {stream.lower()} is heard", where=self.name, got=got,
             expected=f"one every {limit} s",
             next="check the power, the bus, and that the board is told to send",
-        )
+        )  # fmt: skip
 
 
 def check_current(bound: float, name: str) -> None:

@@ -26,7 +26,10 @@ from enum import Enum, IntEnum
 
 import can
 
+from tactilenlp.errors import shortened
+
 from .errors import BusError, FrameError
+from .ranges import check_whole, number
 
 ONE = 1 << 24  # counts per unit of a Q24 number
 RESOLUTION = 1 / ONE  # [unit of the value]
@@ -126,9 +129,10 @@ def to_q24(value: float) -> int:
 
     Raises FrameError unless it is a finite number.
     """
-    if not math.isfinite(value):
+    if not math.isfinite(number(value)):
         expected, fix = "a finite number", "check how the value was computed"
-        raise FrameError("no Q24 number", got=value, expected=expected, next=fix)
+        got = shortened(value, most=80)
+        raise FrameError("no Q24 number", got=got, expected=expected, next=fix)
     return min(max(round(value * ONE), LOWEST), HIGHEST)
 
 
@@ -161,7 +165,13 @@ def encode(content: Content, timestamp: float = 0.0) -> can.Message:
 
 def encode_command(command: Command, value: int) -> can.Message:
     """Return the frame of a command: value in the low word, not Q24."""
-    return encode(Order(Command(command), value))
+    check_whole("command", command, 0, 255, FrameError)
+    try:
+        order = Command(command)
+    except ValueError as bad:
+        expected = f"one of {[int(c) for c in Command]}"
+        raise FrameError("no command", got=int(command), expected=expected) from bad
+    return encode(Order(order, value))
 
 
 def encode_current(motor_1: float, motor_2: float) -> can.Message:

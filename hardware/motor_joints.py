@@ -12,10 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tactilenlp.errors import typed_call
+
 from .clock import Clock
-from .errors import BoardError, RigError
+from .errors import BoardError, LimitError, RigError
 from .motor_board import RECEIVE_TIMEOUT, MotorBoard
-from .ranges import check_range, check_ranges
+from .ranges import check_range, check_ranges, floats
 
 READY = 10.0  # [s], alignment after power-up takes a few seconds
 POLL = 0.01  # [s]
@@ -23,6 +25,7 @@ TURNS = 4 * math.pi  # [rad], largest zero angle of a joint
 KRPM = 1000 * 2 * math.pi / 60  # [rad/s]
 
 
+@typed_call(RigError)
 @dataclass(frozen=True)
 class JointMap:
     """Hold which motor moves which joint of a finger, and its constants.
@@ -40,8 +43,9 @@ class JointMap:
     torque_constant: float = 0.02
 
     def __post_init__(self) -> None:
-        pairs = {tuple(pair) for pair in self.motors}
-        if len(self.motors) != 3 or len(pairs) != 3 or not pairs <= PLACES:
+        many = isinstance(self.motors, tuple | list)
+        pairs = {place for place in PLACES if many and place in map(_pair, self.motors)}
+        if not many or len(self.motors) != 3 or len(pairs) != 3:
             raise RigError(
                 "not a map of three joints",
                 where="motors",
@@ -55,29 +59,29 @@ class JointMap:
 
     def angles(self, revolutions: np.ndarray) -> np.ndarray:
         """Return joint angles (..., 3) [rad] of motors (..., board, motor) [rev]."""
-        turns = self._joints(np.asarray(revolutions, float))
+        turns = self._joints(_motors("revolutions", revolutions))
         return turns * (2 * math.pi / self.gear) - np.array(self.zero)
 
     def velocities(self, krpm: np.ndarray) -> np.ndarray:
         """Return joint velocities (..., 3) [rad/s] of motors (..., 2, 2) [krpm]."""
-        return self._joints(np.asarray(krpm, float)) * (KRPM / self.gear)
+        return self._joints(_motors("krpm", krpm)) * (KRPM / self.gear)
 
     def revolutions(self, angles: np.ndarray) -> np.ndarray:
         """Return motor positions (..., 2, 2) [rev]; the fourth motor stays at 0."""
-        turns = (np.asarray(angles, float) + self.zero) * (self.gear / (2 * math.pi))
+        turns = (_angles("angles", angles) + self.zero) * (self.gear / (2 * math.pi))
         return self._boards(turns)
 
     def krpm(self, velocities: np.ndarray) -> np.ndarray:
         """Return motor velocities (..., 2, 2) [krpm] of joint velocities [rad/s]."""
-        return self._boards(np.asarray(velocities, float) * (self.gear / KRPM))
+        return self._boards(_angles("velocities", velocities) * (self.gear / KRPM))
 
     def currents(self, torques: np.ndarray) -> np.ndarray:
         """Return motor currents (..., 2, 2) [A] of joint torques (..., 3) [N m]."""
-        return self._boards(np.asarray(torques, float) / self.newton_metres)
+        return self._boards(_angles("torques", torques) / self.newton_metres)
 
     def torques(self, currents: np.ndarray) -> np.ndarray:
         """Return joint torques (..., 3) [N m] of motor currents (..., 2, 2) [A]."""
-        return self._joints(np.asarray(currents, float)) * self.newton_metres
+        return self._joints(_motors("currents", currents)) * self.newton_metres
 
     @property
     def newton_metres(self) -> float:
@@ -93,6 +97,21 @@ class JointMap:
         board, motor = np.array(self.motors).T
         motors[..., board, motor] = joints
         return motors
+
+
+def _motors(where: str, values: object) -> np.ndarray:
+    return floats(f"JointMap, {where}", values, (..., 2, 2), LimitError)
+
+
+def _angles(where: str, values: object) -> np.ndarray:
+    return floats(f"JointMap, {where}", values, (..., 3), LimitError)
+
+
+def _pair(given: object) -> tuple:
+    """Return two whole numbers as a tuple, an empty one for anything else."""
+    pair = tuple(given) if isinstance(given, tuple | list) else ()
+    whole = [isinstance(k, int) and not isinstance(k, bool) for k in pair]
+    return pair if whole == [True, True] else ()
 
 
 PLACES = {(board, motor) for board in (0, 1) for motor in (0, 1)}

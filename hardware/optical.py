@@ -16,11 +16,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from tactilenlp.errors import typed_call
+
 from .errors import FrameError, RigError
 from .hodge import Hodge
 from .optical_flow import AGREE, Flow, grey, opencv
-from .touch import DOWN, Hysteresis, Touch
+from .ranges import check_kind, check_range, check_ranges, check_whole, rotation
+from .touch import DOWN, LONGEST_REST, Hysteresis, Touch
 
+NARROWEST, WIDEST = 8.0, 10_000.0  # [px] of a lens in a picture
 NODES = 80  # across the disc: sufficient for the decomposition, and fast
 SURE = 0.7  # [1], least share of the disc where forward and backward flow agree: at
 # least 0.9 with texture, 0.3 to 0.4 on a real gel without texture
@@ -31,6 +35,7 @@ ACROSS = 256.0  # [px], for which LEAST was measured; psi grows with the square
 REST = 30  # [frames] without contact at first: one second
 
 
+@typed_call(RigError)
 @dataclass(frozen=True)
 class Lens:
     """Map pixels to directions: an equidistant fish-eye at the centre of a sphere.
@@ -49,13 +54,13 @@ class Lens:
     radius: float = 0.015
 
     def __post_init__(self) -> None:
-        if not (self.edge > 8 and 0 < self.angle <= math.pi / 2 and self.radius > 0):
-            raise RigError(
-                "no lens",
-                where="Lens",
-                got=self,
-                expected="edge > 8 px, angle in (0, pi/2] rad, radius > 0 m",
-            )
+        try:
+            check_ranges("Lens.centre", self.centre, 2, -WIDEST, WIDEST, "px", RigError)
+            check_range("Lens.edge", self.edge, NARROWEST, WIDEST, "px", RigError)
+            check_range("Lens.angle", self.angle, 1e-3, math.pi / 2, "rad", RigError)
+            check_range("Lens.radius", self.radius, 1e-4, 1.0, "m", RigError)
+        except RigError as bad:
+            raise RigError("no lens", got=bad) from bad
 
     def direction(self, pixel: np.ndarray) -> np.ndarray:
         """Return the outward normals (..., 3) of the dome seen at pixels (..., 2)."""
@@ -90,6 +95,7 @@ class Sensed:
     pressure: np.ndarray
 
 
+@typed_call(RigError)
 class OpticalTouch:
     """Make touches of pictures; the first second must be without contact.
 
@@ -106,7 +112,9 @@ class OpticalTouch:
         mount: tuple = DOWN,
         rest: int = REST,
     ) -> None:
-        self.lens, self.R_ts = lens, np.array(mount, float)
+        check_kind("lens", lens, Lens, RigError)
+        check_whole("rest", rest, 2, LONGEST_REST, RigError)
+        self.lens, self.R_ts = lens, rotation("mount", mount, RigError)
         self.rest = rest
         self.decide: Hysteresis | None = None
         self._waiting: list[np.ndarray] = []

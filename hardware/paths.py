@@ -6,6 +6,7 @@ import numpy as np
 
 from .errors import LimitError
 from .kinematics import FAR, Finger
+from .ranges import floats
 
 PEAK = 1.875  # [1], peak by mean speed of a minimum-jerk motion
 
@@ -18,10 +19,11 @@ def checked_trajectory(
     longest: [s] that it may last.  Raises LimitError unless all numbers are finite, in
     range and of these shapes.
     """
+    time, p_wf = (getattr(trajectory, k, None) for k in ("time", "finger_position"))
     try:
-        time = np.asarray(getattr(trajectory, "time", None), float)
-        p_wf = np.asarray(getattr(trajectory, "finger_position", None), float)
-    except (TypeError, ValueError):  # words, ragged lists
+        time = floats("time", time, (None,), LimitError)
+        p_wf = floats("finger_position", p_wf, (None, None, 3), LimitError)
+    except LimitError:  # refused below
         time = p_wf = np.full(0, np.nan)
     shape = (time.size, fingers, 3)
     good = time.ndim == 1 and time.size > 1 and p_wf.shape == shape

@@ -1,12 +1,22 @@
-"""Refuse numbers that guard or reach a motor unless they are finite and in range."""
+"""Refuse numbers that guard or reach a motor unless they are finite and in range.
+
+The constructors of the bench check all their arguments here.
+"""
 
 from __future__ import annotations
 
-from numbers import Real
+import math
+from numbers import Integral, Real
 
 import numpy as np
 
+from tactilenlp.errors import shortened
+
 from .errors import HardwareError, LimitError
+
+NO_NUMBERS = (bool, np.bool_, np.timedelta64)  # though Python or NumPy call them so
+SHOWN_CHARACTERS = 80  # of a value in an error
+TURN_ERROR = 1e-6  # [1], largest entry of R R' - 1
 
 
 def check_range(
@@ -21,10 +31,9 @@ def check_range(
 
     Booleans, words and arrays are no numbers here.
     """
-    number = isinstance(value, Real) and not isinstance(value, bool)
-    if not (number and np.isfinite(float(value)) and low <= value <= high):
+    if not low <= number(value) <= high:
         expected = f"a finite number from {low:g} to {high:g} {unit}"
-        raise error("out of range", where=where, got=repr(value), expected=expected)
+        raise error("out of range", where=where, got=_short(value), expected=expected)
 
 
 def check_ranges(
@@ -37,12 +46,88 @@ def check_ranges(
     error: type[HardwareError] = LimitError,
 ) -> None:
     """Raise an error unless values are so many finite numbers from low to high."""
-    try:
-        given = list(values)
-    except TypeError:
-        given = []
+    given = list(values) if isinstance(values, tuple | list | np.ndarray) else []
     if len(given) != count:
         expected = f"({count},) {unit}"
-        raise error("wrong shape", where=where, got=repr(values), expected=expected)
+        raise error("wrong shape", where=where, got=_short(values), expected=expected)
     for k, value in enumerate(given):
         check_range(f"{where}[{k}]", value, low, high, unit, error)
+
+
+def floats(
+    where: str, value: object, shape: tuple, error: type[HardwareError]
+) -> np.ndarray:
+    """Return a value as floats of this shape, or raise an error.
+
+    shape: sizes; None for any size, `...` in front for any number of axes.  Words,
+    times, ragged lists and masked arrays are no numbers; NaN is one.
+    """
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError, OverflowError, RuntimeError):
+        array = np.asarray(None)
+    sizes = shape[1:] if shape[0] is ... else shape
+    tail = array.shape[-len(sizes) :] if shape[0] is ... else array.shape
+    fit = len(tail) == len(sizes)
+    fit = fit and all(n in (None, m) for n, m in zip(sizes, tail, strict=True))
+    masked = isinstance(value, np.ma.MaskedArray)
+    if masked or array.dtype.kind not in "biuf" or not fit:
+        words = ", ".join({None: "n", ...: "..."}.get(n, str(n)) for n in shape)
+        got, expected = _short(value), f"numbers ({words})"
+        raise error("no array", where=where, got=got, expected=expected)
+    return array.astype(float, copy=False)
+
+
+def check_whole(
+    where: str, value: object, low: int, high: int, error: type[HardwareError]
+) -> None:
+    """Raise an error unless a value is one whole number from low to high."""
+    whole = isinstance(value, Integral) and not isinstance(value, NO_NUMBERS)
+    if not (whole and low <= value <= high):
+        expected = f"a whole number from {low} to {high}"
+        raise error("out of range", where=where, got=_short(value), expected=expected)
+
+
+def check_kind(
+    where: str, value: object, kind: type | tuple, error: type[HardwareError]
+) -> None:
+    """Raise an error unless a value is of a class; words must not be empty.
+
+    The keys of a dictionary must be words; booleans are no whole numbers.
+    """
+    good = isinstance(value, kind) and not isinstance(value, bool)
+    if isinstance(value, dict):
+        good = good and all(isinstance(key, str) for key in value)
+    if not good:
+        kinds = kind if isinstance(kind, tuple) else (kind,)
+        expected = " or ".join(k.__name__ for k in kinds)
+        raise error("wrong type", where=where, got=_short(value), expected=expected)
+
+
+def rotation(where: str, value: object, error: type[HardwareError]) -> np.ndarray:
+    """Return a rotation matrix (3, 3), or raise an error."""
+    rows = list(value) if isinstance(value, tuple | list | np.ndarray) else []
+    if len(rows) != 3:
+        raise error("no rotation", where=where, got=_short(value), expected="(3, 3)")
+    for k, row in enumerate(rows):
+        check_ranges(f"{where}[{k}]", row, 3, -1.0, 1.0, "", error)
+    R = np.array([[float(entry) for entry in row] for row in rows])
+    if not (abs(R @ R.T - np.eye(3)).max() <= TURN_ERROR and np.linalg.det(R) > 0):
+        expected = "R R' = 1, det R = 1"
+        raise error("no rotation", where=where, got=_short(value), expected=expected)
+    return R
+
+
+def number(value: object) -> float:
+    """Return one finite real number as a float, NaN for anything else."""
+    if not isinstance(value, Real) or isinstance(value, NO_NUMBERS):
+        return math.nan
+    try:
+        found = float(value)
+    except OverflowError:  # an integer of 400 digits
+        return math.nan
+    return found if math.isfinite(found) else math.nan
+
+
+def _short(value: object) -> str:
+    return shortened(value, most=SHOWN_CHARACTERS)

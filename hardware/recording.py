@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterable, Iterator
+import math
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import can
@@ -33,21 +34,22 @@ class Recording:
         try:
             self.manifest = json.loads(path.read_text())
             form, rig = self.manifest["format"], self.manifest["rig"]
-        except (OSError, ValueError, KeyError, TypeError) as bad:
+            self._complete = self.manifest["complete"] is True
+        except (OSError, ValueError, KeyError, TypeError, RecursionError) as bad:
             got, fix = f"{type(bad).__name__}: {bad}", "`python -m hardware record`"
             raise RecordingError(
                 "no recording", where=str(path), got=got, next=fix
             ) from bad
         if form != FORMAT:
             raise RecordingError(
-                "another format", where=str(path), got=form, expected=f"{FORMAT}"
+                "another format", where=str(path), got=f"{form}", expected=f"{FORMAT}"
             )
         self.rig = Rig.from_dict(rig)
 
     @property
     def complete(self) -> bool:
         """Whether the recording ended without an error."""
-        return bool(self.manifest["complete"])
+        return self._complete
 
     def fingers(self) -> list[FingerStreams]:
         """Return the streams of all fingers, as `assemble` takes them."""
@@ -66,16 +68,16 @@ class Recording:
         """Yield the time [s] and bytes of each chunk of a serial line."""
         raw = self._read(f"{stream}.bin")
         at = 0
-        for time, size in self._rows(stream):
-            chunk = raw[at : at + int(size)]
-            if len(chunk) < int(size):
+        for time, size in self._rows(stream, _size):
+            chunk = raw[at : at + size]
+            if len(chunk) < size:
                 return  # the last chunk is incomplete: the program was killed
-            at += int(size)
+            at += size
             yield time, chunk
 
     def pictures(self, stream: str) -> Iterator[tuple[float, np.ndarray]]:
         """Yield the time [s] and each picture of a camera."""
-        for time, name in self._rows(stream):
+        for time, name in self._rows(stream, _plain_name):
             path = self.folder / stream / name
             picture = opencv().imread(str(path), opencv().IMREAD_UNCHANGED)
             if picture is None:
@@ -142,16 +144,17 @@ class Recording:
         except OSError as bad:
             raise _damaged(path, bad) from bad
 
-    def _rows(self, stream: str) -> Iterator[tuple[float, str]]:
-        """Yield the complete rows of a table."""
+    def _rows(self, stream: str, read: Callable) -> Iterator[tuple[float, object]]:
+        """Yield the complete rows of a table: the time [s], and what `read` makes."""
         text = self._read(f"{stream}.csv").decode(errors="replace")
         rows = csv.reader(text[: text.rfind("\n") + 1].splitlines()[1:])
         for row in rows:
             try:
                 time, what = row
-                yield float(time), what
+                found = _finite(time), read(what)
             except ValueError as bad:
                 raise _damaged(self.folder / f"{stream}.csv", bad) from bad
+            yield found
 
 
 def device_times(frames: list[tuple[float, ForceFrame]], unit: float) -> np.ndarray:
@@ -172,6 +175,27 @@ def device_times(frames: list[tuple[float, ForceFrame]], unit: float) -> np.ndar
         else:
             times[part] = unit * device + (host - unit * device).min()
     return times
+
+
+def _finite(text: str) -> float:
+    """Return a finite number [s]; ValueError for any other text."""
+    if not math.isfinite(number := float(text)):
+        raise ValueError(f"the time {text!r} is not finite")
+    return number
+
+
+def _size(text: str) -> int:
+    """Return a number of bytes; ValueError for any other text."""
+    if (size := int(text)) < 0:
+        raise ValueError(f"a chunk of {size} bytes")
+    return size
+
+
+def _plain_name(text: str) -> str:
+    """Return the name of a file in the recording; ValueError for any other text."""
+    if not text or Path(text).name != text or "\0" in text:
+        raise ValueError(f"{text!r} is not the name of a file of this folder")
+    return text
 
 
 def _damaged(path: Path, bad: Exception) -> HardwareError:

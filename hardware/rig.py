@@ -10,12 +10,14 @@ import os
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 
+from tactilenlp.errors import typed_call
+
 from .clock import Clock
-from .errors import RigError
+from .errors import FrameError, RigError
 from .frames import Camera
 from .kinematics import Finger, finger
 from .motor_joints import JointMap
-from .ranges import check_range
+from .ranges import check_kind, check_range, check_ranges, check_whole
 from .serial_reader import OptoForceCan, SerialTactile
 from .serial_tactile import (
     AnySkinFramer,
@@ -25,6 +27,9 @@ from .serial_tactile import (
 from .touch import FieldTouch, ForceTouch, Toucher
 
 SERIAL, ON_CAN, CAMERA = "serial", "can", "camera"  # what a sensor is read through
+DEEPEST = 20  # [levels] of lists and objects in a rig
+FASTEST_SENSOR = 100_000  # [Hz]
+CAMERA_OPTIONS = ("size", "rate", "exposure")
 KINDS = {
     "optoforce": SERIAL,
     "optoforce_can": ON_CAN,
@@ -34,6 +39,7 @@ KINDS = {
 }
 
 
+@typed_call(RigError)
 @dataclass(frozen=True)
 class Tactile:
     """Describe the sensor of a finger.
@@ -57,13 +63,18 @@ class Tactile:
     latency: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
+        if not isinstance(self.kind, str) or self.kind not in KINDS:
             raise RigError(
                 "no such sensor",
                 where="tactile.kind",
                 got=self.kind,
                 expected=f"one of {list(KINDS)}",
             )
+        check_kind("tactile.source", self.source, (str, int), RigError)
+        for name in ("can", "touch", "camera"):
+            check_kind(f"tactile.{name}", getattr(self, name), dict, RigError)
+        check_whole("tactile.speed", self.speed, 1, FASTEST_SENSOR, RigError)
+        _check_camera(self.camera)
         check_range("tactile.latency", self.latency, 0.0, 1.0, "s", RigError)
 
     @property
@@ -81,7 +92,7 @@ class Tactile:
 
                 return OpticalTouch(Lens(**options.pop("lens")), **options)
             return make(**options)
-        except (TypeError, KeyError) as bad:
+        except (TypeError, KeyError, FrameError) as bad:
             raise RigError("wrong options", where="tactile.touch", got=bad) from bad
 
     def framer(self) -> OptoForceFramer | AnySkinFramer:
@@ -101,6 +112,7 @@ class Tactile:
         return SerialTactile(str(self.source), self.framer(), **options)
 
 
+@typed_call(RigError)
 @dataclass(frozen=True)
 class FingerRig:
     """Describe the kinematics, wires and sensor of one finger.
@@ -122,10 +134,16 @@ class FingerRig:
     motors: tuple = JointMap.motors
     tip_radius: float | None = None
 
+    def __post_init__(self) -> None:
+        check_kind("finger.name", self.name, str, RigError)
+        check_kind(f"{self.name}, tactile", self.tactile, Tactile, RigError)
+        check_kind(f"{self.name}, boards", self.boards, (tuple, list), RigError)
+        for k, board in enumerate(self.boards):
+            check_kind(f"{self.name}, boards[{k}]", board, dict, RigError)
+
     @property
     def geometry(self) -> Finger:
         """The kinematics of the finger."""
-        check_range("degrees", self.degrees, -360.0, 360.0, "deg", RigError)
         made = finger(self.robot, self.degrees)
         if self.tip_radius is None:
             return made
@@ -134,9 +152,10 @@ class FingerRig:
     @property
     def joints(self) -> JointMap:
         """The map from motors to joints."""
-        return JointMap(tuple(map(tuple, self.motors)), tuple(self.zero))
+        return JointMap(self.motors, self.zero)
 
 
+@typed_call(RigError)
 @dataclass(frozen=True)
 class Rig:
     """Describe the fingers of a robot."""
@@ -144,6 +163,9 @@ class Rig:
     fingers: tuple[FingerRig, ...]
 
     def __post_init__(self) -> None:
+        check_kind("rig.fingers", self.fingers, (tuple, list), RigError)
+        for one in self.fingers:
+            check_kind("rig.fingers", one, FingerRig, RigError)
         names = [finger.name for finger in self.fingers]
         if not names or len(set(names)) < len(names):
             raise RigError("no fingers, or two of one name", where="rig", got=names)
@@ -162,7 +184,7 @@ class Rig:
         """Read a JSON file; raises RigError if it is not a rig."""
         try:
             return cls.from_dict(json.loads(Path(path).read_text()))
-        except (ValueError, OSError) as bad:
+        except (ValueError, OSError, RecursionError) as bad:
             if isinstance(bad, RigError):
                 raise
             got, fix = f"{type(bad).__name__}: {bad}", "README.md of hardware has one"
@@ -177,6 +199,7 @@ class Rig:
         """Return a rig from plain lists and dictionaries; raises RigError."""
         fingers = []
         given = _made("rig", dict, _frozen(content), cls)
+        check_kind("rig.fingers", given["fingers"], (tuple, list), RigError)
         for one in given["fingers"]:
             parts = _made("finger", dict, one, FingerRig)
             parts["tactile"] = _made("tactile", Tactile, parts["tactile"], Tactile)
@@ -208,8 +231,28 @@ def _required(f) -> bool:
     return f.default is MISSING and f.default_factory is MISSING
 
 
-def _frozen(value: object) -> object:
-    """Return lists as tuples, at any depth: JSON has no tuples."""
+def _check_camera(options: dict) -> None:
+    """Raise RigError for options that a Camera does not take."""
+    if strange := [key for key in options if key not in CAMERA_OPTIONS]:
+        expected = f"among {CAMERA_OPTIONS}"
+        raise RigError(
+            "wrong options", where="tactile.camera", got=strange, expected=expected
+        )
+    given = {key: value for key, value in options.items() if value is not None}
+    if "size" in given:
+        check_ranges("camera.size", given["size"], 2, 1, 100_000, "px", RigError)
+    if "rate" in given:
+        check_range("camera.rate", given["rate"], 1e-3, 1e5, "Hz", RigError)
+    if "exposure" in given:
+        check_range("camera.exposure", given["exposure"], -1e9, 1e9, "", RigError)
+
+
+def _frozen(value: object, depth: int = 0) -> object:
+    """Return lists as tuples, at any depth to DEEPEST: JSON has no tuples."""
+    if depth > DEEPEST:
+        raise RigError("nested too deeply", where="rig", expected=f"{DEEPEST} levels")
     if isinstance(value, dict):
-        return {key: _frozen(item) for key, item in value.items()}
-    return tuple(map(_frozen, value)) if isinstance(value, list | tuple) else value
+        return {key: _frozen(item, depth + 1) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return tuple(_frozen(item, depth + 1) for item in value)
+    return value

@@ -21,6 +21,8 @@ from typing import NamedTuple
 import can
 import numpy as np
 
+from tactilenlp.errors import shortened
+
 from .errors import FrameError
 
 HEADER = bytes.fromhex("AA07080A")
@@ -205,9 +207,13 @@ def encode_configuration(
     filter: 0 (none), 1.5, 5, 15, 50, 150 or 500 Hz
     """
     for name, value, known in (("speed", speed, SPEEDS), ("filter", filter, FILTERS)):
-        if value not in known:
+        if not isinstance(value, int | float) or value not in known:
             expected = f"one of {sorted(known)} Hz"
-            raise FrameError("no such rate", where=name, got=value, expected=expected)
+            got = shortened(value, most=80)
+            raise FrameError("no such rate", where=name, got=got, expected=expected)
+    if not isinstance(zero, bool):
+        got = shortened(zero, most=80)
+        raise FrameError("no choice", where="zero", got=got, expected="True or False")
     codes = bytes([SPEEDS[speed], FILTERS[filter], 255 if zero else 0])
     return CONFIGURE + codes + sum(CONFIGURE + codes).to_bytes(2, "big")
 

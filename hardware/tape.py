@@ -12,6 +12,7 @@ closed, at the end of `with`).
 from __future__ import annotations
 
 import json
+import os
 import platform
 import time
 from collections.abc import Callable
@@ -23,8 +24,11 @@ from pathlib import Path
 import can
 import numpy as np
 
+from tactilenlp.errors import typed_call
+
 from .errors import RecordingError
 from .frames import NATURAL
+from .ranges import check_kind
 from .rig import Rig
 
 FORMAT = 1
@@ -33,6 +37,7 @@ FORMATS = ("blf", "log")
 LIBRARIES = ("tactilenlp", "numpy", "python-can", "pyserial", "opencv-python-headless")
 
 
+@typed_call(RecordingError)
 class Tape:
     """Provide sinks for the drivers of a rig; `with` opens and closes the files.
 
@@ -41,11 +46,13 @@ class Tape:
     """
 
     def __init__(self, folder: str | Path, rig: Rig, bus: str = "blf") -> None:
+        check_kind("folder", folder, (str, os.PathLike), RecordingError)
+        check_kind("rig", rig, Rig, RecordingError)
         self.folder, self.rig, self.bus = Path(folder), rig, bus
         self.counts: dict[str, int] = {}
         self._close: list[Callable[[], None]] = []
         self._started = time.time()
-        if bus not in FORMATS:
+        if not isinstance(bus, str) or bus not in FORMATS:
             raise RecordingError(
                 "no such format", where="bus", got=bus, expected=f"one of {FORMATS}"
             )

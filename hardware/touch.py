@@ -12,10 +12,15 @@ from typing import Protocol
 
 import numpy as np
 
+from tactilenlp.errors import shortened, typed_call
+
 from .errors import FrameError, StaleStreamError
+from .ranges import check_range, check_ranges, check_whole, floats, number, rotation
 from .serial_tactile import FieldFrame, ForceFrame
 
+LARGEST = 1e12  # [unit of a strength], beyond any sensor
 ON, OFF = 6.0, 4.0  # [1], standard deviations of the strength above its mean
+LONGEST_REST = 100_000  # [samples]
 REST = 100  # [samples] whose mean is the zero of a sensor
 # R_ts (3, 3): the sensor's z, out of its top, goes down along the last link, or
 # inwards to the middle of the robot (TriFingerEdu: the tip's +y at any joint angles).
@@ -48,6 +53,7 @@ class Toucher(Protocol):
     def __call__(self, time: float, frame) -> Touch | None: ...
 
 
+@typed_call(FrameError)
 @dataclass
 class Hysteresis:
     """Decide on contact: it begins above `on`, and ends below `off`."""
@@ -57,11 +63,11 @@ class Hysteresis:
     contact: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
-        if not 0 < self.off <= self.on < np.inf:
+        if not 0 < number(self.off) <= number(self.on) < np.inf:
             raise FrameError(
                 "no thresholds",
                 where="Hysteresis",
-                got=f"on {self.on}, off {self.off}",
+                got=shortened((self.on, self.off), most=80),
                 expected="0 < off <= on",
                 next="learn them from samples without contact",
             )
@@ -72,7 +78,8 @@ class Hysteresis:
 
         least: the smallest allowed `on`, in the unit of the sensor.
         """
-        quiet = np.asarray(quiet, float)
+        quiet = floats("quiet", quiet, (None,), FrameError)
+        check_range("least", least, 0.0, LARGEST, "", FrameError)
         if quiet.size < 2 or not np.isfinite(quiet).all():
             expected, fix = "two finite strengths or more", "record without contact"
             raise FrameError("nothing to learn", expected=expected, next=fix)
@@ -86,10 +93,12 @@ class Hysteresis:
         return self.contact
 
 
+@typed_call(FrameError)
 class Tare:
     """Subtract the mean of the first samples, which are without contact."""
 
     def __init__(self, samples: int = REST) -> None:
+        check_whole("Tare.samples", samples, 1, LONGEST_REST, FrameError)
         self.samples = samples
         self._sum, self._count = 0.0, 0
 
@@ -101,6 +110,7 @@ class Tare:
         return values - self._sum / self._count
 
 
+@typed_call(FrameError)
 class ForceTouch:
     """Make touches of an OptoForce dome: contact by the force, normal by its direction.
 
@@ -120,7 +130,9 @@ class ForceTouch:
         mount: tuple = DOWN,
         rest: int = REST,
     ) -> None:
-        self.scale, self.R_ts = np.array(scale, float), np.array(mount, float)
+        check_ranges("scale", scale, 3, 1e-9, LARGEST, "counts/N", FrameError)
+        self.scale = np.array(scale, float)
+        self.R_ts = rotation("mount", mount, FrameError)
         self.decide, self.tare = Hysteresis(on, off), Tare(rest)
 
     def __call__(self, time: float, frame: ForceFrame) -> Touch | None:
@@ -137,6 +149,7 @@ class ForceTouch:
         return Touch(time, contact, normal, strength)
 
 
+@typed_call(FrameError)
 class FieldTouch:
     """Make touches of a magnetic skin: contact only; the normal is zero.
 

@@ -31,7 +31,7 @@ _HOMES = {
     "Trajectory": "exploration.action_space",
     "ExpectedInformation": "exploration.expected_information",
     "expected_information_gain": "exploration.expected_information",
-    "information_gain": "information.information",
+    "information_gain": "information.comparisons",
     "choose_action": "exploration.action_search",
     "Choice": "exploration.action_search",
     "CrossEntropy": "exploration.optimisers",

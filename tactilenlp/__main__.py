@@ -207,7 +207,7 @@ def _replay(world, exploration, file) -> None:
         felt = [world.execute(told) for told in step.told]
         if not felt or felt[-1] != step.measurements:
             raise FileError(
-                "the exploration of another box or seed",
+                "the exploration of another box or another seed",
                 where=str(file), got=f"other measurements of step {step.number}",
                 next="give the box and the seed of this file, or another file",
             )  # fmt: skip

@@ -2,6 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from difflib import get_close_matches
+from functools import wraps
+from inspect import signature
+
+SHOWN_CHARACTERS = 1000  # of what was got, in a message
+
 
 class TactileError(Exception):
     """Say what went wrong, where, what was got, what was expected and what to do next.
@@ -22,17 +29,27 @@ class TactileError(Exception):
     ) -> None:
         self.what, self.where, self.got = what, where, got
         self.expected, self.next = expected, next
-        message = f"{where}: {what}" if where else what
+        place = where if isinstance(where, str) else shortened(where)
+        message = f"{place}: {what}" if place else what
         if expected:
             message += f": expected {expected}"
         if got is not None:
-            message += f", got {got}" if expected else f": got {got}"
+            message += f"{',' if expected else ':'} got {shortened(got, str)}"
         if next:
             message += f"; {next}"
         super().__init__(message)
 
     def __reduce__(self):
         return _rebuild, (type(self), self.args, self.__dict__)
+
+
+def shortened(value: object, words=repr, most: int = SHOWN_CHARACTERS) -> str:
+    """Return a value in words, at most so many characters; its type if it has none."""
+    try:
+        text = words(value)
+    except Exception as bad:  # any: of a foreign class, or an integer of 5000 digits
+        text = f"a {type(value).__name__} that has no words ({type(bad).__name__})"
+    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 def _rebuild(kind: type, args: tuple, state: dict) -> TactileError:
@@ -64,6 +81,12 @@ class SceneError(TactileError, ValueError):
 
 class OptionError(TactileError, ValueError):
     """An option is unknown or out of its range."""
+
+
+class UnknownNameError(TactileError, KeyError):
+    """A result has no entry of this name."""
+
+    __str__ = Exception.__str__  # that of KeyError puts the words in quotes
 
 
 class StartError(TactileError, ValueError):
@@ -99,3 +122,40 @@ class Interrupted(KeyboardInterrupt):
     def __init__(self, words: str, estimate=None):
         self.estimate = estimate
         super().__init__(words)
+
+
+def typed_call(error: type[TactileError] = OptionError) -> Callable:
+    """Return a decorator of classes: a wrong call raises `error` instead of TypeError.
+
+    The error names the arguments that there are, and the one most like an unknown one.
+    """
+
+    def decorated(cls):
+        made, accepted = cls.__init__, signature(cls)
+
+        @wraps(made)
+        def init(self, *args, **given) -> None:
+            try:
+                made(self, *args, **given)
+            except TypeError as bad:
+                try:
+                    accepted.bind(*args, **given)
+                except TypeError as wrong:
+                    names = [*accepted.parameters]
+                    raise _wrong_call(error, cls, names, wrong, given) from bad
+                raise
+
+        cls.__init__ = init
+        return cls
+
+    return decorated
+
+
+def _wrong_call(error, cls, names: list, wrong: TypeError, given: dict) -> TactileError:
+    unknown = [name for name in given if name not in names]
+    like = get_close_matches(unknown[0], names, 1) if unknown else []
+    return error(
+        "no such argument" if unknown else "wrong arguments", where=cls.__name__,
+        got=", ".join(unknown) or f"{wrong}", expected=f"arguments among {names}",
+        next=f"did you mean {like[0]!r}?" if like else "check the spelling",
+    )  # fmt: skip

@@ -24,8 +24,8 @@ def law(shape, motion=FREE, **body):
     return Balance(fingers, GroundContact(shape, motion), G, **body)
 
 
-def unbalanced(law, theta, poses, contacts):
-    out = law.unbalanced(theta, *poses, DT, W, contacts)
+def unbalanced(law, theta, poses, contacts, centre=0.0):
+    out = law.unbalanced(theta, *poses, DT, W, centre, contacts)
     return [np.asarray(ca.evalf(o)).ravel() for o in out]
 
 
@@ -41,6 +41,20 @@ def test_a_box_at_rest_on_its_corners_is_balanced():
     share = [Corner(None, ca.DM([W / 4, 0, 0]), ca.DM(s)) for s in CUBOID.corners]
     poses = [ca.DM([0.1, 0.2, 0.3])] * 3
     force, moment = unbalanced(law(CUBOID, PLANAR), ca.DM(SIDES), poses, share)
+    np.testing.assert_allclose(force, 0, atol=1e-12 * W)
+    np.testing.assert_allclose(moment, 0, atol=1e-12 * W)
+
+
+def test_a_centre_of_mass_off_the_centroid_shifts_the_load_between_corners():
+    off = np.array([0.2, -0.1, 0.3]) * SIDES
+    share = [
+        Corner(None, ca.DM([W / 4 * load, 0, 0]), ca.DM(s))
+        for s in CUBOID.corners
+        for load in [np.prod(1 + 4 * off[:2] / SIDES[:2] * np.array(s)[:2] / 2)]
+    ]
+    poses = [ca.DM([0.1, 0.2, 0.3])] * 3
+    body = law(CUBOID, PLANAR)
+    force, moment = unbalanced(body, ca.DM(SIDES), poses, share, ca.DM(off))
     np.testing.assert_allclose(force, 0, atol=1e-12 * W)
     np.testing.assert_allclose(moment, 0, atol=1e-12 * W)
 

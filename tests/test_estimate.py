@@ -1,5 +1,6 @@
 """solve_estimate keeps its contract."""
 
+import time
 from dataclasses import fields, replace
 
 import numpy as np
@@ -205,6 +206,24 @@ def test_a_tumbling_object_is_followed_in_free_motion(scenes):
         pose = translation_matrix(p) @ quaternion_matrix(q)
         true = trimesh.creation.box(file["side_lengths"], transform=pose)
     assert surface_distance(estimate.mesh(), true).mean < 3e-3
+
+
+@pytest.mark.slow
+def test_a_time_limit_holds_for_all_that_follows_the_search(recorded, estimate):
+    """Forty actions, which take a minute without a limit."""
+    data, scene, _ = recorded
+    many, limit = data, 4.0
+    while many.actions < 40:
+        later = data.time + many.time[-1] + 1.0
+        many = many.append(replace(data, time=later, action=data.action))
+    began = time.monotonic()
+    options = Options(time_limit=limit)
+    late = solve_estimate(many, scene, options=options, throw=False)
+    took = time.monotonic() - began
+    assert took < limit + 1.5
+    assert not late.success
+    assert "time limit reached: without" in late.status
+    assert late.position.shape == (many.samples, 3)
 
 
 def test_an_unreachable_time_limit_ends_with_a_marked_estimate(recorded):

@@ -20,7 +20,7 @@ from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.errors import OptionError, SceneError
 from tactilenlp.exploration.expected_information import ExpectedInformation
 from tactilenlp.exploration.push_model import push_function
-from tactilenlp.information.information import information_gain
+from tactilenlp.information.comparisons import information_gain
 from tactilenlp.nlp.problem import Problem
 from tactilenlp.nlp.term_functions import TermFunctionCache
 from tactilenlp.problem.pages import shape_of

@@ -11,7 +11,6 @@ from scipy.optimize import nnls
 from tactilenlp.geometry.convex_hull import SIGMA_INSIDE, Ball
 from tactilenlp.information.error_budget_terms import (
     STICKING,
-    cluster_robust,
     shape_prior_error,
     slips,
     stick_slip,
@@ -40,33 +39,6 @@ def felt(p_wf, normal, finger=0):
     own = np.full(n, finger)
     radius, still = np.full(n, RADIUS), np.zeros(n)
     return Samples(np.arange(n), own, np.arange(n), p_wf, radius, normal, still)
-
-
-def test_terms_that_pull_at_each_other_widen_sigma():
-    apart = [by_two_touches(gap) for gap in (0.0, 2e-3)]
-    # Two touches of one number: the curvature is 2, each pulls with half their gap.
-    assert apart == pytest.approx([0.0, 2 * (2e-3 / 4) ** 2], rel=1e-6)
-
-
-def by_two_touches(gap):
-    """Return the cluster-robust variance [m^2] of a length felt by two fingers."""
-    problem = Problem()
-    theta, x = (
-        problem.variable(name, 1, guess=0.0, unit="m", scale=1.0)
-        for name in ("theta", "x")
-    )
-    y = np.array([[0.0], [gap]])
-    problem.minimize(
-        "touch", lambda t, y: (t - y) ** 2 / 2, theta, y, role="likelihood"
-    )
-    problem.minimize("rest", lambda x: x**2 / 2, x, role="physics")
-    window = SimpleNamespace(
-        touch=SimpleNamespace(sample=np.zeros(2, int), finger=np.arange(2)),
-        last=np.zeros(1, int),
-    )
-    curvature = kkt_system_of(problem, solve(problem))
-    pulls, _ = curvature.sensitivity(np.array([0]))
-    return cluster_robust(curvature, pulls, window, np.zeros(1, int)).item()
 
 
 def test_a_finger_that_slides_may_have_taken_the_body_along():

@@ -71,7 +71,7 @@ def test_a_browser_draws_it_without_errors_and_the_slider_moves_the_object(page)
 def test_the_words_of_the_summary_are_on_the_page(page, estimate):
     dom = browse(page)
     assert estimate.status in dom
-    for words in estimate.information.unobserved:
+    for words in estimate.remarks:
         assert words in dom
     for name in estimate.costs:
         assert name in dom
@@ -95,6 +95,11 @@ def test_it_shows_what_the_estimate_says(page, estimate):
     sigma = 1e3 * estimate.information.sigma("side_lengths")[0]
     assert shown["sigma"][0] == ["side x", f"{side:.2f} ± {sigma:.2f} mm"]
     assert shown["skipped"] == [str(skipped) for skipped in estimate.skipped]
+    assert shown["remarks"] == estimate.remarks
+    assert set(estimate.remarks) <= set(estimate.summary().split("\n"))
+    assert shown["fit"]["verdict"] == estimate.fit.verdict
+    total = [row for row in shown["fit"]["rows"] if row[0] == "all terms"]
+    assert total[0][1] == f"{estimate.fit.actual:.1f}"
 
 
 def test_touched_points_lie_on_the_surface(page, estimate):

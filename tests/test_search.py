@@ -21,16 +21,12 @@ def test_a_guess_of_the_user_starts_the_search(recorded):
 
 
 @pytest.mark.parametrize(
-    "guess",
-    [
-        Guess(np.ones(2), (0, 0)),
-        Guess(-np.ones(3), (0, 0)),
-        Guess(np.ones(3), (0, np.nan)),
-    ],
+    ("sides", "place"),
+    [(np.ones(2), (0, 0)), (-np.ones(3), (0, 0)), (np.ones(3), (0, np.nan))],
 )
-def test_a_guess_that_fits_nothing_is_refused(recorded, guess):
+def test_a_guess_that_fits_nothing_is_refused(recorded, sides, place):
     with pytest.raises(StartError):
-        solve_estimate(recorded[0], start=guess)
+        solve_estimate(recorded[0], start=Guess(sides, place))
 
 
 def test_hypotheses_are_distinct_best_first_and_cover_all_samples(estimate):

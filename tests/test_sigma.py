@@ -241,7 +241,9 @@ def test_another_body_that_explains_the_data_is_spoken_of(estimate):
     found = [mode([0.05, 0.03, 0.04], 0.0), mode([0.05, 0.04, 0.04], 0.0, 1.0)]
     modes = laplace_mixture(CUBOID, 1, found)
     information = replace(estimate.information, modes=modes, spread=modes.covariance)
-    assert information.also[0].startswith("27% that side y +10.0 mm")
+    reported, other = information.also
+    assert reported == "What is reported has a probability of 73 %."
+    assert other.startswith("With 27 %, side y is 10.0 mm larger")
 
 
 def test_information_survives_a_file(estimate, tmp_path):
@@ -284,9 +286,9 @@ def test_what_keeps_the_matrix_regular_counts_as_a_prior(
     programme, curvature, monkeypatch
 ):
     chosen = np.arange(3)
-    pulls, held = curvature.sensitivity(chosen)
-    given = pulls, held, programme.sensed, programme.window, programme.shape
-    at = Linearisation(curvature, *given)
+    pulls, _ = curvature.sensitivity(chosen)
+    given = programme.sensed, programme.window, programme.shape
+    at = Linearisation(curvature, *given).response(chosen, np.eye(3))
     errors = error_budget(at)
     monkeypatch.setattr(
         "tactilenlp.information.error_budget_terms.LEAST_CURVATURE",

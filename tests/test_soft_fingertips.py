@@ -9,6 +9,7 @@ from conftest import ROOT
 from programmes import cost, programme, true_values
 
 from formulations import violation_implicit
+from formulations.centre_of_mass import NAME as CENTRE
 from formulations.indentation import COMPLIANCE, NAME
 from tactilenlp import (
     Estimate,
@@ -148,3 +149,30 @@ def test_a_page_without_compliance_takes_fingertips_as_rigid(touched):
     lean = Options(hypotheses=1, starts=1, rivals=False)
     estimate = solve_estimate(data, scene, formulation="quasi_static", options=lean)
     assert estimate.compliance is None
+
+
+def test_derivatives_with_a_free_centre_of_mass_are_those_of_finite_differences(
+    touched, interpreted
+):
+    data, scene, truth = touched
+    free = Reductions(central=False)
+    problem, window = programme(violation_implicit, data, scene, free)
+    values = true_values(problem, window, truth, np.random.default_rng(3))
+    report = problem.check(values | {CENTRE: np.array([1e-3, -2e-3, 5e-4])})
+    balances = [name for name in report.derivatives if name.startswith("balance")]
+    for name in (*balances, "centre of mass prior"):
+        assert max(report.derivatives[name]) < 1e-5, name
+    assert report.assembled < 1e-5
+
+
+def test_a_known_centre_of_mass_is_no_unknown(touched):
+    data, scene, _ = touched
+    known = replace(scene, sigma_centre=0.0)
+    problem, _ = programme(violation_implicit, data, known, Reductions(central=False))
+    assert CENTRE not in problem.variables
+
+
+def test_the_centre_of_mass_stays_the_centroid_where_the_fit_is_good(estimate):
+    (central,) = [s for s in estimate.skipped if s.name == "central"]
+    assert central.holds
+    assert not estimate.centre_of_mass.any()

@@ -1,15 +1,70 @@
-"""Checks of arguments: type, range and shape, with errors that name the argument."""
+"""Checks of arguments: type, range and shape, with errors that name the argument.
+
+`as_array` and `as_number` convert all numbers that a user gives.
+"""
 
 from __future__ import annotations
 
+import math
 import os
 from numbers import Integral, Real
 
 import numpy as np
 
-from ..errors import OptionError
+from ..errors import OptionError, shortened
 
 SHOWN_CHARACTERS = 80  # of the repr of a value in an error
+NO_NUMBERS = (bool, np.bool_, np.timedelta64)  # though Python or NumPy call them so
+
+
+def as_array(value, kinds: str = "biuf") -> np.ndarray | None:
+    """Return a value as an array of one of these kinds of dtype, None if it is none.
+
+    Words, times, complex numbers, ragged lists, masked arrays (their mask would be
+    lost) and integers beyond 64 bits are no arrays of numbers.
+    """
+    if isinstance(value, np.ma.MaskedArray):
+        return None
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError, OverflowError, RuntimeError):  # RuntimeError: CasADi
+        return None
+    return array if array.dtype.kind in kinds else None
+
+
+def as_floats(value) -> np.ndarray:
+    """Return a value as an array of floats, one NaN (1,) if it is no array of numbers.
+
+    What checks that all entries are finite refuses both.
+    """
+    array = as_array(value)
+    if array is None:
+        return np.full(1, np.nan)
+    with np.errstate(over="ignore"):  # infinite: of more digits than a float has
+        return array.astype(float)
+
+
+def numbers_of(where: str, value, error=OptionError) -> np.ndarray:
+    """Return a value as an array of floats, NaN and infinity as well; else `error`."""
+    if (array := as_array(value)) is None:
+        expected = "a number or an array of numbers"
+        raise error("no numbers", where=where, got=_short(value), expected=expected)
+    return array.astype(float)
+
+
+def as_number(value) -> float:
+    """Return one real number as a float, NaN for booleans, arrays and all else."""
+    if not isinstance(value, Real) or isinstance(value, NO_NUMBERS):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:  # an integer of 400 digits
+        return math.nan
+
+
+def is_whole(value) -> bool:
+    """Return whether a value is one whole number; booleans are not."""
+    return isinstance(value, Integral) and not isinstance(value, NO_NUMBERS)
 
 
 def check_types(**given) -> None:
@@ -24,8 +79,9 @@ def check_types(**given) -> None:
             said = ["None" if n == "NoneType" else f"{n}(...)" for n in names]
             expected = " or ".join(said)
             raise OptionError(
-                "wrong type", where=name, got=_short(value), expected=expected
-            )
+                "wrong type", where=name, got=_short(value), expected=expected,
+                next=_reader(value, kinds),
+            )  # fmt: skip
 
 
 def check_path(path) -> None:
@@ -42,8 +98,7 @@ def check_numbers(where: str, expected: str, **given) -> None:
     It may equal high.  Infinity is a number; NaN, None, booleans and arrays are not.
     """
     for name, (value, low, high) in given.items():
-        number = isinstance(value, Real) and not isinstance(value, bool)
-        if not (number and low < value <= high):
+        if not low < as_number(value) <= high:
             raise OptionError(
                 "out of range", where=f"{where}{name}", got=_short(value),
                 expected=expected,
@@ -52,8 +107,7 @@ def check_numbers(where: str, expected: str, **given) -> None:
 
 def check_sample(sample, samples: int, name: str = "sample") -> None:
     """Raise OptionError unless `sample` is an integer index into so many samples."""
-    whole = isinstance(sample, Integral) and not isinstance(sample, bool)
-    if not (whole and -samples <= sample < samples):
+    if not (is_whole(sample) and -samples <= sample < samples):
         raise OptionError(
             f"no such {name}", where=name, got=_short(sample),
             expected=f"a whole number from {-samples} to {samples - 1}",
@@ -65,10 +119,7 @@ def checked_array(where: str, value, *shape: int, unit: str) -> np.ndarray:
 
     shape: sizes; -1 in front stands for any number of axes of any size.
     """
-    try:
-        array = np.asarray(value, float)
-    except (TypeError, ValueError):  # words, None among numbers, ragged lists
-        array = np.full(0, np.nan)
+    array = as_floats(value)
     tail = shape[1:] if shape[0] == -1 else shape
     fit = array.ndim >= len(tail) if shape[0] == -1 else array.ndim == len(shape)
     found = array.shape[array.ndim - len(tail) :]
@@ -84,15 +135,22 @@ def checked_array(where: str, value, *shape: int, unit: str) -> np.ndarray:
 def checked_choice(where: str, value, known, error=OptionError) -> np.ndarray:
     """Return an iterable of whole numbers among those known; `error` otherwise."""
     try:
-        wanted = np.asarray(list(value))
+        wanted = as_array(list(value), "iu")
     except TypeError:  # not iterable
-        wanted = np.full(0, np.nan)
-    if wanted.dtype.kind not in "iu" or not np.isin(wanted, known).all():
+        wanted = None
+    if wanted is None or not np.isin(wanted, known).all():
         raise error(
             "cannot select", where=where, got=_short(value),
             expected=f"whole numbers among {np.asarray(known).tolist()}",
         )  # fmt: skip
     return wanted
+
+
+def _reader(value, kinds) -> str:
+    """Return how the path of a file becomes one of these classes, "" if it cannot."""
+    path = isinstance(value, (str, os.PathLike))
+    able = [k.__name__ for k in kinds if path and hasattr(k, "load")]
+    return f"read a file by {able[0]}.load(path)" if able else ""
 
 
 def _is(value, kind) -> bool:
@@ -102,6 +160,4 @@ def _is(value, kind) -> bool:
 
 
 def _short(value) -> str:
-    text = repr(value)
-    short = len(text) <= SHOWN_CHARACTERS
-    return text if short else f"{text[: SHOWN_CHARACTERS - 3]}..."
+    return shortened(value, most=SHOWN_CHARACTERS)

@@ -16,7 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import SceneError
+from ..common.validation import as_array, as_floats
+from ..errors import SceneError, shortened, typed_call
 
 LARGEST_JOINT_SIGMA = 0.35  # [rad], 20 degrees: a larger one was given in degrees
 JOINT_LAYOUT = {  # of each finger
@@ -26,6 +27,7 @@ JOINT_LAYOUT = {  # of each finger
 }
 
 
+@typed_call()
 @dataclass(frozen=True)
 class JointZeros:
     """How wrong zero angles of joints displace and rotate fingers, world frame.
@@ -44,15 +46,12 @@ class JointZeros:
     change: tuple
 
     def __post_init__(self) -> None:
-        sigma = np.asarray(self.sigma)
-        if (
-            sigma.ndim
-            or sigma.dtype.kind not in "iuf"
-            or not 0 < sigma < LARGEST_JOINT_SIGMA
-        ):
+        sigma = as_array(self.sigma, "iuf")
+        single = sigma is not None and sigma.ndim == 0
+        if not (single and 0 < sigma < LARGEST_JOINT_SIGMA):
             raise SceneError(
                 "not a standard deviation of an angle",
-                where="JointZeros.sigma", got=self.sigma,
+                where="JointZeros.sigma", got=shortened(self.sigma, most=80),
                 expected=f"one number above 0 and below {LARGEST_JOINT_SIGMA} rad",
                 next="give radians: np.deg2rad(1.0) is one degree",
             )  # fmt: skip
@@ -69,7 +68,7 @@ class JointZeros:
     @property
     def fingers(self) -> int:
         """The number of fingers F."""
-        return len(self.place) if np.ndim(self.place) else 0
+        return len(np.atleast_1d(as_floats(self.place)))
 
     @property
     def _J(self) -> np.ndarray:
@@ -118,15 +117,13 @@ class JointZeros:
 def _numbers(name: str, value, fingers: int) -> np.ndarray:
     shape, unit = JOINT_LAYOUT[name]
     words = ", ".join(["F", *map(str, shape)])
-    try:
-        array = np.asarray(value, float)
-        fit = array.shape == (fingers, *shape) and np.isfinite(array).all()
-    except (TypeError, ValueError):  # words, ragged lists
-        fit = False
+    array = as_floats(value)
+    fit = array.shape == (fingers, *shape) and np.isfinite(array).all()
     if fit and fingers:
         return array
     raise SceneError(
-        "not an array of this shape", where=f"JointZeros.{name}", got=repr(value)[:60],
+        "not an array of this shape", where=f"JointZeros.{name}",
+        got=shortened(value, most=60),
         expected=f"({words}) {unit}, of as many fingers as place",
         next="stack the arrays of all fingers",
     )  # fmt: skip

@@ -10,20 +10,27 @@ from functools import partial
 import numpy as np
 
 from ..common.npz import read_npz, write_npz
-from ..common.validation import check_types, checked_choice
-from ..errors import MeasurementError
+from ..common.validation import (
+    as_array,
+    as_floats,
+    check_types,
+    checked_choice,
+)
+from ..errors import MeasurementError, shortened, typed_call
 
 UNIT_TOLERANCE = 1e-3  # [1], beyond it a vector is wrong, not merely rounded
 UNIT_EXACT = 1e-12  # [1], below it a length is left alone: round trips stay exact
 ROTATION_TOLERANCE = 1e-6  # [1], largest entry of R R' - 1
 LARGEST_RADIUS = 0.2  # [m], a fingertip is smaller: beyond it the file is in mm
+SMALLEST_RADIUS = 1e-5  # [m], no fingertip is sharper
+FARTHEST = 1e4  # [m] from the world's origin: beyond it doubles lose digits that count
 LARGEST_SPREAD = 10.0  # [m], no hand reaches further: beyond it the file is in mm
 LONGEST_INTERVAL = 5.0  # [s], 30 Hz data in milliseconds have 33
 # The documented keys: axes (T samples, F fingers), what is expected, dtypes accepted.
 LAYOUT = {
     "time": (("T",), "[s], increasing", "iuf"),
     "finger_position": (("T", "F", 3), f"[m], within {LARGEST_SPREAD} m", "iuf"),
-    "finger_radius": (("F",), f"[m], above 0, at most {LARGEST_RADIUS}", "iuf"),
+    "finger_radius": (("F",), f"[m], {SMALLEST_RADIUS} to {LARGEST_RADIUS}", "iuf"),
     "contact": (("T", "F"), "True (1) or False (0)", "biuf"),
     "normal": (("T", "F", 3), "unit vectors, zero without contact", "iuf"),
     "action": (("T",), "whole numbers, non-decreasing", "iu"),
@@ -33,6 +40,7 @@ LAYOUT = {
 OPTIONAL = ("valid", "finger_orientation")
 
 
+@typed_call()
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Measurements:
     """T samples of F fingers, in SI units and in the world frame.
@@ -127,14 +135,11 @@ class Measurements:
 
     def transformed(self, R: np.ndarray, t: np.ndarray) -> Measurements:
         """Return the data in a frame v: p_v = R p_w + t, R (3, 3), t (3,) [m]."""
-        try:
-            R_vw, t_vw = np.asarray(R, float), np.asarray(t, float)
-        except (TypeError, ValueError):  # words, ragged lists
-            R_vw = t_vw = np.zeros(0)
+        R_vw, t_vw = as_floats(R), as_floats(t)
         rigid = R_vw.shape == (3, 3) and t_vw.shape == (3,) and np.isfinite(R_vw).all()
         rigid = rigid and abs(R_vw @ R_vw.T - np.eye(3)).max() <= ROTATION_TOLERANCE
         if not (rigid and np.linalg.det(R_vw) > 0):
-            parts = {"where": "R, t", "got": f"{R}, {t}"}
+            parts = {"where": "R, t", "got": shortened((R, t), most=200)}
             parts |= {"expected": "a rotation matrix (3, 3) and an offset (3,) [m]"}
             raise MeasurementError("not a rigid motion", next="check R R' = 1", **parts)
         moved = self._arrays() | {"normal": self.normal @ R_vw.T}
@@ -195,13 +200,13 @@ def _reject(key: str, bad: np.ndarray | bool, what: str, got: object, fix: str) 
 
 def _array(key: str, value: object) -> np.ndarray:
     """Return a fresh contiguous array of numbers, not yet checked any further."""
-    try:
-        array = np.asarray(value)
-    except ValueError:  # ragged lists
-        array = np.asarray(None)
-    wrong, got = array.dtype.kind not in LAYOUT[key][2], f"dtype {array.dtype}"
-    _reject(key, wrong, "wrong dtype", got, "give one array of plain numbers")
-    return np.array(array, dtype=np.int64 if key == "action" else float, order="C")
+    array, fix = as_array(value, LAYOUT[key][2]), "give one array of plain numbers"
+    of = f"{type(value).__name__}, dtype {getattr(value, 'dtype', 'object')}"
+    _reject(key, array is None, "wrong dtype", of, fix)
+    if key == "action":
+        _reject(key, array > np.iinfo(np.int64).max, "too large", array, "number anew")
+        return np.array(array, dtype=np.int64, order="C")
+    return np.array(array, dtype=float, order="C")
 
 
 def _shaped(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -229,7 +234,12 @@ def _check_fingers(arrays: dict[str, np.ndarray]) -> None:
             bad, fix = ~np.isfinite(arrays[key]), "give a number even where not valid"
             _reject(key, bad, "not finite", arrays[key], fix)
     radius, p_wf = arrays["finger_radius"], arrays["finger_position"]
-    _reject("finger_radius", radius <= 0, "not positive", radius, "measure the tip")
+    fix = "measure the tip, give metres"
+    _reject("finger_radius", radius <= 0, "not positive", radius, fix)
+    small = radius < SMALLEST_RADIUS
+    _reject("finger_radius", small, "too small", radius, fix)
+    fix = f"use a frame whose origin is within {FARTHEST:.0f} m of the fingers"
+    _reject("finger_position", abs(p_wf) > FARTHEST, "too far away", p_wf, fix)
     what, fix = "looks like millimetres", "divide by 1000"
     _reject("finger_radius", radius > LARGEST_RADIUS, what, radius, fix)
     far = abs(p_wf - p_wf[0, 0]) > LARGEST_SPREAD

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from numbers import Real
 
 import numpy as np
 
-from ..errors import OptionError
+from ..common.validation import as_number, is_whole
+from ..errors import OptionError, shortened, typed_call
 from .measurements import Measurements
 
 
+@typed_call()
 @dataclass(frozen=True)
 class Noise:
     """Errors of the sensors; all zero by default.
@@ -33,18 +34,17 @@ class Noise:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value, upper = getattr(self, field.name), np.inf
+            value, upper = getattr(self, field.name), np.finfo(float).max
             if field.name in ("flips", "dropped"):
                 upper = 1.0
-            if field.name == "seed" and not isinstance(value, (int, np.integer)):
+            if field.name == "seed" and not is_whole(value):
                 value = np.nan
-            number = isinstance(value, Real) and not isinstance(value, bool)
-            if not (number and 0 <= value <= upper):
+            if not 0 <= as_number(value) <= upper:
                 raise OptionError(
                     "out of range",
                     where=f"Noise.{field.name}",
-                    got=getattr(self, field.name),
-                    expected=f"a number from 0 to {upper}",
+                    got=shortened(getattr(self, field.name), most=80),
+                    expected=f"a finite number from 0 to {upper:g}",
                     next="give standard deviations in m and rad, the seed as an int",
                 )
 

@@ -8,8 +8,13 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from ..common.npz import read_npz
-from ..common.validation import check_types, checked_array
-from ..errors import MeasurementError, OptionError, SceneError
+from ..common.validation import (
+    as_array,
+    as_floats,
+    check_types,
+    checked_array,
+)
+from ..errors import MeasurementError, OptionError, SceneError, shortened, typed_call
 from .joint_offsets import JointZeros
 from .measurements import UNIT_EXACT, Measurements
 
@@ -19,6 +24,7 @@ HEAVIEST = 100.0  # [kg] no finger pushes more: beyond it a mass is in grams
 KNOWN_KEYS = ("mass", "friction_ground", "friction_finger")  # read from a file
 
 
+@typed_call()
 @dataclass(frozen=True)
 class Ground:
     """The plane that the object rests on: all points p with normal . p = height.
@@ -76,6 +82,7 @@ class Ground:
         return points @ self.rotation + self.origin
 
 
+@typed_call()
 @dataclass(frozen=True)
 class Scene:
     """What is known of object, ground and sensors; SceneError if it is impossible.
@@ -97,6 +104,9 @@ class Scene:
     compliance:      [m/N], how far a fingertip yields under a normal force, all alike;
                      0: rigid; None: rigid unless the measurements say otherwise
 
+    sigma_centre:    [1], standard deviation of each coordinate of the centre of mass
+                     from the body's centroid, of a typical size; 0: it is the centroid
+
     The default mass and frictions are those of the recorded scenes.  Sensor
     figures that are None are estimated from the data, except sigma_offset.
     """
@@ -112,6 +122,7 @@ class Scene:
     flip_rate: float | None = None
     sigma_offset: float | JointZeros | None = None
     compliance: float | None = None
+    sigma_centre: float = 0.03
 
     def __post_init__(self) -> None:
         never, inf = np.nextafter(0.0, 1.0), np.inf  # the least number above zero
@@ -126,6 +137,7 @@ class Scene:
             ("sigma_normal", True, never, inf, "a standard deviation above 0"),
             ("flip_rate", True, 0.0, 0.5, "a probability in [0, 0.5)"),
             ("compliance", True, 0.0, 1.0, "a compliance in [0, 1) m/N"),
+            ("sigma_centre", False, 0.0, 1.0, "a share of a typical size in [0, 1)"),
             ("sigma_offset", True, never, inf, "a standard deviation above 0 m"),
         ):
             value = getattr(self, name)
@@ -139,7 +151,7 @@ class Scene:
             raise SceneError(
                 "not a ground",
                 where="ground",
-                got=repr(self.ground),
+                got=shortened(self.ground, most=80),
                 expected="a Ground, or None",
                 next="write Ground(height=..., normal=...)",
             )
@@ -228,13 +240,13 @@ def _number(
     fix: str = "give one finite number in SI units",
 ) -> float:
     """Return a finite number in [low, high), or raise SceneError."""
-    array = np.asarray(value)
-    single = array.ndim == 0 and array.dtype.kind in "iuf"
+    array = as_array(value, "iuf")
+    single = array is not None and array.ndim == 0
     if not (single and np.isfinite(array) and low <= array < high):
         raise SceneError(
             "out of range" if single else "not one number",
             where=name,
-            got=repr(value),
+            got=shortened(value, most=80),
             expected=expected,
             next=fix,
         )
@@ -243,16 +255,13 @@ def _number(
 
 def _unit(name: str, value: object) -> tuple[float, float, float]:
     """Return a unit vector as a tuple, or raise SceneError."""
-    try:
-        vector = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):  # None, words, ragged lists
-        vector = np.zeros(0)
+    vector = as_floats(value)
     length = np.linalg.norm(vector)
     if vector.shape != (3,) or not abs(length - 1.0) <= NORMAL_TOLERANCE:
         raise SceneError(
             "not a unit vector",
             where=name,
-            got=repr(value),
+            got=shortened(value, most=80),
             expected=f"3 numbers of length 1 within {NORMAL_TOLERANCE}",
             next="divide it by its length; (0, 0, 1) is level ground",
         )

@@ -9,8 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.npz import read_npz, write_npz
-from ..common.validation import checked_choice
-from ..errors import MeasurementError
+from ..common.validation import (
+    as_array,
+    as_floats,
+    checked_choice,
+)
+from ..errors import MeasurementError, shortened, typed_call
 
 QUATERNION_TOLERANCE = 1e-3  # [1], of the length of a quaternion
 LARGEST_POSITION = 100.0  # [m], further than any tracked body: the file is in mm
@@ -18,6 +22,7 @@ LEAST_SAMPLES = 3  # samples: a change of velocity needs three poses
 TRAJECTORY_KEYS = ("toss", "position", "quaternion", "dt")
 
 
+@typed_call()
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Trajectories:
     """Poses of one body at T samples, recorded while nothing but the ground touched it.
@@ -39,9 +44,10 @@ class Trajectories:
     def __post_init__(self) -> None:
         position = _numbers("position", self.position, 3, "[m]")
         quaternion = _numbers("quaternion", self.quaternion, 4, "wxyz")
-        toss = np.asarray(self.toss)
-        if toss.dtype.kind not in "iu" or toss.ndim != 1:
-            raise _wrong("toss", "(T,) whole numbers", f"{toss.dtype} {toss.shape}")
+        toss = as_array(self.toss, "iu")
+        if toss is None or toss.ndim != 1:
+            got = shortened(self.toss, most=60)
+            raise _wrong("toss", "(T,) whole numbers", got)
         if not len(toss) == len(position) == len(quaternion):
             got = f"{len(toss)}, {len(position)} and {len(quaternion)} samples"
             raise _wrong("toss, position, quaternion", "one length T", got)
@@ -50,9 +56,10 @@ class Trajectories:
         )
         length = np.linalg.norm(quaternion, axis=1)
         _reject("quaternion", abs(length - 1) > QUATERNION_TOLERANCE, "unit length")
-        dt = np.asarray(self.dt)
-        if dt.ndim or dt.dtype.kind not in "iuf" or not 0 < dt < 1:
-            raise _wrong("dt", "one interval [s] between 0 and 1", repr(self.dt))
+        dt = as_array(self.dt, "iuf")
+        if dt is None or dt.ndim or not 0 < dt < 1:
+            got = shortened(self.dt, most=60)
+            raise _wrong("dt", "one interval [s] between 0 and 1", got)
         _, counts = np.unique(toss, return_counts=True)
         if np.count_nonzero(np.diff(toss)) + 1 != len(counts):
             raise _wrong(
@@ -102,12 +109,9 @@ class Trajectories:
 
 
 def _numbers(name: str, value, width: int, unit: str) -> np.ndarray:
-    try:
-        array = np.array(value, float)
-    except (TypeError, ValueError):  # words, ragged lists
-        array = np.zeros(0)
+    array = as_floats(value)
     if array.ndim != 2 or array.shape[1] != width or not len(array):
-        got = f"shape {array.shape}" if array.size else repr(value)[:60]
+        got = f"shape {array.shape}" if array.ndim > 1 else shortened(value, most=60)
         raise _wrong(name, f"(T, {width}) {unit}", got)
     _reject(name, ~np.isfinite(array).all(axis=1), "finite numbers")
     return array

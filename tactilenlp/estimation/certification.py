@@ -10,7 +10,8 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 
-from ..problem.certificates import certify, without
+from ..common.deadline import out_of_time
+from ..problem.certificates import Certificates, certify, without
 from ..problem.outliers import evidence_against_planar
 from ..problem.reductions import states_planar_motion
 from ..search.local_solve import (
@@ -39,13 +40,16 @@ def checked(job, page, solved, options, executor=None) -> Solved:
     best = certified(job, page, solved, options)
     fell = "planar" in best.certificates.broken and not states_planar_motion(page)
     rocked = with_tilt(best.job, page, best, options)
+    if fell and out_of_time("a tumble"):
+        return best
     if fell and job.shape.parameters == "sizes":
         tumbled = _tumbled(job, page, best, options, executor)
         return min(rocked, tumbled, key=lambda s: s.rank)
     if rocked is not best:
         best = certified(rocked.job, page, rocked, options)
     job = best.job
-    if options.rivals and best.solution.success:
+    profiles = options.rivals and best.solution.success
+    if profiles and not out_of_time("profile likelihoods"):
         return _profiled(job, page, best, options)
     return best
 
@@ -56,10 +60,12 @@ def certified(job, page, solved, options) -> Solved:
     Rest intervals are first cut where the body would move, and dropped if that was not
     enough.
     """
+    if out_of_time("certificates"):
+        return replace(solved, certificates=Certificates(()))
     found = certify(job, page, solved)
     for _ in range(MAX_RESTORED):
         back = [name for name in found.broken if name != "planar"]
-        if not back:
+        if not back or out_of_time("restored reductions"):
             break
         log.info("restoring reductions that do not hold: %s", ", ".join(back))
         more = {*found.cuts, *job.cuts}

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..common.deadline import ends_by
 from ..errors import Interrupted
 from ..problem.pages import page_of
 from ..search.local_solve import solved_from
@@ -47,13 +48,14 @@ def interrupted(request: Request, so_far: SoFar) -> Interrupted:
         data, deadline = data.select(done), time.monotonic() + SHUTDOWN_TIME
         job = replace(job, data=job.data.select(done), deadline=deadline)
         levels = page.LEVELS[-1:]
-        solved = solved_from(job, page, best, request.options, levels=levels)
+        with ends_by(deadline):
+            solved = solved_from(job, page, best, request.options, levels=levels)
         request = replace(request, data=data, job=job, page=page)
     if solved is None:
         return Interrupted("stopped by Ctrl-C before anything was found")
     kept = [solved.at] if job.shape.hypotheses == 1 else so_far.kept
     seconds = {**solved.solution.seconds, "total": so_far.spent}
-    estimate = read_off(request, solved, kept, seconds, False)
+    estimate = read_off(request, solved, kept, seconds)
     words = f"interrupted, {data.actions} of {whole} actions"
     estimate = replace(estimate, success=False, status=f"{words}, {estimate.status}")
     return Interrupted(

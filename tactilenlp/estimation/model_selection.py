@@ -1,21 +1,29 @@
 """Free what a page holds fixed where the data ask for it: selection of nested models.
 
-By default fingertips are rigid and a body on the ground slides flat.  Where touches
-cost more than the noise explains, the page is solved again from the optimum
-with that assumption given up: compliant fingertips, six unknowns a pose.  The larger
-model is kept where it lowers the objective by more than LARGER_MODEL nats, which is
-about what its Laplace evidence loses (the logarithm of prior over posterior
-deviations), and the spread of the likelihood: from another start noise alone is fitted
-better by about as much.
+By default fingertips are rigid, the centre of mass is the centroid, and a body on the
+ground slides flat.  Where touches cost more than the noise explains, the page is solved
+again from the optimum with one of these given up, then the next: compliance or centre
+of mass as unknowns, six unknowns a pose.  The larger model is kept where it lowers the
+objective by more than LARGER_MODEL nats, which is about what its Laplace evidence loses
+(the logarithm of prior over posterior deviations), and the spread of the likelihood:
+from another start noise alone is fitted better by about as much.
 """
 
 from __future__ import annotations
 
 import logging
 from dataclasses import replace
+from typing import NamedTuple
 
+import numpy as np
+
+from formulations.rigid_body import PLANAR
+
+from ..common.deadline import out_of_time
 from ..data.sensor_noise import variance_left
 from ..information.goodness_of_fit import NOTHING, misfits
+from ..information.information import optimum_of
+from ..information.mixture import distinct, laplace_mixture
 from ..problem.certificates import Skipped
 from ..problem.reductions import required_reductions
 from ..search.local_solve import (
@@ -32,6 +40,27 @@ from ..search.margins import LARGER_MODEL
 log = logging.getLogger("tactilenlp")
 
 
+class Nuisance(NamedTuple):
+    """A parameter that is fixed, and why.
+
+    searched: whether poses found while it is fixed are too far off to start from.
+    """
+
+    dropped: str
+    reason: str
+    searched: bool
+
+
+NUISANCES = {  # by reduction, in the order in which they are freed
+    "rigid": Nuisance(
+        "compliance of the fingertips", "they are rigid unless data say so", True
+    ),
+    "central": Nuisance(
+        "offset of the centre of mass", "it is the centroid unless data say so", False
+    ),
+}  # fmt: skip
+
+
 def excess_of(job, solved: Solved) -> tuple[float, float]:
     """Return the excess of the touches over their expected cost, and the gain to ask.
 
@@ -45,30 +74,62 @@ def excess_of(job, solved: Solved) -> tuple[float, float]:
     return touches.excess, LARGER_MODEL + touches.spread
 
 
-def with_soft_fingertips(job, page, solved, options, solve) -> tuple:
-    """Return job and solves, best first; the compliance is free where data ask for it.
+def with_nuisance_parameters(job, page, solved, options, solve) -> tuple:
+    """Return job and solves, best first; what NUISANCES names is free where data ask.
 
-    solved: with rigid fingertips, best first; solve(job): solves the page of a job from
+    solved: with all of it fixed, best first; solve(job): solves the page of a job from
     all starts of the search.
     """
-    best = solved[0]
-    if not (may_be_soft(job, page) and best.solution.success):
-        return job, solved
+    for name, nuisance in NUISANCES.items():
+        if fixes(job, page, name) and solved[0].solution.success:
+            job, solved = _with(name, nuisance, job, page, solved, options, solve)
+    return job, solved
+
+
+def _with(name, nuisance, job, page, solved, options, solve) -> tuple:
+    """Return job and solves, one nuisance parameter free if the data ask for it."""
+    best, *others = solved
     excess, needed = excess_of(job, best)
     if excess < needed:
-        return job, [
-            declined(best, RIGID_FINGERTIPS, excess, needed, "at most "),
-            *solved[1:],
-        ]
-    soft = replace(job, reductions=replace(job.reductions, rigid=False))
+        return job, [declined(best, name, excess, needed, "at most "), *others]
+    if out_of_time(nuisance.dropped):
+        return job, solved
+    larger = replace(job, reductions=replace(job.reductions, **{name: False}))
     levels = freed_levels(page.LEVELS, final=True) if job.reductions.planar else None
-    nearest = solved_from(soft, page, best.at, options, levels=levels)
-    freed = best_first([nearest, *solve(soft)])
+    freed = [solved_from(larger, page, best.at, options, levels=levels)]
+    if nuisance.searched:
+        freed = best_first([*freed, *solve(larger)])
     gain = _gain(best, freed[0])
     if gain < needed:
-        return job, [declined(best, RIGID_FINGERTIPS, gain, needed), *solved[1:]]
-    log.info("fingertips are soft: the objective falls by %.1f nats", gain)
-    return soft, freed
+        return job, [declined(best, name, gain, needed), *others]
+    log.info("%s is free: the objective falls by %.1f nats", nuisance.dropped, gain)
+    first = replace(freed[0], declined=best.declined)
+    return larger, [first, *freed[1:]]
+
+
+def most_probable_first(job, solved) -> list[Solved]:
+    """Return solves, first that of the largest evidence, not of the least objective.
+
+    Laplace's evidence has the volume of shape and final pose: a narrow optimum that is
+    lower by a fraction of a nat is not what is believed.
+    """
+    best = solved[0]
+    comparable = [
+        s for s in solved
+        if s.solution.success and s.window.motion is best.window.motion
+    ]  # fmt: skip
+    if job.shape.parameters != "sizes" or len(comparable) < 2:
+        return solved
+    R_wg = np.eye(3) if job.scene.ground is None else job.scene.ground.rotation.T
+    optima = [
+        (*optimum_of(s.problem, s.solution, s.window, job.shape, R_wg), s)
+        for s in comparable
+    ]
+    turning = 1 if best.window.motion is PLANAR else 3
+    optima = distinct(job.shape, turning, optima)
+    modes = laplace_mixture(job.shape, turning, optima)
+    first = optima[int(np.argmax(modes.weights))][-1]
+    return [first, *(s for s in solved if s is not first)]
 
 
 def with_tilt(job, page, best: Solved, options) -> Solved:
@@ -78,8 +139,14 @@ def with_tilt(job, page, best: Solved, options) -> Solved:
     excess, needed = excess_of(job, best)
     if excess < needed:
         return best
+    if out_of_time("tilt"):
+        return best
     free = replace(job, reductions=replace(job.reductions, planar=False))
-    tilted = freed_to_tilt(free, page, best, settings_of(free, options), RESTART_MU)
+    if rough := getattr(page, "ROUGH", ()):  # touches taken for outliers pull again
+        tilted = solved_from(free, page, best.at, options, levels=rough)
+    else:
+        settings = settings_of(free, options)
+        tilted = freed_to_tilt(free, page, best, settings, RESTART_MU)
     gain = _gain(best, tilted)
     if gain < needed:
         return best
@@ -87,10 +154,14 @@ def with_tilt(job, page, best: Solved, options) -> Solved:
     return replace(tilted, declined=best.declined)
 
 
-def may_be_soft(job, page) -> bool:
-    """Tell whether fingertips are rigid by assumption, and a page can free them."""
-    unknown = job.scene.compliance is None and job.reductions.rigid
-    return unknown and "rigid" in getattr(page, "FREED", ())
+def fixes(job, page, name: str) -> bool:
+    """Tell whether a nuisance parameter is fixed by assumption, and a page frees it."""
+    unknown = {
+        "rigid": job.scene.compliance is None,
+        "central": job.scene.sigma_centre > 0,
+    }
+    freed = name in getattr(page, "FREED", ())
+    return unknown[name] and getattr(job.reductions, name) and freed
 
 
 def may_tilt(job, page) -> bool:
@@ -100,16 +171,9 @@ def may_tilt(job, page) -> bool:
     return ground and made and "planar" in getattr(page, "FREED", ())
 
 
-RIGID_FINGERTIPS = (
-    "rigid",
-    "compliance of the fingertips",
-    "they are rigid unless data say so",
-)
-
-
-def declined(solved: Solved, model, gain, needed, bound: str = "") -> Solved:
+def declined(solved: Solved, name, gain, needed, bound: str = "") -> Solved:
     """Return a solve with the certificate that a larger model explains no more."""
-    name, dropped, reason = model
+    dropped, reason, _ = NUISANCES[name]
     check = f"freeing it would lower the objective by {bound}[nats]"
     skipped = Skipped(name, dropped, reason, check, gain, needed, gain < needed)
     return replace(solved, declined=(*solved.declined, skipped))

@@ -24,7 +24,7 @@ from ..information.comparisons import gauss_newton, inverse_dynamics, paper
 from ..information.information import Information, inverse
 from ..information.measurement_noise import (
     Sensed,
-    measurement_numbers,
+    mixed_derivatives,
     sensitivity_to_measurements,
     sensor_covariance,
 )
@@ -75,10 +75,9 @@ def observed_information(estimate, kind: str = "exact") -> Information:
     C = J @ pulls[again.tangent.chosen] @ J.T
     if kind == "sandwich":
         sensed = again.sensed
-        source = measurement_numbers(curvature, sensed, again.window)
-        C = sensor_covariance(
-            *sensitivity_to_measurements(curvature, pulls, held, sensed, source), sensed
-        )
+        through = mixed_derivatives(curvature, sensed, again.window)
+        moves = sensitivity_to_measurements(through, sensed, pulls, held)
+        C = sensor_covariance(*moves, sensed)
         C = J @ C @ J.T
     C = (C + C.T) / 2
     return replace(estimate.information, matrix=inverse(C), spread=C)

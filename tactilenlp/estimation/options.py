@@ -8,16 +8,24 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..common.validation import check_types
-from ..errors import OptionError
+from ..common.validation import (
+    as_floats,
+    as_number,
+    check_types,
+    is_whole,
+)
+from ..data.measurements import FARTHEST
+from ..errors import OptionError, StartError, shortened, typed_call
 from ..nlp.ipopt import check_positive
 from ..problem.reductions import Reductions
 from ..search.hypothesis import TermFunctions
 
+MOST = 1_000_000  # [-] hypotheses or starts
 # (hypotheses, starts) for noisy, for precise sensors
 NOISY_WIDTHS, PRECISE_WIDTHS = (4, 8), (2, 3)
 
 
+@typed_call()
 @dataclass(frozen=True)
 class Options:
     """How to estimate.
@@ -47,14 +55,15 @@ class Options:
         )  # fmt: skip
         if self.seed is not None:
             words = "Options.seed has no effect: an estimate draws no random numbers"
-            warnings.warn(words, FutureWarning, stacklevel=3)
+            warnings.warn(words, FutureWarning, stacklevel=4)
         Reductions.of(self.reduce)
         for name in ("hypotheses", "starts"):
             value = getattr(self, name)
-            if value is not None and not (isinstance(value, int) and value >= 1):
+            if value is not None and not (is_whole(value) and 1 <= value <= MOST):
                 raise OptionError(
-                    "out of range", where=name, got=value, expected="an integer >= 1"
-                )
+                    "out of range", where=name, got=shortened(value, most=80),
+                    expected=f"an integer from 1 to {MOST}",
+                )  # fmt: skip
         check_positive(self, "tolerance", "time_limit")
 
     def widths(self, precise: bool) -> tuple[int, int]:
@@ -63,16 +72,35 @@ class Options:
         return self.hypotheses or kept, self.starts or solved
 
 
+@typed_call()
 @dataclass(frozen=True, eq=False)
 class Guess:
     """What a user thinks the object is: size and pose at the first sample.
 
-    side_lengths (3,) [m]; position (2,) or (3,) [m]; yaw [rad].
+    side_lengths (3,) [m]; position (2,) or (3,) [m]; yaw [rad].  Raises StartError.
     """
 
     side_lengths: np.ndarray
     position: np.ndarray
     yaw: float = 0.0
+
+    def __post_init__(self) -> None:
+        sides, place = as_floats(self.side_lengths), as_floats(self.position)
+        yaw = as_number(self.yaw)
+        near = place.shape in ((2,), (3,)) and (abs(place) <= FARTHEST).all()
+        for name, fit, expected in (
+            ("side_lengths", sides.ndim == 1 and (sides > 0).all(), "(3,) above 0 [m]"),
+            ("position", near, f"(2,) or (3,) [m], within {FARTHEST:.0f} m"),
+            ("yaw", True, "one number [rad]"),
+        ):
+            array = {"side_lengths": sides, "position": place, "yaw": yaw}[name]
+            if not (fit and np.isfinite(array).all()):
+                got = shortened(getattr(self, name), most=80)
+                raise StartError(
+                    "cannot be guessed", where=f"start.{name}", got=got,
+                    expected=f"{expected}, finite",
+                )  # fmt: skip
+            object.__setattr__(self, name, array)
 
 
 class Session:

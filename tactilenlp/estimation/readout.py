@@ -23,16 +23,18 @@ from .request import Request
 from .result import Estimate
 
 
-def read_off(request: Request, solved, kept, seconds, late: bool, modes=()) -> Estimate:
+def read_off(request: Request, solved, kept, seconds, omitted=(), modes=()) -> Estimate:
     """Return the estimate of a solved page, in the frame of the data.
 
-    kept: hypotheses for the next action; seconds: of CPU time by step; late: whether
-    the time limit was reached; modes: other local optima of the same page.
+    kept: hypotheses for the next action; seconds: of CPU time by step; omitted: what
+    there was no time for; modes: other local optima of the same page.
     """
     job, page, solution = request.job, request.page, solved.solution
-    status = f"{solution.status}, time limit reached" if late else solution.status
     read = {"sizes": read_box, "vertices": read_polytope}[job.shape.parameters]
     body, information = read(job, page, solved, modes)
+    status = solution.status
+    if omitted:  # a list that grows until here
+        status += f", time limit reached: without {', '.join(omitted)}"
     left = variance_left(job.data, job.precision)
     fit = fit_of(solved.problem, solution, solved.window, job.data, left)
     if fit is not None:

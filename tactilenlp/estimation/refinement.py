@@ -7,9 +7,9 @@ filtered again, and the optimum of free motion is close.
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
+from ..common.deadline import out_of_time
 from ..geometry.transforms import is_planar
 from ..problem.certificates import planar_certificate
 from ..problem.reductions import Reductions, required_reductions
@@ -82,7 +82,7 @@ def _multistart(job, page, kept, options, solved, start) -> list[Solved]:
     good = [s for s in solved if s.solution.success]
     bound = min(h.objective for h in kept) + RAN_AWAY * job.data.actions
     lost = not good or good[0].solution.objective > bound
-    if lost and levels is not own and time.monotonic() < job.deadline:
+    if lost and levels is not own and not out_of_time("the page's own levels"):
         # Slower: the page's own levels, which hold poses first.
         good = [*good, solved_from(job, page, solved[0].hypothesis, options)]
     return best_first(good or solved)

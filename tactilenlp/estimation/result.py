@@ -6,9 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from formulations.centre_of_mass import NAME as CENTRE
 from formulations.indentation import NAME as COMPLIANCE
 from formulations.rigid_body import G
 
+from ..common.named import Named
 from ..common.npz import read_result, write_result
 from ..common.validation import check_sample
 from ..data.joint_offsets import JointZeros
@@ -26,6 +28,8 @@ from ..problem.certificates import Skipped
 from ..search.hypothesis import Hypothesis
 
 ESTIMATE_FORMAT, ESTIMATE_VERSION = "estimate", 2  # of the files that `save` writes
+# Fields that are asked by name, as in estimate.impulses["finger 0"].
+BY_NAME = ("impulses", "unknowns", "costs", "violations", "multipliers", "seconds")
 UNOBSERVED_TURN = 45.0  # [deg] of sigma beyond which a rotation is not observed
 
 
@@ -79,6 +83,11 @@ class Estimate:
     finger_offset: np.ndarray | None = None
     fit: Fit | None = None
 
+    def __post_init__(self) -> None:
+        for name in BY_NAME:
+            values = Named(f"estimate.{name}", getattr(self, name))
+            object.__setattr__(self, name, values)
+
     @property
     def side_lengths(self) -> np.ndarray:
         """Full side lengths (3,) [m] of a cuboid, along its body axes."""
@@ -113,6 +122,21 @@ class Estimate:
             return None
         return float(self.unknowns[COMPLIANCE].item()) / (self.scene.mass * G)
 
+    @property
+    def centre_of_mass(self) -> np.ndarray:
+        """Offset (3,) [m] from the centroid, body frame; zero where that is fixed."""
+        return self.unknowns.get(CENTRE, np.zeros(3)).ravel()
+
+    @property
+    def sigma_position(self) -> np.ndarray:
+        """Standard deviations (T, 3) [m] of the position at every sample."""
+        return self.information.along_path("position")
+
+    @property
+    def sigma_yaw(self) -> np.ndarray:
+        """Standard deviations (T,) [rad] of the turn about the world's z axis."""
+        return self.information.along_path("rotation")[:, 2]
+
     def rotation(self, sample: int = -1) -> np.ndarray:
         """Return the rotation matrix (3, 3) from body to world at a sample."""
         check_sample(sample, len(self.quaternion))
@@ -141,20 +165,31 @@ class Estimate:
             f"after {self.iterations} iterations, {self.seconds['total']:.1f} CPU s; "
             f"largest violation {max(self.violations.values(), default=0.0):.1g}.",
         ]
+        if self.information.path is not None:
+            off = self.sigma_position.max(axis=1) * mm
+            lines.append(
+                f"Along the path the position is known to {off.min():.2f} to "
+                f"{off.max():.2f} mm (one standard deviation)."
+            )
+        lines += self.remarks
+        lines += [f"Skipped {s}." for s in self.skipped]
+        return "\n".join(lines)
+
+    @property
+    def remarks(self) -> list[str]:
+        """Sentences on fit, nuisance parameters, what is not observed, other optima."""
+        lines = []
         if self.fit is not None:
             lines.append(self.fit.text)
         if self.compliance is not None:
             lines.append(self._softness())
+        if CENTRE in self.unknowns:
+            lines.append(self._unbalanced())
         if self.finger_offset is not None:
             lines.append(offsets_in_words(self.finger_offset, self.information.offsets))
-        if self.information.unobserved:
-            lines.append(
-                "Not observed: " + "; ".join(self.information.unobserved) + "."
-            )
-        if self.information.also:
-            lines.append("Also possible: " + "; ".join(self.information.also) + ".")
-        lines += [f"Skipped {s}." for s in self.skipped]
-        return "\n".join(lines)
+        if open_ := self.information.unobserved:
+            lines.append(f"Not observed: {'; '.join(open_)}.")
+        return [*lines, *self.information.also]
 
     def _sized(self) -> str:
         """Return the size of the body in words."""
@@ -179,6 +214,14 @@ class Estimate:
         return (
             f"Fingertips are soft: they yield by {1e3 * self.compliance * weight:.2f} "
             f"mm under the object's weight ({weight:.1f} N)."
+        )
+
+    def _unbalanced(self) -> str:
+        """Return the offset of the centre of mass in words."""
+        x, y, z = 1e3 * self.centre_of_mass
+        return (
+            f"The centre of mass is off the centroid by ({x:.1f}, {y:.1f}, {z:.1f}) mm "
+            "in the axes of the body."
         )
 
     def _turned(self) -> str:

@@ -6,16 +6,16 @@ The steps, in this order: request, search, refinement, certificates, readout.
 from __future__ import annotations
 
 import logging
-import time
 from dataclasses import replace
 from types import ModuleType
 
 from formulations.shape import Shape
 
+from ..common.deadline import ends_by, omissions, out_of_time
 from ..common.interrupt import interruptible
 from ..data.scene import Scene
 from ..errors import MotionError
-from ..nlp.solution import not_converged
+from ..nlp.solution import check_finite, not_converged
 from ..problem.outliers import check_explained
 from ..problem.reductions import Reductions
 from ..search import tracks
@@ -35,7 +35,7 @@ from ..search.proposals_floating import (
 from .certification import certified, checked
 from .incremental_polytope import repaired, updated
 from .interrupted import SoFar, interrupted
-from .model_selection import with_soft_fingertips
+from .model_selection import most_probable_first, with_nuisance_parameters
 from .options import PROCESS, Guess, Options, Session
 from .readout import name_of, read_off
 from .refinement import refined
@@ -43,6 +43,8 @@ from .request import Request, first_guess, read_request
 from .result import Estimate
 
 log = logging.getLogger("tactilenlp")
+# [-] of the time until the readout, at which each step ends
+SEARCH_END, REFINEMENT_END, CERTIFICATES_END = 0.5, 0.85, 1.0
 
 
 def solve_estimate(
@@ -78,7 +80,7 @@ def solve_estimate(
     )
     so_far = SoFar(known)
     try:
-        with interruptible():
+        with interruptible(), ends_by(request.job.deadline):
             estimate, best = _estimated(request, so_far)
     except KeyboardInterrupt as stop:
         raise interrupted(request, so_far) from stop
@@ -93,21 +95,27 @@ def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
     job, page, options, start = (
         request.job, request.page, request.options, request.start
     )  # fmt: skip
-    update, accepted = updated(job, page, start, options, certified)
+    with ends_by(request.time_at(CERTIFICATES_END)):
+        update, accepted = updated(job, page, start, options, certified)
     if accepted:
         so_far.kept = [update.at]
         return _read(request, update, so_far, 0.0, [update]), update
     kept, starts = _searched(request, so_far.kept)
     so_far.kept, searched = kept, so_far.spent
     earlier = start if _had_alternatives(start, page) else None
-    solved = refined(job, page, starts, options, so_far.solved, earlier)
-    job, solved = with_soft_fingertips(
-        job, page, solved, options,
-        lambda soft: refined(soft, page, starts, options, so_far.solved, earlier),
-    )  # fmt: skip
-    solved = repaired(job, page, solved, options, update)
-    cuts = solved[0].job.cuts
-    best = checked(replace(job, cuts=cuts), page, solved[0], options, request.executor)
+    with ends_by(request.time_at(REFINEMENT_END)):
+        solved = refined(job, page, starts, options, so_far.solved, earlier)
+        check_finite(solved[0].problem, solved[0].solution)
+        job, solved = with_nuisance_parameters(
+            job, page, solved, options,
+            lambda soft: refined(soft, page, starts, options, so_far.solved, earlier),
+        )  # fmt: skip
+        solved = repaired(job, page, solved, options, update)
+    cut, (best, *_) = replace(job, cuts=solved[0].job.cuts), solved
+    with ends_by(request.time_at(CERTIFICATES_END)):
+        if not out_of_time("evidence of other optima"):
+            best, *_ = most_probable_first(job, solved)
+        best = checked(cut, page, best, options, request.executor)
     so_far.kept = _carried_on(job, solved, kept, request.widths[0])
     others = [
         s for s in solved
@@ -119,8 +127,7 @@ def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
 def _read(request, best, so_far, searched: float, modes) -> Estimate:
     """Return the estimate read from the best page; searched [s] of CPU time."""
     seconds = best.solution.seconds | {"search": searched, "total": so_far.spent}
-    late = time.monotonic() > request.job.deadline
-    return read_off(request, best, so_far.kept, seconds, late, modes)
+    return read_off(request, best, so_far.kept, seconds, omissions(), modes)
 
 
 def _had_alternatives(start, page) -> bool:
@@ -136,13 +143,15 @@ def _searched(request: Request, kept) -> tuple[list[Hypothesis], list[Hypothesis
     kept: a list of those to begin with; holds those of the actions done so far.  A
     floating object is searched in the plane of its touches.
     """
-    job, start, plane = request.job, request.start, None
+    start, plane = request.start, None
+    job = replace(request.job, deadline=request.time_at(SEARCH_END))
     lean = replace(job, reductions=Reductions())  # whatever the last solve leaves out
     if job.scene.ground is None:
         plane = search_plane(job, start if isinstance(start, Guess) else None)
         lean = in_search_plane(lean, plane)
     search = {"sizes": _search_sizes, "vertices": _search_vertices}
-    found = search[job.shape.parameters](request, lean, plane, kept)
+    with ends_by(job.deadline):
+        found = search[job.shape.parameters](request, lean, plane, kept)
     if plane is None:
         return found, found
     starts = [in_free_motion(h, plane, job.shape) for h in found]

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..common.validation import as_floats, is_whole
 from ..data.trajectories import QUATERNION_TOLERANCE
 from ..errors import OptionError, TactileError
 from ..geometry.transforms import rotation_of
@@ -186,7 +187,7 @@ def triangles_of(mesh: Trimesh, where: str) -> np.ndarray:
     """Return the triangles (M, 3, 3) [m] that have an area, or raise TactileError."""
     from trimesh.triangles import area
 
-    triangles = np.asarray(getattr(mesh, "triangles", np.empty((0, 3, 3))), dtype=float)
+    triangles = as_floats(getattr(mesh, "triangles", np.empty((0, 3, 3))))
     if not np.all(np.isfinite(triangles)) or not np.any(area(triangles) > 0):
         expected, got = "a finite trimesh.Trimesh with an area", type(mesh).__name__
         next = "pass the mesh in the world frame, such as estimate.mesh()"
@@ -207,7 +208,7 @@ def _unit(quaternion: ArrayLike, where: str) -> np.ndarray:
 def generator_of(samples: int, seed: int) -> np.random.Generator:
     """Return the seeded generator, or raise OptionError."""
     for where, value, least in (("samples", samples, 1), ("seed", seed, 0)):
-        if not isinstance(value, int | np.integer) or value < least:
+        if not is_whole(value) or value < least:
             expected = f"an integer, {least} or more"
             raise OptionError("unusable", where=where, expected=expected, got=value)
     return np.random.default_rng(seed)
@@ -217,10 +218,7 @@ def finite_array(
     value: ArrayLike, shape: tuple, where: str, positive=False
 ) -> np.ndarray:
     """Return finite floats of a shape, where None stands for any length above 0."""
-    try:
-        array = np.atleast_1d(np.asarray(value, dtype=float))
-    except (TypeError, ValueError):
-        array = np.empty(0)
+    array = np.atleast_1d(as_floats(value))
     fits = array.size > 0 and array.shape == (shape[0] or len(array), *shape[1:])
     if not fits or not np.all(np.isfinite(array)) or (positive and np.any(array <= 0)):
         expected = "positive" if positive else "finite"

@@ -4,23 +4,31 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 from functools import cache
-from numbers import Real
 
 import casadi as ca
 import numpy as np
 
 from formulations import exploration as page
 
-from ..common.validation import check_numbers, check_types, checked_array
+from ..common.validation import (
+    as_array,
+    as_number,
+    check_types,
+    checked_array,
+    is_whole,
+)
 from ..data.scene import Ground
-from ..errors import OptionError
+from ..errors import OptionError, shortened, typed_call
 
 POINT_RATE = 100  # [Hz] points of a trajectory
+MOST_FINGERS = 100  # [1]
+MOST_POINTS = 20_000  # [1] of all fingers in a trajectory
 MAX_RADIUS = 10.0  # [m]; larger values are most likely millimetres
 SIMULATION_BOUND, ROBOT_BOUND = 2 * np.pi / 5, np.pi / 4  # [rad] of the paper
 SINGLE_FINGER_BOUND = np.pi  # [rad] of right ascension: any direction
 
 
+@typed_call()
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """Commanded finger positions.
@@ -33,6 +41,7 @@ class Trajectory:
     finger_position: np.ndarray
 
 
+@typed_call()
 @dataclass(frozen=True)
 class Workspace:
     """The fingers and the space of their actions.
@@ -61,12 +70,14 @@ class Workspace:
     ground: Ground | None = field(default_factory=Ground)
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.fingers, (int, np.integer)) and self.fingers >= 1):
-            raise _option_error("fingers", "an integer >= 1", self.fingers)
+        if not (is_whole(self.fingers) and 1 <= self.fingers <= MOST_FINGERS):
+            raise _option_error(
+                "fingers", f"an integer from 1 to {MOST_FINGERS}", self.fingers
+            )
         check_types(ground=(self.ground, (Ground, type(None))))
         for name in (f.name for f in fields(self) if f.type == "float"):
             value = getattr(self, name)
-            if not (isinstance(value, Real) and 0 < value < np.inf):
+            if not (0 < as_number(value) < np.inf):
                 raise _option_error(name, "a number above 0", getattr(self, name))
         if self.bound > np.pi / 2:
             raise _option_error("bound", "at most pi / 2 [rad]", self.bound)
@@ -123,6 +134,7 @@ class Workspace:
         return self.action(rng.uniform(self.lower, self.upper), active)
 
 
+@typed_call()
 @dataclass(frozen=True, eq=False)
 class Action:
     """One motion of all fingers towards a target.
@@ -145,9 +157,12 @@ class Action:
         if not (inside and (angles <= space.upper + 1e-9).all()):
             expected = f"{2 * space.fingers} angles [rad] within the workspace's bounds"
             raise _option_error("angles", expected, angles.tolist())
-        active = (True,) * space.fingers if self.active is None else tuple(self.active)
-        if len(active) != space.fingers or not any(active):
-            raise _option_error("active", f"{space.fingers} booleans, one True", active)
+        given = (True,) * space.fingers if self.active is None else self.active
+        flags = as_array(given, "biu")
+        if flags is None or flags.shape != (space.fingers,) or not flags.any():
+            expected = f"{space.fingers} booleans, one True"
+            raise _option_error("active", expected, given)
+        active = tuple(flags.astype(bool).tolist())
         object.__setattr__(self, "angles", np.clip(angles, space.lower, space.upper))
         object.__setattr__(self, "active", active)
 
@@ -167,7 +182,10 @@ class Action:
     def positions(self, target: np.ndarray, n: int) -> np.ndarray:
         """Return finger positions (n, F, 3) [m] at n instants, world frame."""
         space, target = self.workspace, checked_array("target", target, 3, unit="[m]")
-        check_numbers("", "a whole number of instants from 2", n=(n, 1, 1e6))
+        most = MOST_POINTS // space.fingers
+        if not (is_whole(n) and 2 <= n <= most):
+            expected = f"a whole number of instants from 2 to {most}"
+            raise _option_error("n", expected, n, "shorten the duration")
         if space.ground is not None:
             target = space.ground.to_ground(target)
         alone = sum(self.active) == 1
@@ -212,6 +230,7 @@ def _finger_lines(fingers: int, n: int) -> ca.Function:
 def _option_error(
     where: str, expected: str, got: object, next: str = ""
 ) -> OptionError:
-    parts = {"where": where, "expected": expected, "got": f"{got}", "next": next}
+    got = shortened(got, str, 80)
+    parts = {"where": where, "expected": expected, "got": got, "next": next}
     problem = "not an action" if where == "angles" else "cannot be planned with"
     return OptionError(problem, **parts)

@@ -18,7 +18,7 @@ from formulations.shape import Shape
 
 from ..common.validation import check_sample, check_types
 from ..errors import OptionError
-from ..information.information import information_gain
+from ..information.comparisons import information_gain
 from ..problem.pages import shape_of
 from . import beliefs, polytope_beliefs
 from .action_space import Action, Workspace

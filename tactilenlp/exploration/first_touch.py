@@ -8,8 +8,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from ..common.validation import as_floats
 from ..data.measurements import Measurements
-from ..errors import NoContactError, OptionError
+from ..errors import NoContactError, OptionError, shortened
 from .action_space import POINT_RATE, Trajectory, Workspace
 
 SWEEP_SPACING = 0.03  # [m] between lines: a 1 cm finger meets what is above 1 cm wide
@@ -89,14 +90,11 @@ def first_touch(world, space: Workspace, centre, rng):
 
 def checked_centre(centre) -> np.ndarray:
     """Return the place at which the first finger aims, (3,) [m]; OptionError."""
-    try:
-        place = np.array(centre, float)
-    except (TypeError, ValueError):
-        place = np.array(np.nan)
+    place = as_floats(centre)
     if place.shape in ((2,), (3,)) and np.isfinite(place).all():
         return np.r_[place, AIM_HEIGHT][:3]
     raise OptionError(
-        "not a place", where="centre", got=repr(centre)[:80],
+        "not a place", where="centre", got=shortened(centre, most=80),
         expected="(2,) or (3,) finite numbers [m]",
     )  # fmt: skip
 

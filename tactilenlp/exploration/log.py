@@ -11,7 +11,7 @@ from tempfile import TemporaryFile
 from ..common.npz import check_folder, read_result, write_result
 from ..common.validation import check_types
 from ..data.measurements import Measurements
-from ..errors import FileError, StartError
+from ..errors import FileError, StartError, typed_call
 from ..estimation.result import ESTIMATE_CLASSES, Estimate
 from .action_search import Choice
 from .action_space import Action, Trajectory, Workspace
@@ -49,6 +49,7 @@ class Step:
     errors: dict[str, float] = field(default_factory=dict)
 
 
+@typed_call()
 @dataclass(frozen=True, eq=False)
 class Exploration:
     """The steps of an exploration, in order, as `explore(file=...)` saves them."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..common.validation import check_types
-from ..errors import OptionError
+from ..common.validation import check_types, is_whole
+from ..errors import OptionError, typed_call
 
 SEARCHES = (
     "facing", "direct", "direct_l", "crs2", "isres", "mlsl", "bobyqa", "cem", "random",
@@ -21,6 +21,7 @@ WORST_GAIN = -1e3  # [nats] in place of NaN and infinity, which nlopt does not a
 POPULATION = 20  # [1] of CRS2 and ISRES: nlopt's default would use up the budget
 
 
+@typed_call()
 @dataclass(frozen=True)
 class CrossEntropy:
     """The cross-entropy method, the paper's search.
@@ -53,7 +54,7 @@ def check_search(search, budget) -> str:
     if name not in SEARCHES:
         expected = f"one of {SEARCHES} or a CrossEntropy"
         raise OptionError("no such search", where="search", got=name, expected=expected)
-    if not (isinstance(budget, (int, np.integer)) and budget >= 2):
+    if not (is_whole(budget) and budget >= 2):
         expected = "an integer >= 2"
         raise OptionError("too few", where="budget", got=budget, expected=expected)
     return name

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from ..common.validation import check_numbers, check_types
-from ..errors import OptionError
+from ..errors import OptionError, typed_call
 from ..estimation.options import Options
 from ..problem.pages import shape_of
 from .action_space import Workspace
@@ -17,6 +17,7 @@ from .optimisers import CrossEntropy, check_search
 from .policies import checked_policy
 
 
+@typed_call()
 @dataclass(frozen=True, eq=False)
 class ExploreOptions:
     """The settings of `explore`.

@@ -10,10 +10,10 @@ import numpy as np
 
 from formulations import known_trajectory as page
 
-from ..common.validation import check_types
+from ..common.validation import as_floats, check_types
 from ..data.scene import Scene
 from ..data.trajectories import Trajectories
-from ..errors import MotionError, OptionError, SceneError
+from ..errors import MotionError, OptionError, SceneError, shortened
 from ..geometry.transforms import rotation_of
 from ..information.information import reduced_covariance
 from ..nlp.ipopt import SolverOptions, solve_levels
@@ -144,16 +144,13 @@ def _first_guess(guess, shape, position):
             if cuboid
             else (half[:, None] * CUBE_SIGNS, CUBE_SIGNS**2)
         )
-    try:
-        given = np.asarray(guess, float)
-    except (TypeError, ValueError):
-        given = np.full(1, np.nan)
+    given = as_floats(guess)
     fits = (
         given.shape == (3,) if cuboid else given.ndim == 2 and given.shape[1:] == (3,)
     )
     if not fits or not np.isfinite(given).all() or (cuboid and given.min() <= 0):
         raise OptionError(
-            "cannot start there", where="guess", got=repr(guess)[:80],
+            "cannot start there", where="guess", got=shortened(guess, most=80),
             expected="half widths (3,) > 0 [m]" if cuboid else "vertices (V, 3) [m]",
         )  # fmt: skip
     return (given[:, None], CUBE_SIGNS) if cuboid else (given.T, np.ones(given.T.shape))

@@ -4,9 +4,10 @@ In: a solved `Problem`.  Out: `Information` about shape and final pose.  The Hes
 the Lagrangian is reduced to the null space of the active constraints, and all else is
 marginalised by a Schur complement (Laplace approximation); nothing is solved here.
 
-- `information`, `tangent_space`, `polytope_information`, `unobserved`: what is known
+- `information`, `polytope_information`, `tangent_space`: what is known, what is open
+- `trajectory`: deviations of the pose at every sample
 - `goodness_of_fit`: expected and actual cost of the likelihood, a verdict
 - `error_budget`: the list of errors that sigma covers (`TERMS`); `error_budget_terms`,
   `measurement_noise`, `finger_offsets`: each term;  `mixture`: several local optima
-- `sensitivity`, `comparisons`: parametric sensitivity; other kinds of information
+- `sensitivity`, `comparisons`: parametric sensitivity; other kinds of information, gain
 """

@@ -1,4 +1,4 @@
-r"""Compute the information about shape and final pose in three other ways, to compare.
+r"""Compare information: kinds of it other than the exact one, and what a touch gains.
 
 gauss_newton      The Hessian of every residual without its negative part: for a sum of
                   squares with zero residuals this is J'J.  The curvature of constraints
@@ -29,7 +29,8 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from ..errors import OptionError
+from ..common.validation import as_floats, is_whole
+from ..errors import OptionError, TactileError
 from ..nlp.kkt import LEAST_CURVATURE
 from ..nlp.kkt_sensitivity import KKTSystem
 from ..nlp.term_functions import mapped
@@ -233,3 +234,40 @@ def scattered(curvature: KKTSystem, name: str, local) -> sp.csc_matrix:
     rows = np.broadcast_to(unknowns[:, :, None], local.shape).ravel()
     columns = np.broadcast_to(unknowns[:, None, :], local.shape).ravel()
     return sp.csc_matrix((local.ravel(), (rows, columns)), (problem.size,) * 2)
+
+
+def information_gain(known, told, asked: int | None = None) -> float:
+    """Return (logdet(I + F) - logdet(I)) / 2 in nats, by two Cholesky factors.
+
+    known: I (k, k), positive definite; told: F (k, k), positive semidefinite; asked:
+    how many of the first unknowns count, all others being marginalised.
+    """
+    known, told = (as_floats(matrix) for matrix in (known, told))
+    if known.ndim != 2 or known.shape != told.shape or len(known) != known.shape[1]:
+        raise OptionError(
+            "wrong shape", where="information_gain",
+            expected="two square matrices of one size",
+            got=f"{known.shape} and {told.shape}",
+        )  # fmt: skip
+    if not (asked is None or (is_whole(asked) and asked >= 0)):
+        expected = "a whole number of unknowns, or None"
+        raise OptionError("wrong type", where="asked", got=asked, expected=expected)
+    if asked is not None and asked < len(known):  # logdet of a Schur complement
+        rest = slice(asked, None)
+        nuisance = information_gain(known[rest, rest], told[rest, rest])
+        return information_gain(known, told) - nuisance
+    scale = 1 / np.sqrt(np.abs(np.diag(known)))
+    known, told = known * np.outer(scale, scale), told * np.outer(scale, scale)
+    try:
+        before, after = np.linalg.cholesky(known), np.linalg.cholesky(known + told)
+    except np.linalg.LinAlgError as bad:
+        finite = np.isfinite(known).all()
+        least = np.linalg.eigvalsh(known)[0] if finite else np.nan
+        raise TactileError(
+            "not positive definite",
+            where="information_gain",
+            expected="I and I + F with positive eigenvalues only",
+            got=f"{least:.2g} as the least one of I",
+            next="give what is known a prior in physical units",
+        ) from bad
+    return float(np.log(np.diag(after) / np.diag(before)).sum())

@@ -3,12 +3,12 @@ r"""Add up the error budget: the covariance that `sigma` reports, as a list of t
 The inverse Hessian is the covariance of the error only where every term of the
 objective is the negative logarithm of a true density.  Here the middle of the sandwich
 
-    C = K^{-1} G K^{-1},   G = sum of the errors in TERMS that apply to the shape
+    C = K^{-1} G K^{-1},   G = sum of the errors in TERMS that apply
 
-is what each part is known to err by.  TERMS is the one list, for boxes and for hulls:
-`shapes` says to which class of shapes a term applies.  The terms of AFTER_MIXTURE are
-added to the covariance of the mixture of local optima.  The shares are measured: they
-are chosen such that sigma covers the errors of 20 recordings.
+is what each part is known to err by.  TERMS is the one list for every class of shapes:
+a term applies where the programme has what it is about.  The terms of AFTER_MIXTURE
+are added to the covariance of the mixture of local optima.  The shares are measured:
+they are chosen such that sigma covers the errors of 20 recordings.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ import numpy as np
 
 from ..nlp.kkt_sensitivity import KKTSystem
 from .error_budget_terms import (
+    BALL,
     GROUND_GAP,
-    cluster_robust,
     curvature_of_costs,
     friction_error,
     missing_impulses,
@@ -35,8 +35,9 @@ from .error_budget_terms import (
     untouched_faces,
 )
 from .measurement_noise import (
+    MixedDerivatives,
     Sensed,
-    measurement_numbers,
+    mixed_derivatives,
     model_error,
     sensitivity_to_measurements,
     sensor_covariance,
@@ -48,153 +49,159 @@ PHYSICS = (
 PRIORS = ("prior", "regulariser")  # roles of costs whose curvature is their error
 REACHED = 0.1  # [m] a body that a finger felt is at most this far from there
 ANY_ROTATION = np.pi / np.sqrt(3)  # [rad] deviation of a uniformly distributed rotation
-FOR_SIZES, FOR_VERTICES = ("sizes",), ("vertices",)  # Shape.parameters
-EVERY_SHAPE = (*FOR_SIZES, *FOR_VERTICES)
 
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """What the terms of an error budget are computed from, at a solution.
-
-    pulls (unknowns, k), held (rows, k): see KKTSystem.sensitivity; sensed: the
-    measurements and their noise; hessian (k, k): the covariance by the Hessian alone,
-    None where its negative directions are of no interest.
-    """
+    """A solution to first order: its KKT system, and what its measurements move."""
 
     curvature: KKTSystem
-    pulls: np.ndarray
-    held: np.ndarray
     sensed: Sensed
     window: object
     shape: object
-    hessian: np.ndarray | None = None
 
     @cached_property
-    def by_touches(self) -> tuple[np.ndarray, np.ndarray]:
-        """How the unknowns move with positions and normals through the touches."""
-        return self._moved([n for n in self.curvature.hessians if n == "touch"])
+    def derivatives(self) -> list[MixedDerivatives]:
+        """The mixed derivatives of every term that reads measurements."""
+        return mixed_derivatives(self.curvature, self.sensed, self.window)
 
-    @cached_property
-    def by_others(self) -> tuple[np.ndarray, np.ndarray]:
-        """How the unknowns move with positions and normals through all other terms."""
-        return self._moved([n for n in self.curvature.hessians if n != "touch"])
-
-    @cached_property
-    def _sources(self) -> np.ndarray:
-        return measurement_numbers(self.curvature, self.sensed, self.window)
-
-    def _moved(self, terms) -> tuple[np.ndarray, np.ndarray]:
-        given = self.curvature, self.pulls, self.held, self.sensed, self._sources
-        return sensitivity_to_measurements(*given, terms=terms)
+    @property
+    def parameters(self) -> dict:
+        """The parameters of the programme."""
+        return self.curvature.problem.parameters
 
     def costs(self, roles) -> list[str]:
         """Return the names of the costs with one of these roles."""
         costs = self.curvature.problem.costs
         return [name for name, term in costs.items() if term.role in roles]
 
-    @property
-    def clusters(self) -> tuple:
-        """What the terms over fingers and actions take."""
-        return self.curvature, self.pulls, self.window, self.sensed.data.action
+    def response(self, chosen, jacobian) -> Response:
+        """Return the response of J z, with J (k, n) and z (n,) the chosen unknowns."""
+        pulls, held = (part @ jacobian.T for part in self.curvature.sensitivity(chosen))
+        C = jacobian @ pulls[chosen]
+        return Response(self, pulls, held, (C + C.T) / 2)
 
 
-def sensor_noise(at: Linearisation) -> np.ndarray:
+@dataclass(frozen=True, eq=False)
+class Response:
+    """How k numbers of interest respond to errors: what terms are computed from.
+
+    pulls (unknowns, k), held (rows, k): see KKTSystem.sensitivity; hessian (k, k): the
+    covariance by the Hessian alone.
+    """
+
+    at: Linearisation
+    pulls: np.ndarray
+    held: np.ndarray
+    hessian: np.ndarray
+
+    @cached_property
+    def by_touches(self) -> tuple[np.ndarray, np.ndarray]:
+        """How they move with positions and normals through the touches."""
+        return self._moved(lambda name: name == "touch")
+
+    @cached_property
+    def by_others(self) -> tuple[np.ndarray, np.ndarray]:
+        """How they move with positions and normals through all other terms."""
+        return self._moved(lambda name: name != "touch")
+
+    def _moved(self, asked) -> tuple[np.ndarray, np.ndarray]:
+        through = [mixed for mixed in self.at.derivatives if asked(mixed.name)]
+        return sensitivity_to_measurements(
+            through, self.at.sensed, self.pulls, self.held
+        )
+
+
+def sensor_noise(of: Response) -> np.ndarray:
     """Return the covariance (k, k) by the noise of positions and normals."""
-    pairs = zip(at.by_touches, at.by_others, strict=True)
-    return sensor_covariance(
-        *(touched + others for touched, others in pairs), at.sensed
-    )
+    pairs = zip(of.by_touches, of.by_others, strict=True)
+    moves = (touched + others for touched, others in pairs)
+    return sensor_covariance(*moves, of.at.sensed)
 
 
-def touch_model(at: Linearisation) -> np.ndarray:
+def touch_model(of: Response) -> np.ndarray:
     """Return the covariance (k, k) by touches that are not as modelled."""
-    return model_error(at.curvature, *at.by_touches, at.sensed, at.window, at.shape)
+    at = of.at
+    return model_error(at.curvature, *of.by_touches, at.sensed, at.window, at.shape)
 
 
-def physics_model(at: Linearisation) -> np.ndarray:
+def physics_model(of: Response) -> np.ndarray:
     """Return the covariance (k, k) by a share of the curvature of physics."""
-    names = [*at.costs(["physics"]), *at.curvature.problem.constraints]
-    return PHYSICS * curvature_of_costs(at.curvature, at.pulls, names)
+    names = [*of.at.costs(["physics"]), *of.at.curvature.problem.constraints]
+    return PHYSICS * curvature_of_costs(of.at.curvature, of.pulls, names)
+
+
+def priors(of: Response) -> np.ndarray:
+    """Return the covariance (k, k) by priors that are off by their deviations."""
+    return curvature_of_costs(of.at.curvature, of.pulls, of.at.costs(PRIORS))
+
+
+def sliding_fingers(of: Response) -> np.ndarray:
+    """Return the covariance (k, k) by fingers that may stick, not slide."""
+    at = of.at
+    return stick_slip(at.curvature, of.pulls, at.window, at.sensed.data.action)
 
 
 @dataclass(frozen=True)
 class ErrorTerm:
-    """One named error: its covariance (k, k), where it applies and to which shapes.
+    """One named error: its covariance (k, k), and whether a programme has it.
 
-    covariance, applies: functions of a Linearisation.  shapes: those values of
-    Shape.parameters to which the term applies.
+    covariance: function of a Response; applies: function of a Linearisation.
     """
 
     name: str
     covariance: Callable
     applies: Callable = lambda at: True
-    shapes: tuple[str, ...] = EVERY_SHAPE
 
 
 def _given(name: str) -> ErrorTerm:
     """Return the error of a coefficient of friction that was given."""
     return ErrorTerm(
         name,
-        lambda at: friction_error(at.curvature, at.pulls, at.held, name),
-        lambda at: name in at.curvature.problem.parameters,
+        lambda of: friction_error(of.at.curvature, of.pulls, of.held, name),
+        lambda at: name in at.parameters,
     )
 
 
 TERMS = (
     ErrorTerm("sensor noise", sensor_noise),
     ErrorTerm("touch model", touch_model, lambda at: "touch" in at.curvature.hessians),
-    ErrorTerm(
-        "priors",
-        lambda at: curvature_of_costs(at.curvature, at.pulls, at.costs(PRIORS)),
-    ),
+    ErrorTerm("priors", priors),
     ErrorTerm("physics model", physics_model),
     ErrorTerm(
         "missing impulses",
-        lambda at: PHYSICS * missing_impulses(at.curvature, at.held),
+        lambda of: PHYSICS * missing_impulses(of.at.curvature, of.held),
     ),
-    ErrorTerm("regularisation", lambda at: regularisation(at.curvature, at.pulls)),
+    ErrorTerm("regularisation", lambda of: regularisation(of.at.curvature, of.pulls)),
     _given("finger friction"),
     _given("ground friction"),
     ErrorTerm(
         "uneven ground",
-        lambda at: uneven_ground(at.curvature, at.held, at.window),
+        lambda of: uneven_ground(of.at.curvature, of.held, of.at.window),
         lambda at: GROUND_GAP in at.curvature.problem.constraints,
     ),
+    ErrorTerm("negative curvature", lambda of: negative_curvature(of.hessian)),
     ErrorTerm(
-        "negative curvature",
-        lambda at: negative_curvature(at.hessian),
-        lambda at: at.hessian is not None,
-        shapes=FOR_SIZES,
-    ),
-    ErrorTerm(
-        "cluster-robust covariance",
-        lambda at: cluster_robust(*at.clusters),
-        shapes=FOR_VERTICES,
-    ),
-    ErrorTerm(
-        "stick-slip ambiguity", lambda at: stick_slip(*at.clusters), shapes=FOR_VERTICES
+        "stick-slip ambiguity", sliding_fingers, lambda at: len(at.window.push) > 0
     ),
     ErrorTerm(
         "shape prior error",
-        lambda at: shape_prior_error(at.curvature, at.pulls),
-        shapes=FOR_VERTICES,
+        lambda of: shape_prior_error(of.at.curvature, of.pulls),
+        lambda at: BALL in at.curvature.problem.variables,
     ),
 )
 AFTER_MIXTURE = (  # functions of TouchedFaces and of the mixture's covariance
-    ErrorTerm("untouched faces", lambda seen, C: seen.untouched(), shapes=FOR_SIZES),
+    ErrorTerm("untouched faces", lambda seen, C: seen.untouched()),
     ErrorTerm(
-        "profile likelihood", lambda seen, C: profile_beyond(seen.profile, C),
-        shapes=FOR_SIZES,
+        "profile likelihood", lambda seen, C: profile_beyond(seen.profile, C)
     ),
 )  # fmt: skip
 
 
-def error_budget(at: Linearisation) -> np.ndarray:
+def error_budget(of: Response) -> np.ndarray:
     """Return the covariance (k, k) of the chosen unknowns, SI: the sum of TERMS."""
-    terms = [t for t in TERMS if at.shape.parameters in t.shapes and t.applies(at)]
-    total = _sum(t.covariance(at) for t in terms if t.shapes == EVERY_SHAPE)
-    own = [t.covariance(at) for t in terms if t.shapes != EVERY_SHAPE]
-    return _sum([(total + total.T) / 2, *own])
+    total = _sum(term.covariance(of) for term in TERMS if term.applies(of.at))
+    return (total + total.T) / 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,8 +227,7 @@ class TouchedFaces:
 
 def after_mixture(seen: TouchedFaces, mixture) -> np.ndarray:
     """Return what AFTER_MIXTURE adds to the covariance (k, k) of a mixture."""
-    terms = [t for t in AFTER_MIXTURE if seen.shape.parameters in t.shapes]
-    return _sum(t.covariance(seen, mixture) for t in terms)
+    return _sum(term.covariance(seen, mixture) for term in AFTER_MIXTURE)
 
 
 def _sum(matrices) -> np.ndarray:

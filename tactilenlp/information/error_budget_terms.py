@@ -31,6 +31,7 @@ TUMBLED = 0.1  # [size] the same where it follows from how the object tumbled
 VERTICAL = 0.99  # [-] cosine between the vertical and the axis of a face on the ground
 STICKING = 0.1  # [-] probability that a finger that seems to slide sticks
 CORRELATION_LENGTH = 1.0  # [-] on the unit sphere, between directions to one face
+BALL = "ball"  # the unknowns of the ball that a prior of vertices lies about
 VERTEX_PRIORS = ("ball prior", "stay")  # costs that determine untouched vertices
 REGULARISATION = 1e-9  # [-] of the covariance of g, singular where vertices coincide
 
@@ -93,56 +94,6 @@ def positive_part(M) -> np.ndarray:
     """Return the positive part of a symmetric matrix: no term reduces errors."""
     values, vectors = np.linalg.eigh((M + M.T) / 2)
     return (vectors * np.maximum(values, 0.0)) @ vectors.T
-
-
-def cluster_robust(curvature: KKTSystem, pulls, window, action) -> np.ndarray:
-    """Return the cluster-robust covariance (k, k) of the chosen unknowns, SI.
-
-    At an optimum the gradients of all terms add up to zero: those of the touches of one
-    finger in one action, and the forces of physics on the poses of one action, are
-    balanced by all others.  Each such cluster g errs as a whole: a wrong pose moves all
-    of its touches, a wrong coefficient of friction all of its impulses.  Hence
-
-        K^{-1} ( sum_g  s_g s_g' ) K^{-1},        s_g = sum of the gradients of g
-
-    (Liang and Zeger 1986): small where all clusters agree, large where they disagree.
-
-    pulls: see KKTSystem.sensitivity; action (T,): of every sample.
-    """
-    clusters = [*_touch_gradients(curvature, window, action)]
-    clusters += _physics_gradients(curvature, window, action)
-    moved = np.array([pulls.T @ s for s in clusters]).reshape(-1, pulls.shape[1])
-    return moved.T @ moved
-
-
-def _touch_gradients(curvature, window, action):
-    """Return the gradients (n,) of the touches of each finger in each action."""
-    if "touch" not in curvature.problem.terms:
-        return
-    each = curvature.problem.jacobian("touch", curvature.x, curvature.data)
-    touch = window.touch
-    key = np.stack([action[touch.sample], touch.finger])
-    for pair in np.unique(key, axis=1).T:
-        yield _sum(each[np.flatnonzero((key == pair[:, None]).all(axis=0))])
-
-
-def _physics_gradients(curvature, window, action) -> list[np.ndarray]:
-    """Return the gradients (n,) of physics by the poses of each action and the rest."""
-    problem = curvature.problem
-    pull = np.zeros(problem.size)
-    for name, term in problem.costs.items():
-        if term.role == "physics":
-            pull += _sum(problem.jacobian(name, curvature.x, curvature.data))
-    for name in problem.constraints:
-        slope = problem.jacobian(name, curvature.x, curvature.data)
-        pull += slope.T @ curvature.multipliers[name].ravel()
-    x, of = problem.variables["x"], np.full(problem.size, -1)
-    of[x.span] = np.repeat(action[window.last], x.rows)
-    return [np.where(of == a, pull, 0.0) for a in np.unique(of)]
-
-
-def _sum(rows) -> np.ndarray:
-    return np.asarray(rows.sum(axis=0)).ravel()
 
 
 def stick_slip(curvature: KKTSystem, pulls, window, action) -> np.ndarray:
@@ -211,7 +162,7 @@ def shape_prior_error(curvature: KKTSystem, pulls) -> np.ndarray:
     pulls: see KKTSystem.sensitivity.
     """
     problem, values = curvature.problem, curvature.problem.unpack(curvature.x)
-    V, (*middle, radius) = values["theta"].T, np.ravel(values["ball"])
+    V, (*middle, radius) = values["theta"].T, np.ravel(values[BALL])
     u = V - middle
     u /= np.maximum(np.linalg.norm(u, axis=1, keepdims=True), radius * REGULARISATION)
     apart = np.linalg.norm(u[:, None] - u[None], axis=2)

@@ -26,11 +26,8 @@ def covariance_of_offsets(curvature, sensed, window, shape, R_wg) -> np.ndarray 
     span = variables[NAME].span
     chosen = np.arange(span.start, span.stop)
     turn = np.kron(np.eye(len(chosen) // 3), R_wg)
-    pulls, held = (part @ turn.T for part in curvature.sensitivity(chosen))
-    if sensed is None:
-        C = turn @ pulls[chosen]
-        return (C + C.T) / 2
-    return error_budget(Linearisation(curvature, pulls, held, sensed, window, shape))
+    of = Linearisation(curvature, sensed, window, shape).response(chosen, turn)
+    return of.hessian if sensed is None else error_budget(of)
 
 
 def covariance_with_offsets(curvature, tangent) -> np.ndarray:

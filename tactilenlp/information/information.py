@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..common.deadline import out_of_time
 from ..common.validation import check_types
-from ..errors import OptionError, TactileError
+from ..errors import OptionError
 from ..nlp.kkt_sensitivity import KKTSystem, kkt_system_of
 from .error_budget import (
     Linearisation,
@@ -24,9 +25,9 @@ from .error_budget import (
     error_budget,
 )
 from .finger_offsets import covariance_of_offsets, covariance_with_offsets
-from .mixture import SAME_MODE, Modes, laplace_mixture
-from .tangent_space import tangent_space_of
-from .unobserved import open_directions
+from .mixture import Modes, distinct, laplace_mixture, optima_in_words
+from .tangent_space import open_directions, tangent_space_of
+from .trajectory import Beyond, trajectory_variance
 
 FACE_COSINE = 0.99  # [-] |n . axis| above which a normal belongs to a face
 LEAST_SIGMA = 1e-12  # [SI] a deviation below which a number is known exactly
@@ -35,7 +36,6 @@ LEAST_VARIANCE = (
 )
 MAX_NAMES = 4  # unknowns that name a direction
 NEGLIGIBLE_MODE = 40.0  # [nats] behind the best: a mode of negligible weight
-MIN_WEIGHT = 0.02  # [-] modes of less weight are not spoken of
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,8 @@ class Information:
     active, ambiguous: how many rows of each constraint or bound hold with equality, or
     nearly; indefinite: terms by which the reduced Hessian curves down, and along what;
     offsets (3 F, 3 F) [m^2]: the covariance of fingers that are not where they say;
-    with_offsets (k + 3 F, k + 3 F): the matrix without marginalising these.
+    with_offsets (k + 3 F, k + 3 F): the matrix without marginalising these; path
+    (T, 6): deviations of position [m] and rotation [rad] at every sample, world frame.
     """
 
     names: tuple[str, ...]
@@ -68,6 +69,7 @@ class Information:
     indefinite: tuple[str, ...]
     offsets: np.ndarray | None = None
     with_offsets: np.ndarray | None = None
+    path: np.ndarray | None = None
 
     def covariance(self, name: str | None = None) -> np.ndarray:
         """Return the covariance (3, 3) of a quantity, or (k, k) of `names`, SI.
@@ -82,16 +84,29 @@ class Information:
         jacobian = self._map(name)
         return jacobian @ self.spread @ jacobian.T
 
-    def sigma(self, name: str) -> np.ndarray:
+    def sigma(self, name: str, sample: int | None = None) -> np.ndarray:
         """Return standard deviations (3,), SI; NaN where fixed by a reduction.
 
-        "finger_offset": (F, 3), where the scene leaves it open.
+        "finger_offset": (F, 3), where the scene leaves it open.  sample: of the
+        trajectory, for "position" and "rotation"; the last one by default.
         """
         check_types(name=(name, str))
+        if sample is not None:
+            return self.along_path(name)[sample]
         variance = np.diag(self.covariance(name)).copy()
         variance[variance < 0] = np.inf
         sigma = np.sqrt(variance)
         return sigma.reshape(-1, 3) if name == "finger_offset" else sigma
+
+    def along_path(self, name: str) -> np.ndarray:
+        """Return standard deviations (T, 3) of position or rotation."""
+        columns = {"position": slice(3), "rotation": slice(3, 6)}
+        if name not in columns or self.path is None:
+            raise OptionError(
+                "no such deviations of a trajectory", where="information", got=name,
+                expected=f"one of {sorted(columns)}, of an estimate of this version",
+            )  # fmt: skip
+        return self.path[:, columns[name]]
 
     def correlation(self) -> np.ndarray:
         """Return the correlation matrix (k, k) of `names`."""
@@ -111,31 +126,21 @@ class Information:
 
     @property
     def also(self) -> tuple[str, ...]:
-        """Words for the other bodies that explain the data, by how they differ."""
-        words = []
-        for weight, off in zip(
-            self.modes.weights[1:], self.modes.offsets[1:], strict=True
-        ):
-            if weight < MIN_WEIGHT:
-                continue
-            units = [180 / np.pi if "rotation" in n else 1e3 for n in self.names]
-            sigma = np.sqrt(np.maximum(np.diag(self.spread), 0.0))
-            most = np.argsort(np.abs(off) / np.where(sigma > 0, sigma, 1.0))[::-1][:2]
-            parts = [
-                f"{self.names[i]} {off[i] * units[i]:+.1f} "
-                f"{'deg' if 'rotation' in self.names[i] else 'mm'}"
-                for i in most
-            ]
-            words.append(f"{weight:.0%} that {', '.join(parts)}")
-        return tuple(words)
+        """Sentences: the probability of what is reported and of each other optimum.
+
+        Empty where there is no other optimum; the percentages add up to 100.
+        """
+        sigma = np.sqrt(np.maximum(np.diag(self.spread), 0.0))
+        return optima_in_words(self.modes, self.names, sigma)
 
     def widened(self, factor: float) -> Information:
         """Return the same, all standard deviations multiplied by a factor."""
-        return replace(self, spread=factor**2 * self.spread)
+        path = None if self.path is None else factor * self.path
+        return replace(self, spread=factor**2 * self.spread, path=path)
 
     def of_hessian(self) -> Information:
         """Return the same, its sigma that of the Hessian alone, of this mode alone."""
-        return replace(self, spread=inverse(self.matrix))
+        return replace(self, spread=inverse(self.matrix), path=None)
 
     def _map(self, name: str) -> np.ndarray:
         if name not in self.maps:
@@ -160,30 +165,33 @@ def information_of(
     """
     curvature = kkt_system_of(problem, solution)
     tangent = tangent_space_of(problem, solution, window, shape, R_wg)
-    pulls, held = curvature.sensitivity(tangent.chosen)
-    pulls, held = pulls @ tangent.jacobian.T, held @ tangent.jacobian.T
-    C = tangent.jacobian @ pulls[tangent.chosen]
-    C = (C + C.T) / 2
-    errors = C
-    if sensed is not None:
-        given = curvature, pulls, held, sensed, window, shape
-        errors = error_budget(Linearisation(*given, hessian=C))
-    best = tangent.z, tangent.R, solution.objective, errors
+    at = Linearisation(curvature, sensed, window, shape)
+    of = at.response(tangent.chosen, tangent.jacobian)
+    C = of.hessian
+    errors = C if sensed is None else error_budget(of)
+    best = tangent.z, tangent.R, solution.objective, C, solution, window
     optima = [best, *_others(best, rivals, shape, R_wg)]
-    modes = laplace_mixture(shape, tangent.turning, optima)
-    covariance = _covariance(modes, tangent, window, shape, faces, sensed, profile)
+    optima = distinct(shape, tangent.turning, optima)
+    modes = laplace_mixture(shape, tangent.turning, optima, errors)
+    covariance, path = modes.covariance, None
+    if sensed is not None:
+        beyond = _beyond(modes, tangent, at, faces, profile)
+        covariance = covariance + beyond
+        others = list(zip(modes.weights, optima, strict=True))[1:]
+        if not out_of_time("deviations of the path"):
+            path = _path(at, tangent, solution, R_wg, beyond, others)
     words, directions = open_directions(tangent, covariance, shape, faces)
     if sensed is not None:
         covariance = bounded_pose(covariance, shape.theta, tangent.turning)
     matrix = inverse(C)
-    parts = _parts(curvature, pulls, matrix)
+    parts = _parts(curvature, of.pulls, matrix)
     terms = problem.terms
     return Information(
         names=tangent.names, matrix=matrix, spread=covariance, parts=parts,
         roles={name: terms[name].role or "constraint" for name in parts},
         modes=modes, maps=tangent.maps, unobserved=words, directions=directions,
         fixed=tangent.fixed, active=curvature.active, ambiguous=curvature.ambiguous,
-        indefinite=_indefinite(curvature),
+        indefinite=_indefinite(curvature), path=path,
         **_of_offsets(curvature, sensed, window, shape, R_wg, tangent),
     )  # fmt: skip
 
@@ -196,13 +204,22 @@ def _parts(curvature: KKTSystem, pulls, matrix) -> dict[str, np.ndarray]:
     }
 
 
-def _covariance(modes, tangent, window, shape, faces, sensed, profile) -> np.ndarray:
-    """Return the covariance (k, k) of a mixture and of what it leaves out."""
-    if sensed is None:
-        return modes.covariance
-    noise, grounded = sensed.precision.position, len(window.corner) > 0
-    seen = TouchedFaces(tangent, shape, faces, noise, grounded, profile)
-    return modes.covariance + after_mixture(seen, modes.covariance)
+def _beyond(modes, tangent, at: Linearisation, faces, profile) -> np.ndarray:
+    """Return the covariance (k, k) of what a mixture leaves out."""
+    noise, grounded = at.sensed.precision.position, len(at.window.corner) > 0
+    seen = TouchedFaces(tangent, at.shape, faces, noise, grounded, profile)
+    return after_mixture(seen, modes.covariance)
+
+
+def _path(at, tangent, solution, R_wg, beyond, others) -> np.ndarray:
+    """Return the deviations (T, 6) of the pose at every sample."""
+    optima = tuple((w, there, window) for w, (*_, there, window) in others)
+    maps = tangent.maps["position"], tangent.maps["rotation"]
+    more = Beyond(beyond, *maps, optima)
+    middle = np.zeros(3), np.zeros((3, at.shape.theta))
+    variance = trajectory_variance(at, solution.values, R_wg, middle, more)
+    variance[:, 3:][:, np.isnan(tangent.maps["rotation"]).any(axis=1)] = np.nan
+    return np.sqrt(variance)
 
 
 def _of_offsets(curvature, sensed, window, shape, R_wg, tangent) -> dict:
@@ -215,17 +232,19 @@ def _of_offsets(curvature, sensed, window, shape, R_wg, tangent) -> dict:
 
 
 def _others(best, rivals, shape, R_wg):
-    """Yield z, R, objective and covariance of other local optima that count."""
+    """Yield the optima of other solves that count."""
     for problem, solution, window in rivals:
-        there = tangent_space_of(problem, solution, window, shape, R_wg)
-        same = (
-            len(there.z) == len(best[0]) and np.abs(there.z - best[0]).max() < SAME_MODE
-        )
-        if same or solution.objective > best[2] + NEGLIGIBLE_MODE:
+        if solution.objective > best[2] + NEGLIGIBLE_MODE:
             continue
-        C, *_ = reduced_covariance(problem, solution, there.chosen)
-        C = there.jacobian @ C @ there.jacobian.T
-        yield there.z, there.R, solution.objective, C
+        yield optimum_of(problem, solution, window, shape, R_wg)
+
+
+def optimum_of(problem, solution, window, shape, R_wg) -> tuple:
+    """Return z, R, objective, covariance by the Hessian, solution, window."""
+    at = tangent_space_of(problem, solution, window, shape, R_wg)
+    C, *_ = reduced_covariance(problem, solution, at.chosen)
+    C = at.jacobian @ C @ at.jacobian.T
+    return at.z, at.R, solution.objective, C, solution, window
 
 
 def reduced_covariance(problem, solution, chosen: np.ndarray):
@@ -249,7 +268,7 @@ def inverse(C) -> np.ndarray:
 
 def _indefinite(curvature: KKTSystem) -> tuple[str, ...]:
     """Name the term and the unknowns along which the reduced Hessian curves down."""
-    if curvature.negative is None:
+    if out_of_time("a check for negative curvature") or curvature.negative is None:
         return ()
     term, direction = curvature.negative
     share = np.abs(direction / curvature.problem.scale)
@@ -258,35 +277,3 @@ def _indefinite(curvature: KKTSystem) -> tuple[str, ...]:
         for i in worst[(worst >= v.first) & (worst < v.span.stop)] - v.first:
             where.append(f"{name}[{i % v.rows}, {i // v.rows}]")
     return (f"{term} along {', '.join(where)}",)
-
-
-def information_gain(known, told, asked: int | None = None) -> float:
-    """Return (logdet(I + F) - logdet(I)) / 2 in nats, by two Cholesky factors.
-
-    known: I (k, k), positive definite; told: F (k, k), positive semidefinite; asked:
-    how many of the first unknowns count, all others being marginalised.
-    """
-    known, told = (np.asarray(matrix, float) for matrix in (known, told))
-    if known.ndim != 2 or known.shape != told.shape or len(known) != known.shape[1]:
-        raise OptionError(
-            "wrong shape", where="information_gain",
-            expected="two square matrices of one size",
-            got=f"{known.shape} and {told.shape}",
-        )  # fmt: skip
-    if asked is not None and asked < len(known):  # logdet of a Schur complement
-        rest = slice(asked, None)
-        nuisance = information_gain(known[rest, rest], told[rest, rest])
-        return information_gain(known, told) - nuisance
-    scale = 1 / np.sqrt(np.abs(np.diag(known)))
-    known, told = known * np.outer(scale, scale), told * np.outer(scale, scale)
-    try:
-        before, after = np.linalg.cholesky(known), np.linalg.cholesky(known + told)
-    except np.linalg.LinAlgError as bad:
-        raise TactileError(
-            "not positive definite",
-            where="information_gain",
-            expected="I and I + F with positive eigenvalues only",
-            got=f"{np.linalg.eigvalsh(known)[0]:.2g} as the least one of I",
-            next="give what is known a prior in physical units",
-        ) from bad
-    return float(np.log(np.diag(after) / np.diag(before)).sum())

@@ -46,31 +46,58 @@ class Sensed:
     build: Callable
 
 
-def sensitivity_to_measurements(
-    curvature: KKTSystem, pulls, held, sensed: Sensed, source, terms=None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return how the chosen unknowns move with what each finger measured.
+@dataclass(frozen=True, eq=False)
+class MixedDerivatives:
+    """d^2 L / dx dy and dg / dy of a term, for the measurements y that it reads.
 
-    By its position and by its normal, (k, T, F, 3) each [SI], through all terms or the
-    named ones.  pulls, held: see KKTSystem.sensitivity; source: see sources.
+    slope (instances, unknowns, data); value (instances, rows, data); read (data,
+    instances): which data are measurements, and number: which ones.  unknowns: as of
+    the term; span: rows of the constraint among all, None of a cost.
     """
-    shape = (*sensed.data.contact.shape, 3)
-    count = int(np.prod(shape))
-    moved = np.zeros((2 * count, pulls.shape[1]))
-    for name in curvature.hessians if terms is None else terms:
+
+    name: str
+    slope: np.ndarray
+    value: np.ndarray
+    read: np.ndarray
+    number: np.ndarray
+    unknowns: np.ndarray
+    span: slice | None
+
+
+def mixed_derivatives(curvature: KKTSystem, sensed, window) -> list[MixedDerivatives]:
+    """Return the mixed derivatives of every term that reads measurements."""
+    source, found = measurement_numbers(curvature, sensed, window), []
+    for name in curvature.hessians:
         term = curvature.problem.terms[name]
         number = source[term.data]
         read = number >= 0
         if not read.any():
             continue
-        slope, value = mixed_derivatives(
-            curvature, name, np.nonzero(read.any(axis=0))[0]
+        columns = np.nonzero(read.any(axis=0))[0]
+        derivatives = _differences(curvature, name, columns)
+        span = term.span if name in curvature.problem.constraints else None
+        found.append(
+            MixedDerivatives(name, *derivatives, read, number, term.unknowns, span)
         )
-        change = np.einsum("ivk,ivd->idk", pulls[term.unknowns], slope)
-        if name in curvature.problem.constraints:
-            rows = held[term.span].reshape(term.instances, term.function.rows, -1)
-            change += np.einsum("irk,ird->idk", rows, value)
-        np.add.at(moved, number[read], -change[read])
+    return found
+
+
+def sensitivity_to_measurements(
+    through: Iterable[MixedDerivatives], sensed: Sensed, pulls, held
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return how the chosen unknowns move with what each finger measured.
+
+    By its position and by its normal, (k, T, F, 3) each [SI], through some terms.
+    pulls, held: see KKTSystem.sensitivity.
+    """
+    shape = (*sensed.data.contact.shape, 3)
+    moved = np.zeros((2 * int(np.prod(shape)), pulls.shape[1]))
+    for mixed in through:
+        change = np.einsum("ivk,ivd->idk", pulls[mixed.unknowns], mixed.slope)
+        if mixed.span is not None:
+            rows = held[mixed.span].reshape(*mixed.value.shape[:2], -1)
+            change += np.einsum("irk,ird->idk", rows, mixed.value)
+        np.add.at(moved, mixed.number[mixed.read], -change[mixed.read])
     by_position, by_normal = moved.T.reshape(-1, 2, *shape).swapaxes(0, 1)
     return by_position, by_normal
 
@@ -92,7 +119,7 @@ def tangential(by_normal, normal) -> np.ndarray:
     return by_normal - along[..., None] * normal
 
 
-def mixed_derivatives(curvature: KKTSystem, name: str, columns: Iterable[int]):
+def _differences(curvature: KKTSystem, name: str, columns: Iterable[int]):
     """Return d^2 L / dx dy and d g / dy of each instance of a term, by its local data.
 
     (instances, unknowns, data) and (instances, rows, data), by central differences of

@@ -19,6 +19,7 @@ import numpy as np
 
 SAME_MODE = 0.3e-3  # [m] modes whose unknowns agree this well (a radian: ARM) are one
 ARM = 20e-3  # [m] one radian of turn counts as this much way
+MIN_WEIGHT = 0.02  # [-] optima of less weight are not listed one by one
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,26 +47,83 @@ def one_mode(objective: float, covariance) -> Modes:
     return Modes(np.ones(1), zero, covariance[None], np.array([objective]))
 
 
-def laplace_mixture(shape, turning: int, found) -> Modes:
-    """Return the distinct modes among (z, R, objective, covariance), the first first.
+def laplace_mixture(shape, turning: int, found, errors=None) -> Modes:
+    """Return the modes of distinct (z, R, objective, covariance), the first first.
 
     z (k,): theta, then position and turn, `turning` numbers; R (3, 3): the final
-    rotation of the body, in the frame of the turn.
+    rotation of the body, in the frame of the turn; covariance (k, k): by the Hessian,
+    of which the weights are.  errors (k, k): the covariance of the first, if another.
     """
-    z_0, R_0 = found[0][:2]
-    units = np.ones(len(z_0))
-    units[len(z_0) - turning :] = ARM
+    z_0, R_0, *_ = found[0]
     kept = []
-    for z, R, objective, C in found:
+    for z, R, objective, C, *_ in distinct(shape, turning, found):
         off, C = aligned(shape, turning, (z, R, C), (z_0, R_0))
-        if all(np.abs((off - other[0]) * units).max() > SAME_MODE for other in kept):
-            kept.append((off, objective, C))
+        kept.append((off, objective, C))
     offsets, objectives, covariances = (np.array(a) for a in zip(*kept, strict=True))
-    unit = np.outer(units, units) / SAME_MODE**2
+    unit = np.outer(*[_units(len(z_0), turning)] * 2) / SAME_MODE**2
     volumes = [_log_volume(C * unit) for C in covariances]
     evidence = np.array(volumes) - objectives
     weights = np.exp(evidence - evidence.max())
+    if errors is not None:
+        covariances[0] = errors
     return Modes(weights / weights.sum(), offsets, covariances, objectives)
+
+
+def distinct(shape, turning: int, found) -> list:
+    """Return those of (z, R, objective, covariance, ...) that are no mode of before."""
+    z_0, R_0, *_ = found[0]
+    units, kept, offsets = _units(len(z_0), turning), [], []
+    for one in found:
+        z, R, _, C, *_ = one
+        off, _ = aligned(shape, turning, (z, R, C), (z_0, R_0))
+        if all(np.abs((off - other) * units).max() > SAME_MODE for other in offsets):
+            kept.append(one)
+            offsets.append(off)
+    return kept
+
+
+def optima_in_words(modes: Modes, names, sigma) -> tuple[str, ...]:
+    """Return sentences: the probability of the first optimum, and of each other one.
+
+    names, sigma: of the k numbers.  Empty where there is one; percentages sum to 100.
+    """
+    other = np.flatnonzero(modes.weights[1:] >= MIN_WEIGHT) + 1
+    if not len(other):
+        return ()
+    listed = modes.weights[[0, *other]]
+    shares = whole_percentages(np.r_[listed, max(1 - listed.sum(), 0.0)])
+    words = [f"What is reported has a probability of {shares[0]} %."]
+    for share, off in zip(shares[1:-1], modes.offsets[other], strict=True):
+        most = np.argsort(np.abs(off) / np.where(sigma > 0, sigma, 1.0))[::-1][:2]
+        parts = [_larger(names[i], off[i]) for i in most]
+        words.append(f"With {share} %, {' and '.join(parts)}.")
+    if shares[-1]:
+        words.append(f"All other optima together have {shares[-1]} %.")
+    return tuple(words)
+
+
+def _larger(name: str, by: float) -> str:
+    """Return in words by what a number differs, [m] or a turn [rad]."""
+    turn = "rotation" in name
+    size = abs(by) * (180 / np.pi if turn else 1e3)
+    way = "larger" if by > 0 else "smaller"
+    return f"{name} is {size:.1f} {'deg' if turn else 'mm'} {way}"
+
+
+def whole_percentages(probabilities) -> list[int]:
+    """Return percentages, whole numbers that add up to 100 (largest remainders)."""
+    exact = 100 * np.asarray(probabilities) / np.sum(probabilities)
+    whole = np.floor(exact).astype(int)
+    most = np.argsort(whole - exact, kind="stable")[: 100 - whole.sum()]
+    whole[most] += 1
+    return whole.tolist()
+
+
+def _units(unknowns: int, turning: int) -> np.ndarray:
+    """Return by what unknowns (k,) are multiplied to compare them, [1] or [m/rad]."""
+    units = np.ones(unknowns)
+    units[unknowns - turning :] = ARM
+    return units
 
 
 def _log_volume(C) -> float:

@@ -16,7 +16,8 @@ from ..nlp.kkt_sensitivity import kkt_system_of
 from .error_budget import Linearisation, error_budget
 from .information import Information
 from .mixture import one_mode
-from .unobserved import untouched_polygons
+from .tangent_space import untouched_polygons
+from .trajectory import trajectory_variance
 
 LEAST_DEVIATION = 1e-6  # [m] deviation of what a bound holds: a vertex on the ground
 ON_FACE = 0.5e-3  # [m] a contact point this near to a face is on it
@@ -36,16 +37,16 @@ def polytope_information(
     theta = problem.variables["theta"]
     chosen = np.arange(theta.span.start, theta.span.stop)
     curvature = kkt_system_of(problem, solution)
-    pulls, held = curvature.sensitivity(chosen)
-    C = (pulls[chosen] + pulls[chosen].T) / 2
-    indefinite = np.linalg.eigvalsh(C)[0] < -(LEAST_DEVIATION**2)
     turn = np.kron(np.eye(theta.columns), R_wg)
-    floor = LEAST_DEVIATION**2 * np.eye(len(C))
-    given = curvature, pulls, held, sensed, window, shape
-    errors = error_budget(Linearisation(*given))
-    C, errors = (turn @ (M + floor) @ turn.T for M in (C, errors))
+    floor = LEAST_DEVIATION**2 * np.eye(len(turn))
+    at = Linearisation(curvature, sensed, window, shape)
+    of = at.response(chosen, turn)
+    indefinite = np.linalg.eigvalsh(of.hessian)[0] < -(LEAST_DEVIATION**2)
+    C, errors = (M + floor for M in (of.hessian, error_budget(of)))
     V = solution.values["theta"].T
-    middle = _slope_of_centroid(V) @ turn.T
+    slope = _slope_of_centroid(V)
+    path = trajectory_variance(at, solution.values, R_wg, (centroid(V), slope))
+    middle = slope @ turn.T
     maps = {
         "vertices": np.eye(len(C)) - np.tile(R_wg @ middle, (theta.columns, 1)),
         "position": R_wg @ middle,
@@ -58,7 +59,7 @@ def polytope_information(
         unobserved=untouched_polygons(faces), directions=np.zeros((len(C), 0)),
         fixed=("rotation: the body's axes are the world's at the last sample",),
         active=curvature.active, ambiguous=curvature.ambiguous,
-        indefinite=("vertices",) if indefinite else (),
+        indefinite=("vertices",) if indefinite else (), path=np.sqrt(path),
     )  # fmt: skip
 
 

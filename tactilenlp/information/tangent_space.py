@@ -1,4 +1,4 @@
-"""Describe the tangent space of shape and final pose, and maps to what users ask for.
+"""Describe the tangent space of shape and pose; name what the data leave open.
 
 Coordinates of the pose are its position and a small rotation about the world's axes,
 whatever unknowns the page's motion uses.
@@ -11,11 +11,17 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from .measurement_noise import KNOWN_FACE
+
 AXES = ("x", "y", "z")
 UNKNOWNS = {  # the words for the unknowns of a pose, by motion
     "planar": ("position x", "position y", "rotation z"),
     "free": tuple(f"{what} {w}" for what in ("position", "rotation") for w in AXES),
 }
+
+KNOWN_SIZE = 0.1  # [prior deviations] a size with a smaller deviation is observed
+OPEN_POSITION = 0.05  # [m] a position with a larger deviation is not observed
+OPEN_ROTATION = np.radians(45)  # a rotation with a larger deviation is not observed
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,13 +105,89 @@ def _maps(shape, motion, at):
     """
     n = shape.theta
     z = ca.SX.sym("z", len(at))
-    p, R = motion.pose(shape, z[:n], z[n:])
-    slopes = [ca.jacobian(ca.vec(ca.densify(R)), z[i]) for i in range(z.numel())]
-    turns = [ca.inv_skew(ca.reshape(dR, 3, 3) @ R.T) for dR in slopes]
+    p, R, position, rotation = _pose_slopes(shape, motion, z, n)
     asked = dict(getattr(shape, "quantities", ()))
     jacobians = [ca.jacobian(ca.SX(f(z[:n])), z) for f in asked.values()]
-    out = [p, R, ca.jacobian(p, z), ca.horzcat(*turns), *jacobians]
+    out = [p, R, position, rotation, *jacobians]
     found = [np.asarray(ca.DM(m)) for m in ca.Function("maps", [z], out)(at)]
     p, R, position, rotation, *jacobians = found
     quantities = dict(zip(asked, jacobians, strict=True))
     return p[:, 0], R, quantities, position, rotation
+
+
+def _pose_slopes(shape, motion, z, n: int):
+    """Return p (3,), R (3, 3) and the Jacobians (3, k) of position and turn by z (k,).
+
+    z: n unknowns of the shape, then those of a pose.
+    """
+    p, R = motion.pose(shape, z[:n], z[n:])
+    slopes = [ca.jacobian(ca.vec(ca.densify(R)), z[i]) for i in range(z.numel())]
+    turns = [ca.inv_skew(ca.reshape(dR, 3, 3) @ R.T) for dR in slopes]
+    return p, R, ca.jacobian(p, z), ca.horzcat(*turns)
+
+
+def pose_jacobians(shape, motion, theta, x):
+    """Return p (s, 3), R (s, 3, 3) and Jacobians of position and turn (s, 3, k).
+
+    theta (n,); x (unknowns of a pose, s).  The Jacobians are by (theta, column of x).
+    """
+    n, (unknowns, samples) = len(theta), x.shape
+    z = ca.SX.sym("z", n + unknowns)
+    out = [ca.vec(ca.densify(M)) for M in _pose_slopes(shape, motion, z, n)]
+    function = ca.Function("poses", [z], out).map(samples)
+    at = np.vstack([np.repeat(theta[:, None], samples, axis=1), x])
+    p, R, *jacobians = (np.asarray(o).T for o in function(at))
+    matrices = [M.reshape(samples, -1, 3).swapaxes(1, 2) for M in (R, *jacobians)]
+    return p, *matrices
+
+
+def open_directions(tangent, C, shape, faces) -> tuple[tuple, np.ndarray]:
+    """Return words and unit vectors (k, r) for what only the prior determines."""
+    n = shape.theta
+    prior = np.ones(len(C)) * OPEN_POSITION
+    prior[:n] = shape.size_prior[1]
+    prior[len(C) - tangent.turning :] = OPEN_ROTATION
+    values, vectors = np.linalg.eigh(C / np.outer(prior, prior))
+    directions = vectors[:, values > KNOWN_SIZE**2]
+    deviation = np.sqrt(np.abs(np.diag(C)))
+    turn, way = (
+        tangent.maps[name] @ np.diag(deviation) for name in ("rotation", "position")
+    )
+    words = unobserved(
+        faces, deviation[:n] / shape.size_prior[1],
+        np.linalg.norm(np.nan_to_num(turn)), np.linalg.norm(way),
+    )  # fmt: skip
+    return words, directions
+
+
+def unobserved(faces, sides=None, turn=0.0, way=0.0) -> tuple[str, ...]:
+    """Name what touches do not determine.
+
+    faces (axes, 2): samples that touched each face; sides (axes,): sigma of each size
+    in deviations of its prior, small where edges or physics determine it; turn [rad]
+    and way [m]: sigma of rotation and position.
+    """
+    words = []
+    for axis, (low, high) in enumerate(faces):
+        if sides is not None and sides[axis] < KNOWN_SIZE:
+            continue
+        missing = [s for s, n in (("-", low), ("+", high)) if n < KNOWN_FACE]
+        if axis == 2:
+            if high < KNOWN_FACE:
+                words.append("side z: top never touched")
+        elif len(missing) == 2:
+            words.append(f"side {AXES[axis]}: neither face touched")
+        elif missing:
+            face = f"{missing[0]}{AXES[axis]}"
+            words.append(f"side {AXES[axis]}: face {face} never touched")
+    if turn > OPEN_ROTATION:
+        words.append("rotation: no side says which way the object is turned")
+    if way > OPEN_POSITION:
+        words.append("position: no side says where on the ground the object lies")
+    return tuple(words)
+
+
+def untouched_polygons(faces) -> tuple[str, ...]:
+    """Name how many faces were never touched."""
+    missing = int(np.count_nonzero(faces == 0))
+    return (f"{missing} of {len(faces)} faces never touched",) if missing else ()

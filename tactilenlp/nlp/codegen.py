@@ -1,10 +1,11 @@
 """Compilation of term functions to machine code, once per machine.
 
 C from CasADi's code generator runs ten to twenty times as fast as its virtual machine
-on the Hessians of contact terms.  The library is kept in the user's cache folder under
-the hash of its origin: expression, derivation rule, compiler and CasADi version.
-Without a C compiler, or with TACTILENLP_COMPILE=0, CasADi's virtual machine evaluates
-the same expressions.
+on the Hessians of contact terms.  The library is kept in the user's cache folder
+(library_cache.py) under the hash of its origin: expression, derivation rule, compiler
+and CasADi version.  Without a C compiler, with TACTILENLP_COMPILE=0, or where compiler
+or folder cannot be used, CasADi's virtual machine evaluates the same expressions; the
+last of these is logged as one warning.
 """
 
 from __future__ import annotations
@@ -12,56 +13,83 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
+import platform
 import shutil
+import signal
 import subprocess
-import tempfile
 from functools import cache
 from pathlib import Path
 
 import casadi as ca
 
+from ..common.deadline import share_left, spending
+from .library_cache import discard, is_whole, store, trusted_folder, workspace
+
 log = logging.getLogger("tactilenlp")
 # No contraction to fused operations: both machines give the same digits.
 FLAGS = ("-O1", "-shared", "-fPIC", "-ffp-contract=off")
+COMPILE_TIME = 120.0  # [s] at most, of one library; most take 1 to 5
+COMPILE_SHARE = 0.4  # [-] at most, of the time that a computation may take
+LEAST_COMPILE_TIME = 0.3  # [s] below which compilation is not begun
+MESSAGE = 500  # characters of a compiler's message that are logged
+_unusable: set[str] = set()  # cache folders about which a warning was logged
 
 
 def compiled(functions: list[ca.Function], origin: str = "") -> list[ca.Function]:
-    """Return the functions compiled, or unchanged without a working C compiler.
+    """Return the functions compiled, or unchanged where that is not possible.
 
     origin: text that determines the functions, by which `kept` finds them again; by
     default their own C source.
     """
-    if compiler() is None:
+    if compiler() is None or _place() in _unusable:
         return functions
     generator = ca.CodeGenerator("term.c")
     for function in functions:
         generator.add(function)
-    source = generator.dump()
-    library = _library(origin or source)
-    if not library.exists() and not _compile(source, library):
-        return functions
-    return _read(library, [f.name() for f in functions]) or functions
+    source, names = generator.dump(), [f.name() for f in functions]
+    return _found(names, origin or source, source) or functions
 
 
 def kept(names, origin: str) -> list[ca.Function] | None:
     """Return the functions compiled from this origin earlier, or None."""
-    if compiler() is None or not _library(origin).exists():
+    return None if compiler() is None else _found(names, origin)
+
+
+def _found(names, origin: str, source: str | None = None) -> list[ca.Function] | None:
+    """Return the functions of a library, compiled from `source` if it is not there."""
+    try:
+        library = trusted_folder() / f"{_key(origin)}.so"
+        if not is_whole(library) and (source is None or not _compile(source, library)):
+            return None
+        return _loaded(library, names)
+    except (OSError, ValueError) as error:
+        _warn_once(error)
         return None
-    return _read(_library(origin), names)
 
 
-def _library(origin: str) -> Path:
-    known = " ".join([compiler(), *FLAGS, ca.__version__, origin])
-    return cache_folder() / f"{hashlib.sha256(known.encode()).hexdigest()[:32]}.so"
-
-
-def _read(library: Path, names) -> list[ca.Function] | None:
+def _loaded(library: Path, names) -> list[ca.Function]:
+    """Return the functions of a library; OSError, and it is deleted, if it has none."""
     try:
         return [ca.external(name, str(library)) for name in names]
-    except RuntimeError as error:  # a library of another machine, or half a file
-        log.warning("a compiled term function cannot be read and is deleted: %s", error)
-        library.unlink(missing_ok=True)
-        return None
+    except RuntimeError as error:
+        discard(library)
+        raise OSError(f"{library} cannot be loaded: {error}") from error
+
+
+def _key(origin: str) -> str:
+    known = [compiler(), *FLAGS, platform.machine(), ca.__version__, origin]
+    return hashlib.sha256(" ".join(known).encode()).hexdigest()[:32]
+
+
+def _place() -> str:
+    """Return what a warning is logged once about: the cache folder as configured."""
+    return f"{os.environ.get('XDG_CACHE_HOME')} {os.environ.get('HOME')}"
+
+
+def _warn_once(error: Exception) -> None:
+    if _place() not in _unusable:
+        log.warning("term functions are not compiled, solves are slower: %s", error)
+    _unusable.add(_place())
 
 
 @cache
@@ -72,23 +100,47 @@ def compiler() -> str | None:
     return shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 
 
-def cache_folder() -> Path:
-    """Return the folder of compiled term functions."""
-    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(root) / "tactilenlp"
-
-
 def _compile(source: str, library: Path) -> bool:
-    try:
-        library.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=library.parent) as folder:
-            code, built = Path(folder) / "term.c", Path(folder) / "term.so"
-            code.write_text(source)
-            command = [compiler(), *FLAGS, str(code), "-o", str(built), "-lm"]
-            subprocess.run(command, check=True, capture_output=True, text=True)
-            os.replace(built, library)  # another process may have done the same
-    except (OSError, subprocess.CalledProcessError) as error:
-        reason = getattr(error, "stderr", None) or error
-        log.warning("term functions are not compiled, solves are slower: %s", reason)
+    """Compile a library; False if there is no time for it now, OSError if it fails."""
+    allowed = min(COMPILE_TIME, share_left("compilation", COMPILE_SHARE))
+    if allowed < LEAST_COMPILE_TIME:
         return False
+    with workspace(library.parent) as folder:
+        code, built = folder / "term.c", folder / "term.so"
+        code.write_text(source)
+        command = [compiler(), *FLAGS, str(code), "-o", str(built), "-lm"]
+        try:
+            with spending("compilation"):
+                _run(command, folder, allowed)
+        except subprocess.TimeoutExpired as late:
+            if allowed < COMPILE_TIME:
+                log.info("a term function is not compiled: the time limit is too short")
+                return False
+            raise OSError(f"{compiler()} took longer than {allowed:g} s") from late
+        store(built, library)
     return True
+
+
+def _run(command: list[str], folder: Path, seconds: float) -> None:
+    """Run a compiler; OSError if it fails, TimeoutExpired with all of it ended."""
+    environment = {**os.environ, "LC_ALL": "C", "TMPDIR": str(folder)}
+    with (folder / "messages").open("w+b") as messages:
+        process = subprocess.Popen(
+            command, env=environment, stdin=subprocess.DEVNULL, stdout=messages,
+            stderr=messages, start_new_session=True,
+        )  # fmt: skip
+        try:
+            status = process.wait(seconds)
+        finally:
+            _end(process)
+        messages.seek(0)
+        said = messages.read(MESSAGE).decode(errors="replace")
+    if status:
+        raise OSError(f"{command[0]} ends with status {status}: {said.strip()}")
+
+
+def _end(process: subprocess.Popen) -> None:
+    """End a process that still runs, and all that it started."""
+    if process.returncode is None:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()

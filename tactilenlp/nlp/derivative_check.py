@@ -116,3 +116,22 @@ def _worst(error, size) -> float:
     """Return the largest error / size; infinite where a number is not finite."""
     ratio = np.where(error > 0, error / np.where(size > 0, size, 1.0), error)
     return float(np.where(np.isfinite(ratio), ratio, np.inf).max(initial=0.0))
+
+
+def not_finite(problem, x, data, place: str):
+    """Yield a sentence for each term that is not finite at x, which is called `place`.
+
+    x (unknowns,) SI; data: of all parameters, as Problem.data returns it.
+    """
+    for name, term in problem.terms.items():
+        value = problem.value(name, x, data)
+        slope = problem.jacobian(name, x, data)
+        bend = problem.hessian(name, x, data)
+        bad = np.argwhere(~np.isfinite(value))
+        if len(bad):
+            yield f'"{name}" is not finite at {place}, first at instance {bad[0, 0]}'
+        elif not (np.isfinite(slope.data).all() and np.isfinite(bend.data).all()):
+            yield (
+                f'"{name}" has {term.instances} finite values at {place} but no '
+                "derivatives: round roots and norms where they can be zero"
+            )

@@ -19,6 +19,7 @@ from .derivative_check import (
     TOLERATED,
     assembled_error,
     derivative_errors,
+    not_finite,
 )
 from .kkt import gradient
 
@@ -159,7 +160,7 @@ def check(problem: Problem, start: dict | None = None, seed: int = 0) -> Report:
         "slope": dict(zip(problem.constraints, map(_span, lengths), strict=True)),
         "unused": (*_unused_variables(problem), *_unused_parameters(problem)),
     }
-    mend = [*_not_finite(problem, guess, data), *_wrong(errors, assembled)]
+    mend = [*not_finite(problem, guess, data, "the guess"), *_wrong(errors, assembled)]
     mend += [*_bad_scales(problem, found, J), *dependent]
     mend += [f"no term reads {name}: drop it, or use it" for name in found["unused"]]
     return Report(
@@ -176,22 +177,6 @@ def _near(problem, x, away, rng) -> np.ndarray:
     room = np.minimum(4 * DIFFERENCE_STEP * problem.scale, (upper - lower) / 2)
     x = x + away * problem.scale * rng.normal(size=x.size)
     return np.clip(x, lower + room, upper - room)
-
-
-def _not_finite(problem, guess, data):
-    """Yield a sentence for each term that is not finite at the guess."""
-    for name, term in problem.terms.items():
-        value = problem.value(name, guess, data)
-        slope = problem.jacobian(name, guess, data)
-        bend = problem.hessian(name, guess, data)
-        bad = np.argwhere(~np.isfinite(value))
-        if len(bad):
-            yield f'"{name}" is not finite at the guess, first at instance {bad[0, 0]}'
-        elif not (np.isfinite(slope.data).all() and np.isfinite(bend.data).all()):
-            yield (
-                f'"{name}" has {term.instances} finite values at the guess but no '
-                "derivatives: round roots and norms where they can be zero"
-            )
 
 
 def _wrong(errors, assembled):

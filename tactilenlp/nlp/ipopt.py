@@ -10,16 +10,18 @@ from dataclasses import dataclass, field, replace
 import casadi as ca
 import numpy as np
 
+from ..common.deadline import time_left
 from ..common.interrupt import interruptible
 from ..common.validation import check_numbers, check_types
-from ..errors import OptionError
+from ..errors import OptionError, typed_call
 from .problem import Problem
-from .solution import Solution, after, not_converged, recomputed
+from .solution import Solution, after, not_converged, recomputed, unfinished
 
 log = logging.getLogger("tactilenlp")
 WARM_PUSH = 1e-6  # [-] by which a warm start and its multipliers are pushed inside
 PUSH_OPTIONS = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
 WARM_OPTIONS = [f"warm_start_{name}" for name in (*PUSH_OPTIONS, "mult_bound_push")]
+LEAST_TIME = 0.02  # [s] that a solve may take beyond a deadline: about one iteration
 LEVEL_DEFAULTS = {"mu_init": 1e-2, "max_iter": 200}  # of a level that does not set them
 
 
@@ -29,6 +31,7 @@ def check_positive(options, *names: str) -> None:
     check_numbers("", "a positive number", **given)
 
 
+@typed_call()
 @dataclass(frozen=True)
 class SolverOptions:
     """Options of one solve.
@@ -114,7 +117,7 @@ def solve(
 
     Raises NotConverged unless the solver succeeded or `throw` is False.
     """
-    options = options or SolverOptions()
+    options = _in_time(options or SolverOptions())
     warm = start if isinstance(start, Solution) else None
     began = time.process_time()
     solver = solver or make_solver(problem, options, eliminate, warm is not None)
@@ -134,6 +137,12 @@ def solve(
     if throw and not solution.success:
         raise not_converged(problem, solution)
     return solution
+
+
+def _in_time(options: SolverOptions) -> SolverOptions:
+    """Return options whose time limit ends by the deadline, if there is one."""
+    left = max(LEAST_TIME, time_left())
+    return options if options.time_limit <= left else replace(options, time_limit=left)
 
 
 def _part(problem, eliminate) -> tuple[dict, object, object]:
@@ -224,16 +233,19 @@ def solve_levels(
 
     solvers: keeps the solvers that were built, for further calls on the same problem.
     Iterations and seconds of the result are sums over the levels.  A level that fails
-    does not stop the next; the status is that of the last.
+    does not stop the next; the status is that of the last.  At a deadline the levels
+    that remain are not solved, and the result is marked as a failure.
     """
     options = options or SolverOptions()
     solvers = {} if solvers is None else solvers
     whole = None
     for level in levels:
+        if whole is not None and time_left() <= 0:
+            return unfinished(whole)
         for ipopt, warm in _tries(level, start):
             solution = _at(problem, level, ipopt, warm, start, options, solvers)
             whole = solution if whole is None else after(whole, solution)
-            if solution.success:
+            if solution.success or time_left() <= 0:
                 break
         # Multipliers of fixed unknowns are of no use to the next level.
         start = solution.values if level.fixed else solution
@@ -255,8 +267,8 @@ def _tries(level, start) -> list[tuple[dict, bool]]:
 
 def _at(problem, level, ipopt, warm, start, options, solvers) -> Solution:
     """Solve one level from `start`; warm: with the multipliers of that solution."""
-    chosen = replace(options, ipopt=ipopt | options.ipopt)
-    key = (*sorted(ipopt.items()), options.tolerance, options.time_limit)
+    chosen = _in_time(replace(options, ipopt=ipopt | options.ipopt))
+    key = (*sorted(ipopt.items()), chosen.tolerance, chosen.time_limit)
     key += (level.eliminate, warm)
     began = time.process_time()
     if key not in solvers:

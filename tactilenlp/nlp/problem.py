@@ -19,6 +19,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
+from ..common.validation import numbers_of
 from ..errors import PageError
 from .assembly import assemble
 from .reduced_space import Eliminated
@@ -91,7 +92,7 @@ class Problem:
     def parameter(self, name, value, unit="") -> Parameter:
         """Declare a number or vector shared by all instances of the terms it enters."""
         self._new(name, self.parameters)
-        value = np.atleast_1d(np.asarray(value, float))
+        value = np.atleast_1d(numbers_of(name, value, PageError))
         parameter = Parameter(name, value, unit, self._append_data(value))
         self.parameters[name] = parameter
         return parameter
@@ -179,9 +180,8 @@ class Problem:
         }
 
     def bounds(self, which: str) -> np.ndarray:
-        return np.concatenate(
-            [getattr(v, which).T.ravel() for v in self.variables.values()]
-        )
+        blocks = [getattr(v, which).T.ravel() for v in self.variables.values()]
+        return np.concatenate(blocks)
 
     def limits(self, which: str) -> np.ndarray:
         blocks = [getattr(t, which).ravel() for t in self.constraints.values()]
@@ -249,7 +249,7 @@ class Problem:
     def _new(self, name: str, table: dict) -> None:
         for made in ("functions", "scale", "eliminated"):
             self.__dict__.pop(made, None)
-        if name in table:
+        if not isinstance(name, str) or name in table:
             raise PageError("declared twice", where=name, next="give it another name")
 
     def _append_data(self, values: np.ndarray) -> int:

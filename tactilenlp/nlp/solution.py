@@ -6,12 +6,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..errors import NotConverged
+from ..errors import NotConverged, PageError
+from .derivative_check import not_finite
 from .problem import Problem
 
+INVALID = "Invalid_Number_Detected"  # IPOPT met NaN or infinity
 PROGRESS = {  # our names for IPOPT's
     "objective": "obj", "primal": "inf_pr", "dual": "inf_du", "barrier": "mu",
 }  # fmt: skip
+TIME_EXCEEDED = "Maximum_WallTime_Exceeded"  # IPOPT's status
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +50,11 @@ def recomputed(problem, x, data, lam_g, lam_x, stats, seconds) -> Solution:
     for name, term in problem.constraints.items():
         value = problem.value(name, x, data)
         beyond = np.maximum(term.lower - value, value - term.upper)
-        violations[name] = float(max(0.0, beyond.max()))
+        violations[name] = float(np.maximum(0.0, beyond.max()))  # NaN stays
         multipliers[name] = lam_g[term.span].reshape(value.shape)
     iterations = max(0, int(stats["iter_count"]))
-    finite = bool(np.all(np.isfinite(x))) and np.isfinite(sum(costs.values()))
+    sums = [*costs.values(), *violations.values()]
+    finite = bool(np.all(np.isfinite(x))) and bool(np.all(np.isfinite(sums)))
     return Solution(
         values=problem.unpack(x),
         objective=float(sum(costs.values())),
@@ -84,6 +88,11 @@ def after(first: Solution, then: Solution) -> Solution:
     )
 
 
+def unfinished(solution: Solution) -> Solution:
+    """Return a solution, marked: a deadline came before the levels that follow."""
+    return replace(solution, success=False, status=TIME_EXCEEDED)
+
+
 def _joined(first: dict, then: dict, levels: int) -> dict[str, np.ndarray]:
     """Return the progress of two solves in a row; the first one had so many levels."""
     then = {**then, "level": then["level"] + levels}
@@ -95,6 +104,23 @@ def _progress(stats: dict) -> dict[str, np.ndarray]:
     said = stats.get("iterations") or {}
     found = {name: np.array(said.get(key, []), float) for name, key in PROGRESS.items()}
     return {"level": np.zeros(len(found["objective"]), int), **found}
+
+
+def check_finite(problem: Problem, solution: Solution) -> None:
+    """Raise PageError with the terms that are not finite where a solve ended."""
+    numbers = [*solution.costs.values(), *solution.violations.values()]
+    if np.all(np.isfinite(numbers)) and solution.status != INVALID:
+        return
+    x, data = problem.pack(solution.values), problem.data(solution.parameters)
+    with np.errstate(all="ignore"):
+        bad = list(not_finite(problem, x, data, "the end of the solve"))
+    if bad:
+        raise PageError(
+            "the page has terms without a number", where=f"IPOPT: {solution.status}",
+            got="; ".join(bad), expected="finite costs, constraints and derivatives",
+            next="keep divisors, logarithms and roots away from zero; problem.check() "
+            "examines a page at its guess",
+        )  # fmt: skip
 
 
 def not_converged(problem: Problem, solution: Solution) -> NotConverged:

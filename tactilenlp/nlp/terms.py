@@ -9,8 +9,11 @@ from itertools import islice
 import numpy as np
 from casadi import vertcat
 
-from ..errors import PageError
+from ..common.validation import is_whole, numbers_of
+from ..errors import PageError, shortened
 from .term_functions import TermFunction
+
+LARGEST_BLOCK = 1_000_000  # [1] rows or columns of a variable
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +37,8 @@ class Variable:
     def __getitem__(self, key) -> Columns:
         rows, columns = key if isinstance(key, tuple) and len(key) == 2 else (key, None)
         if not isinstance(rows, slice) or rows != slice(None) or columns is None:
-            raise PageError(
-                "only whole columns can be picked",
-                where=self.name,
-                next="write x[:, columns] and index the rows inside the term",
-            )
+            told = {"where": self.name, "next": "index rows inside the term"}
+            raise PageError("only whole columns x[:, k] can be picked", **told)
         try:
             picked = np.arange(self.columns)[columns]
         except IndexError as error:
@@ -179,20 +179,24 @@ def check_owner(problem, name: str, argument) -> None:
 
 def block(values, shape: tuple[int, int], name: str) -> np.ndarray:
     """Return values as (rows, columns); one number per row fills its columns."""
-    values = np.asarray(values, float)
+    if not all(is_whole(n) and 0 <= n <= LARGEST_BLOCK for n in shape):
+        raise PageError(
+            "no size of a block", where=name, got=shortened(shape, most=80),
+            expected=f"(rows, columns), whole numbers to {LARGEST_BLOCK}",
+        )  # fmt: skip
+    values = numbers_of(name, values, PageError)
     if values.ndim == 1 and values.size == shape[0]:
         values = values[:, None]
     try:
         return np.broadcast_to(values, shape).copy()
     except ValueError:
-        raise PageError(
-            "wrong shape", where=name, got=values.shape, expected=str(shape)
-        ) from None
+        told = {"where": name, "got": values.shape, "expected": str(shape)}
+        raise PageError("wrong shape", **told) from None
 
 
 def table(values, name: str) -> np.ndarray:
     """Return data as a table (instances, numbers); a list is one number an instance."""
-    values = np.asarray(values, float)
+    values = numbers_of(name, values, PageError)
     if values.ndim > 2 or np.isnan(values).any():
         raise PageError(
             "not data",
@@ -206,7 +210,7 @@ def table(values, name: str) -> np.ndarray:
 
 def setting(values, parameter: Parameter) -> np.ndarray:
     """Return a new value of a parameter as it lies in the data."""
-    values, size = np.asarray(values, float), parameter.value.size
+    values, size = numbers_of(parameter.name, values, PageError), parameter.value.size
     if values.size not in (1, size) or np.isnan(values).any():
         raise PageError(
             "not a value of this parameter",

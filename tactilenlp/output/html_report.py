@@ -26,6 +26,7 @@ QUANTITY_WORDS = {
     "rotation": "rotation about",
 }
 AXES = ("x", "y", "z")
+WORST_TOUCHES = 4  # [1] fingers in actions that the table of the fit lists
 
 
 def write_report(estimate, path: str | os.PathLike) -> None:
@@ -53,6 +54,7 @@ def _content(estimate) -> dict:
         "time": _plain(data.time, 3),
         "action": data.action.tolist(),
         "position": _plain(estimate.position),
+        "position_sigma": _path_sigma(estimate),
         "quaternion": _plain(estimate.quaternion, 6),
         "vertices": _plain(estimate.vertices),
         "faces": _faces(estimate),
@@ -67,10 +69,18 @@ def _content(estimate) -> dict:
         "sigma": _sigma(estimate),
         "costs": sorted(estimate.costs.items(), key=lambda cost: -abs(cost[1])),
         "objective": f"{estimate.objective:.2f} nats",
-        "unobserved": list(estimate.information.unobserved),
+        "remarks": estimate.remarks,
+        "fit": _fit(estimate.fit),
         "solve": _solve(estimate),
         "skipped": [str(skipped) for skipped in estimate.skipped],
     }
+
+
+def _path_sigma(estimate) -> list | None:
+    """Return the deviations (T, 3) [m] of the position; None where not known."""
+    if estimate.information.path is None:
+        return None
+    return _plain(estimate.sigma_position, 6)
 
 
 def _finger(estimate, f: int) -> dict:
@@ -161,6 +171,22 @@ def _sigma(estimate) -> list[list[str]]:
                 words = f"{value * factor:.2f} {words}"
             rows.append([f"{QUANTITY_WORDS[name]} {axis}", words])
     return rows
+
+
+def _fit(fit) -> dict | None:
+    """Return the verdict, and actual and expected nats by term and by touch, worst."""
+    if fit is None:
+        return None
+    named = [*fit.terms.items(), ("all terms", fit.total)]
+    named += [
+        (f"touches of finger {touch.finger} in action {touch.action}", touch.misfit)
+        for touch in fit.touches[:WORST_TOUCHES]
+    ]
+    rows = [
+        [name, f"{one.actual:.1f}", f"{one.expected:.1f} ± {one.spread:.1f}"]
+        for name, one in named
+    ]
+    return {"verdict": fit.verdict, "rows": rows}
 
 
 def _solve(estimate) -> list[list[str]]:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import importlib
+from functools import partial
 
 from formulations.polytope import polytope
 from formulations.shape import CUBOID, Shape
 
-from ..errors import OptionError
+from ..errors import OptionError, PageError, shortened
 
+_short = partial(shortened, most=80)
 SHAPES = {"cuboid": CUBOID, "polytope": polytope()}
 FORMULATIONS = (
     *("quasi_static", "violation_implicit", "paper"),
@@ -34,8 +36,20 @@ def page_of(formulation, shape):
     for name in ("build", "LEVELS"):
         if not hasattr(formulation, name):
             raise OptionError(
-                f"a page needs {name}", where="formulation", got=repr(formulation)
+                f"a page needs {name}", where="formulation", got=_short(formulation)
             )
+    levels = formulation.LEVELS
+    listed = isinstance(levels, (tuple, list)) and len(levels) > 0
+    if not (listed and all(hasattr(k, "with_ipopt") for k in levels)):
+        raise OptionError(
+            "a page needs levels", where="formulation.LEVELS", got=_short(levels),
+            expected="a tuple of formulations.level.Level, at least one",
+        )  # fmt: skip
+    if not callable(formulation.build):
+        raise OptionError(
+            "a page needs a function", where="formulation.build",
+            got=_short(formulation.build), expected="build(nlp, window, scene, shape)",
+        )  # fmt: skip
     return formulation
 
 
@@ -59,6 +73,20 @@ def _module_of(formulation: str, shape) -> str:
             next='use shape="cuboid", or give a page of your own',
         )
     return f"{shape.name}_{formulation}"
+
+
+def check_unknowns(problem, theta, x) -> None:
+    """Raise PageError unless the unknowns theta and x have the sizes of a start."""
+    declared = {n: (v.rows, v.columns) for n, v in problem.variables.items()}
+    rows, columns = declared.get("theta", (0, 0))
+    if rows * columns == theta.size and declared.get("x") == x.shape:
+        return
+    raise PageError(
+        "the page lacks an unknown, or it has another size", where="formulation",
+        got=", ".join(f"{n} {size}" for n, size in declared.items()) or "none",
+        expected=f"theta of {theta.size} numbers [m], x {x.shape}, a column a pose",
+        next='declare nlp.variable("theta", ...) and nlp.variable("x", ...) in build',
+    )  # fmt: skip
 
 
 def page_named(page):

@@ -6,7 +6,7 @@ absent        a finger that feels nothing exerts no impulse
 planar        an object that never tilts has three unknowns per pose, not six
 frictionless  a contact without friction has no tangential impulse
 rigid         fingertips do not yield under load (see estimation/model_selection.py)
-
+central       the centre of mass is the centroid (likewise)
 Each can be switched off alone; certificates check them after the solve.
 """
 
@@ -22,7 +22,7 @@ from formulations.rigid_body import FREE, PLANAR
 
 from ..common.validation import check_types
 from ..data.sensor_noise import contact_latency
-from ..errors import OptionError
+from ..errors import OptionError, typed_call
 from .fingertips import finger_of, finger_poses, yields
 from .window import Corners, Group, Pushes, Rests, Samples, Steps, Window
 
@@ -35,6 +35,7 @@ REPEATED = 0.1  # [sample intervals] sooner than this, a sample has come twice
 SIDE_NORMAL = 0.7  # [-] |n_z| below which a normal belongs to a side
 
 
+@typed_call()
 @dataclass(frozen=True)
 class Reductions:
     """Which reductions may be made; all by default."""
@@ -45,6 +46,7 @@ class Reductions:
     planar: bool = True
     frictionless: bool = True
     rigid: bool = True
+    central: bool = True
 
     def __post_init__(self) -> None:
         check_types(**{name: (value, bool) for name, value in vars(self).items()})
@@ -113,6 +115,7 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
         sigma_position=precision.position, sigma_normal=precision.normal,
         outlier_cost=OUTLIER_COST, braking=friction_of(scene) * scene.gravity,
         compliant=yields(scene, choice) and len(push) > 0,
+        central=choice.central or scene.sigma_centre == 0.0,
     )  # fmt: skip
 
 

@@ -107,7 +107,8 @@ class Window:
     sigma_position [m], sigma_normal [rad]: sensor noise;
     outlier_cost: the most that one wrong sample can cost [nats];
     braking [m/s^2]: of an object that slides on, mu g;
-    compliant: whether fingertips yield under load.
+    compliant: whether fingertips yield under load; central: whether the centre of mass
+    is the centroid.
     """
 
     motion: Motion
@@ -131,6 +132,7 @@ class Window:
     outlier_cost: float
     braking: float
     compliant: bool = False
+    central: bool = True
 
     @property
     def push_of_touch(self) -> tuple[np.ndarray, np.ndarray]:

@@ -20,6 +20,7 @@ from functools import partial
 
 import numpy as np
 
+from ..common.deadline import out_of_time
 from ..data.sensor_noise import precise
 from ..geometry.transforms import is_planar
 from ..information.information import reduced_covariance
@@ -57,6 +58,8 @@ def with_alternatives(job, page, solved, options, start=None) -> list:
     levels = freed_levels(page.LEVELS, final=True)
 
     def competing(solved, propose) -> list:
+        if out_of_time("all alternatives"):
+            return solved
         starts = propose(job, solved)
         found = multistart(job, page, starts, options, levels, known=solved)
         return best_first([*solved, *found])

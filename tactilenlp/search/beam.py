@@ -17,6 +17,7 @@ import numpy as np
 
 from formulations import quasi_static
 
+from ..common.deadline import ends_by, out_of_time
 from ..common.progress import progress
 from ..problem.pages import page_named
 from .hypothesis import Hypothesis, Job, distinct, same
@@ -29,10 +30,11 @@ from .local_solve import (
 )
 from .margins import COARSE_LEVEL, LEAST_MOTION_BEHIND, PHYSICS_BEHIND
 from .plane_slam import SEARCH_TOLERANCE
-from .proposals import WEAK_MOTION, extensions
+from .proposals import WEAK_MOTION, extensions, followed
 
 log = logging.getLogger("tactilenlp")
 RANKED_ACTIONS = 2  # actions after which a page with physics ranks
+FOLLOW_TIME = 5e-4  # [s] a sample that is followed without a search
 EARLY_ACTIONS = 2  # actions in which sizes are free: twice as many hypotheses
 
 
@@ -45,19 +47,22 @@ def beam(
     twice as many in the first actions, besides proposals as they were; solves: how many
     are solved an action; page: ranks those of the first RANKED_ACTIONS, while its
     problem is small; so_far: a list that holds them after each action, for Ctrl-C.
+    When the time for an action as long as the last one is over, the remaining actions
+    are followed by a filter, not searched.
     """
     done = kept[0].x.shape[1] if kept else 0
     actions, physical = np.unique(job.data.action), bool(kept)
+    began, lasted = time.monotonic(), 0.0
     for i, action in enumerate(progress(actions, "search")):
         last = int(np.nonzero(job.data.action == action)[0][-1]) + 1
         if last <= done or not (job.data.contact & job.data.valid)[:last].any():
             continue
+        needed = lasted + FOLLOW_TIME * (job.data.samples - done)
+        if kept and out_of_time(f"a search from action {i + 1} on", needed):
+            return [followed(job, kept[0])]
         part = replace(job, data=job.data.select(np.unique(job.data.action[:last])))
         more = 2 if i < EARLY_ACTIONS else 1
         starts = _most_promising(part, extensions(part, kept), solves * more)
-        if time.monotonic() > job.deadline:  # the rest is proposed, not solved
-            kept = starts[:width]
-            continue
         early = i < EARLY_ACTIONS
         kept = _selected(part, starts, width * more, executor, early, physical)
         physical = False
@@ -65,6 +70,9 @@ def beam(
             kept = rank(part, page, kept, width, executor)
         if so_far is not None:
             so_far[:] = kept
+        done, before = last, began
+        began = time.monotonic()
+        lasted = began - before
         words = "searched %d of %d actions: %d hypotheses, the best of %.1f nats"
         log.info(words, i + 1, len(actions), len(kept), kept[0].objective)
     return kept
@@ -113,13 +121,15 @@ def _distributed(solve_chunk, job: Job, starts, executor, *args) -> list:
 
 
 def _rank_chunk(job: Job, kept, page) -> list[Hypothesis]:
+    """Return the hypotheses by a page's first levels, within the deadline of a job."""
     page = page_named(page)
     problem, window = problem_for(job, page, (kept[0].theta, kept[0].x))
     levels, solvers = freed_levels(page.LEVELS, final=False), {}
-    return [
-        solved_roughly(job, problem, window, levels, h, RANKING_TOLERANCE, solvers)
-        for h in kept
-    ]
+    with ends_by(job.deadline):
+        return [
+            solved_roughly(job, problem, window, levels, h, RANKING_TOLERANCE, solvers)
+            for h in kept
+        ]
 
 
 def _most_promising(job: Job, starts, count: int) -> list[Hypothesis]:
@@ -139,9 +149,9 @@ def _solve_chunk(job: Job, starts) -> list[Hypothesis]:
         replace(v, parameters=v.parameters | WEAK_MOTION) for v in quasi_static.LEVELS
     ]
     solvers, out = {}, []
-    for h in starts:
-        levels = weak if h.objective > COARSE_LEVEL else weak[-1:]
-        out.append(
-            solved_roughly(job, problem, window, levels, h, SEARCH_TOLERANCE, solvers)
-        )
+    given = job, problem, window
+    with ends_by(job.deadline):
+        for h in starts:
+            levels = weak if h.objective > COARSE_LEVEL else weak[-1:]
+            out.append(solved_roughly(*given, levels, h, SEARCH_TOLERANCE, solvers))
     return out

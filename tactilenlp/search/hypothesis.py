@@ -99,7 +99,10 @@ class Job:
         """
         if not getattr(page, "ALIKE", False):
             return {}
-        key = page, window.motion, window.frictionless, window.compliant
+        key = (
+            *(page, window.motion, window.frictionless),
+            *(window.compliant, window.central),
+        )
         return self.functions.setdefault(key, {})
 
 

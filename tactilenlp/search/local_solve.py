@@ -16,13 +16,15 @@ import numpy as np
 from formulations.finger_offset import NAME as OFFSET
 from formulations.rigid_body import PLANAR
 
+from ..common.deadline import out_of_time
 from ..geometry.faces import touched_faces
 from ..geometry.tipping import planar_to_free
 from ..information.information import FACE_COSINE
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
-from ..nlp.solution import Solution, after
+from ..nlp.solution import Solution, after, unfinished
 from ..problem.certificates import Certificates
+from ..problem.pages import check_unknowns
 from ..problem.polytope_window import window_of
 from ..problem.poses import poses
 from ..problem.reductions import reduce, required_reductions
@@ -124,6 +126,7 @@ def problem_at(job, page, hypothesis):
 
 def start_values(problem, window, h: Hypothesis) -> dict:
     """Return where a solve starts: the hypothesis as unknowns of the problem."""
+    check_unknowns(problem, h.theta, h.x[:, window.last])
     theta = problem.variables["theta"]
     theta = h.theta.reshape(theta.columns, theta.rows).T
     start = {"theta": theta, "x": h.x[:, window.last]}
@@ -252,8 +255,10 @@ def continued(job, page, solved: Solved, options) -> Solved | None:
     A page with levels for guessed poses (`ROUGH`) starts from the last two of them:
     the kinks between sliding and sticking, which can hold a path in a local optimum,
     are smooth there.  A page that is extended action by action (`EXTENDS`) goes through
-    all its levels, rebuilt before each.
+    all its levels, rebuilt before each.  None as well without time for it.
     """
+    if out_of_time("continuation"):
+        return None
     if rough := getattr(page, "ROUGH", ())[-2:]:
         return solved_from(job, page, solved.at, options, levels=rough)
     if not getattr(page, "EXTENDS", False):
@@ -274,6 +279,8 @@ def _between_rebuilds(levels) -> list[list]:
 def _rebuilt_for(job, page, solved, groups, options) -> Solved:
     """Go on from a solve through groups of levels, the page rebuilt before each."""
     for levels in groups:
+        if out_of_time("all levels of the page"):
+            return replace(solved, solution=unfinished(solved.solution))
         h = with_vertices_on_hull(job.shape, solved.at)
         window, problem, built = problem_at(job, page, h)
         values, _, _ = transferred_values(solved, window, problem)

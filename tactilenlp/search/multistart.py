@@ -7,9 +7,9 @@ the same body by then only the best is solved to the end, and none that is far b
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
+from ..common.deadline import out_of_time
 from ..common.interrupt import interruptible
 from ..common.progress import progress
 from .hypothesis import same
@@ -40,7 +40,7 @@ def _multistart(job, page, hypotheses, options, levels, known, solved, rough) ->
     separate = len(levels) == 1 or levels[-2].fixed or levels[-1].rebuild
     separate = separate or not job.reductions.planar
     for h in progress(hypotheses, "solve"):
-        if (known or solved or rough) and time.monotonic() > job.deadline:
+        if (known or solved or rough) and out_of_time("all hypotheses"):
             break
         shared = {} if job.shape.window_depends_on_start else shared
         if separate:  # held or free poses do not come together before the last level
@@ -49,7 +49,7 @@ def _multistart(job, page, hypotheses, options, levels, known, solved, rough) ->
             rough.append(solved_from(job, page, h, options, shared, levels[:-1]))
     ends = [end for s in known for end in (s.at, s.rough) if end is not None]
     for s in sorted(rough, key=lambda s: s.at.rank):
-        if (known or solved) and time.monotonic() > job.deadline:
+        if (known or solved) and out_of_time("all hypotheses"):
             break
         if any(same(job.shape, s.at, end) for end in ends):
             continue

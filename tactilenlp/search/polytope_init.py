@@ -15,6 +15,7 @@ import numpy as np
 
 from formulations import polytope_quasi_static
 
+from ..common.deadline import out_of_time
 from ..common.interrupt import interruptible
 from ..common.progress import progress
 from ..data.contact_segments import without_outliers
@@ -149,20 +150,38 @@ def search_polytope(job, kept, so_far=None) -> list[Hypothesis]:
     And one of a body whose every face was touched, where planes and ground close one.
     kept: a hypothesis of the first actions, if any, with any number of vertices.
     so_far: a list that holds the hypothesis of the actions done when Ctrl-C interrupts.
+    At a deadline the body stays where it is after the actions done.
     Raises NoContactError where no touch is credible.
     """
     job = replace(job, data=credible_data(job.data, job.precision.normal))
     faces = [faces_of(job, kept[0])] if kept else []
     try:
         with interruptible():
-            for last in progress(_ends(job.data), "search"):
-                if not kept or last > kept[0].x.shape[1]:
-                    faces[:] = [extended_faces(job, faces[0] if faces else None, last)]
-            return [polished(job, body) for body in bodies_from(job, faces[0])]
+            for i, last in enumerate(progress(_ends(job.data), "search")):
+                if faces and last <= faces[0].x.shape[1]:
+                    continue
+                if faces and out_of_time(f"a search from action {i + 1} on"):
+                    break
+                faces[:] = [extended_faces(job, faces[0] if faces else None, last)]
+            return _fitted(job, faces[0])
     except KeyboardInterrupt:
         if so_far is not None:
             so_far[:] = [bodies_from(job, one)[0] for one in faces]
         raise
+
+
+def _fitted(job, faces: Faces) -> list[Hypothesis]:
+    """Return the bodies of planes, fitted if there is time; they stay at the end."""
+    samples, found = job.data.samples, bodies_from(job, faces)
+    done = np.unique(job.data.action[: faces.x.shape[1]])
+    part = replace(job, data=job.data.select(done))
+    if not out_of_time("a fit of the first polytope"):
+        found = [polished(part, body) for body in found]
+    rest = [np.repeat(h.x[:, -1:], samples - h.x.shape[1], axis=1) for h in found]
+    return [
+        replace(h, x=np.hstack([h.x, stays]))
+        for h, stays in zip(found, rest, strict=True)
+    ]
 
 
 def _ends(data) -> list[int]:

@@ -67,6 +67,17 @@ def extensions(job: Job, kept: list[Hypothesis]) -> list[Hypothesis]:
     return [_continued(*end) for end in ends]
 
 
+def followed(job: Job, h: Hypothesis) -> Hypothesis:
+    """Return a hypothesis whose pose a filter follows through the remaining actions."""
+    data, window = spherical(job)
+    new = np.arange(h.x.shape[1], data.samples)
+    spread = np.diag(GUESS_SIGMA_MIN**2)[None]
+    offset = np.broadcast_to(h.shift, (3, data.fingers))[None]
+    given = data, window, job.shape, h.end[None], spread, np.ones(1), new, offset
+    _, (tail,) = filtered_paths(*given)
+    return replace(h, x=np.hstack([h.x, tail]), path=(*h.path, "followed"))
+
+
 def spherical(job: Job):
     """Return data and window as if every fingertip were a sphere."""
     window = reduce(job.data, job.scene, job.shape, job.precision, job.reductions)

@@ -38,9 +38,9 @@ def plane_of_touch(data, size: float, guess=None) -> Ground:
     p = data.finger_position[t, f] - data.finger_radius[f, None] * n
     if guess is not None:
         up = np.array([0.0, 0.0, 1.0])
-        position = np.asarray(guess.position, float)
+        position = guess.position
         height = position[2] if len(position) == 3 else p[:, 2].mean()
-        return Ground(height=height - np.asarray(guess.side_lengths)[2] / 2)
+        return Ground(height=height - guess.side_lengths[2] / 2)
     apart = (p - p.mean(axis=0)) / PLANE_ARM
     across = (n.T @ n + apart.T @ apart) / len(n)
     across[2, 2] -= VERTICAL_BIAS

@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..errors import OptionError, SceneError
+from ..common.validation import as_floats
+from ..errors import OptionError, SceneError, shortened
 from ..geometry.transforms import rotation_of
 from .retraction import PARKED_MOTION
 
@@ -35,8 +36,8 @@ def path_of(trajectory, F: int) -> tuple[Callable, float, np.ndarray]:
     """
     from scipy.interpolate import PchipInterpolator
 
-    time = np.asarray(getattr(trajectory, "time", None), float)
-    position = np.asarray(getattr(trajectory, "finger_position", None), float)
+    time = as_floats(getattr(trajectory, "time", None))
+    position = as_floats(getattr(trajectory, "finger_position", None))
     good = time.ndim == 1 and len(time) > 1 and np.isfinite(time).all()
     if not (good and (np.diff(time) > 0).all()):
         expected = "(n,) [s], finite, increasing, n >= 2"
@@ -55,7 +56,7 @@ def pose_of(position, quaternion, corners: np.ndarray, ground: float | None):
         raise world_error("quaternion", "unit length", quaternion, "the order is wxyz")
     R_wo = rotation_of(quaternion).as_matrix()
     lowest = (corners @ R_wo.T)[:, 2].min()
-    position = checked_argument("position", np.atleast_1d(position), "m", None)
+    position = checked_argument("position", position, "m", None)
     if len(position) == 2 and ground is not None:
         position = np.append(position, ground - lowest)
     if len(position) != 3:
@@ -71,11 +72,11 @@ def centred_hull(vertices) -> np.ndarray:
     from scipy.spatial import ConvexHull, QhullError
 
     try:
-        points = np.asarray(getattr(vertices, "vertices", vertices), float)
+        points = as_floats(getattr(vertices, "vertices", vertices))
         hull = ConvexHull(points.reshape(len(points), 3))
     except (QhullError, TypeError, ValueError) as bad:
         expected, fix = "(V, 3) [m] with a volume", "give corners of a convex body"
-        raise world_error("vertices", expected, np.shape(vertices), fix) from bad
+        raise world_error("vertices", expected, vertices, fix) from bad
     inside = points.mean(axis=0)
     legs = points[hull.simplices] - inside  # a tetrahedron per facet
     volume = abs(np.linalg.det(legs))
@@ -86,10 +87,8 @@ def centred_hull(vertices) -> np.ndarray:
 def checked_argument(name: str, value, unit: str, length: int | None = -1):
     """Return a finite number or array (length,), above the zero that the unit names."""
     low = {"> 0": np.finfo(float).tiny, "= 0": 0.0}.get(unit[-3:], -np.inf)
-    try:
-        array = np.asarray(value, float)
-    except (TypeError, ValueError):
-        array = np.array(np.nan)
+    array = as_floats(value)
+    array = np.atleast_1d(array) if length is None else array
     shape = () if length == -1 else (length or max(array.size, 1),)
     if array.shape != shape or not (np.isfinite(array) & (array >= low)).all():
         raise world_error(name, f"finite, shape {shape}, [{unit}]", value)
@@ -103,5 +102,6 @@ def checked_argument(name: str, value, unit: str, length: int | None = -1):
 def world_error(
     where: str, expected: str, got: object, next: str = "", kind=SceneError
 ):
-    parts = {"where": where, "expected": expected, "got": f"{got}", "next": next}
+    got = shortened(got, str, 80)
+    parts = {"where": where, "expected": expected, "got": got, "next": next}
     return kind("cannot be simulated", **parts)

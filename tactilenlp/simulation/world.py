@@ -8,9 +8,10 @@ from dataclasses import KW_ONLY, dataclass
 import numpy as np
 
 from ..common.npz import write_npz
+from ..common.validation import check_types
 from ..data.measurements import Measurements
 from ..data.noise_model import Noise, add_noise
-from ..errors import SceneError
+from ..errors import SceneError, typed_call
 from .arguments import (
     ARGUMENT_RULES,
     centred_hull,
@@ -53,6 +54,7 @@ class Truth:
     distance: np.ndarray
 
 
+@typed_call()
 @dataclass(eq=False, repr=False)
 class World:
     """A simulated world in which fingers push one rigid object.
@@ -103,7 +105,7 @@ class World:
             raise world_error(
                 "side_lengths, vertices", "one of the two", "both or neither"
             )
-        self.finger_radius = np.atleast_1d(self.finger_radius)
+        check_types(noise=(self.noise, Noise))
         for name, rule in ARGUMENT_RULES.items():
             value = getattr(self, name)
             if value is not None or name not in ("side_lengths", "ground"):

@@ -1,0 +1,100 @@
+r"""Compute standard deviations of the pose at every sample of the trajectory.
+
+At sample t the variance of the pose adds up
+
+    the error budget of p_t and R_t (error_budget.py), past and future marginalised,
+    sum_m w_m (p_{m,t} - p_t)^2, the paths of the other local optima (mixture.py),
+    what the budget of shape and final pose has beyond its terms (untouched faces,
+    profile likelihood), carried back by the rigid body: it holds in the body's frame.
+
+A solve of the KKT system is needed for every pose; at most POSES of them are computed,
+and the variance is linear between.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .error_budget import ANY_ROTATION, REACHED, Linearisation, error_budget
+from .tangent_space import pose_jacobians
+
+POSES = 40  # of a trajectory whose covariance is computed
+
+
+@dataclass(frozen=True, eq=False)
+class Beyond:
+    """What is known of the errors of a final pose besides its error budget.
+
+    covariance (k, k) of z, and maps (3, k) of position and rotation, as of
+    TangentSpace; optima: (weight, solution, window) of other local optima.
+    """
+
+    covariance: np.ndarray
+    position: np.ndarray
+    rotation: np.ndarray
+    optima: tuple = ()
+
+
+def trajectory_variance(at: Linearisation, values, R_wg, middle, beyond=None):
+    """Return the variances (T, 6) of position [m^2] and rotation [rad^2], world frame.
+
+    values: of the unknowns, by name; R_wg (3, 3): from the ground's frame to the world;
+    middle: the point of the body whose position is meant (3,), body frame, and how it
+    moves with the unknowns of the shape (3, n); beyond: None if there is no more.
+    """
+    window = at.window
+    poses = np.unique(np.linspace(0, window.poses - 1, POSES).round().astype(int))
+    theta, x = values["theta"].T.ravel(), values["x"][:, poses]
+    p, R, J_p, J_R = pose_jacobians(at.shape, window.motion, theta, x)
+    p, J_p = _of_point(p, R, J_p, J_R, *middle)
+    jacobian, chosen = _stacked(at.curvature.problem, poses, R_wg @ J_p, R_wg @ J_R)
+    moving = np.flatnonzero(np.abs(jacobian).max(axis=1) > 0)
+    variance = np.zeros(6 * len(poses))
+    budget = error_budget(at.response(chosen, jacobian[moving]))
+    variance[moving] = np.diag(budget)
+    variance = variance.reshape(-1, 6)
+    if beyond is not None:
+        variance += _carried(beyond, R, R_wg)
+        for weight, solution, other in beyond.optima:
+            elsewhere = _positions(at.shape, other, solution, window.last[poses])
+            variance[:, :3] += weight * ((elsewhere - p) @ R_wg.T) ** 2
+    most = np.repeat([REACHED**2, ANY_ROTATION**2], 3)
+    variance = np.clip(variance, 0.0, most)
+    return np.array([np.interp(window.pose, poses, v) for v in variance.T]).T
+
+
+def _of_point(p, R, J_p, J_R, middle, slope):
+    """Return positions (s, 3) and Jacobians (s, 3, k) of a point of the body."""
+    arm = R @ middle
+    J_p = J_p - np.cross(arm[:, None], J_R.swapaxes(1, 2)).swapaxes(1, 2)
+    J_p[:, :, : slope.shape[1]] += R @ slope
+    return p + arm, J_p
+
+
+def _stacked(problem, poses, position, rotation):
+    """Return the Jacobian (6 s, k) of all poses, and the unknowns (k,) it is by."""
+    theta, x = problem.variables["theta"].span, problem.variables["x"]
+    n, u = theta.stop - theta.start, x.rows
+    columns = x.span.start + poses[:, None] * u + np.arange(u)
+    chosen = np.r_[theta.start : theta.stop, columns.ravel()]
+    jacobian = np.zeros((len(poses), 6, len(chosen)))
+    for j, by in enumerate(np.concatenate([position, rotation], axis=1)):
+        jacobian[j, :, :n] = by[:, :n]
+        jacobian[j, :, n + j * u : n + (j + 1) * u] = by[:, n:]
+    return jacobian.reshape(6 * len(poses), -1), chosen
+
+
+def _carried(beyond: Beyond, R, R_wg) -> np.ndarray:
+    """Return variances (s, 6) of final errors that hold in the body's frame."""
+    turn = R_wg @ R @ R[-1].T @ R_wg.T  # from the final orientation, world frame
+    maps = (turn @ np.nan_to_num(J) for J in (beyond.position, beyond.rotation))
+    J = np.concatenate(list(maps), axis=1)
+    return np.einsum("sik,kl,sil->si", J, beyond.covariance, J)
+
+
+def _positions(shape, window, solution, samples) -> np.ndarray:
+    """Return the positions (s, 3) of another solution at some samples."""
+    theta, x = solution.values["theta"].T.ravel(), solution.values["x"]
+    return pose_jacobians(shape, window.motion, theta, x[:, window.pose[samples]])[0]

@@ -1,0 +1,306 @@
+"""Whatever state the cache of compiled functions is in, a process solves as without it.
+
+Every state is tried in a process of its own, which a damaged library would end by a
+signal, without the rights of root.
+"""
+
+import logging
+import multiprocessing
+import os
+import shutil
+import signal
+import stat
+import tempfile
+import time
+from functools import partial
+from pathlib import Path
+
+import casadi as ca
+import pytest
+
+from tactilenlp.nlp import codegen
+
+NOBODY = 65534  # user without rights, for tests that root runs
+LONGEST = 20.0  # [s] of a child, or it hangs
+VALUE = 3.0**3 + 2.0  # of x^3 + d at x = 3, d = 2
+COMPILED, INTERPRETED = "External", "SXFunction"
+
+pytestmark = [
+    pytest.mark.skipif(codegen.compiler() is None, reason="no C compiler here"),
+    pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning"),
+]
+
+
+def functions():
+    x, d = ca.SX.sym("x"), ca.SX.sym("d")
+    return [ca.Function("value", [x, d], [x**3 + d])]
+
+
+def solve(environment, patch, answer):
+    """What a process does with a cache: load or compile, twice, and evaluate."""
+    os.environ.update({k: v for k, v in environment.items() if v is not None})
+    for name in [k for k, v in environment.items() if v is None]:
+        os.environ.pop(name, None)
+    if os.geteuid() == 0:
+        os.setgid(NOBODY)
+        os.setuid(NOBODY)
+    said = []
+    log = logging.getLogger("tactilenlp")
+    log.propagate, handler = False, logging.Handler()
+    handler.emit = lambda record: said.append((record.levelno, record.getMessage()))
+    log.addHandler(handler)
+    codegen.compiler.cache_clear()
+    patch()
+    found = []
+    for origin in ("one", "two"):
+        one = codegen.kept(["value"], origin) or codegen.compiled(functions(), origin)
+        found.append((one[0].class_name(), float(one[0](3.0, 2.0))))
+    answer.send((found, [words for level, words in said if level >= logging.WARNING]))
+
+
+def child(environment, patch=bool):
+    """Start that process; return it and where its answer comes from."""
+    fork = multiprocessing.get_context("fork")
+    receive, send = fork.Pipe(duplex=False)
+    process = fork.Process(target=solve, args=(environment, patch, send))
+    process.start()
+    send.close()
+    return process, receive
+
+
+def run(environment, patch=bool):
+    """Return the kinds of functions that a process got and the warnings it logged."""
+    process, receive = child(environment, patch)
+    process.join(LONGEST)
+    hangs, _ = process.is_alive(), process.kill()
+    process.join()
+    assert not hangs
+    assert process.exitcode == 0, f"ended by {process.exitcode}"
+    found, warnings = receive.recv()
+    assert [value for _, value in found] == [VALUE, VALUE]
+    return [name for name, _ in found], warnings
+
+
+@pytest.fixture
+def home():
+    """A folder that belongs to whoever the child is."""
+    folder = Path(tempfile.mkdtemp())
+    folder.chmod(0o755)
+    own(folder)
+    yield folder
+    for path in [folder, *folder.rglob("*")]:
+        if path.is_dir() and not path.is_symlink():
+            path.chmod(0o700)
+    shutil.rmtree(folder)
+
+
+def own(path):
+    if os.geteuid() == 0:
+        os.chown(path, NOBODY, NOBODY, follow_symlinks=False)
+
+
+def cache_of(home):
+    return {"XDG_CACHE_HOME": None, "HOME": str(home)}
+
+
+def filled(home):
+    """Fill the cache; return its folder and its libraries."""
+    assert run(cache_of(home)) == ([COMPILED] * 2, [])
+    folder = home / ".cache" / "tactilenlp"
+    return folder, sorted(folder.glob("*.so"))
+
+
+def replaced(path, make):
+    """Replace a file by what make(path) makes; it belongs to the child."""
+    path.unlink()
+    make(path)
+    own(path)
+
+
+def damaged(content, path):
+    path.write_bytes(content(path.read_bytes()))
+
+
+def digest_of(library):
+    return library.with_suffix(".sha256")
+
+
+def exchanged(one, other):
+    """Exchange the contents of two files, which keep their owners."""
+    contents = one.read_bytes(), other.read_bytes()
+    other.write_bytes(contents[0])
+    one.write_bytes(contents[1])
+
+
+def flipped(content):
+    middle = len(content) // 2
+    return content[:middle] + bytes(b ^ 255 for b in content[middle:])
+
+
+REPAIRED = {
+    "truncated": partial(damaged, lambda b: b[: len(b) // 3]),
+    "half of it zeros": partial(
+        damaged, lambda b: b[: len(b) // 2].ljust(len(b), b"\0")
+    ),
+    "flipped bits": partial(damaged, flipped),
+    "empty": partial(damaged, lambda b: b""),
+    "rubbish": partial(damaged, lambda b: b"no library"),
+    "no digest": lambda path: path.with_suffix(".sha256").unlink(),
+    "rubbish for a digest": lambda path: path.with_suffix(".sha256").write_bytes(
+        b"\xff"
+    ),
+}
+
+
+@pytest.mark.parametrize("state", REPAIRED)
+def test_a_damaged_library_is_compiled_again(home, state):
+    _, (library, _) = filled(home)
+    REPAIRED[state](library)
+    assert run(cache_of(home)) == ([COMPILED] * 2, [])
+    assert run(cache_of(home)) == ([COMPILED] * 2, [])
+
+
+def test_a_library_under_the_name_of_another_is_not_loaded(home):
+    _, libraries = filled(home)
+    digests = [digest_of(library) for library in libraries]
+    before = [path.read_bytes() for path in digests]
+    for files in (libraries, digests):
+        exchanged(*files)
+    assert run(cache_of(home)) == ([COMPILED] * 2, [])
+    assert [path.read_bytes() for path in digests] == before
+
+
+def link(home, path):
+    os.symlink(home / "elsewhere", path)
+
+
+REFUSED = {
+    "a folder for a library": lambda home, so: replaced(so, Path.mkdir),
+    "a folder for a digest": lambda home, so: replaced(
+        digest_of(so), Path.mkdir
+    ),
+    "a FIFO for a library": lambda home, so: replaced(so, os.mkfifo),
+    "a FIFO for a digest": lambda home, so: replaced(
+        digest_of(so), os.mkfifo
+    ),
+    "a link for a library": lambda home, so: replaced(so, partial(link, home)),
+    "a library that others can write": lambda home, so: so.chmod(0o606),
+    "a library that cannot be read": lambda home, so: so.chmod(0o000),
+    "a folder that others can write": lambda home, so: so.parent.chmod(0o707),
+    "a folder that the group can write": lambda home, so: so.parent.chmod(0o770),
+    "a folder that cannot be read": lambda home, so: so.parent.chmod(0o000),
+    "a folder above that all can change": lambda home, so: so.parents[1].chmod(0o777),
+    "no library in a folder that is read-only": lambda home, so: (
+        so.unlink(), so.parent.chmod(0o500)
+    ),
+    "a file for the folder": lambda home, so: (
+        shutil.rmtree(so.parent), so.parent.touch()
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("state", REFUSED)
+def test_what_is_not_to_trust_is_refused_with_one_warning(home, state):
+    _, (_, library) = filled(home)
+    REFUSED[state](home, library)
+    kinds, warnings = run(cache_of(home))
+    assert INTERPRETED in kinds
+    assert len(warnings) == 1
+
+
+def other_user():
+    os.geteuid = lambda: NOBODY + 1
+
+
+def no_home():
+    def nowhere():
+        raise RuntimeError("Could not determine home directory.")
+
+    Path.home = nowhere
+
+
+def full():
+    def replace(*_):
+        raise OSError(28, "No space left on device")
+
+    os.replace = replace
+
+
+@pytest.mark.parametrize("patch", [other_user, no_home, full])
+def test_without_a_usable_folder_there_is_one_warning(home, patch):
+    if patch is other_user:
+        filled(home)
+    kinds, warnings = run(cache_of(home), patch)
+    assert kinds == [INTERPRETED] * 2
+    assert len(warnings) == 1
+
+
+def test_a_read_only_folder_with_all_libraries_is_used(home):
+    folder, _ = filled(home)
+    folder.chmod(0o500)
+    assert run(cache_of(home)) == ([COMPILED] * 2, [])
+
+
+@pytest.mark.parametrize("named", ["relative", "", "./here"])
+def test_a_relative_cache_home_is_ignored(home, named, monkeypatch):
+    monkeypatch.chdir(home)
+    environment = cache_of(home) | {"XDG_CACHE_HOME": named}
+    assert run(environment) == ([COMPILED] * 2, [])
+    assert [path.name for path in home.iterdir()] == [".cache"]
+
+
+def test_a_new_folder_is_of_this_user_only(home):
+    folder, _ = filled(home)
+    for path in (folder, folder.parent):
+        assert stat.S_IMODE(path.stat().st_mode) == 0o700
+    for path in folder.iterdir():
+        assert stat.S_IMODE(path.stat().st_mode) == 0o600
+
+
+COMPILERS = {
+    "fails": "echo no; exit 1",
+    "writes no UTF-8": r"printf '\377\376'; printf '\377' >&2; exit 1",
+    "hangs, and what it started too": "sleep 60 & sleep 60",
+    "writes nothing": "exit 0",
+    "writes rubbish": 'echo rubbish > "${7}"',
+    "dies": "kill -SEGV $$",
+}
+
+
+def compiler_that(home, does):
+    folder = home / "bin"
+    folder.mkdir()
+    (folder / "cc").write_text(f"#!/bin/sh\n{does}\n")
+    (folder / "cc").chmod(0o755)
+    return {"PATH": f"{folder}{os.pathsep}{os.environ['PATH']}"}
+
+
+def impatient():
+    codegen.COMPILE_TIME = 0.5
+
+
+@pytest.mark.parametrize("does", COMPILERS)
+def test_without_a_working_compiler_there_is_one_warning(home, does):
+    environment = cache_of(home) | compiler_that(home, COMPILERS[does])
+    began = time.monotonic()
+    kinds, warnings = run(environment, impatient)
+    assert time.monotonic() - began < 5.0
+    assert kinds == [INTERPRETED] * 2
+    assert len(warnings) == 1
+    assert not [*(home / ".cache" / "tactilenlp").iterdir()]
+
+
+def test_a_process_that_is_killed_while_it_compiles_leaves_no_harm(home):
+    environment = cache_of(home) | compiler_that(home, "touch $HOME/begun; sleep 5")
+    process, _ = child(environment)
+    while not (home / "begun").exists():
+        time.sleep(0.01)
+    os.kill(process.pid, signal.SIGKILL)
+    process.join()
+    folder, libraries = filled(home)
+    assert len(libraries) == 2
+    (left,) = folder.glob("unfinished-*")
+    os.utime(left, (0, 0))  # long ago
+    libraries[0].unlink()
+    assert run(cache_of(home)) == ([COMPILED] * 2, [])
+    assert not [*folder.glob("unfinished-*")]

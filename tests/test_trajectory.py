@@ -1,0 +1,95 @@
+"""Deviations of the pose at every sample: by differences, by hand, by the truth."""
+
+import numpy as np
+import pytest
+
+from formulations.rigid_body import FREE, PLANAR
+from formulations.shape import CUBOID
+from tactilenlp.errors import OptionError
+from tactilenlp.estimation.observed_information import programme_at
+from tactilenlp.information.error_budget import Linearisation
+from tactilenlp.information.tangent_space import pose_jacobians
+from tactilenlp.information.trajectory import Beyond, trajectory_variance
+from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
+
+THETA = np.array([0.05, 0.04, 0.03])
+STEP = 1e-6
+
+
+@pytest.mark.parametrize("motion", [PLANAR, FREE])
+def test_jacobians_of_poses_are_those_of_differences(motion):
+    x = np.random.default_rng(3).normal(0, 0.2, (motion.unknowns, 3))
+    *_, R, J_p, J_R = pose_jacobians(CUBOID, motion, THETA, x)
+    for i in range(len(THETA) + motion.unknowns):
+        ends = []
+        for side in (1, -1):
+            at = np.vstack([np.repeat(THETA[:, None], 3, axis=1), x])
+            at[i] += side * STEP
+            one = [pose_jacobians(CUBOID, motion, c[:3], c[3:, None]) for c in at.T]
+            ends.append([np.concatenate(parts) for parts in zip(*one, strict=True)])
+        (p, R_1, *_), (p_1, R_2, *_) = ends
+        assert np.allclose(J_p[:, :, i], (p - p_1) / (2 * STEP), atol=1e-7)
+        turn = (R_1 - R_2) / (2 * STEP) @ R.swapaxes(1, 2)
+        by = np.stack([turn[:, 2, 1], turn[:, 0, 2], turn[:, 1, 0]], axis=1)
+        assert np.allclose(J_R[:, :, i], by, atol=1e-7)
+
+
+def test_the_last_sample_has_the_deviation_of_the_final_pose(estimate):
+    final = estimate.information.sigma("position")
+    assert estimate.sigma_position.shape == estimate.position.shape
+    assert estimate.sigma_position[-1] == pytest.approx(final, rel=0.05)
+    yaw = estimate.information.sigma("rotation")[2]
+    assert estimate.sigma_yaw[-1] == pytest.approx(yaw, rel=0.05)
+    assert estimate.information.sigma("position", sample=-1) == pytest.approx(
+        estimate.sigma_position[-1], rel=0
+    )
+
+
+def test_the_first_poses_are_as_far_off_as_their_deviation_says(estimate, recorded):
+    truth = recorded[2]["object_position"]
+    off = np.abs(estimate.position - truth[: len(estimate.position)])[:, :2]
+    assert off[0].max() > 2e-3  # an early push from above leaves no trace in touches
+    assert (off < 4 * estimate.sigma_position[:, :2]).all()
+    assert np.mean(off < estimate.sigma_position[:, :2]) > 0.68
+
+
+@pytest.fixture(scope="module")
+def programme(estimate):
+    return programme_at(estimate)
+
+
+def test_paths_of_other_optima_and_carried_errors_add_up(programme):
+    again, R_wg = programme, np.eye(3)
+    at = Linearisation(
+        kkt_system_of(again.problem, again.solution), again.sensed, again.window,
+        again.shape,
+    )  # fmt: skip
+    none = np.zeros(3), np.zeros((3, 3))
+    values = again.solution.values
+    plain = trajectory_variance(at, values, R_wg, none)
+    far = values | {"x": values["x"] + np.array([[3e-3], [0], [0]])}
+    other = type("Other", (), {"values": far})
+    k = len(again.tangent.names)
+    maps = np.eye(3, k, 3), np.zeros((3, k))
+    beyond = Beyond(np.zeros((k, k)), *maps, ((0.25, other, again.window),))
+    more = trajectory_variance(at, values, R_wg, none, beyond) - plain
+    assert more[:, 0] == pytest.approx(0.25 * 3e-3**2)
+    assert np.abs(more[:, 1:]).max() == pytest.approx(0.0, abs=1e-15)
+    along = np.zeros((k, k))
+    along[3, 3] = 1e-6  # [m^2] of the final position, along the world's x
+    more = trajectory_variance(at, values, R_wg, none, Beyond(along, *maps)) - plain
+    yaw = values["x"][2, again.window.pose] - values["x"][2, -1]
+    assert more[[0, -1], 0] == pytest.approx(1e-6 * np.cos(yaw[[0, -1]]) ** 2)
+    assert more[:, :2].sum(axis=1) == pytest.approx(1e-6, rel=0.05)
+
+
+def test_what_widens_the_final_pose_widens_its_past(estimate):
+    wide = estimate.information.widened(2.0)
+    assert wide.path == pytest.approx(2 * estimate.information.path, nan_ok=True)
+
+
+def test_only_poses_have_deviations_of_a_trajectory(estimate):
+    with pytest.raises(OptionError, match="trajectory"):
+        estimate.information.sigma("side_lengths", sample=0)
+    with pytest.raises(OptionError, match="this version"):
+        estimate.information.of_hessian().along_path("position")
