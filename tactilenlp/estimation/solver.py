@@ -18,11 +18,10 @@ from ..errors import MotionError
 from ..nlp.solution import check_finite, not_converged
 from ..problem.outliers import check_explained
 from ..problem.reductions import Reductions
-from ..search import tracks
-from ..search.beam import beam
-from ..search.hypothesis import Hypothesis, distinct, same
+from ..search.hypothesis import Hypothesis, distinct
 from ..search.local_solve import Solved
 from ..search.margins import LEAST_MOTION_BEHIND
+from ..search.multi_hypothesis import search_boxes
 from ..search.polytope_init import search_polytope
 from ..search.proposals_floating import (
     in_free_motion,
@@ -161,13 +160,17 @@ def _searched(request: Request, kept) -> tuple[list[Hypothesis], list[Hypothesis
 
 
 def _search_sizes(request: Request, job, plane, kept) -> list[Hypothesis]:
-    """Return hypotheses of a shape with sizes: beam search over actions."""
-    job = replace(job, first=first_guess(request.start, job.shape))
-    if not kept and plane is None and not job.first:
-        kept[:] = tracks.searched(job)
-        return kept
-    page = request.page if plane is None else None
-    return beam(job, kept, *request.widths, request.executor, page, so_far=kept)
+    """Return hypotheses of a shape with sizes: multi-hypothesis tracking.
+
+    What another page found, or a search that was interrupted, is no posterior of this
+    page: all actions are tracked again.
+    """
+    start, starts = request.start, request.widths[1]
+    job = replace(job, first=first_guess(start, job.shape))
+    if isinstance(start, Estimate) and start.formulation != name_of(request.page):
+        kept[:] = []
+    kept[:] = search_boxes(job, kept, starts, request.executor, so_far=kept)
+    return kept
 
 
 def _search_vertices(request: Request, job, plane, kept) -> list[Hypothesis]:
@@ -201,10 +204,9 @@ def _raise_unless_good(estimate, solved) -> None:
 
 
 def _carried_on(job, solved, kept, width: int) -> list[Hypothesis]:
-    """Return the hypotheses for the next action, those of the page first."""
+    """Return the hypotheses for the next action: the distinct optima of the page."""
     if job.shape.hypotheses is not None:
         return [s.at for s in solved[: job.shape.hypotheses]]
-    refined = [s.at for s in solved] if job.reductions.planar else []
-    refined = distinct(job.shape, refined, width, LEAST_MOTION_BEHIND)
-    rest = [h for h in kept if not any(same(job.shape, h, k) for k in refined)]
-    return [*refined, *rest][:width]
+    if not job.reductions.planar:
+        return kept[:width]
+    return distinct(job.shape, [s.at for s in solved], width, LEAST_MOTION_BEHIND)

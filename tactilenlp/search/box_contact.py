@@ -69,5 +69,9 @@ def _contact(z, p_b, height, radius):
     deepest = beyond.max(axis=0)
     active = np.where(inside, beyond == deepest, beyond > 0)
     share = np.where(inside, 1.0, outside / np.maximum(distance, INSIDE))
-    return np.where(inside, deepest, distance) - radius, active * share * signs, \
-        signs, active
+    return (
+        np.where(inside, deepest, distance) - radius,
+        active * share * signs,
+        signs,
+        active,
+    )

@@ -69,8 +69,10 @@ class _Push:
         self.height = move.p_1[2] - move.radius * n[2]
         level = np.maximum(level, 1e-9)
         first = np.where(self.steep, -n[0], 1.0), np.where(self.steep, -n[1], 0.0)
-        second = np.where(self.steep, -n[1] / level, 0.0), \
-            np.where(self.steep, n[0] / level, 1.0)
+        second = (
+            np.where(self.steep, -n[1] / level, 0.0),
+            np.where(self.steep, n[0] / level, 1.0),
+        )
         self.direction = [
             (fx, fy, self.x * fy - self.y * fx) for fx, fy in (first, second)
         ]
@@ -90,8 +92,9 @@ class _Push:
     def level_force(self):
         """The horizontal force on the box (2, ...)."""
         (ax, ay, _), (bx, by, _) = self.direction
-        return self.force[0] * ax + self.force[1] * bx, \
-            self.force[0] * ay + self.force[1] * by
+        return self.force[0] * ax + self.force[1] * bx, self.force[0] * ay + self.force[
+            1
+        ] * by
 
     def meet(self, compliance):
         """Prepare: the motions that unit forces cause, and their part at the finger."""
@@ -132,15 +135,13 @@ def pushed(z, moves, press, before, lean, friction):
     """Return the motion (3, ...) [m, m, rad] of boxes z (6, ...) in one sample.
 
     moves: the fingers that touch, each a Move; press (moves, ...): their force on a top
-    [weights]; before (3, ...): the motion of the sample before; lean (2, ...): moment of
-    the horizontal forces [weights m], which shifts loads; friction: of ground, of
+    [weights]; before (3, ...): the motion of the sample before; lean (2, ...): moment
+    of the horizontal forces [weights m], which shifts loads; friction: of ground, of
     fingers.  Also returns the new lean.
     """
     mu_g, mu_f = friction
     heading = c, s = np.cos(z[5]), np.sin(z[5])
-    pushes = [
-        _Push(z, move, p, heading) for move, p in zip(moves, press, strict=True)
-    ]
+    pushes = [_Push(z, move, p, heading) for move, p in zip(moves, press, strict=True)]
     compliance = _compliance(z, pushes, before, lean, heading, mu_g)
     for push in pushes:
         push.meet(compliance)
@@ -173,8 +174,11 @@ def _compliance(z, pushes, before, lean, heading, mu_g):
     m_x = c * lean[0] + s * lean[1] + sum(p.load * p.x for p in pushes)
     m_y = c * lean[1] - s * lean[0] + sum(p.load * p.y for p in pushes)
     tilt_x, tilt_y = m_x / x, m_y / y
-    vx, vy, turn = c * before[0] + s * before[1], c * before[1] - s * before[0], \
-        before[2]
+    vx, vy, turn = (
+        c * before[0] + s * before[1],
+        c * before[1] - s * before[0],
+        before[2],
+    )
     moved = np.hypot(vx, vy) + ARM * np.abs(turn)
     rounding = (0.1 * moved) ** 2 + LEAST_SPEED**2
     slow = moved <= SLOW
@@ -186,8 +190,11 @@ def _compliance(z, pushes, before, lean, heading, mu_g):
             way = np.sqrt(squared_x[k] + squared_y[i] + rounding)
             share = np.maximum((load + i * tilt_x + k * tilt_y) / 4, LEAST_LOAD)
             weight = mu_g * share / np.where(slow, START, way)
-            total, first, second = total + weight, first + i * weight, \
-                second + k * weight
+            total, first, second = (
+                total + weight,
+                first + i * weight,
+                second + k * weight,
+            )
     a, b = -y * second, x * first  # [0, 2] and [1, 2] of the matrix
     polar = (x**2 + y**2) * total + 1e-12
     i_22 = 1.0 / (polar - (a**2 + b**2) / total)

@@ -8,6 +8,7 @@ import numpy as np
 def smoothed(records, samples: int, rows):
     """Return the smoothed states (S, 6, samples) of the tracks `rows` at the end.
 
+    And the rows that these were at the first record.
     records: of tracking.tracked, one for each sample at which something changed.
     """
     last = records[-1]
@@ -27,4 +28,4 @@ def smoothed(records, samples: int, rows):
         state = before.z[:, rows].T + (gain @ change)[..., 0]
         path[:, :, before.sample : after.sample] = state[..., None]
     path[:, :, : records[0].sample] = state[..., None]
-    return path
+    return path, rows

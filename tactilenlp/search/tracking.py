@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..problem.reductions import coasts
 from .box_contact import box_contact, box_contact_slopes
-from .kalman_filter import lasting_contacts
+from .proposals import lasting_contacts
 from .pushing import ARM, Move, pushed
 
 KEPT, TRACKS = 100, 500  # tracks kept after an action, and what they are split into
@@ -26,9 +27,11 @@ SPREAD, SHRUNK = 0.8, 0.4  # [deviations] of the parts of a split; their varianc
 PRESS = 0.7, 1.0  # [weights] median, deviation of the logarithm, of a push on a top
 
 GAP_SIGMA, NORMAL_SIGMA = 0.25e-3, 0.075  # [m], [rad] model errors of a touch
+FRICTION_GROUND, FRICTION_FINGER = 0.3, 0.5  # [-] where a scene does not say
 PUSH_ERROR, ONSET_ERROR = 0.10, 0.20  # [-] of a predicted motion; where a touch begins
 DRAG_ERROR = 0.20  # [-] of a finger's way over the top
 STOP_ERROR = 0.20  # [-] of the motion before, where fingers leave
+SLOWED = 0.3  # [-] of that motion is left a sample later, unless it coasts
 TURN = np.array([1.0, 1.0, 1 / ARM])[:, None]  # [m, rad] of a way [m]
 TOUCHED = np.array([1e-4, 1e-4, 5e-3])[:, None]  # [m, rad] process noise of a sample
 RELEASED = np.array([5e-5, 5e-5, 2e-3])[:, None]
@@ -82,7 +85,8 @@ class Record:
 class Filter:
     """What is tracked: data, contacts that last (T, F), noise, friction, lower bound.
 
-    sharp [-]: of the model errors; split: whether tracks are selected and split.
+    coasts: whether nothing brakes the body; split: whether tracks are selected and
+    split.
     """
 
     data: object
@@ -90,21 +94,22 @@ class Filter:
     noise: tuple[float, float]
     friction: tuple[float, float]
     low: np.ndarray
+    coasts: bool = False
     split: bool = True
 
 
-def filter_of(job, window, data, sharp: float = 1.0, split: bool = True) -> Filter:
-    """Return the filter of a job, model errors scaled by `sharp`."""
+def filter_of(job, window, data) -> Filter:
+    """Return the filter of a job; where the fingers are not known, gaps tell less."""
     scene = job.scene
-    friction = scene.friction_ground or 0.3, (
-        0.5 if scene.friction_finger is None else scene.friction_finger
+    friction = (
+        scene.friction_ground or FRICTION_GROUND,
+        (FRICTION_FINGER if scene.friction_finger is None else scene.friction_finger),
     )
-    noise = (
-        np.hypot(GAP_SIGMA * sharp, window.sigma_position),
-        np.hypot(NORMAL_SIGMA * sharp, window.sigma_normal),
-    )
+    place = np.hypot(window.sigma_position, scene.sigma_offset or 0.0)
+    noise = np.hypot(GAP_SIGMA, place), np.hypot(NORMAL_SIGMA, window.sigma_normal)
     low = np.r_[np.full(3, job.shape.bounds[0]), np.full(3, -np.inf)][:, None]
-    return Filter(data, lasting_contacts(data), noise, friction, low, split)
+    felt = lasting_contacts(data)
+    return Filter(data, felt, noise, friction, low, coasts(scene))
 
 
 def started(z, P, fingers: int, rng) -> Tracks:
@@ -118,43 +123,46 @@ def _presses(fingers, S, rng):
     return PRESS[0] * np.exp(PRESS[1] * rng.normal(size=(fingers, S)))
 
 
-def tracked(filter: Filter, tracks: Tracks, rng):
-    """Return the tracks after all samples, and the records (list of Record)."""
+def opened(tracks: Tracks, sample: int) -> list[Record]:
+    """Return the record of the tracks as they begin."""
+    z, P = tracks.z, tracks.P
+    return [Record(sample, z, P, None, z, P, None)]
+
+
+def tracked(filter: Filter, tracks: Tracks, samples, rng):
+    """Return the tracks after the samples of an action, and the records.
+
+    They are split at its end, unless it is the last one.
+    """
     data, felt = filter.data, filter.felt
-    actions = np.unique(data.action)
-    records, met = [], 0
-    for t in range(len(data.time)):
-        new = t > 0 and data.action[t] != data.action[t - 1]
-        last = t == len(data.time) - 1 or data.action[t + 1] != data.action[t]
-        before = tracks.z
-        tracks, slopes, moved = _predicted(filter, tracks, t, new, rng)
+    records, end = [], samples[-1]
+    for t in samples:
+        tracks, slopes, moved = _predicted(filter, tracks, t, rng)
         predicted, predicted_P = tracks.z, tracks.P
         tracks, corrected = _corrected(filter, tracks, t)
         rows = None
-        if filter.split and felt[t].any() or (filter.split and last):
-            touched = felt[: t + 1].any()
-            if last and touched:
-                early = met < EARLY
-                met += 1
-                final = data.action[t] == actions[-1]
-                tracks, rows = _split(filter, tracks, MORE if early else 1, final, rng)
-            elif touched and not last:
-                rows = _surviving(tracks)
-                tracks = tracks if rows is None else tracks.pick(rows)
-        if moved or corrected or rows is not None or not records:
-            del before
+        if filter.split and felt[: t + 1].any():
+            if t == end:
+                before = felt[data.action < data.action[t]].any(axis=1)
+                met = len(np.unique(data.action[data.action < data.action[t]][before]))
+                final = t == len(felt) - 1
+                more = MORE if met < EARLY else 1
+                tracks, rows = _split(filter, tracks, more, final, rng)
+            elif (rows := _surviving(tracks)) is not None:
+                tracks = tracks.pick(rows)
+        if moved or corrected or rows is not None:
             records.append(
                 Record(t, predicted, predicted_P, slopes, tracks.z, tracks.P, rows)
             )
     return tracks, records
 
 
-def _predicted(filter, tracks, t, new, rng):
+def _predicted(filter, tracks, t, rng):
     """Return tracks before sample t is seen, slopes of the motion, whether it moved."""
     data, felt = filter.data, filter.felt
     if t == 0:
         return tracks, None, False
-    if new:
+    if data.action[t] != data.action[t - 1]:
         return _between(filter, tracks, t, rng), None, True
     active = felt[t] | (felt[t - 1] & data.valid[t])
     way = _way(tracks.motion)
@@ -162,7 +170,10 @@ def _predicted(filter, tracks, t, new, rng):
         if way.max() < 1e-6:
             return tracks, None, False
         deviation = RELEASED + STOP_ERROR * way * TURN
-        tracks = replace(tracks, motion=0.3 * tracks.motion)
+        if filter.coasts:
+            moved = np.vstack([tracks.z[:3], tracks.z[3:] + tracks.motion])
+            return _noisier(replace(tracks, z=moved), deviation), None, True
+        tracks = replace(tracks, motion=SLOWED * tracks.motion)
         return _noisier(tracks, deviation), None, True
     motion, slopes, lean = _motion(filter, tracks, t, np.flatnonzero(active))
     onset = (felt[t] & ~felt[t - 1]).any()
@@ -305,11 +316,19 @@ def _split(filter, tracks, more, final, rng):
         return tracks.pick(chosen), chosen
     each = int(np.clip(round(more * TRACKS / len(chosen)), 1, 8))
     rows = np.repeat(chosen, each)
-    part = np.tile(np.arange(each), len(chosen)) > 0
+    return parts_of(filter, tracks, rows, rng), rows
+
+
+def parts_of(filter, tracks, rows, rng) -> Tracks:
+    """Return tracks split: the rows, each repeated as often as it has parts, in order.
+
+    The first part stays; the others are off by a random deviation and narrower.
+    """
+    part = np.r_[False, rows[1:] == rows[:-1]]
     parts = tracks.pick(rows)
     L = np.linalg.cholesky(np.moveaxis(parts.P, -1, 0) + 1e-14 * np.eye(6))
     off = np.einsum("sij,sj->is", L, rng.normal(size=(len(rows), 6)))
     z = np.maximum(parts.z + SPREAD * part * off, filter.low)
     P = parts.P * np.where(part, SHRUNK, 1.0)
     press = _presses(len(parts.press), len(rows), rng)
-    return replace(parts, z=z, P=P, press=press), rows
+    return replace(parts, z=z, P=P, press=press)
