@@ -260,6 +260,44 @@ def test_an_estimate_apart_from_what_was_touched_is_not_aimed_at(whole):
     assert "not where the last contact was" in why_lost(far)
 
 
+def judged(estimate, verdict):
+    return replace(estimate, fit=replace(estimate.fit, verdict=verdict))
+
+
+def test_an_estimate_with_a_bad_fit_is_not_aimed_at(estimate):
+    assert why_lost(judged(estimate, "poor")) == ""
+    assert "badly" in why_lost(judged(estimate, "bad"))
+
+
+def test_an_update_with_a_worse_fit_is_solved_from_scratch_and_until_waits(
+    estimate, monkeypatch
+):
+    """The solver is replaced: updates fit badly, and from scratch the fit is good."""
+    begun = []
+
+    def solve(data, start=None, **_):
+        begun.append(start is None)
+        worse = start is not None
+        found = judged(estimate, "bad" if worse else "good")
+        off = 100.0 if worse else 0.0
+        return replace(found, measurements=data, objective=estimate.objective + off)
+
+    monkeypatch.setattr("tactilenlp.exploration.loop.solve_estimate", solve)
+    scratch, update = explore(
+        fresh(), actions=1, policy="random", until=lambda step: False, seed=1
+    )
+    assert begun == [True, False, True]
+    assert update.estimate.fit.verdict == "good"
+    assert update.estimate.objective == scratch.estimate.objective
+
+    def always_poor(data, **_):
+        return replace(judged(estimate, "poor"), measurements=data)
+
+    monkeypatch.setattr("tactilenlp.exploration.loop.solve_estimate", always_poor)
+    steps = explore(fresh(), actions=2, policy="random", until=1.0, seed=1)
+    assert len(list(steps)) == 3  # sigma is below a metre, but no fit is good
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("policy", ["random", "fisher", "farthest"])
 def test_the_other_policies_act_too(whole, policy):

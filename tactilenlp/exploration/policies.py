@@ -116,6 +116,8 @@ def why_lost(estimate) -> str:
     apart = (last_contact(data, estimate.position[-1]) - estimate.position[-1])[:2]
     if np.linalg.norm(apart) > np.linalg.norm(estimate.vertices, axis=1).max():
         return "the estimate is not where the last contact was"
+    if estimate.fit is not None and estimate.fit.verdict == "bad":
+        return "the estimate explains the measurements badly"
     return ""
 
 

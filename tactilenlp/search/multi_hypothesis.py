@@ -20,7 +20,6 @@ from itertools import zip_longest
 
 import numpy as np
 
-from ..common.deadline import out_of_time
 from ..common.progress import progress
 from ..data.sensor_noise import precise
 from ..geometry.transforms import carried
@@ -125,7 +124,11 @@ def tracked_paths(job: Job, kept, count: int, so_far=None) -> list[Hypothesis]:
         for i, action in enumerate(progress(actions, "search")):
             rows = np.flatnonzero(data.action == action)
             rows = rows[rows >= done]
-            if filter.split and i and out_of_time(f"a search from action {i + 1} on"):
+            if (
+                filter.split
+                and i
+                and job.deadline.passed(f"a search from action {i + 1} on")
+            ):
                 filter, tracks, records = _best_alone(filter, tracks, records)
             tracks, more = tracked(filter, tracks, rows, rng)
             records += more

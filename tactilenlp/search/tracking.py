@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..problem.missing_samples import unseen_contact
 from ..problem.reductions import coasts
 from .box_contact import box_contact, box_contact_slopes
 from .proposals import lasting_contacts
@@ -83,14 +84,16 @@ class Record:
 
 @dataclass(frozen=True, eq=False)
 class Filter:
-    """What is tracked: data, contacts that last (T, F), noise, friction, lower bound.
+    """What is tracked: data, contacts (T, F), noise, friction, lower bound.
 
+    felt: contacts that last; hidden: samples that were missed and may be contacts;
     coasts: whether nothing brakes the body; split: whether tracks are selected and
     split.
     """
 
     data: object
     felt: np.ndarray
+    hidden: np.ndarray
     noise: tuple[float, float]
     friction: tuple[float, float]
     low: np.ndarray
@@ -109,7 +112,7 @@ def filter_of(job, window, data) -> Filter:
     noise = np.hypot(GAP_SIGMA, place), np.hypot(NORMAL_SIGMA, window.sigma_normal)
     low = np.r_[np.full(3, job.shape.bounds[0]), np.full(3, -np.inf)][:, None]
     felt = lasting_contacts(data)
-    return Filter(data, felt, noise, friction, low, coasts(scene))
+    return Filter(data, felt, unseen_contact(data), noise, friction, low, coasts(scene))
 
 
 def started(z, P, fingers: int, rng) -> Tracks:
@@ -164,7 +167,7 @@ def _predicted(filter, tracks, t, rng):
         return tracks, None, False
     if data.action[t] != data.action[t - 1]:
         return _between(filter, tracks, t, rng), None, True
-    active = felt[t] | (felt[t - 1] & data.valid[t])
+    active = felt[t] | (felt[t - 1] & data.valid[t]) | filter.hidden[t]
     way = _way(tracks.motion)
     if not active.any():
         if way.max() < 1e-6:
@@ -270,11 +273,11 @@ def _updated(mean, P, z, rows):
 def _measured(filter, z, t):
     """Return for each finger that tells something: a cost, [(residual, slopes)]."""
     data, rows = filter.data, []
-    for f in np.flatnonzero(data.valid[t]):
+    for f in np.flatnonzero(data.valid[t] | filter.hidden[t]):
         p, radius = data.finger_position[t, f], data.finger_radius[f]
         if filter.felt[t, f]:
             rows.append(_touch(filter, z, p, radius, data.normal[t, f]))
-        elif not data.contact[t, f]:
+        elif filter.hidden[t, f] or not data.contact[t, f]:
             reach = 0.5 * (z[0] + z[1]) + radius
             near = (np.abs(z[3] - p[0]) < reach) & (np.abs(z[4] - p[1]) < reach)
             if p[2] > z[2].max() + radius or not near.any():
