@@ -20,10 +20,10 @@ from ..nlp.problem import Problem
 from ..nlp.solution import check_finite, not_converged
 from ..problem.outliers import check_explained
 from ..problem.reductions import Reductions
-from ..search.beam import beam
-from ..search.hypothesis import Hypothesis, Job, distinct, same
+from ..search.hypothesis import Hypothesis, Job, distinct
 from ..search.local_solve import Solved, best_first, problem_at, problem_for
 from ..search.margins import LEAST_MOTION_BEHIND
+from ..search.multi_hypothesis import search_boxes
 from ..search.polytope_init import search_polytope
 from ..search.proposals_floating import (
     in_free_motion,
@@ -98,9 +98,9 @@ def problem_of(
 ) -> Problem:  # fmt: skip
     """Return the problem that a page poses of measurements, built and not solved.
 
-    Arguments as of solve_estimate.  at: an Estimate at whose best hypothesis the
-    problem is built, which tells what is far, and which vertices of a hull a contact
-    reads; a hull needs it.  `describe()` lists its terms, `check()` compares its
+    Arguments as of solve_estimate.  at: an Estimate of these measurements, of which the
+    problem is built again, with its reductions; a hull needs it, as which vertices a
+    contact reads depends on where it is solved from.  `describe()` lists its terms, `check()` compares its
     derivatives with finite differences, `nlp.ipopt.solve` solves it from any start.
     Raises what solve_estimate raises before it solves.
     """
@@ -110,7 +110,8 @@ def problem_of(
     job, page = request.job, request.page
     if at is not None:
         check_types(at=(at, Estimate))
-        return problem_at(job, page, at.hypotheses[0])[1]
+        solved = replace(job, reductions=Reductions(**at.reductions), cuts=at.cuts)
+        return problem_at(solved, page, at.origin)[1]
     if job.shape.window_depends_on_start:
         raise OptionError(
             "its problem depends on where it is solved from", where="at",
@@ -212,10 +213,17 @@ def _searched(request: Request, kept) -> tuple[list[Hypothesis], list[Hypothesis
 
 
 def _search_sizes(request: Request, job, plane, kept) -> list[Hypothesis]:
-    """Return hypotheses of a shape with sizes: beam search over actions."""
-    job = replace(job, first=first_guess(request.start, job.shape))
-    page = request.page if plane is None else None
-    return beam(job, kept, *request.widths, request.executor, page, so_far=kept)
+    """Return hypotheses of a shape with sizes: multi-hypothesis tracking.
+
+    What another page found, or a search that was interrupted, is no posterior of this
+    page: all actions are tracked again.
+    """
+    start, starts = request.start, request.widths[1]
+    job = replace(job, first=first_guess(start, job.shape))
+    if isinstance(start, Estimate) and start.formulation != name_of(request.page):
+        kept[:] = []
+    kept[:] = search_boxes(job, kept, starts, request.executor, so_far=kept)
+    return kept
 
 
 def _search_vertices(request: Request, job, plane, kept) -> list[Hypothesis]:
@@ -250,10 +258,9 @@ def _raise_unless_good(estimate, solved) -> None:
 
 
 def _carried_on(job, solved, kept, width: int) -> list[Hypothesis]:
-    """Return the hypotheses for the next action, those of the page first."""
+    """Return the hypotheses for the next action: the distinct optima of the page."""
     if job.shape.hypotheses is not None:
         return [s.at for s in solved[: job.shape.hypotheses]]
-    refined = [s.at for s in solved] if job.reductions.planar else []
-    refined = distinct(job.shape, refined, width, LEAST_MOTION_BEHIND)
-    rest = [h for h in kept if not any(same(job.shape, h, k) for k in refined)]
-    return [*refined, *rest][:width]
+    if not job.reductions.planar:
+        return kept[:width]
+    return distinct(job.shape, [s.at for s in solved], width, LEAST_MOTION_BEHIND)
