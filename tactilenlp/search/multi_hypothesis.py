@@ -93,7 +93,8 @@ def search_boxes(
     least_motion; so_far: a list that holds those of the actions done by Ctrl-C.
     """
     tracks = distant(tracked_paths(job, kept, SMOOTHED, so_far), LYING * count)
-    if kept and not precise(job.data, job.precision):
+    noisy = kept and not precise(job.data, job.precision)
+    if noisy and not job.deadline.passed("a search from scratch"):
         # Noise leaves hypotheses open that the mixture has lost: 21 nats in one update.
         anew = distant(tracked_paths(job, (), SMOOTHED), LYING * count)
         tracks = [h for pair in zip_longest(tracks, anew) for h in pair if h]
@@ -141,7 +142,9 @@ def tracked_paths(job: Job, kept, count: int, so_far=None) -> list[Hypothesis]:
             so_far[:] = _paths(past, *whole, 1)
         raise
     found = _paths(past, *whole, count)
-    return found if kept else [*_run_again(filter, found[:AGAIN], rng), *found]
+    if kept or job.deadline.passed("a second pass over all actions"):
+        return found
+    return [*_run_again(filter, found[:AGAIN], rng), *found]
 
 
 def _run_again(filter, found, rng) -> list[Hypothesis]:
