@@ -110,8 +110,10 @@ def search_boxes(
 def tracked_paths(job: Job, kept, count: int, so_far=None) -> list[Hypothesis]:
     """Return the smoothed paths of the best tracks through all actions of a job.
 
-    Their objective is the negative log evidence.
+    Their objective is the negative log evidence.  Without new samples: `kept`.
     """
+    if kept and kept[0].x.shape[1] == job.data.samples:
+        return list(kept)
     data, window = spherical(job)
     data = kept[0].seen(data) if kept else data
     rng = np.random.default_rng(0)
@@ -207,12 +209,12 @@ def apart(hypotheses, count: int) -> list[Hypothesis]:
     """Return the best hypotheses, each path once."""
     chosen, corners = [], []
     for h in sorted(hypotheses, key=lambda h: h.rank):
+        if len(chosen) == count:
+            break
         own = _path_corners(h)
         if all(_off(own, other).max() > SAME_PATH for other in corners):
             chosen.append(h)
             corners.append(own)
-        if len(chosen) == count:
-            break
     return chosen
 
 

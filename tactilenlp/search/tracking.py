@@ -108,7 +108,7 @@ def filter_of(job, window, data) -> Filter:
         scene.friction_ground or FRICTION_GROUND,
         (FRICTION_FINGER if scene.friction_finger is None else scene.friction_finger),
     )
-    place = np.hypot(window.sigma_position, scene.sigma_offset or 0.0)
+    place = np.hypot(window.sigma_position, scene.typical_offset)
     noise = np.hypot(GAP_SIGMA, place), np.hypot(NORMAL_SIGMA, window.sigma_normal)
     low = np.r_[np.full(3, job.shape.bounds[0]), np.full(3, -np.inf)][:, None]
     felt = lasting_contacts(data)
