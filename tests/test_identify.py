@@ -13,8 +13,7 @@ from formulations import known_trajectory as page
 from tactilenlp import Ground, Problem, Scene, Trajectories, identify_body
 from tactilenlp.errors import MeasurementError, MotionError, OptionError, SceneError
 from tactilenlp.identification.body import corner_shift
-from tactilenlp.identification.identify import CUBE_SIGNS, _prepared
-from tactilenlp.identification.impacts import gravity_of, impacts, may_touch, steps_of
+from tactilenlp.identification.starts import CUBE_SIGNS, prepared
 
 HALF, MASS = 52.4e-3, 0.37  # [m], [kg] as measured by who recorded it
 SCENE = Scene(mass=MASS)
@@ -89,7 +88,7 @@ def test_another_world_frame_changes_nothing(cube, tosses):
 
 def test_derivatives_of_the_page_are_right(tosses):
     few = tosses.select(tosses.tosses[:1])
-    steps, theta, signs, _ = _prepared(few, SCENE, "corners", None, None)
+    steps, (theta,), signs, _ = prepared(few, SCENE, "corners", None, None)
     window = impacts(steps, may_touch(steps, (theta * signs).T), theta, signs, few.dt)
     problem = Problem()
     page.build(problem, window, SCENE)
