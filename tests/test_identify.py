@@ -13,6 +13,7 @@ from formulations import known_trajectory as page
 from tactilenlp import Ground, Problem, Scene, Trajectories, identify_body
 from tactilenlp.errors import MeasurementError, MotionError, OptionError, SceneError
 from tactilenlp.identification.body import corner_shift
+from tactilenlp.identification.impacts import gravity_of, impacts, may_touch, steps_of
 from tactilenlp.identification.starts import CUBE_SIGNS, prepared
 
 HALF, MASS = 52.4e-3, 0.37  # [m], [kg] as measured by who recorded it

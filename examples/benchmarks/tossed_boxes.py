@@ -69,7 +69,7 @@ def tossed(number: int, tosses: int) -> Trajectories:
             rng.uniform(-1, 0.5),
             *rng.normal(0, 5, 3),
         ]
-        for sample in range(int(SECONDS * RATE)):
+        for _ in range(int(SECONDS * RATE)):
             poses.append([toss, *data.qpos])
             mujoco.mj_step(model, data, STEPS)
     poses = np.array(poses)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
@@ -19,8 +20,10 @@ from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..nlp.solution import not_converged
 from .body import UNOBSERVED_VERTEX, Body, corner_shift
+from .fit import BodyFit, fit_of
 from .impacts import impacts, may_touch
 from .starts import nothing_lands, prepared
+from .support import with_soft_ground
 
 log = logging.getLogger("tactilenlp")
 DEFAULT_SOLVER = SolverOptions(tolerance=1e-5, time_limit=600.0)
@@ -57,10 +60,8 @@ def identify_body(
     options = DEFAULT_SOLVER if options is None else options
     _check(trajectories, scene, shape, gauge, options)
     steps, starts, signs, ruler = prepared(trajectories, scene, shape, guess, gauge)
-    dt = trajectories.dt
-    tried = [_solved(steps, theta, signs, dt, scene, options) for theta in starts]
-    best = min(tried, key=lambda t: (not t[2].success, t[2].objective))
-    problem, window, solution, chosen = best
+    given = signs, trajectories.dt, scene, options
+    problem, window, solution, chosen = _best(steps, starts, *given)
     if throw and not solution.success:
         raise not_converged(problem, solution)
     body = _read_off(
@@ -70,6 +71,32 @@ def identify_body(
     words = f"{left[0]} of {len(chosen)} steps: in free flight, or at rest ({left[1]})"
     seconds = solution.seconds | {"total": time.process_time() - began}
     return replace(body, skipped=(words,), seconds=seconds)
+
+
+def _best(steps, starts, signs, dt, scene, options):
+    """Return the most likely of several solutions, as `_solved` does.
+
+    A hard ground and the first start come first, then a ground that yields in impacts,
+    then all other starts on both: each only where no fit before it is good.
+    """
+    soft = with_soft_ground(steps, starts[-1] * signs, scene.gravity, dt)
+    tried = []
+    for theta, ground in product(starts, (steps, soft)):
+        tried.append(_solved(ground, theta, signs, dt, scene, options))
+        _, window, solution, _ = tried[-1]
+        if solution.success and _fit(window, solution).verdict == "good":
+            break
+    return min(tried, key=lambda t: (not t[2].success, _evidence(t[1], t[2])))
+
+
+def _evidence(window, solution) -> float:
+    """Return the objective [nats] with the normalisation of the depth of corners."""
+    depth = window.step.depth[window.touch.step]
+    return solution.objective + float(np.log(depth / page.SURFACE).sum())
+
+
+def _fit(window, solution) -> BodyFit:
+    return fit_of(solution.costs, len(window.step), len(window.touch))
 
 
 def _solved(steps, theta, signs, dt, scene, options):
@@ -145,6 +172,8 @@ def _read_off(trajectories, scene, shape, problem, window, solution, signs, rule
         "inertia": sigma["inertia"] * uniform,
     }  # fmt: skip
     del sigma["theta"]
+    fit = _fit(window, solution)
+    sigma = {name: fit.widening * value for name, value in sigma.items()}
     lost = np.flatnonzero((with_radius > UNOBSERVED_VERTEX * page.SIZE).any(axis=1))
     return Body(
         shape=shape, mass=scene.mass, vertices=vertices, radius=float(values["radius"]),
@@ -153,7 +182,7 @@ def _read_off(trajectories, scene, shape, problem, window, solution, signs, rule
         impulses=_impulses(trajectories, scene, problem, window, solution),
         costs=solution.costs, violations=solution.violations,
         objective=solution.objective, unobserved=tuple(lost.tolist()), skipped=(),
-        tosses=window.tosses, success=solution.success, status=solution.status,
+        fit=fit, tosses=window.tosses, success=solution.success, status=solution.status,
         iterations=solution.iterations, seconds=solution.seconds,
     )  # fmt: skip
 

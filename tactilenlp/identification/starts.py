@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ..common.validation import as_floats
 from ..errors import MeasurementError, MotionError, OptionError, shortened
 from ..geometry.transforms import rotation_of
 from .impacts import Steps, gravity_of, steps_of
-from .support import LARGEST_HALF, phases_of, support_of, tilt_at_rest
+from .support import LARGEST_HALF, support_of, tilt_at_rest
 
 CUBE_SIGNS = np.array(np.meshgrid([-1.0, 1], [-1.0, 1], [-1.0, 1])).reshape(3, 8)
 LARGEST_GAUGE = (
     0.1  # [1] error of a tracker's metre: beyond it, dt or the unit is wrong
 )
 SURE = 3.0  # [sigma] from which free falls contradict dt and unit
-SOFT_GROUND = 3e-3  # [m] a box that sinks deeper (r.m.s.) has hit a soft ground
 TILTED, FLAT = 5.0, 2.0  # [deg] medians at rest that tell xyzw from wxyz
 
 
@@ -56,10 +53,6 @@ def prepared(trajectories, scene, shape, guess, gauge) -> tuple:
     steps = read(trajectories.quaternion, ruler[0])
     if guess is None:
         starts = [ruler[0] * theta for theta in starts]
-    if support is not None and support.depth > SOFT_GROUND:
-        _, hit, _ = phases_of(steps, scene.gravity, trajectories.dt)
-        depth = np.where(hit, support.depth, steps.depth)
-        steps = replace(steps, depth=depth)
     return steps, starts, signs, ruler
 
 

@@ -12,11 +12,11 @@ yields in impacts does not bias it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .impacts import Steps
+from .impacts import SURFACE, Steps
 
 PULL = 0.02  # [samples] on each half width
 LARGEST_HALF = 1.0  # [m]
@@ -31,15 +31,10 @@ LOOSE = 0.5  # [g dt] a greater change of velocity than that of free fall: an im
 
 @dataclass(frozen=True)
 class Support:
-    """Least and largest half widths (3,) [m] that explain the heights equally well.
-
-    depth [m]: root mean square of how far the larger box sinks into the ground in
-    impacts.
-    """
+    """Least and largest half widths (3,) [m] that explain the heights equally well."""
 
     least: np.ndarray
     largest: np.ndarray
-    depth: float
 
     def starts(self) -> list[np.ndarray]:
         """Return half widths (3,) [m] to start from: between both, and these."""
@@ -50,17 +45,24 @@ class Support:
 
 def support_of(steps: Steps, gravity: float, dt: float) -> Support | None:
     """Return the boxes that fit the heights of the centre; None if nothing touches."""
-    touching, hit, _ = phases_of(steps, gravity, dt)
-    if not touching.any():
+    if not phases_of(steps, gravity, dt)[0].any():
         return None
     R = np.stack([steps.R_wo_1, steps.R_wo, steps.R_wo_2], axis=1)
     extent = abs(R.reshape(-1, 3, 3, 3)[..., 2])
     height = np.stack([steps.p_wo_1, steps.p_wo, steps.p_wo_2], axis=1)[..., 2]
     rows = _rows_of(steps, extent, height, gravity, dt)
-    least, largest = (_solved(*rows, pull) for pull in (PULL, -PULL))
-    gap = (height - extent @ largest)[hit]
-    depth = np.sqrt(np.mean(np.minimum(gap, 0) ** 2)) if hit.any() else 0.0
-    return Support(least, largest, float(depth))
+    return Support(_solved(*rows, PULL), _solved(*rows, -PULL))
+
+
+def with_soft_ground(steps: Steps, corners, gravity: float, dt: float) -> Steps:
+    """Return steps whose corners may sink in impacts as deep as they ever do.
+
+    corners (3, V) [m] of the largest box.
+    """
+    _, hit, _ = phases_of(steps, gravity, dt)
+    lowest = steps.corners(corners.T)[:, :, 0, 2].min(axis=1)
+    depth = max(-lowest[hit].min(initial=0.0), SURFACE)
+    return replace(steps, depth=np.where(hit, depth, steps.depth))
 
 
 def phases_of(steps: Steps, gravity: float, dt: float) -> tuple:
