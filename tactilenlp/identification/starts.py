@@ -37,7 +37,7 @@ def prepared(trajectories, scene, shape, guess, gauge) -> tuple:
     steps, starts = read(trajectories.quaternion), []
     support = support_of(steps, scene.gravity, trajectories.dt)
     if guess is None:
-        if support is None or support.largest.max() >= LARGEST_HALF:
+        if support is None or support.like_cube.max() >= LARGEST_HALF:
             raise nothing_lands(steps)
         if shape == "cuboid":
             _check_order(steps, read(np.roll(trajectories.quaternion, 1, axis=1)), fall)

@@ -20,7 +20,9 @@ from .impacts import SURFACE, Steps
 
 PULL = 0.02  # [samples] on each half width
 LARGEST_HALF = 1.0  # [m]
-SAME = 1e-3  # [m]
+SAME = 1e-3  # [m] boxes that differ less are one start
+WIDEST = 2.0  # [1] of the box most like a cube: where nothing bounds a half width
+DEEPEST = 20e-3  # [m] that a ground yields
 REST_WEIGHT = 0.03  # [samples] of a sample at rest: many are alike
 REST_DEPTH = 0.2e-3  # [m] that a ground yields below a body at rest
 LEAST_HALF = 1e-3  # [m]
@@ -31,37 +33,48 @@ LOOSE = 0.5  # [g dt] a greater change of velocity than that of free fall: an im
 
 @dataclass(frozen=True)
 class Support:
-    """Least and largest half widths (3,) [m] that explain the heights equally well."""
+    """Half widths (3,) [m] that explain the heights equally well.
 
+    Those most like a cube, the least and the largest.
+    """
+
+    like_cube: np.ndarray
     least: np.ndarray
     largest: np.ndarray
 
     def starts(self) -> list[np.ndarray]:
-        """Return half widths (3,) [m] to start from: between both, and these."""
-        middle = (self.least + self.largest) / 2
-        near = abs(self.largest - self.least).max() < SAME
-        return [middle] if near else [middle, self.least, self.largest]
+        """Return half widths (3,) [m] to start from."""
+        largest = np.minimum(self.largest, WIDEST * self.like_cube)
+        middle = (self.least + largest) / 2
+        near = abs(largest - self.least).max() < SAME
+        return [middle] if near else [middle, self.like_cube, largest]
 
 
 def support_of(steps: Steps, gravity: float, dt: float) -> Support | None:
     """Return the boxes that fit the heights of the centre; None if nothing touches."""
-    if not phases_of(steps, gravity, dt)[0].any():
+    touching = phases_of(steps, gravity, dt)[0]
+    if not touching.any():
         return None
     R = np.stack([steps.R_wo_1, steps.R_wo, steps.R_wo_2], axis=1)
     extent = abs(R.reshape(-1, 3, 3, 3)[..., 2])
     height = np.stack([steps.p_wo_1, steps.p_wo, steps.p_wo_2], axis=1)[..., 2]
+    cube = np.full(3, max(height[touching].min(), LEAST_HALF))
     rows = _rows_of(steps, extent, height, gravity, dt)
-    return Support(_solved(*rows, PULL), _solved(*rows, -PULL))
+    alike = zip(rows, (np.eye(3), cube, [PULL] * 3), strict=True)
+    alike = zip([np.concatenate(pair) for pair in alike],
+                (-np.eye(3), -cube, [PULL] * 3), strict=True)  # fmt: skip
+    like_cube = _solved(*[np.concatenate(pair) for pair in alike], 0.0)
+    return Support(like_cube, _solved(*rows, PULL), _solved(*rows, -PULL))
 
 
 def with_soft_ground(steps: Steps, corners, gravity: float, dt: float) -> Steps:
     """Return steps whose corners may sink in impacts as deep as they ever do.
 
-    corners (3, V) [m] of the largest box.
+    corners (3, V) [m] of a box.
     """
     _, hit, _ = phases_of(steps, gravity, dt)
     lowest = steps.corners(corners.T)[:, :, 0, 2].min(axis=1)
-    depth = max(-lowest[hit].min(initial=0.0), SURFACE)
+    depth = np.clip(-lowest[hit].min(initial=0.0), SURFACE, DEEPEST)
     return replace(steps, depth=np.where(hit, depth, steps.depth))
 
 
