@@ -13,8 +13,10 @@ from formulations import known_trajectory as page
 from tactilenlp import Ground, Problem, Scene, Trajectories, identify_body
 from tactilenlp.errors import MeasurementError, MotionError, OptionError, SceneError
 from tactilenlp.identification.body import corner_shift
+from tactilenlp.identification.fit import fit_of
 from tactilenlp.identification.impacts import gravity_of, impacts, may_touch, steps_of
 from tactilenlp.identification.starts import CUBE_SIGNS, prepared
+from tactilenlp.identification.support import phases_of, support_of, with_soft_ground
 
 HALF, MASS = 52.4e-3, 0.37  # [m], [kg] as measured by who recorded it
 SCENE = Scene(mass=MASS)
@@ -184,3 +186,64 @@ def test_tosses_survive_a_file_and_are_picked_by_number(tosses, tmp_path):
     (tmp_path / "bad.npz").write_bytes((tmp_path / "some.npz").read_bytes()[:500])
     with pytest.raises(MeasurementError, match="cannot be read"):
         Trajectories.load(tmp_path / "bad.npz")
+
+
+def changed(tosses, **arrays):
+    names = ("toss", "position", "quaternion", "dt")
+    return Trajectories(**{name: getattr(tosses, name) for name in names} | arrays)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t: {"quaternion": np.roll(t.quaternion, -1, axis=1)}, "like xyzw"),
+        (lambda t: {"dt": 1.5 * t.dt}, "check dt"),
+        (lambda t: {"position": 100 * t.position}, "in metres"),
+    ],
+)
+def test_wrong_order_interval_and_unit_are_named_before_the_solve(
+    tosses, change, words
+):
+    with pytest.raises(MeasurementError, match=words):
+        identify_body(changed(tosses, **change(tosses)), SCENE)
+
+
+def test_a_gauge_that_is_asked_for_is_taken(tosses):
+    prepare = tosses, SCENE, "cuboid", None
+    assert prepared(*prepare, 1.3)[3] == (1.3, 0.0)
+    assert 1.0 < prepared(*prepare, None)[3][0] < 1.1
+
+
+def test_heights_of_the_origin_bound_the_box(tosses):
+    steps, starts, _, _ = prepared(tosses, SCENE, "cuboid", None, None)
+    found = support_of(steps, SCENE.gravity, tosses.dt)
+    assert (found.least <= found.largest + 1e-6).all()
+    # A ruler 2 % short, rounded edges, 0.5 mm of tracking, few impacts: 10 mm.
+    assert found.like_cube == pytest.approx(np.full(3, HALF), abs=10e-3)
+    assert np.sort(abs(found.like_cube - HALF))[1] < 2e-3
+    assert all(start.shape == (3, 1) for start in starts)
+
+
+def test_the_fit_of_real_tosses_is_good_and_said(cube):
+    assert cube.fit.verdict == "good"
+    assert cube.fit.widening == 1.0
+    assert "The fit is good" in cube.summary()
+
+
+def test_a_fit_far_beyond_its_spread_is_bad_and_widens():
+    costs = {"balance, 1 touching": 100.0, "on the surface": 40.0, "not below": 900.0}
+    fit = fit_of(costs, steps=100)
+    assert fit.verdict == "bad"
+    assert fit.widening == pytest.approx(np.sqrt(940 / (50 + 7.1)), rel=1e-3)
+    assert "not to be trusted" in fit.text
+    mild = fit_of(costs | {"not below": 20.0}, steps=100)
+    assert mild.verdict == "good"
+
+
+def test_corners_may_sink_into_a_soft_ground_in_impacts_only(tosses):
+    steps, starts, signs, _ = prepared(tosses, SCENE, "cuboid", None, None)
+    soft = with_soft_ground(steps, 1.1 * starts[0] * signs, SCENE.gravity, tosses.dt)
+    _, hit, _ = phases_of(steps, SCENE.gravity, tosses.dt)
+    assert (soft.depth[~hit] == page.SURFACE).all()
+    assert len(set(soft.depth[hit])) == 1
+    assert 2 * page.SURFACE < soft.depth[hit][0] <= 20e-3

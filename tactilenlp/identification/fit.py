@@ -1,9 +1,9 @@
 """Goodness of fit of an identified body: what its likelihood terms cost, and should.
 
 A step costs 4 (sqrt(1 + off / 4) - 1), with off chi-square of six degrees of freedom
-under the noise model; a corner in contact costs half a chi-square of one degree, above
-or below the ground.  Unknown impulses explain a part, so that the expected costs are
-upper bounds.  The verdict and the widening are those of information/goodness_of_fit.py,
+under the noise model; the corner in contact, one a step, costs half a chi-square of one
+degree, above or below the ground.  Unknown impulses explain a part, so that the
+expected costs are upper bounds.  The verdict and the widening are those of information/goodness_of_fit.py,
 for the worst of the terms.
 """
 
@@ -48,15 +48,13 @@ class BodyFit:
         return f"{words}{bad}."
 
 
-def fit_of(costs: dict[str, float], steps: int, touches: int) -> BodyFit:
-    """Return the fit of a solution with these costs, steps and corners in contact."""
+def fit_of(costs: dict[str, float], steps: int) -> BodyFit:
+    """Return the fit of a solution with these costs, by name, of so many steps."""
     balance = sum(cost for name, cost in costs.items() if name.startswith("balance"))
     heights = sum(costs[name] for name in SURFACE_TERMS)
     terms = {
         "the momentum balance": _misfit(balance, steps, STEP_MEAN, STEP_SPREAD),
-        "the height of the corners": _misfit(
-            heights, touches, TOUCH_MEAN, TOUCH_SPREAD
-        ),
+        "the height of the corners": _misfit(heights, steps, TOUCH_MEAN, TOUCH_SPREAD),
     }
     worst = max(terms.values(), key=_excess)
     verdict = "good" if worst.excess <= POOR * worst.spread + MARGIN else "poor"

@@ -96,7 +96,7 @@ def _evidence(window, solution) -> float:
 
 
 def _fit(window, solution) -> BodyFit:
-    return fit_of(solution.costs, len(window.step), len(window.touch))
+    return fit_of(solution.costs, len(window.step))
 
 
 def _solved(steps, theta, signs, dt, scene, options):

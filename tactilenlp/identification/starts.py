@@ -7,7 +7,7 @@ import numpy as np
 from ..common.validation import as_floats
 from ..errors import MeasurementError, MotionError, OptionError, shortened
 from ..geometry.transforms import rotation_of
-from .impacts import Steps, gravity_of, steps_of
+from .impacts import MIN_TOSSES, Steps, gravity_of, steps_of
 from .support import LARGEST_HALF, support_of, tilt_at_rest
 
 CUBE_SIGNS = np.array(np.meshgrid([-1.0, 1], [-1.0, 1], [-1.0, 1])).reshape(3, 8)
@@ -15,6 +15,9 @@ LARGEST_GAUGE = (
     0.1  # [1] error of a tracker's metre: beyond it, dt or the unit is wrong
 )
 SURE = 3.0  # [sigma] from which free falls contradict dt and unit
+FIRST_SAMPLES = 16  # of a toss, which begins in the air
+ALIKE, FAR_OFF = 0.2, 0.25  # [1] scatter of their gravity, its logarithmic error
+TINY = 1e-9  # [m/s^2]
 TILTED, FLAT = 5.0, 2.0  # [deg] medians at rest that tell xyzw from wxyz
 
 
@@ -34,6 +37,8 @@ def prepared(trajectories, scene, shape, guess, gauge) -> tuple:
         rotation = turn * rotation_of(wxyz)
         return steps_of(trajectories.toss, scale * where, rotation, *fall)
 
+    if gauge is None and scene.gravity > 0:
+        _check_fall(trajectories.toss, where[:, 2], *fall)
     steps, starts = read(trajectories.quaternion), []
     support = support_of(steps, scene.gravity, trajectories.dt)
     if guess is None:
@@ -95,11 +100,33 @@ def _gauge(gauge, steps, vertices, fall) -> tuple[float, float]:
         return ratio, deviation
     if abs(g - gravity) < SURE * sigma:
         return 1.0, 0.0
-    raise MeasurementError(
+    raise _wrong_fall(g, dt, gravity)
+
+
+def _check_fall(toss, height, dt, gravity) -> None:
+    """Raise MeasurementError where the first samples fall alike, but not with gravity.
+
+    height (T,) [m].  Tosses that begin in a hand or on the ground scatter.
+    """
+    found = []
+    for number in np.unique(toss):
+        z = height[toss == number][:FIRST_SAMPLES]
+        if len(z) == FIRST_SAMPLES:
+            found.append(-2 * np.polyfit(np.arange(FIRST_SAMPLES) * dt, z, 2)[0])
+    if len(found) < MIN_TOSSES:
+        return
+    g = float(np.median(found))
+    spread = float(np.median(np.abs(found - g)))
+    if spread < ALIKE * abs(g) and abs(np.log(max(g, TINY) / gravity)) > FAR_OFF:
+        raise _wrong_fall(g, dt, gravity)
+
+
+def _wrong_fall(g, dt, gravity) -> MeasurementError:
+    return MeasurementError(
         "free falls contradict the interval or the unit", where="dt, position",
         got=f"{g:.3g} m/s^2 in free falls", expected=f"about {gravity:.3g}",
-        next=f"check dt (it would be {dt * np.sqrt(g / gravity):.3g} s) and that "
-        "positions are in metres, or give gauge",
+        next=f"check dt (it would be {dt * np.sqrt(max(g, 0) / gravity):.3g} s) and "
+        "that positions are in metres, or give gauge",
     )  # fmt: skip
 
 
