@@ -116,7 +116,7 @@ def _check_fall(toss, height, dt, gravity) -> None:
     if len(found) < MIN_TOSSES:
         return
     g = float(np.median(found))
-    spread = float(np.median(np.abs(found - g)))
+    spread = float(np.median(abs(np.array(found) - g)))
     if spread < ALIKE * abs(g) and abs(np.log(max(g, TINY) / gravity)) > FAR_OFF:
         raise _wrong_fall(g, dt, gravity)
 
