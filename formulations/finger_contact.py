@@ -7,6 +7,11 @@ v_n, v_s of body and finger at that point, in nats,
     felt      kappa (mu lam_n |v_s| + v_s . lam_t + 0.2 lam_n max(v_n, 0)) dt / (w mm)
     unfelt    kappa lam_n max(phi, 0) / (w mm) + UNFELT lam_n / w       w = m g dt
 
+A finger whose sample is missing has the first cost, and with its indentation
+delta (indentation.py)
+
+    unseen    kappa lam_n max(phi + delta, 0) / (w mm) + touch(min(phi + delta, 0))
+
 A finger that feels nothing has the second cost in place of the first; the rounding of
 its friction cone neither costs nor earns anything, since all its impulses cost.
 """
@@ -18,11 +23,13 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from . import contact
+from . import contact, indentation, sensing
 from .contact import MM
 from .friction import rounding
 
 UNFELT = 2000.0  # [nats] for an impulse of one weight not felt: 20 for what would be
+
+SMALL = 0.02e-3  # [m] rounds max(phi, 0) of a finger whose sample is missing
 
 
 class Push(NamedTuple):
@@ -88,6 +95,13 @@ class FingerContact:
         energy = contact.complementarity(lam, phi, rho / 50)
         return kappa * energy / (w * MM) + UNFELT * lam[0] / w
 
+    def unseen(self, theta, x, lam, p_wf, rho, inside, w, kappa, sigma):
+        """Return the cost of an impulse across a gap, and of penetration."""
+        pose = self.motion.pose(self.shape, theta, x)
+        phi = self.finger.gap(self.shape, theta, pose, p_wf, rho) + inside.delta()
+        energy = contact.complementarity(lam, phi, SMALL)
+        return kappa * energy / (w * MM) + sensing.touch(ca.fmin(phi, 0), sigma)
+
 
 def pushes_of(push, pushes, j):
     """Return the Push that each instance of a term reads; j: its row in `push`."""
@@ -121,4 +135,17 @@ def add(nlp, window, fingers, theta, x, pushes):
     nlp.report(
         "finger impulse", fingers.impulse, theta, x[:, step.pose[push.step]], lam,
         push.p_wf, push.radius, push.tangent,
+    )  # fmt: skip
+
+
+def unseen(nlp, window, fingers, theta, x, pushes):
+    """Add the costs of fingers whose samples are missing: they may push or not."""
+    rows = window.unseen
+    push, s = window.push.pick(rows), window.push.step[rows]
+    theta = theta if pushes.theta is None else pushes.theta
+    inside = indentation.of_pushes(nlp, pushes, rows)
+    nlp.minimize(
+        "unseen finger", fingers.unseen, theta.pick(rows), x[:, window.step.pose[s]],
+        pushes.lam[:, rows], push.p_wf, push.radius, inside, pushes.w[rows],
+        nlp.parameters["kappa"], nlp.parameters["touch scale"], role="physics",
     )  # fmt: skip

@@ -85,6 +85,15 @@ def declare(nlp, window, scene, pushes):
     return Soft(d, c, pushes.lam[:, row], pushes.w[row], stepped)
 
 
+def of_pushes(nlp, pushes, rows):
+    """Return the indentation of the fingers that push by some rows of pushes."""
+    d = nlp.variables["depth"]
+    c = (nlp.variables | nlp.parameters).get(NAME)
+    if c is None:
+        return Rigid(d)
+    return Soft(d, c, pushes.lam[:, rows], pushes.w[rows], 1.0)
+
+
 def prior(nlp, indentation):
     """Add the priors of d and c, where these are unknown; report the indentation."""
     d = indentation.depth

@@ -28,6 +28,8 @@ Departures from the printed equations:
                            the likelihoods of touch and free samples
   unfelt                   a finger that feels nothing has a linear cost on its impulse
                            (UNFELT) in place of dissipation
+  unseen                   a finger whose sample is missing may push: dissipation,
+                           complementarity of its gap, non-penetration
   rest                     an action starts at rest: all low corners on the ground
   least impulse            makes unique what contact leaves open (four corners share a
                            load)
@@ -145,6 +147,8 @@ def physics(nlp, window, law, theta, x, w, centre, pushes, corners, resting=None
     """
     balance.add(nlp, window, law, theta, x, w, centre, pushes, corners)
     finger_contact.add(nlp, window, law.fingers, theta, x, pushes)
+    if len(window.unseen):
+        finger_contact.unseen(nlp, window, law.fingers, theta, x, pushes)
     ground_contact.add(nlp, window, law.ground, theta, x, corners, resting)
     cone(nlp, "finger", pushes)
     cone(nlp, "ground", corners)

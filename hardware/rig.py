@@ -8,8 +8,8 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import asdict, dataclass, field, fields, replace
-from pathlib import Path
 
+from tactilenlp.common.whole_file import opened, write_whole
 from tactilenlp.errors import typed_call
 
 from .clock import Clock
@@ -183,7 +183,8 @@ class Rig:
     def load(cls, path: str | os.PathLike) -> Rig:
         """Read a JSON file; raises RigError if it is not a rig."""
         try:
-            return cls.from_dict(json.loads(Path(path).read_text()))
+            with opened(path, RigError) as stream:
+                return cls.from_dict(json.load(stream))
         except (ValueError, OSError, RecursionError) as bad:
             if isinstance(bad, RigError):
                 raise
@@ -192,7 +193,7 @@ class Rig:
 
     def save(self, path: str | os.PathLike) -> None:
         """Write a JSON file that loads to an equal rig."""
-        Path(path).write_text(json.dumps(asdict(self), indent=2) + "\n")
+        write_whole(path, json.dumps(asdict(self), indent=2) + "\n")
 
     @classmethod
     def from_dict(cls, content: dict) -> Rig:

@@ -24,7 +24,8 @@ from pathlib import Path
 import can
 import numpy as np
 
-from tactilenlp.errors import typed_call
+from tactilenlp.common.whole_file import write_whole
+from tactilenlp.errors import FileError, typed_call
 
 from .errors import RecordingError
 from .frames import NATURAL
@@ -149,7 +150,7 @@ class Tape:
         }
         path = self.folder / MANIFEST
         text = json.dumps(content, indent=2) + "\n"
-        _written(path, lambda: path.write_text(text))
+        _written(path, lambda: write_whole(path, text))
 
 
 def stream_name(finger: str, part: str) -> str:
@@ -158,10 +159,10 @@ def stream_name(finger: str, part: str) -> str:
 
 
 def _written(path, action: Callable):
-    """Run an action that writes; an OSError becomes a RecordingError."""
+    """Run an action that writes; where it fails, raise a RecordingError."""
     try:
         return action()
-    except OSError as bad:
+    except (OSError, FileError) as bad:
         got, fix = (
             f"{type(bad).__name__}: {bad}",
             "check the free space and the permissions",

@@ -11,7 +11,8 @@ from pathlib import Path
 import tactilenlp
 
 from .common.interrupt import interruptible
-from .common.npz import check_folder, format_of
+from .common.npz import format_of
+from .common.whole_file import check_folder
 from .errors import FileError, Interrupted, TactileError
 
 EPILOG = """examples:

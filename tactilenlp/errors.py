@@ -86,6 +86,10 @@ class FileError(TactileError, ValueError):
     """A file is not what it should be, or only half of it is there."""
 
 
+class WriteError(FileError, OSError):
+    """A file cannot be written; what was there before is unchanged."""
+
+
 class SceneError(TactileError, ValueError):
     """What is said to be known of the scene cannot be true."""
 
@@ -111,12 +115,15 @@ class PageError(TactileError, ValueError):
 class NotConverged(TactileError):
     """A solve ended without a solution; names the worst terms, keeps what was reached.
 
-    `solution` is the last iterate with its recomputed violations (plain arrays), and
-    `problem` the description of the problem that was solved.
+    `solution` is the last iterate with its recomputed violations (plain arrays),
+    `problem` the description of the problem that was solved, and `estimate` what
+    throw=False returns: marked, with `success` False.
     """
 
-    def __init__(self, what: str, *, problem=None, solution=None, **parts):
-        self.problem, self.solution = problem, solution
+    def __init__(
+        self, what: str, *, problem=None, solution=None, estimate=None, **parts
+    ):
+        self.problem, self.solution, self.estimate = problem, solution, estimate
         super().__init__(what, **parts)
 
 

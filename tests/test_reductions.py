@@ -16,7 +16,8 @@ from tactilenlp.errors import MeasurementError
 from tactilenlp.evaluation.metrics import cuboid_errors
 from tactilenlp.nlp.ipopt import SolverOptions, solve, solve_levels
 from tactilenlp.nlp.kkt_sensitivity import newton_step
-from tactilenlp.problem.reductions import Reductions, may_move, possible_contact, reduce
+from tactilenlp.problem.missing_samples import possible_contact
+from tactilenlp.problem.reductions import Reductions, may_move, reduce
 from tactilenlp.problem.unreduced import transferred_values
 
 

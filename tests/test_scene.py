@@ -66,7 +66,14 @@ def test_a_file_gives_mass_and_frictions_and_nothing_else(tmp_path):
     scene = Scene.load(tmp_path / "a.npz")
     assert scene == Scene(mass=0.02, friction_ground=0.1)
     np.savez(tmp_path / "b.npz", **truth)
-    assert Scene.load(tmp_path / "b.npz") == Scene()
+    assert Scene.load(tmp_path / "b.npz", mass=0.5) == Scene()
+
+
+def test_a_file_without_mass_is_refused_unless_it_is_given(tmp_path):
+    np.savez(tmp_path / "b.npz", friction_ground=0.1)
+    with pytest.raises(SceneError, match="mass") as caught:
+        Scene.load(tmp_path / "b.npz")
+    assert "--mass" in caught.value.next
 
 
 def test_what_the_caller_says_goes_before_what_the_file_says(tmp_path):

@@ -20,6 +20,7 @@ from tactilenlp import (
     solve_estimate,
 )
 from tactilenlp.errors import SceneError
+from tactilenlp.exploration.beliefs import sensor_model
 from tactilenlp.problem.reductions import Reductions
 
 FOREIGN = ROOT.parent / "shared" / "foreign"
@@ -176,3 +177,13 @@ def test_the_centre_of_mass_stays_the_centroid_where_the_fit_is_good(estimate):
     (central,) = [s for s in estimate.skipped if s.name == "central"]
     assert central.holds
     assert not estimate.centre_of_mass.any()
+
+
+def test_a_soft_fingertip_tells_less_about_the_next_touch(estimate):
+    rigid = sensor_model(estimate)
+    soft = sensor_model(
+        replace(estimate, scene=replace(estimate.scene, compliance=2e-4))
+    )
+    assert soft[0] == rigid[0]
+    assert soft[1] > 1.2 * rigid[1]
+    assert soft[2] > 1.2 * rigid[2]

@@ -13,6 +13,7 @@ the same machine only.
 
 import argparse
 import csv
+import io
 import sys
 from collections import defaultdict
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from tactilenlp.common.npz import versions
+from tactilenlp.common.whole_file import write_whole
 
 RESULTS = Path(__file__).parent / "results"
 FIELDS = ("group", "quantity", "value", "tolerance", "worse", "rows")
@@ -125,12 +127,13 @@ def condensed(name: str, rows) -> list[dict]:
 def keep(name: str, rows, folder=RESULTS) -> Path:
     """Write the record of a benchmark, with date and versions."""
     folder.mkdir(parents=True, exist_ok=True)
-    with open(folder / f"{name}.csv", "w", newline="") as stream:
-        made = ", ".join(f"{k} {v}" for k, v in versions().items())
-        stream.write(f"# {date.today()}\n# {made}\n")
-        writer = csv.DictWriter(stream, FIELDS)
-        writer.writeheader()
-        writer.writerows(condensed(name, rows))
+    text = io.StringIO()
+    made = ", ".join(f"{k} {v}" for k, v in versions().items())
+    text.write(f"# {date.today()}\n# {made}\n")
+    writer = csv.DictWriter(text, FIELDS)
+    writer.writeheader()
+    writer.writerows(condensed(name, rows))
+    write_whole(folder / f"{name}.csv", text.getvalue())
     return folder / f"{name}.csv"
 
 

@@ -11,22 +11,21 @@ from __future__ import annotations
 
 import json
 import os
-import stat
 import struct
 import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterable
-from contextlib import contextmanager
 from dataclasses import MISSING
+from dataclasses import fields as dataclass_fields
 from importlib.metadata import version
-from pathlib import Path
-from tempfile import NamedTemporaryFile
 
 import numpy as np
 
-from ..errors import FileError, MeasurementError
+from ..errors import FileError, MeasurementError, TactileError
+from .layout import check_kinds, check_layout
 from .validation import check_path
+from .whole_file import opened, whole_file
 
 UNREADABLE = (  # AttributeError, TypeError: np.load gave an array, it was an .npy file
     *(ValueError, EOFError, OSError, RuntimeError, AttributeError, TypeError),
@@ -34,15 +33,15 @@ UNREADABLE = (  # AttributeError, TypeError: np.load gave an array, it was an .n
     *(SyntaxError, tokenize.TokenError, OverflowError),  # of a damaged array's header
 )
 MALFORMED = (ValueError, KeyError, TypeError, AttributeError, RecursionError)
+MB = 2**20
+LARGEST_CONTENT = 256 * MB  # of a file: two fingers take 130 MB in 7 h at 30 Hz
 SHOWN_NAMES = 5  # of the arrays of a file without header, in the error
 LIBRARIES = ("tactilenlp", "casadi", "numpy", "scipy")
 
 
 def write_npz(path, arrays: dict) -> None:
     """Write arrays by name to an .npz file at exactly this path, completely or not."""
-    check_path(path)
-    check_folder(path, str(path))
-    with _whole(path) as file:
+    with whole_file(path) as file:
         np.savez_compressed(file, **arrays)
 
 
@@ -54,19 +53,49 @@ def read_npz(
     Raises `error` if the file is no .npz file of plain arrays, FileNotFoundError if
     there is no file.
     """
-    check_path(path)
-    arrays, where = {}, os.fspath(path)
-    with open(path, "rb") as stream:
+    arrays, where = {}, os.fspath(path) if isinstance(path, os.PathLike) else path
+    with opened(path, error) as stream:
         try:
+            check_declared(stream, error, where)
             with np.load(stream, allow_pickle=False) as archive:
+                if keys is not None and "header" in archive and "header" not in keys:
+                    raise _another_kind(keys, error, where)
                 keys = archive.files if keys is None else keys
                 for where in (key for key in keys if key in archive):
                     arrays[where] = archive[where]
+        except TactileError:
+            raise
         except UNREADABLE as bad:
             parts = {"where": where, "got": f"{type(bad).__name__}: {bad}"}
             parts |= {"expected": "an .npz file of plain arrays"}
             raise error("cannot be read", next="use numpy.savez", **parts) from bad
     return arrays
+
+
+def _another_kind(keys, error: type, where: str):
+    """Return the error for a saved result from which arrays of its own are read."""
+    return error(
+        "another kind of file", where=where, got="a saved estimate or exploration",
+        expected=f"at least one of {', '.join(keys)}",
+        next="load it by its class: Estimate.load(path).measurements",
+    )  # fmt: skip
+
+
+def check_declared(stream, error: type, where: str) -> None:
+    """Raise `error` if an .npz file declares more content than LARGEST_CONTENT.
+
+    Read from the directory of the archive, before anything is unpacked; no member
+    yields more bytes than its entry there declares.
+    """
+    with zipfile.ZipFile(stream) as archive:
+        declared = sum(entry.file_size for entry in archive.infolist())
+    stream.seek(0)
+    if declared > LARGEST_CONTENT:
+        raise error(
+            "too large", where=where, got=f"arrays of {declared / MB:.0f} MB",
+            expected=f"at most {LARGEST_CONTENT / MB:.0f} MB when unpacked",
+            next="split the recording, or select what is needed",
+        )  # fmt: skip
 
 
 def write_result(path, name: str, number: int, content, kinds: dict) -> None:
@@ -124,50 +153,6 @@ def versions() -> dict[str, str]:
     return {name: version(name) for name in LIBRARIES}
 
 
-def check_folder(path, where: str) -> None:
-    """Raise FileError unless the folder of a file to be written exists."""
-    folder = Path(path).absolute().parent
-    if not folder.is_dir():
-        raise FileError(
-            "no such folder", where=where, got=str(folder),
-            expected="a file in a folder that exists",
-            next="make the folder, or write elsewhere",
-        )  # fmt: skip
-    if Path(path).is_dir():  # an empty path is the current folder
-        expected = "the path of a file"
-        got = repr(str(path))
-        raise FileError("a folder", where=where or "path", got=got, expected=expected)
-
-
-@contextmanager
-def _whole(path):
-    """Open a temporary file that replaces `path` once it is completely written.
-
-    Its name is unique, as another program may be writing to the same path.
-    """
-    path = Path(path)
-    where = {"dir": path.parent, "prefix": f".{path.name}."}
-    with NamedTemporaryFile(**where, delete=False) as part:
-        try:
-            yield part
-            part.close()
-            os.chmod(part.name, _mode(path))
-            os.replace(part.name, path)
-        except BaseException:  # Ctrl-C as well
-            part.close()
-            Path(part.name).unlink(missing_ok=True)
-            raise
-
-
-def _mode(path: Path) -> int:
-    """Return the permissions of the file to be replaced, or those of new files."""
-    if path.exists():
-        return stat.S_IMODE(path.stat().st_mode)
-    mask = os.umask(0)  # cannot be read without being set
-    os.umask(mask)
-    return 0o666 & ~mask
-
-
 def _check_version(header: dict, name: str, number: int, where: str) -> None:
     """Raise FileError unless a header names this format and version."""
     found = header["format"]
@@ -201,7 +186,7 @@ def _check_fields(tree, kinds: dict, header: dict, where: str) -> None:
     """
     if isinstance(tree, dict) and "kind" in tree:
         kind, fields = tree["kind"], tree["fields"]
-        ours = kinds[kind].__dataclass_fields__
+        ours = {field.name: field for field in dataclass_fields(kinds[kind])}
         needed = {name for name, field in ours.items() if not _has_default(field)}
         if differ := sorted((needed - set(fields)) | (set(fields) - set(ours))):
             words = [f"{'no ' if f in ours else ''}{kind}.{f}" for f in differ]
@@ -232,8 +217,8 @@ def _pack(value, name: str, arrays: dict, kinds: dict):
         return {k: _pack(v, f"{name}/{k}".strip("/"), arrays, kinds) for k, v in pairs}
 
     if type(value).__name__ in kinds:
-        fields = type(value).__dataclass_fields__
-        fields = inner((k, getattr(value, k)) for k in fields)
+        names = [field.name for field in dataclass_fields(value)]
+        fields = inner((name, getattr(value, name)) for name in names)
         return {"kind": type(value).__name__, "fields": fields}
     if isinstance(value, dict):
         return {"dict": inner(value.items())}
@@ -253,8 +238,7 @@ def _unpack(tree, arrays: dict, kinds: dict):
         return tuple(_unpack(v, arrays, kinds) for v in tree["list"])
     kind = kinds[tree["kind"]]
     fields = {k: _unpack(v, arrays, kinds) for k, v in tree["fields"].items()}
-    for name, value in fields.items():
-        declared = kind.__dataclass_fields__[name].type
-        if declared == "np.ndarray" and not isinstance(value, np.ndarray):
-            raise TypeError(f"{name} of {kind.__name__} is no array")
-    return kind(**fields)
+    check_kinds(kind, fields)
+    found = kind(**fields)
+    check_layout(found)
+    return found

@@ -201,6 +201,8 @@ def _reject(key: str, bad: np.ndarray | bool, what: str, got: object, fix: str) 
 def _array(key: str, value: object) -> np.ndarray:
     """Return a fresh contiguous array of numbers, not yet checked any further."""
     array, fix = as_array(value, LAYOUT[key][2]), "give one array of plain numbers"
+    if isinstance(value, np.ma.MaskedArray):
+        fix = "fill it, and state what was not measured by valid="
     of = f"{type(value).__name__}, dtype {getattr(value, 'dtype', 'object')}"
     _reject(key, array is None, "wrong dtype", of, fix)
     if key == "action":

@@ -166,7 +166,9 @@ class Scene:
     def load(cls, path: str | os.PathLike, **overrides: object) -> Scene:
         """Read mass, friction_ground and friction_finger from an .npz that has them.
 
-        Any field can be overridden: `Scene.load(path, friction_ground=None)`.
+        Any field can be overridden: `Scene.load(path, friction_ground=None)`.  A file
+        without mass raises SceneError unless the mass is given: impulses are in units
+        of the weight.  Frictions that the file does not have are those of Scene().
         """
         names = [known.name for known in fields(cls)]
         for name in overrides:
@@ -178,7 +180,14 @@ class Scene:
                     expected=f"one of {names}",
                     next="check the spelling",
                 )
-        return cls(**read_npz(path, KNOWN_KEYS, error=SceneError) | overrides)
+        known = read_npz(path, KNOWN_KEYS, error=SceneError) | overrides
+        if "mass" not in known:
+            raise SceneError(
+                "no mass", where=os.fspath(path), got=f"only {sorted(known)}",
+                expected="a number [kg]",
+                next="give it: Scene.load(path, mass=...), --mass on the command line",
+            )  # fmt: skip
+        return cls(**known)
 
     @property
     def joints(self) -> JointZeros | None:

@@ -33,8 +33,9 @@ class Options:
     reduce: True, False, a Reductions, or names of reductions to switch off; hypotheses:
     kept from action to action [-]; starts: solved per action [-]; both by default as
     many as the sensors' noise leaves open (NOISY_WIDTHS, PRECISE_WIDTHS); tolerance: of
-    the last solve [-]; time_limit [s]: the remaining actions are then extrapolated, and
-    the result is marked; ipopt: passed on verbatim; rivals: also solve alternative
+    the last solve [-]; time_limit [s]: of all, compilation included, kept within 10 %
+    or 1 s: actions not searched are extrapolated, and the status says what was left
+    out; ipopt: passed on verbatim; rivals: also solve alternative
     trajectories and sizes, and compute profile likelihoods of sizes that no touch
     determines. check_mistakes: refuse measurements in which axes, signs, units, fingers
     or times are probably wrong (MistakeError). seed: has no effect, nothing is random;

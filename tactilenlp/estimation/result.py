@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from formulations.centre_of_mass import NAME as CENTRE
 from formulations.indentation import NAME as COMPLIANCE
 from formulations.rigid_body import G
 
+from ..common.layout import ANY
 from ..common.named import Named
 from ..common.npz import read_result, write_result
 from ..common.validation import check_sample
@@ -82,6 +84,26 @@ class Estimate:
     progress: dict[str, np.ndarray] = field(default_factory=dict)
     finger_offset: np.ndarray | None = None
     fit: Fit | None = None
+
+    LAYOUT: ClassVar = {  # of the arrays in a file
+        "measurements/time": ("T",),
+        "measurements/finger_radius": ("F",),
+        "theta": ("n",),
+        "position": ("T", 3),
+        "quaternion": ("T", 4),
+        "body_vertices": ("V", 3),
+        "impulses/*": ("T", 3),
+        "unknowns/*": (ANY, ANY),
+        "multipliers/*": (...,),
+        "bound_multipliers/*": (...,),
+        "progress/*": ("iterations",),
+        "faces": (ANY, ...),
+        "finger_offset": ("F", 3),
+        "origin/x": (ANY, "T"),
+        "information/path": ("T", 6),
+    }
+    FINITE: ClassVar = ("theta", "position", "quaternion", "body_vertices")
+    UNIT: ClassVar = ("quaternion",)
 
     def __post_init__(self) -> None:
         for name in BY_NAME:
@@ -204,9 +226,8 @@ class Estimate:
                 f"{len(self.vertices)} vertices, {across} mm across, {touched} of "
                 f"{len(self.faces)} faces touched{words},"
             )
-        sigma = self.information.sigma("side_lengths") * mm
-        sides = zip(self.theta, sigma, strict=True)
-        return " x ".join(f"{s * mm:.2f} ± {e:.2f}" for s, e in sides) + " mm"
+        sides = zip(self.theta, self.information.sigma("side_lengths"), strict=True)
+        return " x ".join(f"{s * mm:.2f} ± {e * mm:.2f}" for s, e in sides) + " mm"
 
     def _softness(self) -> str:
         """Return the compliance of the fingertips in words."""

@@ -29,6 +29,10 @@ log = logging.getLogger("tactilenlp")
 POSE_PRIOR_SIGMA = 0.1, 3.0  # [m], [rad] of a pose before any touch
 # [-] to that of the best: hypotheses of a smaller weight are omitted.
 MIN_RELATIVE_WEIGHT = 0.02
+# Friction shears a rubber pad by up to 0.75 of its indentation where mu is 0.5
+# (Mindlin, 1949): the turn of a felt normal, of indentation over radius; uniform.
+TURNED = 0.75 / 3**0.5  # [-]
+INDENTATION_ERROR = 0.5  # [-] of a predicted one: push and compliance are 30 % off each
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +197,28 @@ def sensor_model(estimate) -> np.ndarray:
     """Return alpha [1/m], sigma [m] of a gap in contact, sigma_n [rad] of the pages."""
     p, n = estimate.precision["position"], estimate.precision["normal"]
     touch, normal = violation_implicit.TOUCH, violation_implicit.NORMAL
-    return np.array([steepness(p), np.hypot(touch, p), np.hypot(normal, n)])
+    known = np.array([steepness(p), np.hypot(touch, p), np.hypot(normal, n)])
+    return of_soft_fingertips(known, estimate)
+
+
+def of_soft_fingertips(sensors: np.ndarray, estimate) -> np.ndarray:
+    """Return alpha, sigma, sigma_n (3,) of fingertips that yield as estimated.
+
+    A predicted touch is off by a share of the indentation, and its normal is turned by
+    the shear of the pad: a soft fingertip tells less.
+    """
+    compliance = estimate.compliance or estimate.scene.compliance
+    if not compliance:
+        return sensors
+    data = estimate.measurements
+    felt = data.contact & data.valid
+    push = [estimate.impulses[f"finger {f}"] for f in range(data.fingers)]
+    normal = np.abs((np.stack(push, axis=1) * data.normal).sum(axis=2))
+    depth = compliance * np.sqrt(np.mean(normal[felt] ** 2)) / data.dt
+    turned = TURNED * depth / data.finger_radius.mean()
+    alpha, sigma, sigma_n = sensors
+    off = INDENTATION_ERROR * depth
+    return np.array([alpha, np.hypot(sigma, off), np.hypot(sigma_n, turned)])
 
 
 def steepness(sigma: float) -> float:

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryFile
 
-from ..common.npz import check_folder, read_result, write_result
+from ..common.npz import read_result, write_result
 from ..common.validation import check_types
+from ..common.whole_file import check_folder
 from ..data.measurements import Measurements
 from ..errors import FileError, StartError, typed_call
 from ..estimation.result import ESTIMATE_CLASSES, Estimate

@@ -33,7 +33,7 @@ from ..geometry.convex_hull import hull_vertices, nearest
 from ..geometry.transforms import rotation_of
 from ..information.polytope_information import FACE_TILT
 from ..problem.polytope_window import LIFTED
-from .beliefs import POSE_PRIOR_SIGMA, Belief, steepness
+from .beliefs import POSE_PRIOR_SIGMA, Belief, of_soft_fingertips, steepness
 from .push_model import (
     MIN_STEP_SIGMA,
     SAMPLES_PER_CALL,
@@ -75,7 +75,8 @@ def sensor_model(estimate) -> np.ndarray:
         np.sqrt(CORRELATED_SAMPLES) * FACE_SIGMA,
         np.sqrt(CORRELATED_SAMPLES) * FACE_TILT,
     )
-    return np.array([steepness(p), np.hypot(sigma, p), np.hypot(sigma_n, n)])
+    known = np.array([steepness(p), np.hypot(sigma, p), np.hypot(sigma_n, n)])
+    return of_soft_fingertips(known, estimate)
 
 
 def ball_prior(vertices, size) -> np.ndarray:

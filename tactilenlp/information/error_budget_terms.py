@@ -30,6 +30,7 @@ UNTOUCHED_FACTOR = (
 TUMBLED = 0.1  # [size] the same where it follows from how the object tumbled
 VERTICAL = 0.99  # [-] cosine between the vertical and the axis of a face on the ground
 STICKING = 0.1  # [-] probability that a finger that seems to slide sticks
+LOADED = 0.01  # [weights] a missing sample with a smaller impulse was no contact
 CORRELATION_LENGTH = 1.0  # [-] on the unit sphere, between directions to one face
 BALL = "ball"  # the unknowns of the ball that a prior of vertices lies about
 VERTEX_PRIORS = ("ball prior", "stay")  # costs that determine untouched vertices
@@ -131,11 +132,22 @@ def stick_slip(curvature: KKTSystem, pulls, window, action) -> np.ndarray:
 def slips(curvature: KKTSystem, window) -> np.ndarray:
     """Return how far [m] each pushing finger slid over the body.
 
-    (pushes, 2) over the ground, in planar motion; else (pushes, 3).
+    (pushes, 2) over the ground, in planar motion; else (pushes, 3).  Where a sample
+    is missing and no impulse is found, the finger did not touch: zero.
     """
-    x, push = curvature.problem.unpack(curvature.x)["x"], window.push
+    values, push = curvature.problem.unpack(curvature.x), window.push
+    slip = _slips(values["x"], push, window.step)
+    if "finger" in values and len(window.unseen):
+        lam_n = values["finger"][0, window.unseen]
+        loaded = lam_n > LOADED * curvature.problem.variables["finger"].scale[0]
+        slip[window.unseen[~loaded]] = 0.0
+    return slip
+
+
+def _slips(x, push, steps) -> np.ndarray:
+    """Return the slip of each push at poses x, as `slips` does, in contact or not."""
     step = push.step
-    now, before = (x[:, k[step]] for k in (window.step.pose, window.step.before))
+    now, before = (x[:, k[step]] for k in (steps.pose, steps.before))
     if not is_planar(x):
         met = points_in_body(before, slice(None), push.p_wf_1)
         return push.p_wf - now[:3].T - np.einsum("nij,nj->ni", matrices(now), met)

@@ -9,6 +9,7 @@ from xml.etree import ElementTree as xml
 import numpy as np
 
 from ..common.validation import check_path, check_types
+from ..common.whole_file import write_whole
 from ..errors import OptionError
 from ..geometry.faces import face_sigma, polygons
 from .colours import information_colour
@@ -35,16 +36,21 @@ def export_shape(estimate, path: str | os.PathLike) -> None:
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix in MESHES:
-        _coloured(estimate).export(path)
+        _write_mesh(estimate, path)
     elif suffix in MODELS:
         tree = (_mjcf if suffix == ".xml" else _urdf)(estimate, path)
         xml.indent(tree)
-        path.write_text(xml.tostring(tree, encoding="unicode") + "\n")
+        write_whole(path, xml.tostring(tree, encoding="unicode") + "\n")
     else:
         raise OptionError(
             "no such format", where=str(path), got=suffix or "no suffix",
             expected=f"one of {', '.join([*MESHES, *MODELS])}",
         )  # fmt: skip
+
+
+def _write_mesh(estimate, path: Path) -> None:
+    kind = path.suffix.lower().lstrip(".")
+    write_whole(path, _coloured(estimate).export(file_type=kind))
 
 
 def _coloured(estimate):
@@ -106,7 +112,7 @@ def _urdf(estimate, path):
     half = _box(estimate)
     if half is None:
         estimate_mesh = path.with_suffix(".stl")
-        _coloured(estimate).export(estimate_mesh)
+        _write_mesh(estimate, estimate_mesh)
     for kind in ("visual", "collision"):
         shape = xml.SubElement(xml.SubElement(link, kind), "geometry")
         if half is None:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import os
 from importlib.resources import files
-from pathlib import Path
 
 import numpy as np
 
 from ..common.validation import check_path, check_types
+from ..common.whole_file import write_whole
 from ..geometry.faces import face_sigma, polygons
 from .colours import BLUE, FINGER_RGB, PALE, RED, information_colour
 
@@ -38,7 +38,7 @@ def write_report(estimate, path: str | os.PathLike) -> None:
     content = json.dumps(_content(estimate), separators=(",", ":"), allow_nan=False)
     # No text of an estimate may open or close a tag.
     page = page.replace("{{DATA}}", content.replace("<", "\\u003c"))
-    Path(path).write_text(page, encoding="utf-8")
+    write_whole(path, page)
 
 
 def _content(estimate) -> dict:

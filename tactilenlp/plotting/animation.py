@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -12,6 +13,7 @@ from matplotlib.figure import Figure
 
 from ..common.progress import progress
 from ..common.validation import check_numbers, check_path, check_types
+from ..common.whole_file import write_whole
 from ..errors import OptionError
 from ..estimation.result import Estimate
 from .drawing import draw_scene, draw_top, true_corners, view_of
@@ -62,7 +64,10 @@ def animate(
         film = FuncAnimation(
             figure, draw, frames, init_func=lambda: None, save_count=len(samples)
         )
-        film.save(path, writer(fps=rate))
+        with TemporaryDirectory() as folder:
+            part = Path(folder, Path(path).name)
+            film.save(part, writer(fps=rate))
+            write_whole(path, part.read_bytes())
     return figure
 
 

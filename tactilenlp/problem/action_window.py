@@ -40,9 +40,12 @@ def of_action(window: PolytopeWindow, past, about) -> ActionWindow:
         parts[name] = replace(parts[name], step=at["step"][parts[name].step])
     for name, rows in INDEXED_BY:
         parts[name] = parts[name][new[rows]]
-    unfelt = window.unfelt[new["push"][window.unfelt]]
+    kinds = {
+        name: at["push"][rows[new["push"][rows]]]
+        for name, rows in (("unfelt", window.unfelt), ("unseen", window.unseen))
+    }
     groups = {n: _later(g, new["step"], at) for n, g in window.groups.items()}
-    parts |= {"unfelt": at["push"][unfelt], "groups": groups}
+    parts |= kinds | {"groups": groups}
     parts |= {"gap": window.gap.pick(window.gap.sample >= samples)}
     parts |= {"lower": lower, "upper": upper}
     vertices = past.theta.reshape(-1, 3)

@@ -24,6 +24,7 @@ from ..common.validation import check_types
 from ..data.sensor_noise import contact_latency
 from ..errors import OptionError, typed_call
 from .fingertips import finger_of, finger_poses, yields
+from .missing_samples import hidden_samples, possible_contact, unseen_contact
 from .window import Corners, Group, Pushes, Rests, Samples, Steps, Window
 
 FAR = 30e-3  # [m] a free finger this far beyond the sensor's doubt is left out
@@ -100,7 +101,11 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
     if choice.far and guess is not None:
         free = free.pick(~is_far(free, scene, shape, motion, guess, precision))
     step = _steps(data, scene, pose, first, before, moving)
-    push = _pushes(data, p_wf, everything, felt, step, before, choice.absent)
+    pushing = everything.pick(felt) if choice.absent else everything
+    hidden = hidden_samples(data, scene, pose)
+    if guess is not None:
+        hidden = hidden.pick(~is_far(hidden, scene, shape, motion, guess, precision))
+    push = _pushes(data, p_wf, pushing, hidden, step, before)
     corner, lift, rest = _ground(scene, shape, motion, step, first, pose, guess)
     gap = np.nonzero(first)[0][1:]
     return Window(
@@ -108,7 +113,8 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
         poses=int(pose[-1]) + 1, pose=pose,
         touch=everything.pick(felt), free=free, step=step,
         gap=_gaps(data, pose, np.zeros(0, int) if coasts(scene) else gap),
-        push=push, unfelt=np.nonzero(~data.contact[push.sample, push.finger])[0],
+        push=push, unfelt=push.where(data.valid & ~data.contact),
+        unseen=push.where(~data.valid),
         corner=corner, lift=lift, rest=rest,
         groups=_groups(len(step), push, corner),
         frictionless=frictionless_contacts(scene) if choice.frictionless else (),
@@ -142,7 +148,7 @@ def may_move(data, scene, first) -> np.ndarray:
     It may while a finger touches it, and until friction with the ground has stopped it:
     v / (mu g) seconds after the last touch, at the speed v of the fastest finger.
     """
-    contact = possible_contact(data).any(axis=1)
+    contact = (possible_contact(data) | unseen_contact(data)).any(axis=1)
     if coasts(scene):
         return np.logical_or.accumulate(contact) & ~first
     way = np.linalg.norm(np.diff(data.finger_position, axis=0), axis=2)
@@ -155,26 +161,6 @@ def may_move(data, scene, first) -> np.ndarray:
             since[t] = since[t - 1] + 1
             moving[t] = since[t] <= settle
     return moving & ~first
-
-
-def possible_contact(data) -> np.ndarray:
-    """Tell where a finger felt contact, or nothing is known beside such samples (T, F).
-
-    Samples that were not measured may have been contact where the last one before them,
-    or the next one after them, was; a finger that never measures in an action is away.
-    """
-    felt, action = data.contact & data.valid, data.action[:, None]
-    before = _last(data.valid, felt, action)
-    after = _last(data.valid[::-1], felt[::-1], action[::-1])[::-1]
-    return felt | before | after
-
-
-def _last(valid, felt, action) -> np.ndarray:
-    """Tell whether the last valid sample, of the same action, was felt (T, F)."""
-    t = np.arange(len(valid))[:, None]
-    last = np.maximum.accumulate(np.where(valid, t, 0), axis=0)
-    same = np.take_along_axis(np.broadcast_to(action, valid.shape), last, 0) == action
-    return same & np.take_along_axis(felt, last, 0)
 
 
 def repeated_samples(data, first) -> np.ndarray:
@@ -238,20 +224,29 @@ def _gaps(data, pose, start) -> Steps:
     return Steps(start, pose[start], pose[last], pose[early], dt)
 
 
-def _pushes(data, p_wf, everything, felt, step, before, only_felt) -> Pushes:
+def _pushes(data, p_wf, pushing, hidden, step, before) -> Pushes:
+    """Return the contacts that may carry an impulse: of samples, of hidden samples."""
     index = np.full(len(data.time), -1)
     index[step.sample] = np.arange(len(step))
-    chosen = (index[everything.sample] >= 0) & (felt | (not only_felt))
-    s, f = everything.sample[chosen], everything.finger[chosen]
-    n = everything.normal[chosen]
+    s, f = (
+        np.r_[getattr(pushing, name), getattr(hidden, name)]
+        for name in ("sample", "finger")
+    )
+    tangent = np.vstack([_tangents(pushing.normal), _tangents(hidden.normal)])
+    tangent[len(pushing) :][~hidden.normal.any(axis=1)] = 0, 0, 1  # most likely a side
+    order = np.lexsort((f, s))
+    order = order[index[s[order]] >= 0]
+    s, f, tangent = s[order], f[order], tangent[order]
+    now, then = p_wf[s, f], p_wf[before[s], f]
+    return Pushes(s, f, index[s], now, then, data.finger_radius[f], tangent)
+
+
+def _tangents(n) -> np.ndarray:
+    """Return where t1 points (n, 3) at contacts of normals n (n, 3)."""
     side = np.cross([0.0, 0.0, 1.0], n)
     length = np.linalg.norm(side, axis=1, keepdims=True)
     sideways = (length > SIDE_NORMAL).ravel()[:, None]
-    tangent = np.where(
-        sideways, side / np.maximum(length, SIDE_NORMAL), [1.0, 0.0, 0.0]
-    )
-    now, then = p_wf[s, f], p_wf[before[s], f]
-    return Pushes(s, f, index[s], now, then, data.finger_radius[f], tangent)
+    return np.where(sideways, side / np.maximum(length, SIDE_NORMAL), [1.0, 0.0, 0.0])
 
 
 def _ground(scene, shape, motion, step, first, pose, guess):

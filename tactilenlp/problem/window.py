@@ -69,6 +69,10 @@ class Pushes(Rows):
     radius: np.ndarray
     tangent: np.ndarray
 
+    def where(self, chosen) -> np.ndarray:
+        """Return the rows whose samples are chosen (T, F)."""
+        return np.nonzero(chosen[self.sample, self.finger])[0]
+
 
 @dataclass(frozen=True, eq=False)
 class Corners(Rows):
@@ -100,6 +104,7 @@ class Window:
     """The measurements as a page reads them.
 
     unfelt: the pushes of fingers that feel nothing (rows of push);
+    unseen: those of fingers whose samples are missing (rows of push);
     lift: the ground contacts that can leave the ground (none in planar motion);
     rest: corners on the ground at poses without a step (none in planar motion);
     groups: the steps by number of pushing fingers;
@@ -122,6 +127,7 @@ class Window:
     gap: Steps
     push: Pushes
     unfelt: np.ndarray
+    unseen: np.ndarray
     corner: Corners
     lift: Corners
     rest: Rests

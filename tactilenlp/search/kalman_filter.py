@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 
 from ..nlp.term_functions import mapped
+from ..problem.missing_samples import unseen_contact
 
 GAP_SIGMA = 0.5e-3  # [m] measurement deviation of a touched gap
 NORMAL_SIGMA = 0.15  # [rad] measurement deviation of a normal
@@ -81,15 +82,16 @@ def _filtered(data, window, shape, shift, z, spread, turning, samples):
     noise = np.hypot((GAP_SIGMA, NORMAL_SIGMA), sigma)
     low = np.r_[np.full(n, shape.bounds[0]), np.full(2 * m, -np.inf)]
     longest = np.r_[np.full(n, LONGEST_PASS[0]), LONGEST_PASS, LONGEST_PASS]
-    felt, path = lasting_contacts(data), []
-    sliding = _still_sliding(felt, window)
+    felt, hidden, path = lasting_contacts(data), unseen_contact(data), []
+    sliding = _still_sliding(felt, window) | hidden.any(axis=1)
     for t in samples:
         touched = felt[t].any()
         walk = way * (TOUCHED_STEP if touched or sliding[t] else UNTOUCHED_STEP)
         P[:, -m:, -m:] += walk[:, :, None] ** 2 * np.eye(m)
         prior, z = np.linalg.inv(P), mean
         for _ in range(MAX_PASSES if touched else 1):
-            H, g = _measured(data, window, shape, shift, z, t, felt[t], noise)
+            sensed = felt[t], hidden[t]
+            H, g = _measured(data, window, shape, shift, z, t, sensed, noise)
             g += np.einsum("sij,sj->si", prior, z - mean)
             change = np.linalg.solve(prior + H, g[..., None])[..., 0]
             change /= np.maximum(1, np.abs(change / longest).max(axis=1, keepdims=True))
@@ -114,11 +116,15 @@ def _still_sliding(felt, window) -> np.ndarray:
     return alone
 
 
-def _measured(data, window, shape, shift, z, t, felt, noise):
-    """Return Hessians and gradients of the measurements at states z (S, n + 6)."""
+def _measured(data, window, shape, shift, z, t, sensed, noise):
+    """Return Hessians and gradients of the measurements at states z (S, n + 6).
+
+    sensed: which fingers felt contact (F,), which may have touched unseen (F,).
+    """
+    felt, hidden = sensed
     n, m = shape.theta, window.motion.unknowns
     local = np.r_[:n, n + m : n + 2 * m]
-    fingers = np.nonzero(data.valid[t] & (felt | ~data.contact[t]))[0]
+    fingers = np.nonzero(hidden | (data.valid[t] & (felt | ~data.contact[t])))[0]
     S, F, size = len(z), len(fingers), n + m
     H, g = np.zeros((S, *z.shape[1:] * 2)), np.zeros_like(z)
     if F == 0:

@@ -1,0 +1,144 @@
+"""Judge estimates of boxes in worlds that the estimator was not developed with.
+
+    python examples/benchmarks/foreign.py folder [--count 4] [--actions 4]
+        [--departures contact "dropped at random"] [--recordings scenes/*.npz]
+        [--executor processes|dask|mpi|none] [--workers 2]
+
+Each cell is a departure from the estimator's assumptions at one strength
+(foreign_departures.py) and a box in plain MuJoCo (foreign_world.py).  With recordings,
+these stand for the boxes, so that only departures of the sensors and of what is told
+apply.  The estimate is that of the default options with the true mass and frictions.
+
+Judged are the three sizes, the final position and rotation: errors, their standard
+deviations, which sizes are touched on both faces, the verdict of the fit, refusals and
+CPU seconds.  A refusal counts as outside three sigma.  The script writes foreign.csv
+(one row an estimate), foreign_summary.csv (one row a departure and strength) and
+foreign.png.  Called again with the same folder, it runs what is missing.
+"""
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
+
+import argparse
+from functools import cache
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+from foreign_departures import DEPARTURES
+from foreign_report import picture, show, summary
+from foreign_world import Box, ForeignWorld, recorded
+from study import add_executor, executor_of, run_study, write_csv
+
+from tactilenlp import Measurements, Scene, solve_estimate
+from tactilenlp.errors import TactileError
+from tactilenlp.evaluation.metrics import cuboid_errors
+from tactilenlp.geometry.faces import touched_faces
+from tactilenlp.information.information import FACE_COSINE
+from tactilenlp.information.measurement_noise import KNOWN_FACE
+
+SCENE = ("mass", "friction_ground", "friction_finger")
+
+
+def measured(departure: str, strength: str, number: int, actions: int, file=None):
+    """Return measurements, scene and true arrays of a cell; file: of the recording."""
+    chosen = DEPARTURES[departure][strength]
+    if file is None:
+        true = recorded(Box(number), ForeignWorld(**chosen.world), actions)
+        names = ("time", "finger_position", "finger_radius", "contact", "normal")
+        data = Measurements(**{k: true[k] for k in (*names, "action", "valid")})
+        scene = Scene(**{k: float(true[k]) for k in SCENE})
+    else:
+        true, data, scene = np.load(file), Measurements.load(file), Scene.load(file)
+        data = data.select(np.unique(data.action)[:actions])
+    return chosen.measured(data, number), chosen.scene(scene), true
+
+
+def judged(departure: str, strength: str, number: int, actions: int, file=None) -> dict:
+    """Return one row of the table [mm]; rotations count at the corners of the box."""
+    warm()
+    data, scene, true = measured(departure, strength, number, actions, file)
+    name = f"box {number}" if file is None else Path(file).stem
+    row = {"departure": departure, "strength": strength, "box": name}
+    last, began = data.samples - 1, process_time()
+    try:
+        estimate = solve_estimate(data, scene)
+    except TactileError as error:
+        said = f"{type(error).__name__}: {' '.join(str(error).split())[:160]}"
+        return row | {"cpu_s": process_time() - began, "refused": said}
+    row |= {"cpu_s": process_time() - began, "refused": ""}
+    row |= {"verdict": estimate.fit.verdict, "nats": estimate.objective}
+    error = cuboid_errors(
+        estimate.side_lengths, estimate.position[-1], estimate.quaternion[-1],
+        true["side_lengths"], true["object_position"][last],
+        true["object_quaternion"][last],
+    )  # fmt: skip
+    sigma, arm = estimate.information.sigma, np.linalg.norm(true["side_lengths"]) / 2
+    for part, errors, sigmas in (
+        ("side", error.side_lengths, sigma("side_lengths")[error.permutation]),
+        ("position", error.position, sigma("position")),
+        ("rotation", arm * error.rotation_vector, arm * sigma("rotation")),
+    ):
+        for axis, e, s in zip("xyz", errors, sigmas, strict=True):
+            row |= {f"{part}_{axis}_error": 1e3 * e, f"{part}_{axis}_sigma": 1e3 * s}
+    faces = touched_faces(data, true["object_quaternion"][: last + 1], FACE_COSINE)
+    faces[2, 0] += KNOWN_FACE  # the ground touches -z
+    known = faces.min(axis=1) >= KNOWN_FACE
+    return row | {f"touched_{a}": bool(k) for a, k in zip("xyz", known, strict=True)}
+
+
+@cache
+def warm() -> None:
+    """Compile the terms once in each process: CPU seconds are of estimates alone."""
+    data, scene, _ = measured("none", "", 0, 2)
+    solve_estimate(data, scene, throw=False)
+
+
+def cells(chosen) -> list[tuple]:
+    """Return the arguments of `judged` of every estimate."""
+    boxes = [(k,) for k in range(chosen.count)]
+    if chosen.recordings:
+        boxes = [(k, file) for k, file in enumerate(chosen.recordings)]
+    return [
+        (departure, strength, number, chosen.actions, *file)
+        for departure in chosen.departures
+        for strength, kind in DEPARTURES[departure].items()
+        if not (chosen.recordings and kind.world)
+        for number, *file in boxes
+    ]
+
+
+def said(_, row: dict) -> str:
+    """Return a row in words."""
+    where = f"{row['departure']} {row['strength']}, {row['box']}:"
+    if row["refused"]:
+        return f"{where} {row['refused']}"
+    sides = [(row[f"side_{a}_error"], row[f"side_{a}_sigma"]) for a in "xyz"]
+    each = ", ".join(f"{e:.2f} ({s:.2f})" for e, s in sides)
+    return f"{where} sides off by {each} mm, {row['verdict']}, {row['cpu_s']:.1f} s"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--count", type=int, default=4, help="boxes")
+    parser.add_argument("--actions", type=int, default=4)
+    parser.add_argument(
+        "--departures", nargs="+", choices=DEPARTURES, default=list(DEPARTURES)
+    )
+    parser.add_argument("--recordings", nargs="*", default=[])
+    add_executor(parser)
+    chosen = parser.parse_args()
+    with executor_of(chosen, *Path(__file__).parent.glob("*.py")) as executor:
+        path = chosen.folder / "foreign.jsonl"
+        rows = run_study(path, "foreign", judged, cells(chosen), executor, say=said)
+    write_csv(chosen.folder / "foreign.csv", rows)
+    table = summary(rows)
+    write_csv(chosen.folder / "foreign_summary.csv", table)
+    show(table)
+    picture(rows, chosen.folder / "foreign.png")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,267 @@
+"""Record boxes in plain MuJoCo, in worlds that the estimator was not developed with.
+
+`recorded(box, world)` returns the arrays of a recording, in the layout of the README.
+Two servo-driven spheres push a box, one second an action.  A `ForeignWorld` says how it
+departs from the estimator's assumptions; its defaults are stiff contacts and low
+pushes, which the estimator's model describes.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+STEP = 1 / 3000  # [s] of MuJoCo
+RADIUS, TIP_MASS = 0.01, 0.05  # [m], [kg] of a fingertip
+SPEED, DURATION = 0.05, 1.0  # [m/s], [s] of an action
+NEAR, FAR = 0.012, 0.03  # [m] between fingertips and the box's circle, at first
+AIM = 0.006  # [m] standard deviation of where fingers aim, from the centre
+OPPOSITE = 0.5  # [rad] standard deviation of the second finger's direction
+REST = 0.5  # [s] between actions, in which the fingers are away
+LIFTED = 1.0  # [m] their height then
+MAX_FORCE = 4.0  # [N] of a servo
+FELT = 0.05  # [N] mean normal force above which contact is reported
+AVERAGED = 30  # steps (10 ms) of that mean
+FINGERS = 2
+STIFF = "0.002 1", "0.99 0.999 0.001"  # solref, solimp of MuJoCo
+DEFAULT = "0.02 1", "0.9 0.95 0.001 0.5 2"
+GEL = "0.03 1", "0.7 0.95 0.005 0.5 2"
+
+
+@dataclass(frozen=True)
+class ForeignWorld:
+    """How a world departs from the estimator's assumptions.
+
+    contact:   MuJoCo's solref and solimp of all contacts
+    tip:       the same of the fingertips, if these differ
+    stiffness: [N/m] of the servos
+    centre:    of mass, from the middle along x, y and z, as a share of the side
+    by_face:   share by which the friction of fingers differs between faces
+    by_direction: share by which the friction of the ground differs between x and y
+    edge:      [m] radius of the edges
+    tilt:      [deg] of the ground about x; the estimator is told that it is level
+    heights:   of the pushes, lowest and highest, as a share of the box's height
+    touching:  whether every second action begins where the one before ended
+    latency:   [s] by which contact and normal are reported late
+    rate:      [Hz] of samples; a sample is a whole number of steps of 1/3 ms
+    """
+
+    contact: tuple[str, str] = STIFF
+    tip: tuple[str, str] | None = None
+    stiffness: float = 2000.0
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    by_face: float = 0.0
+    by_direction: float = 0.0
+    edge: float = 0.0
+    tilt: float = 0.0
+    heights: tuple[float, float] = (0.25, 0.5)
+    touching: bool = False
+    latency: float = 0.0
+    rate: float = 30.0
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box, its pushes and what is told of it: all drawn from one number."""
+
+    number: int
+
+    def __post_init__(self) -> None:
+        rng = np.random.default_rng([2028, self.number])
+        draw = {
+            "sides": rng.uniform((0.03, 0.03, 0.04), (0.055, 0.055, 0.07)),
+            "mass": float(rng.uniform(0.2, 0.7)),
+            "ground": float(rng.uniform(0.3, 0.5)),
+            "finger": float(rng.uniform(0.4, 0.75)),
+            "yaw": float(rng.uniform(0, 2 * np.pi)),
+        }
+        for name, value in draw.items():
+            object.__setattr__(self, name, value)
+
+    def pushes(self, rng, centre, heights):
+        """Return where an action's two fingers start and where they aim (2, 3) [m]."""
+        heading = rng.uniform(0, 2 * np.pi)
+        angles = heading + np.array([0, np.pi + rng.normal(0, OPPOSITE)])
+        ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        out = np.linalg.norm(self.sides[:2]) / 2 + RADIUS + rng.uniform(NEAR, FAR, 2)
+        low = RADIUS + 1e-3
+        z = np.maximum(rng.uniform(*heights, 2) * self.sides[2], low)[:, None]
+        aim = centre[:2] + rng.normal(0, AIM, (2, 2))
+        start = centre[:2] + ways * out[:, None]
+        return np.hstack([start, z]), np.hstack([aim, z])
+
+
+class Simulation:
+    """A box on the ground and two fingertips, stepped by MuJoCo."""
+
+    def __init__(self, box: Box, world: ForeignWorld):
+        import mujoco
+
+        self.box, self.world, self._mujoco = box, world, mujoco
+        self.model = mujoco.MjModel.from_xml_string(model_of(box, world))
+        self.data = mujoco.MjData(self.model)
+        tilted = Rotation.from_euler("x", world.tilt, degrees=True)
+        turn = tilted * Rotation.from_euler("z", box.yaw)
+        self.data.qpos[:3] = tilted.apply([0, 0, box.sides[2] / 2])
+        self.data.qpos[3:7] = turn.as_quat(scalar_first=True)
+        self._faces = 1 + world.by_face * np.array([[1, -1], [-1, 1], [0, 0]])
+        self.felt = []  # of every step: (2, 3) outward normals times force [N]
+        self.lift()
+        self.hold(REST)
+
+    @property
+    def pose(self) -> np.ndarray:
+        """The pose of the box's middle (7,): position [m], quaternion wxyz."""
+        return self.data.qpos[:7].copy()
+
+    @property
+    def fingers(self) -> np.ndarray:
+        """The centres of the fingertips (2, 3) [m]."""
+        return self.data.qpos[7:].reshape(FINGERS, 3).copy()
+
+    def lift(self) -> None:
+        """Take the fingers away."""
+        self.place(
+            np.c_[np.arange(FINGERS), np.zeros(FINGERS), np.full(FINGERS, LIFTED)]
+        )
+
+    def place(self, position) -> None:
+        """Put the fingers somewhere (2, 3) [m], at rest."""
+        self.data.qpos[7:] = self.data.ctrl[:] = np.ravel(position)
+        self.data.qvel[6:] = 0.0
+
+    def hold(self, duration: float) -> None:
+        """Step for a duration [s] while the fingers' references stay."""
+        for _ in range(round(duration / STEP)):
+            self.step(self.data.ctrl.reshape(FINGERS, 3))
+
+    def step(self, reference) -> None:
+        """Step with a reference (2, 3) [m] of the fingers."""
+        self.data.ctrl[:] = np.ravel(reference)
+        if self.world.by_face:
+            self.model.geom_friction[-FINGERS:, 0] = self.box.finger * self.share()
+        self._mujoco.mj_step(self.model, self.data)
+        self.felt.append(self.forces())
+
+    def share(self) -> np.ndarray:
+        """Return the factor of friction of the face next to each finger (2,)."""
+        turn = Rotation.from_quat(self.pose[3:], scalar_first=True)
+        p = turn.inv().apply(self.fingers - self.pose[:3]) / self.box.sides
+        axis = np.abs(p).argmax(axis=1)
+        return self._faces[axis, (p[np.arange(FINGERS), axis] > 0).astype(int)]
+
+    def forces(self) -> np.ndarray:
+        """Return normal force times outward normal of each finger (2, 3) [N]."""
+        out, wrench = np.zeros((FINGERS, 3)), np.zeros(6)
+        first = self.model.ngeom - FINGERS
+        for k in range(self.data.ncon):
+            contact = self.data.contact[k]
+            pair = sorted(contact.geom)
+            if pair[0] != first - 1 or pair[1] < first:
+                continue
+            self._mujoco.mj_contactForce(self.model, self.data, k, wrench)
+            sign = 1.0 if contact.geom[0] == first - 1 else -1.0
+            out[pair[1] - first] += sign * wrench[0] * contact.frame[:3]
+        return out
+
+    def reading(self):
+        """Return contact (2,) and normal (2, 3) as the sensors report them now."""
+        end = len(self.felt) - round(self.world.latency / STEP)
+        force = np.mean(self.felt[max(0, end - AVERAGED) : end], axis=0)
+        size = np.linalg.norm(force, axis=1)
+        contact = size > FELT
+        return contact, np.where(contact, 1 / np.maximum(size, FELT), 0)[
+            :, None
+        ] * force
+
+
+def recorded(box: Box, world: ForeignWorld, actions: int) -> dict[str, np.ndarray]:
+    """Return the arrays of a recording: measurements, scene and truth."""
+    rng = np.random.default_rng([2029, box.number])
+    simulation, rows, reference = Simulation(box, world), [], None
+    every = round(1 / (world.rate * STEP))
+    for action in range(actions):
+        start, aim = box.pushes(rng, simulation.pose[:3], world.heights)
+        if world.touching and action % 2:
+            start = reference
+        else:
+            simulation.lift()
+            simulation.hold(REST)
+            simulation.place(start)
+        ahead = aim - start
+        ahead *= SPEED / np.maximum(np.linalg.norm(ahead, axis=1), 1e-9)[:, None]
+        for k in range(round(DURATION / STEP)):
+            if k % every == 0:
+                rows.append(row_of(simulation, action))
+            reference = start + ahead * k * STEP
+            simulation.step(reference)
+    columns = map(np.array, zip(*rows, strict=True))
+    names = ("time", "action", "finger_position", "contact", "normal",
+             "object_position", "object_quaternion")  # fmt: skip
+    arrays = dict(zip(names, columns, strict=True))
+    return arrays | {
+        "valid": np.ones_like(arrays["contact"]),
+        "finger_radius": np.full(FINGERS, RADIUS), "side_lengths": box.sides,
+        "mass": box.mass, "friction_ground": box.ground, "friction_finger": box.finger,
+    }  # fmt: skip
+
+
+def row_of(simulation: Simulation, action: int) -> tuple:
+    """Return one sample of a recording."""
+    pose, reading = simulation.pose, simulation.reading()
+    fingers = simulation.fingers
+    return simulation.data.time, action, fingers, *reading, pose[:3], pose[3:]
+
+
+def model_of(box: Box, world: ForeignWorld) -> str:
+    """Return MuJoCo's XML of box, ground and fingertips."""
+    a, b, c = box.sides
+    inertia = box.mass / 12 * np.array([b * b + c * c, a * a + c * c, a * a + b * b])
+    body, mesh = f'type="box" size="{text(box.sides / 2)}"', ""
+    if world.edge:
+        body, points = 'type="mesh" mesh="box"', rounded(box.sides, world.edge)
+        mesh = (
+            f'<asset><mesh name="box" inertia="exact" vertex="{text(points)}"/></asset>'
+        )
+    soft = 'solref="{}" solimp="{}"'.format
+    tip = f'{soft(*world.tip)} priority="1"' if world.tip else ""
+    mu = box.ground * (1 + world.by_direction * np.array([1, -1]))
+    axes = "".join(f'<joint type="slide" name="{{0}}{e}" axis="{text(row)}"/>'
+                   for e, row in enumerate(np.eye(3)))  # fmt: skip
+    tips = "".join(
+        f"""<body gravcomp="1">{axes.format(f"f{f}")}<geom type="sphere" {tip}
+            size="{RADIUS}" mass="{TIP_MASS}" friction="{box.finger} 0 0"/></body>"""
+        for f in range(FINGERS)
+    )
+    kv = 2 * (world.stiffness * (TIP_MASS + box.mass)) ** 0.5
+    servos = "".join(
+        f"""<position joint="f{f}{e}" kp="{world.stiffness}" kv="{kv}"
+            forcelimited="true" forcerange="{-MAX_FORCE} {MAX_FORCE}"/>"""
+        for f in range(FINGERS) for e in range(3)
+    )  # fmt: skip
+    return f"""<mujoco><option timestep="{STEP}" cone="elliptic" impratio="10"
+        integrator="implicitfast"/>
+        <default><geom condim="3" {soft(*world.contact)}/></default>{mesh}
+        <worldbody><geom name="ground" type="plane" size="1 1 1"
+            euler="{world.tilt} 0 0"/>
+        <body><freejoint/><inertial pos="{text(world.centre * box.sides)}"
+            mass="{box.mass}" diaginertia="{text(inertia)}"/>
+            <geom name="box" {body} friction="0 0 0"/></body>{tips}</worldbody>
+        <contact><pair geom1="ground" geom2="box" condim="3" {soft(*world.contact)}
+            friction="{text(mu)} 0 0 0"/></contact>
+        <actuator>{servos}</actuator></mujoco>"""
+
+
+def rounded(sides, edge: float) -> np.ndarray:
+    """Return points (V, 3) [m] whose hull is a box with edges of a radius [m]."""
+    angles = np.linspace(0, np.pi / 2, 7)
+    u, v = np.meshgrid(angles, angles)
+    ball = np.stack([np.cos(u) * np.cos(v), np.cos(u) * np.sin(v), np.sin(u)], axis=-1)
+    corner = sides / 2 - edge + edge * ball.reshape(-1, 3)
+    signs = np.indices((2, 2, 2)).reshape(3, 8).T * 2 - 1
+    return np.unique((signs[:, None] * corner).reshape(-1, 3).round(9), axis=0)
+
+
+def text(numbers) -> str:
+    """Return numbers as MuJoCo's XML has them."""
+    return " ".join(map(repr, np.ravel(numbers).tolist()))

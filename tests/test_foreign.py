@@ -1,0 +1,169 @@
+"""Boxes in other worlds: what makes them foreign, and how estimates are judged."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tactilenlp import Measurements
+
+BENCHMARKS = Path(__file__).resolve().parents[1] / "examples" / "benchmarks"
+CLOSE = 0.1e-3  # [m] that stiff contacts of a few newtons and 0.3 ms steps sink in
+
+
+@pytest.fixture
+def foreign(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    import foreign
+
+    return foreign
+
+
+def touching_gaps(true) -> np.ndarray:
+    """Return the distances [m] of felt fingertips from the surface of the box."""
+    out = []
+    for f in range(2):
+        turn = Rotation.from_quat(true["object_quaternion"], scalar_first=True).inv()
+        p = turn.apply(true["finger_position"][:, f] - true["object_position"])
+        beyond = np.abs(p) - true["side_lengths"] / 2
+        outside = np.linalg.norm(np.maximum(beyond, 0), axis=1)
+        gap = outside + np.minimum(beyond.max(axis=1), 0) - true["finger_radius"][f]
+        out.append(gap[true["contact"][:, f]])
+    return np.concatenate(out)
+
+
+def test_stiff_fingertips_lie_on_the_surface_and_default_ones_sink_in(foreign):
+    stiff, soft = (
+        foreign.recorded(foreign.Box(0), foreign.ForeignWorld(**world), 1)
+        for world in ({}, foreign.DEPARTURES["contact"]["default"].world)
+    )
+    assert len(touching_gaps(stiff)) >= 5
+    assert np.abs(touching_gaps(stiff)).max() < CLOSE
+    assert np.median(touching_gaps(soft)) < -0.3e-3
+
+
+def test_contact_is_reported_late_where_the_sensors_are_late(foreign):
+    onset = []
+    for latency in (0.0, 0.06):
+        world = foreign.ForeignWorld(latency=latency)
+        true = foreign.recorded(foreign.Box(0), world, 1)
+        onset.append(true["time"][true["contact"].any(axis=1)][0])
+    late = onset[1] - onset[0]
+    assert 0.06 - 1 / 30 <= late <= 0.06 + 1 / 30  # a sample is 1/30 s
+
+
+def made_up(samples=400, fingers=2) -> Measurements:
+    """Return measurements of contact all the time, in four actions."""
+    time = np.arange(samples) / 30
+    normal = np.tile([1.0, 0.0, 0.0], (samples, fingers, 1))
+    return Measurements(
+        time=time, finger_position=np.zeros((samples, fingers, 3)), finger_radius=0.01,
+        contact=np.ones((samples, fingers)), normal=normal,
+        action=np.arange(samples) * 4 // samples,
+    )  # fmt: skip
+
+
+def runs(valid) -> np.ndarray:
+    """Return the lengths of all runs of missing samples."""
+    edges = np.diff(np.r_[1, valid.astype(int), 1])
+    return np.flatnonzero(edges == 1) - np.flatnonzero(edges == -1)
+
+
+@pytest.mark.parametrize("name", ["at random", "per finger", "in bursts"])
+def test_the_share_of_lost_samples_is_the_one_named(foreign, name):
+    data = made_up()
+    for strength, share in (("25 %", 0.25), ("50 %", 0.5)):
+        lost = foreign.DEPARTURES[f"dropped {name}"][strength].measured(data, 0)
+        # 800 samples in bursts of five: a standard deviation of 0.05.
+        assert (~lost.valid).mean() == pytest.approx(share, abs=0.15)
+        assert not lost.contact[~lost.valid].any()
+        same = (lost.valid[:, 0] == lost.valid[:, 1]).all()
+        assert same == (name == "at random")
+        longest = max(runs(lost.valid[:, 0]))
+        assert np.mean(runs(lost.valid[:, 0])) > (2.5 if name == "in bursts" else 0)
+        assert longest >= 2
+
+
+def test_a_gap_takes_half_of_one_action_and_a_dead_finger_stays_dead(foreign):
+    data = made_up()
+    gap, dead = (
+        foreign.DEPARTURES["gap"][k].measured(data, 0)
+        for k in ("half an action", "dead")
+    )
+    assert (~gap.valid).all(axis=1).sum() == 50
+    assert len(np.unique(gap.action[~gap.valid[:, 0]])) == 1
+    assert dead.valid[:, 0].all()
+    assert (dead.valid[:, 1] == (np.arange(400) < 200)).all()
+
+
+def test_edges_are_rounded_and_faces_stay_where_they_are(foreign):
+    from foreign_world import rounded
+
+    sides, radius = np.array([0.03, 0.04, 0.05]), 3e-3
+    points = rounded(sides, radius)
+    np.testing.assert_allclose(np.ptp(points, axis=0), sides, atol=1e-9)
+    beyond = np.maximum(np.abs(points) - (sides / 2 - radius), 0)
+    np.testing.assert_allclose(np.linalg.norm(beyond, axis=1), radius, atol=1e-8)
+
+
+def row(error, sigma=0.1, verdict="good", **about) -> dict:
+    """Return a row of the table whose numbers all have one error and sigma [mm]."""
+    from foreign_report import NUMBERS
+
+    numbers = {f"{n}_error": error for n in NUMBERS}
+    numbers |= {f"{n}_sigma": sigma for n in NUMBERS}
+    touched = {f"touched_{a}": a != "z" for a in "xyz"}
+    about = {"departure": "contact", "strength": "gel"} | about
+    return about | numbers | touched | {"verdict": verdict, "refused": "", "cpu_s": 1.0}
+
+
+def test_a_refusal_is_outside_and_only_a_good_verdict_is_held_against_an_estimate(
+    foreign,
+):
+    refused = {"departure": "contact", "strength": "gel", "cpu_s": 2.0, "refused": "no"}
+    rows = [row(0.1), row(0.6), row(0.7, verdict="bad"), refused]
+    cell, whole = foreign.summary(rows)
+    assert cell["within_3_sigma"] == pytest.approx(1 / 4)
+    assert cell["beyond_5_sigma_good"] == 9
+    assert (cell["n"], cell["refused"], cell["good"], cell["bad"]) == (4, 1, 2, 1)
+    assert cell["touched_mm"] == pytest.approx(0.6)
+    assert whole == cell | {"departure": "all", "strength": ""}
+
+
+def test_a_held_tilt_is_judged_by_what_is_granted_to_it(foreign):
+    from foreign_report import HELD, ratios
+
+    flat = row(0.0) | {"rotation_x_error": 4 * HELD, "rotation_x_sigma": np.nan}
+    assert ratios(flat).max() == pytest.approx(4)
+
+
+@pytest.mark.slow
+def test_a_small_study_writes_its_tables_and_picture(foreign, tmp_path, monkeypatch):
+    """One box with two pushes, in a stiff world: all samples, a gap, a dead finger."""
+    words = ["foreign.py", str(tmp_path), "--count", "1", "--actions", "2"]
+    words += ["--departures", "none", "gap", "--executor", "none"]
+    monkeypatch.setattr("sys.argv", words)
+    foreign.main()
+    names = {"foreign.csv", "foreign_summary.csv", "foreign.png", "foreign.jsonl"}
+    assert names <= {path.name for path in tmp_path.iterdir()}
+    lines = (tmp_path / "foreign.csv").read_text().splitlines()
+    assert len(lines) == 1 + 3
+    rows = foreign.run_study(tmp_path / "foreign.jsonl", "foreign", None, CELLS)
+    for found in rows:  # a box that fingers slid over a level ground
+        assert found["refused"] == ""
+        assert found["verdict"] == "good"
+        assert foreign.summary([found])[0]["within_3_sigma"] == 1.0
+
+
+CELLS = [("none", "", 0, 2), ("gap", "half an action", 0, 2), ("gap", "dead", 0, 2)]
+
+
+def test_what_is_told_is_wrong_by_its_factor(foreign):
+    from tactilenlp import Scene
+
+    scene = Scene(mass=0.4, friction_ground=0.3, friction_finger=0.6)
+    told = foreign.DEPARTURES["frictions told"]["x2"].scene(scene)
+    assert told == replace(scene, friction_ground=0.6, friction_finger=1.2)

@@ -1,0 +1,162 @@
+"""Missing samples: where a finger may have pushed, and what that costs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from programmes import SENSORS, programme, true_values
+
+from formulations import violation_implicit
+from formulations.shape import CUBOID
+from tactilenlp import solve_estimate
+from tactilenlp.problem.missing_samples import LONG_WAY, unseen_contact
+from tactilenlp.problem.reductions import Reductions, reduce
+from tactilenlp.search.kalman_filter import finger_residuals
+
+WEIGHT = 9.81  # [m/s^2] times mass and time step
+
+
+@pytest.fixture(scope="module")
+def touched(recorded):
+    """The first two actions of the shipped recording."""
+    data, scene, truth = recorded
+    return data.select(range(2)), scene, truth
+
+
+def without(data, lost):
+    """Return the data without the samples that are lost (T, F)."""
+    valid = data.valid & ~lost
+    normal = np.where(valid[..., None], data.normal, 0.0)
+    return replace(data, valid=valid, contact=data.contact & valid, normal=normal)
+
+
+def one(data, t, f):
+    """Return the data without the sample t of finger f."""
+    lost = np.zeros_like(data.valid)
+    lost[t, f] = True
+    return without(data, lost)
+
+
+def pushing(data) -> tuple[int, int]:
+    """Return sample and finger in the middle of a touch."""
+    felt = data.contact & data.valid
+    inside = felt[1:-1] & felt[:-2] & felt[2:]
+    t, f = np.argwhere(inside)[len(np.argwhere(inside)) // 2]
+    return int(t) + 1, int(f)
+
+
+def approaching(data) -> tuple[int, int]:
+    """Return sample and finger between samples without contact."""
+    free = ~data.contact & data.valid
+    t, f = np.argwhere(free[1:-1] & free[:-2] & free[2:])[0]
+    return int(t) + 1, int(f)
+
+
+def test_a_missing_sample_hides_a_contact_beside_a_touch_only(touched):
+    data, _, _ = touched
+    assert not unseen_contact(data).any()
+    t, f = pushing(data)
+    assert np.argwhere(unseen_contact(one(data, t, f))).tolist() == [[t, f]]
+    assert not unseen_contact(one(data, *approaching(data))).any()
+
+
+def test_a_finger_that_stands_still_hides_no_contact_and_one_that_travels_does(touched):
+    data, _, _ = touched
+    rows = data.action == 0
+    lost = np.zeros_like(data.valid)
+    lost[rows, 0] = True
+    moved = data.finger_position.copy()
+    away = np.linalg.norm(np.diff(moved[rows, 0], axis=0), axis=1).sum()
+    assert away > LONG_WAY
+    assert unseen_contact(without(data, lost))[rows, 0].all()
+    moved[rows, 0] = moved[0, 0]
+    parked = replace(without(data, lost), finger_position=moved)
+    assert not unseen_contact(parked)[rows, 0].any()
+
+
+def test_a_finger_that_never_measures_hides_no_contact(touched):
+    data, _, _ = touched
+    lost = np.zeros_like(data.valid)
+    lost[:, 0] = True
+    assert not unseen_contact(without(data, lost)).any()
+
+
+def test_a_missing_sample_in_a_touch_keeps_its_impulse(touched):
+    data, scene, _ = touched
+    t, f = pushing(data)
+    lost = one(data, t, f)
+    whole, window = (
+        reduce(d, scene, CUBOID, SENSORS, Reductions()) for d in (data, lost)
+    )
+    assert len(whole.unseen) == 0
+    assert len(window.touch) == len(whole.touch) - 1
+    for name in ("sample", "finger", "step"):
+        np.testing.assert_array_equal(
+            getattr(window.push, name), getattr(whole.push, name)
+        )
+    row = int(window.unseen[0])
+    assert (window.push.sample[row], window.push.finger[row]) == (t, f)
+    assert not np.isin(window.unfelt, window.unseen).any()
+
+
+def unseen_cost(touched, gap: float, impulse: float) -> float:
+    """Return the cost [nats] of an impulse [weights] of a finger in the air."""
+    data, scene, truth = touched
+    t, f = pushing(data)
+    problem, window = programme(violation_implicit, one(data, t, f), scene)
+    row = int(window.unseen[0])
+    values = true_values(problem, window, truth, np.random.default_rng(3))
+    values["depth"] = 0.0
+    w = scene.mass * WEIGHT * window.step.dt[window.push.step[row]]
+    values["finger"][:, row] = impulse * w, 0, 0
+    # The finger is moved along the body's normal until it is `gap` off its surface.
+    residuals = finger_residuals(CUBOID, window.motion, window.finger)
+    z = np.r_[truth["side_lengths"], values["x"][:, window.pose[t]]]
+    p, rho = window.push.p_wf[row], window.push.radius[row]
+    for _ in range(3):
+        phi, _, off, _ = residuals(z, p, rho, np.zeros(3))
+        p = p + (gap - float(phi)) * off.toarray()[:, 0]
+    push = replace(window.push, p_wf=window.push.p_wf.copy())
+    push.p_wf[row] = p
+    problem, _ = programme(
+        violation_implicit, one(data, t, f), scene, finger=lambda w: {"push": push}
+    )
+    x, given = problem.pack(values), problem.data()
+    return float(problem.value("unseen finger", x, given)[0, 0])
+
+
+def test_a_finger_whose_sample_is_missing_pays_for_impulses_across_a_gap(
+    touched, interpreted
+):
+    """Half a weight across 2 mm costs kappa = 5 nats/mm: five nats; none is free."""
+    assert unseen_cost(touched, 2e-3, 0.5) == pytest.approx(5.0, rel=1e-3)
+    assert unseen_cost(touched, 2e-3, 0.0) == pytest.approx(0.0, abs=1e-9)
+    # Where it touches, an impulse costs what rounding max(phi, 0) leaves.
+    assert unseen_cost(touched, 0.0, 0.5) == pytest.approx(0.0, abs=0.05)
+    # It cannot be inside: a millimetre is six deviations of the touched gap.
+    assert unseen_cost(touched, -1e-3, 0.0) > 4
+
+
+def test_derivatives_with_missing_samples_are_those_of_finite_differences(
+    touched, interpreted
+):
+    data, scene, truth = touched
+    lost = one(data, *pushing(data))
+    problem, window = programme(violation_implicit, lost, scene)
+    values = true_values(problem, window, truth, np.random.default_rng(3))
+    report = problem.check(values)
+    assert max(report.derivatives["unseen finger"]) < 1e-5
+    assert report.assembled < 1e-5
+
+
+@pytest.mark.slow
+def test_half_of_the_samples_of_each_finger_tell_nearly_as_much(recorded):
+    """Contacts that nothing measured still push: the fit stays as good."""
+    data, scene, truth = recorded
+    lost = without(data, np.random.default_rng(5).random(data.valid.shape) < 0.5)
+    whole, half = solve_estimate(data, scene), solve_estimate(lost, scene)
+    assert half.objective < whole.objective + 2.0  # [nats]; without impulses, tens
+    assert half.fit.verdict == "good"
+    error = np.sort(half.side_lengths) - np.sort(truth["side_lengths"])
+    order = np.argsort(half.side_lengths)
+    assert (np.abs(error) < 3 * half.information.sigma("side_lengths")[order]).all()
