@@ -90,9 +90,8 @@ def _best(steps, starts, signs, dt, scene, options):
 
 
 def _evidence(window, solution) -> float:
-    """Return the objective [nats] with the normalisation of the depth of corners."""
-    depth = window.step.depth[window.touch.step]
-    return solution.objective + float(np.log(depth / page.SURFACE).sum())
+    """Return the objective [nats] with the normalisation of depth, a corner a step."""
+    return solution.objective + float(np.log(window.step.depth / page.SURFACE).sum())
 
 
 def _fit(window, solution) -> BodyFit:
