@@ -11,6 +11,8 @@ from pathlib import Path
 import can
 import numpy as np
 
+from tactilenlp.common.whole_file import opened
+
 from .clock import ClockMap, unwrap
 from .errors import HardwareError, RecordingError
 from .motor_board import MotorBoard
@@ -32,7 +34,8 @@ class Recording:
         self.folder = Path(folder)
         path = self.folder / MANIFEST
         try:
-            self.manifest = json.loads(path.read_text())
+            with opened(path, RecordingError) as stream:
+                self.manifest = json.load(stream)
             form, rig = self.manifest["format"], self.manifest["rig"]
             self._complete = self.manifest["complete"] is True
         except (OSError, ValueError, KeyError, TypeError, RecursionError) as bad:
@@ -140,7 +143,8 @@ class Recording:
     def _read(self, name: str) -> bytes:
         path = self.folder / name
         try:
-            return path.read_bytes()
+            with opened(path, RecordingError) as stream:
+                return stream.read()
         except OSError as bad:
             raise _damaged(path, bad) from bad
 

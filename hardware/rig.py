@@ -8,9 +8,8 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import asdict, dataclass, field, fields, replace
-from pathlib import Path
 
-from tactilenlp.common.whole_file import write_whole
+from tactilenlp.common.whole_file import opened, write_whole
 from tactilenlp.errors import typed_call
 
 from .clock import Clock
@@ -184,7 +183,8 @@ class Rig:
     def load(cls, path: str | os.PathLike) -> Rig:
         """Read a JSON file; raises RigError if it is not a rig."""
         try:
-            return cls.from_dict(json.loads(Path(path).read_text()))
+            with opened(path, RigError) as stream:
+                return cls.from_dict(json.load(stream))
         except (ValueError, OSError, RecursionError) as bad:
             if isinstance(bad, RigError):
                 raise

@@ -104,6 +104,10 @@ class RobotWorld:
             self._keep()
         return data
 
+    def check(self, trajectory) -> None:
+        """Raise LimitError or ReachError as `execute` would; move nothing."""
+        self._planned(trajectory)
+
     @property
     def finger_radius(self) -> np.ndarray:
         """The radii (F,) [m] of the fingertips."""

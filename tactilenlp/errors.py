@@ -71,6 +71,17 @@ class NoContactError(MeasurementError):
     """Nothing was ever touched, so nothing can be estimated."""
 
 
+class MistakeError(MeasurementError):
+    """The measurements are much more likely once a common mistake is undone.
+
+    `mistake` says which; `nats` is the gain of log likelihood by undoing it.
+    """
+
+    def __init__(self, what: str, *, mistake: str = "", nats: float = 0.0, **parts):
+        self.mistake, self.nats = mistake, nats
+        super().__init__(what, **parts)
+
+
 class FileError(TactileError, ValueError):
     """A file is not what it should be, or only half of it is there."""
 
@@ -104,12 +115,15 @@ class PageError(TactileError, ValueError):
 class NotConverged(TactileError):
     """A solve ended without a solution; names the worst terms, keeps what was reached.
 
-    `solution` is the last iterate with its recomputed violations (plain arrays), and
-    `problem` the description of the problem that was solved.
+    `solution` is the last iterate with its recomputed violations (plain arrays),
+    `problem` the description of the problem that was solved, and `estimate` what
+    throw=False returns: marked, with `success` False.
     """
 
-    def __init__(self, what: str, *, problem=None, solution=None, **parts):
-        self.problem, self.solution = problem, solution
+    def __init__(
+        self, what: str, *, problem=None, solution=None, estimate=None, **parts
+    ):
+        self.problem, self.solution, self.estimate = problem, solution, estimate
         super().__init__(what, **parts)
 
 

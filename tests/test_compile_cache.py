@@ -212,6 +212,16 @@ def other_user():
     os.geteuid = lambda: NOBODY + 1
 
 
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
+def test_a_folder_in_one_of_another_user_is_refused(home):
+    folder, _ = filled(home)
+    os.chown(folder.parent, NOBODY + 1, NOBODY)
+    folder.parent.chmod(0o755)
+    kinds, warnings = run(cache_of(home))
+    assert kinds == [INTERPRETED] * 2
+    assert len(warnings) == 1
+
+
 def no_home():
     def nowhere():
         raise RuntimeError("Could not determine home directory.")

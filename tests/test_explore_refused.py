@@ -5,7 +5,15 @@ from dataclasses import replace
 import pytest
 
 from formulations.shape import CUBOID
-from tactilenlp import Exploration, ExploreOptions, Guess, Scene, Step, explore
+from tactilenlp import (
+    Exploration,
+    ExploreOptions,
+    Guess,
+    Scene,
+    Step,
+    Workspace,
+    explore,
+)
 from tactilenlp.errors import OptionError, SceneError, StartError
 
 AFLOAT = Scene(ground=None)
@@ -48,6 +56,29 @@ class Robot:
 def test_what_cannot_be_explored_is_refused_before_anything_moves(wrong, error, word):
     with pytest.raises(error, match=word):
         next(explore(Robot(), **wrong))
+
+
+class Short(Robot):
+    """It reaches 5 cm around the origin, and says so."""
+
+    def check(self, trajectory):
+        if abs(trajectory.finger_position[:, 0]).max() > 0.05:
+            raise ReachedNot
+
+
+class ReachedNot(Exception):
+    """A motion is out of reach."""
+
+
+@pytest.mark.parametrize("centre", [None, (0.0, 0.0)])
+def test_what_a_world_cannot_reach_is_refused_before_anything_moves(centre, touched):
+    with pytest.raises(ReachedNot):
+        next(explore(Short(), centre=centre))
+    with pytest.raises(ReachedNot):
+        next(explore(Short(), start=touched))
+    near = Workspace(radius=0.02)
+    with pytest.raises(Moved):
+        next(explore(Short(), centre=(0.0, 0.0), workspace=near))
 
 
 def test_a_start_that_does_not_fit_is_refused_before_anything_moves(touched):

@@ -26,6 +26,8 @@ from hardware.errors import (
 )
 from hardware.kinematics import finger
 from hardware.simulated_robot import NOON
+from tactilenlp import Workspace, explore
+from tactilenlp.exploration.reach import check_reach
 
 
 @pytest.fixture(scope="module")
@@ -159,6 +161,35 @@ def test_what_the_robot_cannot_do_is_refused_at_rest(error, word, line):
 def test_what_is_no_trajectory_is_refused(wrong):
     with Setup() as setup, pytest.raises(LimitError, match="no trajectory"):
         setup.world.execute(wrong)
+
+
+@pytest.mark.parametrize(
+    ("error", "word", "space", "centre"),
+    [
+        (ReachError, "too far", {"radius": 0.2}, (0.0, 0.0)),
+        (ReachError, "too far", {"radius": 0.2}, None),  # of the sweep
+        (ReachError, "too far", {}, (0.2, 0.0)),
+        (LimitError, "too fast", {"duration": 0.1}, (0.0, 0.0)),
+    ],
+)
+def test_a_workspace_beyond_the_robot_is_refused_at_rest(error, word, space, centre):
+    with Setup() as setup:
+        radius = float(setup.world.finger_radius[0])
+        wanted = Workspace.robot(finger_radius=radius, **space)
+        before = setup.robot.now()
+        with pytest.raises(error, match=word):
+            next(explore(setup.world, workspace=wanted, centre=centre))
+        assert setup.robot.now() == before  # no step of control
+        boards = [board for one in setup.robot.fingers for board in one.boards]
+        assert not any(board.received for board in boards)
+
+
+def test_actions_that_are_within_reach_are_not_refused():
+    with Setup() as setup:
+        radius = float(setup.world.finger_radius[0])
+        space = Workspace.robot(finger_radius=radius)
+        check_reach(setup.world, space, (0.01, -0.01), None)
+        check_reach(setup.world, space, None, None)
 
 
 # Between actions

@@ -11,6 +11,7 @@ from conftest import RECORDINGS
 from formulations import polytope_violation_implicit
 from formulations.polytope import polytope
 from tactilenlp import Measurements, Scene, solve_estimate
+from tactilenlp.common.deadline import NEVER
 from tactilenlp.estimation import incremental_polytope as hull_update
 from tactilenlp.estimation.options import Options
 from tactilenlp.estimation.request import make_job
@@ -39,7 +40,7 @@ def job_of(octahedron, actions):
     data, scene = octahedron
     options = Options()
     job = make_job(data.select(range(actions)), scene, polytope(), options, 0.0, PAGE)
-    return replace(job, deadline=np.inf)
+    return replace(job, deadline=NEVER)
 
 
 def rejected_an_update(caplog):

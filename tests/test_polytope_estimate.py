@@ -22,6 +22,7 @@ from tactilenlp import (
     surface_distance,
     vertex_information,
 )
+from tactilenlp.common.deadline import NEVER
 from tactilenlp.errors import OptionError, SceneError, StartError
 from tactilenlp.estimation.options import Options
 from tactilenlp.estimation.readout import read_polytope
@@ -67,7 +68,7 @@ def test_the_solve_goes_on_from_a_page_that_is_filled_anew(octahedron):
     page = polytope_violation_implicit
     assert [level.rebuild for level in page.LEVELS] == [False, True]
     job = make_job(data.select([0]), scene, polytope(), Options(), 0.0, page)
-    job = replace(job, deadline=np.inf)
+    job = replace(job, deadline=NEVER)
     (h,) = search_polytope(replace(job, reductions=Reductions()), [])
     solved = solved_from(job, page, h, Options())
     solution = solved.solution
@@ -88,7 +89,7 @@ def test_a_hull_on_three_legs_is_read_with_these(octahedron):
     data, scene, _ = octahedron
     page, options = polytope_violation_implicit, Options()
     job = make_job(data.select([0]), scene, polytope(), options, 0.0, page)
-    job = replace(job, deadline=np.inf)
+    job = replace(job, deadline=NEVER)
     (found,) = search_polytope(replace(job, reductions=Reductions()), [])
     vertices = found.theta.reshape(-1, 3)
     vertices[np.argsort(vertices[:, 2])[3:], 2] += 2e-3  # a fourth might carry as well

@@ -8,6 +8,7 @@ import zipfile
 import numpy as np
 import pytest
 
+from hardware.errors import RigError
 from hardware.rig import Rig
 from hardware.simulated_robot import simulated_rig
 from tactilenlp import Estimate, Exploration, Measurements, Scene
@@ -182,3 +183,30 @@ def test_an_estimate_with_an_array_of_another_shape_is_refused_at_load(
     np.savez(tmp_path / "bad.npz", **arrays)
     with pytest.raises(FileError, match=name.rpartition("/")[2]):
         Estimate.load(tmp_path / "bad.npz")
+
+
+@pytest.mark.parametrize("load", [Measurements.load, Scene.load, Estimate.load])
+def test_what_is_no_file_is_refused_without_waiting(load, tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path, tmp_path / "pipe", "a\0b", "a\ud800"):
+        with pytest.raises((MeasurementError, SceneError, FileError)):
+            load(path)
+    with pytest.raises(FileNotFoundError):
+        load(tmp_path / "none.npz")
+
+
+def test_a_file_of_another_kind_is_named_as_such(estimate, tmp_path):
+    estimate.save(tmp_path / "estimate.npz")
+    with pytest.raises(MeasurementError, match="another kind") as caught:
+        Measurements.load(tmp_path / "estimate.npz")
+    assert "Estimate.load" in caught.value.next
+    (tmp_path / "words.md").write_text("no archive")
+    with pytest.raises(MeasurementError, match="zip") as caught:
+        Measurements.load(tmp_path / "words.md")
+    assert "pickle" not in str(caught.value)
+
+
+def test_a_rig_from_a_pipe_is_refused_without_waiting(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(RigError, match="not a file"):
+        Rig.load(tmp_path / "pipe")

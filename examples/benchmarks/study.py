@@ -18,6 +18,7 @@ from contextlib import contextmanager
 from multiprocessing import get_context
 from pathlib import Path
 
+from tactilenlp.common.file_lock import locked
 from tactilenlp.common.npz import versions
 from tactilenlp.common.progress import progress, wipe
 from tactilenlp.common.whole_file import write_whole
@@ -32,26 +33,37 @@ def run_study(path, name, function, cases, executor=None, about=None, say=None) 
 
     cases: lists of plain values; results: plain values or NumPy's numbers, returned as
     the file has them.  executor: of concurrent.futures, None runs here; say(case,
-    result): words for each that ended.
+    result): words for each that ended.  Raises FileError while another process runs a
+    study into the file.
     """
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     header = {"format": FORMAT, "version": VERSION, "study": name, "about": about}
-    kept, cases = _taken_up(Path(path), header), [list(case) for case in cases]
-    todo = [case for case in cases if json.dumps(case) not in kept]
-    with open(path, "a", encoding="utf-8") as file:
-        if not file.tell():
-            file.write(json.dumps(header | {"written_by": versions()}) + "\n")
-        ended = _ended(executor, function, todo)
-        for case, result in progress(ended, name, total=len(todo)):
-            line = json.dumps({"case": case, "result": result}, default=_plain)
-            file.write(line + "\n")
-            file.flush()
-            # The same values whether a trial is new or was kept: tuples are lists.
-            kept[json.dumps(case)] = result = json.loads(line)["result"]
+    cases = [list(case) for case in cases]
+    with locked(path):
+        kept = _taken_up(Path(path), header, drop=True)
+        todo = [case for case in cases if json.dumps(case) not in kept]
+        ended = progress(_ended(executor, function, todo), name, total=len(todo))
+        for case, result in _written(path, header, ended):
+            kept[json.dumps(case)] = result
             if say is not None:
                 wipe()
                 print(say(case, result), flush=True)
     return [kept[json.dumps(case)] for case in cases]
+
+
+def _written(path, header: dict, ended):
+    """Yield each case that ended and its result, as the file has it by then.
+
+    The same values whether a trial is new or was kept: tuples are lists.
+    """
+    with open(path, "a", encoding="utf-8") as file:
+        if not file.tell():
+            file.write(json.dumps(header | {"written_by": versions()}) + "\n")
+        for case, result in ended:
+            line = json.dumps({"case": case, "result": result}, default=_plain)
+            file.write(line + "\n")
+            file.flush()
+            yield case, json.loads(line)["result"]
 
 
 def results_of(path, name: str) -> list:
@@ -73,12 +85,15 @@ def _plain(value):
     return value.item()
 
 
-def _taken_up(path: Path, expected: dict) -> dict:
-    """Return the results in a file by their case; drop a last line that was cut."""
-    text = path.read_text(encoding="utf-8") if path.exists() else ""
-    whole = text[: text.rfind("\n") + 1]
-    if whole != text:
-        write_whole(path, whole)
+def _taken_up(path: Path, expected: dict, drop: bool = False) -> dict:
+    """Return the results in a file by their case.
+
+    A last line that was cut does not count; drop: the file is cut before it.
+    """
+    text = path.read_bytes() if path.exists() else b""
+    whole = text[: text.rfind(b"\n") + 1]
+    if drop and whole != text:
+        os.truncate(path, len(whole))
     if not whole:
         return {}
     where = {"where": str(path), "next": "give another file, or delete this one"}

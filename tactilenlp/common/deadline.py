@@ -1,11 +1,11 @@
-"""The time that a computation may take, known to all that it calls.
+"""The time that a computation may take: one object, passed to all that it calls.
 
-    with ends_by(time.monotonic() + 60.0):
-        ...  # solves and compilations in here end by then
+    deadline = Deadline.within(60.0)
+    while not deadline.passed("further starts"):
+        ...  # solves and compilations that are given the deadline end by then
 
-Every solve of `nlp` and every compilation asks `time_left`; what can be left out asks
-`out_of_time`, which records that it was.  Deadlines nest: an inner one can be earlier,
-never later.
+What can be left out asks `passed`, which records that it was.  What consists of many
+steps calls `check` between them, which ends all of it where the deadline is strict.
 """
 
 from __future__ import annotations
@@ -15,82 +15,84 @@ import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 
 log = logging.getLogger("tactilenlp")
 
 
+class OutOfTime(Exception):
+    """A strict deadline has passed; whoever set it catches this."""
+
+
 @dataclass(frozen=True)
-class _Deadline:
+class Deadline:
     """When a computation ends [s], how long it may take in all [s], what was spent.
 
-    at: of time.monotonic(); spent: seconds by purpose, and omitted: what was left out,
-    both shared by nested deadlines.
+    at: of time.monotonic(), by default never; strict: whether `check` raises OutOfTime;
+    spent: seconds by purpose, and omitted: what was left out, in words, both shared by
+    the deadlines that `until` makes.
     """
 
-    at: float
-    whole: float
+    at: float = math.inf
+    whole: float = math.inf
+    strict: bool = False
     spent: dict[str, float] = field(default_factory=dict)
     omitted: list[str] = field(default_factory=list)
 
+    @classmethod
+    def within(cls, seconds: float, began: float | None = None) -> Deadline:
+        """Return the deadline of what may take so long [s], from now or `began` on."""
+        began = time.monotonic() if began is None else began
+        return cls(began + seconds, seconds)
 
-_deadline: ContextVar[_Deadline | None] = ContextVar("deadline", default=None)
+    def until(self, at: float, strict: bool = False) -> Deadline:
+        """Return the deadline of a part of the computation, never later than all."""
+        return replace(self, at=min(at, self.at), strict=strict)
+
+    @property
+    def left(self) -> float:
+        """The time [s] that is left, at least 0."""
+        return max(0.0, self.at - time.monotonic())
+
+    def passed(self, omitted: str, needed: float = 0.0) -> bool:
+        """Tell whether less time is left than needed [s]; record what is omitted."""
+        if self.left > needed:
+            return False
+        self.omit(omitted)
+        return True
+
+    def omit(self, what: str) -> None:
+        """Record what was left out for lack of time."""
+        if what not in self.omitted:
+            log.info("the time limit is near: without %s", what)
+            self.omitted.append(what)
+
+    def check(self) -> None:
+        """Raise OutOfTime if the deadline is strict and has passed."""
+        if self.strict and self.left <= 0:
+            raise OutOfTime
+
+    @contextmanager
+    def ending(self, omitted: str) -> Iterator[None]:
+        """End a block where a strict deadline passes, and record what is omitted."""
+        try:
+            yield
+        except OutOfTime:
+            self.omit(omitted)
+
+    def share_left(self, purpose: str, share: float) -> float:
+        """Return the time [s] that is left for a purpose with a share [-] of all."""
+        return min(self.left, share * self.whole - self.spent.get(purpose, 0.0))
+
+    @contextmanager
+    def spending(self, purpose: str) -> Iterator[None]:
+        """Count the time of a block as spent on a purpose."""
+        began = time.monotonic()
+        try:
+            yield
+        finally:
+            past = self.spent.get(purpose, 0.0)
+            self.spent[purpose] = past + time.monotonic() - began
 
 
-@contextmanager
-def ends_by(deadline: float) -> Iterator[None]:
-    """Limit what is called in a block to a deadline [s] of time.monotonic()."""
-    outer = _deadline.get()
-    if outer is None:
-        inner = _Deadline(deadline, max(0.0, deadline - time.monotonic()))
-    else:
-        inner = replace(outer, at=min(deadline, outer.at))
-    before = _deadline.set(inner)
-    try:
-        yield
-    finally:
-        _deadline.reset(before)
-
-
-def time_left() -> float:
-    """Return the time [s] until the deadline, at least 0; infinity without one."""
-    now = _deadline.get()
-    return math.inf if now is None else max(0.0, now.at - time.monotonic())
-
-
-def out_of_time(omitted: str, needed: float = 0.0) -> bool:
-    """Tell whether less time is left than needed [s]; if so, record what is omitted."""
-    if time_left() > needed:
-        return False
-    known = omissions()
-    if omitted not in known:
-        log.info("the time limit is near: without %s", omitted)
-        known.append(omitted)
-    return True
-
-
-def omissions() -> list[str]:
-    """Return what was left out so far for lack of time."""
-    now = _deadline.get()
-    return [] if now is None else now.omitted
-
-
-def share_left(purpose: str, share: float) -> float:
-    """Return the time [s] that is left for a purpose, which may take a share of all."""
-    now = _deadline.get()
-    if now is None:
-        return math.inf
-    return min(time_left(), share * now.whole - now.spent.get(purpose, 0.0))
-
-
-@contextmanager
-def spending(purpose: str) -> Iterator[None]:
-    """Count the time of a block as spent on a purpose."""
-    began, now = time.monotonic(), _deadline.get()
-    try:
-        yield
-    finally:
-        if now is not None:
-            past = now.spent.get(purpose, 0.0)
-            now.spent[purpose] = past + time.monotonic() - began
+NEVER = Deadline()  # no time limit: nothing is omitted

@@ -22,10 +22,10 @@ from importlib.metadata import version
 
 import numpy as np
 
-from ..errors import FileError, MeasurementError
+from ..errors import FileError, MeasurementError, TactileError
 from .layout import check_kinds, check_layout
 from .validation import check_path
-from .whole_file import whole_file
+from .whole_file import opened, whole_file
 
 UNREADABLE = (  # AttributeError, TypeError: np.load gave an array, it was an .npy file
     *(ValueError, EOFError, OSError, RuntimeError, AttributeError, TypeError),
@@ -53,20 +53,32 @@ def read_npz(
     Raises `error` if the file is no .npz file of plain arrays, FileNotFoundError if
     there is no file.
     """
-    check_path(path)
-    arrays, where = {}, os.fspath(path)
-    with open(path, "rb") as stream:
+    arrays, where = {}, os.fspath(path) if isinstance(path, os.PathLike) else path
+    with opened(path, error) as stream:
         try:
             check_declared(stream, error, where)
             with np.load(stream, allow_pickle=False) as archive:
+                if keys is not None and "header" in archive and "header" not in keys:
+                    raise _another_kind(keys, error, where)
                 keys = archive.files if keys is None else keys
                 for where in (key for key in keys if key in archive):
                     arrays[where] = archive[where]
+        except TactileError:
+            raise
         except UNREADABLE as bad:
             parts = {"where": where, "got": f"{type(bad).__name__}: {bad}"}
             parts |= {"expected": "an .npz file of plain arrays"}
             raise error("cannot be read", next="use numpy.savez", **parts) from bad
     return arrays
+
+
+def _another_kind(keys, error: type, where: str):
+    """Return the error for a saved result from which arrays of its own are read."""
+    return error(
+        "another kind of file", where=where, got="a saved estimate or exploration",
+        expected=f"at least one of {', '.join(keys)}",
+        next="load it by its class: Estimate.load(path).measurements",
+    )  # fmt: skip
 
 
 def check_declared(stream, error: type, where: str) -> None:

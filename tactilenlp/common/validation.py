@@ -136,7 +136,7 @@ def checked_choice(where: str, value, known, error=OptionError) -> np.ndarray:
     """Return an iterable of whole numbers among those known; `error` otherwise."""
     try:
         wanted = as_array(list(value), "iu")
-    except TypeError:  # not iterable
+    except (TypeError, ValueError):  # not iterable, or it raises
         wanted = None
     if wanted is None or not np.isin(wanted, known).all():
         raise error(

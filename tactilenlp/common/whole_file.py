@@ -1,4 +1,4 @@
-"""Write a file completely or not at all, through a temporary file beside it."""
+"""Write a file completely or not at all; open one for reading if it is a file."""
 
 from __future__ import annotations
 
@@ -43,6 +43,26 @@ def whole_file(path):
     finally:  # after Ctrl-C as well; there is none once it has replaced the target
         with suppress(OSError):
             Path(name).unlink(missing_ok=True)
+
+
+def opened(path, error: type = FileError):
+    """Open a regular file for reading bytes; `error` if it is none or cannot be read.
+
+    A pipe or a device, which would block, is not opened.  FileNotFoundError is raised
+    as it is.
+    """
+    check_path(path)
+    try:
+        mode = os.stat(path).st_mode
+        if stat.S_ISREG(mode):
+            return open(path, "rb")  # the caller closes it
+    except FileNotFoundError:
+        raise
+    except (OSError, ValueError) as bad:
+        got = f"{type(bad).__name__}: {bad}"
+        raise error("cannot be opened", where=repr(str(path)), got=got) from bad
+    got = "a folder" if stat.S_ISDIR(mode) else "a pipe or a device"
+    raise error("not a file", where=str(path), got=got, expected="the path of a file")
 
 
 def write_whole(path, content: bytes | str) -> None:

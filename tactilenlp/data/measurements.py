@@ -271,6 +271,8 @@ def _check_touch(arrays: dict[str, np.ndarray]) -> None:
         arrays["contact"][~arrays["valid"]] = 0
     normal[~arrays["valid"]] = 0
     contact, some = arrays["contact"], normal.any(axis=-1)
+    if some.any() and not (some & contact).any():
+        fix = "contact looks inverted, give ~contact"
     _reject("normal", ~np.isfinite(normal), "not finite", normal, fix)
     _reject("normal", some & ~contact, "normal without contact", normal, fix)
     fix = "set valid False where the normal is unknown"

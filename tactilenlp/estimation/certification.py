@@ -10,7 +10,6 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 
-from ..common.deadline import out_of_time
 from ..problem.certificates import Certificates, certify, without
 from ..problem.outliers import evidence_against_planar
 from ..problem.reductions import states_planar_motion
@@ -40,7 +39,7 @@ def checked(job, page, solved, options, executor=None) -> Solved:
     best = certified(job, page, solved, options)
     fell = "planar" in best.certificates.broken and not states_planar_motion(page)
     rocked = with_tilt(best.job, page, best, options)
-    if fell and out_of_time("a tumble"):
+    if fell and job.deadline.passed("a tumble"):
         return best
     if fell and job.shape.parameters == "sizes":
         tumbled = _tumbled(job, page, best, options, executor)
@@ -49,7 +48,7 @@ def checked(job, page, solved, options, executor=None) -> Solved:
         best = certified(rocked.job, page, rocked, options)
     job = best.job
     profiles = options.rivals and best.solution.success
-    if profiles and not out_of_time("profile likelihoods"):
+    if profiles and not job.deadline.passed("profile likelihoods"):
         return _profiled(job, page, best, options)
     return best
 
@@ -60,12 +59,12 @@ def certified(job, page, solved, options) -> Solved:
     Rest intervals are first cut where the body would move, and dropped if that was not
     enough.
     """
-    if out_of_time("certificates"):
+    if job.deadline.passed("certificates"):
         return replace(solved, certificates=Certificates(()))
     found = certify(job, page, solved)
     for _ in range(MAX_RESTORED):
         back = [name for name in found.broken if name != "planar"]
-        if not back or out_of_time("restored reductions"):
+        if not back or job.deadline.passed("restored reductions"):
             break
         log.info("restoring reductions that do not hold: %s", ", ".join(back))
         more = {*found.cuts, *job.cuts}

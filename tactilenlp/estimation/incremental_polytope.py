@@ -174,7 +174,9 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
     lean = replace(job, reductions=Reductions())
     lean = replace(lean, data=credible_data(job.data, job.precision.normal))
     h = replace(past.at, x=poses_of_new_action(lean, faces_of(lean, past.at)))
-    options = SolverOptions(SEARCH_TOLERANCE, SEARCH_TIME, ipopt=ACCEPTABLE)
+    options = SolverOptions(
+        SEARCH_TOLERANCE, SEARCH_TIME, ipopt=ACCEPTABLE, deadline=job.deadline
+    )
     solution, kinds = past.solution, past.problem.term_functions
     for build, levels in (
         (extension.build, extension.LEVELS),
@@ -182,7 +184,7 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
     ):
         window, shape = window_of(job, (h.theta, h.x))
         window = of_action(window, past.at, about)
-        problem = Problem(term_functions=kinds)
+        problem = Problem(term_functions=kinds, deadline=job.deadline)
         build(problem, window, job.scene, shape)
         known = {k: v for k, v in past.solution.values.items() if v.size == 1}
         known = {k: v for k, v in known.items() if k in problem.variables}

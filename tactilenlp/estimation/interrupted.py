@@ -1,4 +1,4 @@
-"""Interrupted solves: an estimate of what was found before Ctrl-C, marked as such."""
+"""Estimates of what was found before Ctrl-C or the time limit, marked as such."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..common.deadline import ends_by
+from ..common.deadline import NEVER, Deadline
 from ..errors import Interrupted
+from ..nlp.solution import evaluated
 from ..problem.pages import page_of
-from ..search.local_solve import solved_from
-from .readout import read_off
+from ..search.local_solve import Solved, problem_at, solved_from, start_values
+from .readout import name_of, read_off
 from .request import Request
+from .result import Estimate
 
 SHUTDOWN_TIME = 2.0  # [s] that a solve after Ctrl-C may take
 
@@ -31,6 +33,28 @@ class SoFar:
         return time.process_time() - self.began
 
 
+def not_solved(request: Request, starts, spent: float) -> tuple[Estimate, Solved]:
+    """Return the estimate where the time limit came before the page was solved.
+
+    The best of the starts that the search found, at the cost of least motion; nothing
+    is solved, and sigma is that of the prior.  It has no hypotheses, so that a solve
+    that starts from it searches all actions again.  spent [s] of CPU time.
+    """
+    now = request.job.deadline.until(0.0)  # what is evaluated once is not compiled
+    job, page = replace(request.job, deadline=now), request.page
+    job.deadline.omit(f"a solve of {name_of(page)}")
+    if job.scene.ground is not None:
+        page = page_of("quasi_static", job.shape)
+    best = min(starts, key=lambda h: h.rank)
+    window, problem, _ = problem_at(job, page, best)
+    values = start_values(problem, window, best)
+    solution = evaluated(problem, values, page.LEVELS[-1].parameters)
+    solved = Solved(best, problem, window, solution, job)
+    seconds = solution.seconds | {"search": spent, "total": spent}
+    request, over = replace(request, page=page), replace(now, strict=True)
+    return read_off(request, solved, (), seconds, over), solved
+
+
 def interrupted(request: Request, so_far: SoFar) -> Interrupted:
     """Return the error for Ctrl-C, with the best estimate of what was found by now.
 
@@ -45,17 +69,16 @@ def interrupted(request: Request, so_far: SoFar) -> Interrupted:
         page = page_of("quasi_static", job.shape)
         best = min(so_far.kept, key=lambda h: h.rank)
         done = np.unique(data.action[: best.x.shape[1]])
-        data, deadline = data.select(done), time.monotonic() + SHUTDOWN_TIME
+        data, deadline = data.select(done), Deadline.within(SHUTDOWN_TIME)
         job = replace(job, data=job.data.select(done), deadline=deadline)
         levels = page.LEVELS[-1:]
-        with ends_by(deadline):
-            solved = solved_from(job, page, best, request.options, levels=levels)
+        solved = solved_from(job, page, best, request.options, levels=levels)
         request = replace(request, data=data, job=job, page=page)
     if solved is None:
         return Interrupted("stopped by Ctrl-C before anything was found")
     kept = [solved.at] if job.shape.hypotheses == 1 else so_far.kept
     seconds = {**solved.solution.seconds, "total": so_far.spent}
-    estimate = read_off(request, solved, kept, seconds)
+    estimate = read_off(request, solved, kept, seconds, NEVER)
     words = f"interrupted, {data.actions} of {whole} actions"
     estimate = replace(estimate, success=False, status=f"{words}, {estimate.status}")
     return Interrupted(

@@ -19,7 +19,6 @@ import numpy as np
 
 from formulations.rigid_body import PLANAR
 
-from ..common.deadline import out_of_time
 from ..data.sensor_noise import variance_left
 from ..information.goodness_of_fit import NOTHING, misfits
 from ..information.information import optimum_of
@@ -92,7 +91,7 @@ def _with(name, nuisance, job, page, solved, options, solve) -> tuple:
     excess, needed = excess_of(job, best)
     if excess < needed:
         return job, [declined(best, name, excess, needed, "at most "), *others]
-    if out_of_time(nuisance.dropped):
+    if job.deadline.passed(nuisance.dropped):
         return job, solved
     larger = replace(job, reductions=replace(job.reductions, **{name: False}))
     levels = freed_levels(page.LEVELS, final=True) if job.reductions.planar else None
@@ -139,7 +138,7 @@ def with_tilt(job, page, best: Solved, options) -> Solved:
     excess, needed = excess_of(job, best)
     if excess < needed:
         return best
-    if out_of_time("tilt"):
+    if job.deadline.passed("tilt"):
         return best
     free = replace(job, reductions=replace(job.reductions, planar=False))
     if rough := getattr(page, "ROUGH", ()):  # touches taken for outliers pull again

@@ -33,10 +33,13 @@ class Options:
     reduce: True, False, a Reductions, or names of reductions to switch off; hypotheses:
     kept from action to action [-]; starts: solved per action [-]; both by default as
     many as the sensors' noise leaves open (NOISY_WIDTHS, PRECISE_WIDTHS); tolerance: of
-    the last solve [-]; time_limit [s]: the remaining actions are then extrapolated, and
-    the result is marked; ipopt: passed on verbatim; rivals: also solve alternative
+    the last solve [-]; time_limit [s]: of all, compilation included, kept within 10 %
+    or 1 s: actions not searched are extrapolated, and the status says what was left
+    out; ipopt: passed on verbatim; rivals: also solve alternative
     trajectories and sizes, and compute profile likelihoods of sizes that no touch
-    determines. seed: has no effect, nothing is random; a FutureWarning if it is given.
+    determines. check_mistakes: refuse measurements in which axes, signs, units, fingers
+    or times are probably wrong (MistakeError). seed: has no effect, nothing is random;
+    a FutureWarning if it is given.
     """
 
     seed: int | None = None
@@ -47,11 +50,12 @@ class Options:
     time_limit: float = 600.0
     ipopt: dict = field(default_factory=dict)
     rivals: bool = True
+    check_mistakes: bool = True
 
     def __post_init__(self):
         check_types(
             seed=(self.seed, (int, type(None))), ipopt=(self.ipopt, dict),
-            rivals=(self.rivals, bool),
+            rivals=(self.rivals, bool), check_mistakes=(self.check_mistakes, bool),
         )  # fmt: skip
         if self.seed is not None:
             words = "Options.seed has no effect: an estimate draws no random numbers"

@@ -26,7 +26,6 @@ import numpy as np
 
 from formulations.rigid_body import PLANAR
 
-from ..common.deadline import out_of_time
 from ..information.information import LEAST_SIGMA
 from ..information.measurement_noise import KNOWN_FACE
 from ..information.tangent_space import final_unknowns
@@ -168,7 +167,7 @@ def _constrained(job, page, solved, options, shared, chosen, axis, pull, touched
     problem, held = solved.problem, chosen[axis]
     x = problem.pack(solved.solution.values) + step * pull
     too_small = axis < job.shape.theta and x[held] < job.shape.bounds[0]
-    if too_small or out_of_time("profile likelihoods"):
+    if too_small or job.deadline.passed("profile likelihoods"):
         return None
     values = problem.unpack(x)
     if touched is not None:

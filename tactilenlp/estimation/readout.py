@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..common.deadline import NEVER, Deadline, OutOfTime
 from ..common.npz import versions
 from ..data.sensor_noise import variance_left
 from ..geometry.convex_hull import centroid
@@ -16,28 +17,34 @@ from ..information.goodness_of_fit import fit_of
 from ..information.information import Information, information_of
 from ..information.measurement_noise import Sensed
 from ..information.polytope_information import polytope_information, touched_polygons
+from ..information.prior_information import NOT_COMPUTED, prior_information
 from ..nlp.problem import Problem
 from ..problem.polytope_window import with_supports
 from ..problem.poses import body_corners, poses
 from .request import Request
 from .result import Estimate
 
+TIME_LIMIT = "time limit reached: without "  # in the status, before what is missing
 
-def read_off(request: Request, solved, kept, seconds, omitted=(), modes=()) -> Estimate:
+
+def read_off(
+    request: Request, solved, kept, seconds, deadline: Deadline, modes=()
+) -> Estimate:
     """Return the estimate of a solved page, in the frame of the data.
 
-    kept: hypotheses for the next action; seconds: of CPU time by step; omitted: what
-    there was no time for; modes: other local optima of the same page.
+    kept: hypotheses for the next action; seconds: of CPU time by step; deadline: of
+    the information, without which sigma is the prior's; modes: other local optima of
+    the same page.
     """
     job, page, solution = request.job, request.page, solved.solution
     read = {"sizes": read_box, "vertices": read_polytope}[job.shape.parameters]
-    body, information = read(job, page, solved, modes)
+    body, information = read(job, page, solved, modes, deadline)
     status = solution.status
-    if omitted:  # a list that grows until here
-        status += f", time limit reached: without {', '.join(omitted)}"
+    if deadline.omitted:
+        status += f", {TIME_LIMIT}{', '.join(deadline.omitted)}"
     left = variance_left(job.data, job.precision)
     fit = fit_of(solved.problem, solution, solved.window, job.data, left)
-    if fit is not None:
+    if fit is not None and NOT_COMPUTED not in information.unobserved:
         information = information.widened(fit.widening)
     return Estimate(
         measurements=request.data,
@@ -93,23 +100,34 @@ class Body:
     faces: np.ndarray
 
 
-def read_box(job, page, solved, modes=()) -> tuple[Body, Information]:
+def read_box(
+    job, page, solved, modes=(), deadline: Deadline = NEVER
+) -> tuple[Body, Information]:
     """Return the body, and the information about it, of a shape with sizes."""
     problem, window, solution = solved.problem, solved.window, solved.solution
     shape, scene = job.shape, job.scene
     theta, x = solved.at.theta, solved.at.x
     faces = solved.touched
-    build = problem_builder(page, shape, scene, job.kinds_of)
-    information = information_of(
-        problem, solution, window, shape, faces, _ground_rotation(scene).T,
-        Sensed(job.data, job.precision, build),
-        [(r.problem, r.solution, r.window) for r in modes], solved.profile,
+    R_wg, build = (
+        _ground_rotation(scene).T,
+        problem_builder(page, shape, scene, job.kinds_of, deadline),
+    )
+    information = _in_time(
+        job, solved, R_wg, deadline,
+        lambda: information_of(
+            problem, solution, window, shape, faces, R_wg,
+            Sensed(job.data, job.precision, build),
+            [(r.problem, r.solution, r.window) for r in modes], solved.profile,
+            deadline,
+        ),
     )  # fmt: skip
     where = poses(shape, window.motion, theta, x, scene.ground)
     return Body(*where, body_corners(shape, theta), faces), information
 
 
-def read_polytope(job, page, solved, modes=()) -> tuple[Body, Information]:
+def read_polytope(
+    job, page, solved, modes=(), deadline: Deadline = NEVER
+) -> tuple[Body, Information]:
     """Return the body, and the information about it, of a polytope.
 
     Its origin is the centroid, its axes are the world's at the last sample.
@@ -125,12 +143,21 @@ def read_polytope(job, page, solved, modes=()) -> tuple[Body, Information]:
     shape = with_supports(
         job.shape, solved.hypothesis.theta.reshape(-1, 3)
     )  # as solved
-    sensed = Sensed(
-        job.data, job.precision, problem_builder(page, shape, scene, job.kinds_of)
+    build = problem_builder(page, shape, scene, job.kinds_of, deadline)
+    sensed = Sensed(job.data, job.precision, build)
+    given = problem, solution, window, shape, faces, R_wg, sensed, deadline
+    return body, _in_time(
+        job, solved, R_wg, deadline, lambda: polytope_information(*given)
     )
-    return body, polytope_information(
-        problem, solution, window, shape, faces, R_wg, sensed
-    )
+
+
+def _in_time(job, solved, R_wg, deadline, compute) -> Information:
+    """Return compute(), or the information of the prior if a deadline ended that."""
+    try:
+        return compute()
+    except OutOfTime:
+        deadline.omit("standard deviations")
+        return prior_information(job, solved, R_wg)
 
 
 def hull_poses(scene, x, middle) -> tuple[np.ndarray, Rotation]:
@@ -155,7 +182,7 @@ def name_of(page) -> str:
     return getattr(page, "__name__", "page").rpartition(".")[2]
 
 
-def problem_builder(page, shape, scene, kinds_of=None):
+def problem_builder(page, shape, scene, kinds_of=None, deadline=NEVER):
     """Return build(window, scene): the page's problem of another window or scene.
 
     kinds_of(page, window): term functions to share for this shape and scene, if any.
@@ -163,7 +190,8 @@ def problem_builder(page, shape, scene, kinds_of=None):
 
     def build(window, other=scene) -> Problem:
         alike = kinds_of is not None and other is scene
-        problem = Problem(term_functions=kinds_of(page, window) if alike else {})
+        shared = kinds_of(page, window) if alike else {}
+        problem = Problem(term_functions=shared, deadline=deadline)
         page.build(problem, window, other, shape)
         return problem
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..common.deadline import out_of_time
 from ..geometry.transforms import is_planar
 from ..problem.certificates import planar_certificate
 from ..problem.reductions import Reductions, required_reductions
@@ -82,7 +81,7 @@ def _multistart(job, page, kept, options, solved, start) -> list[Solved]:
     good = [s for s in solved if s.solution.success]
     bound = min(h.objective for h in kept) + RAN_AWAY * job.data.actions
     lost = not good or good[0].solution.objective > bound
-    if lost and levels is not own and not out_of_time("the page's own levels"):
+    if lost and levels is not own and not job.deadline.passed("the page's own levels"):
         # Slower: the page's own levels, which hold poses first.
         good = [*good, solved_from(job, page, solved[0].hypothesis, options)]
     return best_first(good or solved)

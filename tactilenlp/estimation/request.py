@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import ModuleType
 
 import numpy as np
 
+from ..common.deadline import Deadline
 from ..common.validation import check_types
 from ..data.measurements import Measurements
+from ..data.mistakes import check_mistakes
 from ..data.scene import Scene
 from ..data.sensor_noise import precise, precision_of, smoothed
 from ..errors import NoContactError, OptionError, SceneError, StartError
@@ -23,7 +25,8 @@ from ..search.polytope_init import check_round_fingertips as check_round
 from .options import Guess, Options, Session
 from .result import Estimate
 
-READOUT_TIME = 2.0  # [s] of information and certificates: 1.4 s with 3000 samples
+# [s] of the information, and of a long limit: 3 to 9 s with 3000 samples
+READOUT_TIME, READOUT_SHARE, MOST_READOUT_TIME = 2.0, 0.15, 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +48,17 @@ class Request:
     def time_at(self, share: float) -> float:
         """Return when a share of the time until the readout is over, [s].
 
-        Of time.monotonic(); the readout has READOUT_TIME, a third of a short limit.
+        Of time.monotonic(); the rest is the readout's, at most a third.
         """
         limit = self.options.time_limit
-        whole = limit - min(READOUT_TIME, limit / 3)
-        return self.job.deadline - limit + share * whole
+        reserve = max(READOUT_TIME, min(READOUT_SHARE * limit, MOST_READOUT_TIME))
+        whole = limit - min(reserve, limit / 3)
+        return self.job.deadline.at - limit + share * whole
+
+    def job_until(self, share: float, strict: bool = True) -> Job:
+        """Return the job with an earlier deadline (time_at), at which a solve ends."""
+        deadline = self.job.deadline.until(self.time_at(share), strict)
+        return replace(self.job, deadline=deadline)
 
     @property
     def widths(self) -> tuple[int, int]:
@@ -62,11 +71,13 @@ def read_request(
 ) -> tuple[Request, list[Hypothesis]]:
     """Return the request, and the hypotheses of the first actions that it starts from.
 
-    Raises NoContactError, MeasurementError, OptionError, SceneError or StartError for
-    what cannot be solved.
+    Raises NoContactError, MistakeError, MeasurementError, OptionError, SceneError or
+    StartError for what cannot be solved.
     """
     check_types(data=(data, Measurements), session=(session, Session))
     scene, shape, options, page = asked(scene, shape, formulation, options, executor)
+    if options.check_mistakes:
+        check_mistakes(data, scene)
     scene.check(data)
     check_touched(data)
     functions = session.functions_for(start, scene, shape, page)
@@ -104,7 +115,8 @@ def make_job(data, scene, shape, options, began, page, functions=None) -> Job:
         made = without(made, ["planar"])
     return Job(
         data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
-        reductions=required_reductions(page, made), deadline=began + options.time_limit,
+        reductions=required_reductions(page, made),
+        deadline=Deadline.within(options.time_limit, began),
         functions=TermFunctions() if functions is None else functions,
     )  # fmt: skip
 
@@ -223,6 +235,8 @@ def carried_hypotheses(start, shape, scene, data) -> list[Hypothesis]:
             expected="an estimate whose measurements are a prefix of data",
             next="start from scratch, or append to the same measurements",
         )
+    if not start.hypotheses:  # the time limit ended its search
+        return []
     done = _samples_of_whole_actions(start.measurements.samples, data)
     if shape.parameters == "vertices":
         return [as_polytope(start, scene, done)] if done else []

@@ -11,7 +11,7 @@ from types import ModuleType
 
 from formulations.shape import Shape
 
-from ..common.deadline import ends_by, omissions, out_of_time
+from ..common.deadline import Deadline
 from ..common.interrupt import interruptible
 from ..data.scene import Scene
 from ..errors import MotionError
@@ -19,8 +19,8 @@ from ..nlp.solution import check_finite, not_converged
 from ..problem.outliers import check_explained
 from ..problem.reductions import Reductions
 from ..search.beam import beam
-from ..search.hypothesis import Hypothesis, distinct, same
-from ..search.local_solve import Solved
+from ..search.hypothesis import Hypothesis, Job, distinct, same
+from ..search.local_solve import Solved, best_first
 from ..search.margins import LEAST_MOTION_BEHIND
 from ..search.polytope_init import search_polytope
 from ..search.proposals_floating import (
@@ -33,7 +33,7 @@ from ..search.proposals_floating import (
 )
 from .certification import certified, checked
 from .incremental_polytope import repaired, updated
-from .interrupted import SoFar, interrupted
+from .interrupted import SoFar, interrupted, not_solved
 from .model_selection import most_probable_first, with_nuisance_parameters
 from .options import PROCESS, Guess, Options, Session
 from .readout import name_of, read_off
@@ -70,8 +70,9 @@ def solve_estimate(
     estimate; by default one for the process.
 
     Raises NoContactError, MeasurementError, OptionError, StartError before any solve,
-    and NotConverged or MotionError after it unless `throw` is False.  Ctrl-C raises
-    Interrupted, whose `estimate` of the actions done by then can be a start.
+    and NotConverged or MotionError after it unless `throw` is False; their `estimate`
+    is what throw=False returns, also where the time limit ended the solve.  Ctrl-C
+    raises Interrupted, whose `estimate` of the actions done by then can be a start.
     """
     session = PROCESS if session is None else session
     request, known = read_request(
@@ -79,7 +80,7 @@ def solve_estimate(
     )
     so_far = SoFar(known)
     try:
-        with interruptible(), ends_by(request.job.deadline):
+        with interruptible():
             estimate, best = _estimated(request, so_far)
     except KeyboardInterrupt as stop:
         raise interrupted(request, so_far) from stop
@@ -91,28 +92,22 @@ def solve_estimate(
 
 def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
     """Return the estimate of a request, and the solved page that it was read from."""
-    job, page, options, start = (
-        request.job, request.page, request.options, request.start
-    )  # fmt: skip
-    with ends_by(request.time_at(CERTIFICATES_END)):
+    page, options, start = request.page, request.options, request.start
+    job, update, accepted = request.job_until(CERTIFICATES_END), None, False
+    with job.deadline.ending("an incremental update"):
         update, accepted = updated(job, page, start, options, certified)
     if accepted:
         so_far.kept = [update.at]
         return _read(request, update, so_far, 0.0, [update]), update
     kept, starts = _searched(request, so_far.kept)
     so_far.kept, searched = kept, so_far.spent
-    earlier = start if _had_alternatives(start, page) else None
-    with ends_by(request.time_at(REFINEMENT_END)):
-        solved = refined(job, page, starts, options, so_far.solved, earlier)
-        check_finite(solved[0].problem, solved[0].solution)
-        job, solved = with_nuisance_parameters(
-            job, page, solved, options,
-            lambda soft: refined(soft, page, starts, options, so_far.solved, earlier),
-        )  # fmt: skip
-        solved = repaired(job, page, solved, options, update)
-    cut, (best, *_) = replace(job, cuts=solved[0].job.cuts), solved
-    with ends_by(request.time_at(CERTIFICATES_END)):
-        if not out_of_time("evidence of other optima"):
+    job, solved = _refined(request, starts, so_far, update)
+    if not solved:
+        return not_solved(request, starts, so_far.spent)
+    best, *_ = solved = [_restamped(s, job.deadline) for s in solved]
+    cut = replace(job, cuts=best.job.cuts)
+    with job.deadline.ending("certificates"):
+        if not job.deadline.passed("evidence of other optima"):
             best, *_ = most_probable_first(job, solved)
         best = checked(cut, page, best, options, request.executor)
     so_far.kept = _carried_on(job, solved, kept, request.widths[0])
@@ -123,10 +118,39 @@ def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
     return _read(request, best, so_far, searched, others), best
 
 
+def _refined(request, starts, so_far, update) -> tuple[Job, list[Solved]]:
+    """Return the page solved, best first, and the job that the best was solved by.
+
+    No solves if the time limit came before the first one ended.
+    """
+    page, options, start = request.page, request.options, request.start
+    job, solved = request.job_until(REFINEMENT_END), None
+    earlier = start if _had_alternatives(start, page) else None
+    with job.deadline.ending("other solves of the page"):
+        solved = refined(job, page, starts, options, so_far.solved, earlier)
+        check_finite(solved[0].problem, solved[0].solution)
+        job, solved = with_nuisance_parameters(
+            job, page, solved, options,
+            lambda soft: refined(soft, page, starts, options, so_far.solved, earlier),
+        )  # fmt: skip
+        solved = repaired(job, page, solved, options, update)
+    if solved is None:
+        solved = best_first(so_far.solved)
+        job = solved[0].job if solved else job
+    return replace(job, deadline=request.job_until(CERTIFICATES_END).deadline), solved
+
+
+def _restamped(solved: Solved, deadline: Deadline) -> Solved:
+    """Return a solve whose job has another deadline."""
+    return replace(solved, job=replace(solved.job, deadline=deadline))
+
+
 def _read(request, best, so_far, searched: float, modes) -> Estimate:
     """Return the estimate read from the best page; searched [s] of CPU time."""
     seconds = best.solution.seconds | {"search": searched, "total": so_far.spent}
-    return read_off(request, best, so_far.kept, seconds, omissions(), modes)
+    deadline = request.job.deadline
+    deadline = deadline.until(deadline.at, strict=True)
+    return read_off(request, best, so_far.kept, seconds, deadline, modes)
 
 
 def _had_alternatives(start, page) -> bool:
@@ -143,14 +167,13 @@ def _searched(request: Request, kept) -> tuple[list[Hypothesis], list[Hypothesis
     floating object is searched in the plane of its touches.
     """
     start, plane = request.start, None
-    job = replace(request.job, deadline=request.time_at(SEARCH_END))
+    job = request.job_until(SEARCH_END, strict=False)
     lean = replace(job, reductions=Reductions())  # whatever the last solve leaves out
     if job.scene.ground is None:
         plane = search_plane(job, start if isinstance(start, Guess) else None)
         lean = in_search_plane(lean, plane)
     search = {"sizes": _search_sizes, "vertices": _search_vertices}
-    with ends_by(job.deadline):
-        found = search[job.shape.parameters](request, lean, plane, kept)
+    found = search[job.shape.parameters](request, lean, plane, kept)
     if plane is None:
         return found, found
     starts = [in_free_motion(h, plane, job.shape) for h in found]
@@ -179,7 +202,7 @@ def _search_vertices(request: Request, job, plane, kept) -> list[Hypothesis]:
 
 def _raise_unless_good(estimate, solved) -> None:
     if not estimate.success:
-        raise not_converged(solved.problem, solved.solution)
+        raise not_converged(solved.problem, solved.solution, estimate)
     if estimate.scene.ground is None:
         check_explained(solved)
     tilted = [s for s in estimate.skipped if s.name == "planar" and not s.holds]
@@ -193,6 +216,7 @@ def _raise_unless_good(estimate, solved) -> None:
             "did, let it tilt by Options(reduce='planar'), or pass throw=False",
             problem=solved.problem.describe(),
             solution=solved.solution,
+            estimate=estimate,
         )
 
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
+from ..common.file_lock import can_be_written, locked
 from ..common.progress import progress, wipe
 from ..common.validation import check_path, check_types
 from ..data.scene import Scene
@@ -32,6 +34,7 @@ from .log import (
 )
 from .options import ExploreOptions
 from .policies import check_predicted, checked_policy, next_action
+from .reach import check_reach
 
 log = logging.getLogger("tactilenlp")
 
@@ -51,12 +54,13 @@ def explore(
     """Touch an object and yield a Step after the first touch and after each action.
 
     world: anything with `execute(trajectory) -> Measurements`; if it has a truth, as
-    World has, step.errors are the errors of the estimate.  scene: Scene, by default
-    Scene().  settings: ExploreOptions; or its fields as keywords (actions, policy,
-    shape, seed also by position, in this order), but not both.  file: every action is
-    saved there, as an Exploration, as soon as it is measured; a call with an existing
-    file resumes from it.  start: an Estimate instead of a first touch, or a Guess of
-    the object.  executor: any concurrent.futures executor.
+    World has, step.errors are the errors of the estimate; its `check(trajectory)`, if
+    it has one, raises for what it cannot reach.  scene: Scene, by default Scene().
+    settings: ExploreOptions; or its fields as keywords (actions, policy, shape, seed
+    also by position, in this order), but not both.  file: every action is saved there,
+    as an Exploration, as soon as it is measured; a call with an existing file resumes
+    from it.  start: an Estimate instead of a first touch, or a Guess of the object.
+    executor: any concurrent.futures executor.
 
     If the first finger, aimed at `centre`, makes no contact, the workspace is swept.
     Actions without contact are measurements too.  After one, or if the estimate is not
@@ -67,15 +71,24 @@ def explore(
 
     While an action runs, its samples so far can be estimated, repeatedly:
     solve_estimate(estimate.measurements.append(so_far), scene, start=estimate).
-    Raises OptionError, SceneError, StartError and FileError before the first command.
+    Raises OptionError, SceneError, StartError and FileError before the first command;
+    FileError too while another process explores into this file.
     """
     given = _by_name(positional, keywords)
     settings = ExploreOptions.of(settings, given)
     loop = _prepared(world, scene, settings, file, start, executor)
+    with _alone(file, world):
+        yield from _steps(loop, file, start)
+
+
+def _steps(loop: _Loop, file, start) -> Iterator[Step]:
+    """Yield the steps of an exploration, those of a file first."""
+    settings, world = loop.settings, loop.world
     estimate, past = start if isinstance(start, Estimate) else None, []
     kept, first = load_or_new(file), 0 if estimate is None else 1
     again = bool(kept.steps) or estimate is not None
     _check_fingers(world, loop.space, kept)
+    check_reach(world, loop.space, settings.centre, kept.estimate or estimate)
     for number in progress(range(first, settings.actions + 1), "explore"):
         step = kept.at(number)
         before = None if estimate is None else estimate.measurements
@@ -96,6 +109,16 @@ def explore(
         yield step
         if settings.until is not None and _enough(step, settings.until):
             return
+
+
+def _alone(file, world):
+    """Return a context in which no other process writes the file.
+
+    Steps that a folder has, which cannot be written, are read without a world.
+    """
+    if file is None or (world is None and not can_be_written(file)):
+        return nullcontext()
+    return locked(file)
 
 
 @dataclass(frozen=True, eq=False)

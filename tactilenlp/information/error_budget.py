@@ -19,6 +19,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..common.deadline import NEVER, Deadline
 from ..nlp.kkt_sensitivity import KKTSystem
 from .error_budget_terms import (
     BALL,
@@ -59,6 +60,7 @@ class Linearisation:
     sensed: Sensed
     window: object
     shape: object
+    deadline: Deadline = NEVER  # checked between the terms of the budget
 
     @cached_property
     def derivatives(self) -> list[MixedDerivatives]:
@@ -200,7 +202,12 @@ AFTER_MIXTURE = (  # functions of TouchedFaces and of the mixture's covariance
 
 def error_budget(of: Response) -> np.ndarray:
     """Return the covariance (k, k) of the chosen unknowns, SI: the sum of TERMS."""
-    total = _sum(term.covariance(of) for term in TERMS if term.applies(of.at))
+    found = []
+    for term in TERMS:
+        of.at.deadline.check()
+        if term.applies(of.at):
+            found.append(term.covariance(of))
+    total = _sum(found)
     return (total + total.T) / 2
 
 

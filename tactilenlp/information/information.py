@@ -14,7 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..common.deadline import out_of_time
+from ..common.deadline import NEVER, Deadline
 from ..common.layout import ANY
 from ..common.validation import check_types
 from ..errors import OptionError
@@ -172,8 +172,9 @@ class Information:
 
 
 def information_of(
-    problem, solution, window, shape, faces, R_wg, sensed=None, rivals=(), profile=None
-) -> Information:
+    problem, solution, window, shape, faces, R_wg, sensed=None, rivals=(), profile=None,
+    deadline: Deadline = NEVER,
+) -> Information:  # fmt: skip
     """Return the information about theta and the last pose of a solved problem.
 
     faces: (axes, 2) number of samples that touched each face; R_wg (3, 3): from the
@@ -181,9 +182,10 @@ def information_of(
     measurements, without which sigma is that of the Hessian; rivals: (problem,
     solution, window) of other local optima; profile (k, k): see profile_likelihood.py.
     """
+    deadline.check()
     curvature = kkt_system_of(problem, solution)
     tangent = tangent_space_of(problem, solution, window, shape, R_wg)
-    at = Linearisation(curvature, sensed, window, shape)
+    at = Linearisation(curvature, sensed, window, shape, deadline)
     of = at.response(tangent.chosen, tangent.jacobian)
     C = of.hessian
     errors = C if sensed is None else error_budget(of)
@@ -196,8 +198,7 @@ def information_of(
         beyond = _beyond(modes, tangent, at, faces, profile)
         covariance = covariance + beyond
         others = list(zip(modes.weights, optima, strict=True))[1:]
-        if not out_of_time("deviations of the path"):
-            path = _path(at, tangent, solution, R_wg, beyond, others)
+        path = _path(at, tangent, solution, R_wg, beyond, others)
     words, directions = open_directions(tangent, covariance, shape, faces)
     if sensed is not None:
         covariance = bounded_pose(covariance, shape.theta, tangent.turning)
@@ -286,7 +287,7 @@ def inverse(C) -> np.ndarray:
 
 def _indefinite(curvature: KKTSystem) -> tuple[str, ...]:
     """Name the term and the unknowns along which the reduced Hessian curves down."""
-    if out_of_time("a check for negative curvature") or curvature.negative is None:
+    if curvature.negative is None:
         return ()
     term, direction = curvature.negative
     share = np.abs(direction / curvature.problem.scale)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..common.deadline import NEVER, Deadline
 from ..common.validation import check_types
 from ..geometry.convex_hull import centroid, fingers_in_body
 from ..geometry.faces import polygons
@@ -27,7 +28,7 @@ MAX_TILT, TILT_DEVIATIONS = 0.14, 3.0
 
 
 def polytope_information(
-    problem, solution, window, shape, faces, R_wg, sensed
+    problem, solution, window, shape, faces, R_wg, sensed, deadline: Deadline = NEVER
 ) -> Information:
     """Return the information about the vertices at the last sample, world frame.
 
@@ -36,31 +37,42 @@ def polytope_information(
     """
     theta = problem.variables["theta"]
     chosen = np.arange(theta.span.start, theta.span.stop)
+    deadline.check()
     curvature = kkt_system_of(problem, solution)
     turn = np.kron(np.eye(theta.columns), R_wg)
     floor = LEAST_DEVIATION**2 * np.eye(len(turn))
-    at = Linearisation(curvature, sensed, window, shape)
+    at = Linearisation(curvature, sensed, window, shape, deadline)
     of = at.response(chosen, turn)
     indefinite = np.linalg.eigvalsh(of.hessian)[0] < -(LEAST_DEVIATION**2)
     C, errors = (M + floor for M in (of.hessian, error_budget(of)))
     V = solution.values["theta"].T
-    slope = _slope_of_centroid(V)
-    path = trajectory_variance(at, solution.values, R_wg, (centroid(V), slope))
-    middle = slope @ turn.T
-    maps = {
-        "vertices": np.eye(len(C)) - np.tile(R_wg @ middle, (theta.columns, 1)),
-        "position": R_wg @ middle,
-        "rotation": np.zeros((3, len(C))),
-    }
+    middle = centroid(V), _slope_of_centroid(V)
+    path = trajectory_variance(at, solution.values, R_wg, middle)
     return Information(
-        names=tuple(f"vertex {j} {w}" for j in range(theta.columns) for w in "xyz"),
+        names=names_of_vertices(theta.columns),
         matrix=np.linalg.inv(C), spread=errors, parts={}, roles={},
-        modes=one_mode(solution.objective, errors), maps=maps,
+        modes=one_mode(solution.objective, errors), maps=maps_of_vertices(V, R_wg),
         unobserved=untouched_polygons(faces), directions=np.zeros((len(C), 0)),
         fixed=("rotation: the body's axes are the world's at the last sample",),
         active=curvature.active, ambiguous=curvature.ambiguous,
         indefinite=("vertices",) if indefinite else (), path=np.sqrt(path),
     )  # fmt: skip
+
+
+def names_of_vertices(vertices: int) -> tuple[str, ...]:
+    """Return the names of the coordinates of so many vertices, in their order."""
+    return tuple(f"vertex {j} {w}" for j in range(vertices) for w in "xyz")
+
+
+def maps_of_vertices(V, R_wg) -> dict[str, np.ndarray]:
+    """Return how vertices, centroid and rotation follow from vertices V (V, 3) [m]."""
+    turn = np.kron(np.eye(len(V)), R_wg)
+    middle = R_wg @ (_slope_of_centroid(V) @ turn.T)
+    return {
+        "vertices": np.eye(V.size) - np.tile(middle, (len(V), 1)),
+        "position": middle,
+        "rotation": np.zeros((3, V.size)),
+    }
 
 
 def touched_polygons(window, vertices, x, sigma: float) -> np.ndarray:

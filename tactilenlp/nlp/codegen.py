@@ -22,7 +22,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from ..common.deadline import share_left, spending
+from ..common.deadline import NEVER, Deadline
 from .library_cache import discard, is_whole, store, trusted_folder, workspace
 
 log = logging.getLogger("tactilenlp")
@@ -35,19 +35,23 @@ MESSAGE = 500  # characters of a compiler's message that are logged
 _unusable: set[str] = set()  # cache folders about which a warning was logged
 
 
-def compiled(functions: list[ca.Function], origin: str = "") -> list[ca.Function]:
+def compiled(
+    functions: list[ca.Function], origin: str = "", deadline: Deadline = NEVER
+) -> list[ca.Function]:
     """Return the functions compiled, or unchanged where that is not possible.
 
     origin: text that determines the functions, by which `kept` finds them again; by
-    default their own C source.
+    default their own C source; deadline: the time for compilation is a share of all.
     """
     if compiler() is None or _place() in _unusable:
+        return functions
+    if _time_for_compilation(deadline) < LEAST_COMPILE_TIME:
         return functions
     generator = ca.CodeGenerator("term.c")
     for function in functions:
         generator.add(function)
     source, names = generator.dump(), [f.name() for f in functions]
-    return _found(names, origin or source, source) or functions
+    return _found(names, origin or source, source, deadline) or functions
 
 
 def kept(names, origin: str) -> list[ca.Function] | None:
@@ -55,11 +59,20 @@ def kept(names, origin: str) -> list[ca.Function] | None:
     return None if compiler() is None else _found(names, origin)
 
 
-def _found(names, origin: str, source: str | None = None) -> list[ca.Function] | None:
+def _time_for_compilation(deadline: Deadline) -> float:
+    """Return the time [s] that the compilation of one library may take now."""
+    return min(COMPILE_TIME, deadline.share_left("compilation", COMPILE_SHARE))
+
+
+def _found(
+    names, origin: str, source: str | None = None, deadline: Deadline = NEVER
+) -> list[ca.Function] | None:
     """Return the functions of a library, compiled from `source` if it is not there."""
     try:
         library = trusted_folder() / f"{_key(origin)}.so"
-        if not is_whole(library) and (source is None or not _compile(source, library)):
+        if is_whole(library):
+            return _loaded(library, names)
+        if source is None or not _compile(source, library, deadline):
             return None
         return _loaded(library, names)
     except (OSError, ValueError) as error:
@@ -100,9 +113,9 @@ def compiler() -> str | None:
     return shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 
 
-def _compile(source: str, library: Path) -> bool:
+def _compile(source: str, library: Path, deadline: Deadline) -> bool:
     """Compile a library; False if there is no time for it now, OSError if it fails."""
-    allowed = min(COMPILE_TIME, share_left("compilation", COMPILE_SHARE))
+    allowed = _time_for_compilation(deadline)
     if allowed < LEAST_COMPILE_TIME:
         return False
     with workspace(library.parent) as folder:
@@ -110,7 +123,7 @@ def _compile(source: str, library: Path) -> bool:
         code.write_text(source)
         command = [compiler(), *FLAGS, str(code), "-o", str(built), "-lm"]
         try:
-            with spending("compilation"):
+            with deadline.spending("compilation"):
                 _run(command, folder, allowed)
         except subprocess.TimeoutExpired as late:
             if allowed < COMPILE_TIME:

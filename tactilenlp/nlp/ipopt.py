@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import casadi as ca
 import numpy as np
 
-from ..common.deadline import time_left
+from ..common.deadline import NEVER, Deadline
 from ..common.interrupt import interruptible
 from ..common.validation import check_numbers, check_types
 from ..errors import OptionError, typed_call
@@ -38,7 +38,8 @@ class SolverOptions:
 
     tolerance: of the scaled optimality conditions [-]; time_limit [s];
     iterations: at most [-]; barrier: IPOPT's first mu [-]; push: how far a start is
-    pushed inside its bounds, relative [-]; ipopt: options passed on verbatim.
+    pushed inside its bounds, relative [-]; ipopt: options passed on verbatim; deadline:
+    by which all levels of a continuation end.
     """
 
     tolerance: float = 1e-6
@@ -47,9 +48,10 @@ class SolverOptions:
     barrier: float = 1e-2
     push: float = 1e-4
     ipopt: dict = field(default_factory=dict)
+    deadline: Deadline = NEVER
 
     def __post_init__(self):
-        check_types(ipopt=(self.ipopt, dict))
+        check_types(ipopt=(self.ipopt, dict), deadline=(self.deadline, Deadline))
         check_positive(self, "tolerance", "time_limit", "iterations", "barrier", "push")
 
     def for_nlpsol(self, warm: bool = False) -> dict:
@@ -141,7 +143,7 @@ def solve(
 
 def _in_time(options: SolverOptions) -> SolverOptions:
     """Return options whose time limit ends by the deadline, if there is one."""
-    left = max(LEAST_TIME, time_left())
+    left = max(LEAST_TIME, options.deadline.left)
     return options if options.time_limit <= left else replace(options, time_limit=left)
 
 
@@ -239,13 +241,14 @@ def solve_levels(
     options = options or SolverOptions()
     solvers = {} if solvers is None else solvers
     whole = None
+    options.deadline.check()
     for level in levels:
-        if whole is not None and time_left() <= 0:
+        if whole is not None and options.deadline.left <= 0:
             return unfinished(whole)
         for ipopt, warm in _tries(level, start):
             solution = _at(problem, level, ipopt, warm, start, options, solvers)
             whole = solution if whole is None else after(whole, solution)
-            if solution.success or time_left() <= 0:
+            if solution.success or options.deadline.left <= 0:
                 break
         # Multipliers of fixed unknowns are of no use to the next level.
         start = solution.values if level.fixed else solution

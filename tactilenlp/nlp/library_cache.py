@@ -20,6 +20,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 OTHERS = stat.S_IWGRP | stat.S_IWOTH  # write permission of anybody else
+ROOT = 0  # the user who can change everything anyway
 MAX_DIGEST = 100  # [bytes] that are read of a digest file
 UNFINISHED = "unfinished-"  # of the folders in which libraries are compiled
 ABANDONED = 3600.0  # [s] after which such a folder belongs to no running process
@@ -49,6 +50,8 @@ def trusted_folder() -> Path:
     folder.mkdir(mode=0o700, exist_ok=True)
     _check_owner(folder, os.stat(folder))
     above = os.stat(folder.parent)
+    if above.st_uid not in (ROOT, os.geteuid()):
+        raise PermissionError(f"{folder.parent} belongs to another user")
     if above.st_mode & stat.S_IWOTH and not above.st_mode & stat.S_ISVTX:
         raise PermissionError(f"{folder.parent} can be changed by other users")
     return folder

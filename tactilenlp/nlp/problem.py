@@ -4,21 +4,22 @@
     subject to  lower <= g_term(z, d) <= upper,  lower <= x <= upper
 
 A term is a small function and the columns of the unknowns that each of its instances
-reads (DESIGN.md, "The NLP machine").  Its function is derived once, mapped over the
-instances and summed where it belongs in the global sparse derivatives, so that
-building hardly depends on the number of instances and evaluating is linear in it.
-Unknowns are in SI units for the page and scaled for the solver here, nowhere else.
+reads.  Its function is derived once, mapped over the instances and summed where it
+belongs in the global sparse derivatives, so that building hardly depends on the number
+of instances and evaluating is linear in it.  Unknowns are in SI units for the page and
+scaled for the solver here, nowhere else.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import scipy.sparse as sp
 
+from ..common.deadline import NEVER, Deadline
 from ..common.validation import numbers_of
 from ..errors import PageError
 from .assembly import assemble
@@ -61,6 +62,7 @@ class Problem:
     # By name and sizes of the arguments; problems of one page may share them.
     term_functions: dict[tuple, object] = field(default_factory=dict)
     cache: TermFunctionCache = field(default_factory=default_cache)
+    deadline: Deadline = NEVER  # of derivations and compilations, not of solves
     _data: list[np.ndarray] = field(default_factory=list)
     _data_size: int = 0
 
@@ -80,13 +82,10 @@ class Problem:
             raise PageError("bounds cross, or the guess is not finite", where=name)
         size = block(scale, (rows, 1), name)[:, 0]
         if not np.all((size > 0) & np.isfinite(size)):
-            raise PageError(
-                "not a scale", where=name, got=size.tolist(), expected="above zero"
-            )
-        variable = Variable(
-            name, rows, columns, lower, upper, guess, unit, size, self.size
-        )
-        self.variables[name] = variable
+            told = {"where": name, "got": size.tolist(), "expected": "above zero"}
+            raise PageError("not a scale", **told)
+        given = name, rows, columns, lower, upper, guess, unit, size, self.size
+        self.variables[name] = variable = Variable(*given)
         return variable
 
     def parameter(self, name, value, unit="") -> Parameter:
@@ -100,9 +99,8 @@ class Problem:
     def minimize(self, name: str, function: Callable, *arguments, role: str) -> None:
         """Add the sum of `function` over the instances; `role` is one of ROLES."""
         if role not in ROLES:
-            raise PageError(
-                "unknown role", where=name, got=role, expected=f"one of {ROLES}"
-            )
+            told = {"where": name, "got": role, "expected": f"one of {ROLES}"}
+            raise PageError("unknown role", **told)
         term = self._term(name, function, arguments, role=role)
         if term is not None:
             self.costs[name] = term
@@ -289,7 +287,9 @@ class Problem:
     def _traced(self, name, trace, function, sizes, order):
         """Return the term function of a term; derive it unless this problem has it."""
         if (key := (name, *order)) not in self.term_functions:
-            given = name, trace or self.cache.of, function, sizes, order
+            self.deadline.check()
+            of = partial(self.cache.of, deadline=self.deadline)
+            given = name, trace or of, function, sizes, order
             self.term_functions[key] = term_function_named(*given)
         return self.term_functions[key]
 

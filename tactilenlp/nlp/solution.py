@@ -93,6 +93,14 @@ def unfinished(solution: Solution) -> Solution:
     return replace(solution, success=False, status=TIME_EXCEEDED)
 
 
+def evaluated(problem, values: dict, parameters: dict | None = None) -> Solution:
+    """Return a start as if a solve had ended there for lack of time: not a success."""
+    x, data = problem.pack(values), problem.data(parameters)
+    stats = {"iter_count": 0, "success": False, "return_status": TIME_EXCEEDED}
+    none = np.zeros(problem.rows), np.zeros(problem.size)
+    return recomputed(problem, x, data, *none, stats, {"build": 0.0, "solve": 0.0})
+
+
 def _joined(first: dict, then: dict, levels: int) -> dict[str, np.ndarray]:
     """Return the progress of two solves in a row; the first one had so many levels."""
     then = {**then, "level": then["level"] + levels}
@@ -123,8 +131,15 @@ def check_finite(problem: Problem, solution: Solution) -> None:
         )  # fmt: skip
 
 
-def not_converged(problem: Problem, solution: Solution) -> NotConverged:
-    """Return the error that names the worst terms of a solution."""
+def _advice(solution: Solution) -> str:
+    """Return what to do about a solve that ended without a solution."""
+    if solution.status == TIME_EXCEEDED:
+        return "raise time_limit; the best so far is the error's `estimate`"
+    return "start closer, loosen the tolerance, or run problem.check()"
+
+
+def not_converged(problem: Problem, solution: Solution, estimate=None) -> NotConverged:
+    """Return the error that names the worst terms of a solution; it has an estimate."""
     if solution.status == "Invalid_Option":
         return NotConverged(
             "IPOPT refused an option (Invalid_Option), nothing was solved",
@@ -132,6 +147,7 @@ def not_converged(problem: Problem, solution: Solution) -> NotConverged:
             expected="options of this build; its linear solvers are mumps and spral",
             problem=problem.describe(),
             solution=solution,
+            estimate=estimate,
         )
     worst = sorted(solution.violations, key=solution.violations.get)[-3:][::-1]
     broken = [f"{n} by {solution.violations[n]:.2g}" for n in worst]
@@ -141,7 +157,8 @@ def not_converged(problem: Problem, solution: Solution) -> NotConverged:
         f"IPOPT says {solution.status} after {solution.iterations} iterations",
         where=f"{problem.size} unknowns, {problem.rows} constraints",
         got=f"violated: {', '.join(broken) or 'nothing'}; costs: {', '.join(costs)}",
-        next="start closer, loosen the tolerance, or run problem.check()",
+        next=_advice(solution),
         problem=problem.describe(),
         solution=solution,
+        estimate=estimate,
     )

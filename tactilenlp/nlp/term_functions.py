@@ -17,6 +17,7 @@ from functools import cache
 
 import casadi as ca
 
+from ..common.deadline import NEVER, Deadline
 from ..errors import PageError
 from .codegen import compiled, kept
 
@@ -64,27 +65,33 @@ class TermFunctionCache:
         return default_cache, ()
 
     def of(
-        self, function: Callable, unknowns: list[int], order: list[tuple]
+        self,
+        function: Callable,
+        unknowns: list[int],
+        order: list[tuple],
+        deadline: Deadline = NEVER,
     ) -> TermFunction:
         """Trace `function` and return its term function; derive it if it is new.
 
         unknowns: lengths of the arguments that are local unknowns; order: for each
-        argument ("z" | "d", length), local unknown or data.
+        argument ("z" | "d", length), local unknown or data; deadline: of compilations.
         """
         value = _trace(function, unknowns, order)
         key = value.serialize()
         if key not in self.functions:
             found = kept(PARTS, _origin(value)) if self.read else None
             self.functions[key] = (
-                self._derive(value) if found is None else _term_function(*found)
+                self._derive(value, deadline)
+                if found is None
+                else _term_function(*found)
             )
         return self.functions[key]
 
-    def _derive(self, value: ca.Function) -> TermFunction:
+    def _derive(self, value: ca.Function, deadline: Deadline) -> TermFunction:
         began = time.perf_counter()
         functions = _derivatives(value)
         if self.compile:
-            functions = compiled(functions, _origin(value))
+            functions = compiled(functions, _origin(value), deadline)
         found = _term_function(*functions)
         self.derived += 1
         self.seconds += time.perf_counter() - began

@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import MotionError
-from ..nlp.problem import Problem
 from .pages import page_of
 from .reductions import SIDE_NORMAL
 
@@ -72,7 +71,7 @@ def evidence_against_planar(job, solved) -> list[Evidence]:
     """
     window, values = with_rigid_fingertips(solved), solved.solution.values
     page = page_of("quasi_static", job.shape)
-    problem = Problem(term_functions=job.kinds_of(page, window))
+    problem = job.new_problem(page, window)
     page.build(problem, window, job.scene, job.shape)
     known = {name: values[name] for name in problem.variables if name in values}
     scale = {

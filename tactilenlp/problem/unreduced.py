@@ -56,7 +56,7 @@ def unreduced(job, page, solved) -> UnreducedProblem:
     whole = replace(job.reductions, **dict.fromkeys(LEFT_OUT, False))
     more = replace(job, reductions=whole, cuts=())
     again, shape = window_of(more, (h.theta, h.x), solved.at.theta)
-    problem = Problem(term_functions=job.kinds_of(page, again))
+    problem = job.new_problem(page, again)
     page.build(problem, again, job.scene, shape)
     values, bounds, multipliers = transferred_values(solved, again, problem)
     free = rows_of(samples_of(window.free), samples_of(again.free))

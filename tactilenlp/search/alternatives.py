@@ -20,7 +20,6 @@ from functools import partial
 
 import numpy as np
 
-from ..common.deadline import out_of_time
 from ..data.sensor_noise import precise
 from ..geometry.transforms import is_planar
 from ..information.information import reduced_covariance
@@ -58,7 +57,7 @@ def with_alternatives(job, page, solved, options, start=None) -> list:
     levels = freed_levels(page.LEVELS, final=True)
 
     def competing(solved, propose) -> list:
-        if out_of_time("all alternatives"):
+        if job.deadline.passed("all alternatives"):
             return solved
         starts = propose(job, solved)
         found = multistart(job, page, starts, options, levels, known=solved)

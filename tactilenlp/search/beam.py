@@ -17,7 +17,6 @@ import numpy as np
 
 from formulations import quasi_static
 
-from ..common.deadline import ends_by, out_of_time
 from ..common.progress import progress
 from ..problem.pages import page_named
 from .hypothesis import Hypothesis, Job, distinct, same
@@ -58,7 +57,7 @@ def beam(
         if last <= done or not (job.data.contact & job.data.valid)[:last].any():
             continue
         needed = lasted + FOLLOW_TIME * (job.data.samples - done)
-        if kept and out_of_time(f"a search from action {i + 1} on", needed):
+        if kept and job.deadline.passed(f"a search from action {i + 1} on", needed):
             return [followed(job, kept[0])]
         part = replace(job, data=job.data.select(np.unique(job.data.action[:last])))
         more = 2 if i < EARLY_ACTIONS else 1
@@ -121,15 +120,14 @@ def _distributed(solve_chunk, job: Job, starts, executor, *args) -> list:
 
 
 def _rank_chunk(job: Job, kept, page) -> list[Hypothesis]:
-    """Return the hypotheses by a page's first levels, within the deadline of a job."""
+    """Return the hypotheses by a page's first levels, solved roughly."""
     page = page_named(page)
     problem, window = problem_for(job, page, (kept[0].theta, kept[0].x))
     levels, solvers = freed_levels(page.LEVELS, final=False), {}
-    with ends_by(job.deadline):
-        return [
-            solved_roughly(job, problem, window, levels, h, RANKING_TOLERANCE, solvers)
-            for h in kept
-        ]
+    return [
+        solved_roughly(job, problem, window, levels, h, RANKING_TOLERANCE, solvers)
+        for h in kept
+    ]
 
 
 def _most_promising(job: Job, starts, count: int) -> list[Hypothesis]:
@@ -150,8 +148,7 @@ def _solve_chunk(job: Job, starts) -> list[Hypothesis]:
     ]
     solvers, out = {}, []
     given = job, problem, window
-    with ends_by(job.deadline):
-        for h in starts:
-            levels = weak if h.objective > COARSE_LEVEL else weak[-1:]
-            out.append(solved_roughly(*given, levels, h, SEARCH_TOLERANCE, solvers))
+    for h in starts:
+        levels = weak if h.objective > COARSE_LEVEL else weak[-1:]
+        out.append(solved_roughly(*given, levels, h, SEARCH_TOLERANCE, solvers))
     return out

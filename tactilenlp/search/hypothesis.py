@@ -12,8 +12,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from ..common.deadline import Deadline
 from ..common.layout import ANY
 from ..geometry.transforms import is_planar, matrices
+from ..nlp.problem import Problem
 from ..problem.poses import body_corners, planar_corners
 from .margins import START_BEHIND
 
@@ -81,7 +83,7 @@ class TermFunctions(dict):
 class Job:
     """What a solve needs to know, picklable: measurements and how to read them.
 
-    data, scene, shape, precision, reductions; deadline [s] of time.monotonic();
+    data, scene, shape, precision, reductions; deadline: by which it is to end;
     functions: the caller's store of term functions, filled by the solves; first: a
     user's guesses (name, theta, x) of the first touch; cuts: samples within rest
     intervals that need a pose of their own.
@@ -92,7 +94,7 @@ class Job:
     shape: object
     precision: object
     reductions: object
-    deadline: float
+    deadline: Deadline
     functions: TermFunctions
     first: tuple = ()
     cuts: tuple = ()
@@ -110,6 +112,11 @@ class Job:
             *(window.compliant, window.central),
         )
         return self.functions.setdefault(key, {})
+
+    def new_problem(self, page, window) -> Problem:
+        """Return an empty problem for a page to fill, with the functions it shares."""
+        shared = self.kinds_of(page, window)
+        return Problem(term_functions=shared, deadline=self.deadline)
 
 
 def distinct(

@@ -16,7 +16,6 @@ import numpy as np
 from formulations.finger_offset import NAME as OFFSET
 from formulations.rigid_body import PLANAR
 
-from ..common.deadline import out_of_time
 from ..geometry.faces import touched_faces
 from ..geometry.tipping import planar_to_free
 from ..information.information import FACE_COSINE
@@ -107,7 +106,7 @@ def problem_for(job: Job, page, guess=None):
     """Return the problem that a page poses of a job's data, and the window."""
     made = required_reductions(page, job.reductions)
     window = reduce(job.data, job.scene, job.shape, job.precision, made, guess)
-    problem = Problem(term_functions=job.kinds_of(page, window))
+    problem = job.new_problem(page, window)
     page.build(problem, window, job.scene, job.shape)
     return problem, window
 
@@ -119,7 +118,7 @@ def problem_at(job, page, hypothesis):
     """
     began = time.process_time()
     window, shape = window_of(job, (hypothesis.theta, hypothesis.x))
-    problem = Problem(term_functions=job.kinds_of(page, window))
+    problem = job.new_problem(page, window)
     page.build(problem, window, job.scene, shape)
     return window, problem, time.process_time() - began
 
@@ -137,9 +136,9 @@ def start_values(problem, window, h: Hypothesis) -> dict:
 
 def settings_of(job, options) -> SolverOptions:
     """Return the solver's settings within the time that a job has left."""
-    left = min(LEVEL_TIME, max(0.1, job.deadline - time.monotonic()))
+    left = min(LEVEL_TIME, max(0.1, job.deadline.left))
     ipopt = {**IPOPT_OPTIONS[job.shape.parameters], **options.ipopt}
-    return SolverOptions(tolerance=options.tolerance, time_limit=left, ipopt=ipopt)
+    return SolverOptions(options.tolerance, left, ipopt=ipopt, deadline=job.deadline)
 
 
 # Solves from a hypothesis
@@ -147,8 +146,8 @@ def settings_of(job, options) -> SolverOptions:
 
 def solved_roughly(job, problem, window, levels, h, tolerance, solvers) -> Hypothesis:
     """Return the hypothesis that a solve of the levels makes of h."""
-    left = min(LEVEL_TIME, max(0.05, job.deadline - time.monotonic()))
-    options = SolverOptions(tolerance=tolerance, time_limit=left)
+    left = min(LEVEL_TIME, max(0.05, job.deadline.left))
+    options = SolverOptions(tolerance, left, deadline=job.deadline)
     start = start_values(problem, window, h)
     s = solve_levels(problem, levels, start, options, solvers)
     theta, x = s.values["theta"][:, 0], s.values["x"][:, window.pose]
@@ -257,7 +256,7 @@ def continued(job, page, solved: Solved, options) -> Solved | None:
     are smooth there.  A page that is extended action by action (`EXTENDS`) goes through
     all its levels, rebuilt before each.  None as well without time for it.
     """
-    if out_of_time("continuation"):
+    if job.deadline.passed("continuation"):
         return None
     if rough := getattr(page, "ROUGH", ())[-2:]:
         return solved_from(job, page, solved.at, options, levels=rough)
@@ -278,16 +277,24 @@ def _between_rebuilds(levels) -> list[list]:
 
 def _rebuilt_for(job, page, solved, groups, options) -> Solved:
     """Go on from a solve through groups of levels, the page rebuilt before each."""
-    for levels in groups:
-        if out_of_time("all levels of the page"):
-            return replace(solved, solution=unfinished(solved.solution))
-        h = with_vertices_on_hull(job.shape, solved.at)
-        window, problem, built = problem_at(job, page, h)
-        values, _, _ = transferred_values(solved, window, problem)
-        kept = {name: v for name, v in values.items() if name not in RESTARTED}
-        start = kept | start_values(problem, window, h)
-        solution = solve_levels(problem, levels, start, settings_of(job, options))
-        solution.seconds["build"] += built
-        solution = after(solved.solution, solution)
-        solved = Solved(h, problem, window, solution, job)
-    return solved
+    with job.deadline.ending("all levels of the page"):
+        for levels in groups:
+            if job.deadline.passed("all levels of the page"):
+                break
+            solved = _rebuilt(job, page, solved, levels, options)
+        else:
+            return solved
+    return replace(solved, solution=unfinished(solved.solution))
+
+
+def _rebuilt(job, page, solved, levels, options) -> Solved:
+    """Go on from a solve through levels of the page, rebuilt where it ended."""
+    h = with_vertices_on_hull(job.shape, solved.at)
+    window, problem, built = problem_at(job, page, h)
+    values, _, _ = transferred_values(solved, window, problem)
+    kept = {name: v for name, v in values.items() if name not in RESTARTED}
+    start = kept | start_values(problem, window, h)
+    solution = solve_levels(problem, levels, start, settings_of(job, options))
+    solution.seconds["build"] += built
+    solution = after(solved.solution, solution)
+    return Solved(h, problem, window, solution, job)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..common.deadline import out_of_time
+from ..common.deadline import OutOfTime
 from ..common.interrupt import interruptible
 from ..common.progress import progress
 from .hypothesis import same
@@ -22,13 +22,14 @@ def multistart(job, page, hypotheses, options, levels, known=(), solved=None) ->
 
     levels: of the page, solved in two rounds, the last one by itself; known: earlier
     solves that the new ones compete with; solved: an empty list that holds what there
-    is when Ctrl-C interrupts: results of the last level, else of the levels before.
+    is when Ctrl-C or OutOfTime interrupts: results of the last level, else of those
+    before.
     """
     solved, rough = [] if solved is None else solved, []
     try:
         with interruptible():
             _multistart(job, page, hypotheses, options, levels, known, solved, rough)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, OutOfTime):
         solved += [] if solved else rough
         raise
     return best_first(solved)
@@ -40,7 +41,7 @@ def _multistart(job, page, hypotheses, options, levels, known, solved, rough) ->
     separate = len(levels) == 1 or levels[-2].fixed or levels[-1].rebuild
     separate = separate or not job.reductions.planar
     for h in progress(hypotheses, "solve"):
-        if (known or solved or rough) and out_of_time("all hypotheses"):
+        if (known or solved or rough) and job.deadline.passed("all hypotheses"):
             break
         shared = {} if job.shape.window_depends_on_start else shared
         if separate:  # held or free poses do not come together before the last level
@@ -49,7 +50,7 @@ def _multistart(job, page, hypotheses, options, levels, known, solved, rough) ->
             rough.append(solved_from(job, page, h, options, shared, levels[:-1]))
     ends = [end for s in known for end in (s.at, s.rough) if end is not None]
     for s in sorted(rough, key=lambda s: s.at.rank):
-        if (known or solved) and out_of_time("all hypotheses"):
+        if (known or solved) and job.deadline.passed("all hypotheses"):
             break
         if any(same(job.shape, s.at, end) for end in ends):
             continue

@@ -27,7 +27,6 @@ from ..geometry.convex_hull import (
 )
 from ..geometry.transforms import directions_in_body, rotate_planar
 from ..nlp.ipopt import SolverOptions, solve_levels
-from ..nlp.problem import Problem
 from ..problem.reductions import reduce
 from ..problem.window import Rows, Window
 
@@ -147,28 +146,28 @@ def poses_of_new_action(job, faces: Faces) -> np.ndarray:
     window = reduce(job.data, job.scene, job.shape, job.precision, job.reductions)
     start, known = continued_faces(window, faces, job.data.samples), len(faces.b)
     window = of_new_action(planes_window(window, start), faces.x, known)
-    problem = Problem(term_functions=job.kinds_of(polytope_planes, window))
+    problem = job.new_problem(polytope_planes, window)
     polytope_planes.build(problem, window, job.scene, job.shape)
     plane = problem.variables["plane"]
     held = plane.first + np.arange(plane.rows * known)
     levels = [replace(level, fixed=(held,)) for level in polytope_planes.LEVELS]
-    s = solution_from(problem, window, start, levels, SEARCH_TIME)
+    s = solution_from(job, problem, window, start, levels, SEARCH_TIME)
     return s.values["x"][:, window.pose]
 
 
-def solution_from(problem, window, faces: Faces, levels, time_limit: float):
+def solution_from(job, problem, window, faces: Faces, levels, time_limit: float):
     """Return what the levels of the page find from `faces`."""
     start = {"x": faces.x[:, window.last], "plane": np.vstack([faces.n.T, faces.b])}
-    options = SolverOptions(tolerance=SEARCH_TOLERANCE, time_limit=time_limit)
+    options = SolverOptions(SEARCH_TOLERANCE, time_limit, deadline=job.deadline)
     return solve_levels(problem, levels, start, options)
 
 
 def solved_faces(job, window, faces: Faces, levels, time_limit: float) -> Faces:
     """Return the planes and poses that the page finds from `faces`."""
     window = planes_window(window, faces)
-    problem = Problem(term_functions=job.kinds_of(polytope_planes, window))
+    problem = job.new_problem(polytope_planes, window)
     polytope_planes.build(problem, window, job.scene, job.shape)
-    s = solution_from(problem, window, faces, levels, time_limit)
+    s = solution_from(job, problem, window, faces, levels, time_limit)
     m, b = s.values["plane"][:3].T, s.values["plane"][3]
     n = m / np.linalg.norm(m, axis=1, keepdims=True)
     x = s.values["x"][:, window.pose]

@@ -15,7 +15,6 @@ import numpy as np
 
 from formulations import polytope_quasi_static
 
-from ..common.deadline import out_of_time
 from ..common.interrupt import interruptible
 from ..common.progress import progress
 from ..data.contact_segments import without_outliers
@@ -31,7 +30,6 @@ from ..geometry.convex_hull import (
     vertices_behind,
 )
 from ..nlp.ipopt import SolverOptions, solve_levels
-from ..nlp.problem import Problem
 from ..problem.polytope_window import window_of
 from ..problem.reductions import reduce
 from .hypothesis import Hypothesis
@@ -160,7 +158,7 @@ def search_polytope(job, kept, so_far=None) -> list[Hypothesis]:
             for i, last in enumerate(progress(_ends(job.data), "search")):
                 if faces and last <= faces[0].x.shape[1]:
                     continue
-                if faces and out_of_time(f"a search from action {i + 1} on"):
+                if faces and job.deadline.passed(f"a search from action {i + 1} on"):
                     break
                 faces[:] = [extended_faces(job, faces[0] if faces else None, last)]
             return _fitted(job, faces[0])
@@ -175,7 +173,7 @@ def _fitted(job, faces: Faces) -> list[Hypothesis]:
     samples, found = job.data.samples, bodies_from(job, faces)
     done = np.unique(job.data.action[: faces.x.shape[1]])
     part = replace(job, data=job.data.select(done))
-    if not out_of_time("a fit of the first polytope"):
+    if not job.deadline.passed("a fit of the first polytope"):
         found = [polished(part, body) for body in found]
     rest = [np.repeat(h.x[:, -1:], samples - h.x.shape[1], axis=1) for h in found]
     return [
@@ -214,9 +212,9 @@ def bodies_from(job, faces: Faces) -> list[Hypothesis]:
 def polished(job, body: Hypothesis) -> Hypothesis:
     """Return the body with vertices and poses fitted to the measurements."""
     window, shape = window_of(job, (body.theta, body.x))
-    problem = Problem(term_functions=job.kinds_of(polytope_quasi_static, window))
+    problem = job.new_problem(polytope_quasi_static, window)
     polytope_quasi_static.build(problem, window, job.scene, shape)
-    options = SolverOptions(tolerance=SEARCH_TOLERANCE, time_limit=SEARCH_TIME)
+    options = SolverOptions(SEARCH_TOLERANCE, SEARCH_TIME, deadline=job.deadline)
     start = {"theta": body.theta.reshape(-1, 3).T, "x": body.x[:, window.last]}
     levels = [
         k.with_ipopt(max_iter=POLISH_ITERATIONS) for k in polytope_quasi_static.LEVELS

@@ -13,6 +13,7 @@ from .retraction import PARKED_MOTION
 
 MAX_SIDE = 5.0  # [m] of a box: larger values are most likely millimetres
 MAX_DEPTH = 1e-5  # [m] below the ground at first: from deeper, the body jumps up
+LONGEST = 600.0  # [s] of an action, or of rest before the first: 2.4 million steps
 ARGUMENT_RULES = {  # unit with lower bound; length: -1 a number, None any
     "side_lengths": ("m > 0", 3),
     "finger_radius": ("m > 0", None),
@@ -42,6 +43,9 @@ def path_of(trajectory, F: int) -> tuple[Callable, float, np.ndarray]:
     if not (good and (np.diff(time) > 0).all()):
         expected = "(n,) [s], finite, increasing, n >= 2"
         raise world_error("time", expected, f"shape {time.shape}", kind=OptionError)
+    if time[-1] - time[0] > LONGEST:
+        got = f"{time[-1] - time[0]:g} s"
+        raise world_error("time", f"at most {LONGEST:g} s", got, kind=OptionError)
     if position.shape != (len(time), F, 3) or not np.isfinite(position).all():
         expected, got = f"{(len(time), F, 3)} [m], finite", f"shape {position.shape}"
         raise world_error("finger_position", expected, got, kind=OptionError)
@@ -96,6 +100,8 @@ def checked_argument(name: str, value, unit: str, length: int | None = -1):
         raise world_error(
             name, f"at most {MAX_SIDE} m", value, "divide by 1000 if in mm"
         )
+    if name == "settle" and array > LONGEST:
+        raise world_error(name, f"at most {LONGEST:g} s", value)
     return array if shape else float(array)
 
 

@@ -1,0 +1,201 @@
+"""Find mistakes in a recording before it is solved: axes, signs, units, fingers, time.
+
+Every mistake is a transformation of the data, and is undone by another.  A likelihood
+ratio test compares the measurements as they are with each of the repaired ones
+(`hypotheses`), by the composite likelihood of plausibility.py:
+
+    max_h log L(T_h data) - log L(data) > log(N / alpha).
+
+Each T_h keeps volumes, so that L(T_h data) is a density of the data as well.  For
+correct data each ratio exceeds N / alpha with a probability of at most alpha / N
+(Markov's inequality), one of all N with at most alpha (Bonferroni).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, permutations, product
+
+import numpy as np
+
+from ..errors import MistakeError
+from .measurements import Measurements
+from .plausibility import jumps_of, log_likelihood
+from .scene import Scene
+from .sensor_noise import precision_of
+from .touch_events import Record
+
+# [1] alpha, the usual level: the limit is 7.9 nats for two fingers.  The bound is
+# loose: the largest gain of 155 correct recordings is 4.7 nats.
+FALSE_ALARM = 0.05
+MOST_SAMPLES = 1500  # whole actions up to these are read: enough, within 0.2 s
+SHIFTS = (*range(-10, -1), *range(2, 11))  # samples; one sample is within the latency
+RADIUS_FACTORS = (10.0, 100.0, 1000.0, 0.1, 0.01, 0.001)
+FRAME_TERMS = ("onsets", "releases", "planes", "passages")
+RADIUS_TERMS = ("planes", "passages", "overlaps", "radii")
+HOW_TO_SKIP = "Options(check_mistakes=False) solves the data as they are"
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """A mistake, and the record in which it is undone.
+
+    mistake: in a few words; where: the key; remedy: in a sentence; terms: those of the
+    likelihood that the repair changes, by default all.
+    """
+
+    mistake: str
+    where: str
+    remedy: str
+    record: Record
+    terms: Sequence[str] | None = None
+
+
+def check_mistakes(data: Measurements, scene: Scene) -> None:
+    """Raise MistakeError where a mistake explains the data much better than none.
+
+    A body without a ground moves by itself; its recordings are not checked.
+    """
+    if scene.ground is None:
+        return
+    record = record_of(data, scene)
+    found, gain, limit = most_likely(record)
+    if gain > limit:
+        raise MistakeError(
+            found.mistake, mistake=found.mistake, nats=gain, where=found.where,
+            got=f"data that are {gain:.0f} nats more likely once this is undone",
+            expected=f"at most {limit:.0f} nats", next=f"{found.remedy}; {HOW_TO_SKIP}",
+        )  # fmt: skip
+
+
+def most_likely(record: Record) -> tuple[Hypothesis, float, float]:
+    """Return the most likely mistake, its gain [nats], and the limit of a gain."""
+    given = log_likelihood(record)
+    best, most, tried = None, -np.inf, 0
+    for hypothesis in hypotheses(record):
+        tried += 1
+        terms = log_likelihood(hypothesis.record, hypothesis.terms)
+        gain = sum(terms.values()) - sum(given[name] for name in terms)
+        if gain > most:
+            best, most = hypothesis, gain
+    return best, most, float(np.log(tried / FALSE_ALARM))
+
+
+def record_of(data: Measurements, scene: Scene) -> Record:
+    """Return the first actions of the measurements as the check takes them."""
+    stop = data.samples
+    if stop > MOST_SAMPLES:  # whole actions, unless the first is longer
+        begins = np.searchsorted(data.action, data.action[MOST_SAMPLES])
+        stop = int(begins) or MOST_SAMPLES
+    rows = slice(stop)
+    precision = precision_of(data, scene)
+    return Record(
+        position=data.finger_position[rows], normal=data.normal[rows],
+        felt=(data.contact & data.valid)[rows], valid=data.valid[rows],
+        radius=data.finger_radius, action=data.action[rows], time=data.time[rows],
+        sigma_position=precision.position, sigma_normal=precision.normal,
+        up=np.array(scene.ground.normal), level=scene.ground.height,
+        slack=scene.finger_length + 2 * scene.typical_offset,
+    )  # fmt: skip
+
+
+def hypotheses(record: Record) -> Iterator[Hypothesis]:
+    """Yield every mistake that is tried: the table of this module."""
+    yield from _of_axes(record)
+    yield from _of_radius(record)
+    yield from _of_fingers(record)
+    yield from _of_time(record)
+    yield Hypothesis(
+        "contact is inverted", "contact", "give ~contact, and its normals",
+        replace(
+            record, felt=record.valid & ~record.felt,
+            normal=np.zeros_like(record.normal),
+        ),
+    )  # fmt: skip
+
+
+def _of_axes(record: Record) -> Iterator[Hypothesis]:
+    """Yield all 47 changes of axes and signs, of normals and of positions."""
+    turns = [
+        np.diag(signs)[list(order)]
+        for order, signs in product(permutations(range(3)), product((1, -1), repeat=3))
+    ]
+    turns = [Q for Q in turns if not np.array_equal(Q, np.eye(3))]
+    for Q in sorted(turns, key=lambda Q: not np.array_equal(Q, -np.eye(3))):
+        mistake = "the axes of normals and positions differ"
+        fix = f"give normals {_axes(Q)}, or positions {_axes(Q.T)} if those are wrong"
+        if np.array_equal(Q, -np.eye(3)):
+            mistake = "normals point into the object"
+            fix = "give -normal: it points from the object to the finger"
+        turned = record.with_same_touches(normal=record.normal @ Q.T)
+        yield Hypothesis(mistake, "normal", fix, turned, FRAME_TERMS)
+    for Q in turns:
+        turned = record.with_same_touches(position=record.position @ Q.T)
+        mistake = "the axes of positions are swapped or mirrored"
+        fix = f"give positions {_axes(Q)}"
+        terms = (*FRAME_TERMS, "heights")
+        yield Hypothesis(mistake, "finger_position", fix, turned, terms)
+
+
+def _axes(Q: np.ndarray) -> str:
+    """Return a signed permutation in words, such as (y, -x, z)."""
+    at, sign = abs(Q).argmax(axis=1), Q.sum(axis=1)
+    names = ["-xyz"[0 : int(s < 0)] + "xyz"[i] for i, s in zip(at, sign, strict=True)]
+    return f"({', '.join(names)})"
+
+
+def _of_radius(record: Record) -> Iterator[Hypothesis]:
+    for factor in RADIUS_FACTORS:
+        resized = record.with_same_touches(radius=record.radius * factor)
+        mistake = "the radius is in the wrong unit"
+        fix = f"multiply it by {factor:g}: it is in metres"
+        yield Hypothesis(mistake, "finger_radius", fix, resized, RADIUS_TERMS)
+
+
+def _of_fingers(record: Record) -> Iterator[Hypothesis]:
+    """Yield every pair of fingers swapped, in position or in what they feel."""
+    fingers = len(record.radius)
+    for f, g in combinations(range(fingers), 2):
+        order = np.arange(fingers)
+        order[[f, g]] = g, f
+        mistake, fix = f"fingers {f} and {g} are swapped", "swap their columns"
+        moved = replace(record, position=record.position[:, order])
+        where, fix = "finger_position", f"{fix} of finger_position, or of all others"
+        yield Hypothesis(mistake, where, fix, moved)
+        felt = record.felt[:, order] & record.valid
+        moved = replace(record, felt=felt, normal=record.normal[:, order])
+        yield Hypothesis(mistake, "contact", fix, moved)
+
+
+def _of_time(record: Record) -> Iterator[Hypothesis]:
+    """Yield what a finger feels shifted against where it is, and jumps of its path."""
+    first, last = record.bounds
+    rows = np.arange(len(first))
+    jumped = jumps_of(record)
+    for f in range(len(record.radius)):
+        for shift in SHIFTS:
+            source = np.clip(rows - shift, first, last)
+            late = "early" if shift > 0 else "late"
+            moved = {}
+            for key in ("felt", "valid", "normal"):
+                moved[key] = getattr(record, key).copy()
+                moved[key][:, f] = moved[key][source, f]
+            yield Hypothesis(
+                f"what finger {f} feels is {abs(shift)} samples too {late}", "contact",
+                "give position, contact and normal of a finger at the same times",
+                replace(record, **moved),
+            )  # fmt: skip
+        if jumped[f]:
+            yield Hypothesis(
+                f"finger {f} jumps within actions", "finger_position",
+                "check that its samples have the time and action of the other fingers",
+                _without_jumps(record, f), ("jumps",),
+            )  # fmt: skip
+
+
+def _without_jumps(record: Record, f: int) -> Record:
+    """Return the record with finger f at rest."""
+    p = record.position.copy()
+    p[:, f] = p[0, f]
+    return replace(record, position=p)

@@ -1,0 +1,149 @@
+"""A recording with a common mistake is refused before it is solved, and named."""
+
+import pickle
+
+import numpy as np
+import pytest
+from conftest import RECORDED
+
+from tactilenlp import Ground, Measurements, Options, Scene, solve_estimate
+from tactilenlp.data import mistakes
+from tactilenlp.data.mistakes import check_mistakes, most_likely, record_of
+from tactilenlp.errors import MeasurementError, MistakeError, OptionError
+
+
+@pytest.fixture(scope="module")
+def data():
+    return Measurements.load(RECORDED)
+
+
+def changed(data, **arrays):
+    return Measurements(**data._arrays() | arrays)
+
+
+def later(array, f, shift):
+    """Return an array whose column f is so many samples later in the whole record."""
+    moved = array.copy()
+    moved[:, f] = np.roll(array[:, f], shift, axis=0)
+    return moved
+
+
+def inverted(data):
+    """Return measurements with contact inverted, all normals up."""
+    contact = ~data.contact & data.valid
+    return changed(
+        data, contact=contact, normal=np.where(contact[..., None], [0, 0, 1.0], 0)
+    )
+
+
+MISTAKES = {  # measurements -> measurements, and what the message says
+    "point into the object": lambda d: changed(d, normal=-d.normal),
+    "normals (y, x, z)": lambda d: changed(d, normal=d.normal[..., [1, 0, 2]]),
+    "normals (-x, y, z)": lambda d: changed(d, normal=d.normal * [-1, 1, 1]),
+    "normals (z, x, y)": lambda d: changed(d, normal=d.normal[..., [1, 2, 0]]),
+    "positions (y, x, z)": lambda d: changed(
+        d, finger_position=d.finger_position[..., [1, 0, 2]]
+    ),
+    "give positions (x, y, -z)": lambda d: changed(
+        d, finger_position=d.finger_position * [1, 1, -1]
+    ),
+    "multiply it by 0.1": lambda d: changed(d, finger_radius=10 * d.finger_radius),
+    "multiply it by 100": lambda d: changed(d, finger_radius=d.finger_radius / 100),
+    "fingers 0 and 1 are swapped": lambda d: changed(
+        d, finger_position=d.finger_position[:, ::-1]
+    ),
+    "contact is inverted": inverted,
+    "finger 0 feels is 5 samples too late": lambda d: changed(
+        d, contact=later(d.contact, 0, 5), normal=later(d.normal, 0, 5)
+    ),
+    "finger 1 jumps": lambda d: changed(
+        d, **{k: later(getattr(d, k), 1, 5) for k in ("contact", "normal")},
+        finger_position=later(d.finger_position, 1, 5),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("words", MISTAKES)
+def test_a_mistake_is_named_before_the_solve(data, words):
+    with pytest.raises(MistakeError) as caught:
+        solve_estimate(MISTAKES[words](data))
+    assert words in str(caught.value)
+    assert caught.value.nats > 0
+    assert "check_mistakes=False" in str(caught.value)
+    assert isinstance(pickle.loads(pickle.dumps(caught.value)), MeasurementError)
+
+
+def test_a_correct_recording_is_not_refused_clean_or_noisy(data, scenes):
+    check_mistakes(data, Scene())
+    for name in ("cuboid_02", "stress_single_finger", "stress_tumble_tall"):
+        for kind in ("", "_noisy"):
+            found = Measurements.load(scenes / f"{name}{kind}.npz")
+            _, gain, limit = most_likely(record_of(found, Scene()))
+            assert gain < 0.6 * limit
+
+
+def test_swapped_fingers_are_found_in_what_they_feel(data):
+    touch = {"contact": data.contact[:, ::-1], "normal": data.normal[:, ::-1]}
+    with pytest.raises(MistakeError, match="fingers 0 and 1 are swapped"):
+        check_mistakes(changed(data, **touch), Scene())
+
+
+def test_what_is_mirrored_as_a_whole_is_not_told(data):
+    # Mirrored positions and normals are those of a mirrored world.
+    flip = [-1.0, 1, 1]
+    both = changed(
+        data, finger_position=data.finger_position * flip, normal=data.normal * flip
+    )
+    given, mirrored = (most_likely(record_of(d, Scene())) for d in (data, both))
+    assert mirrored[1] == pytest.approx(given[1])
+
+
+def test_a_tilted_ground_changes_nothing(data):
+    angle = 0.3
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+    ground = Ground(height=0.0, normal=tuple(turn @ [0, 0, 1]))
+    _, gain, limit = most_likely(
+        record_of(data.transformed(turn, np.zeros(3)), Scene(ground=ground))
+    )
+    assert gain < limit
+
+
+def test_whoever_knows_better_switches_the_check_off(data):
+    wrong = MISTAKES["point into the object"](data)
+    high = Scene(ground=Ground(height=1.0))  # so that the next check refuses
+    with pytest.raises(MeasurementError, match="below"):
+        solve_estimate(wrong, high, options=Options(check_mistakes=False))
+    with pytest.raises(OptionError, match="check_mistakes"):
+        Options(check_mistakes="no")
+
+
+def test_normals_where_nothing_touches_say_that_contact_is_inverted(data):
+    with pytest.raises(MeasurementError, match="give ~contact"):
+        changed(data, contact=~data.contact)
+
+
+def test_the_work_is_bounded(data, monkeypatch):
+    # 47 changes of axes, twice; six units; two swaps; two fingers by 18 shifts; no
+    # contact inverted: 139 likelihoods of at most MOST_SAMPLES samples.
+    work = []
+
+    def counted(record, terms=None):
+        work.append(len(record.action))
+        return likelihood(record, terms)
+
+    likelihood = mistakes.log_likelihood
+    monkeypatch.setattr(mistakes, "log_likelihood", counted)
+    monkeypatch.setattr(mistakes, "MOST_SAMPLES", 300)
+    long = data
+    while long.samples <= 2 * mistakes.MOST_SAMPLES:
+        again = changed(data, time=data.time + long.time[-1] + 1.0)
+        long = long.append(again)
+    check_mistakes(long, Scene())
+    assert len(work) <= 1 + 2 * 47 + 6 + 2 + 2 * 18 + 1 + 2
+    assert max(work) <= mistakes.MOST_SAMPLES
+
+
+def test_a_body_without_a_ground_is_not_checked(data):
+    wrong = MISTAKES["point into the object"](data)
+    check_mistakes(wrong, Scene(ground=None))
