@@ -15,7 +15,6 @@ from tactilenlp.common.deadline import NEVER
 from tactilenlp.estimation import incremental_polytope as hull_update
 from tactilenlp.estimation.options import Options
 from tactilenlp.estimation.request import make_job
-from tactilenlp.search.alternatives import jump_threshold
 from tactilenlp.search.hypothesis import Hypothesis
 from tactilenlp.search.local_solve import Solved, best_first
 from tactilenlp.search.margins import UNTOUCHED_FACE
@@ -94,7 +93,7 @@ def test_the_past_is_posed_again_as_it_was_solved(octahedron, early):
     assert not hull_update.implausible(past)
     x = past.solution.values["x"].copy()
     second = past.job.data.action[past.window.last] == early.measurements.action[-1]
-    x[0, second] += 2 * jump_threshold(past.job.precision)
+    x[0, second] += 2 * hull_update.jump_threshold(past.job.precision)
     values = {**past.solution.values, "x": x}
     assert hull_update.implausible(
         replace(past, solution=replace(past.solution, values=values))

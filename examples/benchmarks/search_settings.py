@@ -1,4 +1,4 @@
-"""Measure the effect of the search settings: beam width, starts, tolerance.
+"""Measure the effect of the search settings: hypotheses, starts, tolerance.
 
     python examples/benchmarks/search_settings.py ../shared/scenes/cuboid_0*.npz
         ../shared/scenes/platonic_*_0.npz [--actions 6] [--out benchmark]
@@ -31,8 +31,8 @@ from tactilenlp.errors import TactileError
 
 SETTINGS = {  # name -> options
     "default": {},
-    "beam 1": {"hypotheses": 1}, "beam 2": {"hypotheses": 2},
-    "beam 8": {"hypotheses": 8},
+    "hypotheses 1": {"hypotheses": 1}, "hypotheses 2": {"hypotheses": 2},
+    "hypotheses 8": {"hypotheses": 8},
     "starts 2": {"starts": 2}, "starts 4": {"starts": 4}, "starts 16": {"starts": 16},
     "lean": {"hypotheses": 1, "starts": 2, "rivals": False},
     "no rivals": {"rivals": False},

@@ -15,7 +15,7 @@ from scipy.optimize import nnls
 
 from formulations import polytope_extension as extension
 
-from ..geometry.transforms import planar_matrix
+from ..geometry.transforms import is_planar, planar_matrix
 from ..information.measurement_noise import touches
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
@@ -26,7 +26,6 @@ from ..problem.polytope_window import PolytopeWindow, window_of
 from ..problem.reductions import ARM, Reductions, coasts
 from ..problem.unreduced import corners_of, rows_of, samples_of
 from ..problem.window import Corners
-from ..search.alternatives import jump_threshold, jumps
 from ..search.hypothesis import Hypothesis, Job
 from ..search.local_solve import (
     Solved,
@@ -49,6 +48,8 @@ from .result import Estimate, solution_of
 
 log = logging.getLogger("tactilenlp")
 UPDATE_MU = 1e-3  # IPOPT's mu_init where all but one action is known
+MIN_JUMP = 1e-3  # [m] of a jump between actions that is wrong
+JUMP_NOISE = 3.0  # [position noise] a jump beyond this is not measurement noise
 MIN_INFORMATION = 1.0  # [1 / m^2] about any direction
 
 
@@ -149,6 +150,27 @@ def implausible(solved: Solved) -> bool:
         solved.job.scene
     )
     return jumped or unexplained_touches(solved) > 0
+
+
+def jumps(data, x) -> np.ndarray:
+    """Return the jumps (actions - 1,) [m] of a body at poses x between actions.
+
+    Along the ground; in planar motion a radian of turn counts as ARM.
+    """
+    first = action_starts(data)
+    jump = x[:, first] - x[:, first - 1]
+    turn = ARM * jump[2] if is_planar(x) else 0.0
+    return np.hypot(np.linalg.norm(jump[:2], axis=0), turn)
+
+
+def jump_threshold(precision) -> float:
+    """Return the longest jump [m] that measurement noise may explain."""
+    return max(MIN_JUMP, JUMP_NOISE * precision.position)
+
+
+def action_starts(data) -> np.ndarray:
+    """Return the first sample (actions - 1,) of every action but the first one."""
+    return 1 + np.nonzero(np.diff(data.action))[0]
 
 
 def unexplained_touches(solved: Solved) -> int:

@@ -22,7 +22,7 @@ from ..search.hypothesis import TermFunctions
 
 MOST = 1_000_000  # [-] hypotheses or starts
 # (hypotheses, starts) for noisy, for precise sensors
-NOISY_WIDTHS, PRECISE_WIDTHS = (4, 8), (2, 3)
+NOISY_WIDTHS, PRECISE_WIDTHS = (4, 8), (2, 4)
 
 
 @typed_call()
@@ -31,7 +31,7 @@ class Options:
     """How to estimate.
 
     reduce: True, False, a Reductions, or names of reductions to switch off; hypotheses:
-    kept from action to action [-]; starts: solved per action [-]; both by default as
+    kept for an update [-]; starts: of the page, per estimate [-]; both by default as
     many as the sensors' noise leaves open (NOISY_WIDTHS, PRECISE_WIDTHS); tolerance: of
     the last solve [-]; time_limit [s]: of all, compilation included, kept within 10 %
     or 1 s: actions not searched are extrapolated, and the status says what was left

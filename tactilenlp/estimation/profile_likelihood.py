@@ -31,7 +31,6 @@ from ..information.measurement_noise import KNOWN_FACE
 from ..information.tangent_space import final_unknowns
 from ..nlp.ipopt import solve_levels
 from ..nlp.kkt_sensitivity import kkt_system_of
-from ..search.alternatives import resized
 from ..search.hypothesis import Hypothesis
 from ..search.local_solve import RANKING_TOLERANCE, settings_of, start_values
 from ..search.margins import BETTER_OPTIMUM, ONE_SIGMA, PROFILE_RISE
@@ -181,3 +180,19 @@ def _constrained(job, page, solved, options, shared, chosen, axis, pull, touched
     if max(found.violations.values(), default=0.0) > RANKING_TOLERANCE:
         return None
     return replace(solved, solution=found).at if found.success or cheap else None
+
+
+def resized(hypothesis, axis: int, size: float, touched):
+    """Return a planar hypothesis of another size [m], its touched face kept in place.
+
+    touched (2,): samples on the face at the lower and at the upper end of the axis.
+    A change of the height (axis 2) does not change a planar pose.
+    """
+    theta, x = hypothesis.theta.copy(), hypothesis.x.copy()
+    low, high = np.asarray(touched) >= KNOWN_FACE
+    way = (size - theta[axis]) / 2 * (int(low) - int(high))
+    theta[axis] = size
+    if axis < 2:
+        turn = x[2] + axis * np.pi / 2
+        x[:2] += way * np.array([np.cos(turn), np.sin(turn)])
+    return replace(hypothesis, theta=theta, x=x)

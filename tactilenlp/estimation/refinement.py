@@ -12,7 +12,6 @@ from dataclasses import replace
 from ..geometry.transforms import is_planar
 from ..problem.certificates import planar_certificate
 from ..problem.reductions import Reductions, required_reductions
-from ..search.alternatives import still_explained, with_alternatives
 from ..search.hypothesis import distinct
 from ..search.local_solve import (
     RESTART_MU,
@@ -23,7 +22,7 @@ from ..search.local_solve import (
     settings_of,
     solved_from,
 )
-from ..search.margins import CLOSE_OPTIMUM, LEAST_MOTION_BEHIND, RAN_AWAY
+from ..search.margins import CLOSE_OPTIMUM, LEAST_MOTION_BEHIND, RAN_AWAY, UNCHANGED
 from ..search.multistart import multistart
 from .incremental_polytope import repaired
 
@@ -47,10 +46,7 @@ def refined(job, page, kept, options, solved, start=None) -> list[Solved]:
         if not sized or planar_certificate(flat, page, found[0]).holds:
             return _in_free_motion(job, page, found[: job.shape.hypotheses], options)
     start = start if sized else None
-    found = _multistart(job, page, kept, options, solved, start)
-    if options.rivals and sized:
-        found = with_alternatives(job, page, found, options, start)
-    return found
+    return _multistart(job, page, kept, options, solved, start)
 
 
 def _in_free_motion(job, page, slid, options) -> list[Solved]:
@@ -85,3 +81,12 @@ def _multistart(job, page, kept, options, solved, start) -> list[Solved]:
         # Slower: the page's own levels, which hold poses first.
         good = [*good, solved_from(job, page, solved[0].hypothesis, options)]
     return best_first(good or solved)
+
+
+def still_explained(best, start) -> bool:
+    """Tell whether the path of an earlier estimate explains the new data as well.
+
+    More data never cost less: where the objective has not risen nothing can be gained.
+    """
+    risen = best.solution.objective > start.objective + UNCHANGED
+    return best.solution.success and not risen

@@ -13,15 +13,17 @@ from formulations.shape import Shape
 
 from ..common.deadline import Deadline
 from ..common.interrupt import interruptible
+from ..common.validation import check_types
 from ..data.scene import Scene
-from ..errors import MotionError
+from ..errors import MotionError, OptionError
+from ..nlp.problem import Problem
 from ..nlp.solution import check_finite, not_converged
 from ..problem.outliers import check_explained
 from ..problem.reductions import Reductions
-from ..search.beam import beam
-from ..search.hypothesis import Hypothesis, Job, distinct, same
-from ..search.local_solve import Solved, best_first
+from ..search.hypothesis import Hypothesis, Job, distinct
+from ..search.local_solve import Solved, best_first, problem_at, problem_for
 from ..search.margins import LEAST_MOTION_BEHIND
+from ..search.multi_hypothesis import search_boxes
 from ..search.polytope_init import search_polytope
 from ..search.proposals_floating import (
     in_free_motion,
@@ -88,6 +90,34 @@ def solve_estimate(
     if throw:
         _raise_unless_good(estimate, best)
     return estimate
+
+
+def problem_of(
+    data, scene: Scene | None = None, formulation="violation_implicit",
+    *, shape="cuboid", options: Options | None = None, at=None,
+) -> Problem:  # fmt: skip
+    """Return the problem that a page poses of measurements, built and not solved.
+
+    Arguments as of solve_estimate.  at: an Estimate of these measurements, of which the
+    problem is built again, with its reductions; a hull needs it, as which vertices a
+    contact reads depends on where it is solved from.  `describe()` lists its terms, `check()` compares its
+    derivatives with finite differences, `nlp.ipopt.solve` solves it from any start.
+    Raises what solve_estimate raises before it solves.
+    """
+    request, _ = read_request(
+        data, scene, shape, formulation, options, None, None, Session()
+    )
+    job, page = request.job, request.page
+    if at is not None:
+        check_types(at=(at, Estimate))
+        solved = replace(job, reductions=Reductions(**at.reductions), cuts=at.cuts)
+        return problem_at(solved, page, at.origin)[1]
+    if job.shape.window_depends_on_start:
+        raise OptionError(
+            "its problem depends on where it is solved from", where="at",
+            got=job.shape.name, expected="an Estimate of these measurements",
+        )  # fmt: skip
+    return problem_for(job, page)[0]
 
 
 def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
@@ -183,10 +213,17 @@ def _searched(request: Request, kept) -> tuple[list[Hypothesis], list[Hypothesis
 
 
 def _search_sizes(request: Request, job, plane, kept) -> list[Hypothesis]:
-    """Return hypotheses of a shape with sizes: beam search over actions."""
-    job = replace(job, first=first_guess(request.start, job.shape))
-    page = request.page if plane is None else None
-    return beam(job, kept, *request.widths, request.executor, page, so_far=kept)
+    """Return hypotheses of a shape with sizes: multi-hypothesis tracking.
+
+    What another page found, or a search that was interrupted, is no posterior of this
+    page: all actions are tracked again.
+    """
+    start, starts = request.start, request.widths[1]
+    job = replace(job, first=first_guess(start, job.shape))
+    if isinstance(start, Estimate) and start.formulation != name_of(request.page):
+        kept[:] = []
+    kept[:] = search_boxes(job, kept, starts, request.executor, so_far=kept)
+    return kept
 
 
 def _search_vertices(request: Request, job, plane, kept) -> list[Hypothesis]:
@@ -221,10 +258,9 @@ def _raise_unless_good(estimate, solved) -> None:
 
 
 def _carried_on(job, solved, kept, width: int) -> list[Hypothesis]:
-    """Return the hypotheses for the next action, those of the page first."""
+    """Return the hypotheses for the next action: the distinct optima of the page."""
     if job.shape.hypotheses is not None:
         return [s.at for s in solved[: job.shape.hypotheses]]
-    refined = [s.at for s in solved] if job.reductions.planar else []
-    refined = distinct(job.shape, refined, width, LEAST_MOTION_BEHIND)
-    rest = [h for h in kept if not any(same(job.shape, h, k) for k in refined)]
-    return [*refined, *rest][:width]
+    if not job.reductions.planar:
+        return kept[:width]
+    return distinct(job.shape, [s.at for s in solved], width, LEAST_MOTION_BEHIND)

@@ -1,11 +1,12 @@
 """Search: where a local solve should start, over shapes and trajectories.
 
 In: a `Job` (measurements, scene, shape, reductions).  Out: hypotheses, best first, each
-a shape and a trajectory.  Multi-hypothesis search from action to action with an
-extended Kalman filter, local solves of a cheap page, then multistart of the page.
+a shape and a trajectory.  Boxes: multi-hypothesis tracking, then multistart.
 
 - `hypothesis`, `margins`: what is compared, by body and by objective
-- `kalman_filter`, `proposals`, `proposals_tumble`, `proposals_floating`: starts
-- `local_solve`, `beam`, `multistart`, `alternatives`: solve, rank, select
+- `multi_hypothesis`: the search for boxes, of `proposals`, `tracking`, `pushing`,
+  `box_contact`, `smoother`, `least_motion`
+- `proposals_tumble`, `proposals_floating`: bodies that fall, bodies that float
+- `local_solve`, `multistart`: the page solved from starts
 - `plane_slam`, `polytope_init`: planes and poses of a polytope, then its vertices
 """

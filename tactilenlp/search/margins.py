@@ -10,12 +10,9 @@ from __future__ import annotations
 # Dropped if this far behind the best:
 START_BEHIND = 60.0  # a start or a hypothesis, where problems are solved roughly
 LEAST_MOTION_BEHIND = 15.0  # before a page with physics is solved
-PHYSICS_BEHIND = 30.0  # after the first levels of that page
 FAILED_BEHIND = 100.0  # after first levels that stopped early
 
 # What an objective says of a solve:
-COARSE_LEVEL = 40.0  # a start that costs less skips the coarse level
-EXPLAINED = 0.8  # an action: precise measurements cost no more on a right path
 RAN_AWAY = 40.0  # an action, more than least motion: freed poses went astray
 UNCHANGED = 0.5  # more data that add less leave the optimum as it was
 RESTORED = 1.0  # what a reduction dropped may add when it is restored

@@ -21,15 +21,16 @@ from ..geometry.transforms import carried, continuous, matrices, rotate_planar
 from ..nlp.problem import Problem
 from ..problem.outliers import side_tilt
 from ..problem.reductions import SIDE_NORMAL, Reductions, reduce
-from .beam import beam
 from .hypothesis import Hypothesis, distinct
 from .local_solve import start_values
-from .proposals import BELOW_TOP, extensions
+from .multi_hypothesis import search_boxes, tracked_paths
+from .proposals import BELOW_TOP
 
 TIPPING_TILT = np.radians(2)  # a side normal that rises further shows tipping
 DEPTH_SHARES = (1.0, 2 / 3)  # [-] of the proposed depth: the edge is not observed
 # Which of the two horizontal sides are taken from before the tumble:
 KNOWN_SIDES = tuple(np.array(k, bool) for k in ((0, 0), (0, 1), (1, 0), (1, 1)))
+TRACKS = 30  # continued by a tumble
 MAX_TUMBLES = 100  # proposals that are continued, the likeliest first
 
 
@@ -101,7 +102,7 @@ def tumbled(job, kept) -> list[Tumble]:
     kept: planar hypotheses of the actions before, none if it is the first.
     """
     out = []
-    for h in extensions(job, kept):
+    for h in tracked_paths(job, kept, TRACKS):
         h = _raised(job, h)
         start, tipped = _tipped(job, h)
         for share, tip in _tips_to_try(tipped) if tipped is not None else ():
@@ -157,7 +158,7 @@ def recovered(job, evidence, width: int, solves: int, executor=None):
         kept = []
         if len(before):
             part = replace(job, data=job.data.select(before))
-            kept = beam(part, [], width, solves, executor)
+            kept = search_boxes(part, (), solves, executor)
         part = replace(job, data=job.data.select(until))
         tumbles = _likeliest(part, tumbled(part, kept))
         if tumbles:
@@ -181,7 +182,7 @@ def continued(job, tumbles, width: int, solves: int, executor=None):
     touched = np.append(data.action[felt], data.action[-1] + 1)
     rest = int(np.searchsorted(data.action, touched[0]))
     lying = [t.lying(rest) for t in tumbles]
-    later = beam(part, lying, width, solves, executor)
+    later = search_boxes(part, lying, solves, executor)
     alone = rest == data.samples  # nothing was felt later: each lies as it fell
     pairs = zip(lying, tumbles, strict=True) if alone else product(later, tumbles)
     joined = [t.joined(h, known) for h, t in pairs for known in KNOWN_SIDES]

@@ -1,0 +1,244 @@
+"""Measure the search: objective reached on each recording, and what it costs.
+
+    python examples/benchmarks/search.py ../shared/scenes/cuboid_*.npz [--actions 6 2]
+    ... --against de9af66 (a commit, or the folder of a checkout) [--keep] [--out FILE]
+
+Each estimate is solved from scratch.  `above` is its lowest objective less the best
+known one of this recording, kept in results/best_objectives.csv over all searches;
+--keep lowers the entries there that a converged estimate undercuts.  `mm`: mean exact
+surface distance at the last sample.  CPU seconds exclude the derivation of term
+functions: an estimate that derives some is repeated.  With --against, both trees solve
+each recording in turn, each in one process that stays.
+"""
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = "1"  # of every library, before numpy is imported
+
+import argparse
+import csv
+import json
+import subprocess
+import sys
+import tempfile
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+BEST = Path(__file__).with_name("results") / "best_objectives.csv"
+REACHED, FAR = 0.5, 5.0  # [nats] above the best known: reached; far off
+COLUMNS = ("objective", "above", "cpu_s", "solves", "iterations", "mm")
+
+
+@contextmanager
+def counted():
+    """Count within a block: yields [solves, iterations, least objective of the page].
+
+    The estimate is the most probable optimum, which need not be the lowest one.
+    """
+    from tactilenlp.estimation import solver
+    from tactilenlp.nlp import ipopt
+
+    counts, solve, refined = [0, 0, np.inf], ipopt.solve, solver.refined
+
+    def counting(*args, **options):
+        solution = solve(*args, **options)
+        counts[0] += 1
+        counts[1] += solution.iterations
+        return solution
+
+    def noting(*args, **options):
+        found = refined(*args, **options)
+        good = [s.solution.objective for s in found if s.solution.success]
+        counts[2] = min([counts[2], *good])
+        return found
+
+    ipopt.solve, solver.refined = counting, noting
+    try:
+        yield counts
+    finally:
+        ipopt.solve, solver.refined = solve, refined
+
+
+def measure(file: str, actions: int) -> dict:
+    """Return the row of one recording with the package that is imported."""
+    from regress import true_mesh
+
+    from tactilenlp import Measurements, Scene, solve_estimate, surface_distance
+    from tactilenlp.nlp.term_functions import default_cache
+
+    with np.load(file) as stored:
+        truth = {key: stored[key] for key in stored.files}
+    data, scene = Measurements.load(file), Scene.load(file)
+    data = data.select(np.unique(data.action)[:actions])
+    shape = "cuboid" if "side_lengths" in truth else "polytope"
+    derived = None
+    while derived != default_cache().derived:
+        derived, began = default_cache().derived, process_time()
+        with counted() as counts:
+            found = solve_estimate(data, scene, shape=shape, throw=False)
+        seconds = process_time() - began
+    for key in ("object_position", "object_quaternion"):
+        truth[key] = truth[key][: data.samples]
+    return {
+        "recording": Path(file).stem, "actions": data.actions,
+        "objective": min(found.objective, counts[2]), "success": bool(found.success),
+        "cpu_s": seconds, "solves": counts[0], "iterations": counts[1],
+        "mm": 1e3 * surface_distance(found.mesh(), true_mesh(truth)).mean,
+        "sizes_mm": [round(1e3 * s, 2) for s in found.theta] if shape == "cuboid"
+        else [],
+        "models": [s.name for s in found.skipped],
+    }  # fmt: skip
+
+
+def serve() -> None:
+    """Measure what standard input asks for, a line each: [file, actions]."""
+    for line in sys.stdin:
+        try:
+            row = measure(*json.loads(line))
+        except Exception as error:  # of whatever kind: it counts as not converged
+            row = {"error": f"{type(error).__name__}: {error}"}
+        print("row", json.dumps(row, default=float), flush=True)
+
+
+@contextmanager
+def worker(tree: Path):
+    """Start a process that measures with the package of a tree: yields ask(*case)."""
+    environment = {**os.environ, "PYTHONPATH": str(tree), "TQDM_DISABLE": "1"}
+    process = subprocess.Popen(
+        [sys.executable, __file__, "--serve"], env=environment, cwd=tree, text=True,
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+    )  # fmt: skip
+
+    def ask(file, actions) -> dict:
+        process.stdin.write(json.dumps([file, actions]) + "\n")
+        process.stdin.flush()
+        for line in process.stdout:
+            if line.startswith("row "):
+                return json.loads(line[4:])
+        raise RuntimeError(f"the process of {tree} has ended")
+
+    with process:
+        yield ask
+        process.stdin.close()
+
+
+@contextmanager
+def tree_of(against: str):
+    """Yield the folder of a tree: that of a checkout, or a commit checked out anew."""
+    if Path(against).is_dir():
+        yield Path(against).resolve()
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        git = ["git", "-C", str(ROOT), "worktree"]
+        add = [*git, "add", "--detach", folder, against]
+        subprocess.run(add, check=True, capture_output=True)
+        try:
+            yield Path(folder)
+        finally:
+            subprocess.run([*git, "remove", "--force", folder], check=True)
+
+
+def best_known() -> dict[tuple, float]:
+    """Return the best objective ever found by (recording, actions)."""
+    if not BEST.exists():
+        return {}
+    with open(BEST, newline="", encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    return {(r["recording"], int(r["actions"])): float(r["objective"]) for r in rows}
+
+
+def keep(best: dict) -> None:
+    """Write the best objectives, sorted by recording and number of actions."""
+    with open(BEST, "w", newline="", encoding="utf-8") as stream:
+        table = csv.writer(stream)
+        table.writerow(["recording", "actions", "objective"])
+        table.writerows([*key, f"{value:.4f}"] for key, value in sorted(best.items()))
+
+
+def judge(rows, best) -> dict:
+    """Set `above` of every row; return the best objectives with those of the rows."""
+    best = dict(best)
+    for row in (r for r in rows if r.get("success")):
+        key = row["recording"], row["actions"]
+        best[key] = min(best.get(key, np.inf), row["objective"])
+    for row in (r for r in rows if "objective" in r):
+        row["above"] = (
+            row["objective"] - best[row["recording"], row["actions"]]
+            if (row["recording"], row["actions"]) in best
+            else np.inf
+        )
+    return best
+
+
+def summary(rows, name: str) -> str:
+    """Return one line on the rows of a tree."""
+    good = [r for r in rows if r.get("success")]
+    if not good:
+        return f"{name}: nothing converged"
+    above = np.array([r["above"] for r in good])
+    cpu, mm = (np.array([r[key] for r in good]) for key in ("cpu_s", "mm"))
+    solves = np.median([r["solves"] for r in good])
+    return (
+        f"{name}: {len(good)} of {len(rows)} converged, "
+        f"{np.sum(above <= REACHED)} within {REACHED} nats, "
+        f"{np.sum(above > FAR)} above {FAR:.0f}; CPU median {np.median(cpu):.2f}, "
+        f"worst {cpu.max():.2f} s, sum {cpu.sum():.1f} s; {solves:.0f} solves; "
+        f"mm median {np.median(mm):.3f}, 90 % {np.quantile(mm, 0.9):.3f}, "
+        f"worst {mm.max():.3f}"
+    )
+
+
+def line_of(row) -> str:
+    """Return the line of one row."""
+    if "error" in row:
+        return f"  {row['error']}"
+    cells = " ".join(f"{name} {row[name]:.3f}" for name in COLUMNS if name in row)
+    return f"  {row['recording']} {row['actions']}: {cells} {row['sizes_mm']}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("files", nargs="*")
+    parser.add_argument("--actions", type=int, nargs="+", default=[100])
+    parser.add_argument("--against", help="a commit, or the folder of a checkout")
+    parser.add_argument("--keep", action="store_true")
+    parser.add_argument("--out", type=Path, help="JSON of all rows")
+    parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.serve:
+        serve()
+        return
+    found, best = {"here": []}, best_known()
+    with ExitStack() as stack:
+        trees = {"here": ROOT}
+        if arguments.against:
+            trees["there"] = stack.enter_context(tree_of(arguments.against))
+            found["there"] = []
+        workers = {n: stack.enter_context(worker(t)) for n, t in trees.items()}
+        for file in arguments.files:
+            for actions in arguments.actions:
+                for name, ask in workers.items():
+                    row = ask(str(Path(file).resolve()), actions)
+                    found[name].append(row)
+                best = judge([row for rows in found.values() for row in rows], best)
+                for name, rows in found.items():
+                    print(f"{name:6}", line_of(rows[-1]), flush=True)
+    if arguments.keep:
+        keep(best)
+    if arguments.out:
+        arguments.out.write_text(json.dumps(found))
+    for name, rows in found.items():
+        print(summary(rows, name))
+    if arguments.against:
+        pairs = zip(found["here"], found["there"], strict=True)
+        seconds = [[row.get("cpu_s", np.nan) for row in pair] for pair in pairs]
+        ratios = [a / b for a, b in seconds if np.isfinite(a * b)]
+        print(f"paired ratio of CPU seconds, median: {np.median(ratios):.2f}")
+
+
+if __name__ == "__main__":
+    main()

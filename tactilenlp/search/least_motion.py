@@ -1,0 +1,50 @@
+"""Least motion: trajectories solved by the quasi-static page, over processes if asked.
+
+The page fits what was felt with as little motion as possible, without forces.  Its
+optimum is a second start beside each track: where the pushing model erred by a
+millimetre, physics finds another pattern of sticking and sliding from there.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+
+from formulations import quasi_static
+
+from .hypothesis import Hypothesis, Job
+from .local_solve import problem_for, solved_roughly
+
+WEAK_MOTION = {"motion weight": 100.0}  # [nats/m] a third of the page's own
+TOLERANCE = 1e-3  # [-] of these solves: they are starts
+
+
+def least_motion(job: Job, tracks, executor=None) -> list[Hypothesis]:
+    """Return for each track, in order, the optimum of least motion from there.
+
+    executor: of concurrent.futures, over which the tracks are solved in chunks.
+    """
+    if executor is None:
+        return _solved(job, tracks)
+    workers = getattr(executor, "_max_workers", None) or os.cpu_count() or 1
+    chunks = [tracks[i::workers] for i in range(workers) if tracks[i::workers]]
+    futures = [executor.submit(_solved, job, chunk) for chunk in chunks]
+    out = [None] * len(tracks)
+    try:
+        for i, future in enumerate(futures):
+            out[i::workers] = future.result()
+    finally:  # after an error or Ctrl-C, pending chunks are cancelled
+        for future in futures:
+            future.cancel()
+    return out
+
+
+def _solved(job: Job, tracks) -> list[Hypothesis]:
+    problem, window = problem_for(job, quasi_static)
+    level = quasi_static.LEVELS[-1]
+    level = replace(level, parameters=level.parameters | WEAK_MOTION)
+    solvers = {}
+    return [
+        solved_roughly(job, problem, window, (level,), h, TOLERANCE, solvers)
+        for h in tracks
+    ]

@@ -1,0 +1,247 @@
+"""Search for boxes by multi-hypothesis tracking.
+
+    proposals       boxes that explain the first touch, a guess, or the posterior of
+                    what was solved before: a Gaussian mixture        (proposals.py)
+    prediction      quasi-static pushing, sample by sample            (pushing.py)
+    correction      gaps and normals by an extended Kalman filter     (tracking.py)
+    selection       by evidence; the best are split after each action (tracking.py)
+    smoothing       backward: Rauch-Tung-Striebel                     (smoother.py)
+    least motion    the quasi-static page solved from the paths   (least_motion.py)
+
+What is returned starts the local solves: paths of tracks, and optima of least motion
+from many of them, each far from the others.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+from itertools import zip_longest
+
+import numpy as np
+
+from ..common.progress import progress
+from ..data.sensor_noise import precise
+from ..geometry.transforms import carried
+from .hypothesis import Hypothesis, Job
+from .least_motion import least_motion
+from .proposals import (
+    DRAWN,
+    body_height,
+    from_first_touch,
+    from_guess,
+    from_posterior,
+    spherical,
+)
+from .smoother import smoothed
+from .tracking import Filter, Tracks, filter_of, opened, parts_of, started, tracked
+
+log = logging.getLogger("tactilenlp")
+SMOOTHED = 300  # tracks that are smoothed at most
+LYING = 4  # of them a start, far from each other, from which least motion is solved
+EVERY = 8  # samples of a path that are compared
+AGAIN = 24  # tracks that run a second time, from their smoothed starts
+AGAIN_SIGMA = np.r_[5e-4, 5e-4, 5e-4, 2e-3, 2e-3, 0.05]  # [m, rad]
+TRACK_SHARE = 4  # one start in so many is a track, the others are of least motion
+SAME_PATH = 0.3e-3  # [m] corners of two paths this close: one optimum of least motion
+# [m] far paths; [nats] their bonus; too far behind:
+NEAR, WORTH, BEHIND = 4e-3, 6.0, 25.0
+TURNED_AS_A_WHOLE = 0.3  # [rad] a larger turn moves the past as one piece
+PARTS = 250  # of a posterior: parts of all its hypotheses together
+
+
+@dataclass(frozen=True)
+class _Past:
+    """What tracks continue: hypotheses, and how their poses follow size and last pose.
+
+    along: (T, 3, 6) of each; of: by first track, which of them it continues; name: of
+    the proposal.
+    """
+
+    kept: tuple
+    along: tuple
+    of: np.ndarray
+    name: str = "track"
+
+    @property
+    def samples(self) -> int:
+        """How many samples are known."""
+        return self.kept[0].x.shape[1] if self.kept else 0
+
+    def continued(self, of: int, begin, end, tail, objective) -> Hypothesis:
+        """Return the path that continues hypothesis `of`, changed to end at `begin`."""
+        theta, path = end[:3], tail
+        words = (self.name,)
+        if self.kept:
+            h = self.kept[of]
+            change = begin - h.end
+            if abs(change[-1]) > TURNED_AS_A_WHOLE:
+                past = carried(h.x, h.x[:, -1], begin[3:])
+            else:
+                past = h.x + (self.along[of] @ change).T
+            path, words = np.hstack([past, tail]), (*h.path, self.name)
+            return replace(h, theta=theta, x=path, objective=objective, path=words)
+        return Hypothesis(theta, path, objective, words)
+
+
+def search_boxes(
+    job: Job, kept, count: int, executor=None, so_far=None
+) -> list[Hypothesis]:
+    """Return `count` starts for all actions of a job, the best by least motion first.
+
+    kept: hypotheses of the first actions to continue, if any; executor: see
+    least_motion; so_far: a list that holds those of the actions done by Ctrl-C.
+    """
+    tracks = distant(tracked_paths(job, kept, SMOOTHED, so_far), LYING * count)
+    if kept and not precise(job.data, job.precision):
+        # Noise leaves hypotheses open that the mixture has lost: 21 nats in one update.
+        anew = distant(tracked_paths(job, (), SMOOTHED), LYING * count)
+        tracks = [h for pair in zip_longest(tracks, anew) for h in pair if h]
+    lying = least_motion(job, tracks, executor)
+    alone = max(1, count // TRACK_SHARE)
+    found = [
+        replace(h, objective=rest.objective)
+        for h, rest in zip(tracks[:alone], lying[:alone], strict=True)
+    ]
+    return sorted([*apart(lying, count - alone), *found], key=lambda h: h.rank)
+
+
+def tracked_paths(job: Job, kept, count: int, so_far=None) -> list[Hypothesis]:
+    """Return the smoothed paths of the best tracks through all actions of a job.
+
+    Their objective is the negative log evidence.
+    """
+    data, window = spherical(job)
+    data = kept[0].seen(data) if kept else data
+    rng = np.random.default_rng(0)
+    filter = filter_of(job, window, data)
+    tracks, past = _proposed(job, filter, kept, rng)
+    done = past.samples
+    records = opened(tracks, max(done - 1, 0))
+    whole = done, tracks, list(records)
+    actions = np.unique(data.action[done:])
+    try:
+        for i, action in enumerate(progress(actions, "search")):
+            rows = np.flatnonzero(data.action == action)
+            rows = rows[rows >= done]
+            if (
+                filter.split
+                and i
+                and job.deadline.passed(f"a search from action {i + 1} on")
+            ):
+                filter, tracks, records = _best_alone(filter, tracks, records)
+            tracks, more = tracked(filter, tracks, rows, rng)
+            records += more
+            whole = int(rows[-1]) + 1, tracks, list(records)
+            words = "searched %d of %d actions: %d tracks, the best of %.1f nats"
+            best = -tracks.evidence.max()
+            log.info(words, i + 1, len(actions), tracks.z.shape[1], best)
+    except KeyboardInterrupt:
+        if so_far is not None and whole[0] > done:
+            so_far[:] = _paths(past, *whole, 1)
+        raise
+    found = _paths(past, *whole, count)
+    return found if kept else [*_run_again(filter, found[:AGAIN], rng), *found]
+
+
+def _run_again(filter, found, rng) -> list[Hypothesis]:
+    """Return the paths of hypotheses tracked once more from their smoothed starts."""
+    z = np.array([np.r_[h.theta, h.x[:, 0]] for h in found]).T
+    P = np.repeat(np.diag(AGAIN_SIGMA**2)[..., None], len(found), axis=2)
+    tracks = started(z, P, filter.data.fingers, rng)
+    records, samples = opened(tracks, 0), np.arange(len(filter.felt))
+    tracks, more = tracked(replace(filter, split=False), tracks, samples, rng)
+    past = _Past((), (), np.arange(len(found)), found[0].path[0])
+    return _paths(past, len(samples), tracks, records + more, len(found))
+
+
+def _proposed(job, filter: Filter, kept, rng) -> tuple[Tracks, _Past]:
+    """Return the tracks to begin with, and the past that they continue."""
+    fingers, none = filter.data.fingers, np.zeros(DRAWN, int)
+    if not kept and job.first:
+        (guess,) = job.first
+        return started(*from_guess(guess, rng), fingers, rng), _Past(
+            (), (), none, guess[0]
+        )
+    if not kept:
+        z, P = from_first_touch(filter.data, job.shape, rng)
+        return started(z, P, fingers, rng), _Past((), (), none)
+    done = kept[0].x.shape[1]
+    earlier = replace(job, data=job.data.select(np.unique(job.data.action[:done])))
+    P, along = zip(*from_posterior(earlier, kept), strict=True)
+    z = np.array([h.end for h in kept]).T
+    z[2] = [body_height(filter.data, job.shape, h) for h in z[2]]
+    tracks = started(z, np.stack(P, axis=2), fingers, rng)
+    cost = np.array([h.objective for h in kept])
+    if np.isfinite(cost).all():  # proposals that nothing was solved for have none
+        tracks = replace(tracks, evidence=cost.min() - cost)
+    rows = np.repeat(np.arange(len(kept)), -(-PARTS // len(kept)))
+    return parts_of(filter, tracks, rows, rng), _Past(tuple(kept), along, rows)
+
+
+def _best_alone(filter, tracks, records):
+    """Return filter, tracks and records of the best track alone, split no more."""
+    rows = np.array([int(np.argmax(tracks.evidence))])
+    last = records[-1]
+    parents = rows if last.parents is None else last.parents[rows]
+    tracks = tracks.pick(rows)
+    last = replace(last, z=tracks.z, P=tracks.P, parents=parents)
+    return replace(filter, split=False), tracks, [*records[:-1], last]
+
+
+def _paths(past, samples, tracks, records, count) -> list[Hypothesis]:
+    """Return smoothed paths of the best tracks, best first."""
+    rows = np.argsort(-tracks.evidence, kind="stable")[:count]
+    states, first = smoothed(records, samples, rows)
+    done, begin = past.samples, states[:, :, max(past.samples - 1, 0)]
+    return [
+        past.continued(of, b, tracks.z[:, i], s[3:, done:], -tracks.evidence[i])
+        for i, s, b, of in zip(rows, states, begin, past.of[first], strict=True)
+    ]
+
+
+def apart(hypotheses, count: int) -> list[Hypothesis]:
+    """Return the best hypotheses, each path once."""
+    chosen, corners = [], []
+    for h in sorted(hypotheses, key=lambda h: h.rank):
+        own = _path_corners(h)
+        if all(_off(own, other).max() > SAME_PATH for other in corners):
+            chosen.append(h)
+            corners.append(own)
+        if len(chosen) == count:
+            break
+    return chosen
+
+
+def distant(hypotheses, count: int) -> list[Hypothesis]:
+    """Return the best hypothesis, then good ones whose paths are far from those."""
+    corners = np.array([_path_corners(h)[..., ::EVERY] for h in hypotheses])
+    cost = np.array([h.objective for h in hypotheses])
+    chosen, off = [int(np.argmin(cost))], np.full(len(cost), np.inf)
+    while len(chosen) < min(count, len(cost)):
+        ways = [np.roll(corners[chosen[-1]], k, 0) - corners for k in range(4)]
+        ways = [np.sqrt((way**2).sum(axis=2).mean(axis=(1, 2))) for way in ways]
+        off = np.minimum(off, np.min(ways, axis=0))
+        score = cost - WORTH * np.minimum(1.0, off / NEAR)
+        score[chosen] = np.inf
+        i = int(np.argmin(score))
+        if cost[i] > cost[chosen[0]] + BEHIND or not np.isfinite(score[i]):
+            break
+        chosen.append(i)
+    return [hypotheses[i] for i in chosen]
+
+
+def _off(a, b):
+    """Return how far apart corners (4, 2, T) are (4, T) [m], renamed to fit best."""
+    ways = [np.sqrt(((np.roll(a, k, 0) - b) ** 2).sum(axis=1)) for k in range(4)]
+    return min(ways, key=lambda way: (way**2).mean())
+
+
+def _path_corners(h):
+    """Return the corners (4, 2, T) [m] along a path, in order around the box."""
+    c, s = np.cos(h.x[2]), np.sin(h.x[2])
+    out = []
+    for i, k in ((1, 1), (-1, 1), (-1, -1), (1, -1)):
+        u, v = i * h.theta[0] / 2, k * h.theta[1] / 2
+        out.append([h.x[0] + c * u - s * v, h.x[1] + s * u + c * v])
+    return np.array(out)

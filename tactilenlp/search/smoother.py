@@ -1,0 +1,31 @@
+"""Rauch-Tung-Striebel smoother of tracks: paths that every sample agrees with."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def smoothed(records, samples: int, rows):
+    """Return the smoothed states (S, 6, samples) of the tracks `rows` at the end.
+
+    And the rows that these were at the first record.
+    records: of tracking.tracked, one for each sample at which something changed.
+    """
+    last = records[-1]
+    state = last.z[:, rows].T
+    path = np.empty((len(rows), 6, samples))
+    path[:, :, last.sample :] = state[..., None]
+    for before, after in zip(records[-2::-1], records[:0:-1], strict=True):
+        rows = rows if after.parents is None else after.parents[rows]
+        P = np.moveaxis(before.P[..., rows], -1, 0)
+        gain = P
+        if after.slopes is not None:
+            gain = P.copy()
+            gain[:, :, 3:] += np.einsum("sij,kjs->sik", P, after.slopes[..., rows])
+        predicted_P = np.moveaxis(after.predicted_P[..., rows], -1, 0)
+        off = state - after.predicted[:, rows].T
+        change = np.linalg.solve(predicted_P, off[..., None])
+        state = before.z[:, rows].T + (gain @ change)[..., 0]
+        path[:, :, before.sample : after.sample] = state[..., None]
+    path[:, :, : records[0].sample] = state[..., None]
+    return path, rows

@@ -1,0 +1,337 @@
+"""Multi-hypothesis tracking of an upright box through what the fingers felt.
+
+A track is a Gaussian of size and planar pose.  Each sample predicts all tracks by
+quasi-static pushing (pushing.py), with its slopes in the covariance, and corrects them
+by gaps and normals (iterated extended Kalman filter); the innovations add up to the
+log evidence.  After an action the best distinct tracks are kept and split along their
+uncertainty.  What was recorded is smoothed backward (smoother.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..problem.missing_samples import unseen_contact
+from ..problem.reductions import coasts
+from .box_contact import box_contact, box_contact_slopes
+from .proposals import lasting_contacts
+from .pushing import ARM, Move, pushed
+
+KEPT, TRACKS = 100, 500  # tracks kept after an action, and what they are split into
+EARLY, MORE = 2, 3  # actions in which sizes are free: so many times as many tracks
+HOPELESS = 60.0  # [nats] behind the best after an action
+DROPPED = 40.0  # [nats] behind the best within an action, where contact was felt
+CELL = np.array([6e-4] * 5 + [0.02])[:, None]  # [m, rad] tracks this close are one
+SPREAD, SHRUNK = 0.8, 0.4  # [deviations] of the parts of a split; their variance
+PRESS = 0.7, 1.0  # [weights] median, deviation of the logarithm, of a push on a top
+
+GAP_SIGMA, NORMAL_SIGMA = 0.25e-3, 0.075  # [m], [rad] model errors of a touch
+FRICTION_GROUND, FRICTION_FINGER = 0.3, 0.5  # [-] where a scene does not say
+PUSH_ERROR, ONSET_ERROR = 0.10, 0.20  # [-] of a predicted motion; where a touch begins
+DRAG_ERROR = 0.20  # [-] of a finger's way over the top
+STOP_ERROR = 0.20  # [-] of the motion before, where fingers leave
+SLOWED = 0.3  # [-] of that motion is left a sample later, unless it coasts
+TURN = np.array([1.0, 1.0, 1 / ARM])[:, None]  # [m, rad] of a way [m]
+TOUCHED = np.array([1e-4, 1e-4, 5e-3])[:, None]  # [m, rad] process noise of a sample
+RELEASED = np.array([5e-5, 5e-5, 2e-3])[:, None]
+BETWEEN = np.array([2e-4, 2e-4, 1e-2])[:, None]  # [m, rad] of a gap between actions
+MOVED_SHARE, MOVED_FACTOR, MOVED_COST = 0.3, 15.0, 2.0  # [-], [-], [nats]: retractions
+OUTLIER = 8.0  # [nats] most that one finger costs in one sample
+PASSES = 2  # of the iterated filter
+LONGEST = np.array([8e-3] * 5 + [0.3])[:, None]  # [m, rad] a pass
+DIFFERENCE = np.array([1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 5e-4])  # [m, rad]
+STEEPEST = np.array([[1] * 5 + [0.04]] * 2 + [[50] * 5 + [1.0]])[..., None]
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Hypotheses side by side: z (6, S), P (6, 6, S), evidence (S,) [nats].
+
+    press (fingers, S) [weights]: of each finger that is on the top; motion (3, S) of
+    the last sample; lean (2, S): see pushing.py.
+    """
+
+    z: np.ndarray
+    P: np.ndarray
+    evidence: np.ndarray
+    press: np.ndarray
+    motion: np.ndarray
+    lean: np.ndarray
+
+    def pick(self, rows) -> Tracks:
+        """Return the chosen tracks."""
+        return Tracks(**{name: a[..., rows] for name, a in vars(self).items()})
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """What the smoother needs of a sample: before and after correction and selection.
+
+    slopes (3, 6, S) of the predicted motion, None if nothing moved; parents: of each
+    track after selection, among those before; None: none was dropped or split.
+    """
+
+    sample: int
+    predicted: np.ndarray
+    predicted_P: np.ndarray
+    slopes: np.ndarray | None
+    z: np.ndarray
+    P: np.ndarray
+    parents: np.ndarray | None
+
+
+@dataclass(frozen=True, eq=False)
+class Filter:
+    """What is tracked: data, contacts (T, F), noise, friction, lower bound.
+
+    felt: contacts that last; hidden: samples that were missed and may be contacts;
+    coasts: whether nothing brakes the body; split: whether tracks are selected and
+    split.
+    """
+
+    data: object
+    felt: np.ndarray
+    hidden: np.ndarray
+    noise: tuple[float, float]
+    friction: tuple[float, float]
+    low: np.ndarray
+    coasts: bool = False
+    split: bool = True
+
+
+def filter_of(job, window, data) -> Filter:
+    """Return the filter of a job; where the fingers are not known, gaps tell less."""
+    scene = job.scene
+    friction = (
+        scene.friction_ground or FRICTION_GROUND,
+        (FRICTION_FINGER if scene.friction_finger is None else scene.friction_finger),
+    )
+    place = np.hypot(window.sigma_position, scene.sigma_offset or 0.0)
+    noise = np.hypot(GAP_SIGMA, place), np.hypot(NORMAL_SIGMA, window.sigma_normal)
+    low = np.r_[np.full(3, job.shape.bounds[0]), np.full(3, -np.inf)][:, None]
+    felt = lasting_contacts(data)
+    return Filter(data, felt, unseen_contact(data), noise, friction, low, coasts(scene))
+
+
+def started(z, P, fingers: int, rng) -> Tracks:
+    """Return tracks from states z (6, S) and covariances P (6, 6, S)."""
+    S = z.shape[1]
+    press = _presses(fingers, S, rng)
+    return Tracks(z, P, np.zeros(S), press, np.zeros((3, S)), np.zeros((2, S)))
+
+
+def _presses(fingers, S, rng):
+    return PRESS[0] * np.exp(PRESS[1] * rng.normal(size=(fingers, S)))
+
+
+def opened(tracks: Tracks, sample: int) -> list[Record]:
+    """Return the record of the tracks as they begin."""
+    z, P = tracks.z, tracks.P
+    return [Record(sample, z, P, None, z, P, None)]
+
+
+def tracked(filter: Filter, tracks: Tracks, samples, rng):
+    """Return the tracks after the samples of an action, and the records.
+
+    They are split at its end, unless it is the last one.
+    """
+    data, felt = filter.data, filter.felt
+    records, end = [], samples[-1]
+    for t in samples:
+        tracks, slopes, moved = _predicted(filter, tracks, t, rng)
+        predicted, predicted_P = tracks.z, tracks.P
+        tracks, corrected = _corrected(filter, tracks, t)
+        rows = None
+        if filter.split and felt[: t + 1].any():
+            if t == end:
+                before = felt[data.action < data.action[t]].any(axis=1)
+                met = len(np.unique(data.action[data.action < data.action[t]][before]))
+                final = t == len(felt) - 1
+                more = MORE if met < EARLY else 1
+                tracks, rows = _split(filter, tracks, more, final, rng)
+            elif (rows := _surviving(tracks)) is not None:
+                tracks = tracks.pick(rows)
+        if moved or corrected or rows is not None:
+            records.append(
+                Record(t, predicted, predicted_P, slopes, tracks.z, tracks.P, rows)
+            )
+    return tracks, records
+
+
+def _predicted(filter, tracks, t, rng):
+    """Return tracks before sample t is seen, slopes of the motion, whether it moved."""
+    data, felt = filter.data, filter.felt
+    if t == 0:
+        return tracks, None, False
+    if data.action[t] != data.action[t - 1]:
+        return _between(filter, tracks, t, rng), None, True
+    active = felt[t] | (felt[t - 1] & data.valid[t]) | filter.hidden[t]
+    way = _way(tracks.motion)
+    if not active.any():
+        if way.max() < 1e-6:
+            return tracks, None, False
+        deviation = RELEASED + STOP_ERROR * way * TURN
+        if filter.coasts:
+            moved = np.vstack([tracks.z[:3], tracks.z[3:] + tracks.motion])
+            return _noisier(replace(tracks, z=moved), deviation), None, True
+        tracks = replace(tracks, motion=SLOWED * tracks.motion)
+        return _noisier(tracks, deviation), None, True
+    motion, slopes, lean = _motion(filter, tracks, t, np.flatnonzero(active))
+    onset = (felt[t] & ~felt[t - 1]).any()
+    top = felt[t] & (data.normal[t, :, 2] > 0.5)
+    dragged = np.diff(data.finger_position[t - 1 : t + 1, top, :2], axis=0)
+    error = ONSET_ERROR if onset else PUSH_ERROR
+    error = error * np.maximum(_way(motion), 0.5 * way)
+    error = error + DRAG_ERROR * np.linalg.norm(dragged, axis=2).sum()
+    z, P = tracks.z.copy(), tracks.P.copy()
+    z[3:] += motion
+    added = np.einsum("ijs,jks->iks", slopes, tracks.P)
+    P[3:] += added
+    P[:, 3:] += added.swapaxes(0, 1)
+    P[3:, 3:] += np.einsum("ijs,kjs->iks", added, slopes)
+    tracks = replace(tracks, z=z, P=P, motion=motion, lean=lean)
+    return _noisier(tracks, TOUCHED + error * TURN), slopes, True
+
+
+def _motion(filter, tracks, t, active):
+    """Return motion (3, S), its slopes (3, 6, S) by differences, and lean (2, S)."""
+    p, radius = filter.data.finger_position, filter.data.finger_radius
+    moves = [Move(p[t - 1, f], p[t, f], radius[f]) for f in active]
+    steps = np.hstack([np.zeros((6, 1)), np.diag(DIFFERENCE)])
+    D, lean = pushed(
+        tracks.z[:, None] + steps[..., None], moves, tracks.press[active][:, None],
+        tracks.motion[:, None], tracks.lean[:, None], filter.friction,
+    )  # fmt: skip
+    slopes = (D[:, 1:] - D[:, :1]) / DIFFERENCE[:, None]
+    return D[:, 0], np.clip(slopes, -STEEPEST, STEEPEST), lean[:, 0]
+
+
+def _between(filter, tracks, t, rng) -> Tracks:
+    """Return tracks after the fingers retracted: some of them moved the body."""
+    S = tracks.z.shape[1]
+    factor = np.ones(S)
+    if filter.split and filter.felt[:t].any():
+        factor[rng.random(S) < MOVED_SHARE] = MOVED_FACTOR
+    tracks = replace(
+        tracks, motion=np.zeros((3, S)), lean=np.zeros((2, S)),
+        evidence=tracks.evidence - MOVED_COST * (factor > 1),
+    )  # fmt: skip
+    return _noisier(tracks, BETWEEN * factor)
+
+
+def _noisier(tracks, deviation) -> Tracks:
+    """Return tracks with process noise (3, S) on the pose."""
+    P = tracks.P.copy()
+    for i in range(3):
+        P[3 + i, 3 + i] += deviation[i] ** 2 + 1e-14
+    return replace(tracks, P=P)
+
+
+def _way(motion):
+    """Return the way (S,) [m] of motions (3, S)."""
+    return np.hypot(motion[0], motion[1]) + ARM * np.abs(motion[2])
+
+
+def _corrected(filter, tracks, t):
+    """Return tracks corrected by sample t, and whether anything was to correct."""
+    mean, P_0 = tracks.z, tracks.P
+    z = mean
+    for _ in range(PASSES):
+        rows = _measured(filter, z, t)
+        if not rows:
+            return tracks, False
+        y, P, evidence = _updated(mean, P_0, z, rows)
+        z = z + np.clip(y - z, -LONGEST, LONGEST)
+        z = np.maximum(z, filter.low)
+    return replace(tracks, z=z, P=P, evidence=tracks.evidence + evidence), True
+
+
+def _updated(mean, P, z, rows):
+    """Return mean and covariance by sequential scalar updates, linearised at z.
+
+    rows: fingers, each a list of (residual (S,), slopes (6, S)), in deviations.
+    Returns the change of log evidence, too, bounded by finger.
+    """
+    x, P, evidence = mean - z, P.copy(), 0.0
+    for fixed, finger in rows:
+        cost, spread = fixed, 0.0
+        for residual, slopes in finger:
+            PH = (P * slopes).sum(axis=1)
+            S = 1.0 + (slopes * PH).sum(axis=0)
+            error = residual + (slopes * x).sum(axis=0)
+            K = PH / S
+            x = x - K * error
+            P -= K[:, None] * PH
+            cost = cost + 0.5 * error**2 / S
+            spread = spread + 0.5 * np.log(S)
+        evidence = evidence - np.minimum(cost, OUTLIER) - spread
+    return x + z, P, evidence
+
+
+def _measured(filter, z, t):
+    """Return for each finger that tells something: a cost, [(residual, slopes)]."""
+    data, rows = filter.data, []
+    for f in np.flatnonzero(data.valid[t] | filter.hidden[t]):
+        p, radius = data.finger_position[t, f], data.finger_radius[f]
+        if filter.felt[t, f]:
+            rows.append(_touch(filter, z, p, radius, data.normal[t, f]))
+        elif filter.hidden[t, f] or not data.contact[t, f]:
+            reach = 0.5 * (z[0] + z[1]) + radius
+            near = (np.abs(z[3] - p[0]) < reach) & (np.abs(z[4] - p[1]) < reach)
+            if p[2] > z[2].max() + radius or not near.any():
+                continue
+            gap, _ = box_contact(z, p, radius)
+            if (overlap := gap < 0).any():
+                gap, _, slopes, _ = box_contact_slopes(z, p, radius)
+                scale = overlap / filter.noise[0]
+                rows.append((0.0, [(scale * gap, scale * slopes)]))
+    return rows
+
+
+def _touch(filter, z, p, radius, felt):
+    """Return cost and rows of a touch: its gap, and its normal across the one felt."""
+    gap, n, gap_slopes, n_slopes = box_contact_slopes(z, p, radius)
+    sigma, sigma_n = filter.noise
+    across = np.linalg.svd(felt[None])[2][1:]  # two directions
+    rows = [(gap / sigma, gap_slopes / sigma)]
+    for e in across / sigma_n:
+        rows.append((np.tensordot(e, n, 1), np.tensordot(e, n_slopes, 1)))
+    along = (1.0 - np.tensordot(felt, n, 1)) / sigma_n
+    return 0.5 * along**2, rows
+
+
+def _surviving(tracks):
+    """Return the tracks that are not hopeless, if many are; None: all go on."""
+    rows = np.flatnonzero(tracks.evidence > tracks.evidence.max() - DROPPED)
+    return rows if len(rows) < 0.8 * tracks.z.shape[1] else None
+
+
+def _split(filter, tracks, more, final, rng):
+    """Return the best distinct tracks, each with parts of it, and whose parts."""
+    order = np.argsort(-tracks.evidence, kind="stable")
+    order = order[tracks.evidence[order] > tracks.evidence[order[0]] - HOPELESS]
+    cells = np.round(tracks.z[:, order] / CELL)
+    _, first = np.unique(cells, axis=1, return_index=True)
+    chosen = order[np.sort(first)][: more * KEPT]
+    if final:
+        return tracks.pick(chosen), chosen
+    each = int(np.clip(round(more * TRACKS / len(chosen)), 1, 8))
+    rows = np.repeat(chosen, each)
+    return parts_of(filter, tracks, rows, rng), rows
+
+
+def parts_of(filter, tracks, rows, rng) -> Tracks:
+    """Return tracks split: the rows, each repeated as often as it has parts, in order.
+
+    The first part stays; the others are off by a random deviation and narrower.
+    """
+    part = np.r_[False, rows[1:] == rows[:-1]]
+    parts = tracks.pick(rows)
+    L = np.linalg.cholesky(np.moveaxis(parts.P, -1, 0) + 1e-14 * np.eye(6))
+    off = np.einsum("sij,sj->is", L, rng.normal(size=(len(rows), 6)))
+    z = np.maximum(parts.z + SPREAD * part * off, filter.low)
+    P = parts.P * np.where(part, SHRUNK, 1.0)
+    press = _presses(len(parts.press), len(rows), rng)
+    return replace(parts, z=z, P=P, press=press)

@@ -1,0 +1,104 @@
+"""Multistart: what comes together is solved once, what is far behind not at all."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from formulations import quasi_static
+from formulations import violation_implicit as page
+from formulations.shape import CUBOID
+from tactilenlp import Options
+from tactilenlp.estimation.request import make_job
+from tactilenlp.search.hypothesis import Hypothesis, distinct, same
+from tactilenlp.search.local_solve import continued, freed_levels
+from tactilenlp.search.multistart import multistart
+
+LEVELS = freed_levels(page.LEVELS, final=True)
+
+
+@pytest.fixture(scope="module")
+def case(recorded):
+    """Two actions of the shipped recording, and the true motion as a hypothesis."""
+    from tactilenlp import solve_estimate
+
+    data, scene, _ = recorded
+    data = data.select(range(2))
+    estimate = solve_estimate(data, scene, options=Options(rivals=False))
+    job = make_job(data, scene, CUBOID, Options(), time.monotonic(), page)
+    return job, estimate.hypotheses[0]
+
+
+def pushed(h, way):
+    """Return the hypothesis with all poses moved by way [m]."""
+    return replace(h, x=h.x + np.array([[way], [0.0], [0.0]]))
+
+
+def test_hypotheses_that_come_together_are_solved_to_the_end_once(case):
+    job, h = case
+    solved = multistart(
+        job, page, [h, pushed(h, 1e-3), pushed(h, -1e-3)], Options(), LEVELS
+    )
+    assert len(solved) == 1
+    assert solved[0].solution.success
+    assert len(solved[0].solution.iterations_by_level) == len(LEVELS)
+    alone = multistart(job, page, [h], Options(), LEVELS)
+    assert solved[0].solution.objective == pytest.approx(
+        alone[0].solution.objective, abs=0.3
+    )
+
+
+def test_what_is_known_or_hopeless_is_not_solved_to_the_end(case):
+    job, h = case
+    known = multistart(job, page, [h], Options(), LEVELS)
+    assert (
+        multistart(job, page, [pushed(h, 5e-4)], Options(), LEVELS, known=known) == []
+    )
+    # A known one that costs 100 nats less than anything: nothing comes near it.
+    cheap = replace(known[0].solution, objective=h.objective - 100)
+    lucky = replace(known[0], solution=cheap, rough=None)
+    far = pushed(h, 30e-3)
+    assert multistart(job, page, [far], Options(), LEVELS, known=[lucky]) == []
+
+
+def test_levels_that_hold_poses_are_solved_one_by_one(case):
+    job, h = case
+    kept = []
+    solved = multistart(job, page, [h, h], Options(), page.LEVELS, solved=kept)
+    assert len(solved) == len(kept) == 2
+
+
+def test_continuation_ends_in_an_optimum_of_the_page(case):
+    job, h = case
+    solved = multistart(job, page, [h], Options(), LEVELS)
+    again = continued(job, page, solved[0], Options())
+    assert again.solution.success
+    assert again.solution.parameters == solved[0].solution.parameters
+    assert again.solution.objective < solved[0].solution.objective + 0.5
+
+
+def test_a_page_without_easier_levels_has_no_continuation(case):
+    assert continued(case[0], quasi_static, None, Options()) is None
+
+
+def test_two_pasts_that_end_alike_are_one_where_only_the_end_counts(case):
+    _, h = case
+    x = h.x.copy()
+    x[0, :-1] += 5e-3
+    other = replace(h, x=x, objective=h.objective + 1)
+    assert not same(CUBOID, h, other)
+    assert same(CUBOID, h, other, samples=(-1,))
+    assert len(distinct(CUBOID, [h, other], 4)) == 2
+    assert distinct(CUBOID, [other, h], 4, samples=(-1,)) == [h]
+
+
+def test_free_bodies_are_the_same_where_their_corners_agree_whatever_the_axes():
+    quarter = np.array([0.0, 0.0, 0.02, 0.0, 0.0, np.pi / 2])  # [m, rad] about z
+    box = Hypothesis(np.r_[0.03, 0.05, 0.04], np.zeros((6, 2)), 0.0, ())
+    box.x[2] = 0.02
+    relabelled = replace(
+        box, theta=np.r_[0.05, 0.03, 0.04], x=np.repeat(quarter[:, None], 2, axis=1)
+    )
+    assert same(CUBOID, box, relabelled)
+    assert not same(CUBOID, box, replace(relabelled, theta=box.theta))
