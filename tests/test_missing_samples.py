@@ -11,7 +11,7 @@ from formulations.shape import CUBOID
 from tactilenlp import solve_estimate
 from tactilenlp.problem.missing_samples import LONG_WAY, unseen_contact
 from tactilenlp.problem.reductions import Reductions, reduce
-from tactilenlp.search.kalman_filter import finger_residuals
+from tactilenlp.search.box_contact import box_contact_slopes
 
 WEIGHT = 9.81  # [m/s^2] times mass and time step
 
@@ -110,12 +110,11 @@ def unseen_cost(touched, gap: float, impulse: float) -> float:
     w = scene.mass * WEIGHT * window.step.dt[window.push.step[row]]
     values["finger"][:, row] = impulse * w, 0, 0
     # The finger is moved along the body's normal until it is `gap` off its surface.
-    residuals = finger_residuals(CUBOID, window.motion, window.finger)
     z = np.r_[truth["side_lengths"], values["x"][:, window.pose[t]]]
     p, rho = window.push.p_wf[row], window.push.radius[row]
     for _ in range(3):
-        phi, _, off, _ = residuals(z, p, rho, np.zeros(3))
-        p = p + (gap - float(phi)) * off.toarray()[:, 0]
+        phi, n, _, _ = box_contact_slopes(z[:, None], p, rho)
+        p = p + (gap - phi[0]) * n[:, 0]
     push = replace(window.push, p_wf=window.push.p_wf.copy())
     push.p_wf[row] = p
     problem, _ = programme(
