@@ -100,9 +100,9 @@ def problem_of(
 
     Arguments as of solve_estimate.  at: an Estimate of these measurements, of which the
     problem is built again, with its reductions; a hull needs it, as which vertices a
-    contact reads depends on where it is solved from.  `describe()` lists its terms, `check()` compares its
-    derivatives with finite differences, `nlp.ipopt.solve` solves it from any start.
-    Raises what solve_estimate raises before it solves.
+    contact reads depends on where it is solved from.  `describe()` lists terms and
+    unknowns, `check()` compares derivatives with finite differences, `nlp.ipopt.solve`
+    solves it from any start.  Raises what solve_estimate raises before it solves.
     """
     request, _ = read_request(
         data, scene, shape, formulation, options, None, None, Session()
