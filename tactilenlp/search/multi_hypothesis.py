@@ -126,12 +126,8 @@ def tracked_paths(job: Job, kept, count: int, so_far=None) -> list[Hypothesis]:
         for i, action in enumerate(progress(actions, "search")):
             rows = np.flatnonzero(data.action == action)
             rows = rows[rows >= done]
-            if (
-                filter.split
-                and i
-                and job.deadline.passed(f"a search from action {i + 1} on")
-            ):
-                filter, tracks, records = _best_alone(filter, tracks, records)
+            if i and job.deadline.passed(f"a search from action {i + 1} on"):
+                break  # the body stays where it is
             tracks, more = tracked(filter, tracks, rows, rng)
             records += more
             whole = int(rows[-1]) + 1, tracks, list(records)
@@ -142,8 +138,12 @@ def tracked_paths(job: Job, kept, count: int, so_far=None) -> list[Hypothesis]:
         if so_far is not None and whole[0] > done:
             so_far[:] = _paths(past, *whole, 1)
         raise
-    found = _paths(past, *whole, count)
-    return found if kept else [*_run_again(filter, found[:AGAIN], rng), *found]
+    found = _paths(past, data.samples, *whole[1:], count)
+    return (
+        found
+        if kept or job.deadline.left <= 0
+        else [*_run_again(filter, found[:AGAIN], rng), *found]
+    )
 
 
 def _run_again(filter, found, rng) -> list[Hypothesis]:
@@ -179,16 +179,6 @@ def _proposed(job, filter: Filter, kept, rng) -> tuple[Tracks, _Past]:
         tracks = replace(tracks, evidence=cost.min() - cost)
     rows = np.repeat(np.arange(len(kept)), -(-PARTS // len(kept)))
     return parts_of(filter, tracks, rows, rng), _Past(tuple(kept), along, rows)
-
-
-def _best_alone(filter, tracks, records):
-    """Return filter, tracks and records of the best track alone, split no more."""
-    rows = np.array([int(np.argmax(tracks.evidence))])
-    last = records[-1]
-    parents = rows if last.parents is None else last.parents[rows]
-    tracks = tracks.pick(rows)
-    last = replace(last, z=tracks.z, P=tracks.P, parents=parents)
-    return replace(filter, split=False), tracks, [*records[:-1], last]
 
 
 def _paths(past, samples, tracks, records, count) -> list[Hypothesis]:
