@@ -44,7 +44,11 @@ def _solved(job: Job, tracks) -> list[Hypothesis]:
     level = quasi_static.LEVELS[-1]
     level = replace(level, parameters=level.parameters | WEAK_MOTION)
     solvers = {}
-    return [
-        solved_roughly(job, problem, window, (level,), h, TOLERANCE, solvers)
-        for h in tracks
-    ]
+    out = []
+    for h in tracks:
+        if job.deadline.passed("least motion of all tracks"):
+            out.append(h)
+            continue
+        given = job, problem, window, (level,), h, TOLERANCE, solvers
+        out.append(solved_roughly(*given))
+    return out

@@ -28,6 +28,7 @@ from .least_motion import least_motion
 from .proposals import (
     DRAWN,
     body_height,
+    centred,
     from_first_touch,
     from_guess,
     from_posterior,
@@ -98,6 +99,10 @@ def search_boxes(
         # Noise leaves hypotheses open that the mixture has lost: 21 nats in one update.
         anew = distant(tracked_paths(job, (), SMOOTHED), LYING * count)
         tracks = [h for pair in zip_longest(tracks, anew) for h in pair if h]
+    elif not (kept or job.first) and len(np.unique(job.data.action)) == 1:
+        # Where one touch leaves size and place open, the middle of them is reported.
+        middle = replace(job, first=(centred(job),))
+        tracks = [*tracked_paths(middle, (), 1), *tracks][: len(tracks)]
     lying = least_motion(job, tracks, executor)
     alone = max(1, count // TRACK_SHARE)
     found = [
@@ -127,12 +132,8 @@ def tracked_paths(job: Job, kept, count: int, so_far=None) -> list[Hypothesis]:
         for i, action in enumerate(progress(actions, "search")):
             rows = np.flatnonzero(data.action == action)
             rows = rows[rows >= done]
-            if (
-                filter.split
-                and i
-                and job.deadline.passed(f"a search from action {i + 1} on")
-            ):
-                filter, tracks, records = _best_alone(filter, tracks, records)
+            if i and job.deadline.passed(f"a search from action {i + 1} on"):
+                break  # the body stays where it is
             tracks, more = tracked(filter, tracks, rows, rng)
             records += more
             whole = int(rows[-1]) + 1, tracks, list(records)
@@ -143,7 +144,7 @@ def tracked_paths(job: Job, kept, count: int, so_far=None) -> list[Hypothesis]:
         if so_far is not None and whole[0] > done:
             so_far[:] = _paths(past, *whole, 1)
         raise
-    found = _paths(past, *whole, count)
+    found = _paths(past, data.samples, *whole[1:], count)
     if kept or job.deadline.passed("a second pass over all actions"):
         return found
     return [*_run_again(filter, found[:AGAIN], rng), *found]
@@ -182,16 +183,6 @@ def _proposed(job, filter: Filter, kept, rng) -> tuple[Tracks, _Past]:
         tracks = replace(tracks, evidence=cost.min() - cost)
     rows = np.repeat(np.arange(len(kept)), -(-PARTS // len(kept)))
     return parts_of(filter, tracks, rows, rng), _Past(tuple(kept), along, rows)
-
-
-def _best_alone(filter, tracks, records):
-    """Return filter, tracks and records of the best track alone, split no more."""
-    rows = np.array([int(np.argmax(tracks.evidence))])
-    last = records[-1]
-    parents = rows if last.parents is None else last.parents[rows]
-    tracks = tracks.pick(rows)
-    last = replace(last, z=tracks.z, P=tracks.P, parents=parents)
-    return replace(filter, split=False), tracks, [*records[:-1], last]
 
 
 def _paths(past, samples, tracks, records, count) -> list[Hypothesis]:

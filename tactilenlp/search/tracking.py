@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..common.deadline import Deadline
 from ..problem.missing_samples import unseen_contact
 from ..problem.reductions import coasts
 from .box_contact import box_contact, box_contact_slopes
@@ -97,7 +98,8 @@ class Filter:
     noise: tuple[float, float]
     friction: tuple[float, float]
     low: np.ndarray
-    coasts: bool = False
+    coasts: bool
+    deadline: Deadline
     split: bool = True
 
 
@@ -112,7 +114,10 @@ def filter_of(job, window, data) -> Filter:
     noise = np.hypot(GAP_SIGMA, place), np.hypot(NORMAL_SIGMA, window.sigma_normal)
     low = np.r_[np.full(3, job.shape.bounds[0]), np.full(3, -np.inf)][:, None]
     felt = lasting_contacts(data)
-    return Filter(data, felt, unseen_contact(data), noise, friction, low, coasts(scene))
+    return Filter(
+        data, felt, unseen_contact(data), noise, friction, low, coasts(scene),
+        job.deadline,
+    )  # fmt: skip
 
 
 def started(z, P, fingers: int, rng) -> Tracks:
@@ -135,11 +140,13 @@ def opened(tracks: Tracks, sample: int) -> list[Record]:
 def tracked(filter: Filter, tracks: Tracks, samples, rng):
     """Return the tracks after the samples of an action, and the records.
 
-    They are split at its end, unless it is the last one.
+    They are split at its end, unless it is the last one.  At the deadline it stops.
     """
     data, felt = filter.data, filter.felt
     records, end = [], samples[-1]
     for t in samples:
+        if filter.deadline.left <= 0:
+            break
         tracks, slopes, moved = _predicted(filter, tracks, t, rng)
         predicted, predicted_P = tracks.z, tracks.P
         tracks, corrected = _corrected(filter, tracks, t)
@@ -259,7 +266,7 @@ def _updated(mean, P, z, rows):
         cost, spread = fixed, 0.0
         for residual, slopes in finger:
             PH = (P * slopes).sum(axis=1)
-            S = 1.0 + (slopes * PH).sum(axis=0)
+            S = 1.0 + np.maximum((slopes * PH).sum(axis=0), 0.0)  # rounding
             error = residual + (slopes * x).sum(axis=0)
             K = PH / S
             x = x - K * error
