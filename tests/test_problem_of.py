@@ -9,8 +9,8 @@ from tactilenlp.errors import NoContactError, OptionError
 
 
 def test_the_programme_of_a_page_is_the_one_that_was_solved(recorded, estimate):
-    data, scene, _ = recorded
-    problem = problem_of(data, scene, at=estimate)
+    scene = recorded[1]
+    problem = problem_of(estimate.measurements, scene, at=estimate)
     x = problem.pack(estimate.unknowns)
     costs = {
         name: problem.value(name, x, problem.data()).sum() for name in problem.costs
@@ -19,6 +19,12 @@ def test_the_programme_of_a_page_is_the_one_that_was_solved(recorded, estimate):
     assert {k: v for k, v in costs.items() if abs(v) > 1e-9} == pytest.approx(
         {k: v for k, v in estimate.costs.items() if abs(v) > 1e-9}, abs=1e-6
     )
+
+
+def test_an_estimate_of_other_measurements_is_refused(recorded, estimate):
+    data, scene, _ = recorded
+    with pytest.raises(OptionError, match="other measurements"):
+        problem_of(data.select([0]), scene, at=estimate)
 
 
 def test_it_describes_and_checks_itself(recorded, interpreted):

@@ -144,6 +144,8 @@ ONE_RUN = {  # benchmarks of which there is nothing to spread, and why
     "record": "reads a table",
     "regress": "times pairs, one process at a time",
     "report_cuboid": "reads runs",
+    "search": "pairs of trees in turn",
+    "count_code": "counts lines",
     "report_monte_carlo": "reads a study",
 }
 

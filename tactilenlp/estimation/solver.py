@@ -110,6 +110,12 @@ def problem_of(
     job, page = request.job, request.page
     if at is not None:
         check_types(at=(at, Estimate))
+        if at.measurements != data or at.shape != job.shape.name:
+            raise OptionError(
+                "an estimate of other measurements or of another shape", where="at",
+                got=f"{at.shape}, {at.measurements!r}",
+                expected=f"{job.shape.name}, {data!r}",
+            )  # fmt: skip
         solved = replace(job, reductions=Reductions(**at.reductions), cuts=at.cuts)
         return problem_at(solved, page, at.origin)[1]
     if job.shape.window_depends_on_start:

@@ -51,7 +51,7 @@ def first_contact(data) -> tuple[np.ndarray, np.ndarray]:
 
 
 def centred(job: Job) -> tuple:
-    """Return the guess (name, theta, x) of a typical box, touched in a face's middle."""
+    """Return the guess (name, theta, x) of a typical box, touched in mid-face."""
     data, _ = spherical(job)
     p, n = first_contact(data)
     mean, top = job.shape.size_prior[0], np.linalg.norm(n[:2]) < TOP_TILT
