@@ -7,23 +7,25 @@ every pose and impulse as an unknown, and violations of the dynamics as costs.
 """
 
 import sys
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from formulations.shape import CUBOID
-from tactilenlp import Measurements, Options, Scene, example_recording, solve_estimate
-from tactilenlp.data.sensor_noise import precision_of
+from tactilenlp import (
+    Measurements,
+    Options,
+    Scene,
+    example_recording,
+    problem_of,
+    solve_estimate,
+)
 from tactilenlp.nlp.ipopt import solve
-from tactilenlp.nlp.problem import Problem
-from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 
 recording = example_recording()
 picture = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("shooting.png")
 data, scene = Measurements.load(recording).select([0, 1]), Scene.load(recording)
-precision, offsets = precision_of(data, scene), np.linspace(-6e-3, 6e-3, 31)  # [m]
+offsets = np.linspace(-6e-3, 6e-3, 31)  # [m]
 figure, errors = Figure(figsize=(7, 4), layout="constrained"), {}
 axes = figure.subplots()
 
@@ -39,11 +41,7 @@ for name in ("shooting", "violation_implicit"):
         sys.exit(f"The best known side is {errors[name]}.")
 
     # Build the same problem again; change that side, and keep the other unknowns.
-    page, known, losses = import_module(f"formulations.{name}"), estimate.unknowns, []
-    lean = required_reductions(page, Reductions())
-    window = reduce(data, scene, CUBOID, precision, lean)
-    problem = Problem()
-    page.build(problem, window, scene, CUBOID)
+    problem, known, losses = problem_of(data, scene, name), estimate.unknowns, []
     for offset in offsets:
         start = known | {"theta": known["theta"] + offset * np.eye(3)[:, [best]]}
         if name == "shooting":  # the poses are functions of the first ones

@@ -147,5 +147,5 @@ def unseen(nlp, window, fingers, theta, x, pushes):
     nlp.minimize(
         "unseen finger", fingers.unseen, theta.pick(rows), x[:, window.step.pose[s]],
         pushes.lam[:, rows], push.p_wf, push.radius, inside, pushes.w[rows],
-        nlp.parameters["kappa"], nlp.parameters["touch scale"], role="physics",
+        nlp.parameters["kappa"], nlp.parameters["touch scale"], role="likelihood",
     )  # fmt: skip

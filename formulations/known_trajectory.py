@@ -129,7 +129,7 @@ def contacts(nlp, window, ground, radius, corner, impulses, fall):
         *around, role="likelihood",
     )  # fmt: skip
     nlp.minimize(
-        "not below", penetration, *ground, radius, *corner, surface, *now,
+        "not below", penetration, *ground, radius, *corner, step.depth[s], *now,
         role="likelihood",
     )  # fmt: skip
     nlp.minimize(

@@ -64,6 +64,7 @@ _HOMES = {
     "animate": "plotting.animation",
     "plot_gain": "plotting.gain_map",
     "Problem": "nlp.problem",
+    "problem_of": "estimation.solver",
     "SolverOptions": "nlp.ipopt",
     "Solution": "nlp.solution",
     "TactileError": "errors",

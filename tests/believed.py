@@ -15,7 +15,7 @@ WHOLE = tuple(f"{what} {w}" for what in ("side", "position", "rotation") for w i
 def known(**given):
     """Return an estimate of which only this is known."""
     estimate = object.__new__(Estimate)
-    vars(estimate).update(given)
+    vars(estimate).update({"unknowns": {}} | given)
     return estimate
 
 

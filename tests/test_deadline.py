@@ -66,7 +66,8 @@ def test_what_is_known_at_once_is_a_whole_estimate_with_the_sigma_of_the_prior(
 ):
     data, scene, given, estimate = late
     assert not estimate.success
-    assert "time limit reached: without a search from action 2 on" in estimate.status
+    assert "time limit reached: without" in estimate.status
+    assert "a search from action 2 on" in estimate.status
     assert estimate.position.shape == (data.samples, 3)
     assert np.isfinite(estimate.vertices).all()
     known = estimate.information.sigma("position")
@@ -137,4 +138,4 @@ def test_a_time_limit_holds_for_3000_samples_with_an_empty_cache(shape, tmp_path
     assert not success
     assert "time limit reached: without" in status
     assert positions == [3007, 3]
-    assert took < limit + 1.0
+    assert took < limit + 1.0, f"{took:.2f} s"

@@ -50,7 +50,8 @@ def estimate_of(world, data, vertices=VERTICES) -> Estimate:
     estimate = object.__new__(Estimate)
     truth = world.truth
     vars(estimate).update(
-        shape="polytope", scene=Scene(), precision={"position": 0.0, "normal": 0.0},
+        shape="polytope", scene=Scene(), unknowns={},
+        precision={"position": 0.0, "normal": 0.0},
         measurements=data, position=truth.object_position, theta=vertices.ravel(),
         quaternion=truth.object_quaternion, body_vertices=vertices,
     )  # fmt: skip

@@ -7,14 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from scipy.spatial.transform import Rotation
 
 from formulations import known_trajectory as page
 from tactilenlp import Ground, Problem, Scene, Trajectories, identify_body
 from tactilenlp.errors import MeasurementError, MotionError, OptionError, SceneError
 from tactilenlp.identification.body import corner_shift
-from tactilenlp.identification.identify import CUBE_SIGNS, _prepared
+from tactilenlp.identification.fit import fit_of
 from tactilenlp.identification.impacts import gravity_of, impacts, may_touch, steps_of
+from tactilenlp.identification.starts import CUBE_SIGNS, prepared
+from tactilenlp.identification.support import phases_of, support_of, with_soft_ground
 
 HALF, MASS = 52.4e-3, 0.37  # [m], [kg] as measured by who recorded it
 SCENE = Scene(mass=MASS)
@@ -89,7 +92,7 @@ def test_another_world_frame_changes_nothing(cube, tosses):
 
 def test_derivatives_of_the_page_are_right(tosses):
     few = tosses.select(tosses.tosses[:1])
-    steps, theta, signs, _ = _prepared(few, SCENE, "corners", None, None)
+    steps, (theta,), signs, _ = prepared(few, SCENE, "corners", None, None)
     window = impacts(steps, may_touch(steps, (theta * signs).T), theta, signs, few.dt)
     problem = Problem()
     page.build(problem, window, SCENE)
@@ -184,3 +187,85 @@ def test_tosses_survive_a_file_and_are_picked_by_number(tosses, tmp_path):
     (tmp_path / "bad.npz").write_bytes((tmp_path / "some.npz").read_bytes()[:500])
     with pytest.raises(MeasurementError, match="cannot be read"):
         Trajectories.load(tmp_path / "bad.npz")
+
+
+def changed(tosses, **arrays):
+    names = ("toss", "position", "quaternion", "dt")
+    return Trajectories(**{name: getattr(tosses, name) for name in names} | arrays)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t: {"quaternion": np.roll(t.quaternion, -1, axis=1)}, "like xyzw"),
+        (lambda t: {"dt": 1.5 * t.dt}, "check dt"),
+        (lambda t: {"position": 100 * t.position}, "in metres"),
+    ],
+)
+def test_wrong_order_interval_and_unit_are_named_before_the_solve(
+    tosses, change, words
+):
+    with pytest.raises(MeasurementError, match=words):
+        identify_body(changed(tosses, **change(tosses)), SCENE)
+
+
+def test_a_gauge_that_is_asked_for_is_taken(tosses):
+    prepare = tosses, SCENE, "cuboid", None
+    assert prepared(*prepare, 1.3)[3] == (1.3, 0.0)
+    assert 1.0 < prepared(*prepare, None)[3][0] < 1.1
+
+
+@pytest.fixture
+def boxes(monkeypatch):
+    """The benchmark that tosses boxes in MuJoCo, whose ground is soft."""
+    monkeypatch.syspath_prepend(str(ROOT / "examples" / "benchmarks"))
+    import tossed_boxes
+
+    return tossed_boxes
+
+
+def test_heights_of_the_origin_tell_the_half_widths_it_rested_on(boxes):
+    half, _, _ = boxes.drawn_box(7)
+    steps, _, _, ruler = prepared(boxes.tossed(7, 4), SCENE, "cuboid", None, None)
+    assert ruler[0] == pytest.approx(1.0, abs=1e-6)
+    found = support_of(steps, SCENE.gravity, 1 / boxes.RATE)
+    assert (found.least < found.largest + 1e-6).all()
+    # At rest the ground yields by 0.02 mm, and 0.2 mm are tolerated.  The first axis
+    # was never vertical: only a bracket.
+    assert found.like_cube[1:] == pytest.approx(half[1:], abs=0.5e-3)
+    assert found.least[0] - 0.5e-3 < half[0] < found.largest[0] + 0.5e-3
+
+
+@pytest.mark.slow
+def test_a_cube_on_a_soft_ground_is_identified(boxes):
+    row = boxes.run(0, 4)
+    assert not row["failure"]
+    assert row["off_mm"] < 1.0
+    assert row["sigmas"] < 3
+    assert row["gauge"] == pytest.approx(1.0, abs=1e-6)
+    assert row["verdict"] == "good"
+
+
+def test_the_fit_of_real_tosses_is_good_and_said(cube):
+    assert cube.fit.verdict == "good"
+    assert cube.fit.widening == 1.0
+    assert "The fit is good" in cube.summary()
+
+
+def test_a_fit_far_beyond_its_spread_is_bad_and_widens():
+    costs = {"balance, 1 touching": 100.0, "on the surface": 40.0, "not below": 900.0}
+    fit = fit_of(costs, steps=100)
+    assert fit.verdict == "bad"
+    assert fit.widening == pytest.approx(np.sqrt(940 / (50 + 7.1)), rel=1e-3)
+    assert "not to be trusted" in fit.text
+    mild = fit_of(costs | {"not below": 20.0}, steps=100)
+    assert mild.verdict == "good"
+
+
+def test_corners_may_sink_into_a_soft_ground_in_impacts_only(tosses):
+    steps, starts, signs, _ = prepared(tosses, SCENE, "cuboid", None, None)
+    soft = with_soft_ground(steps, 1.1 * starts[0] * signs, SCENE.gravity, tosses.dt)
+    _, hit, _ = phases_of(steps, SCENE.gravity, tosses.dt)
+    assert (soft.depth[~hit] == page.SURFACE).all()
+    assert len(set(soft.depth[hit])) == 1
+    assert 2 * page.SURFACE < soft.depth[hit][0] <= 20e-3

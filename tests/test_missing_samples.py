@@ -110,11 +110,11 @@ def unseen_cost(touched, gap: float, impulse: float) -> float:
     w = scene.mass * WEIGHT * window.step.dt[window.push.step[row]]
     values["finger"][:, row] = impulse * w, 0, 0
     # The finger is moved along the body's normal until it is `gap` off its surface.
-    z = np.r_[truth["side_lengths"], values["x"][:, window.pose[t]]][:, None]
+    z = np.r_[truth["side_lengths"], values["x"][:, window.pose[t]]]
     p, rho = window.push.p_wf[row], window.push.radius[row]
     for _ in range(3):
-        phi, n, _, _ = box_contact_slopes(z, p, float(rho))
-        p = p + (gap - phi) * n[:, 0]
+        phi, n, _, _ = box_contact_slopes(z[:, None], p, rho)
+        p = p + (gap - phi[0]) * n[:, 0]
     push = replace(window.push, p_wf=window.push.p_wf.copy())
     push.p_wf[row] = p
     problem, _ = programme(

@@ -74,6 +74,7 @@ def read_request(
     Raises NoContactError, MistakeError, MeasurementError, OptionError, SceneError or
     StartError for what cannot be solved.
     """
+    began = time.monotonic()
     check_types(data=(data, Measurements), session=(session, Session))
     scene, shape, options, page = asked(scene, shape, formulation, options, executor)
     if options.check_mistakes:
@@ -81,7 +82,7 @@ def read_request(
     scene.check(data)
     check_touched(data)
     functions = session.functions_for(start, scene, shape, page)
-    job = make_job(data, scene, shape, options, time.monotonic(), page, functions)
+    job = make_job(data, scene, shape, options, began, page, functions)
     known = [] if start is None else carried_hypotheses(start, shape, scene, data)
     return Request(data, job, page, options, start, executor), known
 

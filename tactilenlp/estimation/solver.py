@@ -13,13 +13,15 @@ from formulations.shape import Shape
 
 from ..common.deadline import Deadline
 from ..common.interrupt import interruptible
+from ..common.validation import check_types
 from ..data.scene import Scene
-from ..errors import MotionError
+from ..errors import MotionError, OptionError
+from ..nlp.problem import Problem
 from ..nlp.solution import check_finite, not_converged
 from ..problem.outliers import check_explained
 from ..problem.reductions import Reductions
 from ..search.hypothesis import Hypothesis, Job, distinct
-from ..search.local_solve import Solved, best_first
+from ..search.local_solve import Solved, best_first, problem_at, problem_for
 from ..search.margins import LEAST_MOTION_BEHIND
 from ..search.multi_hypothesis import search_boxes
 from ..search.polytope_init import search_polytope
@@ -88,6 +90,34 @@ def solve_estimate(
     if throw:
         _raise_unless_good(estimate, best)
     return estimate
+
+
+def problem_of(
+    data, scene: Scene | None = None, formulation="violation_implicit",
+    *, shape="cuboid", options: Options | None = None, at=None,
+) -> Problem:  # fmt: skip
+    """Return the problem that a page poses of measurements, built and not solved.
+
+    Arguments as of solve_estimate.  at: an Estimate of these measurements, of which the
+    problem is built again, with its reductions; a hull needs it, as which vertices a
+    contact reads depends on where it is solved from.  `describe()` lists terms and
+    unknowns, `check()` compares derivatives with finite differences, `nlp.ipopt.solve`
+    solves it from any start.  Raises what solve_estimate raises before it solves.
+    """
+    request, _ = read_request(
+        data, scene, shape, formulation, options, None, None, Session()
+    )
+    job, page = request.job, request.page
+    if at is not None:
+        check_types(at=(at, Estimate))
+        solved = replace(job, reductions=Reductions(**at.reductions), cuts=at.cuts)
+        return problem_at(solved, page, at.origin)[1]
+    if job.shape.window_depends_on_start:
+        raise OptionError(
+            "its problem depends on where it is solved from", where="at",
+            got=job.shape.name, expected="an Estimate of these measurements",
+        )  # fmt: skip
+    return problem_for(job, page)[0]
 
 
 def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:

@@ -207,11 +207,11 @@ def of_soft_fingertips(sensors: np.ndarray, estimate) -> np.ndarray:
     A predicted touch is off by a share of the indentation, and its normal is turned by
     the shear of the pad: a soft fingertip tells less.
     """
-    data, scene = estimate.measurements, estimate.scene
-    compliance = estimate.compliance or scene.compliance or 0.0
-    felt = data.contact & data.valid
-    if not (compliance and felt.any()):
+    compliance = estimate.compliance or estimate.scene.compliance
+    if not compliance:
         return sensors
+    data = estimate.measurements
+    felt = data.contact & data.valid
     push = [estimate.impulses[f"finger {f}"] for f in range(data.fingers)]
     normal = np.abs((np.stack(push, axis=1) * data.normal).sum(axis=2))
     depth = compliance * np.sqrt(np.mean(normal[felt] ** 2)) / data.dt

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .fit import BodyFit
+
 UNOBSERVED_VERTEX = 0.5  # [prior deviations] of sigma, of an unobserved vertex
 
 
@@ -24,7 +26,8 @@ class Body:
     sigma:       standard deviations of all these, by name, and of half_widths
     impulses:    (T, V, 3) [N s] of the ground on each vertex, world frame
     costs, violations, names as in the page `known_trajectory`; unobserved: vertices
-    that nothing but the first guess holds; skipped: what was left out, in words.
+    that nothing but the first guess holds; skipped: what was left out, in words; fit:
+    how well the motion is explained, with a verdict.
     """
 
     shape: str
@@ -43,6 +46,7 @@ class Body:
     unobserved: tuple[int, ...]
     skipped: tuple[str, ...]
     tosses: int
+    fit: BodyFit
     success: bool
     status: str
     iterations: int
@@ -80,6 +84,7 @@ class Body:
             f"known_trajectory: {self.status}, objective {self.objective:.1f} nats "
             f"after {self.iterations} iterations, {self.seconds['total']:.1f} CPU s; "
             f"largest violation {max(self.violations.values()):.1g}.",
+            self.fit.text,
         ]
         if self.unobserved:
             numbers = ", ".join(map(str, self.unobserved))

@@ -5,25 +5,27 @@ from __future__ import annotations
 import logging
 import time
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
 from formulations import known_trajectory as page
 
-from ..common.validation import as_floats, check_types
+from ..common.validation import check_types
 from ..data.scene import Scene
 from ..data.trajectories import Trajectories
-from ..errors import MotionError, OptionError, SceneError, shortened
-from ..geometry.transforms import rotation_of
+from ..errors import OptionError, SceneError
 from ..information.information import reduced_covariance
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..nlp.solution import not_converged
 from .body import UNOBSERVED_VERTEX, Body, corner_shift
-from .impacts import gravity_of, impacts, may_touch, steps_of
+from .fit import BodyFit, fit_of
+from .impacts import impacts, may_touch
+from .starts import nothing_lands, prepared
+from .support import with_soft_ground
 
 log = logging.getLogger("tactilenlp")
-CUBE_SIGNS = np.array(np.meshgrid([-1.0, 1], [-1.0, 1], [-1.0, 1])).reshape(3, 8)
 DEFAULT_SOLVER = SolverOptions(tolerance=1e-5, time_limit=600.0)
 BODY_SHAPES = ("cuboid", "corners")
 SUNK_DEPTH = 3.0  # [SURFACE] below the ground: a vertex left out must come back
@@ -45,26 +47,21 @@ def identify_body(
 
     scene: mass, gravity and ground are read (default Scene()).  shape: "cuboid" (three
     half widths) or "corners" (every vertex on its own).  guess: half widths (3,) or
-    vertices (V, 3) [m], by default of a cube as high as the lowest origin.  gauge:
-    metres per metre of the tracker; None: such that free falls show scene.gravity.
+    vertices (V, 3) [m]; by default the boxes that explain the heights of the origin are
+    tried (support.py), and the most likely result is returned.  gauge: metres per metre
+    of the tracker; None: such that free falls show scene.gravity, within LARGEST_GAUGE.
 
-    Raises MeasurementError, OptionError, SceneError before the solve, MotionError where
-    nothing touches the ground, NotConverged (unless `throw` is False) after it.
+    Raises MeasurementError (also for a wrong dt or unit, and quaternions that look like
+    xyzw), OptionError, SceneError before the solve, MotionError where nothing touches
+    the ground, NotConverged (unless `throw` is False) after it.
     """
     began = time.process_time()
     scene = Scene() if scene is None else scene
     options = DEFAULT_SOLVER if options is None else options
     _check(trajectories, scene, shape, gauge, options)
-    steps, theta, signs, ruler = _prepared(trajectories, scene, shape, guess, gauge)
-    chosen = may_touch(steps, (theta * signs).T)
-    if not chosen.any():
-        raise MotionError(
-            "no corner comes near the ground", where="trajectories",
-            got=f"origins at {1e3 * steps.p_wo[:, 2].min():.0f} mm and higher",
-            expected="tosses that land", next="check scene.ground, or give a guess",
-        )  # fmt: skip
-    given = steps, theta, signs, trajectories.dt, scene, options
-    problem, window, solution, chosen = _solved(*given, chosen)
+    steps, starts, signs, ruler = prepared(trajectories, scene, shape, guess, gauge)
+    given = signs, trajectories.dt, scene, options
+    problem, window, solution, chosen = _best(steps, starts, *given)
     if throw and not solution.success:
         raise not_converged(problem, solution)
     body = _read_off(
@@ -76,12 +73,42 @@ def identify_body(
     return replace(body, skipped=(words,), seconds=seconds)
 
 
-def _solved(steps, theta, signs, dt, scene, options, chosen):
+def _best(steps, starts, signs, dt, scene, options):
+    """Return the most likely of several solutions, as `_solved` does.
+
+    A hard ground and the first start come first, then a ground that yields in impacts,
+    then all other starts on both: each only where no fit before it is good.
+    """
+    soft = with_soft_ground(steps, starts[-1] * signs, scene.gravity, dt)
+    tried = []
+    for theta, ground in product(starts, (steps, soft)):
+        tried.append(_solved(ground, theta, signs, dt, scene, options))
+        _, window, solution, _ = tried[-1]
+        if solution.success and _fit(window, solution).verdict == "good":
+            break
+    return min(tried, key=lambda t: (not t[2].success, _evidence(t[1], t[2])))
+
+
+def _evidence(window, solution) -> float:
+    """Return the objective [nats] with the normalisation of depth, a corner a step."""
+    return solution.objective + float(np.log(window.step.depth / page.SURFACE).sum())
+
+
+def _fit(window, solution) -> BodyFit:
+    return fit_of(solution.costs, len(window.step))
+
+
+def _solved(steps, theta, signs, dt, scene, options):
     """Return problem, window, solution and the vertices (n, V) that may touch.
+
+    theta (3, columns) [m]: the start.  Raises MotionError where nothing touches.
 
     What was left out and lies below the ground in the solution is added, and the
     problem solved again, MAX_SOLVES times at most.
     """
+    chosen = may_touch(steps, (theta * signs).T)
+    if not chosen.any():
+        raise nothing_lands(steps)
     for _ in range(MAX_SOLVES):
         window = impacts(steps, chosen, theta, signs, dt)
         problem = Problem()
@@ -115,47 +142,6 @@ def _check(trajectories, scene, shape, gauge, options) -> None:
         )  # fmt: skip
 
 
-def _prepared(trajectories, scene, shape, guess, gauge):
-    """Return steps in the ground's frame, the first guess, and the gauge with sigma."""
-    from scipy.spatial.transform import Rotation
-
-    turn = Rotation.from_matrix(scene.ground.rotation)
-    rotation = turn * rotation_of(trajectories.quaternion)
-    where = scene.ground.to_ground(trajectories.position)
-    where = where - [*where[:, :2].mean(axis=0), 0]  # slopes turn about the middle
-    given = trajectories.toss, where, rotation, trajectories.dt, scene.gravity
-    steps = steps_of(*given)
-    theta, signs = _first_guess(guess, shape, where)
-    ruler = (gauge or 1.0), 0.0
-    if gauge is None and scene.gravity > 0:
-        g, sigma = gravity_of(steps, (theta * signs).T, trajectories.dt)
-        if g > 0:
-            ruler = scene.gravity / g, scene.gravity / g**2 * sigma
-    return steps_of(given[0], ruler[0] * where, *given[2:]), theta, signs, ruler
-
-
-def _first_guess(guess, shape, position):
-    """Return theta (3, columns) [m] and signs (3, V) of the first guess."""
-    cuboid = shape == "cuboid"
-    if guess is None:
-        half = np.full(3, max(position[:, 2].min(), 1e-3))
-        return (
-            (half[:, None], CUBE_SIGNS)
-            if cuboid
-            else (half[:, None] * CUBE_SIGNS, CUBE_SIGNS**2)
-        )
-    given = as_floats(guess)
-    fits = (
-        given.shape == (3,) if cuboid else given.ndim == 2 and given.shape[1:] == (3,)
-    )
-    if not fits or not np.isfinite(given).all() or (cuboid and given.min() <= 0):
-        raise OptionError(
-            "cannot start there", where="guess", got=shortened(guess, most=80),
-            expected="half widths (3,) > 0 [m]" if cuboid else "vertices (V, 3) [m]",
-        )  # fmt: skip
-    return (given[:, None], CUBE_SIGNS) if cuboid else (given.T, np.ones(given.T.shape))
-
-
 def _sunk(steps, values, signs) -> np.ndarray:
     """Return which vertices lie below the ground in which step, (n, V)."""
     level = (values["plane"] + values["offset"]).T[steps.toss]
@@ -185,6 +171,8 @@ def _read_off(trajectories, scene, shape, problem, window, solution, signs, rule
         "inertia": sigma["inertia"] * uniform,
     }  # fmt: skip
     del sigma["theta"]
+    fit = _fit(window, solution)
+    sigma = {name: fit.widening * value for name, value in sigma.items()}
     lost = np.flatnonzero((with_radius > UNOBSERVED_VERTEX * page.SIZE).any(axis=1))
     return Body(
         shape=shape, mass=scene.mass, vertices=vertices, radius=float(values["radius"]),
@@ -193,7 +181,7 @@ def _read_off(trajectories, scene, shape, problem, window, solution, signs, rule
         impulses=_impulses(trajectories, scene, problem, window, solution),
         costs=solution.costs, violations=solution.violations,
         objective=solution.objective, unobserved=tuple(lost.tolist()), skipped=(),
-        tosses=window.tosses, success=solution.success, status=solution.status,
+        fit=fit, tosses=window.tosses, success=solution.success, status=solution.status,
         iterations=solution.iterations, seconds=solution.seconds,
     )  # fmt: skip
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..problem.window import Rows
 
+SURFACE = 0.5e-3  # [m] depth of a corner below a hard ground: that of the page
 NEAR_GROUND = 10e-3  # [m] a vertex that stays higher over a step does not touch
 CALM_CHANGE = 0.04, 0.3  # [m/s], [rad/s] a lesser change of velocity is no impact
 GLIDE_SPEED = 1.0  # [rad/s] below this and calm, a body rests or glides on a face
@@ -31,8 +32,9 @@ class Steps(Rows):
 
     sample, toss: of `now`; p_wo (n, 3) [m]; R_wo (n, 9) column by column; dv [m/s];
     w, w_1 [rad/s] to the next and from the last sample, world frame, and R_half,
-    R_half_1 where the body is then; noise (n, 2) [m/s], [rad/s]; resting (n,) bool:
-    left out of a glide or a rest.
+    R_half_1 where the body is then; noise (n, 2) [m/s], [rad/s]; calm (n,) bool: at
+    rest or in a glide; resting: left out of these; depth [m]: deviation of corners
+    below the ground.
     """
 
     sample: np.ndarray
@@ -50,6 +52,8 @@ class Steps(Rows):
     R_half_1: np.ndarray
     noise: np.ndarray
     resting: np.ndarray
+    calm: np.ndarray
+    depth: np.ndarray
 
     def corners(self, vertices: np.ndarray) -> np.ndarray:
         """Return where vertices (V, 3) [m] are now, before, after: (n, V, 3, 3)."""
@@ -118,7 +122,7 @@ def steps_of(toss, position, rotation, dt: float, gravity: float) -> Steps:
         R_half=_columns(Rotation.from_rotvec(way / 2) * rotation[k]),
         R_half_1=_columns(Rotation.from_rotvec(way_1 / 2) * rotation[k - 1]),
         noise=np.hypot(FLIGHT_NOISE, IMPACT_SIGMA * np.stack([fall, turn], axis=1)),
-        resting=_thinned(calm, index),
+        resting=_thinned(calm, index), calm=calm, depth=np.full(len(k), SURFACE),
     )  # fmt: skip
 
 

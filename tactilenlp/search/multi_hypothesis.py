@@ -28,6 +28,7 @@ from .least_motion import least_motion
 from .proposals import (
     DRAWN,
     body_height,
+    centred,
     from_first_touch,
     from_guess,
     from_posterior,
@@ -93,10 +94,15 @@ def search_boxes(
     least_motion; so_far: a list that holds those of the actions done by Ctrl-C.
     """
     tracks = distant(tracked_paths(job, kept, SMOOTHED, so_far), LYING * count)
-    if kept and not precise(job.data, job.precision):
+    noisy = kept and not precise(job.data, job.precision)
+    if noisy and not job.deadline.passed("a search from scratch"):
         # Noise leaves hypotheses open that the mixture has lost: 21 nats in one update.
         anew = distant(tracked_paths(job, (), SMOOTHED), LYING * count)
         tracks = [h for pair in zip_longest(tracks, anew) for h in pair if h]
+    elif not (kept or job.first) and len(np.unique(job.data.action)) == 1:
+        # Where one touch leaves size and place open, the middle of them is reported.
+        middle = replace(job, first=(centred(job),))
+        tracks = [*tracked_paths(middle, (), 1), *tracks][: len(tracks)]
     lying = least_motion(job, tracks, executor)
     alone = max(1, count // TRACK_SHARE)
     found = [
@@ -139,11 +145,9 @@ def tracked_paths(job: Job, kept, count: int, so_far=None) -> list[Hypothesis]:
             so_far[:] = _paths(past, *whole, 1)
         raise
     found = _paths(past, data.samples, *whole[1:], count)
-    return (
-        found
-        if kept or job.deadline.left <= 0
-        else [*_run_again(filter, found[:AGAIN], rng), *found]
-    )
+    if kept or job.deadline.passed("a second pass over all actions"):
+        return found
+    return [*_run_again(filter, found[:AGAIN], rng), *found]
 
 
 def _run_again(filter, found, rng) -> list[Hypothesis]:

@@ -39,15 +39,32 @@ TOP_TILT = 0.14  # [-] sine of the tilt (8 degrees) up to which a normal is the 
 RIM_NORMAL = 0.25  # [-] n_z of a touch of the rim, beyond three sigma of noise
 
 
-def from_first_touch(data, shape, rng, count=DRAWN):
-    """Return states z (6, count) and covariances P (6, 6, count) at the first touch."""
+def first_contact(data) -> tuple[np.ndarray, np.ndarray]:
+    """Return the point (3,) [m] and the normal (3,) of the first touch."""
     touches = (touch_onsets(data, action) for action in np.unique(data.action))
     t, f = next(touch[0] for touch in touches if touch)
     rows = np.arange(t, min(t + NORMAL_SAMPLES, len(data.time)))
     rows = rows[data.contact[rows, f]]
     n = data.normal[rows, f].mean(axis=0)
     n /= max(np.linalg.norm(n), 1e-9)
-    p = data.finger_position[t, f] - data.finger_radius[f] * n
+    return data.finger_position[t, f] - data.finger_radius[f] * n, n
+
+
+def centred(job: Job) -> tuple:
+    """Return the guess (name, theta, x) of a typical box, touched in a face's middle."""
+    data, _ = spherical(job)
+    p, n = first_contact(data)
+    mean, top = job.shape.size_prior[0], np.linalg.norm(n[:2]) < TOP_TILT
+    height = body_height(data, job.shape, mean)
+    level = n[:2] / max(np.linalg.norm(n[:2]), 1e-9)
+    place = p[:2] if top else p[:2] - mean / 2 * level
+    yaw = 0.0 if top else np.arctan2(n[1], n[0])
+    return "middle", np.array([mean, mean, height]), np.r_[place, yaw]
+
+
+def from_first_touch(data, shape, rng, count=DRAWN):
+    """Return states z (6, count) and covariances P (6, 6, count) at the first touch."""
+    p, n = first_contact(data)
     mean = shape.size_prior[0]
     a, b = np.clip(rng.normal(mean, SIZE_SPREAD, (2, count)), SMALLEST, LARGEST)
     if np.linalg.norm(n[:2]) < TOP_TILT:

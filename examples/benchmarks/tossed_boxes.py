@@ -1,0 +1,152 @@
+"""Identify boxes that plain MuJoCo tosses, with a CSV file and a picture.
+
+    python examples/benchmarks/tossed_boxes.py folder [--boxes 20] [--tosses 4]
+        [--executor processes|dask|mpi|none]
+
+Every second box is a cube.  Half widths are 20 to 60 mm, frictions 0.2 to 0.6; contacts
+are MuJoCo's default ones, poses are recorded at 150 Hz without noise.  off: mean
+distance [mm] between vertices and the true ones, axes in any order.
+
+Called again with the same folder, the script runs what is missing.  It writes
+tossed_boxes.csv and tossed_boxes.png.
+"""
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
+
+import argparse
+from pathlib import Path
+from time import process_time
+
+import matplotlib.pyplot as plt
+import mujoco
+import numpy as np
+from study import add_executor, executor_of, run_study, write_csv
+
+from tactilenlp import Scene, Trajectories, identify_body
+from tactilenlp.errors import TactileError
+
+RATE, STEPS = 150.0, 10  # [Hz] of the poses, steps of the simulator between two
+SECONDS = 1.2  # [s] of a toss
+SEED = 2029
+WORLD = """
+<mujoco>
+  <option timestep="{step}"/>
+  <worldbody>
+    <geom type="plane" size="5 5 1" friction="{friction} 0 0"/>
+    <body name="box">
+      <freejoint/>
+      <geom type="box" size="{size}" mass="{mass}" friction="{friction} 0 0"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def drawn_box(number: int) -> tuple[np.ndarray, float, float]:
+    """Return half widths (3,) [m], mass [kg] and friction of a box; even: a cube."""
+    rng = np.random.default_rng([SEED, number])
+    half = rng.uniform(0.02, 0.06, 3)
+    half = np.full(3, half[0]) if number % 2 == 0 else half
+    return half, float(rng.uniform(0.1, 0.6)), float(rng.uniform(0.2, 0.6))
+
+
+def tossed(number: int, tosses: int) -> Trajectories:
+    """Return the poses of a box in so many tosses."""
+    half, mass, friction = drawn_box(number)
+    size, step = " ".join(map(str, half)), 1 / RATE / STEPS
+    text = WORLD.format(step=step, size=size, mass=mass, friction=friction)
+    model = mujoco.MjModel.from_xml_string(text)
+    data, rng, poses = mujoco.MjData(model), np.random.default_rng([number, SEED]), []
+    for toss in range(tosses):
+        mujoco.mj_resetData(model, data)
+        turn = rng.normal(size=4)
+        height = np.linalg.norm(half) + rng.uniform(0.1, 0.3)
+        data.qpos[:] = [0, 0, height, *turn / np.linalg.norm(turn)]
+        data.qvel[:] = [
+            *rng.normal(0, 0.5, 2),
+            rng.uniform(-1, 0.5),
+            *rng.normal(0, 5, 3),
+        ]
+        for _ in range(int(SECONDS * RATE)):
+            poses.append([toss, *data.qpos])
+            mujoco.mj_step(model, data, STEPS)
+    poses = np.array(poses)
+    return Trajectories(
+        toss=poses[:, 0].astype(int), position=poses[:, 1:4], quaternion=poses[:, 4:],
+        dt=1 / RATE,
+    )  # fmt: skip
+
+
+def run(number: int, tosses: int) -> dict:
+    """Return one row: the box, errors [mm], sigma [mm], gauge, verdict or failure."""
+    half, mass, friction = drawn_box(number)
+    row = {
+        "box": number,
+        "cube": number % 2 == 0,
+        "half_mm": str((1e3 * half).round(1)),
+    }
+    began = process_time()
+    try:
+        body = identify_body(tossed(number, tosses), Scene(mass=mass))
+    except TactileError as error:
+        words = f"{type(error).__name__}: {error.what}"
+        return row | {"failure": words, "cpu_s": process_time() - began}
+    error = body.half_widths - half
+    sigma = body.sigma["half_widths"]
+    return row | {
+        "failure": "", "off_mm": 1e3 * float(np.linalg.norm(error)),
+        "sigmas": float(abs(error / sigma).max()), "sigma_mm": 1e3 * float(sigma.max()),
+        "gauge": body.gauge, "radius_mm": 1e3 * body.radius,
+        "friction": body.friction, "friction_true": friction,
+        "objective": body.objective, "cpu_s": process_time() - began,
+        "verdict": getattr(getattr(body, "fit", None), "verdict", ""),
+    }  # fmt: skip
+
+
+def tell(rows: list[dict]) -> None:
+    """Print median, 90th percentile and worst of cubes and others, and failures."""
+    for name, cube in (("cubes", True), ("others", False)):
+        mine = [row for row in rows if row["cube"] == cube]
+        off = np.array([row["off_mm"] for row in mine if not row["failure"]])
+        numbers = np.percentile(off, [50, 90, 100]).round(2) if len(off) else []
+        print(f"{name}: n = {len(mine)}, off median, 90 %, worst {numbers} mm, "
+              f"{len(mine) - len(off)} failed")  # fmt: skip
+
+
+def draw(rows: list[dict], path: Path) -> None:
+    """Draw the errors of all boxes; crosses are failures."""
+    figure, axes = plt.subplots(figsize=(6, 3), layout="tight")
+    for row in rows:
+        style = {"marker": "x", "color": "C3"} if row["failure"] else {"marker": "o"}
+        colour = {} if row["failure"] else {"color": "C0" if row["cube"] else "C1"}
+        axes.scatter(row["box"], row.get("off_mm", 100.0), **style, **colour)
+    axes.set(yscale="log", xlabel="box (even: cubes)", ylabel="vertices off [mm]")
+    figure.savefig(path, dpi=150)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--boxes", type=int, default=20)
+    parser.add_argument("--tosses", type=int, default=4)
+    add_executor(parser)
+    given = parser.parse_args()
+    cases = [[number, given.tosses] for number in range(given.boxes)]
+    given.folder.mkdir(parents=True, exist_ok=True)
+    path = given.folder / "tossed_boxes"
+    with executor_of(given) as executor:
+        rows = run_study(
+            path.with_suffix(".jsonl"), "tossed boxes", run, cases, executor,
+            say=lambda _, row: row,
+        )  # fmt: skip
+    write_csv(path.with_suffix(".csv"), rows)
+    draw(rows, path.with_suffix(".png"))
+    tell(rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,45 @@
+"""From measurements and a page to the programme, in one call."""
+
+import numpy as np
+import pytest
+
+from formulations import quasi_static
+from tactilenlp import Measurements, problem_of
+from tactilenlp.errors import NoContactError, OptionError
+
+
+def test_the_programme_of_a_page_is_the_one_that_was_solved(recorded, estimate):
+    data, scene, _ = recorded
+    problem = problem_of(data, scene, at=estimate)
+    x = problem.pack(estimate.unknowns)
+    costs = {
+        name: problem.value(name, x, problem.data()).sum() for name in problem.costs
+    }
+    assert sum(costs.values()) == pytest.approx(estimate.objective, abs=1e-6)
+    assert {k: v for k, v in costs.items() if abs(v) > 1e-9} == pytest.approx(
+        {k: v for k, v in estimate.costs.items() if abs(v) > 1e-9}, abs=1e-6
+    )
+
+
+def test_it_describes_and_checks_itself(recorded, interpreted):
+    data, scene, _ = recorded
+    problem = problem_of(data.select([0]), scene, quasi_static)
+    assert "theta" in str(problem.describe())
+    assert problem.check().assembled < 1e-5
+
+
+def test_a_hull_needs_an_estimate_to_be_built_at(recorded):
+    data, scene, _ = recorded
+    with pytest.raises(OptionError, match="at"):
+        problem_of(data, scene, shape="polytope")
+
+
+def test_what_cannot_be_solved_is_refused_alike(recorded):
+    data, scene, _ = recorded
+    free = np.zeros_like(data.contact)
+    with pytest.raises(NoContactError):
+        problem_of(Measurements(
+            time=data.time, finger_position=data.finger_position,
+            finger_radius=data.finger_radius, contact=free,
+            normal=np.zeros_like(data.normal), action=data.action,
+        ), scene)  # fmt: skip
