@@ -1,8 +1,7 @@
-"""Refinement: the page solved from what the search found, and alternatives to it.
+"""Refinement: the page solved from what the search found, by multistart.
 
-Multistart from the best hypotheses, then alternative trajectories and sizes.  Where the
-scene lets an object tilt, it is first solved as if it slid: there the past can be
-filtered again, and the optimum of free motion is close.
+Where the scene lets an object tilt, it is first solved as if it slid: the optimum of
+free motion is close.
 """
 
 from __future__ import annotations
@@ -28,11 +27,10 @@ from .incremental_polytope import repaired
 
 
 def refined(job, page, kept, options, solved, start=None) -> list[Solved]:
-    """Return the page solved from hypotheses and from alternatives, best first.
+    """Return the page solved from hypotheses, best first.
 
-    solved: an empty list that holds the solves before alternatives when Ctrl-C
-    interrupts; start: an estimate that this one continues, if alternatives to it were
-    solved.
+    solved: an empty list that holds the solves so far when Ctrl-C interrupts; start: an
+    estimate of this page that this one continues.
     """
     sized, lean = (
         job.shape.parameters == "sizes",

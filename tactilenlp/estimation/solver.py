@@ -161,10 +161,13 @@ def _refined(request, starts, so_far, update) -> tuple[Job, list[Solved]]:
     """
     page, options, start = request.page, request.options, request.start
     job, solved = request.job_until(REFINEMENT_END), None
-    earlier = start if _had_alternatives(start, page) else None
+    earlier = start if _continues(start, page) else None
     with job.deadline.ending("other solves of the page"):
         solved = refined(job, page, starts, options, so_far.solved, earlier)
         check_finite(solved[0].problem, solved[0].solution)
+        if job.shape.parameters == "sizes":  # other starts gain nothing
+            optima = best_first(solved)[: request.widths[0]]
+            starts = [s.at for s in optima]
         job, solved = with_nuisance_parameters(
             job, page, solved, options,
             lambda soft: refined(soft, page, starts, options, so_far.solved, earlier),
@@ -189,11 +192,10 @@ def _read(request, best, so_far, searched: float, modes) -> Estimate:
     return read_off(request, best, so_far.kept, seconds, deadline, modes)
 
 
-def _had_alternatives(start, page) -> bool:
-    """Tell whether a start is an estimate of this page with alternatives solved."""
-    if not (isinstance(start, Estimate) and start.success):
-        return False
-    return start.options["rivals"] and start.formulation == name_of(page)
+def _continues(start, page) -> bool:
+    """Tell whether a start is an estimate of this page."""
+    good = isinstance(start, Estimate) and start.success
+    return good and start.formulation == name_of(page)
 
 
 def _searched(request: Request, kept) -> tuple[list[Hypothesis], list[Hypothesis]]:

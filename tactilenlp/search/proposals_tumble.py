@@ -3,7 +3,7 @@
 An object that is pushed high tips over its far bottom edge: the measured normal of the
 pushed side rises with the tilt, then the object falls like a pendulum and comes to lie
 on the next face.  There it slides again; a turn by 90 degrees permutes the sides.  So a
-tumble is proposed from the normals, what follows is searched by the planar beam, and
+tumble is proposed from the normals, what follows is tracked in the plane, and
 both together start one local solve in free motion.
 """
 
@@ -169,8 +169,8 @@ def recovered(job, evidence, width: int, solves: int, executor=None):
 def continued(job, tumbles, width: int, solves: int, executor=None):
     """Return free hypotheses of all actions of a job: tumbled, then slid, best first.
 
-    job: the data from the first action on; tumbles: of one action of it. The planar
-    beam searches what comes after. Its results and what was known before are joined in
+    job: the data from the first action on; tumbles: of one action of it. What
+    comes after is tracked. The results and what was known before are joined in
     every way; the objective is that of the likelihoods, on the coarse level.
     """
     action = job.data.action[tumbles[0].x.shape[1] - 1]
