@@ -39,7 +39,7 @@ from .tracking import Filter, Tracks, filter_of, opened, parts_of, started, trac
 
 log = logging.getLogger("tactilenlp")
 SMOOTHED = 300  # tracks that are smoothed at most
-LYING = 5  # of them a start, far from each other, from which least motion is solved
+LYING = 7  # of them a start, far from each other, from which least motion is solved
 EVERY = 8  # samples of a path that are compared
 AGAIN = 24  # tracks that run a second time, from their smoothed starts
 AGAIN_SIGMA = np.r_[5e-4, 5e-4, 5e-4, 2e-3, 2e-3, 0.05]  # [m, rad]
