@@ -21,9 +21,7 @@ from .proposals import lasting_contacts
 from .pushing import ARM, Move, pushed
 
 KEPT, TRACKS = 100, 500  # tracks kept after an action, and what they are split into
-EARLY, MORE = 2, 3  # actions in which sizes are free: so many times as many tracks
-HOPELESS = 60.0  # [nats] behind the best after an action
-DROPPED = 40.0  # [nats] behind the best within an action, where contact was felt
+HOPELESS = 60.0  # [nats] behind the best
 CELL = np.array([6e-4] * 5 + [0.02])[:, None]  # [m, rad] tracks this close are one
 SPREAD, SHRUNK = 0.8, 0.4  # [deviations] of the parts of a split; their variance
 PRESS = 0.7, 1.0  # [weights] median, deviation of the logarithm, of a push on a top
@@ -31,14 +29,12 @@ PRESS = 0.7, 1.0  # [weights] median, deviation of the logarithm, of a push on a
 GAP_SIGMA, NORMAL_SIGMA = 0.25e-3, 0.075  # [m], [rad] model errors of a touch
 FRICTION_GROUND, FRICTION_FINGER = 0.3, 0.5  # [-] where a scene does not say
 PUSH_ERROR, ONSET_ERROR = 0.10, 0.20  # [-] of a predicted motion; where a touch begins
-DRAG_ERROR = 0.20  # [-] of a finger's way over the top
 STOP_ERROR = 0.20  # [-] of the motion before, where fingers leave
 SLOWED = 0.3  # [-] of that motion is left a sample later, unless it coasts
 TURN = np.array([1.0, 1.0, 1 / ARM])[:, None]  # [m, rad] of a way [m]
 TOUCHED = np.array([1e-4, 1e-4, 5e-3])[:, None]  # [m, rad] process noise of a sample
 RELEASED = np.array([5e-5, 5e-5, 2e-3])[:, None]
 BETWEEN = np.array([2e-4, 2e-4, 1e-2])[:, None]  # [m, rad] of a gap between actions
-MOVED_SHARE, MOVED_FACTOR, MOVED_COST = 0.3, 15.0, 2.0  # [-], [-], [nats]: retractions
 OUTLIER = 8.0  # [nats] most that one finger costs in one sample
 PASSES = 2  # of the iterated filter
 LONGEST = np.array([8e-3] * 5 + [0.3])[:, None]  # [m, rad] a pass
@@ -51,7 +47,7 @@ class Tracks:
     """Hypotheses side by side: z (6, S), P (6, 6, S), evidence (S,) [nats].
 
     press (fingers, S) [weights]: of each finger that is on the top; motion (3, S) of
-    the last sample; lean (2, S): see pushing.py.
+    the last sample.
     """
 
     z: np.ndarray
@@ -59,7 +55,6 @@ class Tracks:
     evidence: np.ndarray
     press: np.ndarray
     motion: np.ndarray
-    lean: np.ndarray
 
     def pick(self, rows) -> Tracks:
         """Return the chosen tracks."""
@@ -88,8 +83,7 @@ class Filter:
     """What is tracked: data, contacts (T, F), noise, friction, lower bound.
 
     felt: contacts that last; hidden: samples that were missed and may be contacts;
-    coasts: whether nothing brakes the body; split: whether tracks are selected and
-    split.
+    coasts: whether nothing brakes the body.
     """
 
     data: object
@@ -100,7 +94,6 @@ class Filter:
     low: np.ndarray
     coasts: bool
     deadline: Deadline
-    split: bool = True
 
 
 def filter_of(job, window, data) -> Filter:
@@ -124,7 +117,7 @@ def started(z, P, fingers: int, rng) -> Tracks:
     """Return tracks from states z (6, S) and covariances P (6, 6, S)."""
     S = z.shape[1]
     press = _presses(fingers, S, rng)
-    return Tracks(z, P, np.zeros(S), press, np.zeros((3, S)), np.zeros((2, S)))
+    return Tracks(z, P, np.zeros(S), press, np.zeros((3, S)))
 
 
 def _presses(fingers, S, rng):
@@ -142,22 +135,18 @@ def tracked(filter: Filter, tracks: Tracks, samples, rng):
 
     They are split at its end, unless it is the last one.  At the deadline it stops.
     """
-    data, felt = filter.data, filter.felt
+    felt = filter.felt
     records, end = [], samples[-1]
     for t in samples:
         if filter.deadline.left <= 0:
             break
-        tracks, slopes, moved = _predicted(filter, tracks, t, rng)
+        tracks, slopes, moved = _predicted(filter, tracks, t)
         predicted, predicted_P = tracks.z, tracks.P
         tracks, corrected = _corrected(filter, tracks, t)
         rows = None
-        if filter.split and felt[: t + 1].any():
+        if felt[: t + 1].any():
             if t == end:
-                before = felt[data.action < data.action[t]].any(axis=1)
-                met = len(np.unique(data.action[data.action < data.action[t]][before]))
-                final = t == len(felt) - 1
-                more = MORE if met < EARLY else 1
-                tracks, rows = _split(filter, tracks, more, final, rng)
+                tracks, rows = _split(filter, tracks, t == len(felt) - 1, rng)
             elif (rows := _surviving(tracks)) is not None:
                 tracks = tracks.pick(rows)
         if moved or corrected or rows is not None:
@@ -167,13 +156,13 @@ def tracked(filter: Filter, tracks: Tracks, samples, rng):
     return tracks, records
 
 
-def _predicted(filter, tracks, t, rng):
+def _predicted(filter, tracks, t):
     """Return tracks before sample t is seen, slopes of the motion, whether it moved."""
     data, felt = filter.data, filter.felt
     if t == 0:
         return tracks, None, False
     if data.action[t] != data.action[t - 1]:
-        return _between(filter, tracks, t, rng), None, True
+        return _between(tracks), None, True
     active = felt[t] | (felt[t - 1] & data.valid[t]) | filter.hidden[t]
     way = _way(tracks.motion)
     if not active.any():
@@ -185,47 +174,37 @@ def _predicted(filter, tracks, t, rng):
             return _noisier(replace(tracks, z=moved), deviation), None, True
         tracks = replace(tracks, motion=SLOWED * tracks.motion)
         return _noisier(tracks, deviation), None, True
-    motion, slopes, lean = _motion(filter, tracks, t, np.flatnonzero(active))
+    motion, slopes = _motion(filter, tracks, t, np.flatnonzero(active))
     onset = (felt[t] & ~felt[t - 1]).any()
-    top = felt[t] & (data.normal[t, :, 2] > 0.5)
-    dragged = np.diff(data.finger_position[t - 1 : t + 1, top, :2], axis=0)
     error = ONSET_ERROR if onset else PUSH_ERROR
     error = error * np.maximum(_way(motion), 0.5 * way)
-    error = error + DRAG_ERROR * np.linalg.norm(dragged, axis=2).sum()
     z, P = tracks.z.copy(), tracks.P.copy()
     z[3:] += motion
     added = np.einsum("ijs,jks->iks", slopes, tracks.P)
     P[3:] += added
     P[:, 3:] += added.swapaxes(0, 1)
     P[3:, 3:] += np.einsum("ijs,kjs->iks", added, slopes)
-    tracks = replace(tracks, z=z, P=P, motion=motion, lean=lean)
+    tracks = replace(tracks, z=z, P=P, motion=motion)
     return _noisier(tracks, TOUCHED + error * TURN), slopes, True
 
 
 def _motion(filter, tracks, t, active):
-    """Return motion (3, S), its slopes (3, 6, S) by differences, and lean (2, S)."""
+    """Return motion (3, S), and its slopes (3, 6, S) by differences."""
     p, radius = filter.data.finger_position, filter.data.finger_radius
     moves = [Move(p[t - 1, f], p[t, f], radius[f]) for f in active]
     steps = np.hstack([np.zeros((6, 1)), np.diag(DIFFERENCE)])
-    D, lean = pushed(
+    D = pushed(
         tracks.z[:, None] + steps[..., None], moves, tracks.press[active][:, None],
-        tracks.motion[:, None], tracks.lean[:, None], filter.friction,
+        tracks.motion[:, None], filter.friction,
     )  # fmt: skip
     slopes = (D[:, 1:] - D[:, :1]) / DIFFERENCE[:, None]
-    return D[:, 0], np.clip(slopes, -STEEPEST, STEEPEST), lean[:, 0]
+    return D[:, 0], np.clip(slopes, -STEEPEST, STEEPEST)
 
 
-def _between(filter, tracks, t, rng) -> Tracks:
-    """Return tracks after the fingers retracted: some of them moved the body."""
+def _between(tracks) -> Tracks:
+    """Return tracks after the fingers retracted: at rest."""
     S = tracks.z.shape[1]
-    factor = np.ones(S)
-    if filter.split and filter.felt[:t].any():
-        factor[rng.random(S) < MOVED_SHARE] = MOVED_FACTOR
-    tracks = replace(
-        tracks, motion=np.zeros((3, S)), lean=np.zeros((2, S)),
-        evidence=tracks.evidence - MOVED_COST * (factor > 1),
-    )  # fmt: skip
-    return _noisier(tracks, BETWEEN * factor)
+    return _noisier(replace(tracks, motion=np.zeros((3, S))), BETWEEN)
 
 
 def _noisier(tracks, deviation) -> Tracks:
@@ -311,20 +290,20 @@ def _touch(filter, z, p, radius, felt):
 
 def _surviving(tracks):
     """Return the tracks that are not hopeless, if many are; None: all go on."""
-    rows = np.flatnonzero(tracks.evidence > tracks.evidence.max() - DROPPED)
+    rows = np.flatnonzero(tracks.evidence > tracks.evidence.max() - HOPELESS)
     return rows if len(rows) < 0.8 * tracks.z.shape[1] else None
 
 
-def _split(filter, tracks, more, final, rng):
+def _split(filter, tracks, final, rng):
     """Return the best distinct tracks, each with parts of it, and whose parts."""
     order = np.argsort(-tracks.evidence, kind="stable")
     order = order[tracks.evidence[order] > tracks.evidence[order[0]] - HOPELESS]
     cells = np.round(tracks.z[:, order] / CELL)
     _, first = np.unique(cells, axis=1, return_index=True)
-    chosen = order[np.sort(first)][: more * KEPT]
+    chosen = order[np.sort(first)][:KEPT]
     if final:
         return tracks.pick(chosen), chosen
-    each = int(np.clip(round(more * TRACKS / len(chosen)), 1, 8))
+    each = int(np.clip(round(TRACKS / len(chosen)), 1, 8))
     rows = np.repeat(chosen, each)
     return parts_of(filter, tracks, rows, rng), rows
 
