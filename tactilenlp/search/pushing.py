@@ -29,8 +29,6 @@ SLOW = 2e-4  # [m] a slower body has no direction of sliding yet
 START = 1e-3  # [m] way of every corner then: the friction is isotropic
 ARM = 20e-3  # [m] one radian of turn counts as this much way
 LEAST_LOAD = 0.02  # [weights] of a corner
-MOST_FORCE = 4.0  # [weights] of a finger's push
-MOST_WEIGHT = 2.0  # [weights] that a finger on the rim adds to the load
 OVERLAP = 1e-4  # [m] more than a finger approached in a sample is not pushed out
 LONGEST = np.array([8e-3, 8e-3, 0.3])[:, None, None]  # [m, m, rad] in a sample
 
@@ -83,8 +81,7 @@ class _Push:
     @property
     def load(self):
         """The weight that it adds, by the force so far."""
-        pushed = np.minimum(self.force[0] * self.n_z, MOST_WEIGHT)
-        return np.where(self.steep, pushed, self.press)
+        return np.where(self.steep, self.force[0] * self.n_z, self.press)
 
     def meet(self, compliance):
         """Prepare: the motions that unit forces cause, and their part at the finger."""
@@ -107,7 +104,7 @@ class _Push:
         side = np.where(l_2 >= 0, mu, -mu)
         slipping = np.maximum(self.w_11 + side * self.w_12, 0.1 * self.w_11)
         slips = np.abs(l_2) > mu * np.maximum(l_1, 0.0)
-        pushed = np.clip(np.where(slips, b_1 / slipping, l_1), 0.0, MOST_FORCE)
+        pushed = np.maximum(np.where(slips, b_1 / slipping, l_1), 0.0)
         dragged = np.where(slips, side * pushed, l_2)
         limit = mu * self.press
         scale = np.minimum(1.0, limit / np.maximum(np.hypot(l_1, l_2), 1e-12))

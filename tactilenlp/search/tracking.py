@@ -28,9 +28,8 @@ PRESS = 0.7, 1.0  # [weights] median, deviation of the logarithm, of a push on a
 
 GAP_SIGMA, NORMAL_SIGMA = 0.25e-3, 0.075  # [m], [rad] model errors of a touch
 FRICTION_GROUND, FRICTION_FINGER = 0.3, 0.5  # [-] where a scene does not say
-PUSH_ERROR, ONSET_ERROR = 0.10, 0.20  # [-] of a predicted motion; where a touch begins
+PUSH_ERROR = 0.10  # [-] of a predicted motion
 STOP_ERROR = 0.20  # [-] of the motion before, where fingers leave
-SLOWED = 0.3  # [-] of that motion is left a sample later, unless it coasts
 TURN = np.array([1.0, 1.0, 1 / ARM])[:, None]  # [m, rad] of a way [m]
 TOUCHED = np.array([1e-4, 1e-4, 5e-3])[:, None]  # [m, rad] process noise of a sample
 RELEASED = np.array([5e-5, 5e-5, 2e-3])[:, None]
@@ -39,7 +38,6 @@ OUTLIER = 8.0  # [nats] most that one finger costs in one sample
 PASSES = 2  # of the iterated filter
 LONGEST = np.array([8e-3] * 5 + [0.3])[:, None]  # [m, rad] a pass
 DIFFERENCE = np.array([1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 5e-4])  # [m, rad]
-STEEPEST = np.array([[1] * 5 + [0.04]] * 2 + [[50] * 5 + [1.0]])[..., None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,12 +170,10 @@ def _predicted(filter, tracks, t):
         if filter.coasts:
             moved = np.vstack([tracks.z[:3], tracks.z[3:] + tracks.motion])
             return _noisier(replace(tracks, z=moved), deviation), None, True
-        tracks = replace(tracks, motion=SLOWED * tracks.motion)
+        tracks = replace(tracks, motion=np.zeros_like(tracks.motion))
         return _noisier(tracks, deviation), None, True
     motion, slopes = _motion(filter, tracks, t, np.flatnonzero(active))
-    onset = (felt[t] & ~felt[t - 1]).any()
-    error = ONSET_ERROR if onset else PUSH_ERROR
-    error = error * np.maximum(_way(motion), 0.5 * way)
+    error = PUSH_ERROR * np.maximum(_way(motion), 0.5 * way)
     z, P = tracks.z.copy(), tracks.P.copy()
     z[3:] += motion
     added = np.einsum("ijs,jks->iks", slopes, tracks.P)
@@ -198,7 +194,7 @@ def _motion(filter, tracks, t, active):
         tracks.motion[:, None], filter.friction,
     )  # fmt: skip
     slopes = (D[:, 1:] - D[:, :1]) / DIFFERENCE[:, None]
-    return D[:, 0], np.clip(slopes, -STEEPEST, STEEPEST)
+    return D[:, 0], slopes
 
 
 def _between(tracks) -> Tracks:
