@@ -22,7 +22,7 @@ from ..search.hypothesis import TermFunctions
 
 MOST = 1_000_000  # [-] hypotheses or starts
 # (hypotheses, starts) for noisy, for precise sensors
-NOISY_WIDTHS, PRECISE_WIDTHS = (4, 8), (2, 4)
+NOISY_WIDTHS, PRECISE_WIDTHS = (4, 6), (2, 4)
 
 
 @typed_call()

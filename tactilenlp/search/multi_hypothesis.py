@@ -40,10 +40,8 @@ from .proposals import (
 
 log = logging.getLogger("tactilenlp")
 SMOOTHED = 300  # tracks that are smoothed at most
-LYING = 5  # of them a start, far from each other, from which least motion is solved
+LYING = 7  # of them a start, far from each other, from which least motion is solved
 EVERY = 8  # samples of a path that are compared
-AGAIN = 24  # tracks that run a second time, from their smoothed starts
-AGAIN_SIGMA = np.r_[5e-4, 5e-4, 5e-4, 2e-3, 2e-3, 0.05]  # [m, rad]
 TRACK_SHARE = 4  # one start in so many is a track, the others are of least motion
 SAME_PATH = 0.3e-3  # [m] corners of two paths this close: one optimum of least motion
 # [m] far paths; [nats] their bonus; too far behind:
@@ -145,21 +143,7 @@ def tracked_paths(job: Job, kept, count: int, so_far=None) -> list[Hypothesis]:
         if so_far is not None and whole[0] > done:
             so_far[:] = _paths(past, *whole, 1)
         raise
-    found = _paths(past, data.samples, *whole[1:], count)
-    if kept or job.deadline.passed("a second pass over all actions"):
-        return found
-    return [*_run_again(filter, found[:AGAIN], rng), *found]
-
-
-def _run_again(filter, found, rng) -> list[Hypothesis]:
-    """Return the paths of hypotheses tracked once more from their smoothed starts."""
-    z = np.array([np.r_[h.theta, h.x[:, 0]] for h in found]).T
-    P = np.repeat(np.diag(AGAIN_SIGMA**2)[..., None], len(found), axis=2)
-    tracks = started(z, P, filter.data.fingers, rng)
-    records, samples = opened(tracks, 0), np.arange(len(filter.felt))
-    tracks, more = tracked(replace(filter, split=False), tracks, samples, rng)
-    past = _Past((), (), np.arange(len(found)), found[0].path[0])
-    return _paths(past, len(samples), tracks, records + more, len(found))
+    return _paths(past, data.samples, *whole[1:], count)
 
 
 def _proposed(job, filter: Filter, kept, rng) -> tuple[Tracks, _Past]:

@@ -10,7 +10,7 @@ The box lies on its four corners.  With forces in weights and the motion D of a 
 |v_i| is that of the sample before, which makes the ground's law linear (one step of
 iteratively reweighted least squares, warm-started); the fingers' complementarity
 problem is solved by projected block Gauss-Seidel, a finger a block.  The loads N_i
-follow from where fingers press and how high they push.  Lynch and Mason, "Stable
+follow from where fingers press.  Lynch and Mason, "Stable
 pushing" (1996), with four supports in place of a limit surface.
 """
 
@@ -29,9 +29,6 @@ SLOW = 2e-4  # [m] a slower body has no direction of sliding yet
 START = 1e-3  # [m] way of every corner then: the friction is isotropic
 ARM = 20e-3  # [m] one radian of turn counts as this much way
 LEAST_LOAD = 0.02  # [weights] of a corner
-MOST_FORCE = 4.0  # [weights] of a finger's push
-MOST_WEIGHT = 2.0  # [weights] that a finger on the rim adds to the load
-MOST_LEAN = 0.6  # [weights] horizontal force that the ground's friction balances
 OVERLAP = 1e-4  # [m] more than a finger approached in a sample is not pushed out
 LONGEST = np.array([8e-3, 8e-3, 0.3])[:, None, None]  # [m, m, rad] in a sample
 
@@ -66,7 +63,6 @@ class _Push:
         )  # fmt: skip
         q = in_body(z, move.p_1)
         self.x, self.y = q[0] - move.radius * n[0], q[1] - move.radius * n[1]
-        self.height = move.p_1[2] - move.radius * n[2]
         level = np.maximum(level, 1e-9)
         first = np.where(self.steep, -n[0], 1.0), np.where(self.steep, -n[1], 0.0)
         second = (
@@ -85,16 +81,7 @@ class _Push:
     @property
     def load(self):
         """The weight that it adds, by the force so far."""
-        pushed = np.minimum(self.force[0] * self.n_z, MOST_WEIGHT)
-        return np.where(self.steep, pushed, self.press)
-
-    @property
-    def level_force(self):
-        """The horizontal force on the box (2, ...)."""
-        (ax, ay, _), (bx, by, _) = self.direction
-        return self.force[0] * ax + self.force[1] * bx, self.force[0] * ay + self.force[
-            1
-        ] * by
+        return np.where(self.steep, self.force[0] * self.n_z, self.press)
 
     def meet(self, compliance):
         """Prepare: the motions that unit forces cause, and their part at the finger."""
@@ -117,7 +104,7 @@ class _Push:
         side = np.where(l_2 >= 0, mu, -mu)
         slipping = np.maximum(self.w_11 + side * self.w_12, 0.1 * self.w_11)
         slips = np.abs(l_2) > mu * np.maximum(l_1, 0.0)
-        pushed = np.clip(np.where(slips, b_1 / slipping, l_1), 0.0, MOST_FORCE)
+        pushed = np.maximum(np.where(slips, b_1 / slipping, l_1), 0.0)
         dragged = np.where(slips, side * pushed, l_2)
         limit = mu * self.press
         scale = np.minimum(1.0, limit / np.maximum(np.hypot(l_1, l_2), 1e-12))
@@ -131,18 +118,17 @@ class _Push:
         ]
 
 
-def pushed(z, moves, press, before, lean, friction):
+def pushed(z, moves, press, before, friction):
     """Return the motion (3, ...) [m, m, rad] of boxes z (6, ...) in one sample.
 
     moves: the fingers that touch, each a Move; press (moves, ...): their force on a top
-    [weights]; before (3, ...): the motion of the sample before; lean (2, ...): moment
-    of the horizontal forces [weights m], which shifts loads; friction: of ground, of
-    fingers.  Also returns the new lean.
+    [weights]; before (3, ...): the motion of the sample before; friction: of the
+    ground, of the fingers.
     """
     mu_g, mu_f = friction
     heading = c, s = np.cos(z[5]), np.sin(z[5])
     pushes = [_Push(z, move, p, heading) for move, p in zip(moves, press, strict=True)]
-    compliance = _compliance(z, pushes, before, lean, heading, mu_g)
+    compliance = _compliance(z, pushes, before, heading, mu_g)
     for push in pushes:
         push.meet(compliance)
     D = [np.zeros(z.shape[1:])] * 3
@@ -150,20 +136,10 @@ def pushed(z, moves, press, before, lean, friction):
         for push in pushes:
             D = push.solve(D, mu_f)
     motion = np.stack([c * D[0] - s * D[1], s * D[0] + c * D[1], D[2]])
-    return np.clip(motion, -LONGEST, LONGEST), _leaning(pushes, lean, heading)
+    return np.clip(motion, -LONGEST, LONGEST)
 
 
-def _leaning(pushes, lean, heading):
-    """Return the moment of the horizontal forces, averaged over two samples."""
-    c, s = heading
-    fx, fy = (sum(f) for f in zip(*(p.level_force for p in pushes), strict=True))
-    size = np.maximum(1.0, np.hypot(fx, fy) / MOST_LEAN)
-    mx = sum(np.clip(p.level_force[0], -2, 2) * p.height for p in pushes) / size
-    my = sum(np.clip(p.level_force[1], -2, 2) * p.height for p in pushes) / size
-    return 0.5 * lean + 0.5 * np.stack([c * mx - s * my, s * mx + c * my])
-
-
-def _compliance(z, pushes, before, lean, heading, mu_g):
+def _compliance(z, pushes, before, heading, mu_g):
     """Return the function from a generalised force to the motion, body frame.
 
     The inverse of sum_i w_i (1, 0, -y_i; 0, 1, x_i; -y_i, x_i, r_i^2) over corners.
@@ -171,8 +147,8 @@ def _compliance(z, pushes, before, lean, heading, mu_g):
     c, s = heading
     x, y = z[0] / 2, z[1] / 2
     load = 1.0 + sum(p.load for p in pushes)
-    m_x = c * lean[0] + s * lean[1] + sum(p.load * p.x for p in pushes)
-    m_y = c * lean[1] - s * lean[0] + sum(p.load * p.y for p in pushes)
+    m_x = sum(p.load * p.x for p in pushes)
+    m_y = sum(p.load * p.y for p in pushes)
     tilt_x, tilt_y = m_x / x, m_y / y
     vx, vy, turn = (
         c * before[0] + s * before[1],

@@ -17,22 +17,16 @@ from .box_contact import box_contact, box_contact_slopes
 from .pushing import ARM, Move, pushed
 from .tracks import Filter, Record, Tracks, split_tracks, surviving
 
-EARLY, MORE = 2, 3  # actions in which sizes are free: so many times as many tracks
-
-PUSH_ERROR, ONSET_ERROR = 0.10, 0.20  # [-] of a predicted motion; where a touch begins
-DRAG_ERROR = 0.20  # [-] of a finger's way over the top
+PUSH_ERROR = 0.10  # [-] of a predicted motion
 STOP_ERROR = 0.20  # [-] of the motion before, where fingers leave
-SLOWED = 0.3  # [-] of that motion is left a sample later, unless it coasts
 TURN = np.array([1.0, 1.0, 1 / ARM])[:, None]  # [m, rad] of a way [m]
 TOUCHED = np.array([1e-4, 1e-4, 5e-3])[:, None]  # [m, rad] process noise of a sample
 RELEASED = np.array([5e-5, 5e-5, 2e-3])[:, None]
 BETWEEN = np.array([2e-4, 2e-4, 1e-2])[:, None]  # [m, rad] of a gap between actions
-MOVED_SHARE, MOVED_FACTOR, MOVED_COST = 0.3, 15.0, 2.0  # [-], [-], [nats]: retractions
 OUTLIER = 8.0  # [nats] most that one finger costs in one sample
 PASSES = 2  # of the iterated filter
 LONGEST = np.array([8e-3] * 5 + [0.3])[:, None]  # [m, rad] a pass
 DIFFERENCE = np.array([1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 5e-4])  # [m, rad]
-STEEPEST = np.array([[1] * 5 + [0.04]] * 2 + [[50] * 5 + [1.0]])[..., None]
 
 
 def tracked(filter: Filter, tracks: Tracks, samples, rng):
@@ -40,22 +34,18 @@ def tracked(filter: Filter, tracks: Tracks, samples, rng):
 
     They are split at its end, unless it is the last one.  At the deadline it stops.
     """
-    data, felt = filter.data, filter.felt
+    felt = filter.felt
     records, end = [], samples[-1]
     for t in samples:
         if filter.deadline.left <= 0:
             break
-        tracks, slopes, moved = _predicted(filter, tracks, t, rng)
+        tracks, slopes, moved = _predicted(filter, tracks, t)
         predicted, predicted_P = tracks.z, tracks.P
         tracks, corrected = _corrected(filter, tracks, t)
         rows = None
-        if filter.split and felt[: t + 1].any():
+        if felt[: t + 1].any():
             if t == end:
-                before = felt[data.action < data.action[t]].any(axis=1)
-                met = len(np.unique(data.action[data.action < data.action[t]][before]))
-                final = t == len(felt) - 1
-                more = MORE if met < EARLY else 1
-                tracks, rows = split_tracks(filter, tracks, more, final, rng)
+                tracks, rows = split_tracks(filter, tracks, t == len(felt) - 1, rng)
             elif (rows := surviving(tracks)) is not None:
                 tracks = tracks.pick(rows)
         if moved or corrected or rows is not None:
@@ -65,13 +55,13 @@ def tracked(filter: Filter, tracks: Tracks, samples, rng):
     return tracks, records
 
 
-def _predicted(filter, tracks, t, rng):
+def _predicted(filter, tracks, t):
     """Return tracks before sample t is seen, slopes of the motion, whether it moved."""
     data, felt = filter.data, filter.felt
     if t == 0:
         return tracks, None, False
     if data.action[t] != data.action[t - 1]:
-        return _between(filter, tracks, t, rng), None, True
+        return _between(tracks), None, True
     active = felt[t] | (felt[t - 1] & data.valid[t]) | filter.hidden[t]
     way = _way(tracks.motion)
     if not active.any():
@@ -81,49 +71,37 @@ def _predicted(filter, tracks, t, rng):
         if filter.coasts:
             moved = np.vstack([tracks.z[:3], tracks.z[3:] + tracks.motion])
             return _noisier(replace(tracks, z=moved), deviation), None, True
-        tracks = replace(tracks, motion=SLOWED * tracks.motion)
+        tracks = replace(tracks, motion=np.zeros_like(tracks.motion))
         return _noisier(tracks, deviation), None, True
-    motion, slopes, lean = _motion(filter, tracks, t, np.flatnonzero(active))
-    onset = (felt[t] & ~felt[t - 1]).any()
-    top = felt[t] & (data.normal[t, :, 2] > 0.5)
-    dragged = np.diff(data.finger_position[t - 1 : t + 1, top, :2], axis=0)
-    error = ONSET_ERROR if onset else PUSH_ERROR
-    error = error * np.maximum(_way(motion), 0.5 * way)
-    error = error + DRAG_ERROR * np.linalg.norm(dragged, axis=2).sum()
+    motion, slopes = _motion(filter, tracks, t, np.flatnonzero(active))
+    error = PUSH_ERROR * np.maximum(_way(motion), 0.5 * way)
     z, P = tracks.z.copy(), tracks.P.copy()
     z[3:] += motion
     added = np.einsum("ijs,jks->iks", slopes, tracks.P)
     P[3:] += added
     P[:, 3:] += added.swapaxes(0, 1)
     P[3:, 3:] += np.einsum("ijs,kjs->iks", added, slopes)
-    tracks = replace(tracks, z=z, P=P, motion=motion, lean=lean)
+    tracks = replace(tracks, z=z, P=P, motion=motion)
     return _noisier(tracks, TOUCHED + error * TURN), slopes, True
 
 
 def _motion(filter, tracks, t, active):
-    """Return motion (3, S), its slopes (3, 6, S) by differences, and lean (2, S)."""
+    """Return motion (3, S), and its slopes (3, 6, S) by differences."""
     p, radius = filter.data.finger_position, filter.data.finger_radius
     moves = [Move(p[t - 1, f], p[t, f], radius[f]) for f in active]
     steps = np.hstack([np.zeros((6, 1)), np.diag(DIFFERENCE)])
-    D, lean = pushed(
+    D = pushed(
         tracks.z[:, None] + steps[..., None], moves, tracks.press[active][:, None],
-        tracks.motion[:, None], tracks.lean[:, None], filter.friction,
+        tracks.motion[:, None], filter.friction,
     )  # fmt: skip
     slopes = (D[:, 1:] - D[:, :1]) / DIFFERENCE[:, None]
-    return D[:, 0], np.clip(slopes, -STEEPEST, STEEPEST), lean[:, 0]
+    return D[:, 0], slopes
 
 
-def _between(filter, tracks, t, rng) -> Tracks:
-    """Return tracks after the fingers retracted: some of them moved the body."""
+def _between(tracks) -> Tracks:
+    """Return tracks after the fingers retracted: at rest."""
     S = tracks.z.shape[1]
-    factor = np.ones(S)
-    if filter.split and filter.felt[:t].any():
-        factor[rng.random(S) < MOVED_SHARE] = MOVED_FACTOR
-    tracks = replace(
-        tracks, motion=np.zeros((3, S)), lean=np.zeros((2, S)),
-        evidence=tracks.evidence - MOVED_COST * (factor > 1),
-    )  # fmt: skip
-    return _noisier(tracks, BETWEEN * factor)
+    return _noisier(replace(tracks, motion=np.zeros((3, S))), BETWEEN)
 
 
 def _noisier(tracks, deviation) -> Tracks:

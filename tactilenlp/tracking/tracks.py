@@ -16,8 +16,7 @@ from ..problem.missing_samples import unseen_contact
 from ..problem.reductions import coasts
 
 KEPT, TRACKS = 100, 500  # tracks kept after an action, and what they are split into
-HOPELESS = 60.0  # [nats] behind the best after an action
-DROPPED = 40.0  # [nats] behind the best within an action, where contact was felt
+HOPELESS = 60.0  # [nats] behind the best
 CELL = np.array([6e-4] * 5 + [0.02])[:, None]  # [m, rad] tracks this close are one
 SPREAD, SHRUNK = 0.8, 0.4  # [deviations] of the parts of a split; their variance
 PRESS = 0.7, 1.0  # [weights] median, deviation of the logarithm, of a push on a top
@@ -30,7 +29,7 @@ class Tracks:
     """Hypotheses side by side: z (6, S), P (6, 6, S), evidence (S,) [nats].
 
     press (fingers, S) [weights]: of each finger that is on the top; motion (3, S) of
-    the last sample; lean (2, S): see pushing.py.
+    the last sample.
     """
 
     z: np.ndarray
@@ -38,7 +37,6 @@ class Tracks:
     evidence: np.ndarray
     press: np.ndarray
     motion: np.ndarray
-    lean: np.ndarray
 
     def pick(self, rows) -> Tracks:
         """Return the chosen tracks."""
@@ -67,8 +65,7 @@ class Filter:
     """What is tracked: data, contacts (T, F), noise, friction, lower bound.
 
     felt: contacts that last; hidden: samples that were missed and may be contacts;
-    coasts: whether nothing brakes the body; split: whether tracks are selected and
-    split.
+    coasts: whether nothing brakes the body.
     """
 
     data: object
@@ -79,7 +76,6 @@ class Filter:
     low: np.ndarray
     coasts: bool
     deadline: Deadline
-    split: bool = True
 
 
 def filter_of(job, window, data) -> Filter:
@@ -103,7 +99,7 @@ def started(z, P, fingers: int, rng) -> Tracks:
     """Return tracks from states z (6, S) and covariances P (6, 6, S)."""
     S = z.shape[1]
     press = presses(fingers, S, rng)
-    return Tracks(z, P, np.zeros(S), press, np.zeros((3, S)), np.zeros((2, S)))
+    return Tracks(z, P, np.zeros(S), press, np.zeros((3, S)))
 
 
 def presses(fingers, S, rng):
@@ -118,20 +114,20 @@ def opened(tracks: Tracks, sample: int) -> list[Record]:
 
 def surviving(tracks):
     """Return the tracks that are not hopeless, if many are; None: all go on."""
-    rows = np.flatnonzero(tracks.evidence > tracks.evidence.max() - DROPPED)
+    rows = np.flatnonzero(tracks.evidence > tracks.evidence.max() - HOPELESS)
     return rows if len(rows) < 0.8 * tracks.z.shape[1] else None
 
 
-def split_tracks(filter, tracks, more, final, rng):
+def split_tracks(filter, tracks, final, rng):
     """Return the best distinct tracks, each with parts of it, and whose parts."""
     order = np.argsort(-tracks.evidence, kind="stable")
     order = order[tracks.evidence[order] > tracks.evidence[order[0]] - HOPELESS]
     cells = np.round(tracks.z[:, order] / CELL)
     _, first = np.unique(cells, axis=1, return_index=True)
-    chosen = order[np.sort(first)][: more * KEPT]
+    chosen = order[np.sort(first)][:KEPT]
     if final:
         return tracks.pick(chosen), chosen
-    each = int(np.clip(round(more * TRACKS / len(chosen)), 1, 8))
+    each = int(np.clip(round(TRACKS / len(chosen)), 1, 8))
     rows = np.repeat(chosen, each)
     return parts_of(filter, tracks, rows, rng), rows
 
