@@ -11,7 +11,7 @@ from formulations.shape import CUBOID
 from tactilenlp import solve_estimate
 from tactilenlp.problem.missing_samples import LONG_WAY, unseen_contact
 from tactilenlp.problem.reductions import Reductions, reduce
-from tactilenlp.search.box_contact import box_contact_slopes
+from tactilenlp.tracking.box_contact import box_contact_slopes
 
 WEIGHT = 9.81  # [m/s^2] times mass and time step
 

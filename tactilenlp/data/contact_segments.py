@@ -21,6 +21,14 @@ COMPARED_TOUCHES = 4  # touches on either side whose mean normals are compared
 NOISE_SIGMAS = 3.5  # [sigma] largest difference of means of one segment
 
 
+def lasting_contacts(data) -> np.ndarray:
+    """Tell which contacts (T, F) have a neighbour in time, unlike a flipped boolean."""
+    felt = data.contact & data.valid
+    pair = felt[1:] & felt[:-1] & (data.action[1:] == data.action[:-1])[:, None]
+    none = np.zeros((1, data.fingers), bool)
+    return np.vstack([none, pair]) | np.vstack([pair, none])
+
+
 def without_outliers(data: Measurements, sigma: float) -> Measurements:
     """Return the data with isolated samples marked as not valid: flipped booleans.
 

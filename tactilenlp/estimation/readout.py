@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from ..common.deadline import NEVER, Deadline, OutOfTime
@@ -12,18 +13,26 @@ from ..common.npz import versions
 from ..data.sensor_noise import variance_left
 from ..geometry.convex_hull import centroid
 from ..geometry.transforms import is_planar, matrices, quaternion_of, rotate_planar
-from ..information.finger_offsets import offsets_of
+from ..information.error_budget import ANY_ROTATION, REACHED
+from ..information.finger_offsets import NAME, offsets_of, prior_of_offsets
 from ..information.goodness_of_fit import fit_of
 from ..information.information import Information, information_of
 from ..information.measurement_noise import Sensed
-from ..information.polytope_information import polytope_information, touched_polygons
-from ..information.prior_information import NOT_COMPUTED, prior_information
+from ..information.mixture import one_mode
+from ..information.polytope_information import (
+    maps_of_vertices,
+    names_of_vertices,
+    polytope_information,
+    touched_polygons,
+)
+from ..information.tangent_space import tangent_space_of
 from ..nlp.problem import Problem
 from ..problem.polytope_window import with_supports
 from ..problem.poses import body_corners, poses
 from .request import Request
 from .result import Estimate
 
+NOT_COMPUTED = "anything (no time to compute sigma: it is that of the prior)"
 TIME_LIMIT = "time limit reached: without "  # in the status, before what is missing
 
 
@@ -247,3 +256,38 @@ def by_sample(values, rows, samples: int) -> np.ndarray:
     out = np.zeros((samples, 3))
     np.add.at(out, rows, values)
     return out
+
+
+def prior_information(job, solved, R_wg) -> Information:
+    """Return the information by the prior alone about what was solved, world frame.
+
+    Where the time limit came before it was computed: nothing is claimed that was not.
+    R_wg (3, 3): from the ground's frame, in which the problem is written.
+    """
+    problem, solution, shape = solved.problem, solved.solution, job.shape
+    if shape.parameters == "vertices":
+        names, turning = names_of_vertices(solution.values["theta"].shape[1]), 0
+        maps, sizes = maps_of_vertices(solution.values["theta"].T, R_wg), len(names)
+    else:
+        tangent = tangent_space_of(problem, solution, solved.window, shape, R_wg)
+        names, turning, maps = tangent.names, tangent.turning, tangent.maps
+        sizes = shape.theta
+    deviation = np.full(len(names), REACHED)
+    deviation[:sizes] = shape.size_prior[1]
+    deviation[len(names) - turning :] = ANY_ROTATION
+    spread = np.diag(deviation**2)
+    if shape.parameters == "vertices":  # all of them may be elsewhere together
+        along = np.tile(np.eye(3), (len(names) // 3, 1))
+        spread += REACHED**2 * along @ along.T
+    matrix = np.linalg.inv(spread)
+    offsets = {}
+    if NAME in problem.variables:
+        prior = prior_of_offsets(job.scene, solution.values[NAME].shape[1])
+        both = block_diag(matrix, prior)
+        offsets = {"offsets": np.linalg.inv(prior), "with_offsets": both}
+    return Information(
+        names=names, matrix=matrix, spread=spread, parts={}, roles={},
+        modes=one_mode(solution.objective, spread), maps=maps,
+        unobserved=(NOT_COMPUTED,), directions=np.zeros((len(names), 0)), fixed=(),
+        active={}, ambiguous={}, indefinite=(), **offsets,
+    )  # fmt: skip

@@ -165,9 +165,6 @@ def _refined(request, starts, so_far, update) -> tuple[Job, list[Solved]]:
     with job.deadline.ending("other solves of the page"):
         solved = refined(job, page, starts, options, so_far.solved, earlier)
         check_finite(solved[0].problem, solved[0].solution)
-        if job.shape.parameters == "sizes":  # other starts gain nothing
-            optima = best_first(solved)[: request.widths[0]]
-            starts = [s.at for s in optima]
         job, solved = with_nuisance_parameters(
             job, page, solved, options,
             lambda soft: refined(soft, page, starts, options, so_far.solved, earlier),

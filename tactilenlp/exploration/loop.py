@@ -23,7 +23,7 @@ from ..estimation.result import Estimate
 from ..estimation.solver import solve_estimate
 from ..evaluation.ground_truth import errors_of
 from .action_space import Workspace
-from .first_touch import first_touch
+from .first_touch import check_reach, first_touch
 from .log import (
     Exploration,
     Step,
@@ -34,7 +34,6 @@ from .log import (
 )
 from .options import ExploreOptions
 from .policies import check_predicted, checked_policy, next_action
-from .reach import check_reach
 
 log = logging.getLogger("tactilenlp")
 

@@ -23,7 +23,7 @@ from pathlib import Path
 import casadi as ca
 
 from ..common.deadline import NEVER, Deadline
-from .library_cache import discard, is_whole, store, trusted_folder, workspace
+from ..common.library_cache import discard, is_whole, store, trusted_folder, workspace
 
 log = logging.getLogger("tactilenlp")
 # No contraction to fused operations: both machines give the same digits.

@@ -23,6 +23,9 @@ import numpy as np
 from ..common.progress import progress
 from ..data.sensor_noise import precise
 from ..geometry.transforms import carried
+from ..tracking.smoother import smoothed
+from ..tracking.tracking import tracked
+from ..tracking.tracks import Filter, Tracks, filter_of, opened, parts_of, started
 from .hypothesis import Hypothesis, Job
 from .least_motion import least_motion
 from .proposals import (
@@ -34,8 +37,6 @@ from .proposals import (
     from_posterior,
     spherical,
 )
-from .smoother import smoothed
-from .tracking import Filter, Tracks, filter_of, opened, parts_of, started, tracked
 
 log = logging.getLogger("tactilenlp")
 SMOOTHED = 300  # tracks that are smoothed at most

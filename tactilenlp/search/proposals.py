@@ -15,6 +15,7 @@ import numpy as np
 from formulations import quasi_static
 from formulations.finger import SPHERE
 
+from ..data.contact_segments import lasting_contacts
 from ..problem.fingertips import as_spheres
 from ..problem.reductions import reduce
 from .hypothesis import Job
@@ -122,14 +123,6 @@ def spherical(job: Job):
     """Return data and window as if every fingertip were a sphere."""
     window = reduce(job.data, job.scene, job.shape, job.precision, job.reductions)
     return as_spheres(job.data, job.scene), replace(window, finger=SPHERE)
-
-
-def lasting_contacts(data) -> np.ndarray:
-    """Tell which contacts (T, F) have a neighbour in time, unlike a flipped boolean."""
-    felt = data.contact & data.valid
-    pair = felt[1:] & felt[:-1] & (data.action[1:] == data.action[:-1])[:, None]
-    none = np.zeros((1, data.fingers), bool)
-    return np.vstack([none, pair]) | np.vstack([pair, none])
 
 
 def touch_onsets(data, action) -> list[tuple[int, int]]:

@@ -3,31 +3,20 @@
 A track is a Gaussian of size and planar pose.  Each sample predicts all tracks by
 quasi-static pushing (pushing.py), with its slopes in the covariance, and corrects them
 by gaps and normals (iterated extended Kalman filter); the innovations add up to the
-log evidence.  After an action the best distinct tracks are kept and split along their
-uncertainty.  What was recorded is smoothed backward (smoother.py).
+log evidence.  After an action tracks are selected and split (tracks.py).  What was
+recorded is smoothed backward (smoother.py).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from ..common.deadline import Deadline
-from ..problem.missing_samples import unseen_contact
-from ..problem.reductions import coasts
 from .box_contact import box_contact, box_contact_slopes
-from .proposals import lasting_contacts
 from .pushing import ARM, Move, pushed
+from .tracks import Filter, Record, Tracks, split_tracks, surviving
 
-KEPT, TRACKS = 100, 500  # tracks kept after an action, and what they are split into
-HOPELESS = 60.0  # [nats] behind the best
-CELL = np.array([6e-4] * 5 + [0.02])[:, None]  # [m, rad] tracks this close are one
-SPREAD, SHRUNK = 0.8, 0.4  # [deviations] of the parts of a split; their variance
-PRESS = 0.7, 1.0  # [weights] median, deviation of the logarithm, of a push on a top
-
-GAP_SIGMA, NORMAL_SIGMA = 0.25e-3, 0.075  # [m], [rad] model errors of a touch
-FRICTION_GROUND, FRICTION_FINGER = 0.3, 0.5  # [-] where a scene does not say
 PUSH_ERROR = 0.10  # [-] of a predicted motion
 STOP_ERROR = 0.20  # [-] of the motion before, where fingers leave
 TURN = np.array([1.0, 1.0, 1 / ARM])[:, None]  # [m, rad] of a way [m]
@@ -38,94 +27,6 @@ OUTLIER = 8.0  # [nats] most that one finger costs in one sample
 PASSES = 2  # of the iterated filter
 LONGEST = np.array([8e-3] * 5 + [0.3])[:, None]  # [m, rad] a pass
 DIFFERENCE = np.array([1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 5e-4])  # [m, rad]
-
-
-@dataclass(frozen=True, eq=False)
-class Tracks:
-    """Hypotheses side by side: z (6, S), P (6, 6, S), evidence (S,) [nats].
-
-    press (fingers, S) [weights]: of each finger that is on the top; motion (3, S) of
-    the last sample.
-    """
-
-    z: np.ndarray
-    P: np.ndarray
-    evidence: np.ndarray
-    press: np.ndarray
-    motion: np.ndarray
-
-    def pick(self, rows) -> Tracks:
-        """Return the chosen tracks."""
-        return Tracks(**{name: a[..., rows] for name, a in vars(self).items()})
-
-
-@dataclass(frozen=True, eq=False)
-class Record:
-    """What the smoother needs of a sample: before and after correction and selection.
-
-    slopes (3, 6, S) of the predicted motion, None if nothing moved; parents: of each
-    track after selection, among those before; None: none was dropped or split.
-    """
-
-    sample: int
-    predicted: np.ndarray
-    predicted_P: np.ndarray
-    slopes: np.ndarray | None
-    z: np.ndarray
-    P: np.ndarray
-    parents: np.ndarray | None
-
-
-@dataclass(frozen=True, eq=False)
-class Filter:
-    """What is tracked: data, contacts (T, F), noise, friction, lower bound.
-
-    felt: contacts that last; hidden: samples that were missed and may be contacts;
-    coasts: whether nothing brakes the body.
-    """
-
-    data: object
-    felt: np.ndarray
-    hidden: np.ndarray
-    noise: tuple[float, float]
-    friction: tuple[float, float]
-    low: np.ndarray
-    coasts: bool
-    deadline: Deadline
-
-
-def filter_of(job, window, data) -> Filter:
-    """Return the filter of a job; where the fingers are not known, gaps tell less."""
-    scene = job.scene
-    friction = (
-        scene.friction_ground or FRICTION_GROUND,
-        (FRICTION_FINGER if scene.friction_finger is None else scene.friction_finger),
-    )
-    place = np.hypot(window.sigma_position, scene.typical_offset)
-    noise = np.hypot(GAP_SIGMA, place), np.hypot(NORMAL_SIGMA, window.sigma_normal)
-    low = np.r_[np.full(3, job.shape.bounds[0]), np.full(3, -np.inf)][:, None]
-    felt = lasting_contacts(data)
-    return Filter(
-        data, felt, unseen_contact(data), noise, friction, low, coasts(scene),
-        job.deadline,
-    )  # fmt: skip
-
-
-def started(z, P, fingers: int, rng) -> Tracks:
-    """Return tracks from states z (6, S) and covariances P (6, 6, S)."""
-    S = z.shape[1]
-    press = _presses(fingers, S, rng)
-    return Tracks(z, P, np.zeros(S), press, np.zeros((3, S)))
-
-
-def _presses(fingers, S, rng):
-    return PRESS[0] * np.exp(PRESS[1] * rng.normal(size=(fingers, S)))
-
-
-def opened(tracks: Tracks, sample: int) -> list[Record]:
-    """Return the record of the tracks as they begin."""
-    z, P = tracks.z, tracks.P
-    return [Record(sample, z, P, None, z, P, None)]
 
 
 def tracked(filter: Filter, tracks: Tracks, samples, rng):
@@ -144,8 +45,9 @@ def tracked(filter: Filter, tracks: Tracks, samples, rng):
         rows = None
         if felt[: t + 1].any():
             if t == end:
-                tracks, rows = _split(filter, tracks, t == len(felt) - 1, rng)
-            elif (rows := _surviving(tracks)) is not None:
+                final = t == len(felt) - 1
+                tracks, rows = split_tracks(filter, tracks, final, rng)
+            elif (rows := surviving(tracks)) is not None:
                 tracks = tracks.pick(rows)
         if moved or corrected or rows is not None:
             records.append(
@@ -282,38 +184,3 @@ def _touch(filter, z, p, radius, felt):
         rows.append((np.tensordot(e, n, 1), np.tensordot(e, n_slopes, 1)))
     along = (1.0 - np.tensordot(felt, n, 1)) / sigma_n
     return 0.5 * along**2, rows
-
-
-def _surviving(tracks):
-    """Return the tracks that are not hopeless, if many are; None: all go on."""
-    rows = np.flatnonzero(tracks.evidence > tracks.evidence.max() - HOPELESS)
-    return rows if len(rows) < 0.8 * tracks.z.shape[1] else None
-
-
-def _split(filter, tracks, final, rng):
-    """Return the best distinct tracks, each with parts of it, and whose parts."""
-    order = np.argsort(-tracks.evidence, kind="stable")
-    order = order[tracks.evidence[order] > tracks.evidence[order[0]] - HOPELESS]
-    cells = np.round(tracks.z[:, order] / CELL)
-    _, first = np.unique(cells, axis=1, return_index=True)
-    chosen = order[np.sort(first)][:KEPT]
-    if final:
-        return tracks.pick(chosen), chosen
-    each = int(np.clip(round(TRACKS / len(chosen)), 1, 8))
-    rows = np.repeat(chosen, each)
-    return parts_of(filter, tracks, rows, rng), rows
-
-
-def parts_of(filter, tracks, rows, rng) -> Tracks:
-    """Return tracks split: the rows, each repeated as often as it has parts, in order.
-
-    The first part stays; the others are off by a random deviation and narrower.
-    """
-    part = np.r_[False, rows[1:] == rows[:-1]]
-    parts = tracks.pick(rows)
-    L = np.linalg.cholesky(np.moveaxis(parts.P, -1, 0) + 1e-14 * np.eye(6))
-    off = np.einsum("sij,sj->is", L, rng.normal(size=(len(rows), 6)))
-    z = np.maximum(parts.z + SPREAD * part * off, filter.low)
-    P = parts.P * np.where(part, SHRUNK, 1.0)
-    press = _presses(len(parts.press), len(rows), rng)
-    return replace(parts, z=z, P=P, press=press)
