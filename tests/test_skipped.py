@@ -1,29 +1,42 @@
 """What an estimate skips, switched off, put back: its optimum stays where it is."""
 
+import time
+
 import numpy as np
 import pytest
 
+from formulations import violation_implicit as page
+from formulations.shape import CUBOID
 from tactilenlp import Options, solve_estimate
+from tactilenlp.estimation.certification import certified
+from tactilenlp.estimation.request import make_job
 from tactilenlp.problem import certificates
+from tactilenlp.search.local_solve import settings_of, solved_from, warm_started
 
 
-@pytest.mark.slow
 def test_every_reduction_can_be_switched_off_alone(recorded):
     data, scene, _ = recorded
     data = data.select(range(2))
-    # From one optimum: from afar, solves end in optima a fifth of a nat apart.
-    options = Options(starts=1, rivals=False)
-    start = solve_estimate(data, scene, options=options)
-    reduced = solve_estimate(data, scene, options=options, start=start)
+    h = solve_estimate(data, scene).hypotheses[0]
+
+    def job(options):
+        return make_job(data, scene, CUBOID, options, time.monotonic(), page)
+
+    solved = solved_from(job(Options()), page, h, Options())
+    reduced = certified(job(Options()), page, solved, Options()).solution
     for name in ("still", "far", "absent"):
-        options = Options(reduce=[name], starts=1, rivals=False)
-        full = solve_estimate(data, scene, options=options, start=start)
+        options = Options(reduce=[name])
+        given = job(options), page
+        # From the same optimum: from afar, solves end a fifth of a nat apart.
+        again = warm_started(*given, solved, settings_of(job(options), options), 1e-5)
+        full = certified(*given, again, options)
+        assert full.solution.success
         assert all(s.name != name for s in full.skipped)
         # an exact reduction keeps the optimum; a still span adds poses whose links
         # cost nothing at rest
         # Rounded friction lets poses of their own creep, which gains a little.
         less = 0.3 if name == "still" else 1e-4
-        assert full.objective == pytest.approx(reduced.objective, abs=less)
+        assert full.solution.objective == pytest.approx(reduced.objective, abs=less)
 
 
 @pytest.mark.slow
