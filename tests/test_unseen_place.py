@@ -30,5 +30,6 @@ def test_after_a_touch_from_above_the_ground_place_is_unobserved_but_bounded(rec
     data, scene, _ = recorded
     found = solve_estimate(data.select([0]), scene).information
     assert any("position" in words for words in found.unobserved)
-    np.testing.assert_allclose(found.sigma("position")[:2], REACHED, rtol=0.05)
+    assert (found.sigma("position")[:2] > 0.05).all()  # beyond half of any side
+    assert (found.sigma("position")[:2] < 1.05 * REACHED).all()
     assert found.sigma("position")[2] < 1e-4

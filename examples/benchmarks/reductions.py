@@ -37,6 +37,7 @@ from formulations import polytope_violation_implicit, violation_implicit
 from formulations.polytope import polytope
 from formulations.shape import CUBOID, Shape
 from tactilenlp import Ground, Measurements, Scene, SolverOptions, solve_estimate
+from tactilenlp.common.deadline import Deadline
 from tactilenlp.data.sensor_noise import precision_of, smoothed
 from tactilenlp.geometry.tipping import planar_to_free
 from tactilenlp.problem.reductions import Reductions
@@ -86,7 +87,7 @@ class Way:
         precision = precision_of(self.data, self.scene)
         return Job(
             smoothed(self.data, precision), self.scene, self.shape, precision,
-            Reductions.of(self.off), time.monotonic() + LONGEST, TermFunctions(),
+            Reductions.of(self.off), Deadline.within(LONGEST), TermFunctions(),
         )  # fmt: skip
 
 
