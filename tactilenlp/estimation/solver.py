@@ -22,7 +22,7 @@ from ..problem.outliers import check_explained
 from ..problem.reductions import Reductions
 from ..search.hypothesis import Hypothesis, Job, distinct
 from ..search.local_solve import Solved, best_first, problem_at, problem_for
-from ..search.margins import LEAST_MOTION_BEHIND
+from ..search.margins import LEAST_MOTION_BEHIND, UPDATE_COST, UPDATE_SHARE
 from ..search.multi_hypothesis import search_boxes
 from ..search.polytope_init import search_polytope
 from ..search.proposals_floating import (
@@ -138,6 +138,12 @@ def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
     kept, starts = _searched(request, so_far.kept)
     so_far.kept, searched = kept, so_far.spent
     job, solved = _refined(request, starts, so_far, update)
+    if solved and _costs_too_much(request, solved[0]):
+        anew = replace(request, start=None)
+        more, starts = _searched(anew, [])
+        other, found = _refined(anew, starts, so_far, update)
+        if found and found[0].rank < solved[0].rank:
+            job, solved, kept = other, found, more
     if not solved:
         return not_solved(request, starts, so_far.spent)
     best, *_ = solved = [_restamped(s, job.deadline) for s in solved]
@@ -152,6 +158,21 @@ def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
         if s.solution.success and s.window.motion is best.window.motion
     ]  # fmt: skip
     return _read(request, best, so_far, searched, others), best
+
+
+def _costs_too_much(request: Request, best: Solved) -> bool:
+    """Tell whether an update of a box costs more than its new actions should.
+
+    The posterior that it tracked on from had then lost the right path.
+    """
+    start, job = request.start, request.job
+    if job.shape.parameters != "sizes" or not _continues(start, request.page):
+        return False
+    usual = max(start.objective, 0.0) / start.measurements.actions
+    new = job.data.actions - start.measurements.actions
+    most = start.objective + UPDATE_COST + UPDATE_SHARE * usual * new
+    late = job.deadline.left <= 0
+    return not late and best.solution.objective > most
 
 
 def _refined(request, starts, so_far, update) -> tuple[Job, list[Solved]]:
