@@ -46,7 +46,9 @@ def check_ranges(
     error: type[HardwareError] = LimitError,
 ) -> None:
     """Raise an error unless values are so many finite numbers from low to high."""
-    given = list(values) if isinstance(values, tuple | list | np.ndarray) else []
+    many = isinstance(values, np.ndarray) and values.ndim > 0
+    many = many or isinstance(values, tuple | list)
+    given = list(values) if many else []
     if len(given) != count:
         expected = f"({count},) {unit}"
         raise error("wrong shape", where=where, got=_short(values), expected=expected)

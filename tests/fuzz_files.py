@@ -166,7 +166,7 @@ def damaged_json(rng, text: str) -> str:
         return text[:k] + text[k + 1 :]
     try:
         tree = json.loads(text)
-    except ValueError:  # it was damaged before
+    except (ValueError, RecursionError):  # it was damaged before
         return text
     return json.dumps(_damaged_tree(rng, tree))
 

@@ -14,6 +14,7 @@ from hardware.impedance import Gains, Limits
 from hardware.kinematics import finger
 from hardware.motor_can import Reference
 from hardware.motor_joints import JointMap, start_motors
+from hardware.ranges import check_ranges
 from hardware.rig import Tactile
 from hardware.simulated_robot import simulated_rig
 from hardware.world import RobotWorld
@@ -171,3 +172,8 @@ def test_commands_are_in_range_though_someone_else_s_path_is_not():
                 board.listen(setup.robot.now())
                 said = [c.values for c in board.received if isinstance(c, Reference)]
                 assert np.isfinite(said).all()
+
+
+def test_a_single_number_in_an_array_is_no_pair():
+    with pytest.raises(LimitError, match="wrong shape"):
+        check_ranges("pair", np.array(3.0), 2, -1, 1, "m")
