@@ -33,6 +33,11 @@ def sigma(exploration):
     return information.sigma("side_lengths")[order]
 
 
+def allowed(first, second):
+    """Return by how much sides may differ (3,) [m]: the last action is sampled anew."""
+    return np.maximum(CLOSE, SIGMAS * np.hypot(sigma(first), sigma(second)))
+
+
 @pytest.mark.slow
 def test_a_run_that_is_killed_after_action_2_ends_as_one_that_is_not(tmp_path):
     folders = [tmp_path / name for name in ("whole", "killed")]
@@ -52,9 +57,9 @@ def test_a_run_that_is_killed_after_action_2_ends_as_one_that_is_not(tmp_path):
         assert second.at(k).estimate.objective == first.at(k).estimate.objective
     chosen = [one.at(3).action.angles for one in (first, second)]
     assert np.array_equal(*chosen)
-    off = abs(sides(first) - sides(second)).max()
-    print(f"sides differ by {1e3 * off:.3f} mm")
-    assert off < CLOSE
+    off = abs(sides(first) - sides(second))
+    print(f"sides differ by {1e3 * off.max():.3f} mm")
+    assert (off < allowed(first, second)).all()
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +87,6 @@ def test_a_run_that_is_killed_at_any_moment_loses_nothing(whole, trial, tmp_path
         if step.estimate is not None:
             assert ended.at(step.number).estimate.objective == step.estimate.objective
     off = abs(sides(undisturbed) - sides(ended))
-    allowed = np.maximum(CLOSE, SIGMAS * np.hypot(sigma(undisturbed), sigma(ended)))
     print(f"killed {ran}, {len(left.steps)} kept, {1e3 * off.round(6)} mm")
-    assert (off < allowed).all()
+    assert (off < allowed(undisturbed, ended)).all()
     assert sorted(tmp_path.glob("*.npz")) == [tmp_path / KEPT]
