@@ -28,7 +28,8 @@ from ..information.polytope_information import (
 from ..information.tangent_space import tangent_space_of
 from ..nlp.problem import Problem
 from ..problem.polytope_window import with_supports
-from ..problem.poses import body_corners, poses
+from ..problem.poses import poses
+from ..problem.surface import body_surface
 from .request import Request
 from .result import Estimate
 
@@ -131,7 +132,7 @@ def read_box(
         ),
     )  # fmt: skip
     where = poses(shape, window.motion, theta, x, scene.ground)
-    return Body(*where, body_corners(shape, theta), faces), information
+    return Body(*where, body_surface(shape, theta), faces), information
 
 
 def read_polytope(

@@ -11,6 +11,7 @@ from formulations.centre_of_mass import NAME as CENTRE
 from formulations.indentation import NAME as COMPLIANCE
 from formulations.rigid_body import G
 
+from ..common.brief import brief
 from ..common.layout import ANY
 from ..common.named import Named
 from ..common.npz import read_result, write_result
@@ -104,6 +105,7 @@ class Estimate:
     }
     FINITE: ClassVar = ("theta", "position", "quaternion", "body_vertices")
     UNIT: ClassVar = ("quaternion",)
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         for name in BY_NAME:
@@ -115,11 +117,9 @@ class Estimate:
         """Full side lengths (3,) [m] of a cuboid, along its body axes."""
         if self.shape != "cuboid":
             raise TactileError(
-                "only a cuboid has side lengths",
-                where="side_lengths",
-                got=self.shape,
-                next="read estimate.vertices",
-            )
+                "only a cuboid has side lengths", where="side_lengths",
+                got=self.shape, next="read estimate.vertices",
+            )  # fmt: skip
         return self.theta
 
     @property

@@ -1,0 +1,61 @@
+"""Compute points of the surface of a body from theta, for meshes and models."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from formulations.shape import CUBOID
+
+from ..errors import TactileError
+from .poses import body_corners
+
+RAYS = 642  # of a sphere of 25 mm, the facets are then within 0.15 mm of the surface
+HALVINGS = 50  # of the interval along a ray: to rounding
+SMALL = 1e-4  # rounding of edges, by the reach of the body
+INNERMOST = 1e-6  # where a ray starts, by the reach: an ellipsoid's d(0) is 0 / 0
+
+
+def body_surface(shape, theta) -> np.ndarray:
+    """Return points (V, 3) [m], body frame, whose convex hull is the body.
+
+    A cuboid has its corners.  Of any other shape with sizes, the distance is zero at
+    the points, one on each of RAYS directions from the origin; the edges between them
+    are cut.  TactileError where a ray does not cross the surface within `reach`.
+    """
+    if shape.distance is CUBOID.distance:
+        return body_corners(shape, theta)
+    reach, rays = float(shape.reach(theta)), _directions(RAYS)
+    distance = _distances(shape, theta, SMALL * reach)
+    low, high = np.full(RAYS, INNERMOST * reach), np.full(RAYS, (1 + SMALL) * reach)
+    inside, outside = distance(low * rays) < 0, distance(high * rays) >= 0
+    if not (inside & outside).all():
+        raise TactileError(
+            "the distance has no zero between the origin and the reach of the body",
+            where=f"shape {shape.name!r}",
+            got=f"{np.count_nonzero(~(inside & outside))} of {RAYS} directions, "
+            f"theta {np.round(theta, 4).tolist()}, reach {reach:.4g} m",
+            expected="distance < 0 near the origin, >= 0 at reach(theta)",
+            next="correct distance or reach of the Shape",
+        )
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        within = distance(middle * rays) < 0
+        low, high = np.where(within, middle, low), np.where(within, high, middle)
+    return ((low + high) / 2 * rays).T
+
+
+def _distances(shape, theta, small: float):
+    """Return the function that maps points (3, n) [m] to distances (n,) [m]."""
+    q = shape.symbol("q", 3)
+    one = ca.Function("distance", [q], [shape.distance(ca.DM(theta), q, small)])
+    return lambda points: np.asarray(one.map(points.shape[1])(points)).ravel()
+
+
+def _directions(count: int) -> np.ndarray:
+    """Return evenly spread unit vectors (3, count): a spherical Fibonacci lattice."""
+    i = np.arange(count)
+    z = 1 - (2 * i + 1) / count
+    turn = np.pi * (1 + 5**0.5) * i
+    across = np.sqrt(1 - z * z)
+    return np.stack([across * np.cos(turn), across * np.sin(turn), z])
