@@ -134,14 +134,14 @@ def _failure(bad: BaseException, number: int) -> dict:
     return {"number": number, "what": what}
 
 
-def fuzz(estimate, seed: int, inputs: int, seconds: float, only=None, first=0) -> dict:
+def fuzz(estimates, seed: int, inputs: int, seconds: float, only=None, first=0) -> dict:
     """Run so many inputs, or as many as the time [s] allows; return the sums."""
     counts, failures, memory = collections.Counter(), [], 0.0
     end, began = time.time() + seconds, time.time()
     with tempfile.TemporaryDirectory() as folder:
         from fuzz_files import prepare
 
-        prepare(Path(folder), estimate)
+        prepare(Path(folder), *estimates)
         done = first
         while done < first + inputs and time.time() < end:
             count = min(SHARD, first + inputs - done)
@@ -201,12 +201,13 @@ def report(found: dict) -> str:
     return "\n".join(lines)
 
 
-def small_estimate():
-    """Return the estimate of one action of the shipped recording."""
+def small_estimates():
+    """Return the estimates of one action of the shipped recording: a box, a hull."""
     import tactilenlp as t
 
     path = t.example_recording()
-    return t.solve_estimate(t.Measurements.load(path).select([0]), t.Scene.load(path))
+    data, scene = t.Measurements.load(path).select([0]), t.Scene.load(path)
+    return [t.solve_estimate(data, scene, shape=s) for s in ("cuboid", "polytope")]
 
 
 def again(seed: int, number: int, only) -> None:
@@ -214,7 +215,7 @@ def again(seed: int, number: int, only) -> None:
     from fuzz_files import Known, prepare
 
     with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory() as temp:
-        prepare(Path(folder), small_estimate())
+        prepare(Path(folder), *small_estimates())
         known = Known(Path(folder), Path(temp))
         with interrupting():
             print(one(kinds(), known, seed, number, only))
@@ -241,7 +242,7 @@ def main() -> int:
         again(given.seed, given.again, given.only)
         return 0
     limits = given.seed, given.inputs, given.seconds, given.only, given.first
-    found = fuzz(small_estimate(), *limits)
+    found = fuzz(small_estimates(), *limits)
     print(report(found))
     return bool(found["failures"])
 

@@ -138,3 +138,12 @@ def test_an_unknown_suffix_is_refused_with_the_ones_that_are_known(estimate, tmp
     with pytest.raises(OptionError, match=r"\.glb"):
         export_shape(estimate, tmp_path / "shape.step")
     assert not any(tmp_path.iterdir())
+
+
+def test_a_body_without_volume_or_with_faces_of_another_is_refused_in_words(estimate):
+    flat = replace(estimate, body_vertices=estimate.vertices * [1.0, 1.0, 0.0])
+    with pytest.raises(OptionError, match="vertices: the body has no volume"):
+        flat.supporting_planes()
+    other = replace(estimate, faces=np.zeros(7, int))
+    with pytest.raises(OptionError, match="touches of 7 faces"):
+        other.supporting_planes()

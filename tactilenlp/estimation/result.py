@@ -87,11 +87,8 @@ class Estimate:
     fit: Fit | None = None
 
     LAYOUT: ClassVar = {  # of the arrays in a file
-        "measurements/time": ("T",),
-        "measurements/finger_radius": ("F",),
-        "theta": ("n",),
-        "position": ("T", 3),
-        "quaternion": ("T", 4),
+        "measurements/time": ("T",), "measurements/finger_radius": ("F",),
+        "theta": ("n",), "position": ("T", 3), "quaternion": ("T", 4),
         "body_vertices": ("V", 3),
         "impulses/*": ("T", 3),
         "unknowns/*": (ANY, ANY),
@@ -102,9 +99,11 @@ class Estimate:
         "finger_offset": ("F", 3),
         "origin/x": (ANY, "T"),
         "information/path": ("T", 6),
-    }
+        "information/maps/vertices": ("3 V", ANY),
+    }  # fmt: skip
     FINITE: ClassVar = ("theta", "position", "quaternion", "body_vertices")
     UNIT: ClassVar = ("quaternion",)
+    SOLID: ClassVar = ("body_vertices",)
     __repr__ = brief
 
     def __post_init__(self) -> None:
