@@ -114,7 +114,7 @@ class Estimate:
     @property
     def side_lengths(self) -> np.ndarray:
         """Full side lengths (3,) [m] of a cuboid, along its body axes."""
-        if self.shape != "cuboid":
+        if self.shape != "cuboid" or self.theta.shape != (3,):
             raise TactileError(
                 "only a cuboid has side lengths", where="side_lengths",
                 got=self.shape, next="read estimate.vertices",
@@ -215,15 +215,16 @@ class Estimate:
     def _sized(self) -> str:
         """Return the size of the body in words."""
         mm = 1e3
-        if "side_lengths" not in self.information.maps:
+        if "side_lengths" not in self.information.maps or self.theta.shape != (3,):
             size = np.ptp(self.vertices, axis=0) * mm
             touched = np.count_nonzero(self.faces)
             across = " x ".join(f"{s:.1f}" for s in size)
-            known = self.supporting_planes().sigma[self.faces > 0] * mm
-            words = f" to ± {np.median(known):.2f} mm (median)" if touched else ""
+            planes = self.supporting_planes()
+            known = planes.sigma[planes.touches > 0] * mm
+            words = f" to ± {np.median(known):.2f} mm (median)" if len(known) else ""
             return (
                 f"{len(self.vertices)} vertices, {across} mm across, {touched} of "
-                f"{len(self.faces)} faces touched{words},"
+                f"{self.faces.size} faces touched{words},"
             )
         sides = zip(self.theta, self.information.sigma("side_lengths"), strict=True)
         return " x ".join(f"{s * mm:.2f} ± {e * mm:.2f}" for s, e in sides) + " mm"
