@@ -13,7 +13,7 @@ import numpy as np
 from ..common.deadline import NEVER, Deadline
 from ..common.interrupt import interruptible
 from ..common.validation import check_numbers, check_types
-from ..errors import OptionError, typed_call
+from ..errors import OptionError, shortened, typed_call
 from .problem import Problem
 from .solution import Solution, after, not_converged, recomputed, unfinished
 
@@ -95,7 +95,7 @@ def make_solver(problem, options: SolverOptions, eliminate=False, warm=False):
         raise OptionError(
             "IPOPT does not accept these options",
             where="ipopt",
-            got=f"{options.ipopt}: {str(error).strip().splitlines()[-1]}",
+            got=f"{shortened(options.ipopt)}: {str(error).strip().splitlines()[-1]}",
             expected="names and values of IPOPT's documentation",
         ) from error
 
