@@ -48,14 +48,23 @@ def robot_in(folder):
     return robot
 
 
+def put_object(robot, left):
+    """Put the object where a killed process left it, as a hand would do."""
+    real = Path(left) / REALITY
+    if real.exists():  # it was killed after the wires had been opened
+        robot._plant._data.qpos[:7] = np.fromfile(real)[:7]
+
+
 def main(folder, actions, left=None):
     """Explore into a folder, or go on there; say each step.
 
-    left: a folder as a killed process left it: the object is put where it is there,
-    after as many steps as are kept there, in a process that is not killed.
+    left: a folder as a killed process left it: in this process, which is not killed,
+    the object is put where it was left, after as many steps as are kept there.
     """
     robot = robot_in(folder)
     moved = None if left is None else len(kept(left).steps)
+    if moved == 0:
+        put_object(robot, left)
     options = {"clock": robot, "reader": robot.reader, "listen_only": False}
     with robot, Bench(robot.rig, **options) as bench:
         world = RobotWorld(bench)
@@ -68,7 +77,7 @@ def main(folder, actions, left=None):
         ):  # fmt: skip
             print(f"step {step.number}", flush=True)
             if step.number + 1 == moved:
-                robot._plant._data.qpos[:7] = np.fromfile(Path(left) / REALITY)[:7]
+                put_object(robot, left)
 
 
 class Process:
