@@ -20,6 +20,7 @@ from ..information.information import reduced_covariance
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..nlp.solution import evaluated, not_converged, unfinished
+from ..nlp.term_functions import TermFunctionCache
 from .body import UNOBSERVED_VERTEX, Body, corner_shift
 from .fit import BodyFit, fit_of
 from .impacts import impacts, may_touch
@@ -136,10 +137,12 @@ def _solved(steps, theta, signs, dt, scene, options):
         raise nothing_lands(steps)
     for _ in range(MAX_SOLVES):
         window = impacts(steps, chosen, theta, signs, dt)
+        if options.deadline.passed("a solve", _assembly_time(options)):
+            problem = Problem(cache=TermFunctionCache(derive=False))
+            page.build(problem, window, scene)
+            return problem, window, evaluated(problem, {}), chosen
         problem = Problem(deadline=options.deadline)
         page.build(problem, window, scene)
-        if options.deadline.passed("a solve", _assembly_time(options)):
-            return problem, window, evaluated(problem, {}), chosen
         solution = solve_levels(problem, page.LEVELS, {}, options)
         back = _sunk(steps, solution.values, signs) & ~chosen
         if not back.any():
