@@ -25,7 +25,7 @@ from ..geometry.transforms import rotation_of
 from ..information.finger_offsets import offsets_in_words
 from ..information.goodness_of_fit import Fit, Misfit, TouchMisfit
 from ..information.information import Information
-from ..information.mixture import Modes
+from ..information.mixture import ClassOdds, Modes, classes_in_words
 from ..nlp.solution import Solution
 from ..problem.certificates import Skipped
 from ..search.hypothesis import Hypothesis
@@ -48,7 +48,8 @@ class Estimate:
     can be built again.  progress: of the last solve by iteration, as in Solution.
     finger_offset (F, 3) [m]: true less measured finger positions, world frame; None
     where the scene takes them as exact (Scene.sigma_offset).  fit: how well the model
-    explains the measurements; None for a page that states no touch likelihood.
+    explains the measurements; None for a page that states no touch likelihood; classes:
+    the odds of those that were compared, best first.
     """
 
     measurements: Measurements
@@ -85,6 +86,7 @@ class Estimate:
     progress: dict[str, np.ndarray] = field(default_factory=dict)
     finger_offset: np.ndarray | None = None
     fit: Fit | None = None
+    classes: tuple[ClassOdds, ...] = ()
 
     LAYOUT: ClassVar = {  # of the arrays in a file
         "measurements/time": ("T",), "measurements/finger_radius": ("F",),
@@ -177,8 +179,10 @@ class Estimate:
     def summary(self) -> str:
         """Return a paragraph in words: size, pose, sigma, solve, what was left out."""
         mm = 1e3
-        x, y, z = self.position[-1] * mm
-        where = self.information.sigma("position") * mm
+        (x, y, z), where = (
+            self.position[-1] * mm,
+            self.information.sigma("position") * mm,
+        )
         lines = [
             f"A {self.shape} of {self._sized()} at ({x:.2f}, {y:.2f}, {z:.2f}) mm "
             f"± ({where[0]:.2f}, {where[1]:.2f}, {where[2]:.2f}) mm, {self._turned()}.",
@@ -199,17 +203,16 @@ class Estimate:
     @property
     def remarks(self) -> list[str]:
         """Sentences on fit, nuisance parameters, what is not observed, other optima."""
-        lines = []
-        if self.fit is not None:
-            lines.append(self.fit.text)
+        lines = classes_in_words(self.classes)
+        lines += [] if self.fit is None else [self.fit.text]
         if self.compliance is not None:
             lines.append(self._softness())
         if CENTRE in self.unknowns:
             lines.append(self._unbalanced())
         if self.finger_offset is not None:
             lines.append(offsets_in_words(self.finger_offset, self.information.offsets))
-        if open_ := self.information.unobserved:
-            lines.append(f"Not observed: {'; '.join(open_)}.")
+        if words := "; ".join(self.information.unobserved):
+            lines.append(f"Not observed: {words}.")
         return [*lines, *self.information.also]
 
     def _sized(self) -> str:
@@ -295,6 +298,6 @@ ESTIMATE_CLASSES = {  # what a file of an estimate is made of
     for kind in (
         *(Estimate, Skipped, Information, Modes, Measurements),
         *(Scene, Ground, JointZeros, Hypothesis),
-        *(Fit, Misfit, TouchMisfit),
+        *(Fit, Misfit, TouchMisfit, ClassOdds),
     )
 }
