@@ -138,7 +138,8 @@ class Shape:
     def check(self, count: int = 3, seed: int = 0):
         """Return a ShapeReport: what disagrees among the functions, and the remedy.
 
-        They are compared at `count` random theta, the first the prior mean.
+        They are compared at `count` theta, the first near the mean of the prior, the
+        others random.
         """
         from .shape_check import check_shape
 

@@ -25,6 +25,7 @@ RAYS = 1000
 HALVINGS = 40
 RADIUS = 10e-3  # [m] of a fingertip, at whose centre the distance is read
 SMALL = 1e-4  # [m] rounding of edges here: a tenth of what pages ask for
+UNEVEN = 1.15, 0.85, 1.0  # [mean] of the first theta: no body of equal sizes
 OFF, BENT = 0.3e-3, 0.05  # [m] of a distance or height; [rad] of a normal
 BESIDE = 0.02  # [-] share of rays whose point may be on an edge, where normals jump
 MASS = 0.03  # [-] of inertia and centroid, by the largest moment and by the reach
@@ -132,7 +133,7 @@ def _of_calls(shape) -> tuple:
 
 
 def _thetas(shape, count, seed):
-    """Return theta of the prior: the mean, then random within its bounds."""
+    """Return theta: near the mean of the prior, then random within the bounds."""
     draw = random.Random(seed)
     (mean, deviation), (low, high) = (
         [ca.vertsplit(entries(shape, p)) for p in pair]
@@ -141,7 +142,7 @@ def _thetas(shape, count, seed):
     rows = [
         *zip(*([*map(float, r)] for r in (mean, deviation, low, high)), strict=True)
     ]
-    first = [m for m, *_ in rows]
+    first = [m * UNEVEN[i % len(UNEVEN)] for i, (m, *_) in enumerate(rows)]
     more = [
         [min(max(draw.gauss(m, 0.5 * s), lo, 0.3 * m), hi) for m, s, lo, hi in rows]
         for _ in range(count - 1)

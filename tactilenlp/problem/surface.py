@@ -19,7 +19,8 @@ def body_surface(shape, theta) -> np.ndarray:
 
     A cuboid has its corners, a shape with a `mesh` its points.  Of any other, the
     distance is zero at the points, one on each of RAYS directions from the origin; the
-    edges between them are cut.  TactileError where a ray does not cross the surface within `reach`.
+    edges between them are cut.  TactileError where a ray does not cross the surface
+    within `reach`.
     """
     if shape.is_box:
         return body_corners(shape, theta)
