@@ -77,6 +77,8 @@ class Shape:
     foot_squared(theta, R_wo) -> [m^2], the mean squared radius of the contact with the
     ground, for the page `pushing`; None: from the inertia.
     pushed(shape, theta): the class of so many unknowns as the page `pushing` takes it.
+    rounded(theta, r): of the sharp body that has the same faces and edges of radius r
+    [m] once it is grown by r; None: the class has no edges, or free ones.
     """
 
     name: str
@@ -102,6 +104,7 @@ class Shape:
     symbol: Callable = ca.SX.sym
     foot_squared: Callable | None = None
     pushed: Callable = as_it_is
+    rounded: Callable | None = None
     units: tuple[str, ...] = ()
     mesh: Callable | None = None
     support: Callable | None = None
@@ -212,6 +215,11 @@ def cuboid_inertia(theta):
     return ca.diag(ca.sum1(square) - square) / 12
 
 
+def faces_inward(theta, r):
+    """Return the widths of the body that, grown by r, has its edges rounded by r."""
+    return theta - 2 * r
+
+
 def cuboid_sides(theta):
     """Return the full side lengths (3,) [m]."""
     return theta
@@ -245,4 +253,5 @@ CUBOID = Shape(
     symmetries=axis_relabellings(),
     words=("side x", "side y", "side z"),
     quantities=(("side_lengths", cuboid_sides),),
+    rounded=faces_inward,
 )

@@ -22,7 +22,7 @@ from math import cos, pi, sin, tan
 
 import casadi as ca
 
-from .shape import Shape, gradient_normal, positive_part
+from .shape import Shape, faces_inward, gradient_normal, positive_part
 
 RIM = 8  # points of a cylinder's rim on which it may rest: tilted by 10 degrees, the
 # lowest one is 0.3 mm above a rim of 50 mm at most
@@ -126,6 +126,7 @@ def _swept(name, corners, distance, second, stretch, points, first, words, **mor
         reach=partial(swept_reach, stretch),
         mirrored=corners % 2 == 0,
         mesh=partial(swept_mesh, points, stretch, first),
+        rounded=faces_inward,
         **more,
     )
 

@@ -83,13 +83,20 @@ def _add_explore(commands) -> None:
     add("--sides", type=float, nargs=3, metavar=("X", "Y", "Z"), help=words)
     add("--actions", type=int, default=5, help="after the first touch (default 5)")
     add("--policy", default="eig", help="eig, random, fisher or farthest (default eig)")
-    add("--seed", type=int, default=0, help="of random numbers (default 0)")
+    add("--seed", type=_seed, default=0, help="of random numbers (default 0)")
     words = "sensor noise: 1 mm, 5 deg, 1 %% wrong booleans (default: none)"
     add("--noisy", action="store_true", help=words)
     for name, words in SCENE_OPTIONS.items():
         add(f"--{name.replace('_', '-')}", type=float, help=f"{words}, and known")
     _add_outputs(explore)
     add("--save", type=Path, help="save the last estimate alone as .npz")
+
+
+def _seed(text: str) -> int:
+    """Return the seed of random numbers that an option gives."""
+    if (seed := int(text)) < 0:
+        raise argparse.ArgumentTypeError(f"expected 0 or more, got {seed}")
+    return seed
 
 
 def _add_outputs(command) -> None:

@@ -1,6 +1,6 @@
 """Explore on the simulated robot, in a process that can be killed: its object stays.
 
-    python tests/bench_resume.py folder actions
+    python tests/bench_resume.py folder actions [folder of a killed process]
 
 What is real outlives the program: where object and fingertips are is in a file after
 every step of the wires, and the next process begins there, at rest.
@@ -48,9 +48,23 @@ def robot_in(folder):
     return robot
 
 
-def main(folder, actions):
-    """Explore into a folder, or go on there; say each step."""
+def put_object(robot, left):
+    """Put the object where a killed process left it, as a hand would do."""
+    real = Path(left) / REALITY
+    if real.exists():  # it was killed after the wires had been opened
+        robot._plant._data.qpos[:7] = np.fromfile(real)[:7]
+
+
+def main(folder, actions, left=None):
+    """Explore into a folder, or go on there; say each step.
+
+    left: a folder as a killed process left it: in this process, which is not killed,
+    the object is put where it was left, after as many steps as are kept there.
+    """
     robot = robot_in(folder)
+    moved = None if left is None else len(kept(left).steps)
+    if moved == 0:
+        put_object(robot, left)
     options = {"clock": robot, "reader": robot.reader, "listen_only": False}
     with robot, Bench(robot.rig, **options) as bench:
         world = RobotWorld(bench)
@@ -62,17 +76,19 @@ def main(folder, actions):
             centre=CENTRE, budget=40, seed=3,
         ):  # fmt: skip
             print(f"step {step.number}", flush=True)
+            if step.number + 1 == moved:
+                put_object(robot, left)
 
 
 class Process:
     """An exploration in a process of its own, which can be killed at any moment."""
 
-    def __init__(self, folder, actions):
+    def __init__(self, folder, actions, *left):
         here = Path(__file__).resolve()
         path = os.pathsep.join([str(here.parents[1]), str(here.parent)])
         environment = os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
         self.process = subprocess.Popen(
-            [sys.executable, str(here), str(folder), str(actions)], text=True,
+            [sys.executable, *map(str, (here, folder, actions, *left))], text=True,
             env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
         )  # fmt: skip
 
@@ -104,4 +120,4 @@ def kept(folder):
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]))
+    main(sys.argv[1], int(sys.argv[2]), *sys.argv[3:])

@@ -23,10 +23,11 @@ from tactilenlp.common.npz import format_of
 from tactilenlp.estimation.request import check_start
 from tactilenlp.problem.pages import shape_of
 
+ESTIMATES = "estimate", "hull"
 LOADERS = {
     "measurements": t.Measurements.load, "scene": t.Scene.load,
     "trajectories": t.Trajectories.load, "estimate": t.Estimate.load,
-    "exploration": t.Exploration.load,
+    "exploration": t.Exploration.load, "hull": t.Estimate.load,
 }  # fmt: skip
 FILES = {"scene": "measurements"}  # where a kind has the file of another
 JSON_TEXTS = ("", "[" * 100_000, "{}", "[1]", "null", '{"format": 1}', "nan", "\0")
@@ -34,14 +35,15 @@ SUFFIXES = (".stl", ".obj", ".ply", ".glb", ".xml", ".urdf", ".doc", "")
 PATHS = ("/nowhere/x", "", "\0", "a\ud800", ".", "/dev/null", "x" * 300)
 
 
-def prepare(folder: Path, estimate) -> None:
-    """Write one good file of each kind; estimate: of any measurements."""
+def prepare(folder: Path, estimate, hull) -> None:
+    """Write one good file of each kind; estimates: of any measurements."""
     scene = {"mass": 0.5, "friction_ground": 0.3, "friction_finger": 0.5}
     np.savez(folder / "measurements.npz", **measured(), **scene)
     poses = {"toss": np.zeros(9, int), "position": np.zeros((9, 3)), "dt": 0.01}
     poses |= {"quaternion": np.tile([1.0, 0, 0, 0], (9, 1))}
     np.savez(folder / "trajectories.npz", **poses)
     estimate.save(folder / "packed.npz")
+    hull.save(folder / "hulls.npz")
     action = t.Workspace().action([0.1] * 4)
     told = (action.trajectory((0.0, 0.0, 0.02)),)
     step = t.Step(
@@ -56,7 +58,8 @@ def prepare(folder: Path, estimate) -> None:
         {"surface": 1e-4},
     )
     t.Exploration((step,)).save(folder / "explored.npz")
-    for packed, name in (("packed", "estimate"), ("explored", "exploration")):
+    packs = {"packed": "estimate", "hulls": "hull", "explored": "exploration"}
+    for packed, name in packs.items():
         with np.load(folder / f"{packed}.npz") as file:  # without compression: faster
             np.savez(folder / f"{name}.npz", **file)
     rig = simulated_rig("optoforce")
@@ -90,7 +93,8 @@ class Known:
             with np.load(folder / f"{kind}.npz") as file:
                 self.arrays[kind] = dict(file)
         self.rig = json.loads((folder / "rig.json").read_text())
-        self.estimate = t.Estimate.load(folder / "estimate.npz")
+        self.estimates = {k: t.Estimate.load(folder / f"{k}.npz") for k in ESTIMATES}
+        self.estimate = self.estimates["estimate"]
         self.step = t.Exploration.load(folder / "exploration.npz").steps[0]
 
 
@@ -159,7 +163,7 @@ def damaged_bytes(rng, raw: bytes) -> bytes:
 
 def damaged_json(rng, text: str) -> str:
     """Return a JSON text with one part replaced, or another text."""
-    if rng.random() < 0.1:
+    if rng.random() < 0.1 or not text:
         return pick(rng, JSON_TEXTS)
     if rng.random() < 0.1:
         k = int(rng.integers(len(text)))
@@ -264,9 +268,10 @@ def _key(values, rng):
 
 def method(rng, known: Known) -> str:
     """Call a method of an estimate from a damaged file, or of a good one."""
-    estimate = known.estimate
+    kind = pick(rng, ESTIMATES)
+    estimate = known.estimates[kind]
     if rng.random() < 0.7:
-        arrays = dict(known.arrays["estimate"])
+        arrays = dict(known.arrays[kind])
         _damage(rng, arrays)
         np.savez(known.scratch / "damaged.npz", **arrays)
         with contextlib.suppress(t.TactileError):  # refused: the good one it is

@@ -85,7 +85,7 @@ def shard(folder: Path, seed: int, first: int, count: int, end: float, only) -> 
 
     warnings.simplefilter("ignore")
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESSES, ADDRESSES))
-    counts, failures = collections.Counter(), []
+    counts, failures, slowest = collections.Counter(), [], (0.0, -1)
     with tempfile.TemporaryDirectory() as scratch, interrupting():
         known, draw = Known(folder, Path(scratch)), kinds()
         os.chdir(scratch)
@@ -94,14 +94,18 @@ def shard(folder: Path, seed: int, first: int, count: int, end: float, only) -> 
             if time.time() > end:
                 break
             os.pwrite(at, b"%-20d" % number, 0)
+            began = time.monotonic()
             try:
                 counts[one(draw, known, seed, number, only)] += 1
             except (Exception, Hang) as bad:
                 failures.append(_failure(bad, number))
                 counts["failed", type(bad).__name__] += 1
+            slowest = max(slowest, (time.monotonic() - began, number))
     memory = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     table = [[*key, n] for key, n in counts.items()]
-    return {"counts": table, "failures": failures, "memory": memory}
+    return {
+        "counts": table, "failures": failures, "memory": memory, "slowest": slowest,
+    }  # fmt: skip
 
 
 @contextlib.contextmanager
@@ -134,14 +138,15 @@ def _failure(bad: BaseException, number: int) -> dict:
     return {"number": number, "what": what}
 
 
-def fuzz(estimate, seed: int, inputs: int, seconds: float, only=None, first=0) -> dict:
+def fuzz(estimates, seed: int, inputs: int, seconds: float, only=None, first=0) -> dict:
     """Run so many inputs, or as many as the time [s] allows; return the sums."""
     counts, failures, memory = collections.Counter(), [], 0.0
+    slowest = [0.0, -1]
     end, began = time.time() + seconds, time.time()
     with tempfile.TemporaryDirectory() as folder:
         from fuzz_files import prepare
 
-        prepare(Path(folder), estimate)
+        prepare(Path(folder), *estimates)
         done = first
         while done < first + inputs and time.time() < end:
             count = min(SHARD, first + inputs - done)
@@ -150,13 +155,16 @@ def fuzz(estimate, seed: int, inputs: int, seconds: float, only=None, first=0) -
             for *key, n in found["counts"]:
                 counts[tuple(key)] += n
             failures += found["failures"]
-            memory = max(memory, found["memory"])
+            memory, slowest = (
+                max(memory, found["memory"]),
+                max(slowest, found["slowest"]),
+            )
             done += count
     if memory > MOST_MEMORY:
         failures.append({"number": -1, "what": f"{memory / 1e9:.2f} GB of memory"})
     return {
         "counts": counts, "failures": failures, "memory": memory,
-        "seconds": time.time() - began, "seed": seed,
+        "seconds": time.time() - began, "seed": seed, "slowest": slowest,
     }  # fmt: skip
 
 
@@ -170,7 +178,8 @@ def _in_process(folder: Path, told: list, seed: int) -> dict:
         return json.loads(ran.stdout.splitlines()[-1])
     number = int((folder / "at").read_text() or -1)
     what = f"exit code {ran.returncode}: {ran.stderr[-1500:]}"
-    return {"counts": [], "failures": [{"number": number, "what": what}], "memory": 0}
+    failed = {"failures": [{"number": number, "what": what}]}
+    return failed | {"counts": [], "memory": 0, "slowest": [0.0, -1]}
 
 
 def report(found: dict) -> str:
@@ -181,7 +190,8 @@ def report(found: dict) -> str:
     total = sum(sums.values())
     lines = [
         f"seed {found['seed']}: {total} inputs in {found['seconds']:.0f} s, "
-        f"{found['memory'] / 1e6:.0f} MB, {len(found['failures'])} failures"
+        f"{found['memory'] / 1e6:.0f} MB, {len(found['failures'])} failures, the "
+        "slowest input {:.1f} s (number {})".format(*found["slowest"])
     ]
     for kind, n in sums.items():
         ways = {way: m for (k, way), m in found["counts"].items() if k == kind}
@@ -201,12 +211,13 @@ def report(found: dict) -> str:
     return "\n".join(lines)
 
 
-def small_estimate():
-    """Return the estimate of one action of the shipped recording."""
+def small_estimates():
+    """Return the estimates of one action of the shipped recording: a box, a hull."""
     import tactilenlp as t
 
     path = t.example_recording()
-    return t.solve_estimate(t.Measurements.load(path).select([0]), t.Scene.load(path))
+    data, scene = t.Measurements.load(path).select([0]), t.Scene.load(path)
+    return [t.solve_estimate(data, scene, shape=s) for s in ("cuboid", "polytope")]
 
 
 def again(seed: int, number: int, only) -> None:
@@ -214,7 +225,7 @@ def again(seed: int, number: int, only) -> None:
     from fuzz_files import Known, prepare
 
     with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory() as temp:
-        prepare(Path(folder), small_estimate())
+        prepare(Path(folder), *small_estimates())
         known = Known(Path(folder), Path(temp))
         with interrupting():
             print(one(kinds(), known, seed, number, only))
@@ -241,7 +252,7 @@ def main() -> int:
         again(given.seed, given.again, given.only)
         return 0
     limits = given.seed, given.inputs, given.seconds, given.only, given.first
-    found = fuzz(small_estimate(), *limits)
+    found = fuzz(small_estimates(), *limits)
     print(report(found))
     return bool(found["failures"])
 

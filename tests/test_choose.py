@@ -134,6 +134,9 @@ def test_cross_entropy_takes_the_options_of_the_paper():
     assert drawn == {True, False} or len(drawn) == 1
     with pytest.raises(OptionError, match="best <= samples"):
         CrossEntropy(samples=3, best=5)
+    for name in ("samples", "best", "iterations"):
+        with pytest.raises(OptionError, match="out of range"):
+            CrossEntropy(**{name: 10**5000})
 
 
 def test_a_search_that_is_none_names_those_there_are():

@@ -82,6 +82,13 @@ def test_what_cannot_be_done_is_one_line_and_no_traceback(command, word, capsys)
     assert said.out == ""
 
 
+def test_a_seed_below_zero_is_refused_by_the_parser(tmp_path, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["explore", str(tmp_path / "box.npz"), "--seed", "-1"])
+    assert ended.value.code == 2
+    assert "--seed: expected 0 or more, got -1" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("option", ["--save", "--output", "--shape"])
 def test_a_folder_that_is_not_there_is_said_before_minutes_are_spent(
     option, tmp_path, capsys, monkeypatch

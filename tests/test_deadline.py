@@ -79,6 +79,7 @@ def test_what_is_known_at_once_is_a_whole_estimate_with_the_sigma_of_the_prior(
     assert np.array_equal(again.position, estimate.position)
     with pytest.raises(NotConverged, match="raise time_limit") as caught:
         solve_estimate(data, scene, **given)
+    assert "no derivatives: it was evaluated" in caught.value.problem
     best = caught.value.estimate  # where the limit falls is not the same twice
     assert not best.success
     assert best.position.shape == estimate.position.shape

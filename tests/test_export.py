@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from tactilenlp import Scene, export_shape, identify_body
-from tactilenlp.errors import OptionError
+from tactilenlp.errors import OptionError, TactileError
 from tactilenlp.geometry.faces import face_sigma, polygons
 from tactilenlp.output.colours import BLUE, RED, information_colour
 
@@ -138,3 +138,22 @@ def test_an_unknown_suffix_is_refused_with_the_ones_that_are_known(estimate, tmp
     with pytest.raises(OptionError, match=r"\.glb"):
         export_shape(estimate, tmp_path / "shape.step")
     assert not any(tmp_path.iterdir())
+
+
+def test_a_body_without_volume_or_with_faces_of_another_is_refused_in_words(estimate):
+    flat = replace(estimate, body_vertices=estimate.vertices * [1.0, 1.0, 0.0])
+    with pytest.raises(OptionError, match="vertices: the body has no volume"):
+        flat.supporting_planes()
+    other = replace(estimate, faces=np.zeros(7, int))
+    with pytest.raises(OptionError, match="touches of 7 faces"):
+        other.supporting_planes()
+
+
+def test_a_box_whose_sizes_are_not_three_or_not_known_is_still_put_in_words(estimate):
+    less = replace(estimate, theta=estimate.theta[:2])
+    maps = {k: v for k, v in estimate.information.maps.items() if k != "side_lengths"}
+    unknown = replace(estimate, information=replace(estimate.information, maps=maps))
+    for odd in (less, unknown):
+        assert "8 vertices, " in odd.summary()
+    with pytest.raises(TactileError, match="only a cuboid has side lengths"):
+        less.side_lengths  # noqa: B018

@@ -177,6 +177,29 @@ def test_an_estimate_with_a_field_missing_is_refused(saved, tmp_path):
             Estimate.load(tmp_path / "bad.npz")
 
 
+@pytest.mark.parametrize(
+    ("field", "tree", "word"),
+    [
+        ("violations", {"dict": {"ground": "x"}}, "dict of ['str']"),
+        ("iterations_by_level", {"list": [3, None]}, "tuple of ['NoneType', 'int']"),
+        ("skipped", {"list": [True]}, "tuple of ['bool']"),
+        ("objective", True, "is a bool"),
+    ],
+)
+def test_a_field_with_entries_of_another_kind_is_refused(
+    saved, tmp_path, field, tree, word
+):
+    with np.load(saved) as archive:
+        arrays = dict(archive)
+    header = json.loads(str(arrays["header"]))
+    header["content"]["fields"][field] = tree
+    arrays["header"] = np.array(json.dumps(header))
+    np.savez(tmp_path / "bad.npz", **arrays)
+    with pytest.raises(FileError, match=f"Estimate.{field}") as caught:
+        Estimate.load(tmp_path / "bad.npz")
+    assert word in str(caught.value)
+
+
 def test_a_file_names_classes_without_their_modules(saved):
     with np.load(saved) as archive:
         header = str(archive["header"])

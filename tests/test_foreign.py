@@ -158,6 +158,14 @@ def test_a_small_study_writes_its_tables_and_picture(foreign, tmp_path, monkeypa
         assert foreign.summary([found])[0]["within_3_sigma"] == 1.0
 
 
+@pytest.mark.slow
+def test_a_recording_at_a_high_rate_is_tracked_as_well(foreign):
+    found = foreign.judged("rate", "100 Hz", 0, 4)
+    assert found["refused"] == ""
+    assert found["verdict"] == "good"
+    assert foreign.summary([found])[0]["within_3_sigma"] == 1.0
+
+
 CELLS = [("none", "", 0, 2), ("gap", "half an action", 0, 2), ("gap", "dead", 0, 2)]
 
 

@@ -14,7 +14,7 @@ import pytest
 def test_hostile_input_is_accepted_or_refused_by_a_typed_error(capsys):
     seconds = float(os.environ.get("TACTILENLP_FUZZ_SECONDS", "6"))
     seed = int(os.environ.get("TACTILENLP_FUZZ_SEED", "0"))
-    found = fuzzing.fuzz(fuzzing.small_estimate(), seed, 10**9, seconds)
+    found = fuzzing.fuzz(fuzzing.small_estimates(), seed, 10**9, seconds)
     with capsys.disabled():
         print("\n" + fuzzing.report(found))
     assert not found["failures"]

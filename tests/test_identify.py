@@ -3,16 +3,23 @@
 The recording is four of ContactNets' tosses; the cube is 104.8 mm wide.
 """
 
+import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, TOSSES
 from scipy.spatial.transform import Rotation
 
 from formulations import known_trajectory as page
 from tactilenlp import Ground, Problem, Scene, Trajectories, identify_body
-from tactilenlp.errors import MeasurementError, MotionError, OptionError, SceneError
+from tactilenlp.errors import (
+    MeasurementError,
+    MotionError,
+    NotConverged,
+    OptionError,
+    SceneError,
+)
 from tactilenlp.identification.body import corner_shift
 from tactilenlp.identification.fit import fit_of
 from tactilenlp.identification.impacts import gravity_of, impacts, may_touch, steps_of
@@ -269,3 +276,30 @@ def test_corners_may_sink_into_a_soft_ground_in_impacts_only(tosses):
     assert (soft.depth[~hit] == page.SURFACE).all()
     assert len(set(soft.depth[hit])) == 1
     assert 2 * page.SURFACE < soft.depth[hit][0] <= 20e-3
+
+
+def test_a_time_limit_keeps_the_start_and_says_what_was_left_out(tosses):
+    late = identify_body(tosses, SCENE, time_limit=1e-3, throw=False)
+    assert not late.success
+    assert "time limit reached: without a solve" in late.status
+    assert "standard deviations" in late.status
+    assert np.isinf(late.sigma["vertices"]).all()
+    assert np.isfinite(late.vertices).all()
+    assert "mm" in late.summary()
+    with pytest.raises(NotConverged, match="raise time_limit"):
+        identify_body(tosses, SCENE, time_limit=1e-3)
+    for wrong in (0.0, -1.0, np.nan, None, "2"):
+        with pytest.raises(OptionError, match="time_limit"):
+            identify_body(tosses, SCENE, time_limit=wrong)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("limit", [2.0, 5.0])
+def test_a_time_limit_holds_for_8000_samples(tosses, limit):
+    """In CPU time, which other programs do not lengthen."""
+    every = Trajectories.load(TOSSES)
+    began = time.process_time()
+    late = identify_body(every, SCENE, time_limit=limit, throw=False)
+    took = time.process_time() - began
+    assert not late.success
+    assert took < limit + 1.0, f"{took:.2f} s"

@@ -40,6 +40,7 @@ class ForeignWorld:
     by_direction: share by which the friction of the ground differs between x and y
     edge:      [m] radius of the edges
     tilt:      [deg] of the ground about x; the estimator is told that it is level
+    above:     [rad] pushes come down by up to this angle, and touch the top
     heights:   of the pushes, lowest and highest, as a share of the box's height
     touching:  whether every second action begins where the one before ended
     latency:   [s] by which contact and normal are reported late
@@ -54,6 +55,7 @@ class ForeignWorld:
     by_direction: float = 0.0
     edge: float = 0.0
     tilt: float = 0.0
+    above: float = 0.0
     heights: tuple[float, float] = (0.25, 0.5)
     touching: bool = False
     latency: float = 0.0
@@ -78,7 +80,7 @@ class Box:
         for name, value in draw.items():
             object.__setattr__(self, name, value)
 
-    def pushes(self, rng, centre, heights):
+    def pushes(self, rng, centre, heights, above=0.0):
         """Return where an action's two fingers start and where they aim (2, 3) [m]."""
         heading = rng.uniform(0, 2 * np.pi)
         angles = heading + np.array([0, np.pi + rng.normal(0, OPPOSITE)])
@@ -87,8 +89,12 @@ class Box:
         low = RADIUS + 1e-3
         z = np.maximum(rng.uniform(*heights, 2) * self.sides[2], low)[:, None]
         aim = centre[:2] + rng.normal(0, AIM, (2, 2))
-        start = centre[:2] + ways * out[:, None]
-        return np.hstack([start, z]), np.hstack([aim, z])
+        start = np.hstack([centre[:2] + ways * out[:, None], z])
+        if above:
+            down = rng.uniform(0, above, 2)[:, None]
+            start[:, :2] -= (1 - np.cos(down)) * ways * out[:, None]
+            start[:, 2:] += np.sin(down) * (out[:, None] + self.sides[2])
+        return start, np.hstack([aim, z])
 
 
 class Simulation:
@@ -181,7 +187,7 @@ def recorded(box: Box, world: ForeignWorld, actions: int) -> dict[str, np.ndarra
     simulation, rows, reference = Simulation(box, world), [], None
     every = round(1 / (world.rate * STEP))
     for action in range(actions):
-        start, aim = box.pushes(rng, simulation.pose[:3], world.heights)
+        start, aim = box.pushes(rng, simulation.pose[:3], world.heights, world.above)
         if world.touching and action % 2:
             start = reference
         else:

@@ -18,6 +18,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
 log = logging.getLogger("tactilenlp")
+TIME_LIMIT = "time limit reached: without "  # in a status, before what is missing
 
 
 class OutOfTime(Exception):
@@ -66,6 +67,11 @@ class Deadline:
         if what not in self.omitted:
             log.info("the time limit is near: without %s", what)
             self.omitted.append(what)
+
+    def marked(self, status: str) -> str:
+        """Return a status, with what was left out for lack of time."""
+        left_out = ", ".join(self.omitted)
+        return f"{status}, {TIME_LIMIT}{left_out}" if left_out else status
 
     def check(self) -> None:
         """Raise OutOfTime if the deadline is strict and has passed."""

@@ -4,11 +4,14 @@ A class states the arrays in its files by `LAYOUT`, a dictionary from the path o
 value ("impulses/*": every value of that dictionary) to its shape.  A name in a shape
 stands for one number in the whole object, ANY for any number, a number for itself,
 Ellipsis for further axes.  A tuple has its length as shape, and None may stand for what
-is optional.
-`FINITE` names paths of arrays that are finite, `UNIT` those whose rows have length one.
+is optional.  "3 V" stands for three times V.
+`FINITE` names paths of arrays that are finite, `UNIT` those whose rows have length one,
+`SOLID` those of points whose convex hull has a volume.
 """
 
 from __future__ import annotations
+
+import re
 
 import numpy as np
 
@@ -25,17 +28,35 @@ def check_kinds(kind: type, fields: dict) -> None:
     """Raise TypeError unless the fields of a dataclass are of the annotated kinds."""
     for name, value in fields.items():
         words = str(kind.__dataclass_fields__[name].type)
-        admitted = [word.split("[")[0].strip() for word in words.split(" | ")]
-        if value is None and "None" in admitted:
-            continue
-        known = [PLAIN[word] for word in admitted if word in PLAIN]
-        others = [word for word in admitted if word not in PLAIN and word != "None"]
-        same_name = type(value).__name__ in others or "object" in others
-        logical = isinstance(value, bool) and "bool" not in admitted
-        plain = any(isinstance(value, one) for one in known) and not logical
-        if not (plain or same_name):
+        if not _admitted(value, words):
             got = type(value).__name__
+            if isinstance(value, (dict, tuple)):
+                entries = value.values() if isinstance(value, dict) else value
+                got += f" of {sorted({type(entry).__name__ for entry in entries})}"
             raise TypeError(f"{kind.__name__}.{name} is a {got}, expected {words}")
+
+
+def _admitted(value, words: str) -> bool:
+    """Return whether an annotation such as "dict[str, float] | None" admits a value."""
+    return any(_is(value, word) for word in re.split(r" \| (?![^\[]*\])", words))
+
+
+def _is(value, word: str) -> bool:
+    """Return whether a value is of one kind, and its entries of theirs."""
+    name, _, inner = word.removesuffix("]").partition("[")
+    if name == "None":
+        return value is None
+    if name not in PLAIN:
+        return name in ("object", type(value).__name__)
+    if isinstance(value, bool) and name != "bool":
+        return False
+    if not isinstance(value, PLAIN[name]) or not inner:
+        return isinstance(value, PLAIN[name])
+    kinds = inner.split(", ")
+    if name == "dict":
+        return all(_admitted(entry, kinds[1]) for entry in value.values())
+    kinds = kinds[:1] * len(value) if kinds[-1] == "..." else kinds
+    return len(kinds) == len(value) and all(map(_admitted, value, kinds))
 
 
 def check_layout(found) -> None:
@@ -55,6 +76,20 @@ def check_layout(found) -> None:
             off = np.abs(np.linalg.norm(value, axis=-1) - 1).max(initial=0.0)
             if not off < UNIT_TOLERANCE:
                 raise ValueError(f"{kind.__name__}.{where}: lengths {off:.2g} off one")
+    for path in getattr(kind, "SOLID", ()):
+        for where, value in _at(found, path.split("/")):
+            if not has_volume(value):
+                raise ValueError(f"{kind.__name__}.{where}: a body without a volume")
+
+
+def has_volume(points) -> bool:
+    """Return whether points (n, 3) have a convex hull that can be computed."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        return bool(0 < ConvexHull(points).volume < np.inf)
+    except (QhullError, ValueError):
+        return False
 
 
 def _at(found, steps, where=""):
@@ -83,11 +118,18 @@ def _check_shape(where: str, value, shape: tuple, sizes: dict) -> None:
     fits = len(got) >= len(axes) if Ellipsis in shape else len(got) == len(axes)
     if fits:
         for axis, size in zip(axes, got, strict=False):
-            named = isinstance(axis, str) and axis != ANY
-            known = sizes.setdefault(axis, size) if named else axis
+            known = _known_size(axis, size, sizes)
             fits = fits and known in (size, ANY)
     if not fits:
         expected = ", ".join(
             f"{axis} = {sizes[axis]}" if axis in sizes else str(axis) for axis in shape
         )
         raise ValueError(f"{where} has shape {got}, expected ({expected})")
+
+
+def _known_size(axis, size: int, sizes: dict):
+    """Return the size that an axis should have; a new name takes `size`."""
+    if not isinstance(axis, str) or axis == ANY:
+        return axis
+    times, _, name = axis.rpartition(" ")
+    return int(times or 1) * sizes.setdefault(name, size // int(times or 1))

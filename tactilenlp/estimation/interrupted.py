@@ -9,9 +9,12 @@ import numpy as np
 
 from ..common.deadline import NEVER, Deadline
 from ..errors import Interrupted
+from ..nlp.problem import Problem
 from ..nlp.solution import evaluated
+from ..nlp.term_functions import TermFunctionCache
 from ..problem.pages import page_of
-from ..search.local_solve import Solved, problem_at, solved_from, start_values
+from ..problem.polytope_window import window_of
+from ..search.local_solve import Solved, solved_from, start_values
 from .readout import name_of, read_off
 from .request import Request
 from .result import Estimate
@@ -40,13 +43,15 @@ def not_solved(request: Request, starts, spent: float) -> tuple[Estimate, Solved
     is solved, and sigma is that of the prior.  It has no hypotheses, so that a solve
     that starts from it searches all actions again.  spent [s] of CPU time.
     """
-    now = request.job.deadline.until(0.0)  # what is evaluated once is not compiled
+    now = request.job.deadline.until(0.0)
     job, page = replace(request.job, deadline=now), request.page
     job.deadline.omit(f"a solve of {name_of(page)}")
     if job.scene.ground is not None:
         page = page_of("quasi_static", job.shape)
     best = min(starts, key=lambda h: h.rank)
-    window, problem, _ = problem_at(job, page, best)
+    window, shape = window_of(job, (best.theta, best.x))
+    problem = Problem(cache=TermFunctionCache(derive=False))
+    page.build(problem, window, job.scene, shape)
     values = start_values(problem, window, best)
     solution = evaluated(problem, values, page.LEVELS[-1].parameters)
     solved = Solved(best, problem, window, solution, job)

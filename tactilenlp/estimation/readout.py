@@ -34,7 +34,6 @@ from .request import Request
 from .result import Estimate
 
 NOT_COMPUTED = "anything (no time to compute sigma: it is that of the prior)"
-TIME_LIMIT = "time limit reached: without "  # in the status, before what is missing
 
 
 def read_off(
@@ -49,9 +48,7 @@ def read_off(
     job, page, solution = request.job, request.page, solved.solution
     read = {"sizes": read_box, "vertices": read_polytope}[job.shape.parameters]
     body, information = read(job, page, solved, modes, deadline)
-    status = solution.status
-    if deadline.omitted:
-        status += f", {TIME_LIMIT}{', '.join(deadline.omitted)}"
+    status = deadline.marked(solution.status)
     left = variance_left(job.data, job.precision)
     fit = fit_of(solved.problem, solution, solved.window, job.data, left)
     if fit is not None and NOT_COMPUTED not in information.unobserved:

@@ -87,11 +87,8 @@ class Estimate:
     fit: Fit | None = None
 
     LAYOUT: ClassVar = {  # of the arrays in a file
-        "measurements/time": ("T",),
-        "measurements/finger_radius": ("F",),
-        "theta": ("n",),
-        "position": ("T", 3),
-        "quaternion": ("T", 4),
+        "measurements/time": ("T",), "measurements/finger_radius": ("F",),
+        "theta": ("n",), "position": ("T", 3), "quaternion": ("T", 4),
         "body_vertices": ("V", 3),
         "impulses/*": ("T", 3),
         "unknowns/*": (ANY, ANY),
@@ -102,9 +99,11 @@ class Estimate:
         "finger_offset": ("F", 3),
         "origin/x": (ANY, "T"),
         "information/path": ("T", 6),
-    }
+        "information/maps/vertices": ("3 V", ANY),
+    }  # fmt: skip
     FINITE: ClassVar = ("theta", "position", "quaternion", "body_vertices")
     UNIT: ClassVar = ("quaternion",)
+    SOLID: ClassVar = ("body_vertices",)
     __repr__ = brief
 
     def __post_init__(self) -> None:
@@ -115,7 +114,7 @@ class Estimate:
     @property
     def side_lengths(self) -> np.ndarray:
         """Full side lengths (3,) [m] of a cuboid, along its body axes."""
-        if self.shape != "cuboid":
+        if self.shape != "cuboid" or self.theta.shape != (3,):
             raise TactileError(
                 "only a cuboid has side lengths", where="side_lengths",
                 got=self.shape, next="read estimate.vertices",
@@ -220,13 +219,14 @@ class Estimate:
             size = np.ptp(self.vertices, axis=0) * mm
             touched = np.count_nonzero(self.faces)
             across = " x ".join(f"{s:.1f}" for s in size)
-            known = self.supporting_planes().sigma[self.faces > 0] * mm
-            words = f" to ± {np.median(known):.2f} mm (median)" if touched else ""
+            planes = self.supporting_planes()
+            known = planes.sigma[planes.touches > 0] * mm
+            words = f" to ± {np.median(known):.2f} mm (median)" if len(known) else ""
             return (
                 f"{len(self.vertices)} vertices, {across} mm across, {touched} of "
-                f"{len(self.faces)} faces touched{words},"
+                f"{self.faces.size} faces touched{words},"
             )
-        if "side_lengths" in self.information.maps:
+        if "side_lengths" in self.information.maps and self.theta.shape == (3,):
             sides = zip(self.theta, self.information.sigma("side_lengths"), strict=True)
             return " x ".join(f"{s * mm:.2f} ± {e * mm:.2f}" for s, e in sides) + " mm"
         sigma = np.sqrt(np.maximum(np.diag(self.information.spread), 0.0))

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.validation import check_types, is_whole
-from ..errors import OptionError, typed_call
+from ..errors import OptionError, shortened, typed_call
 
 SEARCHES = (
     "facing", "direct", "direct_l", "crs2", "isres", "mlsl", "bobyqa", "cem", "random",
 )  # fmt: skip
+MOST = 1_000_000  # [1] actions or iterations of a search
 LOCAL_SHARE = 0.35  # [-] of the budget that DIRECT leaves to a local search
 LOCAL_STEP = 0.06  # [-] first step of a local search, relative to the angles' ranges
 FIRST_LOCAL_STEP = 0.12  # [-] the same for the first search from a facing action
@@ -38,12 +39,13 @@ class CrossEntropy:
     def __post_init__(self) -> None:
         given = {name: (getattr(self, name), int) for name in vars(self)}
         check_types(**given)
-        if not (1 < self.best <= self.samples and self.iterations >= 1):
+        fits = 1 < self.best <= self.samples <= MOST and 1 <= self.iterations <= MOST
+        if not fits:
             raise OptionError(
                 "out of range",
                 where="CrossEntropy",
-                got=f"{self}",
-                expected="1 < best <= samples and at least one iteration",
+                got=shortened(self),
+                expected=f"1 < best <= samples and iterations >= 1, at most {MOST}",
             )
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.validation import check_types
+from ..errors import OptionError
 from .transforms import rotation_of
 
 
@@ -15,9 +16,16 @@ def polygons(points: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
 
     Corners are indices of points; coplanar facets are one face.
     """
-    from scipy.spatial import ConvexHull
+    from scipy.spatial import ConvexHull, QhullError
 
-    planes = (hull := ConvexHull(points)).equations.round(5)  # one per face
+    try:
+        planes = (hull := ConvexHull(points)).equations.round(5)  # one per face
+    except (QhullError, ValueError) as bad:
+        raise OptionError(
+            "the body has no volume", where="vertices", got=np.ptp(points, axis=0),
+            expected="corners (n, 3) [m] that are not in a plane",
+            next="see whether the estimate is marked as not converged",
+        ) from bad  # fmt: skip
     faces = []
     for plane in np.unique(planes, axis=0):
         corners = np.unique(hull.simplices[(planes == plane).all(axis=1)])
@@ -60,6 +68,12 @@ def supporting_planes(estimate) -> SupportingPlanes:
         each = zip(corners, n, strict=True)
         sigma = np.array([_deviations(estimate, moves[c], m).max() for c, m in each])
     touches = estimate.faces if estimate.faces.ndim == 1 else -np.ones(len(faces), int)
+    if len(touches) != len(faces):
+        raise OptionError(
+            "the faces are those of another body", where="estimate.faces",
+            got=f"touches of {len(touches)} faces", expected=f"{len(faces)} faces",
+            next="use the estimate as it was solved or saved",
+        )  # fmt: skip
     return SupportingPlanes(n, b, sigma, corners, touches)
 
 

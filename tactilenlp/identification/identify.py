@@ -11,14 +11,16 @@ import numpy as np
 
 from formulations import known_trajectory as page
 
-from ..common.validation import check_types
+from ..common.deadline import Deadline
+from ..common.validation import check_numbers, check_types
 from ..data.scene import Scene
 from ..data.trajectories import Trajectories
 from ..errors import OptionError, SceneError
 from ..information.information import reduced_covariance
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
-from ..nlp.solution import not_converged
+from ..nlp.solution import evaluated, not_converged, unfinished
+from ..nlp.term_functions import TermFunctionCache
 from .body import UNOBSERVED_VERTEX, Body, corner_shift
 from .fit import BodyFit, fit_of
 from .impacts import impacts, may_touch
@@ -30,6 +32,9 @@ DEFAULT_SOLVER = SolverOptions(tolerance=1e-5, time_limit=600.0)
 BODY_SHAPES = ("cuboid", "corners")
 SUNK_DEPTH = 3.0  # [SURFACE] below the ground: a vertex left out must come back
 MAX_SOLVES = 3  # with vertices that were wrongly left out restored
+READOUT_SHARE = 0.1  # [-] of the time limit, kept for standard deviations
+STARTS, ASSEMBLY_TIME = "starts", 4.0  # [time of the starts] of derivatives; 3 measured
+COVARIANCE_TIME = 6.0  # [iterations of the solve] that these take; four were measured
 WITH_SIGMA = ("theta", "radius", "friction", "inertia", "plane")
 
 
@@ -41,6 +46,7 @@ def identify_body(
     guess: np.ndarray | None = None,
     gauge: float | None = None,
     options: SolverOptions | None = None,
+    time_limit: float = 600.0,
     throw: bool = True,
 ) -> Body:
     """Find shape, friction, inertia and ground from recorded poses (known_trajectory).
@@ -50,27 +56,40 @@ def identify_body(
     vertices (V, 3) [m]; by default the boxes that explain the heights of the origin are
     tried (support.py), and the most likely result is returned.  gauge: metres per metre
     of the tracker; None: such that free falls show scene.gravity, within LARGEST_GAUGE.
+    time_limit [s]: of all, compilation included, kept within 10 % or 1 s; the status
+    says what was left out, and sigma is infinite where there was no time for it.
 
     Raises MeasurementError (also for a wrong dt or unit, and quaternions that look like
     xyzw), OptionError, SceneError before the solve, MotionError where nothing touches
     the ground, NotConverged (unless `throw` is False) after it.
     """
-    began = time.process_time()
+    began, deadline = time.process_time(), _deadline(time_limit)
     scene = Scene() if scene is None else scene
     options = DEFAULT_SOLVER if options is None else options
     _check(trajectories, scene, shape, gauge, options)
-    steps, starts, signs, ruler = prepared(trajectories, scene, shape, guess, gauge)
+    with deadline.spending(STARTS):
+        steps, starts, signs, ruler = prepared(trajectories, scene, shape, guess, gauge)
+    end = min(deadline.at - READOUT_SHARE * time_limit, options.deadline.at)
+    options = replace(options, deadline=deadline.until(end))
     given = signs, trajectories.dt, scene, options
     problem, window, solution, chosen = _best(steps, starts, *given)
     if throw and not solution.success:
         raise not_converged(problem, solution)
+    spread = _covariance(problem, solution, deadline)
     body = _read_off(
-        trajectories, scene, shape, problem, window, solution, signs, ruler
+        trajectories, scene, shape, problem, window, solution, signs, ruler, spread
     )
     left = len(chosen) - len(window.step), int(steps.resting.sum())
     words = f"{left[0]} of {len(chosen)} steps: in free flight, or at rest ({left[1]})"
     seconds = solution.seconds | {"total": time.process_time() - began}
-    return replace(body, skipped=(words,), seconds=seconds)
+    status = deadline.marked(solution.status)
+    return replace(body, skipped=(words,), seconds=seconds, status=status)
+
+
+def _deadline(time_limit) -> Deadline:
+    """Return the deadline of a time limit [s] from now, checked."""
+    check_numbers("", "a time [s] above 0", time_limit=(time_limit, 0.0, np.inf))
+    return Deadline.within(time_limit)
 
 
 def _best(steps, starts, signs, dt, scene, options):
@@ -82,11 +101,18 @@ def _best(steps, starts, signs, dt, scene, options):
     soft = with_soft_ground(steps, starts[-1] * signs, scene.gravity, dt)
     tried = []
     for theta, ground in product(starts, (steps, soft)):
+        if tried and options.deadline.passed("other starts", _assembly_time(options)):
+            break
         tried.append(_solved(ground, theta, signs, dt, scene, options))
         _, window, solution, _ = tried[-1]
         if solution.success and _fit(window, solution).verdict == "good":
             break
     return min(tried, key=lambda t: (not t[2].success, _evidence(t[1], t[2])))
+
+
+def _assembly_time(options) -> float:
+    """Return about how long [s] the derivatives of a problem take before its solve."""
+    return ASSEMBLY_TIME * options.deadline.spent[STARTS]
 
 
 def _evidence(window, solution) -> float:
@@ -111,12 +137,18 @@ def _solved(steps, theta, signs, dt, scene, options):
         raise nothing_lands(steps)
     for _ in range(MAX_SOLVES):
         window = impacts(steps, chosen, theta, signs, dt)
-        problem = Problem()
+        if options.deadline.passed("a solve", _assembly_time(options)):
+            problem = Problem(cache=TermFunctionCache(derive=False))
+            page.build(problem, window, scene)
+            return problem, window, evaluated(problem, {}), chosen
+        problem = Problem(deadline=options.deadline)
         page.build(problem, window, scene)
         solution = solve_levels(problem, page.LEVELS, {}, options)
         back = _sunk(steps, solution.values, signs) & ~chosen
         if not back.any():
             break
+        if options.deadline.passed("vertices that touch and were left out"):
+            return problem, window, unfinished(solution), chosen
         log.info("solving again: %d vertices that were left out touch", back.sum())
         chosen = chosen | back
     return problem, window, solution, chosen
@@ -151,12 +183,26 @@ def _sunk(steps, values, signs) -> np.ndarray:
     return low & ~steps.resting[:, None]
 
 
-def _read_off(trajectories, scene, shape, problem, window, solution, signs, ruler):
-    values = {k: v.squeeze() for k, v in solution.values.items()}
+def _covariance(problem, solution, deadline) -> tuple[np.ndarray, np.ndarray]:
+    """Return the covariance (k, k) of the parameters and the name of each (k,).
+
+    Its diagonal is infinite where the deadline leaves no time for it.
+    """
     spans = {name: problem.variables[name].span for name in WITH_SIGMA}
     chosen = np.concatenate([np.arange(s.start, s.stop) for s in spans.values()])
-    C, _, _ = reduced_covariance(problem, solution, chosen)
     names = np.repeat([*spans], [s.stop - s.start for s in spans.values()])
+    solved = solution.iterations > 0
+    iteration = solution.seconds["solve"] / solution.iterations if solved else np.inf
+    if deadline.passed("standard deviations", COVARIANCE_TIME * iteration):
+        return np.diag(np.full(len(chosen), np.inf)), names
+    return reduced_covariance(problem, solution, chosen)[0], names
+
+
+def _read_off(
+    trajectories, scene, shape, problem, window, solution, signs, ruler, spread
+) -> Body:
+    values = {k: v.squeeze() for k, v in solution.values.items()}
+    C, names = spread
     deviation = np.sqrt(np.where(np.diag(C) < 0, np.inf, np.diag(C)))
     sigma = {name: deviation[names == name].squeeze() for name in WITH_SIGMA}
     corners = (solution.values["theta"] * signs).T
@@ -191,6 +237,8 @@ def _sharp_sigma(C, names, signs, push, shape) -> np.ndarray:
     theta = np.flatnonzero(names == "theta").reshape(-1, 3)
     (radius,) = np.flatnonzero(names == "radius")
     out = np.zeros(push.shape)
+    if not np.isfinite(C).all():
+        return out + np.inf
     for v in range(len(push)):
         J = np.zeros((3, len(C)))
         J[:, theta[v if len(theta) > 1 else 0]] = np.diag(signs[:, v])

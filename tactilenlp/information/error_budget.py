@@ -43,6 +43,7 @@ from .measurement_noise import (
     sensitivity_to_measurements,
     sensor_covariance,
 )
+from .sensitivity import edge_error
 
 PHYSICS = (
     0.3  # [-] of the curvature of physics is its error: penalties are no densities
@@ -127,6 +128,12 @@ def touch_model(of: Response) -> np.ndarray:
     return model_error(at.curvature, *of.by_touches, at.sensed, at.window, at.shape)
 
 
+def rounded_edges(of: Response) -> np.ndarray:
+    """Return the covariance (k, k) by edges that are not sharp."""
+    at = of.at
+    return edge_error(at.curvature, of.pulls, at.sensed.build, at.window, at.shape)
+
+
 def physics_model(of: Response) -> np.ndarray:
     """Return the covariance (k, k) by a share of the curvature of physics."""
     names = [*of.at.costs(["physics"]), *of.at.curvature.problem.constraints]
@@ -168,6 +175,11 @@ def _given(name: str) -> ErrorTerm:
 TERMS = (
     ErrorTerm("sensor noise", sensor_noise),
     ErrorTerm("touch model", touch_model, lambda at: "touch" in at.curvature.hessians),
+    ErrorTerm(
+        "rounded edges",
+        rounded_edges,
+        lambda at: "touch" in at.curvature.hessians and at.shape.rounded is not None,
+    ),
     ErrorTerm("priors", priors),
     ErrorTerm("physics model", physics_model),
     ErrorTerm(

@@ -79,6 +79,8 @@ class Information:
         "spread": ("k", "k"),
         "parts/*": ("k", "k"),
         "maps/*": (ANY, "k"),
+        **{f"maps/{name}": (3, "k") for name in ("position", "rotation")},
+        "maps/side_lengths": (3, "k"),
         "modes/weights": ("m",),
         "modes/offsets": ("m", "k"),
         "modes/covariances": ("m", "k", "k"),

@@ -50,8 +50,8 @@ class Sensed:
 class MixedDerivatives:
     """d^2 L / dx dy and dg / dy of a term, for the measurements y that it reads.
 
-    slope (instances, unknowns, data); value (instances, rows, data); read (data,
-    instances): which data are measurements, and number: which ones.  unknowns: as of
+    slope (instances, unknowns, data); value (instances, rows, data); read (instances,
+    data): which data are measurements, and number: which ones.  unknowns: as of
     the term; span: rows of the constraint among all, None of a cost.
     """
 

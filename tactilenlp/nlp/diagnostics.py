@@ -36,15 +36,8 @@ NO_RANGE = (np.nan, np.nan)
 
 def describe(problem: Problem) -> str:
     """Return sizes, units and terms of a problem in words."""
-    terms = problem.terms.values()
-    places = [(t.first_row, t.jacobian_places()) for t in problem.constraints.values()]
-    jacobian = _nonzeros(((row + i, j) for row, (i, j) in places), problem.size)
-    hessian = _nonzeros((t.hessian_places()[:2] for t in terms), problem.size)
-    lines = [
-        f"{problem.size} unknowns, {problem.rows} constraint rows; nonzeros: Jacobian "
-        f"{jacobian}, upper triangle of the Hessian {hessian}",
-        "unknowns",
-    ]
+    sizes = f"{problem.size} unknowns, {problem.rows} constraint rows"
+    lines = [f"{sizes}; {_derivatives(problem)}", "unknowns"]
     for v in problem.variables.values():
         low, high = v.lower.min(initial=np.inf), v.upper.max(initial=-np.inf)
         lines.append(
@@ -64,6 +57,17 @@ def describe(problem: Problem) -> str:
         lines.append(f"  {p.name:30} {', '.join(f'{v:.4g}' for v in p.value.ravel())}"
                      f" [{p.unit or '1'}]")  # fmt: skip
     return "\n".join(lines)
+
+
+def _derivatives(problem: Problem) -> str:
+    """Return in words how many nonzeros the derivatives of a problem have."""
+    terms = problem.terms.values()
+    if any(t.function.first is None for t in terms):
+        return "no derivatives: it was evaluated, not solved"
+    places = [(t.first_row, t.jacobian_places()) for t in problem.constraints.values()]
+    jacobian = _nonzeros(((row + i, j) for row, (i, j) in places), problem.size)
+    hessian = _nonzeros((t.hessian_places()[:2] for t in terms), problem.size)
+    return f"nonzeros: Jacobian {jacobian}, upper triangle of the Hessian {hessian}"
 
 
 def _sentence(term: Term) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from ..common.deadline import NEVER, Deadline
 from ..common.interrupt import interruptible
 from ..common.validation import check_numbers, check_types
-from ..errors import OptionError, typed_call
+from ..errors import OptionError, shortened, typed_call
 from .problem import Problem
 from .solution import Solution, after, not_converged, recomputed, unfinished
 
@@ -95,7 +95,7 @@ def make_solver(problem, options: SolverOptions, eliminate=False, warm=False):
         raise OptionError(
             "IPOPT does not accept these options",
             where="ipopt",
-            got=f"{options.ipopt}: {str(error).strip().splitlines()[-1]}",
+            got=f"{shortened(options.ipopt)}: {str(error).strip().splitlines()[-1]}",
             expected="names and values of IPOPT's documentation",
         ) from error
 
@@ -119,9 +119,10 @@ def solve(
 
     Raises NotConverged unless the solver succeeded or `throw` is False.
     """
-    options = _in_time(options or SolverOptions())
     warm = start if isinstance(start, Solution) else None
     began = time.process_time()
+    _part(problem, eliminate)
+    options = _in_time(options or SolverOptions())
     solver = solver or make_solver(problem, options, eliminate, warm is not None)
     built = time.process_time() - began
     values = (warm.values if warm else start) or {}
@@ -148,7 +149,11 @@ def _in_time(options: SolverOptions) -> SolverOptions:
 
 
 def _part(problem, eliminate) -> tuple[dict, object, object]:
-    """Return functions, free unknowns and kept rows of what the solver is given."""
+    """Return functions, free unknowns and kept rows of what the solver is given.
+
+    The first call assembles the functions, which takes seconds of a large problem:
+    the time limit of a solver is set after it.
+    """
     if not eliminate:
         return problem.functions, slice(None), slice(None)
     reduced = problem.eliminated
@@ -270,10 +275,11 @@ def _tries(level, start) -> list[tuple[dict, bool]]:
 
 def _at(problem, level, ipopt, warm, start, options, solvers) -> Solution:
     """Solve one level from `start`; warm: with the multipliers of that solution."""
+    began = time.process_time()
+    _part(problem, level.eliminate)
     chosen = _in_time(replace(options, ipopt=ipopt | options.ipopt))
     key = (*sorted(ipopt.items()), chosen.tolerance, chosen.time_limit)
     key += (level.eliminate, warm)
-    began = time.process_time()
     if key not in solvers:
         solvers[key] = make_solver(problem, chosen, level.eliminate, warm)
     built = time.process_time() - began

@@ -82,6 +82,12 @@ class KKTSystem:
         by_constraint[self.rows] = multipliers / self.lengths[:, None]
         return scale[:, None] * answer[:n], by_constraint
 
+    def moved(self, gradient: np.ndarray) -> np.ndarray:
+        """Return how all unknowns (unknowns,) move if the gradient of L changes, SI."""
+        right = np.zeros(len(self.x) + self.A.shape[0])
+        right[: len(self.x)] = -self.problem.scale * gradient
+        return self.problem.scale * self.factors.solve(right)[: len(self.x)]
+
     @cached_property
     def factors(self):
         """The factorised matrix K, in scaled unknowns."""

@@ -49,14 +49,16 @@ class TermFunctionCache:
     The caller owns a cache and passes it as `Problem(cache=...)`; without one, problems
     use the default of the process (`default_cache`).  read, compile: whether libraries
     that were compiled earlier are loaded, and new ones compiled; else CasADi's virtual
-    machine evaluates the same expressions.  functions: by serialised expression;
-    derived: how many were differentiated; seconds [s]: what that took.
+    machine evaluates the same expressions.  derive: False for a problem whose terms are
+    evaluated, but that is not solved.  functions: by serialised expression; derived:
+    how many were differentiated; seconds [s]: what that took.
 
     A cache stays in its process: unpickled elsewhere it is the default cache there.
     """
 
     read: bool = True
     compile: bool = True
+    derive: bool = True
     functions: dict[str, TermFunction] = field(default_factory=dict)
     derived: int = 0
     seconds: float = 0.0
@@ -76,6 +78,8 @@ class TermFunctionCache:
         unknowns: lengths of the arguments that are local unknowns; order: for each
         argument ("z" | "d", length), local unknown or data; deadline: of compilations.
         """
+        if not self.derive:
+            return traced(function, unknowns, order)
         value = _trace(function, unknowns, order)
         key = value.serialize()
         if key not in self.functions:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import OptionError, TactileError
+from ..errors import OptionError, SceneError, TactileError
 
 TIME_STEP = 1 / 4080  # [s]; an impact at 0.2 m/s sinks in by 0.07 mm in one step
 # Contacts settle in 1 ms (MuJoCo wants two steps at least) without rebound, under the
@@ -61,7 +61,14 @@ class Plant:
         contact = _contact(restitution)
         body = side_lengths, vertices, mass
         xml = _xml(*body, friction, finger_radius, ground, contact)
-        self._model = mujoco.MjModel.from_xml_string(xml)
+        try:
+            self._model = mujoco.MjModel.from_xml_string(xml)
+        except ValueError as bad:
+            raise SceneError(
+                "MuJoCo refuses this world", where="World", got=str(bad),
+                expected="a mass and an extent that its solver can compute with",
+                next="check mass [kg], lengths [m] and friction",
+            ) from bad  # fmt: skip
         self._model.opt.gravity[:] = 0.0, 0.0, -gravity
         self._data = mujoco.MjData(self._model)
         self._object = self._model.geom("object").id

@@ -25,7 +25,10 @@ def smoothed(records, samples: int, rows):
         predicted_P = np.moveaxis(after.predicted_P[..., rows], -1, 0)
         off = state - after.predicted[:, rows].T
         change = np.linalg.solve(predicted_P, off[..., None])
-        state = before.z[:, rows].T + (gain @ change)[..., 0]
+        state, end = before.z[:, rows].T + (gain @ change)[..., 0], state
         path[:, :, before.sample : after.sample] = state[..., None]
+        within = np.arange(after.since + 1, after.sample)  # samples that were left out
+        share = (within - after.since) / (after.sample - after.since)
+        path[:, :, within] += (end - state)[..., None] * share
     path[:, :, : records[0].sample] = state[..., None]
     return path, rows

@@ -24,6 +24,7 @@ RELEASED = np.array([5e-5, 5e-5, 2e-3])[:, None]
 BETWEEN = np.array([2e-4, 2e-4, 1e-2])[:, None]  # [m, rad] of a gap between actions
 OUTLIER = 8.0  # [nats] most that one finger costs in one sample
 PASSES = 2  # of the iterated filter
+PERIOD = 1 / 30  # [s] of tracked samples: process noise and slopes are of such steps
 LONGEST = 8e-3, 8e-3, 0.3  # [m, m, rad] a pass: of sizes, place, yaw
 DIFFERENCE = 1e-5, 1e-5, 5e-4  # [m, m, rad] likewise
 
@@ -35,10 +36,10 @@ def tracked(filter: Filter, tracks: Tracks, samples, rng):
     """
     felt = filter.felt
     records, end = [], samples[-1]
-    for t in samples:
+    for before, t in _steps(filter.data, samples):
         if filter.deadline.left <= 0:
             break
-        tracks, slopes, moved = _predicted(filter, tracks, t)
+        tracks, slopes, moved = _predicted(filter, tracks, before, t)
         predicted, predicted_P = tracks.z, tracks.P
         tracks, corrected = _corrected(filter, tracks, t)
         rows = None
@@ -49,19 +50,36 @@ def tracked(filter: Filter, tracks: Tracks, samples, rng):
                 tracks = tracks.pick(rows)
         if moved or corrected or rows is not None:
             records.append(
-                Record(t, predicted, predicted_P, slopes, tracks.z, tracks.P, rows)
+                Record(
+                    before, t, predicted, predicted_P, slopes, tracks.z, tracks.P, rows
+                )
             )
     return tracks, records
 
 
-def _predicted(filter, tracks, t):
-    """Return tracks before sample t is seen, slopes of the motion, whether it moved."""
+def _steps(data, samples) -> list[tuple[int, int]]:
+    """Return pairs of tracked samples of an action, about PERIOD apart, ends included.
+
+    The first pair is the sample before the action and its first one.
+    """
+    stride = max(1, round(PERIOD / data.dt))
+    chosen = samples[::-1][::stride][::-1]
+    if chosen[0] != samples[0]:
+        chosen = np.r_[samples[0], chosen]
+    return list(zip(np.r_[chosen[0] - 1, chosen[:-1]], chosen, strict=True))
+
+
+def _predicted(filter, tracks, before, t):
+    """Return tracks before sample t is seen, slopes of the motion, whether it moved.
+
+    before: the sample that was tracked before, negative: none.
+    """
     data, felt = filter.data, filter.felt
-    if t == 0:
+    if before < 0:
         return tracks, None, False
-    if data.action[t] != data.action[t - 1]:
+    if data.action[t] != data.action[before]:
         return _between(tracks), None, True
-    active = felt[t] | (felt[t - 1] & data.valid[t]) | filter.hidden[t]
+    active = felt[t] | (felt[before] & data.valid[t]) | filter.hidden[t]
     way = _way(tracks.motion)
     if not active.any():
         if way.max() < 1e-6:
@@ -72,7 +90,7 @@ def _predicted(filter, tracks, t):
             return _noisier(replace(tracks, z=moved), deviation), None, True
         tracks = replace(tracks, motion=np.zeros_like(tracks.motion))
         return _noisier(tracks, deviation), None, True
-    motion, slopes = _motion(filter, tracks, t, np.flatnonzero(active))
+    motion, slopes = _motion(filter, tracks, before, t, np.flatnonzero(active))
     error = PUSH_ERROR * np.maximum(_way(motion), 0.5 * way)
     z, P = tracks.z.copy(), tracks.P.copy()
     z[-3:] += motion
@@ -84,10 +102,10 @@ def _predicted(filter, tracks, t):
     return _noisier(tracks, TOUCHED + error * TURN), slopes, True
 
 
-def _motion(filter, tracks, t, active):
+def _motion(filter, tracks, before, t, active):
     """Return motion (3, S), and its slopes (3, n + 3, S) by differences."""
     p, radius = filter.data.finger_position, filter.data.finger_radius
-    moves = [Move(p[t - 1, f], p[t, f], radius[f]) for f in active]
+    moves = [Move(p[before, f], p[t, f], radius[f]) for f in active]
     difference = filter.geometry.each(*DIFFERENCE)
     steps = np.hstack([np.zeros((len(difference), 1)), np.diag(difference)])
     D = pushed(
@@ -129,7 +147,9 @@ def _corrected(filter, tracks, t):
         y, P, evidence = _updated(mean, P_0, z, rows)
         z = z + np.clip(y - z, -longest, longest)
         z = np.maximum(z, filter.low)
-    return replace(tracks, z=z, P=P, evidence=tracks.evidence + evidence), True
+    evidence = tracks.evidence + evidence
+    evidence[~np.isfinite(evidence)] = -np.inf  # its slopes are too steep to follow
+    return replace(tracks, z=z, P=P, evidence=evidence), True
 
 
 def _updated(mean, P, z, rows):

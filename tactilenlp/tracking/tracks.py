@@ -48,10 +48,12 @@ class Tracks:
 class Record:
     """What the smoother needs of a sample: before and after correction and selection.
 
-    slopes (3, n + 3, S) of the predicted motion, None if nothing moved; parents: of
-    each track after selection, among those before; None: none was dropped or split.
+    since: the sample tracked before, from which on the body may have moved; slopes
+    (3, n + 3, S) of the predicted motion, None if nothing moved; parents: of each
+    track after selection, among those before; None: none was dropped or split.
     """
 
+    since: int
     sample: int
     predicted: np.ndarray
     predicted_P: np.ndarray
@@ -112,7 +114,7 @@ def presses(fingers, S, rng):
 def opened(tracks: Tracks, sample: int) -> list[Record]:
     """Return the record of the tracks as they begin."""
     z, P = tracks.z, tracks.P
-    return [Record(sample, z, P, None, z, P, None)]
+    return [Record(sample, sample, z, P, None, z, P, None)]
 
 
 def surviving(tracks):
@@ -124,6 +126,7 @@ def surviving(tracks):
 def split_tracks(filter, tracks, final, rng):
     """Return the best distinct tracks, each with parts of it, and whose parts."""
     order = np.argsort(-tracks.evidence, kind="stable")
+    order = order[_sound(tracks.P[..., order])]
     order = order[tracks.evidence[order] > tracks.evidence[order[0]] - HOPELESS]
     cells = np.round(tracks.z[:, order] / filter.geometry.each(*CELL)[:, None])
     _, first = np.unique(cells, axis=1, return_index=True)
@@ -133,6 +136,14 @@ def split_tracks(filter, tracks, final, rng):
     each = int(np.clip(round(TRACKS / len(chosen)), 1, 8))
     rows = np.repeat(chosen, each)
     return parts_of(filter, tracks, rows, rng), rows
+
+
+def _sound(P):
+    """Tell which covariances (6, 6, S) rounding has left positive definite."""
+    P = np.moveaxis(P, -1, 0)
+    sound = np.isfinite(P).all(axis=(1, 2))
+    sound[sound] = np.linalg.eigvalsh(P[sound]).min(axis=1) > 0
+    return sound
 
 
 def parts_of(filter, tracks, rows, rng) -> Tracks:

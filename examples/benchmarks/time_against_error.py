@@ -1,0 +1,235 @@
+"""Compare all formulations by run time and error: which page for which purpose.
+
+    python examples/benchmarks/time_against_error.py folder [--count 20] [--first 500]
+        [--actions 1 2 3 4 5 6] [--formulations violation_implicit shooting ...]
+        [--worlds clean noisy soft] [--executor processes|dask|mpi|none]
+
+Each cell is a formulation, a world and a number of actions; it is estimated as a user
+does, by `solve_estimate` with default options, so that seconds are those of search,
+solves, certificates and reading.  The recordings are boxes of foreign_world.py, which
+two fingers push from the sides and from above in plain MuJoCo; `soft` has its default
+contact, `noisy` 1 mm on positions, 5 degrees on normals and 1 % flipped booleans.
+
+    surface   exact mean distance of the surfaces at the last sample [mm]
+    path      the same at PLACES samples of the whole recording, the mean [mm]
+    cpu       seconds of one core, with kinds of terms compiled before
+
+Failed and refused estimates are counted, and left out of the quantiles.  Rows are kept
+in time_against_error.jsonl as they end (study.py): called again, the script runs what
+is missing, and writes time_against_error.csv (a row an estimate), summary.csv (a row a
+cell) and time_against_error.png.
+"""
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
+
+import argparse
+from functools import cache
+from itertools import product
+from pathlib import Path
+from time import process_time
+
+import matplotlib.pyplot as plt
+import numpy as np
+from foreign_world import DEFAULT, Box, ForeignWorld, recorded
+from monte_carlo import NOISE
+from study import add_executor, executor_of, run_study, write_csv
+from trimesh.creation import box
+from trimesh.transformations import quaternion_matrix, translation_matrix
+
+from tactilenlp import (
+    Measurements,
+    Noise,
+    Options,
+    Scene,
+    solve_estimate,
+    surface_distance,
+)
+from tactilenlp.data.noise_model import add_noise
+from tactilenlp.errors import TactileError
+
+FORMULATIONS = (
+    *("violation_implicit", "quasi_static", "shooting", "multiple_shooting"),
+    *("complementarity", "paper"),
+)
+FROM_ABOVE = {"above": 1.0, "heights": (0.25, 0.6)}  # [rad], shares of the height
+WORLDS = {
+    "clean": ForeignWorld(**FROM_ABOVE),
+    "noisy": ForeignWorld(**FROM_ABOVE),
+    "soft": ForeignWorld(**FROM_ABOVE, contact=DEFAULT),
+}
+PLACES = 12  # samples of a recording at which the surfaces are compared
+LIMIT = 120.0  # [s] of an estimate
+QUANTILES = (0.1, 0.5, 0.9)
+SCENE = ("mass", "friction_ground", "friction_finger")
+COLOURS = dict(zip(FORMULATIONS, plt.cm.tab10.colors, strict=False))
+
+
+@cache
+def measured(world: str, number: int, actions: int):
+    """Return measurements, scene and true arrays of a recording; it is simulated."""
+    true = recorded(Box(number), WORLDS[world], actions)
+    names = ("time", "finger_position", "finger_radius", "contact", "normal")
+    data = Measurements(**{k: true[k] for k in (*names, "action", "valid")})
+    if world == "noisy":
+        data = add_noise(data, Noise(seed=number, **NOISE))
+    return data, Scene(**{k: float(true[k]) for k in SCENE}), true
+
+
+@cache
+def warm(formulation: str) -> None:
+    """Compile the terms of a page, once in each process."""
+    data, scene, _ = measured("clean", 0, 2)
+    options = Options(time_limit=LIMIT)
+    solve_estimate(data, scene, formulation=formulation, options=options, throw=False)
+
+
+def estimated(
+    formulation: str, world: str, actions: int, number: int, most: int
+) -> dict:
+    """Return the row of one estimate; most: actions of the recording."""
+    warm(formulation)
+    row = {"formulation": formulation, "world": world, "actions": actions}
+    row |= {"box": number, "refused": "", "success": False}
+    data, scene, true = measured(world, number, most)
+    data = data.select(range(actions))
+    began = process_time()
+    try:
+        estimate = solve_estimate(
+            data, scene, formulation=formulation, options=Options(time_limit=LIMIT),
+            throw=False,
+        )  # fmt: skip
+    except TactileError as error:
+        said = f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
+        return row | {"cpu_s": process_time() - began, "refused": said}
+    row |= {"cpu_s": process_time() - began, "success": bool(estimate.success)}
+    places = np.unique(np.linspace(0, data.samples - 1, PLACES).round().astype(int))
+    apart = [surfaces_apart(estimate, true, k) for k in places]
+    verdict = estimate.fit.verdict if estimate.fit else ""
+    row |= {"surface_mm": apart[-1], "path_mm": float(np.mean(apart))}
+    return row | {"nats": estimate.objective, "verdict": verdict}
+
+
+def surfaces_apart(estimate, true, sample: int) -> float:
+    """Return the mean distance [mm] of the true and estimated surfaces at a sample."""
+    bodies = (
+        (estimate.side_lengths, estimate.position, estimate.quaternion),
+        (true["side_lengths"], true["object_position"], true["object_quaternion"]),
+    )
+    placed = [
+        box(sides, translation_matrix(p[sample]) @ quaternion_matrix(q[sample]))
+        for sides, p, q in bodies
+    ]
+    return 1e3 * surface_distance(*placed).mean
+
+
+def summary(rows) -> list[dict]:
+    """Return a row a cell: quantiles of what was estimated, and how many were not."""
+    table = []
+    for key in dict.fromkeys(
+        (r["world"], r["formulation"], r["actions"]) for r in rows
+    ):
+        mine = [r for r in rows if (r["world"], r["formulation"], r["actions"]) == key]
+        solved = [r for r in mine if r["success"]]
+        cell = dict(zip(("world", "formulation", "actions"), key, strict=True))
+        cell |= {"n": len(mine), "refused": sum(bool(r["refused"]) for r in mine)}
+        cell |= {"failed": len(mine) - len(solved) - cell["refused"]}
+        for name in ("cpu_s", "surface_mm", "path_mm"):
+            values = [r[name] for r in solved] or [np.nan]
+            for q in QUANTILES:
+                cell[f"{name}_{round(100 * q)}"] = float(np.quantile(values, q))
+        table.append(cell)
+    return table
+
+
+def show(table) -> None:
+    """Print the medians, with the 10th and 90th percentiles."""
+    print(f"{'world':8}{'formulation':20}{'actions':>8}{'n':>4}{'bad':>4}"
+          f"{'CPU s':>24}{'surface mm':>24}{'path mm':>24}")  # fmt: skip
+    for cell in sorted(table, key=lambda c: (c["world"], c["actions"])):
+        words = f"{cell['world']:8}{cell['formulation']:20}{cell['actions']:8}"
+        words += f"{cell['n']:4}{cell['failed'] + cell['refused']:4}"
+        for name in ("cpu_s", "surface_mm", "path_mm"):
+            low, middle, high = (cell[f"{name}_{round(100 * q)}"] for q in QUANTILES)
+            words += f"{middle:10.2f} ({low:5.2f}, {high:5.2f})"
+        print(words)
+
+
+def draw(table, path: Path) -> None:
+    """Plot median run time against median error, from few to many actions."""
+    worlds = [w for w in WORLDS if any(c["world"] == w for c in table)]
+    names = {"surface_mm": "final surface [mm]", "path_mm": "along the path [mm]"}
+    figure, axes = plt.subplots(
+        2, len(worlds), figsize=(3.6 * len(worlds) + 1.6, 6.4), sharex=True,
+        sharey=True, layout="constrained", squeeze=False,
+    )  # fmt: skip
+    for (row, (name, label)), (column, world) in product(
+        enumerate(names.items()), enumerate(worlds)
+    ):
+        ax = axes[row, column]
+        for formulation in FORMULATIONS:
+            cells = [c for c in table if c["world"] == world]
+            cells = [c for c in cells if c["formulation"] == formulation]
+            cells.sort(key=lambda c: c["actions"])
+            seconds = [c["cpu_s_50"] for c in cells]
+            middle, low, high = (
+                np.array([c[f"{name}_{q}"] for c in cells]) for q in (50, 10, 90)
+            )
+            colour = COLOURS[formulation]
+            ax.plot(seconds, middle, "o-", color=colour, ms=4, label=formulation)
+            ax.vlines(seconds, low, high, color=colour, alpha=0.25, lw=3)
+            for c, x, y in zip(cells, seconds, middle, strict=True):
+                ax.annotate(c["actions"], (x, y), (3, 3), textcoords="offset points",
+                            fontsize=7, color=colour)  # fmt: skip
+        ax.set(xscale="log", yscale="log")
+        ax.grid(alpha=0.3, which="both")
+        if row == 0:
+            ax.set_title(world)
+        if column == 0:
+            ax.set_ylabel(label)
+    figure.supxlabel("CPU seconds of an estimate; numbers: actions; bars: 10 to 90 %")
+    handles = axes[0, 0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside upper center", ncols=3, frameon=False)
+    figure.savefig(path, dpi=120)
+    plt.close(figure)
+
+
+def said(case, row: dict) -> str:
+    """Return an estimate that ended in words."""
+    where = " ".join(map(str, case[:4]))
+    if row["refused"]:
+        return f"{where}: {row['refused']}"
+    words = f"surface {row['surface_mm']:.2f} mm, path {row['path_mm']:.2f} mm"
+    return f"{where}: {words}, {row['cpu_s']:.1f} s" + " failed" * (not row["success"])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--count", type=int, default=20, help="boxes")
+    parser.add_argument("--first", type=int, default=500, help="number of a first box")
+    parser.add_argument("--actions", type=int, nargs="+", default=[1, 2, 3, 4, 5, 6])
+    parser.add_argument("--formulations", nargs="+", default=FORMULATIONS)
+    parser.add_argument("--worlds", nargs="+", choices=WORLDS, default=[*WORLDS])
+    add_executor(parser)
+    chosen = parser.parse_args()
+    numbers = range(chosen.first, chosen.first + chosen.count)
+    cases = [
+        (formulation, world, actions, number, max(chosen.actions))
+        for number, actions, world, formulation in product(
+            numbers, chosen.actions, chosen.worlds, chosen.formulations
+        )
+    ]
+    path, name = chosen.folder / "time_against_error.jsonl", "time against error"
+    with executor_of(chosen, *Path(__file__).parent.glob("*.py")) as executor:
+        rows = run_study(path, name, estimated, cases, executor, say=said)
+    write_csv(chosen.folder / "time_against_error.csv", rows)
+    table = summary(rows)
+    write_csv(chosen.folder / "summary.csv", table)
+    show(table)
+    draw(table, chosen.folder / "time_against_error.png")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,79 @@
+"""Edges that are not sharp: how a cuboid grows, and what an estimate says of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from formulations import violation_implicit
+from formulations.shape import CUBOID
+from tactilenlp import Problem, SolverOptions, solve_estimate
+from tactilenlp.information import error_budget
+from tactilenlp.nlp.ipopt import solve
+
+SIDES = np.array([0.04, 0.05, 0.06])
+SMALL = 1e-5  # [m] rounding of the distance itself
+
+
+def rounded(r):
+    """Return the cuboid whose edges have the radius r [m]."""
+    return replace(
+        CUBOID,
+        distance=lambda theta, q, s: CUBOID.distance(theta - 2 * r, q, s) - r,
+        normal=lambda theta, q, s: CUBOID.normal(theta - 2 * r, q, s),
+    )
+
+
+def test_a_cuboid_with_rounded_edges_has_the_same_faces_and_is_smaller_at_edges():
+    r = 2e-3
+    inner = CUBOID.rounded(SIDES, r)
+    face, edge = np.array([0.03, 0.0, 0.0]), np.array([0.03, 0.035, 0.0])
+
+    def gap(theta, q, grown):
+        return float(CUBOID.distance(theta, q, SMALL)) - grown
+
+    assert gap(inner, face, r) == pytest.approx(gap(SIDES, face, 0), abs=1e-5)
+    further = (np.sqrt(2) - 1) * r
+    assert gap(inner, edge, r) - gap(SIDES, edge, 0) == pytest.approx(further, abs=1e-5)
+
+
+@pytest.mark.slow
+def test_the_error_by_edges_is_how_the_optimum_moves_with_their_radius(
+    recorded, monkeypatch
+):
+    data, scene, _ = recorded
+    seen = []
+
+    def noted(curvature, pulls, build, window, shape):
+        seen.append((curvature, window, build))
+        return real(curvature, pulls, build, window, shape)
+
+    real = error_budget.edge_error
+    monkeypatch.setattr(error_budget, "edge_error", noted)
+    estimate = solve_estimate(data, scene)
+    curvature, window, build = seen[0]
+    theta = curvature.problem.variables["theta"].span
+    chosen = np.arange(theta.start, theta.stop)
+    pulls, _ = curvature.sensitivity(chosen)
+    told = np.sqrt(np.diag(real(curvature, pulls, build, window, CUBOID)))
+
+    def optimum(r):
+        """Return theta where fingers feel rounded edges; physics as it was."""
+        problem = Problem()
+        shape = rounded(r)
+        w, pushes, corners = violation_implicit.impulses_of(
+            problem, window, scene, CUBOID
+        )
+        x = violation_implicit.felt(problem, window, scene, shape, pushes)
+        fingers, ground = violation_implicit.contacts_of(window, CUBOID)
+        law = violation_implicit.Balance(fingers, ground, scene.gravity)
+        violation_implicit.physics(problem, window, law, *x, w, 0.0, pushes, corners)
+        values = curvature.problem.unpack(curvature.x)
+        found = solve(problem, SolverOptions(ipopt={"mu_init": 1e-7}), start=values)
+        assert found.success
+        return found.values["theta"][:, 0]
+
+    step = 2e-5
+    moved = np.abs(optimum(step) - optimum(0.0)) / step
+    assert np.abs(optimum(0.0) - estimate.side_lengths).max() < 1e-6
+    assert told / told.max() == pytest.approx(moved / moved.max(), abs=0.05)
