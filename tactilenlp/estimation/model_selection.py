@@ -47,7 +47,14 @@ from ..search.local_solve import (
 from ..search.margins import LARGER_MODEL
 from .result import Estimate
 
-AUTO = ("cuboid", "polytope")  # the classes of shape="auto"
+AUTO = (
+    "cuboid",
+    "cylinder",
+    "ellipsoid",
+    "prism of 3 sides",
+    "prism of 6 sides",
+    "polytope",
+)  # the classes of shape="auto"
 LEAST_TIME = 1.0  # [s] of a class, whatever is left
 log = logging.getLogger("tactilenlp")
 

@@ -66,14 +66,6 @@ class ClassOdds:
     error: str = ""
 
 
-def classes_in_words(classes) -> list[str]:
-    """Return the odds of the classes that were compared in a sentence, if any were."""
-    if not classes:
-        return []
-    odds = [f"{one.shape} has {100 * one.probability:.3g} %" for one in classes]
-    return [f"Of the classes compared, {', '.join(odds)} of the evidence."]
-
-
 def log_evidence(objective: float, covariance, prior) -> float:
     """Return Laplace's log evidence [nats] of a class, up to a constant of the data.
 
