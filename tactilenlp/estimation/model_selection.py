@@ -258,17 +258,23 @@ def likeliest_class(classes, solve, start, options) -> Estimate:
 
 
 def evidence_of(estimate, shape) -> float:
-    """Return the log evidence of an estimate; -inf where its solve failed."""
+    """Return the log evidence of an estimate; -inf where its solve failed.
+
+    The prior: the deviations of the sizes, a position within REACHED, any rotation.  As
+    many optima are alike as there are relabellings of the body's axes.
+    """
     if not estimate.success:
         return -np.inf
     information = estimate.information
-    k = len(information.names)
-    anywhere = np.full(k, 1 / REACHED**2)
+    k, alike = len(information.names), 1
+    known = np.full(k, 1 / REACHED**2)
     if shape.parameters == "sizes":
-        n, turns = shape.theta, (k - shape.theta) // 2
-        anywhere[:n] = 1 / np.broadcast_to(shape.size_prior[1], n) ** 2
-        anywhere[k - turns :] = 1 / ANY_ROTATION**2
-        prior = np.diag(anywhere)
+        n, turning = shape.theta, 1 if estimate.reductions["planar"] else 3
+        known[:n] = 1 / np.broadcast_to(shape.size_prior[1], n) ** 2
+        known[k - turning :] = 1 / ANY_ROTATION**2
+        up = [R[2][2] > 0.5 or turning == 3 for _, R in shape.symmetries]
+        alike, prior = max(1, sum(up)), np.diag(known)
     else:
-        prior = np.diag(anywhere) + positive_part(information.part("prior"))
-    return log_evidence(estimate.objective, information.of_hessian().spread, prior)
+        prior = np.diag(known) + positive_part(information.part("prior"))
+    covariance = information.of_hessian().spread
+    return log_evidence(estimate.objective, covariance, prior) + np.log(alike)
