@@ -92,7 +92,9 @@ def search_boxes(
     kept: hypotheses of the first actions to continue, if any; executor: see
     least_motion; so_far: a list that holds those of the actions done by Ctrl-C.
     """
-    tracks = distant(tracked_paths(job, kept, SMOOTHED, so_far), LYING * count)
+    tracks = tracked_paths(job, kept, SMOOTHED, so_far)
+    late = job.deadline.passed("other tracks")
+    tracks = tracks[:1] if late else distant(tracks, LYING * count)
     noisy = kept and not precise(job.data, job.precision)
     if noisy and not job.deadline.passed("a search from scratch"):
         # Noise leaves hypotheses open that the mixture has lost: 21 nats in one update.
