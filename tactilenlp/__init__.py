@@ -41,6 +41,8 @@ _HOMES = {
     "Exploration": "exploration.log",
     "Plan": "exploration.policies",
     "World": "simulation.world",
+    "TouchedWorld": "exploration.action_space",
+    "TrueBody": "evaluation.ground_truth",
     "Trajectories": "data.trajectories",
     "Body": "identification.body",
     "identify_body": "identification.identify",

@@ -6,24 +6,40 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from trimesh.convex import convex_hull
+from trimesh.creation import box
+from trimesh.transformations import quaternion_matrix
 
-from tactilenlp.evaluation.ground_truth import errors_of, true_mesh
+from tactilenlp import Scene, TrueBody, World, explore
+from tactilenlp.errors import OptionError
+from tactilenlp.evaluation.ground_truth import errors_of
 
 QUARTER = Rotation.from_rotvec([0, 0, np.pi / 2])
 
 
-def holding(estimate, shift=(0, 0, 0), **body):
-    """Return a world in which the object lies where the estimate says, but shifted."""
-    truth = SimpleNamespace(
-        object_position=estimate.position + np.array(shift),
-        object_quaternion=estimate.quaternion,
-    )
-    body = body or {"side_lengths": estimate.side_lengths}
-    return SimpleNamespace(truth=truth, measurements=estimate.measurements, **body)
+class Holding:
+    """A world in which the object lies where the estimate says, but shifted."""
+
+    def __init__(self, estimate, shift=(0, 0, 0), sides=None, turn=None, hull=False):
+        self.estimate, self.shift, self.hull = estimate, np.array(shift), hull
+        self.sides = estimate.side_lengths if sides is None else sides
+        self.turn = estimate.quaternion[-1] if turn is None else turn
+
+    def true_body(self, time):
+        times = self.estimate.measurements.time
+        if not np.isclose(times, time).any():
+            return None
+        where = self.estimate.position[-1] + self.shift
+        place = quaternion_matrix(self.turn)
+        place[:3, 3] = where
+        if self.hull:
+            mesh = convex_hull(self.estimate.vertices).apply_transform(place)
+            return TrueBody(mesh, where, self.turn)
+        return TrueBody(box(self.sides, place), where, self.turn, self.sides)
 
 
 def test_an_estimate_that_is_the_truth_is_off_by_nothing(estimate):
-    errors = errors_of(holding(estimate), estimate)
+    errors = errors_of(Holding(estimate), estimate)
     names = {"surface", "surface_max", "position", "side_lengths", "rotation"}
     assert errors.keys() == names
     # rounding, of a mesh of a few centimetres
@@ -31,7 +47,7 @@ def test_an_estimate_that_is_the_truth_is_off_by_nothing(estimate):
 
 
 def test_a_shift_along_a_face_normal_moves_two_faces_by_as_much(estimate):
-    errors = errors_of(holding(estimate, shift=(0, 0, 1e-3)), estimate)
+    errors = errors_of(Holding(estimate, shift=(0, 0, 1e-3)), estimate)
     assert errors["position"] == pytest.approx(1e-3)
     # 2000 points miss the very corners by less than their spacing
     assert errors["surface_max"] == pytest.approx(1e-3, rel=1e-6)
@@ -44,25 +60,57 @@ def test_a_shift_along_a_face_normal_moves_two_faces_by_as_much(estimate):
 
 
 def test_relabelled_axes_of_the_true_box_are_the_same_box(estimate):
-    turn = Rotation.from_quat(np.roll(estimate.quaternion, -1, axis=1)) * QUARTER
-    world = holding(estimate, side_lengths=estimate.side_lengths[[1, 0, 2]])
-    world.truth.object_quaternion = np.roll(turn.as_quat(), 1, axis=1)
+    turn = Rotation.from_quat(estimate.quaternion[-1], scalar_first=True) * QUARTER
+    turn = turn.as_quat(scalar_first=True)
+    world = Holding(estimate, sides=estimate.side_lengths[[1, 0, 2]], turn=turn)
     errors = errors_of(world, estimate)
     assert max(errors.values()) < 1e-6
 
 
 def test_of_a_hull_surface_and_centroid_are_compared(estimate):
-    world = holding(estimate, vertices=estimate.vertices)
-    errors = errors_of(world, estimate)
+    errors = errors_of(Holding(estimate, hull=True), estimate)
     assert errors.keys() == {"surface", "surface_max", "position"}
     assert max(errors.values()) < 1e-6
-    mesh, mean = true_mesh(world, estimate.measurements.time[0]), estimate.position[0]
-    assert np.allclose(mesh.centroid, mean, atol=1e-9)
 
 
 def test_a_world_without_a_truth_of_that_instant_tells_nothing(estimate):
     assert errors_of(object(), estimate) == {}
-    assert errors_of(SimpleNamespace(truth=None), estimate) == {}
-    data, world = estimate.measurements, holding(estimate)
+    assert errors_of(SimpleNamespace(truth="of something else"), estimate) == {}
+    data, world = estimate.measurements, Holding(estimate)
     later = replace(estimate, measurements=replace(data, time=data.time + 1.0))
     assert errors_of(world, later) == {}
+
+
+def test_a_truth_of_another_type_is_named(estimate):
+    world = SimpleNamespace(true_body=lambda time: (1, 2))
+    with pytest.raises(OptionError, match=r"world\.true_body.*TrueBody"):
+        errors_of(world, estimate)
+
+
+def test_what_is_no_method_of_a_world_is_refused_before_the_first_command():
+    class Odd:
+        true_body = np.zeros(3)
+
+        def execute(self, trajectory):
+            raise AssertionError("a command was given")
+
+    with pytest.raises(OptionError, match=r"world\.true_body.*TouchedWorld"):
+        next(explore(Odd(), Scene()))
+    with pytest.raises(OptionError, match=r"execute\(trajectory\)"):
+        next(explore(object(), Scene()))
+
+
+def test_a_world_with_a_truth_of_its_own_kind_is_explored(world_of_a_box):
+    class Mine:
+        truth, finger_radius = "in my own words", world_of_a_box.finger_radius
+
+        def execute(self, trajectory):
+            return world_of_a_box.execute(trajectory)
+
+    step = next(explore(Mine(), Scene(), actions=0, centre=(0.0, 0.0)))
+    assert step.errors == {}
+
+
+@pytest.fixture
+def world_of_a_box():
+    return World((0.04, 0.05, 0.045))

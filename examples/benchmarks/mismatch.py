@@ -37,7 +37,6 @@ from trimesh.transformations import translation_matrix
 
 from tactilenlp import Scene, Workspace, World, solve_estimate, surface_distance
 from tactilenlp.errors import TactileError
-from tactilenlp.evaluation.ground_truth import true_mesh
 from tactilenlp.geometry.convex_hull import (
     filled,
     hull_vertices,
@@ -157,7 +156,7 @@ def measured(name: str, shape: str, trial: int, actions: int) -> dict:
     """Return one row of the table."""
     world = played(name, shape, trial, actions)
     data = world.measurements
-    mesh = true_mesh(world, data.time[-1])
+    mesh = world.true_body(data.time[-1]).mesh
     known = ("mass", "friction_ground", "friction_finger", "gravity")
     scene = Scene(**{key: getattr(world, key) for key in known})
     fit = best_hull(mesh) if shape == "polytope" else best_box(mesh)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 from functools import cache
+from typing import Protocol, runtime_checkable
 
 import casadi as ca
 import numpy as np
@@ -17,6 +18,7 @@ from ..common.validation import (
     checked_array,
     is_whole,
 )
+from ..data.measurements import Measurements
 from ..data.scene import Ground
 from ..errors import OptionError, shortened, typed_call
 
@@ -39,6 +41,19 @@ class Trajectory:
 
     time: np.ndarray
     finger_position: np.ndarray
+
+
+@runtime_checkable
+class TouchedWorld(Protocol):
+    """What `explore` asks of a world, simulated or real.
+
+    Optional members, used where they exist: finger_radius [m], a number or (F,), from
+    which the workspace is made; check(trajectory), which raises for what is out of
+    reach, before the first command; true_body(time), the truth (evaluation.KnowsTruth).
+    """
+
+    def execute(self, trajectory: Trajectory) -> Measurements:
+        """Move the fingers along a path and back; return what was felt on the way."""
 
 
 @typed_call()

@@ -22,7 +22,7 @@ from ..estimation.request import asked, check_start
 from ..estimation.result import Estimate
 from ..estimation.solver import solve_estimate
 from ..evaluation.ground_truth import errors_of
-from .action_space import Workspace
+from .action_space import TouchedWorld, Workspace
 from .first_touch import check_reach, first_touch
 from .log import (
     Exploration,
@@ -52,9 +52,9 @@ def explore(
 ) -> Iterator[Step]:
     """Touch an object and yield a Step after the first touch and after each action.
 
-    world: anything with `execute(trajectory) -> Measurements`; if it has a truth, as
-    World has, step.errors are the errors of the estimate; its `check(trajectory)`, if
-    it has one, raises for what it cannot reach.  scene: Scene, by default Scene().
+    world: a TouchedWorld: `execute(trajectory) -> Measurements`; where its method
+    `true_body(time)` tells the truth, step.errors are the errors of the estimate; its
+    `check(trajectory)` raises for what it cannot reach.  scene: by default Scene().
     settings: ExploreOptions; or its fields as keywords (actions, policy, shape, seed
     also by position, in this order), but not both.  file: every action is saved there,
     as an Exploration, as soon as it is measured; a call with an existing file resumes
@@ -195,17 +195,30 @@ def _by_name(positional, keywords: dict) -> dict:
 
 def _check(world, file, start) -> None:
     """Raise OptionError or FileError for an unusable world, start or file."""
-    # No world is needed for actions that the file has.
-    if world is not None and not callable(getattr(world, "execute", None)):
-        raise OptionError(
-            "not a world", where="world", got=repr(world)[:80],
-            expected="an object with execute(trajectory) -> Measurements",
-        )  # fmt: skip
+    if world is not None:  # none is needed for actions that the file has
+        _check_world(world)
     check_types(start=(start, (Estimate, Guess, type(None))))
     if file is not None:
         check_path(file)
         if world is not None:
             check_file(file)
+
+
+def _check_world(world) -> None:
+    """Raise OptionError unless a world has the methods of a TouchedWorld."""
+    if not isinstance(world, TouchedWorld):
+        raise OptionError(
+            "not a world", where="world", got=repr(world)[:80],
+            expected="an object with execute(trajectory) -> Measurements",
+            next="see tactilenlp.TouchedWorld",
+        )  # fmt: skip
+    for name in ("execute", "check", "true_body"):
+        member = getattr(world, name, None)
+        if member is not None and not callable(member):
+            raise OptionError(
+                "not a method", where=f"world.{name}", got=repr(member)[:80],
+                expected=f"a method, as tactilenlp.TouchedWorld has it, or no {name}",
+            )  # fmt: skip
 
 
 def _check_fingers(world, space: Workspace, kept: Exploration) -> None:

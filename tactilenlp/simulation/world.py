@@ -12,6 +12,7 @@ from ..common.validation import check_types
 from ..data.measurements import Measurements
 from ..data.noise_model import Noise, add_noise
 from ..errors import SceneError, typed_call
+from ..evaluation.ground_truth import TrueBody
 from .arguments import (
     ARGUMENT_RULES,
     centred_hull,
@@ -25,6 +26,7 @@ from .retraction import retraction
 
 SAMPLE_RATE = 30  # [Hz] of the record, as the tactile sensors of the paper
 CONTACT_STEPS = 40  # steps (10 ms) over which a sensor averages the contact force
+SAME_INSTANT = 1e-6  # [s] largest difference of equal times
 REST_TIME = 0.2  # [s] after an action: the object comes to rest
 BODY_ARGUMENTS = ("side_lengths", "vertices")
 PLANT_ARGUMENTS = (
@@ -190,6 +192,27 @@ class World:
             true = Truth(*map(np.concatenate, pairs))
         self.truth = true
         return data
+
+    def true_body(self, time: float) -> TrueBody | None:
+        """Return the true body at the time [s] of a sample, or None."""
+        from trimesh.convex import convex_hull
+        from trimesh.creation import box
+        from trimesh.transformations import quaternion_matrix
+
+        if self.truth is None:
+            return None
+        row = int(np.abs(self.measurements.time - time).argmin())
+        if abs(self.measurements.time[row] - time) > SAME_INSTANT:
+            return None
+        where = self.truth.object_position[row]
+        turn = self.truth.object_quaternion[row]
+        place = quaternion_matrix(turn)
+        place[:3, 3] = where
+        if self.side_lengths is None:
+            mesh = convex_hull(self.vertices).apply_transform(place)
+        else:
+            mesh = box(self.side_lengths, place)
+        return TrueBody(mesh, where, turn, self.side_lengths)
 
     def save(self, path: str | os.PathLike) -> None:
         """Write measurements, scene and truth as .npz, in the layout of README.md."""
