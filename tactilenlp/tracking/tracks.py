@@ -152,7 +152,7 @@ def _sound(P):
 
 
 def _made_definite(P):
-    """Return covariances (n + 3, n + 3, S) whose least eigenvalues are above rounding."""
+    """Return covariances (k, k, S) whose least eigenvalues are above rounding."""
     if not np.isfinite(P).all():
         raise MotionError(
             "no track of the body is left", where="the search of a box",
