@@ -1,12 +1,15 @@
 """The beam: hypotheses are found, kept and carried on."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tactilenlp import Guess, Options, solve_estimate
-from tactilenlp.errors import StartError
+from tactilenlp.errors import MotionError, StartError
+from tactilenlp.tracking.geometry import BOX
+from tactilenlp.tracking.tracks import Tracks, split_tracks
 
 
 @pytest.mark.slow
@@ -50,3 +53,17 @@ def test_an_action_without_contact_changes_nothing_that_was_known(recorded, esti
     # nothing was felt: the same optimum, to what the solver's tolerance leaves open
     assert np.allclose(longer.side_lengths, estimate.side_lengths, atol=2e-4)
     assert np.allclose(longer.position[-1], longer.position[92], atol=1e-4)
+
+
+def test_tracks_of_an_exact_state_are_kept_though_rounding_made_them_indefinite():
+    count = 3
+    P = np.repeat(np.diag([1e-4, 1e-4, 1e-4, 1e-6, 1e-6, -1e-20])[..., None], count, 2)
+    z = np.tile(np.arange(count) * 0.1, (6, 1))
+    none = np.zeros(count), np.ones((2, count)), np.zeros((3, count))
+    boxes = SimpleNamespace(geometry=BOX)
+    tracks, rows = split_tracks(boxes, Tracks(z, P, *none), True, None)
+    assert sorted(rows) == [0, 1, 2]
+    assert np.linalg.eigvalsh(np.moveaxis(tracks.P, -1, 0)).min() > 0
+    assert np.allclose(tracks.P, P, atol=1e-15)
+    with pytest.raises(MotionError, match="no track"):
+        split_tracks(boxes, Tracks(z, P + np.nan, *none), True, None)

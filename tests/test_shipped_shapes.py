@@ -15,6 +15,7 @@ from formulations.ground_contact import GroundContact
 from formulations.rigid_body import FREE
 from formulations.shape import CUBOID
 from tactilenlp import CYLINDER, ELLIPSOID, log_size_prior, prism
+from tactilenlp.errors import OptionError
 from tactilenlp.problem.surface import body_surface
 
 RHO, SMALL = 10e-3, 1e-3  # [m] a fingertip, and the rounding that pages ask for
@@ -182,8 +183,8 @@ def test_a_prism_of_four_sides_is_the_cuboid():
 
 
 def test_a_prism_needs_three_sides():
-    for sides in (2, 3.5):
-        with pytest.raises(ValueError, match="at least 3"):
+    for sides in (2, 3.5, "six"):
+        with pytest.raises(OptionError, match="from 3 to"):
             prism(sides)
     assert prism(6) is prism(6)
 

@@ -95,7 +95,9 @@ def search_boxes(
     least_motion; so_far: a list that holds those of the actions done by Ctrl-C.
     """
     shape = job.shape
-    tracks = distant(shape, tracked_paths(job, kept, SMOOTHED, so_far), LYING * count)
+    tracks = tracked_paths(job, kept, SMOOTHED, so_far)
+    late = job.deadline.passed("other tracks")
+    tracks = tracks[:1] if late else distant(shape, tracks, LYING * count)
     noisy = kept and not precise(job.data, job.precision)
     if noisy and not job.deadline.passed("a search from scratch"):
         # Noise leaves hypotheses open that the mixture has lost: 21 nats in one update.

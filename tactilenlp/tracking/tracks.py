@@ -12,6 +12,7 @@ import numpy as np
 
 from ..common.deadline import Deadline
 from ..data.contact_segments import lasting_contacts
+from ..errors import MotionError
 from ..problem.missing_samples import unseen_contact
 from ..problem.reductions import coasts
 from .geometry import Geometry, geometry_of
@@ -19,6 +20,7 @@ from .geometry import Geometry, geometry_of
 KEPT, TRACKS = 100, 500  # tracks kept after an action, and what they are split into
 HOPELESS = 60.0  # [nats] behind the best
 CELL = 6e-4, 6e-4, 0.02  # [m, m, rad] of sizes, place, yaw: tracks this close are one
+LEAST_EIGENVALUE = 1e-12  # [-] of the largest: what rounding leaves of an exact state
 SPREAD, SHRUNK = 0.8, 0.4  # [deviations] of the parts of a split; their variance
 PRESS = 0.7, 1.0  # [weights] median, deviation of the logarithm, of a push on a top
 GAP_SIGMA, NORMAL_SIGMA = 0.25e-3, 0.075  # [m], [rad] model errors of a touch
@@ -126,7 +128,10 @@ def surviving(tracks):
 def split_tracks(filter, tracks, final, rng):
     """Return the best distinct tracks, each with parts of it, and whose parts."""
     order = np.argsort(-tracks.evidence, kind="stable")
-    order = order[_sound(tracks.P[..., order])]
+    if not (sound := _sound(tracks.P[..., order])).any():
+        tracks = replace(tracks, P=_made_definite(tracks.P))
+        sound[:] = True
+    order = order[sound]
     order = order[tracks.evidence[order] > tracks.evidence[order[0]] - HOPELESS]
     cells = np.round(tracks.z[:, order] / filter.geometry.each(*CELL)[:, None])
     _, first = np.unique(cells, axis=1, return_index=True)
@@ -139,11 +144,25 @@ def split_tracks(filter, tracks, final, rng):
 
 
 def _sound(P):
-    """Tell which covariances (6, 6, S) rounding has left positive definite."""
+    """Tell which covariances (n + 3, n + 3, S) rounding has left positive definite."""
     P = np.moveaxis(P, -1, 0)
     sound = np.isfinite(P).all(axis=(1, 2))
     sound[sound] = np.linalg.eigvalsh(P[sound]).min(axis=1) > 0
     return sound
+
+
+def _made_definite(P):
+    """Return covariances (k, k, S) whose least eigenvalues are above rounding."""
+    if not np.isfinite(P).all():
+        raise MotionError(
+            "no track of the body is left", where="the search of a box",
+            got="states that are not finite", expected="a motion of the body",
+            next="look for fingers or times that jump",
+        )  # fmt: skip
+    values, vectors = np.linalg.eigh(np.moveaxis(P, -1, 0))
+    values = np.maximum(values, LEAST_EIGENVALUE * values[:, -1:])
+    made = (vectors * values[:, None]) @ vectors.transpose(0, 2, 1)
+    return np.moveaxis(made, 0, -1)
 
 
 def parts_of(filter, tracks, rows, rng) -> Tracks:
