@@ -56,9 +56,12 @@ def remarks_of(estimate) -> list[str]:
 def size_of(estimate) -> str:
     """Return the size of the body, with standard deviations."""
     theta, information = estimate.theta, estimate.information
-    if "vertices" in information.maps:
+    sides_known = "side_lengths" in information.maps and theta.shape == (3,)
+    if "vertices" in information.maps or (
+        estimate.shape == "cuboid" and not sides_known
+    ):
         return _size_of_hull(estimate)
-    if "side_lengths" in information.maps and theta.shape == (3,):
+    if sides_known:
         sides = zip(MM * theta, MM * information.sigma("side_lengths"), strict=True)
         return " x ".join(f"{s:.2f} ± {e:.2f}" for s, e in sides) + " mm"
     sigma = np.sqrt(np.maximum(np.diag(information.spread), 0.0))
