@@ -39,7 +39,7 @@ class Viscous(Balance):
 data = Measurements.load(example_recording()).select([0, 1])
 scene = Scene.load(example_recording())
 cones = {"finger cone": eight_sided, "ground cone": eight_sided}
-pages = {"as it is": PAGE, "cube prior": extend(PAGE, cube)}
+pages = {"default": PAGE, "cube prior": extend(PAGE, cube)}
 pages |= {"eight-sided cone": extend(PAGE, replace=cones)}
 pages |= {"viscous drag": extend(PAGE, law=Viscous)}
 left, right = (figure := Figure((10, 4), layout="constrained")).subplots(1, 2)
