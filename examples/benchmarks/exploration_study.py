@@ -83,7 +83,8 @@ def study(arguments) -> list[dict]:
     actions = ACTIONS[arguments.objects] if actions is None else actions
     rest = {"actions": actions, "budget": arguments.budget}
     rest |= {"objects": arguments.objects}
-    cases = [(*case, *rest.values()) for case in product(range(asked[0]), *asked[1:])]
+    numbers = range(arguments.first, arguments.first + asked[0])
+    cases = [(*case, *rest.values()) for case in product(numbers, *asked[1:])]
     others = (f"exploration_{name}.py" for name in ("objects", "report"))
     scripts = __file__, *(Path(__file__).with_name(name) for name in others)
     with executor_of(arguments, *scripts) as executor:
@@ -110,6 +111,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("folder")
     parser.add_argument("--trials", type=int, default=10)
+    parser.add_argument("--first", type=int, default=0, help="number of a first trial")
     parser.add_argument("--objects", choices=ACTIONS, default="cuboid")
     parser.add_argument("--actions", type=int, help="5, or 8 on a polytope")
     parser.add_argument("--budget", type=int, default=180)
