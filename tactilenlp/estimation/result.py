@@ -11,7 +11,8 @@ from formulations.centre_of_mass import NAME as CENTRE
 from formulations.indentation import NAME as COMPLIANCE
 from formulations.rigid_body import G
 
-from ..common.brief import brief
+from ..common.brief import printed, sized
+from ..common.equality import same_content
 from ..common.layout import ANY
 from ..common.named import Named
 from ..common.npz import read_result, write_result
@@ -26,7 +27,6 @@ from ..information.finger_offsets import offsets_in_words
 from ..information.goodness_of_fit import Fit, Misfit, TouchMisfit
 from ..information.information import Information
 from ..information.mixture import Modes
-from ..nlp.solution import Solution
 from ..problem.certificates import Skipped
 from ..search.hypothesis import Hypothesis
 
@@ -36,6 +36,7 @@ BY_NAME = ("impulses", "unknowns", "costs", "violations", "multipliers", "second
 UNOBSERVED_TURN = 45.0  # [deg] of sigma beyond which a rotation is not observed
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """Shape, poses and impulses that explain the measurements.
@@ -104,12 +105,17 @@ class Estimate:
     FINITE: ClassVar = ("theta", "position", "quaternion", "body_vertices")
     UNIT: ClassVar = ("quaternion",)
     SOLID: ClassVar = ("body_vertices",)
-    __repr__ = brief
 
     def __post_init__(self) -> None:
         for name in BY_NAME:
             values = Named(f"estimate.{name}", getattr(self, name))
             object.__setattr__(self, name, values)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Estimate) and same_content(self, other)
+
+    def __hash__(self) -> int:
+        return hash((self.shape, self.formulation, self.measurements.samples))
 
     @property
     def side_lengths(self) -> np.ndarray:
@@ -282,23 +288,6 @@ class Estimate:
         return read_result(
             path, ESTIMATE_FORMAT, ESTIMATE_VERSION, ESTIMATE_CLASSES, cls
         )
-
-
-def sized(name: str, value: float, sigma: float) -> str:
-    """Return a size in words, in mm unless its name ends with another unit."""
-    word, bracket, unit = name.partition(" [")
-    scale, unit = (1.0, unit[:-1]) if bracket else (1e3, "mm")
-    return f"{word} {value * scale:.2f} ± {sigma * scale:.2f} {unit}"
-
-
-def solution_of(estimate: Estimate) -> Solution:
-    """Return the solution that an estimate was read from; parameters are the page's."""
-    same = (
-        *("objective", "costs", "violations", "multipliers", "bound_multipliers"),
-        *("success", "status", "iterations", "evaluations", "seconds", "progress"),
-    )
-    known = {name: getattr(estimate, name) for name in same}
-    return Solution(values=estimate.unknowns, parameters={}, **known)
 
 
 ESTIMATE_CLASSES = {  # what a file of an estimate is made of

@@ -19,6 +19,7 @@ from functools import cached_property, partial
 import numpy as np
 import scipy.sparse as sp
 
+from ..common.brief import printed
 from ..common.deadline import NEVER, Deadline
 from ..common.validation import numbers_of
 from ..errors import PageError
@@ -49,6 +50,7 @@ from .terms import (
 ROLES = ("likelihood", "physics", "prior", "regulariser")
 
 
+@printed
 @dataclass
 class Problem:
     """The programme that a page fills: variables, parameters, costs and constraints."""
@@ -92,9 +94,8 @@ class Problem:
         """Declare a number or vector shared by all instances of the terms it enters."""
         self._new(name, self.parameters)
         value = np.atleast_1d(numbers_of(name, value, PageError))
-        parameter = Parameter(name, value, unit, self._append_data(value))
-        self.parameters[name] = parameter
-        return parameter
+        first = self._append_data(value)
+        return self.parameters.setdefault(name, Parameter(name, value, unit, first))
 
     def minimize(self, name: str, function: Callable, *arguments, role: str) -> None:
         """Add the sum of `function` over the instances; `role` is one of ROLES."""
@@ -235,8 +236,7 @@ class Problem:
     @cached_property
     def functions(self) -> dict:
         """The programme in scaled unknowns as `nlpsol` takes it, with derivatives."""
-        terms = self.terms.values()
-        return assemble(terms, self.scale, self._data_size, self.rows)
+        return assemble(self.terms.values(), self.scale, self._data_size, self.rows)
 
     @cached_property
     def eliminated(self) -> Eliminated:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..common.brief import printed
 from ..errors import NotConverged, PageError
 from .derivative_check import not_finite
 from .problem import Problem
@@ -17,6 +18,7 @@ PROGRESS = {  # our names for IPOPT's
 TIME_EXCEEDED = "Maximum_WallTime_Exceeded"  # IPOPT's status
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Solution:
     """Where a solve ended, recomputed: nothing here is the solver's word but `status`.
@@ -162,3 +164,13 @@ def not_converged(problem: Problem, solution: Solution, estimate=None) -> NotCon
         solution=solution,
         estimate=estimate,
     )
+
+
+def solution_of(estimate) -> Solution:
+    """Return the solution that an Estimate was read from; parameters are the page's."""
+    same = (
+        *("objective", "costs", "violations", "multipliers", "bound_multipliers"),
+        *("success", "status", "iterations", "evaluations", "seconds", "progress"),
+    )
+    known = {name: getattr(estimate, name) for name in same}
+    return Solution(values=estimate.unknowns, parameters={}, **known)
