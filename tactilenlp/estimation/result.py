@@ -11,7 +11,7 @@ from formulations.centre_of_mass import NAME as CENTRE
 from formulations.indentation import NAME as COMPLIANCE
 from formulations.rigid_body import G
 
-from ..common.brief import brief, sized
+from ..common.brief import brief, sizes_in_words
 from ..common.layout import ANY
 from ..common.named import Named
 from ..common.npz import read_result, write_result
@@ -230,9 +230,7 @@ class Estimate:
         if sides:
             sides = zip(self.theta, self.information.sigma("side_lengths"), strict=True)
             return " x ".join(f"{s * mm:.2f} ± {e * mm:.2f}" for s, e in sides) + " mm"
-        sigma = np.sqrt(np.maximum(np.diag(self.information.spread), 0.0))
-        sizes = zip(self.information.names, self.theta, sigma, strict=False)
-        return ", ".join(" ".join(sized(*size)) for size in sizes)
+        return ", ".join(map(" ".join, sizes_in_words(self)))
 
     def _softness(self) -> str:
         """Return the compliance of the fingertips in words."""

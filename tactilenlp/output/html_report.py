@@ -8,7 +8,7 @@ from importlib.resources import files
 
 import numpy as np
 
-from ..common.brief import sized
+from ..common.brief import sizes_in_words
 from ..common.validation import check_path, check_types
 from ..common.whole_file import write_whole
 from ..geometry.faces import face_sigma, polygons
@@ -160,9 +160,7 @@ def _sigma(estimate) -> list[list[str]]:
     if estimate.shape == "cuboid":
         where["side_lengths"] = estimate.side_lengths
     if not {"side_lengths", "vertices"} & {*information.maps}:
-        sigma = np.sqrt(np.maximum(np.diag(information.spread), 0.0))
-        sizes = zip(information.names, estimate.theta, sigma, strict=False)
-        rows += [[*sized(*size)] for size in sizes]
+        rows += [[*size] for size in sizes_in_words(estimate)]
     for name in ("side_lengths", "position", "rotation"):
         if name not in information.maps:
             continue
