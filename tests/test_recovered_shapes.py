@@ -22,8 +22,8 @@ from tactilenlp import (
     problem_of,
     solve_estimate,
 )
-from tactilenlp.common.brief import sized
 from tactilenlp.errors import OptionError
+from tactilenlp.output.summary import named_size
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.problem.surface import body_surface
 from tactilenlp.search.hypothesis import Hypothesis, same
@@ -119,8 +119,8 @@ def test_sizes_have_names_units_bounds_and_priors_of_their_own(recorded):
     assert theta.lower.ravel().tolist() == [4e-3, 0.1]
     assert theta.scale.tolist() == [1e-3, 1e-2]
     assert ASPECT.names == ("diameter", "aspect [1]")
-    assert " ".join(sized("aspect [1]", 1.2, 0.02)) == "aspect 1.20 ± 0.02 1"
-    assert " ".join(sized("diameter", 0.04, 1e-3)) == "diameter 40.00 ± 1.00 mm"
+    assert " ".join(named_size("aspect [1]", 1.2, 0.02)) == "aspect 1.20 ± 0.02 1"
+    assert " ".join(named_size("diameter", 0.04, 1e-3)) == "diameter 40.00 ± 1.00 mm"
 
 
 def test_a_page_of_planar_motion_refuses_a_body_that_rolls(recorded):

@@ -31,17 +31,3 @@ def _told(value) -> str:
     if isinstance(value, Mapping | tuple | list):
         return f"{len(value)} {'entries' if len(value) != 1 else 'entry'}"
     return type(value).__name__
-
-
-def sized(name: str, value: float, sigma: float) -> tuple[str, str]:
-    """Return the name and the value of a size, in mm unless it names another unit."""
-    word, bracket, unit = name.partition(" [")
-    scale, unit = (1.0, unit[:-1]) if bracket else (1e3, "mm")
-    return word, f"{value * scale:.2f} ± {sigma * scale:.2f} {unit}"
-
-
-def sizes_in_words(estimate) -> list[tuple[str, str]]:
-    """Return the name and the value of each entry of theta, as of `sized`."""
-    sigma = np.sqrt(np.maximum(np.diag(estimate.information.spread), 0.0))
-    sizes = zip(estimate.information.names, estimate.theta, sigma, strict=False)
-    return [sized(*size) for size in sizes]
