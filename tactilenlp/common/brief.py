@@ -55,10 +55,3 @@ def _told(value) -> str:
     if isinstance(value, Mapping | tuple | list):
         return f"{len(value)} {'entries' if len(value) != 1 else 'entry'}"
     return type(value).__name__
-
-
-def sized(name: str, value: float, sigma: float) -> str:
-    """Return a size in words, in mm unless its name ends with another unit."""
-    word, bracket, unit = name.partition(" [")
-    scale, unit = (1.0, unit[:-1]) if bracket else (1e3, "mm")
-    return f"{word} {value * scale:.2f} ± {sigma * scale:.2f} {unit}"

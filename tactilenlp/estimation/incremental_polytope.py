@@ -19,7 +19,7 @@ from ..geometry.transforms import is_planar, planar_matrix
 from ..information.measurement_noise import touches
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
-from ..nlp.solution import Solution, after, solution_of
+from ..nlp.solution import Solution, after
 from ..problem.action_window import of_action
 from ..problem.outliers import MIN_OF_TOUCH, unexplained
 from ..problem.polytope_window import PolytopeWindow, window_of
@@ -44,7 +44,7 @@ from ..search.polytope_init import (
     faces_of,
 )
 from .readout import name_of
-from .result import Estimate
+from .result import Estimate, solution_of
 
 log = logging.getLogger("tactilenlp")
 UPDATE_MU = 1e-3  # IPOPT's mu_init where all but one action is known

@@ -32,10 +32,11 @@ from ..information.sensitivity import Sensitivity, assumption_sensitivities
 from ..information.tangent_space import tangent_space_of
 from ..nlp.kkt_sensitivity import kkt_system_of
 from ..nlp.problem import Problem
-from ..nlp.solution import Solution, solution_of
+from ..nlp.solution import Solution
 from ..problem.pages import page_of, shape_of
 from ..problem.reductions import Reductions, reduce
 from .readout import problem_builder
+from .result import solution_of
 
 INFORMATION_KINDS = ("exact", "sandwich", "gauss_newton", "paper", "inverse_dynamics")
 

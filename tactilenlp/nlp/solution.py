@@ -164,13 +164,3 @@ def not_converged(problem: Problem, solution: Solution, estimate=None) -> NotCon
         solution=solution,
         estimate=estimate,
     )
-
-
-def solution_of(estimate) -> Solution:
-    """Return the solution that an Estimate was read from; parameters are the page's."""
-    same = (
-        *("objective", "costs", "violations", "multipliers", "bound_multipliers"),
-        *("success", "status", "iterations", "evaluations", "seconds", "progress"),
-    )
-    known = {name: getattr(estimate, name) for name in same}
-    return Solution(values=estimate.unknowns, parameters={}, **known)
