@@ -19,8 +19,7 @@ def declare(nlp, window, scene, shape):
     """Declare c and add its prior; return c, zero where it is the centroid."""
     if window.central:
         return 0.0
-    mean, _ = shape.size_prior
-    deviation = scene.sigma_centre * mean
+    deviation = scene.sigma_centre * shape.typical_size
     c = nlp.variable(NAME, 3, guess=0.0, unit="m", scale=1e-3)
     nlp.minimize(
         f"{NAME} prior", lambda c: ca.sumsqr(c / deviation) / 2, c, role="prior"

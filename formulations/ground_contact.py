@@ -49,7 +49,13 @@ class GroundContact:
     def corner(self, theta, x, signs):
         """Return where a corner is, world frame [m]."""
         p_wo, R_wo = self.motion.pose(self.shape, theta, x)
-        return p_wo + R_wo @ self.shape.corner(theta, signs)
+        return p_wo + R_wo @ self.low(theta, R_wo, signs)
+
+    def low(self, theta, R_wo, signs):
+        """Return a corner, or the lowest point of a body that rolls, body frame [m]."""
+        if self.shape.rolls:
+            return self.shape.support(theta, -R_wo.T @ Z)
+        return self.shape.corner(theta, signs)
 
     def contact(self, theta, x, corner):
         """Return the Contact of a Corner."""
@@ -63,8 +69,16 @@ class GroundContact:
 
     def velocity(self, theta, x, x_1, dt, signs):
         """Return v_n, v_s (2,) [m/s] of a corner against the ground."""
-        v = (self.corner(theta, x, signs) - self.corner(theta, x_1, signs)) / dt
+        v = (self.corner(theta, x, signs) - self.before(theta, x, x_1, signs)) / dt
         return v[2], v[:2]
+
+    def before(self, theta, x, x_1, signs):
+        """Return where, at the pose x_1, the point was that is the corner at x [m]."""
+        if not self.shape.rolls:
+            return self.corner(theta, x_1, signs)
+        _, R_wo = self.motion.pose(self.shape, theta, x)
+        p_1, R_1 = self.motion.pose(self.shape, theta, x_1)
+        return p_1 + R_1 @ self.low(theta, R_wo, signs)
 
     def dissipation(
         self, theta, x, x_1, lam, signs, dt, w, kappa, v_eps, rounding, nominal, mu

@@ -19,15 +19,18 @@ import casadi as ca
 
 from . import sensing
 
+LENGTH, OTHER = 1e-3, 1e-2  # [m], [unit] typical change of an entry of theta
 ALPHA = 1500.0  # [1/m] steepness of eq:bool
 
 
 def declare(nlp, window, shape):
-    """Declare shape and poses: theta (n,) [m], x (unknowns, poses)."""
+    """Declare shape and poses: theta (n,), x (unknowns, poses)."""
     motion, (low, high) = window.motion, shape.bounds
+    units = shape.units or ("m",)
     theta = nlp.variable(
         "theta", shape.theta, lower=low, upper=high, guess=shape.size_prior[0],
-        unit="m", scale=1e-3,
+        unit=", ".join(dict.fromkeys(units)),
+        scale=[LENGTH if u == "m" else OTHER for u in units] if shape.units else LENGTH,
     )  # fmt: skip
     x = nlp.variable(
         "x", motion.unknowns, window.poses, guess=0.0, unit=motion.unit,

@@ -60,7 +60,7 @@ def sense(
     indentation: Rigid or Soft, of every felt finger (indentation.py);
     coasts: whether poses tell how fast the object is when an action ends.
     """
-    mean, deviation = shape.size_prior
+    mean, deviation = map(ca.DM, shape.size_prior)
     theta, x = likelihood.declare(nlp, window, shape)
     likelihood.add(nlp, window, shape, (theta, theta), x, touch, normal, indentation)
     link = between_actions.coasting if coasts else between_actions.fixed

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache, partial
 from itertools import permutations, product
 
 import casadi as ca
@@ -36,18 +37,31 @@ def as_it_is(shape, theta):
 class Shape:
     """The functions of a class of bodies, its bounds and priors.
 
-    theta: number of unknowns; distance(theta, q_of, small) -> [m];
-    normal(theta, q_of, small) -> (3,) outward unit, body frame;
-    corner(theta, signs) -> (3,) [m] point that may rest on the ground;
+    theta: number of unknowns, any; q_of (3,) [m]: a point of the body frame, whose
+    origin is the centroid; small [m]: how sharply edges are rounded.  Functions are of
+    CasADi expressions, and of numbers alike.
+
+    distance(theta, q_of, small) -> [m], signed, exact to a few fingertips outside;
+    normal(theta, q_of, small) -> (3,) outward unit; gradient_normal(distance) makes it;
+    corner(theta, signs) -> (3,) [m] point that may rest on the ground, for each of
+    `corners`, of which those given lie on the ground at rest;
     rest_height(theta) -> [m] of the origin over the ground, lying flat;
     inertia(theta) -> (3, 3) [m^2] per unit mass, about the origin;
-    reach(theta) -> number [m] from the origin that no point of the body exceeds.
-    mirrored: whether the opposites of its corners may come to rest on the ground, too.
-    size_prior: mean and standard deviation [m] of each entry of theta before any touch
-    (the paper's cuboids are 30 to 60 mm; two deviations span 5 to 85 mm).
+    reach(theta) -> number [m] from the origin that no point of the body exceeds;
+    mesh(theta) -> (V, 3) [m] points whose convex hull is the body; without it, they are
+    sampled where the distance is zero.
+    support(theta, n) -> (3,) [m], the point farthest along the unit vector n: of a body
+    that rolls, in place of corner; it then has one of `corners`, and moves in 3-D.
+
+    words: the name of each entry of theta; units: likewise, "m" where not given.
+    bounds, size_prior: pairs of numbers, or of tuples with one for each entry.
+    size_prior: mean and deviation of each entry before any touch (size_prior.py).  The
+    paper's cuboids are 30 to 60 mm; two deviations span 5 to 85 mm.
     symmetries: relabellings of the axes that leave the body what it is, each the order
     of theta and the rotation (3, 3) whose columns are the new axes in the old.
-    words: for each entry of theta; quantities: (name, function of theta) to ask for.
+    round: whether any turn about its z axis leaves the body what it is.
+    mirrored: whether the opposites of its corners may come to rest on the ground, too.
+    quantities: (name, function of theta) to ask for in the information.
 
     What differs between classes of shapes:
     parameters: what theta lists, "sizes" along the body's own axes or "vertices".
@@ -69,8 +83,8 @@ class Shape:
 
     name: str
     theta: int
-    bounds: tuple[float, float]
-    size_prior: tuple[float, float]
+    bounds: tuple
+    size_prior: tuple
     corners: tuple[tuple[float, float, float], ...]
     distance: Callable
     normal: Callable
@@ -91,6 +105,67 @@ class Shape:
     foot_squared: Callable | None = None
     pushed: Callable = as_it_is
     rounded: Callable | None = None
+    units: tuple[str, ...] = ()
+    mesh: Callable | None = None
+    support: Callable | None = None
+    round: bool = False
+
+    @property
+    def is_box(self) -> bool:
+        """Whether theta are the sides of a cuboid, along x, y, z."""
+        return self.distance is cuboid_distance
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The name of each entry of theta, with its unit where that is not m."""
+        words = self.words or tuple(f"theta {i}" for i in range(self.theta))
+        units = self.units or ("m",) * len(words)
+        pairs = zip(words, units, strict=True)
+        return tuple(w if u == "m" else f"{w} [{u}]" for w, u in pairs)
+
+    @property
+    def rolls(self) -> bool:
+        """Whether it has no face to lie on, so that its poses have six unknowns."""
+        return self.support is not None
+
+    @property
+    def typical_size(self) -> float:
+        """The mean of its lengths before any touch [m]."""
+        mean = self.size_prior[0]
+        if not isinstance(mean, (tuple, list)):
+            return mean
+        units = self.units or ("m",) * self.theta
+        lengths = [m for m, unit in zip(mean, units, strict=True) if unit == "m"]
+        return sum(lengths) / len(lengths)
+
+    def check(self, count: int = 3, seed: int = 0):
+        """Return a ShapeReport: what disagrees among the functions, and the remedy.
+
+        They are compared at `count` theta, the first near the mean of the prior, the
+        others random.
+        """
+        from .shape_check import check_shape
+
+        return check_shape(self, count, seed)
+
+
+def gradient_normal(distance) -> Callable:
+    """Return the function normal(theta, q_of, small) of a signed distance."""
+    return partial(_normal_of, distance)
+
+
+def _normal_of(distance, theta, q_of, small):
+    count = theta.numel() if hasattr(theta, "numel") else len(theta)
+    made = _gradient(distance, count)
+    gradient = made(theta, q_of, small)
+    return gradient / ca.norm_2(gradient)
+
+
+@cache
+def _gradient(distance, count: int):
+    theta, q, small = (ca.SX.sym(*s) for s in (("theta", count), ("q", 3), ("small",)))
+    slope = ca.gradient(distance(theta, q, small), q)
+    return ca.Function("gradient", [theta, q, small], [slope], {"cse": True})
 
 
 def positive_part(x, width):
@@ -140,8 +215,8 @@ def cuboid_inertia(theta):
     return ca.diag(ca.sum1(square) - square) / 12
 
 
-def cuboid_rounded(theta, r):
-    """Return the sides of the cuboid that, grown by r, has its edges rounded by r."""
+def faces_inward(theta, r):
+    """Return the widths of the body that, grown by r, has its edges rounded by r."""
     return theta - 2 * r
 
 
@@ -178,5 +253,5 @@ CUBOID = Shape(
     symmetries=axis_relabellings(),
     words=("side x", "side y", "side z"),
     quantities=(("side_lengths", cuboid_sides),),
-    rounded=cuboid_rounded,
+    rounded=faces_inward,
 )

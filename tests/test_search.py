@@ -1,12 +1,14 @@
 """The beam: hypotheses are found, kept and carried on."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tactilenlp import Guess, Options, solve_estimate
 from tactilenlp.errors import MotionError, StartError
+from tactilenlp.tracking.geometry import BOX
 from tactilenlp.tracking.tracks import Tracks, split_tracks
 
 
@@ -58,9 +60,10 @@ def test_tracks_of_an_exact_state_are_kept_though_rounding_made_them_indefinite(
     P = np.repeat(np.diag([1e-4, 1e-4, 1e-4, 1e-6, 1e-6, -1e-20])[..., None], count, 2)
     z = np.tile(np.arange(count) * 0.1, (6, 1))
     none = np.zeros(count), np.ones((2, count)), np.zeros((3, count))
-    tracks, rows = split_tracks(None, Tracks(z, P, *none), True, None)
+    boxes = SimpleNamespace(geometry=BOX)
+    tracks, rows = split_tracks(boxes, Tracks(z, P, *none), True, None)
     assert sorted(rows) == [0, 1, 2]
     assert np.linalg.eigvalsh(np.moveaxis(tracks.P, -1, 0)).min() > 0
     assert np.allclose(tracks.P, P, atol=1e-15)
     with pytest.raises(MotionError, match="no track"):
-        split_tracks(None, Tracks(z, P + np.nan, *none), True, None)
+        split_tracks(boxes, Tracks(z, P + np.nan, *none), True, None)

@@ -41,7 +41,7 @@ def checked(job, page, solved, options, executor=None) -> Solved:
     rocked = with_tilt(best.job, page, best, options)
     if fell and job.deadline.passed("a tumble"):
         return best
-    if fell and job.shape.parameters == "sizes":
+    if fell and job.shape.is_box:
         tumbled = _tumbled(job, page, best, options, executor)
         return min(rocked, tumbled, key=lambda s: s.rank)
     if rocked is not best:

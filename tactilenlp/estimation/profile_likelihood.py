@@ -54,7 +54,8 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
     """
     n = job.shape.theta
     profile = np.zeros((n + PLANAR.unknowns, n + PLANAR.unknowns))
-    if not (job.reductions.planar and getattr(job.shape, "symmetries", ())):
+    box = job.shape.is_box and job.shape.symmetries
+    if not (job.reductions.planar and box):
         return profile, None  # the unknowns are not sides, or it may tilt
     chosen, faces = final_unknowns(solved.problem), solved.touched
     faces[2, 0] += KNOWN_FACE  # the ground touches the lowest one

@@ -37,6 +37,7 @@ def refined(job, page, kept, options, solved, start=None) -> list[Solved]:
         required_reductions(page, Reductions()),
     )
     lying = job.scene.ground is not None and all(is_planar(h.x) for h in kept)
+    lying = lying and not job.shape.rolls
     if lying and lean.planar and not job.reductions.planar:
         flat = replace(job, reductions=lean)
         found = refined(flat, page, kept, options, solved, start)
@@ -64,7 +65,7 @@ def _multistart(job, page, kept, options, solved, start) -> list[Solved]:
     limit = min(h.objective for h in kept) + LEAST_MOTION_BEHIND
     own = page.LEVELS
     levels = freed_levels(own, final=True) if job.reductions.planar else own
-    if job.scene.ground is None:  # the poses are guesses in a plane
+    if job.scene.ground is None or job.shape.rolls:  # guesses in a plane
         levels = getattr(page, "ROUGH", own)
     promising = [h for h in kept if h.objective <= limit]
     first = promising[: None if start is None else 1]

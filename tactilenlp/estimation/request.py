@@ -112,7 +112,7 @@ def make_job(data, scene, shape, options, began, page, functions=None) -> Job:
         data = data.transformed(ground.rotation, ground.translation)
     precision = precision_of(data, scene)
     made = Reductions.of(options.reduce)
-    if ground is None:  # nothing keeps the object flat
+    if ground is None or shape.rolls:  # nothing keeps the object flat
         made = without(made, ["planar"])
     return Job(
         data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,

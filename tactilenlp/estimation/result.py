@@ -215,7 +215,7 @@ class Estimate:
     def _sized(self) -> str:
         """Return the size of the body in words."""
         mm = 1e3
-        if "side_lengths" not in self.information.maps or self.theta.shape != (3,):
+        if "vertices" in self.information.maps:
             size = np.ptp(self.vertices, axis=0) * mm
             touched = np.count_nonzero(self.faces)
             across = " x ".join(f"{s:.1f}" for s in size)
@@ -226,8 +226,12 @@ class Estimate:
                 f"{len(self.vertices)} vertices, {across} mm across, {touched} of "
                 f"{self.faces.size} faces touched{words},"
             )
-        sides = zip(self.theta, self.information.sigma("side_lengths"), strict=True)
-        return " x ".join(f"{s * mm:.2f} ± {e * mm:.2f}" for s, e in sides) + " mm"
+        if "side_lengths" in self.information.maps and self.theta.shape == (3,):
+            sides = zip(self.theta, self.information.sigma("side_lengths"), strict=True)
+            return " x ".join(f"{s * mm:.2f} ± {e * mm:.2f}" for s, e in sides) + " mm"
+        sigma = np.sqrt(np.maximum(np.diag(self.information.spread), 0.0))
+        sizes = zip(self.information.names, self.theta, sigma, strict=False)
+        return ", ".join(sized(*size) for size in sizes)
 
     def _softness(self) -> str:
         """Return the compliance of the fingertips in words."""
@@ -278,6 +282,13 @@ class Estimate:
         return read_result(
             path, ESTIMATE_FORMAT, ESTIMATE_VERSION, ESTIMATE_CLASSES, cls
         )
+
+
+def sized(name: str, value: float, sigma: float) -> str:
+    """Return a size in words, in mm unless its name ends with another unit."""
+    word, bracket, unit = name.partition(" [")
+    scale, unit = (1.0, unit[:-1]) if bracket else (1e3, "mm")
+    return f"{word} {value * scale:.2f} ± {sigma * scale:.2f} {unit}"
 
 
 def solution_of(estimate: Estimate) -> Solution:

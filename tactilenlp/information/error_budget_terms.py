@@ -200,7 +200,7 @@ def untouched_faces(
     """
     n, k = shape.theta, len(tangent.z)
     total = np.zeros((k, k))
-    if not getattr(shape, "symmetries", ()):
+    if not (shape.is_box and shape.symmetries):
         return total
     known = np.asarray(faces) >= KNOWN_FACE
     for R in (tangent.R_first, tangent.R) if grounded else ():

@@ -144,6 +144,9 @@ def aligned(shape, turning: int, mode, reference):
         (order, rotation_vector(R @ np.array(S, float) @ R_0.T))
         for order, S in getattr(shape, "symmetries", ()) or same
     ]
+    if shape.round:  # turns about its own axis mean nothing
+        axis = R_0[:, 2]
+        relabelled = [(order, w - axis * (axis @ w)) for order, w in relabelled]
     order, turn = min(relabelled, key=lambda r: round(np.linalg.norm(r[1]), 9))
     index = np.r_[np.array(order, int), np.arange(shape.theta, len(z))]
     off = z[index] - z_0

@@ -62,10 +62,9 @@ def tangent_space_of(problem, solution, window, shape, R_wg) -> TangentSpace:
     at = np.r_[solution.values["theta"][:, 0], solution.values["x"][:, -1]]
     p, R, quantities, position, rotation = _maps(shape, motion, at)
     position, rotation = R_wg @ position, R_wg @ rotation
-    words = getattr(shape, "words", ()) or tuple(f"theta {i}" for i in range(n))
     values = (ca.DM(solution.values[name][:, 0]) for name in ("theta", "x"))
     first = np.asarray(ca.DM(motion.pose(shape, *values)[1]))
-    names = (*words, *UNKNOWNS[motion.name])
+    names = (*shape.names, *UNKNOWNS[motion.name])
     tangent = np.eye(len(at))
     if motion.name == "free":
         tangent = _tangent(n, position, rotation)
@@ -153,11 +152,16 @@ def open_directions(tangent, C, shape, faces) -> tuple[tuple, np.ndarray]:
     turn, way = (
         tangent.maps[name] @ np.diag(deviation) for name in ("rotation", "position")
     )
-    words = unobserved(
-        faces, deviation[:n] / shape.size_prior[1],
-        np.linalg.norm(np.nan_to_num(turn)), np.linalg.norm(way),
-    )  # fmt: skip
-    return words, directions
+    off = deviation[:n] / shape.size_prior[1]
+    pose = np.linalg.norm(np.nan_to_num(turn)), np.linalg.norm(way)
+    if shape.is_box:
+        return unobserved(faces, off, *pose), directions
+    sizes = tuple(
+        f"{name}: touches leave it open"
+        for name in np.array(shape.names)[off > KNOWN_SIZE]
+    )
+    heading = 0.0 if shape.round else pose[0]  # of a round body means nothing
+    return (*sizes, *unobserved((), None, heading, pose[1])), directions
 
 
 def unobserved(faces, sides=None, turn=0.0, way=0.0) -> tuple[str, ...]:

@@ -34,6 +34,7 @@ SHIFT = 0.1  # [sigma] and no size and no last pose moves further
 CUT = 0.1  # [-] of the longest step within a still span is worth a pose of its own
 MM_PER_M = 1e3  # a page weighs friction in nats per mm
 NEARLY_SLIPS = 0.5  # [-] of friction: such a span may slip when another one is cut
+LEAST_ARM = 1e-3  # [m] of a body that rests on one point
 ON_ICE = 1.0  # [nats / m] least force: without friction a body at rest feels rounding
 
 
@@ -228,7 +229,7 @@ def _along(x, slope) -> np.ndarray:
 def _lever_arm(solved, window) -> float:
     """Return the arm [m] at which the ground's friction resists a turn."""
     legs = window.supports(solved.job.shape, solved.at.theta)
-    return float(np.linalg.norm(legs[:, :2], axis=1).mean())
+    return max(float(np.linalg.norm(legs[:, :2], axis=1).mean()), LEAST_ARM)
 
 
 def _static_friction(scene, solution) -> float:

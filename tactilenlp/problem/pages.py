@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import importlib
+import re
 from functools import partial
 
+from formulations.ellipsoid import ELLIPSOID
 from formulations.polytope import polytope
 from formulations.shape import CUBOID, Shape
+from formulations.upright import CYLINDER, prism
 
 from ..errors import OptionError, PageError, shortened
 
 _short = partial(shortened, most=80)
-SHAPES = {"cuboid": CUBOID, "polytope": polytope()}
+SHAPES = {
+    "cuboid": CUBOID, "polytope": polytope(), "cylinder": CYLINDER,
+    "ellipsoid": ELLIPSOID,
+}  # fmt: skip
+PRISM = re.compile(r"prism of (\d{1,3}) sides")
 FORMULATIONS = (
     *("quasi_static", "violation_implicit", "paper"),
     *("shooting", "multiple_shooting", "complementarity"),
@@ -22,10 +29,13 @@ def shape_of(shape) -> Shape:
     """Return the shape of a name, or a user's; OptionError for an unknown name."""
     if isinstance(shape, Shape):
         return shape
+    if isinstance(shape, str) and (sides := PRISM.fullmatch(shape)):
+        return prism(int(sides[1]))
     if not isinstance(shape, str) or shape not in SHAPES:
         raise OptionError(
-            "unknown shape", where="shape", got=shape, expected=f"one of {[*SHAPES]}"
-        )
+            "unknown shape", where="shape", got=shape,
+            expected=f"one of {[*SHAPES]}, or a Shape such as tactilenlp.prism(6)",
+        )  # fmt: skip
     return SHAPES[shape]
 
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from formulations.shape import CUBOID
-
 from ..errors import TactileError
 from .poses import body_corners
 
@@ -19,21 +17,29 @@ INNERMOST = 1e-6  # where a ray starts, by the reach: an ellipsoid's d(0) is 0 /
 def body_surface(shape, theta) -> np.ndarray:
     """Return points (V, 3) [m], body frame, whose convex hull is the body.
 
-    A cuboid has its corners.  Of any other shape with sizes, the distance is zero at
-    the points, one on each of RAYS directions from the origin; the edges between them
-    are cut.  TactileError where a ray does not cross the surface within `reach`.
+    A cuboid has its corners, a shape with a `mesh` its points.  Of any other, the
+    distance is zero at the points, one on each of RAYS directions from the origin; the
+    edges between them are cut.  TactileError where a ray does not cross the surface
+    within `reach`.
     """
-    if shape.distance is CUBOID.distance:
+    if shape.is_box:
         return body_corners(shape, theta)
-    reach, rays = float(shape.reach(theta)), _directions(RAYS)
+    if shape.mesh is not None:
+        return np.array(shape.mesh(theta), float)
+    return sampled_surface(shape, theta)
+
+
+def sampled_surface(shape, theta, count: int = RAYS) -> np.ndarray:
+    """Return points (count, 3) [m] of evenly spread rays where the distance is zero."""
+    reach, rays = float(shape.reach(theta)), _directions(count)
     distance = _distances(shape, theta, SMALL * reach)
-    low, high = np.full(RAYS, INNERMOST * reach), np.full(RAYS, (1 + SMALL) * reach)
+    low, high = np.full(count, INNERMOST * reach), np.full(count, (1 + SMALL) * reach)
     inside, outside = distance(low * rays) < 0, distance(high * rays) >= 0
     if not (inside & outside).all():
         raise TactileError(
             "the distance has no zero between the origin and the reach of the body",
             where=f"shape {shape.name!r}",
-            got=f"{np.count_nonzero(~(inside & outside))} of {RAYS} directions, "
+            got=f"{np.count_nonzero(~(inside & outside))} of {count} directions, "
             f"theta {np.round(theta, 4).tolist()}, reach {reach:.4g} m",
             expected="distance < 0 near the origin, >= 0 at reach(theta)",
             next="correct distance or reach of the Shape",

@@ -18,6 +18,7 @@ from ..geometry.transforms import is_planar, matrices
 from ..nlp.problem import Problem
 from ..problem.poses import body_corners, planar_corners
 from .margins import START_BEHIND
+from .outline import supports
 
 SAME_BODY = 1e-3  # [m] corners of one body agree this well
 COMPARED = (0, -1)  # samples at which bodies are compared: first, last
@@ -138,6 +139,9 @@ def distinct(
 
 def same(shape, a: Hypothesis, b: Hypothesis, samples=COMPARED) -> bool:
     """Tell whether two hypotheses are the same body at the given samples."""
+    if shape.parameters == "sizes" and not shape.is_box:
+        pairs = ([supports(shape, h, k) for h in (a, b)] for k in samples)
+        return all(np.abs(s - t).max() <= SAME_BODY for s, t in pairs)
     for k in samples:
         corners = [_corners_at(shape, h, k) for h in (a, b)]
         apart = np.linalg.norm(corners[0][:, None] - corners[1][None], axis=2)

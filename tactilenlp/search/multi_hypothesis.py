@@ -28,6 +28,7 @@ from ..tracking.tracking import tracked
 from ..tracking.tracks import Filter, Tracks, filter_of, opened, parts_of, started
 from .hypothesis import Hypothesis, Job
 from .least_motion import least_motion
+from .outline import path_outline
 from .proposals import (
     DRAWN,
     body_height,
@@ -37,6 +38,7 @@ from .proposals import (
     from_posterior,
     spherical,
 )
+from .proposals_surface import from_surface
 
 log = logging.getLogger("tactilenlp")
 SMOOTHED = 300  # tracks that are smoothed at most
@@ -54,8 +56,8 @@ PARTS = 250  # of a posterior: parts of all its hypotheses together
 class _Past:
     """What tracks continue: hypotheses, and how their poses follow size and last pose.
 
-    along: (T, 3, 6) of each; of: by first track, which of them it continues; name: of
-    the proposal.
+    along: (T, 3, n + 3) of each; of: by first track, which of them it continues; name:
+    of the proposal.
     """
 
     kept: tuple
@@ -70,13 +72,13 @@ class _Past:
 
     def continued(self, of: int, begin, end, tail, objective) -> Hypothesis:
         """Return the path that continues hypothesis `of`, changed to end at `begin`."""
-        theta, path = end[:3], tail
+        theta, path = end[:-3], tail
         words = (self.name,)
         if self.kept:
             h = self.kept[of]
             change = begin - h.end
             if abs(change[-1]) > TURNED_AS_A_WHOLE:
-                past = carried(h.x, h.x[:, -1], begin[3:])
+                past = carried(h.x, h.x[:, -1], begin[-3:])
             else:
                 past = h.x + (self.along[of] @ change).T
             path, words = np.hstack([past, tail]), (*h.path, self.name)
@@ -92,15 +94,16 @@ def search_boxes(
     kept: hypotheses of the first actions to continue, if any; executor: see
     least_motion; so_far: a list that holds those of the actions done by Ctrl-C.
     """
+    shape = job.shape
     tracks = tracked_paths(job, kept, SMOOTHED, so_far)
     late = job.deadline.passed("other tracks")
-    tracks = tracks[:1] if late else distant(tracks, LYING * count)
+    tracks = tracks[:1] if late else distant(shape, tracks, LYING * count)
     noisy = kept and not precise(job.data, job.precision)
     if noisy and not job.deadline.passed("a search from scratch"):
         # Noise leaves hypotheses open that the mixture has lost: 21 nats in one update.
-        anew = distant(tracked_paths(job, (), SMOOTHED), LYING * count)
+        anew = distant(shape, tracked_paths(job, (), SMOOTHED), LYING * count)
         tracks = [h for pair in zip_longest(tracks, anew) for h in pair if h]
-    elif not (kept or job.first) and len(np.unique(job.data.action)) == 1:
+    elif job.shape.is_box and not (kept or job.first) and job.data.actions == 1:
         # Where one touch leaves size and place open, the middle of them is reported.
         middle = replace(job, first=(centred(job),))
         tracks = [*tracked_paths(middle, (), 1), *tracks][: len(tracks)]
@@ -110,7 +113,7 @@ def search_boxes(
         replace(h, objective=rest.objective)
         for h, rest in zip(tracks[:alone], lying[:alone], strict=True)
     ]
-    return sorted([*apart(lying, count - alone), *found], key=lambda h: h.rank)
+    return sorted([*apart(shape, lying, count - alone), *found], key=lambda h: h.rank)
 
 
 def tracked_paths(job: Job, kept, count: int, so_far=None) -> list[Hypothesis]:
@@ -153,17 +156,18 @@ def _proposed(job, filter: Filter, kept, rng) -> tuple[Tracks, _Past]:
     fingers, none = filter.data.fingers, np.zeros(DRAWN, int)
     if not kept and job.first:
         (guess,) = job.first
-        return started(*from_guess(guess, rng), fingers, rng), _Past(
-            (), (), none, guess[0]
-        )
+        begun = from_guess(guess, filter.geometry, rng)
+        return started(*begun, fingers, rng), _Past((), (), none, guess[0])
     if not kept:
-        z, P = from_first_touch(filter.data, job.shape, rng)
+        propose = from_first_touch if job.shape.is_box else from_surface
+        z, P = propose(filter.data, job.shape, rng)
         return started(z, P, fingers, rng), _Past((), (), none)
     done = kept[0].x.shape[1]
     earlier = replace(job, data=job.data.select(np.unique(job.data.action[:done])))
     P, along = zip(*from_posterior(earlier, kept), strict=True)
     z = np.array([h.end for h in kept]).T
-    z[2] = [body_height(filter.data, job.shape, h) for h in z[2]]
+    if job.shape.is_box:
+        z[2] = [body_height(filter.data, job.shape, h) for h in z[2]]
     tracks = started(z, np.stack(P, axis=2), fingers, rng)
     cost = np.array([h.objective for h in kept])
     if np.isfinite(cost).all():  # proposals that nothing was solved for have none
@@ -178,31 +182,31 @@ def _paths(past, samples, tracks, records, count) -> list[Hypothesis]:
     states, first = smoothed(records, samples, rows)
     done, begin = past.samples, states[:, :, max(past.samples - 1, 0)]
     return [
-        past.continued(of, b, tracks.z[:, i], s[3:, done:], -tracks.evidence[i])
+        past.continued(of, b, tracks.z[:, i], s[-3:, done:], -tracks.evidence[i])
         for i, s, b, of in zip(rows, states, begin, past.of[first], strict=True)
     ]
 
 
-def apart(hypotheses, count: int) -> list[Hypothesis]:
+def apart(shape, hypotheses, count: int) -> list[Hypothesis]:
     """Return the best hypotheses, each path once."""
     chosen, corners = [], []
     for h in sorted(hypotheses, key=lambda h: h.rank):
         if len(chosen) == count:
             break
-        own = _path_corners(h)
-        if all(_off(own, other).max() > SAME_PATH for other in corners):
+        own = _outline(shape, h)
+        if all(_off(shape, own, other).max() > SAME_PATH for other in corners):
             chosen.append(h)
             corners.append(own)
     return chosen
 
 
-def distant(hypotheses, count: int) -> list[Hypothesis]:
+def distant(shape, hypotheses, count: int) -> list[Hypothesis]:
     """Return the best hypothesis, then good ones whose paths are far from those."""
-    corners = np.array([_path_corners(h)[..., ::EVERY] for h in hypotheses])
+    corners = np.array([_outline(shape, h, EVERY) for h in hypotheses])
     cost = np.array([h.objective for h in hypotheses])
     chosen, off = [int(np.argmin(cost))], np.full(len(cost), np.inf)
     while len(chosen) < min(count, len(cost)):
-        ways = [np.roll(corners[chosen[-1]], k, 0) - corners for k in range(4)]
+        ways = [np.roll(corners[chosen[-1]], k, 0) - corners for k in _namings(shape)]
         ways = [np.sqrt((way**2).sum(axis=2).mean(axis=(1, 2))) for way in ways]
         off = np.minimum(off, np.min(ways, axis=0))
         score = cost - WORTH * np.minimum(1.0, off / NEAR)
@@ -214,10 +218,23 @@ def distant(hypotheses, count: int) -> list[Hypothesis]:
     return [hypotheses[i] for i in chosen]
 
 
-def _off(a, b):
-    """Return how far apart corners (4, 2, T) are (4, T) [m], renamed to fit best."""
-    ways = [np.sqrt(((np.roll(a, k, 0) - b) ** 2).sum(axis=1)) for k in range(4)]
+def _off(shape, a, b):
+    """Return how far apart outlines (n, 2, T) are (n, T) [m], renamed to fit best."""
+    namings = _namings(shape)
+    ways = [np.sqrt(((np.roll(a, k, 0) - b) ** 2).sum(axis=1)) for k in namings]
     return min(ways, key=lambda way: (way**2).mean())
+
+
+def _namings(shape):
+    """Return by how many corners an outline may be renamed."""
+    return range(4) if shape.is_box else (0,)
+
+
+def _outline(shape, h, every: int = 1):
+    """Return points (n, 2, T) [m] along a path that tell two paths apart."""
+    if shape.is_box:
+        return _path_corners(h)[..., ::every]
+    return path_outline(shape, h, every)
 
 
 def _path_corners(h):

@@ -18,6 +18,7 @@ from formulations.finger import SPHERE
 from ..data.contact_segments import lasting_contacts
 from ..problem.fingertips import as_spheres
 from ..problem.reductions import reduce
+from ..tracking.geometry import geometry_of
 from .hypothesis import Job
 from .least_motion import WEAK_MOTION
 from .local_solve import problem_for, start_values
@@ -31,8 +32,8 @@ EDGE_TURN = np.radians([15.0, 75.0])  # [rad] of a face from the normal at an ed
 NORMAL_SAMPLES = 2  # whose normals are averaged: later ones show a body that turned
 START_SIGMA = np.r_[6e-3, 6e-3, 4e-3, 3e-3, 3e-3, 0.15]  # [m, rad] of drawn boxes
 # [m, rad] deviations of a posterior, at most and at least:
-SIGMA_MAX = np.r_[0.02, 0.02, 0.02, 0.03, 0.03, 0.5]
-SIGMA_MIN = np.r_[1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.03]
+SIGMA_MAX = 0.02, 0.03, 0.5  # of sizes, place, yaw
+SIGMA_MIN = 1e-3, 1e-3, 0.03
 UNSEEN_INFORMATION = 1e-4  # [1 / scaled unknown^2] of an unobserved direction
 OPEN_GAP = 3e-3  # [m] touches of one rim agree this well
 BELOW_TOP = 5e-3  # [m] a side touch is at least this far below the top
@@ -40,10 +41,15 @@ TOP_TILT = 0.14  # [-] sine of the tilt (8 degrees) up to which a normal is the 
 RIM_NORMAL = 0.25  # [-] n_z of a touch of the rim, beyond three sigma of noise
 
 
+def first_onset(data) -> tuple[int, int]:
+    """Return sample and finger of the first touch."""
+    touches = (touch_onsets(data, action) for action in np.unique(data.action))
+    return next(touch[0] for touch in touches if touch)
+
+
 def first_contact(data) -> tuple[np.ndarray, np.ndarray]:
     """Return the point (3,) [m] and the normal (3,) of the first touch."""
-    touches = (touch_onsets(data, action) for action in np.unique(data.action))
-    t, f = next(touch[0] for touch in touches if touch)
+    t, f = first_onset(data)
     rows = np.arange(t, min(t + NORMAL_SAMPLES, len(data.time)))
     rows = rows[data.contact[rows, f]]
     n = data.normal[rows, f].mean(axis=0)
@@ -82,29 +88,34 @@ def from_first_touch(data, shape, rng, count=DRAWN):
     c, s = np.cos(yaw), np.sin(yaw)
     h = np.full(count, body_height(data, shape, mean))
     z = np.array([a, b, h, p[0] - c * u + s * v, p[1] - s * u - c * v, yaw])
-    return z, _repeated(np.diag(START_SIGMA**2), count)
+    return z, repeated(np.diag(START_SIGMA**2), count)
 
 
-def from_guess(guess, rng, count=DRAWN):
+def from_guess(guess, geometry, rng, count=DRAWN):
     """Return states and covariances about a user's guess (name, theta, x)."""
     _, theta, x = guess
-    off = START_SIGMA[:, None] * rng.normal(size=(6, count))
+    sigma = START_SIGMA
+    if len(theta) != 3:
+        sigma = geometry.each(START_SIGMA[0], *START_SIGMA[4:])
+    off = sigma[:, None] * rng.normal(size=(len(sigma), count))
     off[:, 0] = 0.0
     z = np.r_[theta, x][:, None] + off
-    z[:3] = np.maximum(z[:3], SMALLEST / 2)
-    return z, _repeated(np.diag(START_SIGMA**2), count)
+    z[:-3] = np.maximum(z[:-3], SMALLEST / 2)
+    return z, repeated(np.diag(sigma**2), count)
 
 
 def from_posterior(job: Job, kept):
     """Return for each hypothesis (P, along), by the Hessian of least motion.
 
-    P (6, 6): covariance of theta and last pose; along (T, 3, 6): slopes of the poses in
-    these.  The job holds the data of the hypotheses' samples.
+    P (n + 3, n + 3): covariance of theta and last pose; along (T, 3, n + 3): slopes of
+    the poses in these.  The job holds the data of the hypotheses' samples.
     """
     problem, window = problem_for(job, quasi_static)
     data, scale, out = problem.data(WEAK_MOTION), problem.scale, []
     n, m = job.shape.theta, window.motion.unknowns
     theta, poses = (problem.variables[name].span for name in ("theta", "x"))
+    geometry = geometry_of(job.shape)
+    most, least = (geometry.each(*s) for s in (SIGMA_MAX, SIGMA_MIN))
     end = np.r_[theta, poses.stop - m : poses.stop]
     for h in kept:
         x = problem.pack(start_values(problem, window, h))
@@ -113,8 +124,8 @@ def from_posterior(job: Job, kept):
         vectors = vectors * scale[:, None]
         C = (vectors / np.maximum(np.abs(values), UNSEEN_INFORMATION)) @ vectors[end].T
         along = np.linalg.solve(C[end], C[poses].T).T.reshape(-1, m, n + m)[window.pose]
-        shrink = np.minimum(1, SIGMA_MAX / np.sqrt(np.diag(C[end])))
-        P = C[end] * np.outer(shrink, shrink) + np.diag(SIGMA_MIN**2)
+        shrink = np.minimum(1, most / np.sqrt(np.diag(C[end])))
+        P = C[end] * np.outer(shrink, shrink) + np.diag(least**2)
         out.append((P, along))
     return out
 
@@ -149,6 +160,6 @@ def body_height(data, shape, otherwise: float) -> float:
     )
 
 
-def _repeated(P, count):
-    """Return a covariance (6, 6) for each of so many states, (6, 6, count)."""
+def repeated(P, count):
+    """Return a covariance (k, k) for each of so many states, (k, k, count)."""
     return np.repeat(P[..., None], count, axis=2)

@@ -51,7 +51,7 @@ def plane_of_touch(data, size: float, guess=None) -> Ground:
 
 def search_plane(job, guess=None) -> Ground:
     """Return the plane to search in for a job: of a polytope, through the touches."""
-    size = job.shape.size_prior[0] if _rests(job.shape) else 0.0
+    size = job.shape.typical_size if _rests(job.shape) else 0.0
     return plane_of_touch(job.data, size, guess)
 
 

@@ -16,8 +16,8 @@ SHARPEST = 1e-3  # [m] distance below which the normal of an edge turns no faste
 
 def in_body(z, p_w):
     """Return the horizontal coordinates (2, ...) of a world point in the body frame."""
-    c, s = np.cos(z[5]), np.sin(z[5])
-    dx, dy = p_w[0] - z[3], p_w[1] - z[4]
+    c, s = np.cos(z[-1]), np.sin(z[-1])
+    dx, dy = p_w[0] - z[-3], p_w[1] - z[-2]
     return np.stack([c * dx + s * dy, c * dy - s * dx])
 
 

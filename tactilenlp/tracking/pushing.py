@@ -20,7 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .box_contact import box_contact, in_body
+from .box_contact import in_body
+from .geometry import Geometry
 
 STEEP = 0.35  # [-] horizontal part of a normal from which a finger pushes by its gap
 SWEEPS = 3  # of Gauss-Seidel with several fingers; one finger needs one
@@ -48,8 +49,8 @@ class _Push:
     direction (2, 3, ...): generalised force per force; wanted (2, ...) [m].
     """
 
-    def __init__(self, z, move, press, heading):
-        gap, n = box_contact(z, move.p_1, move.radius)
+    def __init__(self, geometry, z, move, press, heading):
+        gap, n = geometry.contact(z, move.p_1, move.radius)
         c, s = heading
         ux, uy, uz = move.p_1 - move.p_0
         u = c * ux + s * uy, c * uy - s * ux
@@ -118,17 +119,18 @@ class _Push:
         ]
 
 
-def pushed(z, moves, press, before, friction):
-    """Return the motion (3, ...) [m, m, rad] of boxes z (6, ...) in one sample.
+def pushed(geometry: Geometry, z, moves, press, before, friction):
+    """Return the motion (3, ...) [m, m, rad] of bodies z (n + 3, ...) in one sample.
 
     moves: the fingers that touch, each a Move; press (moves, ...): their force on a top
     [weights]; before (3, ...): the motion of the sample before; friction: of the
     ground, of the fingers.
     """
     mu_g, mu_f = friction
-    heading = c, s = np.cos(z[5]), np.sin(z[5])
-    pushes = [_Push(z, move, p, heading) for move, p in zip(moves, press, strict=True)]
-    compliance = _compliance(z, pushes, before, heading, mu_g)
+    heading = c, s = np.cos(z[-1]), np.sin(z[-1])
+    pairs = zip(moves, press, strict=True)
+    pushes = [_Push(geometry, z, move, p, heading) for move, p in pairs]
+    compliance = _compliance(geometry.feet(z), pushes, before, heading, mu_g)
     for push in pushes:
         push.meet(compliance)
     D = [np.zeros(z.shape[1:])] * 3
@@ -139,13 +141,13 @@ def pushed(z, moves, press, before, friction):
     return np.clip(motion, -LONGEST, LONGEST)
 
 
-def _compliance(z, pushes, before, heading, mu_g):
+def _compliance(feet, pushes, before, heading, mu_g):
     """Return the function from a generalised force to the motion, body frame.
 
     The inverse of sum_i w_i (1, 0, -y_i; 0, 1, x_i; -y_i, x_i, r_i^2) over corners.
     """
     c, s = heading
-    x, y = z[0] / 2, z[1] / 2
+    x, y = feet
     load = 1.0 + sum(p.load for p in pushes)
     m_x = sum(p.load * p.x for p in pushes)
     m_y = sum(p.load * p.y for p in pushes)

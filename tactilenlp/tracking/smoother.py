@@ -6,14 +6,14 @@ import numpy as np
 
 
 def smoothed(records, samples: int, rows):
-    """Return the smoothed states (S, 6, samples) of the tracks `rows` at the end.
+    """Return the smoothed states (S, n + 3, samples) of the tracks `rows` at the end.
 
     And the rows that these were at the first record.
     records: of tracking.tracked, one for each sample at which something changed.
     """
     last = records[-1]
     state = last.z[:, rows].T
-    path = np.empty((len(rows), 6, samples))
+    path = np.empty((*state.shape, samples))
     path[:, :, last.sample :] = state[..., None]
     for before, after in zip(records[-2::-1], records[:0:-1], strict=True):
         rows = rows if after.parents is None else after.parents[rows]
@@ -21,7 +21,7 @@ def smoothed(records, samples: int, rows):
         gain = P
         if after.slopes is not None:
             gain = P.copy()
-            gain[:, :, 3:] += np.einsum("sij,kjs->sik", P, after.slopes[..., rows])
+            gain[:, :, -3:] += np.einsum("sij,kjs->sik", P, after.slopes[..., rows])
         predicted_P = np.moveaxis(after.predicted_P[..., rows], -1, 0)
         off = state - after.predicted[:, rows].T
         change = np.linalg.solve(predicted_P, off[..., None])

@@ -13,7 +13,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from .box_contact import box_contact, box_contact_slopes
 from .pushing import ARM, Move, pushed
 from .tracks import Filter, Record, Tracks, split_tracks, surviving
 
@@ -26,8 +25,8 @@ BETWEEN = np.array([2e-4, 2e-4, 1e-2])[:, None]  # [m, rad] of a gap between act
 OUTLIER = 8.0  # [nats] most that one finger costs in one sample
 PASSES = 2  # of the iterated filter
 PERIOD = 1 / 30  # [s] of tracked samples: process noise and slopes are of such steps
-LONGEST = np.array([8e-3] * 5 + [0.3])[:, None]  # [m, rad] a pass
-DIFFERENCE = np.array([1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 5e-4])  # [m, rad]
+LONGEST = 8e-3, 8e-3, 0.3  # [m, m, rad] a pass: of sizes, place, yaw
+DIFFERENCE = 1e-5, 1e-5, 5e-4  # [m, m, rad] likewise
 
 
 def tracked(filter: Filter, tracks: Tracks, samples, rng):
@@ -87,32 +86,34 @@ def _predicted(filter, tracks, before, t):
             return tracks, None, False
         deviation = RELEASED + STOP_ERROR * way * TURN
         if filter.coasts:
-            moved = np.vstack([tracks.z[:3], tracks.z[3:] + tracks.motion])
+            moved = np.vstack([tracks.z[:-3], tracks.z[-3:] + tracks.motion])
             return _noisier(replace(tracks, z=moved), deviation), None, True
         tracks = replace(tracks, motion=np.zeros_like(tracks.motion))
         return _noisier(tracks, deviation), None, True
     motion, slopes = _motion(filter, tracks, before, t, np.flatnonzero(active))
     error = PUSH_ERROR * np.maximum(_way(motion), 0.5 * way)
     z, P = tracks.z.copy(), tracks.P.copy()
-    z[3:] += motion
+    z[-3:] += motion
     added = np.einsum("ijs,jks->iks", slopes, tracks.P)
-    P[3:] += added
-    P[:, 3:] += added.swapaxes(0, 1)
-    P[3:, 3:] += np.einsum("ijs,kjs->iks", added, slopes)
+    P[-3:] += added
+    P[:, -3:] += added.swapaxes(0, 1)
+    P[-3:, -3:] += np.einsum("ijs,kjs->iks", added, slopes)
     tracks = replace(tracks, z=z, P=P, motion=motion)
     return _noisier(tracks, TOUCHED + error * TURN), slopes, True
 
 
 def _motion(filter, tracks, before, t, active):
-    """Return motion (3, S), and its slopes (3, 6, S) by differences."""
+    """Return motion (3, S), and its slopes (3, n + 3, S) by differences."""
     p, radius = filter.data.finger_position, filter.data.finger_radius
     moves = [Move(p[before, f], p[t, f], radius[f]) for f in active]
-    steps = np.hstack([np.zeros((6, 1)), np.diag(DIFFERENCE)])
+    difference = filter.geometry.each(*DIFFERENCE)
+    steps = np.hstack([np.zeros((len(difference), 1)), np.diag(difference)])
     D = pushed(
+        filter.geometry,
         tracks.z[:, None] + steps[..., None], moves, tracks.press[active][:, None],
         tracks.motion[:, None], filter.friction,
     )  # fmt: skip
-    slopes = (D[:, 1:] - D[:, :1]) / DIFFERENCE[:, None]
+    slopes = (D[:, 1:] - D[:, :1]) / difference[:, None]
     return D[:, 0], slopes
 
 
@@ -126,7 +127,7 @@ def _noisier(tracks, deviation) -> Tracks:
     """Return tracks with process noise (3, S) on the pose."""
     P = tracks.P.copy()
     for i in range(3):
-        P[3 + i, 3 + i] += deviation[i] ** 2 + 1e-14
+        P[i - 3, i - 3] += deviation[i] ** 2 + 1e-14
     return replace(tracks, P=P)
 
 
@@ -138,13 +139,13 @@ def _way(motion):
 def _corrected(filter, tracks, t):
     """Return tracks corrected by sample t, and whether anything was to correct."""
     mean, P_0 = tracks.z, tracks.P
-    z = mean
+    z, longest = mean, filter.geometry.each(*LONGEST)[:, None]
     for _ in range(PASSES):
         rows = _measured(filter, z, t)
         if not rows:
             return tracks, False
         y, P, evidence = _updated(mean, P_0, z, rows)
-        z = z + np.clip(y - z, -LONGEST, LONGEST)
+        z = z + np.clip(y - z, -longest, longest)
         z = np.maximum(z, filter.low)
     evidence = tracks.evidence + evidence
     evidence[~np.isfinite(evidence)] = -np.inf  # its slopes are too steep to follow
@@ -175,19 +176,19 @@ def _updated(mean, P, z, rows):
 
 def _measured(filter, z, t):
     """Return for each finger that tells something: a cost, [(residual, slopes)]."""
-    data, rows = filter.data, []
+    data, geometry, rows = filter.data, filter.geometry, []
     for f in np.flatnonzero(data.valid[t] | filter.hidden[t]):
         p, radius = data.finger_position[t, f], data.finger_radius[f]
         if filter.felt[t, f]:
             rows.append(_touch(filter, z, p, radius, data.normal[t, f]))
         elif filter.hidden[t, f] or not data.contact[t, f]:
-            reach = 0.5 * (z[0] + z[1]) + radius
-            near = (np.abs(z[3] - p[0]) < reach) & (np.abs(z[4] - p[1]) < reach)
-            if p[2] > z[2].max() + radius or not near.any():
+            reach = geometry.reach(z) + radius
+            near = (np.abs(z[-3] - p[0]) < reach) & (np.abs(z[-2] - p[1]) < reach)
+            if p[2] > geometry.top(z).max() + radius or not near.any():
                 continue
-            gap, _ = box_contact(z, p, radius)
+            gap, _ = geometry.contact(z, p, radius)
             if (overlap := gap < 0).any():
-                gap, _, slopes, _ = box_contact_slopes(z, p, radius)
+                gap, _, slopes, _ = geometry.slopes(z, p, radius)
                 scale = overlap / filter.noise[0]
                 rows.append((0.0, [(scale * gap, scale * slopes)]))
     return rows
@@ -195,7 +196,7 @@ def _measured(filter, z, t):
 
 def _touch(filter, z, p, radius, felt):
     """Return cost and rows of a touch: its gap, and its normal across the one felt."""
-    gap, n, gap_slopes, n_slopes = box_contact_slopes(z, p, radius)
+    gap, n, gap_slopes, n_slopes = filter.geometry.slopes(z, p, radius)
     sigma, sigma_n = filter.noise
     across = np.linalg.svd(felt[None])[2][1:]  # two directions
     rows = [(gap / sigma, gap_slopes / sigma)]

@@ -15,10 +15,11 @@ from ..data.contact_segments import lasting_contacts
 from ..errors import MotionError
 from ..problem.missing_samples import unseen_contact
 from ..problem.reductions import coasts
+from .geometry import Geometry, geometry_of
 
 KEPT, TRACKS = 100, 500  # tracks kept after an action, and what they are split into
 HOPELESS = 60.0  # [nats] behind the best
-CELL = np.array([6e-4] * 5 + [0.02])[:, None]  # [m, rad] tracks this close are one
+CELL = 6e-4, 6e-4, 0.02  # [m, m, rad] of sizes, place, yaw: tracks this close are one
 LEAST_EIGENVALUE = 1e-12  # [-] of the largest: what rounding leaves of an exact state
 SPREAD, SHRUNK = 0.8, 0.4  # [deviations] of the parts of a split; their variance
 PRESS = 0.7, 1.0  # [weights] median, deviation of the logarithm, of a push on a top
@@ -28,10 +29,10 @@ FRICTION_GROUND, FRICTION_FINGER = 0.3, 0.5  # [-] where a scene does not say
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """Hypotheses side by side: z (6, S), P (6, 6, S), evidence (S,) [nats].
+    """Hypotheses side by side: z (n + 3, S), P (n + 3, n + 3, S), evidence (S,).
 
-    press (fingers, S) [weights]: of each finger that is on the top; motion (3, S) of
-    the last sample.
+    evidence [nats]; press (fingers, S) [weights]: of each finger that is on the top;
+    motion (3, S) of the last sample.
     """
 
     z: np.ndarray
@@ -50,7 +51,7 @@ class Record:
     """What the smoother needs of a sample: before and after correction and selection.
 
     since: the sample tracked before, from which on the body may have moved; slopes
-    (3, 6, S) of the predicted motion, None if nothing moved; parents: of each
+    (3, n + 3, S) of the predicted motion, None if nothing moved; parents: of each
     track after selection, among those before; None: none was dropped or split.
     """
 
@@ -80,6 +81,7 @@ class Filter:
     low: np.ndarray
     coasts: bool
     deadline: Deadline
+    geometry: Geometry
 
 
 def filter_of(job, window, data) -> Filter:
@@ -91,16 +93,17 @@ def filter_of(job, window, data) -> Filter:
     )
     place = np.hypot(window.sigma_position, scene.typical_offset)
     noise = np.hypot(GAP_SIGMA, place), np.hypot(NORMAL_SIGMA, window.sigma_normal)
-    low = np.r_[np.full(3, job.shape.bounds[0]), np.full(3, -np.inf)][:, None]
+    n = job.shape.theta
+    low = np.r_[np.full(n, job.shape.bounds[0]), np.full(3, -np.inf)][:, None]
     felt = lasting_contacts(data)
     return Filter(
         data, felt, unseen_contact(data), noise, friction, low, coasts(scene),
-        job.deadline,
+        job.deadline, geometry_of(job.shape),
     )  # fmt: skip
 
 
 def started(z, P, fingers: int, rng) -> Tracks:
-    """Return tracks from states z (6, S) and covariances P (6, 6, S)."""
+    """Return tracks from states z (n + 3, S) and covariances P."""
     S = z.shape[1]
     press = presses(fingers, S, rng)
     return Tracks(z, P, np.zeros(S), press, np.zeros((3, S)))
@@ -130,7 +133,7 @@ def split_tracks(filter, tracks, final, rng):
         sound[:] = True
     order = order[sound]
     order = order[tracks.evidence[order] > tracks.evidence[order[0]] - HOPELESS]
-    cells = np.round(tracks.z[:, order] / CELL)
+    cells = np.round(tracks.z[:, order] / filter.geometry.each(*CELL)[:, None])
     _, first = np.unique(cells, axis=1, return_index=True)
     chosen = order[np.sort(first)][:KEPT]
     if final:
@@ -141,7 +144,7 @@ def split_tracks(filter, tracks, final, rng):
 
 
 def _sound(P):
-    """Tell which covariances (6, 6, S) rounding has left positive definite."""
+    """Tell which covariances (n + 3, n + 3, S) rounding has left positive definite."""
     P = np.moveaxis(P, -1, 0)
     sound = np.isfinite(P).all(axis=(1, 2))
     sound[sound] = np.linalg.eigvalsh(P[sound]).min(axis=1) > 0
@@ -149,7 +152,7 @@ def _sound(P):
 
 
 def _made_definite(P):
-    """Return covariances (6, 6, S) whose least eigenvalues are above rounding."""
+    """Return covariances (k, k, S) whose least eigenvalues are above rounding."""
     if not np.isfinite(P).all():
         raise MotionError(
             "no track of the body is left", where="the search of a box",
@@ -169,8 +172,8 @@ def parts_of(filter, tracks, rows, rng) -> Tracks:
     """
     part = np.r_[False, rows[1:] == rows[:-1]]
     parts = tracks.pick(rows)
-    L = np.linalg.cholesky(np.moveaxis(parts.P, -1, 0) + 1e-14 * np.eye(6))
-    off = np.einsum("sij,sj->is", L, rng.normal(size=(len(rows), 6)))
+    L = np.linalg.cholesky(np.moveaxis(parts.P, -1, 0) + 1e-14 * np.eye(len(parts.P)))
+    off = np.einsum("sij,sj->is", L, rng.normal(size=(len(rows), len(parts.P))))
     z = np.maximum(parts.z + SPREAD * part * off, filter.low)
     P = parts.P * np.where(part, SHRUNK, 1.0)
     press = presses(len(parts.press), len(rows), rng)

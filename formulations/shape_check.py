@@ -1,0 +1,322 @@
+r"""Compare the functions of a Shape with each other: distance, normal, inertia, mesh.
+
+On rays u from the origin the distance is zero at r(u) (bisection).  For M evenly spread
+rays, each with the solid angle 4 pi / M, a body that its origin sees has
+
+    volume = sum r^3 / 3,   centroid = sum r^4 u / 4 / volume,
+    second moments = sum r^5 u u' / 5 / volume,   inertia = trace(S) I - S,
+
+against which inertia and origin are checked.  From each point of the surface, RADIUS
+along the normal, the distance must be RADIUS: a signed distance, not just any function
+that is zero on the surface.
+"""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass
+from math import cos, pi, sin, sqrt
+
+import casadi as ca
+
+from .size_prior import entries
+
+RAYS = 1000
+HALVINGS = 40
+RADIUS = 10e-3  # [m] of a fingertip, at whose centre the distance is read
+SMALL = 1e-4  # [m] rounding of edges here: a tenth of what pages ask for
+UNEVEN = 1.15, 0.85, 1.0  # [mean] of the first theta: no body of equal sizes
+OFF, BENT = 0.3e-3, 0.05  # [m] of a distance or height; [rad] of a normal
+BESIDE = 0.02  # [-] share of rays whose point may be on an edge, where normals jump
+MASS = 0.03  # [-] of inertia and centroid, by the largest moment and by the reach
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """What disagrees, by how much, at which theta, and what to correct."""
+
+    what: str
+    got: str
+    expected: str
+    theta: tuple[float, ...]
+    next: str
+
+    def __str__(self) -> str:
+        at = ", ".join(f"{t:.4g}" for t in self.theta)
+        return (
+            f"{self.what}: got {self.got}, expected {self.expected}, at theta ({at}); "
+            f"{self.next}"
+        )
+
+
+@dataclass(frozen=True)
+class ShapeReport:
+    """What `Shape.check` found: the first disagreement of each kind."""
+
+    name: str
+    found: tuple[Disagreement, ...]
+    thetas: int
+
+    @property
+    def good(self) -> bool:
+        """Whether nothing disagrees."""
+        return not self.found
+
+    def __str__(self) -> str:
+        if self.good:
+            return f"{self.name}: all functions agree at {self.thetas} theta"
+        return "\n".join([f"{self.name}: {len(self.found)} disagreements", *map(
+            str, self.found)])  # fmt: skip
+
+
+def check_shape(shape, count: int = 3, seed: int = 0) -> ShapeReport:
+    """Return what disagrees among the functions of a shape at random theta."""
+    found = {}
+    told = _of_fields(shape) or _of_calls(shape)
+    if not told:
+        for theta in _thetas(shape, count, seed):
+            for what, got, expected, fix in _at(shape, ca.DM(theta)):
+                found.setdefault(
+                    what, Disagreement(what, got, expected, tuple(theta), fix)
+                )
+    return ShapeReport(shape.name, (*told, *found.values()), count)
+
+
+def _of_fields(shape) -> tuple:
+    """Return what does not fit among the plain fields."""
+    n, found = shape.theta, []
+    for name in ("words", "units"):
+        have = len(getattr(shape, name))
+        if have not in (0, n):
+            found.append((f"{name}: their number", have, n, f"give {n} {name}"))
+    for name in ("bounds", "size_prior"):
+        for value in getattr(shape, name):
+            have = ca.DM(value).numel()
+            if have not in (1, n):
+                fix = f"give one number, or {n}, for each of the pair"
+                found.append((f"{name}: their number", have, f"1 or {n}", fix))
+    return tuple(
+        Disagreement(what, str(got), str(want), (), fix)
+        for what, got, want, fix in found
+    )
+
+
+def _of_calls(shape) -> tuple:
+    """Return what cannot be computed at the mean of the prior."""
+    theta, point = ca.DM(_thetas(shape, 1, 0)[0]), ca.DM([0.02, 0.01, 0.03])
+    signs = ca.DM(shape.corners[0])
+    calls = {
+        "distance": ((theta, point, SMALL), (1, 1)),
+        "normal": ((theta, point, SMALL), (3, 1)),
+        "corner": ((theta, signs), (3, 1)),
+        "rest_height": ((theta,), (1, 1)),
+        "reach": ((theta,), (1, 1)),
+        "inertia": ((theta,), (3, 3)),
+        "support": ((theta, ca.DM([0, 0, 1])), (3, 1)),
+    }
+    found = []
+    for name, (given, size) in calls.items():
+        if (function := getattr(shape, name)) is None:
+            continue
+        try:
+            value = ca.densify(ca.DM(function(*given)))
+            got = f"an array {value.shape}"
+            fits = value.shape == size and value.is_regular()
+        except Exception as error:  # a user's function: any error is what to report
+            fits, got = False, f"{type(error).__name__}: {str(error).splitlines()[0]}"
+        if not fits:
+            fix = f"see `{name}` in the documentation of Shape"
+            want = f"finite numbers, {size}"
+            at = tuple(float(t) for t in ca.vertsplit(theta))
+            found.append(Disagreement(f"{name}(...)", got, want, at, fix))
+    return tuple(found)
+
+
+def _thetas(shape, count, seed):
+    """Return theta: near the mean of the prior, then random within the bounds."""
+    draw = random.Random(seed)
+    (mean, deviation), (low, high) = (
+        [ca.vertsplit(entries(shape, p)) for p in pair]
+        for pair in (shape.size_prior, shape.bounds)
+    )
+    rows = [
+        *zip(*([*map(float, r)] for r in (mean, deviation, low, high)), strict=True)
+    ]
+    first = [m * UNEVEN[i % len(UNEVEN)] for i, (m, *_) in enumerate(rows)]
+    more = [
+        [min(max(draw.gauss(m, 0.5 * s), lo, 0.3 * m), hi) for m, s, lo, hi in rows]
+        for _ in range(count - 1)
+    ]
+    return [first, *more]
+
+
+def _at(shape, theta):
+    """Yield what disagrees at one theta: what, got, expected, remedy."""
+    q = shape.symbol("q", 3)
+    signed = ca.Function("distance", [q], [shape.distance(theta, q, SMALL)])
+    outward = ca.Function("normal", [q], [shape.normal(theta, q, SMALL)])
+    rays, reach = _directions(RAYS), float(shape.reach(theta))
+    yield from _of_reach(signed, rays, reach)
+    r = _radii(signed, rays, reach)
+    points = rays * ca.repmat(r, 3, 1)
+    yield from _of_distance(signed, outward, points)
+    yield from _of_moments(shape, theta, rays, r)
+    yield from _of_ground(shape, theta, signed, points)
+    if shape.mesh is not None:
+        yield from _of_mesh(shape.mesh(theta), signed, rays, points)
+
+
+def _of_reach(signed, rays, reach):
+    outside = signed.map(RAYS)(rays * reach * (1 + 1e-3))
+    if (worst := float(ca.mmin(outside))) < -OFF:
+        yield (
+            "distance beyond reach(theta)", _mm(worst), "at least 0 mm",
+            "let reach(theta) enclose the body",
+        )  # fmt: skip
+    inside = signed.map(RAYS)(rays * 1e-3 * reach)
+    if not float(ca.mmax(inside)) < 0:
+        yield (
+            "distance beside the origin", _mm(float(ca.mmax(inside))), "below 0",
+            "put the origin at the centroid, and make the distance negative inside",
+        )  # fmt: skip
+
+
+def _radii(signed, rays, reach):
+    low, high = ca.DM.zeros(1, RAYS), reach * (1 + 1e-3) * ca.DM.ones(1, RAYS)
+    many = signed.map(RAYS)
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        within = many(rays * ca.repmat(middle, 3, 1)) < 0
+        low, high = (
+            ca.if_else(within, middle, low),
+            ca.if_else(within, high, middle),
+        )
+    return (low + high) / 2
+
+
+def _of_distance(signed, outward, points):
+    """Yield whether normals are the slopes of a distance that is one."""
+    n = outward.map(RAYS)(points)
+    length = ca.sqrt(ca.sum1(n * n))
+    if abs(float(ca.mmax(ca.fabs(length - 1)))) > BENT:
+        yield (
+            "length of the normal", f"{float(ca.mmax(length)):.3g}", "1",
+            "divide normal by its length, or use gradient_normal(distance)",
+        )  # fmt: skip
+    away = points + RADIUS * n
+    off = _sorted(ca.fabs(signed.map(RAYS)(away) - RADIUS))
+    if not off[int((1 - BESIDE) * RAYS)] < OFF:
+        yield (
+            "distance of points 10 mm out along the normal",
+            f"off by up to {_mm(off[-1])}", f"10 mm to {_mm(OFF)}",
+            "give the distance to the nearest point of the surface, in metres, "
+            "not a function that is only zero there; or correct the normal",
+        )  # fmt: skip
+    q = ca.SX.sym("q", 3) if outward.is_a("SXFunction") else ca.MX.sym("q", 3)
+    slope = ca.Function("slope", [q], [ca.gradient(signed(q), q)])
+    m, there = slope.map(RAYS)(away), outward.map(RAYS)(away)
+    off = _sorted(ca.sqrt(ca.sum1((m - there) ** 2)))
+    if not off[int((1 - BESIDE) * RAYS)] < BENT:
+        yield (
+            "normal against the slope of the distance", f"{off[-1]:.2g} rad apart",
+            f"{BENT} rad", "use normal=gradient_normal(distance)",
+        )  # fmt: skip
+
+
+def _of_moments(shape, theta, rays, r):
+    """Yield whether origin and inertia are those of the uniform body."""
+    volume = float(ca.sum2(r**3)) / 3
+    centre = rays @ (r**4).T / 4 / volume
+    if float(ca.norm_2(centre)) > MASS * float(ca.mmax(r)):
+        place = ", ".join(f"{1e3 * float(c):.1f}" for c in ca.vertsplit(centre))
+        yield (
+            "centroid of the body", f"({place}) mm", "the origin of the body frame",
+            "shift q_of in distance, normal, corner and mesh by it",
+        )  # fmt: skip
+    if shape.inertia is None:
+        return
+    S = (rays * ca.repmat(r**5, 3, 1)) @ rays.T / 5 / volume
+    exact = ca.trace(S) * ca.DM.eye(3) - S
+    given = ca.densify(shape.inertia(theta))
+    if given.shape != (3, 3):
+        yield (
+            "size of the inertia", str(given.shape), "(3, 3)",
+            "return a full matrix from inertia(theta)",
+        )  # fmt: skip
+    elif float(ca.mmax(ca.fabs(given - exact))) > MASS * float(ca.mmax(exact)):
+        yield (
+            "inertia", _diagonal(given), f"{_diagonal(exact)} of the uniform body",
+            "correct inertia(theta): (3, 3) [m^2] per unit mass, about the origin",
+        )  # fmt: skip
+
+
+def _of_ground(shape, theta, signed, points):
+    """Yield whether it rests where its lowest points are."""
+    lowest = -float(ca.mmin(points[2, :]))
+    if shape.mesh is not None:  # rays miss edges
+        lowest = max(lowest, -min(float(z) for *_, z in _rows(shape.mesh(theta))))
+    height = float(shape.rest_height(theta))
+    if abs(height - lowest) > max(OFF, 0.02 * lowest):
+        yield (
+            "rest_height", _mm(height), f"{_mm(lowest)}, the depth of the body",
+            "correct rest_height(theta), or the distance",
+        )  # fmt: skip
+    for signs in shape.corners:
+        p = ca.DM(shape.corner(theta, ca.DM(signs)))
+        off = float(signed(p)), float(p[2]) + height
+        if off[0] > OFF or abs(off[1]) > OFF:
+            yield (
+                "corner", f"{_mm(off[0])} outside, {_mm(off[1])} above the ground",
+                "a point of the body, on the ground",
+                "correct corner(theta, signs), corners or rest_height",
+            )  # fmt: skip
+            break
+
+
+def _of_mesh(mesh, signed, rays, points):
+    """Yield whether the mesh is the surface on which the distance is zero."""
+    corners = ca.DM(_rows(mesh)).T
+    off = float(ca.mmax(ca.fabs(signed.map(corners.shape[1])(corners))))
+    if off > OFF:
+        yield (
+            "distance of the mesh's points", _mm(off), f"0 to {_mm(OFF)}",
+            "correct mesh(theta) or the distance",
+        )  # fmt: skip
+    directions = _directions(100)
+    missing = ca.DM([
+        float(ca.mmax(d.T @ points) - ca.mmax(d.T @ corners))
+        for d in ca.horzsplit(directions)
+    ])  # fmt: skip
+    if (most := float(ca.mmax(missing))) > max(OFF, 0.03 * float(ca.mmax(points))):
+        yield (
+            "extent of the mesh", f"{_mm(most)} less than the distance's surface",
+            "the same", "let mesh(theta) return points whose hull is the whole body",
+        )  # fmt: skip
+
+
+def _rows(mesh) -> list:
+    """Return the points of a mesh as lists of three numbers."""
+    return [[float(c) for c in point] for point in mesh]
+
+
+def _directions(count: int):
+    """Return evenly spread unit vectors (3, count): a spherical Fibonacci lattice."""
+    columns = []
+    for i in range(count):
+        z = 1 - (2 * i + 1) / count
+        turn, across = pi * (1 + sqrt(5)) * i, sqrt(1 - z * z)
+        columns.append([across * cos(turn), across * sin(turn), z])
+    return ca.DM(columns).T
+
+
+def _sorted(row) -> list[float]:
+    return sorted(float(v) for v in ca.horzsplit(row))
+
+
+def _mm(length: float) -> str:
+    return f"{1e3 * length:.2f} mm"
+
+
+def _diagonal(matrix) -> str:
+    values = ", ".join(f"{1e6 * float(matrix[i, i]):.1f}" for i in range(3))
+    return f"diagonal ({values}) mm^2"

@@ -1,0 +1,101 @@
+"""Shipped classes and the README's own class, from definition to recovered body."""
+
+import re
+import types
+from xml.etree import ElementTree
+
+import casadi as ca
+import numpy as np
+import pytest
+import trimesh
+from conftest import ROOT
+from pushes import line
+
+from tactilenlp import CYLINDER, ELLIPSOID, Scene, World, prism, solve_estimate
+from tactilenlp.problem.pages import shape_of
+from tactilenlp.problem.surface import body_surface
+from tactilenlp.search.hypothesis import Hypothesis, same
+
+SCENE = Scene(mass=0.5, friction_ground=0.3, friction_finger=0.5)
+
+
+def own_class():
+    """The class of shapes of formulations/README.md, and how many lines it takes."""
+    text = (ROOT / "formulations/README.md").read_text(encoding="utf-8")
+    code = re.findall(r"^```python\n(.*?)^```", text, re.S | re.M)[-1]
+    page = types.ModuleType("own")
+    exec(code.partition("data = ")[0], page.__dict__)
+    return page.TABLET, len(code.splitlines())
+
+
+def touched(shape, theta):
+    """A world whose body was pushed from two sides and touched on the top."""
+    world = World(vertices=body_surface(shape, theta), position=(0.004, -0.003))
+    away = [-0.2, 0.0, 0.1]
+    for angle in (0.4, 2.3):
+        out = np.array([np.cos(angle), np.sin(angle)])
+        ends = ([*(world.pose[:2] + way * out), 0.02] for way in (0.075, 0.012))
+        world.execute(line(tuple(ends), (away, away)))
+    top = [*world.pose[:2], 2 * world.pose[2] + 0.0095]
+    world.execute(line(([*top[:2], 0.1], top), (away, away)))
+    return world
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", [CYLINDER, prism(6)], ids=lambda s: s.name)
+def test_a_body_is_recovered_from_simulated_touches_with_default_options(
+    shape, tmp_path
+):
+    theta = np.array([0.045, 0.038])
+    world = touched(shape, theta)
+    estimate = solve_estimate(world.measurements, SCENE, shape=shape)
+    sigma = np.sqrt(np.diag(estimate.information.spread))[:2]
+    # 24 random bodies: across within 1.7 mm and two sigma, height within 0.1 mm.
+    assert (np.abs(estimate.theta - theta) < [2e-3, 0.3e-3]).all()
+    assert (np.abs(estimate.theta - theta) < 3 * sigma).all()
+    off = estimate.position[-1] - world.truth.object_position[-1]
+    assert np.linalg.norm(off) < 1.5e-3
+    assert f"{shape.words[0]} {1e3 * estimate.theta[0]:.2f} ±" in estimate.summary()
+    estimate.export(tmp_path / "body.urdf")
+    told = ElementTree.parse(tmp_path / "body.urdf").find(".//inertia").attrib
+    exact = SCENE.mass * np.diag(shape.inertia(ca.DM(estimate.theta)).full())
+    # 96 points of a rim lack 0.07 % of the area.
+    assert float(told["izz"]) == pytest.approx(exact[2], rel=2e-3)
+    assert float(told["ixx"]) == pytest.approx(exact[0], rel=2e-3)
+
+
+def test_a_class_of_ones_own_takes_forty_lines_to_a_right_mesh():
+    tablet, lines = own_class()
+    assert lines <= 40
+    assert tablet.check().good
+    theta = np.array([0.055, 0.03])
+    mesh = trimesh.convex.convex_hull(body_surface(tablet, theta))
+    r, h = (theta[0] - theta[1]) / 2, theta[1] / 2
+    volume = 2 * np.pi * (h * r**2 + np.pi * h**2 * r / 2 + 2 * h**3 / 3)
+    # Facets between the points of the surface cut off about 1 %.
+    assert 0.98 * volume < mesh.volume < volume
+    inertia = np.diag(tablet.inertia(ca.DM(theta)).full())
+    np.testing.assert_allclose(
+        np.diag(mesh.moment_inertia) / mesh.volume, inertia, rtol=0.015
+    )
+
+
+def test_shipped_classes_are_found_by_the_name_of_their_estimates():
+    for shape in (CYLINDER, ELLIPSOID, prism(7)):
+        assert shape_of(shape.name) is shape
+
+
+@pytest.mark.parametrize("shape", [CYLINDER, prism(6), ELLIPSOID], ids=lambda s: s.name)
+def test_two_hypotheses_are_one_body_whatever_its_axes_are_called(shape):
+    theta = np.array([0.05, 0.04, 0.045])[: shape.theta]
+    x = np.tile([[0.01], [0.02], [0.3]], 5)
+    one = Hypothesis(theta, x, 0.0, ())
+    turn = {2: np.pi / 3, 3: np.pi}[shape.theta]
+    again = Hypothesis(theta, np.add(x, [[0], [0], [turn]]), 0.0, ())
+    assert same(shape, one, again)
+    other = Hypothesis(theta, np.add(x, [[0.002], [0], [0]]), 0.0, ())
+    assert not same(shape, one, other)
+    w = np.outer([0, 0, 1], x[2])
+    height = np.full(5, float(shape.rest_height(theta)))
+    free = Hypothesis(theta, np.vstack([x[:2], height, w]), 0.0, ())
+    assert same(shape, one, free)

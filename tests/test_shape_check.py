@@ -1,0 +1,76 @@
+"""Shape.check: functions of a shape that disagree are named, with the remedy."""
+
+from dataclasses import replace
+
+import casadi as ca
+import pytest
+
+from tactilenlp import CUBOID, CYLINDER, ELLIPSOID, prism
+
+
+def no_distance(theta, q, small):
+    """Zero on the ellipsoid, but no length outside."""
+    return (ca.norm_2(2 * q / theta) - 1) * 10e-3
+
+
+def shifted(theta, q, small):
+    return CYLINDER.distance(theta, q - ca.DM([0, 0, 5e-3]), small)
+
+
+def larger(theta):
+    return 1.2 * CYLINDER.inertia(theta)
+
+
+def inward(theta, q, small):
+    return -CYLINDER.normal(theta, q, small)
+
+
+def doubled(theta, q, small):
+    return 2 * CYLINDER.normal(theta, q, small)
+
+
+def failing(theta):
+    return theta[2]
+
+
+BROKEN = {
+    "10 mm out": (replace(ELLIPSOID, distance=no_distance), "nearest point"),
+    "centroid": (replace(CYLINDER, distance=shifted), "shift q_of"),
+    "inertia": (replace(CYLINDER, inertia=larger), "correct inertia"),
+    "slope": (replace(CYLINDER, normal=inward), "gradient_normal"),
+    "length of the normal": (replace(CYLINDER, normal=doubled), "divide normal"),
+    "mesh's points": (replace(CYLINDER, mesh=prism(3).mesh), "correct mesh"),
+    "extent of the mesh": (
+        replace(CYLINDER, mesh=lambda theta: CYLINDER.mesh(theta)[:96]), "whole body",
+    ),
+    "rest_height": (
+        replace(CYLINDER, rest_height=lambda theta: theta[1]), "correct rest_height",
+    ),
+    "corner": (
+        replace(CYLINDER, corner=lambda theta, signs: 2 * signs * theta[0]),
+        "correct corner",
+    ),
+    "reach": (replace(CYLINDER, reach=lambda theta: 0.01), "enclose"),
+    "rest_height(...)": (replace(CYLINDER, rest_height=failing), "documentation"),
+    "inertia(...)": (replace(CYLINDER, inertia=lambda theta: theta), "documentation"),
+    "words": (replace(CYLINDER, words=("diameter",)), "give 2 words"),
+    "bounds": (replace(CYLINDER, bounds=((0.01,) * 3, 0.1)), "one number"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "shape", [CUBOID, CYLINDER, prism(3), prism(8), ELLIPSOID], ids=lambda s: s.name
+)
+def test_functions_of_shipped_shapes_agree(shape):
+    report = shape.check()
+    assert report.good, str(report)
+    assert str(report) == f"{shape.name}: all functions agree at 3 theta"
+
+
+@pytest.mark.parametrize("what", BROKEN)
+def test_what_disagrees_is_named_with_the_remedy(what):
+    shape, remedy = BROKEN[what]
+    found = [d for d in shape.check(1).found if what in d.what]
+    assert found, str(shape.check(1))
+    assert remedy in found[0].next
+    assert f"{found[0].what}: got {found[0].got}" in str(shape.check(1))
