@@ -31,18 +31,14 @@ PLACE, SLOPE, TURN = 3, 27, 9  # numbers of a finger whose joints are known
 
 
 def displaced(nlp, window, scene):
-    """Return the window with every finger displaced by e_f, if offsets are unknown."""
-    sigma = scene.sigma_offset
-    if sigma is None:
+    """Return the window with every finger displaced by e_f, if offsets are unknown.
+
+    The first call for a programme declares them.
+    """
+    if scene.sigma_offset is None:
         return window
     joints = scene.joints
-    e = nlp.variable(
-        NAME, 3, window.fingers, guess=0.0, unit="m", scale=scene.typical_offset
-    )
-    if joints is None:
-        nlp.minimize(f"{NAME} prior", prior, e, sigma, role="prior")
-    else:
-        nlp.minimize(f"{NAME} prior", prior_within, e, joints.information, role="prior")
+    e = nlp.variables[NAME] if NAME in nlp.variables else declare(nlp, window, scene)
 
     def off(rows, *places):
         there = {name: e[:, rows.finger].below(known(rows, name)) for name in places}
@@ -57,6 +53,19 @@ def displaced(nlp, window, scene):
         window, finger=finger(window.finger), touch=off(window.touch, "p_wf"),
         free=off(window.free, "p_wf"), push=off(window.push, "p_wf", "p_wf_1"),
     )  # fmt: skip
+
+
+def declare(nlp, window, scene):
+    """Declare the offsets e (3, fingers) [m] with their prior."""
+    e = nlp.variable(
+        NAME, 3, window.fingers, guess=0.0, unit="m", scale=scene.typical_offset
+    )
+    if scene.joints is None:
+        nlp.minimize(f"{NAME} prior", prior, e, scene.sigma_offset, role="prior")
+    else:
+        told = scene.joints.information
+        nlp.minimize(f"{NAME} prior", prior_within, e, told, role="prior")
+    return e
 
 
 def prior(e, sigma):

@@ -89,13 +89,16 @@ WEIGHTS = {  # parameters, each with its unit
 }
 
 
-def build(nlp, window, scene, shape):
-    """Fill `nlp` with eq:vimp: what was felt, then the physics of every step."""
+def build(nlp, window, scene, shape, law=Balance):
+    """Fill `nlp` with eq:vimp: what was felt, then the physics of every step.
+
+    law: the balance of a step, balance.Balance or a subclass of it.
+    """
     window = displaced(nlp, window, scene)
     w, pushes, corners = impulses_of(nlp, window, scene, shape)
     theta, x = felt(nlp, window, scene, shape, pushes)
     fingers, ground = contacts_of(window, shape)
-    law = Balance(fingers, ground, scene.gravity)
+    law = law(fingers, ground, scene.gravity)
     centre = centre_of_mass.declare(nlp, window, scene, shape)
     physics(nlp, window, law, theta, x, w, centre, pushes, corners)
 

@@ -76,6 +76,7 @@ _HOMES = {
     "plot_gain": "plotting.gain_map",
     "Problem": "nlp.problem",
     "problem_of": "estimation.solver",
+    "extend": "problem.pages",
     "SolverOptions": "nlp.ipopt",
     "Solution": "nlp.solution",
     "TactileError": "errors",

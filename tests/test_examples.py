@@ -12,6 +12,7 @@ from conftest import RECORDED, TOSSES
 from tactilenlp import Measurements
 
 TOSSED = "07_identify_a_tossed_cube"  # needs recordings that do not ship with us
+OWN_TERMS = "09_add_a_term"  # is about functions: terms of a page
 EXAMPLES = sorted((Path(__file__).resolve().parents[1] / "examples").glob("0*.py"))
 LONGEST = 60  # [lines] of an example, so that it is read in one go
 
@@ -54,7 +55,8 @@ def test_an_example_runs_and_ends_with_a_sentence(example, tmp_path, request):
 def test_an_example_is_short_and_has_no_helpers(example):
     text = example.read_text()
     assert len(text.splitlines()) <= LONGEST
-    assert "\ndef " not in text
+    if example.stem != OWN_TERMS:
+        assert "\ndef " not in text
     assert "sys.path" not in text
 
 

@@ -146,6 +146,7 @@ ONE_RUN = {  # benchmarks of which there is nothing to spread, and why
     "report_cuboid": "reads runs",
     "search": "pairs of trees in turn",
     "count_code": "counts lines",
+    "time_limits": "times one process at a time",
     "report_monte_carlo": "reads a study",
 }
 

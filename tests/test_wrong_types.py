@@ -16,7 +16,7 @@ from tactilenlp.errors import TactileError
 NUMBERS = (None, -1, 3.5)
 THINGS = ("ball", np.zeros(3), [1, 2], {})
 RESULTS = {"Body", "Choice", "Estimate", "Information", "Problem", "Prospect"}
-RESULTS |= {"Solution", "Step"}  # nobody makes them by hand
+RESULTS |= {"Solution", "Step", "TouchedWorld"}  # nobody makes them by hand
 LAZY = {"explore"}  # it yields: nothing is checked before the first step
 FREE = {
     "_",

@@ -1,4 +1,4 @@
-"""Estimates of what was found before Ctrl-C or the time limit, marked as such."""
+"""How a solve ends badly: by Ctrl-C, the time limit, or an estimate not to be used."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..common.deadline import NEVER, Deadline
-from ..errors import Interrupted
+from ..errors import Interrupted, MotionError
 from ..nlp.problem import Problem
-from ..nlp.solution import evaluated
+from ..nlp.solution import evaluated, not_converged
 from ..nlp.term_functions import TermFunctionCache
+from ..problem.outliers import check_explained
 from ..problem.pages import page_of
 from ..problem.polytope_window import window_of
 from ..search.local_solve import Solved, solved_from, start_values
@@ -91,3 +92,24 @@ def interrupted(request: Request, so_far: SoFar) -> Interrupted:
         "start=... continues from it",
         estimate,
     )
+
+
+def raise_unless_good(estimate, solved) -> None:
+    """Raise NotConverged or MotionError for an estimate that is not to be used."""
+    if not estimate.success:
+        raise not_converged(solved.problem, solved.solution, estimate)
+    if estimate.scene.ground is None:
+        check_explained(solved)
+    tilted = [s for s in estimate.skipped if s.name == "planar" and not s.holds]
+    if tilted:
+        raise MotionError(
+            "the object did not only slide",
+            where="touch",
+            got=f"{tilted[0].value:.0%} of an action's touches not explained",
+            expected=f"at most {tilted[0].limit:.0%} by an object that lies flat",
+            next="the object may have tilted or tumbled: select the actions before it "
+            "did, let it tilt by Options(reduce='planar'), or pass throw=False",
+            problem=solved.problem.describe(),
+            solution=solved.solution,
+            estimate=estimate,
+        )

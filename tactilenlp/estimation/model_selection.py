@@ -7,23 +7,33 @@ of mass as unknowns, six unknowns a pose.  The larger model is kept where it low
 objective by more than LARGER_MODEL nats, which is about what its Laplace evidence loses
 (the logarithm of prior over posterior deviations), and the spread of the likelihood:
 from another start noise alone is fitted better by about as much.
+
+Classes of shapes are not nested: each is estimated, and the one of the largest evidence
+is the estimate (information/mixture.py).
 """
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from formulations.rigid_body import PLANAR
+from formulations.shape import Shape
 
+from ..common.deadline import Deadline
 from ..data.sensor_noise import variance_left
+from ..errors import OptionError, TactileError
+from ..information.error_budget import ANY_ROTATION, REACHED
+from ..information.error_budget_terms import positive_part
 from ..information.goodness_of_fit import NOTHING, misfits
 from ..information.information import optimum_of
-from ..information.mixture import distinct, laplace_mixture
+from ..information.mixture import ClassOdds, distinct, laplace_mixture, log_evidence
 from ..problem.certificates import Skipped
+from ..problem.pages import shape_of
 from ..problem.reductions import required_reductions
 from ..search.local_solve import (
     RESTART_MU,
@@ -35,7 +45,17 @@ from ..search.local_solve import (
     solved_from,
 )
 from ..search.margins import LARGER_MODEL
+from .result import Estimate
 
+AUTO = (
+    "cuboid",
+    "cylinder",
+    "ellipsoid",
+    "prism of 3 sides",
+    "prism of 6 sides",
+    "polytope",
+)  # the classes of shape="auto"
+LEAST_TIME = 1.0  # [s] of a class, whatever is left
 log = logging.getLogger("tactilenlp")
 
 
@@ -183,3 +203,78 @@ def _gain(fixed: Solved, freed: Solved) -> float:
     if not freed.solution.success:
         return 0.0
     return fixed.solution.objective - freed.solution.objective
+
+
+def classes_of(shape) -> list[Shape]:
+    """Return the Shapes that are to be compared; none for one shape alone."""
+    if isinstance(shape, str) and shape == "auto":
+        return [shape_of(one) for one in AUTO]
+    if isinstance(shape, (str, Shape)) or not isinstance(shape, Sequence):
+        return []
+    if not shape:
+        expected = "shapes to compare, or one"
+        raise OptionError("no class", where="shape", got=shape, expected=expected)
+    return [shape_of(one) for one in shape]
+
+
+def likeliest_class(classes, solve, start, options) -> Estimate:
+    """Return the estimate of the class with the largest evidence, and its table.
+
+    classes: Shapes; solve(shape=, start=, options=) -> Estimate, or raises
+    TactileError; the time limit is shared by the classes that are left; start: of the
+    class that it is an estimate of.  Raises the error of the first class if no class
+    has an estimate.
+    """
+    deadline, found, errors = Deadline.within(options.time_limit), [], {}
+    for i, shape in enumerate(classes):
+        left = replace(
+            options, time_limit=max(LEAST_TIME, deadline.left / (len(classes) - i))
+        )
+        try:
+            known = start if getattr(start, "shape", "") == shape.name else None
+            estimate = solve(shape=shape, start=known, options=left)
+            found.append((evidence_of(estimate, shape), estimate))
+        except TactileError as error:
+            errors[shape.name] = error
+    if not found:
+        raise next(iter(errors.values()))
+    evidence = np.array([told for told, _ in found])
+    weights = np.exp(evidence - evidence.max()) if np.isfinite(evidence).any() else 0.0
+    shares = weights / max(np.sum(weights), 1.0) * np.isfinite(evidence)
+    odds = [
+        ClassOdds(
+            e.shape, e.objective, told, float(share),
+            "" if e.fit is None else e.fit.verdict,
+        )
+        for (told, e), share in zip(found, shares, strict=True)
+    ]  # fmt: skip
+    odds.sort(key=lambda one: -one.log_evidence)
+    odds += [
+        ClassOdds(name, np.inf, -np.inf, 0.0, "", f"{type(error).__name__}: {error}")
+        for name, error in errors.items()
+    ]
+    _, estimate = found[int(np.argmax(evidence))]
+    return replace(estimate, classes=tuple(odds))
+
+
+def evidence_of(estimate, shape) -> float:
+    """Return the log evidence of an estimate; -inf where its solve failed.
+
+    The prior: the deviations of the sizes, a position within REACHED, any rotation.  As
+    many optima are alike as there are relabellings of the body's axes.
+    """
+    if not estimate.success:
+        return -np.inf
+    information = estimate.information
+    k, alike = len(information.names), 1
+    known = np.full(k, 1 / REACHED**2)
+    if shape.parameters == "sizes":
+        n, turning = shape.theta, 1 if estimate.reductions["planar"] else 3
+        known[:n] = 1 / np.broadcast_to(shape.size_prior[1], n) ** 2
+        known[k - turning :] = 1 / ANY_ROTATION**2
+        up = [R[2][2] > 0.5 or turning == 3 for _, R in shape.symmetries]
+        alike, prior = max(1, sum(up)), np.diag(known)
+    else:
+        prior = np.diag(known) + positive_part(information.part("prior"))
+    covariance = information.of_hessian().spread
+    return log_evidence(estimate.objective, covariance, prior) + np.log(alike)

@@ -22,18 +22,17 @@ from ..data.scene import Ground, Scene
 from ..errors import TactileError
 from ..geometry.faces import SupportingPlanes, supporting_planes
 from ..geometry.transforms import rotation_of
-from ..information.finger_offsets import offsets_in_words
 from ..information.goodness_of_fit import Fit, Misfit, TouchMisfit
 from ..information.information import Information
-from ..information.mixture import Modes
+from ..information.mixture import ClassOdds, Modes
 from ..nlp.solution import Solution
+from ..output.summary import remarks_of, summary_of
 from ..problem.certificates import Skipped
 from ..search.hypothesis import Hypothesis
 
 ESTIMATE_FORMAT, ESTIMATE_VERSION = "estimate", 2  # of the files that `save` writes
 # Fields that are asked by name, as in estimate.impulses["finger 0"].
 BY_NAME = ("impulses", "unknowns", "costs", "violations", "multipliers", "seconds")
-UNOBSERVED_TURN = 45.0  # [deg] of sigma beyond which a rotation is not observed
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +47,8 @@ class Estimate:
     can be built again.  progress: of the last solve by iteration, as in Solution.
     finger_offset (F, 3) [m]: true less measured finger positions, world frame; None
     where the scene takes them as exact (Scene.sigma_offset).  fit: how well the model
-    explains the measurements; None for a page that states no touch likelihood.
+    explains the measurements; None for a page that states no touch likelihood; classes:
+    the odds of those that were compared, best first.
     """
 
     measurements: Measurements
@@ -85,6 +85,7 @@ class Estimate:
     progress: dict[str, np.ndarray] = field(default_factory=dict)
     finger_offset: np.ndarray | None = None
     fit: Fit | None = None
+    classes: tuple[ClassOdds, ...] = ()
 
     LAYOUT: ClassVar = {  # of the arrays in a file
         "measurements/time": ("T",), "measurements/finger_radius": ("F",),
@@ -176,89 +177,12 @@ class Estimate:
 
     def summary(self) -> str:
         """Return a paragraph in words: size, pose, sigma, solve, what was left out."""
-        mm = 1e3
-        x, y, z = self.position[-1] * mm
-        where = self.information.sigma("position") * mm
-        lines = [
-            f"A {self.shape} of {self._sized()} at ({x:.2f}, {y:.2f}, {z:.2f}) mm "
-            f"± ({where[0]:.2f}, {where[1]:.2f}, {where[2]:.2f}) mm, {self._turned()}.",
-            f"{self.formulation}: {self.status}, objective {self.objective:.2f} nats "
-            f"after {self.iterations} iterations, {self.seconds['total']:.1f} CPU s; "
-            f"largest violation {max(self.violations.values(), default=0.0):.1g}.",
-        ]
-        if self.information.path is not None:
-            off = self.sigma_position.max(axis=1) * mm
-            lines.append(
-                f"Along the path the position is known to {off.min():.2f} to "
-                f"{off.max():.2f} mm (one standard deviation)."
-            )
-        lines += self.remarks
-        lines += [f"Skipped {s}." for s in self.skipped]
-        return "\n".join(lines)
+        return summary_of(self)
 
     @property
     def remarks(self) -> list[str]:
-        """Sentences on fit, nuisance parameters, what is not observed, other optima."""
-        lines = []
-        if self.fit is not None:
-            lines.append(self.fit.text)
-        if self.compliance is not None:
-            lines.append(self._softness())
-        if CENTRE in self.unknowns:
-            lines.append(self._unbalanced())
-        if self.finger_offset is not None:
-            lines.append(offsets_in_words(self.finger_offset, self.information.offsets))
-        if open_ := self.information.unobserved:
-            lines.append(f"Not observed: {'; '.join(open_)}.")
-        return [*lines, *self.information.also]
-
-    def _sized(self) -> str:
-        """Return the size of the body in words."""
-        mm = 1e3
-        if "vertices" in self.information.maps:
-            size = np.ptp(self.vertices, axis=0) * mm
-            touched = np.count_nonzero(self.faces)
-            across = " x ".join(f"{s:.1f}" for s in size)
-            planes = self.supporting_planes()
-            known = planes.sigma[planes.touches > 0] * mm
-            words = f" to ± {np.median(known):.2f} mm (median)" if len(known) else ""
-            return (
-                f"{len(self.vertices)} vertices, {across} mm across, {touched} of "
-                f"{self.faces.size} faces touched{words},"
-            )
-        if "side_lengths" in self.information.maps and self.theta.shape == (3,):
-            sides = zip(self.theta, self.information.sigma("side_lengths"), strict=True)
-            return " x ".join(f"{s * mm:.2f} ± {e * mm:.2f}" for s, e in sides) + " mm"
-        sigma = np.sqrt(np.maximum(np.diag(self.information.spread), 0.0))
-        sizes = zip(self.information.names, self.theta, sigma, strict=False)
-        return ", ".join(sized(*size) for size in sizes)
-
-    def _softness(self) -> str:
-        """Return the compliance of the fingertips in words."""
-        weight = self.scene.mass * G
-        return (
-            f"Fingertips are soft: they yield by {1e3 * self.compliance * weight:.2f} "
-            f"mm under the object's weight ({weight:.1f} N)."
-        )
-
-    def _unbalanced(self) -> str:
-        """Return the offset of the centre of mass in words."""
-        x, y, z = 1e3 * self.centre_of_mass
-        return (
-            f"The centre of mass is off the centroid by ({x:.1f}, {y:.1f}, {z:.1f}) mm "
-            "in the axes of the body."
-        )
-
-    def _turned(self) -> str:
-        """Return the orientation of the body at the last sample in words."""
-        w, x, y, z = self.quaternion[-1]
-        yaw = np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
-        off = np.degrees(np.nanmax(self.information.sigma("rotation")))
-        if off == 0.0:  # a hull has no axes of its own
-            return "with the axes of the world"
-        if off > UNOBSERVED_TURN:
-            return "orientation not observed"
-        return f"turned by {yaw:.2f} ± {off:.2f} deg about the vertical"
+        """Sentences on classes, fit, nuisance parameters, what is not observed."""
+        return remarks_of(self)
 
     def save(self, path) -> None:
         """Write one .npz: plain arrays and a JSON header, readable by NumPy alone."""
@@ -284,13 +208,6 @@ class Estimate:
         )
 
 
-def sized(name: str, value: float, sigma: float) -> str:
-    """Return a size in words, in mm unless its name ends with another unit."""
-    word, bracket, unit = name.partition(" [")
-    scale, unit = (1.0, unit[:-1]) if bracket else (1e3, "mm")
-    return f"{word} {value * scale:.2f} ± {sigma * scale:.2f} {unit}"
-
-
 def solution_of(estimate: Estimate) -> Solution:
     """Return the solution that an estimate was read from; parameters are the page's."""
     same = (
@@ -306,6 +223,6 @@ ESTIMATE_CLASSES = {  # what a file of an estimate is made of
     for kind in (
         *(Estimate, Skipped, Information, Modes, Measurements),
         *(Scene, Ground, JointZeros, Hypothesis),
-        *(Fit, Misfit, TouchMisfit),
+        *(Fit, Misfit, TouchMisfit, ClassOdds),
     )
 }

@@ -6,7 +6,9 @@ The steps, in this order: request, search, refinement, certificates, readout.
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from types import ModuleType
 
 from formulations.shape import Shape
@@ -15,10 +17,9 @@ from ..common.deadline import Deadline
 from ..common.interrupt import interruptible
 from ..common.validation import check_types
 from ..data.scene import Scene
-from ..errors import MotionError, OptionError
+from ..errors import OptionError
 from ..nlp.problem import Problem
-from ..nlp.solution import check_finite, not_converged
-from ..problem.outliers import check_explained
+from ..nlp.solution import check_finite
 from ..problem.reductions import Reductions
 from ..search.hypothesis import Hypothesis, Job, distinct
 from ..search.local_solve import Solved, best_first, problem_at, problem_for
@@ -35,8 +36,13 @@ from ..search.proposals_floating import (
 )
 from .certification import certified, checked
 from .incremental_polytope import repaired, updated
-from .interrupted import SoFar, interrupted, not_solved
-from .model_selection import most_probable_first, with_nuisance_parameters
+from .interrupted import SoFar, interrupted, not_solved, raise_unless_good
+from .model_selection import (
+    classes_of,
+    likeliest_class,
+    most_probable_first,
+    with_nuisance_parameters,
+)
 from .options import PROCESS, Guess, Options, Session
 from .readout import name_of, read_off
 from .refinement import refined
@@ -52,7 +58,7 @@ def solve_estimate(
     data,
     scene: Scene | None = None,
     *,
-    shape: str | Shape = "cuboid",
+    shape: str | Shape | Sequence = "cuboid",
     formulation: str | ModuleType = "violation_implicit",
     options: Options | None = None,
     start: Estimate | Guess | None = None,
@@ -63,7 +69,9 @@ def solve_estimate(
     """Find shape, poses and impulses that explain the measurements (eq:vimp).
 
     data: Measurements.  scene: what is known (default Scene()).  shape: "cuboid",
-    "polytope" (20 vertices), formulations.polytope.polytope(30), or a Shape.
+    "polytope" (20 vertices), formulations.polytope.polytope(30), a Shape, or a list of
+    them, or "auto": the class of the largest evidence is returned, with the odds of all
+    in estimate.classes.
     formulation: "quasi_static", "violation_implicit", "multiple_shooting", "shooting",
     "complementarity", "paper" or a page (module with `build`, `LEVELS`).  start: an
     earlier Estimate of the first actions (for a polytope: of any shape), even of a part
@@ -77,6 +85,12 @@ def solve_estimate(
     raises Interrupted, whose `estimate` of the actions done by then can be a start.
     """
     session = PROCESS if session is None else session
+    if classes := classes_of(shape):
+        one = partial(
+            solve_estimate, data, scene, formulation=formulation, executor=executor,
+            throw=throw, session=session,
+        )  # fmt: skip
+        return likeliest_class(classes, one, start, options or Options())
     request, known = read_request(
         data, scene, shape, formulation, options, start, executor, session
     )
@@ -88,7 +102,7 @@ def solve_estimate(
         raise interrupted(request, so_far) from stop
     session.keep(estimate, request.job, request.page)
     if throw:
-        _raise_unless_good(estimate, best)
+        raise_unless_good(estimate, best)
     return estimate
 
 
@@ -261,26 +275,6 @@ def _search_vertices(request: Request, job, plane, kept) -> list[Hypothesis]:
     (other,) = search_polytope(with_tilted_normals(job), kept, so_far=kept)
     # Its objective has other weights.
     return [*found, replace(other, objective=found[0].objective)]
-
-
-def _raise_unless_good(estimate, solved) -> None:
-    if not estimate.success:
-        raise not_converged(solved.problem, solved.solution, estimate)
-    if estimate.scene.ground is None:
-        check_explained(solved)
-    tilted = [s for s in estimate.skipped if s.name == "planar" and not s.holds]
-    if tilted:
-        raise MotionError(
-            "the object did not only slide",
-            where="touch",
-            got=f"{tilted[0].value:.0%} of an action's touches not explained",
-            expected=f"at most {tilted[0].limit:.0%} by an object that lies flat",
-            next="the object may have tilted or tumbled: select the actions before it "
-            "did, let it tilt by Options(reduce='planar'), or pass throw=False",
-            problem=solved.problem.describe(),
-            solution=solved.solution,
-            estimate=estimate,
-        )
 
 
 def _carried_on(job, solved, kept, width: int) -> list[Hypothesis]:

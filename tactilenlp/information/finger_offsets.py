@@ -49,13 +49,3 @@ def prior_of_offsets(scene, fingers: int) -> np.ndarray:
     if scene.joints is None:
         return np.eye(3 * fingers) / scene.sigma_offset**2
     return block_diag(*scene.joints.information.reshape(-1, 3, 3))
-
-
-def offsets_in_words(offset: np.ndarray, C: np.ndarray) -> str:
-    """Return offsets (F, 3) [m] in words, with their deviations."""
-    mm, each = 1e3, []
-    for f, sigma in enumerate(np.sqrt(np.diag(C)).reshape(-1, 3)):
-        pairs = zip(offset[f] * mm, sigma * mm, strict=True)
-        by = ", ".join(f"{way:.1f} ± {doubt:.1f}" for way, doubt in pairs)
-        each.append(f"finger {f} by ({by}) mm")
-    return "Off from where they say: " + "; ".join(each) + "."

@@ -9,6 +9,14 @@ and the mixture's covariance about the best one is sum w_m (C_m + d_m d_m'), whe
 is the offset of mode m after the relabelling of the body's axes that rotates it least.
 Only the volume of z counts: that of the impulses depends on which bounds are active,
 differs by tens of nats from mode to mode, and says nothing about the shape.
+
+Classes of shapes s, with other unknowns each, are compared in the same way, with the
+volume of the posterior as a share of that of the prior (Occam's factor):
+
+    p_s  ~  exp(-objective_s) prod_i min(1, deviation_i / prior deviation_i)
+
+over the principal axes i of z in units of the prior, which is a Gaussian of shape and
+final pose.  What no touch tells costs nothing, in any class.
 """
 
 from __future__ import annotations
@@ -39,6 +47,35 @@ class Modes:
         """Covariance (k, k) of the mixture about the best mode."""
         second = np.einsum("mi,mj->mij", self.offsets, self.offsets)
         return np.einsum("m,mij->ij", self.weights, self.covariances + second)
+
+
+@dataclass(frozen=True)
+class ClassOdds:
+    """How probable a class of shapes is among those that were compared.
+
+    shape: its name; objective [nats] of its estimate, and log_evidence [nats], both up
+    to one constant that all classes share; probability [-]; verdict: of its fit; error:
+    why there is no estimate, or "".
+    """
+
+    shape: str
+    objective: float
+    log_evidence: float
+    probability: float
+    verdict: str
+    error: str = ""
+
+
+def log_evidence(objective: float, covariance, prior) -> float:
+    """Return Laplace's log evidence [nats] of a class, up to a constant of the data.
+
+    covariance (k, k) of shape and final pose, by the Hessian; prior (k, k): their
+    information before any touch, positive definite.
+    """
+    L = np.linalg.cholesky(prior)
+    shares = np.linalg.eigvalsh(L.T @ covariance @ L)
+    shares = np.clip(np.abs(shares), np.finfo(float).tiny, 1.0)
+    return float(np.log(shares).sum() / 2 - objective)
 
 
 def one_mode(objective: float, covariance) -> Modes:

@@ -2,6 +2,7 @@
 
 In: an `Estimate`, read by its public attributes.  Out: HTML, meshes, MJCF, URDF.
 
+- `summary`: a paragraph in words
 - `html_report`: one interactive page, without a network
 - `export`: STL, OBJ, PLY, GLB, MJCF, URDF
 - `colours`: of standard deviations and fingers

@@ -1,12 +1,16 @@
-"""Find the page and the shape that a name stands for."""
+"""Find the page and the shape that a name stands for; extend a page by terms."""
 
 from __future__ import annotations
 
 import importlib
+import inspect
 import re
+from contextlib import contextmanager
 from functools import partial
+from types import ModuleType
 
 from formulations.ellipsoid import ELLIPSOID
+from formulations.finger_offset import displaced
 from formulations.polytope import polytope
 from formulations.shape import CUBOID, Shape
 from formulations.upright import CYLINDER, prism
@@ -102,3 +106,122 @@ def check_unknowns(problem, theta, x) -> None:
 def page_named(page):
     """Return a page: a module travels between processes by its name."""
     return importlib.import_module(page) if isinstance(page, str) else page
+
+
+def extend(
+    base, *terms, replace=None, without=(), shape="cuboid", **parts
+) -> ModuleType:
+    """Return a page: another one with terms added, replaced or omitted.
+
+    base: the name of a formulation, for bodies of class `shape`, or a page; terms:
+    functions term(nlp, window, scene, shape), called after the base has filled `nlp`,
+    so that they read its unknowns as nlp.variables["theta"] and nlp.variables["x"];
+    replace: by the name of a term of the base, or by the part of it before a comma, the
+    function that takes its place with the same arguments; without: names of terms to
+    omit; parts: further arguments of the base's `build`, such as `law`.
+
+    LEVELS, OFFSETS and other constants are the base's; where fingers have offsets, the
+    terms read displaced fingers.  The base's term functions are shared between problems
+    as before, new ones are not.  Raises OptionError here, and PageError when the
+    programme is built, where the base states no term of a given name.
+    """
+    base = page_of(base, shape_of(shape))
+    replace = {} if replace is None else replace
+    without = (without,) if isinstance(without, str) else tuple(without)
+    _check_extension(base, terms, replace, parts)
+    names = [getattr(t, "__name__", "term") for t in terms]
+    names += [
+        *(f"other {n}" for n in (*replace, *parts)),
+        *(f"no {n}" for n in without),
+    ]
+    own = base.__name__.rpartition(".")[2] if hasattr(base, "__name__") else "page"
+    page = ModuleType(" + ".join([own, *names]), base.__doc__)
+    for name in ("LEVELS", "ROUGH", "FREED", "REDUCTIONS", "OFFSETS", "ALIKE"):
+        if hasattr(base, name):
+            setattr(page, name, getattr(base, name))
+
+    def build(nlp, window, scene, shape):
+        """Fill `nlp` with the base, then with the terms."""
+        edited = _Edited(nlp, replace, without)
+        base.build(edited, window, scene, shape, **parts)
+        edited.check_met()
+        if terms:
+            window = displaced(nlp, window, scene)
+        with _unshared(nlp):
+            for term in terms:
+                term(nlp, window, scene, shape)
+
+    page.build = build
+    return page
+
+
+def _check_extension(base, terms, replace, parts) -> None:
+    """Raise OptionError for what cannot extend a page."""
+    if not isinstance(replace, dict):
+        raise OptionError(
+            "no replacements", where="replace", got=_short(replace),
+            expected='a dict, such as {"finger cone": function}',
+        )  # fmt: skip
+    for term in (*terms, *replace.values()):
+        if not callable(term):
+            raise OptionError(
+                "no function", where="extend", got=_short(term),
+                expected="term(nlp, window, scene, shape)",
+                next="give the function itself, without calling it",
+            )  # fmt: skip
+    known = [*inspect.signature(base.build).parameters][4:]
+    if unknown := [name for name in parts if name not in known]:
+        raise OptionError(
+            "the page's build has no such argument", where="extend",
+            got=", ".join(unknown), expected=" or ".join(known) or "none",
+        )  # fmt: skip
+
+
+class _Edited:
+    """A problem as the base of an extended page sees it: some terms are others."""
+
+    def __init__(self, nlp, replace: dict, without: tuple):
+        self._nlp, self._replace, self._without = nlp, replace, without
+        self._met, self._stated = set(), []
+
+    def __getattr__(self, name):
+        return getattr(self._nlp, name)
+
+    def minimize(self, name, function, *arguments, role):
+        """Add a cost, unless it is omitted; its function may be another one."""
+        self._add(self._nlp.minimize, name, function, arguments, {"role": role})
+
+    def subject_to(self, name, function, *arguments, **limits):
+        """Add a constraint, unless it is omitted; its function may be another one."""
+        self._add(self._nlp.subject_to, name, function, arguments, limits)
+
+    def _add(self, add, name, function, arguments, more):
+        known = {name, name.partition(",")[0]}
+        self._stated.append(name)
+        self._met |= known
+        if known.intersection(self._without):
+            return
+        for key in known.intersection(self._replace):
+            with _unshared(self._nlp):
+                add(name, self._replace[key], *arguments, **more)
+            return
+        add(name, function, *arguments, **more)
+
+    def check_met(self) -> None:
+        """Raise PageError where the base states no term of a name."""
+        if unknown := sorted({*self._replace, *self._without} - self._met):
+            raise PageError(
+                "the page states no such term", where="extend", got=", ".join(unknown),
+                expected=f"one of {', '.join(self._stated)}",
+                next="problem_of(data, scene, page).describe() lists the terms",
+            )  # fmt: skip
+
+
+@contextmanager
+def _unshared(nlp):
+    """Derive the terms that are added here anew: they may depend on the window."""
+    shared, nlp.term_functions = nlp.term_functions, {}
+    try:
+        yield
+    finally:
+        nlp.term_functions = shared

@@ -17,8 +17,8 @@ from ..common.layout import ANY
 from ..geometry.transforms import is_planar, matrices
 from ..nlp.problem import Problem
 from ..problem.poses import body_corners, planar_corners
+from ..tracking.outline import supports
 from .margins import START_BEHIND
-from .outline import supports
 
 SAME_BODY = 1e-3  # [m] corners of one body agree this well
 COMPARED = (0, -1)  # samples at which bodies are compared: first, last

@@ -23,12 +23,12 @@ import numpy as np
 from ..common.progress import progress
 from ..data.sensor_noise import precise
 from ..geometry.transforms import carried
+from ..tracking.outline import path_outline
 from ..tracking.smoother import smoothed
 from ..tracking.tracking import tracked
 from ..tracking.tracks import Filter, Tracks, filter_of, opened, parts_of, started
 from .hypothesis import Hypothesis, Job
 from .least_motion import least_motion
-from .outline import path_outline
 from .proposals import (
     DRAWN,
     body_height,

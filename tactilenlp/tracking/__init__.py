@@ -1,10 +1,11 @@
-"""Track many boxes at once through what the fingers felt, as a filter with a smoother.
+"""Track many bodies at once through what the fingers felt: a filter with a smoother.
 
-In: starts of boxes, measurements, scene.  Out: smoothed paths, with their evidence.
+In: starts of bodies, measurements, scene.  Out: smoothed paths, with their evidence.
 
-- `box_contact`: gaps, normals and slopes of fingers at many boxes
-- `pushing`: prediction, quasi-static pushing of upright boxes
+- `box_contact`, `geometry`: gaps, normals and slopes of fingers at many bodies
+- `pushing`: prediction, quasi-static pushing of upright bodies
 - `tracks`: what a track is; selection by evidence, splitting
 - `tracking`: prediction and correction by an iterated extended Kalman filter
 - `smoother`: backward, Rauch-Tung-Striebel
+- `outline`: outlines by which paths and poses of any body are compared
 """

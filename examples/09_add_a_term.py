@@ -1,0 +1,59 @@
+"""Add a term to a page, and replace some: a cube prior, an eight-sided cone, drag.
+
+    python examples/09_add_a_term.py
+
+The first two actions of the shipped recording are estimated by the default page and by
+three pages made from it.  The picture compares side lengths and costs.
+"""
+
+import casadi as ca
+import numpy as np
+from matplotlib.figure import Figure
+
+from formulations.balance import Balance
+from tactilenlp import Measurements, Scene, example_recording, extend, solve_estimate
+
+PAGE, SIGMA = "violation_implicit", 1e-3  # [m] of the sides of a cube
+DRAG = 20  # [N s/m] of a viscous film between the object and the ground
+ANGLES = np.arange(8) * np.pi / 4  # of the faces of the cone
+
+
+def cube(nlp, window, scene, shape):
+    sides = lambda s: ca.sumsqr(s - ca.sum1(s) / 3) / (2 * SIGMA**2)  # noqa: E731
+    nlp.minimize("cube", sides, nlp.variables["theta"], role="prior")
+
+
+def eight_sided(lam, mu, w, rounding):
+    room = np.cos(np.pi / 8) * mu * lam[0] + rounding * w
+    return (room - np.cos(ANGLES) * lam[1] - np.sin(ANGLES) * lam[2]) / w
+
+
+class Viscous(Balance):
+    """The balance of a body that loses the impulse DRAG v dt to the film."""
+
+    def unbalanced(self, theta, x, x_1, *more):
+        force, moment = super().unbalanced(theta, x, x_1, *more)
+        return force + DRAG * ca.vertcat(x[:2] - x_1[:2], 0), moment
+
+
+data = Measurements.load(example_recording()).select([0, 1])
+scene = Scene.load(example_recording())
+cones = {"finger cone": eight_sided, "ground cone": eight_sided}
+pages = {"default": PAGE, "cube prior": extend(PAGE, cube)}
+pages |= {"eight-sided cone": extend(PAGE, replace=cones)}
+pages |= {"viscous drag": extend(PAGE, law=Viscous)}
+left, right = (figure := Figure((10, 4), layout="constrained")).subplots(1, 2)
+for i, (name, page) in enumerate(pages.items()):
+    print(f"{name} ...", flush=True)
+    found = solve_estimate(data, scene, formulation=page)
+    sides, sigma = found.side_lengths, found.information.sigma("side_lengths")
+    print(f"  {1e3 * sides} mm, {found.objective:.2f} nats, {found.status}")
+    places = np.arange(3) + 0.15 * (i - 1.5)
+    left.errorbar(places, 1e3 * sides, 1e3 * sigma, fmt="o", label=name)
+    right.bar(name.replace(" ", "\n"), found.objective, color=f"C{i}")
+names = ["x (one face touched)", "y (touched)", "z (touched)"]
+left.set(ylabel="side length ± sigma [mm]", xticks=range(3), xticklabels=names)
+right.set(ylabel="objective [nats]")
+left.legend()
+figure.savefig("terms.png")
+print("The picture is in terms.png.")

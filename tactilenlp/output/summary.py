@@ -1,0 +1,132 @@
+"""An estimate in words: size, pose, standard deviations, fit, what is not observed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from formulations.centre_of_mass import NAME as CENTRE
+from formulations.rigid_body import G
+
+MM = 1e3  # [mm/m]
+UNOBSERVED_TURN = 45.0  # [deg] of sigma beyond which a rotation is not observed
+
+
+def summary_of(estimate) -> str:
+    """Return a paragraph: size, pose, sigma, solve, remarks, what was left out."""
+    x, y, z = MM * estimate.position[-1]
+    a, b, c = MM * estimate.information.sigma("position")
+    worst = max(estimate.violations.values(), default=0.0)
+    lines = [
+        f"A {estimate.shape} of {size_of(estimate)} at ({x:.2f}, {y:.2f}, {z:.2f}) mm "
+        f"± ({a:.2f}, {b:.2f}, {c:.2f}) mm, {orientation_of(estimate)}.",
+        f"{estimate.formulation}: {estimate.status}, objective "
+        f"{estimate.objective:.2f} nats after {estimate.iterations} iterations, "
+        f"{estimate.seconds['total']:.1f} CPU s; largest violation {worst:.1g}.",
+    ]
+    if estimate.information.path is not None:
+        off = MM * estimate.sigma_position.max(axis=1)
+        lines.append(
+            f"Along the path the position is known to {off.min():.2f} to "
+            f"{off.max():.2f} mm (one standard deviation)."
+        )
+    lines += remarks_of(estimate)
+    lines += [f"Skipped {s}." for s in estimate.skipped]
+    return "\n".join(lines)
+
+
+def remarks_of(estimate) -> list[str]:
+    """Return sentences on classes, fit, nuisance parameters, what is open, optima."""
+    lines = []
+    if estimate.classes:
+        lines.append(classes_in_words(estimate.classes))
+    if estimate.fit is not None:
+        lines.append(estimate.fit.text)
+    if estimate.compliance is not None:
+        lines.append(_compliance(estimate))
+    if CENTRE in estimate.unknowns:
+        lines.append(_centre_of_mass(estimate))
+    if estimate.finger_offset is not None:
+        C = estimate.information.offsets
+        lines.append(offsets_in_words(estimate.finger_offset, C))
+    if open_ := estimate.information.unobserved:
+        lines.append(f"Not observed: {'; '.join(open_)}.")
+    return [*lines, *estimate.information.also]
+
+
+def size_of(estimate) -> str:
+    """Return the size of the body, with standard deviations."""
+    theta, information = estimate.theta, estimate.information
+    sides_known = "side_lengths" in information.maps and theta.shape == (3,)
+    if "vertices" in information.maps or (
+        estimate.shape == "cuboid" and not sides_known
+    ):
+        return _size_of_hull(estimate)
+    if sides_known:
+        sides = zip(MM * theta, MM * information.sigma("side_lengths"), strict=True)
+        return " x ".join(f"{s:.2f} ± {e:.2f}" for s, e in sides) + " mm"
+    sigma = np.sqrt(np.maximum(np.diag(information.spread), 0.0))
+    sizes = zip(information.names, theta, sigma, strict=False)
+    return ", ".join(_named_size(*size) for size in sizes)
+
+
+def _size_of_hull(estimate) -> str:
+    touched = np.count_nonzero(estimate.faces)
+    across = " x ".join(f"{s:.1f}" for s in MM * np.ptp(estimate.vertices, axis=0))
+    planes = estimate.supporting_planes()
+    known = MM * planes.sigma[planes.touches > 0]
+    words = f" to ± {np.median(known):.2f} mm (median)" if len(known) else ""
+    return (
+        f"{len(estimate.vertices)} vertices, {across} mm across, {touched} of "
+        f"{estimate.faces.size} faces touched{words},"
+    )
+
+
+def _named_size(name: str, value: float, sigma: float) -> str:
+    """Return a size, in mm unless its name ends with another unit."""
+    word, bracket, unit = name.partition(" [")
+    scale, unit = (1.0, unit[:-1]) if bracket else (MM, "mm")
+    return f"{word} {value * scale:.2f} ± {sigma * scale:.2f} {unit}"
+
+
+def orientation_of(estimate) -> str:
+    """Return the orientation at the last sample, with its standard deviation."""
+    w, x, y, z = estimate.quaternion[-1]
+    yaw = np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+    off = np.degrees(np.nanmax(estimate.information.sigma("rotation")))
+    if off == 0.0:  # a hull has no axes of its own
+        return "with the axes of the world"
+    if off > UNOBSERVED_TURN:
+        return "orientation not observed"
+    return f"turned by {yaw:.2f} ± {off:.2f} deg about the vertical"
+
+
+def classes_in_words(classes) -> str:
+    """Return the odds of the classes of shapes that were compared."""
+    odds = [f"{one.shape} has {100 * one.probability:.3g} %" for one in classes]
+    return f"Of the classes compared, {', '.join(odds)} of the evidence."
+
+
+def offsets_in_words(offset, C) -> str:
+    """Return offsets (F, 3) [m] of fingers, with their deviations; C: covariance."""
+    each = []
+    for f, sigma in enumerate(np.sqrt(np.diag(C)).reshape(-1, 3)):
+        pairs = zip(MM * offset[f], MM * sigma, strict=True)
+        by = ", ".join(f"{way:.1f} ± {error:.1f}" for way, error in pairs)
+        each.append(f"finger {f} by ({by}) mm")
+    return "Off from where they say: " + "; ".join(each) + "."
+
+
+def _compliance(estimate) -> str:
+    weight = estimate.scene.mass * G
+    return (
+        f"Fingertips are soft: they yield by {MM * estimate.compliance * weight:.2f} "
+        f"mm under the object's weight ({weight:.1f} N)."
+    )
+
+
+def _centre_of_mass(estimate) -> str:
+    x, y, z = MM * estimate.centre_of_mass
+    return (
+        f"The centre of mass is off the centroid by ({x:.1f}, {y:.1f}, {z:.1f}) mm "
+        "in the axes of the body."
+    )
