@@ -14,12 +14,12 @@ that is zero on the surface.
 from __future__ import annotations
 
 import random
-from dataclasses import dataclass
 from math import cos, pi, sin, sqrt
 
 import casadi as ca
 
 from .shape_fields import unfit_fields
+from .shape_report import Disagreement, ShapeReport
 from .size_prior import entries
 
 RAYS = 1000
@@ -30,44 +30,6 @@ UNEVEN = 1.15, 0.85, 1.0  # [mean] of the first theta: no body of equal sizes
 OFF, BENT = 0.3e-3, 0.05  # [m] of a distance or height; [rad] of a normal
 BESIDE = 0.02  # [-] share of rays whose point may be on an edge, where normals jump
 MASS = 0.03  # [-] of inertia and centroid, by the largest moment and by the reach
-
-
-@dataclass(frozen=True)
-class Disagreement:
-    """What disagrees, by how much, at which theta, and what to correct."""
-
-    what: str
-    got: str
-    expected: str
-    theta: tuple[float, ...]
-    next: str
-
-    def __str__(self) -> str:
-        at = ", ".join(f"{t:.4g}" for t in self.theta)
-        return (
-            f"{self.what}: got {self.got}, expected {self.expected}, at theta ({at}); "
-            f"{self.next}"
-        )
-
-
-@dataclass(frozen=True)
-class ShapeReport:
-    """What `Shape.check` found: the first disagreement of each kind."""
-
-    name: str
-    found: tuple[Disagreement, ...]
-    thetas: int
-
-    @property
-    def good(self) -> bool:
-        """Whether nothing disagrees."""
-        return not self.found
-
-    def __str__(self) -> str:
-        if self.good:
-            return f"{self.name}: all functions agree at {self.thetas} theta"
-        return "\n".join([f"{self.name}: {len(self.found)} disagreements", *map(
-            str, self.found)])  # fmt: skip
 
 
 def check_shape(shape, count: int = 3, seed: int = 0) -> ShapeReport:

@@ -95,6 +95,7 @@ def asked(scene, shape, formulation, options, executor) -> tuple:
     shape = shape_of(shape)
     page = page_of(formulation, shape)
     check_plane(page, scene)
+    check_rolling(page, shape)
     check_offset(page, scene)
     check_executor(executor, page)
     if shape.parameters == "vertices":
@@ -139,6 +140,16 @@ def check_plane(page, scene) -> None:
             expected="a ground on which the object slides",
             next='use formulation="violation_implicit"',
         )
+
+
+def check_rolling(page, shape) -> None:
+    """Raise OptionError where a page of planar motion is used for a body that rolls."""
+    if shape.rolls and states_planar_motion(page):
+        raise OptionError(
+            "this page is of planar motion only", where="formulation",
+            got=f"{shape.name}, which rolls", expected="a shape with a flat face",
+            next='use formulation="violation_implicit" or "quasi_static"',
+        )  # fmt: skip
 
 
 def check_offset(page, scene) -> None:
