@@ -184,8 +184,8 @@ def information_of(
     measurements, without which sigma is that of the Hessian; rivals: (problem,
     solution, window) of other local optima; profile (k, k): see profile_likelihood.py.
     """
+    curvature = kkt_system_of(problem, solution, deadline)
     deadline.check()
-    curvature = kkt_system_of(problem, solution)
     tangent = tangent_space_of(problem, solution, window, shape, R_wg)
     at = Linearisation(curvature, sensed, window, shape, deadline)
     of = at.response(tangent.chosen, tangent.jacobian)

@@ -64,7 +64,7 @@ class Problem:
     # By name and sizes of the arguments; problems of one page may share them.
     term_functions: dict[tuple, object] = field(default_factory=dict)
     cache: TermFunctionCache = field(default_factory=default_cache)
-    deadline: Deadline = NEVER  # of derivations and compilations, not of solves
+    deadline: Deadline = NEVER  # of derivation, compilation, assembly; not of solves
     _data: list[np.ndarray] = field(default_factory=list)
     _data_size: int = 0
 
@@ -135,7 +135,6 @@ class Problem:
         if term is not None:
             self.reports[name] = term
 
-    # -- sizes ------------------------------------------------------------------------
     @property
     def size(self) -> int:
         return sum(v.rows * v.columns for v in self.variables.values())
@@ -236,7 +235,8 @@ class Problem:
     @cached_property
     def functions(self) -> dict:
         """The programme in scaled unknowns as `nlpsol` takes it, with derivatives."""
-        return assemble(self.terms.values(), self.scale, self._data_size, self.rows)
+        sizes = self.scale, self._data_size, self.rows
+        return assemble(self.terms.values(), *sizes, self.deadline)
 
     @cached_property
     def eliminated(self) -> Eliminated:
