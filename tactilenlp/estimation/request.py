@@ -19,7 +19,7 @@ from ..errors import NoContactError, OptionError, SceneError, StartError
 from ..geometry.transforms import backward, rotation_of
 from ..problem.certificates import without
 from ..problem.pages import page_of, shape_of
-from ..problem.reductions import Reductions, required_reductions, states_planar_motion
+from ..problem.reductions import required_reductions, states_planar_motion
 from ..search.hypothesis import Hypothesis, Job, TermFunctions
 from ..search.polytope_init import check_round_fingertips as check_round
 from .options import Guess, Options, Session
@@ -112,7 +112,7 @@ def make_job(data, scene, shape, options, began, page, functions=None) -> Job:
     if ground is not None:
         data = data.transformed(ground.rotation, ground.translation)
     precision = precision_of(data, scene)
-    made = Reductions.of(options.reduce)
+    made = options.reductions
     if ground is None or shape.rolls:  # nothing keeps the object flat
         made = without(made, ["planar"])
     return Job(
