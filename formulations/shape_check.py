@@ -18,6 +18,7 @@ from math import cos, pi, sin, sqrt
 
 import casadi as ca
 
+from .shape_fields import unfit_fields
 from .shape_report import Disagreement, ShapeReport
 from .size_prior import entries
 
@@ -41,25 +42,15 @@ def check_shape(shape, count: int = 3, seed: int = 0) -> ShapeReport:
                 found.setdefault(
                     what, Disagreement(what, got, expected, tuple(theta), fix)
                 )
-    return ShapeReport(shape.name, (*told, *found.values()), count)
+    name = shape.name if isinstance(shape.name, str) else "a shape without a name"
+    return ShapeReport(name, (*told, *found.values()), count)
 
 
 def _of_fields(shape) -> tuple:
     """Return what does not fit among the plain fields."""
-    n, found = shape.theta, []
-    for name in ("words", "units"):
-        have = len(getattr(shape, name))
-        if have not in (0, n):
-            found.append((f"{name}: their number", have, n, f"give {n} {name}"))
-    for name in ("bounds", "size_prior"):
-        for value in getattr(shape, name):
-            have = ca.DM(value).numel()
-            if have not in (1, n):
-                fix = f"give one number, or {n}, for each of the pair"
-                found.append((f"{name}: their number", have, f"1 or {n}", fix))
     return tuple(
-        Disagreement(what, str(got), str(want), (), fix)
-        for what, got, want, fix in found
+        Disagreement(what, got, want, (), fix)
+        for what, got, want, fix in unfit_fields(shape)
     )
 
 

@@ -8,6 +8,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from ..common.brief import printed
 from ..common.validation import (
     as_floats,
     as_number,
@@ -75,6 +76,7 @@ class Options:
         return self.hypotheses or kept, self.starts or solved
 
 
+@printed
 @typed_call()
 @dataclass(frozen=True, eq=False)
 class Guess:
