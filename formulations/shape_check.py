@@ -14,11 +14,12 @@ that is zero on the surface.
 from __future__ import annotations
 
 import random
-from dataclasses import dataclass
 from math import cos, pi, sin, sqrt
 
 import casadi as ca
 
+from .shape_fields import unfit_fields
+from .shape_report import Disagreement, ShapeReport
 from .size_prior import entries
 
 RAYS = 1000
@@ -31,44 +32,6 @@ BESIDE = 0.02  # [-] share of rays whose point may be on an edge, where normals 
 MASS = 0.03  # [-] of inertia and centroid, by the largest moment and by the reach
 
 
-@dataclass(frozen=True)
-class Disagreement:
-    """What disagrees, by how much, at which theta, and what to correct."""
-
-    what: str
-    got: str
-    expected: str
-    theta: tuple[float, ...]
-    next: str
-
-    def __str__(self) -> str:
-        at = ", ".join(f"{t:.4g}" for t in self.theta)
-        return (
-            f"{self.what}: got {self.got}, expected {self.expected}, at theta ({at}); "
-            f"{self.next}"
-        )
-
-
-@dataclass(frozen=True)
-class ShapeReport:
-    """What `Shape.check` found: the first disagreement of each kind."""
-
-    name: str
-    found: tuple[Disagreement, ...]
-    thetas: int
-
-    @property
-    def good(self) -> bool:
-        """Whether nothing disagrees."""
-        return not self.found
-
-    def __str__(self) -> str:
-        if self.good:
-            return f"{self.name}: all functions agree at {self.thetas} theta"
-        return "\n".join([f"{self.name}: {len(self.found)} disagreements", *map(
-            str, self.found)])  # fmt: skip
-
-
 def check_shape(shape, count: int = 3, seed: int = 0) -> ShapeReport:
     """Return what disagrees among the functions of a shape at random theta."""
     found = {}
@@ -79,25 +42,15 @@ def check_shape(shape, count: int = 3, seed: int = 0) -> ShapeReport:
                 found.setdefault(
                     what, Disagreement(what, got, expected, tuple(theta), fix)
                 )
-    return ShapeReport(shape.name, (*told, *found.values()), count)
+    name = shape.name if isinstance(shape.name, str) else "a shape without a name"
+    return ShapeReport(name, (*told, *found.values()), count)
 
 
 def _of_fields(shape) -> tuple:
     """Return what does not fit among the plain fields."""
-    n, found = shape.theta, []
-    for name in ("words", "units"):
-        have = len(getattr(shape, name))
-        if have not in (0, n):
-            found.append((f"{name}: their number", have, n, f"give {n} {name}"))
-    for name in ("bounds", "size_prior"):
-        for value in getattr(shape, name):
-            have = ca.DM(value).numel()
-            if have not in (1, n):
-                fix = f"give one number, or {n}, for each of the pair"
-                found.append((f"{name}: their number", have, f"1 or {n}", fix))
     return tuple(
-        Disagreement(what, str(got), str(want), (), fix)
-        for what, got, want, fix in found
+        Disagreement(what, got, want, (), fix)
+        for what, got, want, fix in unfit_fields(shape)
     )
 
 

@@ -14,12 +14,14 @@ from .common.interrupt import interruptible
 from .common.npz import format_of
 from .common.whole_file import check_folder
 from .errors import FileError, Interrupted, TactileError
+from .output.export import check_format
+from .problem.pages import FORMULATIONS, SHAPES
 
 EPILOG = """examples:
   python -m tactilenlp estimate scene.npz
   python -m tactilenlp estimate scene.npz --mass 0.4 --save estimate.npz
   python -m tactilenlp explore box.npz --sides 0.05 0.035 0.04 --actions 5
-  python -m tactilenlp report estimate.npz --output report.html --shape shape.glb
+  python -m tactilenlp report estimate.npz --output report.html --export shape.glb
 
 Ctrl-C writes the estimate so far, marked as interrupted.
 """
@@ -52,10 +54,11 @@ def parser() -> argparse.ArgumentParser:
 
     estimate = commands.add_parser("estimate", help="estimate a recording")
     estimate.add_argument("file", type=Path, help="measurements, .npz (see README.md)")
-    estimate.add_argument(
-        "--formulation", default="violation_implicit", help="name of a page"
-    )
-    estimate.add_argument("--form", default="cuboid", help="cuboid or polytope")
+    pages, shapes = ", ".join(FORMULATIONS), ", ".join(SHAPES)
+    words = f"one of {pages} (default violation_implicit)"
+    estimate.add_argument("--formulation", default="violation_implicit", help=words)
+    words = f"one of {shapes}, 'prism of 6 sides', or auto (default cuboid)"
+    estimate.add_argument("--shape", default="cuboid", help=words)
     estimate.add_argument("--save", type=Path, help="save the estimate as .npz")
     for name, words in SCENE_OPTIONS.items():
         option = f"--{name.replace('_', '-')}"
@@ -103,7 +106,7 @@ def _add_outputs(command) -> None:
     words = "write an interactive report, .html"
     command.add_argument("--output", type=Path, metavar="PAGE", help=words)
     words = "write the shape: .stl .obj .ply .glb .xml (MJCF) .urdf"
-    command.add_argument("--shape", type=Path, metavar="MODEL", help=words)
+    command.add_argument("--export", type=Path, metavar="MODEL", help=words)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -136,10 +139,12 @@ def _found(given) -> tuple:
 
 
 def _check_folders(given) -> None:
-    """Raise FileError for an output in a missing folder, before any solve."""
-    for name in ("save", "output", "shape"):
+    """Raise FileError or OptionError for an output that cannot be written."""
+    for name in ("save", "output", "export"):
         if path := getattr(given, name, None):
             check_folder(path, f"--{name}")
+    if given.export:
+        check_format(given.export)
     if given.command == "explore":
         check_folder(given.file, "FILE")
 
@@ -151,8 +156,11 @@ def _write_outputs(estimate, given) -> None:
         estimate.save(given.save)
     if given.output:
         estimate.report(given.output)
-    if given.shape:
-        estimate.export(given.shape)
+    if given.export:
+        estimate.export(given.export)
+    for name in ("save", "output", "export"):
+        if path := getattr(given, name, None):
+            print(f"Wrote {path}.")
 
 
 def _estimate(given):
@@ -161,7 +169,7 @@ def _estimate(given):
     return solve_estimate(
         Measurements.load(given.file),
         Scene.load(given.file, **_known(given)),
-        shape=given.form,
+        shape=given.shape,
         formulation=given.formulation,
     )
 

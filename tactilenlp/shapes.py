@@ -7,7 +7,7 @@ from formulations import shape as parts
 from formulations import size_prior, upright
 from formulations.ellipsoid import ELLIPSOID
 from formulations.shape import CUBOID, Shape
-from formulations.shape_check import ShapeReport
+from formulations.shape_report import ShapeReport
 from formulations.upright import CYLINDER
 
 from .common.validation import check_types, checked_array, is_whole

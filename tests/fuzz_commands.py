@@ -41,12 +41,12 @@ def _option(rng, known: Known, name: str) -> list[str]:
     number = pick(rng, ("0.5", "nan", "-1", "inf", "1e400", "x", "", "1e-300", "3"))
     options = [
         ["--output", str(known.scratch / "o.html")],
-        ["--shape", str(known.scratch / f"o{pick(rng, SUFFIXES)}")],
+        ["--export", str(known.scratch / f"o{pick(rng, SUFFIXES)}")],
         ["--output", pick(rng, PATHS)],
         ["--mass", number],
         ["--friction-ground", number],
         ["--save", str(known.scratch / "s.npz")],
-        ["--form", pick(rng, ("cuboid", "polytope", "ball", ""))],
+        ["--shape", pick(rng, ("cuboid", "polytope", "ball", ""))],
         ["--formulation", pick(rng, ("quasi_static", "paper", "x", "", "\0"))],
         ["--seed", pick(rng, ("0", "-1", "x", "99999999999999999999"))],
         ["--actions", pick(rng, ("0", "1", "-1", "1.5"))],

@@ -89,6 +89,10 @@ def constructors() -> tuple:
         (t.CrossEntropy, fields_of(t.CrossEntropy())),
         (t.Exploration, {"steps": ()}),
         (_shaped, shape),
+        (_checked, shape),
+        (t.prism, {"sides": 6}),
+        (t.polytope, {"vertices": 8}),
+        (t.log_size_prior, {"shape": CUBOID, "theta": (0.05, 0.04, 0.03)}),
         (_page, {"formulation": "quasi_static"}),
         (Limits, fields_of(Limits())),
         (Gains, fields_of(Gains())),
@@ -117,6 +121,11 @@ def _page(formulation):
 def _shaped(**fields) -> Shape:
     """Return a user's shape as the library takes it."""
     return shape_of(Shape(**fields))
+
+
+def _checked(**fields) -> str:
+    """Return what disagrees in a user's shape, in words."""
+    return str(Shape(**fields).check())
 
 
 def constructor(rng, known) -> str:

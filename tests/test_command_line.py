@@ -9,7 +9,7 @@ from conftest import RECORDED
 
 from tactilenlp import Estimate, Measurements
 from tactilenlp.__main__ import main
-from tactilenlp.errors import Interrupted
+from tactilenlp.errors import Interrupted, WriteError
 
 
 @pytest.fixture(scope="module")
@@ -32,8 +32,10 @@ def test_a_recording_becomes_an_estimate_a_page_and_a_model(short, tmp_path, cap
     estimate = Estimate.load(saved)
     assert estimate.scene.mass == 0.6
     assert estimate.scene.friction_ground == 0.3
-    assert main(["report", str(saved), "--shape", str(tmp_path / "box.urdf")]) == 0
-    assert capsys.readouterr().out.strip() == estimate.summary()
+    assert main(["report", str(saved), "--export", str(tmp_path / "box.urdf")]) == 0
+    told, _, wrote = capsys.readouterr().out.strip().rpartition("\n")
+    assert told == estimate.summary()
+    assert wrote == f"Wrote {tmp_path / 'box.urdf'}."
     assert "<robot" in (tmp_path / "box.urdf").read_text()
 
 
@@ -69,7 +71,7 @@ def test_a_box_is_explored_taken_up_again_and_reported(tmp_path, capsys):
         (["estimate", "nowhere.npz"], "nowhere.npz"),
         (["estimate", __file__], "npz"),
         (["report", __file__], "npz"),
-        (["estimate", str(RECORDED), "--form", "ball"], "unknown shape"),
+        (["estimate", str(RECORDED), "--shape", "ball"], "unknown shape"),
         (["estimate", str(RECORDED), "--mass", "-1"], "mass"),
         (["report", str(RECORDED)], "not an estimate"),
     ],
@@ -89,7 +91,7 @@ def test_a_seed_below_zero_is_refused_by_the_parser(tmp_path, capsys):
     assert "--seed: expected 0 or more, got -1" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("option", ["--save", "--output", "--shape"])
+@pytest.mark.parametrize("option", ["--save", "--output", "--export"])
 def test_a_folder_that_is_not_there_is_said_before_minutes_are_spent(
     option, tmp_path, capsys, monkeypatch
 ):
@@ -104,21 +106,48 @@ def test_a_folder_that_is_not_there_is_said_before_minutes_are_spent(
     assert said.err.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    ("name", "code", "word"), [("a.stl", 130, "A cuboid of"), ("a.txt", 2, ".stl")]
-)
+@pytest.mark.parametrize(("full", "code"), [(False, 130), (True, 2)])
 def test_what_is_handed_out_after_ctrl_c_may_fail_in_words_too(
-    touched, name, code, word, tmp_path, capsys, monkeypatch
+    touched, full, code, tmp_path, capsys, monkeypatch
 ):
     def stopped(given):
         raise Interrupted("stopped after 2 actions", touched)
 
+    def written(estimate, path):
+        raise WriteError("cannot be written", where=str(path), got="no space left")
+
     monkeypatch.setattr("tactilenlp.__main__._estimate", stopped)
-    assert main(["estimate", "any.npz", "--shape", str(tmp_path / name)]) == code
+    if full:
+        monkeypatch.setattr("tactilenlp.output.export.export_shape", written)
+    model = tmp_path / "a.stl"
+    assert main(["estimate", "any.npz", "--export", str(model)]) == code
     said = capsys.readouterr()
     assert said.err.startswith("stopped after 2 actions\n")
-    assert word in said.out + said.err
-    assert (tmp_path / name).exists() == (code == 130)
+    assert "A cuboid of" in said.out
+    assert ("no space left" in said.err) == full
+    assert (f"Wrote {model}." in said.out) != full
+    assert model.exists() != full
+
+
+def _solved(given):
+    pytest.fail("it was solved first")
+
+
+def test_a_format_that_there_is_not_is_said_before_minutes_are_spent(
+    tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr("tactilenlp.__main__._estimate", _solved)
+    model = tmp_path / "shape.txt"
+    assert main(["estimate", str(RECORDED), "--export", str(model)]) == 2
+    assert ".stl .obj".replace(" ", ", ") in capsys.readouterr().err
+
+
+def test_help_lists_the_choices(capsys):
+    with pytest.raises(SystemExit):
+        main(["estimate", "--help"])
+    told = " ".join(capsys.readouterr().out.split())
+    for name in ("polytope", "cylinder", "quasi_static", "shooting", ".urdf"):
+        assert name in told
 
 
 def test_ctrl_c_before_anything_was_found_is_said(capsys, monkeypatch):

@@ -22,6 +22,7 @@ KILLS = int(os.environ.get("TACTILENLP_KILLS", "1"))
 ACTIONS = 1 if KILLS == 1 else 3
 CLOSE = 5e-4  # [m] between the sides after the same touches, sampled at other instants
 SIGMAS = 3.0  # [1] between the sides after touches that differ
+FARTHEST = 8e-3  # [m] between the sides at all, however wide sigma is
 CLOSE_PATH = 4.6e-3  # [m] between samples of one path: half an interval at 0.28 m/s
 
 
@@ -46,7 +47,8 @@ def sigma(exploration):
 
 def allowed(first, second):
     """Return by how much sides may differ (3,) [m]: the last action is sampled anew."""
-    return np.maximum(CLOSE, SIGMAS * np.hypot(sigma(first), sigma(second)))
+    wide = np.maximum(CLOSE, SIGMAS * np.hypot(sigma(first), sigma(second)))
+    return np.minimum(wide, FARTHEST)
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import re
 import types
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import casadi as ca
@@ -11,7 +12,18 @@ import trimesh
 from conftest import ROOT
 from pushes import line
 
-from tactilenlp import CYLINDER, ELLIPSOID, Scene, World, prism, solve_estimate
+from formulations import quasi_static
+from tactilenlp import (
+    CYLINDER,
+    ELLIPSOID,
+    Scene,
+    World,
+    prism,
+    problem_of,
+    solve_estimate,
+)
+from tactilenlp.errors import OptionError
+from tactilenlp.output.summary import named_size
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.problem.surface import body_surface
 from tactilenlp.search.hypothesis import Hypothesis, same
@@ -78,6 +90,43 @@ def test_a_class_of_ones_own_takes_forty_lines_to_a_right_mesh():
     np.testing.assert_allclose(
         np.diag(mesh.moment_inertia) / mesh.volume, inertia, rtol=0.015
     )
+
+
+def as_cylinder(theta):
+    return ca.vertcat(theta[0], theta[0] * theta[1])
+
+
+ASPECT = replace(
+    CYLINDER, name="disc", words=("diameter", "aspect"), units=("m", "1"),
+    bounds=((4e-3, 0.1), (0.4, 5.0)), size_prior=((0.045, 1.0), (0.02, 0.5)),
+    distance=lambda theta, q, s: CYLINDER.distance(as_cylinder(theta), q, s),
+    normal=lambda theta, q, s: CYLINDER.normal(as_cylinder(theta), q, s),
+    corner=lambda theta, signs: CYLINDER.corner(as_cylinder(theta), signs),
+    rest_height=lambda theta: theta[0] * theta[1] / 2,
+    inertia=lambda theta: CYLINDER.inertia(as_cylinder(theta)),
+    reach=lambda theta: CYLINDER.reach(as_cylinder(ca.DM(theta))),
+    mesh=None, rounded=None, quantities=(),
+)  # fmt: skip
+
+
+def test_sizes_have_names_units_bounds_and_priors_of_their_own(recorded):
+    data, scene, _ = recorded
+    assert ASPECT.check(1).good, str(ASPECT.check(1))
+    problem = problem_of(data.select([0]), scene, quasi_static, shape=ASPECT)
+    theta = problem.variables["theta"]
+    assert theta.unit == "m, 1"
+    assert theta.guess.ravel().tolist() == [0.045, 1.0]
+    assert theta.lower.ravel().tolist() == [4e-3, 0.1]
+    assert theta.scale.tolist() == [1e-3, 1e-2]
+    assert ASPECT.names == ("diameter", "aspect [1]")
+    assert " ".join(named_size("aspect [1]", 1.2, 0.02)) == "aspect 1.20 ± 0.02 1"
+    assert " ".join(named_size("diameter", 0.04, 1e-3)) == "diameter 40.00 ± 1.00 mm"
+
+
+def test_a_page_of_planar_motion_refuses_a_body_that_rolls(recorded):
+    data, scene, _ = recorded
+    with pytest.raises(OptionError, match="rolls"):
+        problem_of(data, scene, "shooting", shape=ELLIPSOID)
 
 
 def test_shipped_classes_are_found_by_the_name_of_their_estimates():

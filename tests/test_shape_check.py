@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import casadi as ca
+import numpy as np
 import pytest
 
 from tactilenlp import CUBOID, CYLINDER, ELLIPSOID, prism
@@ -74,3 +75,23 @@ def test_what_disagrees_is_named_with_the_remedy(what):
     assert found, str(shape.check(1))
     assert remedy in found[0].next
     assert f"{found[0].what}: got {found[0].got}" in str(shape.check(1))
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("corners", np.ma.masked_array(np.zeros((2, 3)))), ("size_prior", (0.05, 1j)),
+        ("theta", 10**9), ("bounds", (0.0, np.nan)), ("distance", "far"),
+        ("parameters", memoryview(b"sizes")), ("name", None), ("mirrored", 1),
+    ],
+)  # fmt: skip
+def test_a_plain_field_of_another_kind_is_named_before_casadi_sees_it(field, value):
+    report = replace(CYLINDER, **{field: value}).check()
+    assert [d.what for d in report.found] == [field]
+
+
+def test_a_list_that_contains_itself_does_not_end_the_process():
+    endless = [1.0]
+    endless.append(endless)
+    report = replace(CYLINDER, corners=(endless,)).check()
+    assert [d.what for d in report.found] == ["corners"]

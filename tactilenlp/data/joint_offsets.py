@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..common.brief import printed
 from ..common.validation import as_array, as_floats
 from ..errors import SceneError, shortened, typed_call
 
@@ -27,6 +28,7 @@ JOINT_LAYOUT = {  # of each finger
 }
 
 
+@printed
 @typed_call()
 @dataclass(frozen=True)
 class JointZeros:

@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 
+from ..common.brief import shown
 from ..common.npz import read_npz, write_npz
 from ..common.validation import (
     as_array,
@@ -40,6 +41,7 @@ LAYOUT = {
 OPTIONAL = ("valid", "finger_orientation")
 
 
+@shown
 @typed_call()
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Measurements:

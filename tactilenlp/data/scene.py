@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
+from ..common.brief import shown
 from ..common.npz import read_npz
 from ..common.validation import (
     as_array,
@@ -82,6 +83,7 @@ class Ground:
         return points @ self.rotation + self.origin
 
 
+@shown
 @typed_call()
 @dataclass(frozen=True)
 class Scene:

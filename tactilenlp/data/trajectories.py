@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..common.brief import shown
 from ..common.npz import read_npz, write_npz
 from ..common.validation import (
     as_array,
@@ -22,6 +23,7 @@ LEAST_SAMPLES = 3  # samples: a change of velocity needs three poses
 TRAJECTORY_KEYS = ("toss", "position", "quaternion", "dt")
 
 
+@shown
 @typed_call()
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Trajectories:

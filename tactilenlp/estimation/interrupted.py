@@ -108,7 +108,7 @@ def raise_unless_good(estimate, solved) -> None:
             got=f"{tilted[0].value:.0%} of an action's touches not explained",
             expected=f"at most {tilted[0].limit:.0%} by an object that lies flat",
             next="the object may have tilted or tumbled: select the actions before it "
-            "did, let it tilt by Options(reduce='planar'), or pass throw=False",
+            "did, let it tilt by Options(without='planar'), or pass throw=False",
             problem=solved.problem.describe(),
             solution=solved.solution,
             estimate=estimate,

@@ -8,6 +8,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from ..common.brief import printed
 from ..common.validation import (
     as_floats,
     as_number,
@@ -30,15 +31,16 @@ NOISY_WIDTHS, PRECISE_WIDTHS = (4, 6), (2, 4)
 class Options:
     """How to estimate.
 
-    reduce: True, False, a Reductions, or names of reductions to switch off; hypotheses:
-    kept for an update [-]; starts: of the page, per estimate [-]; both by default as
-    many as the sensors' noise leaves open (NOISY_WIDTHS, PRECISE_WIDTHS); tolerance: of
-    the last solve [-]; time_limit [s]: of all, compilation included, kept within 10 %
-    or 1 s: actions not searched are extrapolated, and the status says what was left
-    out; ipopt: passed on verbatim; rivals: also compute profile likelihoods
-    of sizes that no touch determines; check_mistakes: refuse measurements in which
-    axes, signs, units, fingers or times are probably wrong (MistakeError);
-    seed: has no effect; a FutureWarning if it is given.
+    without: names of reductions not to make, as ("planar",) of an object that may tilt;
+    reduce: instead, True or False for all, a Reductions, or names as in without;
+    hypotheses: kept for an update [-]; starts: of the page, per estimate [-]; both by
+    default as many as the sensors' noise leaves open (NOISY_WIDTHS, PRECISE_WIDTHS);
+    tolerance: of the last solve [-]; time_limit [s]: of all, compilation included, kept
+    within 10 % or 1 s: actions not searched are extrapolated, and the status says what
+    was left out; ipopt: passed on verbatim; rivals: also compute profile likelihoods of
+    sizes that no touch determines; check_mistakes: refuse measurements in which axes,
+    signs, units, fingers or times are probably wrong (MistakeError); seed: has no
+    effect; a FutureWarning if it is given.
     """
 
     seed: int | None = None
@@ -50,6 +52,7 @@ class Options:
     ipopt: dict = field(default_factory=dict)
     rivals: bool = True
     check_mistakes: bool = True
+    without: object = ()
 
     def __post_init__(self):
         check_types(
@@ -59,7 +62,7 @@ class Options:
         if self.seed is not None:
             words = "Options.seed has no effect: an estimate draws no random numbers"
             warnings.warn(words, FutureWarning, stacklevel=4)
-        Reductions.of(self.reduce)
+        self._read_reductions()
         for name in ("hypotheses", "starts"):
             value = getattr(self, name)
             if value is not None and not (is_whole(value) and 1 <= value <= MOST):
@@ -69,12 +72,34 @@ class Options:
                 )  # fmt: skip
         check_positive(self, "tolerance", "time_limit")
 
+    def _read_reductions(self) -> None:
+        """Check `without` and `reduce`, of which one is given; make names a tuple."""
+        if isinstance(self.without, str):
+            object.__setattr__(self, "without", (self.without,))
+        many = isinstance(self.without, (tuple, list, set, frozenset))
+        if not many or (self.without and self.reduce is not True):
+            raise OptionError(
+                "two choices of reductions" if many else "no names of reductions",
+                where="without", got=shortened(self.without, most=80),
+                expected='names of reductions not to make, such as ("planar",)',
+                next="leave reduce out" if many else "",
+            )  # fmt: skip
+        object.__setattr__(self, "without", tuple(self.without))
+        Reductions.of(self.reduce)
+        Reductions.of(self.without, "without")
+
+    @property
+    def reductions(self) -> Reductions:
+        """The reductions that may be made."""
+        return Reductions.of(self.without or self.reduce)
+
     def widths(self, precise: bool) -> tuple[int, int]:
         """Return hypotheses and starts for sensors that are precise, or for others."""
         kept, solved = PRECISE_WIDTHS if precise else NOISY_WIDTHS
         return self.hypotheses or kept, self.starts or solved
 
 
+@printed
 @typed_call()
 @dataclass(frozen=True, eq=False)
 class Guess:

@@ -19,7 +19,7 @@ from ..errors import NoContactError, OptionError, SceneError, StartError
 from ..geometry.transforms import backward, rotation_of
 from ..problem.certificates import without
 from ..problem.pages import page_of, shape_of
-from ..problem.reductions import Reductions, required_reductions, states_planar_motion
+from ..problem.reductions import required_reductions, states_planar_motion
 from ..search.hypothesis import Hypothesis, Job, TermFunctions
 from ..search.polytope_init import check_round_fingertips as check_round
 from .options import Guess, Options, Session
@@ -95,6 +95,7 @@ def asked(scene, shape, formulation, options, executor) -> tuple:
     shape = shape_of(shape)
     page = page_of(formulation, shape)
     check_plane(page, scene)
+    check_rolling(page, shape)
     check_offset(page, scene)
     check_executor(executor, page)
     if shape.parameters == "vertices":
@@ -111,7 +112,7 @@ def make_job(data, scene, shape, options, began, page, functions=None) -> Job:
     if ground is not None:
         data = data.transformed(ground.rotation, ground.translation)
     precision = precision_of(data, scene)
-    made = Reductions.of(options.reduce)
+    made = options.reductions
     if ground is None or shape.rolls:  # nothing keeps the object flat
         made = without(made, ["planar"])
     return Job(
@@ -139,6 +140,16 @@ def check_plane(page, scene) -> None:
             expected="a ground on which the object slides",
             next='use formulation="violation_implicit"',
         )
+
+
+def check_rolling(page, shape) -> None:
+    """Raise OptionError where a page of planar motion is used for a body that rolls."""
+    if shape.rolls and states_planar_motion(page):
+        raise OptionError(
+            "this page is of planar motion only", where="formulation",
+            got=f"{shape.name}, which rolls", expected="a shape with a flat face",
+            next='use formulation="violation_implicit" or "quasi_static"',
+        )  # fmt: skip
 
 
 def check_offset(page, scene) -> None:

@@ -11,7 +11,8 @@ from formulations.centre_of_mass import NAME as CENTRE
 from formulations.indentation import NAME as COMPLIANCE
 from formulations.rigid_body import G
 
-from ..common.brief import brief
+from ..common.brief import printed
+from ..common.equality import same_content
 from ..common.layout import ANY
 from ..common.named import Named
 from ..common.npz import read_result, write_result
@@ -35,6 +36,7 @@ ESTIMATE_FORMAT, ESTIMATE_VERSION = "estimate", 2  # of the files that `save` wr
 BY_NAME = ("impulses", "unknowns", "costs", "violations", "multipliers", "seconds")
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """Shape, poses and impulses that explain the measurements.
@@ -105,12 +107,17 @@ class Estimate:
     FINITE: ClassVar = ("theta", "position", "quaternion", "body_vertices")
     UNIT: ClassVar = ("quaternion",)
     SOLID: ClassVar = ("body_vertices",)
-    __repr__ = brief
 
     def __post_init__(self) -> None:
         for name in BY_NAME:
             values = Named(f"estimate.{name}", getattr(self, name))
             object.__setattr__(self, name, values)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Estimate) and same_content(self, other)
+
+    def __hash__(self) -> int:
+        return hash((self.shape, self.formulation, self.measurements.samples))
 
     @property
     def side_lengths(self) -> np.ndarray:

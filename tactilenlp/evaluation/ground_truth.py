@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 
+from ..common.brief import printed
 from ..errors import OptionError
 
 if TYPE_CHECKING:
     from trimesh import Trimesh
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class TrueBody:
     """The true body at an instant.

@@ -11,6 +11,7 @@ import numpy as np
 
 from formulations.shape import Shape
 
+from ..common.brief import printed
 from ..common.interrupt import interruptible
 from ..common.validation import check_numbers, check_types
 from ..geometry.faces import polygons
@@ -24,6 +25,7 @@ MAX_PERMUTED = 100_000  # [1] combinations of fingers: of more, some are drawn
 BOUND_MARGIN = 0.15  # [rad] outside of its bounds, a direction is moved to them
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Choice:
     """The chosen action, and the search that found it.

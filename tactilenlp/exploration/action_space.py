@@ -11,6 +11,7 @@ import numpy as np
 
 from formulations import exploration as page
 
+from ..common.brief import printed, shown
 from ..common.validation import (
     as_array,
     as_number,
@@ -30,6 +31,7 @@ SIMULATION_BOUND, ROBOT_BOUND = 2 * np.pi / 5, np.pi / 4  # [rad] of the paper
 SINGLE_FINGER_BOUND = np.pi  # [rad] of right ascension: any direction
 
 
+@printed
 @typed_call()
 @dataclass(frozen=True, eq=False)
 class Trajectory:
@@ -149,6 +151,7 @@ class Workspace:
         return self.action(rng.uniform(self.lower, self.upper), active)
 
 
+@shown
 @typed_call()
 @dataclass(frozen=True, eq=False)
 class Action:

@@ -16,6 +16,7 @@ from formulations.friction import FRICTION
 from formulations.rigid_body import PLANAR
 from formulations.shape import Shape
 
+from ..common.brief import printed
 from ..common.validation import check_sample, check_types
 from ..errors import OptionError
 from ..information.comparisons import information_gain
@@ -32,6 +33,7 @@ STEP_MULTIPLE = 5  # steps of a prediction are a multiple: few functions are com
 MIN_GROUND_FRICTION = 0.02  # [1]: without any friction a pushed body does not stop
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Prospect:
     """The predicted outcome of an action from one hypothesis, n samples.

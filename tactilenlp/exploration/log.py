@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryFile
 
+from ..common.brief import printed
+from ..common.equality import same_content
 from ..common.npz import read_result, write_result
 from ..common.validation import check_types
 from ..common.whole_file import check_folder
@@ -23,6 +25,7 @@ MIN_FREE_SPACE = 10e6  # [bytes] where an exploration is to be saved
 DIFFERENCES = {"measurements": "other data"}  # words for a field that differs
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Step:
     """The record of one action; number 0 is the first touch.
@@ -50,6 +53,7 @@ class Step:
     errors: dict[str, float] = field(default_factory=dict)
 
 
+@printed
 @typed_call()
 @dataclass(frozen=True, eq=False)
 class Exploration:
@@ -60,6 +64,12 @@ class Exploration:
     def __post_init__(self):
         check_types(steps=(self.steps, tuple))
         check_types(**{f"steps[{k}]": (s, Step) for k, s in enumerate(self.steps)})
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Exploration) and same_content(self, other)
+
+    def __hash__(self) -> int:
+        return hash(tuple(step.number for step in self.steps))
 
     @property
     def estimate(self) -> Estimate | None:

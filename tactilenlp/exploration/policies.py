@@ -10,6 +10,7 @@ import numpy as np
 
 from formulations.shape import Shape
 
+from ..common.brief import printed
 from ..data.measurements import Measurements
 from ..errors import OptionError
 from ..estimation.result import Estimate
@@ -27,6 +28,7 @@ DEPTH_BEHIND_CONTACT = 0.015  # [m] at which the next action aims after a lost o
 FARTHEST_DRAWS = 400  # actions drawn for the policy "farthest"
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Plan:
     """The arguments of a policy.

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..common.brief import printed
 from ..common.validation import check_types
 from ..errors import OptionError
 from .transforms import rotation_of
@@ -35,6 +36,7 @@ def polygons(points: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     return faces
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class SupportingPlanes:
     """The supporting planes of a body at the last sample, one row per face.

@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..common.brief import printed
 from .fit import BodyFit
 
 UNOBSERVED_VERTEX = 0.5  # [prior deviations] of sigma, of an unobserved vertex
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Body:
     """Shape, friction and inertia of a body, and the ground it fell on.

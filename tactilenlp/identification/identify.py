@@ -135,23 +135,36 @@ def _solved(steps, theta, signs, dt, scene, options):
     chosen = may_touch(steps, (theta * signs).T)
     if not chosen.any():
         raise nothing_lands(steps)
+    done = None
     for _ in range(MAX_SOLVES):
         window = impacts(steps, chosen, theta, signs, dt)
-        if options.deadline.passed("a solve", _assembly_time(options)):
-            problem = Problem(cache=TermFunctionCache(derive=False))
-            page.build(problem, window, scene)
-            return problem, window, evaluated(problem, {}), chosen
-        problem = Problem(deadline=options.deadline)
-        page.build(problem, window, scene)
-        solution = solve_levels(problem, page.LEVELS, {}, options)
+        problem, solution = _solved_in_time(window, scene, options)
+        if done is not None and solution.iterations == 0:  # no time: the one before
+            return done
         back = _sunk(steps, solution.values, signs) & ~chosen
         if not back.any():
             break
-        if options.deadline.passed("vertices that touch and were left out"):
-            return problem, window, unfinished(solution), chosen
+        done = problem, window, unfinished(solution), chosen
+        restored = "a solve with all vertices that touch"
+        if options.deadline.passed(restored, _assembly_time(options)):
+            return done
         log.info("solving again: %d vertices that were left out touch", back.sum())
         chosen = chosen | back
     return problem, window, solution, chosen
+
+
+def _solved_in_time(window, scene, options):
+    """Return problem and solution: its start where there is no time for a solve."""
+    strict = options.deadline.until(options.deadline.at, strict=True)
+    if not strict.passed("a solve", _assembly_time(options)):
+        with strict.ending("a solve"):
+            problem = Problem(deadline=strict)
+            page.build(problem, window, scene)
+            given = replace(options, deadline=strict)
+            return problem, solve_levels(problem, page.LEVELS, {}, given)
+    problem = Problem(cache=TermFunctionCache(derive=False))
+    page.build(problem, window, scene)
+    return problem, evaluated(problem, {})
 
 
 def _check(trajectories, scene, shape, gauge, options) -> None:

@@ -14,6 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from ..common.brief import printed
 from ..common.deadline import NEVER, Deadline
 from ..common.layout import ANY
 from ..common.validation import check_types
@@ -33,13 +34,12 @@ from .trajectory import Beyond, trajectory_variance
 
 FACE_COSINE = 0.99  # [-] |n . axis| above which a normal belongs to a face
 LEAST_SIGMA = 1e-12  # [SI] a deviation below which a number is known exactly
-LEAST_VARIANCE = (
-    1e-12  # [-] of the other variances: a direction below this is known exactly
-)
+LEAST_VARIANCE = 1e-12  # [-] of the others: a direction below is known exactly
 MAX_NAMES = 4  # unknowns that name a direction
 NEGLIGIBLE_MODE = 40.0  # [nats] behind the best: a mode of negligible weight
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Information:
     """Information about the shape and the pose at the last sample.
@@ -184,8 +184,8 @@ def information_of(
     measurements, without which sigma is that of the Hessian; rivals: (problem,
     solution, window) of other local optima; profile (k, k): see profile_likelihood.py.
     """
+    curvature = kkt_system_of(problem, solution, deadline)
     deadline.check()
-    curvature = kkt_system_of(problem, solution)
     tangent = tangent_space_of(problem, solution, window, shape, R_wg)
     at = Linearisation(curvature, sensed, window, shape, deadline)
     of = at.response(tangent.chosen, tangent.jacobian)

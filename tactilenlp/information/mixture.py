@@ -25,11 +25,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..common.brief import printed
+
 SAME_MODE = 0.3e-3  # [m] modes whose unknowns agree this well (a radian: ARM) are one
 ARM = 20e-3  # [m] one radian of turn counts as this much way
 MIN_WEIGHT = 0.02  # [-] optima of less weight are not listed one by one
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Modes:
     """Local optima as plain arrays, best first: weights (m,), offsets (m, k), SI.

@@ -37,12 +37,13 @@ def polytope_information(
     """
     theta = problem.variables["theta"]
     chosen = np.arange(theta.span.start, theta.span.stop)
-    deadline.check()
-    curvature = kkt_system_of(problem, solution)
+    curvature = kkt_system_of(problem, solution, deadline)
     turn = np.kron(np.eye(theta.columns), R_wg)
     floor = LEAST_DEVIATION**2 * np.eye(len(turn))
     at = Linearisation(curvature, sensed, window, shape, deadline)
+    deadline.check()
     of = at.response(chosen, turn)
+    deadline.check()
     indefinite = np.linalg.eigvalsh(of.hessian)[0] < -(LEAST_DEVIATION**2)
     C, errors = (M + floor for M in (of.hessian, error_budget(of)))
     V = solution.values["theta"].T

@@ -29,6 +29,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..common.brief import printed
 from ..errors import OptionError
 from ..nlp.kkt import gradient
 from ..nlp.kkt_sensitivity import KKTSystem
@@ -40,6 +41,7 @@ RADIUS = 1e-5  # [m] change of the radius of edges, of differences
 EDGE = 2e-3  # [m] deviation of r: machined, printed and card boxes have up to 3 mm
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
     """By how much shape and final pose move with each assumption.

@@ -9,14 +9,18 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from ..common.deadline import NEVER, Deadline
 from .term_functions import mapped
 
 
-def assemble(terms, scale: np.ndarray, data: int, rows: int) -> dict:
+def assemble(
+    terms, scale: np.ndarray, data: int, rows: int, deadline: Deadline = NEVER
+) -> dict:
     """Return `nlp` (expressions) and `grad_f`, `jac_g`, `hess_lag` (functions).
 
     terms: costs, then constraints in the order of their rows; scale (unknowns,);
-    data, rows: how many numbers all terms read, how many rows are constrained.
+    data, rows: how many numbers all terms read, how many rows are constrained.  A
+    strict deadline ends it between two terms: large problems take seconds.
     """
     n = len(scale)
     x, p = ca.MX.sym("x", n), ca.MX.sym("p", data)
@@ -25,6 +29,7 @@ def assemble(terms, scale: np.ndarray, data: int, rows: int) -> dict:
     cost, again, grad = ca.MX(0), ca.MX(0), ca.MX(n, 1)
     g, g_again, jacobian, hessian = [ca.MX(0, 1)], [ca.MX(0, 1)], [], []
     for term in terms:
+        deadline.check()
         z, d = _gather(si, term.unknowns), _gather(p, term.data)
         value, first = mapped(term.function.first, term.instances)(z, d)
         plain = mapped(term.function.value, term.instances)(z, d)
@@ -44,7 +49,9 @@ def assemble(terms, scale: np.ndarray, data: int, rows: int) -> dict:
         second = ca.vec(_times(second, scale[i] * scale[j]))
         hessian.append((_doubled(second, factor > 1), i, j))
     grad = ca.densify(grad)  # the solver's interface copies nonzeros in a row
-    jac, hess = _scattered(jacobian, (rows, n)), _scattered(hessian, (n, n))
+    jac = _scattered(jacobian, (rows, n))
+    deadline.check()
+    hess = _scattered(hessian, (n, n))
     return {
         "nlp": {"x": x, "p": p, "f": cost, "g": ca.vertcat(*g)},
         "grad_f": ca.Function("grad_f", [x, p], [again, grad]),

@@ -277,6 +277,7 @@ def _at(problem, level, ipopt, warm, start, options, solvers) -> Solution:
     """Solve one level from `start`; warm: with the multipliers of that solution."""
     began = time.process_time()
     _part(problem, level.eliminate)
+    options.deadline.check()
     chosen = _in_time(replace(options, ipopt=ipopt | options.ipopt))
     key = (*sorted(ipopt.items()), chosen.tolerance, chosen.time_limit)
     key += (level.eliminate, warm)

@@ -22,6 +22,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from ..common.deadline import NEVER, Deadline
 from .kkt import factorise, gradient
 
 AMBIGUOUS = 1e2  # [-] ratio of multiplier and slack up to which activity is ambiguous
@@ -118,22 +119,28 @@ class KKTSystem:
         return (D @ H @ D).tocsc()
 
 
-def kkt_system_of(problem, solution) -> KKTSystem:
+def kkt_system_of(problem, solution, deadline: Deadline = NEVER) -> KKTSystem:
     """Return the KKT system of a problem at a solution of it."""
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
     bounds = problem.pack(solution.bound_multipliers)
-    return kkt_system_at(problem, x, data, solution.multipliers, bounds)
+    given = problem, x, data, solution.multipliers, bounds
+    return kkt_system_at(*given, deadline=deadline)
 
 
-def kkt_system_at(problem, x, data, multipliers, bounds, held=()) -> KKTSystem:
+def kkt_system_at(
+    problem, x, data, multipliers, bounds, held=(), deadline: Deadline = NEVER
+) -> KKTSystem:
     """Return the KKT system of a problem at x (unknowns,) SI.
 
     multipliers: by constraint; bounds (unknowns,): multipliers of the bounds, SI; held:
-    indices of unknowns that do not move, in addition to those at active bounds.
+    indices of unknowns that do not move, in addition to those at active bounds; a
+    strict deadline ends it between two constraints.
     """
+    deadline.check()
     hessians = {name: problem.hessian(name, x, data) for name in problem.costs}
     jacobians, numbers, active, ambiguous = [], [np.zeros(0, int)], {}, {}
     for name, term in problem.constraints.items():
+        deadline.check()
         multiplier = multipliers[name]
         hessians[name] = problem.hessian(name, x, data, multiplier)
         value = problem.value(name, x, data)

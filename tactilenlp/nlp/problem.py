@@ -19,6 +19,7 @@ from functools import cached_property, partial
 import numpy as np
 import scipy.sparse as sp
 
+from ..common.brief import printed
 from ..common.deadline import NEVER, Deadline
 from ..common.validation import numbers_of
 from ..errors import PageError
@@ -49,6 +50,7 @@ from .terms import (
 ROLES = ("likelihood", "physics", "prior", "regulariser")
 
 
+@printed
 @dataclass
 class Problem:
     """The programme that a page fills: variables, parameters, costs and constraints."""
@@ -62,7 +64,7 @@ class Problem:
     # By name and sizes of the arguments; problems of one page may share them.
     term_functions: dict[tuple, object] = field(default_factory=dict)
     cache: TermFunctionCache = field(default_factory=default_cache)
-    deadline: Deadline = NEVER  # of derivations and compilations, not of solves
+    deadline: Deadline = NEVER  # of derivation, compilation, assembly; not of solves
     _data: list[np.ndarray] = field(default_factory=list)
     _data_size: int = 0
 
@@ -92,9 +94,8 @@ class Problem:
         """Declare a number or vector shared by all instances of the terms it enters."""
         self._new(name, self.parameters)
         value = np.atleast_1d(numbers_of(name, value, PageError))
-        parameter = Parameter(name, value, unit, self._append_data(value))
-        self.parameters[name] = parameter
-        return parameter
+        first = self._append_data(value)
+        return self.parameters.setdefault(name, Parameter(name, value, unit, first))
 
     def minimize(self, name: str, function: Callable, *arguments, role: str) -> None:
         """Add the sum of `function` over the instances; `role` is one of ROLES."""
@@ -134,7 +135,6 @@ class Problem:
         if term is not None:
             self.reports[name] = term
 
-    # -- sizes ------------------------------------------------------------------------
     @property
     def size(self) -> int:
         return sum(v.rows * v.columns for v in self.variables.values())
@@ -235,8 +235,8 @@ class Problem:
     @cached_property
     def functions(self) -> dict:
         """The programme in scaled unknowns as `nlpsol` takes it, with derivatives."""
-        terms = self.terms.values()
-        return assemble(terms, self.scale, self._data_size, self.rows)
+        sizes = self.scale, self._data_size, self.rows
+        return assemble(self.terms.values(), *sizes, self.deadline)
 
     @cached_property
     def eliminated(self) -> Eliminated:

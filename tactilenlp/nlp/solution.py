@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..common.brief import printed
 from ..errors import NotConverged, PageError
 from .derivative_check import not_finite
 from .problem import Problem
@@ -17,6 +18,7 @@ PROGRESS = {  # our names for IPOPT's
 TIME_EXCEEDED = "Maximum_WallTime_Exceeded"  # IPOPT's status
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Solution:
     """Where a solve ended, recomputed: nothing here is the solver's word but `status`.

@@ -34,18 +34,24 @@ def export_shape(estimate, path: str | os.PathLike) -> None:
     check_types(estimate=(estimate, ("Estimate", "Body")))
     check_path(path)
     path = Path(path)
-    suffix = path.suffix.lower()
+    suffix = check_format(path)
     if suffix in MESHES:
         _write_mesh(estimate, path)
-    elif suffix in MODELS:
-        tree = (_mjcf if suffix == ".xml" else _urdf)(estimate, path)
-        xml.indent(tree)
-        write_whole(path, xml.tostring(tree, encoding="unicode") + "\n")
-    else:
+        return
+    tree = (_mjcf if suffix == ".xml" else _urdf)(estimate, path)
+    xml.indent(tree)
+    write_whole(path, xml.tostring(tree, encoding="unicode") + "\n")
+
+
+def check_format(path: Path) -> str:
+    """Return the suffix of a file to export to; OptionError for an unknown one."""
+    suffix = path.suffix.lower()
+    if suffix not in (*MESHES, *MODELS):
         raise OptionError(
             "no such format", where=str(path), got=suffix or "no suffix",
             expected=f"one of {', '.join([*MESHES, *MODELS])}",
         )  # fmt: skip
+    return suffix
 
 
 def _write_mesh(estimate, path: Path) -> None:

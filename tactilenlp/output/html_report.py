@@ -12,6 +12,7 @@ from ..common.validation import check_path, check_types
 from ..common.whole_file import write_whole
 from ..geometry.faces import face_sigma, polygons
 from .colours import BLUE, FINGER_RGB, PALE, RED, information_colour
+from .summary import named_sizes
 
 REACH_FACTOR = 1.5  # [-] radius of the picture over that of the object
 GROUND_LINES = 8  # [1] lines of the ground's grid to each side
@@ -158,6 +159,8 @@ def _sigma(estimate) -> list[list[str]]:
     where = {"position": estimate.position[-1]}
     if estimate.shape == "cuboid":
         where["side_lengths"] = estimate.side_lengths
+    if not {"side_lengths", "vertices"} & {*information.maps}:
+        rows += [[*size] for size in named_sizes(estimate)]
     for name in ("side_lengths", "position", "rotation"):
         if name not in information.maps:
             continue

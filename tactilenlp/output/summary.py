@@ -18,7 +18,8 @@ def summary_of(estimate) -> str:
     worst = max(estimate.violations.values(), default=0.0)
     lines = [
         f"A {estimate.shape} of {size_of(estimate)} at ({x:.2f}, {y:.2f}, {z:.2f}) mm "
-        f"± ({a:.2f}, {b:.2f}, {c:.2f}) mm, {orientation_of(estimate)}.",
+        f"± ({a:.2f}, {b:.2f}, {c:.2f}) mm, {orientation_of(estimate)}, "
+        f"at the last sample.",
         f"{estimate.formulation}: {estimate.status}, objective "
         f"{estimate.objective:.2f} nats after {estimate.iterations} iterations, "
         f"{estimate.seconds['total']:.1f} CPU s; largest violation {worst:.1g}.",
@@ -64,9 +65,14 @@ def size_of(estimate) -> str:
     if sides_known:
         sides = zip(MM * theta, MM * information.sigma("side_lengths"), strict=True)
         return " x ".join(f"{s:.2f} ± {e:.2f}" for s, e in sides) + " mm"
-    sigma = np.sqrt(np.maximum(np.diag(information.spread), 0.0))
-    sizes = zip(information.names, theta, sigma, strict=False)
-    return ", ".join(_named_size(*size) for size in sizes)
+    return ", ".join(map(" ".join, named_sizes(estimate)))
+
+
+def named_sizes(estimate) -> list[tuple[str, str]]:
+    """Return the name and the value in words of each entry of theta."""
+    sigma = np.sqrt(np.maximum(np.diag(estimate.information.spread), 0.0))
+    sizes = zip(estimate.information.names, estimate.theta, sigma, strict=False)
+    return [named_size(*size) for size in sizes]
 
 
 def _size_of_hull(estimate) -> str:
@@ -81,11 +87,11 @@ def _size_of_hull(estimate) -> str:
     )
 
 
-def _named_size(name: str, value: float, sigma: float) -> str:
-    """Return a size, in mm unless its name ends with another unit."""
+def named_size(name: str, value: float, sigma: float) -> tuple[str, str]:
+    """Return a size in words, in mm unless its name ends with another unit."""
     word, bracket, unit = name.partition(" [")
     scale, unit = (1.0, unit[:-1]) if bracket else (MM, "mm")
-    return f"{word} {value * scale:.2f} ± {sigma * scale:.2f} {unit}"
+    return word, f"{value * scale:.2f} ± {sigma * scale:.2f} {unit}"
 
 
 def orientation_of(estimate) -> str:

@@ -53,7 +53,7 @@ class Reductions:
         check_types(**{name: (value, bool) for name, value in vars(self).items()})
 
     @classmethod
-    def of(cls, choice) -> Reductions:
+    def of(cls, choice, where: str = "reduce") -> Reductions:
         """Read True, False, a Reductions, or the names of those to switch off."""
         if isinstance(choice, cls):
             return choice
@@ -64,7 +64,7 @@ class Reductions:
         off = tuple(choice) if many else (choice,)
         if unknown := [n for n in off if not isinstance(n, str) or n not in names]:
             raise OptionError(
-                "no such reduction", where="reduce", got=unknown,
+                "no such reduction", where=where, got=unknown,
                 expected=f"True, False or names to switch off among {names}",
             )  # fmt: skip
         return cls(**{name: name not in off for name in names})

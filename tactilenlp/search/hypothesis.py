@@ -12,6 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from ..common.brief import printed
 from ..common.deadline import Deadline
 from ..common.layout import ANY
 from ..geometry.transforms import is_planar, matrices
@@ -24,6 +25,7 @@ SAME_BODY = 1e-3  # [m] corners of one body agree this well
 COMPARED = (0, -1)  # samples at which bodies are compared: first, last
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
     """One local optimum: theta (n,) [m], poses x (unknowns, T), objective [nats].
