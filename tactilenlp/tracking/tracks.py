@@ -21,6 +21,7 @@ KEPT, TRACKS = 100, 500  # tracks kept after an action, and what they are split 
 HOPELESS = 60.0  # [nats] behind the best
 CELL = 6e-4, 6e-4, 0.02  # [m, m, rad] of sizes, place, yaw: tracks this close are one
 LEAST_EIGENVALUE = 1e-12  # [-] of the largest: what rounding leaves of an exact state
+ROUNDED = 1e-14  # [m^2, rad^2] least variance of a direction, beyond rounding
 SPREAD, SHRUNK = 0.8, 0.4  # [deviations] of the parts of a split; their variance
 PRESS = 0.7, 1.0  # [weights] median, deviation of the logarithm, of a push on a top
 GAP_SIGMA, NORMAL_SIGMA = 0.25e-3, 0.075  # [m], [rad] model errors of a touch
@@ -147,7 +148,7 @@ def _sound(P):
     """Tell which covariances (n + 3, n + 3, S) rounding has left positive definite."""
     P = np.moveaxis(P, -1, 0)
     sound = np.isfinite(P).all(axis=(1, 2))
-    sound[sound] = np.linalg.eigvalsh(P[sound]).min(axis=1) > 0
+    sound[sound] = np.linalg.eigvalsh(P[sound]).min(axis=1) > -ROUNDED / 2
     return sound
 
 
