@@ -21,7 +21,6 @@ KEPT, TRACKS = 100, 500  # tracks kept after an action, and what they are split 
 HOPELESS = 60.0  # [nats] behind the best
 CELL = 6e-4, 6e-4, 0.02  # [m, m, rad] of sizes, place, yaw: tracks this close are one
 LEAST_EIGENVALUE = 1e-12  # [-] of the largest: what rounding leaves of an exact state
-ROUNDED = 1e-14  # [m^2, rad^2] least variance of a direction, beyond rounding
 SPREAD, SHRUNK = 0.8, 0.4  # [deviations] of the parts of a split; their variance
 PRESS = 0.7, 1.0  # [weights] median, deviation of the logarithm, of a push on a top
 GAP_SIGMA, NORMAL_SIGMA = 0.25e-3, 0.075  # [m], [rad] model errors of a touch
@@ -129,10 +128,14 @@ def surviving(tracks):
 def split_tracks(filter, tracks, final, rng):
     """Return the best distinct tracks, each with parts of it, and whose parts."""
     order = np.argsort(-tracks.evidence, kind="stable")
-    if not (sound := _sound(tracks.P[..., order])).any():
-        tracks = replace(tracks, P=_made_definite(tracks.P))
-        sound[:] = True
-    order = order[sound]
+    order = order[np.isfinite(tracks.P[..., order]).all(axis=(0, 1))]
+    if not len(order):
+        raise MotionError(
+            "no track of the body is left", where="the search of a box",
+            got="states that are not finite", expected="a motion of the body",
+            next="look for fingers or times that jump",
+        )  # fmt: skip
+    tracks = replace(tracks, P=_made_definite(tracks.P, order))
     order = order[tracks.evidence[order] > tracks.evidence[order[0]] - HOPELESS]
     cells = np.round(tracks.z[:, order] / filter.geometry.each(*CELL)[:, None])
     _, first = np.unique(cells, axis=1, return_index=True)
@@ -144,26 +147,19 @@ def split_tracks(filter, tracks, final, rng):
     return parts_of(filter, tracks, rows, rng), rows
 
 
-def _sound(P):
-    """Tell which covariances (n + 3, n + 3, S) rounding has left positive definite."""
-    P = np.moveaxis(P, -1, 0)
-    sound = np.isfinite(P).all(axis=(1, 2))
-    sound[sound] = np.linalg.eigvalsh(P[sound]).min(axis=1) > -ROUNDED / 2
-    return sound
-
-
-def _made_definite(P):
-    """Return covariances (k, k, S) whose least eigenvalues are above rounding."""
-    if not np.isfinite(P).all():
-        raise MotionError(
-            "no track of the body is left", where="the search of a box",
-            got="states that are not finite", expected="a motion of the body",
-            next="look for fingers or times that jump",
-        )  # fmt: skip
-    values, vectors = np.linalg.eigh(np.moveaxis(P, -1, 0))
-    values = np.maximum(values, LEAST_EIGENVALUE * values[:, -1:])
-    made = (vectors * values[:, None]) @ vectors.transpose(0, 2, 1)
-    return np.moveaxis(made, 0, -1)
+def _made_definite(P, rows):
+    """Return covariances (k, k, S), those of some rows positive beyond rounding."""
+    each = np.moveaxis(P[..., rows], -1, 0)
+    values, vectors = np.linalg.eigh(each)
+    least = LEAST_EIGENVALUE * values[:, -1:]
+    low = values[:, 0] < least[:, 0]
+    if not low.any():
+        return P
+    values = np.maximum(values, least)[low, None]
+    made = (vectors[low] * values) @ vectors[low].transpose(0, 2, 1)
+    P = P.copy()
+    P[..., rows[low]] = np.moveaxis(made, 0, -1)
+    return P
 
 
 def parts_of(filter, tracks, rows, rng) -> Tracks:
