@@ -49,7 +49,8 @@ def test_the_strip_shows_what_is_known_of_each_vertex_where_there_are_such(modul
 
 def asked(folder, executor="none", **changes):
     given = {
-        "folder": folder, "trials": 4, "actions": 2, "budget": 9, "workers": 2,
+        "folder": folder, "trials": 4, "first": 0, "actions": 2, "budget": 9,
+        "workers": 2,
         "policies": ["eig", "random"], "starts": ["ours"], "address": None,
         "objects": "cuboid",
     }  # fmt: skip

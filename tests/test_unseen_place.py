@@ -19,6 +19,16 @@ def test_a_pose_that_nothing_saw_is_no_farther_than_a_body_can_be():
     np.testing.assert_allclose(bounded_pose(known, 3, 1), known, rtol=1e-4, atol=1e-16)
 
 
+def test_a_pose_of_any_covariance_is_bounded():
+    lost = np.diag([4e-4, 4e-4, 1e-9, 0.0, 0.0, 0.0])
+    way = np.array([1.0, 2.0, 3.0])
+    lost[3:, 3:] = 1e40 * np.outer(way, way)  # adding the prior to it changes no digit
+    C = bounded_pose(lost, 3, 1)
+    assert np.isfinite(C).all()
+    most = [REACHED, REACHED, ANY_ROTATION]
+    assert (np.sqrt(np.diag(C)[3:]) <= np.array(most) * (1 + 1e-9)).all()
+
+
 def test_what_curves_down_is_held_by_nothing():
     np.testing.assert_allclose(
         negative_curvature(np.diag([2.0, -3.0])), np.diag([0.0, 3.0])

@@ -264,9 +264,13 @@ def bounded_pose(C, sizes: int, turning: int) -> np.ndarray:
     """
     widest = np.full(len(C) - sizes, REACHED)
     widest[-turning:] = ANY_ROTATION
-    pose, unit = slice(sizes, None), np.outer(widest, widest)
+    rest, pose, unit = slice(sizes), slice(sizes, None), np.outer(widest, widest)
     values, vectors = np.linalg.eigh(C[pose, pose] / unit)
-    C = C.copy()
-    C[pose, pose] = (vectors * np.abs(values)) @ vectors.T * unit
-    less = C[:, pose] @ np.linalg.solve(C[pose, pose] + np.diag(widest**2), C[pose])
-    return C - (less + less.T) / 2
+    share = np.abs(values) / (np.abs(values) + 1)
+    inverse = (vectors / (np.abs(values) + 1)) @ vectors.T / unit  # of sum with prior
+    bounded, across = C.copy(), C[rest, pose] @ inverse
+    bounded[pose, pose] = (vectors * share) @ vectors.T * unit
+    bounded[rest, pose] = across * widest**2
+    bounded[pose, rest] = bounded[rest, pose].T
+    bounded[rest, rest] -= across @ C[pose, rest]
+    return bounded
