@@ -166,6 +166,14 @@ def test_a_recording_at_a_high_rate_is_tracked_as_well(foreign):
     assert foreign.summary([found])[0]["within_3_sigma"] == 1.0
 
 
+@pytest.mark.slow
+def test_sigma_of_a_turning_box_covers_sensors_that_average_over_ten_milliseconds(
+    foreign,
+):
+    found = foreign.judged("none", "", 4, 4)
+    assert foreign.summary([found])[0]["within_3_sigma"] == 1.0
+
+
 CELLS = [("none", "", 0, 2), ("gap", "half an action", 0, 2), ("gap", "dead", 0, 2)]
 
 

@@ -43,7 +43,7 @@ from .measurement_noise import (
     sensitivity_to_measurements,
     sensor_covariance,
 )
-from .sensitivity import edge_error
+from .sensitivity import edge_error, lag_error
 
 PHYSICS = (
     0.3  # [-] of the curvature of physics is its error: penalties are no densities
@@ -134,6 +134,12 @@ def rounded_edges(of: Response) -> np.ndarray:
     return edge_error(at.curvature, of.pulls, at.sensed.build, at.window, at.shape)
 
 
+def late_normals(of: Response) -> np.ndarray:
+    """Return the covariance (k, k) by normals that are reported late."""
+    at = of.at
+    return lag_error(at.curvature, of.pulls, at.sensed.build, at.window, at.sensed.data)
+
+
 def physics_model(of: Response) -> np.ndarray:
     """Return the covariance (k, k) by a share of the curvature of physics."""
     names = [*of.at.costs(["physics"]), *of.at.curvature.problem.constraints]
@@ -179,6 +185,9 @@ TERMS = (
         "rounded edges",
         rounded_edges,
         lambda at: "touch" in at.curvature.hessians and at.shape.rounded is not None,
+    ),
+    ErrorTerm(
+        "late normals", late_normals, lambda at: "touch" in at.curvature.hessians
     ),
     ErrorTerm("priors", priors),
     ErrorTerm("physics model", physics_model),

@@ -19,7 +19,8 @@ that
 
     E[r^2] = (1 / I + m^2) / (1 + EDGE sqrt(I) exp(-I m^2 / 2)) :
 
-touches of both edges and faces of a side tell whether edges are sharp.
+touches of both edges and faces of a side tell whether edges are sharp.  In the same
+way normals are taken as those of their instant; there r is the lag of the sensors.
 """
 
 from __future__ import annotations
@@ -37,6 +38,8 @@ from .measurement_noise import at_touches
 
 ASSUMPTION_STEP = 1e-4  # [-] relative change of what was assumed
 OFFSET = 1e-6  # [m] shift of a finger
+LATE = 1e-5  # [s] change of a lag, of differences
+LAG = 10e-3  # [s] deviation of r: sensors average over up to 20 ms
 RADIUS = 1e-5  # [m] change of the radius of edges, of differences
 EDGE = 2e-3  # [m] deviation of r: machined, printed and card boxes have up to 3 mm
 
@@ -145,18 +148,46 @@ def edge_error(curvature: KKTSystem, pulls, build: Callable, window, shape):
     p_wf[:, :3] += low - high
     touch = replace(touch, p_wf=p_wf, radius=touch.radius + RADIUS)
     grown = build(replace(window, touch=touch)).data() - problem.data()
-    theta, costs, slopes = problem.variables["theta"].span, [], []
+    theta, ends = problem.variables["theta"].span, []
     for side in (1, 0, -1):
-        x, data = curvature.x.copy(), curvature.data + side * grown
+        x = curvature.x.copy()
         x[theta] = shape.rounded(x[theta], side * RADIUS)
-        costs.append(problem.value("touch", x, data).sum())
-        slopes.append(gradient(problem, x, data, costs=["touch"]))
-    b = (slopes[0] - slopes[2]) / (2 * RADIUS)
-    pull = (costs[2] - costs[0]) / (2 * RADIUS)
-    bend = (costs[0] - 2 * costs[1] + costs[2]) / RADIUS**2
-    information = 1 / EDGE**2 + max(0.0, bend + b @ curvature.moved(b))
+        ends.append((x, curvature.data + side * grown))
+    return _doubted(curvature, pulls, ends, RADIUS, EDGE)
+
+
+def lag_error(curvature: KKTSystem, pulls, build: Callable, window, data) -> np.ndarray:
+    """Return the covariance (k, k) by normals that are reported late.
+
+    build(window) builds the problem again; pulls: see KKTSystem.sensitivity; data: the
+    measurements, smoothed as the problem has them.
+    """
+    problem, touch = curvature.problem, window.touch
+    felt, rate = data.contact & data.valid, np.zeros_like(data.normal)
+    pair = felt[1:] & felt[:-1] & (data.action[1:] == data.action[:-1])[:, None]
+    rate[1:][pair] = np.diff(data.normal, axis=0)[pair] / data.dt
+    normal = touch.normal + LATE * rate[touch.sample, touch.finger]
+    later = replace(window, touch=replace(touch, normal=normal))
+    turned = build(later).data() - problem.data()
+    ends = [(curvature.x, curvature.data + side * turned) for side in (1, 0, -1)]
+    return _doubted(curvature, pulls, ends, LATE, LAG)
+
+
+def _doubted(curvature: KKTSystem, pulls, ends, step: float, deviation: float):
+    """Return the covariance (k, k) by a quantity r >= 0 that the page takes as zero.
+
+    ends: unknowns and data at r = step, 0, -step; deviation: of r before any touch,
+    where it is not zero.
+    """
+    problem = curvature.problem
+    costs = [problem.value("touch", *end).sum() for end in ends]
+    slopes = [gradient(problem, *end, costs=["touch"]) for end in ends]
+    b = (slopes[0] - slopes[2]) / (2 * step)
+    pull = (costs[2] - costs[0]) / (2 * step)
+    bend = (costs[0] - 2 * costs[1] + costs[2]) / step**2
+    information = 1 / deviation**2 + max(0.0, bend + b @ curvature.moved(b))
     likeliest = max(0.0, pull) / information
-    odds = EDGE * np.sqrt(information) * np.exp(-information * likeliest**2 / 2)
+    odds = deviation * np.sqrt(information) * np.exp(-information * likeliest**2 / 2)
     squared = (1 / information + likeliest**2) / (1 + odds)
     moves = pulls.T @ b
     return squared * np.outer(moves, moves)
