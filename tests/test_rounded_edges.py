@@ -44,18 +44,19 @@ def test_the_error_by_edges_is_how_the_optimum_moves_with_their_radius(
     data, scene, _ = recorded
     seen = []
 
-    def noted(curvature, pulls, build, window, shape):
+    def noted(curvature, build, window, shape):
         seen.append((curvature, window, build))
-        return real(curvature, pulls, build, window, shape)
+        return real(curvature, build, window, shape)
 
-    real = error_budget.edge_error
-    monkeypatch.setattr(error_budget, "edge_error", noted)
+    real = error_budget.rounded_edges
+    monkeypatch.setattr(error_budget, "rounded_edges", noted)
     estimate = solve_estimate(data, scene)
     curvature, window, build = seen[0]
     theta = curvature.problem.variables["theta"].span
     chosen = np.arange(theta.start, theta.stop)
     pulls, _ = curvature.sensitivity(chosen)
-    told = np.sqrt(np.diag(real(curvature, pulls, build, window, CUBOID)))
+    told = real(curvature, build, window, CUBOID).covariance(pulls)
+    told = np.sqrt(np.diag(told))
 
     def optimum(r):
         """Return theta where fingers feel rounded edges; physics as it was."""

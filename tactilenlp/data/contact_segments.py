@@ -21,10 +21,15 @@ COMPARED_TOUCHES = 4  # touches on either side whose mean normals are compared
 NOISE_SIGMAS = 3.5  # [sigma] largest difference of means of one segment
 
 
+def consecutive_contacts(data) -> np.ndarray:
+    """Tell which fingers feel two consecutive samples of an action (T - 1, F)."""
+    felt = data.contact & data.valid
+    return felt[1:] & felt[:-1] & (data.action[1:] == data.action[:-1])[:, None]
+
+
 def lasting_contacts(data) -> np.ndarray:
     """Tell which contacts (T, F) have a neighbour in time, unlike a flipped boolean."""
-    felt = data.contact & data.valid
-    pair = felt[1:] & felt[:-1] & (data.action[1:] == data.action[:-1])[:, None]
+    pair = consecutive_contacts(data)
     none = np.zeros((1, data.fingers), bool)
     return np.vstack([none, pair]) | np.vstack([pair, none])
 

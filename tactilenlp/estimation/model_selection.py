@@ -47,14 +47,10 @@ from ..search.local_solve import (
 from ..search.margins import LARGER_MODEL
 from .result import Estimate
 
-AUTO = (
-    "cuboid",
-    "cylinder",
-    "ellipsoid",
-    "prism of 3 sides",
-    "prism of 6 sides",
-    "polytope",
-)  # the classes of shape="auto"
+AUTO = (  # the classes of shape="auto"
+    *("cuboid", "cylinder", "ellipsoid"),
+    *("prism of 3 sides", "prism of 6 sides", "polytope"),
+)
 LEAST_TIME = 1.0  # [s] of a class, whatever is left
 log = logging.getLogger("tactilenlp")
 
@@ -269,7 +265,7 @@ def evidence_of(estimate, shape) -> float:
     k, alike = len(information.names), 1
     known = np.full(k, 1 / REACHED**2)
     if shape.parameters == "sizes":
-        n, turning = shape.theta, 1 if estimate.reductions["planar"] else 3
+        n, turning = shape.theta, (k - shape.theta) // 2  # 1 of 3 planar, 3 of 6
         known[:n] = 1 / np.broadcast_to(shape.size_prior[1], n) ** 2
         known[k - turning :] = 1 / ANY_ROTATION**2
         up = [R[2][2] > 0.5 or turning == 3 for _, R in shape.symmetries]

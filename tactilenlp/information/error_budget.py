@@ -43,7 +43,7 @@ from .measurement_noise import (
     sensitivity_to_measurements,
     sensor_covariance,
 )
-from .sensitivity import edge_error, lag_error
+from .sensitivity import Doubt, late_normals, rounded_edges
 
 PHYSICS = (
     0.3  # [-] of the curvature of physics is its error: penalties are no densities
@@ -67,6 +67,18 @@ class Linearisation:
     def derivatives(self) -> list[MixedDerivatives]:
         """The mixed derivatives of every term that reads measurements."""
         return mixed_derivatives(self.curvature, self.sensed, self.window)
+
+    @cached_property
+    def edges(self) -> Doubt:
+        """The doubt about sharp edges."""
+        build = self.sensed.build
+        return rounded_edges(self.curvature, build, self.window, self.shape)
+
+    @cached_property
+    def lag(self) -> Doubt:
+        """The doubt about normals that are those of their instant."""
+        sensed = self.sensed
+        return late_normals(self.curvature, sensed.build, self.window, sensed.data)
 
     @property
     def parameters(self) -> dict:
@@ -128,18 +140,6 @@ def touch_model(of: Response) -> np.ndarray:
     return model_error(at.curvature, *of.by_touches, at.sensed, at.window, at.shape)
 
 
-def rounded_edges(of: Response) -> np.ndarray:
-    """Return the covariance (k, k) by edges that are not sharp."""
-    at = of.at
-    return edge_error(at.curvature, of.pulls, at.sensed.build, at.window, at.shape)
-
-
-def late_normals(of: Response) -> np.ndarray:
-    """Return the covariance (k, k) by normals that are reported late."""
-    at = of.at
-    return lag_error(at.curvature, of.pulls, at.sensed.build, at.window, at.sensed.data)
-
-
 def physics_model(of: Response) -> np.ndarray:
     """Return the covariance (k, k) by a share of the curvature of physics."""
     names = [*of.at.costs(["physics"]), *of.at.curvature.problem.constraints]
@@ -183,11 +183,13 @@ TERMS = (
     ErrorTerm("touch model", touch_model, lambda at: "touch" in at.curvature.hessians),
     ErrorTerm(
         "rounded edges",
-        rounded_edges,
+        lambda of: of.at.edges.covariance(of.pulls),
         lambda at: "touch" in at.curvature.hessians and at.shape.rounded is not None,
     ),
     ErrorTerm(
-        "late normals", late_normals, lambda at: "touch" in at.curvature.hessians
+        "late normals",
+        lambda of: of.at.lag.covariance(of.pulls),
+        lambda at: "touch" in at.curvature.hessians,
     ),
     ErrorTerm("priors", priors),
     ErrorTerm("physics model", physics_model),

@@ -31,6 +31,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..common.brief import printed
+from ..data.contact_segments import consecutive_contacts
 from ..errors import OptionError
 from ..nlp.kkt import gradient
 from ..nlp.kkt_sensitivity import KKTSystem
@@ -132,11 +133,21 @@ def assumption_sensitivities(
     return found, units
 
 
-def edge_error(curvature: KKTSystem, pulls, build: Callable, window, shape):
-    """Return the covariance (k, k) by edges that are not sharp.
+@dataclass(frozen=True, eq=False)
+class Doubt:
+    """A quantity r >= 0 that the page takes as zero: slope (unknowns,), E[r^2]."""
 
-    build(window) builds the problem again; pulls: see KKTSystem.sensitivity.
-    """
+    slope: np.ndarray
+    squared: float
+
+    def covariance(self, pulls) -> np.ndarray:
+        """Return the covariance (k, k) by it; pulls: see KKTSystem.sensitivity."""
+        moves = pulls.T @ self.slope
+        return self.squared * np.outer(moves, moves)
+
+
+def rounded_edges(curvature: KKTSystem, build: Callable, window, shape) -> Doubt:
+    """Return the doubt about sharp edges; build(window) builds the problem again."""
     problem, touch = curvature.problem, window.touch
     values = problem.unpack(curvature.x)
     less = values | {"theta": shape.rounded(values["theta"], RADIUS)}
@@ -153,28 +164,26 @@ def edge_error(curvature: KKTSystem, pulls, build: Callable, window, shape):
         x = curvature.x.copy()
         x[theta] = shape.rounded(x[theta], side * RADIUS)
         ends.append((x, curvature.data + side * grown))
-    return _doubted(curvature, pulls, ends, RADIUS, EDGE)
+    return _doubted(curvature, ends, RADIUS, EDGE)
 
 
-def lag_error(curvature: KKTSystem, pulls, build: Callable, window, data) -> np.ndarray:
-    """Return the covariance (k, k) by normals that are reported late.
+def late_normals(curvature: KKTSystem, build: Callable, window, data) -> Doubt:
+    """Return the doubt about normals of the instant; build(window): as above.
 
-    build(window) builds the problem again; pulls: see KKTSystem.sensitivity; data: the
-    measurements, smoothed as the problem has them.
+    data: the measurements, smoothed as the problem has them.
     """
     problem, touch = curvature.problem, window.touch
-    felt, rate = data.contact & data.valid, np.zeros_like(data.normal)
-    pair = felt[1:] & felt[:-1] & (data.action[1:] == data.action[:-1])[:, None]
+    pair, rate = consecutive_contacts(data), np.zeros_like(data.normal)
     rate[1:][pair] = np.diff(data.normal, axis=0)[pair] / data.dt
     normal = touch.normal + LATE * rate[touch.sample, touch.finger]
     later = replace(window, touch=replace(touch, normal=normal))
     turned = build(later).data() - problem.data()
     ends = [(curvature.x, curvature.data + side * turned) for side in (1, 0, -1)]
-    return _doubted(curvature, pulls, ends, LATE, LAG)
+    return _doubted(curvature, ends, LATE, LAG)
 
 
-def _doubted(curvature: KKTSystem, pulls, ends, step: float, deviation: float):
-    """Return the covariance (k, k) by a quantity r >= 0 that the page takes as zero.
+def _doubted(curvature: KKTSystem, ends, step: float, deviation: float) -> Doubt:
+    """Return what the touches tell of a quantity that the page takes as zero.
 
     ends: unknowns and data at r = step, 0, -step; deviation: of r before any touch,
     where it is not zero.
@@ -189,8 +198,7 @@ def _doubted(curvature: KKTSystem, pulls, ends, step: float, deviation: float):
     likeliest = max(0.0, pull) / information
     odds = deviation * np.sqrt(information) * np.exp(-information * likeliest**2 / 2)
     squared = (1 / information + likeliest**2) / (1 + odds)
-    moves = pulls.T @ b
-    return squared * np.outer(moves, moves)
+    return Doubt(b, squared)
 
 
 def shifted(window, finger: int, axis: int, way: float):
