@@ -17,9 +17,8 @@ HOLD = """
 import os, sys, time
 from tactilenlp.common.file_lock import locked
 with locked(sys.argv[1]):
-    child = os.fork() if sys.argv[2] == "fork" else os.getpid()
-    if child:
-        print(child, flush=True)
+    if sys.argv[2] != "fork" or os.fork() == 0:
+        print(os.getpid(), flush=True)  # a forked worker speaks once it runs
     time.sleep(60)
 """
 
