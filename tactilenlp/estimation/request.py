@@ -82,6 +82,7 @@ def read_request(
     scene.check(data)
     check_touched(data)
     functions = session.functions_for(start, scene, shape, page)
+    scene = on_ground_of(start, scene)
     job = make_job(data, scene, shape, options, began, page, functions)
     known = [] if start is None else carried_hypotheses(start, shape, scene, data)
     return Request(data, job, page, options, start, executor), known
@@ -121,6 +122,13 @@ def make_job(data, scene, shape, options, began, page, functions=None) -> Job:
         deadline=Deadline.within(options.time_limit, began),
         functions=TermFunctions() if functions is None else functions,
     )  # fmt: skip
+
+
+def on_ground_of(start, scene: Scene) -> Scene:
+    """Return the scene with the ground that an earlier estimate of it has found."""
+    known = getattr(start, "scene", None)
+    same = known is not None and known.as_told.ground == scene.ground
+    return replace(scene, ground=known.ground) if same else scene
 
 
 def check_start(start, shape, scene) -> None:

@@ -45,8 +45,8 @@ from .model_selection import (
 )
 from .options import PROCESS, Guess, Options, Session
 from .readout import name_of, read_off
-from .refinement import refined
-from .request import Request, first_guess, read_request
+from .refinement import on_leaning_ground, refined
+from .request import Request, first_guess, on_ground_of, read_request
 from .result import Estimate
 
 log = logging.getLogger("tactilenlp")
@@ -118,12 +118,14 @@ def problem_of(
     unknowns, `check()` compares derivatives with finite differences, `nlp.ipopt.solve`
     solves it from any start.  Raises what solve_estimate raises before it solves.
     """
+    if at is not None:
+        check_types(at=(at, Estimate))
+        scene = on_ground_of(at, Scene() if scene is None else scene)
     request, _ = read_request(
         data, scene, shape, formulation, options, None, None, Session()
     )
     job, page = request.job, request.page
     if at is not None:
-        check_types(at=(at, Estimate))
         if at.measurements != data or at.shape != job.shape.name:
             raise OptionError(
                 "an estimate of other measurements or of another shape", where="at",
@@ -200,6 +202,7 @@ def _refined(request, starts, so_far, update) -> tuple[Job, list[Solved]]:
     with job.deadline.ending("other solves of the page"):
         solved = refined(job, page, starts, options, so_far.solved, earlier)
         check_finite(solved[0].problem, solved[0].solution)
+        job, solved = on_leaning_ground(job, page, solved, options)
         job, solved = with_nuisance_parameters(
             job, page, solved, options,
             lambda soft: refined(soft, page, starts, options, so_far.solved, earlier),

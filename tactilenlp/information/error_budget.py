@@ -43,7 +43,7 @@ from .measurement_noise import (
     sensitivity_to_measurements,
     sensor_covariance,
 )
-from .sensitivity import Doubt, late_normals, rounded_edges
+from .sensitivity import Doubt, GroundTilt, ground_tilt, late_normals, rounded_edges
 
 PHYSICS = (
     0.3  # [-] of the curvature of physics is its error: penalties are no densities
@@ -80,6 +80,18 @@ class Linearisation:
         sensed = self.sensed
         return late_normals(self.curvature, sensed.build, self.window, sensed.data)
 
+    @cached_property
+    def tilt(self) -> GroundTilt | None:
+        """The tilt of the ground; None where it is known, or there is none."""
+        scene = self.sensed.scene
+        if scene.ground is None or scene.sigma_tilt == 0:
+            return None
+        if "touch" not in self.curvature.hessians:
+            return None
+        sensed = self.sensed
+        given = self.curvature, sensed.build, self.window, sensed.data, scene
+        return ground_tilt(*given)
+
     @property
     def parameters(self) -> dict:
         """The parameters of the programme."""
@@ -90,11 +102,14 @@ class Linearisation:
         costs = self.curvature.problem.costs
         return [name for name, term in costs.items() if term.role in roles]
 
-    def response(self, chosen, jacobian) -> Response:
-        """Return the response of J z, with J (k, n) and z (n,) the chosen unknowns."""
+    def response(self, chosen, jacobian, turned=0.0) -> Response:
+        """Return the response of J z, with J (k, n) and z (n,) the chosen unknowns.
+
+        turned (k, 2): how they turn with the frame of the ground itself.
+        """
         pulls, held = (part @ jacobian.T for part in self.curvature.sensitivity(chosen))
         C = jacobian @ pulls[chosen]
-        return Response(self, pulls, held, (C + C.T) / 2)
+        return Response(self, pulls, held, (C + C.T) / 2, turned)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,13 +117,14 @@ class Response:
     """How k numbers of interest respond to errors: what terms are computed from.
 
     pulls (unknowns, k), held (rows, k): see KKTSystem.sensitivity; hessian (k, k): the
-    covariance by the Hessian alone.
+    covariance by the Hessian alone; turned: see Linearisation.response.
     """
 
     at: Linearisation
     pulls: np.ndarray
     held: np.ndarray
     hessian: np.ndarray
+    turned: np.ndarray | float = 0.0
 
     @cached_property
     def by_touches(self) -> tuple[np.ndarray, np.ndarray]:
@@ -190,6 +206,11 @@ TERMS = (
         "late normals",
         lambda of: of.at.lag.covariance(of.pulls),
         lambda at: "touch" in at.curvature.hessians,
+    ),
+    ErrorTerm(
+        "tilt of the ground",
+        lambda of: of.at.tilt.covariance(of.pulls, of.turned),
+        lambda at: at.tilt is not None,
     ),
     ErrorTerm("priors", priors),
     ErrorTerm("physics model", physics_model),

@@ -98,7 +98,8 @@ def orientation_of(estimate) -> str:
     """Return the orientation at the last sample, with its standard deviation."""
     w, x, y, z = estimate.quaternion[-1]
     yaw = np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
-    off = np.degrees(np.nanmax(estimate.information.sigma("rotation")))
+    off = np.degrees(estimate.information.sigma("rotation"))
+    off = off[2] if estimate.reductions["planar"] else np.nanmax(off)
     if off == 0.0:  # a hull has no axes of its own
         return "with the axes of the world"
     if off > UNOBSERVED_TURN:
