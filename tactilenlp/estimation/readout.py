@@ -13,7 +13,7 @@ from ..common.npz import versions
 from ..data.sensor_noise import variance_left
 from ..geometry.convex_hull import centroid
 from ..geometry.transforms import is_planar, matrices, quaternion_of, rotate_planar
-from ..information.error_budget import ANY_ROTATION, REACHED
+from ..information.error_budget_terms import ANY_ROTATION, REACHED
 from ..information.finger_offsets import NAME, offsets_of, prior_of_offsets
 from ..information.goodness_of_fit import fit_of
 from ..information.information import Information, information_of

@@ -4,9 +4,9 @@ Where the scene lets an object tilt, it is first solved as if it slid: the optim
 free motion is close.
 
 The ground is taken as it was told, or as an estimate that goes on had found it.  Where
-the touches say that it leans, by more than LARGER_MODEL nats, it is turned by what they
-say (information/sensitivity.py) and the page solved again from the solution, a Newton
-step on the tilt at a time.
+the touches say that it leans, by as many nats as any larger model must gain
+(model_selection.py), it is turned by what they say (information/sensitivity.py) and the
+page solved again from the solution, a Newton step on the tilt at a time.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from ..search.local_solve import (
 )
 from ..search.margins import (
     CLOSE_OPTIMUM,
-    LARGER_MODEL,
     LEAST_MOTION_BEHIND,
     RAN_AWAY,
     UNCHANGED,
 )
 from ..search.multistart import multistart
 from .incremental_polytope import repaired
+from .model_selection import excess_of
 from .readout import problem_builder
 
 log = logging.getLogger("tactilenlp")
@@ -118,9 +118,12 @@ def on_leaning_ground(job, page, solved, options) -> tuple:
     level = best = solved[0]
     if not (may_lean(job, page) and best.solution.success):
         return job, solved
+    excess, needed = excess_of(job, best)
+    if excess < needed:
+        return job, solved
     for _ in range(MAX_TILTS):
         tilt, ground = _tilt_at(best, page), best.job.scene.ground
-        if tilt.gain < (LARGER_MODEL if ground.told is None else UNCHANGED):
+        if tilt.gain < (needed if ground.told is None else UNCHANGED):
             break
         if job.deadline.passed("a tilt of the ground"):
             break
@@ -129,7 +132,7 @@ def on_leaning_ground(job, page, solved, options) -> tuple:
         if not again.solution.success or _cost(again) > _cost(best) - UNCHANGED:
             break
         best = again
-    needed = LARGER_MODEL if job.scene.ground.told is None else UNCHANGED
+    needed = needed if job.scene.ground.told is None else UNCHANGED
     if _cost(best) > _cost(level) - needed:
         return job, solved
     ground = best.job.scene.ground
@@ -150,10 +153,14 @@ def may_lean(job, page) -> bool:
 
 
 def _tilt_at(solved: Solved, page):
-    """Return the GroundTilt at a solve."""
+    """Return the GroundTilt at a solve, about where the body was touched first."""
     job, curvature = solved.job, kkt_system_of(solved.problem, solved.solution)
     build = problem_builder(page, job.shape, job.scene, job.kinds_of, job.deadline)
-    return ground_tilt(curvature, build, solved.window, job.data, job.scene)
+    touch = solved.window.touch
+    early = job.data.action[touch.sample] == job.data.action[touch.sample[0]]
+    about = touch.p_wf[early, :3].mean(axis=0) * (1, 1, 0)
+    given = solved.window, job.data, job.scene, about
+    return ground_tilt(curvature, build, *given)
 
 
 def _on_ground(ground, solved: Solved, page, options) -> Solved:

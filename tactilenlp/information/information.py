@@ -24,13 +24,13 @@ from .error_budget import (
     Linearisation,
     TouchedFaces,
     after_mixture,
-    bounded_pose,
     error_budget,
 )
+from .error_budget_terms import bounded_pose
 from .finger_offsets import covariance_of_offsets, covariance_with_offsets
 from .mixture import Modes, distinct, laplace_mixture, optima_in_words
-from .tangent_space import open_directions, pose_jacobians, tangent_space_of
-from .trajectory import Beyond, errors_of_ground, trajectory_variance
+from .tangent_space import open_directions, tangent_space_of
+from .trajectory import deviations_of_path, turned_with_ground
 
 FACE_COSINE = 0.99  # [-] |n . axis| above which a normal belongs to a face
 LEAST_SIGMA = 1e-12  # [SI] a deviation below which a number is known exactly
@@ -198,7 +198,7 @@ def information_of(
     deadline.check()
     tangent = tangent_space_of(problem, solution, window, shape, R_wg)
     at = Linearisation(curvature, sensed, window, shape, deadline)
-    turned, ground = _ground(at, tangent, solution, R_wg)
+    turned, ground = turned_with_ground(at, tangent, solution, R_wg)
     of = at.response(tangent.chosen, tangent.jacobian, turned)
     C = of.hessian
     errors = C if sensed is None else error_budget(of)
@@ -211,7 +211,7 @@ def information_of(
         beyond = _beyond(modes, tangent, at, faces, profile)
         covariance = covariance + beyond
         others = list(zip(modes.weights, optima, strict=True))[1:]
-        path = _path(at, tangent, solution, R_wg, beyond, others)
+        path = deviations_of_path(at, tangent, solution, R_wg, beyond, others)
     words, directions = open_directions(tangent, covariance, shape, faces)
     if sensed is not None:
         covariance = bounded_pose(covariance, shape.theta, tangent.turning)
@@ -228,21 +228,6 @@ def information_of(
     )  # fmt: skip
 
 
-def _ground(at: Linearisation, tangent, solution, R_wg) -> tuple:
-    """Return how the coordinates z (k, 2) turn with the ground, and Information.ground.
-
-    In planar motion z is in the ground's frame: there the latter adds what turns.
-    """
-    if at.sensed is None or at.tilt is None:
-        return 0.0, None
-    theta, x = solution.values["theta"].T.ravel(), solution.values["x"][:, -1:]
-    p = pose_jacobians(at.shape, at.window.motion, theta, x)[0]
-    if at.window.motion.name != "free":
-        return 0.0, errors_of_ground(at, solution.values, p, R_wg)[0]
-    turned = at.tilt.turned(p, R_wg)[0]
-    return np.vstack([np.zeros((len(tangent.z) - 6, 2)), turned]), None
-
-
 def _parts(curvature: KKTSystem, pulls, matrix) -> dict[str, np.ndarray]:
     """Return what the Hessian of each term adds to the information (k, k)."""
     return {
@@ -256,18 +241,6 @@ def _beyond(modes, tangent, at: Linearisation, faces, profile) -> np.ndarray:
     noise, grounded = at.sensed.precision.position, len(at.window.corner) > 0
     seen = TouchedFaces(tangent, at.shape, faces, noise, grounded, profile)
     return after_mixture(seen, modes.covariance)
-
-
-def _path(at, tangent, solution, R_wg, beyond, others) -> np.ndarray:
-    """Return the deviations (T, 6) of the pose at every sample."""
-    optima = tuple((w, there, window) for w, (*_, there, window) in others)
-    maps = tangent.maps["position"], tangent.maps["rotation"]
-    more = Beyond(beyond, *maps, optima)
-    middle = np.zeros(3), np.zeros((3, at.shape.theta))
-    variance = trajectory_variance(at, solution.values, R_wg, middle, more)
-    if at.tilt is None or at.window.motion.name == "free":
-        variance[:, 3:][:, np.isnan(tangent.maps["rotation"]).any(axis=1)] = np.nan
-    return np.sqrt(variance)
 
 
 def _of_offsets(curvature, sensed, window, shape, R_wg, tangent) -> dict:

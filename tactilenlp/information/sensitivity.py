@@ -163,13 +163,13 @@ class GroundTilt:
         return np.concatenate([moved, turns], axis=1)
 
 
-def ground_tilt(curvature: KKTSystem, build: Callable, window, data, scene):
+def ground_tilt(curvature: KKTSystem, build: Callable, window, data, scene, about):
     """Return the GroundTilt at a solution; build(window): as above.
 
-    data: as of late_normals; scene: with the ground in whose frame they are.
+    data: as of late_normals; scene: with the ground in whose frame they are; about (3,)
+    [m]: the point of the ground that stays, ground frame.
     """
     problem, touch, ground = curvature.problem, window.touch, scene.ground
-    about = touch.p_wf[:, :3].mean(axis=0) * (1, 1, 0)
     found = []
     for way in ((1, 0), (0, 1), (1, 1)):  # the last one for the mixed derivative
         R = Rotation.from_rotvec([-TILT * way[0], -TILT * way[1], 0.0]).as_matrix()

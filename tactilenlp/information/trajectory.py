@@ -21,8 +21,8 @@ import numpy as np
 
 from formulations.ground_contact import REST
 
-from .error_budget import ANY_ROTATION, REACHED, Linearisation, error_budget
-from .error_budget_terms import UNEVEN
+from .error_budget import Linearisation, error_budget
+from .error_budget_terms import ANY_ROTATION, REACHED, UNEVEN
 from .tangent_space import pose_jacobians
 
 LEAST_ARM = 1e-3  # [m] of a body that rests on one point
@@ -75,6 +75,32 @@ def trajectory_variance(at: Linearisation, values, R_wg, middle, beyond=None):
     most = np.repeat([REACHED**2, ANY_ROTATION**2], 3)
     variance = np.clip(variance, 0.0, most)
     return np.array([np.interp(window.pose, poses, v) for v in variance.T]).T
+
+
+def deviations_of_path(at, tangent, solution, R_wg, beyond, others) -> np.ndarray:
+    """Return the deviations (T, 6) of the pose at every sample."""
+    optima = tuple((w, there, window) for w, (*_, there, window) in others)
+    maps = tangent.maps["position"], tangent.maps["rotation"]
+    more = Beyond(beyond, *maps, optima)
+    middle = np.zeros(3), np.zeros((3, at.shape.theta))
+    variance = trajectory_variance(at, solution.values, R_wg, middle, more)
+    if at.tilt is None or at.window.motion.name == "free":
+        variance[:, 3:][:, np.isnan(tangent.maps["rotation"]).any(axis=1)] = np.nan
+    return np.sqrt(variance)
+
+
+def turned_with_ground(at: Linearisation, tangent, solution, R_wg) -> tuple:
+    """Return how the coordinates z (k, 2) turn with the ground, and Information.ground.
+
+    In planar motion z is in the ground's frame: there the latter adds what turns.
+    """
+    if at.sensed is None or at.tilt is None:
+        return 0.0, None
+    p = at.end[None]
+    if at.window.motion.name != "free":
+        return 0.0, errors_of_ground(at, solution.values, p, R_wg)[0]
+    turned = at.tilt.turned(p, R_wg)[0]
+    return np.vstack([np.zeros((len(tangent.z) - 6, 2)), turned]), None
 
 
 def errors_of_ground(at: Linearisation, values, points, R_wg) -> np.ndarray:
