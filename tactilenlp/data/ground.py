@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -29,7 +29,7 @@ class Ground:
 
     height: float = 0.0
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    told: Ground | None = None
+    told: Ground | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         height = as_number("ground.height", self.height, "a height [m]")
@@ -54,7 +54,8 @@ class Ground:
         normal = self.rotation.T @ turn[:, 2]
         height = float(normal @ self.from_ground(np.asarray(about)))
         told = self if self.told is None else self.told
-        return Ground(height, tuple((normal / np.linalg.norm(normal)).tolist()), told)
+        unit = tuple((normal / np.linalg.norm(normal)).tolist())
+        return Ground(height, unit, told=told)
 
     @property
     def rotation(self) -> np.ndarray:
