@@ -16,7 +16,7 @@ from ..data.mistakes import check_mistakes
 from ..data.scene import Scene
 from ..data.sensor_noise import precise, precision_of, smoothed
 from ..errors import NoContactError, OptionError, SceneError, StartError
-from ..geometry.transforms import backward, rotation_of
+from ..geometry.transforms import backward, planar_matrix, rotation_of
 from ..problem.certificates import without
 from ..problem.pages import page_of, shape_of
 from ..problem.reductions import required_reductions, states_planar_motion
@@ -64,6 +64,18 @@ class Request:
     def widths(self) -> tuple[int, int]:
         """How many hypotheses are kept, and starts solved, after an action."""
         return self.options.widths(precise(self.job.data, self.job.precision))
+
+    @property
+    def axes(self) -> tuple | None:
+        """Side lengths (3,) and first rotation (3, 3) whose axes keep their names."""
+        start, shape, ground = self.start, self.job.shape, self.job.scene.ground
+        if isinstance(start, Guess):
+            (_, theta, x), *_ = first_guess(start, shape)
+            return theta, planar_matrix(x[2])
+        if start is None or start.shape != shape.name:
+            return None
+        R = rotation_of(start.quaternion[0]).as_matrix()
+        return start.theta, R if ground is None else ground.rotation @ R
 
 
 def read_request(
@@ -175,12 +187,10 @@ def check_executor(executor, page) -> None:
         )  # fmt: skip
     if sys.modules.get(getattr(page, "__name__", "")) is not page:
         raise OptionError(
-            "other processes cannot import this page",
-            where="formulation",
-            got=repr(page),
-            expected="a module that `import` finds",
+            "other processes cannot import this page", where="formulation",
+            got=repr(page), expected="a module that `import` finds",
             next="save the page as a file, or leave executor out",
-        )
+        )  # fmt: skip
 
 
 def check_touched(data) -> None:
