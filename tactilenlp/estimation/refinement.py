@@ -93,6 +93,7 @@ def with_named_axes(job, page, solved, options, like) -> Solved:
     if h.theta is solved.at.theta or not solved.solution.success or late:
         return solved
     again = solved_from(job, page, h, options)
+    again = replace(again, declined=solved.declined)
     return again if again.rank <= solved.rank else solved
 
 

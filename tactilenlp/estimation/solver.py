@@ -17,7 +17,7 @@ from ..common.deadline import Deadline
 from ..common.interrupt import interruptible
 from ..common.validation import check_types
 from ..data.scene import Scene
-from ..errors import OptionError
+from ..errors import OptionError, typed_call
 from ..nlp.problem import Problem
 from ..nlp.solution import check_finite
 from ..problem.reductions import Reductions
@@ -54,6 +54,7 @@ log = logging.getLogger("tactilenlp")
 SEARCH_END, REFINEMENT_END, CERTIFICATES_END = 0.5, 0.85, 1.0
 
 
+@typed_call()
 def solve_estimate(
     data,
     scene: Scene | None = None,
@@ -106,6 +107,7 @@ def solve_estimate(
     return estimate
 
 
+@typed_call()
 def problem_of(
     data, scene: Scene | None = None, formulation="violation_implicit",
     *, shape="cuboid", options: Options | None = None, at=None,
