@@ -19,6 +19,11 @@ from .measurements import Measurements
 
 STEEPEST = 0.2  # [rad] a ground that may lean further than this is not known
 HEAVIEST = 100.0  # [kg] no finger pushes more: beyond it a mass is in grams
+GUESS = "this must be known, give a guess"
+REMEDIES = {  # of a number that is out of range, where it cannot be None
+    "mass": "divide by 1000 if it is in grams; if it is not known, give a guess",
+    "gravity": "give its magnitude, 9.81: it acts along the ground's normal",
+}
 KNOWN_KEYS = ("mass", "friction_ground", "friction_finger")  # read from a file
 
 
@@ -89,7 +94,7 @@ class Scene:
             given = name == "sigma_offset" and isinstance(value, JointZeros)
             if given or (value is None and unknown):
                 continue
-            fix = "None if unknown" if unknown else "this must be known, give a guess"
+            fix = "None if unknown" if unknown else REMEDIES.get(name, GUESS)
             number = as_number(name, value, expected, low, high, fix)
             object.__setattr__(self, name, number)
         if self.ground is not None and not isinstance(self.ground, Ground):
@@ -139,6 +144,11 @@ class Scene:
         """The scene with the ground that was given, where another was estimated."""
         told = None if self.ground is None else self.ground.told
         return self if told is None else replace(self, ground=told)
+
+    def on_ground_of(self, other: Scene) -> Scene:
+        """Return the scene with the ground that was estimated for another one."""
+        same = other.as_told.ground == self.ground
+        return replace(self, ground=other.ground) if same else self
 
     @property
     def joints(self) -> JointZeros | None:

@@ -17,11 +17,11 @@ from ..common.deadline import Deadline
 from ..common.interrupt import interruptible
 from ..common.validation import check_types
 from ..data.scene import Scene
-from ..errors import OptionError
+from ..errors import OptionError, typed_call
 from ..nlp.problem import Problem
 from ..nlp.solution import check_finite
 from ..problem.reductions import Reductions
-from ..search.hypothesis import Hypothesis, Job, distinct
+from ..search.hypothesis import Hypothesis, Job, distinct, named
 from ..search.local_solve import Solved, best_first, problem_at, problem_for
 from ..search.margins import LEAST_MOTION_BEHIND, UPDATE_COST, UPDATE_SHARE
 from ..search.multi_hypothesis import search_boxes
@@ -45,8 +45,8 @@ from .model_selection import (
 )
 from .options import PROCESS, Guess, Options, Session
 from .readout import name_of, read_off
-from .refinement import on_leaning_ground, refined
-from .request import Request, first_guess, on_ground_of, read_request
+from .refinement import on_leaning_ground, refined, with_named_axes
+from .request import Request, first_guess, read_request
 from .result import Estimate
 
 log = logging.getLogger("tactilenlp")
@@ -54,6 +54,7 @@ log = logging.getLogger("tactilenlp")
 SEARCH_END, REFINEMENT_END, CERTIFICATES_END = 0.5, 0.85, 1.0
 
 
+@typed_call()
 def solve_estimate(
     data,
     scene: Scene | None = None,
@@ -106,6 +107,7 @@ def solve_estimate(
     return estimate
 
 
+@typed_call()
 def problem_of(
     data, scene: Scene | None = None, formulation="violation_implicit",
     *, shape="cuboid", options: Options | None = None, at=None,
@@ -120,7 +122,7 @@ def problem_of(
     """
     if at is not None:
         check_types(at=(at, Estimate))
-        scene = on_ground_of(at, Scene() if scene is None else scene)
+        scene = (Scene() if scene is None else scene).on_ground_of(at.scene)
     request, _ = read_request(
         data, scene, shape, formulation, options, None, None, Session()
     )
@@ -167,6 +169,7 @@ def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
     with job.deadline.ending("certificates"):
         if not job.deadline.passed("evidence of other optima"):
             best, *_ = most_probable_first(job, solved)
+        best = with_named_axes(cut, page, best, options, request.axes)
         best = checked(cut, page, best, options, request.executor)
     so_far.kept = _carried_on(job, solved, kept, request.widths[0])
     others = [
@@ -248,11 +251,12 @@ def _searched(request: Request, kept) -> tuple[list[Hypothesis], list[Hypothesis
     search = {"sizes": _search_sizes, "vertices": _search_vertices}
     found = search[job.shape.parameters](request, lean, plane, kept)
     if plane is None:
+        found = [named(job.shape, h, request.axes) for h in found]
         return found, found
     starts = [in_free_motion(h, plane, job.shape) for h in found]
     if job.shape.last_pose_held:
         starts += [with_faces_tracked(h, job.data) for h in starts]
-    return found, starts
+    return found, [named(job.shape, h, request.axes) for h in starts]
 
 
 def _search_sizes(request: Request, job, plane, kept) -> list[Hypothesis]:
