@@ -5,11 +5,19 @@ CasADi must not see them before: a list that contains itself ends the process.
 
 from __future__ import annotations
 
+from inspect import signature
 from math import isfinite
 
 MOST_SIZES = 3000  # [1] entries of theta: a hull of 1000 vertices
-FUNCTIONS = "distance", "normal", "corner", "rest_height", "inertia", "reach", "symbol"
-OPTIONAL = "foot_squared", "pushed", "rounded", "mesh", "support"
+FUNCTIONS = {  # and what they are called with
+    "distance": "theta, q, small", "normal": "theta, q, small",
+    "corner": "theta, signs", "rest_height": "theta", "reach": "theta",
+    "symbol": "name, rows",
+}  # fmt: skip
+OPTIONAL = {  # may be None
+    "foot_squared": "theta, R_wo", "pushed": "shape, theta", "rounded": "theta, r",
+    "mesh": "theta", "support": "theta, n", "inertia": "theta",
+}  # fmt: skip
 LOGICAL = "mirrored", "last_pose_held", "window_depends_on_start", "round"
 PAIRS = "bounds", "size_prior"
 WORDS = "words", "units", "own_pages"
@@ -24,7 +32,6 @@ def unfit_fields(shape) -> list[tuple[str, str, str, str]]:
     if not (_whole(n) and 1 <= n <= MOST_SIZES):
         expected = f"a whole number from 1 to {MOST_SIZES}"
         return [("theta", _short(n), expected, "give how many sizes it has")]
-    hull = _one_of(shape.parameters, LISTING[1:])  # no inertia
     rules = {
         "name": (isinstance(shape.name, str), "a str"),
         "parameters": (_one_of(shape.parameters, LISTING), f"one of {LISTING}"),
@@ -34,8 +41,11 @@ def unfit_fields(shape) -> list[tuple[str, str, str, str]]:
         **{k: (_word_list(getattr(shape, k)), "a tuple of str") for k in WORDS},
         **{k: (_listed(getattr(shape, k)), "a tuple") for k in LISTS},
         **{k: (isinstance(getattr(shape, k), bool), "True or False") for k in LOGICAL},
-        **{k: (_function(shape, k, hull), "a function") for k in FUNCTIONS},
-        **{k: (_function(shape, k, True), "a function or None") for k in OPTIONAL},
+        **{k: (_function(shape, k, False), f"{k}({v})") for k, v in FUNCTIONS.items()},
+        **{
+            k: (_function(shape, k, True), f"{k}({v}), or None")
+            for k, v in OPTIONAL.items()
+        },
     }
     remedies = dict.fromkeys(PAIRS, f"give one number, or {n}, for each of the pair")
     documented = "see the documentation of Shape"
@@ -44,11 +54,25 @@ def unfit_fields(shape) -> list[tuple[str, str, str, str]]:
         for name, (fits, expected) in rules.items()
         if not fits
     ]
-    return found or [
+    return found or _unfit_prior(shape) or [
         (f"{name}: their number", str(len(getattr(shape, name))), str(n),
          f"give {n} {name}")
         for name in ("words", "units") if len(getattr(shape, name)) not in (0, n)
     ]  # fmt: skip
+
+
+def _unfit_prior(shape) -> list[tuple[str, str, str, str]]:
+    """Return what is said of a size prior whose mean is beyond the bounds."""
+
+    def each(value) -> list:
+        return list(value) if _listed(value) else [value] * shape.theta
+
+    low, high, mean = map(each, (*shape.bounds, shape.size_prior[0]))
+    if all(a <= m <= b for a, m, b in zip(low, mean, high, strict=True)):
+        return []
+    expected = f"a mean within the bounds, {shape.bounds} m"
+    fix = "give metres: divide by 1000 if these are millimetres"
+    return [("size_prior", _short(shape.size_prior), expected, fix)]
 
 
 def _pair_of(n: int) -> str:
@@ -101,7 +125,21 @@ def _pair(value, n: int) -> bool:
 
 def _function(shape, name: str, optional: bool) -> bool:
     value = getattr(shape, name)
-    return callable(value) or (optional and value is None)
+    if value is None:
+        return optional
+    given = (FUNCTIONS | OPTIONAL)[name].count(",") + 1
+    return callable(value) and takes(value, given)
+
+
+def takes(function, arguments: int) -> bool:
+    """Tell whether a function can be called with so many positional arguments."""
+    try:
+        signature(function).bind(*range(arguments))
+    except TypeError:
+        return False
+    except ValueError:  # built in, without a signature
+        return True
+    return True
 
 
 def _short(value) -> str:

@@ -77,6 +77,8 @@ _HOMES = {
     "Problem": "nlp.problem",
     "problem_of": "estimation.solver",
     "extend": "problem.pages",
+    "Page": "problem.pages",
+    "Executor": "search.least_motion",
     "SolverOptions": "nlp.ipopt",
     "Solution": "nlp.solution",
     "TactileError": "errors",

@@ -13,7 +13,7 @@ import tactilenlp
 from .common.interrupt import interruptible
 from .common.npz import format_of
 from .common.whole_file import check_folder
-from .errors import FileError, Interrupted, TactileError
+from .errors import FileError, Interrupted, OptionError, TactileError
 from .output.export import check_format
 from .problem.pages import FORMULATIONS, SHAPES
 
@@ -32,6 +32,7 @@ once; if FILE exists, the exploration resumes from it (give the same box and see
 NOISY_SENSORS = {"position": 1e-3, "normal": math.radians(5), "flips": 0.01}  # m, rad
 SIDE_RANGE = (0.03, 0.06)  # [m] of random boxes
 PLACE_RANGE = 0.02  # [m] of their centres to each side
+SUFFIXES = {"save": (".npz",), "output": (".html", ".htm")}  # of files written
 INTERRUPTED_CODE = 130  # exit code after Ctrl-C, as of shells
 SCENE_OPTIONS = {  # known properties of the scene: option, unit
     "mass": "[kg] of the object",
@@ -114,7 +115,7 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser().parse_args(arguments)
     logging.basicConfig(level=logging.INFO if given.verbose else logging.WARNING)
     try:
-        _check_folders(given)
+        _check_outputs(given)
         found, code = _found(given)
         if found is not None:
             _write_outputs(found, given)
@@ -138,11 +139,26 @@ def _found(given) -> tuple:
         return stop.estimate, INTERRUPTED_CODE
 
 
-def _check_folders(given) -> None:
+def _check_outputs(given) -> None:
     """Raise FileError or OptionError for an output that cannot be written."""
+    taken = {given.file.absolute()}
     for name in ("save", "output", "export"):
-        if path := getattr(given, name, None):
-            check_folder(path, f"--{name}")
+        if not (path := getattr(given, name, None)):
+            continue
+        check_folder(path, f"--{name}")
+        suffixes = SUFFIXES.get(name, ())
+        if suffixes and path.suffix.lower() not in suffixes:
+            raise OptionError(
+                "no such format", where=f"--{name} {path}",
+                got=path.suffix or "no suffix", expected=" or ".join(suffixes),
+            )  # fmt: skip
+        if path.absolute() in taken:
+            raise OptionError(
+                "would replace another file", where=f"--{name} {path}",
+                got="the same path as FILE or another option",
+                next="give each output a name of its own",
+            )  # fmt: skip
+        taken.add(path.absolute())
     if given.export:
         check_format(given.export)
     if given.command == "explore":

@@ -143,37 +143,60 @@ class Interrupted(KeyboardInterrupt):
 
 
 def typed_call(error: type[TactileError] = OptionError) -> Callable:
-    """Return a decorator of classes: a wrong call raises `error` instead of TypeError.
+    """Return a decorator: a wrong call raises `error` instead of TypeError.
+
+    It is for classes and for functions.
 
     The error names the arguments that there are, and the one most like an unknown one.
     """
 
-    def decorated(cls):
-        made, accepted = cls.__init__, signature(cls)
+    def decorated(thing):
+        accepted = signature(thing)
+
+        def check(args, given, bad) -> None:
+            try:
+                accepted.bind(*args, **given)
+            except TypeError as wrong:
+                names = [*accepted.parameters]
+                raise _wrong_call(error, thing, names, wrong, given) from bad
+
+        if not isinstance(thing, type):
+
+            @wraps(thing)
+            def call(*args, **given):
+                try:
+                    return thing(*args, **given)
+                except TypeError as bad:
+                    check(args, given, bad)
+                    raise
+
+            return call
+        made = thing.__init__
 
         @wraps(made)
         def init(self, *args, **given) -> None:
             try:
                 made(self, *args, **given)
             except TypeError as bad:
-                try:
-                    accepted.bind(*args, **given)
-                except TypeError as wrong:
-                    names = [*accepted.parameters]
-                    raise _wrong_call(error, cls, names, wrong, given) from bad
+                check(args, given, bad)
                 raise
 
-        cls.__init__ = init
-        return cls
+        thing.__init__ = init
+        return thing
 
     return decorated
 
 
+def did_you_mean(name, names) -> str:
+    """Return a question for the name that is most like an unknown one, or ""."""
+    like = get_close_matches(name, [*names], 1) if isinstance(name, str) else []
+    return f"did you mean {like[0]!r}?" if like else ""
+
+
 def _wrong_call(error, cls, names: list, wrong: TypeError, given: dict) -> TactileError:
     unknown = [name for name in given if name not in names]
-    like = get_close_matches(unknown[0], names, 1) if unknown else []
     return error(
         "no such argument" if unknown else "wrong arguments", where=cls.__name__,
         got=", ".join(unknown) or f"{wrong}", expected=f"arguments among {names}",
-        next=f"did you mean {like[0]!r}?" if like else "check the spelling",
+        next=did_you_mean((unknown or [""])[0], names) or "check the spelling",
     )  # fmt: skip

@@ -106,6 +106,33 @@ def test_a_folder_that_is_not_there_is_said_before_minutes_are_spent(
     assert said.err.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("given", "word"),
+    [
+        (("--save", "estimate.json"), "no such format"),
+        (("--save", "estimate"), "got no suffix"),
+        (("--output", "page.pdf"), "expected .html or .htm"),
+        (("--export", "box.dwg"), "no such format"),
+        (("--save", "scene.npz"), "would replace another file"),
+        (("--save", "a.npz", "--export", "b.stl", "--output", "b.stl"), ".html"),
+    ],
+)
+def test_names_of_outputs_are_checked_before_the_solve(
+    given, word, tmp_path, capsys, monkeypatch
+):
+    def solved(*given, **others):
+        pytest.fail("it was solved first")
+
+    monkeypatch.setattr("tactilenlp.estimation.solver.solve_estimate", solved)
+    monkeypatch.chdir(tmp_path)
+    Measurements.load(RECORDED).save("scene.npz")
+    assert main(["estimate", "scene.npz", *given]) == 2
+    said = capsys.readouterr()
+    assert word in said.err
+    assert said.err.count("\n") == 1
+    assert Measurements.load("scene.npz") == Measurements.load(RECORDED)
+
+
 @pytest.mark.parametrize(("full", "code"), [(False, 130), (True, 2)])
 def test_what_is_handed_out_after_ctrl_c_may_fail_in_words_too(
     touched, full, code, tmp_path, capsys, monkeypatch

@@ -61,7 +61,9 @@ def test_nothing_imports_the_bench(package):
 @pytest.mark.parametrize("path", MACHINE, ids=lambda path: path.stem)
 def test_the_machine_knows_no_tactile_word(path):
     own = {f".{module.stem}" for module in MACHINE}
-    general = ("brief", "deadline", "interrupt", "library_cache", "validation")
+    general = (
+        *("brief", "deadline", "interrupt", "library_cache", "named", "validation"),
+    )
     own |= {"..errors", *(f"..common.{module}" for module in general)}
     assert {m for m in imported(path) if m.startswith(".")} <= own
     outside = {m.split(".")[0] for m in imported(path) if not m.startswith(".")}

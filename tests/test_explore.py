@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ from tactilenlp import (
     surface_distance,
 )
 from tactilenlp.errors import OptionError, StartError
-from tactilenlp.exploration.policies import farthest_directions, last_contact, why_lost
+from tactilenlp.exploration.policies import why_lost
 
 CENTRE = (0.01, -0.01)  # [m] of the box below
 SIDES = (0.05, 0.035, 0.04)
@@ -240,62 +239,11 @@ def test_an_action_without_contact_is_data_and_what_was_touched_is_sought_again(
     assert found.measurements.contact.any()
 
 
-def test_what_was_touched_last_is_sought_again():
-    data = SimpleNamespace(
-        contact=np.array([[True, False], [False, False]]),
-        valid=np.ones((2, 2), bool),
-        normal=np.array([[[1.0, 0, 0], [0, 0, 0]], [[0, 0, 0], [0, 0, 0]]]),
-        finger_position=np.array([[[0.05, 0.01, 0.03], [9, 9, 9]]] * 2),
-        finger_radius=np.array([0.01, 0.01]),
-    )
-    # 10 mm of finger and 15 mm of body behind it, at the height of the guess
-    expected = [0.025, 0.01, 0.02]
-    assert np.allclose(last_contact(data, np.array([9.0, 9.0, 0.02])), expected)
-
-
 def test_an_estimate_apart_from_what_was_touched_is_not_aimed_at(whole):
     estimate = whole[0][1].estimate
     assert why_lost(estimate) == ""
     far = replace(estimate, position=estimate.position + np.r_[0.08, 0, 0])
     assert "not where the last contact was" in why_lost(far)
-
-
-def judged(estimate, verdict):
-    return replace(estimate, fit=replace(estimate.fit, verdict=verdict))
-
-
-def test_an_estimate_with_a_bad_fit_is_not_aimed_at(estimate):
-    assert why_lost(judged(estimate, "poor")) == ""
-    assert "badly" in why_lost(judged(estimate, "bad"))
-
-
-def test_an_update_with_a_worse_fit_is_solved_from_scratch_and_until_waits(
-    estimate, monkeypatch
-):
-    """The solver is replaced: updates fit badly, and from scratch the fit is good."""
-    begun = []
-
-    def solve(data, start=None, **_):
-        begun.append(start is None)
-        worse = start is not None
-        found = judged(estimate, "bad" if worse else "good")
-        off = 100.0 if worse else 0.0
-        return replace(found, measurements=data, objective=estimate.objective + off)
-
-    monkeypatch.setattr("tactilenlp.exploration.loop.solve_estimate", solve)
-    scratch, update = explore(
-        fresh(), actions=1, policy="random", until=lambda step: False, seed=1
-    )
-    assert begun == [True, False, True]
-    assert update.estimate.fit.verdict == "good"
-    assert update.estimate.objective == scratch.estimate.objective
-
-    def always_poor(data, **_):
-        return replace(judged(estimate, "poor"), measurements=data)
-
-    monkeypatch.setattr("tactilenlp.exploration.loop.solve_estimate", always_poor)
-    steps = explore(fresh(), actions=2, policy="random", until=1.0, seed=1)
-    assert len(list(steps)) == 3  # sigma is below a metre, but no fit is good
 
 
 @pytest.mark.slow
@@ -309,15 +257,6 @@ def test_the_other_policies_act_too(whole, policy):
     assert step.policy == policy
     assert (step.choice is not None) == (policy == "fisher")
     assert step.estimate.measurements.actions == 2
-
-
-def test_farthest_turns_away_from_what_was_tried():
-    space, rng = Workspace(), np.random.default_rng(0)
-    past = [space.action([0.8, 0.1, 0.8, 0.1])] * 2
-    data = SimpleNamespace(measurements=None)
-    plan = SimpleNamespace(past=past, workspace=space, rng=rng, estimate=data)
-    angles = farthest_directions(plan)(rng).angles
-    assert (angles[[0, 2]] < 0.2).all() or (angles[[1, 3]] > 0.9).any()
 
 
 def test_a_policy_of_ones_own_is_given_a_plan(whole):

@@ -3,12 +3,10 @@
 The recording is four of ContactNets' tosses; the cube is 104.8 mm wide.
 """
 
-import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import ROOT, TOSSES
 from scipy.spatial.transform import Rotation
 
 from formulations import known_trajectory as page
@@ -16,15 +14,12 @@ from tactilenlp import Ground, Problem, Scene, Trajectories, identify_body
 from tactilenlp.errors import (
     MeasurementError,
     MotionError,
-    NotConverged,
     OptionError,
     SceneError,
 )
 from tactilenlp.identification.body import corner_shift
-from tactilenlp.identification.fit import fit_of
 from tactilenlp.identification.impacts import gravity_of, impacts, may_touch, steps_of
 from tactilenlp.identification.starts import CUBE_SIGNS, prepared
-from tactilenlp.identification.support import phases_of, support_of, with_soft_ground
 
 HALF, MASS = 52.4e-3, 0.37  # [m], [kg] as measured by who recorded it
 SCENE = Scene(mass=MASS)
@@ -222,84 +217,7 @@ def test_a_gauge_that_is_asked_for_is_taken(tosses):
     assert 1.0 < prepared(*prepare, None)[3][0] < 1.1
 
 
-@pytest.fixture
-def boxes(monkeypatch):
-    """The benchmark that tosses boxes in MuJoCo, whose ground is soft."""
-    monkeypatch.syspath_prepend(str(ROOT / "examples" / "benchmarks"))
-    import tossed_boxes
-
-    return tossed_boxes
-
-
-def test_heights_of_the_origin_tell_the_half_widths_it_rested_on(boxes):
-    half, _, _ = boxes.drawn_box(7)
-    steps, _, _, ruler = prepared(boxes.tossed(7, 4), SCENE, "cuboid", None, None)
-    assert ruler[0] == pytest.approx(1.0, abs=1e-6)
-    found = support_of(steps, SCENE.gravity, 1 / boxes.RATE)
-    assert (found.least < found.largest + 1e-6).all()
-    # At rest the ground yields by 0.02 mm, and 0.2 mm are tolerated.  The first axis
-    # was never vertical: only a bracket.
-    assert found.like_cube[1:] == pytest.approx(half[1:], abs=0.5e-3)
-    assert found.least[0] - 0.5e-3 < half[0] < found.largest[0] + 0.5e-3
-
-
-@pytest.mark.slow
-def test_a_cube_on_a_soft_ground_is_identified(boxes):
-    row = boxes.run(0, 4)
-    assert not row["failure"]
-    assert row["off_mm"] < 1.0
-    assert row["sigmas"] < 3
-    assert row["gauge"] == pytest.approx(1.0, abs=1e-6)
-    assert row["verdict"] == "good"
-
-
 def test_the_fit_of_real_tosses_is_good_and_said(cube):
     assert cube.fit.verdict == "good"
     assert cube.fit.widening == 1.0
     assert "The fit is good" in cube.summary()
-
-
-def test_a_fit_far_beyond_its_spread_is_bad_and_widens():
-    costs = {"balance, 1 touching": 100.0, "on the surface": 40.0, "not below": 900.0}
-    fit = fit_of(costs, steps=100)
-    assert fit.verdict == "bad"
-    assert fit.widening == pytest.approx(np.sqrt(940 / (50 + 7.1)), rel=1e-3)
-    assert "not to be trusted" in fit.text
-    mild = fit_of(costs | {"not below": 20.0}, steps=100)
-    assert mild.verdict == "good"
-
-
-def test_corners_may_sink_into_a_soft_ground_in_impacts_only(tosses):
-    steps, starts, signs, _ = prepared(tosses, SCENE, "cuboid", None, None)
-    soft = with_soft_ground(steps, 1.1 * starts[0] * signs, SCENE.gravity, tosses.dt)
-    _, hit, _ = phases_of(steps, SCENE.gravity, tosses.dt)
-    assert (soft.depth[~hit] == page.SURFACE).all()
-    assert len(set(soft.depth[hit])) == 1
-    assert 2 * page.SURFACE < soft.depth[hit][0] <= 20e-3
-
-
-def test_a_time_limit_keeps_the_start_and_says_what_was_left_out(tosses):
-    late = identify_body(tosses, SCENE, time_limit=1e-3, throw=False)
-    assert not late.success
-    assert "time limit reached: without a solve" in late.status
-    assert "standard deviations" in late.status
-    assert np.isinf(late.sigma["vertices"]).all()
-    assert np.isfinite(late.vertices).all()
-    assert "mm" in late.summary()
-    with pytest.raises(NotConverged, match="raise time_limit"):
-        identify_body(tosses, SCENE, time_limit=1e-3)
-    for wrong in (0.0, -1.0, np.nan, None, "2"):
-        with pytest.raises(OptionError, match="time_limit"):
-            identify_body(tosses, SCENE, time_limit=wrong)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("limit", [2.0, 5.0])
-def test_a_time_limit_holds_for_8000_samples(tosses, limit):
-    """In CPU time, which other programs do not lengthen."""
-    every = Trajectories.load(TOSSES)
-    began = time.process_time()
-    late = identify_body(every, SCENE, time_limit=limit, throw=False)
-    took = time.process_time() - began
-    assert not late.success
-    assert took < limit + 1.0, f"{took:.2f} s"

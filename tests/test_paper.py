@@ -11,10 +11,8 @@ from formulations.contact import MM
 from formulations.paper_contact import LAM_MAX
 from formulations.rigid_body import FREE
 from formulations.shape import CUBOID
-from tactilenlp import solve_estimate
 from tactilenlp.data.scene import Scene
 from tactilenlp.data.sensor_noise import Precision
-from tactilenlp.errors import NotConverged
 from tactilenlp.nlp.problem import Problem
 from tactilenlp.problem.reductions import Reductions, reduce
 
@@ -273,33 +271,3 @@ def test_derivatives_agree_with_finite_differences(free):
     # Differences straddle the kink of min(0, phi) where |phi| < 1e-8 m: in no instance.
     assert max(max(errors) for errors in report.derivatives.values()) < 1e-4
     assert report.assembled < 1e-4
-
-
-@pytest.mark.slow
-def test_two_actions_end_converged_or_in_the_typed_error(recorded):
-    data, scene = recorded[0].select([0, 1]), recorded[1]
-    try:
-        estimate = solve_estimate(data, scene, formulation=paper)
-    except NotConverged:
-        estimate = solve_estimate(data, scene, formulation=paper, throw=False)
-        assert not estimate.success
-    else:
-        assert estimate.success
-        assert max(estimate.violations.values()) < 1e-6
-    assert estimate.formulation == "paper"
-    # The dynamics are a cost: 0.3 mm of 10.9 mm, g dt^2, is 0.03 weights a deviation.
-    w = scene.mass * 9.81 * data.dt
-    total = sum(impulse[:, 2] for impulse in estimate.impulses.values()) / w
-    moved = np.abs(estimate.impulses["ground"]).any(axis=1)
-    np.testing.assert_allclose(total[moved], 1.0, atol=0.1)
-
-
-@pytest.mark.slow
-def test_without_ground_or_gravity_the_page_has_neither(recorded):
-    data, scene, _ = recorded
-    loose = Scene(scene.mass, ground=None, gravity=0.0, friction_finger=None)
-    window = reduce(data, loose, CUBOID, Precision(0, 0), Reductions(planar=False))
-    problem = Problem()
-    paper.build(problem, window, loose, CUBOID)
-    assert not [name for name in problem.terms if name.startswith("ground d")]
-    assert "finger friction" in problem.variables

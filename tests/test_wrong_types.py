@@ -16,7 +16,8 @@ from tactilenlp.errors import TactileError
 NUMBERS = (None, -1, 3.5)
 THINGS = ("ball", np.zeros(3), [1, 2], {})
 RESULTS = {"Body", "Choice", "Estimate", "Information", "Problem", "Prospect"}
-RESULTS |= {"Solution", "Step", "TouchedWorld"}  # nobody makes them by hand
+RESULTS |= {"Executor", "Page", "Solution", "Step", "TouchedWorld"}
+# nobody makes these by hand
 LAZY = {"explore"}  # it yields: nothing is checked before the first step
 FREE = {
     "_",

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from difflib import get_close_matches
-
-from ..errors import UnknownNameError, shortened
+from ..errors import UnknownNameError, did_you_mean, shortened
 
 
 class Named(dict):
@@ -19,11 +17,9 @@ class Named(dict):
 
     def __missing__(self, name):
         names = [*self]
-        like = get_close_matches(name, names, 1) if isinstance(name, str) else []
-        fix = f"did you mean {like[0]!r}?" if like else ""
         raise UnknownNameError(
             "no such name", where=self.where, got=shortened(name, most=80),
-            expected=f"one of {names}", next=fix,
+            expected=f"one of {names}", next=did_you_mean(name, names),
         )  # fmt: skip
 
     def __reduce__(self):

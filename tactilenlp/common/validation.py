@@ -147,9 +147,11 @@ def checked_choice(where: str, value, known, error=OptionError) -> np.ndarray:
 
 
 def _reader(value, kinds) -> str:
-    """Return how the path of a file becomes one of these classes, "" if it cannot."""
+    """Return how a path or a dict becomes one of these classes, "" if it cannot."""
     path = isinstance(value, (str, os.PathLike))
     able = [k.__name__ for k in kinds if path and hasattr(k, "load")]
+    if isinstance(value, dict) and value and isinstance(kinds[0], type):
+        return f"write {kinds[0].__name__}(name=value, ...)"
     return f"read a file by {able[0]}.load(path)" if able else ""
 
 

@@ -22,6 +22,11 @@ from .measurements import UNIT_EXACT, Measurements
 NORMAL_TOLERANCE = 1e-6  # [1], a normal further from unit length was not normalised
 FLIP_LIMIT = -0.9  # [1], cosine below which the shortest rotation to +z is ill-defined
 HEAVIEST = 100.0  # [kg] no finger pushes more: beyond it a mass is in grams
+GUESS = "this must be known, give a guess"
+REMEDIES = {  # of a number that is out of range, where it cannot be None
+    "mass": "divide by 1000 if it is in grams; if it is not known, give a guess",
+    "gravity": "give its magnitude, 9.81: it acts along the ground's normal",
+}
 KNOWN_KEYS = ("mass", "friction_ground", "friction_finger")  # read from a file
 
 
@@ -146,7 +151,7 @@ class Scene:
             given = name == "sigma_offset" and isinstance(value, JointZeros)
             if given or (value is None and unknown):
                 continue
-            fix = "None if unknown" if unknown else "this must be known, give a guess"
+            fix = "None if unknown" if unknown else REMEDIES.get(name, GUESS)
             number = _number(name, value, expected, low, high, fix)
             object.__setattr__(self, name, number)
         if self.ground is not None and not isinstance(self.ground, Ground):

@@ -119,7 +119,7 @@ class Guess:
         for name, fit, expected in (
             ("side_lengths", sides.ndim == 1 and (sides > 0).all(), "(3,) above 0 [m]"),
             ("position", near, f"(2,) or (3,) [m], within {FARTHEST:.0f} m"),
-            ("yaw", True, "one number [rad]"),
+            ("yaw", abs(yaw) <= 2 * np.pi, "one number [rad], within 2 pi"),
         ):
             array = {"side_lengths": sides, "position": place, "yaw": yaw}[name]
             if not (fit and np.isfinite(array).all()):

@@ -11,7 +11,7 @@ from dataclasses import replace
 from ..geometry.transforms import is_planar
 from ..problem.certificates import planar_certificate
 from ..problem.reductions import Reductions, required_reductions
-from ..search.hypothesis import distinct
+from ..search.hypothesis import distinct, named
 from ..search.local_solve import (
     RESTART_MU,
     Solved,
@@ -80,6 +80,21 @@ def _multistart(job, page, kept, options, solved, start) -> list[Solved]:
         # Slower: the page's own levels, which hold poses first.
         good = [*good, solved_from(job, page, solved[0].hypothesis, options)]
     return best_first(good or solved)
+
+
+def with_named_axes(job, page, solved, options, like) -> Solved:
+    """Return a solve, or one of the same optimum with the axes of a box renamed.
+
+    like: see `named`.  Hypotheses are named before they are solved, but sides of about
+    one length may end in another order.
+    """
+    h = named(job.shape, solved.at, like)
+    late = job.deadline.passed("the order of a box's axes")
+    if h.theta is solved.at.theta or not solved.solution.success or late:
+        return solved
+    again = solved_from(job, page, h, options)
+    again = replace(again, declined=solved.declined)
+    return again if again.rank <= solved.rank else solved
 
 
 def still_explained(best, start) -> bool:

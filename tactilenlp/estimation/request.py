@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+import pickle
 import time
 from dataclasses import dataclass, replace
 from types import ModuleType
@@ -16,7 +16,7 @@ from ..data.mistakes import check_mistakes
 from ..data.scene import Scene
 from ..data.sensor_noise import precise, precision_of, smoothed
 from ..errors import NoContactError, OptionError, SceneError, StartError
-from ..geometry.transforms import backward, rotation_of
+from ..geometry.transforms import backward, planar_matrix, rotation_of
 from ..problem.certificates import without
 from ..problem.pages import page_of, shape_of
 from ..problem.reductions import required_reductions, states_planar_motion
@@ -65,6 +65,18 @@ class Request:
         """How many hypotheses are kept, and starts solved, after an action."""
         return self.options.widths(precise(self.job.data, self.job.precision))
 
+    @property
+    def axes(self) -> tuple | None:
+        """Side lengths (3,) and first rotation (3, 3) whose axes keep their names."""
+        start, shape, ground = self.start, self.job.shape, self.job.scene.ground
+        if isinstance(start, Guess):
+            (_, theta, x), *_ = first_guess(start, shape)
+            return theta, planar_matrix(x[2])
+        if start is None or start.shape != shape.name:
+            return None
+        R = rotation_of(start.quaternion[0]).as_matrix()
+        return start.theta, R if ground is None else ground.rotation @ R
+
 
 def read_request(
     data, scene, shape, formulation, options, start, executor, session: Session
@@ -97,7 +109,7 @@ def asked(scene, shape, formulation, options, executor) -> tuple:
     check_plane(page, scene)
     check_rolling(page, shape)
     check_offset(page, scene)
-    check_executor(executor, page)
+    check_executor(executor, shape)
     if shape.parameters == "vertices":
         check_round(scene)
     return scene, shape, options, page
@@ -164,23 +176,23 @@ def check_offset(page, scene) -> None:
         )
 
 
-def check_executor(executor, page) -> None:
-    """Raise OptionError unless other processes can import the page by its name."""
+def check_executor(executor, shape) -> None:
+    """Raise OptionError unless it is an Executor, and can be sent the shape."""
     if executor is None:
         return
-    if not hasattr(executor, "submit"):
+    if isinstance(executor, type) or not callable(getattr(executor, "submit", None)):
         raise OptionError(
-            "no executor", where="executor", got=repr(executor),
+            "no executor", where="executor", got=repr(executor)[:80],
             expected="one of concurrent.futures, such as ProcessPoolExecutor(2)",
         )  # fmt: skip
-    if sys.modules.get(getattr(page, "__name__", "")) is not page:
+    try:
+        pickle.dumps(shape)
+    except (pickle.PicklingError, AttributeError, TypeError) as bad:
         raise OptionError(
-            "other processes cannot import this page",
-            where="formulation",
-            got=repr(page),
-            expected="a module that `import` finds",
-            next="save the page as a file, or leave executor out",
-        )
+            "other processes cannot be sent this shape", where="shape",
+            got=f"{shape.name}: {bad}", expected="functions that `import` finds",
+            next="define them in a file of their own, or leave executor out",
+        ) from bad  # fmt: skip
 
 
 def check_touched(data) -> None:
@@ -209,12 +221,10 @@ def first_guess(start, shape) -> tuple:
     theta, position = start.side_lengths, start.position
     if theta.max(initial=0.0) > shape.bounds[1]:
         raise StartError(
-            "too large",
-            where="start.side_lengths",
-            got=theta.tolist(),
+            "too large", where="start.side_lengths", got=theta.tolist(),
             expected=f"lengths of at most {shape.bounds[1]} m",
             next="divide by 1000 if these are millimetres",
-        )
+        )  # fmt: skip
     if theta.shape != (shape.theta,):
         raise StartError(
             "sizes do not fit the shape",

@@ -43,14 +43,17 @@ class Estimate:
 
     theta (n,) [m]; position (T, 3) [m] and quaternion (T, 4) wxyz of the body at every
     sample, world frame; impulses by contact, (T, 3) [N s] on the object, world frame,
-    over (t-1, t]; unknowns, costs, violations, multipliers by name; hypotheses, best
-    first, for the next action; information about shape and final pose.  origin: the
-    hypothesis it was solved from; reductions and cuts in use: with them the programme
-    can be built again.  progress: of the last solve by iteration, as in Solution.
-    finger_offset (F, 3) [m]: true less measured finger positions, world frame; None
-    where the scene takes them as exact (Scene.sigma_offset).  fit: how well the model
-    explains the measurements; None for a page that states no touch likelihood; classes:
-    the odds of those that were compared, best first.
+    over (t-1, t].  Axes of a cuboid: at the first sample z is the one nearest the
+    vertical, x points within 90 degrees of the world's x (of the ground's, where it is
+    tilted), and side x is not shorter than side y; an estimate that continues another
+    one, or a Guess, keeps its names.  unknowns, costs, violations, multipliers by name;
+    hypotheses, best first, for the next action; information about shape and final pose.
+    origin: the hypothesis it was solved from; reductions and cuts in use: with them the
+    programme can be built again.  progress: of the last solve by iteration, as in
+    Solution.  finger_offset (F, 3) [m]: true less measured finger positions, world
+    frame; None where the scene takes them as exact (Scene.sigma_offset).  fit: how well
+    the model explains the measurements; None for a page that states no touch
+    likelihood; classes: the odds of those that were compared, best first.
     """
 
     measurements: Measurements

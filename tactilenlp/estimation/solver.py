@@ -17,11 +17,11 @@ from ..common.deadline import Deadline
 from ..common.interrupt import interruptible
 from ..common.validation import check_types
 from ..data.scene import Scene
-from ..errors import OptionError
+from ..errors import OptionError, typed_call
 from ..nlp.problem import Problem
 from ..nlp.solution import check_finite
 from ..problem.reductions import Reductions
-from ..search.hypothesis import Hypothesis, Job, distinct
+from ..search.hypothesis import Hypothesis, Job, distinct, named
 from ..search.local_solve import Solved, best_first, problem_at, problem_for
 from ..search.margins import LEAST_MOTION_BEHIND, UPDATE_COST, UPDATE_SHARE
 from ..search.multi_hypothesis import search_boxes
@@ -45,7 +45,7 @@ from .model_selection import (
 )
 from .options import PROCESS, Guess, Options, Session
 from .readout import name_of, read_off
-from .refinement import refined
+from .refinement import refined, with_named_axes
 from .request import Request, first_guess, read_request
 from .result import Estimate
 
@@ -54,6 +54,7 @@ log = logging.getLogger("tactilenlp")
 SEARCH_END, REFINEMENT_END, CERTIFICATES_END = 0.5, 0.85, 1.0
 
 
+@typed_call()
 def solve_estimate(
     data,
     scene: Scene | None = None,
@@ -106,6 +107,7 @@ def solve_estimate(
     return estimate
 
 
+@typed_call()
 def problem_of(
     data, scene: Scene | None = None, formulation="violation_implicit",
     *, shape="cuboid", options: Options | None = None, at=None,
@@ -165,6 +167,7 @@ def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
     with job.deadline.ending("certificates"):
         if not job.deadline.passed("evidence of other optima"):
             best, *_ = most_probable_first(job, solved)
+        best = with_named_axes(cut, page, best, options, request.axes)
         best = checked(cut, page, best, options, request.executor)
     so_far.kept = _carried_on(job, solved, kept, request.widths[0])
     others = [
@@ -245,11 +248,12 @@ def _searched(request: Request, kept) -> tuple[list[Hypothesis], list[Hypothesis
     search = {"sizes": _search_sizes, "vertices": _search_vertices}
     found = search[job.shape.parameters](request, lean, plane, kept)
     if plane is None:
+        found = [named(job.shape, h, request.axes) for h in found]
         return found, found
     starts = [in_free_motion(h, plane, job.shape) for h in found]
     if job.shape.last_pose_held:
         starts += [with_faces_tracked(h, job.data) for h in starts]
-    return found, starts
+    return found, [named(job.shape, h, request.axes) for h in starts]
 
 
 def _search_sizes(request: Request, job, plane, kept) -> list[Hypothesis]:

@@ -14,6 +14,7 @@ from formulations.shape import Shape
 from ..common.brief import printed
 from ..common.interrupt import interruptible
 from ..common.validation import check_numbers, check_types
+from ..errors import typed_call
 from ..geometry.faces import polygons
 from .action_space import Action, Workspace
 from .expected_information import ExpectedInformation
@@ -48,6 +49,7 @@ class Choice:
 
 
 @interruptible()
+@typed_call()
 def choose_action(
     estimate,
     workspace: Workspace | None = None,

@@ -97,7 +97,8 @@ class Workspace:
             if not (0 < as_number(value) < np.inf):
                 raise _option_error(name, "a number above 0", getattr(self, name))
         if self.bound > np.pi / 2:
-            raise _option_error("bound", "at most pi / 2 [rad]", self.bound)
+            fix = "convert degrees by numpy.radians"
+            raise _option_error("bound", "at most pi / 2 [rad]", self.bound, fix)
         if self.radius > MAX_RADIUS:
             fix = "divide by 1000 if these are millimetres"
             raise _option_error(

@@ -18,7 +18,7 @@ from formulations.shape import Shape
 
 from ..common.brief import printed
 from ..common.validation import check_sample, check_types
-from ..errors import OptionError
+from ..errors import OptionError, typed_call
 from ..information.comparisons import information_gain
 from ..problem.pages import shape_of
 from . import beliefs, polytope_beliefs
@@ -177,6 +177,7 @@ def _check(estimate, workspace, hypotheses, slopes, shape) -> None:
         )
 
 
+@typed_call()
 def expected_information_gain(
     estimate,
     action: Action,

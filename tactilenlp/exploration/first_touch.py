@@ -74,13 +74,13 @@ def first_touch(world, space: Workspace, centre, rng):
         centre = checked_centre(centre)
         action = space.random(rng, alone)
         told.append(action.trajectory(centre))
-        data = world.execute(told[-1])
+        data = executed(world, told[-1])
         if touched(data):
             return action, data, tuple(told)
         log.warning("no contact at the given centre: sweeping the workspace")
     for trajectory in sweep(space, centre):
         told.append(trajectory)
-        data = world.execute(trajectory)
+        data = executed(world, trajectory)
         if touched(data):
             return None, data, tuple(told)
     raise NoContactError(
@@ -101,6 +101,18 @@ def checked_centre(centre) -> np.ndarray:
         "not a place", where="centre", got=shortened(centre, most=80),
         expected="(2,) or (3,) finite numbers [m]",
     )  # fmt: skip
+
+
+def executed(world, trajectory) -> Measurements:
+    """Return what a world measured on a trajectory; OptionError if it is nothing."""
+    data = world.execute(trajectory)
+    if not isinstance(data, Measurements):
+        raise OptionError(
+            "returned no measurements", where="world.execute",
+            got=shortened(data, most=80), expected="Measurements",
+            next="return what was felt on the way (tactilenlp.TouchedWorld)",
+        )  # fmt: skip
+    return data
 
 
 def touched(data: Measurements) -> bool:

@@ -11,6 +11,8 @@ from functools import partial
 
 import numpy as np
 
+from formulations.shape_fields import takes
+
 from ..common.file_lock import can_be_written, locked
 from ..common.progress import progress, wipe
 from ..common.validation import check_path, check_types
@@ -23,7 +25,7 @@ from ..estimation.result import Estimate
 from ..estimation.solver import solve_estimate
 from ..evaluation.ground_truth import errors_of
 from .action_space import TouchedWorld, Workspace
-from .first_touch import check_reach, first_touch
+from .first_touch import check_reach, executed, first_touch
 from .log import (
     Exploration,
     Step,
@@ -206,7 +208,13 @@ def _check(world, file, start) -> None:
 
 def _check_world(world) -> None:
     """Raise OptionError unless a world has the methods of a TouchedWorld."""
-    if not isinstance(world, TouchedWorld):
+    if isinstance(world, type):
+        raise OptionError(
+            "a class, not a world", where="world", got=world.__name__,
+            expected="an object with execute(trajectory) -> Measurements",
+            next=f"make one: {world.__name__}(...)",
+        )  # fmt: skip
+    if not (isinstance(world, TouchedWorld) and takes(world.execute, 1)):
         raise OptionError(
             "not a world", where="world", got=repr(world)[:80],
             expected="an object with execute(trajectory) -> Measurements",
@@ -259,7 +267,7 @@ def _act(world, space, number, estimate, past, rng, settings) -> Step:
     began = time.process_time()
     action, choice, words, target = next_action(estimate, space, past, rng, settings)
     acts, told = time.process_time(), action.trajectory(target)
-    data = world.execute(told)
+    data = executed(world, told)
     seconds = {"choose": acts - began, "act": time.process_time() - acts}
     return Step(number, action, data, None, choice, words, seconds, (told,))
 

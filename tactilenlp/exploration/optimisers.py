@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.validation import check_types, is_whole
-from ..errors import OptionError, shortened, typed_call
+from ..errors import OptionError, did_you_mean, shortened, typed_call
 
 SEARCHES = (
     "facing", "direct", "direct_l", "crs2", "isres", "mlsl", "bobyqa", "cem", "random",
@@ -55,7 +55,10 @@ def check_search(search, budget) -> str:
     name = search if isinstance(search, str) else "cem"
     if name not in SEARCHES:
         expected = f"one of {SEARCHES} or a CrossEntropy"
-        raise OptionError("no such search", where="search", got=name, expected=expected)
+        raise OptionError(
+            "no such search", where="search", got=name, expected=expected,
+            next=did_you_mean(name, SEARCHES),
+        )  # fmt: skip
     if not (is_whole(budget) and budget >= 2):
         expected = "an integer >= 2"
         raise OptionError("too few", where="budget", got=budget, expected=expected)

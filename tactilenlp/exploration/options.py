@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from ..common.validation import check_numbers, check_types
-from ..errors import OptionError, typed_call
+from ..errors import OptionError, did_you_mean, typed_call
 from ..estimation.options import Options
 from ..problem.pages import shape_of
 from .action_space import Workspace
@@ -77,6 +77,7 @@ class ExploreOptions:
             raise OptionError(
                 "no such setting", where="explore", got=unknown,
                 expected=f"settings, file, start, executor, or one of {names}",
+                next=did_you_mean(unknown[0], names),
             )  # fmt: skip
         check_types(settings=(settings, (cls, type(None))))
         if settings is not None and given:

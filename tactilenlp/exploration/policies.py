@@ -12,7 +12,7 @@ from formulations.shape import Shape
 
 from ..common.brief import printed
 from ..data.measurements import Measurements
-from ..errors import OptionError
+from ..errors import OptionError, did_you_mean
 from ..estimation.result import Estimate
 from ..problem.pages import shape_of
 from .action_search import Choice, best_action, choose_action, facing
@@ -56,11 +56,10 @@ def checked_policy(policy):
     if callable(policy) or (isinstance(policy, str) and policy in POLICIES):
         return policy
     raise OptionError(
-        "no such policy",
-        where="policy",
-        got=policy,
+        "no such policy", where="policy", got=policy,
         expected=f"one of {POLICIES}, or a function of a Plan",
-    )
+        next=did_you_mean(policy, POLICIES),
+    )  # fmt: skip
 
 
 def check_predicted(policy, actions, start, shape, scene) -> None:

@@ -15,7 +15,7 @@ from ..common.deadline import Deadline
 from ..common.validation import check_numbers, check_types
 from ..data.scene import Scene
 from ..data.trajectories import Trajectories
-from ..errors import OptionError, SceneError
+from ..errors import OptionError, SceneError, typed_call
 from ..information.information import reduced_covariance
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
@@ -38,6 +38,7 @@ COVARIANCE_TIME = 6.0  # [iterations of the solve] that these take; four were me
 WITH_SIGMA = ("theta", "radius", "friction", "inertia", "plane")
 
 
+@typed_call()
 def identify_body(
     trajectories: Trajectories,
     scene: Scene | None = None,

@@ -17,8 +17,8 @@ import numpy as np
 from ..common.brief import printed
 from ..common.deadline import NEVER, Deadline
 from ..common.layout import ANY
-from ..common.validation import check_types
-from ..errors import OptionError
+from ..common.validation import check_sample, check_types
+from ..errors import OptionError, did_you_mean
 from ..nlp.kkt_sensitivity import KKTSystem, kkt_system_of
 from .error_budget import (
     Linearisation,
@@ -112,7 +112,9 @@ class Information:
         """
         check_types(name=(name, str))
         if sample is not None:
-            return self.along_path(name)[sample]
+            along = self.along_path(name)
+            check_sample(sample, len(along))
+            return along[sample]
         variance = np.diag(self.covariance(name)).copy()
         variance[variance < 0] = np.inf
         sigma = np.sqrt(variance)
@@ -165,11 +167,10 @@ class Information:
     def _map(self, name: str) -> np.ndarray:
         if name not in self.maps:
             raise OptionError(
-                "no such quantity",
-                where="information",
-                got=name,
+                "no such quantity", where="information", got=name,
                 expected=f"one of {sorted(self.maps)}",
-            )
+                next=did_you_mean(name, self.maps),
+            )  # fmt: skip
         return self.maps[name]
 
 

@@ -21,8 +21,9 @@ import scipy.sparse as sp
 
 from ..common.brief import printed
 from ..common.deadline import NEVER, Deadline
+from ..common.named import Named
 from ..common.validation import numbers_of
-from ..errors import PageError
+from ..errors import PageError, did_you_mean
 from .assembly import assemble
 from .reduced_space import Eliminated
 from .term_functions import (
@@ -55,8 +56,10 @@ ROLES = ("likelihood", "physics", "prior", "regulariser")
 class Problem:
     """The programme that a page fills: variables, parameters, costs and constraints."""
 
-    variables: dict[str, Variable] = field(default_factory=dict)
-    parameters: dict[str, Parameter] = field(default_factory=dict)
+    variables: dict[str, Variable] = field(default_factory=lambda: Named("variables"))
+    parameters: dict[str, Parameter] = field(
+        default_factory=lambda: Named("parameters")
+    )
     costs: dict[str, Term] = field(default_factory=dict)
     constraints: dict[str, Term] = field(default_factory=dict)
     reports: dict[str, Term] = field(default_factory=dict)
@@ -100,8 +103,10 @@ class Problem:
     def minimize(self, name: str, function: Callable, *arguments, role: str) -> None:
         """Add the sum of `function` over the instances; `role` is one of ROLES."""
         if role not in ROLES:
-            told = {"where": name, "got": role, "expected": f"one of {ROLES}"}
-            raise PageError("unknown role", **told)
+            raise PageError(
+                "unknown role", where=name, got=role, expected=f"one of {ROLES}",
+                next=did_you_mean(role, ROLES),
+            )  # fmt: skip
         term = self._term(name, function, arguments, role=role)
         if term is not None:
             self.costs[name] = term
@@ -277,8 +282,10 @@ class Problem:
         sizes = [indices.shape[1] for indices in unknowns]
         derived = self._traced(name, trace, function, sizes, order)
         if role is not None and derived.rows != 1:
-            told = {"where": name, "got": derived.rows, "expected": "1 row"}
-            raise PageError("a cost is one number", **told)
+            raise PageError(
+                "a cost is one number", where=name, got=f"{derived.rows} rows",
+                expected="1 row", next="add them up: casadi.sum1(...), casadi.sumsqr",
+            )  # fmt: skip
         limits = limits_of(name, (instances, derived.rows), limits)
         empty = np.zeros((instances, 0), int)
         unknowns, data = np.hstack([empty, *unknowns]), np.hstack([empty, *data])

@@ -128,7 +128,8 @@ def check_finite(problem: Problem, solution: Solution) -> None:
         raise PageError(
             "the page has terms without a number", where=f"IPOPT: {solution.status}",
             got="; ".join(bad), expected="finite costs, constraints and derivatives",
-            next="keep divisors, logarithms and roots away from zero; problem.check() "
+            next="keep divisors, logarithms and roots away from zero; use functions "
+            "of casadi, as float() and math make NaN of a symbol; problem.check() "
             "examines a page at its guess",
         )  # fmt: skip
 

@@ -22,6 +22,11 @@ from ..errors import PageError
 from .codegen import compiled, kept
 
 PARTS = ("value", "first", "second", "patterns")  # names of the compiled functions
+REMEDIES = {  # of what keeps a function from being traced, by words of the error
+    "truth value": "write casadi.if_else(condition, a, b), casadi.fmax or casadi.fmin",
+    "positional argument": "the function takes each argument of the term, in order",
+    "out of bounds": "count rows: x has 3 in planar, 6 in free motion; theta its sizes",
+}
 
 
 @dataclass(frozen=True)
@@ -135,12 +140,13 @@ def term_function_named(name: str, trace, function, sizes, order) -> TermFunctio
     except PageError:
         raise
     except Exception as error:
+        words = f"{type(error).__name__}: {error}"
+        remedies = [fix for sign, fix in REMEDIES.items() if sign in words]
         raise PageError(
-            "the term's function cannot be traced",
-            where=name,
-            got=f"{type(error).__name__}: {error}",
+            "the term's function cannot be traced", where=name, got=words,
             expected="a pure CasADi expression of its arguments (column vectors)",
-        ) from error
+            next=(remedies or [""])[0],
+        ) from error  # fmt: skip
 
 
 @cache

@@ -10,7 +10,7 @@ import numpy as np
 from casadi import vertcat
 
 from ..common.validation import is_whole, numbers_of
-from ..errors import PageError, shortened
+from ..errors import PageError, did_you_mean, shortened
 from .term_functions import TermFunction
 
 LARGEST_BLOCK = 1_000_000  # [1] rows or columns of a variable
@@ -225,7 +225,10 @@ def known(names, declared: dict, what: str) -> None:
     """Raise PageError for the first name that is not declared."""
     for name in names or ():
         if name not in declared:
-            raise PageError(f"no such {what}", where=name, expected=str([*declared]))
+            raise PageError(
+                f"no such {what}", where=name, expected=f"one of {[*declared]}",
+                next=did_you_mean(name, declared) or "declare it in `build`",
+            )  # fmt: skip
 
 
 def instances_of(name: str, arguments) -> int:
@@ -241,8 +244,9 @@ def instances_of(name: str, arguments) -> int:
     several = {n for n in lengths if n != 1}
     if len(several) > 1:
         raise PageError(
-            "arguments disagree on the number of instances", where=name, got=lengths
-        )
+            "arguments disagree on the number of instances", where=name, got=lengths,
+            next="pick as many columns of each, or one that all instances share",
+        )  # fmt: skip
     return several.pop() if several else 1
 
 
@@ -295,5 +299,13 @@ def limits_of(name: str, shape: tuple[int, int], limits: dict) -> dict:
     """Return lower and upper limits as arrays (instances, rows); PageError if wrong."""
     limits = {k: limit(v, shape, name) for k, v in limits.items()}
     if limits and not np.all(limits["lower"] <= limits["upper"]):
-        raise PageError("limits cross, or are NaN", where=name)
+        raise PageError(
+            "limits cross, or are NaN", where=name, expected="lower <= upper"
+        )
+    if limits and np.isinf([*limits.values()]).all():
+        raise PageError(
+            "a constraint without limits", where=name, got="none",
+            expected="a finite lower or upper limit",
+            next="give lower=, upper= or both; lower=0, upper=0 is an equation",
+        )  # fmt: skip
     return limits

@@ -6,16 +6,20 @@ import importlib
 import inspect
 import re
 from contextlib import contextmanager
+from dataclasses import fields
 from functools import partial
 from types import ModuleType
+from typing import Protocol
 
 from formulations.ellipsoid import ELLIPSOID
 from formulations.finger_offset import displaced
 from formulations.polytope import polytope
 from formulations.shape import CUBOID, Shape
+from formulations.shape_fields import takes, unfit_fields
 from formulations.upright import CYLINDER, prism
 
-from ..errors import OptionError, PageError, shortened
+from ..errors import OptionError, PageError, did_you_mean, shortened
+from .reductions import Reductions
 
 _short = partial(shortened, most=80)
 SHAPES = {
@@ -29,9 +33,30 @@ FORMULATIONS = (
 )
 
 
+class Page(Protocol):
+    """What a formulation is: a module, or an object, that states one programme.
+
+    Optional members: REDUCTIONS, a dict of reductions that the page requires or
+    forbids; OFFSETS = True if `build` begins with `displaced`; ALIKE = True if term
+    functions depend on page, shape, scene and motion only; ROUGH, levels that start
+    from guessed poses; FREED, reductions that are undone where the data ask for it.
+    `formulations/README.md` explains each.
+    """
+
+    LEVELS: tuple  # of formulations.level.Level, solved one after another
+
+    def build(self, nlp, window, scene, shape) -> None:
+        """Declare unknowns, costs and constraints of a window of data in a Problem."""
+
+
 def shape_of(shape) -> Shape:
     """Return the shape of a name, or a user's; OptionError for an unknown name."""
     if isinstance(shape, Shape):
+        for field, got, expected, remedy in unfit_fields(shape):
+            where = f"shape.{field}"
+            raise OptionError(
+                "unfit", where=where, got=got, expected=expected, next=remedy
+            )
         return shape
     if isinstance(shape, str) and (sides := PRISM.fullmatch(shape)):
         return prism(int(sides[1]))
@@ -39,6 +64,8 @@ def shape_of(shape) -> Shape:
         raise OptionError(
             "unknown shape", where="shape", got=shape,
             expected=f"one of {[*SHAPES]}, or a Shape such as tactilenlp.prism(6)",
+            next="call it: prism(6), polytope(30)" if callable(shape)
+            else did_you_mean(shape, SHAPES),
         )  # fmt: skip
     return SHAPES[shape]
 
@@ -47,35 +74,47 @@ def page_of(formulation, shape):
     """Return the page of a name, the shape's own if it has any, or a user's page."""
     if isinstance(formulation, str):
         return importlib.import_module(f"formulations.{_module_of(formulation, shape)}")
+    _check_page(formulation)
+    return formulation
+
+
+def _check_page(page) -> None:
+    """Raise OptionError unless an object has the members of a Page."""
     for name in ("build", "LEVELS"):
-        if not hasattr(formulation, name):
+        if not hasattr(page, name):
             raise OptionError(
-                f"a page needs {name}", where="formulation", got=_short(formulation)
-            )
-    levels = formulation.LEVELS
+                f"a page needs {name}", where="formulation", got=_short(page),
+                next="see tactilenlp.Page and formulations/README.md",
+            )  # fmt: skip
+    levels = page.LEVELS
     listed = isinstance(levels, (tuple, list)) and len(levels) > 0
     if not (listed and all(hasattr(k, "with_ipopt") for k in levels)):
         raise OptionError(
             "a page needs levels", where="formulation.LEVELS", got=_short(levels),
             expected="a tuple of formulations.level.Level, at least one",
         )  # fmt: skip
-    if not callable(formulation.build):
+    if not (callable(page.build) and takes(page.build, 4)):
         raise OptionError(
             "a page needs a function", where="formulation.build",
-            got=_short(formulation.build), expected="build(nlp, window, scene, shape)",
+            got=_short(page.build), expected="build(nlp, window, scene, shape)",
         )  # fmt: skip
-    return formulation
+    made, known = getattr(page, "REDUCTIONS", {}), [f.name for f in fields(Reductions)]
+    if not (isinstance(made, dict) and {*made} <= {*known}):
+        raise OptionError(
+            "no such reduction", where="formulation.REDUCTIONS", got=_short(made),
+            expected=f"a dict of True or False by name, of {', '.join(known)}",
+        )  # fmt: skip
 
 
 def _module_of(formulation: str, shape) -> str:
     """Return the module of a formulation; OptionError where the shape has none."""
     if formulation not in FORMULATIONS:
         raise OptionError(
-            "unknown formulation",
-            where="formulation",
-            got=formulation,
+            "unknown formulation", where="formulation", got=formulation,
             expected=f"one of {FORMULATIONS}, or a page",
-        )
+            next=did_you_mean(formulation, FORMULATIONS)
+            or "import a page of your own, and give the module",
+        )  # fmt: skip
     if not shape.own_pages:
         return formulation
     if formulation not in shape.own_pages:
@@ -168,6 +207,13 @@ def _check_extension(base, terms, replace, parts) -> None:
                 "no function", where="extend", got=_short(term),
                 expected="term(nlp, window, scene, shape)",
                 next="give the function itself, without calling it",
+            )  # fmt: skip
+    for term in terms:
+        if not takes(term, 4):
+            raise OptionError(
+                "a term of other arguments", where="extend",
+                got=f"{_short(term)}{inspect.signature(term)}",
+                expected="term(nlp, window, scene, shape)",
             )  # fmt: skip
     known = [*inspect.signature(base.build).parameters][4:]
     if unknown := [name for name in parts if name not in known]:

@@ -22,7 +22,7 @@ from formulations.rigid_body import FREE, PLANAR
 
 from ..common.validation import check_types
 from ..data.sensor_noise import contact_latency
-from ..errors import OptionError, typed_call
+from ..errors import OptionError, did_you_mean, typed_call
 from .fingertips import finger_of, finger_poses, yields
 from .missing_samples import hidden_samples, possible_contact, unseen_contact
 from .window import Corners, Group, Pushes, Rests, Samples, Steps, Window
@@ -66,6 +66,7 @@ class Reductions:
             raise OptionError(
                 "no such reduction", where=where, got=unknown,
                 expected=f"True, False or names to switch off among {names}",
+                next=did_you_mean(unknown[0], names),
             )  # fmt: skip
         return cls(**{name: name not in off for name in names})
 

@@ -2,7 +2,8 @@
 
 Which face was touched, which way the object is turned, how it was pushed: each answer
 is a hypothesis of its own.  Two are the same body where the corners agree at the first
-and at the last pose.  A `Job` is what a search for hypotheses is given.
+and at the last pose.  The axes of a box are named by one convention (`named`).  A `Job`
+is what a search for hypotheses is given.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from ..common.brief import printed
 from ..common.deadline import Deadline
 from ..common.layout import ANY
-from ..geometry.transforms import is_planar, matrices
+from ..geometry.transforms import continuous, is_planar, matrices, planar_matrix
 from ..nlp.problem import Problem
 from ..problem.poses import body_corners, planar_corners
 from ..tracking.outline import supports
@@ -23,6 +24,7 @@ from .margins import START_BEHIND
 
 SAME_BODY = 1e-3  # [m] corners of one body agree this well
 COMPARED = (0, -1)  # samples at which bodies are compared: first, last
+EQUAL_SIDES = 1e-6  # [m] sides this close have no order
 
 
 @printed
@@ -150,6 +152,42 @@ def same(shape, a: Hypothesis, b: Hypothesis, samples=COMPARED) -> bool:
         if max(apart.min(axis=0).max(), apart.min(axis=1).max()) > SAME_BODY:
             return False
     return True
+
+
+def named(shape, h: Hypothesis, like=None) -> Hypothesis:
+    """Return the same body, the axes of a box named by convention.
+
+    At the first sample z is the axis nearest the vertical, x points within 90 degrees
+    of the world's x, and side x is not shorter than side y.  like: side lengths (3,)
+    and rotation (3, 3) at the first sample of an earlier estimate, whose names are kept
+    instead.
+    """
+    if not shape.is_box:
+        return h
+    flat, R = is_planar(h.x), rotation_at(h, 0)
+    ways = [(list(order), np.array(S, float)) for order, S in shape.symmetries]
+    ways = [way for way in ways if not flat or way[1][2, 2] > 0]
+
+    def rank(way):
+        theta, turned = h.theta[way[0]], R @ way[1]
+        if like is not None:
+            return round(np.linalg.norm(turned * theta - like[1] * like[0]), 9)
+        return -turned[2, 2], theta[1] - theta[0] > EQUAL_SIDES, turned[0, 0] < 0
+
+    order, S = min(ways, key=rank)
+    if np.array_equal(S, np.eye(3)):
+        return h
+    if flat:
+        x = h.x + np.array([[0], [0], [np.arctan2(S[1, 0], S[0, 0])]])
+    else:
+        x = np.vstack([h.x[:3], continuous(matrices(h.x) @ S).T])
+    return replace(h, theta=h.theta[order], x=x)
+
+
+def rotation_at(h: Hypothesis, sample: int) -> np.ndarray:
+    """Return the rotation (3, 3) of a body at a sample, planar or free."""
+    x = h.x[:, sample]
+    return planar_matrix(x[2]) if is_planar(h.x) else matrices(x[:, None])[0]
 
 
 def _corners_at(shape, h: Hypothesis, sample: int) -> np.ndarray:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
+from typing import Any, Protocol
 
 from formulations import quasi_static
 
@@ -19,10 +20,23 @@ WEAK_MOTION = {"motion weight": 100.0}  # [nats/m] a third of the page's own
 TOLERANCE = 1e-3  # [-] of these solves: they are starts
 
 
-def least_motion(job: Job, tracks, executor=None) -> list[Hypothesis]:
+class Executor(Protocol):
+    """What spreads work over processes: any executor of concurrent.futures, or Dask.
+
+    Functions and arguments are sent by pickle, so that the functions of a Shape of
+    one's own are in a file that the other processes can import.  A page is not sent.
+    """
+
+    def submit(self, function, /, *arguments) -> Any:
+        """Call function(*arguments) elsewhere; return a Future: result(), cancel()."""
+
+
+def least_motion(
+    job: Job, tracks, executor: Executor | None = None
+) -> list[Hypothesis]:
     """Return for each track, in order, the optimum of least motion from there.
 
-    executor: of concurrent.futures, over which the tracks are solved in chunks.
+    executor: over which the tracks are solved in chunks.
     """
     if executor is None:
         return _solved(job, tracks)
