@@ -34,7 +34,7 @@ picture = Path(sys.argv[2]) if len(sys.argv) > 2 else Path("estimate.png")
 # The measurements, sample by sample, and what is known: mass and frictions.
 data = Measurements.load(recording)
 scene = Scene.load(recording)
-print(f"{recording.name}: {data}")
+print(f"{recording.name}: {data}", flush=True)
 
 # Shape, poses and contact impulses that explain the measurements best.
 estimate = solve_estimate(data, scene)

@@ -25,15 +25,15 @@ recording = example_recording()
 picture = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("how_sure.png")
 data, scene = Measurements.load(recording), Scene.load(recording)
 
-figure = plt.figure(figsize=(9, 3), layout="constrained")
+figure = plt.figure(figsize=(11, 3.6), layout="constrained")
 estimate = None
 for place, actions in enumerate((1, 3, 6)):
+    print(f"After {actions} action{'s' * (actions > 1)}:", flush=True)
     # `start` continues from the hypotheses of the shorter recording.
     estimate = solve_estimate(data.select(range(actions)), scene, start=estimate)
     information = estimate.information
     sides = estimate.side_lengths * 1e3
     sigma = information.sigma("side_lengths") * 1e3
-    print(f"After {actions} actions:")
     for name, side, deviation in zip("xyz", sides, sigma, strict=True):
         print(f"  side {name}  {side:6.2f} ± {deviation:5.2f} mm")
     for axis, deviation in zip("xyz", information.sigma("position"), strict=True):

@@ -3,7 +3,8 @@
     python examples/03_where_to_touch_next.py [picture.png]
 
 After a first touch and two actions one side of the box is not observed yet.  The gain
-in nats is drawn over all directions from which the two fingers can approach.
+in nats is drawn over all directions from which the two fingers may approach,
+each within 72 deg (2 pi / 5) of its own side: the workspace keeps them apart.
 """
 
 import sys
@@ -27,10 +28,11 @@ matplotlib.use("Agg")  # write to a file, without a screen
 recording = example_recording()
 picture = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("where_next.png")
 data, scene = Measurements.load(recording), Scene.load(recording)
+print("Estimating three actions ...", flush=True)
 estimate = solve_estimate(data.select(range(3)), scene)
 print(f"Not observed: {'; '.join(estimate.information.unobserved) or 'nothing'}.")
 
-# Fingers move on straight lines to the centroid, within angles of 2 pi / 5.
+# Fingers move on straight lines to the centroid.
 workspace = Workspace()
 choice = choose_action(estimate, workspace, search="facing", budget=180, seed=0)
 for finger, direction in enumerate(choice.action.directions):

@@ -21,6 +21,7 @@ picture = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("exploration.png")
 turn = [np.cos(0.3), 0, 0, np.sin(0.3)]  # 0.6 rad about the vertical
 world = World([0.055, 0.038, 0.045], position=[0.01, -0.005], quaternion=turn)
 
+print("First touch, then three chosen actions ...", flush=True)
 figure, axes = plt.subplots(1, 4, figsize=(14, 4.2), layout="constrained")
 for step in explore(world, Scene(), actions=3, centre=world.pose[:3], seed=0):
     truth = {
@@ -30,7 +31,7 @@ for step in explore(world, Scene(), actions=3, centre=world.pose[:3], seed=0):
     }
     off = 1e3 * step.errors["surface"]
     gain = f", {step.choice.gain:.1f} nats expected" if step.choice else ""
-    print(f"Action {step.number} ({step.policy}{gain}): {off:.2f} mm off")
+    print(f"Action {step.number} ({step.policy}{gain}): {off:.2f} mm off", flush=True)
     unseen = "; ".join(step.estimate.information.unobserved) or "nothing"
     print(f"  not observed: {unseen}")
     axis = axes[step.number]

@@ -8,6 +8,7 @@ own, omit `robot`, and load the rig that describes it: hardware/README.md.
 """
 
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -22,13 +23,15 @@ from hardware.world import RobotWorld
 from tactilenlp import JointZeros, Scene, Workspace, explore, plot_top, surface_distance
 
 LIMIT = 3.0  # [mm] largest error accepted: as far as the tips are off
-SIDES = (0.058, 0.049, 0.053)  # [m], the paper's box
+SIDES, DEGREE = (0.058, 0.049, 0.053), np.deg2rad(1.0)  # [m], the paper's box; [rad]
 WRONG = np.deg2rad([[0.9, -0.7, 0.8], [-0.8, 0.9, -0.6]])  # errors of the joint zeros
-DEGREE = np.deg2rad(1.0)
 WHERE = [[0.05, 0.0, 0.04], [-0.05, 0.0, 0.04]]  # [m] where each tip works, roughly
 
 plt.switch_backend("Agg")  # write to a file, without a screen
 picture = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("robot.png")
+print("A first touch and two chosen actions take 40 s ...", flush=True)
+if find_spec("cv2") is None:
+    sys.exit('The cameras need OpenCV: pip install "tactilenlp[optical]".')
 rig = simulated_rig("densetact")
 turn = [np.cos(0.3), 0, 0, np.sin(0.3)]  # 0.6 rad about the vertical
 robot = SimulatedRobot(rig, SIDES, quaternion=turn, mass=0.5, zero_error=WRONG)
@@ -40,14 +43,13 @@ with robot, Bench(rig, **options) as bench:
     world = RobotWorld(bench)
     radius = float(world.finger_radius[0])
     space = Workspace.robot(finger_radius=radius, stiffness=160.0, max_force=1.7)
-    touching = explore(world, scene, 2, workspace=space, centre=(0, 0), seed=0)
-    for step in touching:
+    for step in explore(world, scene, 2, workspace=space, centre=(0, 0), seed=0):
         place = translation_matrix(robot.pose[:3]) @ quaternion_matrix(robot.pose[3:])
         true, found = box(SIDES, place), step.estimate.mesh()
         off = 1e3 * surface_distance(found, true).mean
         wrong = 1e3 * np.linalg.norm(step.estimate.finger_offset, axis=1)
-        print(f"Action {step.number} ({step.policy}): {off:.2f} mm off; estimated")
-        print(f"  offsets of the tips: {wrong[0]:.1f} and {wrong[1]:.1f} mm")
+        print(f"Action {step.number} ({step.policy}): {off:.2f} mm off; the tips,")
+        print(f"  as estimated, {wrong[0]:.1f} and {wrong[1]:.1f} mm", flush=True)
 
 truth = {"position": robot.pose[None, :3], "quaternion": robot.pose[None, 3:]}
 plot_top(step.estimate, -1, truth | {"side_lengths": np.array(SIDES)})

@@ -1,10 +1,12 @@
 """Add a term to a page, and replace some: a cube prior, an eight-sided cone, drag.
 
-    python examples/09_add_a_term.py
+    python examples/09_add_a_term.py [picture.png]
 
-The first two actions of the shipped recording are estimated by the default page and by
-three pages made from it.  The picture compares side lengths and costs.
+The default page and three pages made from it, on two actions of the shipped recording.
 """
+
+import sys
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -14,8 +16,7 @@ from formulations.balance import Balance
 from tactilenlp import Measurements, Scene, example_recording, extend, solve_estimate
 
 PAGE, SIGMA = "violation_implicit", 1e-3  # [m] of the sides of a cube
-DRAG = 20  # [N s/m] of a viscous film between the object and the ground
-ANGLES = np.arange(8) * np.pi / 4  # of the faces of the cone
+DRAG, ANGLES = 20, np.arange(8) * np.pi / 4  # [N s/m] of a film; faces of the cone
 
 
 def cube(nlp, window, scene, shape):
@@ -36,24 +37,24 @@ class Viscous(Balance):
         return force + DRAG * ca.vertcat(x[:2] - x_1[:2], 0), moment
 
 
-data = Measurements.load(example_recording()).select([0, 1])
-scene = Scene.load(example_recording())
-cones = {"finger cone": eight_sided, "ground cone": eight_sided}
+picture = Path(sys.argv[1] if sys.argv[1:] else "terms.png")
+data, scene = Measurements.load(file := example_recording()), Scene.load(file)
+cones = dict.fromkeys(("finger cone", "ground cone"), eight_sided)
 pages = {"default": PAGE, "cube prior": extend(PAGE, cube)}
 pages |= {"eight-sided cone": extend(PAGE, replace=cones)}
 pages |= {"viscous drag": extend(PAGE, law=Viscous)}
 left, right = (figure := Figure((10, 4), layout="constrained")).subplots(1, 2)
 for i, (name, page) in enumerate(pages.items()):
     print(f"{name} ...", flush=True)
-    found = solve_estimate(data, scene, formulation=page)
+    found = solve_estimate(data.select([0, 1]), scene, formulation=page)
     sides, sigma = found.side_lengths, found.information.sigma("side_lengths")
     print(f"  {1e3 * sides} mm, {found.objective:.2f} nats, {found.status}")
     places = np.arange(3) + 0.15 * (i - 1.5)
     left.errorbar(places, 1e3 * sides, 1e3 * sigma, fmt="o", label=name)
     right.bar(name.replace(" ", "\n"), found.objective, color=f"C{i}")
-names = ["x (one face touched)", "y (touched)", "z (touched)"]
-left.set(ylabel="side length ± sigma [mm]", xticks=range(3), xticklabels=names)
-right.set(ylabel="objective [nats]")
+left.set_xticks(range(3), ["x (one face touched)", "y (touched)", "z (touched)"])
+left.set_ylabel("side length ± sigma [mm]")
+right.set_ylabel("objective [nats]")
 left.legend()
-figure.savefig("terms.png")
-print("The picture is in terms.png.")
+figure.savefig(picture)
+print(f"The picture is in {picture}.")

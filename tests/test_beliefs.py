@@ -8,6 +8,7 @@ import pytest
 from believed import BOX, SPACE, VAGUELY, actions, informed, known
 
 from tactilenlp import ExpectedInformation, Workspace, information_gain
+from tactilenlp.exploration.beliefs import made_definite
 
 
 def test_hypotheses_are_averaged_by_their_objectives(estimate):
@@ -97,3 +98,16 @@ def test_an_indefinite_information_is_said_and_replaced_by_the_samples(
     exact = ExpectedInformation(estimate).beliefs[0].information
     ratio = np.sqrt(np.diag(expected.beliefs[0].information) / np.diag(exact))
     assert (ratio > 0.2).all()
+
+
+def test_a_covariance_with_a_kink_is_made_definite_and_any_other_is_unchanged():
+    """A stiff direction across several unknowns: its variance is below rounding."""
+    turns, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(9, 9)))
+    variances = np.geomspace(1e-8, 1e-3, 9)
+    definite = (turns * variances) @ turns.T
+    assert made_definite(definite) is definite
+    variances[0] = -1e-17
+    C = (turns * variances) @ turns.T
+    made = made_definite(C)
+    np.linalg.cholesky(made)  # raises where it is not definite
+    assert np.diag(made) == pytest.approx(np.diag(C), rel=1e-6)

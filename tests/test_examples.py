@@ -11,9 +11,10 @@ from conftest import RECORDED, TOSSES
 
 from tactilenlp import Measurements
 
-TOSSED = "07_identify_a_tossed_cube"  # needs recordings that do not ship with us
 OWN_TERMS = "09_add_a_term"  # is about functions: terms of a page
 EXAMPLES = sorted((Path(__file__).resolve().parents[1] / "examples").glob("0*.py"))
+TOSSED, ROBOT = EXAMPLES[6], EXAMPLES[7]
+SILENT = 2.0  # [CPU s] before the first line at most; a second on a machine at rest
 LONGEST = 60  # [lines] of an example, so that it is read in one go
 
 
@@ -32,23 +33,63 @@ def run(example, folder, *arguments):
     )
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
-def test_an_example_runs_and_ends_with_a_sentence(example, tmp_path, request):
-    if example.stem == TOSSED:
-        request.getfixturevalue("tosses")  # skips where they are absent
-        done = run(example, tmp_path, TOSSES)
-    else:
-        done = run(example, tmp_path)
+def told(done):
+    """Return the last line of an example that ended well: a sentence."""
     assert done.returncode == 0, done.stderr
     last = done.stdout.strip().splitlines()[-1]
     assert last[0].isupper()
     assert last.endswith(".")
+    return last
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_runs_and_ends_with_a_sentence_and_a_picture(example, tmp_path):
+    last = told(run(example, tmp_path))
     if example == EXAMPLES[0]:
         assert last.startswith("The surface is 0.0")
-    if "savefig" in example.read_text():
-        (picture,) = tmp_path.glob("*.png")
-        assert picture.stat().st_size > 10_000
+    (picture,) = tmp_path.glob("*.png")
+    assert picture.stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_a_cube_is_identified_from_tosses_of_a_file_of_ones_own(tosses, tmp_path):
+    told(run(TOSSED, tmp_path, TOSSES))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+def test_the_first_line_is_printed_before_anything_is_solved(example, tmp_path):
+    """The CPU time of the process up to its first line, which is not buffered."""
+    code = (
+        "import io, runpy, sys, time\n"
+        "class Ends(io.StringIO):\n"
+        "    def write(self, text):\n"
+        "        raise SystemExit(f'{time.process_time()} {text}')\n"
+        "sys.stdout = Ends()\n"
+        f"sys.argv = ['x']\nrunpy.run_path({str(example)!r}, run_name='__main__')"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True
+    )
+    seconds, _, line = done.stderr.partition(" ")
+    assert line.strip(), done.stderr
+    assert float(seconds) < SILENT
+    assert "flush=True" in example.read_text().partition("print(")[2].partition("\n")[0]
+
+
+@pytest.mark.slow
+def test_the_robot_without_opencv_says_what_to_install(tmp_path):
+    (tmp_path / "sitecustomize.py").write_text("import sys; sys.modules['cv2'] = None")
+    paths = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
+    done = subprocess.run(
+        [sys.executable, str(ROBOT)], cwd=tmp_path, capture_output=True, text=True,
+        env=os.environ | {"PYTHONPATH": paths},
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert done.stderr == (
+        'The cameras need OpenCV: pip install "tactilenlp[optical]".\n'
+    )
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)

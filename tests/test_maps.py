@@ -30,6 +30,7 @@ def test_the_map_of_gains_marks_the_chosen_action(estimate, monkeypatch):
     assert np.isfinite(drawn).all()
     assert (drawn >= 0).all()
     assert f"{choice.gain:.1f}" in sphere.get_title()
+    assert "outside the workspace" in {text.get_text() for text in sphere.texts}
 
 
 def test_the_map_is_drawn_into_one_axis_or_two(estimate, monkeypatch):

@@ -223,6 +223,30 @@ def test_a_well_known_face_is_red_and_says_how_well(touched):
     assert len(polygons(touched.vertices)) == 6
 
 
+def test_the_labels_of_faces_are_apart(touched):
+    """Also the one of a face that is seen at a small angle."""
+    figure = plot_information(touched)
+    figure.canvas.draw()
+    labels = [text.get_window_extent() for text in figure.axes[0].texts]
+    assert len(labels) == 3
+    for i, label in enumerate(labels):
+        assert not any(label.overlaps(other) for other in labels[:i])
+
+
+@pytest.mark.parametrize("plot", [plot_top, plot_estimate])
+def test_a_fingertip_beside_the_object_is_drawn_whole_or_not_at_all(plot, touched):
+    axes = [axis for axis in plot(touched).axes if not hasattr(axis, "zaxis")]
+    for axis in axes:
+        (x0, x1), (y0, y1) = axis.get_xlim(), axis.get_ylim()
+        for tip in axis.patches:
+            if not isinstance(tip, plt.Circle):
+                continue
+            (x, y), r = tip.center, tip.radius
+            whole = x0 < x - r and x + r < x1 and y0 < y - r and y + r < y1
+            absent = x + r < x0 or x - r > x1 or y + r < y0 or y - r > y1
+            assert whole or absent
+
+
 def test_an_axis_of_somebody_else_gets_our_letters_and_lines(touched):
     figure = plt.figure()  # not in our style
     axis = figure.add_subplot(projection="3d")

@@ -7,15 +7,16 @@ from pathlib import Path
 
 from ..errors import OptionError
 
-RECORDINGS = ("cuboid", "polytope")
+RECORDINGS = ("cuboid", "polytope", "tosses")
 
 
 def example_recording(name: str = "cuboid") -> Path:
     """Return the path of a recording in the simulator, an .npz file with its truth.
 
     "cuboid": two fingers touch a box in six actions; "polytope": an octahedron of
-    22 mm radius in nine actions.  Load it by `Measurements.load` and `Scene.load`.
-    Raises OptionError for another name.
+    22 mm radius in nine actions.  Load both by `Measurements.load` and `Scene.load`.
+    "tosses": a cube tossed four times; load it by `Trajectories.load`.  Raises
+    OptionError for another name.
     """
     if not isinstance(name, str) or name not in RECORDINGS:
         raise OptionError(

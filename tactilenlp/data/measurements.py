@@ -52,7 +52,9 @@ class Measurements:
     finger_radius:      (F,) [m], or one number for all fingers
     contact:            (T, F) bool
     normal:             (T, F, 3), unit, out of the object, zero without contact
-    action:             (T,) int, the action that a sample belongs to, non-decreasing
+    action:             (T,) int, number of the sample's action, non-decreasing: one
+                        motion of the fingers towards the object, recorded whole; one
+                        single action (all zeros) is fine
     valid:              (T, F) bool, False: no measurement, contact and normal are
                         ignored (kept as False and zero), position must be finite
     finger_orientation: (T, F, 4) wxyz, finger to world; None for spheres

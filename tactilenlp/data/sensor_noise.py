@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from .measurements import Measurements
 
@@ -76,6 +75,8 @@ def smoothed(data: Measurements, precision: Precision) -> Measurements:
 
 def smoothing_matrices(data: Measurements, precision: Precision):
     """Yield (rows, S) of every action: its samples, their smoothing matrix (n, n)."""
+    from scipy.signal import savgol_filter  # its import takes 0.4 s
+
     for action in np.unique(data.action):
         rows = np.nonzero(data.action == action)[0]
         window = min(SMOOTHING_WINDOW, len(rows) - 1 + len(rows) % 2)

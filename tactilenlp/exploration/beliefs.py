@@ -29,6 +29,7 @@ log = logging.getLogger("tactilenlp")
 POSE_PRIOR_SIGMA = 0.1, 3.0  # [m], [rad] of a pose before any touch
 # [-] to that of the best: hypotheses of a smaller weight are omitted.
 MIN_RELATIVE_WEIGHT = 0.02
+ROUNDING = 1e-14  # [-] least eigenvalue of a correlation over its largest
 # Friction shears a rubber pad by up to 0.75 of its indentation where mu is 0.5
 # (Mindlin, 1949): the turn of a felt normal, of indentation over radius; uniform.
 TURNED = 0.75 / 3**0.5  # [-]
@@ -156,12 +157,26 @@ def widened_to_sigma(known: np.ndarray, information) -> np.ndarray:
     """
     modes, k = information.modes, len(information.names)
     S = information.spread - modes.covariance + modes.covariances[0]
-    C = np.linalg.inv(known)
+    C = made_definite(np.linalg.inv(known))
     values, V = eigh(S, C[:k, :k])  # V'CV = 1
     back = C[:k, :k] @ V
     C[:k, :k] += (back * np.maximum(values - 1, 0.0)) @ back.T
     wider = np.linalg.inv(C)
     return (wider + wider.T) / 2
+
+
+def made_definite(C: np.ndarray) -> np.ndarray:
+    """Return a covariance, with variances below rounding raised to rounding.
+
+    The inverse of an information with a kink (a stiff direction) is not definite.
+    """
+    sd = np.sqrt(np.abs(np.diag(C)))
+    values, vectors = np.linalg.eigh(C / np.outer(sd, sd))
+    least = ROUNDING * values[-1]
+    if values[0] > least:
+        return C
+    values = np.maximum(values, 10 * least)  # the product is rounded too
+    return (vectors * values) @ vectors.T * np.outer(sd, sd)
 
 
 def _tangent_at(estimate, shape, at) -> np.ndarray:

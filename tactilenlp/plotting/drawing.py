@@ -27,6 +27,7 @@ from .style import (
 
 # [mm] beside and above the object: a fingertip has room.
 SCENE_MARGINS = np.array([26.0, 26.0, 22.0])
+TIP_MARGIN = 2.0  # [mm] beside a fingertip
 NORMAL_LENGTH = 7.0  # [mm] of an arrow along a normal
 GRID_SPACING_MM = 10.0  # [mm] between the lines of the ground
 ELEVATION, AZIMUTH = 28.0, -58.0  # [deg] of the direction of view
@@ -205,8 +206,17 @@ def title_of(data, sample) -> str:
 
 
 def view_of(estimate, samples) -> np.ndarray:
-    """Return the corners (2, 3) [mm] of a box that holds the object, with margins."""
+    """Return the corners (2, 3) [mm] of a box that holds the object, with margins.
+
+    Fingertips that reach into it at one of the samples are in it as a whole.
+    """
     meshes = [estimate.mesh(sample) for sample in samples]
     points = np.concatenate([mesh.vertices for mesh in meshes]) * MM_PER_M
     below = SCENE_MARGINS * (1, 1, estimate.scene.ground is None)
-    return np.stack([points.min(axis=0) - below, points.max(axis=0) + SCENE_MARGINS])
+    view = np.stack([points.min(axis=0) - below, points.max(axis=0) + SCENE_MARGINS])
+    tips = estimate.seen_positions[list(samples), :, :2] * MM_PER_M
+    room = MM_PER_M * estimate.measurements.finger_radius[:, None] + TIP_MARGIN
+    inside = np.all((tips - room < view[1, :2]) & (tips + room > view[0, :2]), axis=2)
+    whole = np.concatenate([(tips - room)[inside], (tips + room)[inside], view[:, :2]])
+    view[:, :2] = whole.min(axis=0), whole.max(axis=0)
+    return view

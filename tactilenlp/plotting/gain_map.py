@@ -14,6 +14,7 @@ from .drawing import outline
 from .style import FINGER_COLOURS, INK, MM_PER_M, STYLE, below, check_axes
 
 TOP_VIEW_MARGIN = 35.0  # [mm] beside the object in the view from above
+LEAST_GAP = 10.0  # [deg] between the directions of two fingers that holds a label
 DIRECTIONS = 33, 17  # directions by azimuth and declination, for each finger
 
 
@@ -22,8 +23,8 @@ def plot_gain(estimate, choice: Choice, axis=None) -> Figure:
     """Draw the expected gain over the directions of each finger, and the chosen action.
 
     The directions of one finger vary while the others keep the chosen ones.  Left: the
-    gain by azimuth and declination; right: the action and the estimated object from
-    above.  axis: these two Axes, or one for the gain alone.
+    gain by azimuth and declination, hatched where no finger may come from; right: the
+    action from above.  axis: these two Axes, or one for the gain alone.
     """
     check_types(estimate=(estimate, "Estimate"), choice=(choice, Choice))
     if axis is None:
@@ -40,6 +41,7 @@ def plot_gain(estimate, choice: Choice, axis=None) -> Figure:
             np.degrees(azimuth), np.degrees(declination), gain, norm=norm,
             cmap="viridis", shading="gouraud",
         )  # fmt: skip
+    _explain_gaps(sphere, gains)
     figure.colorbar(area, ax=sphere, label="expected information gain [nats]")
     for finger, (a, b) in enumerate(choice.action.angles.reshape(-1, 2)):
         azimuth = np.degrees(a + 2 * np.pi * finger / fingers)
@@ -51,6 +53,17 @@ def plot_gain(estimate, choice: Choice, axis=None) -> Figure:
     for beside in top:
         _draw_lines(beside, estimate, choice.action, expected)
     return figure
+
+
+def _explain_gaps(sphere, gains) -> None:
+    """Hatch the gaps between the directions of the fingers, and label them."""
+    edges = np.degrees([azimuth[0, [0, -1]] for azimuth, _, _ in gains])
+    middle = np.degrees([gains[0][1].min(), gains[0][1].max()]).mean()
+    for end, start in zip(edges[:-1, 1], edges[1:, 0], strict=True):
+        if start - end > LEAST_GAP:
+            sphere.axvspan(end, start, fc="#EEEEEE", hatch="///", ec="#CCCCCC", lw=0)
+            sphere.text((end + start) / 2, middle, "outside the workspace",
+                        rotation=90, ha="center", va="center")  # fmt: skip
 
 
 def _scan(expected, choice, finger: int):

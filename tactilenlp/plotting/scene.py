@@ -39,6 +39,7 @@ LABEL_STYLE = {
     "ha": "center", "va": "center", "fontsize": 7,
     "bbox": {"boxstyle": "round,pad=0.2", "fc": "w", "ec": "none", "alpha": 0.8},
 }  # fmt: skip
+LABEL_DISTANCE = 16.0  # [mm] before its face: labels of two faces are apart
 LABELLED_AREA = 100.0  # [mm^2] seen of a face that is large enough for a label
 
 
@@ -81,7 +82,10 @@ def plot_information(estimate: Estimate, axis=None, key: bool = True) -> Figure:
         draw_seen(axis, [(place, R_wo @ n_o)], [colour], INK, 4, shade=False)
         if visible_area(place, R_wo @ n_o) > LABELLED_AREA:
             words = f"{sigma * MM_PER_M:.2g}" if sigma < UNKNOWN_SIGMA else "unknown"
-            axis.text(*place.mean(axis=0), words, zorder=9, **LABEL_STYLE)
+            centre = place.mean(axis=0)
+            at = centre + LABEL_DISTANCE * (R_wo @ n_o)
+            axis.plot(*np.stack([centre, at], axis=1), color=INK, lw=0.6, zorder=8.5)
+            axis.text(*at, words, zorder=9, **LABEL_STYLE)
     for colour, seen, _, _ in carried_contacts(estimate, -1):
         axis.scatter(*seen.T, s=5, color=colour, zorder=8, depthshade=False)
     scale = np.geomspace(UNKNOWN_SIGMA, WELL_KNOWN_SIGMA, 64)
