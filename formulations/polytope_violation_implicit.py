@@ -36,7 +36,7 @@ from .rigid_body import Body
 from .violation_implicit import contacts_of, felt, impulses_of, physics
 
 EXTENDS = True  # an estimate is extended by one action: polytope_extension.py
-FREED = ("rigid", "central", "planar")  # reductions undone where the data ask for it
+FREED = ("rigid", "central", "planar", "level")  # undone where the data ask for it
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
     Level(

@@ -55,7 +55,7 @@ from .ground_contact import GroundContact
 from .level import Level
 from .rigid_body import G
 
-FREED = ("rigid", "central", "planar")  # reductions undone where the data ask for it
+FREED = ("rigid", "central", "planar", "level")  # undone where the data ask for it
 OFFSETS = True  # of fingers may be unknown
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (

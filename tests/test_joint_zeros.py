@@ -48,7 +48,7 @@ def told(recorded, joints):
     data, scene, _ = recorded
     e = np.array([J[:3] @ d for J, d in zip(np.array(joints.jacobian), WRONG,
                                             strict=True)])  # fmt: skip
-    scene = replace(scene, sigma_offset=joints)
+    scene = replace(scene, sigma_offset=joints, sigma_tilt=0.0)  # level: known
     data = said(data.select(range(2)), joints, e)
     return solve_estimate(data, scene, options=LEAN, throw=False), scene, e
 

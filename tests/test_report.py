@@ -117,7 +117,9 @@ def test_words_from_a_file_cannot_become_a_script(estimate, tmp_path):
 
 
 def test_no_ground_and_what_was_fixed_are_shown_as_such(estimate, tmp_path):
-    blank = replace(estimate, scene=replace(estimate.scene, ground=None))
+    known = replace(estimate.information, ground=None)
+    scene = replace(estimate.scene, ground=None)
+    blank = replace(estimate, scene=scene, information=known)
     blank.report(tmp_path / "report.html")
     shown = content(tmp_path / "report.html")
     assert shown["grid"] == []

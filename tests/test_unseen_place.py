@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 
 from tactilenlp import solve_estimate
-from tactilenlp.information.error_budget import ANY_ROTATION, REACHED, bounded_pose
-from tactilenlp.information.error_budget_terms import negative_curvature
+from tactilenlp.information.error_budget_terms import (
+    ANY_ROTATION,
+    REACHED,
+    bounded_pose,
+    negative_curvature,
+)
 
 
 def test_a_pose_that_nothing_saw_is_no_farther_than_a_body_can_be():

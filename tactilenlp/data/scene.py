@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
 from ..common.brief import shown
 from ..common.npz import read_npz
 from ..common.validation import (
-    as_array,
-    as_floats,
     check_types,
-    checked_array,
 )
 from ..errors import MeasurementError, OptionError, SceneError, shortened, typed_call
+from .ground import Ground, as_number
 from .joint_offsets import JointZeros
-from .measurements import UNIT_EXACT, Measurements
+from .measurements import Measurements
 
-NORMAL_TOLERANCE = 1e-6  # [1], a normal further from unit length was not normalised
-FLIP_LIMIT = -0.9  # [1], cosine below which the shortest rotation to +z is ill-defined
+STEEPEST = 0.2  # [rad] a ground that may lean further than this is not known
 HEAVIEST = 100.0  # [kg] no finger pushes more: beyond it a mass is in grams
 GUESS = "this must be known, give a guess"
 REMEDIES = {  # of a number that is out of range, where it cannot be None
@@ -28,64 +25,6 @@ REMEDIES = {  # of a number that is out of range, where it cannot be None
     "gravity": "give its magnitude, 9.81: it acts along the ground's normal",
 }
 KNOWN_KEYS = ("mass", "friction_ground", "friction_finger")  # read from a file
-
-
-@typed_call()
-@dataclass(frozen=True)
-class Ground:
-    """The plane that the object rests on: all points p with normal . p = height.
-
-    height: [m], of the plane above the world's origin, along the normal
-    normal: (3,), unit, pointing up, world frame
-
-    The ground frame g has the ground as z = 0 and the normal as +z; where the normal is
-    the world's +z, its axes are exactly those of the world.
-    """
-
-    height: float = 0.0
-    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
-
-    def __post_init__(self) -> None:
-        height = _number("ground.height", self.height, "a height [m]")
-        object.__setattr__(self, "height", height)
-        object.__setattr__(self, "normal", _unit("ground.normal", self.normal))
-
-    @property
-    def rotation(self) -> np.ndarray:
-        """R_gw (3, 3): rotates vectors from the world to the ground frame."""
-        n_w = np.array(self.normal)
-        flip = np.eye(3)
-        if n_w[2] < FLIP_LIMIT:  # first half a turn about x, then the shortest rotation
-            flip = np.diag([1.0, -1.0, -1.0])
-            n_w = flip @ n_w
-        x, y, z = n_w
-        cross = np.array([[0.0, 0.0, -x], [0.0, 0.0, -y], [x, y, 0.0]])  # [n x e_z]
-        return (np.eye(3) + cross + cross @ cross / (1.0 + z)) @ flip
-
-    @property
-    def origin(self) -> np.ndarray:
-        """(3,) [m], origin of the ground frame, in the world frame."""
-        return self.height * np.array(self.normal)
-
-    @property
-    def translation(self) -> np.ndarray:
-        """(3,) [m], t of the rigid motion p_g = R_gw p_w + t."""
-        return -self.rotation @ self.origin
-
-    def distance(self, points: np.ndarray) -> np.ndarray:
-        """Return the signed distance (...) [m] of world points (..., 3) [m]."""
-        points = checked_array("points", points, -1, 3, unit="[m]")
-        return points @ np.array(self.normal) - self.height
-
-    def to_ground(self, points: np.ndarray) -> np.ndarray:
-        """Map points (..., 3) [m] from the world to the ground frame."""
-        points = checked_array("points", points, -1, 3, unit="[m]")
-        return (points - self.origin) @ self.rotation.T
-
-    def from_ground(self, points: np.ndarray) -> np.ndarray:
-        """Map points (..., 3) [m] from the ground frame back to the world."""
-        points = checked_array("points", points, -1, 3, unit="[m]")
-        return points @ self.rotation + self.origin
 
 
 @shown
@@ -113,6 +52,8 @@ class Scene:
 
     sigma_centre:    [1], standard deviation of each coordinate of the centre of mass
                      from the body's centroid, of a typical size; 0: it is the centroid
+    sigma_tilt:      [rad], standard deviation of a rotation of the true ground against
+                     `ground`, about each horizontal axis; 0: `ground` is exact
 
     The default mass and frictions are those of the recorded scenes.  Sensor
     figures that are None are estimated from the data, except sigma_offset.
@@ -130,6 +71,7 @@ class Scene:
     sigma_offset: float | JointZeros | None = None
     compliance: float | None = None
     sigma_centre: float = 0.03
+    sigma_tilt: float = 0.0087  # half a degree
 
     def __post_init__(self) -> None:
         never, inf = np.nextafter(0.0, 1.0), np.inf  # the least number above zero
@@ -145,6 +87,7 @@ class Scene:
             ("flip_rate", True, 0.0, 0.5, "a probability in [0, 0.5)"),
             ("compliance", True, 0.0, 1.0, "a compliance in [0, 1) m/N"),
             ("sigma_centre", False, 0.0, 1.0, "a share of a typical size in [0, 1)"),
+            ("sigma_tilt", False, 0.0, STEEPEST, "an angle in [0, 0.2) rad"),
             ("sigma_offset", True, never, inf, "a standard deviation above 0 m"),
         ):
             value = getattr(self, name)
@@ -152,7 +95,7 @@ class Scene:
             if given or (value is None and unknown):
                 continue
             fix = "None if unknown" if unknown else REMEDIES.get(name, GUESS)
-            number = _number(name, value, expected, low, high, fix)
+            number = as_number(name, value, expected, low, high, fix)
             object.__setattr__(self, name, number)
         if self.ground is not None and not isinstance(self.ground, Ground):
             raise SceneError(
@@ -195,6 +138,17 @@ class Scene:
                 next="give it: Scene.load(path, mass=...), --mass on the command line",
             )  # fmt: skip
         return cls(**known)
+
+    @property
+    def as_told(self) -> Scene:
+        """The scene with the ground that was given, where another was estimated."""
+        told = None if self.ground is None else self.ground.told
+        return self if told is None else replace(self, ground=told)
+
+    def on_ground_of(self, other: Scene) -> Scene:
+        """Return the scene with the ground that was estimated for another one."""
+        same = other.as_told.ground == self.ground
+        return replace(self, ground=other.ground) if same else self
 
     @property
     def joints(self) -> JointZeros | None:
@@ -245,42 +199,3 @@ class Scene:
                 expected="a centre above the plane normal . p = height",
                 next="set Scene(ground=Ground(height=...)), or ground=None for none",
             )
-
-
-def _number(
-    name: str,
-    value: object,
-    expected: str,
-    low: float = -np.inf,
-    high: float = np.inf,
-    fix: str = "give one finite number in SI units",
-) -> float:
-    """Return a finite number in [low, high), or raise SceneError."""
-    array = as_array(value, "iuf")
-    single = array is not None and array.ndim == 0
-    if not (single and np.isfinite(array) and low <= array < high):
-        raise SceneError(
-            "out of range" if single else "not one number",
-            where=name,
-            got=shortened(value, most=80),
-            expected=expected,
-            next=fix,
-        )
-    return float(array)
-
-
-def _unit(name: str, value: object) -> tuple[float, float, float]:
-    """Return a unit vector as a tuple, or raise SceneError."""
-    vector = as_floats(value)
-    length = np.linalg.norm(vector)
-    if vector.shape != (3,) or not abs(length - 1.0) <= NORMAL_TOLERANCE:
-        raise SceneError(
-            "not a unit vector",
-            where=name,
-            got=shortened(value, most=80),
-            expected=f"3 numbers of length 1 within {NORMAL_TOLERANCE}",
-            next="divide it by its length; (0, 0, 1) is level ground",
-        )
-    if abs(length - 1.0) > UNIT_EXACT:
-        vector = vector / length
-    return tuple(vector.tolist())

@@ -24,6 +24,7 @@ from ..search.margins import RESTORED
 from ..search.proposals_tumble import recovered
 from .model_selection import with_tilt
 from .profile_likelihood import profiled
+from .refinement import on_leaning_ground
 
 log = logging.getLogger("tactilenlp")
 MAX_RESTORED = 2  # solves with reductions restored
@@ -39,6 +40,8 @@ def checked(job, page, solved, options, executor=None) -> Solved:
     best = certified(job, page, solved, options)
     fell = "planar" in best.certificates.broken and not states_planar_motion(page)
     rocked = with_tilt(best.job, page, best, options)
+    if rocked is not best:
+        _, (rocked, *_) = on_leaning_ground(rocked.job, page, [rocked], options)
     if fell and job.deadline.passed("a tumble"):
         return best
     if fell and job.shape.is_box:

@@ -27,8 +27,7 @@ from formulations.shape import Shape
 from ..common.deadline import Deadline
 from ..data.sensor_noise import variance_left
 from ..errors import OptionError, TactileError
-from ..information.error_budget import ANY_ROTATION, REACHED
-from ..information.error_budget_terms import positive_part
+from ..information.error_budget_terms import ANY_ROTATION, REACHED, positive_part
 from ..information.goodness_of_fit import NOTHING, misfits
 from ..information.information import optimum_of
 from ..information.mixture import ClassOdds, distinct, laplace_mixture, log_evidence

@@ -13,10 +13,12 @@ inverse_dynamics  eq:obsinfo, past poses from the last by inverted Jacobians of 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..common.brief import printed
 from ..common.validation import check_types
 from ..data.sensor_noise import Precision, smoothed
 from ..errors import OptionError, TactileError
@@ -28,9 +30,9 @@ from ..information.measurement_noise import (
     sensitivity_to_measurements,
     sensor_covariance,
 )
-from ..information.sensitivity import Sensitivity, assumption_sensitivities
+from ..information.sensitivity import ASSUMPTION_STEP, difference, kkt_residual
 from ..information.tangent_space import tangent_space_of
-from ..nlp.kkt_sensitivity import kkt_system_of
+from ..nlp.kkt_sensitivity import KKTSystem, kkt_system_of
 from ..nlp.problem import Problem
 from ..nlp.solution import Solution
 from ..problem.pages import page_of, shape_of
@@ -38,6 +40,7 @@ from ..problem.reductions import Reductions, reduce
 from .readout import problem_builder
 from .result import solution_of
 
+OFFSET = 1e-6  # [m] shift of a finger
 INFORMATION_KINDS = ("exact", "sandwich", "gauss_newton", "paper", "inverse_dynamics")
 
 
@@ -92,6 +95,31 @@ def _check_finite(M) -> None:
         )  # fmt: skip
 
 
+@printed
+@dataclass(frozen=True, eq=False)
+class Sensitivity:
+    """By how much shape and final pose move with each assumption.
+
+    names (k,) of the unknowns; moves: (k,) [SI per unit] by assumption; maps as in
+    Information; units: by what a move is divided, by assumption.
+    """
+
+    names: tuple[str, ...]
+    moves: dict[str, np.ndarray]
+    units: dict[str, str]
+    maps: dict[str, np.ndarray]
+
+    def of(self, quantity: str, assumption: str) -> np.ndarray:
+        """Return how a quantity (3,) moves with an assumption, SI per unit of it."""
+        for name, known in ((quantity, self.maps), (assumption, self.moves)):
+            if name not in known:
+                raise OptionError(
+                    "no such name", where="sensitivity", got=name,
+                    expected=f"one of {sorted(known)}",
+                )  # fmt: skip
+        return self.maps[quantity] @ self.moves[assumption]
+
+
 def assumption_sensitivity(estimate) -> Sensitivity:
     """Return how shape and final pose change with mass, frictions, sensors, fingers."""
     check_types(estimate=(estimate, "Estimate"))
@@ -107,6 +135,65 @@ def assumption_sensitivity(estimate) -> Sensitivity:
         curvature, pulls, held, build, estimate.scene, again.window
     )
     return Sensitivity(again.tangent.names, found, units, again.tangent.maps)
+
+
+def assumption_sensitivities(
+    curvature: KKTSystem, pulls, held, build: Callable, scene, window
+) -> tuple[dict, dict]:
+    """Return the derivatives (k,) by assumption, and their units, of a solved problem.
+
+    build(scene, window) builds the problem again under other assumptions.
+    """
+    found, units = {}, {}
+
+    def add(name, unit, changed, step):
+        ends = [
+            kkt_residual(build(*changed(side * step)), curvature) for side in (1, -1)
+        ]
+        found[name], units[name] = difference(pulls, held, ends, step), unit
+
+    for name, unit in (
+        ("mass", "kg"),
+        ("friction_ground", "1"),
+        ("friction_finger", "1"),
+    ):
+        value = getattr(scene, name)
+        if value:
+            add(
+                name, unit,
+                lambda d, n=name, v=value: (replace(scene, **{n: v + d}), window),
+                ASSUMPTION_STEP * value,
+            )  # fmt: skip
+    for name, unit in (("sigma_position", "m"), ("sigma_normal", "rad")):
+        value = getattr(window, name)
+        if value > 0:
+            add(
+                name, unit,
+                lambda d, n=name, v=value: (scene, replace(window, **{n: v + d})),
+                ASSUMPTION_STEP * value,
+            )  # fmt: skip
+    for finger in np.unique(np.r_[window.touch.finger, window.free.finger]):
+        for axis, word in enumerate("xyz"):
+            add(
+                f"finger {finger} offset {word}", "m",
+                lambda d, f=finger, a=axis: (scene, shifted(window, f, a, d)), OFFSET,
+            )  # fmt: skip
+    return found, units
+
+
+def shifted(window, finger: int, axis: int, way: float):
+    """Return the window as if a finger had been elsewhere by `way` [m] all the time."""
+    changed = {}
+    for part, names in (
+        ("touch", ["p_wf"]),
+        ("free", ["p_wf"]),
+        ("push", ["p_wf", "p_wf_1"]),
+    ):
+        rows = getattr(window, part)
+        there = np.zeros_like(rows.p_wf)
+        there[rows.finger == finger, axis] = way
+        changed[part] = replace(rows, **{n: getattr(rows, n) + there for n in names})
+    return replace(window, **changed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +235,7 @@ def programme_at(estimate) -> Programme:
     _check_same_unknowns(problem, estimate)
     solution = solution_of(estimate)
     tangent = tangent_space_of(problem, solution, window, shape, R_wg)
-    sensed = Sensed(data, precision, build)
+    sensed = Sensed(data, precision, build, scene)
     return Programme(problem, solution, window, shape, tangent, sensed)
 
 

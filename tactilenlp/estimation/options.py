@@ -149,11 +149,12 @@ class Session:
             return TermFunctions()
         known, functions = self._by_origin[start.origin]
         # A page that was edited and reloaded has another `build`.
-        return functions if known == (scene, shape, page.build) else TermFunctions()
+        same = known == (scene.as_told, shape, page.build)
+        return functions if same else TermFunctions()
 
     def keep(self, estimate, job, page) -> None:
         """Keep the term functions of a job for solves that start from its estimate."""
-        known = job.scene, job.shape, page.build
+        known = job.scene.as_told, job.shape, page.build
         self._by_origin[estimate.origin] = known, job.functions
 
 

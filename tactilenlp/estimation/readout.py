@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -13,7 +13,7 @@ from ..common.npz import versions
 from ..data.sensor_noise import variance_left
 from ..geometry.convex_hull import centroid
 from ..geometry.transforms import is_planar, matrices, quaternion_of, rotate_planar
-from ..information.error_budget import ANY_ROTATION, REACHED
+from ..information.error_budget_terms import ANY_ROTATION, REACHED
 from ..information.finger_offsets import NAME, offsets_of, prior_of_offsets
 from ..information.goodness_of_fit import fit_of
 from ..information.information import Information, information_of
@@ -46,7 +46,8 @@ def read_off(
     the information, without which sigma is the prior's; modes: other local optima of
     the same page.
     """
-    job, page, solution = request.job, request.page, solved.solution
+    job = replace(solved.job, deadline=request.job.deadline)
+    page, solution = request.page, solved.solution
     read = {"sizes": read_box, "vertices": read_polytope}[job.shape.parameters]
     body, information = read(job, page, solved, modes, deadline)
     status = deadline.marked(solution.status)
@@ -126,7 +127,7 @@ def read_box(
         job, solved, R_wg, deadline,
         lambda: information_of(
             problem, solution, window, shape, faces, R_wg,
-            Sensed(job.data, job.precision, build),
+            Sensed(job.data, job.precision, build, scene),
             [(r.problem, r.solution, r.window) for r in modes], solved.profile,
             deadline,
         ),
@@ -154,7 +155,7 @@ def read_polytope(
         job.shape, solved.hypothesis.theta.reshape(-1, 3)
     )  # as solved
     build = problem_builder(page, shape, scene, job.kinds_of, deadline)
-    sensed = Sensed(job.data, job.precision, build)
+    sensed = Sensed(job.data, job.precision, build, scene)
     given = problem, solution, window, shape, faces, R_wg, sensed, deadline
     return body, _in_time(
         job, solved, R_wg, deadline, lambda: polytope_information(*given)

@@ -2,16 +2,28 @@
 
 Where the scene lets an object tilt, it is first solved as if it slid: the optimum of
 free motion is close.
+
+The ground is taken as it was told, or as an estimate that goes on had found it.  Where
+the touches say that it leans, by as many nats as any larger model must gain
+(model_selection.py), it is turned by what they say (information/sensitivity.py) and the
+page solved again from the solution, a Newton step on the tilt at a time.
 """
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 
+import numpy as np
+
+from formulations.centre_of_mass import NAME as CENTRE
+
 from ..geometry.transforms import is_planar
+from ..information.sensitivity import ground_tilt
+from ..nlp.kkt_sensitivity import kkt_system_of
 from ..problem.certificates import planar_certificate
 from ..problem.reductions import Reductions, required_reductions
-from ..search.hypothesis import distinct, named
+from ..search.hypothesis import distinct, naming, turned
 from ..search.local_solve import (
     RESTART_MU,
     Solved,
@@ -20,10 +32,21 @@ from ..search.local_solve import (
     freed_to_tilt,
     settings_of,
     solved_from,
+    warm_started,
 )
-from ..search.margins import CLOSE_OPTIMUM, LEAST_MOTION_BEHIND, RAN_AWAY, UNCHANGED
+from ..search.margins import (
+    CLOSE_OPTIMUM,
+    LEAST_MOTION_BEHIND,
+    RAN_AWAY,
+    UNCHANGED,
+)
 from ..search.multistart import multistart
 from .incremental_polytope import repaired
+from .model_selection import excess_of
+from .readout import problem_builder
+
+log = logging.getLogger("tactilenlp")
+MAX_TILTS = 4  # Newton steps on the tilt of the ground
 
 
 def refined(job, page, kept, options, solved, start=None) -> list[Solved]:
@@ -85,16 +108,46 @@ def _multistart(job, page, kept, options, solved, start) -> list[Solved]:
 def with_named_axes(job, page, solved, options, like) -> Solved:
     """Return a solve, or one of the same optimum with the axes of a box renamed.
 
-    like: see `named`.  Hypotheses are named before they are solved, but sides of about
-    one length may end in another order.
+    like: see `naming`.  Hypotheses are named before they are solved; sizes that the
+    solve found may be in another order.
     """
-    h = named(job.shape, solved.at, like)
-    late = job.deadline.passed("the order of a box's axes")
-    if h.theta is solved.at.theta or not solved.solution.success or late:
+    order, S = naming(job.shape, solved.at, like)
+    if np.array_equal(S, np.eye(3)) or not solved.solution.success:
         return solved
-    again = solved_from(job, page, h, options)
+    if job.deadline.passed("the order of a box's axes"):
+        return solved
+    known = _renamed(job.shape, solved, order, S)
+    again = warm_started(job, page, known, settings_of(job, options), RESTART_MU)
     again = replace(again, declined=solved.declined)
     return again if again.rank <= solved.rank else solved
+
+
+def _renamed(shape, solved, order, S) -> Solved:
+    """Return a solve with other names of the axes, to start from.
+
+    Ground contacts are listed by corner, the same ones at each step.
+    """
+    s, corners = solved.solution, np.array(shape.corners)
+    places = [int(np.argmax(corners @ (S @ c))) for c in corners]
+    rows = np.arange(len(solved.window.corner)).reshape(-1, len(corners))
+    rows = rows[:, places].ravel()
+
+    def moved(values) -> dict:
+        ground = {k: values[k][:, rows] for k in ("ground",) if k in values}
+        centre = {k: S.T @ values[k] for k in (CENTRE,) if k in values}
+        return values | ground | centre | {"theta": values["theta"][order]}
+
+    multipliers = {
+        name: old[rows] if name.startswith("ground") and len(old) == len(rows) else old
+        for name, old in s.multipliers.items()
+    }
+    solution = replace(
+        s, values=moved(s.values) | {"x": turned(s.values["x"], S)},
+        bound_multipliers=moved(s.bound_multipliers), multipliers=multipliers,
+    )  # fmt: skip
+    h = solved.hypothesis
+    h = replace(h, theta=h.theta[order], x=turned(h.x, S))
+    return replace(solved, hypothesis=h, solution=solution)
 
 
 def still_explained(best, start) -> bool:
@@ -104,3 +157,76 @@ def still_explained(best, start) -> bool:
     """
     risen = best.solution.objective > start.objective + UNCHANGED
     return best.solution.success and not risen
+
+
+def on_leaning_ground(job, page, solved, options) -> tuple:
+    """Return job and solves, best first, on the ground that the touches tell of.
+
+    Solves that are not close to the best are left out where the ground is turned.
+    """
+    level = best = solved[0]
+    if not (may_lean(job, page) and best.solution.success):
+        return job, solved
+    excess, needed = excess_of(job, best)
+    if excess < needed:
+        return job, solved
+    for _ in range(MAX_TILTS):
+        tilt, ground = _tilt_at(best, page), best.job.scene.ground
+        if tilt.gain < (needed if ground.told is None else UNCHANGED):
+            break
+        if job.deadline.passed("a tilt of the ground"):
+            break
+        turned = ground.turned(tilt.mean, tilt.about)
+        again = _on_ground(turned, best, page, options)
+        if not again.solution.success or _cost(again) > _cost(best) - UNCHANGED:
+            break
+        best = again
+    needed = needed if job.scene.ground.told is None else UNCHANGED
+    if _cost(best) > _cost(level) - needed:
+        return job, solved
+    ground = best.job.scene.ground
+    log.info("the ground leans by %s rad", ground.tilt.round(4))
+    close = level.solution.objective + CLOSE_OPTIMUM
+    others = [
+        _on_ground(ground, s, page, options) for s in solved[1:]
+        if s.solution.success and s.solution.objective < close
+    ]  # fmt: skip
+    return best.job, best_first([best, *others])
+
+
+def may_lean(job, page) -> bool:
+    """Tell whether the ground may lean, and a page be solved on another one."""
+    scene = job.scene
+    known = scene.ground is None or scene.sigma_tilt == 0
+    return not known and "level" in getattr(page, "FREED", ())
+
+
+def _tilt_at(solved: Solved, page):
+    """Return the GroundTilt at a solve, about where the body was touched first."""
+    job, curvature = solved.job, kkt_system_of(solved.problem, solved.solution)
+    build = problem_builder(page, job.shape, job.scene, job.kinds_of, job.deadline)
+    touch = solved.window.touch
+    early = job.data.action[touch.sample] == job.data.action[touch.sample[0]]
+    about = touch.p_wf[early, :3].mean(axis=0) * (1, 1, 0)
+    given = solved.window, job.data, job.scene, about
+    return ground_tilt(curvature, build, *given)
+
+
+def _on_ground(ground, solved: Solved, page, options) -> Solved:
+    """Solve a page again on another ground, from its solution."""
+    job, known = solved.job, solved.job.scene.ground
+    R = ground.rotation @ known.rotation.T
+    t = ground.rotation @ known.origin + ground.translation
+    there = replace(
+        job, scene=replace(job.scene, ground=ground), data=job.data.transformed(R, t)
+    )
+    settings = settings_of(there, options)
+    again = warm_started(there, page, solved, settings, RESTART_MU)
+    return replace(again, declined=solved.declined)
+
+
+def _cost(solved: Solved) -> float:
+    """Return the objective with the prior of the tilt of the ground [nats]."""
+    scene = solved.job.scene
+    off = scene.ground.tilt / scene.sigma_tilt
+    return solved.solution.objective + float(off @ off) / 2

@@ -94,6 +94,7 @@ def read_request(
     scene.check(data)
     check_touched(data)
     functions = session.functions_for(start, scene, shape, page)
+    scene = scene.on_ground_of(getattr(start, "scene", scene))
     job = make_job(data, scene, shape, options, began, page, functions)
     known = [] if start is None else carried_hypotheses(start, shape, scene, data)
     return Request(data, job, page, options, start, executor), known

@@ -45,7 +45,7 @@ from .model_selection import (
 )
 from .options import PROCESS, Guess, Options, Session
 from .readout import name_of, read_off
-from .refinement import refined, with_named_axes
+from .refinement import on_leaning_ground, refined, with_named_axes
 from .request import Request, first_guess, read_request
 from .result import Estimate
 
@@ -120,12 +120,14 @@ def problem_of(
     unknowns, `check()` compares derivatives with finite differences, `nlp.ipopt.solve`
     solves it from any start.  Raises what solve_estimate raises before it solves.
     """
+    if at is not None:
+        check_types(at=(at, Estimate))
+        scene = (Scene() if scene is None else scene).on_ground_of(at.scene)
     request, _ = read_request(
         data, scene, shape, formulation, options, None, None, Session()
     )
     job, page = request.job, request.page
     if at is not None:
-        check_types(at=(at, Estimate))
         if at.measurements != data or at.shape != job.shape.name:
             raise OptionError(
                 "an estimate of other measurements or of another shape", where="at",
@@ -203,6 +205,7 @@ def _refined(request, starts, so_far, update) -> tuple[Job, list[Solved]]:
     with job.deadline.ending("other solves of the page"):
         solved = refined(job, page, starts, options, so_far.solved, earlier)
         check_finite(solved[0].problem, solved[0].solution)
+        job, solved = on_leaning_ground(job, page, solved, options)
         job, solved = with_nuisance_parameters(
             job, page, solved, options,
             lambda soft: refined(soft, page, starts, options, so_far.solved, earlier),

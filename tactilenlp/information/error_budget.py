@@ -43,14 +43,13 @@ from .measurement_noise import (
     sensitivity_to_measurements,
     sensor_covariance,
 )
-from .sensitivity import Doubt, late_normals, rounded_edges
+from .sensitivity import Doubt, GroundTilt, ground_tilt, late_normals, rounded_edges
+from .tangent_space import pose_jacobians
 
 PHYSICS = (
     0.3  # [-] of the curvature of physics is its error: penalties are no densities
 )
 PRIORS = ("prior", "regulariser")  # roles of costs whose curvature is their error
-REACHED = 0.1  # [m] a body that a finger felt is at most this far from there
-ANY_ROTATION = np.pi / np.sqrt(3)  # [rad] deviation of a uniformly distributed rotation
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +79,31 @@ class Linearisation:
         sensed = self.sensed
         return late_normals(self.curvature, sensed.build, self.window, sensed.data)
 
+    @cached_property
+    def tilt(self) -> GroundTilt | None:
+        """The tilt of the ground about where the body is at the end.
+
+        None where it is known, or there is none.
+        """
+        scene = self.sensed.scene
+        if scene.ground is None or scene.sigma_tilt == 0:
+            return None
+        if "touch" not in self.curvature.hessians:
+            return None
+        sensed = self.sensed
+        about = self.end * (1, 1, 0)
+        given = self.curvature, sensed.build, self.window, sensed.data, scene, about
+        return ground_tilt(*given)
+
+    @property
+    def end(self) -> np.ndarray:
+        """The body's middle (3,) [m] at the last sample, ground frame."""
+        values = self.curvature.problem.unpack(self.curvature.x)
+        theta, x = values["theta"], values["x"][:, -1:]
+        if self.shape.parameters == "vertices":
+            return theta.mean(axis=1)
+        return pose_jacobians(self.shape, self.window.motion, theta[:, 0], x)[0][0]
+
     @property
     def parameters(self) -> dict:
         """The parameters of the programme."""
@@ -90,11 +114,14 @@ class Linearisation:
         costs = self.curvature.problem.costs
         return [name for name, term in costs.items() if term.role in roles]
 
-    def response(self, chosen, jacobian) -> Response:
-        """Return the response of J z, with J (k, n) and z (n,) the chosen unknowns."""
+    def response(self, chosen, jacobian, turned=0.0) -> Response:
+        """Return the response of J z, with J (k, n) and z (n,) the chosen unknowns.
+
+        turned (k, 2): how they turn with the frame of the ground itself.
+        """
         pulls, held = (part @ jacobian.T for part in self.curvature.sensitivity(chosen))
         C = jacobian @ pulls[chosen]
-        return Response(self, pulls, held, (C + C.T) / 2)
+        return Response(self, pulls, held, (C + C.T) / 2, turned)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,13 +129,14 @@ class Response:
     """How k numbers of interest respond to errors: what terms are computed from.
 
     pulls (unknowns, k), held (rows, k): see KKTSystem.sensitivity; hessian (k, k): the
-    covariance by the Hessian alone.
+    covariance by the Hessian alone; turned: see Linearisation.response.
     """
 
     at: Linearisation
     pulls: np.ndarray
     held: np.ndarray
     hessian: np.ndarray
+    turned: np.ndarray | float = 0.0
 
     @cached_property
     def by_touches(self) -> tuple[np.ndarray, np.ndarray]:
@@ -191,6 +219,11 @@ TERMS = (
         lambda of: of.at.lag.covariance(of.pulls),
         lambda at: "touch" in at.curvature.hessians,
     ),
+    ErrorTerm(
+        "tilt of the ground",
+        lambda of: of.at.tilt.covariance(of.pulls, of.turned),
+        lambda at: at.tilt is not None,
+    ),
     ErrorTerm("priors", priors),
     ErrorTerm("physics model", physics_model),
     ErrorTerm(
@@ -264,24 +297,3 @@ def _sum(matrices) -> np.ndarray:
     """Return the sum of at least one matrix, added in the order given."""
     first, *others = matrices
     return sum(others, start=first)
-
-
-def bounded_pose(C, sizes: int, turning: int) -> np.ndarray:
-    """Return the covariance (k, k) given that the final position lies within REACHED.
-
-    sizes, turning: how many of the first and of the last of k are no position.  Where
-    the data leave the pose open, rounding errors make the matrix indefinite: negative
-    eigenvalues count as large variances.
-    """
-    widest = np.full(len(C) - sizes, REACHED)
-    widest[-turning:] = ANY_ROTATION
-    rest, pose, unit = slice(sizes), slice(sizes, None), np.outer(widest, widest)
-    values, vectors = np.linalg.eigh(C[pose, pose] / unit)
-    share = np.abs(values) / (np.abs(values) + 1)
-    inverse = (vectors / (np.abs(values) + 1)) @ vectors.T / unit  # of sum with prior
-    bounded, across = C.copy(), C[rest, pose] @ inverse
-    bounded[pose, pose] = (vectors * share) @ vectors.T * unit
-    bounded[rest, pose] = across * widest**2
-    bounded[pose, rest] = bounded[rest, pose].T
-    bounded[rest, rest] -= across @ C[pose, rest]
-    return bounded

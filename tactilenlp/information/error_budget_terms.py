@@ -30,6 +30,8 @@ UNTOUCHED_FACTOR = (
 TUMBLED = 0.1  # [size] the same where it follows from how the object tumbled
 VERTICAL = 0.99  # [-] cosine between the vertical and the axis of a face on the ground
 STICKING = 0.1  # [-] probability that a finger that seems to slide sticks
+REACHED = 0.1  # [m] a body that a finger felt is at most this far from there
+ANY_ROTATION = np.pi / np.sqrt(3)  # [rad] deviation of a uniformly distributed rotation
 LOADED = 0.01  # [weights] a missing sample with a smaller impulse was no contact
 CORRELATION_LENGTH = 1.0  # [-] on the unit sphere, between directions to one face
 BALL = "ball"  # the unknowns of the ball that a prior of vertices lies about
@@ -231,3 +233,24 @@ def profile_beyond(profile, C) -> np.ndarray:
         if more > 0:
             beyond += more / off[i] ** 2 * np.outer(off, off)
     return beyond
+
+
+def bounded_pose(C, sizes: int, turning: int) -> np.ndarray:
+    """Return the covariance (k, k) given that the final position lies within REACHED.
+
+    sizes, turning: how many of the first and of the last of k are no position.  Where
+    the data leave the pose open, rounding errors make the matrix indefinite: negative
+    eigenvalues count as large variances.
+    """
+    widest = np.full(len(C) - sizes, REACHED)
+    widest[-turning:] = ANY_ROTATION
+    rest, pose, unit = slice(sizes), slice(sizes, None), np.outer(widest, widest)
+    values, vectors = np.linalg.eigh(C[pose, pose] / unit)
+    share = np.abs(values) / (np.abs(values) + 1)
+    inverse = (vectors / (np.abs(values) + 1)) @ vectors.T / unit  # of sum with prior
+    bounded, across = C.copy(), C[rest, pose] @ inverse
+    bounded[pose, pose] = (vectors * share) @ vectors.T * unit
+    bounded[rest, pose] = across * widest**2
+    bounded[pose, rest] = bounded[rest, pose].T
+    bounded[rest, rest] -= across @ C[pose, rest]
+    return bounded

@@ -24,16 +24,17 @@ from .error_budget import (
     Linearisation,
     TouchedFaces,
     after_mixture,
-    bounded_pose,
     error_budget,
 )
+from .error_budget_terms import bounded_pose
 from .finger_offsets import covariance_of_offsets, covariance_with_offsets
 from .mixture import Modes, distinct, laplace_mixture, optima_in_words
 from .tangent_space import open_directions, tangent_space_of
-from .trajectory import Beyond, trajectory_variance
+from .trajectory import deviations_of_path, turned_with_ground
 
 FACE_COSINE = 0.99  # [-] |n . axis| above which a normal belongs to a face
 LEAST_SIGMA = 1e-12  # [SI] a deviation below which a number is known exactly
+POSE = {"position": slice(3), "rotation": slice(3, 6)}  # in `path` and `ground`
 LEAST_VARIANCE = 1e-12  # [-] of the others: a direction below is known exactly
 MAX_NAMES = 4  # unknowns that name a direction
 NEGLIGIBLE_MODE = 40.0  # [nats] behind the best: a mode of negligible weight
@@ -53,7 +54,9 @@ class Information:
     nearly; indefinite: terms by which the reduced Hessian curves down, and along what;
     offsets (3 F, 3 F) [m^2]: the covariance of fingers that are not where they say;
     with_offsets (k + 3 F, k + 3 F): the matrix without marginalising these; path
-    (T, 6): deviations of position [m] and rotation [rad] at every sample, world frame.
+    (T, 6): deviations of position [m] and rotation [rad] at every sample, world frame;
+    ground (6, 6): what the ground under a body in planar motion adds to the covariance
+    of its final position and rotation.
     """
 
     names: tuple[str, ...]
@@ -72,6 +75,7 @@ class Information:
     offsets: np.ndarray | None = None
     with_offsets: np.ndarray | None = None
     path: np.ndarray | None = None
+    ground: np.ndarray | None = None
 
     LAYOUT: ClassVar = {  # of the arrays in a file
         "names": ("k",),
@@ -89,6 +93,7 @@ class Information:
         "offsets": ("f", "f"),
         "with_offsets": ("both", "both"),
         "path": ("T", 6),
+        "ground": (6, 6),
     }
 
     def covariance(self, name: str | None = None) -> np.ndarray:
@@ -102,7 +107,10 @@ class Information:
         if name == "finger_offset" and self.offsets is not None:
             return self.offsets
         jacobian = self._map(name)
-        return jacobian @ self.spread @ jacobian.T
+        C = jacobian @ self.spread @ jacobian.T
+        if self.ground is None or name not in POSE:
+            return C
+        return np.nan_to_num(C) + self.ground[POSE[name], POSE[name]]
 
     def sigma(self, name: str, sample: int | None = None) -> np.ndarray:
         """Return standard deviations (3,), SI; NaN where fixed by a reduction.
@@ -122,13 +130,12 @@ class Information:
 
     def along_path(self, name: str) -> np.ndarray:
         """Return standard deviations (T, 3) of position or rotation."""
-        columns = {"position": slice(3), "rotation": slice(3, 6)}
-        if name not in columns or self.path is None:
+        if name not in POSE or self.path is None:
             raise OptionError(
                 "no such deviations of a trajectory", where="information", got=name,
-                expected=f"one of {sorted(columns)}, of an estimate of this version",
+                expected=f"one of {sorted(POSE)}, of an estimate of this version",
             )  # fmt: skip
-        return self.path[:, columns[name]]
+        return self.path[:, POSE[name]]
 
     def correlation(self) -> np.ndarray:
         """Return the correlation matrix (k, k) of `names`."""
@@ -158,11 +165,13 @@ class Information:
     def widened(self, factor: float) -> Information:
         """Return the same, all standard deviations multiplied by a factor."""
         path = None if self.path is None else factor * self.path
-        return replace(self, spread=factor**2 * self.spread, path=path)
+        ground = None if self.ground is None else factor**2 * self.ground
+        spread = factor**2 * self.spread
+        return replace(self, spread=spread, path=path, ground=ground)
 
     def of_hessian(self) -> Information:
         """Return the same, its sigma that of the Hessian alone, of this mode alone."""
-        return replace(self, spread=inverse(self.matrix), path=None)
+        return replace(self, spread=inverse(self.matrix), path=None, ground=None)
 
     def _map(self, name: str) -> np.ndarray:
         if name not in self.maps:
@@ -189,7 +198,8 @@ def information_of(
     deadline.check()
     tangent = tangent_space_of(problem, solution, window, shape, R_wg)
     at = Linearisation(curvature, sensed, window, shape, deadline)
-    of = at.response(tangent.chosen, tangent.jacobian)
+    turned, ground = turned_with_ground(at, tangent, solution, R_wg)
+    of = at.response(tangent.chosen, tangent.jacobian, turned)
     C = of.hessian
     errors = C if sensed is None else error_budget(of)
     best = tangent.z, tangent.R, solution.objective, C, solution, window
@@ -201,7 +211,7 @@ def information_of(
         beyond = _beyond(modes, tangent, at, faces, profile)
         covariance = covariance + beyond
         others = list(zip(modes.weights, optima, strict=True))[1:]
-        path = _path(at, tangent, solution, R_wg, beyond, others)
+        path = deviations_of_path(at, tangent, solution, R_wg, beyond, others)
     words, directions = open_directions(tangent, covariance, shape, faces)
     if sensed is not None:
         covariance = bounded_pose(covariance, shape.theta, tangent.turning)
@@ -213,7 +223,7 @@ def information_of(
         roles={name: terms[name].role or "constraint" for name in parts},
         modes=modes, maps=tangent.maps, unobserved=words, directions=directions,
         fixed=tangent.fixed, active=curvature.active, ambiguous=curvature.ambiguous,
-        indefinite=_indefinite(curvature), path=path,
+        indefinite=_indefinite(curvature), path=path, ground=ground,
         **_of_offsets(curvature, sensed, window, shape, R_wg, tangent),
     )  # fmt: skip
 
@@ -231,17 +241,6 @@ def _beyond(modes, tangent, at: Linearisation, faces, profile) -> np.ndarray:
     noise, grounded = at.sensed.precision.position, len(at.window.corner) > 0
     seen = TouchedFaces(tangent, at.shape, faces, noise, grounded, profile)
     return after_mixture(seen, modes.covariance)
-
-
-def _path(at, tangent, solution, R_wg, beyond, others) -> np.ndarray:
-    """Return the deviations (T, 6) of the pose at every sample."""
-    optima = tuple((w, there, window) for w, (*_, there, window) in others)
-    maps = tangent.maps["position"], tangent.maps["rotation"]
-    more = Beyond(beyond, *maps, optima)
-    middle = np.zeros(3), np.zeros((3, at.shape.theta))
-    variance = trajectory_variance(at, solution.values, R_wg, middle, more)
-    variance[:, 3:][:, np.isnan(tangent.maps["rotation"]).any(axis=1)] = np.nan
-    return np.sqrt(variance)
 
 
 def _of_offsets(curvature, sensed, window, shape, R_wg, tangent) -> dict:

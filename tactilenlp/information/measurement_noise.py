@@ -39,11 +39,15 @@ MEDIAN_2 = 1.1774  # median of the length of a standard normal vector in the pla
 
 @dataclass(frozen=True, eq=False)
 class Sensed:
-    """What was measured, how precisely, and how a problem is built from a window."""
+    """What was measured, how precisely, and how a problem is built from a window.
+
+    scene: with the ground in whose frame the data are.
+    """
 
     data: object
     precision: Precision
     build: Callable
+    scene: object
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,11 +42,13 @@ def polytope_information(
     floor = LEAST_DEVIATION**2 * np.eye(len(turn))
     at = Linearisation(curvature, sensed, window, shape, deadline)
     deadline.check()
-    of = at.response(chosen, turn)
+    V, turned = solution.values["theta"].T, 0.0
+    if at.tilt is not None:
+        turned = at.tilt.turned(V, R_wg)[:, :3].reshape(-1, 2)
+    of = at.response(chosen, turn, turned)
     deadline.check()
     indefinite = np.linalg.eigvalsh(of.hessian)[0] < -(LEAST_DEVIATION**2)
     C, errors = (M + floor for M in (of.hessian, error_budget(of)))
-    V = solution.values["theta"].T
     middle = centroid(V), _slope_of_centroid(V)
     path = trajectory_variance(at, solution.values, R_wg, middle)
     return Information(

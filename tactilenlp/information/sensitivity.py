@@ -21,6 +21,10 @@ that
 
 touches of both edges and faces of a side tell whether edges are sharp.  In the same
 way normals are taken as those of their instant; there r is the lag of the sensors.
+
+The ground is assumed to be level, or as it was told.  There r (2,) are its rotations
+about its own horizontal axes, Gaussian of deviation Scene.sigma_tilt: seen from a
+ground that is turned by r, positions and normals of the touches turn by -r.
 """
 
 from __future__ import annotations
@@ -29,45 +33,19 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from ..common.brief import printed
 from ..data.contact_segments import consecutive_contacts
-from ..errors import OptionError
 from ..nlp.kkt import gradient
 from ..nlp.kkt_sensitivity import KKTSystem
 from .measurement_noise import at_touches
 
 ASSUMPTION_STEP = 1e-4  # [-] relative change of what was assumed
-OFFSET = 1e-6  # [m] shift of a finger
 LATE = 1e-5  # [s] change of a lag, of differences
 LAG = 10e-3  # [s] deviation of r: sensors average over up to 20 ms
+TILT = 1e-5  # [rad] change of a tilt of the ground, of differences
 RADIUS = 1e-5  # [m] change of the radius of edges, of differences
 EDGE = 2e-3  # [m] deviation of r: machined, printed and card boxes have up to 3 mm
-
-
-@printed
-@dataclass(frozen=True, eq=False)
-class Sensitivity:
-    """By how much shape and final pose move with each assumption.
-
-    names (k,) of the unknowns; moves: (k,) [SI per unit] by assumption; maps as in
-    Information; units: by what a move is divided, by assumption.
-    """
-
-    names: tuple[str, ...]
-    moves: dict[str, np.ndarray]
-    units: dict[str, str]
-    maps: dict[str, np.ndarray]
-
-    def of(self, quantity: str, assumption: str) -> np.ndarray:
-        """Return how a quantity (3,) moves with an assumption, SI per unit of it."""
-        for name, known in ((quantity, self.maps), (assumption, self.moves)):
-            if name not in known:
-                raise OptionError(
-                    "no such name", where="sensitivity", got=name,
-                    expected=f"one of {sorted(known)}",
-                )  # fmt: skip
-        return self.maps[quantity] @ self.moves[assumption]
 
 
 def parameter_sensitivity(
@@ -86,51 +64,7 @@ def parameter_sensitivity(
             size = data[span] if relative else np.ones_like(data[span])
             data[span] += side * ASSUMPTION_STEP * amount * size
         ends.append(kkt_residual(problem, curvature, data))
-    return _difference(pulls, held, ends, ASSUMPTION_STEP)
-
-
-def assumption_sensitivities(
-    curvature: KKTSystem, pulls, held, build: Callable, scene, window
-) -> tuple[dict, dict]:
-    """Return the derivatives (k,) by assumption, and their units, of a solved problem.
-
-    build(scene, window) builds the problem again under other assumptions.
-    """
-    found, units = {}, {}
-
-    def add(name, unit, changed, step):
-        ends = [
-            kkt_residual(build(*changed(side * step)), curvature) for side in (1, -1)
-        ]
-        found[name], units[name] = _difference(pulls, held, ends, step), unit
-
-    for name, unit in (
-        ("mass", "kg"),
-        ("friction_ground", "1"),
-        ("friction_finger", "1"),
-    ):
-        value = getattr(scene, name)
-        if value:
-            add(
-                name, unit,
-                lambda d, n=name, v=value: (replace(scene, **{n: v + d}), window),
-                ASSUMPTION_STEP * value,
-            )  # fmt: skip
-    for name, unit in (("sigma_position", "m"), ("sigma_normal", "rad")):
-        value = getattr(window, name)
-        if value > 0:
-            add(
-                name, unit,
-                lambda d, n=name, v=value: (scene, replace(window, **{n: v + d})),
-                ASSUMPTION_STEP * value,
-            )  # fmt: skip
-    for finger in np.unique(np.r_[window.touch.finger, window.free.finger]):
-        for axis, word in enumerate("xyz"):
-            add(
-                f"finger {finger} offset {word}", "m",
-                lambda d, f=finger, a=axis: (scene, shifted(window, f, a, d)), OFFSET,
-            )  # fmt: skip
-    return found, units
+    return difference(pulls, held, ends, ASSUMPTION_STEP)
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,38 +116,115 @@ def late_normals(curvature: KKTSystem, build: Callable, window, data) -> Doubt:
     return _doubted(curvature, ends, LATE, LAG)
 
 
+@dataclass(frozen=True, eq=False)
+class GroundTilt:
+    """What is known of the rotations r (2,) [rad] of the ground from where it is taken.
+
+    slope (unknowns, 2): derivative of the gradient by r; about (3,) [m]: the point of
+    the ground that stays, ground frame; mean (2,), information (2, 2) of r by touches
+    and prior; level: odds that there is no rotation at all, 0 once one was estimated.
+    """
+
+    slope: np.ndarray
+    about: np.ndarray
+    mean: np.ndarray
+    information: np.ndarray
+    level: float
+
+    @property
+    def gain(self) -> float:
+        """By how many nats the likeliest r lowers the objective."""
+        return float(self.mean @ self.information @ self.mean) / 2
+
+    @property
+    def squared(self) -> np.ndarray:
+        """E[r r'] (2, 2)."""
+        known = np.linalg.inv(self.information) + np.outer(self.mean, self.mean)
+        return known / (1 + self.level)
+
+    def covariance(self, pulls, turned=0.0) -> np.ndarray:
+        """Return the covariance (k, k) by it.
+
+        pulls: see KKTSystem.sensitivity; turned (k, 2): how the k numbers turn with the
+        frame of the ground itself.
+        """
+        moves = turned - pulls.T @ self.slope
+        return moves @ self.squared @ moves.T
+
+    def turned(self, points, R_wg) -> np.ndarray:
+        """Return how poses at points (n, 3) [m] of the ground's frame turn with it.
+
+        (n, 6, 2), positions [m/rad] and rotations, world frame; R_wg (3, 3): from the
+        ground to the world.
+        """
+        arm, axes = (points - self.about) @ R_wg.T, R_wg[:, :2]
+        moved = np.stack([np.cross(axis, arm) for axis in axes.T], axis=2)
+        turns = np.broadcast_to(axes, moved.shape)
+        return np.concatenate([moved, turns], axis=1)
+
+
+def ground_tilt(curvature: KKTSystem, build: Callable, window, data, scene, about):
+    """Return the GroundTilt at a solution; build(window): as above.
+
+    data: as of late_normals; scene: with the ground in whose frame they are; about (3,)
+    [m]: the point of the ground that stays, ground frame.
+    """
+    problem, touch, ground = curvature.problem, window.touch, scene.ground
+    found = []
+    for way in ((1, 0), (0, 1), (1, 1)):  # the last one for the mixed derivative
+        R = Rotation.from_rotvec([-TILT * way[0], -TILT * way[1], 0.0]).as_matrix()
+        seen = data.transformed(R, about - R @ about)
+        p_wf, at = touch.p_wf.copy(), (touch.sample, touch.finger)
+        p_wf[:, :3] = seen.finger_position[at]
+        if seen.finger_orientation is not None and p_wf.shape[1] > 3:
+            p_wf[:, 3:] = seen.finger_orientation[at]
+        touched = replace(touch, p_wf=p_wf, normal=seen.normal[at])
+        turned = build(replace(window, touch=touched)).data() - problem.data()
+        ends = [(curvature.x, curvature.data + side * turned) for side in (1, 0, -1)]
+        found.append(_derivatives(problem, ends, TILT))
+    (b_x, pull_x, xx), (b_y, pull_y, yy), (_, _, both) = found
+    slope, mixed = np.stack([b_x, b_y], axis=1), (both - xx - yy) / 2
+    moved = np.stack([curvature.moved(b) for b in slope.T], axis=1)
+    told = np.array([[xx, mixed], [mixed, yy]]) + slope.T @ moved
+    values, vectors = np.linalg.eigh((told + told.T) / 2)
+    prior = 1 / scene.sigma_tilt**2
+    information = (vectors * (np.maximum(values, 0.0) + prior)) @ vectors.T
+    known = (ground.rotation @ ground.tilt)[:2]
+    mean = np.linalg.solve(information, np.array([pull_x, pull_y]) - prior * known)
+    level = 0.0
+    if ground.told is None:
+        share = np.sqrt(np.linalg.det(information)) / prior
+        level = share * np.exp(-mean @ information @ mean / 2)
+    return GroundTilt(slope, about, mean, information, float(level))
+
+
+def _derivatives(problem, ends, step: float) -> tuple:
+    """Return the derivatives of the touch cost by r, at 0.
+
+    Of its gradient (unknowns,), its negative first and its second derivative; ends:
+    unknowns and data at r = step, 0, -step.
+    """
+    costs = [problem.value("touch", *end).sum() for end in ends]
+    slopes = [gradient(problem, *end, costs=["touch"]) for end in (ends[0], ends[2])]
+    bend = (costs[0] - 2 * costs[1] + costs[2]) / step**2
+    return (
+        *((slopes[0] - slopes[1]) / (2 * step), (costs[2] - costs[0]) / (2 * step)),
+        bend,
+    )
+
+
 def _doubted(curvature: KKTSystem, ends, step: float, deviation: float) -> Doubt:
     """Return what the touches tell of a quantity that the page takes as zero.
 
     ends: unknowns and data at r = step, 0, -step; deviation: of r before any touch,
     where it is not zero.
     """
-    problem = curvature.problem
-    costs = [problem.value("touch", *end).sum() for end in ends]
-    slopes = [gradient(problem, *end, costs=["touch"]) for end in ends]
-    b = (slopes[0] - slopes[2]) / (2 * step)
-    pull = (costs[2] - costs[0]) / (2 * step)
-    bend = (costs[0] - 2 * costs[1] + costs[2]) / step**2
+    b, pull, bend = _derivatives(curvature.problem, ends, step)
     information = 1 / deviation**2 + max(0.0, bend + b @ curvature.moved(b))
     likeliest = max(0.0, pull) / information
     odds = deviation * np.sqrt(information) * np.exp(-information * likeliest**2 / 2)
     squared = (1 / information + likeliest**2) / (1 + odds)
     return Doubt(b, squared)
-
-
-def shifted(window, finger: int, axis: int, way: float):
-    """Return the window as if a finger had been elsewhere by `way` [m] all the time."""
-    changed = {}
-    for part, names in (
-        ("touch", ["p_wf"]),
-        ("free", ["p_wf"]),
-        ("push", ["p_wf", "p_wf_1"]),
-    ):
-        rows = getattr(window, part)
-        there = np.zeros_like(rows.p_wf)
-        there[rows.finger == finger, axis] = way
-        changed[part] = replace(rows, **{n: getattr(rows, n) + there for n in names})
-    return replace(window, **changed)
 
 
 def kkt_residual(
@@ -227,6 +238,6 @@ def kkt_residual(
     return slope, np.concatenate([np.zeros(0), *values])
 
 
-def _difference(pulls, held, ends, step) -> np.ndarray:
+def difference(pulls, held, ends, step) -> np.ndarray:
     (s, g), (s_1, g_1) = ends
     return -(pulls.T @ (s - s_1) + held.T @ (g - g_1)) / (2 * step)

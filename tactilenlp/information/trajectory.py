@@ -7,6 +7,8 @@ At sample t the variance of the pose adds up
     what the budget of shape and final pose has beyond its terms (untouched faces,
     profile likelihood), carried back by the rigid body: it holds in the body's frame.
 
+    in planar motion, how the ground may lean, and the body on it (error_of_ground).
+
 A solve of the KKT system is needed for every pose; at most POSES of them are computed,
 and the variance is linear between.
 """
@@ -17,9 +19,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .error_budget import ANY_ROTATION, REACHED, Linearisation, error_budget
+from formulations.ground_contact import REST
+
+from .error_budget import Linearisation, error_budget
+from .error_budget_terms import ANY_ROTATION, REACHED, UNEVEN
 from .tangent_space import pose_jacobians
 
+LEAST_ARM = 1e-3  # [m] of a body that rests on one point
 POSES = 40  # of a trajectory whose covariance is computed
 
 
@@ -50,11 +56,17 @@ def trajectory_variance(at: Linearisation, values, R_wg, middle, beyond=None):
     p, R, J_p, J_R = pose_jacobians(at.shape, window.motion, theta, x)
     p, J_p = _of_point(p, R, J_p, J_R, *middle)
     jacobian, chosen = _stacked(at.curvature.problem, poses, R_wg @ J_p, R_wg @ J_R)
+    free, turned = window.motion.name == "free", 0.0
     moving = np.flatnonzero(np.abs(jacobian).max(axis=1) > 0)
     variance = np.zeros(6 * len(poses))
-    budget = error_budget(at.response(chosen, jacobian[moving]))
+    if free and at.tilt is not None:
+        turned = at.tilt.turned(p, R_wg).reshape(-1, 2)[moving]
+    budget = error_budget(at.response(chosen, jacobian[moving], turned))
     variance[moving] = np.diag(budget)
     variance = variance.reshape(-1, 6)
+    if not free and at.tilt is not None:
+        more = errors_of_ground(at, values, p, R_wg)
+        variance += np.diagonal(more, axis1=1, axis2=2)
     if beyond is not None:
         variance += _carried(beyond, R, R_wg)
         for weight, solution, other in beyond.optima:
@@ -63,6 +75,47 @@ def trajectory_variance(at: Linearisation, values, R_wg, middle, beyond=None):
     most = np.repeat([REACHED**2, ANY_ROTATION**2], 3)
     variance = np.clip(variance, 0.0, most)
     return np.array([np.interp(window.pose, poses, v) for v in variance.T]).T
+
+
+def deviations_of_path(at, tangent, solution, R_wg, beyond, others) -> np.ndarray:
+    """Return the deviations (T, 6) of the pose at every sample."""
+    optima = tuple((w, there, window) for w, (*_, there, window) in others)
+    maps = tangent.maps["position"], tangent.maps["rotation"]
+    more = Beyond(beyond, *maps, optima)
+    middle = np.zeros(3), np.zeros((3, at.shape.theta))
+    variance = trajectory_variance(at, solution.values, R_wg, middle, more)
+    if at.tilt is None or at.window.motion.name == "free":
+        variance[:, 3:][:, np.isnan(tangent.maps["rotation"]).any(axis=1)] = np.nan
+    return np.sqrt(variance)
+
+
+def turned_with_ground(at: Linearisation, tangent, solution, R_wg) -> tuple:
+    """Return how the coordinates z (k, 2) turn with the ground, and Information.ground.
+
+    In planar motion z is in the ground's frame: there the latter adds what turns.
+    """
+    if at.sensed is None or at.tilt is None:
+        return 0.0, None
+    p = at.end[None]
+    if at.window.motion.name != "free":
+        return 0.0, errors_of_ground(at, solution.values, p, R_wg)[0]
+    turned = at.tilt.turned(p, R_wg)[0]
+    return np.vstack([np.zeros((len(tangent.z) - 6, 2)), turned]), None
+
+
+def errors_of_ground(at: Linearisation, values, points, R_wg) -> np.ndarray:
+    """Return covariances (n, 6, 6) of poses in planar motion, world frame.
+
+    By the tilt of the ground's frame, and by corners that stand UNEVEN off its plane.
+    points (n, 3) [m]: where the poses are, ground frame.
+    """
+    turned = at.tilt.turned(points, R_wg)
+    C = turned @ at.tilt.squared @ turned.swapaxes(1, 2)
+    legs = at.window.supports(at.shape, values["theta"].T.ravel())
+    arm = np.maximum(np.sum(legs[:, :2] ** 2) / 2, LEAST_ARM**2)
+    rocks = (UNEVEN * REST) ** 2 / arm * R_wg[:, :2] @ R_wg[:, :2].T
+    C[:, 3:, 3:] += rocks
+    return C
 
 
 def _of_point(p, R, J_p, J_R, middle, slope):

@@ -42,6 +42,8 @@ def remarks_of(estimate) -> list[str]:
         lines.append(classes_in_words(estimate.classes))
     if estimate.fit is not None:
         lines.append(estimate.fit.text)
+    if estimate.scene.ground is not None and estimate.scene.ground.told is not None:
+        lines.append(_leaning_ground(estimate.scene.ground))
     if estimate.compliance is not None:
         lines.append(_compliance(estimate))
     if CENTRE in estimate.unknowns:
@@ -98,7 +100,8 @@ def orientation_of(estimate) -> str:
     """Return the orientation at the last sample, with its standard deviation."""
     w, x, y, z = estimate.quaternion[-1]
     yaw = np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
-    off = np.degrees(np.nanmax(estimate.information.sigma("rotation")))
+    off = np.degrees(estimate.information.sigma("rotation"))
+    off = off[2] if estimate.reductions["planar"] else np.nanmax(off)
     if off == 0.0:  # a hull has no axes of its own
         return "with the axes of the world"
     if off > UNOBSERVED_TURN:
@@ -120,6 +123,14 @@ def offsets_in_words(offset, C) -> str:
         by = ", ".join(f"{way:.1f} ± {error:.1f}" for way, error in pairs)
         each.append(f"finger {f} by ({by}) mm")
     return "Off from where they say: " + "; ".join(each) + "."
+
+
+def _leaning_ground(ground) -> str:
+    x, y, z = np.degrees(ground.tilt)
+    return (
+        "The ground leans against the one that was told, by a rotation of "
+        f"({x:.2f}, {y:.2f}, {z:.2f}) deg."
+    )
 
 
 def _compliance(estimate) -> str:

@@ -1,0 +1,112 @@
+"""A ground that leans against the frame in which it is told to be level."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tactilenlp import Estimate, Ground, Scene, solve_estimate
+from tactilenlp.estimation.refinement import on_leaning_ground
+from tactilenlp.evaluation.metrics import cuboid_errors
+
+LEAN = np.radians((0.7, -0.5, 0.0))  # [rad] rotation vector of the world
+
+
+def test_a_turned_ground_keeps_a_point_and_knows_what_was_told():
+    told = Ground(0.1, tuple(Rotation.from_rotvec([0.3, 0.1, 0]).apply([0, 0, 1.0])))
+    about = np.array([0.2, -0.1, 0.0])
+    turned = told.turned((0.01, -0.02), about)
+    place = told.from_ground(about)
+    assert turned.distance(place) == pytest.approx(0.0, abs=1e-12)
+    tilt = told.rotation @ turned.tilt
+    assert tilt == pytest.approx([0.01, -0.02, 0.0], abs=1e-5)
+    assert turned.told == told
+    again = turned.turned((-0.01, 0.02), turned.to_ground(place))
+    assert again.told == told
+    assert again.normal == pytest.approx(told.normal, abs=1e-4)
+    assert Scene(ground=turned).as_told == Scene(ground=told)
+    assert (told.tilt == 0).all()
+
+
+def leaning(data):
+    """Return the measurements in a world that is turned by LEAN about its origin."""
+    return data.transformed(Rotation.from_rotvec(LEAN).as_matrix(), np.zeros(3))
+
+
+@pytest.fixture(scope="module")
+def estimates(recorded):
+    data, scene, _ = recorded
+    data = data.select([0, 1, 2])
+    exact = replace(scene, sigma_tilt=0.0)
+    return (
+        solve_estimate(data, exact), solve_estimate(data, scene),
+        solve_estimate(leaning(data), scene),
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_a_level_ground_stays_level_and_tells_how_well_that_is_known(estimates):
+    exact, level, _ = estimates
+    assert level.scene.ground == exact.scene.ground == Ground()
+    assert level.objective == exact.objective
+    assert (level.position == exact.position).all()
+    assert np.isnan(exact.information.sigma("rotation")[:2]).all()
+    assert np.isnan(exact.information.along_path("rotation")[:, :2]).all()
+    tilts = level.information.sigma("rotation")[:2]
+    assert tilts.max() < np.radians(0.3)
+    for name in ("side_lengths", "position"):
+        ratio = level.information.sigma(name) / exact.information.sigma(name)
+        assert ratio.min() >= 1 - 1e-6
+        assert ratio.max() < 1.05
+    path = level.information.along_path("rotation")
+    assert path[-1, :2] == pytest.approx(tilts, rel=0.05)
+
+
+@pytest.mark.slow
+def test_a_ground_that_leans_is_found(estimates, recorded, tmp_path):
+    _, level, lean = estimates
+    truth = recorded[2]
+    assert lean.fit.verdict == "good"
+    assert lean.objective == pytest.approx(level.objective, abs=0.5)
+    assert lean.scene.ground.tilt == pytest.approx(LEAN, abs=np.radians(0.1))
+    assert lean.scene.as_told.ground == Ground()
+    turn, last = Rotation.from_rotvec(LEAN), lean.measurements.samples - 1
+    q = turn * Rotation.from_quat(truth["object_quaternion"][last], scalar_first=True)
+    error = cuboid_errors(
+        lean.side_lengths, lean.position[-1], lean.quaternion[-1],
+        truth["side_lengths"], turn.apply(truth["object_position"][last]),
+        q.as_quat(scalar_first=True),
+    )  # fmt: skip
+    sigma = lean.information.sigma("rotation")
+    assert (np.abs(error.rotation_vector) < 3 * sigma).all()
+    assert np.abs(error.rotation_vector[:2]).max() < np.radians(0.1)
+    file = tmp_path / "lean.npz"
+    lean.save(file)
+    assert Estimate.load(file) == lean
+    assert "The ground leans" in lean.summary()
+
+
+@pytest.mark.slow
+def test_an_update_goes_on_on_the_ground_that_was_found(estimates, recorded):
+    data, scene, _ = recorded
+    before = estimates[2]
+    after = solve_estimate(leaning(data.select([0, 1, 2, 3])), scene, start=before)
+    assert after.scene.ground.tilt == pytest.approx(LEAN, abs=np.radians(0.1))
+    assert after.scene.as_told == scene
+    assert after.fit.verdict == "good"
+
+
+def test_without_excess_the_ground_is_not_turned(monkeypatch):
+    class Solution:
+        success = True
+
+    class Solved:
+        solution = Solution()
+
+    job = type("Job", (), {"scene": Scene()})()
+    page = type("Page", (), {"FREED": ("level",)})
+    where = "tactilenlp.estimation.refinement.excess_of"
+    monkeypatch.setattr(where, lambda job, solved: (1.0, 3.0))
+    kept = [Solved()]
+    assert on_leaning_ground(job, page, kept, None) == (job, kept)
