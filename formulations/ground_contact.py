@@ -8,8 +8,8 @@ corner of the body, whose height is z and whose velocity is (v_s, v_n).  In nats
     rest             z^2 / (2 REST^2)        at poses without a step, of low corners
     ground gap       z >= 0
 
-The dissipation at rest, where |v_s| is rounded, is subtracted; what roundings add beyond
-that is reported as "ground dissipation, by rounding".  In planar motion the lowest
+The dissipation at rest, where |v_s| is rounded, is subtracted; what roundings add more
+is reported as "ground dissipation, by rounding".  In planar motion the lowest
 corners stay on the ground, else they may lift: only then are there the others.
 """
 

@@ -243,7 +243,7 @@ class _Edited:
         self._add(self._nlp.subject_to, name, function, arguments, limits)
 
     def report(self, name, function, *arguments):
-        """Report a quantity, unless it is part of a cost that is replaced or omitted."""
+        """Report a quantity, unless it is part of a replaced or omitted cost."""
         cost = name.removesuffix(BY_ROUNDING)
         known = {cost, cost.partition(",")[0]}
         if name == cost or not known & {*self._replace, *self._without}:
