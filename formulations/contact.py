@@ -77,6 +77,18 @@ def dissipation(mu, lam, v_s, v_eps, rounding=0.0):
     return (mu * lam[0] + rounding) * speed + power
 
 
+def least_dissipation(mu, lam, v_eps, rounding=0.0):
+    """Return the least of `dissipation` over all v_s, for a given impulse [J].
+
+    It is what the roundings alone add: where `dissipation` equals it, Coulomb's law
+    holds, rounded: v_s = -v_eps lam_t / sqrt((mu lam_n + rounding)^2 - |lam_t|^2).
+    """
+    most = mu * lam[0] + rounding
+    tangential = ca.sumsqr(lam[1:3]) if lam.numel() > 1 else 0.0
+    root = ca.sqrt(ca.fmax(0.0, most**2 - tangential))
+    return v_eps * root
+
+
 def inelasticity(lam, v_n, v_eps):
     """Return lam_n max(v_n, 0): a normal impulse returns no energy."""
     return lam[0] * positive_part(v_n, v_eps)

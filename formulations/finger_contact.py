@@ -88,6 +88,11 @@ class FingerContact:
         energy += 0.2 * contact.inelasticity(lam, v_n, v_eps)
         return kappa * energy * dt / (w * MM)
 
+    def by_rounding(self, lam, dt, w, kappa, v_eps, rounding, mu):
+        """Return the part of the cost of a felt finger that the roundings make."""
+        least = contact.least_dissipation(mu, lam, v_eps, rounding * w)
+        return kappa * least * dt / (w * MM)
+
     def unfelt(self, theta, x, lam, p_wf, rho, w, kappa):
         """Return the cost of the impulse of a finger that feels nothing."""
         pose = self.motion.pose(self.shape, theta, x)
@@ -125,6 +130,10 @@ def add(nlp, window, fingers, theta, x, pushes):
         "finger dissipation", fingers.felt, theta.pick(felt), x[:, step.pose[s]],
         x[:, step.before[s]], lam[:, felt], f.p_wf, f.p_wf_1, f.radius, f.tangent,
         step.dt[s], w[felt], kappa, v_eps, rounding(nlp, mu), mu, role="physics",
+    )  # fmt: skip
+    nlp.report(
+        "finger dissipation, by rounding", fingers.by_rounding, lam[:, felt],
+        step.dt[s], w[felt], kappa, v_eps, rounding(nlp, mu), mu,
     )  # fmt: skip
     f, s = push.pick(unfelt), push.step[unfelt]
     nlp.minimize(

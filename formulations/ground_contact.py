@@ -8,8 +8,9 @@ corner of the body, whose height is z and whose velocity is (v_s, v_n).  In nats
     rest             z^2 / (2 REST^2)        at poses without a step, of low corners
     ground gap       z >= 0
 
-The dissipation at rest, where |v_s| is rounded, is subtracted.  In planar motion the
-lowest corners stay on the ground, else they may lift: only then are there the others.
+The dissipation at rest, where |v_s| is rounded, is subtracted; what roundings add more
+is reported as "ground dissipation, by rounding".  In planar motion the lowest
+corners stay on the ground, else they may lift: only then are there the others.
 """
 
 from __future__ import annotations
@@ -92,6 +93,11 @@ class GroundContact:
         loss = contact.dissipation(mu, lam, v_s, v_eps, rounding * w) * dt / w
         return kappa * (loss - (nominal + rounding) * v_eps * dt) / MM
 
+    def by_rounding(self, lam, dt, w, kappa, v_eps, rounding, nominal, mu):
+        """Return the part of the cost of dissipation that the roundings make."""
+        least = contact.least_dissipation(mu, lam, v_eps, rounding * w) * dt / w
+        return kappa * (least - (nominal + rounding) * v_eps * dt) / MM
+
     def complementarity(self, theta, x, x_1, lam, signs, dt, w, kappa, v_eps):
         """Return the cost of an impulse on a corner above the ground or rising."""
         z, z_1 = self.corner(theta, x, signs)[2], self.corner(theta, x_1, signs)[2]
@@ -132,10 +138,14 @@ def add(nlp, window, ground, theta, x, corners, resting=None):
 
     s = corner.step
     if lam.rows > 1:
+        rounded = rounding(nlp, mu), value / max(1, len(ground.shape.corners)), mu
         nlp.minimize(
             "ground dissipation", ground.dissipation, theta, *poses(s), lam,
-            corner.signs, step.dt[s], w, kappa, v_eps, rounding(nlp, mu),
-            value / max(1, len(ground.shape.corners)), mu, role="physics",
+            corner.signs, step.dt[s], w, kappa, v_eps, *rounded, role="physics",
+        )  # fmt: skip
+        nlp.report(
+            "ground dissipation, by rounding", ground.by_rounding, lam, step.dt[s], w,
+            kappa, v_eps, *rounded,
         )  # fmt: skip
     s, first = lift.step, slice(len(lift.step))
     nlp.minimize(

@@ -92,6 +92,32 @@ def test_friction_that_opposes_sliding_at_the_cone_dissipates_all_it_can():
         assert float(contact.dissipation(mu, lam, ca.DM(v), still)) >= least
 
 
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.99, 1.0])
+def test_the_least_dissipation_is_met_where_the_rounded_law_holds_and_nowhere_else(
+    share,
+):
+    """Zero of the difference is Coulomb's law, of an impulse in the rounded cone."""
+    mu, v_eps, rounding, lam_n = 0.5, 3e-3, 0.01, 2.0
+    limit = np.sqrt((mu * lam_n + rounding) ** 2 - rounding**2)  # of contact.cone
+    lam = ca.DM([lam_n, 0.6 * share * limit, 0.8 * share * limit])
+    assert float(contact.cone(mu, lam, rounding)) >= -1e-12
+    least = float(contact.least_dissipation(mu, lam, v_eps, rounding))
+    lam_t = lam.full()[1:, 0]
+    root = np.sqrt((mu * lam_n + rounding) ** 2 - lam_t @ lam_t)
+
+    def lost(v_s):
+        return float(contact.dissipation(mu, lam, ca.DM(v_s), v_eps, rounding))
+
+    assert lost(-v_eps * lam_t / root) == pytest.approx(least, rel=1e-9)
+    for v_s in np.random.default_rng(1).normal(0, 0.05, (100, 2)):
+        assert lost(v_s) > least
+
+
+def test_an_impulse_outside_the_cone_has_no_least_dissipation_but_zero():
+    lam = ca.DM([1.0, 0.9, 0.0])
+    assert float(contact.least_dissipation(0.5, lam, 3e-3)) == 0
+
+
 def test_an_impulse_needs_contact_and_returns_no_energy():
     lam = ca.DM([2.0, 0, 0])
     for of in (contact.complementarity, contact.inelasticity):

@@ -27,6 +27,7 @@ from ..information.polytope_information import (
 )
 from ..information.tangent_space import tangent_space_of
 from ..nlp.problem import Problem
+from ..nlp.solution import costs_without_rounding
 from ..problem.polytope_window import with_supports
 from ..problem.poses import poses
 from ..problem.surface import body_surface
@@ -79,11 +80,13 @@ def _solved_fields(solved) -> dict:
     """Return the fields of an estimate that are those of the solve."""
     problem, solution = solved.problem, solved.solution
     exact = exact_violations(problem, solution)
+    x, data = problem.pack(solution.values), problem.data(solution.parameters)
     same = (
-        *("costs", "multipliers", "bound_multipliers", "objective", "success"),
+        *("multipliers", "bound_multipliers", "objective", "success"),
         *("iterations", "iterations_by_level", "evaluations", "progress"),
     )
     return {name: getattr(solution, name) for name in same} | {
+        "costs": costs_without_rounding(problem, x, data),
         "theta": solution.values["theta"].T.ravel(),
         "unknowns": solution.values,
         "violations": {**solution.violations, **exact},

@@ -14,12 +14,16 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 
+import numpy as np
+
+from formulations.centre_of_mass import NAME as CENTRE
+
 from ..geometry.transforms import is_planar
 from ..information.sensitivity import ground_tilt
 from ..nlp.kkt_sensitivity import kkt_system_of
 from ..problem.certificates import planar_certificate
 from ..problem.reductions import Reductions, required_reductions
-from ..search.hypothesis import distinct, named
+from ..search.hypothesis import distinct, naming, turned
 from ..search.local_solve import (
     RESTART_MU,
     Solved,
@@ -104,16 +108,46 @@ def _multistart(job, page, kept, options, solved, start) -> list[Solved]:
 def with_named_axes(job, page, solved, options, like) -> Solved:
     """Return a solve, or one of the same optimum with the axes of a box renamed.
 
-    like: see `named`.  Hypotheses are named before they are solved, but sides of about
-    one length may end in another order.
+    like: see `naming`.  Hypotheses are named before they are solved; sizes that the
+    solve found may be in another order.
     """
-    h = named(job.shape, solved.at, like)
-    late = job.deadline.passed("the order of a box's axes")
-    if h.theta is solved.at.theta or not solved.solution.success or late:
+    order, S = naming(job.shape, solved.at, like)
+    if np.array_equal(S, np.eye(3)) or not solved.solution.success:
         return solved
-    again = solved_from(job, page, h, options)
+    if job.deadline.passed("the order of a box's axes"):
+        return solved
+    known = _renamed(job.shape, solved, order, S)
+    again = warm_started(job, page, known, settings_of(job, options), RESTART_MU)
     again = replace(again, declined=solved.declined)
     return again if again.rank <= solved.rank else solved
+
+
+def _renamed(shape, solved, order, S) -> Solved:
+    """Return a solve with other names of the axes, to start from.
+
+    Ground contacts are listed by corner, the same ones at each step.
+    """
+    s, corners = solved.solution, np.array(shape.corners)
+    places = [int(np.argmax(corners @ (S @ c))) for c in corners]
+    rows = np.arange(len(solved.window.corner)).reshape(-1, len(corners))
+    rows = rows[:, places].ravel()
+
+    def moved(values) -> dict:
+        ground = {k: values[k][:, rows] for k in ("ground",) if k in values}
+        centre = {k: S.T @ values[k] for k in (CENTRE,) if k in values}
+        return values | ground | centre | {"theta": values["theta"][order]}
+
+    multipliers = {
+        name: old[rows] if name.startswith("ground") and len(old) == len(rows) else old
+        for name, old in s.multipliers.items()
+    }
+    solution = replace(
+        s, values=moved(s.values) | {"x": turned(s.values["x"], S)},
+        bound_multipliers=moved(s.bound_multipliers), multipliers=multipliers,
+    )  # fmt: skip
+    h = solved.hypothesis
+    h = replace(h, theta=h.theta[order], x=turned(h.x, S))
+    return replace(solved, hypothesis=h, solution=solution)
 
 
 def still_explained(best, start) -> bool:

@@ -11,8 +11,7 @@ from formulations.centre_of_mass import NAME as CENTRE
 from formulations.indentation import NAME as COMPLIANCE
 from formulations.rigid_body import G
 
-from ..common.brief import printed
-from ..common.equality import same_content
+from ..common.brief import printed, same_content
 from ..common.layout import ANY
 from ..common.named import Named
 from ..common.npz import read_result, write_result
@@ -46,7 +45,10 @@ class Estimate:
     over (t-1, t].  Axes of a cuboid: at the first sample z is the one nearest the
     vertical, x points within 90 degrees of the world's x (of the ground's, where it is
     tilted), and side x is not shorter than side y; an estimate that continues another
-    one, or a Guess, keeps its names.  unknowns, costs, violations, multipliers by name;
+    one, or a Guess, keeps its names.  unknowns, violations, multipliers by name; costs
+    by name [nats], which add up to the objective: a cost of physics is zero where its
+    law holds, and the entry "rounding", of either sign, is what rounding the speed and
+    the friction cone adds (costs of the page `paper` may be negative, as printed).
     hypotheses, best first, for the next action; information about shape and final pose.
     origin: the hypothesis it was solved from; reductions and cuts in use: with them the
     programme can be built again.  progress: of the last solve by iteration, as in

@@ -19,6 +19,7 @@ from formulations.shape_fields import takes, unfit_fields
 from formulations.upright import CYLINDER, prism
 
 from ..errors import OptionError, PageError, did_you_mean, shortened
+from ..nlp.solution import BY_ROUNDING
 from .reductions import Reductions
 
 _short = partial(shortened, most=80)
@@ -240,6 +241,13 @@ class _Edited:
     def subject_to(self, name, function, *arguments, **limits):
         """Add a constraint, unless it is omitted; its function may be another one."""
         self._add(self._nlp.subject_to, name, function, arguments, limits)
+
+    def report(self, name, function, *arguments):
+        """Report a quantity, unless it is part of a replaced or omitted cost."""
+        cost = name.removesuffix(BY_ROUNDING)
+        known = {cost, cost.partition(",")[0]}
+        if name == cost or not known & {*self._replace, *self._without}:
+            self._nlp.report(name, function, *arguments)
 
     def _add(self, add, name, function, arguments, more):
         known = {name, name.partition(",")[0]}

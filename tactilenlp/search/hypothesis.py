@@ -155,33 +155,41 @@ def same(shape, a: Hypothesis, b: Hypothesis, samples=COMPARED) -> bool:
 
 
 def named(shape, h: Hypothesis, like=None) -> Hypothesis:
-    """Return the same body, the axes of a box named by convention.
+    """Return the same body, the axes of a box named by convention (see `naming`)."""
+    order, S = naming(shape, h, like)
+    if np.array_equal(S, np.eye(3)):
+        return h
+    return replace(h, theta=h.theta[order], x=turned(h.x, S))
+
+
+def naming(shape, h: Hypothesis, like=None) -> tuple[list[int], np.ndarray]:
+    """Return the order of sizes, and the axes (3, 3), by which a box is named.
 
     At the first sample z is the axis nearest the vertical, x points within 90 degrees
     of the world's x, and side x is not shorter than side y.  like: side lengths (3,)
     and rotation (3, 3) at the first sample of an earlier estimate, whose names are kept
-    instead.
+    instead.  Other shapes keep their axes.
     """
     if not shape.is_box:
-        return h
-    flat, R = is_planar(h.x), rotation_at(h, 0)
+        return [*range(len(h.theta))], np.eye(3)
+    R = rotation_at(h, 0)
     ways = [(list(order), np.array(S, float)) for order, S in shape.symmetries]
-    ways = [way for way in ways if not flat or way[1][2, 2] > 0]
+    ways = [way for way in ways if not is_planar(h.x) or way[1][2, 2] > 0]
 
     def rank(way):
-        theta, turned = h.theta[way[0]], R @ way[1]
+        theta, axes = h.theta[way[0]], R @ way[1]
         if like is not None:
-            return round(np.linalg.norm(turned * theta - like[1] * like[0]), 9)
-        return -turned[2, 2], theta[1] - theta[0] > EQUAL_SIDES, turned[0, 0] < 0
+            return round(np.linalg.norm(axes * theta - like[1] * like[0]), 9)
+        return -axes[2, 2], theta[1] - theta[0] > EQUAL_SIDES, axes[0, 0] < 0
 
-    order, S = min(ways, key=rank)
-    if np.array_equal(S, np.eye(3)):
-        return h
-    if flat:
-        x = h.x + np.array([[0], [0], [np.arctan2(S[1, 0], S[0, 0])]])
-    else:
-        x = np.vstack([h.x[:3], continuous(matrices(h.x) @ S).T])
-    return replace(h, theta=h.theta[order], x=x)
+    return min(ways, key=rank)
+
+
+def turned(x, S) -> np.ndarray:
+    """Return the poses, planar or free, of a body frame whose axes are S (3, 3)."""
+    if is_planar(x):
+        return x + np.array([[0], [0], [np.arctan2(S[1, 0], S[0, 0])]])
+    return np.vstack([x[:3], continuous(matrices(x) @ S).T])
 
 
 def rotation_at(h: Hypothesis, sample: int) -> np.ndarray:
