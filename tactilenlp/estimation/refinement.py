@@ -18,7 +18,9 @@ import numpy as np
 
 from formulations.centre_of_mass import NAME as CENTRE
 
+from ..data.sensor_noise import variance_left
 from ..geometry.transforms import is_planar
+from ..information.goodness_of_fit import fit_of
 from ..information.sensitivity import ground_tilt
 from ..nlp.kkt_sensitivity import kkt_system_of
 from ..problem.certificates import planar_certificate
@@ -39,13 +41,17 @@ from ..search.margins import (
     LEAST_MOTION_BEHIND,
     RAN_AWAY,
     UNCHANGED,
+    UPDATE_COST,
+    UPDATE_SHARE,
 )
 from ..search.multistart import multistart
 from .incremental_polytope import repaired
 from .model_selection import excess_of
-from .readout import problem_builder
+from .readout import name_of, problem_builder
+from .result import Estimate
 
 log = logging.getLogger("tactilenlp")
+ROUGH_MOTION = 3.0  # [-] factor of the tracker's process noise, in a second search
 MAX_TILTS = 4  # Newton steps on the tilt of the ground
 
 
@@ -230,3 +236,46 @@ def _cost(solved: Solved) -> float:
     scene = solved.job.scene
     off = scene.ground.tilt / scene.sigma_tilt
     return solved.solution.objective + float(off @ off) / 2
+
+
+def continues(start, page) -> bool:
+    """Tell whether a start is an estimate of this page."""
+    good = isinstance(start, Estimate) and start.success
+    return good and start.formulation == name_of(page)
+
+
+def costs_too_much(request, best: Solved) -> bool:
+    """Tell whether an update of a box costs more than its new actions should.
+
+    The posterior that it tracked on from had then lost the right path.
+    """
+    start, job = request.start, request.job
+    if job.shape.parameters != "sizes" or not continues(start, request.page):
+        return False
+    usual = max(start.objective, 0.0) / start.measurements.actions
+    new = job.data.actions - start.measurements.actions
+    most = start.objective + UPDATE_COST + UPDATE_SHARE * usual * new
+    late = job.deadline.left <= 0
+    return not late and best.solution.objective > most
+
+
+def misses(best: Solved) -> bool:
+    """Tell whether a box that slid flat may have moved otherwise than it was found.
+
+    Its touches cost more than expected: the fit is not good.
+    """
+    job = best.job
+    sought = job.shape.is_box and job.reductions.planar
+    if not (sought and best.solution.success):
+        return False
+    left = variance_left(job.data, job.precision)
+    fit = fit_of(best.problem, best.solution, best.window, job.data, left)
+    return fit is not None and fit.verdict != "good"
+
+
+def with_rough_motion(request):
+    """Return the request from scratch, less sure of how pushes move the body."""
+    log.info("the fit is not good: searching again, pushes less exact")
+    start = None if isinstance(request.start, Estimate) else request.start
+    job = replace(request.job, process_noise=ROUGH_MOTION)
+    return replace(request, start=start, job=job)

@@ -24,7 +24,7 @@ from ..nlp.solution import check_finite
 from ..problem.reductions import Reductions
 from ..search.hypothesis import Hypothesis, Job, distinct, named
 from ..search.local_solve import Solved, best_first, problem_at, problem_for
-from ..search.margins import LEAST_MOTION_BEHIND, UPDATE_COST, UPDATE_SHARE
+from ..search.margins import LEAST_MOTION_BEHIND
 from ..search.multi_hypothesis import search_boxes
 from ..search.polytope_init import search_polytope
 from ..search.proposals_floating import (
@@ -46,7 +46,15 @@ from .model_selection import (
 )
 from .options import PROCESS, Guess, Options, Session
 from .readout import name_of, read_off
-from .refinement import on_leaning_ground, refined, with_named_axes
+from .refinement import (
+    continues,
+    costs_too_much,
+    misses,
+    on_leaning_ground,
+    refined,
+    with_named_axes,
+    with_rough_motion,
+)
 from .request import Request, first_guess, read_request
 from .result import Estimate
 
@@ -158,7 +166,7 @@ def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
     kept, starts = _searched(request, so_far.kept)
     so_far.kept, searched = kept, so_far.spent
     job, solved = _refined(request, starts, so_far, update)
-    if solved and _costs_too_much(request, solved[0]):
+    if solved and costs_too_much(request, solved[0]):
         anew = replace(request, start=None)
         more, starts = _searched(anew, [])
         other, found = _refined(anew, starts, so_far, update)
@@ -166,13 +174,14 @@ def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
             job, solved, kept = other, found, more
     if not solved:
         return not_solved(request, starts, so_far.spent)
-    best, *_ = solved = [_restamped(s, job.deadline) for s in solved]
-    cut = replace(job, cuts=best.job.cuts)
-    with job.deadline.ending("certificates"):
-        if not job.deadline.passed("evidence of other optima"):
-            best, *_ = most_probable_first(job, solved)
-        best = with_named_axes(cut, page, best, options, request.axes)
-        best = checked(cut, page, best, options, request.executor)
+    best, solved = _checked(request, job, solved)
+    if misses(best) and request.job_until(SEARCH_END).deadline.left > 0:
+        rough = with_rough_motion(request)
+        more, starts = _searched(rough, [])
+        other, found = _refined(rough, starts, so_far, None)
+        again, found = _checked(rough, other, found) if found else (best, solved)
+        if again.rank < best.rank:
+            best, job, solved, kept = again, other, found, more
     so_far.kept = _carried_on(job, solved, kept, request.widths[0])
     others = [
         s for s in solved
@@ -181,19 +190,17 @@ def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
     return _read(request, best, so_far, searched, others), best
 
 
-def _costs_too_much(request: Request, best: Solved) -> bool:
-    """Tell whether an update of a box costs more than its new actions should.
-
-    The posterior that it tracked on from had then lost the right path.
-    """
-    start, job = request.start, request.job
-    if job.shape.parameters != "sizes" or not _continues(start, request.page):
-        return False
-    usual = max(start.objective, 0.0) / start.measurements.actions
-    new = job.data.actions - start.measurements.actions
-    most = start.objective + UPDATE_COST + UPDATE_SHARE * usual * new
-    late = job.deadline.left <= 0
-    return not late and best.solution.objective > most
+def _checked(request, job, solved) -> tuple[Solved, list[Solved]]:
+    """Return the most probable solve, certified, and all solves."""
+    page, options = request.page, request.options
+    best, *_ = solved = [_restamped(s, job.deadline) for s in solved]
+    cut = replace(job, cuts=best.job.cuts)
+    with job.deadline.ending("certificates"):
+        if not job.deadline.passed("evidence of other optima"):
+            best, *_ = most_probable_first(job, solved)
+        best = with_named_axes(cut, page, best, options, request.axes)
+        best = checked(cut, page, best, options, request.executor)
+    return best, solved
 
 
 def _refined(request, starts, so_far, update) -> tuple[Job, list[Solved]]:
@@ -203,7 +210,7 @@ def _refined(request, starts, so_far, update) -> tuple[Job, list[Solved]]:
     """
     page, options, start = request.page, request.options, request.start
     job, solved = request.job_until(REFINEMENT_END), None
-    earlier = start if _continues(start, page) else None
+    earlier = start if continues(start, page) else None
     with job.deadline.ending("other solves of the page"):
         solved = refined(job, page, starts, options, so_far.solved, earlier)
         check_finite(solved[0].problem, solved[0].solution)
@@ -230,12 +237,6 @@ def _read(request, best, so_far, searched: float, modes) -> Estimate:
     deadline = request.job.deadline
     deadline = deadline.until(deadline.at, strict=True)
     return read_off(request, best, so_far.kept, seconds, deadline, modes)
-
-
-def _continues(start, page) -> bool:
-    """Tell whether a start is an estimate of this page."""
-    good = isinstance(start, Estimate) and start.success
-    return good and start.formulation == name_of(page)
 
 
 def _searched(request: Request, kept) -> tuple[list[Hypothesis], list[Hypothesis]]:

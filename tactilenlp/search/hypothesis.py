@@ -91,7 +91,7 @@ class Job:
     data, scene, shape, precision, reductions; deadline: by which it is to end;
     functions: the caller's store of term functions, filled by the solves; first: a
     user's guesses (name, theta, x) of the first touch; cuts: samples within rest
-    intervals that need a pose of their own.
+    intervals that need a pose of their own; process_noise: factor of the search's.
     """
 
     data: object
@@ -103,6 +103,7 @@ class Job:
     functions: TermFunctions
     first: tuple = ()
     cuts: tuple = ()
+    process_noise: float = 1.0
 
     def kinds_of(self, page, window) -> dict:
         """Return the term functions that problems of a page share, if they are alike.

@@ -84,7 +84,7 @@ def _predicted(filter, tracks, before, t):
     if not active.any():
         if way.max() < 1e-6:
             return tracks, None, False
-        deviation = RELEASED + STOP_ERROR * way * TURN
+        deviation = filter.process_noise * (RELEASED + STOP_ERROR * way * TURN)
         if filter.coasts:
             moved = np.vstack([tracks.z[:-3], tracks.z[-3:] + tracks.motion])
             return _noisier(replace(tracks, z=moved), deviation), None, True
@@ -99,7 +99,8 @@ def _predicted(filter, tracks, before, t):
     P[:, -3:] += added.swapaxes(0, 1)
     P[-3:, -3:] += np.einsum("ijs,kjs->iks", added, slopes)
     tracks = replace(tracks, z=z, P=P, motion=motion)
-    return _noisier(tracks, TOUCHED + error * TURN), slopes, True
+    deviation = filter.process_noise * (TOUCHED + error * TURN)
+    return _noisier(tracks, deviation), slopes, True
 
 
 def _motion(filter, tracks, before, t, active):

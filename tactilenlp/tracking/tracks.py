@@ -70,7 +70,8 @@ class Filter:
     """What is tracked: data, contacts (T, F), noise, friction, lower bound.
 
     felt: contacts that last; hidden: samples that were missed and may be contacts;
-    coasts: whether nothing brakes the body.
+    coasts: whether nothing brakes the body; process_noise: factor of the deviations of
+    a predicted motion.
     """
 
     data: object
@@ -82,6 +83,7 @@ class Filter:
     coasts: bool
     deadline: Deadline
     geometry: Geometry
+    process_noise: float
 
 
 def filter_of(job, window, data) -> Filter:
@@ -98,7 +100,7 @@ def filter_of(job, window, data) -> Filter:
     felt = lasting_contacts(data)
     return Filter(
         data, felt, unseen_contact(data), noise, friction, low, coasts(scene),
-        job.deadline, geometry_of(job.shape),
+        job.deadline, geometry_of(job.shape), job.process_noise,
     )  # fmt: skip
 
 

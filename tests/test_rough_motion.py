@@ -1,0 +1,79 @@
+"""A second search, less sure of how pushes move the body, where the fit is not good."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from formulations import violation_implicit
+from tactilenlp import Options, solve_estimate
+from tactilenlp.estimation import refinement, solver
+from tactilenlp.estimation.request import Request, make_job
+from tactilenlp.problem.pages import shape_of
+from tactilenlp.search.multi_hypothesis import _proposed
+from tactilenlp.search.proposals import spherical
+from tactilenlp.tracking.tracking import _predicted
+from tactilenlp.tracking.tracks import filter_of
+
+
+@pytest.fixture(scope="module")
+def request_of_one_action(recorded):
+    data, scene, _ = recorded
+    data, options = data.select([0]), Options()
+    given = data, scene, shape_of("cuboid"), options, time.monotonic()
+    job = make_job(*given, violation_implicit)
+    return Request(data, job, violation_implicit, options)
+
+
+def predicted(job):
+    """Return covariances (6, 6, S) before and after the first sample of a push."""
+    data, window = spherical(job)
+    filter, rng = filter_of(job, window, data), np.random.default_rng(0)
+    tracks, _ = _proposed(job, filter, (), rng)
+    t = int(np.flatnonzero(filter.felt.any(axis=1))[0])
+    after, _, moved = _predicted(filter, tracks, t - 1, t)
+    assert moved
+    return tracks.P, after.P
+
+
+def test_rough_motion_widens_what_a_push_leaves_open(request_of_one_action):
+    job = request_of_one_action.job
+    rough = refinement.with_rough_motion(request_of_one_action).job
+    before, once = predicted(job)
+    same, more = predicted(rough)
+    assert (before == same).all()
+    still = predicted(replace(job, process_noise=0.0))[1]
+    for i in (-3, -2, -1):
+        ratio = (more - still)[i, i] / (once - still)[i, i]
+        assert np.median(ratio) == pytest.approx(refinement.ROUGH_MOTION**2, rel=1e-3)
+
+
+def test_a_guess_is_kept_and_an_estimate_is_not(request_of_one_action, touched):
+    guess = object()
+    kept = refinement.with_rough_motion(replace(request_of_one_action, start=guess))
+    assert kept.start is guess
+    anew = refinement.with_rough_motion(replace(request_of_one_action, start=touched))
+    assert anew.start is None
+
+
+@pytest.mark.slow
+def test_the_better_of_two_searches_is_the_estimate(recorded, monkeypatch):
+    data, scene, _ = recorded
+    data = data.select([0, 1])
+    seen = []
+
+    def asked(request):
+        seen.append(request)
+        return refinement.with_rough_motion(request)
+
+    once = solve_estimate(data, scene)
+    assert once.fit.verdict == "good"
+    monkeypatch.setattr(solver, "with_rough_motion", asked)
+    same = solve_estimate(data, scene)
+    assert not seen
+    assert same.objective == once.objective
+    monkeypatch.setattr(solver, "misses", lambda best: True)
+    twice = solve_estimate(data, scene)
+    assert len(seen) == 1
+    assert twice.objective <= once.objective + 1e-3
