@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from tactilenlp import Estimate, Exploration, problem_of
-from tactilenlp.common.brief import COLUMNS, LINES, brief
-from tactilenlp.common.equality import same_content
+from tactilenlp.common.brief import COLUMNS, LINES, brief, same_content
 from tactilenlp.exploration.log import Step
 
 

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..common.brief import printed
+from ..common.threads import on_one_thread
 from ..common.validation import check_types
 from ..data.sensor_noise import Precision, smoothed
 from ..errors import OptionError, TactileError
@@ -44,6 +45,7 @@ OFFSET = 1e-6  # [m] shift of a finger
 INFORMATION_KINDS = ("exact", "sandwich", "gauss_newton", "paper", "inverse_dynamics")
 
 
+@on_one_thread
 def observed_information(estimate, kind: str = "exact") -> Information:
     """Return the information of an estimate's data about shape and final pose.
 
@@ -120,6 +122,7 @@ class Sensitivity:
         return self.maps[quantity] @ self.moves[assumption]
 
 
+@on_one_thread
 def assumption_sensitivity(estimate) -> Sensitivity:
     """Return how shape and final pose change with mass, frictions, sensors, fingers."""
     check_types(estimate=(estimate, "Estimate"))

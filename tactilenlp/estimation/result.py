@@ -11,8 +11,7 @@ from formulations.centre_of_mass import NAME as CENTRE
 from formulations.indentation import NAME as COMPLIANCE
 from formulations.rigid_body import G
 
-from ..common.brief import printed
-from ..common.equality import same_content
+from ..common.brief import printed, same_content
 from ..common.layout import ANY
 from ..common.named import Named
 from ..common.npz import read_result, write_result

@@ -15,6 +15,7 @@ from formulations.shape import Shape
 
 from ..common.deadline import Deadline
 from ..common.interrupt import interruptible
+from ..common.threads import on_one_thread
 from ..common.validation import check_types
 from ..data.scene import Scene
 from ..errors import OptionError, typed_call
@@ -55,6 +56,7 @@ SEARCH_END, REFINEMENT_END, CERTIFICATES_END = 0.5, 0.85, 1.0
 
 
 @typed_call()
+@on_one_thread
 def solve_estimate(
     data,
     scene: Scene | None = None,

@@ -13,6 +13,7 @@ from formulations.shape import Shape
 
 from ..common.brief import printed
 from ..common.interrupt import interruptible
+from ..common.threads import on_one_thread
 from ..common.validation import check_numbers, check_types
 from ..errors import typed_call
 from ..geometry.faces import polygons
@@ -50,6 +51,7 @@ class Choice:
 
 @interruptible()
 @typed_call()
+@on_one_thread
 def choose_action(
     estimate,
     workspace: Workspace | None = None,

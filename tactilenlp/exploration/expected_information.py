@@ -17,6 +17,7 @@ from formulations.rigid_body import PLANAR
 from formulations.shape import Shape
 
 from ..common.brief import printed
+from ..common.threads import on_one_thread
 from ..common.validation import check_sample, check_types
 from ..errors import OptionError, typed_call
 from ..information.comparisons import information_gain
@@ -178,6 +179,7 @@ def _check(estimate, workspace, hypotheses, slopes, shape) -> None:
 
 
 @typed_call()
+@on_one_thread
 def expected_information_gain(
     estimate,
     action: Action,

@@ -8,8 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryFile
 
-from ..common.brief import printed
-from ..common.equality import same_content
+from ..common.brief import printed, same_content
 from ..common.npz import read_result, write_result
 from ..common.validation import check_types
 from ..common.whole_file import check_folder

@@ -12,6 +12,7 @@ import numpy as np
 from formulations import known_trajectory as page
 
 from ..common.deadline import Deadline
+from ..common.threads import on_one_thread
 from ..common.validation import check_numbers, check_types
 from ..data.scene import Scene
 from ..data.trajectories import Trajectories
@@ -39,6 +40,7 @@ WITH_SIGMA = ("theta", "radius", "friction", "inertia", "plane")
 
 
 @typed_call()
+@on_one_thread
 def identify_body(
     trajectories: Trajectories,
     scene: Scene | None = None,

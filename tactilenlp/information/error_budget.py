@@ -24,6 +24,7 @@ from ..nlp.kkt_sensitivity import KKTSystem
 from .error_budget_terms import (
     BALL,
     GROUND_GAP,
+    TouchedFaces,
     curvature_of_costs,
     friction_error,
     missing_impulses,
@@ -33,7 +34,6 @@ from .error_budget_terms import (
     shape_prior_error,
     stick_slip,
     uneven_ground,
-    untouched_faces,
 )
 from .measurement_noise import (
     MixedDerivatives,
@@ -43,7 +43,14 @@ from .measurement_noise import (
     sensitivity_to_measurements,
     sensor_covariance,
 )
-from .sensitivity import Doubt, GroundTilt, ground_tilt, late_normals, rounded_edges
+from .sensitivity import (
+    Doubt,
+    GroundTilt,
+    ground_tilt,
+    late_touches,
+    rounded_edges,
+    velocities,
+)
 from .tangent_space import pose_jacobians
 
 PHYSICS = (
@@ -75,9 +82,14 @@ class Linearisation:
 
     @cached_property
     def lag(self) -> Doubt:
-        """The doubt about normals that are those of their instant."""
+        """The doubt about touches that are those of their instant."""
         sensed = self.sensed
-        return late_normals(self.curvature, sensed.build, self.window, sensed.data)
+        return late_touches(self.curvature, sensed.build, self.window, sensed.data)
+
+    @cached_property
+    def velocities(self) -> np.ndarray:
+        """The velocities (unknowns,) of all poses."""
+        return velocities(self.curvature, self.window)
 
     @cached_property
     def tilt(self) -> GroundTilt | None:
@@ -121,7 +133,8 @@ class Linearisation:
         """
         pulls, held = (part @ jacobian.T for part in self.curvature.sensitivity(chosen))
         C = jacobian @ pulls[chosen]
-        return Response(self, pulls, held, (C + C.T) / 2, turned)
+        moving = jacobian @ self.velocities[chosen]
+        return Response(self, pulls, held, (C + C.T) / 2, turned, moving)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,14 +142,16 @@ class Response:
     """How k numbers of interest respond to errors: what terms are computed from.
 
     pulls (unknowns, k), held (rows, k): see KKTSystem.sensitivity; hessian (k, k): the
-    covariance by the Hessian alone; turned: see Linearisation.response.
+    covariance by the Hessian alone; turned: see Linearisation.response;
+    moving (k,): by how much they change in a second.
     """
 
     at: Linearisation
     pulls: np.ndarray
     held: np.ndarray
     hessian: np.ndarray
-    turned: np.ndarray | float = 0.0
+    turned: np.ndarray | float
+    moving: np.ndarray
 
     @cached_property
     def by_touches(self) -> tuple[np.ndarray, np.ndarray]:
@@ -215,8 +230,8 @@ TERMS = (
         lambda at: "touch" in at.curvature.hessians and at.shape.rounded is not None,
     ),
     ErrorTerm(
-        "late normals",
-        lambda of: of.at.lag.covariance(of.pulls),
+        "late touches",
+        lambda of: of.at.lag.covariance(of.pulls, of.moving),
         lambda at: "touch" in at.curvature.hessians,
     ),
     ErrorTerm(
@@ -265,27 +280,6 @@ def error_budget(of: Response) -> np.ndarray:
             found.append(term.covariance(of))
     total = _sum(found)
     return (total + total.T) / 2
-
-
-@dataclass(frozen=True, eq=False)
-class TouchedFaces:
-    """What a shape of sizes is known by: touched faces, profile likelihood.
-
-    faces (axes, 2): samples that touched each; noise [m] of finger positions; grounded:
-    whether a ground carries the body; profile (k, k) of sizes and final pose, or None.
-    """
-
-    tangent: object
-    shape: object
-    faces: np.ndarray
-    noise: float
-    grounded: bool
-    profile: np.ndarray | None
-
-    def untouched(self) -> np.ndarray:
-        """Return the covariance (k, k) of faces that nothing touched."""
-        given = self.tangent, self.shape, self.faces, self.noise, self.grounded
-        return untouched_faces(*given)
 
 
 def after_mixture(seen: TouchedFaces, mixture) -> np.ndarray:

@@ -9,6 +9,8 @@ lists which of them apply to which class of shapes and adds them up.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from formulations.violation_implicit import WEIGHTS
@@ -220,6 +222,27 @@ def untouched_faces(
             deviation = np.hypot(deviation, TUMBLED * tangent.z[axis])
         total += deviation**2 * np.outer(way, way)
     return total
+
+
+@dataclass(frozen=True, eq=False)
+class TouchedFaces:
+    """What a shape of sizes is known by: touched faces, profile likelihood.
+
+    faces (axes, 2): samples that touched each; noise [m] of finger positions; grounded:
+    whether a ground carries the body; profile (k, k) of sizes and final pose, or None.
+    """
+
+    tangent: object
+    shape: object
+    faces: np.ndarray
+    noise: float
+    grounded: bool
+    profile: np.ndarray | None
+
+    def untouched(self) -> np.ndarray:
+        """Return the covariance (k, k) of faces that nothing touched."""
+        given = self.tangent, self.shape, self.faces, self.noise, self.grounded
+        return untouched_faces(*given)
 
 
 def profile_beyond(profile, C) -> np.ndarray:

@@ -22,11 +22,10 @@ from ..errors import OptionError, did_you_mean
 from ..nlp.kkt_sensitivity import KKTSystem, kkt_system_of
 from .error_budget import (
     Linearisation,
-    TouchedFaces,
     after_mixture,
     error_budget,
 )
-from .error_budget_terms import bounded_pose
+from .error_budget_terms import TouchedFaces, bounded_pose
 from .finger_offsets import covariance_of_offsets, covariance_with_offsets
 from .mixture import Modes, distinct, laplace_mixture, optima_in_words
 from .tangent_space import open_directions, tangent_space_of

@@ -20,7 +20,8 @@ that
     E[r^2] = (1 / I + m^2) / (1 + EDGE sqrt(I) exp(-I m^2 / 2)) :
 
 touches of both edges and faces of a side tell whether edges are sharp.  In the same
-way normals are taken as those of their instant; there r is the lag of the sensors.
+way touches are taken as those of their instant; there r is the lag of the sensors.
+Fingers r earlier give poses r earlier, which then move on with their velocities.
 
 The ground is assumed to be level, or as it was told.  There r (2,) are its rotations
 about its own horizontal axes, Gaussian of deviation Scene.sigma_tilt: seen from a
@@ -35,14 +36,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..data.contact_segments import consecutive_contacts
 from ..nlp.kkt import gradient
 from ..nlp.kkt_sensitivity import KKTSystem
 from .measurement_noise import at_touches
 
 ASSUMPTION_STEP = 1e-4  # [-] relative change of what was assumed
 LATE = 1e-5  # [s] change of a lag, of differences
-LAG = 10e-3  # [s] deviation of r: sensors average over up to 20 ms
+LAG = 20e-3  # [s] deviation of r: tactile cameras are up to 40 ms late
 TILT = 1e-5  # [rad] change of a tilt of the ground, of differences
 RADIUS = 1e-5  # [m] change of the radius of edges, of differences
 EDGE = 2e-3  # [m] deviation of r: machined, printed and card boxes have up to 3 mm
@@ -74,9 +74,13 @@ class Doubt:
     slope: np.ndarray
     squared: float
 
-    def covariance(self, pulls) -> np.ndarray:
-        """Return the covariance (k, k) by it; pulls: see KKTSystem.sensitivity."""
-        moves = pulls.T @ self.slope
+    def covariance(self, pulls, moved=0.0) -> np.ndarray:
+        """Return the covariance (k, k) by it.
+
+        pulls: see KKTSystem.sensitivity; moved (k,): how the k numbers move with r at
+        fixed unknowns.
+        """
+        moves = moved - pulls.T @ self.slope
         return self.squared * np.outer(moves, moves)
 
 
@@ -101,19 +105,44 @@ def rounded_edges(curvature: KKTSystem, build: Callable, window, shape) -> Doubt
     return _doubted(curvature, ends, RADIUS, EDGE)
 
 
-def late_normals(curvature: KKTSystem, build: Callable, window, data) -> Doubt:
-    """Return the doubt about normals of the instant; build(window): as above.
+def late_touches(curvature: KKTSystem, build: Callable, window, data) -> Doubt:
+    """Return the doubt about touches of their instant; build(window): as above.
 
-    data: the measurements, smoothed as the problem has them.
+    Contacts and normals that are reported r later are those of fingers and of a body r
+    earlier.  data: the measurements, smoothed as the problem has them.
     """
-    problem, touch = curvature.problem, window.touch
-    pair, rate = consecutive_contacts(data), np.zeros_like(data.normal)
-    rate[1:][pair] = np.diff(data.normal, axis=0)[pair] / data.dt
-    normal = touch.normal + LATE * rate[touch.sample, touch.finger]
-    later = replace(window, touch=replace(touch, normal=normal))
-    turned = build(later).data() - problem.data()
-    ends = [(curvature.x, curvature.data + side * turned) for side in (1, 0, -1)]
-    return _doubted(curvature, ends, LATE, LAG)
+    problem = curvature.problem
+    shifted = build(fingers_earlier(window, data, LATE)).data() - problem.data()
+    ends = [(curvature.x, curvature.data + side * shifted) for side in (1, 0, -1)]
+    return _doubted(curvature, ends, LATE, LAG, list(problem.costs))
+
+
+def fingers_earlier(window, data, lag: float):
+    """Return the window with all fingers where they were a lag [s] earlier."""
+    rate = np.zeros_like(data.finger_position)
+    same = data.action[1:] == data.action[:-1]
+    rate[1:][same] = np.diff(data.finger_position, axis=0)[same] / data.dt
+
+    def earlier(rows, *places):
+        moved = {name: getattr(rows, name).copy() for name in places}
+        for p_wf in moved.values():
+            p_wf[:, :3] -= lag * rate[rows.sample, rows.finger]
+        return replace(rows, **moved)
+
+    return replace(
+        window, touch=earlier(window.touch, "p_wf"), free=earlier(window.free, "p_wf"),
+        push=earlier(window.push, "p_wf", "p_wf_1"),
+    )  # fmt: skip
+
+
+def velocities(curvature: KKTSystem, window) -> np.ndarray:
+    """Return the velocities (unknowns,) of all poses, zero for other unknowns."""
+    pose, step = curvature.problem.variables["x"], window.step
+    x = curvature.x[pose.span].reshape(pose.columns, pose.rows)
+    v, of_all = np.zeros_like(x), np.zeros_like(curvature.x)
+    v[step.pose] = (x[step.pose] - x[step.before]) / step.dt[:, None]
+    of_all[pose.span] = v.ravel()
+    return of_all
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,14 +227,14 @@ def ground_tilt(curvature: KKTSystem, build: Callable, window, data, scene, abou
     return GroundTilt(slope, about, mean, information, float(level))
 
 
-def _derivatives(problem, ends, step: float) -> tuple:
+def _derivatives(problem, ends, step: float, names=("touch",)) -> tuple:
     """Return the derivatives of the touch cost by r, at 0.
 
     Of its gradient (unknowns,), its negative first and its second derivative; ends:
     unknowns and data at r = step, 0, -step.
     """
-    costs = [problem.value("touch", *end).sum() for end in ends]
-    slopes = [gradient(problem, *end, costs=["touch"]) for end in (ends[0], ends[2])]
+    costs = [sum(problem.value(n, *end).sum() for n in names) for end in ends]
+    slopes = [gradient(problem, *end, costs=names) for end in (ends[0], ends[2])]
     bend = (costs[0] - 2 * costs[1] + costs[2]) / step**2
     return (
         *((slopes[0] - slopes[1]) / (2 * step), (costs[2] - costs[0]) / (2 * step)),
@@ -213,13 +242,13 @@ def _derivatives(problem, ends, step: float) -> tuple:
     )
 
 
-def _doubted(curvature: KKTSystem, ends, step: float, deviation: float) -> Doubt:
+def _doubted(curvature: KKTSystem, ends, step, deviation, names=("touch",)) -> Doubt:
     """Return what the touches tell of a quantity that the page takes as zero.
 
     ends: unknowns and data at r = step, 0, -step; deviation: of r before any touch,
     where it is not zero.
     """
-    b, pull, bend = _derivatives(curvature.problem, ends, step)
+    b, pull, bend = _derivatives(curvature.problem, ends, step, names)
     information = 1 / deviation**2 + max(0.0, bend + b @ curvature.moved(b))
     likeliest = max(0.0, pull) / information
     odds = deviation * np.sqrt(information) * np.exp(-information * likeliest**2 / 2)

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 from formulations import quasi_static
 
+from ..common.threads import on_one_thread
 from .hypothesis import Hypothesis, Job
 from .local_solve import problem_for, solved_roughly
 
@@ -53,6 +54,7 @@ def least_motion(
     return out
 
 
+@on_one_thread
 def _solved(job: Job, tracks) -> list[Hypothesis]:
     problem, window = problem_for(job, quasi_static)
     level = quasi_static.LEVELS[-1]

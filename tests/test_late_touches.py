@@ -1,0 +1,70 @@
+"""Contacts and normals that are reported late: what sigma says of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactilenlp import SolverOptions
+from tactilenlp.estimation.observed_information import programme_at
+from tactilenlp.information.sensitivity import (
+    LAG,
+    fingers_earlier,
+    late_touches,
+    velocities,
+)
+from tactilenlp.nlp.ipopt import solve
+from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
+
+LATE = 1e-4  # [s]
+
+
+@pytest.fixture(scope="module")
+def programme(estimate):
+    return programme_at(estimate)
+
+
+@pytest.fixture(scope="module")
+def doubt(programme):
+    curvature = kkt_system_of(programme.problem, programme.solution)
+    sensed = programme.sensed
+    late = late_touches(curvature, sensed.build, programme.window, sensed.data)
+    return curvature, late
+
+
+def test_the_error_by_a_lag_is_how_the_optimum_moves_with_it(programme, doubt):
+    curvature, late = doubt
+    chosen = programme.tangent.chosen
+    pulls, _ = curvature.sensitivity(chosen)
+    told = -pulls.T @ late.slope
+    sensed, ends = programme.sensed, []
+    for lag in (LATE, -LATE):
+        window = fingers_earlier(programme.window, sensed.data, lag)
+        problem = sensed.build(window)
+        start = programme.solution.values
+        options = SolverOptions(tolerance=1e-9, ipopt={"mu_init": 1e-9})
+        found = solve(problem, options, start=start)
+        assert found.success
+        ends.append(problem.pack(found.values)[chosen])
+    moved = (ends[0] - ends[1]) / (2 * LATE)
+    assert told == pytest.approx(moved, abs=0.05 * np.abs(moved).max())
+
+
+def test_a_lag_moves_the_body_on_by_its_velocity(programme, doubt):
+    curvature, late = doubt
+    window, problem = programme.window, programme.problem
+    v = velocities(curvature, window)[problem.variables["x"].span].reshape(-1, 3)
+    x = programme.solution.values["x"]
+    step = window.step
+    for k in (0, len(step) // 2):
+        way = x[:, step.pose[k]] - x[:, step.before[k]]
+        assert v[step.pose[k]] == pytest.approx(way / step.dt[k])
+    assert not v[np.setdiff1d(np.arange(window.poses), step.pose)].any()
+    pulls = np.zeros((problem.size, 1))
+    assert late.covariance(pulls, np.ones(1)) == pytest.approx(late.squared)
+    still = replace(late, slope=np.zeros(problem.size))
+    assert still.covariance(pulls + 1.0) == pytest.approx(0.0)
+
+
+def test_sensors_in_time_are_told_from_late_ones_within_a_few_milliseconds(doubt):
+    assert np.sqrt(doubt[1].squared) < LAG / 3
