@@ -47,7 +47,7 @@ with np.load(recording) as file:
         "quaternion": file["object_quaternion"],  # (T, 4) wxyz
         "side_lengths": file["side_lengths"],  # (3,) [m]
     }
-plot_estimate(estimate, truth).savefig(picture)
+plot_estimate(estimate, truth).savefig(picture, dpi=110)
 print(f"The picture is in {picture}.")
 
 # Distance between the two surfaces at the last sample, in mm.

@@ -42,7 +42,7 @@ for place, actions in enumerate((1, 3, 6)):
     axis = figure.add_subplot(1, 3, place + 1, projection="3d")
     plot_information(estimate, axis, key=actions == 6)
     axis.set_title(f"after {actions} action{'s' * (actions > 1)}")
-figure.savefig(picture, dpi=150)
+figure.savefig(picture, dpi=110)
 print(f"The picture is in {picture}.")
 
 # The labels of a box's axes are arbitrary: compare the sizes in order.

@@ -43,7 +43,7 @@ print(f"{choice.evaluations} actions evaluated in {choice.seconds:.2f} CPU s.")
 expected, rng = ExpectedInformation(estimate, workspace), np.random.default_rng(0)
 random = [expected.gain(workspace.random(rng)) for _ in range(200)]
 
-plot_gain(estimate, choice).savefig(picture)
+plot_gain(estimate, choice).savefig(picture, dpi=110)
 print(f"The picture is in {picture}.")
 if choice.gain < max(random):
     sys.exit(f"A random action has a larger gain: {max(random):.1f} nats.")

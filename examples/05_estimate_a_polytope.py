@@ -47,7 +47,7 @@ print(f"The best known vertex is at {np.round(1e3 * estimate.vertices[best], 1)}
 with np.load(recording) as file:
     truth = {key: file[f"object_{key}"] for key in ("position", "quaternion")}
     truth["vertices"] = file["vertices"]  # (V, 3) [m], body frame
-plot_estimate(estimate, truth).savefig(picture)
+plot_estimate(estimate, truth).savefig(picture, dpi=110)
 print(f"The picture is in {picture}.")
 
 pose = quaternion_matrix(truth["quaternion"][-1])

@@ -12,7 +12,8 @@ fingers act five times, or eight times on a solid.  A trial has the same object,
 and first touch under every policy, so that policies are compared in pairs.  Every trial
 is saved in one file (study.py) when it is done; called again, the study resumes from
 it.  `ours` starts from the first touch, `paper` from a random guess of 1 to 3 cm
-(cuboids only).  The script writes trials.csv and the output of exploration_report.py.
+(cuboids only).  The script writes trials.csv, and by exploration_report.py bch.png,
+strip.png and table.txt.
 Dask and MPI are extras: pip install "tactilenlp[dask]" or "[mpi]".
 """
 

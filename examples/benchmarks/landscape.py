@@ -204,7 +204,7 @@ def draw(found, grid, file) -> None:
                    title=f"{what}, {na} action{'s' * (na > 1)}")  # fmt: skip
     figure.legend(*axes[0, 1].get_legend_handles_labels(), ncols=5, frameon=False,
                   loc="outside lower center")  # fmt: skip
-    figure.savefig(file, dpi=120)
+    figure.savefig(file, dpi=72)
 
 
 def main() -> None:
