@@ -153,7 +153,7 @@ def check_same(estimate: Estimate, data: Measurements, asked: dict, file) -> Non
     asked: the required scene, shape and formulation, by name.
     """
     for name, value in {"measurements": data, **asked}.items():
-        kept = getattr(estimate, name)
+        kept = estimate.scene.as_told if name == "scene" else getattr(estimate, name)
         if kept != value:
             raise StartError(
                 f"the saved estimate is of {DIFFERENCES.get(name, f'another {name}')}",
