@@ -35,7 +35,8 @@ class Request:
 
     data: the measurements as given; job: the same in the ground's frame and smoothed,
     with scene, shape and reductions; page: a module with `build` and `LEVELS`; start:
-    an Estimate, a Guess or None; executor: of concurrent.futures, or None.
+    an Estimate, a Guess or None; executor: of concurrent.futures, or None; axes: see
+    kept_axes, also where the start itself is given up.
     """
 
     data: Measurements
@@ -44,6 +45,7 @@ class Request:
     options: Options
     start: Estimate | Guess | None = None
     executor: object = None
+    axes: tuple | None = None
 
     def time_at(self, share: float) -> float:
         """Return when a share of the time until the readout is over, [s].
@@ -65,18 +67,6 @@ class Request:
         """How many hypotheses are kept, and starts solved, after an action."""
         return self.options.widths(precise(self.job.data, self.job.precision))
 
-    @property
-    def axes(self) -> tuple | None:
-        """Side lengths (3,) and first rotation (3, 3) whose axes keep their names."""
-        start, shape, ground = self.start, self.job.shape, self.job.scene.ground
-        if isinstance(start, Guess):
-            (_, theta, x), *_ = first_guess(start, shape)
-            return theta, planar_matrix(x[2])
-        if start is None or start.shape != shape.name:
-            return None
-        R = rotation_of(start.quaternion[0]).as_matrix()
-        return start.theta, R if ground is None else ground.rotation @ R
-
 
 def read_request(
     data, scene, shape, formulation, options, start, executor, session: Session
@@ -97,7 +87,8 @@ def read_request(
     scene = scene.on_ground_of(getattr(start, "scene", scene))
     job = make_job(data, scene, shape, options, began, page, functions)
     known = [] if start is None else carried_hypotheses(start, shape, scene, data)
-    return Request(data, job, page, options, start, executor), known
+    axes = kept_axes(start, job)
+    return Request(data, job, page, options, start, executor, axes), known
 
 
 def asked(scene, shape, formulation, options, executor) -> tuple:
@@ -234,6 +225,18 @@ def first_guess(start, shape) -> tuple:
             expected=f"{shape.theta} positive lengths [m]",
         )
     return (("guess", theta, np.r_[position[:2], start.yaw]),)
+
+
+def kept_axes(start, job) -> tuple | None:
+    """Return side lengths (3,) and first rotation (3, 3) whose axes keep their names."""
+    shape, ground = job.shape, job.scene.ground
+    if isinstance(start, Guess):
+        (_, theta, x), *_ = first_guess(start, shape)
+        return theta, planar_matrix(x[2])
+    if start is None or start.shape != shape.name:
+        return None
+    R = rotation_of(start.quaternion[0]).as_matrix()
+    return start.theta, R if ground is None else ground.rotation @ R
 
 
 def carried_hypotheses(start, shape, scene, data) -> list[Hypothesis]:
