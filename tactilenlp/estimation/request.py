@@ -219,11 +219,9 @@ def first_guess(start, shape) -> tuple:
         )  # fmt: skip
     if theta.shape != (shape.theta,):
         raise StartError(
-            "sizes do not fit the shape",
-            where="start.side_lengths",
-            got=theta.tolist(),
-            expected=f"{shape.theta} positive lengths [m]",
-        )
+            "sizes do not fit the shape", where="start.side_lengths",
+            got=theta.tolist(), expected=f"{shape.theta} positive lengths [m]",
+        )  # fmt: skip
     return (("guess", theta, np.r_[position[:2], start.yaw]),)
 
 
@@ -256,11 +254,10 @@ def carried_hypotheses(start, shape, scene, data) -> list[Hypothesis]:
     if not start.measurements.is_prefix_of(data):
         raise StartError(
             "the start is no estimate of the first actions of these data",
-            where="start",
-            got=f"{start.measurements.samples} samples that differ",
+            where="start", got=f"{start.measurements.samples} samples that differ",
             expected="an estimate whose measurements are a prefix of data",
             next="start from scratch, or append to the same measurements",
-        )
+        )  # fmt: skip
     if not start.hypotheses:  # the time limit ended its search
         return []
     done = _samples_of_whole_actions(start.measurements.samples, data)
