@@ -226,7 +226,7 @@ def first_guess(start, shape) -> tuple:
 
 
 def kept_axes(start, job) -> tuple | None:
-    """Return side lengths (3,) and first rotation (3, 3) whose axes keep their names."""
+    """Return side lengths (3,) and first rotation (3, 3) whose axes keep names."""
     shape, ground = job.shape, job.scene.ground
     if isinstance(start, Guess):
         (_, theta, x), *_ = first_guess(start, shape)
