@@ -145,43 +145,29 @@ class Interrupted(KeyboardInterrupt):
 def typed_call(error: type[TactileError] = OptionError) -> Callable:
     """Return a decorator: a wrong call raises `error` instead of TypeError.
 
-    It is for classes and for functions.
-
-    The error names the arguments that there are, and the one most like an unknown one.
+    It is for functions and for classes.  The error names the arguments that there are,
+    and the one most like an unknown one.
     """
 
     def decorated(thing):
-        accepted = signature(thing)
-
-        def check(args, given, bad) -> None:
-            try:
-                accepted.bind(*args, **given)
-            except TypeError as wrong:
-                names = [*accepted.parameters]
-                raise _wrong_call(error, thing, names, wrong, given) from bad
-
-        if not isinstance(thing, type):
-
-            @wraps(thing)
-            def call(*args, **given):
-                try:
-                    return thing(*args, **given)
-                except TypeError as bad:
-                    check(args, given, bad)
-                    raise
-
-            return call
-        made = thing.__init__
+        accepted, a_class = signature(thing), isinstance(thing, type)
+        made = thing.__init__ if a_class else thing
 
         @wraps(made)
-        def init(self, *args, **given) -> None:
+        def call(*args, **given):
             try:
-                made(self, *args, **given)
+                return made(*args, **given)
             except TypeError as bad:
-                check(args, given, bad)
+                try:
+                    accepted.bind(*args[a_class:], **given)  # without self
+                except TypeError as wrong:
+                    names = [*accepted.parameters]
+                    raise _wrong_call(error, thing, names, wrong, given) from bad
                 raise
 
-        thing.__init__ = init
+        if not a_class:
+            return call
+        thing.__init__ = call
         return thing
 
     return decorated

@@ -4,6 +4,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from tactilenlp import (
     Options,
@@ -11,6 +12,8 @@ from tactilenlp import (
     World,
     explore,
 )
+from tactilenlp.errors import StartError
+from tactilenlp.exploration.log import check_same
 from tactilenlp.exploration.policies import farthest_directions, last_contact, why_lost
 
 CENTRE = (0.01, -0.01)  # [m] of the box below
@@ -83,3 +86,15 @@ def test_farthest_turns_away_from_what_was_tried():
     plan = SimpleNamespace(past=past, workspace=space, rng=rng, estimate=data)
     angles = farthest_directions(plan)(rng).angles
     assert (angles[[0, 2]] < 0.2).all() or (angles[[1, 3]] > 0.9).any()
+
+
+def test_an_estimate_on_a_ground_that_leans_is_of_the_scene_that_was_told(estimate):
+    told = estimate.scene
+    ground = told.ground.turned((0.01, -0.02), (0.0, 0.0, 0.0))
+    leaning = replace(estimate, scene=replace(told, ground=ground))
+    assert leaning.scene != told
+    asked = {"scene": told, "shape": "cuboid"}
+    check_same(leaning, estimate.measurements, asked, "file")
+    other = {"scene": replace(told, mass=2 * told.mass)}
+    with pytest.raises(StartError, match="another scene"):
+        check_same(leaning, estimate.measurements, other, "file")

@@ -1,4 +1,4 @@
-"""The beam: hypotheses are found, kept and carried on."""
+"""Multi-hypothesis tracking: hypotheses are found, kept and carried on."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -6,8 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tactilenlp import Guess, Options, solve_estimate
+from tactilenlp import Guess, Options, Session, solve_estimate
 from tactilenlp.errors import MotionError, StartError
+from tactilenlp.estimation.request import read_request
+from tactilenlp.search.multi_hypothesis import search_boxes
 from tactilenlp.tracking.geometry import BOX
 from tactilenlp.tracking.tracks import Tracks, split_tracks
 
@@ -53,6 +55,18 @@ def test_an_action_without_contact_changes_nothing_that_was_known(recorded, esti
     # nothing was felt: the same optimum, to what the solver's tolerance leaves open
     assert np.allclose(longer.side_lengths, estimate.side_lengths, atol=2e-4)
     assert np.allclose(longer.position[-1], longer.position[92], atol=1e-4)
+
+
+def test_noisy_paths_without_a_touch_are_not_searched_from_scratch(estimate):
+    scene = replace(estimate.scene, sigma_position=1e-3, sigma_normal=0.1)
+    options = Options(check_mistakes=False)
+    given = "cuboid", "violation_implicit", options, None, None, Session()
+    request, _ = read_request(estimate.measurements, scene, *given)
+    data = request.job.data
+    job = replace(request.job, data=replace(data, valid=np.zeros_like(data.valid)))
+    found = search_boxes(job, estimate.hypotheses, 2)
+    assert found
+    assert np.allclose(found[0].theta, estimate.theta, atol=0.02)
 
 
 def test_tracks_of_an_exact_state_are_kept_though_rounding_made_them_indefinite():

@@ -68,13 +68,20 @@ def judged(departure: str, strength: str, number: int, actions: int, file=None) 
         said = f"{type(error).__name__}: {' '.join(str(error).split())[:160]}"
         return row | {"cpu_s": process_time() - began, "refused": said}
     row |= {"cpu_s": process_time() - began, "refused": ""}
-    row |= {"verdict": estimate.fit.verdict, "nats": estimate.objective}
-    error = cuboid_errors(
-        estimate.side_lengths, estimate.position[-1], estimate.quaternion[-1],
-        true["side_lengths"], true["object_position"][last],
-        true["object_quaternion"][last],
-    )  # fmt: skip
-    sigma, arm = estimate.information.sigma, np.linalg.norm(true["side_lengths"]) / 2
+    pose = true["object_position"][last], true["object_quaternion"][last]
+    row |= errors_in(estimate, true["side_lengths"], *pose)
+    faces = touched_faces(data, true["object_quaternion"][: last + 1], FACE_COSINE)
+    faces[2, 0] += KNOWN_FACE  # the ground touches -z
+    known = faces.min(axis=1) >= KNOWN_FACE
+    return row | {f"touched_{a}": bool(k) for a, k in zip("xyz", known, strict=True)}
+
+
+def errors_in(estimate, sides, position, quaternion) -> dict:
+    """Return errors and deviations of sizes and last pose [mm], and the verdict."""
+    row = {"verdict": estimate.fit.verdict, "nats": estimate.objective}
+    found = estimate.side_lengths, estimate.position[-1], estimate.quaternion[-1]
+    error = cuboid_errors(*found, sides, position, quaternion)
+    sigma, arm = estimate.information.sigma, np.linalg.norm(sides) / 2
     for part, errors, sigmas in (
         ("side", error.side_lengths, sigma("side_lengths")[error.permutation]),
         ("position", error.position, sigma("position")),
@@ -82,10 +89,7 @@ def judged(departure: str, strength: str, number: int, actions: int, file=None) 
     ):
         for axis, e, s in zip("xyz", errors, sigmas, strict=True):
             row |= {f"{part}_{axis}_error": 1e3 * e, f"{part}_{axis}_sigma": 1e3 * s}
-    faces = touched_faces(data, true["object_quaternion"][: last + 1], FACE_COSINE)
-    faces[2, 0] += KNOWN_FACE  # the ground touches -z
-    known = faces.min(axis=1) >= KNOWN_FACE
-    return row | {f"touched_{a}": bool(k) for a, k in zip("xyz", known, strict=True)}
+    return row
 
 
 @cache

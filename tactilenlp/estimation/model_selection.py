@@ -50,7 +50,7 @@ AUTO = (  # the classes of shape="auto"
     *("cuboid", "cylinder", "ellipsoid"),
     *("prism of 3 sides", "prism of 6 sides", "polytope"),
 )
-LEAST_TIME = 1.0  # [s] of a class, whatever is left
+LEAST_TIME = 1.0  # [s] of a class
 log = logging.getLogger("tactilenlp")
 
 
@@ -217,14 +217,13 @@ def likeliest_class(classes, solve, start, options) -> Estimate:
 
     classes: Shapes; solve(shape=, start=, options=) -> Estimate, or raises
     TactileError; the time limit is shared by the classes that are left; start: of the
-    class that it is an estimate of.  Raises the error of the first class if no class
-    has an estimate.  The poses of the likeliest class are a second start of the others.
+    class that it is an estimate of.  Raises the error of the first class if none has an
+    estimate.  The poses of the likeliest class are a second start of the others.
     """
     deadline, found, errors = Deadline.within(options.time_limit), {}, {}
     for i, shape in enumerate(classes):
-        left = replace(
-            options, time_limit=max(LEAST_TIME, deadline.left / (len(classes) - i))
-        )
+        share = deadline.left / (len(classes) - i)
+        left = replace(options, time_limit=max(LEAST_TIME, share))
         try:
             known = start if getattr(start, "shape", "") == shape.name else None
             estimate = solve(shape=shape, start=known, options=left)

@@ -35,7 +35,8 @@ class Request:
 
     data: the measurements as given; job: the same in the ground's frame and smoothed,
     with scene, shape and reductions; page: a module with `build` and `LEVELS`; start:
-    an Estimate, a Guess or None; executor: of concurrent.futures, or None.
+    an Estimate, a Guess or None; executor: of concurrent.futures, or None; axes: see
+    kept_axes, also where the start itself is given up.
     """
 
     data: Measurements
@@ -44,6 +45,7 @@ class Request:
     options: Options
     start: Estimate | Guess | None = None
     executor: object = None
+    axes: tuple | None = None
 
     def time_at(self, share: float) -> float:
         """Return when a share of the time until the readout is over, [s].
@@ -65,18 +67,6 @@ class Request:
         """How many hypotheses are kept, and starts solved, after an action."""
         return self.options.widths(precise(self.job.data, self.job.precision))
 
-    @property
-    def axes(self) -> tuple | None:
-        """Side lengths (3,) and first rotation (3, 3) whose axes keep their names."""
-        start, shape, ground = self.start, self.job.shape, self.job.scene.ground
-        if isinstance(start, Guess):
-            (_, theta, x), *_ = first_guess(start, shape)
-            return theta, planar_matrix(x[2])
-        if start is None or start.shape != shape.name:
-            return None
-        R = rotation_of(start.quaternion[0]).as_matrix()
-        return start.theta, R if ground is None else ground.rotation @ R
-
 
 def read_request(
     data, scene, shape, formulation, options, start, executor, session: Session
@@ -97,7 +87,8 @@ def read_request(
     scene = scene.on_ground_of(getattr(start, "scene", scene))
     job = make_job(data, scene, shape, options, began, page, functions)
     known = [] if start is None else carried_hypotheses(start, shape, scene, data)
-    return Request(data, job, page, options, start, executor), known
+    axes = kept_axes(start, job)
+    return Request(data, job, page, options, start, executor, axes), known
 
 
 def asked(scene, shape, formulation, options, executor) -> tuple:
@@ -228,12 +219,22 @@ def first_guess(start, shape) -> tuple:
         )  # fmt: skip
     if theta.shape != (shape.theta,):
         raise StartError(
-            "sizes do not fit the shape",
-            where="start.side_lengths",
-            got=theta.tolist(),
-            expected=f"{shape.theta} positive lengths [m]",
-        )
+            "sizes do not fit the shape", where="start.side_lengths",
+            got=theta.tolist(), expected=f"{shape.theta} positive lengths [m]",
+        )  # fmt: skip
     return (("guess", theta, np.r_[position[:2], start.yaw]),)
+
+
+def kept_axes(start, job) -> tuple | None:
+    """Return side lengths (3,) and first rotation (3, 3) whose axes keep names."""
+    shape, ground = job.shape, job.scene.ground
+    if isinstance(start, Guess):
+        (_, theta, x), *_ = first_guess(start, shape)
+        return theta, planar_matrix(x[2])
+    if start is None or start.shape != shape.name:
+        return None
+    R = rotation_of(start.quaternion[0]).as_matrix()
+    return start.theta, R if ground is None else ground.rotation @ R
 
 
 def carried_hypotheses(start, shape, scene, data) -> list[Hypothesis]:
@@ -253,11 +254,10 @@ def carried_hypotheses(start, shape, scene, data) -> list[Hypothesis]:
     if not start.measurements.is_prefix_of(data):
         raise StartError(
             "the start is no estimate of the first actions of these data",
-            where="start",
-            got=f"{start.measurements.samples} samples that differ",
+            where="start", got=f"{start.measurements.samples} samples that differ",
             expected="an estimate whose measurements are a prefix of data",
             next="start from scratch, or append to the same measurements",
-        )
+        )  # fmt: skip
     if not start.hypotheses:  # the time limit ended its search
         return []
     done = _samples_of_whole_actions(start.measurements.samples, data)

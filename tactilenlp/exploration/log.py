@@ -153,12 +153,8 @@ def check_same(estimate: Estimate, data: Measurements, asked: dict, file) -> Non
     asked: the required scene, shape (one of a tuple) and formulation, by name.
     """
     for name, value in {"measurements": data, **asked}.items():
-        kept = getattr(estimate, name)
-        if name == "scene":
-            same = kept.as_told == value
-        else:
-            same = kept in value if name == "shape" else kept == value
-        if not same:
+        kept = estimate.scene.as_told if name == "scene" else getattr(estimate, name)
+        if kept not in value if name == "shape" else kept != value:
             raise StartError(
                 f"the saved estimate is of {DIFFERENCES.get(name, f'another {name}')}",
                 where=str(file), got=f"{name} {kept!r}", expected=repr(value),

@@ -37,6 +37,7 @@ from .proposals import (
     from_guess,
     from_posterior,
     spherical,
+    touched,
 )
 from .proposals_surface import from_surface
 
@@ -99,6 +100,7 @@ def search_boxes(
     late = job.deadline.passed("other tracks")
     tracks = tracks[:1] if late else distant(shape, tracks, LYING * count)
     noisy = kept and not precise(job.data, job.precision)
+    noisy = noisy and touched(job.data)
     if noisy and not job.deadline.passed("a search from scratch"):
         # Noise leaves hypotheses open that the mixture has lost: 21 nats in one update.
         anew = distant(shape, tracked_paths(job, (), SMOOTHED), LYING * count)

@@ -41,6 +41,11 @@ TOP_TILT = 0.14  # [-] sine of the tilt (8 degrees) up to which a normal is the 
 RIM_NORMAL = 0.25  # [-] n_z of a touch of the rim, beyond three sigma of noise
 
 
+def touched(data) -> bool:
+    """Tell whether there is a touch, from which a search can begin."""
+    return bool((data.contact & data.valid).any())
+
+
 def first_onset(data) -> tuple[int, int]:
     """Return sample and finger of the first touch."""
     touches = (touch_onsets(data, action) for action in np.unique(data.action))

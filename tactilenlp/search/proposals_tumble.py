@@ -24,7 +24,7 @@ from ..problem.reductions import SIDE_NORMAL, Reductions, reduce
 from .hypothesis import Hypothesis, distinct
 from .local_solve import start_values
 from .multi_hypothesis import search_boxes, tracked_paths
-from .proposals import BELOW_TOP
+from .proposals import BELOW_TOP, touched
 
 TIPPING_TILT = np.radians(2)  # a side normal that rises further shows tipping
 DEPTH_SHARES = (1.0, 2 / 3)  # [-] of the proposed depth: the edge is not observed
@@ -156,8 +156,8 @@ def recovered(job, evidence, width: int, solves: int, executor=None):
     for action in [e.action for e in evidence if e.against and e.tilt > TIPPING_TILT]:
         before, until = actions[actions < action], actions[actions <= action]
         kept = []
-        if len(before):
-            part = replace(job, data=job.data.select(before))
+        part = replace(job, data=job.data.select(before)) if len(before) else None
+        if part is not None and touched(part.data):
             kept = search_boxes(part, (), solves, executor)
         part = replace(job, data=job.data.select(until))
         tumbles = _likeliest(part, tumbled(part, kept))

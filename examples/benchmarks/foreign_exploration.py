@@ -1,0 +1,195 @@
+"""Explore boxes in other worlds, in a closed loop of estimate, choice and action.
+
+    python examples/benchmarks/foreign_exploration.py folder [--count 20] [--first 0]
+        [--actions 5] [--departures contact] [--policies eig random]
+        [--executor processes|dask|mpi|none] [--workers 2]
+
+The worlds are those of foreign_world.py with departures of foreign_departures.py: by
+default plain MuJoCo's contact and gel fingertips.  The first finger aims at a place
+within AIM of the box; `explore` has default options and the true mass and frictions.
+Judged after each action are the exact surface distance, and the three sizes, the
+position and the rotation in standard deviations, with the verdict of the fit.  `nees`
+is the mean square of these nine numbers: 1 where sigma is right.
+
+Rows are kept in foreign_exploration.jsonl as they end (study.py): called again, the
+script runs what is missing.
+"""
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
+
+import argparse
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+from foreign import SCENE, errors_in, warm
+from foreign_departures import DEPARTURES
+from foreign_report import ratios
+from foreign_world import AIM, REST, STEP, Box, ForeignWorld, Simulation
+from scipy.interpolate import PchipInterpolator
+from study import add_executor, executor_of, run_study, write_csv
+from trimesh.creation import box as box_mesh
+from trimesh.transformations import quaternion_matrix, translation_matrix
+
+from tactilenlp import Measurements, Scene, TrueBody, explore, surface_distance
+from tactilenlp.errors import TactileError
+
+BEYOND = 5.0  # [sigma] further off is confidently wrong, if the fit is good
+SUMMARY = ("n", "surface_mm", "p90_mm", "worst_mm", "within_3", "beyond_good", "nees")
+
+
+class TouchedSimulation:
+    """A box in plain MuJoCo as `explore` touches it: a TouchedWorld."""
+
+    def __init__(self, box: Box, world: ForeignWorld):
+        self.simulation, self.box, self.world = Simulation(box, world), box, world
+        self.finger_radius = np.full(2, 0.01)
+        self.samples, self.pose = 0, self.simulation.pose
+
+    def execute(self, trajectory) -> Measurements:
+        """Move the fingers along a trajectory; then take them away."""
+        told = trajectory.time - trajectory.time[0]
+        path = PchipInterpolator(told, trajectory.finger_position)
+        parked = np.ptp(trajectory.finger_position, axis=0).max(axis=1) == 0
+        simulation, rows = self.simulation, []
+        every = round(1 / (self.world.rate * STEP))
+        simulation.place(path(0.0))
+        for k in range(int(told[-1] / (every * STEP)) * every + 1):
+            if k % every == 0:
+                rows.append((*simulation.reading(), simulation.fingers))
+                self.pose = simulation.pose
+            simulation.step(path(k * STEP))
+        simulation.lift()
+        simulation.hold(REST)
+        contact, normal, finger = map(np.array, zip(*rows, strict=True))
+        contact &= ~parked
+        first, self.samples = self.samples, self.samples + len(rows)
+        return Measurements(
+            time=(first + np.arange(len(rows))) * every * STEP,
+            finger_position=finger, finger_radius=self.finger_radius, contact=contact,
+            normal=np.where(contact[..., None], normal, 0.0),
+            action=np.zeros(len(rows), int),
+            valid=np.repeat(~parked[None], len(rows), axis=0),
+        )  # fmt: skip
+
+    def true_body(self, time: float) -> TrueBody:
+        """Return the box where it was at the last sample."""
+        position, quaternion = np.split(self.pose, [3])
+        mesh = box_mesh(self.box.sides)
+        mesh.apply_transform(
+            translation_matrix(position) @ quaternion_matrix(quaternion)
+        )
+        return TrueBody(mesh, position, quaternion, self.box.sides)
+
+
+def explored(departure, strength, number, actions, policy) -> list[dict]:
+    """Return a row for the first touch and each action of one exploration."""
+    warm()
+    box = Box(number)
+    world = TouchedSimulation(
+        box, ForeignWorld(**DEPARTURES[departure][strength].world)
+    )
+    told = dict(zip(SCENE, (box.mass, box.ground, box.finger), strict=True))
+    about = {"departure": departure, "strength": strength, "box": number}
+    about |= {"policy": policy, "refused": ""}
+    rng = np.random.default_rng([2031, number])
+    centre = world.simulation.pose[:2] + rng.uniform(-AIM, AIM, 2)
+    rows, began = [], process_time()
+    try:
+        for step in explore(
+            world, Scene(**told), actions=actions, policy=policy, seed=number,
+            centre=centre,
+        ):  # fmt: skip
+            estimate, true = step.estimate, world.true_body(0.0)
+            off = surface_distance(estimate.mesh(), true.mesh)
+            row = about | {"action": step.number, "surface_mm": 1e3 * off.mean}
+            pose = true.position, true.quaternion
+            row |= errors_in(estimate, box.sides, *pose)
+            rows.append(row | {"cpu_s": process_time() - began})
+            began = process_time()
+    except TactileError as error:
+        said = f"{type(error).__name__}: {' '.join(str(error).split())[:160]}"
+        rows.append(about | {"action": len(rows), "refused": said})
+    return rows
+
+
+def summary(rows) -> list[dict]:
+    """Return one row for every world, policy and number of actions."""
+    cells = {}
+    for row in rows:
+        key = row["departure"], row["strength"], row["policy"], row["action"]
+        cells.setdefault(key, []).append(row)
+    return [
+        dict(
+            zip(("departure", "strength", "policy", "action"), key, strict=True),
+            **summed(cell),
+        )
+        for key, cell in sorted(cells.items())
+    ]
+
+
+def summed(rows) -> dict:
+    """Return what some estimates have in common; refused ones are outside 3 sigma."""
+    good = [row for row in rows if not row["refused"]]
+    off = np.array([row["surface_mm"] for row in good] or [np.nan])
+    each = np.array([ratios(row) for row in rows])
+    wrong = [(ratios(r) > BEYOND).any() and r["verdict"] == "good" for r in good]
+    values = (
+        len(rows), np.median(off), np.quantile(off, 0.9), off.max(),
+        float((each <= 3).mean()), int(sum(wrong)),
+        float(np.mean(each[np.isfinite(each)] ** 2)),
+    )  # fmt: skip
+    return dict(zip(SUMMARY, values, strict=True))
+
+
+def said(case, rows: list[dict]) -> str:
+    """Return an exploration in words."""
+    words = [
+        r["refused"] or f"{r['surface_mm']:.2f} ({r['verdict']}, {ratios(r).max():.1f})"
+        for r in rows
+    ]
+    return f"{case}: {'; '.join(words)}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--count", type=int, default=20, help="boxes")
+    parser.add_argument("--first", type=int, default=0, help="number of a first box")
+    parser.add_argument("--actions", type=int, default=5)
+    worlds = [name for name, kinds in DEPARTURES.items() if _of_world(kinds)]
+    parser.add_argument("--departures", nargs="+", choices=worlds, default=["contact"])
+    parser.add_argument("--policies", nargs="+", default=["eig", "random"])
+    add_executor(parser)
+    chosen = parser.parse_args()
+    cases = [
+        (departure, strength, number, chosen.actions, policy)
+        for number in range(chosen.first, chosen.first + chosen.count)
+        for departure in chosen.departures
+        for strength in DEPARTURES[departure]
+        for policy in chosen.policies
+    ]
+    with executor_of(chosen, *Path(__file__).parent.glob("*.py")) as executor:
+        path = chosen.folder / "foreign_exploration.jsonl"
+        given = "foreign exploration", explored, cases, executor
+        found = run_study(path, *given, say=said)
+    rows = [row for trial in found for row in trial]
+    write_csv(chosen.folder / "foreign_exploration.csv", rows)
+    table = summary(rows)
+    write_csv(chosen.folder / "foreign_exploration_summary.csv", table)
+    for row in table:
+        print("  ".join(f"{v:.2f}" if isinstance(v, float) else str(v)
+                        for v in row.values()))  # fmt: skip
+
+
+def _of_world(kinds) -> bool:
+    """Tell whether departures are of the world alone: sensors are told the truth."""
+    plain = next(iter(DEPARTURES["none"].values()))
+    return all(k.sensors is plain.sensors and k.told == plain.told
+               for k in kinds.values())  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
