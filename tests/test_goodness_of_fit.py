@@ -1,6 +1,7 @@
 """The fit: expected costs are those of simulated noise; misfits are named."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,12 +10,16 @@ from programmes import programme
 from formulations import sensing, violation_implicit
 from tactilenlp import Options, solve_estimate
 from tactilenlp.information.goodness_of_fit import (
+    BETWEEN,
     HALF_SQUARE,
+    OF_MOTION,
     Fit,
     Misfit,
     TouchMisfit,
+    _largest_motion,
     touch_moments,
 )
+from tactilenlp.problem.window import Steps
 
 DRAWS = 200_000
 
@@ -92,3 +97,48 @@ def test_words_and_verdict_of_a_bad_fit():
     assert "touches of finger 1 in action 3 cost 41 nats where 9 ± 4" in fit.text
     assert "not to be trusted" in fit.text
     assert "multiplied by 2.0" in fit.text
+
+
+def test_the_expected_cost_of_a_motion_is_that_of_its_density():
+    u = np.linspace(0, np.pi / 2, 400_001)[1:-1]  # u = arctan of the way
+    density = np.tan(u) ** 2 * np.cos(u) ** 2  # of (1 + way^2)^-2 in three dimensions
+    density /= density.sum()
+    cost = -4 * np.log(np.cos(u))
+    mean = (density * cost).sum()
+    spread = np.sqrt((density * (cost - mean) ** 2).sum())
+    assert (mean, spread) == pytest.approx(OF_MOTION, rel=1e-3)
+
+
+def moved(ways, speed=0.0):
+    """Return poses that lie still but for ways [m] between actions, and the window."""
+    x = np.zeros((3, 1 + 3 * len(ways)))
+    ends = 3 * np.arange(1, len(ways) + 1)
+    x[0] = np.concatenate(
+        [[0.0], np.cumsum(np.repeat(ways, 3) * ([0, 0, 1] * len(ways)))]
+    )
+    x[0, ends - 2] -= speed / 30
+    gap = Steps(ends, ends, ends - 1, ends - 2, np.full(len(ends), 1 / 30))
+    return x, SimpleNamespace(gap=gap, braking=3.0)
+
+
+def test_one_motion_that_is_far_larger_than_all_others_is_a_misfit():
+    still = 1e-5 * np.array([1.0, 2.0, 0.5, 1.5])
+    for ways in (still, 100 * still, np.r_[still, 1e-3]):
+        misfit = _largest_motion(*moved(ways))
+        assert misfit.excess < misfit.limit
+    lost = _largest_motion(*moved(np.r_[still, 8e-3]))
+    assert lost.excess > lost.limit
+    free, window = moved(np.r_[still, 8e-3])
+    whole = np.vstack([free[:2], np.zeros((3, free.shape[1])), free[2]])
+    assert _largest_motion(whole, window).actual == pytest.approx(lost.actual)
+    sliding = _largest_motion(*moved(np.r_[still, 8e-3], speed=0.2))
+    assert sliding.excess < sliding.limit  # it slid on
+
+
+def test_a_lost_path_is_named_and_no_part_of_the_total(estimate):
+    fit = estimate.fit
+    assert fit.terms[BETWEEN].excess < fit.terms[BETWEEN].limit
+    lost = Misfit(40.0, *OF_MOTION)
+    poor = replace(fit, verdict="poor", terms={**fit.terms, BETWEEN: lost})
+    assert poor.total == fit.total
+    assert "the largest motion between actions costs 40 nats where 5 ± 4" in poor.text

@@ -3,16 +3,24 @@ r"""Goodness of fit: what the likelihood terms cost at the solution, and should 
 A touched sample costs touch(phi / sigma) + |n - n_m|^2 / (2 sigma_n^2), bounded by the
 outlier cost (likelihood.py of the pages).  Under the noise model its gap and the two
 components of its normal are Gaussian; mean and variance of the cost follow by
-Gauss-Hermite and Gauss-Laguerre quadrature.  Where sensors are noisy, a
-touched sample without a touched neighbour in time is most likely a wrong boolean, and
-costs the bound.  A free sample
-next to a touch lies uniformly between the surface and the way of the finger in a
-sample, so that
+Gauss-Hermite and Gauss-Laguerre quadrature.  Where sensors are noisy, a touched sample
+without a touched neighbour in time is most likely a wrong boolean, and costs the bound.
+A free sample next to a touch lies uniformly between the surface and the way of the
+finger in a sample, so that
 
     E = pi^2 / (12 alpha way),      E[cost^2] = 0.3005 / (alpha way)
 
 for every touch that begins or ends.  How late a sensor notices a touch is not modelled:
 the spread of free samples is at least their expected cost.
+
+Between actions the page's density of the way u, in x, y and yaw and in units of a
+scale, is (1 + u^2)^-2, so that the cost 2 log(1 + u^2) has
+
+    E = 2 (psi(2) - psi(1/2)) = 4.77,      Var = 4 (psi'(1/2) - psi'(2)) = 17.2  nats
+
+and here the scale is the geometric mean of the page's own and of all other ways.  The
+row "between actions" is the largest of these costs, of which a path that was lost has
+one.  It is no part of the total, and at most "poor".
 
 The verdict is "good" up to POOR spreads and MARGIN nats of excess, "bad" beyond BAD of
 either, else "poor".  Where it is not good, deviations are multiplied by the Birge ratio
@@ -29,7 +37,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import polygamma, psi
 
+from formulations.between_actions import CAUCHY, GAP
+from formulations.rigid_body import ARM
+
+from ..geometry.transforms import is_planar, matrices
+
+BETWEEN = "between actions"  # the row of the largest motion between two actions
+OF_MOTION = (  # expected cost of such a motion, and its spread [nats]
+    float(CAUCHY * (psi(2) - psi(0.5))),
+    float(CAUCHY * np.sqrt(polygamma(1, 0.5) - polygamma(1, 2))),
+)
+LEAST_WAY, ICE = 1e-6, 0.1  # [m] rounding; [m/s^2] that brakes a body on ice
 POOR, BAD = 3.0, 10.0  # [spreads] and [MARGIN] of excess
 MARGIN = 3.0  # [nats] odds of 20 to 1
 RIGID_MISFIT = (
@@ -51,6 +71,11 @@ class Misfit:
     def excess(self) -> float:
         """How much more it costs than expected [nats]."""
         return self.actual - self.expected
+
+    @property
+    def limit(self) -> float:
+        """The excess [nats] up to which a fit is good."""
+        return POOR * self.spread + MARGIN
 
     def __add__(self, other: Misfit) -> Misfit:
         spread = float(np.hypot(self.spread, other.spread))
@@ -87,8 +112,8 @@ class Fit:
 
     @property
     def total(self) -> Misfit:
-        """The Misfit of all terms."""
-        return sum(self.terms.values(), start=NOTHING)
+        """The Misfit of touches and free samples."""
+        return _total(self.terms)
 
     @property
     def actual(self) -> float:
@@ -112,6 +137,9 @@ class Fit:
             f"The fit is {self.verdict}: touches and free samples cost "
             f"{_in_words(self.total)}"
         )
+        jump = self.terms.get(BETWEEN, NOTHING)
+        if jump.excess > jump.limit:
+            words += f"; the largest motion between actions costs {_in_words(jump)}"
         if self.verdict == "good" or not self.touches:
             return f"{words}."
         worst = self.touches[0]
@@ -120,14 +148,11 @@ class Fit:
             f"{_in_words(worst.misfit)}.  Standard deviations are multiplied by "
             f"{self.widening:.1f}"
         )
-        advice = (
-            ", and the estimate is not to be trusted" if self.verdict == "bad" else ""
-        )
-        return f"{words}{advice}."
+        no = ", and the estimate is not to be trusted" if self.verdict == "bad" else ""
+        return f"{words}{no}."
 
 
 def _in_words(misfit: Misfit) -> str:
-    """Return a misfit in words."""
     expected = f"{misfit.expected:.0f} ± {misfit.spread:.0f}"
     return f"{misfit.actual:.0f} nats where {expected} are expected"
 
@@ -141,15 +166,42 @@ def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | N
         return None
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
     terms = misfits(problem, x, data, window, measurements, smoothing)
-    total = sum(terms.values(), start=NOTHING)
-    limit = POOR * total.spread + MARGIN
-    verdict = "good" if total.excess <= limit else "poor"
+    total, ratio = _total(terms), 1.0
+    if len(window.gap):
+        terms |= {BETWEEN: _largest_motion(problem.unpack(x)["x"], window)}
+    both = total, terms.get(BETWEEN, NOTHING)
+    verdict = "good" if all(m.excess <= m.limit for m in both) else "poor"
     if total.excess > BAD * (total.spread + MARGIN):
         verdict = "bad"
-    ratio = total.actual / max(total.expected + total.spread, MARGIN)
-    widening = 1.0 if verdict == "good" else float(np.sqrt(max(ratio, 1.0)))
+    for one in both:
+        ratio = max(ratio, one.actual / max(one.expected + one.spread, MARGIN))
+    widening = 1.0 if verdict == "good" else float(np.sqrt(ratio))
     touches = _by_touch(problem, x, data, window, measurements, smoothing)
     return Fit(verdict, terms, touches, widening)
+
+
+def _total(terms: dict) -> Misfit:
+    return sum((terms[n] for n in terms if n != BETWEEN), start=NOTHING)
+
+
+def _largest_motion(x, window) -> Misfit:
+    """Return the largest cost of a motion between two actions; x (unknowns, poses)."""
+    gap = window.gap
+    way = np.maximum(_ways(x, gap.pose, gap.before), LEAST_WAY)
+    speed = _ways(x, gap.before, gap.before_2) / gap.dt
+    slid = speed**2 / (2 * max(window.braking, ICE))
+    others = (np.log(way).sum() - np.log(way) + np.log(GAP)) / len(way)
+    u = way / np.hypot(np.exp(others), slid)
+    return Misfit(float((CAUCHY * np.log1p(u**2)).max()), *OF_MOTION)
+
+
+def _ways(x, to, before) -> np.ndarray:
+    """Return the ways (n,) [m] between poses of x (3 or 6, poses), as of the page."""
+    if is_planar(x):
+        x = np.vstack([x[:2], np.zeros((3, x.shape[1])), x[2]])
+    R, off = matrices(x), x[:3, to] - x[:3, before]
+    turned = ((R[to] - R[before]) ** 2).sum(axis=(1, 2)) / 2
+    return np.sqrt((off**2).sum(axis=0) + ARM**2 * turned)
 
 
 def _by_touch(problem, x, data, window, measurements, smoothing) -> tuple:
