@@ -75,7 +75,7 @@ _HOMES = {
     "animate": "plotting.animation",
     "plot_gain": "plotting.gain_map",
     "Problem": "nlp.problem",
-    "problem_of": "estimation.solver",
+    "problem_of": "estimation.observed_information",
     "extend": "problem.pages",
     "Page": "problem.pages",
     "Executor": "search.least_motion",

@@ -58,8 +58,8 @@ def parser() -> argparse.ArgumentParser:
     pages, shapes = ", ".join(FORMULATIONS), ", ".join(SHAPES)
     words = f"one of {pages} (default violation_implicit)"
     estimate.add_argument("--formulation", default="violation_implicit", help=words)
-    words = f"one of {shapes}, 'prism of 6 sides', or auto (default cuboid)"
-    estimate.add_argument("--shape", default="cuboid", help=words)
+    words = f"of {shapes}, 'prism of 6 sides': one, several to compare, or auto"
+    estimate.add_argument("--shape", nargs="+", default=["cuboid"], help=words)
     estimate.add_argument("--save", type=Path, help="save the estimate as .npz")
     for name, words in SCENE_OPTIONS.items():
         option = f"--{name.replace('_', '-')}"
@@ -185,7 +185,7 @@ def _estimate(given):
     return solve_estimate(
         Measurements.load(given.file),
         Scene.load(given.file, **_known(given)),
-        shape=given.shape,
+        shape=given.shape if len(given.shape) > 1 else given.shape[0],
         formulation=given.formulation,
     )
 

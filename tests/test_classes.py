@@ -3,9 +3,15 @@
 import numpy as np
 import pytest
 
-from tactilenlp import Estimate, solve_estimate
+from formulations.shape import CUBOID
+from tactilenlp import ELLIPSOID, Estimate, solve_estimate
 from tactilenlp.errors import NoContactError, OptionError
+from tactilenlp.estimation import model_selection
+from tactilenlp.estimation.options import Session
+from tactilenlp.estimation.request import read_request
+from tactilenlp.estimation.solver import _of_class
 from tactilenlp.information.mixture import log_evidence
+from tactilenlp.search.proposals_surface import on_poses
 
 
 def line(degree, x, y, sigma, spread):
@@ -66,6 +72,68 @@ def test_a_box_is_a_box_rather_than_a_hull(recorded, tmp_path):
     assert (best.shape, other.shape) == ("cuboid", "polytope")
     assert best.probability > 0.95
     assert best.probability + other.probability == pytest.approx(1)
+    assert not other.error
     assert "Of the classes compared, cuboid" in estimate.summary()
     estimate.save(tmp_path / "box.npz")
     assert Estimate.load(tmp_path / "box.npz").classes == estimate.classes
+
+
+class Known:
+    """An estimate of a class with an objective, which is its evidence less the sign."""
+
+    success, fit = True, None
+
+    def __init__(self, shape, objective):
+        self.shape, self.objective = shape, objective
+
+
+def test_the_poses_of_the_likeliest_class_start_those_that_were_lost(monkeypatch):
+    asked = []
+    monkeypatch.setattr(model_selection, "evidence_of", lambda e, _: -e.objective)
+    monkeypatch.setattr(model_selection, "replace", lambda e, **given: (e, given))
+    first = {"polytope": 5.0, "cuboid": 20.0, "cylinder": 300.0, "ellipsoid": 7.0}
+
+    def solve(shape, start, options, poses=None, most=None):
+        if poses is None:
+            return Known(shape.name, first[shape.name])
+        asked.append((shape.name, poses.shape, most))
+        return Known(shape.name, 1.0) if shape.name == "cuboid" else None
+
+    classes = model_selection.classes_of(list(first))
+    options = type("Options", (), {"time_limit": 60.0})()
+    best, given = model_selection.likeliest_class(classes, solve, None, options)
+    assert asked == [("cuboid", "polytope", 20.0), ("cylinder", "polytope", 20.0)]
+    assert (best.shape, best.objective) == ("cuboid", 1.0)
+    odds = {one.shape: one.probability for one in given["classes"]}
+    assert odds["cuboid"] > 0.95
+    assert sum(odds.values()) == pytest.approx(1)
+
+
+def test_sizes_are_fitted_to_the_poses_of_another_class(recorded, estimate):
+    data, scene, _ = recorded
+    data = data.select(np.unique(estimate.measurements.action))
+    request, _ = read_request(
+        data, scene, "cuboid", "violation_implicit", None, None, None, Session()
+    )
+    found = on_poses(request.job, estimate)
+    sides, known = np.sort(found.theta[:2]), np.sort(estimate.side_lengths[:2])
+    sigma = estimate.information.sigma("side_lengths")[:2].max()
+    assert np.abs(sides - known).max() < max(0.5e-3, sigma)
+    assert found.objective < 10
+    request, _ = read_request(
+        data, scene, ELLIPSOID, "violation_implicit", None, None, None, Session()
+    )
+    assert on_poses(request.job, estimate).objective > 3 * found.objective
+
+
+@pytest.mark.slow
+def test_a_box_starts_from_the_poses_of_a_hull(recorded):
+    data, scene, _ = recorded
+    data = data.select([0, 1])
+    hull = solve_estimate(data, scene, shape="polytope")
+    given = {"formulation": "violation_implicit", "executor": None, "throw": False}
+    given |= {"options": None, "start": None, "session": Session(), "poses": hull}
+    box = _of_class(data, scene, shape=CUBOID, **given)
+    assert box.objective < solve_estimate(data, scene).objective + 0.1
+    assert box.origin.path == ("poses of a polytope",)
+    assert _of_class(data, scene, shape=CUBOID, most=-1.0, **given) is None

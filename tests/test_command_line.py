@@ -9,7 +9,7 @@ from conftest import RECORDED
 
 from tactilenlp import Estimate, Measurements
 from tactilenlp.__main__ import main
-from tactilenlp.errors import Interrupted, WriteError
+from tactilenlp.errors import Interrupted, OptionError, WriteError
 
 
 @pytest.fixture(scope="module")
@@ -37,6 +37,20 @@ def test_a_recording_becomes_an_estimate_a_page_and_a_model(short, tmp_path, cap
     assert told == estimate.summary()
     assert wrote == f"Wrote {tmp_path / 'box.urdf'}."
     assert "<robot" in (tmp_path / "box.urdf").read_text()
+
+
+def test_classes_to_compare_are_given_one_after_the_other(short, monkeypatch):
+    asked = []
+
+    def noted(data, scene, shape, formulation):
+        asked.append(shape)
+        raise OptionError("enough", where="a test", got="the shape", next="stop")
+
+    monkeypatch.setattr("tactilenlp.solve_estimate", noted)
+    for words in (["cylinder", "prism of 6 sides"], ["auto"], []):
+        option = ["--shape", *words] if words else []
+        assert main(["estimate", str(short), *option]) != 0
+    assert asked == [["cylinder", "prism of 6 sides"], "auto", "cuboid"]
 
 
 def test_help_is_there_for_every_command():

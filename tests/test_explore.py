@@ -279,3 +279,17 @@ def test_a_policy_of_ones_own_is_given_a_plan(whole):
     assert seen[0].estimate is steps[0].estimate
     with pytest.raises(OptionError, match="farthest"):
         next(explore(later, policy="best"))
+
+
+@pytest.mark.slow
+def test_every_estimate_is_of_the_likeliest_class_of_a_list(tmp_path):
+    file = tmp_path / "classes.npz"
+    given = LEAST | {"actions": 1, "centre": CENTRE, "seed": 1}
+    given |= {"shape": ["cuboid", "cylinder"], "policy": "random"}
+    steps = list(explore(fresh(), file=file, **given))
+    for step in steps:
+        assert {c.shape for c in step.estimate.classes} == {"cuboid", "cylinder"}
+    again = list(explore(fresh(), file=file, **given))
+    assert [s.estimate.shape for s in again] == [s.estimate.shape for s in steps]
+    with pytest.raises(StartError, match="another shape"):
+        list(explore(fresh(), file=file, **given | {"shape": "ellipsoid"}))

@@ -8,8 +8,8 @@ objective by more than LARGER_MODEL nats, which is about what its Laplace eviden
 (the logarithm of prior over posterior deviations), and the spread of the likelihood:
 from another start noise alone is fitted better by about as much.
 
-Classes of shapes are not nested: each is estimated, and the one of the largest evidence
-is the estimate (information/mixture.py).
+Classes of shapes are not nested: the estimate is that of the largest evidence
+(information/mixture.py).
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ from ..search.local_solve import (
     settings_of,
     solved_from,
 )
-from ..search.margins import LARGER_MODEL
+from ..search.margins import CLOSE_OPTIMUM, LARGER_MODEL, LEAST_MOTION_BEHIND
 from .result import Estimate
 
 AUTO = (  # the classes of shape="auto"
     *("cuboid", "cylinder", "ellipsoid"),
     *("prism of 3 sides", "prism of 6 sides", "polytope"),
 )
-LEAST_TIME = 1.0  # [s] of a class, whatever is left
+LEAST_TIME = 1.0  # [s] of a class
 log = logging.getLogger("tactilenlp")
 
 
@@ -217,22 +217,24 @@ def likeliest_class(classes, solve, start, options) -> Estimate:
 
     classes: Shapes; solve(shape=, start=, options=) -> Estimate, or raises
     TactileError; the time limit is shared by the classes that are left; start: of the
-    class that it is an estimate of.  Raises the error of the first class if no class
-    has an estimate.
+    class that it is an estimate of.  Raises the error of the first class if none has an
+    estimate.  The poses of the likeliest class are a second start of the others.
     """
-    deadline, found, errors = Deadline.within(options.time_limit), [], {}
+    deadline, found, errors = Deadline.within(options.time_limit), {}, {}
     for i, shape in enumerate(classes):
-        left = replace(
-            options, time_limit=max(LEAST_TIME, deadline.left / (len(classes) - i))
-        )
+        share = deadline.left / (len(classes) - i)
+        left = replace(options, time_limit=max(LEAST_TIME, share))
         try:
             known = start if getattr(start, "shape", "") == shape.name else None
             estimate = solve(shape=shape, start=known, options=left)
-            found.append((evidence_of(estimate, shape), estimate))
+            found[shape.name] = evidence_of(estimate, shape), estimate
         except TactileError as error:
             errors[shape.name] = error
     if not found:
         raise next(iter(errors.values()))
+    _start_from_best(classes, solve, options, deadline, found)
+    errors = {name: error for name, error in errors.items() if name not in found}
+    found = list(found.values())
     evidence = np.array([told for told, _ in found])
     weights = np.exp(evidence - evidence.max()) if np.isfinite(evidence).any() else 0.0
     shares = weights / max(np.sum(weights), 1.0) * np.isfinite(evidence)
@@ -248,8 +250,31 @@ def likeliest_class(classes, solve, start, options) -> Estimate:
         ClassOdds(name, np.inf, -np.inf, 0.0, "", f"{type(error).__name__}: {error}")
         for name, error in errors.items()
     ]
-    _, estimate = found[int(np.argmax(evidence))]
-    return replace(estimate, classes=tuple(odds))
+    return replace(found[int(np.argmax(evidence))][1], classes=tuple(odds))
+
+
+def _start_from_best(classes, solve, options, deadline, found) -> None:
+    """Solve classes that explain the data worse from the poses of the likeliest one.
+
+    found: evidence and Estimate by class, where what is likelier replaces its own.
+    """
+    told, best = max(found.values(), key=lambda one: one[0])
+    for shape in classes:
+        own, estimate = found.get(shape.name, (-np.inf, None))
+        cost = np.inf if estimate is None else estimate.objective
+        if not np.isfinite(told) or cost <= best.objective + CLOSE_OPTIMUM:
+            continue
+        if deadline.passed(f"a {shape.name} from the poses of a {best.shape}"):
+            return
+        left = replace(options, time_limit=max(LEAST_TIME, deadline.left))
+        most = min(cost, best.objective + LEAST_MOTION_BEHIND)
+        try:
+            again = solve(shape=shape, start=None, options=left, poses=best, most=most)
+        except TactileError as error:
+            log.info("%s from the poses of a %s: %s", shape.name, best.shape, error)
+            continue
+        if again is not None and (more := evidence_of(again, shape)) > own:
+            found[shape.name] = more, again
 
 
 def evidence_of(estimate, shape) -> float:

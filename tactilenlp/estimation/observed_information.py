@@ -21,8 +21,9 @@ import numpy as np
 from ..common.brief import printed
 from ..common.threads import on_one_thread
 from ..common.validation import check_types
+from ..data.scene import Scene
 from ..data.sensor_noise import Precision, smoothed
-from ..errors import OptionError, TactileError
+from ..errors import OptionError, TactileError, typed_call
 from ..information.comparisons import gauss_newton, inverse_dynamics, paper
 from ..information.information import Information, inverse
 from ..information.measurement_noise import (
@@ -38,8 +39,11 @@ from ..nlp.problem import Problem
 from ..nlp.solution import Solution
 from ..problem.pages import page_of, shape_of
 from ..problem.reductions import Reductions, reduce
+from ..search.local_solve import problem_at, problem_for
+from .options import Options, Session
 from .readout import problem_builder
-from .result import solution_of
+from .request import read_request
+from .result import Estimate, solution_of
 
 OFFSET = 1e-6  # [m] shift of a finger
 INFORMATION_KINDS = ("exact", "sandwich", "gauss_newton", "paper", "inverse_dynamics")
@@ -197,6 +201,43 @@ def shifted(window, finger: int, axis: int, way: float):
         there[rows.finger == finger, axis] = way
         changed[part] = replace(rows, **{n: getattr(rows, n) + there for n in names})
     return replace(window, **changed)
+
+
+@typed_call()
+def problem_of(
+    data, scene: Scene | None = None, formulation="violation_implicit",
+    *, shape="cuboid", options: Options | None = None, at=None,
+) -> Problem:  # fmt: skip
+    """Return the problem that a page poses of measurements, built and not solved.
+
+    Arguments as of solve_estimate.  at: an Estimate of these measurements, of which the
+    problem is built again, with its reductions; a hull needs it, as which vertices a
+    contact reads depends on where it is solved from.  `describe()` lists terms and
+    unknowns, `check()` compares derivatives with finite differences, `nlp.ipopt.solve`
+    solves it from any start.  Raises what solve_estimate raises before it solves.
+    """
+    if at is not None:
+        check_types(at=(at, Estimate))
+        scene = (Scene() if scene is None else scene).on_ground_of(at.scene)
+    request, _ = read_request(
+        data, scene, shape, formulation, options, None, None, Session()
+    )
+    job, page = request.job, request.page
+    if at is not None:
+        if at.measurements != data or at.shape != job.shape.name:
+            raise OptionError(
+                "an estimate of other measurements or of another shape", where="at",
+                got=f"{at.shape}, {at.measurements!r}",
+                expected=f"{job.shape.name}, {data!r}",
+            )  # fmt: skip
+        solved = replace(job, reductions=Reductions(**at.reductions), cuts=at.cuts)
+        return problem_at(solved, page, at.origin)[1]
+    if job.shape.window_depends_on_start:
+        raise OptionError(
+            "its problem depends on where it is solved from", where="at",
+            got=job.shape.name, expected="an Estimate of these measurements",
+        )  # fmt: skip
+    return problem_for(job, page)[0]
 
 
 @dataclass(frozen=True, eq=False)

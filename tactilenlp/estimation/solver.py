@@ -11,19 +11,19 @@ from dataclasses import replace
 from functools import partial
 from types import ModuleType
 
+import numpy as np
+
 from formulations.shape import Shape
 
 from ..common.deadline import Deadline
 from ..common.interrupt import interruptible
 from ..common.threads import on_one_thread
-from ..common.validation import check_types
 from ..data.scene import Scene
-from ..errors import OptionError, typed_call
-from ..nlp.problem import Problem
+from ..errors import typed_call
 from ..nlp.solution import check_finite
 from ..problem.reductions import Reductions
 from ..search.hypothesis import Hypothesis, Job, distinct, named
-from ..search.local_solve import Solved, best_first, problem_at, problem_for
+from ..search.local_solve import Solved, best_first
 from ..search.margins import LEAST_MOTION_BEHIND
 from ..search.multi_hypothesis import search_boxes
 from ..search.polytope_init import search_polytope
@@ -35,6 +35,7 @@ from ..search.proposals_floating import (
     with_faces_tracked,
     with_tilted_normals,
 )
+from ..search.proposals_surface import on_poses
 from .certification import certified, checked, with_profiles
 from .incremental_polytope import repaired, updated
 from .interrupted import SoFar, interrupted, not_solved, raise_unless_good
@@ -95,16 +96,36 @@ def solve_estimate(
     is what throw=False returns, also where the time limit ended the solve.  Ctrl-C
     raises Interrupted, whose `estimate` of the actions done by then can be a start.
     """
-    session = PROCESS if session is None else session
+    given = {
+        "formulation": formulation, "executor": executor, "throw": throw,
+        "session": PROCESS if session is None else session,
+    }  # fmt: skip
     if classes := classes_of(shape):
-        one = partial(
-            solve_estimate, data, scene, formulation=formulation, executor=executor,
-            throw=throw, session=session,
-        )  # fmt: skip
+        one = partial(_of_class, data, scene, **given)
         return likeliest_class(classes, one, start, options or Options())
+    return _of_class(data, scene, shape=shape, options=options, start=start, **given)
+
+
+def _of_class(
+    data, scene, *, shape, formulation, options, start, executor, throw, session,
+    poses=None, most=np.inf,
+) -> Estimate | None:  # fmt: skip
+    """Return the estimate of one class of shapes; arguments as of solve_estimate.
+
+    poses: an Estimate of another class, whose poses are taken instead of a search.
+    None if they leave touches that cost more than `most` [nats].
+    """
+    if poses is not None:
+        scene = (Scene() if scene is None else scene).on_ground_of(poses.scene)
+        start = poses if shape.parameters == "vertices" else None
     request, known = read_request(
         data, scene, shape, formulation, options, start, executor, session
     )
+    if poses is not None and start is None:
+        path = on_poses(request.job, poses)
+        if path is None or path.objective > most:
+            return None
+        request = replace(request, job=replace(request.job, path=path))
     so_far = SoFar(known)
     try:
         with interruptible():
@@ -115,43 +136,6 @@ def solve_estimate(
     if throw:
         raise_unless_good(estimate, best)
     return estimate
-
-
-@typed_call()
-def problem_of(
-    data, scene: Scene | None = None, formulation="violation_implicit",
-    *, shape="cuboid", options: Options | None = None, at=None,
-) -> Problem:  # fmt: skip
-    """Return the problem that a page poses of measurements, built and not solved.
-
-    Arguments as of solve_estimate.  at: an Estimate of these measurements, of which the
-    problem is built again, with its reductions; a hull needs it, as which vertices a
-    contact reads depends on where it is solved from.  `describe()` lists terms and
-    unknowns, `check()` compares derivatives with finite differences, `nlp.ipopt.solve`
-    solves it from any start.  Raises what solve_estimate raises before it solves.
-    """
-    if at is not None:
-        check_types(at=(at, Estimate))
-        scene = (Scene() if scene is None else scene).on_ground_of(at.scene)
-    request, _ = read_request(
-        data, scene, shape, formulation, options, None, None, Session()
-    )
-    job, page = request.job, request.page
-    if at is not None:
-        if at.measurements != data or at.shape != job.shape.name:
-            raise OptionError(
-                "an estimate of other measurements or of another shape", where="at",
-                got=f"{at.shape}, {at.measurements!r}",
-                expected=f"{job.shape.name}, {data!r}",
-            )  # fmt: skip
-        solved = replace(job, reductions=Reductions(**at.reductions), cuts=at.cuts)
-        return problem_at(solved, page, at.origin)[1]
-    if job.shape.window_depends_on_start:
-        raise OptionError(
-            "its problem depends on where it is solved from", where="at",
-            got=job.shape.name, expected="an Estimate of these measurements",
-        )  # fmt: skip
-    return problem_for(job, page)[0]
 
 
 def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
@@ -175,7 +159,8 @@ def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
     if not solved:
         return not_solved(request, starts, so_far.spent)
     best, solved = _checked(request, job, solved)
-    if misses(request, best) and request.job_until(SEARCH_END).deadline.left > 0:
+    sought = request.job.path is None and misses(request, best)
+    if sought and request.job_until(SEARCH_END).deadline.left > 0:
         rough = with_rough_motion(request)
         more, starts = _searched(rough, [])
         other, found = _refined(rough, starts, so_far, None)
@@ -248,6 +233,8 @@ def _searched(request: Request, kept) -> tuple[list[Hypothesis], list[Hypothesis
     floating object is searched in the plane of its touches.
     """
     start, plane = request.start, None
+    if (path := request.job.path) is not None:
+        return [path], [named(request.job.shape, path, request.axes)]
     job = request.job_until(SEARCH_END, strict=False)
     lean = replace(job, reductions=Reductions())  # whatever the last solve leaves out
     if job.scene.ground is None:

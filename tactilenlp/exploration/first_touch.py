@@ -11,11 +11,13 @@ from itertools import pairwise, product
 
 import numpy as np
 
+from formulations.shape_fields import takes
+
 from ..common.validation import as_floats
 from ..data.measurements import Measurements
 from ..errors import NoContactError, OptionError, shortened
 from ..estimation.result import Estimate
-from .action_space import POINT_RATE, Trajectory, Workspace
+from .action_space import POINT_RATE, TouchedWorld, Trajectory, Workspace
 
 SWEEP_SPACING = 0.03  # [m] between lines: a 1 cm finger meets what is above 1 cm wide
 SEGMENT_LENGTH = 0.05  # [m] of one motion: a touched object is not pushed farther
@@ -149,3 +151,26 @@ def _extreme(space: Workspace, centre, estimate) -> list[Trajectory]:
         space.action(np.tile(angles, space.fingers)).trajectory(target)
         for angles in product(*bounds)
     ]
+
+
+def check_world(world) -> None:
+    """Raise OptionError unless a world has the methods of a TouchedWorld."""
+    if isinstance(world, type):
+        raise OptionError(
+            "a class, not a world", where="world", got=world.__name__,
+            expected="an object with execute(trajectory) -> Measurements",
+            next=f"make one: {world.__name__}(...)",
+        )  # fmt: skip
+    if not (isinstance(world, TouchedWorld) and takes(world.execute, 1)):
+        raise OptionError(
+            "not a world", where="world", got=repr(world)[:80],
+            expected="an object with execute(trajectory) -> Measurements",
+            next="see tactilenlp.TouchedWorld",
+        )  # fmt: skip
+    for name in ("execute", "check", "true_body"):
+        member = getattr(world, name, None)
+        if member is not None and not callable(member):
+            raise OptionError(
+                "not a method", where=f"world.{name}", got=repr(member)[:80],
+                expected=f"a method, as tactilenlp.TouchedWorld has it, or no {name}",
+            )  # fmt: skip

@@ -150,11 +150,11 @@ def load_or_new(file) -> Exploration:
 def check_same(estimate: Estimate, data: Measurements, asked: dict, file) -> None:
     """Raise StartError unless a saved estimate is of these data and settings.
 
-    asked: the required scene, shape and formulation, by name.
+    asked: the required scene, shape (one of a tuple) and formulation, by name.
     """
     for name, value in {"measurements": data, **asked}.items():
         kept = estimate.scene.as_told if name == "scene" else getattr(estimate, name)
-        if kept != value:
+        if kept not in value if name == "shape" else kept != value:
             raise StartError(
                 f"the saved estimate is of {DIFFERENCES.get(name, f'another {name}')}",
                 where=str(file), got=f"{name} {kept!r}", expected=repr(value),

@@ -11,21 +11,20 @@ from functools import partial
 
 import numpy as np
 
-from formulations.shape_fields import takes
-
 from ..common.file_lock import can_be_written, locked
 from ..common.progress import progress, wipe
 from ..common.validation import check_path, check_types
 from ..data.scene import Scene
 from ..errors import OptionError, StartError
+from ..estimation.model_selection import classes_of
 from ..estimation.options import Guess
 from ..estimation.readout import name_of
 from ..estimation.request import asked, check_start
 from ..estimation.result import Estimate
 from ..estimation.solver import solve_estimate
 from ..evaluation.ground_truth import errors_of
-from .action_space import TouchedWorld, Workspace
-from .first_touch import check_reach, executed, first_touch
+from .action_space import Workspace
+from .first_touch import check_reach, check_world, executed, first_touch
 from .log import (
     Exploration,
     Step,
@@ -35,7 +34,7 @@ from .log import (
     load_or_new,
 )
 from .options import ExploreOptions
-from .policies import check_predicted, checked_policy, next_action
+from .policies import check_predicted, checked_policy, next_action, shape_of_start
 
 log = logging.getLogger("tactilenlp")
 
@@ -156,18 +155,24 @@ def _prepared(world, scene, settings: ExploreOptions, file, start, executor) -> 
     """Return what the steps need; raise for unusable arguments."""
     _check(world, file, start)
     policy = checked_policy(settings.policy)
+    several = classes_of(settings.shape)
     scene, shape, options, page = asked(
-        scene, settings.shape, settings.formulation, settings.options, executor
-    )
+        scene, several[0] if several else settings.shape, settings.formulation,
+        settings.options, executor,
+    )  # fmt: skip
+    classes = several or [shape]
+    if several and isinstance(start, Estimate):
+        shape = shape_of_start(start, classes)
     check_start(start, shape, scene)
     check_predicted(policy, settings.actions, start, shape, scene)
     choice = {"search": settings.search, "budget": settings.budget}
-    choice |= {"policy": policy, "shape": shape}
+    choice |= {"policy": policy, "shape": classes}
     solve = partial(
-        solve_estimate, scene=scene, shape=shape, formulation=page, options=options,
-        executor=executor, throw=False,
+        solve_estimate, scene=scene, shape=several or shape, formulation=page,
+        options=options, executor=executor, throw=False,
     )  # fmt: skip
-    same = {"scene": scene, "shape": shape.name, "formulation": name_of(page)}
+    names = [one.name for one in classes]
+    same = {"scene": scene, "shape": names, "formulation": name_of(page)}
     space = _space(world, scene, settings.workspace)
     return _Loop(world, space, settings, choice, solve, same)
 
@@ -193,35 +198,12 @@ def _by_name(positional, keywords: dict) -> dict:
 def _check(world, file, start) -> None:
     """Raise OptionError or FileError for an unusable world, start or file."""
     if world is not None:  # none is needed for actions that the file has
-        _check_world(world)
+        check_world(world)
     check_types(start=(start, (Estimate, Guess, type(None))))
     if file is not None:
         check_path(file)
         if world is not None:
             check_file(file)
-
-
-def _check_world(world) -> None:
-    """Raise OptionError unless a world has the methods of a TouchedWorld."""
-    if isinstance(world, type):
-        raise OptionError(
-            "a class, not a world", where="world", got=world.__name__,
-            expected="an object with execute(trajectory) -> Measurements",
-            next=f"make one: {world.__name__}(...)",
-        )  # fmt: skip
-    if not (isinstance(world, TouchedWorld) and takes(world.execute, 1)):
-        raise OptionError(
-            "not a world", where="world", got=repr(world)[:80],
-            expected="an object with execute(trajectory) -> Measurements",
-            next="see tactilenlp.TouchedWorld",
-        )  # fmt: skip
-    for name in ("execute", "check", "true_body"):
-        member = getattr(world, name, None)
-        if member is not None and not callable(member):
-            raise OptionError(
-                "not a method", where=f"world.{name}", got=repr(member)[:80],
-                expected=f"a method, as tactilenlp.TouchedWorld has it, or no {name}",
-            )  # fmt: skip
 
 
 def _check_fingers(world, space: Workspace, kept: Exploration) -> None:

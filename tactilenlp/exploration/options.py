@@ -9,6 +9,7 @@ import numpy as np
 
 from ..common.validation import check_numbers, check_types
 from ..errors import OptionError, did_you_mean, typed_call
+from ..estimation.model_selection import classes_of
 from ..estimation.options import Options
 from ..problem.pages import shape_of
 from .action_space import Workspace
@@ -26,7 +27,8 @@ class ExploreOptions:
     policy:      "eig" (expected information gain), "random", "fisher" (information of
                  the action alone), "farthest" (from all directions so far), or a
                  function of a Plan that returns an Action
-    shape:       "cuboid", "polytope", or a Shape
+    shape:       "cuboid", "polytope", a Shape, "auto" or a list of them: every estimate
+                 is of the class with the largest evidence
     seed:        [1], of all random numbers; equal seeds give equal actions
     workspace:   Workspace of the actions; None: that of the world's fingers and ground
     formulation: the page that estimates, by name or as a module
@@ -58,7 +60,8 @@ class ExploreOptions:
             options=(self.options, (Options, type(None))),
             actions=(self.actions, whole), seed=(self.seed, whole),
         )  # fmt: skip
-        shape_of(self.shape)
+        if not classes_of(self.shape):
+            shape_of(self.shape)
         if self.centre is not None:
             checked_centre(self.centre)
         check_numbers("", "a whole number from 0", actions=(self.actions, -1, np.inf))

@@ -73,15 +73,16 @@ def check_predicted(policy, actions, start, shape, scene) -> None:
         return
     if started and actions:
         check_ground(start.scene)
-        check_predictable(shape_of_start(start, shape))
+        check_predictable(shape_of_start(start, [shape]))
     if actions > started:
         check_ground(scene)
         check_predictable(shape)
 
 
-def shape_of_start(estimate, shape: Shape) -> Shape:
-    """Return the shape of an estimate: the given one, or the one of its name."""
-    return shape if estimate.shape == shape.name else shape_of(estimate.shape)
+def shape_of_start(estimate, shapes) -> Shape:
+    """Return the shape of an estimate: one of those given, or the one of its name."""
+    known = {shape.name: shape for shape in shapes}
+    return known.get(estimate.shape) or shape_of(estimate.shape)
 
 
 def next_action(estimate, space, past, rng, settings):

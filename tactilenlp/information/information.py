@@ -215,7 +215,7 @@ def information_of(
     if sensed is not None:
         covariance = bounded_pose(covariance, shape.theta, tangent.turning)
     matrix = inverse(C)
-    parts = _parts(curvature, of.pulls, matrix)
+    parts = parts_of(curvature, of.pulls, matrix)
     terms = problem.terms
     return Information(
         names=tangent.names, matrix=matrix, spread=covariance, parts=parts,
@@ -227,7 +227,7 @@ def information_of(
     )  # fmt: skip
 
 
-def _parts(curvature: KKTSystem, pulls, matrix) -> dict[str, np.ndarray]:
+def parts_of(curvature: KKTSystem, pulls, matrix) -> dict[str, np.ndarray]:
     """Return what the Hessian of each term adds to the information (k, k)."""
     return {
         name: matrix @ (pulls.T @ (H @ pulls)) @ matrix

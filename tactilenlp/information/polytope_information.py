@@ -15,7 +15,7 @@ from ..geometry.faces import polygons
 from ..geometry.transforms import directions_in_body
 from ..nlp.kkt_sensitivity import kkt_system_of
 from .error_budget import Linearisation, error_budget
-from .information import Information
+from .information import Information, parts_of
 from .mixture import one_mode
 from .tangent_space import untouched_polygons
 from .trajectory import trajectory_variance
@@ -42,6 +42,7 @@ def polytope_information(
     floor = LEAST_DEVIATION**2 * np.eye(len(turn))
     at = Linearisation(curvature, sensed, window, shape, deadline)
     deadline.check()
+    terms = problem.terms
     V, turned = solution.values["theta"].T, 0.0
     if at.tilt is not None:
         turned = at.tilt.turned(V, R_wg)[:, :3].reshape(-1, 2)
@@ -51,9 +52,12 @@ def polytope_information(
     C, errors = (M + floor for M in (of.hessian, error_budget(of)))
     middle = centroid(V), _slope_of_centroid(V)
     path = trajectory_variance(at, solution.values, R_wg, middle)
+    matrix = np.linalg.inv(C)
+    parts = parts_of(curvature, of.pulls, matrix)
     return Information(
         names=names_of_vertices(theta.columns),
-        matrix=np.linalg.inv(C), spread=errors, parts={}, roles={},
+        matrix=matrix, spread=errors, parts=parts,
+        roles={name: terms[name].role or "constraint" for name in parts},
         modes=one_mode(solution.objective, errors), maps=maps_of_vertices(V, R_wg),
         unobserved=untouched_polygons(faces), directions=np.zeros((len(C), 0)),
         fixed=("rotation: the body's axes are the world's at the last sample",),

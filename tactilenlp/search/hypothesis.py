@@ -91,7 +91,8 @@ class Job:
     data, scene, shape, precision, reductions; deadline: by which it is to end;
     functions: the caller's store of term functions, filled by the solves; first: a
     user's guesses (name, theta, x) of the first touch; cuts: samples within rest
-    intervals that need a pose of their own; process_noise: factor of the search's.
+    intervals that need a pose of their own; process_noise: factor of the search's;
+    path: a Hypothesis of all samples that is solved instead of a search.
     """
 
     data: object
@@ -104,6 +105,7 @@ class Job:
     first: tuple = ()
     cuts: tuple = ()
     process_noise: float = 1.0
+    path: Hypothesis | None = None
 
     def kinds_of(self, page, window) -> dict:
         """Return the term functions that problems of a page share, if they are alike.

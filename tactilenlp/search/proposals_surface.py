@@ -4,14 +4,23 @@ The finger's centre is at the distance of its radius from the surface.  So for e
 draw of theta, and of the direction in which the finger lies from the body's axis, that
 point is found by bisection along a horizontal ray at the height of the finger; the
 normal there and the one that was felt tell which way the body is turned.
+
+Where the poses of another body are known that explains the touches (`on_poses`), sizes,
+and a place and a turn in its frame, are fitted to all touches by least squares.
 """
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
-from ..geometry.transforms import rotate_planar
-from ..tracking.geometry import geometry_of
+from ..data.contact_segments import lasting_contacts
+from ..geometry.transforms import rotate_planar, rotation_of
+from ..tracking.geometry import SMALL, geometry_of
+from ..tracking.tracks import GAP_SIGMA, NORMAL_SIGMA
+from .hypothesis import Hypothesis
 from .proposals import DRAWN, TOP_TILT, YAW, first_contact, first_onset, repeated
 
 SHARE = 0.75  # [prior deviations] of drawn sizes about the mean: 15 mm of a cuboid
@@ -20,6 +29,10 @@ TRIED = 10  # draws for each that is kept, at most
 HALVINGS = 30
 TILT = 0.3  # [-] deviation of the vertical part of a normal
 SAME_HEIGHT = 2e-3  # [m] of a top and of a finger that touches it
+TURNS = 8  # about the vertical, from which a body is fitted to poses of another one
+SMALL_BODY = 0.5  # [mean of the prior] all fingers are outside of it
+BROAD = 20.0, 1.0  # [-] factors of deviations in fits to poses, in turn
+PLACE = 20e-3  # [m] typical offset of its origin
 SIGMA = 6e-3, 3e-3, 0.15  # [m, m, rad] of sizes, place, yaw of a draw
 
 
@@ -48,6 +61,94 @@ def from_surface(data, shape, rng, count: int = DRAWN):
     weight = np.where(met, likely, 0.0) + np.finfo(float).tiny
     rows = rng.choice(len(weight), count, p=weight / weight.sum())
     return z[:, rows], repeated(np.diag(geometry.each(*SIGMA) ** 2), count)
+
+
+def on_poses(job, estimate) -> Hypothesis | None:
+    """Return a body of the job's class that moves as an estimate of another class does.
+
+    None without touches.  The objective is the cost of the touches [nats], bounded as
+    if some were outliers.
+    """
+    shape, data = job.shape, job.data
+    x = _upright(job.scene.ground, estimate)
+    t, f = np.nonzero(lasting_contacts(data))
+    if not len(t):
+        return None
+    local = np.stack(
+        rotate_planar(-x[2, t], *(data.finger_position[t, f, :2].T - x[:2, t]))
+    )
+    points = np.vstack([local, data.finger_position[t, f, 2]])
+    normal = data.normal[t, f].T
+    normal = np.vstack([*rotate_planar(-x[2, t], *normal[:2]), normal[2]])
+    surface = _surface_at(shape, points, data.finger_radius[f])
+    sigma = np.hypot(GAP_SIGMA, job.precision.position)
+    sigma_n = np.hypot(NORMAL_SIGMA, job.precision.normal)
+    best = _fitted(shape, surface, normal, sigma, sigma_n)
+    *off, turn = best.x[shape.theta :]
+    place = x[:2] + rotate_planar(x[2], *np.array(off)[:, None])
+    words = (f"poses of a {estimate.shape}",)
+    there = np.vstack([place, x[2] + turn])
+    return Hypothesis(best.x[: shape.theta], there, float(best.cost), words)
+
+
+def _fitted(shape, surface, normal, sigma, sigma_n):
+    """Return the best fit of sizes, place and turn: scipy's result of least squares.
+
+    surface: see _surface_at; normal (3, N): felt; sigma [m], sigma_n: of gaps and
+    normals.  From every turn by continuation: deviations are first BROAD.
+    """
+    n, (mean, deviation) = shape.theta, shape.size_prior
+    low, high = (np.broadcast_to(v, n) for v in shape.bounds)
+    free, found = np.full(3, np.inf), []
+
+    def residuals(z, broad):
+        gap, out = surface(z)
+        felt = np.r_[gap / sigma, ((out - normal) / sigma_n).ravel()] / broad
+        return np.r_[felt, (z[:n] - mean) / deviation]
+
+    begin = np.clip(np.broadcast_to(SMALL_BODY * np.array(mean), n), low, high)
+    for turn in np.linspace(0, 2 * np.pi, TURNS, endpoint=False):
+        z = np.r_[begin, 0.0, 0.0, turn]
+        for broad in BROAD:
+            fit = least_squares(
+                residuals, z, args=(broad,), loss="soft_l1",
+                x_scale=np.r_[np.broadcast_to(deviation, n), PLACE, PLACE, 0.3],
+                bounds=(np.r_[low, -free], np.r_[high, free]),
+            )  # fmt: skip
+            z = fit.x
+        found.append(fit)
+    return min(found, key=lambda one: one.cost)
+
+
+def _upright(ground, estimate) -> np.ndarray:
+    """Return the poses of an estimate as if it stood upright (3, T), ground frame."""
+    p, turn = estimate.position, np.eye(3)
+    if ground is not None:
+        p, turn = ground.to_ground(p), ground.rotation
+    R = Rotation.from_matrix(turn) * rotation_of(estimate.quaternion)
+    yaw = np.unwrap((R * R[-1].inv()).as_rotvec()[:, 2])
+    return np.vstack([p[:, :2].T, yaw])
+
+
+def _surface_at(shape, points, radius):
+    """Return a function of (theta, place, turn): gaps (N,) and normals (3, N).
+
+    points (3, N): centres of fingers [m] in a frame on the ground, where the body is.
+    """
+    z, p, r = ca.SX.sym("z", shape.theta + 3), ca.SX.sym("p", 3), ca.SX.sym("r")
+    theta, c, s = z[: shape.theta], ca.cos(z[-1]), ca.sin(z[-1])
+    d = p - ca.vertcat(z[-3], z[-2], shape.rest_height(theta))
+    q = ca.vertcat(c * d[0] + s * d[1], c * d[1] - s * d[0], d[2])
+    gap = shape.distance(theta, q, SMALL * r) - r
+    n = shape.normal(theta, q, SMALL * r)
+    level = ca.vertcat(c * n[0] - s * n[1], s * n[0] + c * n[1], n[2])
+    each = ca.Function("surface", [z, p, r], [gap, level]).map(len(radius))
+
+    def surface(z):
+        gap, normal = each(np.repeat(z[:, None], len(radius), 1), points, radius[None])
+        return np.asarray(gap)[0], np.asarray(normal)
+
+    return surface
 
 
 def _drawn(shape, rng, count: int) -> np.ndarray:
