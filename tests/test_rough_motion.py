@@ -2,15 +2,17 @@
 
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from formulations import violation_implicit
-from tactilenlp import Options, solve_estimate
+from tactilenlp import Options, polytope, solve_estimate
 from tactilenlp.estimation import refinement, solver
 from tactilenlp.estimation.request import Request, make_job
 from tactilenlp.problem.pages import shape_of
+from tactilenlp.problem.reductions import Reductions
 from tactilenlp.search.multi_hypothesis import _proposed
 from tactilenlp.search.proposals import spherical
 from tactilenlp.tracking.tracking import _predicted
@@ -57,6 +59,28 @@ def test_a_guess_is_kept_and_an_estimate_is_not(request_of_one_action, touched):
     assert anew.start is None
 
 
+def test_what_fits_badly_is_searched_again_where_that_can_find_more(
+    request_of_one_action, touched, monkeypatch
+):
+    asked, verdict = request_of_one_action, "poor"
+    fit = lambda *_: SimpleNamespace(verdict=verdict)  # noqa: E731
+    monkeypatch.setattr(refinement, "fit_of", fit)
+
+    def searched(request, success=True, **job):
+        job = replace(request.job, **job)
+        solution = SimpleNamespace(success=success)
+        best = SimpleNamespace(job=job, solution=solution, problem=None, window=None)
+        return refinement.misses(request, best)
+
+    assert searched(asked)
+    assert not searched(asked, success=False)
+    assert not searched(asked, reductions=Reductions(planar=False))
+    assert not searched(asked, shape=polytope(20))  # it would be the same search
+    assert searched(replace(asked, start=touched), shape=polytope(20))
+    verdict = "good"
+    assert not searched(asked)
+
+
 @pytest.mark.slow
 def test_the_better_of_two_searches_is_the_estimate(recorded, monkeypatch):
     data, scene, _ = recorded
@@ -70,7 +94,10 @@ def test_the_better_of_two_searches_is_the_estimate(recorded, monkeypatch):
     once = solve_estimate(data, scene)
     assert once.fit.verdict == "good"
     monkeypatch.setattr(solver, "with_rough_motion", asked)
-    monkeypatch.setattr(solver, "misses", lambda best: True)
+    same = solve_estimate(data, scene)
+    assert not seen
+    assert same.objective == once.objective
+    monkeypatch.setattr(solver, "misses", lambda request, best: True)
     twice = solve_estimate(data, scene)
     assert len(seen) == 1
     assert twice.objective <= once.objective + 1e-3

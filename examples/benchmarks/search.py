@@ -5,7 +5,7 @@
     ... --wide --keep
 
 Each estimate is solved from scratch.  `above` is its lowest objective less the best
-known one of this recording, kept in results/best_objectives.csv over all searches;
+known one of this recording, kept in best_objectives.csv over all searches;
 --keep lowers the entries there that a converged estimate undercuts.  --wide: with
 WIDE starts instead of 4 to 6, from the path of multiple shooting, and, of boxes, from
 the true path: what any search could find, for that table.  `mm`: mean exact
@@ -31,7 +31,7 @@ from time import process_time
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-BEST = Path(__file__).with_name("results") / "best_objectives.csv"
+BEST = Path(__file__).with_name("best_objectives.csv")
 WIDE = 24  # starts of the page, and hypotheses, of a search for the best known
 REACHED, FAR = 0.5, 5.0  # [nats] above the best known: reached; far off
 COLUMNS = ("objective", "above", "cpu_s", "solves", "iterations", "mm")

@@ -34,8 +34,7 @@ MAX_TUMBLE_SOLVES = 3  # proposals of a tumble that are solved
 def checked(job, page, solved, options, executor=None) -> Solved:
     """Return a solved page with certificates, or what they ask for instead.
 
-    An object that did not only slide is solved in free motion; otherwise, with
-    options.rivals, profile likelihoods are added.
+    An object that did not only slide is solved in free motion.
     """
     best = certified(job, page, solved, options)
     fell = "planar" in best.certificates.broken and not states_planar_motion(page)
@@ -49,11 +48,18 @@ def checked(job, page, solved, options, executor=None) -> Solved:
         return min(rocked, tumbled, key=lambda s: s.rank)
     if rocked is not best:
         best = certified(rocked.job, page, rocked, options)
-    job = best.job
-    profiles = options.rivals and best.solution.success
-    if profiles and not job.deadline.passed("profile likelihoods"):
-        return _profiled(job, page, best, options)
     return best
+
+
+def with_profiles(page, best, options) -> Solved:
+    """Return a solve with profile likelihoods, if options.rivals asks for them.
+
+    Where one of its solves meets a better optimum, that one.
+    """
+    slid = best.solution.success and "planar" not in best.certificates.broken
+    if not (options.rivals and slid) or best.job.deadline.passed("profile likelihoods"):
+        return best
+    return _profiled(best.job, page, best, options)
 
 
 def certified(job, page, solved, options) -> Solved:

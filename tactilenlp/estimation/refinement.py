@@ -259,13 +259,16 @@ def costs_too_much(request, best: Solved) -> bool:
     return not late and best.solution.objective > most
 
 
-def misses(best: Solved) -> bool:
-    """Tell whether a box that slid flat may have moved otherwise than it was found.
+def misses(request, best: Solved) -> bool:
+    """Tell whether a body that slid flat may have moved otherwise than it was found.
 
-    Its touches cost more than expected: the fit is not good.
+    Its touches cost more than expected: the fit is not good.  Another search finds
+    more where it starts from the first touch instead of an estimate, or is less sure of
+    how pushes move a box.
     """
     job = best.job
-    sought = job.shape.is_box and job.reductions.planar
+    sought = job.shape.is_box or isinstance(request.start, Estimate)
+    sought = sought and job.reductions.planar
     if not (sought and best.solution.success):
         return False
     left = variance_left(job.data, job.precision)

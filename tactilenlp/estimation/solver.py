@@ -36,7 +36,7 @@ from ..search.proposals_floating import (
     with_tilted_normals,
 )
 from ..search.proposals_surface import on_poses
-from .certification import certified, checked
+from .certification import certified, checked, with_profiles
 from .incremental_polytope import repaired, updated
 from .interrupted import SoFar, interrupted, not_solved, raise_unless_good
 from .model_selection import (
@@ -159,14 +159,16 @@ def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
     if not solved:
         return not_solved(request, starts, so_far.spent)
     best, solved = _checked(request, job, solved)
-    sought = request.job.path is None
-    if sought and misses(best) and request.job_until(SEARCH_END).deadline.left > 0:
+    sought = request.job.path is None and misses(request, best)
+    if sought and request.job_until(SEARCH_END).deadline.left > 0:
         rough = with_rough_motion(request)
         more, starts = _searched(rough, [])
         other, found = _refined(rough, starts, so_far, None)
         again, found = _checked(rough, other, found) if found else (best, solved)
         if again.rank < best.rank:
             best, job, solved, kept = again, other, found, more
+    with job.deadline.ending("profile likelihoods"):
+        best = with_profiles(page, best, options)
     so_far.kept = _carried_on(job, solved, kept, request.widths[0])
     others = [
         s for s in solved

@@ -65,9 +65,8 @@ def explore(
     If the first finger, aimed at `centre`, makes no contact, the workspace is swept.
     Actions without contact are measurements too.  After one, or if the estimate is not
     where the last contact was or explains the measurements badly (`estimate.fit`), the
-    next action is random and aims at the last contact.  An estimate that continues a
-    good one and whose fit is not good is solved once more from scratch; the lower
-    objective is kept.  `until` is not met while the fit is not good.
+    next action is random and aims at the last contact.  `until` is not met while the
+    fit is not good.
 
     While an action runs, its samples so far can be estimated, repeatedly:
     solve_estimate(estimate.measurements.append(so_far), scene, start=estimate).
@@ -147,10 +146,6 @@ class _Loop:
         """Return the step with the estimate of all data so far and its errors."""
         began = time.process_time()
         found = self.solve(data, start=start)
-        if isinstance(start, Estimate) and fits(start) and not fits(found):
-            log.info("the fit is %s: solving from scratch", found.fit.verdict)
-            again = self.solve(data)
-            found = min(found, again, key=lambda e: (not e.success, e.objective))
         seconds = step.seconds | {"estimate": time.process_time() - began}
         errors = errors_of(self.world, found)
         return replace(step, estimate=found, seconds=seconds, errors=errors)
