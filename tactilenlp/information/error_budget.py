@@ -47,6 +47,7 @@ from .sensitivity import (
     Doubt,
     GroundTilt,
     ground_tilt,
+    late_normals,
     late_touches,
     rounded_edges,
     velocities,
@@ -81,10 +82,11 @@ class Linearisation:
         return rounded_edges(self.curvature, build, self.window, self.shape)
 
     @cached_property
-    def lag(self) -> Doubt:
-        """The doubt about touches that are those of their instant."""
+    def late(self) -> tuple[Doubt, Doubt]:
+        """The doubts about normals, and about touches, as those of their instant."""
         sensed = self.sensed
-        return late_touches(self.curvature, sensed.build, self.window, sensed.data)
+        given = self.curvature, sensed.build, self.window, sensed.data
+        return late_normals(*given), late_touches(*given)
 
     @cached_property
     def velocities(self) -> np.ndarray:
@@ -230,8 +232,13 @@ TERMS = (
         lambda at: "touch" in at.curvature.hessians and at.shape.rounded is not None,
     ),
     ErrorTerm(
+        "late normals",
+        lambda of: of.at.late[0].covariance(of.pulls),
+        lambda at: "touch" in at.curvature.hessians,
+    ),
+    ErrorTerm(
         "late touches",
-        lambda of: of.at.lag.covariance(of.pulls, of.moving),
+        lambda of: of.at.late[1].covariance(of.pulls, of.moving),
         lambda at: "touch" in at.curvature.hessians,
     ),
     ErrorTerm(

@@ -20,7 +20,7 @@ that
     E[r^2] = (1 / I + m^2) / (1 + EDGE sqrt(I) exp(-I m^2 / 2)) :
 
 touches of both edges and faces of a side tell whether edges are sharp.  In the same
-way touches are taken as those of their instant; there r is the lag of the sensors.
+way touches, and normals alone, are taken as of their instant; r is a lag of sensors.
 Fingers r earlier give poses r earlier, which then move on with their velocities.
 
 The ground is assumed to be level, or as it was told.  There r (2,) are its rotations
@@ -36,12 +36,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..data.contact_segments import consecutive_contacts
 from ..nlp.kkt import gradient
 from ..nlp.kkt_sensitivity import KKTSystem
 from .measurement_noise import at_touches
 
 ASSUMPTION_STEP = 1e-4  # [-] relative change of what was assumed
 LATE = 1e-5  # [s] change of a lag, of differences
+AVERAGED = 10e-3  # [s] deviation of r of normals alone: means of up to 20 ms
 LAG = 20e-3  # [s] deviation of r: tactile cameras are up to 40 ms late
 TILT = 1e-5  # [rad] change of a tilt of the ground, of differences
 RADIUS = 1e-5  # [m] change of the radius of edges, of differences
@@ -105,11 +107,27 @@ def rounded_edges(curvature: KKTSystem, build: Callable, window, shape) -> Doubt
     return _doubted(curvature, ends, RADIUS, EDGE)
 
 
+def late_normals(curvature: KKTSystem, build: Callable, window, data) -> Doubt:
+    """Return the doubt about normals of the instant; build(window): as above.
+
+    Sensors average normals for longer than contacts: these may be in time.  data: the
+    measurements, smoothed as the problem has them.
+    """
+    problem, touch = curvature.problem, window.touch
+    pair, rate = consecutive_contacts(data), np.zeros_like(data.normal)
+    rate[1:][pair] = np.diff(data.normal, axis=0)[pair] / data.dt
+    normal = touch.normal + LATE * rate[touch.sample, touch.finger]
+    later = replace(window, touch=replace(touch, normal=normal))
+    turned = build(later).data() - problem.data()
+    ends = [(curvature.x, curvature.data + side * turned) for side in (1, 0, -1)]
+    return _doubted(curvature, ends, LATE, AVERAGED)
+
+
 def late_touches(curvature: KKTSystem, build: Callable, window, data) -> Doubt:
     """Return the doubt about touches of their instant; build(window): as above.
 
     Contacts and normals that are reported r later are those of fingers and of a body r
-    earlier.  data: the measurements, smoothed as the problem has them.
+    earlier.  data: as above.
     """
     problem = curvature.problem
     shifted = build(fingers_earlier(window, data, LATE)).data() - problem.data()
