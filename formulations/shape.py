@@ -48,8 +48,8 @@ class Shape:
     rest_height(theta) -> [m] of the origin over the ground, lying flat;
     inertia(theta) -> (3, 3) [m^2] per unit mass, about the origin;
     reach(theta) -> number [m] from the origin that no point of the body exceeds;
-    mesh(theta) -> (V, 3) [m] points whose convex hull is the body; without it, they are
-    sampled where the distance is zero.
+    mesh(theta) -> (V, 3) [m] points whose convex hull is the body, as a list of points
+    or a matrix; without it, they are sampled where the distance is zero.
     support(theta, n) -> (3,) [m], the point farthest along the unit vector n: of a body
     that rolls, in place of corner; it then has one of `corners`, and moves in 3-D.
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tactilenlp import CUBOID, CYLINDER, ELLIPSOID, prism
+from tactilenlp.problem.surface import body_surface
 
 
 def no_distance(theta, q, small):
@@ -95,3 +96,14 @@ def test_a_list_that_contains_itself_does_not_end_the_process():
     endless.append(endless)
     report = replace(CYLINDER, corners=(endless,)).check()
     assert [d.what for d in report.found] == ["corners"]
+
+
+def test_a_mesh_may_be_a_matrix_of_casadi_and_its_size_is_checked():
+    theta = [0.05, 0.04]
+    matrix = replace(CYLINDER, mesh=lambda theta: ca.DM(CYLINDER.mesh(theta)))
+    assert matrix.check().good, str(matrix.check())
+    assert (body_surface(matrix, theta) == body_surface(CYLINDER, theta)).all()
+    turned = replace(CYLINDER, mesh=lambda theta: ca.DM(CYLINDER.mesh(theta)).T)
+    (told,) = turned.check().found
+    assert told.what == "mesh(...)"
+    assert told.expected == "finite numbers, (points, 3)"

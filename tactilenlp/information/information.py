@@ -211,9 +211,9 @@ def information_of(
         covariance = covariance + beyond
         others = list(zip(modes.weights, optima, strict=True))[1:]
         path = deviations_of_path(at, tangent, solution, R_wg, beyond, others)
-    words, directions = open_directions(tangent, covariance, shape, faces)
     if sensed is not None:
         covariance = bounded_pose(covariance, shape.theta, tangent.turning)
+    words, directions = open_directions(tangent, covariance, shape, faces)
     matrix = inverse(C)
     parts = parts_of(curvature, of.pulls, matrix)
     terms = problem.terms

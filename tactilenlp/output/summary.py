@@ -17,7 +17,7 @@ def summary_of(estimate) -> str:
     a, b, c = MM * estimate.information.sigma("position")
     worst = max(estimate.violations.values(), default=0.0)
     lines = [
-        f"A {estimate.shape} of {size_of(estimate)} at ({x:.2f}, {y:.2f}, {z:.2f}) mm "
+        f"{article(estimate.shape)} {estimate.shape} of {size_of(estimate)} at ({x:.2f}, {y:.2f}, {z:.2f}) mm "
         f"± ({a:.2f}, {b:.2f}, {c:.2f}) mm, {orientation_of(estimate)}, "
         f"at the last sample.",
         f"{estimate.formulation}: {estimate.status}, objective "
@@ -33,6 +33,11 @@ def summary_of(estimate) -> str:
     lines += remarks_of(estimate)
     lines += [f"Skipped {s}." for s in estimate.skipped]
     return "\n".join(lines)
+
+
+def article(name: str) -> str:
+    """Return the indefinite article of a name at the start of a sentence."""
+    return "An" if name[:1].lower() in "aeiou" else "A"
 
 
 def remarks_of(estimate) -> list[str]:
