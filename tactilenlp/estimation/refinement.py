@@ -114,8 +114,8 @@ def _multistart(job, page, kept, options, solved, start) -> list[Solved]:
 def with_named_axes(job, page, solved, options, like) -> Solved:
     """Return a solve, or one of the same optimum with the axes of a box renamed.
 
-    like: see `naming`.  Hypotheses are named before they are solved; sizes that the
-    solve found may be in another order.
+    like: see `naming`.  A page that tells the axes apart, as by a prior of one side,
+    decides itself: a renamed optimum that costs more is not taken.
     """
     order, S = naming(job.shape, solved.at, like)
     if np.array_equal(S, np.eye(3)) or not solved.solution.success:

@@ -22,7 +22,7 @@ from ..data.scene import Scene
 from ..errors import typed_call
 from ..nlp.solution import check_finite
 from ..problem.reductions import Reductions
-from ..search.hypothesis import Hypothesis, Job, distinct, named
+from ..search.hypothesis import Hypothesis, Job, distinct
 from ..search.local_solve import Solved, best_first
 from ..search.margins import LEAST_MOTION_BEHIND
 from ..search.multi_hypothesis import search_boxes
@@ -185,7 +185,9 @@ def _checked(request, job, solved) -> tuple[Solved, list[Solved]]:
     with job.deadline.ending("certificates"):
         if not job.deadline.passed("evidence of other optima"):
             best, *_ = most_probable_first(job, solved)
-        best = with_named_axes(cut, page, best, options, request.axes)
+        named = with_named_axes(cut, page, best, options, request.axes)
+        solved = [named if s is best else s for s in solved]
+        best = named
         best = checked(cut, page, best, options, request.executor)
     return best, solved
 
@@ -234,7 +236,7 @@ def _searched(request: Request, kept) -> tuple[list[Hypothesis], list[Hypothesis
     """
     start, plane = request.start, None
     if (path := request.job.path) is not None:
-        return [path], [named(request.job.shape, path, request.axes)]
+        return [path], [path]
     job = request.job_until(SEARCH_END, strict=False)
     lean = replace(job, reductions=Reductions())  # whatever the last solve leaves out
     if job.scene.ground is None:
@@ -243,12 +245,11 @@ def _searched(request: Request, kept) -> tuple[list[Hypothesis], list[Hypothesis
     search = {"sizes": _search_sizes, "vertices": _search_vertices}
     found = search[job.shape.parameters](request, lean, plane, kept)
     if plane is None:
-        found = [named(job.shape, h, request.axes) for h in found]
         return found, found
     starts = [in_free_motion(h, plane, job.shape) for h in found]
     if job.shape.last_pose_held:
         starts += [with_faces_tracked(h, job.data) for h in starts]
-    return found, [named(job.shape, h, request.axes) for h in starts]
+    return found, starts
 
 
 def _search_sizes(request: Request, job, plane, kept) -> list[Hypothesis]:

@@ -2,7 +2,7 @@
 
 Which face was touched, which way the object is turned, how it was pushed: each answer
 is a hypothesis of its own.  Two are the same body where the corners agree at the first
-and at the last pose.  The axes of a box are named by one convention (`named`).  A `Job`
+and at the last pose.  The axes of a box have names by convention (`naming`).  A `Job`
 is what a search for hypotheses is given.
 """
 
@@ -155,14 +155,6 @@ def same(shape, a: Hypothesis, b: Hypothesis, samples=COMPARED) -> bool:
         if max(apart.min(axis=0).max(), apart.min(axis=1).max()) > SAME_BODY:
             return False
     return True
-
-
-def named(shape, h: Hypothesis, like=None) -> Hypothesis:
-    """Return the same body, the axes of a box named by convention (see `naming`)."""
-    order, S = naming(shape, h, like)
-    if np.array_equal(S, np.eye(3)):
-        return h
-    return replace(h, theta=h.theta[order], x=turned(h.x, S))
 
 
 def naming(shape, h: Hypothesis, like=None) -> tuple[list[int], np.ndarray]:
