@@ -93,3 +93,9 @@ def test_a_saved_estimate_is_equal_to_the_estimate(estimate, tmp_path):
 def test_content_is_compared_exactly(a, b, same):
     assert same_content(a, b) is same
     assert same_content(b, a) is same
+
+
+def test_the_summary_begins_with_the_article_of_the_shape(touched):
+    assert touched.summary().startswith("A cuboid of ")
+    other = replace(touched, shape="ellipsoid")
+    assert other.summary().startswith("An ellipsoid of ")
