@@ -18,8 +18,8 @@ def summary_of(estimate) -> str:
     worst = max(estimate.violations.values(), default=0.0)
     lines = [
         f"{article(estimate.shape)} {estimate.shape} of {size_of(estimate)} "
-        f"at ({x:.2f}, {y:.2f}, {z:.2f}) mm ± ({a:.2f}, {b:.2f}, {c:.2f}) mm, {orientation_of(estimate)}, "
-        f"at the last sample.",
+        f"at ({x:.2f}, {y:.2f}, {z:.2f}) mm ± ({a:.2f}, {b:.2f}, {c:.2f}) mm, "
+        f"{orientation_of(estimate)}, at the last sample.",
         f"{estimate.formulation}: {estimate.status}, objective "
         f"{estimate.objective:.2f} nats after {estimate.iterations} iterations, "
         f"{estimate.seconds['total']:.1f} CPU s; largest violation {worst:.1g}.",
