@@ -8,6 +8,8 @@ side_lengths (3,) or vertices (V, 3) [m], like an Estimate.
 
 from __future__ import annotations
 
+import textwrap
+
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import ListedColormap, LogNorm
@@ -41,6 +43,8 @@ LABEL_STYLE = {
 }  # fmt: skip
 LABEL_DISTANCE = 16.0  # [mm] before its face: labels of two faces are apart
 LABELLED_AREA = 100.0  # [mm^2] seen of a face that is large enough for a label
+
+TITLE = 66  # characters of a line above the axes
 
 
 @picture
@@ -125,7 +129,9 @@ def _four_axes(estimate) -> list:
     """Return the axes of a new figure, two flat and two in 3-D."""
     figure = plt.figure(figsize=(7.0, 6.6))
     said = estimate.summary().partition("\n")[0]
-    figure.suptitle(said.replace(" at (", "\nat (").replace(", turned", ",\nturned"))
+    parts = said.replace(" at (", "\nat (").replace(", turned", ",\nturned")
+    lines = [textwrap.fill(part, TITLE) for part in parts.split("\n")]
+    figure.suptitle("\n".join(lines))
     figure.get_layout_engine().set(rect=(0, 0.012, 0.965, 0.988))  # 3-D labels
     solid = {("c", "d"): {"projection": "3d"}}
     ratios = {"height_ratios": (1.5, 1), "per_subplot_kw": solid}
