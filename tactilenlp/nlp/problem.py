@@ -87,11 +87,9 @@ class Problem:
             raise PageError("bounds cross, or the guess is not finite", where=name)
         size = block(scale, (rows, 1), name)[:, 0]
         if not np.all((size > 0) & np.isfinite(size)):
-            told = {"where": name, "got": size.tolist(), "expected": "above zero"}
-            raise PageError("not a scale", **told)
+            raise PageError(f"{name}: not a scale", got=size.tolist())
         given = name, rows, columns, lower, upper, guess, unit, size, self.size
-        self.variables[name] = variable = Variable(*given)
-        return variable
+        return self.variables.setdefault(name, Variable(*given))
 
     def parameter(self, name, value, unit="") -> Parameter:
         """Declare a number or vector shared by all instances of the terms it enters."""
@@ -107,19 +105,14 @@ class Problem:
                 "unknown role", where=name, got=role, expected=f"one of {ROLES}",
                 next=did_you_mean(role, ROLES),
             )  # fmt: skip
-        term = self._term(name, function, arguments, role=role)
-        if term is not None:
-            self.costs[name] = term
+        self._add(self.costs, name, function, arguments, role=role)
 
     def subject_to(
         self, name: str, function: Callable, *arguments, lower=-np.inf, upper=np.inf
     ) -> None:
         """Bound every row of `function` at every instance."""
-        term = self._term(
-            name, function, arguments, lower=lower, upper=upper, first_row=self.rows
-        )
-        if term is not None:
-            self.constraints[name] = term
+        limits = {"lower": lower, "upper": upper, "first_row": self.rows}
+        self._add(self.constraints, name, function, arguments, **limits)
 
     def follow(self, name: str, function: Callable, *arguments, gives: Columns) -> None:
         """Constrain the columns `gives` to be `function` of columns that come before.
@@ -136,9 +129,7 @@ class Problem:
 
     def report(self, name: str, function: Callable, *arguments) -> None:
         """Name a quantity to be read off a solution; it costs nothing to solve."""
-        term = self._term(name, function, arguments, trace=traced)
-        if term is not None:
-            self.reports[name] = term
+        self._add(self.reports, name, function, arguments, trace=traced)
 
     @property
     def size(self) -> int:
@@ -261,23 +252,24 @@ class Problem:
         self._data_size += self._data[-1].size
         return first
 
-    def _term(
-        self, name, function, arguments, role=None, first_row=0, trace=None, **limits
-    ):
-        """Return the term, or None if it has no instance (nothing to pay for)."""
+    def _add(
+        self, kept, name, function, arguments, role=None, first_row=0, trace=None,
+        **limits,
+    ):  # fmt: skip
+        """Keep a term among others; what has no instance is left out and costs none."""
         self._new(name, {**self.terms, **self.reports})
         function, arguments = apart(function, arguments)
         instances = instances_of(name, arguments)
         if instances == 0:
-            return None
+            return
         unknowns, data, order = [], [], []
         for argument in arguments:
             check_owner(self, name, argument)
             if isinstance(argument, Columns):
-                indices, role_of, kept = argument.indices, "z", unknowns
+                indices, role_of, read = argument.indices, "z", unknowns
             else:
-                indices, role_of, kept = self._data_indices(name, argument), "d", data
-            kept.append(np.broadcast_to(indices, (instances, indices.shape[1])))
+                indices, role_of, read = self._data_indices(name, argument), "d", data
+            read.append(np.broadcast_to(indices, (instances, indices.shape[1])))
             order.append((role_of, indices.shape[1]))
         sizes = [indices.shape[1] for indices in unknowns]
         derived = self._traced(name, trace, function, sizes, order)
@@ -289,7 +281,8 @@ class Problem:
         limits = limits_of(name, (instances, derived.rows), limits)
         empty = np.zeros((instances, 0), int)
         unknowns, data = np.hstack([empty, *unknowns]), np.hstack([empty, *data])
-        return Term(name, derived, role, unknowns, data, first_row=first_row, **limits)
+        read = unknowns, data
+        kept[name] = Term(name, derived, role, *read, first_row=first_row, **limits)
 
     def _traced(self, name, trace, function, sizes, order):
         """Return the term function of a term; derive it unless this problem has it."""

@@ -42,12 +42,8 @@ class Variable:
         try:
             picked = np.arange(self.columns)[columns]
         except IndexError as error:
-            raise PageError(
-                "no such columns",
-                where=self.name,
-                got=str(error),
-                expected=f"whole numbers below {self.columns}",
-            ) from error
+            told = {"got": str(error), "expected": f"numbers below {self.columns}"}
+            raise PageError("no such columns", where=self.name, **told) from error
         return Columns(self, np.atleast_1d(picked))
 
     @property
@@ -97,9 +93,8 @@ class Joined:
 
     def __getitem__(self, rows) -> Joined:
         """Return what the chosen instances read."""
-        parts = (
-            p.pick(rows) if isinstance(p, Columns) else p[rows] for p in self.parts
-        )
+        parts = self.parts
+        parts = (p.pick(rows) if isinstance(p, Columns) else p[rows] for p in parts)
         return Joined(tuple(parts))
 
 
@@ -200,11 +195,10 @@ def table(values, name: str) -> np.ndarray:
     if values.ndim > 2 or np.isnan(values).any():
         raise PageError(
             "not data",
-            where=name,
-            got=f"shape {values.shape}, {np.isnan(values).sum()} NaN",
+            where=name, got=f"shape {values.shape}, {np.isnan(values).sum()} NaN",
             expected="(instances,) or (instances, numbers), no NaN",
             next="flatten matrices, one row an instance; pick the valid rows",
-        )
+        )  # fmt: skip
     return values.reshape(-1, 1) if values.ndim < 2 else values
 
 
@@ -214,10 +208,8 @@ def setting(values, parameter: Parameter) -> np.ndarray:
     if values.size not in (1, size) or np.isnan(values).any():
         raise PageError(
             "not a value of this parameter",
-            where=parameter.name,
-            got=values.tolist(),
-            expected=f"{size} numbers",
-        )
+            where=parameter.name, got=values.tolist(), expected=f"{size} numbers",
+        )  # fmt: skip
     return np.broadcast_to(values.ravel(), size)
 
 
@@ -289,19 +281,16 @@ def limit(values, shape: tuple[int, int], name: str) -> np.ndarray:
     try:
         return np.broadcast_to(values, shape).astype(float)
     except ValueError:
-        got = np.shape(values)
-        raise PageError(
-            "wrong shape of a limit", where=name, got=got, expected=str(shape)
-        ) from None
+        told = {"got": np.shape(values), "expected": str(shape)}
+        raise PageError("wrong shape of a limit", where=name, **told) from None
 
 
 def limits_of(name: str, shape: tuple[int, int], limits: dict) -> dict:
     """Return lower and upper limits as arrays (instances, rows); PageError if wrong."""
     limits = {k: limit(v, shape, name) for k, v in limits.items()}
     if limits and not np.all(limits["lower"] <= limits["upper"]):
-        raise PageError(
-            "limits cross, or are NaN", where=name, expected="lower <= upper"
-        )
+        expected = "lower <= upper"
+        raise PageError("limits cross, or are NaN", where=name, expected=expected)
     if limits and np.isinf([*limits.values()]).all():
         raise PageError(
             "a constraint without limits", where=name, got="none",
