@@ -12,6 +12,9 @@ that at small loads, it explains 93 to 97 % of the excess objective, a Hertzian 
 A touched sample that ends no time step has no impulse: c itself, the indentation under
 one weight, is then added to the deviation of its gap.  Where `window.compliant` is
 false, c is zero and no unknown (reduction "rigid").
+
+The path that rigid fingertips would need is an optimum with c = 0, which may lie tens
+of nats above the one of soft fingertips: solves hold c where it starts, then free it.
 """
 
 from __future__ import annotations
@@ -25,7 +28,7 @@ from .rigid_body import G
 NAME = "compliance"  # of the unknown, in a page that has it
 DEPTH = 0.05e-3  # [m] deviation of d: radius error and rest of the compliance
 COMPLIANCE = 5e-3  # [m] under one weight, deviation of c: rubber of any hardness
-GUESS = 0.2e-3  # [m] where c starts
+GUESS = 0.67 * COMPLIANCE  # [m] where c starts: the median of its prior
 SOFTEST = 50e-3  # [m] upper bound of c
 
 

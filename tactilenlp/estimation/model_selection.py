@@ -4,9 +4,10 @@ By default fingertips are rigid, the centre of mass is the centroid, and a body 
 ground slides flat.  Where touches cost more than the noise explains, the page is solved
 again from the optimum with one of these given up, then the next: compliance or centre
 of mass as unknowns, six unknowns a pose.  The larger model is kept where it lowers the
-objective by more than LARGER_MODEL nats, which is about what its Laplace evidence loses
-(the logarithm of prior over posterior deviations), and the spread of the likelihood:
-from another start noise alone is fitted better by about as much.
+objective by more than its Laplace evidence loses (Occam's factor: the logarithm of
+prior over posterior deviations of what was freed) and the spread of the likelihood:
+from another start noise alone is fitted better by about as much.  Poses that tilt have
+no prior deviation: LARGER_MODEL stands for their factor.
 
 Classes of shapes are not nested: the estimate is that of the largest evidence
 (information/mixture.py).
@@ -21,6 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from formulations.centre_of_mass import NAME as CENTRE
+from formulations.indentation import NAME as COMPLIANCE
 from formulations.rigid_body import PLANAR
 from formulations.shape import Shape
 
@@ -29,7 +32,7 @@ from ..data.sensor_noise import variance_left
 from ..errors import OptionError, TactileError
 from ..information.error_budget_terms import ANY_ROTATION, REACHED, positive_part
 from ..information.goodness_of_fit import NOTHING, misfits
-from ..information.information import optimum_of
+from ..information.information import optimum_of, reduced_covariance
 from ..information.mixture import ClassOdds, distinct, laplace_mixture, log_evidence
 from ..problem.certificates import Skipped
 from ..problem.pages import shape_of
@@ -40,10 +43,16 @@ from ..search.local_solve import (
     best_first,
     freed_levels,
     freed_to_tilt,
+    levels_of,
     settings_of,
     solved_from,
 )
-from ..search.margins import CLOSE_OPTIMUM, LARGER_MODEL, LEAST_MOTION_BEHIND
+from ..search.margins import (
+    CLOSE_OPTIMUM,
+    LARGER_MODEL,
+    LEAST_MOTION_BEHIND,
+    UNCHANGED,
+)
 from .result import Estimate
 
 AUTO = (  # the classes of shape="auto"
@@ -55,11 +64,12 @@ log = logging.getLogger("tactilenlp")
 
 
 class Nuisance(NamedTuple):
-    """A parameter that is fixed, and why.
+    """An unknown that is fixed, and why.
 
     searched: whether poses found while it is fixed are too far off to start from.
     """
 
+    unknown: str
     dropped: str
     reason: str
     searched: bool
@@ -67,16 +77,18 @@ class Nuisance(NamedTuple):
 
 NUISANCES = {  # by reduction, in the order in which they are freed
     "rigid": Nuisance(
-        "compliance of the fingertips", "they are rigid unless data say so", True
+        COMPLIANCE, "compliance of the fingertips",
+        "they are rigid unless data say so", True,
     ),
     "central": Nuisance(
-        "offset of the centre of mass", "it is the centroid unless data say so", False
+        CENTRE, "offset of the centre of mass",
+        "it is the centroid unless data say so", False,
     ),
 }  # fmt: skip
 
 
 def excess_of(job, solved: Solved) -> tuple[float, float]:
-    """Return the excess of the touches over their expected cost, and the gain to ask.
+    """Return the excess of the touches over their expected cost, and its spread.
 
     Both in nats; no larger model can gain much more than the excess.
     """
@@ -85,7 +97,25 @@ def excess_of(job, solved: Solved) -> tuple[float, float]:
     left = variance_left(job.data, job.precision)
     found = misfits(problem, x, data, solved.window, job.data, left)
     touches = found.get("touch", NOTHING)
-    return touches.excess, LARGER_MODEL + touches.spread
+    return touches.excess, touches.spread
+
+
+def occam(solved: Solved, name: str) -> float:
+    """Return what the evidence loses by an unknown that was freed [nats].
+
+    Half the log determinant of its prior over its posterior covariance, in which shape,
+    poses and impulses are marginalised.
+    """
+    problem, solution = solved.problem, solved.solution
+    rows = np.arange(problem.size)[problem.variables[name].span]
+    prior, data = np.zeros((len(rows), len(rows))), problem.data(solution.parameters)
+    for term in problem.costs.values():
+        if term.role == "prior":
+            H = problem.hessian(term.name, problem.pack(solution.values), data)
+            prior += H[rows][:, rows].toarray()
+    covariance, *_ = reduced_covariance(problem, solution, rows)
+    shares = np.abs(np.linalg.eigvals(prior @ covariance))
+    return float(-np.log(np.clip(shares, np.finfo(float).tiny, 1.0)).sum() / 2)
 
 
 def with_nuisance_parameters(job, page, solved, options, solve) -> tuple:
@@ -103,17 +133,21 @@ def with_nuisance_parameters(job, page, solved, options, solve) -> tuple:
 def _with(name, nuisance, job, page, solved, options, solve) -> tuple:
     """Return job and solves, one nuisance parameter free if the data ask for it."""
     best, *others = solved
-    excess, needed = excess_of(job, best)
+    excess, spread = excess_of(job, best)
+    needed = UNCHANGED + spread
     if excess < needed:
         return job, [declined(best, name, excess, needed, "at most "), *others]
     if job.deadline.passed(nuisance.dropped):
         return job, solved
     larger = replace(job, reductions=replace(job.reductions, **{name: False}))
-    levels = freed_levels(page.LEVELS, final=True) if job.reductions.planar else None
+    levels = page.LEVELS
+    levels = freed_levels(levels, final=True) if job.reductions.planar else levels
+    levels = levels_of(larger, page, levels)
     freed = [solved_from(larger, page, best.at, options, levels=levels)]
-    if nuisance.searched:
+    unlikely = excess >= LARGER_MODEL + spread
+    if nuisance.searched and (unlikely or _gain(best, freed[0]) > needed):
         freed = best_first([*freed, *solve(larger)])
-    gain = _gain(best, freed[0])
+    gain, needed = _gain(best, freed[0]), spread + occam(freed[0], nuisance.unknown)
     if gain < needed:
         return job, [declined(best, name, gain, needed), *others]
     log.info("%s is free: the objective falls by %.1f nats", nuisance.dropped, gain)
@@ -150,7 +184,8 @@ def with_tilt(job, page, best: Solved, options) -> Solved:
     """Return the page in free motion where data ask for it, or the flat solve."""
     if not (may_tilt(job, page) and best.solution.success):
         return best
-    excess, needed = excess_of(job, best)
+    excess, spread = excess_of(job, best)
+    needed = LARGER_MODEL + spread
     if excess < needed:
         return best
     if job.deadline.passed("tilt"):
@@ -187,7 +222,7 @@ def may_tilt(job, page) -> bool:
 
 def declined(solved: Solved, name, gain, needed, bound: str = "") -> Solved:
     """Return a solve with the certificate that a larger model explains no more."""
-    dropped, reason, _ = NUISANCES[name]
+    _, dropped, reason, _ = NUISANCES[name]
     check = f"freeing it would lower the objective by {bound}[nats]"
     skipped = Skipped(name, dropped, reason, check, gain, needed, gain < needed)
     return replace(solved, declined=(*solved.declined, skipped))

@@ -32,12 +32,14 @@ from ..search.local_solve import (
     best_first,
     freed_levels,
     freed_to_tilt,
+    levels_of,
     settings_of,
     solved_from,
     warm_started,
 )
 from ..search.margins import (
     CLOSE_OPTIMUM,
+    LARGER_MODEL,
     LEAST_MOTION_BEHIND,
     RAN_AWAY,
     UNCHANGED,
@@ -96,6 +98,7 @@ def _multistart(job, page, kept, options, solved, start) -> list[Solved]:
     levels = freed_levels(own, final=True) if job.reductions.planar else own
     if job.scene.ground is None or job.shape.rolls:  # guesses in a plane
         levels = getattr(page, "ROUGH", own)
+    levels = levels_of(job, page, levels)
     promising = [h for h in kept if h.objective <= limit]
     first = promising[: None if start is None else 1]
     solved = multistart(job, page, first, options, levels, solved=solved)
@@ -173,7 +176,8 @@ def on_leaning_ground(job, page, solved, options) -> tuple:
     level = best = solved[0]
     if not (may_lean(job, page) and best.solution.success):
         return job, solved
-    excess, needed = excess_of(job, best)
+    excess, spread = excess_of(job, best)
+    needed = LARGER_MODEL + spread
     if excess < needed:
         return job, solved
     for _ in range(MAX_TILTS):

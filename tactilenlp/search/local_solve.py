@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from formulations.finger_offset import NAME as OFFSET
+from formulations.indentation import NAME as COMPLIANCE
 from formulations.rigid_body import PLANAR
 
 from ..geometry.faces import touched_faces
@@ -246,6 +247,18 @@ def freed_levels(levels, final: bool):
             first.append(free.with_ipopt(mu_init=FREED_MU, max_iter=FREED_ITERATIONS))
     rest = [level for level in levels if not level.fixed]
     return [*first, *rest] if final or not first else first
+
+
+def levels_of(job, page, levels):
+    """Return the levels from which a page of a job is solved.
+
+    Where the compliance of the fingertips is unknown, all levels hold it at its guess;
+    then the last one is solved again with nothing held.
+    """
+    known = job.reductions.rigid or job.scene.compliance is not None
+    if known or "rigid" not in getattr(page, "FREED", ()):
+        return levels
+    return [*(replace(k, fixed=(*k.fixed, COMPLIANCE)) for k in levels), levels[-1]]
 
 
 def continued(job, page, solved: Solved, options) -> Solved | None:
