@@ -41,7 +41,6 @@ from ..search.local_solve import (
     RESTART_MU,
     Solved,
     best_first,
-    freed_levels,
     freed_to_tilt,
     levels_of,
     settings_of,
@@ -140,19 +139,17 @@ def _with(name, nuisance, job, page, solved, options, solve) -> tuple:
     if job.deadline.passed(nuisance.dropped):
         return job, solved
     larger = replace(job, reductions=replace(job.reductions, **{name: False}))
-    levels = page.LEVELS
-    levels = freed_levels(levels, final=True) if job.reductions.planar else levels
-    levels = levels_of(larger, page, levels)
+    levels = levels_of(larger, page)
     freed = [solved_from(larger, page, best.at, options, levels=levels)]
     unlikely = excess >= LARGER_MODEL + spread
     if nuisance.searched and (unlikely or _gain(best, freed[0]) > needed):
-        freed = best_first([*freed, *solve(larger)])
+        freed = best_first([*freed, *(s for s in solve(larger) if s.job is larger)])
     gain, needed = _gain(best, freed[0]), spread + occam(freed[0], nuisance.unknown)
     if gain < needed:
         return job, [declined(best, name, gain, needed), *others]
     log.info("%s is free: the objective falls by %.1f nats", nuisance.dropped, gain)
     first = replace(freed[0], declined=best.declined)
-    return larger, [first, *freed[1:]]
+    return larger, [first, *freed[1:], *solved]
 
 
 def most_probable_first(job, solved) -> list[Solved]:

@@ -30,7 +30,6 @@ from ..search.local_solve import (
     RESTART_MU,
     Solved,
     best_first,
-    freed_levels,
     freed_to_tilt,
     levels_of,
     settings_of,
@@ -94,11 +93,7 @@ def _multistart(job, page, kept, options, solved, start) -> list[Solved]:
     is solved alone.
     """
     limit = min(h.objective for h in kept) + LEAST_MOTION_BEHIND
-    own = page.LEVELS
-    levels = freed_levels(own, final=True) if job.reductions.planar else own
-    if job.scene.ground is None or job.shape.rolls:  # guesses in a plane
-        levels = getattr(page, "ROUGH", own)
-    levels = levels_of(job, page, levels)
+    levels = levels_of(job, page)
     promising = [h for h in kept if h.objective <= limit]
     first = promising[: None if start is None else 1]
     solved = multistart(job, page, first, options, levels, solved=solved)
@@ -108,8 +103,9 @@ def _multistart(job, page, kept, options, solved, start) -> list[Solved]:
     good = [s for s in solved if s.solution.success]
     bound = min(h.objective for h in kept) + RAN_AWAY * job.data.actions
     lost = not good or good[0].solution.objective > bound
-    if lost and levels is not own and not job.deadline.passed("the page's own levels"):
-        # Slower: the page's own levels, which hold poses first.
+    lost = lost and levels is not page.LEVELS
+    if lost and not job.deadline.passed("the page's own levels"):
+        # Slower: they hold poses first.
         good = [*good, solved_from(job, page, solved[0].hypothesis, options)]
     return best_first(good or solved)
 
@@ -272,7 +268,7 @@ def misses(request, best: Solved) -> bool:
     """
     job = best.job
     sought = job.shape.is_box or isinstance(request.start, Estimate)
-    sought = sought and job.reductions.planar
+    sought = sought and request.job.reductions.planar
     if not (sought and best.solution.success):
         return False
     left = variance_left(job.data, job.precision)

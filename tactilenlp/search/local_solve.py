@@ -249,16 +249,22 @@ def freed_levels(levels, final: bool):
     return [*first, *rest] if final or not first else first
 
 
-def levels_of(job, page, levels):
-    """Return the levels from which a page of a job is solved.
+def levels_of(job, page):
+    """Return the levels by which a page is solved from a search's hypothesis.
 
-    Where the compliance of the fingertips is unknown, all levels hold it at its guess;
-    then the last one is solved again with nothing held.
+    From guesses that are far off, those of `ROUGH`, if the page has them: guesses of
+    free motion, and those for soft fingertips, as the search takes them for rigid.
+    Where the compliance is unknown, all levels hold it at its guess; then the last one
+    is solved again with nothing held.
     """
-    known = job.reductions.rigid or job.scene.compliance is not None
-    if known or "rigid" not in getattr(page, "FREED", ()):
-        return levels
-    return [*(replace(k, fixed=(*k.fixed, COMPLIANCE)) for k in levels), levels[-1]]
+    rough = getattr(page, "ROUGH", page.LEVELS)
+    unknown = not job.reductions.rigid and job.scene.compliance is None
+    if unknown and "rigid" in getattr(page, "FREED", ()):
+        return [*(replace(k, fixed=(*k.fixed, COMPLIANCE)) for k in rough), rough[-1]]
+    if job.scene.ground is None or job.shape.rolls:  # guesses in a plane
+        return rough
+    planar = job.reductions.planar
+    return freed_levels(page.LEVELS, final=True) if planar else page.LEVELS
 
 
 def continued(job, page, solved: Solved, options) -> Solved | None:

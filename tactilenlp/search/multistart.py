@@ -38,7 +38,7 @@ def multistart(job, page, hypotheses, options, levels, known=(), solved=None) ->
 def _multistart(job, page, hypotheses, options, levels, known, solved, rough) -> None:
     """Fill `rough` with solves before the last level, `solved` with those after it."""
     shared = {}
-    separate = len(levels) == 1 or levels[-2].fixed or levels[-1].rebuild
+    separate = len(levels) == 1 or "x" in levels[-2].fixed or levels[-1].rebuild
     separate = separate or not job.reductions.planar
     for h in progress(hypotheses, "solve"):
         if (known or solved or rough) and job.deadline.passed("all hypotheses"):
