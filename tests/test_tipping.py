@@ -63,3 +63,18 @@ def test_rotation_vectors_go_on_beyond_half_a_turn():
     R = Rotation.from_rotvec(turned).as_matrix()
     np.testing.assert_allclose(continuous(R), turned, atol=1e-9)
     np.testing.assert_allclose(continuous(R[:10]), turned[:10], atol=1e-9)
+
+
+def test_a_push_that_tips_at_the_last_sample_leaves_no_time_to_fall(recorded):
+    data, scene, _ = recorded
+    data = data.select([1])
+    contact, normal = data.contact.copy(), data.normal.copy()
+    pusher = int(np.argmin(contact.sum(axis=0)))
+    contact[:-1, pusher], contact[-1, pusher] = False, True
+    tilt = np.radians(30.0)
+    normal[:-1, pusher], normal[-1, pusher] = 0.0, (np.cos(tilt), 0.0, np.sin(tilt))
+    data = replace(data, contact=contact, normal=normal)
+    job = make_job(data, scene, CUBOID, Options(), time.monotonic(), page)
+    falls = tumble.tumbled(job, ())
+    assert falls
+    assert {fall.x.shape for fall in falls} == {(6, data.samples)}

@@ -109,8 +109,9 @@ def tumbled(job, kept) -> list[Tumble]:
             thin, name = _thinned(h, tip, share), f"tips {len(out)}"
             p, R = tip.poses(thin.theta, thin.x[:, start])
             flat = planar_to_free(thin.theta, thin.x[:, : start + 1])
-            fallen = np.hstack([p, continuous(R)])[:-1][start + 1 - h.x.shape[1] :]
-            x = np.hstack([flat, fallen.T])
+            fallen = np.hstack([p, continuous(R)])[:-1].T
+            left = h.x.shape[1] - flat.shape[1]  # none where it tips at the end
+            x = np.hstack([flat, fallen[:, fallen.shape[1] - left :]])
             out.append(Tumble(thin.theta, x, name, thin, start, tip))
     return out
 
