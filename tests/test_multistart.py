@@ -12,8 +12,8 @@ from formulations.shape import CUBOID
 from tactilenlp import Options
 from tactilenlp.estimation.request import make_job
 from tactilenlp.search.hypothesis import Hypothesis, distinct, same
-from tactilenlp.search.local_solve import continued, freed_levels
-from tactilenlp.search.multistart import multistart
+from tactilenlp.search.local_solve import continued
+from tactilenlp.search.multistart import freed_levels, multistart
 
 LEVELS = freed_levels(page.LEVELS, final=True)
 

@@ -32,8 +32,14 @@ from ..data.sensor_noise import variance_left
 from ..errors import OptionError, TactileError
 from ..information.error_budget_terms import ANY_ROTATION, REACHED, positive_part
 from ..information.goodness_of_fit import NOTHING, misfits
-from ..information.information import optimum_of, reduced_covariance
-from ..information.mixture import ClassOdds, distinct, laplace_mixture, log_evidence
+from ..information.information import optimum_of
+from ..information.mixture import (
+    distinct,
+    laplace_mixture,
+    log_evidence,
+    occam_of,
+    odds_of,
+)
 from ..problem.certificates import Skipped
 from ..problem.pages import shape_of
 from ..problem.reductions import required_reductions
@@ -42,16 +48,13 @@ from ..search.local_solve import (
     Solved,
     best_first,
     freed_to_tilt,
-    levels_of,
     settings_of,
     solved_from,
+    warm_started,
 )
-from ..search.margins import (
-    CLOSE_OPTIMUM,
-    LARGER_MODEL,
-    LEAST_MOTION_BEHIND,
-    UNCHANGED,
-)
+from ..search.margins import CLOSE_OPTIMUM, LARGER_MODEL, LEAST_MOTION_BEHIND
+from ..search.margins import UNCHANGED as NOTICED
+from ..search.multistart import FREED_MU, levels_of
 from .result import Estimate
 
 AUTO = (  # the classes of shape="auto"
@@ -99,24 +102,6 @@ def excess_of(job, solved: Solved) -> tuple[float, float]:
     return touches.excess, touches.spread
 
 
-def occam(solved: Solved, name: str) -> float:
-    """Return what the evidence loses by an unknown that was freed [nats].
-
-    Half the log determinant of its prior over its posterior covariance, in which shape,
-    poses and impulses are marginalised.
-    """
-    problem, solution = solved.problem, solved.solution
-    rows = np.arange(problem.size)[problem.variables[name].span]
-    prior, data = np.zeros((len(rows), len(rows))), problem.data(solution.parameters)
-    for term in problem.costs.values():
-        if term.role == "prior":
-            H = problem.hessian(term.name, problem.pack(solution.values), data)
-            prior += H[rows][:, rows].toarray()
-    covariance, *_ = reduced_covariance(problem, solution, rows)
-    shares = np.abs(np.linalg.eigvals(prior @ covariance))
-    return float(-np.log(np.clip(shares, np.finfo(float).tiny, 1.0)).sum() / 2)
-
-
 def with_nuisance_parameters(job, page, solved, options, solve) -> tuple:
     """Return job and solves, best first; what NUISANCES names is free where data ask.
 
@@ -133,19 +118,25 @@ def _with(name, nuisance, job, page, solved, options, solve) -> tuple:
     """Return job and solves, one nuisance parameter free if the data ask for it."""
     best, *others = solved
     excess, spread = excess_of(job, best)
-    needed = UNCHANGED + spread
+    needed = NOTICED + spread
     if excess < needed:
         return job, [declined(best, name, excess, needed, "at most "), *others]
     if job.deadline.passed(nuisance.dropped):
         return job, solved
     larger = replace(job, reductions=replace(job.reductions, **{name: False}))
-    levels = levels_of(larger, page)
-    freed = [solved_from(larger, page, best.at, options, levels=levels)]
-    unlikely = excess >= LARGER_MODEL + spread
-    if nuisance.searched and (unlikely or _gain(best, freed[0]) > needed):
-        freed = best_first([*freed, *(s for s in solve(larger) if s.job is larger)])
-    gain, needed = _gain(best, freed[0]), spread + occam(freed[0], nuisance.unknown)
-    if gain < needed:
+    if nuisance.searched:
+        levels = levels_of(larger, page)
+        freed = [solved_from(larger, page, best.at, options, levels=levels)]
+        unlikely = excess >= LARGER_MODEL + spread
+        if unlikely or _gain(best, freed[0]) > needed:
+            freed = best_first([*freed, *(s for s in solve(larger) if s.job is larger)])
+    else:
+        settings = settings_of(larger, options)
+        freed = [warm_started(larger, page, best, settings, FREED_MU)]
+    gain, to, needed = _gain(best, freed[0]), freed[0], spread
+    if gain > spread:
+        needed += occam_of(to.problem, to.solution, nuisance.unknown)
+    if gain <= needed:
         return job, [declined(best, name, gain, needed), *others]
     log.info("%s is free: the objective falls by %.1f nats", nuisance.dropped, gain)
     first = replace(freed[0], declined=best.declined)
@@ -159,10 +150,8 @@ def most_probable_first(job, solved) -> list[Solved]:
     lower by a fraction of a nat is not what is believed.
     """
     best = solved[0]
-    comparable = [
-        s for s in solved
-        if s.solution.success and s.window.motion is best.window.motion
-    ]  # fmt: skip
+    motion = best.window.motion
+    comparable = [s for s in solved if s.solution.success and s.window.motion is motion]
     if job.shape.parameters != "sizes" or len(comparable) < 2:
         return solved
     R_wg = np.eye(3) if job.scene.ground is None else job.scene.ground.rotation.T
@@ -170,7 +159,7 @@ def most_probable_first(job, solved) -> list[Solved]:
         (*optimum_of(s.problem, s.solution, s.window, job.shape, R_wg), s)
         for s in comparable
     ]
-    turning = 1 if best.window.motion is PLANAR else 3
+    turning = 1 if motion is PLANAR else 3
     optima = distinct(job.shape, turning, optima)
     modes = laplace_mixture(job.shape, turning, optima)
     first = optima[int(np.argmax(modes.weights))][-1]
@@ -266,23 +255,8 @@ def likeliest_class(classes, solve, start, options) -> Estimate:
         raise next(iter(errors.values()))
     _start_from_best(classes, solve, options, deadline, found)
     errors = {name: error for name, error in errors.items() if name not in found}
-    found = list(found.values())
-    evidence = np.array([told for told, _ in found])
-    weights = np.exp(evidence - evidence.max()) if np.isfinite(evidence).any() else 0.0
-    shares = weights / max(np.sum(weights), 1.0) * np.isfinite(evidence)
-    odds = [
-        ClassOdds(
-            e.shape, e.objective, told, float(share),
-            "" if e.fit is None else e.fit.verdict,
-        )
-        for (told, e), share in zip(found, shares, strict=True)
-    ]  # fmt: skip
-    odds.sort(key=lambda one: -one.log_evidence)
-    odds += [
-        ClassOdds(name, np.inf, -np.inf, 0.0, "", f"{type(error).__name__}: {error}")
-        for name, error in errors.items()
-    ]
-    return replace(found[int(np.argmax(evidence))][1], classes=tuple(odds))
+    _, best = max(found.values(), key=lambda one: one[0])
+    return replace(best, classes=odds_of(found.values(), errors))
 
 
 def _start_from_best(classes, solve, options, deadline, found) -> None:

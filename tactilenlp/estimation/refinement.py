@@ -31,7 +31,6 @@ from ..search.local_solve import (
     Solved,
     best_first,
     freed_to_tilt,
-    levels_of,
     settings_of,
     solved_from,
     warm_started,
@@ -45,7 +44,7 @@ from ..search.margins import (
     UPDATE_COST,
     UPDATE_SHARE,
 )
-from ..search.multistart import multistart
+from ..search.multistart import levels_of, multistart
 from .incremental_polytope import repaired
 from .model_selection import excess_of
 from .readout import name_of, problem_builder

@@ -26,6 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.brief import printed
+from ..nlp.kkt_sensitivity import kkt_system_of
 
 SAME_MODE = 0.3e-3  # [m] modes whose unknowns agree this well (a radian: ARM) are one
 ARM = 20e-3  # [m] one radian of turn counts as this much way
@@ -69,16 +70,60 @@ class ClassOdds:
     error: str = ""
 
 
+def odds_of(found, errors: dict) -> tuple[ClassOdds, ...]:
+    """Return the odds of classes, the most probable first, then those that failed.
+
+    found: (log evidence, Estimate) of each class; errors: TactileErrors by class.
+    """
+    evidence = np.array([told for told, _ in found])
+    weights = np.exp(evidence - evidence.max()) if np.isfinite(evidence).any() else 0.0
+    shares = weights / max(np.sum(weights), 1.0) * np.isfinite(evidence)
+    odds = [
+        ClassOdds(e.shape, e.objective, told, float(share), _verdict(e))
+        for (told, e), share in zip(found, shares, strict=True)
+    ]
+    odds.sort(key=lambda one: -one.log_evidence)
+    failed = {k: f"{type(error).__name__}: {error}" for k, error in errors.items()}
+    odds += [ClassOdds(k, np.inf, -np.inf, 0.0, "", said) for k, said in failed.items()]
+    return tuple(odds)
+
+
+def _verdict(estimate) -> str:
+    return "" if estimate.fit is None else estimate.fit.verdict
+
+
 def log_evidence(objective: float, covariance, prior) -> float:
     """Return Laplace's log evidence [nats] of a class, up to a constant of the data.
 
     covariance (k, k) of shape and final pose, by the Hessian; prior (k, k): their
     information before any touch, positive definite.
     """
+    return -occam_factor(covariance, prior) - objective
+
+
+def occam_factor(covariance, prior) -> float:
+    """Return what the evidence loses by unknowns: log prior / posterior volume [nats].
+
+    covariance (k, k) of the posterior, prior (k, k): the information before the data.
+    """
     L = np.linalg.cholesky(prior)
     shares = np.linalg.eigvalsh(L.T @ covariance @ L)
     shares = np.clip(np.abs(shares), np.finfo(float).tiny, 1.0)
-    return float(np.log(shares).sum() / 2 - objective)
+    return float(-np.log(shares).sum() / 2)
+
+
+def occam_of(problem, solution, name: str) -> float:
+    """Return what the evidence loses by one unknown of a page, by its name [nats].
+
+    Its information before the data is that of the page's priors; its covariance is
+    marginal: shape, poses and impulses are as open as they are.
+    """
+    rows = np.arange(problem.size)[problem.variables[name].span]
+    at = problem.pack(solution.values), problem.data(solution.parameters)
+    priors = (k.name for k in problem.costs.values() if k.role == "prior")
+    known = sum(problem.hessian(name, *at)[rows][:, rows].toarray() for name in priors)
+    covariance = kkt_system_of(problem, solution).sensitivity(rows)[0][rows]
+    return occam_factor((covariance + covariance.T) / 2, known)
 
 
 def one_mode(objective: float, covariance) -> Modes:

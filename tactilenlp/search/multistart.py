@@ -9,12 +9,53 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from formulations.indentation import NAME as COMPLIANCE
+
 from ..common.deadline import OutOfTime
 from ..common.interrupt import interruptible
 from ..common.progress import progress
 from .hypothesis import same
 from .local_solve import Solved, best_first, solved_from
 from .margins import FAILED_BEHIND, LEAST_MOTION_BEHIND
+
+HELD_ITERATIONS = 20  # of a level that holds poses
+FREED_ITERATIONS = 20  # of the same level with nothing held
+FREED_MU = 0.03  # IPOPT's mu_init of that level
+
+
+def freed_levels(levels, final: bool):
+    """Return levels that start a continuation from guessed poses.
+
+    What holds poses is solved for a few iterations only, so that impulses fit a path
+    that is still wrong; then once more with nothing held.  final: with the levels that
+    follow.
+    """
+    first = []
+    for level in levels:
+        if level.fixed:
+            first.append(level.with_ipopt(max_iter=HELD_ITERATIONS))
+            free = replace(level, fixed=())
+            first.append(free.with_ipopt(mu_init=FREED_MU, max_iter=FREED_ITERATIONS))
+    rest = [level for level in levels if not level.fixed]
+    return [*first, *rest] if final or not first else first
+
+
+def levels_of(job, page):
+    """Return the levels by which a page is solved from a search's hypothesis.
+
+    From guesses that are far off, those of `ROUGH`, if the page has them: guesses of
+    free motion, and those for soft fingertips, as the search takes them for rigid.
+    Where the compliance is unknown, all levels hold it at its guess; then the last one
+    is solved again with nothing held.
+    """
+    rough = getattr(page, "ROUGH", page.LEVELS)
+    unknown = not job.reductions.rigid and job.scene.compliance is None
+    if unknown and "rigid" in getattr(page, "FREED", ()):
+        return [*(replace(k, fixed=(*k.fixed, COMPLIANCE)) for k in rough), rough[-1]]
+    if job.scene.ground is None or job.shape.rolls:  # guesses in a plane
+        return rough
+    planar = job.reductions.planar
+    return freed_levels(page.LEVELS, final=True) if planar else page.LEVELS
 
 
 def multistart(job, page, hypotheses, options, levels, known=(), solved=None) -> list:
