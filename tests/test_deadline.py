@@ -85,6 +85,16 @@ def test_what_is_known_at_once_is_a_whole_estimate_with_the_sigma_of_the_prior(
     assert best.position.shape == estimate.position.shape
 
 
+def test_a_body_that_rolls_has_free_poses_when_the_limit_ends_its_solve():
+    file = example_recording()
+    data, scene = Measurements.load(file).select([0]), Scene.load(file)
+    given = {"shape": "ellipsoid", "options": AT_ONCE, "throw": False}
+    estimate = solve_estimate(data, scene, **given)
+    assert not estimate.success
+    assert estimate.position.shape == (data.samples, 3)
+    assert (estimate.position[:, 2] > 0).all()
+
+
 def test_a_solve_that_starts_from_it_searches_from_scratch(late):
     data, scene, given, _ = late
     one = data.select([0])

@@ -11,8 +11,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from trimesh.creation import icosphere
 
-from tactilenlp import Ground
+from tactilenlp import Ground, TrueBody
 from tactilenlp.errors import OptionError
 from tactilenlp.geometry.faces import face_sigma, polygons
 from tactilenlp.plotting.charts import (
@@ -108,6 +109,13 @@ def test_a_given_axis_is_drawn_into_and_no_other(plot, touched):
     assert axis.has_data()
     assert not other.has_data()
     figure.canvas.draw()
+
+
+def test_the_truth_may_be_a_true_body_of_any_class(touched):
+    mesh = icosphere(radius=0.02)
+    body = TrueBody(mesh, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+    (line,) = labelled(plot_top(touched, truth=body).axes[0], "truth")
+    np.testing.assert_allclose(np.ptp(line.get_xydata(), axis=0), 40.0, atol=0.1)
 
 
 @pytest.mark.parametrize("sample", [0, 17, -1])

@@ -74,7 +74,9 @@ def test_what_fits_badly_is_searched_again_where_that_can_find_more(
 
     assert searched(asked)
     assert not searched(asked, success=False)
-    assert not searched(asked, reductions=Reductions(planar=False))
+    assert searched(asked, reductions=Reductions(planar=False))  # tilt did not help
+    free = replace(asked.job, reductions=Reductions(planar=False))
+    assert not searched(replace(asked, job=free))
     assert not searched(asked, shape=polytope(20))  # it would be the same search
     assert searched(replace(asked, start=touched), shape=polytope(20))
     verdict = "good"

@@ -3,7 +3,9 @@
 In: what users pass, paths.  Out: checked values; files that are whole or not there.
 Nothing here knows of fingers, bodies or programmes.
 
-- `validation`: argument checks that raise typed errors
-- `npz`: arrays and frozen dataclasses to and from one file, without pickle
-- `progress`, `interrupt`: bars on a terminal; Ctrl-C that reaches compiled code
+- `validation`, `named`: argument checks that raise typed errors; dicts that do
+- `npz`, `layout`, `whole_file`, `file_lock`: arrays and frozen dataclasses in one file
+- `progress`, `interrupt`, `deadline`: bars, Ctrl-C and time limits
+- `threads`, `library_cache`: BLAS on one thread; compiled functions on disk
+- `brief`: how dataclasses print
 """

@@ -2,8 +2,9 @@
 
 In: arrays or files.  Out: `Measurements`, `Scene`, `Trajectories`, frozen dataclasses.
 
-- `measurements`, `trajectories`, `scene`, `joint_offsets`: the data classes
+- `measurements`, `trajectories`, `scene`, `ground`, `joint_offsets`: the data classes
+- `plausibility`, `mistakes`: recordings with a mistake, as swapped fingers or axes
 - `sensor_noise`: estimates the noise of positions and normals, smooths noisy paths
-- `contact_segments`: spans of constant normal, and normals that are outliers
-- `noise_model`: adds synthetic noise to clean measurements
+- `contact_segments`, `touch_events`: spans of constant normal, outliers, onsets
+- `noise_model`, `examples`: synthetic noise; the recordings in the package
 """

@@ -15,7 +15,7 @@ from ..nlp.term_functions import TermFunctionCache
 from ..problem.outliers import check_explained
 from ..problem.pages import page_of
 from ..problem.polytope_window import window_of
-from ..search.local_solve import Solved, solved_from, start_values
+from ..search.local_solve import Solved, in_motion_of, solved_from, start_values
 from .readout import name_of, read_off
 from .request import Request
 from .result import Estimate
@@ -49,7 +49,7 @@ def not_solved(request: Request, starts, spent: float) -> tuple[Estimate, Solved
     job.deadline.omit(f"a solve of {name_of(page)}")
     if job.scene.ground is not None:
         page = page_of("quasi_static", job.shape)
-    best = min(starts, key=lambda h: h.rank)
+    best = in_motion_of(job, min(starts, key=lambda h: h.rank))
     window, shape = window_of(job, (best.theta, best.x))
     problem = Problem(cache=TermFunctionCache(derive=False))
     page.build(problem, window, job.scene, shape)

@@ -259,7 +259,7 @@ def costs_too_much(request, best: Solved) -> bool:
 
 
 def misses(request, best: Solved) -> bool:
-    """Tell whether a body that slid flat may have moved otherwise than it was found.
+    """Tell whether a body on the ground may have moved otherwise than it was found.
 
     Its touches cost more than expected: the fit is not good.  Another search finds
     more where it starts from the first touch instead of an estimate, or is less sure of

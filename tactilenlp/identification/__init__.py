@@ -4,6 +4,7 @@ In: `Trajectories` of a body that is tossed onto a ground.  Out: a `Body`.  No t
 impacts are found in the poses, then one problem identifies all parameters.
 
 - `identify`: the problem and its solve
-- `impacts`: time steps, gravity, vertices near the ground
+- `impacts`, `support`: time steps, gravity, vertices near the ground
+- `starts`, `fit`: first guesses of the proportions; goodness of fit
 - `body`: the result
 """

@@ -11,6 +11,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from ..errors import OptionError
+from ..evaluation.ground_truth import TrueBody
 from ..geometry.faces import polygons
 from ..geometry.transforms import rotation_of
 from .faces import faces_of
@@ -166,13 +167,19 @@ def outline(corners) -> np.ndarray:
 
 
 def true_corners(truth, sample) -> np.ndarray:
-    """Return the corners (n, 3) [mm] of the true body at a sample, world frame."""
+    """Return the corners (n, 3) [mm] of the true body at a sample, world frame.
+
+    truth: a TrueBody, or arrays by name.
+    """
+    if isinstance(truth, TrueBody):
+        return MM_PER_M * truth.mesh.vertices
     truth = truth if isinstance(truth, dict) else getattr(truth, "__dict__", {})
+    truth = {k: v for k, v in truth.items() if v is not None}
     sized = truth.keys() & {"side_lengths", "vertices"}
     if not (sized and {"position", "quaternion"} <= truth.keys()):
         raise OptionError(
             "cannot be drawn", where="truth", got=f"{sorted(truth)}",
-            expected="position, quaternion (wxyz) and side_lengths or vertices",
+            expected="a TrueBody, or position, quaternion and side_lengths or vertices",
         )  # fmt: skip
     p_wo, quaternion = (np.atleast_2d(truth[k]) for k in ("position", "quaternion"))
     now = sample if len(p_wo) > 1 else 0

@@ -152,6 +152,13 @@ def solved_roughly(job, problem, window, levels, h, tolerance, solvers) -> Hypot
     return Hypothesis(theta, x, s.objective, h.path, s.iterations, offset)
 
 
+def in_motion_of(job, h: Hypothesis) -> Hypothesis:
+    """Return a hypothesis with free poses where a job has them: a body that lies."""
+    if job.reductions.planar or len(h.x) != PLANAR.unknowns:
+        return h
+    return replace(h, x=planar_to_free(h.theta, h.x, job.shape))
+
+
 def solved_from(
     job, page, hypothesis, options, shared=None, levels=None, before=None
 ) -> Solved:
@@ -161,9 +168,7 @@ def solved_from(
     this hypothesis, to start from.
     """
     shared = {} if shared is None else shared
-    if not job.reductions.planar and len(hypothesis.x) == PLANAR.unknowns:
-        lying = planar_to_free(hypothesis.theta, hypothesis.x, job.shape)
-        hypothesis = replace(hypothesis, x=lying)
+    hypothesis = in_motion_of(job, hypothesis)
     if not shared:
         window, problem, built = problem_at(job, page, hypothesis)
         shared.update(window=window, problem=problem, solvers={}, built=built)
