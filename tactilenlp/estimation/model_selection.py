@@ -118,8 +118,7 @@ def _with(name, nuisance, job, page, solved, options, solve) -> tuple:
     """Return job and solves, one nuisance parameter free if the data ask for it."""
     best, *others = solved
     excess, spread = excess_of(job, best)
-    needed = NOTICED + spread
-    if excess < needed:
+    if excess < (needed := NOTICED + spread):
         return job, [declined(best, name, excess, needed, "at most "), *others]
     if job.deadline.passed(nuisance.dropped):
         return job, solved
@@ -127,8 +126,7 @@ def _with(name, nuisance, job, page, solved, options, solve) -> tuple:
     if nuisance.searched:
         levels = levels_of(larger, page)
         freed = [solved_from(larger, page, best.at, options, levels=levels)]
-        unlikely = excess >= LARGER_MODEL + spread
-        if unlikely or _gain(best, freed[0]) > needed:
+        if excess >= LARGER_MODEL + spread or _gain(best, freed[0]) > needed:
             freed = best_first([*freed, *(s for s in solve(larger) if s.job is larger)])
     else:
         settings = settings_of(larger, options)
@@ -146,8 +144,7 @@ def _with(name, nuisance, job, page, solved, options, solve) -> tuple:
 def most_probable_first(job, solved) -> list[Solved]:
     """Return solves, first that of the largest evidence, not of the least objective.
 
-    Laplace's evidence has the volume of shape and final pose: a narrow optimum that is
-    lower by a fraction of a nat is not what is believed.
+    A narrow optimum that is lower by a fraction of a nat is not what is believed.
     """
     best = solved[0]
     motion = best.window.motion
@@ -172,9 +169,7 @@ def with_tilt(job, page, best: Solved, options) -> Solved:
         return best
     excess, spread = excess_of(job, best)
     needed = LARGER_MODEL + spread
-    if excess < needed:
-        return best
-    if job.deadline.passed("tilt"):
+    if excess < needed or job.deadline.passed("tilt"):
         return best
     free = replace(job, reductions=replace(job.reductions, planar=False))
     if rough := getattr(page, "ROUGH", ()):  # touches taken for outliers pull again
@@ -202,8 +197,8 @@ def fixes(job, page, name: str) -> bool:
 def may_tilt(job, page) -> bool:
     """Tell whether a body slides flat by assumption, and a page can let it tilt."""
     made = required_reductions(page, job.reductions).planar
-    ground = job.scene.ground is not None
-    return ground and made and "planar" in getattr(page, "FREED", ())
+    freed = "planar" in getattr(page, "FREED", ())
+    return made and freed and job.scene.ground is not None
 
 
 def declined(solved: Solved, name, gain, needed, bound: str = "") -> Solved:
@@ -216,9 +211,8 @@ def declined(solved: Solved, name, gain, needed, bound: str = "") -> Solved:
 
 def _gain(fixed: Solved, freed: Solved) -> float:
     """Return by how many nats a larger model lowers the objective; none if it fails."""
-    if not freed.solution.success:
-        return 0.0
-    return fixed.solution.objective - freed.solution.objective
+    less = fixed.solution.objective - freed.solution.objective
+    return less if freed.solution.success else 0.0
 
 
 def classes_of(shape) -> list[Shape]:

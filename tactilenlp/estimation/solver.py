@@ -61,7 +61,6 @@ from .result import Estimate
 
 log = logging.getLogger("tactilenlp")
 # [-] of the time until the readout, at which each step ends
-SOFT_STARTS = 2  # of a larger model, whose levels lead most starts to one optimum
 SEARCH_END, REFINEMENT_END, CERTIFICATES_END = 0.5, 0.85, 1.0
 
 
@@ -207,9 +206,7 @@ def _refined(request, starts, so_far, update) -> tuple[Job, list[Solved]]:
         job, solved = on_leaning_ground(job, page, solved, options)
         job, solved = with_nuisance_parameters(
             job, page, solved, options,
-            lambda soft: refined(
-                soft, page, starts[:SOFT_STARTS], options, so_far.solved, earlier
-            ),
+            lambda free: refined(free, page, starts, options, so_far.solved, earlier),
         )  # fmt: skip
         solved = repaired(job, page, solved, options, update)
     if solved is None:

@@ -220,10 +220,6 @@ class Action:
                 way[:, finger] = target + 2 * space.radius * away
         return way if space.ground is None else space.ground.from_ground(way)
 
-    def as_dict(self) -> dict:
-        """Return plain values for JSON, without the workspace."""
-        return {"angles": self.angles.tolist(), "active": list(self.active)}
-
 
 @cache
 def _finger_lines(fingers: int, n: int) -> ca.Function:

@@ -143,11 +143,6 @@ def check_unknowns(problem, theta, x) -> None:
     )  # fmt: skip
 
 
-def page_named(page):
-    """Return a page: a module travels between processes by its name."""
-    return importlib.import_module(page) if isinstance(page, str) else page
-
-
 def extend(
     base, *terms, replace=None, without=(), shape="cuboid", **parts
 ) -> ModuleType:
