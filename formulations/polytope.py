@@ -102,6 +102,7 @@ def polytope(vertices: int = 20) -> Shape:
         corner=vertex,
         rest_height=on_the_ground,
         inertia=None,
+        quantities=(),
         reach=reach,
         mirrored=False,
         parameters="vertices",

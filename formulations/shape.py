@@ -28,6 +28,11 @@ def half_diagonal(theta):
     return float(ca.norm_2(ca.DM(theta))) / 2
 
 
+def every_size(theta):
+    """Return theta: what the information of a shape is asked for, if nothing else."""
+    return theta
+
+
 def as_it_is(shape, theta):
     """Return the shape: the page `pushing` takes it as every page does."""
     return shape
@@ -47,7 +52,8 @@ class Shape:
     `corners`, of which those given lie on the ground at rest;
     rest_height(theta) -> [m] of the origin over the ground, lying flat;
     inertia(theta) -> (3, 3) [m^2] per unit mass, about the origin;
-    reach(theta) -> number [m] from the origin that no point of the body exceeds;
+    reach(theta) -> number [m] from the origin that no point of the body exceeds, of
+    numbers only; without it, half the diagonal of a box with the sides theta;
     mesh(theta) -> (V, 3) [m] points whose convex hull is the body, as a list of points
     or a matrix; without it, they are sampled where the distance is zero.
     support(theta, n) -> (3,) [m], the point farthest along the unit vector n: of a body
@@ -61,7 +67,8 @@ class Shape:
     of theta and the rotation (3, 3) whose columns are the new axes in the old.
     round: whether any turn about its z axis leaves the body what it is.
     mirrored: whether the opposites of its corners may come to rest on the ground, too.
-    quantities: (name, function of theta) to ask for in the information.
+    quantities: (name, function of theta) to ask for in the information, the sizes
+    first; without it, `information.sigma("sizes")` is that of theta.
 
     What differs between classes of shapes:
     parameters: what theta lists, "sizes" along the body's own axes or "vertices".
@@ -93,7 +100,7 @@ class Shape:
     inertia: Callable
     symmetries: tuple = ()
     words: tuple[str, ...] = ()
-    quantities: tuple = ()
+    quantities: tuple = (("sizes", every_size),)
     reach: Callable = half_diagonal
     mirrored: bool = True
     parameters: str = "sizes"

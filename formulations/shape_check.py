@@ -18,6 +18,7 @@ from math import cos, pi, sin, sqrt
 
 import casadi as ca
 
+from .shape import half_diagonal
 from .shape_fields import unfit_fields
 from .shape_report import Disagreement, ShapeReport
 from .size_prior import entries
@@ -29,6 +30,10 @@ SMALL = 1e-4  # [m] rounding of edges here: a tenth of what pages ask for
 UNEVEN = 1.15, 0.85, 1.0  # [mean] of the first theta: no body of equal sizes
 OFF, BENT = 0.3e-3, 0.05  # [m] of a distance or height; [rad] of a normal
 BESIDE = 0.02  # [-] share of rays whose point may be on an edge, where normals jump
+_REACH = {  # what to correct: the shape's own, the default
+    False: "let reach(theta) enclose the body",
+    True: "give reach(theta): without it, half the diagonal of a box with sides theta",
+}
 MASS = 0.03  # [-] of inertia and centroid, by the largest moment and by the reach
 
 
@@ -111,22 +116,23 @@ def _at(shape, theta):
     signed = ca.Function("distance", [q], [shape.distance(theta, q, SMALL)])
     outward = ca.Function("normal", [q], [shape.normal(theta, q, SMALL)])
     rays, reach = _directions(RAYS), float(shape.reach(theta))
-    yield from _of_reach(signed, rays, reach)
+    yield from _of_reach(shape, signed, rays, reach)
     r = _radii(signed, rays, reach)
     points = rays * ca.repmat(r, 3, 1)
     yield from _of_distance(signed, outward, points)
     yield from _of_moments(shape, theta, rays, r)
     yield from _of_ground(shape, theta, signed, points)
+    yield from _of_symmetries(shape, theta, signed, points)
     if shape.mesh is not None:
         yield from _of_mesh(shape.mesh(theta), signed, rays, points)
 
 
-def _of_reach(signed, rays, reach):
+def _of_reach(shape, signed, rays, reach):
     outside = signed.map(RAYS)(rays * reach * (1 + 1e-3))
     if (worst := float(ca.mmin(outside))) < -OFF:
         yield (
             "distance beyond reach(theta)", _mm(worst), "at least 0 mm",
-            "let reach(theta) enclose the body",
+            _REACH[shape.reach is half_diagonal],
         )  # fmt: skip
     inside = signed.map(RAYS)(rays * 1e-3 * reach)
     if not float(ca.mmax(inside)) < 0:
@@ -224,6 +230,23 @@ def _of_ground(shape, theta, signed, points):
                 "corner", f"{_mm(off[0])} outside, {_mm(off[1])} above the ground",
                 "a point of the body, on the ground",
                 "correct corner(theta, signs), corners or rest_height",
+            )  # fmt: skip
+            break
+
+
+def _of_symmetries(shape, theta, signed, points):
+    """Yield whether renamed axes leave the surface where it is."""
+    for order, S in shape.symmetries:
+        renamed = ca.vertcat(*(theta[i] for i in order))
+        q = shape.symbol("q", 3)
+        again = ca.Function("distance", [q], [shape.distance(renamed, q, SMALL)])
+        off = again.map(RAYS)(ca.DM(S).T @ points) - signed.map(RAYS)(points)
+        if (worst := float(ca.mmax(ca.fabs(off)))) > OFF:
+            yield (
+                f"the symmetry {order}, {S}", f"a surface that is {_mm(worst)} off",
+                f"the same, to {_mm(OFF)}",
+                "leave it out, or correct the order of theta or the rotation, whose "
+                "columns are the new axes in the old",
             )  # fmt: skip
             break
 

@@ -17,10 +17,8 @@ class Disagreement:
 
     def __str__(self) -> str:
         at = ", ".join(f"{t:.4g}" for t in self.theta)
-        return (
-            f"{self.what}: got {self.got}, expected {self.expected}, at theta ({at}); "
-            f"{self.next}"
-        )
+        at = f", at theta ({at})" if at else ""
+        return f"{self.what}: got {self.got}, expected {self.expected}{at}; {self.next}"
 
 
 @dataclass(frozen=True)
@@ -39,5 +37,6 @@ class ShapeReport:
     def __str__(self) -> str:
         if self.good:
             return f"{self.name}: all functions agree at {self.thetas} theta"
-        return "\n".join([f"{self.name}: {len(self.found)} disagreements", *map(
-            str, self.found)])  # fmt: skip
+        several = "" if len(self.found) == 1 else "s"
+        head = f"{self.name}: {len(self.found)} disagreement{several}"
+        return "\n".join([head, *map(str, self.found)])

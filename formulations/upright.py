@@ -98,11 +98,6 @@ def swept_mesh(points, stretch, first, theta):
     ]
 
 
-def sizes(theta):
-    """Return across and height (2,) [m]."""
-    return theta
-
-
 def _swept(name, corners, distance, second, stretch, points, first, words, **more):
     """Return a Shape; stretch: of a corner's distance from the axis, in across / 2."""
     at = tuple(
@@ -122,7 +117,6 @@ def _swept(name, corners, distance, second, stretch, points, first, words, **mor
         inertia=partial(swept_inertia, second),
         words=words,
         units=("m", "m"),
-        quantities=(("sizes", sizes),),
         reach=partial(swept_reach, stretch),
         mirrored=corners % 2 == 0,
         mesh=partial(swept_mesh, points, stretch, first),

@@ -203,7 +203,7 @@ def _explore(given):
 
     world = _world(given)
     centre, scene = world.pose[:3], Scene(**_known(given))
-    _replay(world, load_or_new(given.file), given.file)
+    load_or_new(given.file).replay(world)
     for step in explore(
         world, scene, given.actions, given.policy, seed=given.seed, centre=centre,
         file=given.file,
@@ -231,18 +231,6 @@ def _world(given):
         given.sides or sides, position=place, noise=noise, **_known(given),
         quaternion=[np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)],
     )  # fmt: skip
-
-
-def _replay(world, exploration, file) -> None:
-    """Repeat the actions of an exploration, so that the world is in its last state."""
-    for step in exploration.steps:
-        felt = [world.execute(told) for told in step.told]
-        if not felt or felt[-1] != step.measurements:
-            raise FileError(
-                "the exploration of another box or another seed",
-                where=str(file), got=f"other measurements of step {step.number}",
-                next="give the box and the seed of this file, or another file",
-            )  # fmt: skip
 
 
 def _load(given):

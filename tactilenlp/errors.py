@@ -181,8 +181,11 @@ def did_you_mean(name, names) -> str:
 
 def _wrong_call(error, cls, names: list, wrong: TypeError, given: dict) -> TactileError:
     unknown = [name for name in given if name not in names]
+    _, lacks, missing = f"{wrong}".partition("missing a required argument: ")
+    help_ = "check the spelling" if unknown else "see its documentation"
     return error(
         "no such argument" if unknown else "wrong arguments", where=cls.__name__,
         got=", ".join(unknown) or f"{wrong}", expected=f"arguments among {names}",
-        next=did_you_mean((unknown or [""])[0], names) or "check the spelling",
+        next=did_you_mean((unknown or [""])[0], names)
+        or (f"give {missing}" if lacks else help_),
     )  # fmt: skip

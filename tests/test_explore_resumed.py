@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from test_explore import SAME, Recorder, fresh
 
-from tactilenlp import Exploration, explore
-from tactilenlp.errors import MeasurementError
+from tactilenlp import Exploration, World, explore
+from tactilenlp.errors import MeasurementError, StartError
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +38,27 @@ def test_times_go_on_after_those_that_are_kept(begun, file):
         )
     )
     assert again[-1].estimate.objective == last.estimate.objective
+
+
+def test_a_replayed_world_measures_as_if_nothing_had_happened(begun, file, caplog):
+    world = fresh()
+    Exploration.load(file).replay(world)
+    *_, last = explore(world, file=file, **SAME | {"actions": 1})
+    assert "has not executed" not in caplog.text
+    assert last.errors  # the world knows the truth of every saved sample
+    *_, straight = explore(fresh(), **SAME | {"actions": 1})
+    assert last.measurements == straight.measurements
+
+
+def test_a_world_that_was_not_replayed_is_said_so(file, caplog):
+    next(steps := explore(fresh(), file=file, **SAME | {"actions": 1}))
+    next(steps)
+    assert "Exploration.load(file).replay(world)" in caplog.text
+
+
+def test_another_world_is_not_replayed(file):
+    with pytest.raises(StartError, match="step 0: saved with another object"):
+        Exploration.load(file).replay(World((0.03, 0.03, 0.03)))
 
 
 def test_times_go_on_after_those_of_a_start(begun):

@@ -146,7 +146,7 @@ def test_what_cannot_extend_a_page_is_refused(make, words):
 @pytest.mark.parametrize("how", ["replace", "without"])
 def test_a_term_that_the_page_does_not_state_is_refused(two, how):
     wrong = {"replace": {"finger cones": square}, "without": ("finger cones",)}[how]
-    with pytest.raises(PageError, match="finger cone, "):
+    with pytest.raises(PageError, match="'finger cone', "):
         problem_of(*two, extend(PAGE, **{how: wrong}))
 
 

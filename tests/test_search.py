@@ -34,6 +34,16 @@ def test_a_guess_that_fits_nothing_is_refused(recorded, sides, place):
         solve_estimate(recorded[0], start=Guess(sides, place))
 
 
+@pytest.mark.slow
+def test_a_start_with_a_lower_objective_of_the_same_data_is_kept(recorded, estimate):
+    data, scene, _ = recorded
+    data, more = data.select(range(3)), Options(hypotheses=20, starts=40)
+    wide = solve_estimate(data, scene, options=more)
+    assert wide.objective < estimate.objective - 0.2  # another optimum
+    again = solve_estimate(data, scene, start=wide)
+    assert again.objective == pytest.approx(wide.objective, abs=1e-3)
+
+
 def test_hypotheses_are_distinct_best_first_and_cover_all_samples(estimate):
     assert len(estimate.hypotheses) <= Options().widths(precise=True)[0]
     for h in estimate.hypotheses:

@@ -35,6 +35,11 @@ def failing(theta):
     return theta[2]
 
 
+QUARTER = (
+    (0, -1, 0),
+    (1, 0, 0),
+    (0, 0, 1),
+)  # a turn that leaves the sizes where they are
 BROKEN = {
     "10 mm out": (replace(ELLIPSOID, distance=no_distance), "nearest point"),
     "centroid": (replace(CYLINDER, distance=shifted), "shift q_of"),
@@ -55,6 +60,7 @@ BROKEN = {
     "reach": (replace(CYLINDER, reach=lambda theta: 0.01), "enclose"),
     "rest_height(...)": (replace(CYLINDER, rest_height=failing), "documentation"),
     "inertia(...)": (replace(CYLINDER, inertia=lambda theta: theta), "documentation"),
+    "symmetry": (replace(CUBOID, symmetries=(((0, 1, 2), QUARTER),)), "leave it out"),
     "words": (replace(CYLINDER, words=("diameter",)), "give 2 words"),
     "bounds": (replace(CYLINDER, bounds=((0.01,) * 3, 0.1)), "one number"),
 }  # fmt: skip

@@ -12,7 +12,7 @@ page solved again from the solution, a Newton step on the tilt at a time.
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 
@@ -45,7 +45,7 @@ from ..search.margins import (
     UPDATE_SHARE,
 )
 from ..search.multistart import levels_of, multistart
-from .incremental_polytope import repaired
+from .incremental_polytope import past_solution, repaired
 from .model_selection import excess_of
 from .readout import name_of, problem_builder
 from .result import Estimate
@@ -89,13 +89,15 @@ def _multistart(job, page, kept, options, solved, start) -> list[Solved]:
     """Return the page solved from the best hypotheses, best first.
 
     Where the first one, which continues the path of `start`, explains the new data, it
-    is solved alone.
+    is solved alone.  Of the same data, the solution of `start` competes.
     """
     limit = min(h.objective for h in kept) + LEAST_MOTION_BEHIND
     levels = levels_of(job, page)
     promising = [h for h in kept if h.objective <= limit]
     first = promising[: None if start is None else 1]
-    solved = multistart(job, page, first, options, levels, solved=solved)
+    again = [] if start is None else solved_again(job, page, start, options)
+    solved = multistart(job, page, first, options, levels, again, solved)
+    solved = best_first([*solved, *again])
     if len(first) < len(promising) and not still_explained(solved[0], start):
         others = multistart(job, page, promising[1:], options, levels, known=solved)
         solved = best_first([*solved, *others])
@@ -107,6 +109,15 @@ def _multistart(job, page, kept, options, solved, start) -> list[Solved]:
         # Slower: they hold poses first.
         good = [*good, solved_from(job, page, solved[0].hypothesis, options)]
     return best_first(good or solved)
+
+
+def solved_again(job, page, start, options) -> list[Solved]:
+    """Return the page solved from the solution of an estimate of the same data, if so."""
+    same_data = start.success and start.measurements.samples == job.data.samples
+    if not same_data or {**start.reductions} != asdict(job.reductions):
+        return []
+    known, settings = past_solution(job, page, start), settings_of(job, options)
+    return [warm_started(job, page, known, settings, RESTART_MU)]
 
 
 def with_named_axes(job, page, solved, options, like) -> Solved:

@@ -86,6 +86,22 @@ class Exploration:
         others = [s for s in self.steps if s.number != step.number]
         return Exploration(tuple(sorted([*others, step], key=lambda s: s.number)))
 
+    def replay(self, world) -> None:
+        """Let a world made anew execute the saved actions, so that it is in their state.
+
+        world: a simulated one, as it was before the first action.  Raises StartError if
+        it measures anything else than what was saved.
+        """
+        for step in self.steps:
+            felt = [world.execute(told) for told in step.told]
+            if not felt or felt[-1] != step.measurements:
+                raise StartError(
+                    "saved with another object or another seed",
+                    where=f"step {step.number}",
+                    got="other measurements", expected="those that were saved",
+                    next="make the world with the object, scene and noise of this file",
+                )  # fmt: skip
+
     def save(self, path) -> None:
         """Write one .npz: plain arrays and a JSON header."""
         write_result(path, FORMAT, VERSION, self, KINDS)

@@ -22,7 +22,8 @@ from ..estimation.readout import name_of
 from ..estimation.request import asked, check_start
 from ..estimation.result import Estimate
 from ..estimation.solver import solve_estimate
-from ..evaluation.ground_truth import errors_of
+from ..evaluation.ground_truth import KnowsTruth, errors_of
+from ..information.information import POSE
 from .action_space import Workspace
 from .first_touch import check_reach, check_world, executed, first_touch
 from .log import (
@@ -59,7 +60,8 @@ def explore(
     settings: ExploreOptions; or its fields as keywords (actions, policy, shape, seed
     also by position, in this order), but not both.  file: every action is saved there,
     as an Exploration, as soon as it is measured; a call with an existing file resumes
-    from it.  start: an Estimate instead of a first touch, or a Guess of the object.
+    from it, in a new process after `Exploration.load(file).replay(world)` where the world
+    is simulated.  start: an Estimate instead of a first touch, or a Guess of the object.
     executor: any concurrent.futures executor.
 
     If the first finger, aimed at `centre`, makes no contact, the workspace is swept.
@@ -91,8 +93,10 @@ def _steps(loop: _Loop, file, start) -> Iterator[Step]:
     for number in progress(range(first, settings.actions + 1), "explore"):
         step = kept.at(number)
         before = None if estimate is None else estimate.measurements
-        if step is None or step.estimate is None:  # the process ended in the solve
-            step = loop.acted(number, estimate, past) if step is None else step
+        if step is None:
+            _warn_of_another_state(world, kept)
+            step = loop.acted(number, estimate, past)
+        if step.estimate is None:  # measured now, or the process ended in the solve
             step = continued_in_time(step, before, again)
             kept = _saved(kept.with_step(step), file)
         data = step.measurements
@@ -226,6 +230,19 @@ def _check_fingers(world, space: Workspace, kept: Exploration) -> None:
             )  # fmt: skip
 
 
+def _warn_of_another_state(world, kept: Exploration) -> None:
+    """Warn where a world that knows the truth has not executed the saved actions."""
+    if not (kept.steps and isinstance(world, KnowsTruth)):
+        return
+    last = kept.steps[-1]
+    if world.true_body(float(last.measurements.time[-1])) is None:
+        log.warning(
+            "the world has not executed the saved actions up to step %d: its object is "
+            "where it was made; Exploration.load(file).replay(world) repeats them",
+            last.number,
+        )
+
+
 def _saved(kept: Exploration, file) -> Exploration:
     """Save the steps so far, if there is a file; return them."""
     if file is not None:
@@ -273,5 +290,5 @@ def _enough(step: Step, until) -> bool:
     if not fits(step.estimate):
         return False
     information = step.estimate.information
-    size = "vertices" if "vertices" in information.maps else "side_lengths"
-    return bool(np.nanmax(information.sigma(size)) <= until)
+    sizes = [information.sigma(name) for name in information.maps if name not in POSE]
+    return bool(sizes) and bool(np.nanmax(np.concatenate(sizes)) <= until)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..common.brief import printed
+from ..common.deadline import TIME_LIMIT
 from ..errors import NotConverged, PageError
 from .derivative_check import not_finite
 from .problem import Problem
@@ -152,9 +153,9 @@ def check_finite(problem: Problem, solution: Solution) -> None:
         )  # fmt: skip
 
 
-def _advice(solution: Solution) -> str:
-    """Return what to do about a solve that ended without a solution."""
-    if solution.status == TIME_EXCEEDED:
+def _advice(solution: Solution, limit: bool) -> str:
+    """Return what to do about a solve without a solution; limit: of time, was reached."""
+    if solution.status == TIME_EXCEEDED or limit:
         return "raise time_limit; the best so far is the error's `estimate`"
     return "start closer, loosen the tolerance, or run problem.check()"
 
@@ -171,14 +172,18 @@ def not_converged(problem: Problem, solution: Solution, estimate=None) -> NotCon
             estimate=estimate,
         )
     worst = sorted(solution.violations, key=solution.violations.get)[-3:][::-1]
-    broken = [f"{n} by {solution.violations[n]:.2g}" for n in worst]
+    broken = [
+        f"{n} by {solution.violations[n]:.2g}" for n in worst if solution.violations[n]
+    ]
     heavy = sorted(solution.costs, key=solution.costs.get)[-3:][::-1]
     costs = [f"{n} {solution.costs[n]:.3g}" for n in heavy]
+    status = getattr(estimate, "status", solution.status)
     return NotConverged(
-        f"IPOPT says {solution.status} after {solution.iterations} iterations",
+        f"IPOPT says {solution.status} after {solution.iterations} iterations"
+        f"{status.removeprefix(solution.status)}",
         where=f"{problem.size} unknowns, {problem.rows} constraints",
         got=f"violated: {', '.join(broken) or 'nothing'}; costs: {', '.join(costs)}",
-        next=_advice(solution),
+        next=_advice(solution, TIME_LIMIT in status),
         problem=problem.describe(),
         solution=solution,
         estimate=estimate,

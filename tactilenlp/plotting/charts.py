@@ -145,9 +145,9 @@ def plot_progress(solved, axis=None) -> Figure:
 def plot_errors(estimates, truth=None, axis=None) -> Figure:
     """Draw error and predicted sigma of each side against the number of actions.
 
-    estimates: of a cuboid after each action, as `explore` yields them.  truth: side
-    lengths (3,) [m], or a dict with `side_lengths`; None: sigma alone.  The horizontal
-    sides are matched with the true ones by rank, as their order is arbitrary.
+    estimates: of a cuboid after each action, `step.estimate` of the steps of `explore`.
+    truth: side lengths (3,) [m], or a dict with `side_lengths`; None: sigma alone.  The
+    horizontal sides are matched with the true ones by rank: their order is arbitrary.
     """
     check_types(estimates=(estimates, Iterable))
     estimates = list(estimates)

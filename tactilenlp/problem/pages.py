@@ -66,7 +66,7 @@ def shape_of(shape) -> Shape:
             "unknown shape", where="shape", got=shape,
             expected=f"one of {[*SHAPES]}, or a Shape such as tactilenlp.prism(6)",
             next="call it: prism(6), polytope(30)" if callable(shape)
-            else did_you_mean(shape, SHAPES),
+            else did_you_mean(shape, SHAPES) or "pass a class of your own as shape=",
         )  # fmt: skip
     return SHAPES[shape]
 
@@ -260,9 +260,10 @@ class _Edited:
         """Raise PageError where the base states no term of a name."""
         if unknown := sorted({*self._replace, *self._without} - self._met):
             raise PageError(
-                "the page states no such term", where="extend", got=", ".join(unknown),
-                expected=f"one of {', '.join(self._stated)}",
-                next="problem_of(data, scene, page).describe() lists the terms",
+                "the page states no such term", where="extend", got=str(unknown)[1:-1],
+                expected=f"one of {self._stated}",
+                next=did_you_mean(unknown[0], self._stated)
+                or "problem_of(data, scene, page).describe() lists the terms",
             )  # fmt: skip
 
 
