@@ -112,7 +112,7 @@ def _multistart(job, page, kept, options, solved, start) -> list[Solved]:
 
 
 def solved_again(job, page, start, options) -> list[Solved]:
-    """Return the page solved from the solution of an estimate of the same data, if so."""
+    """Return the page solved from the solution of `start`, if it is of all the data."""
     same_data = start.success and start.measurements.samples == job.data.samples
     if not same_data or {**start.reductions} != asdict(job.reductions):
         return []

@@ -266,7 +266,7 @@ def carried_hypotheses(start, shape, scene, data) -> list[Hypothesis]:
     if start.shape != shape.name:
         raise StartError(
             "the start is of another shape", where="start", got=start.shape,
-            expected=shape.name, next="pass its shape=; only a polytope starts from any other",
+            expected=shape.name, next="pass its shape=; a polytope starts from all",
         )  # fmt: skip
     return [h.at(done) for h in start.hypotheses] if done else []
 

@@ -87,10 +87,10 @@ class Exploration:
         return Exploration(tuple(sorted([*others, step], key=lambda s: s.number)))
 
     def replay(self, world) -> None:
-        """Let a world made anew execute the saved actions, so that it is in their state.
+        """Let a world execute the saved actions, so that it is in the state after them.
 
-        world: a simulated one, as it was before the first action.  Raises StartError if
-        it measures anything else than what was saved.
+        world: a simulated one, made anew as it was before the first action.  Raises
+        StartError if it measures anything else than what was saved.
         """
         for step in self.steps:
             felt = [world.execute(told) for told in step.told]

@@ -60,8 +60,8 @@ def explore(
     settings: ExploreOptions; or its fields as keywords (actions, policy, shape, seed
     also by position, in this order), but not both.  file: every action is saved there,
     as an Exploration, as soon as it is measured; a call with an existing file resumes
-    from it, in a new process after `Exploration.load(file).replay(world)` where the world
-    is simulated.  start: an Estimate instead of a first touch, or a Guess of the object.
+    from it (a simulated world that was made anew: Exploration.load(file).replay(world)
+    first).  start: an Estimate instead of a first touch, or a Guess of the object.
     executor: any concurrent.futures executor.
 
     If the first finger, aimed at `centre`, makes no contact, the workspace is swept.

@@ -154,7 +154,7 @@ def check_finite(problem: Problem, solution: Solution) -> None:
 
 
 def _advice(solution: Solution, limit: bool) -> str:
-    """Return what to do about a solve without a solution; limit: of time, was reached."""
+    """Return what to do about a failed solve; limit: whether a time limit ended it."""
     if solution.status == TIME_EXCEEDED or limit:
         return "raise time_limit; the best so far is the error's `estimate`"
     return "start closer, loosen the tolerance, or run problem.check()"
