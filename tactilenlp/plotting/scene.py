@@ -102,7 +102,7 @@ def plot_information(estimate: Estimate, axis=None, key: bool = True) -> Figure:
             bar, ax=axis, shrink=0.6, pad=0.12, extend="both",
             label="standard deviation of a face [mm]",
         ).ax.invert_yaxis()  # fmt: skip
-    axis.set_title("Standard deviation of each face")
+    axis.set_title("Standard deviation of each face (red: known, blue: unknown)")
     return axis.figure
 
 
