@@ -1,0 +1,179 @@
+"""Compare standard deviations with errors over many boxes: coverage and reliability.
+
+    python examples/benchmarks/calibration.py folder [--count 200] [--first 2000]
+        [--worlds clean noisy soft] [--executor processes|dask|mpi|none]
+
+Boxes and worlds are those of time_against_error.py; box k has 1 + k mod 6 actions.  An
+estimate of default options is judged by |error| / sigma of its sizes, of its final
+position and yaw, and of position and yaw at PLACES samples of the whole path.
+
+    coverage      share of the numbers within 1, 1.96 and 3 sigma: of Gaussian errors
+                  68.3, 95.0 and 99.7 %
+    reliability   share of the numbers within the interval of each probability
+
+Refused estimates are counted and left out.  Rows are kept in calibration.jsonl as they
+end (study.py): called again, the script runs what is missing, prints the coverage and
+writes calibration.csv (a row a world, quantity and verdict) and calibration.png.
+"""
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
+
+import argparse
+from pathlib import Path
+from time import process_time
+
+import matplotlib.pyplot as plt
+import numpy as np
+from scipy.stats import norm
+from study import add_executor, executor_of, run_study, write_csv
+from time_against_error import PLACES, WORLDS, measured, warm
+
+from tactilenlp import solve_estimate
+from tactilenlp.errors import TactileError
+from tactilenlp.evaluation.metrics import cuboid_errors
+
+MOST_ACTIONS = 6
+WITHIN = {"68.3 %": 1.0, "95 %": 1.96, "99.7 %": 3.0}  # [sigma]
+QUANTITIES = ("sizes", "position", "yaw", "path position", "path yaw")
+
+
+def judged(world: str, number: int) -> dict:
+    """Return one row: |error| / sigma by quantity, verdict, nats and CPU seconds."""
+    warm("violation_implicit")
+    actions = 1 + number % MOST_ACTIONS
+    data, scene, true = measured(world, number, actions)
+    row = {"world": world, "box": number, "actions": actions, "refused": ""}
+    began = process_time()
+    try:
+        estimate = solve_estimate(data, scene)
+    except TactileError as error:
+        said = f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
+        return row | {"cpu_s": process_time() - began, "refused": said}
+    row |= {"cpu_s": process_time() - began, "verdict": estimate.fit.verdict}
+    row |= {"nats": estimate.objective}
+    places = np.unique(np.linspace(0, data.samples - 1, PLACES).round().astype(int))
+    path = [ratios(estimate, true, k) for k in places]
+    row |= {name: list(values) for name, values in path[-1].items()}
+    return row | {
+        f"path {name}": [float(r) for at in path for r in at[name]]
+        for name in ("position", "yaw")
+    }
+
+
+def ratios(estimate, true, sample: int) -> dict[str, np.ndarray]:
+    """Return |error| / sigma of sizes, and of position and yaw at a sample."""
+    sides, sigma = true["side_lengths"], estimate.information.sigma
+    found = estimate.position[sample], estimate.quaternion[sample]
+    truth = true["object_position"][sample], true["object_quaternion"][sample]
+    error = cuboid_errors(estimate.side_lengths, *found, sides, *truth)
+    order = error.permutation
+    pose = {name: sigma(name, sample=sample) for name in ("position", "rotation")}
+    return {
+        "sizes": np.abs(error.side_lengths) / sigma("side_lengths")[order],
+        "position": np.abs(error.position) / pose["position"],
+        "yaw": np.abs(error.rotation_vector[2:]) / pose["rotation"][2:],
+    }
+
+
+def numbers_of(rows, quantity: str) -> np.ndarray:
+    """Return all |error| / sigma of a quantity."""
+    return np.concatenate([row[quantity] for row in rows] or [[]]).astype(float)
+
+
+def coverage(rows) -> list[dict]:
+    """Return a row for every world, quantity, and kind of verdict."""
+    table = []
+    for world in dict.fromkeys(row["world"] for row in rows):
+        mine = [row for row in rows if row["world"] == world]
+        kept = [row for row in mine if not row["refused"]]
+        good = [row for row in kept if row["verdict"] == "good"]
+        for verdict, chosen in (("any", kept), ("good", good)):
+            for quantity in QUANTITIES:
+                found = numbers_of(chosen, quantity)
+                cell = {"world": world, "verdict": verdict, "quantity": quantity}
+                cell |= {"boxes": len(mine), "estimates": len(chosen)}
+                cell |= {"numbers": len(found), "refused": len(mine) - len(kept)}
+                cell |= {name: float(np.mean(found <= z)) for name, z in WITHIN.items()}
+                cell |= {"beyond 5 sigma": int(np.sum(found > 5.0))}
+                cell |= {"median": float(np.median(found)) if len(found) else np.nan}
+                cell |= {"largest": float(found.max(initial=0.0))}
+                table.append(cell)
+    return table
+
+
+def show(table) -> None:
+    """Print the coverage."""
+    print(f"{'world':7}{'verdict':8}{'quantity':15}{'n':>5}{'numbers':>8}"
+          + "".join(f"{name:>8}" for name in WITHIN)
+          + f"{'> 5':>5}{'median':>8}{'largest':>9}")  # fmt: skip
+    for cell in table:
+        print(
+            f"{cell['world']:7}{cell['verdict']:8}{cell['quantity']:15}"
+            f"{cell['estimates']:5}{cell['numbers']:8}"
+            + "".join(f"{cell[name]:8.1%}" for name in WITHIN)
+            + f"{cell['beyond 5 sigma']:5}{cell['median']:8.2f}{cell['largest']:9.1f}"
+        )
+
+
+def draw(rows, path: Path) -> None:
+    """Plot the share of numbers within each interval against its probability."""
+    worlds = list(dict.fromkeys(row["world"] for row in rows))
+    figure, axes = plt.subplots(
+        1, len(worlds), figsize=(3.4 * len(worlds) + 0.6, 4.2), sharey=True,
+        layout="constrained", squeeze=False,
+    )  # fmt: skip
+    wanted = np.linspace(0.01, 0.99, 99)
+    for axis, world in zip(axes[0], worlds, strict=True):
+        mine = [row for row in rows if row["world"] == world and not row["refused"]]
+        for quantity in QUANTITIES:
+            found = numbers_of(mine, quantity)
+            share = [np.mean(found <= z) for z in norm.ppf((1 + wanted) / 2)]
+            style = "--" if quantity.startswith("path") else "-"
+            axis.plot(wanted, share, style, label=quantity)
+        axis.plot([0, 1], [0, 1], color="0.6", lw=0.8, zorder=0)
+        axis.set(title=f"{world}, {len(mine)} boxes", aspect="equal")
+        axis.set(xlim=(0, 1), ylim=(0, 1))
+        axis.grid(alpha=0.3)
+    axes[0, 0].set_ylabel("share of errors within the interval")
+    figure.supxlabel("probability of the interval (above the diagonal: sigma is wide)")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), ncols=len(QUANTITIES),
+                  loc="outside upper center", frameon=False)  # fmt: skip
+    figure.savefig(path, dpi=120)
+    plt.close(figure)
+
+
+def said(case, row: dict) -> str:
+    """Return a judged estimate in words."""
+    where = f"{row['world']} box {row['box']}, {row['actions']} actions:"
+    if row["refused"]:
+        return f"{where} {row['refused']}"
+    worst = {name: numbers_of([row], name).max(initial=0.0) for name in QUANTITIES}
+    each = ", ".join(f"{name} {value:.1f}" for name, value in worst.items())
+    return (
+        f"{where} largest error / sigma {each}; {row['verdict']}, {row['cpu_s']:.1f} s"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--count", type=int, default=200, help="boxes")
+    parser.add_argument("--first", type=int, default=2000, help="number of the first")
+    parser.add_argument("--worlds", nargs="+", choices=WORLDS, default=list(WORLDS))
+    add_executor(parser)
+    chosen = parser.parse_args()
+    boxes = range(chosen.first, chosen.first + chosen.count)
+    cases = [(world, number) for number in boxes for world in chosen.worlds]
+    with executor_of(chosen, *Path(__file__).parent.glob("*.py")) as executor:
+        path = chosen.folder / "calibration.jsonl"
+        rows = run_study(path, "calibration", judged, cases, executor, say=said)
+    table = coverage(rows)
+    write_csv(chosen.folder / "calibration.csv", table)
+    show(table)
+    draw(rows, chosen.folder / "calibration.png")
+
+
+if __name__ == "__main__":
+    main()
