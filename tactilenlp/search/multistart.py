@@ -84,6 +84,8 @@ def _multistart(job, page, hypotheses, options, levels, known, solved, rough) ->
     for h in progress(hypotheses, "solve"):
         if (known or solved or rough) and job.deadline.passed("all hypotheses"):
             break
+        if best_is_found_twice(job.shape, rough):
+            break
         shared = {} if job.shape.window_depends_on_start else shared
         if separate:  # held or free poses do not come together before the last level
             solved.append(solved_from(job, page, h, options, shared, levels))
@@ -100,6 +102,16 @@ def _multistart(job, page, hypotheses, options, levels, known, solved, rough) ->
         given = s.hypothesis, options, shared, levels[-1:], s.solution
         solved.append(replace(solved_from(job, page, *given), rough=s.at))
         ends.append(s.at)
+
+
+def best_is_found_twice(shape, rough) -> bool:
+    """Tell whether the two best of converged solves from different starts are the same.
+
+    Levels that converge from guessed poses, as `ROUGH` do for soft fingertips, lead
+    nearly all starts of a recording to one optimum: more starts find no other.
+    """
+    best = best_first(s for s in rough if s.solution.success)[:2]
+    return len(best) == 2 and same(shape, best[0].at, best[1].at)
 
 
 def _far_behind(rough: Solved, solved) -> bool:
