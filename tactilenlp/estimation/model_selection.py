@@ -9,8 +9,7 @@ prior over posterior deviations of what was freed) and the spread of the likelih
 from another start noise alone is fitted better by about as much.  Poses that tilt have
 no prior deviation: LARGER_MODEL stands for their factor.
 
-Classes of shapes are not nested: the estimate is that of the largest evidence
-(information/mixture.py).
+Classes of shapes are not nested: the one of the largest evidence is the estimate.
 """
 
 from __future__ import annotations
@@ -46,7 +45,6 @@ from ..problem.reductions import required_reductions
 from ..search.local_solve import (
     RESTART_MU,
     Solved,
-    best_first,
     freed_to_tilt,
     settings_of,
     solved_from,
@@ -54,7 +52,7 @@ from ..search.local_solve import (
 )
 from ..search.margins import CLOSE_OPTIMUM, LARGER_MODEL, LEAST_MOTION_BEHIND
 from ..search.margins import UNCHANGED as NOTICED
-from ..search.multistart import FREED_MU, levels_of
+from ..search.multistart import FREED_MU
 from .result import Estimate
 
 AUTO = (  # the classes of shape="auto"
@@ -105,8 +103,8 @@ def excess_of(job, solved: Solved) -> tuple[float, float]:
 def with_nuisance_parameters(job, page, solved, options, solve) -> tuple:
     """Return job and solves, best first; what NUISANCES names is free where data ask.
 
-    solved: with all of it fixed, best first; solve(job): solves the page of a job from
-    all starts of the search.
+    solved: with all of it fixed, best first; solve(job, hypothesis, alone): the same of
+    another job, from a hypothesis, and if not alone from all starts of the search.
     """
     for name, nuisance in NUISANCES.items():
         if fixes(job, page, name) and solved[0].solution.success:
@@ -124,14 +122,16 @@ def _with(name, nuisance, job, page, solved, options, solve) -> tuple:
         return job, solved
     larger = replace(job, reductions=replace(job.reductions, **{name: False}))
     if nuisance.searched:
-        levels = levels_of(larger, page)
-        freed = [solved_from(larger, page, best.at, options, levels=levels)]
-        if excess >= LARGER_MODEL + spread or _gain(best, freed[0]) > needed:
-            freed = best_first([*freed, *(s for s in solve(larger) if s.job is larger)])
+        alone = excess < LARGER_MODEL + spread
+        freed = solve(larger, best.at, alone)
+        if alone and freed and _gain(best, freed[0]) > needed:
+            freed = solve(larger, best.at, False)
     else:
         settings = settings_of(larger, options)
         freed = [warm_started(larger, page, best, settings, FREED_MU)]
-    gain, to, needed = _gain(best, freed[0]), freed[0], spread
+    if not freed:
+        return job, solved
+    to, gain, needed = freed[0], _gain(best, freed[0]), spread
     if gain > spread:
         needed += occam_of(to.problem, to.solution, nuisance.unknown)
     if gain <= needed:

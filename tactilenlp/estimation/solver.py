@@ -200,14 +200,18 @@ def _refined(request, starts, so_far, update) -> tuple[Job, list[Solved]]:
     page, options, start = request.page, request.options, request.start
     job, solved = request.job_until(REFINEMENT_END), None
     earlier = start if continues(start, page) else None
+
+    def freed(free, first, alone: bool) -> list[Solved]:
+        first = replace(first, objective=starts[0].objective)  # of the search
+        several = [first] if alone else [first, *starts]
+        found = refined(free, page, several, options, so_far.solved, earlier)
+        return [s for s in found if s.job is free]
+
     with job.deadline.ending("other solves of the page"):
         solved = refined(job, page, starts, options, so_far.solved, earlier)
         check_finite(solved[0].problem, solved[0].solution)
         job, solved = on_leaning_ground(job, page, solved, options)
-        job, solved = with_nuisance_parameters(
-            job, page, solved, options,
-            lambda free: refined(free, page, starts, options, so_far.solved, earlier),
-        )  # fmt: skip
+        job, solved = with_nuisance_parameters(job, page, solved, options, freed)
         solved = repaired(job, page, solved, options, update)
     if solved is None:
         solved = best_first(so_far.solved)

@@ -15,7 +15,7 @@ from ..common.deadline import OutOfTime
 from ..common.interrupt import interruptible
 from ..common.progress import progress
 from .hypothesis import same
-from .local_solve import Solved, best_first, solved_from
+from .local_solve import RANKING_TOLERANCE, Solved, best_first, solved_from
 from .margins import FAILED_BEHIND, LEAST_MOTION_BEHIND
 
 HELD_ITERATIONS = 20  # of a level that holds poses
@@ -51,7 +51,9 @@ def levels_of(job, page):
     rough = getattr(page, "ROUGH", page.LEVELS)
     unknown = not job.reductions.rigid and job.scene.compliance is None
     if unknown and "rigid" in getattr(page, "FREED", ()):
-        return [*(replace(k, fixed=(*k.fixed, COMPLIANCE)) for k in rough), rough[-1]]
+        held = [replace(k, fixed=(*k.fixed, COMPLIANCE)) for k in rough]
+        held[:-1] = [k.with_ipopt(tol=RANKING_TOLERANCE) for k in held[:-1]]
+        return [*held, rough[-1]]
     if job.scene.ground is None or job.shape.rolls:  # guesses in a plane
         return rough
     planar = job.reductions.planar
