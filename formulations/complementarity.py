@@ -28,6 +28,7 @@ from .balance import Balance, groups, moves
 from .contact import MM
 from .friction import Impulses, excess, friction, impulses, least
 from .level import Level
+from .names import EXACT, FINGER_IMPULSE, GIVES, GROUND_IMPULSE
 from .rigid_body import ARM, G
 from .violation_implicit import contacts_of, felt
 
@@ -69,10 +70,10 @@ def build(nlp, window, scene, shape):
     separation(nlp, fingers, now(push.step), pushes, eps, at)
     sliding(nlp, "ground", ground.velocity, now(corner.step), corners, eps, at_g)
     nlp.report(
-        "finger impulse", fingers.impulse, theta, x[:, step.pose[push.step]],
+        FINGER_IMPULSE, fingers.impulse, theta, x[:, step.pose[push.step]],
         pushes.lam, push.p_wf, push.radius, push.tangent,
     )  # fmt: skip
-    nlp.report("ground impulse", ground.impulse, corners.lam)
+    nlp.report(GROUND_IMPULSE, ground.impulse, corners.lam)
 
 
 def impulses_of(nlp, window, scene, shape, w):
@@ -99,7 +100,7 @@ def balanced(nlp, window, law, theta, x, w, centre, pushes, corners, slack):
 
     for count, s, contacts in groups(window, pushes, corners):
         name = f"balance, {count} pushing"
-        nlp.report(f"{name}, gives", compliance, w[s])
+        nlp.report(name + GIVES, compliance, w[s])
         nlp.subject_to(
             name, imbalance, theta, *moves(window, x, s), w[s], centre, slack,
             *contacts, lower=0,
@@ -125,7 +126,7 @@ def sliding(nlp, name, velocity, now, side, eps, at):
         f"{name} dissipation", dissipation, *now, w, lam, mu, eps, *at, upper=0
     )
     nlp.subject_to(f"{name} cone", cone, lam, mu, w, lower=0)
-    nlp.report(f"{name} cone, exact", excess, lam, mu, w)
+    nlp.report(f"{name} cone{EXACT}", excess, lam, mu, w)
     nlp.minimize(f"least {name} impulse", least, lam, w, role="regulariser")
 
 

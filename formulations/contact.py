@@ -19,6 +19,9 @@ import casadi as ca
 from .shape import positive_part
 
 MM = 1e-3  # [m] unit of gaps, and of the way that an energy lifts a weight
+# [-] of inelasticity beside dissipation.  Optima without it gain no energy either
+# (examples/benchmarks/compare_formulations.py --ablation).
+REBOUND = 0.2
 
 
 @dataclass(frozen=True)
@@ -99,15 +102,15 @@ def complementarity(lam, phi, small):
     return lam[0] * positive_part(phi, small)
 
 
-# As printed: the paper's own forms, which the page `paper` and its benchmark use.
-
-
 def cone_squared(mu, lam):
     """Return (mu lam_n)^2 - |lam_t|^2: with lam_n >= 0, exactly the cone where >= 0.
 
     A polynomial, but its gradient vanishes at the apex lam = 0.
     """
     return (mu * lam[0]) ** 2 - lam[1] ** 2 - lam[2] ** 2
+
+
+# As printed: the paper's own forms, of the page `paper` and its benchmark.
 
 
 def printed_complementarity(lam, phi):

@@ -4,8 +4,10 @@ An impulse lam = (lam_n, lam_1, lam_2) acts along (-n, t1, t2) at the point wher
 and body touch, during the step that ends at its sample.  With the relative velocity
 v_n, v_s of body and finger at that point, in nats,
 
-    felt      kappa (mu lam_n |v_s| + v_s . lam_t + 0.2 lam_n max(v_n, 0)) dt / (w mm)
-    unfelt    kappa lam_n max(phi, 0) / (w mm) + UNFELT lam_n / w       w = m g dt
+    felt      kappa (mu lam_n |v_s| + v_s . lam_t + e lam_n max(v_n, 0)) dt / (w mm)
+    unfelt    kappa lam_n max(phi, 0) / (w mm) + UNFELT lam_n / w
+
+with w = m g dt and e = REBOUND.
 
 A finger whose sample is missing has the first cost, and with its indentation
 delta (indentation.py)
@@ -24,11 +26,13 @@ from typing import NamedTuple
 import casadi as ca
 
 from . import contact, indentation, sensing
-from .contact import MM
+from .contact import MM, REBOUND
 from .friction import rounding
+from .names import BY_ROUNDING, FINGER_IMPULSE
 
 UNFELT = 2000.0  # [nats] for an impulse of one weight not felt: 20 for what would be
 
+ROUNDINGS = 50  # [1 / finger radius] length that rounds max(phi, 0) of an unfelt finger
 SMALL = 0.02e-3  # [m] rounds max(phi, 0) of a finger whose sample is missing
 
 
@@ -85,7 +89,7 @@ class FingerContact:
         """Return the cost of friction that does not dissipate, and of rebound."""
         v_n, v_s = self.velocity(theta, x, x_1, dt, p_wf, p_wf_1, rho, t)
         energy = contact.dissipation(mu, lam, v_s, v_eps, rounding * w)
-        energy += 0.2 * contact.inelasticity(lam, v_n, v_eps)
+        energy += REBOUND * contact.inelasticity(lam, v_n, v_eps)
         return kappa * energy * dt / (w * MM)
 
     def by_rounding(self, lam, dt, w, kappa, v_eps, rounding, mu):
@@ -97,7 +101,7 @@ class FingerContact:
         """Return the cost of the impulse of a finger that feels nothing."""
         pose = self.motion.pose(self.shape, theta, x)
         phi = self.finger.gap(self.shape, theta, pose, p_wf, rho)
-        energy = contact.complementarity(lam, phi, rho / 50)
+        energy = contact.complementarity(lam, phi, rho / ROUNDINGS)
         return kappa * energy / (w * MM) + UNFELT * lam[0] / w
 
     def unseen(self, theta, x, lam, p_wf, rho, inside, w, kappa, sigma):
@@ -132,7 +136,7 @@ def add(nlp, window, fingers, theta, x, pushes):
         step.dt[s], w[felt], kappa, v_eps, rounding(nlp, mu), mu, role="physics",
     )  # fmt: skip
     nlp.report(
-        "finger dissipation, by rounding", fingers.by_rounding, lam[:, felt],
+        f"finger dissipation{BY_ROUNDING}", fingers.by_rounding, lam[:, felt],
         step.dt[s], w[felt], kappa, v_eps, rounding(nlp, mu), mu,
     )  # fmt: skip
     f, s = push.pick(unfelt), push.step[unfelt]
@@ -142,7 +146,7 @@ def add(nlp, window, fingers, theta, x, pushes):
         role="physics",
     )  # fmt: skip
     nlp.report(
-        "finger impulse", fingers.impulse, theta, x[:, step.pose[push.step]], lam,
+        FINGER_IMPULSE, fingers.impulse, theta, x[:, step.pose[push.step]], lam,
         push.p_wf, push.radius, push.tangent,
     )  # fmt: skip
 

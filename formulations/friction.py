@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import casadi as ca
 
 from . import contact
+from .names import EXACT
 
-FRICTION = 0.4  # [1] of what is not known
+FRICTION, DEVIATION = 0.4, 0.3  # [1] prior of a coefficient: dry rubber, wood, metal
 LEAST = 1e-3  # [nats] for an impulse of one weight
 
 
@@ -38,7 +39,10 @@ def friction(nlp, name, value):
         name, 1, lower=0.01, upper=2.0, guess=FRICTION, unit="1", scale=0.1
     )
     nlp.minimize(
-        f"{name} prior", lambda mu: ((mu - FRICTION) / 0.3) ** 2 / 2, mu, role="prior"
+        f"{name} prior",
+        lambda mu: ((mu - FRICTION) / DEVIATION) ** 2 / 2,
+        mu,
+        role="prior",
     )
     return mu
 
@@ -63,7 +67,7 @@ def cone(nlp, name, impulses):
     if lam.rows > 1:
         rounding = nlp.parameters["cone rounding"]
         nlp.subject_to(f"{name} cone", room, lam, mu, w, rounding, lower=0)
-        nlp.report(f"{name} cone, exact", excess, lam, mu, w)
+        nlp.report(f"{name} cone{EXACT}", excess, lam, mu, w)
     nlp.minimize(f"least {name} impulse", least, lam, w, role="regulariser")
 
 

@@ -1,10 +1,11 @@
 r"""What the ground does to the body: the ground part of g(x_t, lam, r_t) of eq:vimp.
 
 The ground is z = 0.  An impulse lam = (lam_n, lam_1, lam_2) acts along (z, x, y) at a
-corner of the body, whose height is z and whose velocity is (v_s, v_n).  In nats,
+corner of the body, whose height is z and whose velocity is (v_s, v_n).  In nats, with
+w = m g dt and e = REBOUND,
 
-    dissipation      kappa (mu lam_n |v_s| + v_s . lam_t) dt / (w mm)     w = m g dt
-    complementarity  kappa lam_n (z + 0.2 dt max(v_n, 0)) / (w mm)
+    dissipation      kappa (mu lam_n |v_s| + v_s . lam_t) dt / (w mm)
+    complementarity  kappa lam_n (z + e dt max(v_n, 0)) / (w mm)
     rest             z^2 / (2 REST^2)        at poses without a step, of low corners
     ground gap       z >= 0
 
@@ -21,8 +22,9 @@ from typing import NamedTuple
 import casadi as ca
 
 from . import contact
-from .contact import MM
+from .contact import MM, REBOUND
 from .friction import FRICTION, rounding
+from .names import BY_ROUNDING, GROUND_IMPULSE
 
 REST = 0.1e-3  # [m] deviation of a resting corner from the ground
 ROOM = 3e-3  # [REST] below the ground (0.3 um): an interior, also for poses held fixed
@@ -102,7 +104,7 @@ class GroundContact:
         """Return the cost of an impulse on a corner above the ground or rising."""
         z, z_1 = self.corner(theta, x, signs)[2], self.corner(theta, x_1, signs)[2]
         rises = contact.inelasticity(lam, (z - z_1) / dt, v_eps) - lam[0] * v_eps / 2
-        energy = lam[0] * (z + ROOM * REST) + 0.2 * dt * rises
+        energy = lam[0] * (z + ROOM * REST) + REBOUND * dt * rises
         return kappa * energy / (w * MM)
 
     def gap(self, theta, x, signs):
@@ -144,7 +146,7 @@ def add(nlp, window, ground, theta, x, corners, resting=None):
             corner.signs, step.dt[s], w, kappa, v_eps, *rounded, role="physics",
         )  # fmt: skip
         nlp.report(
-            "ground dissipation, by rounding", ground.by_rounding, lam, step.dt[s], w,
+            f"ground dissipation{BY_ROUNDING}", ground.by_rounding, lam, step.dt[s], w,
             kappa, v_eps, *rounded,
         )  # fmt: skip
     s, first = lift.step, slice(len(lift.step))
@@ -160,4 +162,4 @@ def add(nlp, window, ground, theta, x, corners, resting=None):
         "rest", ground.rest, resting.pick(slice(len(rest))), x[:, rest.pose],
         rest.signs, role="physics",
     )  # fmt: skip
-    nlp.report("ground impulse", ground.impulse, lam)
+    nlp.report(GROUND_IMPULSE, ground.impulse, lam)

@@ -18,9 +18,12 @@ from __future__ import annotations
 import casadi as ca
 
 from . import sensing
+from .names import FREE_TERM, TOUCH_TERM
 
 LENGTH, OTHER = 1e-3, 1e-2  # [m], [unit] typical change of an entry of theta
 ALPHA = 1500.0  # [1/m] steepness of eq:bool
+LOGISTIC = 1.7  # [-] a logistic function of steepness 1.7 / sigma is, to 0.01, the
+#                     distribution function of a normal variable of deviation sigma
 
 
 def declare(nlp, window, shape):
@@ -50,7 +53,7 @@ def add(nlp, window, shape, theta, x, touch, normal, indentation):
     sigma_p, sigma_n = window.sigma_position, window.sigma_normal
     touch_scale = nlp.parameter("touch scale", ca.hypot(touch, sigma_p), "m")
     normal_scale = nlp.parameter("normal scale", ca.hypot(normal, sigma_n), "rad")
-    alpha = nlp.parameter("alpha", 1 / ca.hypot(1 / ALPHA, sigma_p / 1.7), "1/m")
+    alpha = nlp.parameter("alpha", 1 / ca.hypot(1 / ALPHA, sigma_p / LOGISTIC), "1/m")
 
     def touching(theta, x, inside, p_wf, rho, n_m, latency, sigma, sigma_n):
         pose = motion.pose(shape, theta, x)
@@ -68,10 +71,10 @@ def add(nlp, window, shape, theta, x, touch, normal, indentation):
 
     t, f = window.touch, window.free
     nlp.minimize(
-        "touch", touching, theta[0], x[:, t.pose], indentation, t.p_wf, t.radius,
+        TOUCH_TERM, touching, theta[0], x[:, t.pose], indentation, t.p_wf, t.radius,
         t.normal, t.latency, touch_scale, normal_scale, role="likelihood",
     )  # fmt: skip
     nlp.minimize(
-        "free", free, theta[1], x[:, f.pose], f.p_wf, f.radius, alpha,
+        FREE_TERM, free, theta[1], x[:, f.pose], f.p_wf, f.radius, alpha,
         role="likelihood",
     )  # fmt: skip

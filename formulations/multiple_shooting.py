@@ -15,6 +15,7 @@ import casadi as ca
 
 from .friction import friction
 from .level import Level
+from .names import FINGER_IMPULSE, GIVES
 from .rigid_body import G, momentum_change, uniform
 from .sliding_contact import Pusher
 from .time_stepping import V_EPS, Sliding
@@ -49,7 +50,7 @@ def build(nlp, window, scene, shape):
             v_eps, *fingers,
         )  # fmt: skip
         nlp.follow(name, body.step, *begun, gives=end)
-        nlp.report(f"{name}, gives", compliance, end, *begun)
+        nlp.report(name + GIVES, compliance, end, *begun)
     reports(nlp, window, scene, shape, body, theta, x, mu)
 
 
@@ -68,7 +69,7 @@ def reports(nlp, window, scene, shape, body, theta, x, mu):
 
     s = push.step
     nlp.report(
-        "finger impulse", pushed, theta, x[:, step.pose[s]], x[:, step.before[s]],
+        FINGER_IMPULSE, pushed, theta, x[:, step.pose[s]], x[:, step.before[s]],
         step.dt[s], mu, v_eps, Pusher(push.p_wf, push.p_wf_1, push.radius),
     )  # fmt: skip
     nlp.report(

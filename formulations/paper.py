@@ -42,6 +42,7 @@ from .balance import groups, moves
 from .friction import Impulses, friction
 from .level import Level
 from .likelihood import declare
+from .names import FINGER_IMPULSE, FREE_TERM, GROUND_IMPULSE, TOUCH_TERM
 from .paper_physics import Physics
 from .rigid_body import G
 
@@ -94,10 +95,10 @@ def build(nlp, window, scene, shape):
         g.non_penetration(nlp, name, gap, theta, x[:, f.pose], (f.p_wf, f.radius))
     ground(nlp, window, scene, body, theta, x, lam_g, now)
     nlp.report(
-        "finger impulse", body.fingers.impulse, theta, x[:, step.pose[push.step]], lam,
+        FINGER_IMPULSE, body.fingers.impulse, theta, x[:, step.pose[push.step]], lam,
         push.p_wf, push.radius, push.tangent,
     )  # fmt: skip
-    nlp.report("ground impulse", body.ground.impulse, lam_g)
+    nlp.report(GROUND_IMPULSE, body.ground.impulse, lam_g)
 
 
 def ground(nlp, window, scene, body, theta, x, lam_g, now):
@@ -125,11 +126,11 @@ def felt(nlp, window, shape, body):
     information = nlp.parameter("normal information", inverse, "1/rad^2")
     t, f = window.touch, window.free
     nlp.minimize(
-        "touch", body.felt, theta, x[:, t.pose], t.p_wf, t.radius, t.normal, alpha,
+        TOUCH_TERM, body.felt, theta, x[:, t.pose], t.p_wf, t.radius, t.normal, alpha,
         information, role="likelihood",
     )  # fmt: skip
     nlp.minimize(
-        "free", body.free, theta, x[:, f.pose], f.p_wf, f.radius, alpha,
+        FREE_TERM, body.free, theta, x[:, f.pose], f.p_wf, f.radius, alpha,
         role="likelihood",
     )  # fmt: skip
     return theta, x

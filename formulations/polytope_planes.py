@@ -24,6 +24,7 @@ import casadi as ca
 
 from . import between_actions, sensing
 from .level import Level
+from .names import TOUCH_TERM
 from .quasi_static import WAY_EPS, least_motion
 
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
@@ -63,7 +64,7 @@ def build(nlp, window, scene, shape):
     nlp.parameter("behind", ca.hypot(BEHIND, sigma_p), "m")
     body = Touched(shape, motion, window.outlier_cost)
     nlp.minimize(
-        "touch", body.touch, x[:, t.pose], plane[:, i], t.p_wf, t.radius, t.normal,
+        TOUCH_TERM, body.touch, x[:, t.pose], plane[:, i], t.p_wf, t.radius, t.normal,
         touch, normal, role="likelihood",
     )  # fmt: skip
     link, link_1 = window.link.T

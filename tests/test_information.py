@@ -78,10 +78,10 @@ def test_what_is_active_is_told_by_name_and_what_may_be_is_too(samples):
     free = solved_slope(y, t)
     told = {}
     for word, upper in (("on", free - 0.1), ("tie", free), ("off", free + 0.1)):
-        curvature = kkt_system_of(*fit(y, t, upper=upper))
-        told[word] = curvature.active["bounds of slope"]
-        told[word] = told[word], curvature.ambiguous["bounds of slope"]
-        assert curvature.active["bounds of offset"] == 0
+        kkt = kkt_system_of(*fit(y, t, upper=upper))
+        told[word] = kkt.active["bounds of slope"]
+        told[word] = told[word], kkt.ambiguous["bounds of slope"]
+        assert kkt.active["bounds of offset"] == 0
     assert told["on"] == (1, 0)
     assert told["off"] == (0, 0)
     assert told["tie"][1] == 1  # multiplier and slack both vanish: nobody can tell

@@ -26,16 +26,16 @@ def programme(estimate):
 
 @pytest.fixture(scope="module")
 def doubt(programme):
-    curvature = kkt_system_of(programme.problem, programme.solution)
+    kkt = kkt_system_of(programme.problem, programme.solution)
     sensed = programme.sensed
-    late = late_touches(curvature, sensed.build, programme.window, sensed.data)
-    return curvature, late
+    late = late_touches(kkt, sensed.build, programme.window, sensed.data)
+    return kkt, late
 
 
 def test_the_error_by_a_lag_is_how_the_optimum_moves_with_it(programme, doubt):
-    curvature, late = doubt
+    kkt, late = doubt
     chosen = programme.tangent.chosen
-    pulls, _ = curvature.sensitivity(chosen)
+    pulls, _ = kkt.sensitivity(chosen)
     told = -pulls.T @ late.slope
     sensed, ends = programme.sensed, []
     for lag in (LATE, -LATE):
@@ -51,9 +51,9 @@ def test_the_error_by_a_lag_is_how_the_optimum_moves_with_it(programme, doubt):
 
 
 def test_a_lag_moves_the_body_on_by_its_velocity(programme, doubt):
-    curvature, late = doubt
+    kkt, late = doubt
     window, problem = programme.window, programme.problem
-    v = velocities(curvature, window)[problem.variables["x"].span].reshape(-1, 3)
+    v = velocities(kkt, window)[problem.variables["x"].span].reshape(-1, 3)
     x = programme.solution.values["x"]
     step = window.step
     for k in (0, len(step) // 2):

@@ -113,14 +113,14 @@ def test_value_slope_and_curvature_agree_with_finite_differences():
     gradient = ca.gradient(value, z)
     f = ca.Function("f", [z], [value, gradient, ca.jacobian(gradient, z)])
     at = np.r_[V.ravel(), 1.7 * V[:3].mean(axis=0) + [1e-3, 2e-3, 0]]
-    _, slope, curvature = (np.asarray(o) for o in f(at))
+    _, slope, kkt = (np.asarray(o) for o in f(at))
     for i in np.random.default_rng(0).choice(27, 9, replace=False):
         step = np.zeros(27)
         step[i] = 1e-7
         up, down = f(at + step), f(at - step)
         assert float(up[0] - down[0]) / 2e-7 == pytest.approx(slope[i, 0], abs=1e-5)
         bend = np.asarray(up[1] - down[1]).ravel() / 2e-7
-        assert np.abs(bend - curvature[:, i]).max() < 1e-3 * np.abs(curvature).max()
+        assert np.abs(bend - kkt[:, i]).max() < 1e-3 * np.abs(kkt).max()
 
 
 @pytest.mark.slow
@@ -138,8 +138,8 @@ def test_a_degenerate_vertex_changes_nothing_and_gives_no_nan(extra):
     assert np.abs(n - n_more).max() < 0.05  # 3 degrees, near an edge
     V, q = ca.SX.sym("V", 3, 9), ca.SX.sym("q", 3)
     H = ca.hessian(ca.norm_2(towards(V, q, SMALL)), ca.vertcat(ca.vec(V), q))[0]
-    curvature = ca.Function("H", [V, q], [H])
-    assert all(np.isfinite(np.asarray(curvature(more.T, p))).all() for p in points[:5])
+    kkt = ca.Function("H", [V, q], [H])
+    assert all(np.isfinite(np.asarray(kkt(more.T, p))).all() for p in points[:5])
 
 
 def test_moments_are_those_of_the_solid():

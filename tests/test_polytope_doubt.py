@@ -64,10 +64,10 @@ def test_a_finger_that_slides_may_have_taken_the_body_along():
     window = SimpleNamespace(
         push=push, step=Steps(one, one, 0 * one, 0 * one, np.ones(1)), last=np.arange(2)
     )
-    curvature = kkt_system_of(problem, solve(problem))
-    assert slips(curvature, window) == pytest.approx(np.array([[slip, 0]]))
-    pulls, _ = curvature.sensitivity(np.array([0]))
-    found = stick_slip(curvature, pulls, window, np.zeros(2, int)).item()
+    kkt = kkt_system_of(problem, solve(problem))
+    assert slips(kkt, window) == pytest.approx(np.array([[slip, 0]]))
+    by_gradient, _ = kkt.sensitivity(np.array([0]))
+    found = stick_slip(kkt, by_gradient, window, np.zeros(2, int)).item()
     assert found == pytest.approx(STICKING * slip**2, rel=1e-3)
 
 
@@ -115,9 +115,9 @@ def test_a_vertex_that_nothing_holds_is_as_uncertain_as_the_ball(price):
         ("touch", lambda v: price * (v[2] - 0.06) ** 2, theta[:, [0]]),
     ):
         problem.minimize(name, cost, *of, role="prior")
-    curvature = kkt_system_of(problem, solve(problem))
-    pulls, _ = curvature.sensitivity(np.arange(9))
-    C = shape_prior_error(curvature, pulls)
+    kkt = kkt_system_of(problem, solve(problem))
+    by_gradient, _ = kkt.sensitivity(np.arange(9))
+    C = shape_prior_error(kkt, by_gradient)
     top = 0.0 if price else SIGMA_INSIDE * 0.03
     assert np.sqrt(np.diag(C)[[2, 3, 7]]) == pytest.approx(
         [top, SIGMA_INSIDE * 0.03, SIGMA_INSIDE * 0.03], abs=1e-6

@@ -44,18 +44,18 @@ def test_the_error_by_edges_is_how_the_optimum_moves_with_their_radius(
     data, scene, _ = recorded
     seen = []
 
-    def noted(curvature, build, window, shape):
-        seen.append((curvature, window, build))
-        return real(curvature, build, window, shape)
+    def noted(kkt, build, window, shape):
+        seen.append((kkt, window, build))
+        return real(kkt, build, window, shape)
 
     real = error_budget.rounded_edges
     monkeypatch.setattr(error_budget, "rounded_edges", noted)
     estimate = solve_estimate(data, scene)
-    curvature, window, build = seen[0]
-    theta = curvature.problem.variables["theta"].span
+    kkt, window, build = seen[0]
+    theta = kkt.problem.variables["theta"].span
     chosen = np.arange(theta.start, theta.stop)
-    pulls, _ = curvature.sensitivity(chosen)
-    told = real(curvature, build, window, CUBOID).covariance(pulls)
+    by_gradient, _ = kkt.sensitivity(chosen)
+    told = real(kkt, build, window, CUBOID).covariance(by_gradient)
     told = np.sqrt(np.diag(told))
 
     def optimum(r):
@@ -69,7 +69,7 @@ def test_the_error_by_edges_is_how_the_optimum_moves_with_their_radius(
         fingers, ground = violation_implicit.contacts_of(window, CUBOID)
         law = violation_implicit.Balance(fingers, ground, scene.gravity)
         violation_implicit.physics(problem, window, law, *x, w, 0.0, pushes, corners)
-        values = curvature.problem.unpack(curvature.x)
+        values = kkt.problem.unpack(kkt.x)
         found = solve(problem, SolverOptions(ipopt={"mu_init": 1e-7}), start=values)
         assert found.success
         return found.values["theta"][:, 0]

@@ -162,11 +162,11 @@ def test_complementarity_is_solved_to_a_small_residual(begun):
 def test_hard_physics_are_doubted_as_much_as_penalised_ones(begun, page):
     """An impulse may be missing: it moves the last pose, not a size felt twice."""
     found = begun(page)
-    curvature = kkt_system_of(found.problem, found.solution)
+    kkt = kkt_system_of(found.problem, found.solution)
     sizes, x = (found.problem.variables[name].span for name in ("theta", "x"))
     chosen = np.r_[sizes.start : sizes.stop, x.stop - 3 : x.stop]
-    _, held = curvature.sensitivity(chosen)
-    sigma = np.sqrt(np.diag(missing_impulses(curvature, held)))
+    _, by_constraint = kkt.sensitivity(chosen)
+    sigma = np.sqrt(np.diag(missing_impulses(kkt, by_constraint)))
     assert 0.05e-3 < np.linalg.norm(sigma[3:5]) < 5e-3
     assert sigma[1:3].max() < 0.05e-3
 

@@ -33,7 +33,7 @@ def programme(estimate):
 
 
 @pytest.fixture(scope="module")
-def curvature(programme):
+def kkt(programme):
     return kkt_system_of(programme.problem, programme.solution)
 
 
@@ -66,21 +66,21 @@ def chain(slope=0.8, noise=0.1, drift=0.05, steps=12):
 
 def test_covariance_of_a_linear_gaussian_chain_is_exact_to_the_eighth_digit():
     problem, C = chain()
-    curvature = kkt_system_of(problem, solve(problem, SolverOptions(tolerance=1e-10)))
+    kkt = kkt_system_of(problem, solve(problem, SolverOptions(tolerance=1e-10)))
     chosen = np.array([0, problem.size - 1])
-    found = curvature.sensitivity(chosen)[0][chosen]
+    found = kkt.sensitivity(chosen)[0][chosen]
     assert np.allclose(found, C[np.ix_(chosen, chosen)], rtol=1e-8)
 
 
-def test_hessian_of_the_estimate_is_the_slope_of_its_gradient(curvature):
-    problem, rng = curvature.problem, np.random.default_rng(0)
+def test_hessian_of_the_estimate_is_the_slope_of_its_gradient(kkt):
+    problem, rng = kkt.problem, np.random.default_rng(0)
     way = rng.normal(size=problem.size) * problem.scale
-    exact, found = curvature.hessian() @ way, []
+    exact, found = kkt.hessian() @ way, []
     for h in (1e-6, 2e-6):
         ends = []
         for side in (1, -1):
-            x = curvature.x + side * h * way
-            moved = type(curvature)(**{**vars_of(curvature), "x": x})
+            x = kkt.x + side * h * way
+            moved = type(kkt)(**{**vars_of(kkt), "x": x})
             ends.append(kkt_residual(problem, moved)[0])
         found.append((ends[0] - ends[1]) / (2 * h))
     extrapolated = (4 * found[0] - found[1]) / 3
@@ -88,8 +88,8 @@ def test_hessian_of_the_estimate_is_the_slope_of_its_gradient(curvature):
     assert error < 1e-6 * np.abs(exact * problem.scale).max()
 
 
-def vars_of(curvature):
-    return {name: getattr(curvature, name) for name in curvature.__dataclass_fields__}
+def vars_of(kkt):
+    return {name: getattr(kkt, name) for name in kkt.__dataclass_fields__}
 
 
 def test_the_parts_of_the_information_sum_to_the_whole(estimate):
@@ -154,12 +154,12 @@ def test_what_curves_down_is_named_and_not_repaired():
     problem.minimize("ridge", lambda a: -2 * a[1] ** 2, a, role="physics")
     saddle = solve(problem, SolverOptions(iterations=1), throw=False)
     saddle.values["a"][:] = 0.0
-    curvature = kkt_system_of(problem, saddle)
-    term, direction = curvature.negative
+    kkt = kkt_system_of(problem, saddle)
+    term, direction = kkt.negative
     assert term == "ridge"
     assert abs(direction[1]) > 10 * abs(direction[0])
-    assert gauss_newton(curvature).negative is None
-    assert curvature.sensitivity(np.array([1]))[0][1, 0] < 0
+    assert gauss_newton(kkt).negative is None
+    assert kkt.sensitivity(np.array([1]))[0][1, 0] < 0
 
 
 def test_what_curves_down_is_found_among_thousands_of_unknowns():
@@ -269,31 +269,29 @@ def test_a_face_that_nothing_touched_is_as_doubtful_as_the_fingers_paths_are_noi
     assert not untouched_faces(tangent, CUBOID, [[9, 9], [9, 9], [0, 9]], noise).any()
 
 
-def test_a_finger_off_its_face_is_off_in_that_touch_alone(programme, curvature):
+def test_a_finger_off_its_face_is_off_in_that_touch_alone(programme, kkt):
     data, window = programme.sensed.data, programme.window
     (samples, finger), touch = touches(window, data)[0], window.touch
     mine = np.isin(touch.sample, samples) & (touch.finger == finger)
     p_wf = touch.p_wf + 2e-3 * mine[:, None] * touch.normal
     moved = replace(window, touch=replace(touch, p_wf=p_wf))
-    before = gaps_of_touches(curvature, window, programme.shape, data)
-    after = gaps_of_touches(curvature, moved, programme.shape, data)
+    before = gaps_of_touches(kkt, window, programme.shape, data)
+    after = gaps_of_touches(kkt, moved, programme.shape, data)
     assert before.max() < 0.1e-3  # this recording contradicts itself nowhere
     assert after[0] == pytest.approx(2e-3, abs=0.1e-3)
     assert np.allclose(after[1:], before[1:])
 
 
-def test_what_keeps_the_matrix_regular_counts_as_a_prior(
-    programme, curvature, monkeypatch
-):
+def test_what_keeps_the_matrix_regular_counts_as_a_prior(programme, kkt, monkeypatch):
     chosen = np.arange(3)
-    pulls, _ = curvature.sensitivity(chosen)
+    by_gradient, _ = kkt.sensitivity(chosen)
     given = programme.sensed, programme.window, programme.shape
-    at = Linearisation(curvature, *given).response(chosen, np.eye(3))
+    at = Linearisation(kkt, *given).response(chosen, np.eye(3))
     errors = error_budget(at)
     monkeypatch.setattr(
         "tactilenlp.information.error_budget_terms.LEAST_CURVATURE",
         1.0 + LEAST_CURVATURE,
     )
     more = error_budget(at) - errors
-    scaled = pulls / programme.problem.scale[:, None]
+    scaled = by_gradient / programme.problem.scale[:, None]
     assert np.allclose(more, scaled.T @ scaled, rtol=1e-6)

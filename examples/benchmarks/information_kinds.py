@@ -44,8 +44,8 @@ def rows_of(file: Path, actions, executor) -> tuple[list[dict], object]:
         again = programme_at(estimate)
         row = {"actions": na, "samples": part.samples, "unknowns": again.problem.size}
         began = process_time()
-        curvature = kkt_system_of(again.problem, again.solution)
-        curvature.sensitivity(again.tangent.chosen)
+        kkt = kkt_system_of(again.problem, again.solution)
+        kkt.sensitivity(again.tangent.chosen)
         row["exact_ms"] = 1e3 * (process_time() - began)
         for kind in INFORMATION_KINDS:
             row[kind] = condition(observed_information(estimate, kind).matrix)

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from formulations import polytope_extension as extension
+from formulations.names import TOUCH_TERM
 
 from ..geometry.transforms import is_planar, planar_matrix
 from ..information.measurement_noise import touches
@@ -176,7 +177,7 @@ def action_starts(data) -> np.ndarray:
 def unexplained_touches(solved: Solved) -> int:
     """Return how many touches, of a finger in an action each, are not explained."""
     problem, window, s = solved.problem, solved.window, solved.solution
-    if "touch" not in problem.terms:
+    if TOUCH_TERM not in problem.terms:
         return 0
     x, data = problem.pack(s.values), problem.data(s.parameters)
     wrong = unexplained(problem, window, x, data)

@@ -2,12 +2,11 @@
 
 By default fingertips are rigid, the centre of mass is the centroid, and a body on the
 ground slides flat.  Where touches cost more than the noise explains, the page is solved
-again from the optimum with one of these given up, then the next: compliance or centre
-of mass as unknowns, six unknowns a pose.  The larger model is kept where it lowers the
-objective by more than its Laplace evidence loses (Occam's factor: the logarithm of
-prior over posterior deviations of what was freed) and the spread of the likelihood:
-from another start noise alone is fitted better by about as much.  Poses that tilt have
-no prior deviation: LARGER_MODEL stands for their factor.
+again with one of these given up, then the next: compliance or centre of mass as
+unknowns, six unknowns a pose.  The larger model is kept where it lowers the objective
+by more than its Laplace evidence loses (Occam's factor: the log of prior over posterior
+deviations of what was freed) and the spread of the likelihood: from another start noise
+alone is fitted better by about as much.  LARGER_MODEL stands for the factor of tilt.
 
 Classes of shapes are not nested: the one of the largest evidence is the estimate.
 """
@@ -23,6 +22,7 @@ import numpy as np
 
 from formulations.centre_of_mass import NAME as CENTRE
 from formulations.indentation import NAME as COMPLIANCE
+from formulations.names import TOUCH_TERM
 from formulations.rigid_body import PLANAR
 from formulations.shape import Shape
 
@@ -96,7 +96,7 @@ def excess_of(job, solved: Solved) -> tuple[float, float]:
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
     left = variance_left(job.data, job.precision)
     found = misfits(problem, x, data, solved.window, job.data, left)
-    touches = found.get("touch", NOTHING)
+    touches = found.get(TOUCH_TERM, NOTHING)
     return touches.excess, touches.spread
 
 

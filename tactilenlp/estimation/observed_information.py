@@ -18,6 +18,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from formulations.names import TOUCH_TERM
+
 from ..common.brief import printed
 from ..common.threads import on_one_thread
 from ..common.validation import check_types
@@ -71,21 +73,21 @@ def observed_information(estimate, kind: str = "exact") -> Information:
         M = paper(again.problem, again.solution, again.window, again.shape)
         M = again.tangent.inverse.T @ M @ again.tangent.inverse
         return replace(estimate.information, matrix=M, spread=inverse(M))
-    curvature = kkt_system_of(again.problem, again.solution)
+    kkt = kkt_system_of(again.problem, again.solution)
     if kind == "inverse_dynamics":
-        M = inverse_dynamics(curvature, again.solution, again.window, again.shape)
+        M = inverse_dynamics(kkt, again.solution, again.window, again.shape)
         _check_finite(M)
         M = again.tangent.inverse.T @ M @ again.tangent.inverse
         return replace(estimate.information, matrix=M, spread=inverse(M))
     if kind == "gauss_newton":
-        curvature = gauss_newton(curvature)
-    pulls, held = curvature.sensitivity(again.tangent.chosen)
+        kkt = gauss_newton(kkt)
+    by_gradient, by_constraint = kkt.sensitivity(again.tangent.chosen)
     J = again.tangent.jacobian
-    C = J @ pulls[again.tangent.chosen] @ J.T
+    C = J @ by_gradient[again.tangent.chosen] @ J.T
     if kind == "sandwich":
         sensed = again.sensed
-        through = mixed_derivatives(curvature, sensed, again.window)
-        moves = sensitivity_to_measurements(through, sensed, pulls, held)
+        through = mixed_derivatives(kkt, sensed, again.window)
+        moves = sensitivity_to_measurements(through, sensed, by_gradient, by_constraint)
         C = sensor_covariance(*moves, sensed)
         C = J @ C @ J.T
     C = (C + C.T) / 2
@@ -131,21 +133,21 @@ def assumption_sensitivity(estimate) -> Sensitivity:
     """Return how shape and final pose change with mass, frictions, sensors, fingers."""
     check_types(estimate=(estimate, "Estimate"))
     again = programme_at(estimate)
-    curvature = kkt_system_of(again.problem, again.solution)
-    pulls, held = curvature.sensitivity(again.tangent.chosen)
-    pulls, held = pulls @ again.tangent.jacobian.T, held @ again.tangent.jacobian.T
+    kkt = kkt_system_of(again.problem, again.solution)
+    J, columns = again.tangent.jacobian, kkt.sensitivity(again.tangent.chosen)
+    by_gradient, by_constraint = (part @ J.T for part in columns)
 
     def build(scene, window):
         return again.sensed.build(window, scene)
 
     found, units = assumption_sensitivities(
-        curvature, pulls, held, build, estimate.scene, again.window
+        kkt, by_gradient, by_constraint, build, estimate.scene, again.window
     )
     return Sensitivity(again.tangent.names, found, units, again.tangent.maps)
 
 
 def assumption_sensitivities(
-    curvature: KKTSystem, pulls, held, build: Callable, scene, window
+    kkt: KKTSystem, by_gradient, by_constraint, build: Callable, scene, window
 ) -> tuple[dict, dict]:
     """Return the derivatives (k,) by assumption, and their units, of a solved problem.
 
@@ -154,10 +156,9 @@ def assumption_sensitivities(
     found, units = {}, {}
 
     def add(name, unit, changed, step):
-        ends = [
-            kkt_residual(build(*changed(side * step)), curvature) for side in (1, -1)
-        ]
-        found[name], units[name] = difference(pulls, held, ends, step), unit
+        ends = [kkt_residual(build(*changed(side * step)), kkt) for side in (1, -1)]
+        found[name] = difference(by_gradient, by_constraint, ends, step)
+        units[name] = unit
 
     for name, unit in (
         ("mass", "kg"),
@@ -192,7 +193,7 @@ def shifted(window, finger: int, axis: int, way: float):
     """Return the window as if a finger had been elsewhere by `way` [m] all the time."""
     changed = {}
     for part, names in (
-        ("touch", ["p_wf"]),
+        (TOUCH_TERM, ["p_wf"]),
         ("free", ["p_wf"]),
         ("push", ["p_wf", "p_wf_1"]),
     ):

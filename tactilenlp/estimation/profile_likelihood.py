@@ -59,8 +59,8 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
         return profile, None  # the unknowns are not sides, or it may tilt
     chosen, faces = final_unknowns(solved.problem), solved.touched
     faces[2, 0] += KNOWN_FACE  # the ground touches the lowest one
-    pulls, _ = kkt_system_of(solved.problem, solved.solution).sensitivity(chosen)
-    known = np.sqrt(np.maximum(np.diag(pulls[chosen]), 0.0))
+    by_gradient, _ = kkt_system_of(solved.problem, solved.solution).sensitivity(chosen)
+    known = np.sqrt(np.maximum(np.diag(by_gradient[chosen]), 0.0))
     open_sizes = {
         axis: touched for axis, touched in enumerate(faces)
         if touched.min() < KNOWN_FACE or known[axis] >= faces_sigma(job, touched)
@@ -70,11 +70,11 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
     if known[along] < KNOWN_POSITION:
         asked.append(along)
     else:  # the Hessian already states a large sigma
-        profile[along] = pulls[chosen, along] / known[along]
+        profile[along] = by_gradient[chosen, along] / known[along]
     for axis in asked:
-        pull = pulls[:, axis] / max(known[axis], LEAST_SIGMA)
+        direction = by_gradient[:, axis] / max(known[axis], LEAST_SIGMA)
         touched, prior = open_sizes.get(axis), job.shape.size_prior[1]
-        given = solved.at, prior, axis, pull, pull[chosen], touched
+        given = solved.at, prior, axis, direction, direction[chosen], touched
         profile[axis], better = _deviation(elsewhere, *given)
         if better is not None:
             return profile, better
@@ -89,7 +89,7 @@ def faces_sigma(job, touched) -> float:
     )
 
 
-def _deviation(elsewhere, at, prior, axis: int, pull, off, touched):
+def _deviation(elsewhere, at, prior, axis: int, direction, off, touched):
     """Return by how much sizes and final pose are off (k,) where one of them is.
 
     elsewhere(axis, pull, touched, step): the hypothesis `at` with that one held `step`
@@ -109,7 +109,7 @@ def _deviation(elsewhere, at, prior, axis: int, pull, off, touched):
     enough = PROFILE_RISE / 2 if touched is None else PROFILE_RISE
     for way in (1, -1):
         behind = touched if is_open and way > 0 else None
-        there = partial(elsewhere, axis, way * pull / known, behind)
+        there = partial(elsewhere, axis, way * direction / known, behind)
         claim = abs((off if widest is None else widest)[axis])
         # Where a Gaussian costs twice as much as is enough; most cost half as much.
         first = max(min(np.sqrt(4 * enough) * known, VAGUE_SHARE * prior), FIRST_STEP)
@@ -156,7 +156,9 @@ def _final(hypothesis) -> np.ndarray:
     return np.r_[hypothesis.theta, hypothesis.x[:, -1]]
 
 
-def _constrained(job, page, solved, options, shared, chosen, axis, pull, touched, step):
+def _constrained(
+    job, page, solved, options, shared, chosen, axis, direction, touched, step
+):
     """Return the hypothesis of one of the chosen unknowns held `step` [m] off, or None.
 
     pull: the response of all unknowns to it by the Hessian; shared: keeps solvers. The
@@ -165,7 +167,7 @@ def _constrained(job, page, solved, options, shared, chosen, axis, pull, touched
     is no higher.
     """
     problem, held = solved.problem, chosen[axis]
-    x = problem.pack(solved.solution.values) + step * pull
+    x = problem.pack(solved.solution.values) + step * direction
     too_small = axis < job.shape.theta and x[held] < job.shape.bounds[0]
     if too_small or job.deadline.passed("profile likelihoods"):
         return None

@@ -8,6 +8,8 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
+from formulations.names import EXACT, FINGER_IMPULSE, GROUND_IMPULSE
+
 from ..common.deadline import NEVER, Deadline, OutOfTime
 from ..common.npz import versions
 from ..data.sensor_noise import variance_left
@@ -212,7 +214,7 @@ def problem_builder(page, shape, scene, kinds_of=None, deadline=NEVER):
 def exact_violations(problem, solution) -> dict[str, float]:
     """Return the violations of constraints that a solve smooths, without smoothing."""
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
-    names = [name for name in problem.reports if name.endswith(", exact")]
+    names = [name for name in problem.reports if name.endswith(EXACT)]
     return {n: max(0.0, float(problem.value(n, x, data).max())) for n in names}
 
 
@@ -225,13 +227,13 @@ def impulses(solved, data, scene) -> dict[str, np.ndarray]:
         out["ground"] = np.zeros((T, 3))
     x, values = problem.pack(solution.values), problem.data(solution.parameters)
     turn = _ground_rotation(scene)
-    if "finger impulse" in problem.reports:
-        pushed = problem.value("finger impulse", x, values) @ turn
+    if FINGER_IMPULSE in problem.reports:
+        pushed = problem.value(FINGER_IMPULSE, x, values) @ turn
         for i in range(data.fingers):
             rows = window.push.finger == i
             out[f"finger {i}"] = by_sample(pushed[rows], window.push.sample[rows], T)
-    if "ground impulse" in problem.reports:
-        carried = problem.value("ground impulse", x, values) @ turn
+    if GROUND_IMPULSE in problem.reports:
+        carried = problem.value(GROUND_IMPULSE, x, values) @ turn
         rows = window.step.sample[window.corner.step]
         out["ground"] = by_sample(carried, rows, T)
     elif "impulse" in problem.reports:  # of all contacts: what fingers leave over

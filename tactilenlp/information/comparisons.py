@@ -36,20 +36,20 @@ from ..nlp.kkt_sensitivity import KKTSystem
 from ..nlp.term_functions import mapped
 
 
-def gauss_newton(curvature: KKTSystem) -> KKTSystem:
+def gauss_newton(kkt: KKTSystem) -> KKTSystem:
     """Return the KKT system with the Hessian of every instance made positive."""
-    problem, hessians = curvature.problem, {}
-    for name in curvature.hessians:
+    problem, hessians = kkt.problem, {}
+    for name in kkt.hessians:
         hessians[name] = sp.csc_matrix((problem.size, problem.size))
         if name in problem.costs:
-            local = local_hessians(curvature, name)
+            local = local_hessians(kkt, name)
             size = problem.scale[problem.terms[name].unknowns]
             size = size[:, :, None] * size[:, None, :]
             values, vectors = np.linalg.eigh(local * size)
             values = np.maximum(values, 0.0)
             local = np.einsum("iab,ib,icb->iac", vectors, values, vectors) / size
-            hessians[name] = scattered(curvature, name, local)
-    return curvature.with_hessians(hessians)
+            hessians[name] = scattered(kkt, name, local)
+    return kkt.with_hessians(hessians)
 
 
 def paper(problem, solution, window, shape) -> np.ndarray:
@@ -75,41 +75,39 @@ def quaternion_jacobian(motion, x) -> np.ndarray:
     return np.asarray(J(x[3:]))
 
 
-def inverse_dynamics(curvature: KKTSystem, solution, window, shape) -> np.ndarray:
+def inverse_dynamics(kkt: KKTSystem, solution, window, shape) -> np.ndarray:
     """Return eq:obsinfo (k, k) with past poses by inverted Jacobians."""
-    by_last, by_theta = pose_jacobians(curvature, window, shape)
-    return summed(curvature.problem, solution, window, shape, by_last, by_theta)
+    by_last, by_theta = pose_jacobians(kkt, window, shape)
+    return summed(kkt.problem, solution, window, shape, by_last, by_theta)
 
 
-def pose_jacobians(
-    curvature: KKTSystem, window, shape
-) -> tuple[np.ndarray, np.ndarray]:
+def pose_jacobians(kkt: KKTSystem, window, shape) -> tuple[np.ndarray, np.ndarray]:
     """Return d pose / d last pose (poses, u, u) and d pose / d theta (poses, u, n)."""
     u, n = window.motion.unknowns, shape.theta
     by_last = np.tile(np.eye(u), (window.poses, 1, 1))
     by_shape = np.zeros((window.poses, u, n))
     row = {int(k): i for i, k in enumerate(window.step.pose)}
-    latest = _latest_poses(curvature, window)
-    local = {name: local_hessians(curvature, name) for name in curvature.hessians}
+    latest = _latest_poses(kkt, window)
+    local = {name: local_hessians(kkt, name) for name in kkt.hessians}
     for k in range(window.poses - 1, 0, -1):
         by_last[k - 1], by_shape[k - 1] = by_last[k], by_shape[k]
         if k not in row:  # a gap between actions: the object stays
             continue
-        H = sp.csc_matrix((curvature.problem.size,) * 2)
+        H = sp.csc_matrix((kkt.problem.size,) * 2)
         for name, poses in latest.items():
             here = np.where((poses == k)[:, None, None], local[name], 0.0)
             if (poses == k).any():
-                H = H + scattered(curvature, name, here)
-        F, by_theta = _time_step(curvature, window, shape, H, row[k])
+                H = H + scattered(kkt, name, here)
+        F, by_theta = _time_step(kkt, window, shape, H, row[k])
         back = np.linalg.inv(F)
         by_last[k - 1] = back @ by_last[k]
         by_shape[k - 1] = back @ (by_shape[k] - by_theta)
     return by_last, by_shape
 
 
-def _time_step(curvature: KKTSystem, window, shape, H, s: int):
+def _time_step(kkt: KKTSystem, window, shape, H, s: int):
     """Return dx_k/dx_{k-1} (u, u) and dx_k/dtheta (u, n) of the step s."""
-    problem, step = curvature.problem, window.step
+    problem, step = kkt.problem, window.step
     columns = problem.variables["x"][:, :].indices
     now = columns[step.pose[s]]
     impulses = [
@@ -121,7 +119,7 @@ def _time_step(curvature: KKTSystem, window, shape, H, s: int):
     before = columns[step.before[s]], columns[step.before_2[s]]
     given = problem.variables["theta"][:, :].indices.ravel()[: shape.theta]
     D = sp.diags(problem.scale)
-    H, A = (D @ H @ D).tocsc(), curvature.A
+    H, A = (D @ H @ D).tocsc(), kkt.A
     A = A[np.unique(A[:, inside].nonzero()[0])]
     K = sp.bmat(
         [
@@ -142,9 +140,9 @@ def _time_step(curvature: KKTSystem, window, shape, H, s: int):
     return moved[:, :u] + moved[:, u : 2 * u], moved[:, 2 * u :]
 
 
-def _latest_poses(curvature: KKTSystem, window) -> dict[str, np.ndarray]:
+def _latest_poses(kkt: KKTSystem, window) -> dict[str, np.ndarray]:
     """Return for every term the latest pose of each instance, -1 if none."""
-    problem = curvature.problem
+    problem = kkt.problem
     pose = np.full(problem.size, -1)
     x = problem.variables["x"]
     pose[x.span] = np.repeat(np.arange(x.columns), x.rows)
@@ -152,7 +150,7 @@ def _latest_poses(curvature: KKTSystem, window) -> dict[str, np.ndarray]:
         if name in problem.variables:
             v = problem.variables[name]
             pose[v.span] = np.repeat(window.step.pose[rows.step], v.rows)
-    terms = curvature.hessians
+    terms = kkt.hessians
     return {name: pose[problem.terms[name].unknowns].max(axis=1) for name in terms}
 
 
@@ -214,11 +212,11 @@ def _value(problem, name: str) -> float:
     return float(problem.parameters[name].value[0])
 
 
-def local_hessians(curvature: KKTSystem, name: str) -> np.ndarray:
+def local_hessians(kkt: KKTSystem, name: str) -> np.ndarray:
     """Return the Hessian of every instance of a term, (instances, z, z), SI."""
-    term = curvature.problem.terms[name]
-    function, x, data = term.function, curvature.x, curvature.data
-    weight = curvature.multipliers.get(name, np.ones((term.instances, function.rows)))
+    term = kkt.problem.terms[name]
+    function, x, data = term.function, kkt.x, kkt.data
+    weight = kkt.multipliers.get(name, np.ones((term.instances, function.rows)))
     second = mapped(function.second, term.instances)
     upper = second(x[term.unknowns].T, data[term.data].T, weight.T)
     i, j = (np.array(p, int) for p in function.hessian_sparsity.get_triplet())
@@ -227,9 +225,9 @@ def local_hessians(curvature: KKTSystem, name: str) -> np.ndarray:
     return local
 
 
-def scattered(curvature: KKTSystem, name: str, local) -> sp.csc_matrix:
+def scattered(kkt: KKTSystem, name: str, local) -> sp.csc_matrix:
     """Return the sum of local matrices (instances, z, z) at their places."""
-    problem = curvature.problem
+    problem = kkt.problem
     unknowns = problem.terms[name].unknowns
     rows = np.broadcast_to(unknowns[:, :, None], local.shape).ravel()
     columns = np.broadcast_to(unknowns[:, None, :], local.shape).ravel()

@@ -1,14 +1,15 @@
 r"""Add up the error budget: the covariance that `sigma` reports, as a list of terms.
 
 The inverse Hessian is the covariance of the error only where every term of the
-objective is the negative logarithm of a true density.  Here the middle of the sandwich
+objective is the negative logarithm of a true density.  Penalties of physics are none.
+The sandwich covariance (White 1982) is
 
     C = K^{-1} G K^{-1},   G = sum of the errors in TERMS that apply
 
-is what each part is known to err by.  TERMS is the one list for every class of shapes:
-a term applies where the programme has what it is about.  The terms of AFTER_MIXTURE
-are added to the covariance of the mixture of local optima.  The shares are measured:
-they are chosen such that sigma covers the errors of 20 recordings.
+where G is the covariance of the gradient by each source of error.  TERMS is the one
+list for every class of shapes: a term applies where the programme has what it is about.
+The terms of AFTER_MIXTURE are added to the covariance of the mixture of local optima.
+PHYSICS is measured: with it sigma covers the errors of 20 recordings.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+
+from formulations.names import TOUCH_TERM
 
 from ..common.deadline import NEVER, Deadline
 from ..nlp.kkt_sensitivity import KKTSystem
@@ -54,9 +57,7 @@ from .sensitivity import (
 )
 from .tangent_space import pose_jacobians
 
-PHYSICS = (
-    0.3  # [-] of the curvature of physics is its error: penalties are no densities
-)
+PHYSICS = 0.3  # [-] share of the curvature of physics that is its error
 PRIORS = ("prior", "regulariser")  # roles of costs whose curvature is their error
 
 
@@ -64,7 +65,7 @@ PRIORS = ("prior", "regulariser")  # roles of costs whose curvature is their err
 class Linearisation:
     """A solution to first order: its KKT system, and what its measurements move."""
 
-    curvature: KKTSystem
+    kkt: KKTSystem
     sensed: Sensed
     window: object
     shape: object
@@ -73,25 +74,25 @@ class Linearisation:
     @cached_property
     def derivatives(self) -> list[MixedDerivatives]:
         """The mixed derivatives of every term that reads measurements."""
-        return mixed_derivatives(self.curvature, self.sensed, self.window)
+        return mixed_derivatives(self.kkt, self.sensed, self.window)
 
     @cached_property
     def edges(self) -> Doubt:
         """The doubt about sharp edges."""
         build = self.sensed.build
-        return rounded_edges(self.curvature, build, self.window, self.shape)
+        return rounded_edges(self.kkt, build, self.window, self.shape)
 
     @cached_property
     def late(self) -> tuple[Doubt, Doubt]:
         """The doubts about normals, and about touches, as those of their instant."""
         sensed = self.sensed
-        given = self.curvature, sensed.build, self.window, sensed.data
+        given = self.kkt, sensed.build, self.window, sensed.data
         return late_normals(*given), late_touches(*given)
 
     @cached_property
     def velocities(self) -> np.ndarray:
         """The velocities (unknowns,) of all poses."""
-        return velocities(self.curvature, self.window)
+        return velocities(self.kkt, self.window)
 
     @cached_property
     def tilt(self) -> GroundTilt | None:
@@ -102,30 +103,25 @@ class Linearisation:
         scene = self.sensed.scene
         if scene.ground is None or scene.sigma_tilt == 0:
             return None
-        if "touch" not in self.curvature.hessians:
+        if TOUCH_TERM not in self.kkt.hessians:
             return None
         sensed = self.sensed
         about = self.end * (1, 1, 0)
-        given = self.curvature, sensed.build, self.window, sensed.data, scene, about
+        given = self.kkt, sensed.build, self.window, sensed.data, scene, about
         return ground_tilt(*given)
 
     @property
     def end(self) -> np.ndarray:
         """The body's middle (3,) [m] at the last sample, ground frame."""
-        values = self.curvature.problem.unpack(self.curvature.x)
+        values = self.kkt.problem.unpack(self.kkt.x)
         theta, x = values["theta"], values["x"][:, -1:]
         if self.shape.parameters == "vertices":
             return theta.mean(axis=1)
         return pose_jacobians(self.shape, self.window.motion, theta[:, 0], x)[0][0]
 
-    @property
-    def parameters(self) -> dict:
-        """The parameters of the programme."""
-        return self.curvature.problem.parameters
-
     def costs(self, roles) -> list[str]:
         """Return the names of the costs with one of these roles."""
-        costs = self.curvature.problem.costs
+        costs = self.kkt.problem.costs
         return [name for name, term in costs.items() if term.role in roles]
 
     def response(self, chosen, jacobian, turned=0.0) -> Response:
@@ -133,24 +129,26 @@ class Linearisation:
 
         turned (k, 2): how they turn with the frame of the ground itself.
         """
-        pulls, held = (part @ jacobian.T for part in self.curvature.sensitivity(chosen))
-        C = jacobian @ pulls[chosen]
+        by_gradient, by_constraint = (
+            part @ jacobian.T for part in self.kkt.sensitivity(chosen)
+        )
+        C = jacobian @ by_gradient[chosen]
         moving = jacobian @ self.velocities[chosen]
-        return Response(self, pulls, held, (C + C.T) / 2, turned, moving)
+        return Response(self, by_gradient, by_constraint, (C + C.T) / 2, turned, moving)
 
 
 @dataclass(frozen=True, eq=False)
 class Response:
     """How k numbers of interest respond to errors: what terms are computed from.
 
-    pulls (unknowns, k), held (rows, k): see KKTSystem.sensitivity; hessian (k, k): the
-    covariance by the Hessian alone; turned: see Linearisation.response;
-    moving (k,): by how much they change in a second.
+    by_gradient (unknowns, k), by_constraint (rows, k): see KKTSystem.sensitivity;
+    hessian (k, k): the covariance by the Hessian alone; turned: see
+    Linearisation.response; moving (k,): by how much they change in a second.
     """
 
     at: Linearisation
-    pulls: np.ndarray
-    held: np.ndarray
+    by_gradient: np.ndarray
+    by_constraint: np.ndarray
     hessian: np.ndarray
     turned: np.ndarray | float
     moving: np.ndarray
@@ -158,48 +156,50 @@ class Response:
     @cached_property
     def by_touches(self) -> tuple[np.ndarray, np.ndarray]:
         """How they move with positions and normals through the touches."""
-        return self._moved(lambda name: name == "touch")
+        return self._moved(lambda name: name == TOUCH_TERM)
 
     @cached_property
     def by_others(self) -> tuple[np.ndarray, np.ndarray]:
         """How they move with positions and normals through all other terms."""
-        return self._moved(lambda name: name != "touch")
+        return self._moved(lambda name: name != TOUCH_TERM)
 
     def _moved(self, asked) -> tuple[np.ndarray, np.ndarray]:
         through = [mixed for mixed in self.at.derivatives if asked(mixed.name)]
         return sensitivity_to_measurements(
-            through, self.at.sensed, self.pulls, self.held
+            through, self.at.sensed, self.by_gradient, self.by_constraint
         )
 
 
-def sensor_noise(of: Response) -> np.ndarray:
+def sensor_noise(response: Response) -> np.ndarray:
     """Return the covariance (k, k) by the noise of positions and normals."""
-    pairs = zip(of.by_touches, of.by_others, strict=True)
+    pairs = zip(response.by_touches, response.by_others, strict=True)
     moves = (touched + others for touched, others in pairs)
-    return sensor_covariance(*moves, of.at.sensed)
+    return sensor_covariance(*moves, response.at.sensed)
 
 
-def touch_model(of: Response) -> np.ndarray:
+def touch_model(response: Response) -> np.ndarray:
     """Return the covariance (k, k) by touches that are not as modelled."""
-    at = of.at
-    return model_error(at.curvature, *of.by_touches, at.sensed, at.window, at.shape)
+    at = response.at
+    return model_error(at.kkt, *response.by_touches, at.sensed, at.window, at.shape)
 
 
-def physics_model(of: Response) -> np.ndarray:
+def physics_model(response: Response) -> np.ndarray:
     """Return the covariance (k, k) by a share of the curvature of physics."""
-    names = [*of.at.costs(["physics"]), *of.at.curvature.problem.constraints]
-    return PHYSICS * curvature_of_costs(of.at.curvature, of.pulls, names)
+    at = response.at
+    names = [*at.costs(["physics"]), *at.kkt.problem.constraints]
+    return PHYSICS * curvature_of_costs(at.kkt, response.by_gradient, names)
 
 
-def priors(of: Response) -> np.ndarray:
+def priors(response: Response) -> np.ndarray:
     """Return the covariance (k, k) by priors that are off by their deviations."""
-    return curvature_of_costs(of.at.curvature, of.pulls, of.at.costs(PRIORS))
+    at = response.at
+    return curvature_of_costs(at.kkt, response.by_gradient, at.costs(PRIORS))
 
 
-def sliding_fingers(of: Response) -> np.ndarray:
+def sliding_fingers(response: Response) -> np.ndarray:
     """Return the covariance (k, k) by fingers that may stick, not slide."""
-    at = of.at
-    return stick_slip(at.curvature, of.pulls, at.window, at.sensed.data.action)
+    at = response.at
+    return stick_slip(at.kkt, response.by_gradient, at.window, at.sensed.data.action)
 
 
 @dataclass(frozen=True)
@@ -218,73 +218,73 @@ def _given(name: str) -> ErrorTerm:
     """Return the error of a coefficient of friction that was given."""
     return ErrorTerm(
         name,
-        lambda of: friction_error(of.at.curvature, of.pulls, of.held, name),
-        lambda at: name in at.parameters,
+        lambda r: friction_error(r.at.kkt, r.by_gradient, r.by_constraint, name),
+        lambda at: name in at.kkt.problem.parameters,
     )
+
+
+def _has_touches(at: Linearisation) -> bool:
+    return TOUCH_TERM in at.kkt.hessians
 
 
 TERMS = (
     ErrorTerm("sensor noise", sensor_noise),
-    ErrorTerm("touch model", touch_model, lambda at: "touch" in at.curvature.hessians),
+    ErrorTerm("touch model", touch_model, _has_touches),
     ErrorTerm(
         "rounded edges",
-        lambda of: of.at.edges.covariance(of.pulls),
-        lambda at: "touch" in at.curvature.hessians and at.shape.rounded is not None,
+        lambda r: r.at.edges.covariance(r.by_gradient),
+        lambda at: _has_touches(at) and at.shape.rounded is not None,
     ),
     ErrorTerm(
-        "late normals",
-        lambda of: of.at.late[0].covariance(of.pulls),
-        lambda at: "touch" in at.curvature.hessians,
+        "late normals", lambda r: r.at.late[0].covariance(r.by_gradient), _has_touches
     ),
     ErrorTerm(
         "late touches",
-        lambda of: of.at.late[1].covariance(of.pulls, of.moving),
-        lambda at: "touch" in at.curvature.hessians,
+        lambda r: r.at.late[1].covariance(r.by_gradient, r.moving),
+        _has_touches,
     ),
     ErrorTerm(
         "tilt of the ground",
-        lambda of: of.at.tilt.covariance(of.pulls, of.turned),
+        lambda r: r.at.tilt.covariance(r.by_gradient, r.turned),
         lambda at: at.tilt is not None,
     ),
     ErrorTerm("priors", priors),
     ErrorTerm("physics model", physics_model),
     ErrorTerm(
         "missing impulses",
-        lambda of: PHYSICS * missing_impulses(of.at.curvature, of.held),
+        lambda r: PHYSICS * missing_impulses(r.at.kkt, r.by_constraint),
     ),
-    ErrorTerm("regularisation", lambda of: regularisation(of.at.curvature, of.pulls)),
+    ErrorTerm("regularisation", lambda r: regularisation(r.at.kkt, r.by_gradient)),
     _given("finger friction"),
     _given("ground friction"),
     ErrorTerm(
         "uneven ground",
-        lambda of: uneven_ground(of.at.curvature, of.held, of.at.window),
-        lambda at: GROUND_GAP in at.curvature.problem.constraints,
+        lambda r: uneven_ground(r.at.kkt, r.by_constraint, r.at.window),
+        lambda at: GROUND_GAP in at.kkt.problem.constraints,
     ),
-    ErrorTerm("negative curvature", lambda of: negative_curvature(of.hessian)),
+    ErrorTerm("negative curvature", lambda r: negative_curvature(r.hessian)),
     ErrorTerm(
         "stick-slip ambiguity", sliding_fingers, lambda at: len(at.window.push) > 0
     ),
     ErrorTerm(
         "shape prior error",
-        lambda of: shape_prior_error(of.at.curvature, of.pulls),
-        lambda at: BALL in at.curvature.problem.variables,
+        lambda r: shape_prior_error(r.at.kkt, r.by_gradient),
+        lambda at: BALL in at.kkt.problem.variables,
     ),
 )
 AFTER_MIXTURE = (  # functions of TouchedFaces and of the mixture's covariance
     ErrorTerm("untouched faces", lambda seen, C: seen.untouched()),
-    ErrorTerm(
-        "profile likelihood", lambda seen, C: profile_beyond(seen.profile, C)
-    ),
-)  # fmt: skip
+    ErrorTerm("profile likelihood", lambda seen, C: profile_beyond(seen.profile, C)),
+)
 
 
-def error_budget(of: Response) -> np.ndarray:
+def error_budget(response: Response) -> np.ndarray:
     """Return the covariance (k, k) of the chosen unknowns, SI: the sum of TERMS."""
     found = []
     for term in TERMS:
-        of.at.deadline.check()
-        if term.applies(of.at):
-            found.append(term.covariance(of))
+        response.at.deadline.check()
+        if term.applies(response.at):
+            found.append(term.covariance(response))
     total = _sum(found)
     return (total + total.T) / 2
 

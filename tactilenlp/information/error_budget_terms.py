@@ -3,7 +3,8 @@ r"""Compute the terms of the error budget, each a covariance (k, k) by one named
 Each function returns K^{-1} G K^{-1} for the middle G of one error; `error_budget.py`
 lists which of them apply to which class of shapes and adds them up.
 
-    pulls (unknowns, k), held (rows, k): columns of K^{-1}, see KKTSystem.sensitivity
+    by_gradient (unknowns, k), by_constraint (rows, k): columns of K^{-1}, see
+    KKTSystem.sensitivity
     action (T,): the action of every sample
 """
 
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from formulations.names import GIVES
 from formulations.violation_implicit import WEIGHTS
 
 from ..geometry.convex_hull import SIGMA_INSIDE
@@ -41,48 +43,50 @@ VERTEX_PRIORS = ("ball prior", "stay")  # costs that determine untouched vertice
 REGULARISATION = 1e-9  # [-] of the covariance of g, singular where vertices coincide
 
 
-def curvature_of_costs(curvature: KKTSystem, pulls, names) -> np.ndarray:
+def curvature_of_costs(kkt: KKTSystem, by_gradient, names) -> np.ndarray:
     """Return the covariance (k, k) if the curvature of these terms is their error."""
-    return positive_part(pulls.T @ (curvature.hessian(names) @ pulls))
+    return positive_part(by_gradient.T @ (kkt.hessian(names) @ by_gradient))
 
 
-def missing_impulses(curvature: KKTSystem, held) -> np.ndarray:
+def missing_impulses(kkt: KKTSystem, by_constraint) -> np.ndarray:
     """Return the covariance (k, k) by impulses of BALANCE missing in hard balances.
 
     A page reports how such a constraint moves by one weight, "<its name>, gives".
     """
-    problem, total = curvature.problem, np.zeros((held.shape[1],) * 2)
+    problem, total = kkt.problem, np.zeros((by_constraint.shape[1],) * 2)
     for name, term in problem.constraints.items():
-        if f"{name}, gives" not in problem.reports:
+        if name + GIVES not in problem.reports:
             continue
-        gives = problem.value(f"{name}, gives", curvature.x, curvature.data)
+        gives = problem.value(name + GIVES, kkt.x, kkt.data)
         gives = gives.reshape(
             term.instances, -1, term.function.rows
         )  # column by column
-        rows = held[term.span].reshape(term.instances, term.function.rows, -1)
+        rows = by_constraint[term.span].reshape(term.instances, term.function.rows, -1)
         moved = (gives @ rows).reshape(-1, len(total))
         total += BALANCE**2 * moved.T @ moved
     return total
 
 
-def regularisation(curvature: KKTSystem, pulls) -> np.ndarray:
+def regularisation(kkt: KKTSystem, by_gradient) -> np.ndarray:
     """Return the covariance (k, k) of K's regularisation, a weak prior."""
-    scaled = pulls / curvature.problem.scale[:, None]
+    scaled = by_gradient / kkt.problem.scale[:, None]
     return LEAST_CURVATURE * scaled.T @ scaled
 
 
-def friction_error(curvature: KKTSystem, pulls, held, name: str) -> np.ndarray:
+def friction_error(kkt: KKTSystem, by_gradient, by_constraint, name: str) -> np.ndarray:
     """Return the covariance (k, k) by a coefficient of friction that was given."""
-    moved = parameter_sensitivity(curvature, pulls, held, {name: 1.0}, relative=True)
+    moved = parameter_sensitivity(
+        kkt, by_gradient, by_constraint, {name: 1.0}, relative=True
+    )
     return FRICTION**2 * np.outer(moved, moved)
 
 
-def uneven_ground(curvature: KKTSystem, held, window) -> np.ndarray:
+def uneven_ground(kkt: KKTSystem, by_constraint, window) -> np.ndarray:
     """Return the covariance (k, k) by a ground that is not the plane of a hard gap."""
-    problem = curvature.problem
-    slopes = problem.jacobian(GROUND_GAP, curvature.x, curvature.data)
+    problem = kkt.problem
+    slopes = problem.jacobian(GROUND_GAP, kkt.x, kkt.data)
     slopes = slopes[:, problem.variables["x"].span]
-    rows = window.followed(held[problem.constraints[GROUND_GAP].span], slopes)
+    rows = window.followed(by_constraint[problem.constraints[GROUND_GAP].span], slopes)
     return UNEVEN**2 * rows.T @ rows
 
 
@@ -101,7 +105,7 @@ def positive_part(M) -> np.ndarray:
     return (vectors * np.maximum(values, 0.0)) @ vectors.T
 
 
-def stick_slip(curvature: KKTSystem, pulls, window, action) -> np.ndarray:
+def stick_slip(kkt: KKTSystem, by_gradient, window, action) -> np.ndarray:
     """Return the covariance (k, k) by fingers that may stick instead of slide, SI.
 
     A finger that moves along a face slides on it or moves the body.  No sensor tells
@@ -114,12 +118,12 @@ def stick_slip(curvature: KKTSystem, pulls, window, action) -> np.ndarray:
 
     zero where touches alone determine the poses.
 
-    pulls: see KKTSystem.sensitivity; action (T,): of every sample.
+    by_gradient: see KKTSystem.sensitivity; action (T,): of every sample.
     """
-    problem, push = curvature.problem, window.push
+    problem, push = kkt.problem, window.push
     names = [n for n, term in problem.costs.items() if term.role == "physics"]
-    H = curvature.hessian(names)
-    x, slip = problem.variables["x"], slips(curvature, window)
+    H = kkt.hessian(names)
+    x, slip = problem.variables["x"], slips(kkt, window)
     own, moved = action[push.sample], []
     for a, f in np.unique(np.stack([own, push.finger]), axis=1).T:
         rows = np.flatnonzero((own == a) & (push.finger == f))
@@ -128,22 +132,22 @@ def stick_slip(curvature: KKTSystem, pulls, window, action) -> np.ndarray:
         move[:, : slip.shape[1]] = -(later @ slip[rows])
         e = np.zeros(problem.size)
         e[x.span] = move.ravel()
-        moved.append(pulls.T @ (H @ e))
-    moved = np.array(moved).reshape(-1, pulls.shape[1])
+        moved.append(by_gradient.T @ (H @ e))
+    moved = np.array(moved).reshape(-1, by_gradient.shape[1])
     return STICKING * moved.T @ moved
 
 
-def slips(curvature: KKTSystem, window) -> np.ndarray:
+def slips(kkt: KKTSystem, window) -> np.ndarray:
     """Return how far [m] each pushing finger slid over the body.
 
     (pushes, 2) over the ground, in planar motion; else (pushes, 3).  Where a sample
     is missing and no impulse is found, the finger did not touch: zero.
     """
-    values, push = curvature.problem.unpack(curvature.x), window.push
+    values, push = kkt.problem.unpack(kkt.x), window.push
     slip = _slips(values["x"], push, window.step)
     if "finger" in values and len(window.unseen):
         lam_n = values["finger"][0, window.unseen]
-        loaded = lam_n > LOADED * curvature.problem.variables["finger"].scale[0]
+        loaded = lam_n > LOADED * kkt.problem.variables["finger"].scale[0]
         slip[window.unseen[~loaded]] = 0.0
     return slip
 
@@ -160,7 +164,7 @@ def _slips(x, push, steps) -> np.ndarray:
     return push.p_wf[:, :2] - carried.T
 
 
-def shape_prior_error(curvature: KKTSystem, pulls) -> np.ndarray:
+def shape_prior_error(kkt: KKTSystem, by_gradient) -> np.ndarray:
     """Return the covariance (k, k) by bodies that differ from the prior's ball, SI.
 
     Without touches the vertices lie about a sphere (m, r) and near where they started,
@@ -175,9 +179,9 @@ def shape_prior_error(curvature: KKTSystem, pulls) -> np.ndarray:
 
         K^{-1} H cov(e) H K^{-1}
 
-    pulls: see KKTSystem.sensitivity.
+    by_gradient: see KKTSystem.sensitivity.
     """
-    problem, values = curvature.problem, curvature.problem.unpack(curvature.x)
+    problem, values = kkt.problem, kkt.problem.unpack(kkt.x)
     V, (*middle, radius) = values["theta"].T, np.ravel(values[BALL])
     u = V - middle
     u /= np.maximum(np.linalg.norm(u, axis=1, keepdims=True), radius * REGULARISATION)
@@ -188,7 +192,7 @@ def shape_prior_error(curvature: KKTSystem, pulls) -> np.ndarray:
     errors[problem.variables["theta"].span] = (
         radius * SIGMA_INSIDE * (u[:, :, None] * root[:, None]).reshape(u.size, -1)
     )
-    moved = pulls.T @ (curvature.hessian(VERTEX_PRIORS) @ errors)
+    moved = by_gradient.T @ (kkt.hessian(VERTEX_PRIORS) @ errors)
     return moved @ moved.T
 
 

@@ -15,29 +15,29 @@ def offsets_of(values: dict, R_wg) -> np.ndarray | None:
     return (R_wg @ values[NAME]).T if NAME in values else None
 
 
-def covariance_of_offsets(curvature, sensed, window, shape, R_wg) -> np.ndarray | None:
+def covariance_of_offsets(kkt, sensed, window, shape, R_wg) -> np.ndarray | None:
     """Return the covariance (3 F, 3 F) [m^2], finger by finger.
 
     sensed: the measurements, without which it is that of the Hessian.
     """
-    variables = curvature.problem.variables
+    variables = kkt.problem.variables
     if NAME not in variables:
         return None
     span = variables[NAME].span
     chosen = np.arange(span.start, span.stop)
     turn = np.kron(np.eye(len(chosen) // 3), R_wg)
-    of = Linearisation(curvature, sensed, window, shape).response(chosen, turn)
-    return of.hessian if sensed is None else error_budget(of)
+    response = Linearisation(kkt, sensed, window, shape).response(chosen, turn)
+    return response.hessian if sensed is None else error_budget(response)
 
 
-def covariance_with_offsets(curvature, tangent) -> np.ndarray:
+def covariance_with_offsets(kkt, tangent) -> np.ndarray:
     """Return the covariance (k + 3 F, k + 3 F) by the Hessian, offsets last.
 
     Of shape and final pose in their tangent space, and of the page's own offsets.
     """
-    span = curvature.problem.variables[NAME].span
+    span = kkt.problem.variables[NAME].span
     chosen = np.r_[tangent.chosen, span.start : span.stop]
-    C = curvature.sensitivity(chosen)[0][chosen]
+    C = kkt.sensitivity(chosen)[0][chosen]
     jacobian, k = np.eye(len(chosen)), len(tangent.chosen)
     jacobian[:k, :k] = tangent.jacobian
     C = jacobian @ C @ jacobian.T

@@ -40,6 +40,7 @@ import numpy as np
 from scipy.special import polygamma, psi
 
 from formulations.between_actions import CAUCHY, GAP
+from formulations.names import FREE_TERM, TOUCH_TERM
 from formulations.rigid_body import ARM
 
 from ..geometry.transforms import is_planar, matrices
@@ -208,7 +209,7 @@ def _by_touch(problem, x, data, window, measurements, smoothing) -> tuple:
     """Return the TouchMisfit of every finger in every action, the worst first."""
     if not len(window.touch):
         return ()
-    cost = problem.value("touch", x, data)[:, 0]
+    cost = problem.value(TOUCH_TERM, x, data)[:, 0]
     mean, variance = touch_moments(problem, data, window, smoothing)
     action = measurements.action[window.touch.sample]
     found = []
@@ -224,7 +225,7 @@ def _by_touch(problem, x, data, window, measurements, smoothing) -> tuple:
 
 def states_touches(problem) -> bool:
     """Tell whether a page has the touch likelihood of likelihood.py."""
-    return "touch" in problem.costs and "touch scale" in problem.parameters
+    return TOUCH_TERM in problem.costs and "touch scale" in problem.parameters
 
 
 def misfits(problem, x, data, window, measurements, smoothing: float) -> dict:
@@ -236,16 +237,16 @@ def misfits(problem, x, data, window, measurements, smoothing: float) -> dict:
     found = {}
     if states_touches(problem) and len(window.touch):
         mean, variance = touch_moments(problem, data, window, smoothing)
-        cost = problem.value("touch", x, data)
-        found["touch"] = _misfit(cost, mean, variance)
-    if "free" in problem.costs and "alpha" in problem.parameters and len(window.free):
+        cost = problem.value(TOUCH_TERM, x, data)
+        found[TOUCH_TERM] = _misfit(cost, mean, variance)
+    stated = {FREE_TERM, "alpha"} <= {*problem.costs, *problem.parameters}
+    if stated and len(window.free):
         alpha = float(data[problem.parameters["alpha"].span][0])
         way = np.maximum(ways_at_ends(measurements), 1e-6)
-        mean = np.pi**2 / 12 / (alpha * way)
-        variance = HALF_SQUARE / (alpha * way)
-        misfit = _misfit(problem.value("free", x, data), mean, variance)
+        mean, variance = np.pi**2 / 12 / (alpha * way), HALF_SQUARE / (alpha * way)
+        misfit = _misfit(problem.value(FREE_TERM, x, data), mean, variance)
         spread = float(np.hypot(misfit.spread, misfit.expected))
-        found["free"] = Misfit(misfit.actual, misfit.expected, spread)
+        found[FREE_TERM] = Misfit(misfit.actual, misfit.expected, spread)
     return found
 
 

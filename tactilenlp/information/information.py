@@ -193,14 +193,14 @@ def information_of(
     measurements, without which sigma is that of the Hessian; rivals: (problem,
     solution, window) of other local optima; profile (k, k): see profile_likelihood.py.
     """
-    curvature = kkt_system_of(problem, solution, deadline)
+    kkt = kkt_system_of(problem, solution, deadline)
     deadline.check()
     tangent = tangent_space_of(problem, solution, window, shape, R_wg)
-    at = Linearisation(curvature, sensed, window, shape, deadline)
+    at = Linearisation(kkt, sensed, window, shape, deadline)
     turned, ground = turned_with_ground(at, tangent, solution, R_wg)
-    of = at.response(tangent.chosen, tangent.jacobian, turned)
-    C = of.hessian
-    errors = C if sensed is None else error_budget(of)
+    response = at.response(tangent.chosen, tangent.jacobian, turned)
+    C = response.hessian
+    errors = C if sensed is None else error_budget(response)
     best = tangent.z, tangent.R, solution.objective, C, solution, window
     optima = [best, *_others(best, rivals, shape, R_wg)]
     optima = distinct(shape, tangent.turning, optima)
@@ -215,23 +215,23 @@ def information_of(
         covariance = bounded_pose(covariance, shape.theta, tangent.turning)
     words, directions = open_directions(tangent, covariance, shape, faces)
     matrix = inverse(C)
-    parts = parts_of(curvature, of.pulls, matrix)
+    parts = parts_of(kkt, response.by_gradient, matrix)
     terms = problem.terms
     return Information(
         names=tangent.names, matrix=matrix, spread=covariance, parts=parts,
         roles={name: terms[name].role or "constraint" for name in parts},
         modes=modes, maps=tangent.maps, unobserved=words, directions=directions,
-        fixed=tangent.fixed, active=curvature.active, ambiguous=curvature.ambiguous,
-        indefinite=_indefinite(curvature), path=path, ground=ground,
-        **_of_offsets(curvature, sensed, window, shape, R_wg, tangent),
+        fixed=tangent.fixed, active=kkt.active, ambiguous=kkt.ambiguous,
+        indefinite=_indefinite(kkt), path=path, ground=ground,
+        **_of_offsets(kkt, sensed, window, shape, R_wg, tangent),
     )  # fmt: skip
 
 
-def parts_of(curvature: KKTSystem, pulls, matrix) -> dict[str, np.ndarray]:
+def parts_of(kkt: KKTSystem, by_gradient, matrix) -> dict[str, np.ndarray]:
     """Return what the Hessian of each term adds to the information (k, k)."""
     return {
-        name: matrix @ (pulls.T @ (H @ pulls)) @ matrix
-        for name, H in curvature.hessians.items()
+        name: matrix @ (by_gradient.T @ (H @ by_gradient)) @ matrix
+        for name, H in kkt.hessians.items()
     }
 
 
@@ -242,12 +242,12 @@ def _beyond(modes, tangent, at: Linearisation, faces, profile) -> np.ndarray:
     return after_mixture(seen, modes.covariance)
 
 
-def _of_offsets(curvature, sensed, window, shape, R_wg, tangent) -> dict:
+def _of_offsets(kkt, sensed, window, shape, R_wg, tangent) -> dict:
     """Return the fields of an Information that tell of the fingers' offsets."""
-    offsets = covariance_of_offsets(curvature, sensed, window, shape, R_wg)
+    offsets = covariance_of_offsets(kkt, sensed, window, shape, R_wg)
     if offsets is None:
         return {}
-    matrix = inverse(covariance_with_offsets(curvature, tangent))
+    matrix = inverse(covariance_with_offsets(kkt, tangent))
     return {"offsets": offsets, "with_offsets": matrix}
 
 
@@ -272,9 +272,9 @@ def reduced_covariance(problem, solution, chosen: np.ndarray):
 
     chosen: indices into the vector of all unknowns.
     """
-    curvature = kkt_system_of(problem, solution)
-    C = curvature.sensitivity(chosen)[0][chosen]
-    counts = (sum(n.values()) for n in (curvature.active, curvature.ambiguous))
+    kkt = kkt_system_of(problem, solution)
+    C = kkt.sensitivity(chosen)[0][chosen]
+    counts = (sum(n.values()) for n in (kkt.active, kkt.ambiguous))
     return (C + C.T) / 2, *counts
 
 
@@ -286,14 +286,14 @@ def inverse(C) -> np.ndarray:
     return (vectors / values) @ vectors.T / np.outer(d, d)
 
 
-def _indefinite(curvature: KKTSystem) -> tuple[str, ...]:
+def _indefinite(kkt: KKTSystem) -> tuple[str, ...]:
     """Name the term and the unknowns along which the reduced Hessian curves down."""
-    if curvature.negative is None:
+    if kkt.negative is None:
         return ()
-    term, direction = curvature.negative
-    share = np.abs(direction / curvature.problem.scale)
+    term, direction = kkt.negative
+    share = np.abs(direction / kkt.problem.scale)
     worst, where = np.argsort(share)[::-1][:MAX_NAMES], []
-    for name, v in curvature.problem.variables.items():
+    for name, v in kkt.problem.variables.items():
         for i in worst[(worst >= v.first) & (worst < v.span.stop)] - v.first:
             where.append(f"{name}[{i % v.rows}, {i // v.rows}]")
     return (f"{term} along {', '.join(where)}",)

@@ -68,18 +68,18 @@ class MixedDerivatives:
     span: slice | None
 
 
-def mixed_derivatives(curvature: KKTSystem, sensed, window) -> list[MixedDerivatives]:
+def mixed_derivatives(kkt: KKTSystem, sensed, window) -> list[MixedDerivatives]:
     """Return the mixed derivatives of every term that reads measurements."""
-    source, found = measurement_numbers(curvature, sensed, window), []
-    for name in curvature.hessians:
-        term = curvature.problem.terms[name]
+    source, found = measurement_numbers(kkt, sensed, window), []
+    for name in kkt.hessians:
+        term = kkt.problem.terms[name]
         number = source[term.data]
         read = number >= 0
         if not read.any():
             continue
         columns = np.nonzero(read.any(axis=0))[0]
-        derivatives = _differences(curvature, name, columns)
-        span = term.span if name in curvature.problem.constraints else None
+        derivatives = _differences(kkt, name, columns)
+        span = term.span if name in kkt.problem.constraints else None
         found.append(
             MixedDerivatives(name, *derivatives, read, number, term.unknowns, span)
         )
@@ -87,19 +87,19 @@ def mixed_derivatives(curvature: KKTSystem, sensed, window) -> list[MixedDerivat
 
 
 def sensitivity_to_measurements(
-    through: Iterable[MixedDerivatives], sensed: Sensed, pulls, held
+    through: Iterable[MixedDerivatives], sensed: Sensed, by_gradient, by_constraint
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return how the chosen unknowns move with what each finger measured.
 
     By its position and by its normal, (k, T, F, 3) each [SI], through some terms.
-    pulls, held: see KKTSystem.sensitivity.
+    by_gradient, by_constraint: see KKTSystem.sensitivity.
     """
     shape = (*sensed.data.contact.shape, 3)
-    moved = np.zeros((2 * int(np.prod(shape)), pulls.shape[1]))
+    moved = np.zeros((2 * int(np.prod(shape)), by_gradient.shape[1]))
     for mixed in through:
-        change = np.einsum("ivk,ivd->idk", pulls[mixed.unknowns], mixed.slope)
+        change = np.einsum("ivk,ivd->idk", by_gradient[mixed.unknowns], mixed.slope)
         if mixed.span is not None:
-            rows = held[mixed.span].reshape(*mixed.value.shape[:2], -1)
+            rows = by_constraint[mixed.span].reshape(*mixed.value.shape[:2], -1)
             change += np.einsum("irk,ird->idk", rows, mixed.value)
         np.add.at(moved, mixed.number[mixed.read], -change[mixed.read])
     by_position, by_normal = moved.T.reshape(-1, 2, *shape).swapaxes(0, 1)
@@ -123,18 +123,18 @@ def tangential(by_normal, normal) -> np.ndarray:
     return by_normal - along[..., None] * normal
 
 
-def _differences(curvature: KKTSystem, name: str, columns: Iterable[int]):
+def _differences(kkt: KKTSystem, name: str, columns: Iterable[int]):
     """Return d^2 L / dx dy and d g / dy of each instance of a term, by its local data.
 
     (instances, unknowns, data) and (instances, rows, data), by central differences of
     the exact first derivatives; zero for data that are not among `columns`.
     """
-    problem = curvature.problem
+    problem = kkt.problem
     term = problem.terms[name]
     function, first = term.function, mapped(term.function.first, term.instances)
     rows, places = (np.array(i, int) for i in function.jacobian_sparsity.get_triplet())
-    weight = curvature.multipliers.get(name, np.ones((term.instances, function.rows)))
-    z, d = curvature.x[term.unknowns].T, curvature.data[term.data].T
+    weight = kkt.multipliers.get(name, np.ones((term.instances, function.rows)))
+    z, d = kkt.x[term.unknowns].T, kkt.data[term.data].T
     slope = np.zeros((term.instances, len(z), len(d)))
     value = np.zeros((term.instances, function.rows, len(d)))
     for j in columns:
@@ -148,7 +148,7 @@ def _differences(curvature: KKTSystem, name: str, columns: Iterable[int]):
     return slope, value
 
 
-def measurement_numbers(curvature: KKTSystem, sensed: Sensed, window) -> np.ndarray:
+def measurement_numbers(kkt: KKTSystem, sensed: Sensed, window) -> np.ndarray:
     """Return for every datum of the programme which measurement it is, -1 if none.
 
     The problem is built again from measurements shifted by CODE times their number:
@@ -175,7 +175,7 @@ def measurement_numbers(curvature: KKTSystem, sensed: Sensed, window) -> np.ndar
             push, p_wf=coded(push, push.p_wf), p_wf_1=coded(push, push.p_wf_1, 1)
         ),
     )
-    code = (sensed.build(changed).data() - curvature.problem.data()) / CODE
+    code = (sensed.build(changed).data() - kkt.problem.data()) / CODE
     whole = np.rint(code)
     if np.abs(code - whole).max(initial=0.0) > EXACT:
         raise PageError(
@@ -187,25 +187,25 @@ def measurement_numbers(curvature: KKTSystem, sensed: Sensed, window) -> np.ndar
     return whole.astype(int) - 1
 
 
-def model_error(curvature, by_position, by_normal, sensed, window, shape) -> np.ndarray:
+def model_error(kkt, by_position, by_normal, sensed, window, shape) -> np.ndarray:
     """Return the covariance (k, k) by touched gaps and normals that are off the model.
 
     by_position, by_normal: how the estimate moves with both, through the touches alone.
     """
-    parameters = curvature.problem.parameters
+    parameters = kkt.problem.parameters
     k, data, precision = len(by_position), sensed.data, sensed.precision
     touch, normal = (
-        float(curvature.data[parameters[name].span][0]) if name in parameters else 0.0
+        float(kkt.data[parameters[name].span][0]) if name in parameters else 0.0
         for name in ("touch scale", "normal scale")
     )
     gap = max(0.0, touch**2 - precision.position**2)
     turn = max(0.0, normal**2 - precision.normal**2)
-    turn = min(turn, residual_of_normals(curvature, window, shape) ** 2)
+    turn = min(turn, residual_of_normals(kkt, window, shape) ** 2)
     along = np.einsum("ktfc,tfc->ktf", by_position, data.normal)
     across = tangential(by_normal, data.normal).reshape(k, -1)
     whole = [along[:, t, f].sum(axis=1) for t, f in touches(window, data)]
     whole = np.reshape(whole, (len(whole), k)).T
-    off = gaps_of_touches(curvature, window, shape, data).max(initial=0.0)
+    off = gaps_of_touches(kkt, window, shape, data).max(initial=0.0)
     apart = (
         2 * off**2 if off > CONTRADICTION * touch else 0.0
     )  # two that disagree share it
@@ -223,21 +223,21 @@ def touches(window, data) -> list:
     return [(np.array(samples), finger) for (_, finger), samples in found.items()]
 
 
-def gaps_of_touches(curvature: KKTSystem, window, shape, data) -> np.ndarray:
+def gaps_of_touches(kkt: KKTSystem, window, shape, data) -> np.ndarray:
     """Return how far each touch as a whole is from the surface [m], by its median.
 
     Where fingers disagree about a face, neither noise nor any body explains the gap.  A
     touch of fewer than KNOWN_FACE samples may be a wrong boolean: its gap counts as 0.
     """
     touch = window.touch
-    values = curvature.problem.unpack(curvature.x)
+    values = kkt.problem.unpack(kkt.x)
     p_wf = touch.p_wf.T.copy()
     if OFFSET in values:
         p_wf[:3] += values[OFFSET][:, touch.finger]
     gap = at_touches(window, shape, values, p_wf, window.finger.gap)[:, 0]
-    known = curvature.problem.parameters
+    known = kkt.problem.parameters
     if COMPLIANCE in known:
-        inside = curvature.problem.value("indentation", curvature.x, curvature.data)
+        inside = kkt.problem.value("indentation", kkt.x, kkt.data)
         gap = gap + inside[:, 0]
     else:  # compliance that is estimated may stand for another error of the fingers
         gap = gap + np.ravel(values.get("depth", 0.0))[0]
@@ -250,12 +250,12 @@ def gaps_of_touches(curvature: KKTSystem, window, shape, data) -> np.ndarray:
     ])  # fmt: skip
 
 
-def residual_of_normals(curvature: KKTSystem, window, shape) -> float:
+def residual_of_normals(kkt: KKTSystem, window, shape) -> float:
     """Return the standard deviation of felt normals about the modelled ones [rad]."""
     touch = window.touch
     if not len(touch):
         return 0.0
-    values = curvature.problem.unpack(curvature.x)
+    values = kkt.problem.unpack(kkt.x)
     normal = at_touches(window, shape, values, touch.p_wf.T, window.finger.normal)
     off = np.linalg.norm(normal - touch.normal, axis=1)
     return float(np.median(off)) / MEDIAN_2

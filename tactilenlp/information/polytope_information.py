@@ -37,23 +37,23 @@ def polytope_information(
     """
     theta = problem.variables["theta"]
     chosen = np.arange(theta.span.start, theta.span.stop)
-    curvature = kkt_system_of(problem, solution, deadline)
+    kkt = kkt_system_of(problem, solution, deadline)
     turn = np.kron(np.eye(theta.columns), R_wg)
     floor = LEAST_DEVIATION**2 * np.eye(len(turn))
-    at = Linearisation(curvature, sensed, window, shape, deadline)
+    at = Linearisation(kkt, sensed, window, shape, deadline)
     deadline.check()
     terms = problem.terms
     V, turned = solution.values["theta"].T, 0.0
     if at.tilt is not None:
         turned = at.tilt.turned(V, R_wg)[:, :3].reshape(-1, 2)
-    of = at.response(chosen, turn, turned)
+    response = at.response(chosen, turn, turned)
     deadline.check()
-    indefinite = np.linalg.eigvalsh(of.hessian)[0] < -(LEAST_DEVIATION**2)
-    C, errors = (M + floor for M in (of.hessian, error_budget(of)))
+    indefinite = np.linalg.eigvalsh(response.hessian)[0] < -(LEAST_DEVIATION**2)
+    C, errors = (M + floor for M in (response.hessian, error_budget(response)))
     middle = centroid(V), _slope_of_centroid(V)
     path = trajectory_variance(at, solution.values, R_wg, middle)
     matrix = np.linalg.inv(C)
-    parts = parts_of(curvature, of.pulls, matrix)
+    parts = parts_of(kkt, response.by_gradient, matrix)
     return Information(
         names=names_of_vertices(theta.columns),
         matrix=matrix, spread=errors, parts=parts,
@@ -61,7 +61,7 @@ def polytope_information(
         modes=one_mode(solution.objective, errors), maps=maps_of_vertices(V, R_wg),
         unobserved=untouched_polygons(faces), directions=np.zeros((len(C), 0)),
         fixed=("rotation: the body's axes are the world's at the last sample",),
-        active=curvature.active, ambiguous=curvature.ambiguous,
+        active=kkt.active, ambiguous=kkt.ambiguous,
         indefinite=("vertices",) if indefinite else (), path=np.sqrt(path),
     )  # fmt: skip
 

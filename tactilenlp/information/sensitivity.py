@@ -36,6 +36,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from formulations.names import TOUCH_TERM
+
 from ..data.contact_segments import consecutive_contacts
 from ..nlp.kkt import gradient
 from ..nlp.kkt_sensitivity import KKTSystem
@@ -51,22 +53,22 @@ EDGE = 2e-3  # [m] deviation of r: machined, printed and card boxes have up to 3
 
 
 def parameter_sensitivity(
-    curvature, pulls, held, change: dict, relative=False
+    kkt, by_gradient, by_constraint, change: dict, relative=False
 ) -> np.ndarray:
     """Return the derivative of the chosen unknowns (k,) by parameters of the problem.
 
     change: by how much each parameter changes per unit, by name; relative: in units of
     the parameter's value.
     """
-    problem, ends = curvature.problem, []
+    problem, ends = kkt.problem, []
     for side in (1, -1):
-        data = curvature.data.copy()
+        data = kkt.data.copy()
         for name, amount in change.items():
             span = problem.parameters[name].span
             size = data[span] if relative else np.ones_like(data[span])
             data[span] += side * ASSUMPTION_STEP * amount * size
-        ends.append(kkt_residual(problem, curvature, data))
-    return difference(pulls, held, ends, ASSUMPTION_STEP)
+        ends.append(kkt_residual(problem, kkt, data))
+    return difference(by_gradient, by_constraint, ends, ASSUMPTION_STEP)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,20 +78,20 @@ class Doubt:
     slope: np.ndarray
     squared: float
 
-    def covariance(self, pulls, moved=0.0) -> np.ndarray:
+    def covariance(self, by_gradient, moved=0.0) -> np.ndarray:
         """Return the covariance (k, k) by it.
 
-        pulls: see KKTSystem.sensitivity; moved (k,): how the k numbers move with r at
-        fixed unknowns.
+        by_gradient: see KKTSystem.sensitivity; moved (k,): how the k numbers move with
+        r at fixed unknowns.
         """
-        moves = moved - pulls.T @ self.slope
+        moves = moved - by_gradient.T @ self.slope
         return self.squared * np.outer(moves, moves)
 
 
-def rounded_edges(curvature: KKTSystem, build: Callable, window, shape) -> Doubt:
+def rounded_edges(kkt: KKTSystem, build: Callable, window, shape) -> Doubt:
     """Return the doubt about sharp edges; build(window) builds the problem again."""
-    problem, touch = curvature.problem, window.touch
-    values = problem.unpack(curvature.x)
+    problem, touch = kkt.problem, window.touch
+    values = problem.unpack(kkt.x)
     less = values | {"theta": shape.rounded(values["theta"], RADIUS)}
     low, high = (
         at_touches(window, shape, v, touch.p_wf.T, lambda *at: at[2][0])
@@ -101,38 +103,38 @@ def rounded_edges(curvature: KKTSystem, build: Callable, window, shape) -> Doubt
     grown = build(replace(window, touch=touch)).data() - problem.data()
     theta, ends = problem.variables["theta"].span, []
     for side in (1, 0, -1):
-        x = curvature.x.copy()
+        x = kkt.x.copy()
         x[theta] = shape.rounded(x[theta], side * RADIUS)
-        ends.append((x, curvature.data + side * grown))
-    return _doubted(curvature, ends, RADIUS, EDGE)
+        ends.append((x, kkt.data + side * grown))
+    return _doubted(kkt, ends, RADIUS, EDGE)
 
 
-def late_normals(curvature: KKTSystem, build: Callable, window, data) -> Doubt:
+def late_normals(kkt: KKTSystem, build: Callable, window, data) -> Doubt:
     """Return the doubt about normals of the instant; build(window): as above.
 
     Sensors average normals for longer than contacts: these may be in time.  data: the
     measurements, smoothed as the problem has them.
     """
-    problem, touch = curvature.problem, window.touch
+    problem, touch = kkt.problem, window.touch
     pair, rate = consecutive_contacts(data), np.zeros_like(data.normal)
     rate[1:][pair] = np.diff(data.normal, axis=0)[pair] / data.dt
     normal = touch.normal + LATE * rate[touch.sample, touch.finger]
     later = replace(window, touch=replace(touch, normal=normal))
     turned = build(later).data() - problem.data()
-    ends = [(curvature.x, curvature.data + side * turned) for side in (1, 0, -1)]
-    return _doubted(curvature, ends, LATE, AVERAGED)
+    ends = [(kkt.x, kkt.data + side * turned) for side in (1, 0, -1)]
+    return _doubted(kkt, ends, LATE, AVERAGED)
 
 
-def late_touches(curvature: KKTSystem, build: Callable, window, data) -> Doubt:
+def late_touches(kkt: KKTSystem, build: Callable, window, data) -> Doubt:
     """Return the doubt about touches of their instant; build(window): as above.
 
     Contacts and normals that are reported r later are those of fingers and of a body r
     earlier.  data: as above.
     """
-    problem = curvature.problem
+    problem = kkt.problem
     shifted = build(fingers_earlier(window, data, LATE)).data() - problem.data()
-    ends = [(curvature.x, curvature.data + side * shifted) for side in (1, 0, -1)]
-    return _doubted(curvature, ends, LATE, LAG, list(problem.costs))
+    ends = [(kkt.x, kkt.data + side * shifted) for side in (1, 0, -1)]
+    return _doubted(kkt, ends, LATE, LAG, list(problem.costs))
 
 
 def fingers_earlier(window, data, lag: float):
@@ -153,11 +155,11 @@ def fingers_earlier(window, data, lag: float):
     )  # fmt: skip
 
 
-def velocities(curvature: KKTSystem, window) -> np.ndarray:
+def velocities(kkt: KKTSystem, window) -> np.ndarray:
     """Return the velocities (unknowns,) of all poses, zero for other unknowns."""
-    pose, step = curvature.problem.variables["x"], window.step
-    x = curvature.x[pose.span].reshape(pose.columns, pose.rows)
-    v, of_all = np.zeros_like(x), np.zeros_like(curvature.x)
+    pose, step = kkt.problem.variables["x"], window.step
+    x = kkt.x[pose.span].reshape(pose.columns, pose.rows)
+    v, of_all = np.zeros_like(x), np.zeros_like(kkt.x)
     v[step.pose] = (x[step.pose] - x[step.before]) / step.dt[:, None]
     of_all[pose.span] = v.ravel()
     return of_all
@@ -189,13 +191,13 @@ class GroundTilt:
         known = np.linalg.inv(self.information) + np.outer(self.mean, self.mean)
         return known / (1 + self.level)
 
-    def covariance(self, pulls, turned=0.0) -> np.ndarray:
+    def covariance(self, by_gradient, turned=0.0) -> np.ndarray:
         """Return the covariance (k, k) by it.
 
-        pulls: see KKTSystem.sensitivity; turned (k, 2): how the k numbers turn with the
-        frame of the ground itself.
+        by_gradient: see KKTSystem.sensitivity; turned (k, 2): how the k numbers turn
+        with the frame of the ground itself.
         """
-        moves = turned - pulls.T @ self.slope
+        moves = turned - by_gradient.T @ self.slope
         return moves @ self.squared @ moves.T
 
     def turned(self, points, R_wg) -> np.ndarray:
@@ -210,13 +212,13 @@ class GroundTilt:
         return np.concatenate([moved, turns], axis=1)
 
 
-def ground_tilt(curvature: KKTSystem, build: Callable, window, data, scene, about):
+def ground_tilt(kkt: KKTSystem, build: Callable, window, data, scene, about):
     """Return the GroundTilt at a solution; build(window): as above.
 
     data: as of late_normals; scene: with the ground in whose frame they are; about (3,)
     [m]: the point of the ground that stays, ground frame.
     """
-    problem, touch, ground = curvature.problem, window.touch, scene.ground
+    problem, touch, ground = kkt.problem, window.touch, scene.ground
     found = []
     for way in ((1, 0), (0, 1), (1, 1)):  # the last one for the mixed derivative
         R = Rotation.from_rotvec([-TILT * way[0], -TILT * way[1], 0.0]).as_matrix()
@@ -227,11 +229,11 @@ def ground_tilt(curvature: KKTSystem, build: Callable, window, data, scene, abou
             p_wf[:, 3:] = seen.finger_orientation[at]
         touched = replace(touch, p_wf=p_wf, normal=seen.normal[at])
         turned = build(replace(window, touch=touched)).data() - problem.data()
-        ends = [(curvature.x, curvature.data + side * turned) for side in (1, 0, -1)]
+        ends = [(kkt.x, kkt.data + side * turned) for side in (1, 0, -1)]
         found.append(_derivatives(problem, ends, TILT))
     (b_x, pull_x, xx), (b_y, pull_y, yy), (_, _, both) = found
     slope, mixed = np.stack([b_x, b_y], axis=1), (both - xx - yy) / 2
-    moved = np.stack([curvature.moved(b) for b in slope.T], axis=1)
+    moved = np.stack([kkt.moved(b) for b in slope.T], axis=1)
     told = np.array([[xx, mixed], [mixed, yy]]) + slope.T @ moved
     values, vectors = np.linalg.eigh((told + told.T) / 2)
     prior = 1 / scene.sigma_tilt**2
@@ -245,7 +247,7 @@ def ground_tilt(curvature: KKTSystem, build: Callable, window, data, scene, abou
     return GroundTilt(slope, about, mean, information, float(level))
 
 
-def _derivatives(problem, ends, step: float, names=("touch",)) -> tuple:
+def _derivatives(problem, ends, step: float, names=(TOUCH_TERM,)) -> tuple:
     """Return the derivatives of the touch cost by r, at 0.
 
     Of its gradient (unknowns,), its negative first and its second derivative; ends:
@@ -260,31 +262,29 @@ def _derivatives(problem, ends, step: float, names=("touch",)) -> tuple:
     )
 
 
-def _doubted(curvature: KKTSystem, ends, step, deviation, names=("touch",)) -> Doubt:
+def _doubted(kkt: KKTSystem, ends, step, deviation, names=(TOUCH_TERM,)) -> Doubt:
     """Return what the touches tell of a quantity that the page takes as zero.
 
     ends: unknowns and data at r = step, 0, -step; deviation: of r before any touch,
     where it is not zero.
     """
-    b, pull, bend = _derivatives(curvature.problem, ends, step, names)
-    information = 1 / deviation**2 + max(0.0, bend + b @ curvature.moved(b))
+    b, pull, bend = _derivatives(kkt.problem, ends, step, names)
+    information = 1 / deviation**2 + max(0.0, bend + b @ kkt.moved(b))
     likeliest = max(0.0, pull) / information
     odds = deviation * np.sqrt(information) * np.exp(-information * likeliest**2 / 2)
     squared = (1 / information + likeliest**2) / (1 + odds)
     return Doubt(b, squared)
 
 
-def kkt_residual(
-    problem, curvature: KKTSystem, data=None
-) -> tuple[np.ndarray, np.ndarray]:
+def kkt_residual(problem, kkt: KKTSystem, data=None) -> tuple[np.ndarray, np.ndarray]:
     """Return the gradient of L and the values of all constraints at the solution."""
     data = problem.data() if data is None else data
-    x = curvature.x
+    x = kkt.x
     values = [problem.value(name, x, data).ravel() for name in problem.constraints]
-    slope = gradient(problem, x, data, curvature.multipliers)
+    slope = gradient(problem, x, data, kkt.multipliers)
     return slope, np.concatenate([np.zeros(0), *values])
 
 
-def difference(pulls, held, ends, step) -> np.ndarray:
+def difference(by_gradient, by_constraint, ends, step) -> np.ndarray:
     (s, g), (s_1, g_1) = ends
-    return -(pulls.T @ (s - s_1) + held.T @ (g - g_1)) / (2 * step)
+    return -(by_gradient.T @ (s - s_1) + by_constraint.T @ (g - g_1)) / (2 * step)

@@ -55,7 +55,7 @@ def trajectory_variance(at: Linearisation, values, R_wg, middle, beyond=None):
     theta, x = values["theta"].T.ravel(), values["x"][:, poses]
     p, R, J_p, J_R = pose_jacobians(at.shape, window.motion, theta, x)
     p, J_p = _of_point(p, R, J_p, J_R, *middle)
-    jacobian, chosen = _stacked(at.curvature.problem, poses, R_wg @ J_p, R_wg @ J_R)
+    jacobian, chosen = _stacked(at.kkt.problem, poses, R_wg @ J_p, R_wg @ J_R)
     free, turned = window.motion.name == "free", 0.0
     moving = np.flatnonzero(np.abs(jacobian).max(axis=1) > 0)
     variance = np.zeros(6 * len(poses))

@@ -156,7 +156,7 @@ def _step(solved, whole):
         finger = problem.variables["finger"]
         first = finger.span.start + finger.rows * whole.unfelt
         held = (first[:, None] + np.arange(finger.rows)).ravel()
-    given = whole.multipliers, whole.pulls, held, chosen
+    given = whole.multipliers, whole.bound_multipliers, held, chosen
     return newton_step(problem, whole.x, whole.data, *given)
 
 

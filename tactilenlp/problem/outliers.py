@@ -16,6 +16,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from formulations.names import TOUCH_TERM
+
 from ..errors import MotionError
 from .pages import page_of
 from .reductions import SIDE_NORMAL
@@ -91,7 +93,7 @@ def evidence_against_planar(job, solved) -> list[Evidence]:
 
 def unexplained(problem, window, x, data) -> np.ndarray:
     """Tell which touched samples (touches,) unknowns x do not explain."""
-    cost = problem.value("touch", x, data)[:, 0]
+    cost = problem.value(TOUCH_TERM, x, data)[:, 0]
     return cost > UNEXPLAINED * window.outlier_cost
 
 

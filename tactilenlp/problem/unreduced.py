@@ -24,9 +24,9 @@ LEFT_OUT = ("still", "far", "absent")
 class UnreducedProblem:
     """The unreduced problem at a reduced solution.
 
-    x (unknowns,) SI and data of `problem`; multipliers by constraint, pulls (unknowns,)
-    those of the bounds; far: rows of window.free, unfelt: rows of window.push, that had
-    been left out.
+    x (unknowns,) SI and data of `problem`; multipliers by constraint, bound_multipliers
+    (unknowns,) those of the bounds; far: rows of window.free, unfelt: rows of
+    window.push, that had been left out.
     """
 
     window: object
@@ -34,7 +34,7 @@ class UnreducedProblem:
     x: np.ndarray
     data: np.ndarray
     multipliers: dict[str, np.ndarray]
-    pulls: np.ndarray
+    bound_multipliers: np.ndarray
     far: np.ndarray
     unfelt: np.ndarray
 
@@ -64,7 +64,7 @@ def unreduced(job, page, solved) -> UnreducedProblem:
     return UnreducedProblem(
         window=again, problem=problem, x=problem.pack(values),
         data=problem.data(solution.parameters), multipliers=multipliers,
-        pulls=problem.pack(bounds), far=np.nonzero(free < 0)[0],
+        bound_multipliers=problem.pack(bounds), far=np.nonzero(free < 0)[0],
         unfelt=np.nonzero(unfelt < 0)[0],
     )  # fmt: skip
 
@@ -87,8 +87,8 @@ def transferred_values(solved, again, problem) -> tuple[dict, dict, dict]:
             continue
         source = came_from.get(name, np.arange(v.columns))
         values[name] = _columns(solution.values[name], source, v.guess)
-        pull = solution.bound_multipliers[name]
-        bounds[name] = _columns(pull, source, np.zeros(v.guess.shape))
+        old = solution.bound_multipliers[name]
+        bounds[name] = _columns(old, source, np.zeros(v.guess.shape))
     for name, term in problem.constraints.items():
         source = came_from.get(name.split()[0], np.arange(term.instances))
         old = solution.multipliers.get(name, np.zeros((0, term.function.rows)))

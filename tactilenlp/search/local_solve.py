@@ -192,9 +192,9 @@ def transferred(known: Solved, window, problem) -> Solution:
     Values and multipliers of what both problems have are kept; the page guesses the
     values of the rest, whose multipliers are zero.
     """
-    values, pulls, multipliers = transferred_values(known, window, problem)
+    values, bounds, multipliers = transferred_values(known, window, problem)
     return replace(
-        known.solution, values=values, bound_multipliers=pulls, multipliers=multipliers
+        known.solution, values=values, bound_multipliers=bounds, multipliers=multipliers
     )
 
 

@@ -1,0 +1,13 @@
+"""Names of terms and reports that are read where a solution is judged and read out.
+
+A page of one's own whose terms have these names is judged likewise: its touches by the
+noise they are expected to have, its impulses as those of the estimate.
+"""
+
+TOUCH_TERM = "touch"  # cost of the touches of felt fingers (eq:loss)
+FREE_TERM = "free"  # cost of fingers that feel nothing (eq:loss)
+FINGER_IMPULSE = "finger impulse"  # report, (3,) [N s] on the object
+GROUND_IMPULSE = "ground impulse"  # report, (3,) [N s] on the object
+EXACT = ", exact"  # ends the name of a report: how far a rounded constraint is violated
+GIVES = ", gives"  # ends the name of a report: how a constraint moves by one weight
+BY_ROUNDING = ", by rounding"  # ends the name of a report: a part of the cost before it
