@@ -10,6 +10,8 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 
+from formulations.page_contract import contract_of
+
 from ..problem.certificates import Certificates, certify, without
 from ..problem.outliers import evidence_against_planar
 from ..problem.reductions import states_planar_motion
@@ -113,7 +115,7 @@ def _tumbled(job, page, flat, options, executor) -> Solved:
     evidence = evidence_against_planar(job, flat)
     found = recovered(job, evidence, *options.widths(precise=False), executor)
     free = replace(job, reductions=without(job.reductions, ["planar"]))
-    levels = getattr(page, "ROUGH", page.LEVELS)
+    levels = contract_of(page).from_guesses
     solved = [
         solved_from(free, page, h, options, levels=levels)
         for h in found[:MAX_TUMBLE_SOLVES]

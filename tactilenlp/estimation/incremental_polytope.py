@@ -15,6 +15,7 @@ from scipy.optimize import nnls
 
 from formulations import polytope_extension as extension
 from formulations.names import TOUCH_TERM
+from formulations.page_contract import contract_of
 
 from ..geometry.transforms import is_planar, planar_matrix
 from ..information.measurement_noise import touches
@@ -96,7 +97,7 @@ def repaired(job: Job, page, solved, options, update=None) -> list[Solved]:
     update: the result of a rejected update, which competes, if there is one.
     """
     best, *others = solved
-    if getattr(page, "EXTENDS", False) and implausible(best):
+    if contract_of(page).extends and implausible(best):
         log.info(
             "a touch is not explained, or the body jumps: solving again by continuation"
         )
@@ -114,9 +115,8 @@ def is_one_action_more(start, job: Job, page) -> bool:
     """Tell whether a job is that of an estimate of this page and one action more."""
     if not isinstance(start, Estimate) or not start.success:
         return False
-    # In free motion all actions are solved again.
-    if not (getattr(page, "EXTENDS", False) and job.reductions.planar):
-        return False
+    if not (contract_of(page).extends and job.reductions.planar):
+        return False  # in free motion all actions are solved again
     whole = start.measurements.samples == np.count_nonzero(
         job.data.action != job.data.action[-1]
     )

@@ -23,6 +23,7 @@ import numpy as np
 from formulations.centre_of_mass import NAME as CENTRE
 from formulations.indentation import NAME as COMPLIANCE
 from formulations.names import TOUCH_TERM
+from formulations.page_contract import contract_of
 from formulations.rigid_body import PLANAR
 from formulations.shape import Shape
 
@@ -172,7 +173,7 @@ def with_tilt(job, page, best: Solved, options) -> Solved:
     if excess < needed or job.deadline.passed("tilt"):
         return best
     free = replace(job, reductions=replace(job.reductions, planar=False))
-    if rough := getattr(page, "ROUGH", ()):  # touches taken for outliers pull again
+    if rough := contract_of(page).rough:  # touches taken for outliers pull again
         tilted = solved_from(free, page, best.at, options, levels=rough)
     else:
         settings = settings_of(free, options)
@@ -190,15 +191,14 @@ def fixes(job, page, name: str) -> bool:
         "rigid": job.scene.compliance is None,
         "central": job.scene.sigma_centre > 0,
     }
-    freed = name in getattr(page, "FREED", ())
+    freed = name in contract_of(page).freed
     return unknown[name] and getattr(job.reductions, name) and freed
 
 
 def may_tilt(job, page) -> bool:
     """Tell whether a body slides flat by assumption, and a page can let it tilt."""
     made = required_reductions(page, job.reductions).planar
-    freed = "planar" in getattr(page, "FREED", ())
-    return made and freed and job.scene.ground is not None
+    return made and job.scene.ground is not None and "planar" in contract_of(page).freed
 
 
 def declined(solved: Solved, name, gain, needed, bound: str = "") -> Solved:

@@ -17,6 +17,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from formulations.centre_of_mass import NAME as CENTRE
+from formulations.page_contract import contract_of
 
 from ..data.sensor_noise import variance_left
 from ..geometry.transforms import is_planar
@@ -214,7 +215,7 @@ def may_lean(job, page) -> bool:
     """Tell whether the ground may lean, and a page be solved on another one."""
     scene = job.scene
     known = scene.ground is None or scene.sigma_tilt == 0
-    return not known and "level" in getattr(page, "FREED", ())
+    return not known and "level" in contract_of(page).freed
 
 
 def _tilt_at(solved: Solved, page):

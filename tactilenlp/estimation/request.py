@@ -9,6 +9,8 @@ from types import ModuleType
 
 import numpy as np
 
+from formulations.page_contract import contract_of
+
 from ..common.deadline import Deadline
 from ..common.validation import check_types
 from ..data.measurements import Measurements
@@ -138,12 +140,10 @@ def check_plane(page, scene) -> None:
     """Raise SceneError where a page of planar motion is used without a ground."""
     if scene.ground is None and states_planar_motion(page):
         raise SceneError(
-            "this page is of planar motion only",
-            where="scene.ground",
-            got="None",
+            "this page is of planar motion only", where="scene.ground", got="None",
             expected="a ground on which the object slides",
             next='use formulation="violation_implicit"',
-        )
+        )  # fmt: skip
 
 
 def check_rolling(page, shape) -> None:
@@ -158,7 +158,7 @@ def check_rolling(page, shape) -> None:
 
 def check_offset(page, scene) -> None:
     """Raise SceneError where a page cannot estimate the finger offsets of a scene."""
-    if scene.sigma_offset is not None and not getattr(page, "OFFSETS", False):
+    if scene.sigma_offset is not None and not contract_of(page).offsets:
         raise SceneError(
             "this page takes measured finger positions as exact",
             where="scene.sigma_offset",

@@ -13,6 +13,7 @@ from typing import Protocol
 
 from formulations.ellipsoid import ELLIPSOID
 from formulations.finger_offset import displaced
+from formulations.page_contract import INHERITED, contract_of
 from formulations.polytope import polytope
 from formulations.shape import CUBOID, Shape
 from formulations.shape_fields import takes, unfit_fields
@@ -37,11 +38,8 @@ FORMULATIONS = (
 class Page(Protocol):
     """What a formulation is: a module, or an object, that states one programme.
 
-    Optional members: REDUCTIONS, a dict of reductions that the page requires or
-    forbids; OFFSETS = True if `build` begins with `displaced`; ALIKE = True if term
-    functions depend on page, shape, scene and motion only; ROUGH, levels that start
-    from guessed poses; FREED, reductions that are undone where the data ask for it.
-    `formulations/README.md` explains each.
+    Optional members, in capital letters, are those of PageContract
+    (formulations/page_contract.py); `formulations/README.md` explains each.
     """
 
     LEVELS: tuple  # of formulations.level.Level, solved one after another
@@ -99,7 +97,7 @@ def _check_page(page) -> None:
             "a page needs a function", where="formulation.build",
             got=_short(page.build), expected="build(nlp, window, scene, shape)",
         )  # fmt: skip
-    made, known = getattr(page, "REDUCTIONS", {}), [f.name for f in fields(Reductions)]
+    made, known = contract_of(page).reductions, [f.name for f in fields(Reductions)]
     if not (isinstance(made, dict) and {*made} <= {*known}):
         raise OptionError(
             "no such reduction", where="formulation.REDUCTIONS", got=_short(made),
@@ -171,7 +169,7 @@ def extend(
     ]
     own = base.__name__.rpartition(".")[2] if hasattr(base, "__name__") else "page"
     page = ModuleType(" + ".join([own, *names]), base.__doc__)
-    for name in ("LEVELS", "ROUGH", "FREED", "REDUCTIONS", "OFFSETS", "ALIKE"):
+    for name in INHERITED:
         if hasattr(base, name):
             setattr(page, name, getattr(base, name))
 

@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from formulations.page_contract import contract_of
 from formulations.rigid_body import FREE, PLANAR
 
 from ..common.validation import check_types
@@ -73,12 +74,12 @@ class Reductions:
 
 def required_reductions(page, reductions: Reductions) -> Reductions:
     """Return the reductions, those that a page requires switched on or off."""
-    return replace(reductions, **getattr(page, "REDUCTIONS", {}))
+    return replace(reductions, **contract_of(page).reductions)
 
 
 def states_planar_motion(page) -> bool:
     """Tell whether a page states planar motion only."""
-    return getattr(page, "REDUCTIONS", {}).get("planar", False)
+    return contract_of(page).reductions.get("planar", False)
 
 
 def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> Window:

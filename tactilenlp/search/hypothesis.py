@@ -13,6 +13,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from formulations.page_contract import contract_of
+
 from ..common.brief import printed
 from ..common.deadline import Deadline
 from ..common.layout import ANY
@@ -113,7 +115,7 @@ class Job:
         They are where the functions of terms depend on page, shape, scene and motion,
         not on what else a window holds: a page states so by ALIKE.
         """
-        if not getattr(page, "ALIKE", False):
+        if not contract_of(page).alike:
             return {}
         key = (
             *(page, window.motion, window.frictionless),

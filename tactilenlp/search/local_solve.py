@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from formulations.finger_offset import NAME as OFFSET
+from formulations.page_contract import contract_of
 from formulations.rigid_body import PLANAR
 
 from ..geometry.faces import touched_faces
@@ -243,9 +244,9 @@ def continued(job, page, solved: Solved, options) -> Solved | None:
     """
     if job.deadline.passed("continuation"):
         return None
-    if rough := getattr(page, "ROUGH", ())[-2:]:
+    if rough := contract_of(page).rough[-2:]:
         return solved_from(job, page, solved.at, options, levels=rough)
-    if not getattr(page, "EXTENDS", False):
+    if not contract_of(page).extends:
         return None
     return _rebuilt_for(job, page, solved, [[k] for k in page.LEVELS], options)
 

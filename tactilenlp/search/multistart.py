@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from formulations.indentation import NAME as COMPLIANCE
+from formulations.page_contract import contract_of
 
 from ..common.deadline import OutOfTime
 from ..common.interrupt import interruptible
@@ -48,9 +49,9 @@ def levels_of(job, page):
     Where the compliance is unknown, all levels hold it at its guess; then the last one
     is solved again with nothing held.
     """
-    rough = getattr(page, "ROUGH", page.LEVELS)
+    rough = contract_of(page).from_guesses
     unknown = not job.reductions.rigid and job.scene.compliance is None
-    if unknown and "rigid" in getattr(page, "FREED", ()):
+    if unknown and "rigid" in contract_of(page).freed:
         held = [replace(k, fixed=(*k.fixed, COMPLIANCE)) for k in rough]
         held[:-1] = [k.with_ipopt(tol=RANKING_TOLERANCE) for k in held[:-1]]
         return [*held, rough[-1]]
