@@ -151,7 +151,7 @@ def fuzz(estimates, seed: int, inputs: int, seconds: float, only=None, first=0) 
         while done < first + inputs and time.time() < end:
             count = min(SHARD, first + inputs - done)
             told = [folder, seed, done, count, end, only or ""]
-            found = _in_process(Path(folder), told, seed)
+            found = in_process(Path(folder), told, seed)
             for *key, n in found["counts"]:
                 counts[tuple(key)] += n
             failures += found["failures"]
@@ -168,7 +168,7 @@ def fuzz(estimates, seed: int, inputs: int, seconds: float, only=None, first=0) 
     }  # fmt: skip
 
 
-def _in_process(folder: Path, told: list, seed: int) -> dict:
+def in_process(folder: Path, told: list, seed: int) -> dict:
     """Run a shard in a process; a signal or a hang of it is a failure."""
     command = [sys.executable, __file__, "--shard", *map(str, told)]
     paths = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])

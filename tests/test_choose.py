@@ -191,5 +191,5 @@ def test_a_choice_takes_so_many_operations_at_most(estimate, monkeypatch):
     assert choice.gain == choice.history.max() > 1
     assert len(steps) <= 3 * 180
     monkeypatch.setattr(predict, "compiled", lambda functions: functions)
-    step = predict._step.__wrapped__(CUBOID, False, 2, False)
+    step = predict.step_function.__wrapped__(CUBOID, False, 2, False)
     assert sum(steps) * step.n_instructions() < 3e8

@@ -9,7 +9,7 @@ from tactilenlp.errors import NoContactError, OptionError
 from tactilenlp.estimation import model_selection
 from tactilenlp.estimation.options import Session
 from tactilenlp.estimation.request import read_request
-from tactilenlp.estimation.solver import _of_class
+from tactilenlp.estimation.solver import estimate_of_class
 from tactilenlp.information.mixture import log_evidence
 from tactilenlp.search.proposals_surface import on_poses
 
@@ -133,7 +133,7 @@ def test_a_box_starts_from_the_poses_of_a_hull(recorded):
     hull = solve_estimate(data, scene, shape="polytope")
     given = {"formulation": "violation_implicit", "executor": None, "throw": False}
     given |= {"options": None, "start": None, "session": Session(), "poses": hull}
-    box = _of_class(data, scene, shape=CUBOID, **given)
+    box = estimate_of_class(data, scene, shape=CUBOID, **given)
     assert box.objective < solve_estimate(data, scene).objective + 0.1
     assert box.origin.path == ("poses of a polytope",)
-    assert _of_class(data, scene, shape=CUBOID, most=-1.0, **given) is None
+    assert estimate_of_class(data, scene, shape=CUBOID, most=-1.0, **given) is None

@@ -18,7 +18,7 @@ def data():
 
 
 def changed(data, **arrays):
-    return Measurements(**data._arrays() | arrays)
+    return Measurements(**data.arrays() | arrays)
 
 
 def later(array, f, shift):

@@ -22,7 +22,7 @@ AT = Hypothesis(np.full(3, 0.04), np.zeros((3, 2)), 0.0, ())
 
 
 def deviation(price, touched=(0, 9)):
-    """Return what `_deviation` makes of a price [nats] of a change [m].
+    """Return what `deviation_along` makes of a price [nats] of a change [m].
 
     The body moves by half of what it grows.  A larger one starts where it was.
     touched: samples on both faces of a size, None where a pose is off.
@@ -41,7 +41,7 @@ def deviation(price, touched=(0, 9)):
 
     touched = None if touched is None else np.array(touched)
     given = AT, PRIOR, 0, sharp, sharp, touched
-    off, better = profile_of._deviation(elsewhere, *given)
+    off, better = profile_of.deviation_along(elsewhere, *given)
     assert off == pytest.approx(sharp / SHARP * off[0])
     return abs(off[0]), better
 

@@ -13,9 +13,9 @@ from tactilenlp.estimation import refinement, solver
 from tactilenlp.estimation.request import Request, make_job
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.problem.reductions import Reductions
-from tactilenlp.search.multi_hypothesis import _proposed
+from tactilenlp.search.multi_hypothesis import proposed_tracks
 from tactilenlp.search.proposals import spherical
-from tactilenlp.tracking.tracking import _predicted
+from tactilenlp.tracking.tracking import predicted_tracks
 from tactilenlp.tracking.tracks import filter_of
 
 
@@ -32,9 +32,9 @@ def predicted(job):
     """Return covariances (6, 6, S) before and after the first sample of a push."""
     data, window = spherical(job)
     filter, rng = filter_of(job, window, data), np.random.default_rng(0)
-    tracks, _ = _proposed(job, filter, (), rng)
+    tracks, _ = proposed_tracks(job, filter, (), rng)
     t = int(np.flatnonzero(filter.felt.any(axis=1))[0])
-    after, _, moved = _predicted(filter, tracks, t - 1, t)
+    after, _, moved = predicted_tracks(filter, tracks, t - 1, t)
     assert moved
     return tracks.P, after.P
 

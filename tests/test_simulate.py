@@ -130,7 +130,7 @@ def test_convex_body_has_the_inertia_of_uniform_density():
     world = World(vertices=points, mass=0.7, position=(0, 0, 1), settle=0)
     hull = trimesh.convex.convex_hull(world.vertices)
     hull.density = 0.7 / hull.volume
-    model = world._plant._model
+    model = world.plant.model
     np.testing.assert_allclose(hull.center_mass, 0, atol=1e-9)
     np.testing.assert_allclose(model.body_ipos[1], 0, atol=1e-9)
     expected = np.sort(np.linalg.eigvalsh(hull.moment_inertia))

@@ -62,7 +62,7 @@ def test_retraction_is_not_recorded_and_leaves_the_object_alone(pushed):
     before, after = world.truth.object_position[[30, 31]]
     assert np.linalg.norm(after - before) < 1e-4
     # The finger is back where it began, at rest, to the stiffness of its servo.
-    np.testing.assert_allclose(world._plant.fingers[0], [0.1, 0.006, 0.02], atol=1e-4)
+    np.testing.assert_allclose(world.plant.fingers[0], [0.1, 0.006, 0.02], atol=1e-4)
 
 
 def test_saved_world_loads_as_measurements_and_keeps_its_truth(pushed, tmp_path):

@@ -14,7 +14,7 @@ from tactilenlp.estimation.request import make_job
 from tactilenlp.geometry.tipping import QUARTER_TURN, Tip, planar_to_free
 from tactilenlp.geometry.transforms import continuous
 from tactilenlp.search import proposals_tumble as tumble
-from tactilenlp.search.proposals_tumble import _tips_to_try
+from tactilenlp.search.proposals_tumble import tips_to_try
 
 SIZES, STOOD = np.array([0.05, 0.04, 0.03]), np.array([0.1, -0.2, 0.4])
 ANGLE = np.radians([0.0, 4.0, 9.0])
@@ -39,7 +39,7 @@ def test_a_box_that_falls_over_lies_on_the_side_behind_the_push():
 )
 def test_a_box_tipped_less_than_halfway_may_fall_back(last, ends):
     tip = Tip(0, -1.0, np.radians([0.0, last]))
-    assert {way.end for _, way in _tips_to_try(tip)} == ends
+    assert {way.end for _, way in tips_to_try(tip)} == ends
 
 
 def test_of_many_falls_the_likeliest_are_continued(recorded, monkeypatch):
@@ -52,9 +52,9 @@ def test_of_many_falls_the_likeliest_are_continued(recorded, monkeypatch):
     x = planar_to_free(sides, flat)
     fall = tumble.Tumble(sides, x, "true", None, 0, Tip(0, 1.0, ANGLE))
     away = [replace(fall, x=x + np.eye(6)[:, :1] * d * 1e-3, name=d) for d in (9, 3, 6)]
-    assert tumble._likeliest(job, [*away, fall]) == [*away, fall]
+    assert tumble.likeliest_tumbles(job, [*away, fall]) == [*away, fall]
     monkeypatch.setattr(tumble, "MAX_TUMBLES", 2)
-    assert [t.name for t in tumble._likeliest(job, [*away, fall])] == ["true", 3]
+    assert [t.name for t in tumble.likeliest_tumbles(job, [*away, fall])] == ["true", 3]
 
 
 def test_rotation_vectors_go_on_beyond_half_a_turn():

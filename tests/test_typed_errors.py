@@ -52,14 +52,14 @@ REFUSED = {  # what is called with measurements and an estimate -> words of the 
 
 def changed(data, **values):
     """Return measurements with all entries of some arrays of one value."""
-    arrays = data._arrays()
+    arrays = data.arrays()
     full = {key: np.full_like(arrays[key], v, type(v)) for key, v in values.items()}
     return t.Measurements(**arrays | full)
 
 
 def masked(data):
     hidden = np.ma.masked_greater(data.finger_position, 0.01)
-    return t.Measurements(**data._arrays() | {"finger_position": hidden})
+    return t.Measurements(**data.arrays() | {"finger_position": hidden})
 
 
 def solve(data, build, levels=violation_implicit.LEVELS):
@@ -172,8 +172,10 @@ def test_a_recording_with_a_bad_size_or_time_is_refused(row, tmp_path):
 
 
 def test_a_picture_outside_of_the_recording_is_refused(tmp_path):
-    with Tape(tmp_path / "tape", simulated_rig(), bus="log") as tape:
-        tape._table("camera", "time,name")("0.1,../secret.png")
+    with Tape(tmp_path / "tape", simulated_rig(), bus="log"):
+        pass
+    table = "time,name\n0.1,../secret.png\n"
+    (tmp_path / "tape" / "camera.csv").write_text(table)
     with pytest.raises(RecordingError, match="not the name of a file"):
         [*Recording(tmp_path / "tape").pictures("camera")]
 

@@ -17,7 +17,7 @@ LEVEL = np.eye(4)[[0] * 9]
 
 def changed(data, **changes):
     """Return the same measurements with some arrays replaced."""
-    return t.Measurements(**data._arrays() | changes)
+    return t.Measurements(**data.arrays() | changes)
 
 
 def tossed(**changes):

@@ -89,7 +89,7 @@ class Measurements:
 
     def save(self, path: str | os.PathLike) -> None:
         """Write an .npz file that loads to equal Measurements, to the last digit."""
-        write_npz(path, self._arrays())
+        write_npz(path, self.arrays())
 
     @property
     def samples(self) -> int:
@@ -116,7 +116,7 @@ class Measurements:
     def append(self, other: Measurements) -> Measurements:
         """Return these data followed by those of `other`, its actions renumbered."""
         check_types(other=(other, Measurements))
-        mine, theirs = self._arrays(), other._arrays()
+        mine, theirs = self.arrays(), other.arrays()
         radius, end = self.finger_radius, self.time[-1]
         differ = not np.array_equal(radius, other.finger_radius)
         fix = f"the fingers so far have {radius.tolist()} m"
@@ -135,7 +135,7 @@ class Measurements:
         wanted = checked_choice(
             "action", actions, np.unique(self.action), MeasurementError
         )
-        return Measurements(**self._arrays(np.isin(self.action, wanted)))
+        return Measurements(**self.arrays(np.isin(self.action, wanted)))
 
     def transformed(self, R: np.ndarray, t: np.ndarray) -> Measurements:
         """Return the data in a frame v: p_v = R p_w + t, R (3, 3), t (3,) [m]."""
@@ -146,7 +146,7 @@ class Measurements:
             parts = {"where": "R, t", "got": shortened((R, t), most=200)}
             parts |= {"expected": "a rotation matrix (3, 3) and an offset (3,) [m]"}
             raise MeasurementError("not a rigid motion", next="check R R' = 1", **parts)
-        moved = self._arrays() | {"normal": self.normal @ R_vw.T}
+        moved = self.arrays() | {"normal": self.normal @ R_vw.T}
         moved["finger_position"] = self.finger_position @ R_vw.T + t_vw
         if self.finger_orientation is not None:
             # lazily: import stays light
@@ -163,7 +163,7 @@ class Measurements:
     def is_prefix_of(self, other: Measurements) -> bool:
         """Return whether `other` begins with exactly these data."""
         check_types(other=(other, Measurements))
-        mine, theirs = self._arrays(), other._arrays(slice(self.samples))
+        mine, theirs = self.arrays(), other.arrays(slice(self.samples))
         return mine.keys() == theirs.keys() and all(
             np.array_equal(mine[key], theirs[key]) for key in mine
         )
@@ -174,7 +174,7 @@ class Measurements:
 
     def __reduce__(self):
         # Unpickled arrays would be writable; the constructor makes them read-only.
-        return partial(Measurements, **self._arrays()), ()
+        return partial(Measurements, **self.arrays()), ()
 
     def __repr__(self) -> str:
         contacts, lost = self.contact.sum(), (~self.valid).sum()
@@ -183,7 +183,8 @@ class Measurements:
             f"fingers: {self.fingers}, contacts: {contacts}, not valid: {lost})"
         )
 
-    def _arrays(self, rows: np.ndarray | slice = slice(None)) -> dict[str, np.ndarray]:
+    def arrays(self, rows: np.ndarray | slice = slice(None)) -> dict[str, np.ndarray]:
+        """Return the arrays of some samples by name, as the constructor takes them."""
         arrays = {k: v for k in LAYOUT if (v := getattr(self, k)) is not None}
         radius = arrays.pop("finger_radius")
         return {k: v[rows] for k, v in arrays.items()} | {"finger_radius": radius}

@@ -75,7 +75,7 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
         direction = by_gradient[:, axis] / max(known[axis], LEAST_SIGMA)
         touched, prior = open_sizes.get(axis), job.shape.size_prior[1]
         given = solved.at, prior, axis, direction, direction[chosen], touched
-        profile[axis], better = _deviation(elsewhere, *given)
+        profile[axis], better = deviation_along(elsewhere, *given)
         if better is not None:
             return profile, better
     return profile, None
@@ -89,7 +89,7 @@ def faces_sigma(job, touched) -> float:
     )
 
 
-def _deviation(elsewhere, at, prior, axis: int, direction, off, touched):
+def deviation_along(elsewhere, at, prior, axis: int, direction, off, touched):
     """Return by how much sizes and final pose are off (k,) where one of them is.
 
     elsewhere(axis, pull, touched, step): the hypothesis `at` with that one held `step`

@@ -101,12 +101,14 @@ def solve_estimate(
         "session": PROCESS if session is None else session,
     }  # fmt: skip
     if classes := classes_of(shape):
-        one = partial(_of_class, data, scene, **given)
+        one = partial(estimate_of_class, data, scene, **given)
         return likeliest_class(classes, one, start, options or Options())
-    return _of_class(data, scene, shape=shape, options=options, start=start, **given)
+    return estimate_of_class(
+        data, scene, shape=shape, options=options, start=start, **given
+    )
 
 
-def _of_class(
+def estimate_of_class(
     data, scene, *, shape, formulation, options, start, executor, throw, session,
     poses=None, most=np.inf,
 ) -> Estimate | None:  # fmt: skip

@@ -35,11 +35,11 @@ def push_function(
     It returns new d, p, s, M, P, the probability of contact (F,), and E (4 F, k):
     E'E is the information of the sample.
     """
-    return _step(shape, free, fingers, off).mapaccum("pushed", steps, 5)
+    return step_function(shape, free, fingers, off).mapaccum("pushed", steps, 5)
 
 
 @cache
-def _step(shape, free: bool, fingers: int, off: bool) -> ca.Function:
+def step_function(shape, free: bool, fingers: int, off: bool) -> ca.Function:
     sym = shape.symbol
     z, theta, pose = _unknowns(shape, free)
     k = z.numel() + off * 3 * fingers

@@ -129,7 +129,7 @@ def tracked_paths(job: Job, kept, count: int, so_far=None) -> list[Hypothesis]:
     data = kept[0].seen(data) if kept else data
     rng = np.random.default_rng(0)
     filter = filter_of(job, window, data)
-    tracks, past = _proposed(job, filter, kept, rng)
+    tracks, past = proposed_tracks(job, filter, kept, rng)
     done = past.samples
     records = opened(tracks, max(done - 1, 0))
     whole = done, tracks, list(records)
@@ -153,7 +153,7 @@ def tracked_paths(job: Job, kept, count: int, so_far=None) -> list[Hypothesis]:
     return _paths(past, data.samples, *whole[1:], count)
 
 
-def _proposed(job, filter: Filter, kept, rng) -> tuple[Tracks, _Past]:
+def proposed_tracks(job, filter: Filter, kept, rng) -> tuple[Tracks, _Past]:
     """Return the tracks to begin with, and the past that they continue."""
     fingers, none = filter.data.fingers, np.zeros(DRAWN, int)
     if not kept and job.first:

@@ -105,7 +105,7 @@ def tumbled(job, kept) -> list[Tumble]:
     for h in tracked_paths(job, kept, TRACKS):
         h = _raised(job, h)
         start, tipped = _tipped(job, h)
-        for share, tip in _tips_to_try(tipped) if tipped is not None else ():
+        for share, tip in tips_to_try(tipped) if tipped is not None else ():
             thin, name = _thinned(h, tip, share), f"tips {len(out)}"
             p, R = tip.poses(thin.theta, thin.x[:, start])
             flat = planar_to_free(thin.theta, thin.x[:, : start + 1])
@@ -116,7 +116,7 @@ def tumbled(job, kept) -> list[Tumble]:
     return out
 
 
-def _tips_to_try(tip: Tip) -> list:
+def tips_to_try(tip: Tip) -> list:
     """Return (share of the depth, tip): over the edge, and back if it still stands.
 
     Where the record ends while it is tipped less than halfway, either may follow.
@@ -161,7 +161,7 @@ def recovered(job, evidence, width: int, solves: int, executor=None):
         if part is not None and touched(part.data):
             kept = search_boxes(part, (), solves, executor)
         part = replace(job, data=job.data.select(until))
-        tumbles = _likeliest(part, tumbled(part, kept))
+        tumbles = likeliest_tumbles(part, tumbled(part, kept))
         if tumbles:
             found += continued(job, tumbles, width, solves, executor)
     return distinct(job.shape, found, width, np.inf)
@@ -190,7 +190,7 @@ def continued(job, tumbles, width: int, solves: int, executor=None):
     return distinct(job.shape, _costed(job, joined), width, np.inf)
 
 
-def _likeliest(job, tumbles) -> list[Tumble]:
+def likeliest_tumbles(job, tumbles) -> list[Tumble]:
     """Return the MAX_TUMBLES tumbles that explain best what was felt until they end."""
     if len(tumbles) <= MAX_TUMBLES:
         return tumbles

@@ -62,16 +62,16 @@ class Plant:
         body = side_lengths, vertices, mass
         xml = _xml(*body, friction, finger_radius, ground, contact)
         try:
-            self._model = mujoco.MjModel.from_xml_string(xml)
+            self.model = mujoco.MjModel.from_xml_string(xml)
         except ValueError as bad:
             raise SceneError(
                 "MuJoCo refuses this world", where="World", got=str(bad),
                 expected="a mass and an extent that its solver can compute with",
                 next="check mass [kg], lengths [m] and friction",
             ) from bad  # fmt: skip
-        self._model.opt.gravity[:] = 0.0, 0.0, -gravity
-        self._data = mujoco.MjData(self._model)
-        self._object = self._model.geom("object").id
+        self.model.opt.gravity[:] = 0.0, 0.0, -gravity
+        self._data = mujoco.MjData(self.model)
+        self._object = self.model.geom("object").id
         self._first = self._object + 1  # the geoms of the fingers follow the object's
         home = [[f, 0.0, PARKING_HEIGHT] for f in range(len(finger_radius))]
         self._data.qpos[:] = np.concatenate([pose, np.ravel(home)])
@@ -92,7 +92,7 @@ class Plant:
         """Return the distances (F,) [m] of finger surfaces to the object's, signed."""
         import mujoco
 
-        model, data, far = self._model, self._data, 2 * PARKING_HEIGHT
+        model, data, far = self.model, self._data, 2 * PARKING_HEIGHT
         mujoco.mj_kinematics(model, data)  # geoms lag one step behind the coordinates
         fingers = range(self._first, model.ngeom)
         pairs = ((model, data, f, self._object, far, None) for f in fingers)
@@ -106,7 +106,7 @@ class Plant:
         import mujoco
 
         self._data.qpos[7:], self._data.qvel[6:] = position.ravel(), 0.0
-        mujoco.mj_forward(self._model, self._data)
+        mujoco.mj_forward(self.model, self._data)
         contact = self._data.contact
         geoms, overlap = contact.geom.reshape(-1, 2).max(axis=1), -contact.dist
         deep = np.flatnonzero((geoms >= self._first) & (overlap > MAX_OVERLAP))
@@ -155,20 +155,20 @@ class Plant:
         size = np.linalg.norm(force, axis=1, keepdims=True)
         force *= self._max_force / np.maximum(size, self._max_force)
         data.qfrc_applied[6:] = force.ravel()
-        mujoco.mj_step(self._model, data)
+        mujoco.mj_step(self.model, data)
         self.steps += 1
         return self._touch()
 
     def _touch(self) -> np.ndarray:
         import mujoco
 
-        touch, wrench = np.zeros((self._model.ngeom - self._first, 6)), np.zeros(6)
+        touch, wrench = np.zeros((self.model.ngeom - self._first, 6)), np.zeros(6)
         geoms = self._data.contact.geom
         if geoms.max(initial=0) < self._first:
             return touch
         low, high = geoms.min(axis=1, initial=self._first), geoms.max(axis=1, initial=0)
         for k in np.flatnonzero((low == self._object) & (high >= self._first)):
-            mujoco.mj_contactForce(self._model, self._data, k, wrench)
+            mujoco.mj_contactForce(self.model, self._data, k, wrench)
             frame = self._data.contact.frame[k].reshape(3, 3)
             # Row 0 points from geom 0 to geom 1; the force is the one on geom 1.
             sign = 1.0 if geoms[k, 1] == self._object else -1.0

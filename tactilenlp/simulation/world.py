@@ -131,18 +131,18 @@ class World:
         self.truth: Truth | None = None
         friction = self.friction_ground, self.friction_finger
         known = {key: getattr(self, key) for key in PLANT_ARGUMENTS}
-        self._plant = Plant(pose=pose, friction=friction, **known)
-        self._plant.hold(self.settle)
+        self.plant = Plant(pose=pose, friction=friction, **known)
+        self.plant.hold(self.settle)
 
     @property
     def time(self) -> float:
         """The simulated time [s]."""
-        return self._plant.steps * TIME_STEP
+        return self.plant.steps * TIME_STEP
 
     @property
     def pose(self) -> np.ndarray:
         """The true pose of the object now (7,): position [m], quaternion wxyz."""
-        return self._plant.pose
+        return self.plant.pose
 
     def execute(self, trajectory) -> Measurements:
         """Move the fingers along a trajectory, return the measurements, and retract.
@@ -162,16 +162,16 @@ class World:
         each = max(1, round(1 / (self.rate * TIME_STEP)))  # steps per sample
         steps = np.arange(int(duration / (each * TIME_STEP) + 1e-6) * each + 1)
         reference = path(np.minimum(steps * TIME_STEP, duration))
-        self._plant.place(reference[0])
-        time = (self._plant.steps + steps[::each]) * TIME_STEP
+        self.plant.place(reference[0])
+        time = (self.plant.steps + steps[::each]) * TIME_STEP
         rows = [self._row(np.zeros((1, len(parked), 6)))]
         for k in range(0, len(steps) - 1, each):
-            touch = self._plant.follow(reference[k : k + each + 1])
+            touch = self.plant.follow(reference[k : k + each + 1])
             rows.append(self._row(touch))
         true = Truth(*map(np.array, zip(*rows, strict=True)))
-        out = self._plant.fingers, true.normal[-1]
-        self._plant.follow(retraction(*out, path, duration, parked))
-        self._plant.hold(REST_TIME)
+        out = self.plant.fingers, true.normal[-1]
+        self.plant.follow(retraction(*out, path, duration, parked))
+        self.plant.hold(REST_TIME)
         return self._keep(time, true, parked)
 
     def _keep(self, time: np.ndarray, true: Truth, parked: np.ndarray) -> Measurements:
@@ -246,5 +246,5 @@ class World:
         unit = contact / np.where(contact, felt[last, finger], 1.0)
         normal = press[last, finger] * unit[:, None]
         impulse = touch[:, :, :3].sum(axis=0) * TIME_STEP
-        pose, fingers, gap = self.pose, self._plant.fingers, self._plant.distance()
+        pose, fingers, gap = self.pose, self.plant.fingers, self.plant.distance()
         return pose[:3], pose[3:], fingers, contact, normal, force, impulse, gap

@@ -39,7 +39,7 @@ def tracked(filter: Filter, tracks: Tracks, samples, rng):
     for before, t in _steps(filter.data, samples):
         if filter.deadline.left <= 0:
             break
-        tracks, slopes, moved = _predicted(filter, tracks, before, t)
+        tracks, slopes, moved = predicted_tracks(filter, tracks, before, t)
         predicted, predicted_P = tracks.z, tracks.P
         tracks, corrected = _corrected(filter, tracks, t)
         rows = None
@@ -69,7 +69,7 @@ def _steps(data, samples) -> list[tuple[int, int]]:
     return list(zip(np.r_[chosen[0] - 1, chosen[:-1]], chosen, strict=True))
 
 
-def _predicted(filter, tracks, before, t):
+def predicted_tracks(filter, tracks, before, t):
     """Return tracks before sample t is seen, slopes of the motion, whether it moved.
 
     before: the sample that was tracked before, negative: none.
