@@ -117,15 +117,16 @@ def _with(name, nuisance, job, page, solved, options, solve) -> tuple:
     """Return job and solves, one nuisance parameter free if the data ask for it."""
     best, *others = solved
     excess, spread = excess_of(job, best)
-    if excess < (needed := NOTICED + spread):
+    from_guesses = bool(contract_of(page).rough)  # else a solve costs several seconds
+    if excess < (needed := (NOTICED if from_guesses else LARGER_MODEL) + spread):
         return job, [declined(best, name, excess, needed, "at most "), *others]
     if job.deadline.passed(nuisance.dropped):
         return job, solved
     larger = replace(job, reductions=replace(job.reductions, **{name: False}))
     if nuisance.searched:
-        alone = excess < LARGER_MODEL + spread
+        alone = not from_guesses or excess < LARGER_MODEL + spread
         freed = solve(larger, best.at, alone)
-        if alone and freed and _gain(best, freed[0]) > needed:
+        if from_guesses and alone and freed and _gain(best, freed[0]) > needed:
             freed = solve(larger, best.at, False)
     else:
         settings = settings_of(larger, options)
@@ -138,8 +139,7 @@ def _with(name, nuisance, job, page, solved, options, solve) -> tuple:
     if gain <= needed:
         return job, [declined(best, name, gain, needed), *others]
     log.info("%s is free: the objective falls by %.1f nats", nuisance.dropped, gain)
-    first = replace(freed[0], declined=best.declined)
-    return larger, [first, *freed[1:], *solved]
+    return larger, [replace(to, declined=best.declined), *freed[1:], *solved]
 
 
 def most_probable_first(job, solved) -> list[Solved]:

@@ -47,16 +47,18 @@ def levels_of(job, page):
     From guesses that are far off, those of `ROUGH`, if the page has them: guesses of
     free motion, and those for soft fingertips, as the search takes them for rigid.
     Where the compliance is unknown, all levels hold it at its guess; then the last one
-    is solved again with nothing held.
+    is solved again with nothing held.  A page without `ROUGH` takes the last one alone:
+    it is then solved from the optimum of rigid fingertips.
     """
-    rough = contract_of(page).from_guesses
+    contract = contract_of(page)
     unknown = not job.reductions.rigid and job.scene.compliance is None
-    if unknown and "rigid" in contract_of(page).freed:
+    if unknown and "rigid" in contract.freed:
+        rough = contract.rough or page.LEVELS[-1:]
         held = [replace(k, fixed=(*k.fixed, COMPLIANCE)) for k in rough]
         held[:-1] = [k.with_ipopt(tol=RANKING_TOLERANCE) for k in held[:-1]]
         return [*held, rough[-1]]
     if job.scene.ground is None or job.shape.rolls:  # guesses in a plane
-        return rough
+        return contract.from_guesses
     planar = job.reductions.planar
     return freed_levels(page.LEVELS, final=True) if planar else page.LEVELS
 
