@@ -20,6 +20,7 @@ from .geometry import Geometry, geometry_of
 KEPT, TRACKS = 100, 500  # tracks kept after an action, and what they are split into
 HOPELESS = 60.0  # [nats] behind the best
 CELL = 6e-4, 6e-4, 0.02  # [m, m, rad] of sizes, place, yaw: tracks this close are one
+YAW_CELL = 0.15  # [rad] as wide as a proposal
 LEAST_EIGENVALUE = 1e-12  # [-] of the largest: what rounding leaves of an exact state
 SPREAD, SHRUNK = 0.8, 0.4  # [deviations] of the parts of a split; their variance
 PRESS = 0.7, 1.0  # [weights] median, deviation of the logarithm, of a push on a top
@@ -141,12 +142,30 @@ def split_tracks(filter, tracks, final, rng):
     order = order[tracks.evidence[order] > tracks.evidence[order[0]] - HOPELESS]
     cells = np.round(tracks.z[:, order] / filter.geometry.each(*CELL)[:, None])
     _, first = np.unique(cells, axis=1, return_index=True)
-    chosen = order[np.sort(first)][:KEPT]
+    order = order[np.sort(first)]
+    chosen = order[diverse(tracks.z[-1, order], KEPT)]
     if final:
         return tracks.pick(chosen), chosen
     each = int(np.clip(round(TRACKS / len(chosen)), 1, 8))
     rows = np.repeat(chosen, each)
     return parts_of(filter, tracks, rows, rng), rows
+
+
+def diverse(yaw, count: int) -> np.ndarray:
+    """Return which tracks are kept, of tracks in the order of their evidence.
+
+    Half of the places go by evidence, the others in turn to the cells of yaw: which
+    face or edge was touched first is often told by the next actions alone.
+    """
+    if len(yaw) <= count:
+        return np.arange(len(yaw))
+    cells = np.round(yaw / YAW_CELL)
+    turn = np.empty(len(yaw), int)  # of a track in its cell
+    for cell in np.unique(cells):
+        mine = cells == cell
+        turn[mine] = np.arange(mine.sum())
+    turn[: count // 2] = -1
+    return np.sort(np.argsort(turn, kind="stable")[:count])
 
 
 def _made_definite(P, rows):
