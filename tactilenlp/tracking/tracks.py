@@ -1,7 +1,7 @@
 """Tracks of boxes side by side: what they are, how they begin, selection, splitting.
 
 A track is a Gaussian of size and planar pose, with its evidence.  After an action the
-best distinct tracks are kept, and split along their uncertainty.
+best distinct tracks and some of every yaw are kept, and split along their uncertainty.
 """
 
 from __future__ import annotations
@@ -154,8 +154,8 @@ def split_tracks(filter, tracks, final, rng):
 def diverse(yaw, count: int) -> np.ndarray:
     """Return which tracks are kept, of tracks in the order of their evidence.
 
-    Half of the places go by evidence, the others in turn to the cells of yaw: which
-    face or edge was touched first is often told by the next actions alone.
+    Half of the places go by evidence, the others in turn to the cells of yaw: only the
+    next actions may tell whether a face or an edge was touched first.
     """
     if len(yaw) <= count:
         return np.arange(len(yaw))
