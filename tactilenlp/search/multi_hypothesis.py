@@ -46,7 +46,6 @@ SMOOTHED = 300  # tracks that are smoothed at most
 LYING = 7  # of them a start, far from each other, from which least motion is solved
 EVERY = 8  # samples of a path that are compared
 TRACK_SHARE = 4  # one start in so many is a track, the others are of least motion
-SAME_PATH = 0.3e-3  # [m] corners of two paths this close: one optimum of least motion
 # [m] far paths; [nats] their bonus; too far behind:
 NEAR, WORTH, BEHIND = 4e-3, 6.0, 25.0
 TURNED_AS_A_WHOLE = 0.3  # [rad] a larger turn moves the past as one piece
@@ -115,7 +114,7 @@ def search_boxes(
         replace(h, objective=rest.objective)
         for h, rest in zip(tracks[:alone], lying[:alone], strict=True)
     ]
-    return sorted([*apart(shape, lying, count - alone), *found], key=lambda h: h.rank)
+    return sorted([*distant(shape, lying, count - alone), *found], key=lambda h: h.rank)
 
 
 def tracked_paths(job: Job, kept, count: int, so_far=None) -> list[Hypothesis]:
@@ -189,19 +188,6 @@ def _paths(past, samples, tracks, records, count) -> list[Hypothesis]:
     ]
 
 
-def apart(shape, hypotheses, count: int) -> list[Hypothesis]:
-    """Return the best hypotheses, each path once."""
-    chosen, corners = [], []
-    for h in sorted(hypotheses, key=lambda h: h.rank):
-        if len(chosen) == count:
-            break
-        own = _outline(shape, h)
-        if all(_off(shape, own, other).max() > SAME_PATH for other in corners):
-            chosen.append(h)
-            corners.append(own)
-    return chosen
-
-
 def distant(shape, hypotheses, count: int) -> list[Hypothesis]:
     """Return the best hypothesis, then good ones whose paths are far from those."""
     corners = np.array([_outline(shape, h, EVERY) for h in hypotheses])
@@ -218,13 +204,6 @@ def distant(shape, hypotheses, count: int) -> list[Hypothesis]:
             break
         chosen.append(i)
     return [hypotheses[i] for i in chosen]
-
-
-def _off(shape, a, b):
-    """Return how far apart outlines (n, 2, T) are (n, T) [m], renamed to fit best."""
-    namings = _namings(shape)
-    ways = [np.sqrt(((np.roll(a, k, 0) - b) ** 2).sum(axis=1)) for k in namings]
-    return min(ways, key=lambda way: (way**2).mean())
 
 
 def _namings(shape):
