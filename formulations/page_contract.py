@@ -27,7 +27,7 @@ class PageContract:
                 `extend` makes of it is solved from scratch
     """
 
-    levels: tuple
+    levels: tuple = ()
     rough: tuple = ()
     freed: tuple = ()
     reductions: dict = field(default_factory=dict)
