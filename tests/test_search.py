@@ -62,8 +62,10 @@ def test_an_action_without_contact_changes_nothing_that_was_known(recorded, esti
         normal=np.zeros_like(more.normal),
     )
     longer = solve_estimate(past.append(free), scene, start=estimate)
-    # nothing was felt: the same optimum, to what the solver's tolerance leaves open
-    assert np.allclose(longer.side_lengths, estimate.side_lengths, atol=2e-4)
+    # nothing was felt: the same optimum, or a lower one of a size that is open
+    assert longer.objective < estimate.objective + 1e-3
+    off = longer.side_lengths - estimate.side_lengths
+    assert np.all(np.abs(off) < 0.05 * estimate.information.sigma("side_lengths"))
     assert np.allclose(longer.position[-1], longer.position[92], atol=1e-4)
 
 

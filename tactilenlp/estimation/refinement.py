@@ -89,18 +89,20 @@ def _in_free_motion(job, page, slid, options) -> list[Solved]:
 def _multistart(job, page, kept, options, solved, start) -> list[Solved]:
     """Return the page solved from the best hypotheses, best first.
 
-    Where the first one, which continues the path of `start`, explains the new data, it
-    is solved alone.  Of the same data, the solution of `start` competes.
+    Where the first ones, which continue `start`, explain the new data, they are solved
+    alone.  Of the same data, the solution of `start` competes.
     """
     limit = min(h.objective for h in kept) + LEAST_MOTION_BEHIND
     levels = levels_of(job, page)
     promising = [h for h in kept if h.objective <= limit]
-    first = promising[: None if start is None else 1]
+    close = promising[0].objective + (np.inf if start is None else UNCHANGED)
+    first = [h for h in promising if h.objective <= close]
     again = [] if start is None else solved_again(job, page, start, options)
     solved = multistart(job, page, first, options, levels, again, solved)
     solved = best_first([*solved, *again])
     if len(first) < len(promising) and not still_explained(solved[0], start):
-        others = multistart(job, page, promising[1:], options, levels, known=solved)
+        rest = promising[len(first) :]
+        others = multistart(job, page, rest, options, levels, known=solved)
         solved = best_first([*solved, *others])
     good = [s for s in solved if s.solution.success]
     bound = min(h.objective for h in kept) + RAN_AWAY * job.data.actions
