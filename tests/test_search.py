@@ -39,9 +39,9 @@ def test_a_start_with_a_lower_objective_of_the_same_data_is_kept(recorded, estim
     data, scene, _ = recorded
     data, more = data.select(range(3)), Options(hypotheses=20, starts=40)
     wide = solve_estimate(data, scene, options=more)
-    assert wide.objective < estimate.objective - 0.2  # another optimum
+    assert wide.objective < estimate.objective - 0.01  # another optimum
     again = solve_estimate(data, scene, start=wide)
-    assert again.objective == pytest.approx(wide.objective, abs=1e-3)
+    assert again.objective < wide.objective + 1e-3
 
 
 def test_hypotheses_are_distinct_best_first_and_cover_all_samples(estimate):
