@@ -93,7 +93,10 @@ def search_boxes(
 
     kept: hypotheses of the first actions to continue, if any; executor: see
     least_motion; so_far: a list that holds those of the actions done by Ctrl-C.
+    Where `kept` are of all samples nothing is searched: they are the starts.
     """
+    if complete(kept, job):
+        return list(kept)
     shape = job.shape
     tracks = tracked_paths(job, kept, SMOOTHED, so_far)
     late = job.deadline.passed("other tracks")
@@ -117,12 +120,17 @@ def search_boxes(
     return sorted([*distant(shape, lying, count - alone), *found], key=lambda h: h.rank)
 
 
+def complete(kept, job: Job) -> bool:
+    """Tell whether hypotheses have the poses of all samples of a job."""
+    return bool(kept) and kept[0].x.shape[1] == job.data.samples
+
+
 def tracked_paths(job: Job, kept, count: int, so_far=None) -> list[Hypothesis]:
     """Return the smoothed paths of the best tracks through all actions of a job.
 
     Their objective is the negative log evidence.  Without new samples: `kept`.
     """
-    if kept and kept[0].x.shape[1] == job.data.samples:
+    if complete(kept, job):
         return list(kept)
     data, window = spherical(job)
     data = kept[0].seen(data) if kept else data
