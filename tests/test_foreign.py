@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tactilenlp import Measurements
+from tactilenlp import Measurements, Scene, solve_estimate
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "examples" / "benchmarks"
 CLOSE = 0.1e-3  # [m] that stiff contacts of a few newtons and 0.3 ms steps sink in
@@ -53,6 +53,22 @@ def test_contact_is_reported_late_where_the_sensors_are_late(foreign):
         onset.append(true["time"][true["contact"].any(axis=1)][0])
     late = onset[1] - onset[0]
     assert 0.06 - 1 / 30 <= late <= 0.06 + 1 / 30  # a sample is 1/30 s
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("box", "actions"), [(2108, 3), (2021, 6)])
+def test_a_box_that_was_first_touched_at_an_edge_is_found(foreign, box, actions):
+    world = foreign.ForeignWorld(above=1.0, heights=(0.25, 0.6))
+    true = foreign.recorded(foreign.Box(box), world, actions)
+    names = ("time", "finger_position", "finger_radius", "contact", "normal", "action")
+    data = Measurements(**{k: true[k] for k in (*names, "valid")})
+    scene = Scene(**{k: float(true[k]) for k in foreign.SCENE})
+    estimate = solve_estimate(data, scene)
+    assert estimate.objective < 4  # 14 to 16 where the edge is taken for a face
+    turn = Rotation.from_quat(true["object_quaternion"][0], scalar_first=True)
+    found = Rotation.from_quat(estimate.quaternion[0], scalar_first=True)
+    yaw = (found * turn.inv()).as_rotvec()[2] % (np.pi / 2)
+    assert min(yaw, np.pi / 2 - yaw) < np.radians(5)
 
 
 def made_up(samples=400, fingers=2) -> Measurements:

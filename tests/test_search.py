@@ -11,7 +11,7 @@ from tactilenlp.errors import MotionError, StartError
 from tactilenlp.estimation.request import read_request
 from tactilenlp.search.multi_hypothesis import search_boxes
 from tactilenlp.tracking.geometry import BOX
-from tactilenlp.tracking.tracks import Tracks, split_tracks
+from tactilenlp.tracking.tracks import Tracks, diverse, split_tracks
 
 
 @pytest.mark.slow
@@ -67,6 +67,15 @@ def test_an_action_without_contact_changes_nothing_that_was_known(recorded, esti
     off = longer.side_lengths - estimate.side_lengths
     assert np.all(np.abs(off) < 0.05 * estimate.information.sigma("side_lengths"))
     assert np.allclose(longer.position[-1], longer.position[92], atol=1e-4)
+
+
+def test_tracks_of_every_yaw_are_kept_beside_the_best_ones():
+    yaw = np.r_[np.zeros(900), np.full(60, 0.5), np.full(40, 1.0)]  # the best first
+    kept = diverse(yaw, 100)
+    assert np.array_equal(kept[:50], np.arange(50))
+    assert len(kept) == len(np.unique(kept)) == 100
+    assert min((yaw[kept] == 0.5).sum(), (yaw[kept] == 1.0).sum()) >= 20
+    assert np.array_equal(diverse(yaw[:99], 100), np.arange(99))
 
 
 def test_noisy_paths_without_a_touch_are_not_searched_from_scratch(estimate):

@@ -204,6 +204,7 @@ def _refined(request, starts, so_far, update) -> tuple[Job, list[Solved]]:
     earlier = start if continues(start, page) else None
 
     def freed(free, first, alone: bool) -> list[Solved]:
+        """Solve a larger model from the optimum of the smaller, and from all starts."""
         first = replace(first, objective=starts[0].objective)  # of the search
         several = [first] if alone else [first, *starts]
         found = refined(free, page, several, options, so_far.solved, earlier)
