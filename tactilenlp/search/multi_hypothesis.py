@@ -26,7 +26,15 @@ from ..geometry.transforms import carried
 from ..tracking.outline import path_outline
 from ..tracking.smoother import smoothed
 from ..tracking.tracking import tracked
-from ..tracking.tracks import Filter, Tracks, filter_of, opened, parts_of, started
+from ..tracking.tracks import (
+    Filter,
+    Tracks,
+    diverse,
+    filter_of,
+    opened,
+    parts_of,
+    started,
+)
 from .hypothesis import Hypothesis, Job
 from .least_motion import least_motion
 from .proposals import (
@@ -100,12 +108,12 @@ def search_boxes(
     shape = job.shape
     tracks = tracked_paths(job, kept, SMOOTHED, so_far)
     late = job.deadline.passed("other tracks")
-    tracks = tracks[:1] if late else distant(shape, tracks, LYING * count)
+    tracks = tracks[:1] if late else varied(shape, tracks, LYING * count)
     noisy = kept and not precise(job.data, job.precision)
     noisy = noisy and touched(job.data)
     if noisy and not job.deadline.passed("a search from scratch"):
         # Noise leaves hypotheses open that the mixture has lost: 21 nats in one update.
-        anew = distant(shape, tracked_paths(job, (), SMOOTHED), LYING * count)
+        anew = varied(shape, tracked_paths(job, (), SMOOTHED), LYING * count)
         tracks = [h for pair in zip_longest(tracks, anew) for h in pair if h]
     elif job.shape.is_box and not (kept or job.first) and job.data.actions == 1:
         # Where one touch leaves size and place open, the middle of them is reported.
@@ -117,7 +125,7 @@ def search_boxes(
         replace(h, objective=rest.objective)
         for h, rest in zip(tracks[:alone], lying[:alone], strict=True)
     ]
-    return sorted([*distant(shape, lying, count - alone), *found], key=lambda h: h.rank)
+    return sorted([*varied(shape, lying, count - alone), *found], key=lambda h: h.rank)
 
 
 def complete(kept, job: Job) -> bool:
@@ -194,6 +202,30 @@ def _paths(past, samples, tracks, records, count) -> list[Hypothesis]:
         past.continued(of, b, tracks.z[:, i], s[-3:, done:], -tracks.evidence[i])
         for i, s, b, of in zip(rows, states, begin, past.of[first], strict=True)
     ]
+
+
+def varied(shape, hypotheses, count: int) -> list[Hypothesis]:
+    """Return good hypotheses far from each other, half of them in turn of every yaw.
+
+    Places along a touched face alone would take all starts, and leave its edges none.
+    """
+    far = distant(shape, hypotheses, count - count // 2)
+    rest = [h for h in hypotheses if all(h is not other for other in far)]
+    rest = [h for h in rest if h.objective < far[0].objective + BEHIND]
+    order = [*far, *sorted(rest, key=lambda h: h.objective)]
+    yaw = np.array([h.x[2, -1] for h in order])
+    return [order[i] for i in diverse(_folded(shape, yaw), count)]
+
+
+def _folded(shape, yaw):
+    """Return yaws [rad], those of a box within a right angle: its faces have no names.
+
+    The circular mean is in the middle, so that nearly equal yaws stay together.
+    """
+    if not shape.is_box:
+        return yaw
+    middle = np.angle(np.exp(4j * yaw).mean()) / 4
+    return (yaw - middle + np.pi / 4) % (np.pi / 2)
 
 
 def distant(shape, hypotheses, count: int) -> list[Hypothesis]:

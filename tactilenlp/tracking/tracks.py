@@ -164,7 +164,7 @@ def diverse(yaw, count: int) -> np.ndarray:
     for cell in np.unique(cells):
         mine = cells == cell
         turn[mine] = np.arange(mine.sum())
-    turn[: count // 2] = -1
+    turn[: count - count // 2] = -1
     return np.sort(np.argsort(turn, kind="stable")[:count])
 
 
