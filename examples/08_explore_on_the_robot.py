@@ -39,8 +39,7 @@ robot = SimulatedRobot(rig, SIDES, quaternion=turn, mass=0.5, zero_error=WRONG)
 joints = joints_about([finger.geometry for finger in rig.fingers], WHERE)
 scene = Scene(sigma_normal=0.03, sigma_offset=JointZeros(DEGREE, **joints))
 options = {"clock": robot, "reader": robot.reader, "listen_only": False}
-with robot, Bench(rig, **options) as bench:
-    world = RobotWorld(bench)
+with robot, Bench(rig, **options) as bench, RobotWorld(bench) as world:
     radius = float(world.finger_radius[0])
     space = Workspace.robot(finger_radius=radius, stiffness=160.0, max_force=1.7)
     for step in explore(world, scene, 2, workspace=space, centre=(0, 0), seed=0):

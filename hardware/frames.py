@@ -59,7 +59,7 @@ class Camera(Reader):
                 read, close = self._open()
                 try:
                     while not self._leave.is_set() and (frame := read()) is not None:
-                        self._take_in(frame)
+                        self.on_picture(frame)
                         wait = FIRST_WAIT
                 finally:
                     close()
@@ -94,7 +94,8 @@ class Camera(Reader):
             camera.set(cv2.CAP_PROP_EXPOSURE, self.exposure)
         return lambda: camera.read()[1], camera.release
 
-    def _take_in(self, frame: np.ndarray) -> None:
+    def on_picture(self, frame: np.ndarray) -> None:
+        """Process one picture that has just come."""
         now = self.clock.now()
         if self._last is not None and np.array_equal(frame, self._last):
             self.frozen += 1

@@ -53,9 +53,9 @@ class MotorBoard(can.Listener):
     remember:    keep all samples for `series`; otherwise, as after `forget`, only the
                  newest one of each quantity, so that memory does not grow
 
-    Read with `poll()`, or add it to a `can.Notifier`.  `broken` counts frames that
-    could not be decoded, `errors` error frames; `check` raises the latter.  `poll` maps
-    stamps of the wall clock to `clock`; frames of a Notifier keep theirs.
+    Read with `poll()`, or by `can.Notifier(board.bus, [board])`.  `broken` counts
+    frames that could not be decoded, `errors` error frames; `check` raises the latter.
+    `poll` maps stamps of the wall clock to `clock`; frames of a Notifier keep theirs.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class MotorBoard(can.Listener):
     def poll(self) -> int:
         """Read all received frames without blocking; return their number."""
         told = self.name, self.on_error, self._stamps
-        messages = waiting(self._open_bus(), *told)
+        messages = waiting(self.bus, *told)
         for message in messages:
             self.on_message_received(message)
         return len(messages)
@@ -257,7 +257,7 @@ class MotorBoard(can.Listener):
             raise BoardError("only listens", **told)
         message.timestamp = self.clock.now()
         try:
-            self._open_bus().send(message)
+            self.bus.send(message)
         except (can.CanError, OSError) as bad:
             raise lost("write", self.name, bad) from bad
         if self.sink is not None:
@@ -266,7 +266,9 @@ class MotorBoard(can.Listener):
 
     # Errors
 
-    def _open_bus(self) -> can.BusABC:
+    @property
+    def bus(self) -> can.BusABC:
+        """The open bus, for a `can.Notifier`; raises BusError outside of `with`."""
         if self._bus is None:
             fix = "use it in a `with` block"
             raise BusError("is not open", where=self.name, next=fix)

@@ -45,7 +45,8 @@ class SerialTactile(Reader):
     sink:      called with every chunk and its time, to record it
 
     A lost port is opened again after 0.05 s, then after twice as long each time up to
-    2 s.  `reconnects` counts the successes; `check` raises while the port is lost.
+    2 s.  `opened` counts the successes, `reconnects` all but the first; `check` raises
+    while the port is lost.
     """
 
     def __init__(
@@ -62,7 +63,7 @@ class SerialTactile(Reader):
         super().__init__(name, clock)
         self.url, self.framer, self.baudrate = url, framer, baudrate
         self.configure, self.sink = configure, sink
-        self.reconnects = self._opened = 0
+        self.reconnects = self.opened = 0
 
     def _run(self) -> None:
         wait = FIRST_WAIT
@@ -86,8 +87,8 @@ class SerialTactile(Reader):
             self.url, baudrate=self.baudrate, timeout=READ_TIME, **options
         )
         self.framer.reset()
-        self.reconnects += self._opened > 0
-        self._opened += 1
+        self.reconnects += self.opened > 0
+        self.opened += 1
         if self.configure:
             port.write(self.configure)
         return port

@@ -46,7 +46,8 @@ class SimulatedBoard:
     period:    [s] of its status
 
     `current` (2,) [A] is the current of the motors: the references while they are
-    enabled and ready, otherwise zero.
+    enabled and ready, otherwise zero.  `sending` holds the quantities whose streams are
+    switched on.
     """
 
     def __init__(
@@ -65,7 +66,7 @@ class SimulatedBoard:
         self.silent = False
         self._enabled = np.zeros(2, bool)
         self._ready_at = np.full(2, np.inf)
-        self._sending: set[Quantity] = set()
+        self.sending: set[Quantity] = set()
         self._timeout, self._heard_at = 0.0, 0.0
         self._status_at = -np.inf
         self._now = 0.0
@@ -133,11 +134,15 @@ class SimulatedBoard:
             return
         if now - self._status_at >= self.period:
             self._status_at = now
-            self._bus.send(encode(self._status(), stamp))
+            self.send(encode(self._status(), stamp))
         for quantity, values in measured.items():
-            if quantity in self._sending:
+            if quantity in self.sending:
                 pair = Pair(quantity, tuple(map(float, values)))
-                self._bus.send(encode(pair, stamp))
+                self.send(encode(pair, stamp))
+
+    def send(self, message: can.Message) -> None:
+        """Send any frame, a fault of the bus for instance."""
+        self._bus.send(message)
 
     def _status(self) -> Status:
         enabled, ready = map(bool, self._enabled), map(bool, self.ready)
@@ -155,9 +160,9 @@ class SimulatedBoard:
             case Order(Command.RECEIVE_TIMEOUT, value):
                 self._timeout = value / 1000
             case Order(Command.SEND_ALL, value):
-                self._sending = set(self.streams) if value else set()
+                self.sending = set(self.streams) if value else set()
             case Order(command, value) if command in STREAMS:
-                change = self._sending.add if value else self._sending.discard
+                change = self.sending.add if value else self.sending.discard
                 change(STREAMS[command])
 
     def _enable(self, motor: int, on: bool) -> None:

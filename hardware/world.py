@@ -1,7 +1,6 @@
 """Move the fingers of a robot, and return measurements: the world for `explore`.
 
-    with Tape(folder, rig) as tape, Bench(rig, tape=tape, listen_only=False) as bench:
-        world = RobotWorld(bench)
+    with Bench(rig, listen_only=False) as bench, RobotWorld(bench) as world:
         data = world.execute(trajectory)
 
 After any error (a silent wire, a fault, a limit, Ctrl-C) all motors get zero current
@@ -48,8 +47,9 @@ class RobotWorld:
     `measurements` holds all actions so far, None before the first one; `origin` [s] is
     the host time of their time 0.
 
-    Motors are enabled at the first action.  Between actions a thread holds the fingers,
-    unless the clock is simulated and does not run then.  `stop` ends the thread.
+    Motors are enabled by `start` or at the first action.  Between actions a thread
+    holds the fingers, unless the clock is simulated and does not run then.  `stop` ends
+    the thread and takes the current away, and so does the end of a `with` block.
     """
 
     def __init__(
@@ -72,6 +72,12 @@ class RobotWorld:
         self._keeper: threading.Thread | None = None
         self._leave, self._failed = threading.Event(), None
 
+    def __enter__(self) -> RobotWorld:
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self.stop()
+
     def execute(self, trajectory) -> Measurements:
         """Move along a trajectory and back, and return the measurements at 30 Hz.
 
@@ -85,7 +91,7 @@ class RobotWorld:
         try:
             plan, duration = self._planned(trajectory)
             self._end_keeping()
-            self._start()
+            self.start()
             here, parked = self._here(), np.array([path is None for path in plan])
             paths = [h if p is None else p for p, h in zip(plan, here, strict=True)]
             self._approach([path[0] for path in paths])
@@ -113,6 +119,29 @@ class RobotWorld:
         """The radii (F,) [m] of the fingertips."""
         geometries = [one.geometry for one in self.bench.rig.fingers]
         return np.array([geometry.tip_radius for geometry in geometries])
+
+    def start(self) -> None:
+        """Enable the motors, and wait until the sensors have found their zero.
+
+        `execute` does so where it has not been done.  Raises a HardwareError.
+        """
+        if self._started:
+            return
+        self.bench.start(RECEIVE_TIMEOUT)
+        self._started, self._last_tick = True, None
+        self.bench.poll()
+        here, end = self._here(), self.clock.now() + LEARN
+        while not all(finger.skin.touches for finger in self.bench.fingers):
+            self._follow(here, 1 / RATE)
+            if self.clock.now() > end:
+                raise StaleStreamError(
+                    "a sensor finds no zero",
+                    where="RobotWorld",
+                    got=f"no touch within {LEARN} s",
+                    next="check with `python -m hardware record` that it sends",
+                )
+        if self.measurements is None:
+            self.origin = self.clock.now()
 
     def stop(self) -> None:
         """Command zero current on all boards and disable them; never raises."""
@@ -148,26 +177,6 @@ class RobotWorld:
         if self._failed is not None:
             failed, self._failed = self._failed, None
             raise failed
-
-    def _start(self) -> None:
-        """Enable the motors, and wait until the sensors have found their zero."""
-        if self._started:
-            return
-        self.bench.start(RECEIVE_TIMEOUT)
-        self._started, self._last_tick = True, None
-        self.bench.poll()
-        here, end = self._here(), self.clock.now() + LEARN
-        while not all(finger.skin.touches for finger in self.bench.fingers):
-            self._follow(here, 1 / RATE)
-            if self.clock.now() > end:
-                raise StaleStreamError(
-                    "a sensor finds no zero",
-                    where="RobotWorld",
-                    got=f"no touch within {LEARN} s",
-                    next="check with `python -m hardware record` that it sends",
-                )
-        if self.measurements is None:
-            self.origin = self.clock.now()
 
     def _planned(self, trajectory) -> tuple[list[np.ndarray | None], float]:
         """Return joint paths (n, 3) [rad] at the control rate, and the duration [s].

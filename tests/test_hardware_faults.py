@@ -33,20 +33,30 @@ def fail_a_board(setup):
 
 
 def close_a_bus(setup):
-    setup.bench.fingers[0].boards[0]._bus.shutdown()
+    setup.bench.fingers[0].boards[0].bus.shutdown()
 
 
 def report_bus_off(setup):
     frame = can.Message(arbitration_id=0x40, data=bytes(8), is_error_frame=True)
-    setup.robot.fingers[1].boards[1]._bus.send(frame)
+    setup.robot.fingers[1].boards[1].send(frame)
 
 
 def press_ctrl_c(setup):
     raise KeyboardInterrupt
 
 
+class Held:
+    """A clock of the control loop after which a second has passed at once."""
+
+    def __init__(self, clock):
+        self.clock, self.sleep = clock, clock.sleep
+
+    def now(self):
+        return self.clock.now() + 1.0
+
+
 def hang(setup):
-    setup.world._last_tick -= 1.0  # as if a second had passed since
+    setup.world.clock = Held(setup.world.clock)
 
 
 @pytest.mark.slow
@@ -66,7 +76,7 @@ def test_whatever_goes_wrong_ends_within_200_ms_without_current(
     harm, error, word, tmp_path
 ):
     with Setup(tape=tmp_path / "tape") as setup:
-        setup.world._start()
+        setup.world.start()
         done = setup.after(0.2, lambda: harm(setup))
         with pytest.raises(error, match=word):
             setup.world.execute(FREE)
@@ -83,7 +93,7 @@ def test_whatever_goes_wrong_ends_within_200_ms_without_current(
 
 def test_a_board_that_hears_nothing_any_more_switches_itself_off():
     with Setup() as setup:
-        setup.world._start()
+        setup.world.start()
         setup.after(0.2, lambda: close_a_bus(setup))
         with pytest.raises(BusError):
             setup.world.execute(FREE)
@@ -94,7 +104,7 @@ def test_a_board_that_hears_nothing_any_more_switches_itself_off():
 @pytest.mark.slow
 def test_a_camera_that_freezes_ends_it_within_200_ms(tmp_path):
     with Setup("densetact", tape=tmp_path / "tape") as setup:
-        setup.world._start()
+        setup.world.start()
 
         def freeze():
             setup.robot.fingers[1].skin.frozen = True
@@ -121,7 +131,7 @@ def test_a_terminal_that_is_pulled_out_ends_it_within_200_ms(tmp_path, terminal)
     with Setup(rig=rig, tape=tmp_path / "tape") as setup:
         readers = [one.skin.reader for one in setup.bench.fingers]
         for reader in readers:
-            wait_for(lambda reader=reader: reader._opened)
+            wait_for(lambda reader=reader: reader.opened)
         for one, end, reader in zip(setup.robot.fingers, ends, readers, strict=True):
 
             def write(packet, end=end, reader=reader):
@@ -131,7 +141,7 @@ def test_a_terminal_that_is_pulled_out_ends_it_within_200_ms(tmp_path, terminal)
                     wait_for(lambda: reader.framer.good >= count)
 
             one.skin.write = write
-        setup.world._start()
+        setup.world.start()
         done = setup.after(0.2, second.unplug)
         with pytest.raises(StaleStreamError, match="finger 1, tactile"):
             setup.world.execute(FREE)
@@ -171,10 +181,10 @@ def test_a_can_adapter_that_is_pulled_out_ends_it_within_200_ms(tmp_path, termin
     wired = replace(second, boards=(slcan(terminal), second.boards[1]))
     setup.bench.rig = replace(setup.rig, fingers=(first, wired))
     with adapter.bus, setup:
-        port = setup.bench.fingers[1].boards[0]._bus.serialPortOrig
+        port = setup.bench.fingers[1].boards[0].bus.serialPortOrig
 
         setup.robot.after = lambda now: adapter.carry(port)
-        setup.world._start()
+        setup.world.start()
         due = setup.robot.now() + 0.2
 
         def look(now):

@@ -38,7 +38,7 @@ class Cameras:
         self._rng = np.random.default_rng(0)
 
     def send(self):
-        self.camera._take_in(self._rng.integers(0, 255, SIZE, np.uint8))
+        self.camera.on_picture(self._rng.integers(0, 255, SIZE, np.uint8))
 
 
 class Flood:
@@ -131,15 +131,18 @@ class Patter(Reader):
     def _run(self):
         return None
 
+    def feed(self, now, came):
+        self._keep(now, came)
+
 
 def test_what_nobody_takes_is_dropped_oldest_first_and_counted():
     reader = Patter("patter", ManualClock(), queue=10)
     for k in range(25):
-        reader._keep(float(k), [k])
+        reader.feed(float(k), [k])
     assert [frame for _, frame in reader.take()] == list(range(15, 25))
     assert reader.dropped == 15
     assert reader.take() == []
-    reader._keep(0.0, list(range(30)))
+    reader.feed(0.0, list(range(30)))
     assert [frame for _, frame in reader.take()] == list(range(20, 30))
     assert reader.dropped == 35
 

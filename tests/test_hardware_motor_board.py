@@ -5,6 +5,7 @@ import time
 import can
 import numpy as np
 import pytest
+from bench import wait_for
 from bench_board import Wired, channels
 
 from hardware.errors import BoardError, BusError, StaleStreamError
@@ -22,7 +23,7 @@ from hardware.simulated_board import SimulatedBoard
 
 def test_every_frame_is_counted_and_kept_with_its_stamp():
     with Wired() as wired:
-        wired.firmware._sending = {Quantity.POSITION}
+        wired.firmware.sending = {Quantity.POSITION}
         wired.clock.sleep(0.5)
         assert wired.board.poll() == 501  # and a status
         stamps, values = wired.board.series(Quantity.POSITION)
@@ -46,7 +47,7 @@ def test_a_listener_sends_nothing_whatever_happens():
 
 def test_silence_is_found_within_the_limit():
     with Wired() as wired:
-        wired.firmware._sending = {Quantity.POSITION}
+        wired.firmware.sending = {Quantity.POSITION}
         wired.clock.sleep(0.2)
         wired.board.poll()
         wired.board.check()
@@ -101,15 +102,16 @@ def test_a_notifier_outlives_a_listener_that_raises():
 
     config = {"interface": "virtual", "channel": f"board {next(channels)}"}
     with SimulatedBoard(config) as firmware, MotorBoard(config, sink=explode) as board:
-        notifier = can.Notifier(board._bus, [board], timeout=0.01)
+        notifier = can.Notifier(board.bus, [board], timeout=0.01)
         for k in range(5):
-            firmware._bus.send(encode(Pair(Quantity.POSITION, (k, 0.0))))
+            firmware.send(encode(Pair(Quantity.POSITION, (k, 0.0))))
         end = time.time() + 5
         while board.broken < 5 and time.time() < end:
             time.sleep(0.001)
-        assert all(thread.is_alive() for thread in notifier._readers)
+        assert board.broken == 5
+        firmware.send(encode(Pair(Quantity.POSITION, (5, 0.0))))
+        wait_for(lambda: board.broken == 6)
         notifier.stop()
-    assert board.broken == 5
 
 
 def test_four_boards_are_heard_on_four_channels_by_one_notifier():
@@ -122,7 +124,7 @@ def test_four_boards_are_heard_on_four_channels_by_one_notifier():
         each.__enter__()
     for k, end in enumerate(ends):
         for _ in range(25 + k):
-            end._bus.send(encode(Pair(Quantity.POSITION, (k, -k))))
+            end.send(encode(Pair(Quantity.POSITION, (k, -k))))
     for k, board in enumerate(boards):
         assert board.poll() == 25 + k
         assert board.newest(Quantity.POSITION).tolist() == [k, -k]

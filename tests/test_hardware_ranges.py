@@ -162,7 +162,7 @@ def test_a_wrong_trajectory_is_refused_before_a_motor_is_enabled(wrong):
 
 def test_commands_are_in_range_though_someone_else_s_path_is_not():
     with Setup(angles=poised()) as setup:
-        setup.world._start()
+        setup.world.start()
         far = [np.repeat(np.array([[0.0, 0.9, 9.0]]), 2, axis=0)] * 2
         with pytest.raises(HardwareError, match="beyond the limits"):
             setup.world._follow(far, 0.1)

@@ -69,7 +69,7 @@ def measured(harm, delay):
     """Return the time [s] from a harm to the last current of any motor."""
     kind = "densetact" if harm is freeze_a_camera else "optoforce_can"
     with Setup(kind, angles=poised()) as setup:
-        setup.world._start()
+        setup.world.start()
         flowing = []
 
         def look(now):
@@ -102,7 +102,7 @@ def test_the_table_says_nothing_that_is_not_measured():
 
 def test_stopping_sends_zero_current_before_all_else():
     with Setup() as setup:
-        setup.world._start()
+        setup.world.start()
         setup.after(0.1, lambda: fail_a_board(setup))
         with pytest.raises(HardwareError):
             setup.world.execute(FREE)

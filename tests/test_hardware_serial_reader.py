@@ -34,7 +34,7 @@ def test_a_port_delivers_the_real_capture_exactly(terminal):
         terminal.name, OptoForceFramer(), sink=lambda c, t: chunks.append(c)
     )
     with sensor:
-        wait_for(lambda: sensor._opened)
+        wait_for(lambda: sensor.opened)
         terminal.write(data)
         wait_for(lambda: sensor.framer.good == 34320)
     assert sensor.framer.broken == 54
@@ -61,7 +61,7 @@ def test_an_unplugged_sensor_is_missed_at_once_and_found_again(tmp_path):
     first = Terminal()
     link.symlink_to(first.name)
     with SerialTactile(str(link), OptoForceFramer(), name="finger 0") as sensor:
-        wait_for(lambda: sensor._opened)
+        wait_for(lambda: sensor.opened)
         first.write(REAL)
         wait_for(lambda: sensor.framer.good == 1)
         sensor.check(stale=10.0)
@@ -82,7 +82,7 @@ def test_an_unplugged_sensor_is_missed_at_once_and_found_again(tmp_path):
 
 def test_a_silent_sensor_costs_no_time(terminal):
     with SerialTactile(terminal.name, OptoForceFramer()) as sensor:
-        wait_for(lambda: sensor._opened)
+        wait_for(lambda: sensor.opened)
         before = time.process_time()
         time.sleep(0.3)
         assert time.process_time() - before < 0.1
@@ -99,7 +99,7 @@ def test_a_port_that_is_not_there_is_said_with_the_reason():
 
 def test_a_port_is_read_by_one_only(terminal):
     with SerialTactile(terminal.name, OptoForceFramer()) as sensor:
-        wait_for(lambda: sensor._opened)
+        wait_for(lambda: sensor.opened)
         with SerialTactile(terminal.name, OptoForceFramer()) as other:
             wait_for(lambda: other._why)
             assert "lock" in other._why or "Resource" in other._why
@@ -112,7 +112,7 @@ def test_a_sink_that_fails_ends_in_its_own_error(terminal):
         raise HardwareError("the disk is full")
 
     with SerialTactile(terminal.name, OptoForceFramer(), sink=full) as sensor:
-        wait_for(lambda: sensor._opened)
+        wait_for(lambda: sensor.opened)
         terminal.write(REAL)
         wait_for(lambda: sensor._broken_down)
         with pytest.raises(HardwareError, match="the disk is full"):
@@ -147,5 +147,5 @@ def test_a_sensor_on_a_bus_that_is_not_there_says_so():
 def test_ports_are_closed_when_they_are_left(terminal):
     before = len(os.listdir("/proc/self/fd"))
     with SerialTactile(terminal.name, OptoForceFramer()) as sensor:
-        wait_for(lambda: sensor._opened)
+        wait_for(lambda: sensor.opened)
     assert len(os.listdir("/proc/self/fd")) == before

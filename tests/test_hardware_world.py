@@ -42,6 +42,16 @@ def session():
 # What is measured
 
 
+def test_the_end_of_a_with_block_leaves_no_current():
+    with Setup() as setup:
+        with setup.world as world:
+            world.start()
+            assert any(
+                b.reference.any() for one in setup.robot.fingers for b in one.boards
+            )
+        assert setup.left_in_peace()
+
+
 @pytest.mark.slow
 def test_an_action_comes_back_at_30_hz_and_the_next_one_goes_on(session):
     setup, (first, second), _ = session
