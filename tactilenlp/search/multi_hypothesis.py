@@ -35,7 +35,7 @@ from ..tracking.tracks import (
     parts_of,
     started,
 )
-from .hypothesis import Hypothesis, Job
+from .hypothesis import Hypothesis, Job, same
 from .least_motion import least_motion
 from .proposals import (
     DRAWN,
@@ -120,12 +120,13 @@ def search_boxes(
         middle = replace(job, first=(centred(job),))
         tracks = [*tracked_paths(middle, (), 1), *tracks][: len(tracks)]
     lying = least_motion(job, tracks, executor)
-    alone = max(1, count // TRACK_SHARE)
-    found = [
-        replace(h, objective=rest.objective)
-        for h, rest in zip(tracks[:alone], lying[:alone], strict=True)
-    ]
-    return sorted([*varied(shape, lying, count - alone), *found], key=lambda h: h.rank)
+    starts = []
+    for h in varied(shape, lying, count - max(1, count // TRACK_SHARE)):
+        if not any(same(shape, h, other) for other in starts):
+            starts.append(h)
+    pairs = zip(tracks, lying, strict=True)
+    alone = [replace(h, objective=rest.objective) for h, rest in pairs]
+    return sorted([*starts, *alone[: count - len(starts)]], key=lambda h: h.rank)
 
 
 def complete(kept, job: Job) -> bool:
