@@ -72,9 +72,19 @@ def test_paths_of_other_optima_and_carried_errors_add_up(programme):
     k = len(again.tangent.names)
     maps = np.eye(3, k, 3), np.zeros((3, k))
     beyond = Beyond(np.zeros((k, k)), *maps, ((0.25, other, again.window),))
-    more = trajectory_variance(at, values, R_wg, none, beyond) - plain
+    here = type("Other", (), {"values": values})  # what is left of the best one
+    same = Beyond(np.zeros((k, k)), *maps, ((0.25, here, again.window),))
+    same = trajectory_variance(at, values, R_wg, none, same)
+    assert (same <= plain).all()
+    more = trajectory_variance(at, values, R_wg, none, beyond) - same
     assert more[:, 0] == pytest.approx(0.25 * 3e-3**2)
     assert np.abs(more[:, 1:]).max() == pytest.approx(0.0, abs=1e-15)
+    turned = values | {"x": values["x"] + np.array([[0], [0], [0.1 + np.pi / 2]])}
+    other = type("Other", (), {"values": turned})  # the same box with other names
+    beyond = Beyond(np.zeros((k, k)), *maps, ((0.25, other, again.window),))
+    more = trajectory_variance(at, values, R_wg, none, beyond) - same
+    assert more[:, 5] == pytest.approx(0.25 * 0.1**2)
+    assert np.abs(more[:, :5]).max() == pytest.approx(0.0, abs=1e-15)
     along = np.zeros((k, k))
     along[3, 3] = 1e-6  # [m^2] of the final position, along the world's x
     more = trajectory_variance(at, values, R_wg, none, Beyond(along, *maps)) - plain

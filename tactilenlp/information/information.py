@@ -20,11 +20,7 @@ from ..common.layout import ANY
 from ..common.validation import check_sample, check_types
 from ..errors import OptionError, did_you_mean
 from ..nlp.kkt_sensitivity import KKTSystem, kkt_system_of
-from .error_budget import (
-    Linearisation,
-    after_mixture,
-    error_budget,
-)
+from .error_budget import Linearisation, after_mixture, error_budget
 from .error_budget_terms import TouchedFaces, bounded_pose
 from .finger_offsets import covariance_of_offsets, covariance_with_offsets
 from .mixture import Modes, distinct, laplace_mixture, optima_in_words
@@ -210,7 +206,8 @@ def information_of(
         beyond = _beyond(modes, tangent, at, faces, profile)
         covariance = covariance + beyond
         others = list(zip(modes.weights, optima, strict=True))[1:]
-        path = deviations_of_path(at, tangent, solution, R_wg, beyond, others)
+        more = beyond + modes.of_others
+        path = deviations_of_path(at, tangent, solution, R_wg, more, others)
     if sensed is not None:
         covariance = bounded_pose(covariance, shape.theta, tangent.turning)
     words, directions = open_directions(tangent, covariance, shape, faces)

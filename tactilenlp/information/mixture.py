@@ -52,6 +52,11 @@ class Modes:
         second = np.einsum("mi,mj->mij", self.offsets, self.offsets)
         return np.einsum("m,mij->ij", self.weights, self.covariances + second)
 
+    @property
+    def of_others(self) -> np.ndarray:
+        """What the covariances (k, k) of all modes but the best add to it."""
+        return np.einsum("m,mij->ij", self.weights[1:], self.covariances[1:])
+
 
 @dataclass(frozen=True)
 class ClassOdds:
@@ -224,23 +229,35 @@ def aligned(shape, turning: int, mode, reference):
     Of the body's relabellings (order of theta, rotation), that which turns least.
     """
     (z, R, C), (z_0, R_0) = mode, reference
-    same = ((tuple(range(shape.theta)), np.eye(3)),)
-    relabelled = [
-        (order, rotation_vector(R @ np.array(S, float) @ R_0.T))
-        for order, S in getattr(shape, "symmetries", ()) or same
-    ]
-    if shape.round:  # turns about its own axis mean nothing
-        axis = R_0[:, 2]
-        relabelled = [(order, w - axis * (axis @ w)) for order, w in relabelled]
-    order, turn = min(relabelled, key=lambda r: round(np.linalg.norm(r[1]), 9))
+    order, S = relabelling(shape, R, R_0)
     index = np.r_[np.array(order, int), np.arange(shape.theta, len(z))]
     off = z[index] - z_0
-    off[len(z) - turning :] = turn[3 - turning :]
+    off[len(z) - turning :] = turn_between(shape, R @ S, R_0)[3 - turning :]
     return off, C[np.ix_(index, index)]
 
 
+def relabelling(shape, R, R_0) -> tuple:
+    """Return the order of theta and the axes (3, 3) by which R is nearest to R_0."""
+    same = ((tuple(range(shape.theta)), np.eye(3)),)
+    ways = [(order, np.array(S, float)) for order, S in shape.symmetries or same]
+    far = [np.linalg.norm(turn_between(shape, R @ S, R_0)) for _, S in ways]
+    return ways[int(np.argmin(np.round(far, 9)))]
+
+
+def turn_between(shape, R, R_0) -> np.ndarray:
+    """Return the rotation vectors (..., 3) [rad] from R_0 to R, each (..., 3, 3).
+
+    Without what a round body turns about its own axis: that means nothing.
+    """
+    turn = rotation_vector(R @ np.swapaxes(R_0, -1, -2))
+    if not shape.round:
+        return turn
+    axis = R_0[..., 2]
+    return turn - axis * np.sum(axis * turn, axis=-1, keepdims=True)
+
+
 def rotation_vector(R) -> np.ndarray:
-    """Return the rotation vector (3,) [rad] of a rotation matrix."""
+    """Return the rotation vectors (..., 3) [rad] of rotation matrices (..., 3, 3)."""
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_matrix(R).as_rotvec()

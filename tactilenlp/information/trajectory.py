@@ -2,10 +2,12 @@ r"""Compute standard deviations of the pose at every sample of the trajectory.
 
 At sample t the variance of the pose adds up
 
-    the error budget of p_t and R_t (error_budget.py), past and future marginalised,
-    sum_m w_m (p_{m,t} - p_t)^2, the paths of the other local optima (mixture.py),
-    what the budget of shape and final pose has beyond its terms (untouched faces,
-    profile likelihood), carried back by the rigid body: it holds in the body's frame.
+    w_0 C_t, the error budget of p_t and R_t (error_budget.py), past and future
+    marginalised, with the weight of the best of the local optima (mixture.py),
+    sum_m w_m d_{m,t}^2, how far the poses of the other optima are,
+    what shape and final pose have besides (the covariances of other optima, untouched
+    faces, profile likelihood), carried back by the rigid body: it holds in the body's
+    frame.
 
     in planar motion, how the ground may lean, and the body on it (error_of_ground).
 
@@ -23,6 +25,7 @@ from formulations.ground_contact import REST
 
 from .error_budget import Linearisation, error_budget
 from .error_budget_terms import ANY_ROTATION, REACHED, UNEVEN
+from .mixture import relabelling, turn_between
 from .tangent_space import pose_jacobians
 
 LEAST_ARM = 1e-3  # [m] of a body that rests on one point
@@ -62,7 +65,8 @@ def trajectory_variance(at: Linearisation, values, R_wg, middle, beyond=None):
     if free and at.tilt is not None:
         turned = at.tilt.turned(p, R_wg).reshape(-1, 2)[moving]
     budget = error_budget(at.response(chosen, jacobian[moving], turned))
-    variance[moving] = np.diag(budget)
+    best = 1.0 if beyond is None else 1.0 - sum(weight for weight, *_ in beyond.optima)
+    variance[moving] = best * np.diag(budget)
     variance = variance.reshape(-1, 6)
     if not free and at.tilt is not None:
         more = errors_of_ground(at, values, p, R_wg)
@@ -70,8 +74,8 @@ def trajectory_variance(at: Linearisation, values, R_wg, middle, beyond=None):
     if beyond is not None:
         variance += _carried(beyond, R, R_wg)
         for weight, solution, other in beyond.optima:
-            elsewhere = _positions(at.shape, other, solution, window.last[poses])
-            variance[:, :3] += weight * ((elsewhere - p) @ R_wg.T) ** 2
+            there = _poses(at.shape, other, solution, window.last[poses])
+            variance += weight * _apart(at.shape, there, (p, R), R_wg) ** 2
     most = np.repeat([REACHED**2, ANY_ROTATION**2], 3)
     variance = np.clip(variance, 0.0, most)
     return np.array([np.interp(window.pose, poses, v) for v in variance.T]).T
@@ -147,7 +151,18 @@ def _carried(beyond: Beyond, R, R_wg) -> np.ndarray:
     return np.einsum("sik,kl,sil->si", J, beyond.covariance, J)
 
 
-def _positions(shape, window, solution, samples) -> np.ndarray:
-    """Return the positions (s, 3) of another solution at some samples."""
+def _poses(shape, window, solution, samples) -> tuple:
+    """Return positions (s, 3) and rotations (s, 3, 3) of another solution."""
     theta, x = solution.values["theta"].T.ravel(), solution.values["x"]
-    return pose_jacobians(shape, window.motion, theta, x[:, window.pose[samples]])[0]
+    p, R, *_ = pose_jacobians(shape, window.motion, theta, x[:, window.pose[samples]])
+    return p, R
+
+
+def _apart(shape, poses, reference, R_wg) -> np.ndarray:
+    """Return by how much (s, 6) poses are off from others, world frame.
+
+    The body's axes are relabelled so that the last rotation is the nearest.
+    """
+    (p, R), (p_0, R_0) = poses, reference
+    _, S = relabelling(shape, R[-1], R_0[-1])
+    return np.hstack([(p - p_0) @ R_wg.T, turn_between(shape, R @ S, R_0) @ R_wg.T])
