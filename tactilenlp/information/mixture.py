@@ -31,6 +31,9 @@ from ..nlp.kkt_sensitivity import kkt_system_of
 SAME_MODE = 0.3e-3  # [m] modes whose unknowns agree this well (a radian: ARM) are one
 ARM = 20e-3  # [m] one radian of turn counts as this much way
 MIN_WEIGHT = 0.02  # [-] optima of less weight are not listed one by one
+OUTSIDE = (
+    2.7e-3  # [-] of a Gaussian beyond three deviations: modes of less do not count
+)
 
 
 @printed
@@ -154,6 +157,8 @@ def laplace_mixture(shape, turning: int, found, errors=None) -> Modes:
     volumes = [_log_volume(C * unit) for C in covariances]
     evidence = np.array(volumes) - objectives
     weights = np.exp(evidence - evidence.max())
+    weights /= weights.sum()
+    weights[1:] *= weights[1:] >= OUTSIDE
     if errors is not None:
         covariances[0] = errors
     return Modes(weights / weights.sum(), offsets, covariances, objectives)
