@@ -100,10 +100,17 @@ class MotorBoard(can.Listener):
 
     # Reading
 
+    @property
+    def bus(self) -> can.BusABC:
+        """The open bus, for a `can.Notifier`; raises BusError outside of `with`."""
+        if self._bus is None:
+            fix = "use it in a `with` block"
+            raise BusError("is not open", where=self.name, next=fix)
+        return self._bus
+
     def poll(self) -> int:
         """Read all received frames without blocking; return their number."""
-        told = self.name, self.on_error, self._stamps
-        messages = waiting(self.bus, *told)
+        messages = waiting(self.bus, self.name, self.on_error, self._stamps)
         for message in messages:
             self.on_message_received(message)
         return len(messages)
@@ -265,14 +272,6 @@ class MotorBoard(can.Listener):
             self.sink(message)
 
     # Errors
-
-    @property
-    def bus(self) -> can.BusABC:
-        """The open bus, for a `can.Notifier`; raises BusError outside of `with`."""
-        if self._bus is None:
-            fix = "use it in a `with` block"
-            raise BusError("is not open", where=self.name, next=fix)
-        return self._bus
 
     def _fault(self) -> BoardError:
         fix = "remove the cause of the fault, then start the board again"

@@ -45,8 +45,7 @@ class SerialTactile(Reader):
     sink:      called with every chunk and its time, to record it
 
     A lost port is opened again after 0.05 s, then after twice as long each time up to
-    2 s.  `opened` counts the successes, `reconnects` all but the first; `check` raises
-    while the port is lost.
+    2 s.  `opened` counts the successes; `check` raises while the port is lost.
     """
 
     def __init__(
@@ -63,7 +62,12 @@ class SerialTactile(Reader):
         super().__init__(name, clock)
         self.url, self.framer, self.baudrate = url, framer, baudrate
         self.configure, self.sink = configure, sink
-        self.reconnects = self.opened = 0
+        self.opened = 0
+
+    @property
+    def reconnects(self) -> int:
+        """How often the port was opened again."""
+        return max(self.opened - 1, 0)
 
     def _run(self) -> None:
         wait = FIRST_WAIT
@@ -87,7 +91,6 @@ class SerialTactile(Reader):
             self.url, baudrate=self.baudrate, timeout=READ_TIME, **options
         )
         self.framer.reset()
-        self.reconnects += self.opened > 0
         self.opened += 1
         if self.configure:
             port.write(self.configure)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hardware.errors import HardwareError
 from hardware.serial_tactile import ForceFrame
 from tactilenlp.errors import TactileError
 
@@ -103,6 +104,15 @@ def wait_for(condition, seconds=60.0):
     while not condition():
         assert time.monotonic() < end, "nothing happened"
         time.sleep(0.002)
+
+
+def complaint(device):
+    """What is wrong with a device, "" if nothing is."""
+    try:
+        device.check()
+    except HardwareError as bad:
+        return str(bad)
+    return ""
 
 
 def forces(n, seed=0):

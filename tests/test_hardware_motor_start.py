@@ -104,7 +104,7 @@ def test_stopping_twice_is_as_good_as_once():
 
 def test_stopping_a_bus_that_is_gone_is_logged_and_goes_on(caplog):
     with driven() as wired:
-        wired.board._bus.shutdown()
+        wired.board.bus.shutdown()
         with caplog.at_level(logging.WARNING):
             wired.board.stop()
         assert len(caplog.records) == 4  # each of the four frames was tried

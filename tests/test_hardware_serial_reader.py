@@ -7,7 +7,16 @@ import time
 import can
 import pytest
 import serial
-from bench import ManualClock, Terminal, capture, forces, refused, terminal, wait_for
+from bench import (
+    ManualClock,
+    Terminal,
+    capture,
+    complaint,
+    forces,
+    refused,
+    terminal,
+    wait_for,
+)
 
 from hardware.errors import BusError, HardwareError, StaleStreamError
 from hardware.serial_reader import OptoForceCan, SerialTactile
@@ -101,8 +110,9 @@ def test_a_port_is_read_by_one_only(terminal):
     with SerialTactile(terminal.name, OptoForceFramer()) as sensor:
         wait_for(lambda: sensor.opened)
         with SerialTactile(terminal.name, OptoForceFramer()) as other:
-            wait_for(lambda: other._why)
-            assert "lock" in other._why or "Resource" in other._why
+            wait_for(lambda: other.age > 0.1)  # then `check` says the reason
+            said = complaint(other)
+            assert "lock" in said or "Resource" in said
         with pytest.raises(serial.SerialException):
             serial.Serial(terminal.name, exclusive=True)
 
@@ -114,7 +124,7 @@ def test_a_sink_that_fails_ends_in_its_own_error(terminal):
     with SerialTactile(terminal.name, OptoForceFramer(), sink=full) as sensor:
         wait_for(lambda: sensor.opened)
         terminal.write(REAL)
-        wait_for(lambda: sensor._broken_down)
+        wait_for(lambda: "the disk is full" in complaint(sensor))
         with pytest.raises(HardwareError, match="the disk is full"):
             sensor.check()
 

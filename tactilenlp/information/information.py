@@ -205,7 +205,8 @@ def information_of(
     if sensed is not None:
         beyond = _beyond(modes, tangent, at, faces, profile)
         covariance = covariance + beyond
-        others = list(zip(modes.weights, optima, strict=True))[1:]
+        pairs = zip(modes.weights[1:], optima[1:], strict=True)
+        others = [(weight, optimum) for weight, optimum in pairs if weight]
         more = beyond + modes.of_others
         path = deviations_of_path(at, tangent, solution, R_wg, more, others)
     if sensed is not None:

@@ -31,9 +31,7 @@ from ..nlp.kkt_sensitivity import kkt_system_of
 SAME_MODE = 0.3e-3  # [m] modes whose unknowns agree this well (a radian: ARM) are one
 ARM = 20e-3  # [m] one radian of turn counts as this much way
 MIN_WEIGHT = 0.02  # [-] optima of less weight are not listed one by one
-OUTSIDE = (
-    2.7e-3  # [-] of a Gaussian beyond three deviations: modes of less do not count
-)
+OUTSIDE = 2.7e-3  # [-] beyond three deviations: modes of less weight do not count
 
 
 @printed
