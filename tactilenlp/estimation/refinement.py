@@ -233,15 +233,21 @@ def _tilt_at(solved: Solved, page):
 
 def _on_ground(ground, solved: Solved, page, options) -> Solved:
     """Solve a page again on another ground, from its solution."""
-    job, known = solved.job, solved.job.scene.ground
-    R = ground.rotation @ known.rotation.T
-    t = ground.rotation @ known.origin + ground.translation
-    there = replace(
-        job, scene=replace(job.scene, ground=ground), data=job.data.transformed(R, t)
-    )
+    there = on_ground(solved.job, ground)
     settings = settings_of(there, options)
     again = warm_started(there, page, solved, settings, RESTART_MU)
     return replace(again, declined=solved.declined)
+
+
+def on_ground(job, ground):
+    """Return a job whose data are in the frame of another ground."""
+    known = job.scene.ground
+    if ground is known:
+        return job
+    R = ground.rotation @ known.rotation.T
+    t = ground.rotation @ known.origin + ground.translation
+    scene = replace(job.scene, ground=ground)
+    return replace(job, scene=scene, data=job.data.transformed(R, t))
 
 
 def _cost(solved: Solved) -> float:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from types import ModuleType
 
@@ -26,6 +26,7 @@ from ..search.hypothesis import Hypothesis, Job, distinct
 from ..search.local_solve import Solved, best_first
 from ..search.margins import LEAST_MOTION_BEHIND
 from ..search.multi_hypothesis import search_boxes
+from ..search.multistart import multistart
 from ..search.polytope_init import search_polytope
 from ..search.proposals_floating import (
     in_free_motion,
@@ -37,6 +38,13 @@ from ..search.proposals_floating import (
 )
 from ..search.proposals_surface import on_poses
 from .certification import certified, checked, with_profiles
+from .coarse_to_fine import (
+    at_full_rate,
+    at_rows,
+    at_tracked,
+    interpolated,
+    tracked_rows,
+)
 from .incremental_polytope import repaired, updated
 from .interrupted import SoFar, interrupted, not_solved, raise_unless_good
 from .model_selection import (
@@ -140,6 +148,31 @@ def estimate_of_class(
     return estimate
 
 
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """What search and refinement found.
+
+    job: of the best; best: the most probable optimum, certified, None if time was out;
+    solved: all optima; kept, starts: hypotheses of the search for the next action, and
+    as which the page started; searched [s].
+    """
+
+    job: Job
+    best: Solved | None
+    solved: list[Solved]
+    kept: list[Hypothesis]
+    starts: list[Hypothesis]
+    searched: float
+
+    @property
+    def modes(self) -> list[Solved]:
+        """The optima in the kind of motion of the best one."""
+        motion = self.best.window.motion
+        return [
+            s for s in self.solved if s.solution.success and s.window.motion is motion
+        ]
+
+
 def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
     """Return the estimate of a request, and the solved page that it was read from."""
     page, options, start = request.page, request.options, request.start
@@ -149,6 +182,19 @@ def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
     if accepted:
         so_far.kept = [update.at]
         return _read(request, update, so_far, 0.0, [update]), update
+    rows = tracked_rows(request)
+    if rows is None:
+        found = _optima(request, so_far, update)
+    else:
+        found = _optima_of_dense(request, rows, so_far)
+    if found.best is None:
+        return not_solved(request, found.starts, so_far.spent)
+    so_far.kept = _carried_on(found.job, found.solved, found.kept, request.widths[0])
+    return _read(request, found.best, so_far, found.searched, found.modes), found.best
+
+
+def _optima(request: Request, so_far: SoFar, update=None) -> _Found:
+    """Return the optima of the page, by search and refinement, the best certified."""
     kept, starts = _searched(request, so_far.kept)
     so_far.kept, searched = kept, so_far.spent
     job, solved = _refined(request, starts, so_far, update)
@@ -159,7 +205,7 @@ def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
         if found and found[0].rank < solved[0].rank:
             job, solved, kept = other, found, more
     if not solved:
-        return not_solved(request, starts, so_far.spent)
+        return _Found(job, None, [], kept, starts, searched)
     best, solved = _checked(request, job, solved)
     sought = request.job.path is None and misses(request, best)
     if sought and request.job_until(SEARCH_END).deadline.left > 0:
@@ -170,13 +216,44 @@ def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
         if again.rank < best.rank:
             best, job, solved, kept = again, other, found, more
     with job.deadline.ending("profile likelihoods"):
-        best = with_profiles(page, best, options)
-    so_far.kept = _carried_on(job, solved, kept, request.widths[0])
-    others = [
-        s for s in solved
-        if s.solution.success and s.window.motion is best.window.motion
-    ]  # fmt: skip
-    return _read(request, best, so_far, searched, others), best
+        best = with_profiles(request.page, best, request.options)
+    return _Found(job, best, solved, kept, starts, searched)
+
+
+def _optima_of_dense(request: Request, rows, so_far: SoFar) -> _Found:
+    """Return the optima at all samples, from those at some rows (coarse_to_fine.py)."""
+    page, options, data = request.page, request.options, request.job.data
+    part = SoFar([at_tracked(h, rows) for h in so_far.kept])
+    try:
+        found = _optima(at_rows(request, rows), part)
+    except KeyboardInterrupt:
+        so_far.kept = [interpolated(h, data, rows) for h in part.kept]
+        raise
+    kept, starts = (
+        [interpolated(h, data, rows) for h in some]
+        for some in (found.kept, found.starts)
+    )
+    so_far.kept = kept
+    if found.best is None:
+        return replace(found, kept=kept, starts=starts)
+    dense = at_full_rate(request, found.best.job)
+    optima = [interpolated(s.at, data, rows) for s in (found.best, *found.modes)]
+    optima = distinct(dense.job.shape, optima, request.widths[1], LEAST_MOTION_BEHIND)
+    job, solved = dense.job_until(REFINEMENT_END), so_far.solved
+    with job.deadline.ending("other solves of the page"):
+        multistart(job, page, optima, options, page.LEVELS, solved=solved)
+    job = dense.job_until(CERTIFICATES_END)
+    solved = [_restamped(s, job.deadline) for s in best_first(solved)]
+    if not solved:
+        return _Found(job, None, [], kept, optima, found.searched)
+    best = solved[0]
+    with job.deadline.ending("certificates"):
+        if not job.deadline.passed("evidence of other optima"):
+            best, *_ = most_probable_first(job, solved)
+        best = certified(job, page, best, options)
+    known = found.best
+    best = replace(best, declined=known.declined, profile=known.profile)
+    return _Found(job, best, solved, kept, optima, found.searched)
 
 
 def _checked(request, job, solved) -> tuple[Solved, list[Solved]]:

@@ -9,7 +9,9 @@ absent  the gradient by an impulse that was left out shows no descent
 still   without a ground: the Newton decrement and step of separate poses are small.
         On a ground: static friction carries the body.  The slope of the objective in
         the poses of a still span before a sample is the force [nats / m] that would
-        move the body there; it must be less than friction dissipates by that motion.
+        move the body there.  Where it is larger than what friction dissipates by that
+        motion, the body slips, by as much as the curvature of the objective allows:
+        all slips together would lower the objective by little.
         (A page rounds friction, so that separate poses would creep.)
 planar  planar poses explain the touches: see outliers.py
 """
@@ -34,6 +36,8 @@ SHIFT = 0.1  # [sigma] and no size and no last pose moves further
 CUT = 0.1  # [-] of the longest step within a still span is worth a pose of its own
 MM_PER_M = 1e3  # a page weighs friction in nats per mm
 NEARLY_SLIPS = 0.5  # [-] of friction: such a span may slip when another one is cut
+LONGEST_SLIP = 1e-3  # [m] more than bodies at rest were ever found to slip
+LEAST_CURVATURE = 1e3  # [nats / m^2] softer than any touch: 1 / (30 mm)^2
 LEAST_ARM = 1e-3  # [m] of a body that rests on one point
 ON_ICE = 1.0  # [nats / m] least force: without friction a body at rest feels rounding
 
@@ -179,9 +183,9 @@ def resting(solved, rest) -> Skipped:
     window = solved.window
     return Skipped(
         "still", f"{len(window.pose) - window.poses} poses",
-        "nothing touched or moved the object",
-        "largest force on a body at rest, as a share of static friction", rest.share,
-        1.0, rest.share <= 1,
+        f"nothing touched or moved the object; forces reach {rest.share:.2g} of static "
+        "friction", "slipping would lower the objective by [nats]", rest.gain,
+        DECREMENT, rest.gain <= DECREMENT,
     )  # fmt: skip
 
 
@@ -189,11 +193,12 @@ def resting(solved, rest) -> Skipped:
 class RestForce:
     """Forces on the still spans: the largest as a share of static friction [-].
 
-    cuts: if friction does not balance one of them, the samples of the largest force in
-    each span where it exceeds NEARLY_SLIPS.
+    gain [nats]: by which slips would lower the objective; cuts: if that is too much,
+    the samples of the largest force in each span where it exceeds NEARLY_SLIPS.
     """
 
     share: float
+    gain: float
     cuts: tuple[int, ...]
 
 
@@ -204,26 +209,69 @@ def rest_force(scene, solved, whole) -> RestForce:
     """
     v = whole.problem.variables["x"]
     slope = whole.whole_slope[v.span].reshape(v.columns, v.rows)
-    slope = _along(whole.x[v.span].reshape(slope.shape).T, slope)[whole.window.pose]
-    pose, arm = solved.window.pose, _lever_arm(solved, whole.window)
-    friction, cuts, worst = _static_friction(scene, solved.solution), [], 0.0
-    for k in np.unique(pose):
-        rows = np.nonzero(pose == k)[0]
-        force = np.cumsum(slope[rows[:-1]], axis=0)
-        force = np.hypot(np.linalg.norm(force[:, :2], axis=1), force[:, 2] / arm)
-        force = force / friction
-        worst = max(worst, force.max(initial=0.0))
-        if force.max(initial=0.0) > NEARLY_SLIPS:
-            cuts.append(int(rows[1 + np.argmax(force)]))
-    return RestForce(float(worst), tuple(cuts) if worst > 1 else ())
+    along = _along(whole.x[v.span].reshape(slope.shape).T)
+    slope = np.einsum("tij,tj->ti", along, slope)[whole.window.pose]
+    arm = np.array([1, 1, _lever_arm(solved, whole.window)])
+    friction, slips = _static_friction(scene, solved.solution), []
+    for rows in _spans(solved.window.pose):
+        force = np.cumsum(slope[rows[:-1]], axis=0) / arm
+        size = np.linalg.norm(force, axis=1)
+        i = int(np.argmax(size))
+        if size[i] > NEARLY_SLIPS * friction:
+            way = force[i] / size[i] / arm
+            slips.append((size[i], rows[: i + 1], way))
+    if not slips:
+        return RestForce(0.0, 0.0, ())
+    force, before, ways = zip(*slips, strict=True)
+    curvature = _curvatures(whole, along, before, ways)
+    most = _slipped(np.array(force) - friction, curvature)
+    cuts = tuple(int(rows[-1]) + 1 for rows in before)
+    gain, share = float(most.sum()), max(force) / friction
+    return RestForce(share, gain, cuts if gain > DECREMENT else ())
 
 
-def _along(x, slope) -> np.ndarray:
-    """Return slopes (n, 3) along the ground: two ways and a turn, of all (n, u)."""
+def _spans(pose) -> list[np.ndarray]:
+    """Return the samples of each pose that several share."""
+    ends = np.flatnonzero(np.diff(pose)) + 1
+    spans = np.split(np.arange(len(pose)), ends)
+    return [rows for rows in spans if len(rows) > 1]
+
+
+def _slipped(excess, curvature) -> np.ndarray:
+    """Return by how much slips lower an objective [nats], friction included.
+
+    excess [nats / m]: of the force over friction; curvature [nats / m^2].
+    """
+    excess = np.maximum(excess, 0.0)
+    way = np.minimum(excess / np.maximum(curvature, LEAST_CURVATURE), LONGEST_SLIP)
+    return way * (excess - np.maximum(curvature, LEAST_CURVATURE) * way / 2)
+
+
+def _curvatures(whole, along, before, ways) -> np.ndarray:
+    """Return the curvatures (n,) [nats / m^2] of the costs along slips.
+
+    before: samples that move with each slip; ways (3,): along the ground, and a turn.
+    """
+    v, pose = whole.problem.variables["x"], whole.window.pose
+    D = np.zeros((whole.problem.size, len(ways)))
+    for d, rows, way in zip(D.T, before, ways, strict=True):
+        at = np.unique(pose[rows])
+        step = np.einsum("i,tij->tj", way, along[at])
+        d[(v.span.start + v.rows * at)[:, None] + np.arange(v.rows)] = step
+    given = whole.x, whole.data
+    H = sum(whole.problem.hessian(name, *given) for name in whole.problem.costs)
+    return np.einsum("ij,ij->j", D, H @ D)
+
+
+def _along(x) -> np.ndarray:
+    """Return (n, 3, u) two ways along the ground and a turn, as changes of x (u, n)."""
+    out = np.zeros((x.shape[1], 3, len(x)))
+    out[:, [0, 1], [0, 1]] = 1.0
     if is_planar(x):
-        return slope
-    turn = np.linalg.solve(turning(x).transpose(0, 2, 1), slope[:, 3:, None])
-    return np.c_[slope[:, :2], turn[:, 2]]
+        out[:, 2, 2] = 1.0
+    else:
+        out[:, 2, 3:] = np.linalg.inv(turning(x))[:, :, 2]
+    return out
 
 
 def _lever_arm(solved, window) -> float:

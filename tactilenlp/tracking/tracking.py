@@ -57,13 +57,25 @@ def tracked(filter: Filter, tracks: Tracks, samples, rng):
     return tracks, records
 
 
+def stride_of(data) -> int:
+    """Return every how many samples a recording is tracked."""
+    return max(1, round(PERIOD / data.dt))
+
+
+def tracked_samples(data, samples) -> np.ndarray:
+    """Return the samples of an action that are tracked, about PERIOD apart.
+
+    samples: of the action; the last one is among them.
+    """
+    return samples[::-1][:: stride_of(data)][::-1]
+
+
 def _steps(data, samples) -> list[tuple[int, int]]:
     """Return pairs of tracked samples of an action, about PERIOD apart, ends included.
 
     The first pair is the sample before the action and its first one.
     """
-    stride = max(1, round(PERIOD / data.dt))
-    chosen = samples[::-1][::stride][::-1]
+    chosen = tracked_samples(data, samples)
     if chosen[0] != samples[0]:
         chosen = np.r_[samples[0], chosen]
     return list(zip(np.r_[chosen[0] - 1, chosen[:-1]], chosen, strict=True))
