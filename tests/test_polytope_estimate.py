@@ -151,7 +151,9 @@ def test_friction_holds_a_hull_that_nothing_touches(octahedron, monkeypatch):
     still, holds = shared_poses(solve_estimate(*given, **told))
     assert holds
     assert still > data.samples / 4
+    # Without the motion that friction prevents, poses would gain a little.
     monkeypatch.setattr(certificates, "WEIGHTS", {"kappa": (0.01, "nats/mm")})
+    monkeypatch.setattr(certificates, "DECREMENT", 1e-5)
     sliding, _ = shared_poses(solve_estimate(*given, **told))
     assert sliding < still  # what friction does not hold has poses of its own
 

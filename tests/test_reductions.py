@@ -10,12 +10,13 @@ from scipy.spatial.transform import Rotation
 
 from formulations import violation_implicit as page
 from formulations.shape import CUBOID
-from tactilenlp import Guess, Problem, Scene, solve_estimate
+from tactilenlp import Guess, Options, Problem, Scene, solve_estimate
 from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.errors import MeasurementError
 from tactilenlp.evaluation.metrics import cuboid_errors
 from tactilenlp.nlp.ipopt import SolverOptions, solve, solve_levels
 from tactilenlp.nlp.kkt_sensitivity import newton_step
+from tactilenlp.problem.certificates import LONGEST_SLIP, slip_gains
 from tactilenlp.problem.missing_samples import possible_contact
 from tactilenlp.problem.reductions import Reductions, may_move, reduce
 from tactilenlp.problem.unreduced import transferred_values
@@ -271,3 +272,29 @@ def test_what_was_not_measured_beside_a_touch_may_have_moved_the_object(recorded
     valid[:, f], contact[:, f], normal[:, f] = False, False, 0.0
     away = replace(data, valid=valid, contact=contact, normal=normal)
     assert not possible_contact(away)[:, f].any()
+
+
+def test_a_body_pushed_by_a_finger_that_reports_nothing_is_not_at_rest(recorded):
+    """Static friction holds a body that nothing pushes, and no other one."""
+    data, scene, _ = recorded
+    data = data.select(range(2))
+    rows = np.flatnonzero((data.action == 1) & data.contact.any(axis=1))
+    contact = data.contact.copy()
+    contact[rows[len(rows) // 2 :]] = False
+    normal = np.where(contact[..., None], data.normal, 0.0)
+    lost = replace(data, contact=contact, normal=normal)
+    options = Options(check_mistakes=False)
+    whole, torn = (solve_estimate(d, scene, options=options) for d in (data, lost))
+    rests = [{s.name: s for s in e.skipped}["still"] for e in (whole, torn)]
+    assert all(rest.holds for rest in rests)
+    assert whole.cuts == ()
+    assert torn.cuts  # samples while it was pushed unfelt: poses of their own
+    assert set(torn.cuts) <= set(range(rows[len(rows) // 2], data.samples))
+
+
+def test_a_slip_gains_what_its_force_exceeds_friction_by_until_it_is_held():
+    force, stiff = np.array([3e3, 3e3, -1e3]), np.array([1e7, -1.0, 1e7])
+    gains = slip_gains(force, stiff)
+    assert gains[0] == pytest.approx(force[0] ** 2 / stiff[0] / 2)
+    assert gains[1] == pytest.approx(force[1] * LONGEST_SLIP, rel=1e-3)  # not held
+    assert gains[2] == 0.0  # friction holds it

@@ -19,7 +19,6 @@ import numpy as np
 from ..data.measurements import Measurements
 from ..errors import NoContactError
 from ..search.hypothesis import Hypothesis, Job
-from ..search.local_solve import Solved
 from ..tracking.tracking import stride_of, tracked_samples
 from .refinement import on_ground
 from .request import Request, check_touched

@@ -20,6 +20,7 @@ from ..common.interrupt import interruptible
 from ..common.threads import on_one_thread
 from ..data.scene import Scene
 from ..errors import typed_call
+from ..geometry.transforms import is_planar
 from ..nlp.solution import check_finite
 from ..problem.reductions import Reductions
 from ..search.hypothesis import Hypothesis, Job, distinct
@@ -227,7 +228,8 @@ def _optima_of_dense(request: Request, rows, so_far: SoFar) -> _Found:
     try:
         found = _optima(at_rows(request, rows), part)
     except KeyboardInterrupt:
-        so_far.kept = [interpolated(h, data, rows) for h in part.kept]
+        flat = [s.at for s in part.solved if is_planar(s.at.x)] or part.kept
+        so_far.kept = [interpolated(h, data, rows) for h in flat]
         raise
     kept, starts = (
         [interpolated(h, data, rows) for h in some]

@@ -212,21 +212,21 @@ def rest_force(scene, solved, whole) -> RestForce:
     along = _along(whole.x[v.span].reshape(slope.shape).T)
     slope = np.einsum("tij,tj->ti", along, slope)[whole.window.pose]
     arm = np.array([1, 1, _lever_arm(solved, whole.window)])
-    friction, slips = _static_friction(scene, solved.solution), []
+    friction, slips, share = _static_friction(scene, solved.solution), [], 0.0
     for rows in _spans(solved.window.pose):
         force = np.cumsum(slope[rows[:-1]], axis=0) / arm
         size = np.linalg.norm(force, axis=1)
         i = int(np.argmax(size))
+        share = max(share, size[i] / friction)
         if size[i] > NEARLY_SLIPS * friction:
             way = force[i] / size[i] / arm
             slips.append((size[i], rows[: i + 1], way))
     if not slips:
-        return RestForce(0.0, 0.0, ())
+        return RestForce(share, 0.0, ())
     force, before, ways = zip(*slips, strict=True)
     curvature = _curvatures(whole, along, before, ways)
-    most = _slipped(np.array(force) - friction, curvature)
+    gain = float(slip_gains(np.array(force) - friction, curvature).sum())
     cuts = tuple(int(rows[-1]) + 1 for rows in before)
-    gain, share = float(most.sum()), max(force) / friction
     return RestForce(share, gain, cuts if gain > DECREMENT else ())
 
 
@@ -237,7 +237,7 @@ def _spans(pose) -> list[np.ndarray]:
     return [rows for rows in spans if len(rows) > 1]
 
 
-def _slipped(excess, curvature) -> np.ndarray:
+def slip_gains(excess, curvature) -> np.ndarray:
     """Return by how much slips lower an objective [nats], friction included.
 
     excess [nats / m]: of the force over friction; curvature [nats / m^2].
