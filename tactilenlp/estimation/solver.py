@@ -23,7 +23,7 @@ from ..errors import typed_call
 from ..geometry.transforms import is_planar
 from ..nlp.solution import check_finite
 from ..problem.reductions import Reductions
-from ..search.hypothesis import Hypothesis, Job, distinct
+from ..search.hypothesis import Hypothesis, Job, distinct, same
 from ..search.local_solve import Solved, best_first
 from ..search.margins import LEAST_MOTION_BEHIND
 from ..search.multi_hypothesis import search_boxes
@@ -213,9 +213,10 @@ def _optima(request: Request, so_far: SoFar, update=None) -> _Found:
         rough = with_rough_motion(request)
         more, starts = _searched(rough, [])
         other, found = _refined(rough, starts, so_far, None)
-        again, found = _checked(rough, other, found) if found else (best, solved)
-        if again.rank < best.rank:
-            best, job, solved, kept = again, other, found, more
+        if found and not any(same(job.shape, found[0].at, s.at) for s in solved):
+            again, found = _checked(rough, other, found)
+            if again.rank < best.rank:
+                best, job, solved, kept = again, other, found, more
     with job.deadline.ending("profile likelihoods"):
         best = with_profiles(request.page, best, request.options)
     return _Found(job, best, solved, kept, starts, searched)

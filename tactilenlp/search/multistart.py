@@ -83,19 +83,22 @@ def multistart(job, page, hypotheses, options, levels, known=(), solved=None) ->
 
 def _multistart(job, page, hypotheses, options, levels, known, solved, rough) -> None:
     """Fill `rough` with solves before the last level, `solved` with those after it."""
-    shared = {}
+    shared, stages = {}, _stages(levels[:-1])
+    ends = [[] for _ in stages]
     separate = len(levels) == 1 or "x" in levels[-2].fixed or levels[-1].rebuild
     separate = separate or not job.reductions.planar
     for h in progress(hypotheses, "solve"):
         if (known or solved or rough) and job.deadline.passed("all hypotheses"):
             break
-        if best_is_found_twice(job.shape, rough):
-            break
         shared = {} if job.shape.window_depends_on_start else shared
         if separate:  # held or free poses do not come together before the last level
             solved.append(solved_from(job, page, h, options, shared, levels))
-        else:
-            rough.append(solved_from(job, page, h, options, shared, levels[:-1]))
+            continue
+        found, met = _ranked(job, page, h, options, shared, stages, ends)
+        if met is None:
+            rough.append(found)
+        elif met == min(rough, key=lambda s: s.at.rank).hypothesis:
+            break  # the best was found twice: more starts find no other
     ends = [end for s in known for end in (s.at, s.rough) if end is not None]
     for s in sorted(rough, key=lambda s: s.at.rank):
         if (known or solved) and job.deadline.passed("all hypotheses"):
@@ -109,14 +112,33 @@ def _multistart(job, page, hypotheses, options, levels, known, solved, rough) ->
         ends.append(s.at)
 
 
-def best_is_found_twice(shape, rough) -> bool:
-    """Tell whether the two best of converged solves from different starts are the same.
+def _stages(levels) -> list[list]:
+    """Return the levels in groups that end with free poses."""
+    stages = [[]]
+    for level in levels:
+        stages[-1].append(level)
+        if "x" not in level.fixed:
+            stages.append([])
+    return [stage for stage in stages if stage]
 
-    Levels that converge from guessed poses, as `ROUGH` do for soft fingertips, lead
-    nearly all starts of a recording to one optimum: more starts find no other.
+
+def _ranked(job, page, h, options, shared, stages, ends):
+    """Return a hypothesis solved through the stages, and None; or the last solve, met.
+
+    met: the hypothesis of another start that a stage brought to the same body, so that
+    the rest would too.  ends: of each stage, (h, Hypothesis there) of converged solves.
     """
-    best = best_first(s for s in rough if s.solution.success)[:2]
-    return len(best) == 2 and same(shape, best[0].at, best[1].at)
+    found = None
+    for levels, others in zip(stages, ends, strict=True):
+        before = None if found is None else found.solution
+        found = solved_from(job, page, h, options, shared, levels, before)
+        if not found.solution.success:
+            continue
+        for start, end in others:
+            if same(job.shape, found.at, end):
+                return found, start
+        others.append((h, found.at))
+    return found, None
 
 
 def _far_behind(rough: Solved, solved) -> bool:
