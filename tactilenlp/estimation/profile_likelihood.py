@@ -40,7 +40,7 @@ NOISE_FACTOR = 2.0  # [-] of the sigma of their means, for noisy fingers
 VAGUE_SHARE = 0.3  # [prior deviations] a larger sigma of a size needs no profile
 KNOWN_POSITION = 1e-3  # [m] a larger sigma of a position needs no profile
 FIRST_STEP = 0.5e-3  # [m] at least
-MAX_STEP_GROWTH = 10.0  # [-] from step to step
+MIN_STEP_GROWTH, MAX_STEP_GROWTH = 1.5, 10.0  # [-] from step to step
 PROFILE_MU = 1e-2  # IPOPT's mu_init where a size is held elsewhere
 PROFILE_ITERATIONS = 300  # of one such solve: a height on a plateau took 222
 
@@ -145,9 +145,9 @@ def _one_direction(there, at, axis, step, claim, prior, enough):
             found = (_final(moved) - _final(at)) * deviation / step
         if price >= enough or step >= farthest:
             break
-        step = min(
-            step * min(MAX_STEP_GROWTH, enough / max(price, ONE_SIGMA)), farthest
-        )
+        growth = enough / max(price, ONE_SIGMA)  # of a kink; a plateau needs more
+        step *= min(MAX_STEP_GROWTH, max(MIN_STEP_GROWTH, growth))
+        step = min(step, farthest)
     return found, None
 
 
