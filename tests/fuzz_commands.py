@@ -10,9 +10,9 @@ from fuzz_values import pick
 
 import tactilenlp as t
 from tactilenlp.__main__ import main
-from tactilenlp.estimation.options import PROCESS
-from tactilenlp.estimation.request import read_request
 from tactilenlp.exploration.options import ExploreOptions
+from tactilenlp.interface.options import PROCESS
+from tactilenlp.interface.request import read_request
 
 
 def command(rng, known: Known) -> str:

@@ -20,7 +20,7 @@ from hardware.serial_tactile import ForceFrame, encode_force
 from hardware.simulated_robot import simulated_rig
 from hardware.tape import Tape, stream_name
 from tactilenlp.common.npz import format_of
-from tactilenlp.estimation.request import check_start
+from tactilenlp.interface.request import check_start
 from tactilenlp.problem.pages import shape_of
 
 ESTIMATES = "estimate", "hull"

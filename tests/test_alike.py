@@ -21,8 +21,8 @@ from formulations import (
 from formulations.polytope import polytope
 from formulations.shape import CUBOID
 from tactilenlp import Measurements, Options, Scene
-from tactilenlp.estimation.options import Session
-from tactilenlp.estimation.request import make_job
+from tactilenlp.interface.options import Session
+from tactilenlp.interface.request import make_job
 from tactilenlp.search.hypothesis import Hypothesis, TermFunctions
 from tactilenlp.search.local_solve import problem_at
 

@@ -6,11 +6,11 @@ import pytest
 from formulations.shape import CUBOID
 from tactilenlp import ELLIPSOID, Estimate, solve_estimate
 from tactilenlp.errors import NoContactError, OptionError
-from tactilenlp.estimation import model_selection
-from tactilenlp.estimation.options import Session
-from tactilenlp.estimation.request import read_request
 from tactilenlp.estimation.solver import estimate_of_class
 from tactilenlp.information.mixture import log_evidence
+from tactilenlp.interface.options import Session
+from tactilenlp.interface.request import read_request
+from tactilenlp.refinement import model_selection
 from tactilenlp.search.proposals_surface import on_poses
 
 

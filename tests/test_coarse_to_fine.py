@@ -8,11 +8,11 @@ import pytest
 
 from tactilenlp import Measurements, Options, solve_estimate
 from tactilenlp.errors import Interrupted
-from tactilenlp.estimation import solver
+from tactilenlp.estimation import coarse_to_fine, initial_search
 from tactilenlp.estimation.coarse_to_fine import (
-    at_tracked,
+    at_coarse_rows,
+    coarse_rows,
     interpolated,
-    tracked_rows,
 )
 from tactilenlp.search.hypothesis import Hypothesis
 
@@ -50,9 +50,9 @@ def test_only_a_rate_above_that_of_the_search_is_solved_at_a_lower_rate_first(
     recorded, dense
 ):
     data, _ = dense
-    assert tracked_rows(request_of(recorded[0])) is None
-    assert tracked_rows(request_of(data, path="poses of another class")) is None
-    rows = tracked_rows(request_of(data))
+    assert coarse_rows(request_of(recorded[0])) is None
+    assert coarse_rows(request_of(data, path="poses of another class")) is None
+    rows = coarse_rows(request_of(data))
     assert len(rows) == pytest.approx(data.samples / RATIO, abs=data.actions)
     for action in range(2):  # the last sample of an action is among them
         assert np.flatnonzero(data.action == action)[-1] in rows
@@ -65,18 +65,18 @@ def test_touches_too_short_for_the_lower_rate_are_solved_at_the_full_one(dense):
     contact[felt[:2]] = data.contact[felt[:2]]  # two samples: one at the lower rate
     normal = np.where(contact[..., None], data.normal, 0.0)
     arrays = data.arrays() | {"contact": contact, "normal": normal}
-    assert tracked_rows(request_of(Measurements(**arrays))) is None
+    assert coarse_rows(request_of(Measurements(**arrays))) is None
 
 
 def test_poses_between_tracked_samples_are_on_the_way(dense):
     data, _ = dense
-    rows = tracked_rows(request_of(data))
+    rows = coarse_rows(request_of(data))
     rng = np.random.default_rng(5)
     h = Hypothesis(np.ones(3), rng.normal(size=(3, len(rows))), 0.0, ())
     x = interpolated(h, data, rows).x
     assert x.shape == (3, data.samples)
     np.testing.assert_allclose(x[:, rows], h.x)
-    np.testing.assert_allclose(at_tracked(interpolated(h, data, rows), rows).x, h.x)
+    np.testing.assert_allclose(at_coarse_rows(interpolated(h, data, rows), rows).x, h.x)
     for action in range(2):
         mine = rows[data.action[rows] == action]
         first = np.flatnonzero(data.action == action)[0]
@@ -92,14 +92,14 @@ def test_a_dense_recording_is_estimated_as_well_for_few_more_iterations(
     recorded, dense, monkeypatch
 ):
     data, scene = dense
-    sizes, solve = [], solver.multistart
+    sizes, solve = [], coarse_to_fine.multistart
 
     def counted(job, *given, **options):
         found = solve(job, *given, **options)
         sizes.append((job.data.samples, sum(s.solution.iterations for s in found)))
         return found
 
-    monkeypatch.setattr(solver, "multistart", counted)
+    monkeypatch.setattr(coarse_to_fine, "multistart", counted)
     found, few = (solve_estimate(d, scene) for d in (data, recorded[0].select([0, 1])))
     assert found.success
     assert found.fit.verdict == "good"
@@ -116,13 +116,13 @@ def test_ctrl_c_at_the_lower_rate_leaves_poses_of_all_samples_so_far(
     dense, monkeypatch
 ):
     data, scene = dense
-    search = solver.search_boxes
+    search = initial_search.search_boxes
 
     def interrupted(job, kept, count, executor=None, so_far=None):
         so_far[:] = search(replace(job, data=job.data.select([0])), [], 1)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(solver, "search_boxes", interrupted)
+    monkeypatch.setattr(initial_search, "search_boxes", interrupted)
     with pytest.raises(Interrupted) as stop:
         solve_estimate(data, scene)
     found = stop.value.estimate

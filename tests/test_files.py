@@ -10,7 +10,7 @@ from conftest import RECORDED
 
 from tactilenlp import Estimate, Exploration, Measurements, Scene, Trajectories
 from tactilenlp.errors import FileError, MeasurementError, SceneError, TactileError
-from tactilenlp.estimation.result import ESTIMATE_VERSION
+from tactilenlp.interface.result import ESTIMATE_VERSION
 
 CUTS, FLIPS = 12, 40  # damaged copies of each file
 CURRENT = f'{{"format": "estimate", "version": {ESTIMATE_VERSION}'  # of a header

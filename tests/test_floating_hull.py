@@ -21,9 +21,9 @@ from tactilenlp import (
     solve_estimate,
 )
 from tactilenlp.errors import SceneError
-from tactilenlp.estimation.incremental_polytope import is_one_action_more
-from tactilenlp.estimation.request import carried_hypotheses, make_job
 from tactilenlp.information.polytope_information import touched_polygons
+from tactilenlp.interface.request import carried_hypotheses, make_job
+from tactilenlp.refinement.incremental_polytope import is_one_action_more
 from tactilenlp.search.proposals_floating import (
     in_free_motion,
     in_plane,

@@ -12,7 +12,6 @@ from formulations import polytope_violation_implicit as page
 from formulations.polytope import polytope
 from formulations.rigid_body import rotation
 from tactilenlp import Measurements, Options, Scene
-from tactilenlp.estimation.request import make_job
 from tactilenlp.geometry.convex_hull import filled
 from tactilenlp.geometry.tipping import planar_to_free
 from tactilenlp.geometry.transforms import (
@@ -22,6 +21,7 @@ from tactilenlp.geometry.transforms import (
     points_in_body,
     turning,
 )
+from tactilenlp.interface.request import make_job
 from tactilenlp.nlp.problem import Problem
 from tactilenlp.problem.polytope_window import LIFTED, window_of
 

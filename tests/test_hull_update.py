@@ -12,10 +12,10 @@ from formulations import polytope_violation_implicit
 from formulations.polytope import polytope
 from tactilenlp import Measurements, Scene, solve_estimate
 from tactilenlp.common.deadline import NEVER
-from tactilenlp.estimation import incremental_polytope as hull_update
-from tactilenlp.estimation.options import Options
-from tactilenlp.estimation.request import make_job
+from tactilenlp.interface.options import Options
+from tactilenlp.interface.request import make_job
 from tactilenlp.nlp.solution import costs_without_rounding
+from tactilenlp.refinement import incremental_polytope as hull_update
 from tactilenlp.search.hypothesis import Hypothesis
 from tactilenlp.search.local_solve import Solved, best_first
 from tactilenlp.search.margins import UNTOUCHED_FACE

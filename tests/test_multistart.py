@@ -10,7 +10,7 @@ from formulations import quasi_static
 from formulations import violation_implicit as page
 from formulations.shape import CUBOID
 from tactilenlp import Options
-from tactilenlp.estimation.request import make_job
+from tactilenlp.interface.request import make_job
 from tactilenlp.search.hypothesis import Hypothesis, distinct, same
 from tactilenlp.search.local_solve import continued
 from tactilenlp.search.multistart import freed_levels, multistart

@@ -24,10 +24,10 @@ from tactilenlp import (
 )
 from tactilenlp.common.deadline import NEVER
 from tactilenlp.errors import OptionError, SceneError, StartError
-from tactilenlp.estimation.options import Options
-from tactilenlp.estimation.readout import read_polytope
-from tactilenlp.estimation.request import make_job
-from tactilenlp.problem import certificates
+from tactilenlp.interface.options import Options
+from tactilenlp.interface.readout import read_polytope
+from tactilenlp.interface.request import make_job
+from tactilenlp.problem import certificates, static_friction
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.search.local_solve import solved_from
 from tactilenlp.search.polytope_init import search_polytope
@@ -152,7 +152,7 @@ def test_friction_holds_a_hull_that_nothing_touches(octahedron, monkeypatch):
     assert holds
     assert still > data.samples / 4
     # Without the motion that friction prevents, poses would gain a little.
-    monkeypatch.setattr(certificates, "WEIGHTS", {"kappa": (0.01, "nats/mm")})
+    monkeypatch.setattr(static_friction, "WEIGHTS", {"kappa": (0.01, "nats/mm")})
     monkeypatch.setattr(certificates, "DECREMENT", 1e-5)
     sliding, _ = shared_poses(solve_estimate(*given, **told))
     assert sliding < still  # what friction does not hold has poses of its own

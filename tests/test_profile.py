@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from formulations.shape import CUBOID
-from tactilenlp.estimation import profile_likelihood as profile_of
-from tactilenlp.estimation.profile_likelihood import (
+from tactilenlp.refinement import profile_likelihood as profile_of
+from tactilenlp.refinement.profile_likelihood import (
     KNOWN_POSITION,
     VAGUE_SHARE,
     profiled,

@@ -25,8 +25,8 @@ from tactilenlp import (
 from tactilenlp.errors import OptionError
 from tactilenlp.output.summary import named_size
 from tactilenlp.problem.pages import shape_of
-from tactilenlp.problem.surface import body_surface
 from tactilenlp.search.hypothesis import Hypothesis, same
+from tactilenlp.tracking.surface import body_surface
 
 SCENE = Scene(mass=0.5, friction_ground=0.3, friction_finger=0.5)
 

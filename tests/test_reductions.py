@@ -16,9 +16,9 @@ from tactilenlp.errors import MeasurementError
 from tactilenlp.evaluation.metrics import cuboid_errors
 from tactilenlp.nlp.ipopt import SolverOptions, solve, solve_levels
 from tactilenlp.nlp.kkt_sensitivity import newton_step
-from tactilenlp.problem.certificates import LONGEST_SLIP, slip_gains
 from tactilenlp.problem.missing_samples import possible_contact
 from tactilenlp.problem.reductions import Reductions, may_move, reduce
+from tactilenlp.problem.static_friction import LONGEST_SLIP, slip_gains
 from tactilenlp.problem.unreduced import transferred_values
 
 

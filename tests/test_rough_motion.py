@@ -9,10 +9,12 @@ import pytest
 
 from formulations import violation_implicit
 from tactilenlp import Options, polytope, solve_estimate
-from tactilenlp.estimation import refinement, solver
-from tactilenlp.estimation.request import Request, make_job
+from tactilenlp.estimation import optima
+from tactilenlp.interface.request import Request, make_job
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.problem.reductions import Reductions
+from tactilenlp.refinement import refinement
+from tactilenlp.refinement.refinement import with_more_process_noise as more_noise
 from tactilenlp.search.multi_hypothesis import proposed_tracks
 from tactilenlp.search.proposals import spherical
 from tactilenlp.tracking.tracking import predicted_tracks
@@ -41,21 +43,23 @@ def predicted(job):
 
 def test_rough_motion_widens_what_a_push_leaves_open(request_of_one_action):
     job = request_of_one_action.job
-    rough = refinement.with_rough_motion(request_of_one_action).job
+    rough = more_noise(request_of_one_action).job
     before, once = predicted(job)
     same, more = predicted(rough)
     assert (before == same).all()
     still = predicted(replace(job, process_noise=0.0))[1]
     for i in (-3, -2, -1):
         ratio = (more - still)[i, i] / (once - still)[i, i]
-        assert np.median(ratio) == pytest.approx(refinement.ROUGH_MOTION**2, rel=1e-3)
+        assert np.median(ratio) == pytest.approx(
+            refinement.PROCESS_NOISE_FACTOR**2, rel=1e-3
+        )
 
 
 def test_a_guess_is_kept_and_an_estimate_is_not(request_of_one_action, touched):
     guess = object()
-    kept = refinement.with_rough_motion(replace(request_of_one_action, start=guess))
+    kept = more_noise(replace(request_of_one_action, start=guess))
     assert kept.start is guess
-    anew = refinement.with_rough_motion(replace(request_of_one_action, start=touched))
+    anew = more_noise(replace(request_of_one_action, start=touched))
     assert anew.start is None
 
 
@@ -70,7 +74,7 @@ def test_what_fits_badly_is_searched_again_where_that_can_find_more(
         job = replace(request.job, **job)
         solution = SimpleNamespace(success=success)
         best = SimpleNamespace(job=job, solution=solution, problem=None, window=None)
-        return refinement.misses(request, best)
+        return refinement.fits_badly(request, best)
 
     assert searched(asked)
     assert not searched(asked, success=False)
@@ -91,15 +95,15 @@ def test_the_better_of_two_searches_is_the_estimate(recorded, monkeypatch):
 
     def asked(request):
         seen.append(request)
-        return refinement.with_rough_motion(request)
+        return more_noise(request)
 
     once = solve_estimate(data, scene)
     assert once.fit.verdict == "good"
-    monkeypatch.setattr(solver, "with_rough_motion", asked)
+    monkeypatch.setattr(optima, "with_more_process_noise", asked)
     same = solve_estimate(data, scene)
     assert not seen
     assert same.objective == once.objective
-    monkeypatch.setattr(solver, "misses", lambda request, best: True)
+    monkeypatch.setattr(optima, "fits_badly", lambda request, best: True)
     twice = solve_estimate(data, scene)
     assert len(seen) == 1
     assert twice.objective <= once.objective + 1e-3

@@ -8,7 +8,7 @@ import pytest
 
 from tactilenlp import Guess, Options, Session, solve_estimate
 from tactilenlp.errors import MotionError, StartError
-from tactilenlp.estimation.request import read_request
+from tactilenlp.interface.request import read_request
 from tactilenlp.search.multi_hypothesis import search_boxes
 from tactilenlp.tracking.geometry import BOX
 from tactilenlp.tracking.tracks import Tracks, diverse, split_tracks

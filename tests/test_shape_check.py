@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tactilenlp import CUBOID, CYLINDER, ELLIPSOID, prism
-from tactilenlp.problem.surface import body_surface
+from tactilenlp.tracking.surface import body_surface
 
 
 def no_distance(theta, q, small):

@@ -16,7 +16,7 @@ from formulations.rigid_body import FREE
 from formulations.shape import CUBOID
 from tactilenlp import CYLINDER, ELLIPSOID, log_size_prior, prism
 from tactilenlp.errors import OptionError
-from tactilenlp.problem.surface import body_surface
+from tactilenlp.tracking.surface import body_surface
 
 RHO, SMALL = 10e-3, 1e-3  # [m] a fingertip, and the rounding that pages ask for
 SHAPES = CYLINDER, prism(3), prism(6), ELLIPSOID

@@ -10,7 +10,6 @@ from formulations.shape import CUBOID
 from tactilenlp import Estimate, Problem, assumption_sensitivity, observed_information
 from tactilenlp.errors import OptionError
 from tactilenlp.estimation.observed_information import programme_at
-from tactilenlp.estimation.profile_likelihood import resized
 from tactilenlp.information.comparisons import gauss_newton
 from tactilenlp.information.error_budget import Linearisation, error_budget
 from tactilenlp.information.error_budget_terms import UNTOUCHED_FACTOR, untouched_faces
@@ -22,6 +21,7 @@ from tactilenlp.information.tangent_space import TangentSpace
 from tactilenlp.nlp.ipopt import SolverOptions, solve
 from tactilenlp.nlp.kkt import LEAST_CURVATURE
 from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
+from tactilenlp.refinement.profile_likelihood import resized
 from tactilenlp.search.hypothesis import Hypothesis
 
 UNITS = np.r_[1e3, 1e3, 1e3, 1e3, 1e3, 50.0]  # to mm, a radian as 50 mm

@@ -8,9 +8,9 @@ import pytest
 from formulations import violation_implicit as page
 from formulations.shape import CUBOID
 from tactilenlp import Options, solve_estimate
-from tactilenlp.estimation.certification import certified
-from tactilenlp.estimation.request import make_job
+from tactilenlp.interface.request import make_job
 from tactilenlp.problem import certificates
+from tactilenlp.refinement.certification import certified
 from tactilenlp.search.local_solve import settings_of, solved_from, warm_started
 
 

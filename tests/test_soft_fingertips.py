@@ -21,8 +21,8 @@ from tactilenlp import (
     solve_estimate,
 )
 from tactilenlp.errors import SceneError
-from tactilenlp.estimation.request import make_job
 from tactilenlp.exploration.beliefs import sensor_model
+from tactilenlp.interface.request import make_job
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.search.multistart import levels_of
 

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 from formulations.shape import CUBOID
 from tactilenlp.errors import TactileError
 from tactilenlp.problem.poses import body_corners
-from tactilenlp.problem.surface import body_surface
+from tactilenlp.tracking.surface import body_surface
 
 AXES = np.array([0.06, 0.04, 0.05])  # [m]
 

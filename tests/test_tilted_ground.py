@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tactilenlp import Estimate, Ground, Scene, solve_estimate
-from tactilenlp.estimation.refinement import on_leaning_ground
 from tactilenlp.evaluation.metrics import cuboid_errors
+from tactilenlp.refinement.ground_tilt import with_ground_tilt
 
 LEAN = np.radians((0.7, -0.5, 0.0))  # [rad] rotation vector of the world
 
@@ -106,7 +106,7 @@ def test_without_excess_the_ground_is_not_turned(monkeypatch):
 
     job = type("Job", (), {"scene": Scene()})()
     page = type("Page", (), {"FREED": ("level",)})
-    where = "tactilenlp.estimation.refinement.excess_of"
+    where = "tactilenlp.refinement.ground_tilt.excess_of"
     monkeypatch.setattr(where, lambda job, solved: (1.0, 3.0))
     kept = [Solved()]
-    assert on_leaning_ground(job, page, kept, None) == (job, kept)
+    assert with_ground_tilt(job, page, kept, None) == (job, kept)

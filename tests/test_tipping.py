@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from formulations import violation_implicit as page
 from formulations.shape import CUBOID
 from tactilenlp import Options
-from tactilenlp.estimation.request import make_job
 from tactilenlp.geometry.tipping import QUARTER_TURN, Tip, planar_to_free
 from tactilenlp.geometry.transforms import continuous
+from tactilenlp.interface.request import make_job
 from tactilenlp.search import proposals_tumble as tumble
 from tactilenlp.search.proposals_tumble import tips_to_try
 

@@ -66,7 +66,7 @@ def test_a_search_leaves_the_actions_it_is_through_with(recorded, pressed, monke
 
 
 def test_solved_pages_are_left_as_they_are(recorded, pressed, tmp_path):
-    from tactilenlp.estimation import certification
+    from tactilenlp.refinement import certification
 
     data, scene, _ = recorded
     data = data.select(range(2))

@@ -11,7 +11,9 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("tactilenlp/search", "tactilenlp/estimation")
+PACKAGES = tuple(
+    f"tactilenlp/{name}" for name in ("search", "estimation", "refinement", "interface")
+)
 
 
 def named_numbers(text: str) -> int:

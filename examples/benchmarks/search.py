@@ -43,10 +43,10 @@ def counted():
 
     The estimate is the most probable optimum, which need not be the lowest one.
     """
-    from tactilenlp.estimation import solver
+    from tactilenlp.estimation import optima
     from tactilenlp.nlp import ipopt
 
-    counts, solve, refined = [0, 0, np.inf], ipopt.solve, solver.refined
+    counts, solve, refined = [0, 0, np.inf], ipopt.solve, optima.refined
 
     def counting(*args, **options):
         solution = solve(*args, **options)
@@ -60,11 +60,11 @@ def counted():
         counts[2] = min([counts[2], *good])
         return found
 
-    ipopt.solve, solver.refined = counting, noting
+    ipopt.solve, optima.refined = counting, noting
     try:
         yield counts
     finally:
-        ipopt.solve, solver.refined = solve, refined
+        ipopt.solve, optima.refined = solve, refined
 
 
 def measure(file: str, actions: int) -> dict:
@@ -125,8 +125,8 @@ def measure_widely(file: str, actions: int) -> dict:
 def solved_along(data, scene, theta, position, quaternion) -> float:
     """Return the objective of the page solved from a path of a box that slid."""
     from tactilenlp import Options
-    from tactilenlp.estimation.options import Session
-    from tactilenlp.estimation.request import read_request
+    from tactilenlp.interface.options import Session
+    from tactilenlp.interface.request import read_request
     from tactilenlp.search.hypothesis import Hypothesis
     from tactilenlp.search.local_solve import solved_from
 

@@ -33,7 +33,7 @@ from tactilenlp import (
     surface_distance,
 )
 from tactilenlp.errors import NotConverged
-from tactilenlp.problem.surface import body_surface
+from tactilenlp.tracking.surface import body_surface
 
 CLASSES = {
     "cylinder": CYLINDER, "ellipsoid": ELLIPSOID,

@@ -3,10 +3,9 @@
 In: `Measurements`, `Scene`, a shape, a page, `Options`, perhaps an earlier estimate.
 Out: an `Estimate`: shape, poses, impulses, information, by name and in SI units.
 
-- `request`, `options`: what is asked, and kept;  `solver`: the steps in order
-- `refinement`, `certification`, `incremental_polytope`: solves after the search
-- `model_selection`: compliance, centre of mass, tilt or another class if data ask
-- `profile_likelihood`: sigma of sizes that no touch determines
-- `readout`, `result`, `interrupted`: from a solution to an `Estimate`
+- `solver`: the steps in order, for one class of shapes or several
+- `initial_search`, `optima`: hypotheses of the search; optima of the page
+- `coarse_to_fine`: recordings of a high rate, solved at a lower rate first
+- `interrupted`: Ctrl-C, the time limit, estimates not to be used
 - `observed_information`: information of other kinds, sensitivity to assumptions
 """

@@ -1,34 +1,45 @@
-"""Coarse to fine in time: a dense recording is solved at the search's rate first.
+"""Coarse to fine in time: a recording above 30 Hz is first estimated at about 30 Hz.
 
-Where the page starts, and which assumptions the data ask to give up, takes hundreds of
-iterations to find, and no more samples than are tracked (tracking.PERIOD).  Of a
-recording of a higher rate the tracked samples are estimated first.  Their optima,
-interpolated in time, start the page of all samples, which converges in tens of
-iterations from there.  A larger model is selected once, at the lower rate: errors of
-the model last longer than a sample, so that more samples of a touch are no more
-evidence for it.
+Search and model selection run at that rate only (1 / tracking.PERIOD): they take
+hundreds of iterations and need no more samples, and errors of the model last longer
+than a sample, so that more samples of a touch are no more evidence for a larger model.
+The optima, interpolated linearly, start the solve of all samples, which takes tens of
+iterations (100 Hz: 118 to 34 CPU s, `foreign.py`, boxes 40 to 43).
 """
 
 from __future__ import annotations
 
-import logging
 from dataclasses import replace
 
 import numpy as np
 
 from ..data.measurements import Measurements
 from ..errors import NoContactError
-from ..search.hypothesis import Hypothesis, Job
+from ..geometry.transforms import is_planar
+from ..interface.request import Request, check_touched
+from ..interface.result import Estimate
+from ..refinement.certification import certified
+from ..refinement.ground_tilt import on_ground
+from ..refinement.model_selection import NUISANCES
+from ..search.hypothesis import Hypothesis, Job, distinct
+from ..search.local_solve import best_first
+from ..search.margins import LEAST_MOTION_BEHIND
+from ..search.multistart import multistart
 from ..tracking.tracking import stride_of, tracked_samples
-from .refinement import on_ground
-from .request import Request, check_touched
+from .interrupted import SoFar
+from .optima import (
+    CERTIFICATES_END,
+    REFINEMENT_END,
+    Optima,
+    certified_best,
+    optima_of,
+)
 
-log = logging.getLogger("tactilenlp")
-TIME_SHARE = 0.6  # [-] of a time limit, of the lower rate
-MODELS = "rigid", "central", "planar"  # reductions that are selected at the lower rate
+TIME_SHARE = 0.6  # [-] of a time limit, of the lower rate: it took 0.5 to 0.8 of all
+SELECTED = (*NUISANCES, "planar")  # reductions that are selected at the lower rate
 
 
-def tracked_rows(request: Request) -> np.ndarray | None:
+def coarse_rows(request: Request) -> np.ndarray | None:
     """Return the samples that are solved first; None if all of them are tracked.
 
     None as well where poses are given, or no touch lasts at the lower rate.
@@ -39,56 +50,87 @@ def tracked_rows(request: Request) -> np.ndarray | None:
     each = (np.flatnonzero(data.action == a) for a in np.unique(data.action))
     rows = np.concatenate([tracked_samples(data, samples) for samples in each])
     try:
-        check_touched(_part(data, rows))
+        check_touched(_at_rows(data, rows))
     except NoContactError:
         return None
     return rows
 
 
-def at_rows(request: Request, rows) -> Request:
+def optima_of_dense(request: Request, rows, so_far: SoFar) -> Optima:
+    """Return the optima at all samples, started from those at some rows.
+
+    Profile likelihoods, and the models that were declined, are those of the lower rate.
+    """
+    page, options, data = request.page, request.options, request.job.data
+    part = SoFar([at_coarse_rows(h, rows) for h in so_far.kept])
+    try:
+        coarse = optima_of(coarse_request(request, rows), part)
+    except KeyboardInterrupt:
+        flat = [s.at for s in part.solved if is_planar(s.at.x)] or part.kept
+        so_far.kept = [interpolated(h, data, rows) for h in flat]
+        raise
+    so_far.kept = kept = [interpolated(h, data, rows) for h in coarse.kept]
+    if (known := coarse.best) is None:
+        starts = [interpolated(h, data, rows) for h in coarse.starts]
+        return replace(coarse, kept=kept, starts=starts)
+    dense = dense_request(request, known.job)
+    starts = [interpolated(s.at, data, rows) for s in (known, *coarse.modes)]
+    starts = distinct(dense.job.shape, starts, request.widths[1], LEAST_MOTION_BEHIND)
+    job, solved = dense.job_until(REFINEMENT_END), so_far.solved
+    with job.deadline.ending("other solves of the page"):
+        multistart(job, page, starts, options, page.LEVELS, solved=solved)
+    job = dense.job_until(CERTIFICATES_END)
+    solved = best_first(solved)
+    if not solved:
+        return Optima(job, None, [], kept, starts, coarse.searched)
+    best, solved = certified_best(dense, job, solved, certified)
+    best = replace(best, declined=known.declined, profile=known.profile)
+    return Optima(job, best, solved, kept, starts, coarse.searched)
+
+
+def coarse_request(request: Request, rows) -> Request:
     """Return the request for some of the samples, within TIME_SHARE of its limit.
 
-    An update starts from the hypotheses of its start, not from the objective of that.
+    An earlier estimate is no `start`, since its objective is of all samples; its
+    hypotheses are carried on.
     """
     limit, deadline = request.options.time_limit, request.job.deadline
     early = deadline.until(deadline.at - (1 - TIME_SHARE) * limit, deadline.strict)
-    job = replace(request.job, data=_part(request.job.data, rows), deadline=early)
+    job = replace(request.job, data=_at_rows(request.job.data, rows), deadline=early)
     options = replace(request.options, time_limit=TIME_SHARE * limit)
-    start = None if hasattr(request.start, "measurements") else request.start
-    data = _part(request.data, rows)
+    start = None if isinstance(request.start, Estimate) else request.start
+    data = _at_rows(request.data, rows)
     return replace(request, data=data, job=job, options=options, start=start)
 
 
-def at_full_rate(request: Request, coarse: Job) -> Request:
-    """Return the request for the models that were selected at the lower rate."""
-    made = {name: getattr(coarse.reductions, name) for name in MODELS}
+def dense_request(request: Request, coarse: Job) -> Request:
+    """Return the request for the ground and models selected at the lower rate."""
+    made = {name: getattr(coarse.reductions, name) for name in SELECTED}
     job = on_ground(request.job, coarse.scene.ground)
     job = replace(job, reductions=replace(job.reductions, **made))
     return replace(request, job=job)
 
 
 def interpolated(h: Hypothesis, data: Measurements, rows) -> Hypothesis:
-    """Return a hypothesis at all samples of the data; x (unknowns, T).
+    """Return a hypothesis at all samples, x (unknowns, samples), linear between rows.
 
-    h: at some rows; before the first one of an action the body is where it is there.
+    h: at the first of the rows; before the first one of an action the body rests.
     """
-    done = h.x.shape[1]
-    rows = rows[:done]
+    rows = rows[: h.x.shape[1]]
     x = np.empty((len(h.x), int(rows[-1]) + 1))
     action = data.action[: x.shape[1]]
     for number in np.unique(action):
-        samples = np.flatnonzero(action == number)
-        mine = data.action[rows] == number
-        known, poses = data.time[rows[mine]], h.x[:, :done][:, mine]
-        for row, pose in zip(x, poses, strict=True):
-            row[samples] = np.interp(data.time[samples], known, pose)
+        samples, mine = np.flatnonzero(action == number), data.action[rows] == number
+        for row, pose in zip(x, h.x[:, mine], strict=True):
+            row[samples] = np.interp(data.time[samples], data.time[rows[mine]], pose)
     return replace(h, x=x)
 
 
-def at_tracked(h: Hypothesis, rows) -> Hypothesis:
+def at_coarse_rows(h: Hypothesis, rows) -> Hypothesis:
     """Return a hypothesis of the first actions at those of the rows that it has."""
     return replace(h, x=h.x[:, rows[rows < h.x.shape[1]]])
 
 
-def _part(data: Measurements, rows) -> Measurements:
+def _at_rows(data: Measurements, rows) -> Measurements:
+    """Return the data at some rows."""
     return Measurements(**data.arrays(rows))

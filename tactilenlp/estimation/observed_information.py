@@ -36,16 +36,16 @@ from ..information.measurement_noise import (
 )
 from ..information.sensitivity import ASSUMPTION_STEP, difference, kkt_residual
 from ..information.tangent_space import tangent_space_of
+from ..interface.options import Options, Session
+from ..interface.readout import problem_builder
+from ..interface.request import read_request
+from ..interface.result import Estimate, solution_of
 from ..nlp.kkt_sensitivity import KKTSystem, kkt_system_of
 from ..nlp.problem import Problem
 from ..nlp.solution import Solution
 from ..problem.pages import page_of, shape_of
 from ..problem.reductions import Reductions, reduce
 from ..search.local_solve import problem_at, problem_for
-from .options import Options, Session
-from .readout import problem_builder
-from .request import read_request
-from .result import Estimate, solution_of
 
 OFFSET = 1e-6  # [m] shift of a finger
 INFORMATION_KINDS = ("exact", "sandwich", "gauss_newton", "paper", "inverse_dynamics")

@@ -16,7 +16,7 @@ from formulations.shape_fields import takes
 from ..common.validation import as_floats
 from ..data.measurements import Measurements
 from ..errors import NoContactError, OptionError, shortened
-from ..estimation.result import Estimate
+from ..interface.result import Estimate
 from .action_space import POINT_RATE, TouchedWorld, Trajectory, Workspace
 
 SWEEP_SPACING = 0.03  # [m] between lines: a 1 cm finger meets what is above 1 cm wide

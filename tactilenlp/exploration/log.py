@@ -14,7 +14,7 @@ from ..common.validation import check_types
 from ..common.whole_file import check_folder
 from ..data.measurements import Measurements
 from ..errors import FileError, StartError, typed_call
-from ..estimation.result import ESTIMATE_CLASSES, Estimate
+from ..interface.result import ESTIMATE_CLASSES, Estimate
 from .action_search import Choice
 from .action_space import Action, Trajectory, Workspace
 

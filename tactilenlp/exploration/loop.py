@@ -16,14 +16,14 @@ from ..common.progress import progress, wipe
 from ..common.validation import check_path, check_types
 from ..data.scene import Scene
 from ..errors import OptionError, StartError
-from ..estimation.model_selection import classes_of
-from ..estimation.options import Guess
-from ..estimation.readout import name_of
-from ..estimation.request import asked, check_start
-from ..estimation.result import Estimate
 from ..estimation.solver import solve_estimate
 from ..evaluation.ground_truth import KnowsTruth, errors_of
 from ..information.information import POSE
+from ..interface.options import Guess
+from ..interface.readout import name_of
+from ..interface.request import asked, check_start
+from ..interface.result import Estimate
+from ..refinement.model_selection import classes_of
 from .action_space import Workspace
 from .first_touch import check_reach, check_world, executed, first_touch
 from .log import (

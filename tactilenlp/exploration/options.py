@@ -9,9 +9,9 @@ import numpy as np
 
 from ..common.validation import check_numbers, check_types
 from ..errors import OptionError, did_you_mean, typed_call
-from ..estimation.model_selection import classes_of
-from ..estimation.options import Options
+from ..interface.options import Options
 from ..problem.pages import shape_of
+from ..refinement.model_selection import classes_of
 from .action_space import Workspace
 from .first_touch import checked_centre
 from .optimisers import CrossEntropy, check_search

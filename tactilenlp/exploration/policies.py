@@ -13,7 +13,7 @@ from formulations.shape import Shape
 from ..common.brief import printed
 from ..data.measurements import Measurements
 from ..errors import OptionError, did_you_mean
-from ..estimation.result import Estimate
+from ..interface.result import Estimate
 from ..problem.pages import shape_of
 from .action_search import Choice, best_action, choose_action, facing
 from .action_space import Action, Workspace

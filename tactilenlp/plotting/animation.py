@@ -15,7 +15,7 @@ from ..common.progress import progress
 from ..common.validation import check_numbers, check_path, check_types
 from ..common.whole_file import write_whole
 from ..errors import OptionError
-from ..estimation.result import Estimate
+from ..interface.result import Estimate
 from .drawing import draw_scene, draw_top, true_corners, view_of
 from .style import STYLE, check_axes
 

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 
 from ..common.validation import check_types
 from ..errors import OptionError
-from ..estimation.result import Estimate
 from ..geometry.transforms import rotation_of
+from ..interface.result import Estimate
 from ..nlp.solution import Solution
 from .style import (
     FINGER_COLOURS,

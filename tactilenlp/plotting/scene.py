@@ -15,8 +15,8 @@ import numpy as np
 from matplotlib.colors import ListedColormap, LogNorm
 from matplotlib.figure import Figure
 
-from ..estimation.result import Estimate
 from ..geometry.faces import face_sigma, polygons
+from ..interface.result import Estimate
 from ..output.colours import UNKNOWN_SIGMA, WELL_KNOWN_SIGMA, information_colour
 from .drawing import (
     carried_contacts,

@@ -12,7 +12,7 @@ from matplotlib.transforms import ScaledTranslation
 
 from ..common.validation import check_types
 from ..errors import OptionError
-from ..estimation.result import Estimate
+from ..interface.result import Estimate
 from ..output.colours import FINGER_RGB
 
 # Colours that the colour-blind can distinguish (Okabe, Ito, "Color Universal Design").

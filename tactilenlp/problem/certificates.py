@@ -7,12 +7,7 @@ written out once at the solution, gives the certificates of far, absent and stil
 far     the free samples that were left out add nothing to the objective
 absent  the gradient by an impulse that was left out shows no descent
 still   without a ground: the Newton decrement and step of separate poses are small.
-        On a ground: static friction carries the body.  The slope of the objective in
-        the poses of a still span before a sample is the force [nats / m] that would
-        move the body there.  Where it is larger than what friction dissipates by that
-        motion, the body slips, by as much as the curvature of the objective allows:
-        all slips together would lower the objective by little.
-        (A page rounds friction, so that separate poses would creep.)
+        On a ground: static friction carries the body (static_friction.py).
 planar  planar poses explain the touches: see outliers.py
 """
 
@@ -22,31 +17,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from formulations.violation_implicit import WEIGHTS
-
-from ..geometry.transforms import is_planar, turning
 from ..nlp.kkt_sensitivity import newton_step
 from .outliers import PLANAR_LIMIT, evidence_against_planar, planar_share
-from .reductions import ARM, UNKNOWN_FRICTION, Reductions
+from .reductions import ARM, Reductions
+from .static_friction import rest_force
 from .unreduced import unreduced
 
 NEUTRAL = 1e-6  # [relative] an exact reduction moves the objective by less
 DECREMENT = 0.1  # [nats] a model reduction's Newton decrement stays below
 SHIFT = 0.1  # [sigma] and no size and no last pose moves further
 CUT = 0.1  # [-] of the longest step within a still span is worth a pose of its own
-MM_PER_M = 1e3  # a page weighs friction in nats per mm
-NEARLY_SLIPS = 0.5  # [-] of friction: such a span may slip when another one is cut
-LONGEST_SLIP = 1e-3  # [m] more than bodies at rest were ever found to slip
-LEAST_CURVATURE = 1e3  # [nats / m^2] softer than any touch: 1 / (30 mm)^2
-LEAST_ARM = 1e-3  # [m] of a body that rests on one point
-ON_ICE = 1.0  # [nats / m] least force: without friction a body at rest feels rounding
 
 
 @dataclass(frozen=True)
 class Skipped:
     """One reduction: what was dropped, why, and the check after the solve.
 
-    value is compared with limit (both in `unit`); `holds` is the verdict.
+    value is compared with limit (same unit, stated in `check`); `holds`: the verdict.
     """
 
     name: str
@@ -91,7 +78,7 @@ def certify(job, page, solved) -> Certificates:
         if shared and job.scene.ground is not None:
             rest = rest_force(job.scene, solved, whole)
             found.append(resting(solved, rest))
-            cuts = rest.cuts
+            cuts = () if found[-1].holds else rest.slips
         elif shared:
             step = _step(solved, whole)
             found.append(still(solved, step))
@@ -187,111 +174,6 @@ def resting(solved, rest) -> Skipped:
         "friction", "slipping would lower the objective by [nats]", rest.gain,
         DECREMENT, rest.gain <= DECREMENT,
     )  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
-class RestForce:
-    """Forces on the still spans: the largest as a share of static friction [-].
-
-    gain [nats]: by which slips would lower the objective; cuts: if that is too much,
-    the samples of the largest force in each span where it exceeds NEARLY_SLIPS.
-    """
-
-    share: float
-    gain: float
-    cuts: tuple[int, ...]
-
-
-def rest_force(scene, solved, whole) -> RestForce:
-    """Return the forces on the still spans of a solved page against static friction.
-
-    whole: the problem with a pose for every sample, at the solution (Expansion).
-    """
-    v = whole.problem.variables["x"]
-    slope = whole.whole_slope[v.span].reshape(v.columns, v.rows)
-    along = _along(whole.x[v.span].reshape(slope.shape).T)
-    slope = np.einsum("tij,tj->ti", along, slope)[whole.window.pose]
-    arm = np.array([1, 1, _lever_arm(solved, whole.window)])
-    friction, slips, share = _static_friction(scene, solved.solution), [], 0.0
-    for rows in _spans(solved.window.pose):
-        force = np.cumsum(slope[rows[:-1]], axis=0) / arm
-        size = np.linalg.norm(force, axis=1)
-        i = int(np.argmax(size))
-        share = max(share, size[i] / friction)
-        if size[i] > NEARLY_SLIPS * friction:
-            way = force[i] / size[i] / arm
-            slips.append((size[i], rows[: i + 1], way))
-    if not slips:
-        return RestForce(share, 0.0, ())
-    force, before, ways = zip(*slips, strict=True)
-    curvature = _curvatures(whole, along, before, ways)
-    gain = float(slip_gains(np.array(force) - friction, curvature).sum())
-    cuts = tuple(int(rows[-1]) + 1 for rows in before)
-    return RestForce(share, gain, cuts if gain > DECREMENT else ())
-
-
-def _spans(pose) -> list[np.ndarray]:
-    """Return the samples of each pose that several share."""
-    ends = np.flatnonzero(np.diff(pose)) + 1
-    spans = np.split(np.arange(len(pose)), ends)
-    return [rows for rows in spans if len(rows) > 1]
-
-
-def slip_gains(excess, curvature) -> np.ndarray:
-    """Return by how much slips lower an objective [nats], friction included.
-
-    excess [nats / m]: of the force over friction; curvature [nats / m^2].
-    """
-    excess = np.maximum(excess, 0.0)
-    way = np.minimum(excess / np.maximum(curvature, LEAST_CURVATURE), LONGEST_SLIP)
-    return way * (excess - np.maximum(curvature, LEAST_CURVATURE) * way / 2)
-
-
-def _curvatures(whole, along, before, ways) -> np.ndarray:
-    """Return the curvatures (n,) [nats / m^2] of the costs along slips.
-
-    before: samples that move with each slip; ways (3,): along the ground, and a turn.
-    """
-    v, pose = whole.problem.variables["x"], whole.window.pose
-    D = np.zeros((whole.problem.size, len(ways)))
-    for d, rows, way in zip(D.T, before, ways, strict=True):
-        at = np.unique(pose[rows])
-        step = np.einsum("i,tij->tj", way, along[at])
-        d[(v.span.start + v.rows * at)[:, None] + np.arange(v.rows)] = step
-    given = whole.x, whole.data
-    H = sum(whole.problem.hessian(name, *given) for name in whole.problem.costs)
-    return np.einsum("ij,ij->j", D, H @ D)
-
-
-def _along(x) -> np.ndarray:
-    """Return (n, 3, u) two ways along the ground and a turn, as changes of x (u, n)."""
-    out = np.zeros((x.shape[1], 3, len(x)))
-    out[:, [0, 1], [0, 1]] = 1.0
-    if is_planar(x):
-        out[:, 2, 2] = 1.0
-    else:
-        out[:, 2, 3:] = np.linalg.inv(turning(x))[:, :, 2]
-    return out
-
-
-def _lever_arm(solved, window) -> float:
-    """Return the arm [m] at which the ground's friction resists a turn."""
-    legs = window.supports(solved.job.shape, solved.at.theta)
-    return max(float(np.linalg.norm(legs[:, :2], axis=1).mean()), LEAST_ARM)
-
-
-def _static_friction(scene, solution) -> float:
-    """Return what friction dissipates when a body slides [nats / m].
-
-    It is that of violation_implicit whatever page was solved, also one without
-    dissipation; the page's own weight `kappa` and coefficient come first.
-    """
-    known = {"kappa": WEIGHTS["kappa"][0], "ground friction": scene.friction_ground}
-    if known["ground friction"] is None:
-        known["ground friction"] = UNKNOWN_FRICTION
-    known |= solution.parameters | solution.values
-    kappa, mu = (float(np.ravel(known[k])[0]) for k in ("kappa", "ground friction"))
-    return max(MM_PER_M * kappa * mu * (scene.gravity > 0), ON_ICE)
 
 
 def frictionless(solved) -> Skipped | None:

@@ -5,7 +5,7 @@ far           a free finger far from the object carries no information
 absent        a finger that feels nothing exerts no impulse
 planar        an object that never tilts has three unknowns per pose, not six
 frictionless  a contact without friction has no tangential impulse
-rigid         fingertips do not yield under load (see estimation/model_selection.py)
+rigid         fingertips do not yield under load (see refinement/model_selection.py)
 central       the centre of mass is the centroid (likewise)
 Each can be switched off alone; certificates check them after the solve.
 """

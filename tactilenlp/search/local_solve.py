@@ -44,7 +44,7 @@ class Solved:
     """A page solved from one hypothesis: problem, window, solution.
 
     rough: the hypothesis after the levels before the last one; profile (k, k): how far
-    sizes and final pose may be off (estimation/profile_likelihood.py); declined: larger
+    sizes and final pose may be off (refinement/profile_likelihood.py); declined: larger
     models that the data did not ask for, each with its check.
     """
 

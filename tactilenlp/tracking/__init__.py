@@ -7,5 +7,5 @@ In: starts of bodies, measurements, scene.  Out: smoothed paths, with their evid
 - `tracks`: what a track is; selection by evidence, splitting
 - `tracking`: prediction and correction by an iterated extended Kalman filter
 - `smoother`: backward, Rauch-Tung-Striebel
-- `outline`: outlines by which paths and poses of any body are compared
+- `outline`, `surface`: outlines by which paths are compared; points of the surface
 """

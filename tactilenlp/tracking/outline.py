@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..geometry.transforms import is_planar, matrices, planar_matrix
-from ..problem.surface import body_surface, sampled_surface
+from .surface import body_surface, sampled_surface
 
 RAYS = 200  # that sample a surface without a mesh
 LEVEL = np.pi / 6 * np.arange(12)  # [rad] of the horizontal directions

@@ -24,9 +24,9 @@ from ..search.local_solve import (
 )
 from ..search.margins import RESTORED
 from ..search.proposals_tumble import recovered
+from .ground_tilt import with_ground_tilt
 from .model_selection import with_tilt
 from .profile_likelihood import profiled
-from .refinement import on_leaning_ground
 
 log = logging.getLogger("tactilenlp")
 MAX_RESTORED = 2  # solves with reductions restored
@@ -42,7 +42,7 @@ def checked(job, page, solved, options, executor=None) -> Solved:
     fell = "planar" in best.certificates.broken and not states_planar_motion(page)
     rocked = with_tilt(best.job, page, best, options)
     if rocked is not best:
-        _, (rocked, *_) = on_leaning_ground(rocked.job, page, [rocked], options)
+        _, (rocked, *_) = with_ground_tilt(rocked.job, page, [rocked], options)
     if fell and job.deadline.passed("a tumble"):
         return best
     if fell and job.shape.is_box:

@@ -19,6 +19,8 @@ from formulations.page_contract import contract_of
 
 from ..geometry.transforms import is_planar, planar_matrix
 from ..information.measurement_noise import touches
+from ..interface.readout import name_of
+from ..interface.result import Estimate, solution_of
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..nlp.solution import Solution, after
@@ -40,13 +42,7 @@ from ..search.local_solve import (
 )
 from ..search.margins import UPDATE_COST, UPDATE_SHARE
 from ..search.plane_slam import SEARCH_TIME, SEARCH_TOLERANCE, poses_of_new_action
-from ..search.polytope_init import (
-    ACCEPTABLE,
-    credible_data,
-    faces_of,
-)
-from .readout import name_of
-from .result import Estimate, solution_of
+from ..search.polytope_init import ACCEPTABLE, credible_data, faces_of
 
 log = logging.getLogger("tactilenlp")
 UPDATE_MU = 1e-3  # IPOPT's mu_init where all but one action is known
@@ -70,8 +66,7 @@ def updated(job: Job, page, start, options, certified) -> tuple[Solved | None, b
     found = joint(
         job, page, past, new_action_alone(job, past, past_information(start)), options
     )
-    usual = max(start.objective, 0.0) / start.measurements.actions
-    most = start.objective + UPDATE_COST + UPDATE_SHARE * usual
+    most = update_limit(start, new_actions=1)
 
     def good(found) -> bool:
         cheap = found.solution.objective < most
@@ -85,10 +80,15 @@ def updated(job: Job, page, start, options, certified) -> tuple[Solved | None, b
         if {*found.certificates.broken} <= before:
             return found, True
     more = found.solution.objective - start.objective
-    log.info(
-        "incremental update rejected (%+.0f nats): solving all actions again", more
-    )
+    words = "incremental update rejected (%+.0f nats): solving all actions again"
+    log.info(words, more)
     return found, False
+
+
+def update_limit(start, new_actions: int) -> float:
+    """Return the largest objective [nats] with which more actions are explained."""
+    usual = max(start.objective, 0.0) / start.measurements.actions
+    return start.objective + UPDATE_COST + UPDATE_SHARE * usual * new_actions
 
 
 def repaired(job: Job, page, solved, options, update=None) -> list[Solved]:
@@ -98,9 +98,7 @@ def repaired(job: Job, page, solved, options, update=None) -> list[Solved]:
     """
     best, *others = solved
     if contract_of(page).extends and implausible(best):
-        log.info(
-            "a touch is not explained, or the body jumps: solving again by continuation"
-        )
+        log.info("touches are not explained, or the body jumps: continuation")
         best = _better(best, continued(job, page, best, options))
     found = [best, *others]
     return found if update is None else best_first([*found, update])

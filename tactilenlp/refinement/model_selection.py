@@ -40,6 +40,7 @@ from ..information.mixture import (
     occam_of,
     odds_of,
 )
+from ..interface.result import Estimate
 from ..problem.certificates import Skipped
 from ..problem.pages import shape_of
 from ..problem.reductions import required_reductions
@@ -54,7 +55,6 @@ from ..search.local_solve import (
 from ..search.margins import CLOSE_OPTIMUM, LARGER_MODEL, LEAST_MOTION_BEHIND
 from ..search.margins import UNCHANGED as NOTICED
 from ..search.multistart import FREED_MU
-from .result import Estimate
 
 AUTO = (  # the classes of shape="auto"
     *("cuboid", "cylinder", "ellipsoid"),

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from ..errors import TactileError
-from .poses import body_corners
+from ..problem.poses import body_corners
 
 RAYS = 642  # of a sphere of 25 mm, the facets are then within 0.15 mm of the surface
 HALVINGS = 50  # of the interval along a ray: to rounding

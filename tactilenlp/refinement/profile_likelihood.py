@@ -40,7 +40,11 @@ NOISE_FACTOR = 2.0  # [-] of the sigma of their means, for noisy fingers
 VAGUE_SHARE = 0.3  # [prior deviations] a larger sigma of a size needs no profile
 KNOWN_POSITION = 1e-3  # [m] a larger sigma of a position needs no profile
 FIRST_STEP = 0.5e-3  # [m] at least
-MIN_STEP_GROWTH, MAX_STEP_GROWTH = 1.5, 10.0  # [-] from step to step
+MAX_STEP_GROWTH = 10.0  # [-] from step to step
+# [-] at least, once a straight line would have ended: a rise that levels off near
+# PROFILE_RISE took 30 more solves.
+PLATEAU_GROWTH = 1.5
+ENDED = 0.99  # [-] of the rise at which a profile ends
 PROFILE_MU = 1e-2  # IPOPT's mu_init where a size is held elsewhere
 PROFILE_ITERATIONS = 300  # of one such solve: a height on a plateau took 222
 
@@ -92,9 +96,10 @@ def faces_sigma(job, touched) -> float:
 def deviation_along(elsewhere, at, prior, axis: int, direction, off, touched):
     """Return by how much sizes and final pose are off (k,) where one of them is.
 
-    elsewhere(axis, pull, touched, step): the hypothesis `at` with that one held `step`
-    off, or None. prior [m]: the most that it may be off; pull, off: what all unknowns,
-    and sizes and final pose (k,), do by the Hessian where it is off by a deviation, SI;
+    elsewhere(axis, direction, touched, step): the hypothesis `at` with that one held
+    `step` off, or None. prior [m]: the most that it may be off; direction, off: what
+    all unknowns, and sizes and final pose (k,), do by the Hessian where it is off by a
+    deviation, SI;
     touched (2,): samples on both faces of a size, None of a pose. The Hessian's
     deviation is kept where it is large, where there is no profile, and of an untouched
     size or a pose where it is the larger one. And a better hypothesis, or None.
@@ -132,7 +137,8 @@ def _one_direction(there, at, axis, step, claim, prior, enough):
     the deviation so far; enough [nats]: the rise at which the profile ends; it also
     ends beyond the distance at which that rise leaves a large deviation.
     """
-    found, farthest = None, VAGUE_SHARE * prior * np.sqrt(2 * enough)
+    found, least_growth = None, 1.0
+    farthest = VAGUE_SHARE * prior * np.sqrt(2 * enough)
     while (claim if found is None else abs(found[axis])) < VAGUE_SHARE * prior:
         moved = there(step)
         if moved is None:
@@ -142,18 +148,13 @@ def _one_direction(there, at, axis, step, claim, prior, enough):
             return None, moved
         deviation = min(step / np.sqrt(2 * max(price, ONE_SIGMA)), prior)
         if found is None or deviation > abs(found[axis]):
-            found = (_final(moved) - _final(at)) * deviation / step
-        if price >= enough or step >= farthest:
+            found = (moved.end - at.end) * deviation / step
+        if price >= ENDED * enough or step >= farthest:
             break
-        growth = enough / max(price, ONE_SIGMA)  # of a kink; a plateau needs more
-        step *= min(MAX_STEP_GROWTH, max(MIN_STEP_GROWTH, growth))
-        step = min(step, farthest)
+        growth = max(least_growth, enough / max(price, ONE_SIGMA))
+        step = min(step * min(MAX_STEP_GROWTH, growth), farthest)
+        least_growth = PLATEAU_GROWTH if price > ONE_SIGMA else 1.0
     return found, None
-
-
-def _final(hypothesis) -> np.ndarray:
-    """Return sizes and final pose of a hypothesis (k,)."""
-    return np.r_[hypothesis.theta, hypothesis.x[:, -1]]
 
 
 def _constrained(
@@ -161,8 +162,8 @@ def _constrained(
 ):
     """Return the hypothesis of one of the chosen unknowns held `step` [m] off, or None.
 
-    pull: the response of all unknowns to it by the Hessian; shared: keeps solvers. The
-    start moves all unknowns along, or, with the samples on both faces of a size
+    direction: the response of all unknowns to it by the Hessian; shared: keeps solvers.
+    The start moves all unknowns along, or, with the samples on both faces of a size
     (touched), only that size. A feasible solve with a small rise is enough: the minimum
     is no higher.
     """

@@ -32,7 +32,7 @@ from ..nlp.problem import Problem
 from ..nlp.solution import costs_without_rounding
 from ..problem.polytope_window import with_supports
 from ..problem.poses import poses
-from ..problem.surface import body_surface
+from ..tracking.surface import body_surface
 from .request import Request
 from .result import Estimate
 

@@ -1,0 +1,158 @@
+"""Optima of the page: search, local solves, model selection, certificates.
+
+Where the objective says that the search has lost the path, it is repeated from the
+first touch, or with a larger process noise; the better result counts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+from ..common.deadline import Deadline
+from ..interface.request import Request
+from ..nlp.solution import check_finite
+from ..refinement.certification import checked, with_profiles
+from ..refinement.ground_tilt import with_ground_tilt
+from ..refinement.incremental_polytope import repaired
+from ..refinement.model_selection import most_probable_first, with_nuisance_parameters
+from ..refinement.refinement import (
+    continues,
+    fits_badly,
+    refined,
+    update_costs_too_much,
+    with_more_process_noise,
+    with_named_axes,
+)
+from ..search.hypothesis import Hypothesis, Job, distinct, same
+from ..search.local_solve import Solved, best_first
+from ..search.margins import LEAST_MOTION_BEHIND
+from .initial_search import SEARCH_END, searched
+from .interrupted import SoFar
+
+REFINEMENT_END, CERTIFICATES_END = 0.85, 1.0  # [-] of the time until the readout
+
+
+@dataclass(frozen=True, eq=False)
+class Optima:
+    """The optima of a page, and the hypotheses that led to them.
+
+    job: by which `best` was solved; best: the most probable optimum, certified, None if
+    the time limit came first; solved: all optima, best first; kept: hypotheses of the
+    search, for the next action; starts: those that the page was solved from;
+    searched: CPU seconds of the search.
+    """
+
+    job: Job
+    best: Solved | None
+    solved: list[Solved]
+    kept: list[Hypothesis]
+    starts: list[Hypothesis]
+    searched: float
+
+    @property
+    def modes(self) -> list[Solved]:
+        """The optima in the kind of motion of the best one."""
+        motion = self.best.window.motion
+        return [
+            s for s in self.solved if s.solution.success and s.window.motion is motion
+        ]
+
+    def carried_on(self, width: int) -> list[Hypothesis]:
+        """Return the hypotheses for the next action: the distinct optima."""
+        shape, solved = self.job.shape, self.solved
+        if shape.hypotheses is not None:
+            return [s.at for s in solved[: shape.hypotheses]]
+        if not self.job.reductions.planar:
+            return self.kept[:width]
+        return distinct(shape, [s.at for s in solved], width, LEAST_MOTION_BEHIND)
+
+
+def optima_of(request: Request, so_far: SoFar, update: Solved | None = None) -> Optima:
+    """Return the optima of the page of a request.
+
+    so_far: what is left by Ctrl-C, filled; update: a rejected incremental update, which
+    competes.
+    """
+    kept, starts = searched(request, so_far.kept)
+    so_far.kept, seconds = kept, so_far.spent
+    job, solved = _solved_page(request, starts, so_far, update)
+    if solved and update_costs_too_much(request, solved[0]):
+        second = replace(request, start=None)
+        second_kept, starts = searched(second, [])
+        second_job, found = _solved_page(second, starts, so_far, update)
+        if found and found[0].rank < solved[0].rank:
+            job, solved, kept = second_job, found, second_kept
+    if not solved:
+        return Optima(job, None, [], kept, starts, seconds)
+    check = partial(checked, executor=request.executor)
+    best, solved = certified_best(request, job, solved, check)
+    sought = request.job.path is None and fits_badly(request, best)
+    if sought and request.job_until(SEARCH_END).deadline.left > 0:
+        second = with_more_process_noise(request)
+        second_kept, starts = searched(second, [])
+        second_job, found = _solved_page(second, starts, so_far, None)
+        if found and not any(same(job.shape, found[0].at, s.at) for s in solved):
+            other, found = certified_best(second, second_job, found, check)
+            if other.rank < best.rank:
+                best, job, solved, kept = other, second_job, found, second_kept
+    with job.deadline.ending("profile likelihoods"):
+        best = with_profiles(request.page, best, request.options)
+    return Optima(job, best, solved, kept, starts, seconds)
+
+
+def _solved_page(request, starts, so_far, update) -> tuple[Job, list[Solved]]:
+    """Return the page solved, best first, and the job that the best was solved by.
+
+    No solves if the time limit came before the first one ended.
+    """
+    page, options, start = request.page, request.options, request.start
+    job, solved = request.job_until(REFINEMENT_END), None
+    earlier = start if continues(start, page) else None
+
+    def freed(free, first, alone: bool) -> list[Solved]:
+        """Solve a larger model from the optimum of the smaller, and from all starts."""
+        first = replace(first, objective=starts[0].objective)  # of the search
+        several = [first] if alone else [first, *starts]
+        found = refined(free, page, several, options, so_far.solved, earlier)
+        return [s for s in found if s.job is free]
+
+    with job.deadline.ending("other solves of the page"):
+        solved = refined(job, page, starts, options, so_far.solved, earlier)
+        check_finite(solved[0].problem, solved[0].solution)
+        job, solved = with_ground_tilt(job, page, solved, options)
+        job, solved = with_nuisance_parameters(job, page, solved, options, freed)
+        solved = repaired(job, page, solved, options, update)
+    if solved is None:
+        solved = best_first(so_far.solved)
+        job = solved[0].job if solved else job
+    return replace(job, deadline=request.job_until(CERTIFICATES_END).deadline), solved
+
+
+def certified_best(request, job, solved, check) -> tuple[Solved, list[Solved]]:
+    """Return the most probable solve, its axes named, certified; and all solves.
+
+    check(job, page, solved, options): certifies a solve, or returns a better one.
+    """
+    page, options = request.page, request.options
+    solved = _with_deadline(solved, job.deadline)
+    best, cut = solved[0], replace(job, cuts=solved[0].job.cuts)
+    with job.deadline.ending("certificates"):
+        best = _most_probable(job, solved)
+        named = with_named_axes(cut, page, best, options, request.axes)
+        solved = [named if s is best else s for s in solved]
+        best = named
+        best = check(cut, page, best, options)
+    return best, solved
+
+
+def _most_probable(job, solved) -> Solved:
+    """Return the solve of the largest evidence; the best one if there is no time."""
+    if job.deadline.passed("evidence of other optima"):
+        return solved[0]
+    return most_probable_first(job, solved)[0]
+
+
+def _with_deadline(solved, deadline: Deadline) -> list[Solved]:
+    """Return solves whose jobs have another deadline."""
+    return [replace(s, job=replace(s.job, deadline=deadline)) for s in solved]

@@ -1,0 +1,10 @@
+"""What a caller gives and gets: `Options`, the checked request, the `Estimate`.
+
+In: `Measurements`, `Scene`, a shape, a page, `Options`, perhaps an earlier estimate.
+Out: a `Request` with everything checked; an `Estimate` in the frame of the data.
+
+- `options`: `Options`, `Guess`, `Session`
+- `request`: the checked request, or a typed error before any solve
+- `result`: `Estimate`, by name and in SI units
+- `readout`: from a solved page to an `Estimate`, with its information
+"""

@@ -1,0 +1,133 @@
+"""Static friction: what carries a body at rest, and what a slip would gain.
+
+For sample k of a still span F_k = sum_{j<=k} dL/dx_j [nats / m] is the force that would
+move the body there, L the objective with a pose for every sample.  A slip of s changes
+L by
+
+    -(|F_k| - f) s + c s^2 / 2
+
+with f = kappa mu of static friction and the curvature c of the costs.  (The Newton
+decrement of separate poses is of no use on a ground: pages round friction, so that a
+body creeps by up to a millimetre in a second where that gains a nat.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from formulations.violation_implicit import WEIGHTS
+
+from ..geometry.transforms import is_planar, turning
+from .reductions import friction_of
+
+MM_PER_M = 1e3  # a page weighs friction in nats per mm
+NEARLY_SLIPS = 0.5  # [-] of friction: such a span may slip when another one is cut
+LONGEST_SLIP = 1e-3  # [m] as far as a body at rest is let slip where nothing holds it
+MIN_SLIP_CURVATURE = 1e3  # [nats / m^2] softer than any touch: 1 / (30 mm)^2
+LEAST_ARM = 1e-3  # [m] of a body that rests on one point
+ON_ICE = 1.0  # [nats / m] least force: without friction a body at rest feels rounding
+
+
+@dataclass(frozen=True, eq=False)
+class RestForce:
+    """Forces on the still spans: the largest as a share of static friction [-].
+
+    gain [nats]: by which slips would lower the objective; slips: the sample of the
+    largest force in each span where it exceeds NEARLY_SLIPS.
+    """
+
+    share: float
+    gain: float
+    slips: tuple[int, ...]
+
+
+def rest_force(scene, solved, whole) -> RestForce:
+    """Return the forces on the still spans of a solved page against static friction.
+
+    whole: the UnreducedProblem, with a pose for every sample.
+    """
+    v = whole.problem.variables["x"]
+    slope = whole.whole_slope[v.span].reshape(v.columns, v.rows)
+    along = _along(whole.x[v.span].reshape(slope.shape).T)
+    slope = np.einsum("tij,tj->ti", along, slope)[whole.window.pose]
+    arm = np.array([1, 1, _lever_arm(solved, whole.window)])
+    friction, slips, share = _static_friction(scene, solved.solution), [], 0.0
+    for rows in _spans(solved.window.pose):
+        force = np.cumsum(slope[rows[:-1]], axis=0) / arm
+        size = np.linalg.norm(force, axis=1)
+        i = int(np.argmax(size))
+        share = max(share, size[i] / friction)
+        if size[i] > NEARLY_SLIPS * friction:
+            slips.append((size[i], rows[: i + 1], force[i] / size[i] / arm))
+    if not slips:
+        return RestForce(share, 0.0, ())
+    force, moved, directions = zip(*slips, strict=True)
+    curvature = _curvatures(whole, along, moved, directions)
+    gain = float(slip_gains(np.array(force) - friction, curvature).sum())
+    return RestForce(share, gain, tuple(int(rows[-1]) + 1 for rows in moved))
+
+
+def _spans(pose) -> list[np.ndarray]:
+    """Return the samples of each pose that several share."""
+    ends = np.flatnonzero(np.diff(pose)) + 1
+    spans = np.split(np.arange(len(pose)), ends)
+    return [rows for rows in spans if len(rows) > 1]
+
+
+def slip_gains(excess, curvature) -> np.ndarray:
+    """Return by how much slips lower an objective (n,) [nats], friction included.
+
+    excess (n,) [nats / m]: of the force over friction; curvature (n,) [nats / m^2].
+    """
+    excess = np.maximum(excess, 0.0)
+    curvature = np.maximum(curvature, MIN_SLIP_CURVATURE)
+    slip = np.minimum(excess / curvature, LONGEST_SLIP)
+    return slip * (excess - curvature * slip / 2)
+
+
+def _curvatures(whole, along, moved, directions) -> np.ndarray:
+    """Return the curvatures (n,) [nats / m^2] of the costs along slips.
+
+    along (T, 3, u): see _along; moved: the samples (n,) that move with each slip;
+    directions (n, 3): of each, along the ground, and a turn per way.
+    """
+    v, pose = whole.problem.variables["x"], whole.window.pose
+    D = np.zeros((whole.problem.size, len(directions)))
+    for d, rows, direction in zip(D.T, moved, directions, strict=True):
+        at = np.unique(pose[rows])
+        step = np.einsum("i,tij->tj", direction, along[at])
+        d[(v.span.start + v.rows * at)[:, None] + np.arange(v.rows)] = step
+    given = whole.x, whole.data
+    H = sum(whole.problem.hessian(name, *given) for name in whole.problem.costs)
+    return np.einsum("ij,ij->j", D, H @ D)
+
+
+def _along(x) -> np.ndarray:
+    """Return (n, 3, u) two ways along the ground and a turn, as changes of x (u, n)."""
+    out = np.zeros((x.shape[1], 3, len(x)))
+    out[:, [0, 1], [0, 1]] = 1.0
+    if is_planar(x):
+        out[:, 2, 2] = 1.0
+    else:
+        out[:, 2, 3:] = np.linalg.inv(turning(x))[:, :, 2]
+    return out
+
+
+def _lever_arm(solved, window) -> float:
+    """Return the arm [m] at which the ground's friction resists a turn."""
+    legs = window.supports(solved.job.shape, solved.at.theta)
+    return max(float(np.linalg.norm(legs[:, :2], axis=1).mean()), LEAST_ARM)
+
+
+def _static_friction(scene, solution) -> float:
+    """Return what friction dissipates when a body slides [nats / m].
+
+    It is that of violation_implicit whatever page was solved, also one without
+    dissipation; the page's own weight `kappa` and coefficient come first.
+    """
+    known = {"kappa": WEIGHTS["kappa"][0], "ground friction": friction_of(scene)}
+    known |= solution.parameters | solution.values
+    kappa, mu = (float(np.ravel(known[k])[0]) for k in ("kappa", "ground friction"))
+    return max(MM_PER_M * kappa * mu * (scene.gravity > 0), ON_ICE)

@@ -1,0 +1,12 @@
+"""Solves of the page after the search: optima, larger models, certificates.
+
+In: hypotheses of the search.  Out: the page solved, best first, certified.
+
+- `refinement`: multistart from the promising hypotheses; names of a box's axes
+- `ground_tilt`: a ground that leans, by Newton steps on its tilt
+- `model_selection`: compliance, centre of mass, tilt or another class if data ask:
+  nested models by Occam's factor, classes by Laplace evidence
+- `certification`: what reductions left out is checked, and restored where needed
+- `profile_likelihood`: sigma of sizes that no touch determines
+- `incremental_polytope`: one more action of a polytope, the past as a Gaussian
+"""

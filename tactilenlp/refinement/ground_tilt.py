@@ -1,0 +1,110 @@
+"""The tilt of the ground: where touches say that it leans, the page is solved again.
+
+The ground is taken as it was told, or as an estimate that goes on had found it.  Where
+the touches say that it leans, by as many nats as any larger model must gain
+(model_selection.py), it is turned by what they say (information/sensitivity.py) and the
+page solved again from the solution, a Newton step on the tilt at a time.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+from formulations.page_contract import contract_of
+
+from ..information.sensitivity import ground_tilt
+from ..interface.readout import problem_builder
+from ..nlp.kkt_sensitivity import kkt_system_of
+from ..search.local_solve import (
+    RESTART_MU,
+    Solved,
+    best_first,
+    settings_of,
+    warm_started,
+)
+from ..search.margins import CLOSE_OPTIMUM, LARGER_MODEL, UNCHANGED
+from .model_selection import excess_of
+
+log = logging.getLogger("tactilenlp")
+MAX_TILTS = 4  # Newton steps on the tilt of the ground
+
+
+def with_ground_tilt(job, page, solved, options) -> tuple:
+    """Return job and solves, best first, on the ground that the touches tell of.
+
+    Solves that are not close to the best are left out where the ground is turned.
+    """
+    level = best = solved[0]
+    if not (ground_may_tilt(job, page) and best.solution.success):
+        return job, solved
+    excess, spread = excess_of(job, best)
+    needed = LARGER_MODEL + spread
+    if excess < needed:
+        return job, solved
+    for _ in range(MAX_TILTS):
+        tilt, ground = _tilt_at(best, page), best.job.scene.ground
+        if tilt.gain < (needed if ground.told is None else UNCHANGED):
+            break
+        if job.deadline.passed("a tilt of the ground"):
+            break
+        turned = ground.turned(tilt.mean, tilt.about)
+        again = _on_ground(turned, best, page, options)
+        if not again.solution.success or _cost(again) > _cost(best) - UNCHANGED:
+            break
+        best = again
+    needed = needed if job.scene.ground.told is None else UNCHANGED
+    if _cost(best) > _cost(level) - needed:
+        return job, solved
+    ground = best.job.scene.ground
+    log.info("the ground leans by %s rad", ground.tilt.round(4))
+    close = level.solution.objective + CLOSE_OPTIMUM
+    others = [
+        _on_ground(ground, s, page, options) for s in solved[1:]
+        if s.solution.success and s.solution.objective < close
+    ]  # fmt: skip
+    return best.job, best_first([best, *others])
+
+
+def ground_may_tilt(job, page) -> bool:
+    """Tell whether the ground may lean, and a page be solved on another one."""
+    scene = job.scene
+    known = scene.ground is None or scene.sigma_tilt == 0
+    return not known and "level" in contract_of(page).freed
+
+
+def _tilt_at(solved: Solved, page):
+    """Return the GroundTilt at a solve, about where the body was touched first."""
+    job, kkt = solved.job, kkt_system_of(solved.problem, solved.solution)
+    build = problem_builder(page, job.shape, job.scene, job.kinds_of, job.deadline)
+    touch = solved.window.touch
+    early = job.data.action[touch.sample] == job.data.action[touch.sample[0]]
+    about = touch.p_wf[early, :3].mean(axis=0) * (1, 1, 0)
+    given = solved.window, job.data, job.scene, about
+    return ground_tilt(kkt, build, *given)
+
+
+def _on_ground(ground, solved: Solved, page, options) -> Solved:
+    """Solve a page again on another ground, from its solution."""
+    there = on_ground(solved.job, ground)
+    settings = settings_of(there, options)
+    again = warm_started(there, page, solved, settings, RESTART_MU)
+    return replace(again, declined=solved.declined)
+
+
+def on_ground(job, ground):
+    """Return a job whose data are in the frame of another ground."""
+    known = job.scene.ground
+    if ground is known:
+        return job
+    R = ground.rotation @ known.rotation.T
+    t = ground.rotation @ known.origin + ground.translation
+    scene = replace(job.scene, ground=ground)
+    return replace(job, scene=scene, data=job.data.transformed(R, t))
+
+
+def _cost(solved: Solved) -> float:
+    """Return the objective with the prior of the tilt of the ground [nats]."""
+    scene = solved.job.scene
+    off = scene.ground.tilt / scene.sigma_tilt
+    return solved.solution.objective + float(off @ off) / 2
