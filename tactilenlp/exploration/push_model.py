@@ -146,7 +146,7 @@ def _sensing_function(shape, free: bool) -> ca.Function:
 
 @cache
 def backward_filter_function(shape, fingers: int) -> ca.Function:
-    """Return (M, P; z, r, rho, c, valid, Q, sensors), REMEMBERED samples backward.
+    """Return (M, P; z, r, rho, c, valid, Q, sensors), SAMPLES_PER_CALL samples back.
 
     M, P: as in the page `exploration`, s being the pose of a hull at a sample, as seen
     from now; r (3 F,) [m]: where the fingers were on it as it lies now; c, valid (F,):

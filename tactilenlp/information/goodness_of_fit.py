@@ -27,9 +27,9 @@ either, else "poor".  Where it is not good, deviations are multiplied by the Bir
 
     B = sqrt(actual / (expected + spread))                             (Birge, 1932)
 
-Deviations of a rigid world from the model are RIGID of the page's own scales: the mean
-cost of the touches of 28 boxes that slid flat in clean recordings of our simulator was
-0.003 nats, which is RIGID^2 (1/2 + 1).
+Deviations of a rigid world from the model are RIGID_MISFIT of the page's own scales:
+the mean cost of the touches of 28 boxes that slid flat in clean recordings of our
+simulator was 0.003 nats, which is RIGID_MISFIT^2 (1/2 + 1).
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
                     what was solved before: a Gaussian mixture        (proposals.py)
     prediction      quasi-static pushing, sample by sample            (pushing.py)
     correction      gaps and normals by an extended Kalman filter     (tracking.py)
-    selection       by evidence; the best are split after each action (tracking.py)
+    selection       by evidence; the best are split after each action   (tracks.py)
     smoothing       backward: Rauch-Tung-Striebel                     (smoother.py)
     least motion    the quasi-static page solved from the paths   (least_motion.py)
 
