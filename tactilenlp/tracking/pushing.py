@@ -20,6 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from formulations.rigid_body import ARM
+
 from .box_contact import in_body
 from .geometry import Geometry
 
@@ -28,7 +30,6 @@ SWEEPS = 3  # of Gauss-Seidel with several fingers; one finger needs one
 LEAST_SPEED = 5e-5  # [m] way of a corner in a sample, rounded
 SLOW = 2e-4  # [m] a slower body has no direction of sliding yet
 START = 1e-3  # [m] way of every corner then: the friction is isotropic
-ARM = 20e-3  # [m] one radian of turn counts as this much way
 LEAST_LOAD = 0.02  # [weights] of a corner
 OVERLAP = 1e-4  # [m] more than a finger approached in a sample is not pushed out
 LONGEST = np.array([8e-3, 8e-3, 0.3])[:, None, None]  # [m, m, rad] in a sample
