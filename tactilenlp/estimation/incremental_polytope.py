@@ -200,14 +200,14 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
     options = SolverOptions(
         SEARCH_TOLERANCE, SEARCH_TIME, ipopt=ACCEPTABLE, deadline=job.deadline
     )
-    solution, kinds = past.solution, past.problem.term_functions
+    solution, term_functions = past.solution, past.problem.term_functions
     for build, levels in (
         (extension.build, extension.LEVELS),
         (extension.build_pushed, extension.PUSHED),
     ):
         window, shape = window_of(job, (h.theta, h.x))
         window = of_action(window, past.at, about)
-        problem = Problem(term_functions=kinds, deadline=job.deadline)
+        problem = Problem(term_functions=term_functions, deadline=job.deadline)
         build(problem, window, job.scene, shape)
         known = {k: v for k, v in past.solution.values.items() if v.size == 1}
         known = {k: v for k, v in known.items() if k in problem.variables}
