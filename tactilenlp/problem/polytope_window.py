@@ -174,13 +174,13 @@ def vertices_near(samples, vertices, x) -> np.ndarray:
     return np.sort(np.argsort(far, axis=1, kind="stable")[:, :count], axis=1)
 
 
-def supporting_vertices(vertices, count: int, height: float = LIFTED) -> np.ndarray:
+def supporting_vertices(vertices, count: int) -> np.ndarray:
     """Return at least three and at most `count` vertices that carry the body.
 
     Of the lowest ones those that span the largest area.
     """
     z = vertices[:, 2]
-    low = np.nonzero(z <= max(height, np.sort(z)[2]))[0]
+    low = np.nonzero(z <= max(LIFTED, np.sort(z)[2]))[0]
     try:
         around = low[ConvexHull(vertices[low, :2]).vertices]  # counterclockwise
     except QhullError:  # in a row: all of them, the page moves them apart
