@@ -7,11 +7,13 @@ w = m g dt and e = REBOUND,
     dissipation      kappa (mu lam_n |v_s| + v_s . lam_t) dt / (w mm)
     complementarity  kappa lam_n (z + e dt max(v_n, 0)) / (w mm)
     rest             z^2 / (2 REST^2)        at poses without a step, of low corners
-    ground gap       z >= 0
+    ground gap       z >= -ROOM REST
 
-The dissipation at rest, where |v_s| is rounded, is subtracted; what roundings add more
-is reported as "ground dissipation, by rounding".  In planar motion the lowest
-corners stay on the ground, else they may lift: only then are there the others.
+In the complementarity z is counted from -ROOM REST; the rounding of max(v_n, 0) at
+rest, v_eps / 2, is subtracted.  The dissipation at rest, where |v_s| is rounded, is
+subtracted; what roundings add more is reported as "ground dissipation, by rounding".
+In planar motion the lowest corners stay on the ground, else they may lift: only then
+are there the others.
 """
 
 from __future__ import annotations

@@ -95,17 +95,10 @@ def assemble(
     )
 
 
-def examine(
-    fingers: Sequence[FingerStreams],
-    rate: float = RATE,
-    *,
-    start: float = -np.inf,
-    end: float = np.inf,
-    nearest: bool = False,
-) -> Report:
-    """Return how complete the streams are, without an error; options of `assemble`."""
-    time = _grid(fingers, rate, start, end)
-    parts = [_finger(one, time, OLDEST_TOUCH / rate, nearest) for one in fingers]
+def examine(fingers: Sequence[FingerStreams], rate: float = RATE) -> Report:
+    """Return how complete the streams are in their common range, without an error."""
+    time = _grid(fingers, rate, -np.inf, np.inf)
+    parts = [_finger(one, time, OLDEST_TOUCH / rate, False) for one in fingers]
     return _report(fingers, time, parts)
 
 

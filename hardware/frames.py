@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -13,7 +12,6 @@ from .errors import BusError, HardwareError, RecordingError
 from .optical_flow import opencv
 from .reader import Reader
 
-log = logging.getLogger(__name__)
 HANG = 1.0  # [s] that closing waits for a read that does not return
 QUEUE = 64  # [pictures] that wait to be taken: 2 s at 30 Hz
 FIRST_WAIT, LONGEST_WAIT = 0.1, 2.0  # [s] between attempts to open the camera again

@@ -221,10 +221,8 @@ def _world(given):
     from . import Noise, World
 
     rng = np.random.default_rng(given.seed)
-    sides, place = (
-        rng.uniform(*SIDE_RANGE, 3),
-        rng.uniform(-PLACE_RANGE, PLACE_RANGE, 2),
-    )
+    sides = rng.uniform(*SIDE_RANGE, 3)
+    place = rng.uniform(-PLACE_RANGE, PLACE_RANGE, 2)
     yaw = rng.uniform(0, 2 * np.pi)
     noise = Noise(seed=given.seed, **NOISY_SENSORS) if given.noisy else Noise()
     return World(

@@ -21,6 +21,11 @@ COMPARED_TOUCHES = 4  # touches on either side whose mean normals are compared
 NOISE_SIGMAS = 3.5  # [sigma] largest difference of means of one segment
 
 
+def samples_until(data: Measurements, samples: int) -> Measurements:
+    """Return the data of the actions, whole, to which the first samples belong."""
+    return data.select(np.unique(data.action[:samples]))
+
+
 def consecutive_contacts(data) -> np.ndarray:
     """Tell which fingers feel two consecutive samples of an action (T - 1, F)."""
     felt = data.contact & data.valid

@@ -5,9 +5,8 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from ..common.deadline import NEVER, Deadline
+from ..data.contact_segments import samples_until
 from ..errors import Interrupted, MotionError
 from ..interface.readout import name_of, read_off
 from ..interface.request import Request
@@ -74,9 +73,9 @@ def interrupted(request: Request, so_far: SoFar) -> Interrupted:
     if solved is None and so_far.kept and job.scene.ground is not None:
         page = page_of("quasi_static", job.shape)
         best = min(so_far.kept, key=lambda h: h.rank)
-        done = np.unique(data.action[: best.x.shape[1]])
-        data, deadline = data.select(done), Deadline.within(SHUTDOWN_TIME)
-        job = replace(job, data=job.data.select(done), deadline=deadline)
+        done, deadline = best.x.shape[1], Deadline.within(SHUTDOWN_TIME)
+        data = samples_until(data, done)
+        job = replace(job, data=samples_until(job.data, done), deadline=deadline)
         levels = page.LEVELS[-1:]
         solved = solved_from(job, page, best, request.options, levels=levels)
         request = replace(request, data=data, job=job, page=page)

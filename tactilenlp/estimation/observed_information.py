@@ -266,10 +266,8 @@ def programme_at(estimate) -> Programme:
     precision, ground = Precision(**estimate.precision), scene.ground
     data, R_wg = estimate.measurements, np.eye(3)
     if ground is not None:
-        data, R_wg = (
-            data.transformed(ground.rotation, ground.translation),
-            ground.rotation.T,
-        )
+        data = data.transformed(ground.rotation, ground.translation)
+        R_wg = ground.rotation.T
     data, h = smoothed(data, precision), estimate.origin
     window = reduce(
         data, scene, shape, precision, Reductions(**estimate.reductions),

@@ -238,7 +238,7 @@ def of_soft_fingertips(sensors: np.ndarray, estimate) -> np.ndarray:
 
 def steepness(sigma: float) -> float:
     """Return alpha [1/m] of eq:bool for positions with a standard deviation [m]."""
-    return 1 / np.hypot(1 / likelihood.ALPHA, sigma / 1.7)
+    return 1 / np.hypot(1 / likelihood.ALPHA, sigma / likelihood.LOGISTIC)
 
 
 def _poses(estimate, free: bool) -> np.ndarray:

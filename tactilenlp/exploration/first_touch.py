@@ -14,6 +14,7 @@ import numpy as np
 from formulations.shape_fields import takes
 
 from ..common.validation import as_floats
+from ..data.contact_segments import consecutive_contacts
 from ..data.measurements import Measurements
 from ..errors import NoContactError, OptionError, shortened
 from ..interface.result import Estimate
@@ -119,8 +120,7 @@ def executed(world, trajectory) -> Measurements:
 
 def touched(data: Measurements) -> bool:
     """Tell whether two successive samples have contact: one may be a wrong boolean."""
-    felt = data.contact & data.valid
-    return bool((felt[1:] & felt[:-1]).any())
+    return bool(consecutive_contacts(data).any())
 
 
 def check_reach(world, space: Workspace, centre, estimate: Estimate | None) -> None:

@@ -107,7 +107,8 @@ def _steps(loop: _Loop, file, start) -> Iterator[Step]:
         check_same(step.estimate, data, loop.same, file)
         estimate = step.estimate
         past += [] if step.action is None else [step.action]
-        log.info("action %d (%s): %s", number, step.policy, _headline(estimate))
+        headline = estimate.summary().partition("\n")[0]
+        log.info("action %d (%s): %s", number, step.policy, headline)
         wipe()
         yield step
         if settings.until is not None and _enough(step, settings.until):
@@ -264,10 +265,6 @@ def _act(world, space, number, estimate, past, rng, settings) -> Step:
     data = executed(world, told)
     seconds = {"choose": acts - began, "act": time.process_time() - acts}
     return Step(number, action, data, None, choice, words, seconds, (told,))
-
-
-def _headline(estimate) -> str:
-    return estimate.summary().partition("\n")[0]
 
 
 def _space(world, scene, workspace) -> Workspace:

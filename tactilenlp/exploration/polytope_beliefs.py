@@ -71,10 +71,8 @@ def beliefs_of(estimate, shape, fingers: int = 0, count: int = 1) -> list[Belief
 def sensor_model(estimate) -> np.ndarray:
     """Return alpha [1/m], sigma [m] of a gap in contact, sigma_n [rad] of a sample."""
     p, n = estimate.precision["position"], estimate.precision["normal"]
-    sigma, sigma_n = (
-        np.sqrt(CORRELATED_SAMPLES) * FACE_SIGMA,
-        np.sqrt(CORRELATED_SAMPLES) * FACE_TILT,
-    )
+    sigma = np.sqrt(CORRELATED_SAMPLES) * FACE_SIGMA
+    sigma_n = np.sqrt(CORRELATED_SAMPLES) * FACE_TILT
     known = np.array([steepness(p), np.hypot(sigma, p), np.hypot(sigma_n, n)])
     return of_soft_fingertips(known, estimate)
 

@@ -134,10 +134,8 @@ def _sensing_function(shape, free: bool) -> ca.Function:
     at = pushing.moved(pose, s)
     phi = SPHERE.gap(shape, theta, at, r, rho)
     sensed = ca.vertcat(phi, SPHERE.normal(shape, theta, at, r, rho))
-    p, w = (
-        exploration.probability(phi, alpha),
-        exploration.gap_information(phi, alpha, sigma),
-    )
+    p = exploration.probability(phi, alpha)
+    w = exploration.gap_information(phi, alpha, sigma)
     weights = ca.vertcat(w, *[p / sigma_n**2] * 3)
     slopes = [ca.densify(ca.jacobian(sensed, v)) for v in (z, s, r)]
     inputs = [z, s, r, rho, sensors]
@@ -146,7 +144,7 @@ def _sensing_function(shape, free: bool) -> ca.Function:
 
 @cache
 def backward_filter_function(shape, fingers: int) -> ca.Function:
-    """Return (M, P; z, r, rho, c, valid, Q, sensors), REMEMBERED samples backward.
+    """Return (M, P; z, r, rho, c, valid, Q, sensors), SAMPLES_PER_CALL samples back.
 
     M, P: as in the page `exploration`, s being the pose of a hull at a sample, as seen
     from now; r (3 F,) [m]: where the fingers were on it as it lies now; c, valid (F,):

@@ -35,8 +35,8 @@ class Ball:
     centre: np.ndarray
     radius: float
 
-    def caps(self, points, count: int = BALL_PLANES) -> np.ndarray:
-        """Return half-spaces (count, 4) tangent to the ball, evenly distributed.
+    def caps(self, points) -> np.ndarray:
+        """Return half-spaces (BALL_PLANES, 4) tangent to the ball, evenly distributed.
 
         Their heading is that of the farthest of the points (n, 3), so that the result
         does not depend on the world's axes.
@@ -44,7 +44,7 @@ class Ball:
         away = (points - self.centre)[:, :2]
         x, y = away[np.argmax(np.linalg.norm(away, axis=1))]
         turn = np.arctan2(y, x)
-        n = directions(count) @ planar_matrix(-turn)
+        n = directions(BALL_PLANES) @ planar_matrix(-turn)
         return np.c_[n, n @ self.centre + self.radius]
 
 
@@ -90,11 +90,11 @@ def hull_vertices(points) -> np.ndarray:
     return points[ConvexHull(points).vertices]
 
 
-def merged(points, distance: float = MERGE_DISTANCE) -> np.ndarray:
-    """Return the points (n, 3) with clusters within `distance` [m] averaged."""
+def merged(points) -> np.ndarray:
+    """Return the points (n, 3) with clusters within MERGE_DISTANCE averaged."""
     points, out = list(points), []
     while points:
-        near = [np.linalg.norm(p - points[0]) < distance for p in points]
+        near = [np.linalg.norm(p - points[0]) < MERGE_DISTANCE for p in points]
         out.append(np.mean([p for p, n in zip(points, near, strict=True) if n], axis=0))
         points = [p for p, n in zip(points, near, strict=True) if not n]
     return np.array(out)

@@ -11,9 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from ..information.goodness_of_fit import BAD, MARGIN, POOR, Misfit
+from ..information.goodness_of_fit import MARGIN, Misfit, verdict_of
 
 STEP_MEAN, STEP_SPREAD = 2.24, 1.05  # [nats] of the pseudo-Huber cost of chi-square(6)
 TOUCH_MEAN, TOUCH_SPREAD = 0.5, 0.71  # [nats] of half a chi-square(1)
@@ -57,11 +55,7 @@ def fit_of(costs: dict[str, float], steps: int) -> BodyFit:
         "the height of the corners": _misfit(heights, steps, TOUCH_MEAN, TOUCH_SPREAD),
     }
     worst = max(terms.values(), key=_excess)
-    verdict = "good" if worst.excess <= POOR * worst.spread + MARGIN else "poor"
-    if worst.excess > BAD * (worst.spread + MARGIN):
-        verdict = "bad"
-    ratio = worst.actual / max(worst.expected + worst.spread, MARGIN)
-    widening = 1.0 if verdict == "good" else float(np.sqrt(max(ratio, 1.0)))
+    verdict, widening = verdict_of(worst)
     return BodyFit(verdict, terms, widening)
 
 

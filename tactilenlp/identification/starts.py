@@ -11,9 +11,7 @@ from .impacts import MIN_TOSSES, Steps, gravity_of, steps_of
 from .support import LARGEST_HALF, support_of, tilt_at_rest
 
 CUBE_SIGNS = np.array(np.meshgrid([-1.0, 1], [-1.0, 1], [-1.0, 1])).reshape(3, 8)
-LARGEST_GAUGE = (
-    0.1  # [1] error of a tracker's metre: beyond it, dt or the unit is wrong
-)
+LARGEST_GAUGE = 0.1  # [1] error of a tracker's metre; beyond it, dt or unit is wrong
 SURE = 3.0  # [sigma] from which free falls contradict dt and unit
 FIRST_SAMPLES = 16  # of a toss, which begins in the air
 ALIKE, FAR_OFF = 0.2, 0.25  # [1] scatter of their gravity, its logarithmic error

@@ -28,9 +28,7 @@ BALANCE = WEIGHTS["balance sigma"][0]  # [weights] that may be missing in a step
 FRICTION = 0.1  # [-] relative deviation of a coefficient of friction that was given
 GROUND_GAP = "ground gap"  # the constraint of a hard ground
 UNEVEN = 1.0  # [REST] deviation of a corner from the hard ground
-UNTOUCHED_FACTOR = (
-    2.0  # [position noise] deviation of a face that only physics determines
-)
+UNTOUCHED_FACTOR = 2.0  # [position noise] of a face that only physics determines
 TUMBLED = 0.1  # [size] the same where it follows from how the object tumbled
 VERTICAL = 0.99  # [-] cosine between the vertical and the axis of a face on the ground
 STICKING = 0.1  # [-] probability that a finger that seems to slide sticks
@@ -169,10 +167,11 @@ def shape_prior_error(kkt: KKTSystem, by_gradient) -> np.ndarray:
 
     Without touches the vertices lie about a sphere (m, r) and near where they started,
     which is what a page's prior says of each vertex alone.  Bodies differ from their
-    ball by INSIDE radii, and similarly in similar directions.  With u_j the direction
-    of vertex j from m,
+    ball by SIGMA_INSIDE radii, and similarly in similar directions.  With u_j the
+    direction of vertex j from m,
 
-        v_j = start_j + r INSIDE g_j u_j,   cov(g_i, g_j) = exp(-|u_i - u_j|^2 / 2 L^2)
+        v_j = start_j + r SIGMA_INSIDE g_j u_j
+        cov(g_i, g_j) = exp(-|u_i - u_j|^2 / 2 L^2)
 
     with L = CORRELATION_LENGTH.  By such errors e of its centre, the prior's Hessian H
     moves the estimate by K^{-1} H e, zero where touches determine the vertices:

@@ -27,9 +27,9 @@ either, else "poor".  Where it is not good, deviations are multiplied by the Bir
 
     B = sqrt(actual / (expected + spread))                             (Birge, 1932)
 
-Deviations of a rigid world from the model are RIGID of the page's own scales: the mean
-cost of the touches of 28 boxes that slid flat in clean recordings of our simulator was
-0.003 nats, which is RIGID^2 (1/2 + 1).
+Deviations of a rigid world from the model are RIGID_MISFIT of the page's own scales:
+the mean cost of the touches of 28 boxes that slid flat in clean recordings of our
+simulator was 0.003 nats, which is RIGID_MISFIT^2 (1/2 + 1).
 """
 
 from __future__ import annotations
@@ -53,9 +53,7 @@ OF_MOTION = (  # expected cost of such a motion, and its spread [nats]
 LEAST_WAY, ICE = 1e-6, 0.1  # [m] rounding; [m/s^2] that brakes a body on ice
 POOR, BAD = 3.0, 10.0  # [spreads] and [MARGIN] of excess
 MARGIN = 3.0  # [nats] odds of 20 to 1
-RIGID_MISFIT = (
-    0.045  # [scales] deviation of gaps and normals of rigid bodies from the page
-)
+RIGID_MISFIT = 0.045  # [scales] deviation of rigid gaps and normals from the page
 HALF_SQUARE = 0.30051  # integral of log(1 + exp(-s))^2 over s > 0
 NODES = 24  # of each quadrature
 
@@ -167,18 +165,22 @@ def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | N
         return None
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
     terms = misfits(problem, x, data, window, measurements, smoothing)
-    total, ratio = _total(terms), 1.0
+    total = _total(terms)
     if len(window.gap):
         terms |= {BETWEEN: _largest_motion(problem.unpack(x)["x"], window)}
-    both = total, terms.get(BETWEEN, NOTHING)
-    verdict = "good" if all(m.excess <= m.limit for m in both) else "poor"
-    if total.excess > BAD * (total.spread + MARGIN):
-        verdict = "bad"
-    for one in both:
-        ratio = max(ratio, one.actual / max(one.expected + one.spread, MARGIN))
-    widening = 1.0 if verdict == "good" else float(np.sqrt(ratio))
+    verdict, widening = verdict_of(total, terms.get(BETWEEN, NOTHING))
     touches = _by_touch(problem, x, data, window, measurements, smoothing)
     return Fit(verdict, terms, touches, widening)
+
+
+def verdict_of(total: Misfit, *others: Misfit) -> tuple[str, float]:
+    """Return verdict and widening of a fit: at most "poor" because of the others."""
+    both = total, *others
+    if all(m.excess <= m.limit for m in both):
+        return "good", 1.0
+    ratios = (m.actual / max(m.expected + m.spread, MARGIN) for m in both)
+    bad = total.excess > BAD * (total.spread + MARGIN)
+    return "bad" if bad else "poor", float(np.sqrt(max(1.0, *ratios)))
 
 
 def _total(terms: dict) -> Misfit:
@@ -213,13 +215,11 @@ def _by_touch(problem, x, data, window, measurements, smoothing) -> tuple:
     mean, variance = touch_moments(problem, data, window, smoothing)
     action = measurements.action[window.touch.sample]
     found = []
-    for pair in sorted(
-        set(zip(action.tolist(), window.touch.finger.tolist(), strict=True))
-    ):
+    pairs = zip(action.tolist(), window.touch.finger.tolist(), strict=True)
+    for pair in sorted(set(pairs)):
         mine = (action == pair[0]) & (window.touch.finger == pair[1])
-        found.append(
-            TouchMisfit(*pair, _misfit(cost[mine], mean[mine], variance[mine]))
-        )
+        misfit = _misfit(cost[mine], mean[mine], variance[mine])
+        found.append(TouchMisfit(*pair, misfit))
     return tuple(sorted(found, key=lambda t: -t.misfit.excess))
 
 
@@ -259,9 +259,8 @@ def touch_moments(problem, data, window, smoothing: float):
     touch = window.touch
     off = np.hypot(sigma, touch.latency)
     turned = np.hypot(sigma_n, touch.latency / touch.radius)
-    gap = (
-        np.hypot(window.sigma_position * np.sqrt(smoothing), RIGID_MISFIT * sigma) / off
-    )
+    sigma_p = window.sigma_position * np.sqrt(smoothing)
+    gap = np.hypot(sigma_p, RIGID_MISFIT * sigma) / off
     normal = np.hypot(window.sigma_normal, RIGID_MISFIT * sigma_n) / turned
     z, weight_z = np.polynomial.hermite_e.hermegauss(NODES)
     e, weight_e = np.polynomial.laguerre.laggauss(NODES)

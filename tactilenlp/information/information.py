@@ -23,7 +23,7 @@ from ..nlp.kkt_sensitivity import KKTSystem, kkt_system_of
 from .error_budget import Linearisation, after_mixture, error_budget
 from .error_budget_terms import TouchedFaces, bounded_pose
 from .finger_offsets import covariance_of_offsets, covariance_with_offsets
-from .mixture import Modes, distinct, laplace_mixture, optima_in_words
+from .mixture import Modes, distinct_modes, laplace_mixture, optima_in_words
 from .tangent_space import open_directions, tangent_space_of
 from .trajectory import deviations_of_path, turned_with_ground
 
@@ -199,7 +199,7 @@ def information_of(
     errors = C if sensed is None else error_budget(response)
     best = tangent.z, tangent.R, solution.objective, C, solution, window
     optima = [best, *_others(best, rivals, shape, R_wg)]
-    optima = distinct(shape, tangent.turning, optima)
+    optima = distinct_modes(shape, tangent.turning, optima)
     modes = laplace_mixture(shape, tangent.turning, optima, errors)
     covariance, path = modes.covariance, None
     if sensed is not None:

@@ -23,7 +23,7 @@ import numpy as np
 from formulations.finger_offset import NAME as OFFSET
 from formulations.indentation import NAME as COMPLIANCE
 
-from ..data.sensor_noise import Precision, smoothing_matrices
+from ..data.sensor_noise import RAYLEIGH_MEDIAN, Precision, smoothing_matrices
 from ..errors import PageError
 from ..nlp.kkt_sensitivity import KKTSystem
 from ..nlp.term_functions import mapped
@@ -34,7 +34,6 @@ CODE = 1e-6  # [m] times a measurement's number: shifts that tell them apart
 EXACT = 1e-2  # [-] how far a decoded number may lie from a whole one
 KNOWN_FACE = 3  # contact samples that make a face known
 CONTRADICTION = 2.0  # [touch scale] the gap of a whole touch beyond this is no noise
-MEDIAN_2 = 1.1774  # median of the length of a standard normal vector in the plane
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +179,7 @@ def measurement_numbers(kkt: KKTSystem, sensed: Sensed, window) -> np.ndarray:
     if np.abs(code - whole).max(initial=0.0) > EXACT:
         raise PageError(
             "the page computes with measurements before its terms read them",
-            where="scatter",
+            where="sigma",
             expected="terms that read positions and normals as they are",
             next="move the computation into the term",
         )
@@ -258,7 +257,7 @@ def residual_of_normals(kkt: KKTSystem, window, shape) -> float:
     values = kkt.problem.unpack(kkt.x)
     normal = at_touches(window, shape, values, touch.p_wf.T, window.finger.normal)
     off = np.linalg.norm(normal - touch.normal, axis=1)
-    return float(np.median(off)) / MEDIAN_2
+    return float(np.median(off)) / RAYLEIGH_MEDIAN
 
 
 def at_touches(window, shape, values, p_wf, of) -> np.ndarray:

@@ -25,11 +25,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from formulations.rigid_body import ARM
+
 from ..common.brief import printed
 from ..nlp.kkt_sensitivity import kkt_system_of
 
 SAME_MODE = 0.3e-3  # [m] modes whose unknowns agree this well (a radian: ARM) are one
-ARM = 20e-3  # [m] one radian of turn counts as this much way
 MIN_WEIGHT = 0.02  # [-] optima of less weight are not listed one by one
 OUTSIDE = 2.7e-3  # [-] beyond three deviations: modes of less weight do not count
 
@@ -147,7 +148,7 @@ def laplace_mixture(shape, turning: int, found, errors=None) -> Modes:
     """
     z_0, R_0, *_ = found[0]
     kept = []
-    for z, R, objective, C, *_ in distinct(shape, turning, found):
+    for z, R, objective, C, *_ in distinct_modes(shape, turning, found):
         off, C = aligned(shape, turning, (z, R, C), (z_0, R_0))
         kept.append((off, objective, C))
     offsets, objectives, covariances = (np.array(a) for a in zip(*kept, strict=True))
@@ -162,7 +163,7 @@ def laplace_mixture(shape, turning: int, found, errors=None) -> Modes:
     return Modes(weights / weights.sum(), offsets, covariances, objectives)
 
 
-def distinct(shape, turning: int, found) -> list:
+def distinct_modes(shape, turning: int, found) -> list:
     """Return those of (z, R, objective, covariance, ...) that are no mode of before."""
     z_0, R_0, *_ = found[0]
     units, kept, offsets = _units(len(z_0), turning), [], []

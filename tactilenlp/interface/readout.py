@@ -121,10 +121,8 @@ def read_box(
     shape, scene = job.shape, job.scene
     theta, x = solved.at.theta, solved.at.x
     faces = solved.touched
-    R_wg, build = (
-        _ground_rotation(scene).T,
-        problem_builder(page, shape, scene, job.kinds_of, deadline),
-    )
+    R_wg = _ground_rotation(scene).T
+    build = problem_builder(page, shape, scene, job.term_functions_of, deadline)
     information = _in_time(
         job, solved, R_wg, deadline,
         lambda: information_of(
@@ -156,7 +154,7 @@ def read_polytope(
     shape = with_supports(
         job.shape, solved.hypothesis.theta.reshape(-1, 3)
     )  # as solved
-    build = problem_builder(page, shape, scene, job.kinds_of, deadline)
+    build = problem_builder(page, shape, scene, job.term_functions_of, deadline)
     sensed = Sensed(job.data, job.precision, build, scene)
     given = problem, solution, window, shape, faces, R_wg, sensed, deadline
     return body, _in_time(
@@ -195,15 +193,15 @@ def name_of(page) -> str:
     return getattr(page, "__name__", "page").rpartition(".")[2]
 
 
-def problem_builder(page, shape, scene, kinds_of=None, deadline=NEVER):
+def problem_builder(page, shape, scene, term_functions_of=None, deadline=NEVER):
     """Return build(window, scene): the page's problem of another window or scene.
 
-    kinds_of(page, window): term functions to share for this shape and scene, if any.
+    term_functions_of(page, window): those to share for this shape and scene, if any.
     """
 
     def build(window, other=scene) -> Problem:
-        alike = kinds_of is not None and other is scene
-        shared = kinds_of(page, window) if alike else {}
+        alike = term_functions_of is not None and other is scene
+        shared = term_functions_of(page, window) if alike else {}
         problem = Problem(term_functions=shared, deadline=deadline)
         page.build(problem, window, other, shape)
         return problem

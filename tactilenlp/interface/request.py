@@ -13,6 +13,7 @@ from formulations.page_contract import contract_of
 
 from ..common.deadline import Deadline
 from ..common.validation import check_types
+from ..data.contact_segments import consecutive_contacts
 from ..data.measurements import Measurements
 from ..data.mistakes import check_mistakes
 from ..data.scene import Scene
@@ -21,6 +22,7 @@ from ..errors import NoContactError, OptionError, SceneError, StartError
 from ..geometry.transforms import backward, planar_matrix, rotation_of
 from ..problem.certificates import without
 from ..problem.pages import page_of, shape_of
+from ..problem.poses import rotations_on_ground, upright_poses
 from ..problem.reductions import required_reductions, states_planar_motion
 from ..search.hypothesis import Hypothesis, Job, TermFunctions
 from ..search.polytope_init import check_round_fingertips as check_round
@@ -192,11 +194,9 @@ def check_touched(data) -> None:
 
     A single sample cannot be told from a flipped boolean.
     """
-    felt = data.contact & data.valid
-    lasting = felt[1:] & felt[:-1] & (data.action[1:] == data.action[:-1])[:, None]
-    if lasting.any():
+    if consecutive_contacts(data).any():
         return
-    single = int(felt.sum())
+    single = int((data.contact & data.valid).sum())
     raise NoContactError(
         "nothing was touched",
         where="contact",
@@ -283,18 +283,13 @@ def as_polytope(estimate, scene, samples: int | None = None) -> Hypothesis:
     Planar poses in the ground's frame, free ones in the world where there is none; the
     body's axes are the world's at the last of so many samples.
     """
-    from scipy.spatial.transform import Rotation
-
-    p, turn = estimate.position[:samples], np.eye(3)
-    if scene.ground is not None:
-        p, turn = scene.ground.to_ground(p), scene.ground.rotation
-    R = Rotation.from_matrix(turn) * rotation_of(estimate.quaternion[:samples])
-    if scene.ground is None:
-        x = np.vstack([p.T, backward((R * R[-1].inv()).as_matrix()).T])
-        theta = R[-1].apply(estimate.vertices).ravel()
-        return Hypothesis(theta, x, estimate.objective, (estimate.shape,))
-    yaw = np.unwrap((R * R[-1].inv()).as_rotvec()[:, 2])
+    position, quaternion = estimate.position[:samples], estimate.quaternion[:samples]
+    R = rotations_on_ground(scene.ground, quaternion)
     vertices = R[-1].apply(estimate.vertices)
-    vertices[:, 2] -= vertices[:, 2].min()
-    x = np.vstack([p[:, :2].T, yaw - yaw[-1]])
+    if scene.ground is None:
+        x = np.vstack([position.T, backward((R * R[-1].inv()).as_matrix()).T])
+    else:
+        vertices[:, 2] -= vertices[:, 2].min()
+        x = upright_poses(scene.ground, position, quaternion)
+        x[2] -= x[2, -1]
     return Hypothesis(vertices.ravel(), x, estimate.objective, (estimate.shape,))

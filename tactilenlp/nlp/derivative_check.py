@@ -17,12 +17,8 @@ from .terms import Term
 if TYPE_CHECKING:
     from .problem import Problem
 
-DIFFERENCE_STEP = (
-    6e-6  # [scales] of the differences: cube root of the precision of a double
-)
-ROUNDING_SHARE = (
-    1e-4  # [-] of a value is no derivative: differences lose 11 of 16 digits
-)
+DIFFERENCE_STEP = 6e-6  # [scales] of differences: cube root of a double's precision
+ROUNDING_SHARE = 1e-4  # [-] of a value is no derivative: 11 of 16 digits are lost
 TOLERATED = 1e-4  # [-] relative error above which a derivative is called wrong
 
 

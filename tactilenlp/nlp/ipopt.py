@@ -21,7 +21,7 @@ log = logging.getLogger("tactilenlp")
 WARM_PUSH = 1e-6  # [-] by which a warm start and its multipliers are pushed inside
 PUSH_OPTIONS = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
 WARM_OPTIONS = [f"warm_start_{name}" for name in (*PUSH_OPTIONS, "mult_bound_push")]
-LEAST_TIME = 0.02  # [s] that a solve may take beyond a deadline: about one iteration
+MIN_SOLVE_TIME = 0.02  # [s] of a solve beyond a deadline: about one iteration
 LEVEL_DEFAULTS = {"mu_init": 1e-2, "max_iter": 200}  # of a level that does not set them
 
 
@@ -144,7 +144,7 @@ def solve(
 
 def _in_time(options: SolverOptions) -> SolverOptions:
     """Return options whose time limit ends by the deadline, if there is one."""
-    left = max(LEAST_TIME, options.deadline.left)
+    left = max(MIN_SOLVE_TIME, options.deadline.left)
     return options if options.time_limit <= left else replace(options, time_limit=left)
 
 

@@ -99,10 +99,8 @@ def _draw_lines(axis, estimate, action, expected) -> None:
         radius = action.workspace.finger_radius * MM_PER_M
         spot = plt.Circle(way[-1, finger, :2], radius, fc=(colour, 0.3), ec=colour)
         axis.add_patch(spot)
-    low, high = (
-        (now[:, :2] * MM_PER_M).min(axis=0) - TOP_VIEW_MARGIN,
-        (now[:, :2] * MM_PER_M).max(axis=0) + TOP_VIEW_MARGIN,
-    )
+    low = (now[:, :2] * MM_PER_M).min(axis=0) - TOP_VIEW_MARGIN
+    high = (now[:, :2] * MM_PER_M).max(axis=0) + TOP_VIEW_MARGIN
     axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal",
              xlabel="x [mm]", ylabel="y [mm]", title="From above")  # fmt: skip
     axis.legend(**below(axis))

@@ -40,12 +40,12 @@ def of_action(window: PolytopeWindow, past, about) -> ActionWindow:
         parts[name] = replace(parts[name], step=at["step"][parts[name].step])
     for name, rows in INDEXED_BY:
         parts[name] = parts[name][new[rows]]
-    kinds = {
+    rows_of_push = {
         name: at["push"][rows[new["push"][rows]]]
         for name, rows in (("unfelt", window.unfelt), ("unseen", window.unseen))
     }
     groups = {n: _later(g, new["step"], at) for n, g in window.groups.items()}
-    parts |= kinds | {"groups": groups}
+    parts |= rows_of_push | {"groups": groups}
     parts |= {"gap": window.gap.pick(window.gap.sample >= samples)}
     parts |= {"lower": lower, "upper": upper}
     vertices = past.theta.reshape(-1, 3)

@@ -16,9 +16,7 @@ import numpy as np
 from .fingertips import finger_poses
 from .window import Samples
 
-LONG_WAY = (
-    10e-3  # [m] of a finger in a run, in which it may meet an object and leave it
-)
+LONG_WAY = 10e-3  # [m] of a finger in a run, in which it may meet and leave an object
 
 
 def possible_contact(data) -> np.ndarray:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull, QhullError
 
-from formulations.likelihood import ALPHA
+from formulations.likelihood import ALPHA, LOGISTIC
 
 from ..geometry.convex_hull import fingers_in_body, nearest, nearest_triangles
 from ..geometry.convex_hull import triangles as triangles_of
@@ -32,14 +32,13 @@ DEPTH_WEIGHT = 3.0  # [-] lengths along the surface that one length below it cou
 class PolytopeWindow(Window):
     """A window, where the vertices start and which of them each contact reads.
 
-    start (V, 3) [m]; near_touch, near_free, near_push (instances, NEAR): vertices;
-    legs (n,): those that carry the body where it lies; leg (corners,): of each ground
-    contact, weight_share (corners,): of the weight that it carries at rest; resting
-    (rests,): of each rest; grounded (k,): on the ground at the last pose, the legs in
-    planar motion; floor [m]: no vertex is lower at the last pose;
-    triangles (2 V - 4, 3) of the hull, counterclockwise from outside; body (10,):
-    volume, centroid and second moments; lower, upper (unknowns, poses): the last pose
-    is held.
+    start (V, 3) [m]; near_touch, near_free, near_push (instances, VERTICES_READ):
+    vertices; legs (n,): those that carry the body where it lies; leg (corners,): of
+    each ground contact, weight_share (corners,): of the weight that it carries at rest;
+    resting (rests,): of each rest; grounded (k,): on the ground at the last pose, the
+    legs in planar motion; floor [m]: no vertex is lower at the last pose; triangles
+    (2 V - 4, 3) of the hull, counterclockwise from outside; body (10,): volume,
+    centroid and second moments; lower, upper (unknowns, poses): the last pose is held.
     """
 
     start: np.ndarray = None
@@ -78,7 +77,7 @@ class PolytopeWindow(Window):
         return self.start[self.legs] - self.body[1:4]
 
     def seen_by_touches(self, theta) -> np.ndarray:
-        """Return the vertices (3 NEAR, touches) that each touch reads of theta."""
+        """Return the vertices (3 VERTICES_READ, touches) that each touch reads."""
         return theta.T[self.near_touch].reshape(len(self.touch), -1).T
 
 
@@ -145,7 +144,7 @@ def without_clear(window, vertices, x):
 
     At a gap of CLEAR / alpha (eq:bool) a free sample costs exp(-CLEAR) nats.
     """
-    softness = np.hypot(1 / ALPHA, window.sigma_position / 1.7)  # likelihood.py
+    softness = np.hypot(1 / ALPHA, window.sigma_position / LOGISTIC)
     free = window.free
     if not len(free):
         return window
@@ -155,7 +154,7 @@ def without_clear(window, vertices, x):
 
 
 def vertices_near(samples, vertices, x) -> np.ndarray:
-    """Return the vertices (samples, NEAR) that can be nearest to each finger.
+    """Return the vertices (samples, VERTICES_READ) that can be nearest to each finger.
 
     First those of the triangle that the contact point is on: a large face can have many
     vertices nearer than its corners.  Then along the hull's surface the nearest to that
@@ -175,13 +174,13 @@ def vertices_near(samples, vertices, x) -> np.ndarray:
     return np.sort(np.argsort(far, axis=1, kind="stable")[:, :count], axis=1)
 
 
-def supporting_vertices(vertices, count: int, height: float = LIFTED) -> np.ndarray:
+def supporting_vertices(vertices, count: int) -> np.ndarray:
     """Return at least three and at most `count` vertices that carry the body.
 
     Of the lowest ones those that span the largest area.
     """
     z = vertices[:, 2]
-    low = np.nonzero(z <= max(height, np.sort(z)[2]))[0]
+    low = np.nonzero(z <= max(LIFTED, np.sort(z)[2]))[0]
     try:
         around = low[ConvexHull(vertices[low, :2]).vertices]  # counterclockwise
     except QhullError:  # in a row: all of them, the page moves them apart

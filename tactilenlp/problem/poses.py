@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..geometry.transforms import quaternion_of, rotate_planar
+from ..geometry.transforms import quaternion_of, rotate_planar, rotation_of
 
 
 def poses(shape, motion, theta, x, ground):
@@ -25,6 +25,27 @@ def poses(shape, motion, theta, x, ground):
         position = ground.from_ground(position)
         rotation = Rotation.from_matrix(ground.rotation).inv() * rotation
     return position, quaternion_of(rotation)
+
+
+def rotations_on_ground(ground, quaternion) -> Rotation:
+    """Return the rotations (T,) in the frame of the ground, or of the world without it.
+
+    quaternion (T, 4): wxyz, world.
+    """
+    R_gw = np.eye(3) if ground is None else ground.rotation
+    return Rotation.from_matrix(R_gw) * rotation_of(quaternion)
+
+
+def upright_poses(ground, position, quaternion) -> np.ndarray:
+    """Return planar poses (3, T) as if a body stood upright, of poses in the world.
+
+    In the frame of the ground, or of the world without it: x, y [m], and the yaw [rad]
+    since the last pose, up to whole turns.  position (T, 3) [m], quaternion (T, 4).
+    """
+    R = rotations_on_ground(ground, quaternion)
+    p = position if ground is None else ground.to_ground(position)
+    yaw = np.unwrap((R * R[-1].inv()).as_rotvec()[:, 2])
+    return np.vstack([p[:, :2].T, yaw])
 
 
 def body_corners(shape, theta) -> np.ndarray:

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from formulations.page_contract import contract_of
-from formulations.rigid_body import FREE, PLANAR
+from formulations.rigid_body import ARM, FREE, PLANAR
 
 from ..common.validation import check_types
 from ..data.sensor_noise import contact_latency
@@ -31,7 +31,6 @@ from .window import Corners, Group, Pushes, Rests, Samples, Steps, Window
 FAR = 30e-3  # [m] a free finger this far beyond the sensor's doubt is left out
 OUTLIER_COST = 7.0  # [nats] one sample in a thousand is wrong beyond any noise
 MIN_MOVE = 0.1e-3  # [m] a guess that moves further in a sample needs poses of its own
-ARM = 20e-3  # [m] one radian of turn counts as this much way
 UNKNOWN_FRICTION = 0.1  # [-] friction of the ground, where it is not known: little
 REPEATED = 0.1  # [sample intervals] sooner than this, a sample has come twice
 SIDE_NORMAL = 0.7  # [-] |n_z| below which a normal belongs to a side

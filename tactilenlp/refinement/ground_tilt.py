@@ -76,7 +76,9 @@ def ground_may_tilt(job, page) -> bool:
 def _tilt_at(solved: Solved, page):
     """Return the GroundTilt at a solve, about where the body was touched first."""
     job, kkt = solved.job, kkt_system_of(solved.problem, solved.solution)
-    build = problem_builder(page, job.shape, job.scene, job.kinds_of, job.deadline)
+    build = problem_builder(
+        page, job.shape, job.scene, job.term_functions_of, job.deadline
+    )
     touch = solved.window.touch
     early = job.data.action[touch.sample] == job.data.action[touch.sample[0]]
     about = touch.p_wf[early, :3].mean(axis=0) * (1, 1, 0)

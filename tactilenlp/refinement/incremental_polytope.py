@@ -16,6 +16,7 @@ from scipy.optimize import nnls
 from formulations import polytope_extension as extension
 from formulations.names import TOUCH_TERM
 from formulations.page_contract import contract_of
+from formulations.rigid_body import ARM
 
 from ..geometry.transforms import is_planar, planar_matrix
 from ..information.measurement_noise import touches
@@ -27,7 +28,7 @@ from ..nlp.solution import Solution, after
 from ..problem.action_window import of_action
 from ..problem.outliers import MIN_OF_TOUCH, unexplained
 from ..problem.polytope_window import PolytopeWindow, window_of
-from ..problem.reductions import ARM, Reductions, coasts
+from ..problem.reductions import Reductions, coasts
 from ..problem.unreduced import corners_of, rows_of, samples_of
 from ..problem.window import Corners
 from ..search.hypothesis import Hypothesis, Job
@@ -144,10 +145,9 @@ def past_information(start) -> np.ndarray:
 
 def implausible(solved: Solved) -> bool:
     """Tell whether a touch is not explained, or a body that friction holds jumps."""
-    jump = jumps(solved.job.data, solved.at.x).max(initial=0.0)
-    jumped = jump > jump_threshold(solved.job.precision) and not coasts(
-        solved.job.scene
-    )
+    job = solved.job
+    jump = jumps(job.data, solved.at.x).max(initial=0.0)
+    jumped = jump > jump_threshold(job.precision) and not coasts(job.scene)
     return jumped or unexplained_touches(solved) > 0
 
 
@@ -198,14 +198,14 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
     options = SolverOptions(
         SEARCH_TOLERANCE, SEARCH_TIME, ipopt=ACCEPTABLE, deadline=job.deadline
     )
-    solution, kinds = past.solution, past.problem.term_functions
+    solution, term_functions = past.solution, past.problem.term_functions
     for build, levels in (
         (extension.build, extension.LEVELS),
         (extension.build_pushed, extension.PUSHED),
     ):
         window, shape = window_of(job, (h.theta, h.x))
         window = of_action(window, past.at, about)
-        problem = Problem(term_functions=kinds, deadline=job.deadline)
+        problem = Problem(term_functions=term_functions, deadline=job.deadline)
         build(problem, window, job.scene, shape)
         known = {k: v for k, v in past.solution.values.items() if v.size == 1}
         known = {k: v for k, v in known.items() if k in problem.variables}

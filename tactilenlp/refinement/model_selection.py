@@ -34,7 +34,7 @@ from ..information.error_budget_terms import ANY_ROTATION, REACHED, positive_par
 from ..information.goodness_of_fit import NOTHING, misfits
 from ..information.information import optimum_of
 from ..information.mixture import (
-    distinct,
+    distinct_modes,
     laplace_mixture,
     log_evidence,
     occam_of,
@@ -52,15 +52,14 @@ from ..search.local_solve import (
     solved_from,
     warm_started,
 )
-from ..search.margins import CLOSE_OPTIMUM, LARGER_MODEL, LEAST_MOTION_BEHIND
-from ..search.margins import UNCHANGED as NOTICED
+from ..search.margins import CLOSE_OPTIMUM, LARGER_MODEL, LEAST_MOTION_BEHIND, UNCHANGED
 from ..search.multistart import FREED_MU
 
 AUTO = (  # the classes of shape="auto"
     *("cuboid", "cylinder", "ellipsoid"),
     *("prism of 3 sides", "prism of 6 sides", "polytope"),
 )
-LEAST_TIME = 1.0  # [s] of a class
+MIN_CLASS_TIME = 1.0  # [s] of a class
 log = logging.getLogger("tactilenlp")
 
 
@@ -118,7 +117,7 @@ def _with(name, nuisance, job, page, solved, options, solve) -> tuple:
     best, *others = solved
     excess, spread = excess_of(job, best)
     from_guesses = bool(contract_of(page).rough)  # else a solve costs several seconds
-    if excess < (needed := (NOTICED if from_guesses else LARGER_MODEL) + spread):
+    if excess < (needed := (UNCHANGED if from_guesses else LARGER_MODEL) + spread):
         return job, [declined(best, name, excess, needed, "at most "), *others]
     if job.deadline.passed(nuisance.dropped):
         return job, solved
@@ -158,7 +157,7 @@ def most_probable_first(job, solved) -> list[Solved]:
         for s in comparable
     ]
     turning = 1 if motion is PLANAR else 3
-    optima = distinct(job.shape, turning, optima)
+    optima = distinct_modes(job.shape, turning, optima)
     modes = laplace_mixture(job.shape, turning, optima)
     first = optima[int(np.argmax(modes.weights))][-1]
     return [first, *(s for s in solved if s is not first)]
@@ -238,7 +237,7 @@ def likeliest_class(classes, solve, start, options) -> Estimate:
     deadline, found, errors = Deadline.within(options.time_limit), {}, {}
     for i, shape in enumerate(classes):
         share = deadline.left / (len(classes) - i)
-        left = replace(options, time_limit=max(LEAST_TIME, share))
+        left = replace(options, time_limit=max(MIN_CLASS_TIME, share))
         try:
             known = start if getattr(start, "shape", "") == shape.name else None
             estimate = solve(shape=shape, start=known, options=left)
@@ -266,7 +265,7 @@ def _start_from_best(classes, solve, options, deadline, found) -> None:
             continue
         if deadline.passed(f"a {shape.name} from the poses of a {best.shape}"):
             return
-        left = replace(options, time_limit=max(LEAST_TIME, deadline.left))
+        left = replace(options, time_limit=max(MIN_CLASS_TIME, deadline.left))
         most = min(cost, best.objective + LEAST_MOTION_BEHIND)
         try:
             again = solve(shape=shape, start=None, options=left, poses=best, most=most)

@@ -109,7 +109,7 @@ class Job:
     process_noise: float = 1.0
     path: Hypothesis | None = None
 
-    def kinds_of(self, page, window) -> dict:
+    def term_functions_of(self, page, window) -> dict:
         """Return the term functions that problems of a page share, if they are alike.
 
         They are where the functions of terms depend on page, shape, scene and motion,
@@ -125,7 +125,7 @@ class Job:
 
     def new_problem(self, page, window) -> Problem:
         """Return an empty problem for a page to fill, with the functions it shares."""
-        shared = self.kinds_of(page, window)
+        shared = self.term_functions_of(page, window)
         return Problem(term_functions=shared, deadline=self.deadline)
 
 

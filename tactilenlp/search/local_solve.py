@@ -51,7 +51,7 @@ class Solved:
     hypothesis: Hypothesis
     problem: Problem
     window: object
-    solution: object
+    solution: Solution
     job: Job
     certificates: Certificates = field(default_factory=lambda: Certificates(()))
     rough: Hypothesis | None = None
@@ -100,10 +100,10 @@ def best_first(solved) -> list[Solved]:
 # Problems of a page, where they start, how they are solved
 
 
-def problem_for(job: Job, page, guess=None):
+def problem_for(job: Job, page):
     """Return the problem that a page poses of a job's data, and the window."""
     made = required_reductions(page, job.reductions)
-    window = reduce(job.data, job.scene, job.shape, job.precision, made, guess)
+    window = reduce(job.data, job.scene, job.shape, job.precision, made)
     problem = job.new_problem(page, window)
     page.build(problem, window, job.scene, job.shape)
     return problem, window

@@ -26,8 +26,6 @@ CLOSE_OPTIMUM = 3.0  # optima within odds of 20 to 1 are all solved in free moti
 LARGER_MODEL = 3.0  # that a freed assumption must gain: odds of 20 to 1
 
 # Profile likelihood:
-PROFILE_RISE = (
-    3.0  # at which a profile ends; half of it for a pose, solved more roughly
-)
+PROFILE_RISE = 3.0  # at which a profile ends; half of it for a pose: a rougher solve
 ONE_SIGMA = 0.5  # of a Gaussian at one standard deviation
 BETTER_OPTIMUM = 0.1  # by which another optimum is better

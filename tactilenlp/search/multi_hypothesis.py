@@ -4,7 +4,7 @@
                     what was solved before: a Gaussian mixture        (proposals.py)
     prediction      quasi-static pushing, sample by sample            (pushing.py)
     correction      gaps and normals by an extended Kalman filter     (tracking.py)
-    selection       by evidence; the best are split after each action (tracking.py)
+    selection       by evidence; the best are split after each action   (tracks.py)
     smoothing       backward: Rauch-Tung-Striebel                     (smoother.py)
     least motion    the quasi-static page solved from the paths   (least_motion.py)
 
@@ -21,6 +21,7 @@ from itertools import zip_longest
 import numpy as np
 
 from ..common.progress import progress
+from ..data.contact_segments import samples_until
 from ..data.sensor_noise import precise
 from ..geometry.transforms import carried
 from ..tracking.outline import path_outline
@@ -181,7 +182,7 @@ def proposed_tracks(job, filter: Filter, kept, rng) -> tuple[Tracks, _Past]:
         z, P = propose(filter.data, job.shape, rng)
         return started(z, P, fingers, rng), _Past((), (), none)
     done = kept[0].x.shape[1]
-    earlier = replace(job, data=job.data.select(np.unique(job.data.action[:done])))
+    earlier = replace(job, data=samples_until(job.data, done))
     P, along = zip(*from_posterior(earlier, kept), strict=True)
     z = np.array([h.end for h in kept]).T
     if job.shape.is_box:

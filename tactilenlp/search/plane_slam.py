@@ -14,7 +14,7 @@ import numpy as np
 
 from formulations import polytope_planes
 
-from ..data.contact_segments import NOISE_SIGMAS, contact_segments
+from ..data.contact_segments import NOISE_SIGMAS, contact_segments, samples_until
 from ..geometry.convex_hull import (
     CENTRE_HEIGHT,
     FLOATING_HEIGHT,
@@ -211,7 +211,7 @@ def faces_touched(window, vertices, x) -> Faces:
 
 def extended_faces(job, faces: Faces | None, samples: int) -> Faces:
     """Return the planes and poses for the first `samples` samples of a job."""
-    data = job.data.select(np.unique(job.data.action[:samples]))
+    data = samples_until(job.data, samples)
     window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
     start = (
         first_faces(window, samples, job.shape.size_prior[0])

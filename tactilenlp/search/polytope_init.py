@@ -17,7 +17,7 @@ from formulations import polytope_quasi_static
 
 from ..common.interrupt import interruptible
 from ..common.progress import progress
-from ..data.contact_segments import without_outliers
+from ..data.contact_segments import samples_until, without_outliers
 from ..errors import NoContactError, SceneError, TactileError
 from ..geometry.convex_hull import (
     Ball,
@@ -171,8 +171,7 @@ def search_polytope(job, kept, so_far=None) -> list[Hypothesis]:
 def _fitted(job, faces: Faces) -> list[Hypothesis]:
     """Return the bodies of planes, fitted if there is time; they stay at the end."""
     samples, found = job.data.samples, bodies_from(job, faces)
-    done = np.unique(job.data.action[: faces.x.shape[1]])
-    part = replace(job, data=job.data.select(done))
+    part = replace(job, data=samples_until(job.data, faces.x.shape[1]))
     if not job.deadline.passed("a fit of the first polytope"):
         found = [polished(part, body) for body in found]
     rest = [np.repeat(h.x[:, -1:], samples - h.x.shape[1], axis=1) for h in found]
@@ -196,7 +195,7 @@ def bodies_from(job, faces: Faces) -> list[Hypothesis]:
     The first is bounded by a ball on its untouched side; a second one has touched faces
     only, where planes and ground close it.
     """
-    data = job.data.select(np.unique(job.data.action[: faces.x.shape[1]]))
+    data = samples_until(job.data, faces.x.shape[1])
     window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
     ground = job.scene.ground is not None
     given = window, faces, job.shape.size_prior, job.shape.theta // 3, ground
@@ -244,6 +243,6 @@ def credible_data(data, sigma: float):
 
 def faces_of(job, h: Hypothesis) -> Faces:
     """Return the planes that the touches of the first actions have on a known body."""
-    data = job.data.select(np.unique(job.data.action[: h.x.shape[1]]))
+    data = samples_until(job.data, h.x.shape[1])
     window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
     return faces_touched(window, h.theta.reshape(-1, 3), h.x)

@@ -96,17 +96,17 @@ def from_first_touch(data, shape, rng, count=DRAWN):
     return z, repeated(np.diag(START_SIGMA**2), count)
 
 
-def from_guess(guess, geometry, rng, count=DRAWN):
+def from_guess(guess, geometry, rng):
     """Return states and covariances about a user's guess (name, theta, x)."""
     _, theta, x = guess
     sigma = START_SIGMA
     if len(theta) != 3:
         sigma = geometry.each(START_SIGMA[0], *START_SIGMA[4:])
-    off = sigma[:, None] * rng.normal(size=(len(sigma), count))
+    off = sigma[:, None] * rng.normal(size=(len(sigma), DRAWN))
     off[:, 0] = 0.0
     z = np.r_[theta, x][:, None] + off
     z[:-3] = np.maximum(z[:-3], SMALLEST / 2)
-    return z, repeated(np.diag(sigma**2), count)
+    return z, repeated(np.diag(sigma**2), DRAWN)
 
 
 def from_posterior(job: Job, kept):

@@ -14,11 +14,11 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
 from ..data.contact_segments import lasting_contacts
-from ..geometry.transforms import rotate_planar, rotation_of
-from ..tracking.geometry import SMALL, geometry_of
+from ..geometry.transforms import rotate_planar
+from ..problem.poses import upright_poses
+from ..tracking.geometry import geometry_of, upright_surface
 from ..tracking.tracks import GAP_SIGMA, NORMAL_SIGMA
 from .hypothesis import Hypothesis
 from .proposals import DRAWN, TOP_TILT, YAW, first_contact, first_onset, repeated
@@ -70,7 +70,7 @@ def on_poses(job, estimate) -> Hypothesis | None:
     if some were outliers.
     """
     shape, data = job.shape, job.data
-    x = _upright(job.scene.ground, estimate)
+    x = upright_poses(job.scene.ground, estimate.position, estimate.quaternion)
     t, f = np.nonzero(lasting_contacts(data))
     if not len(t):
         return None
@@ -120,29 +120,13 @@ def _fitted(shape, surface, normal, sigma, sigma_n):
     return min(found, key=lambda one: one.cost)
 
 
-def _upright(ground, estimate) -> np.ndarray:
-    """Return the poses of an estimate as if it stood upright (3, T), ground frame."""
-    p, turn = estimate.position, np.eye(3)
-    if ground is not None:
-        p, turn = ground.to_ground(p), ground.rotation
-    R = Rotation.from_matrix(turn) * rotation_of(estimate.quaternion)
-    yaw = np.unwrap((R * R[-1].inv()).as_rotvec()[:, 2])
-    return np.vstack([p[:, :2].T, yaw])
-
-
 def _surface_at(shape, points, radius):
     """Return a function of (theta, place, turn): gaps (N,) and normals (3, N).
 
     points (3, N): centres of fingers [m] in a frame on the ground, where the body is.
     """
-    z, p, r = ca.SX.sym("z", shape.theta + 3), ca.SX.sym("p", 3), ca.SX.sym("r")
-    theta, c, s = z[: shape.theta], ca.cos(z[-1]), ca.sin(z[-1])
-    d = p - ca.vertcat(z[-3], z[-2], shape.rest_height(theta))
-    q = ca.vertcat(c * d[0] + s * d[1], c * d[1] - s * d[0], d[2])
-    gap = shape.distance(theta, q, SMALL * r) - r
-    n = shape.normal(theta, q, SMALL * r)
-    level = ca.vertcat(c * n[0] - s * n[1], s * n[0] + c * n[1], n[2])
-    each = ca.Function("surface", [z, p, r], [gap, level]).map(len(radius))
+    given, (gap, _, level) = upright_surface(shape)
+    each = ca.Function("surface", given, [gap, level]).map(len(radius))
 
     def surface(z):
         gap, normal = each(np.repeat(z[:, None], len(radius), 1), points, radius[None])

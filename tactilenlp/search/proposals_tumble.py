@@ -202,7 +202,8 @@ def likeliest_tumbles(job, tumbles) -> list[Tumble]:
 def _costed(job, found) -> list[Hypothesis]:
     """Return free hypotheses with the cost of what was felt, cheapest first."""
     costs = zip(found, _costs(job, found), strict=True)
-    return sorted((replace(h, objective=cost) for h, cost in costs), key=_objective)
+    costed = (replace(h, objective=cost) for h, cost in costs)
+    return sorted(costed, key=lambda h: h.objective)
 
 
 def _costs(job, found) -> list[float]:
@@ -219,10 +220,6 @@ def _costs(job, found) -> list[float]:
         return sum(float(problem.value(name, x, data).sum()) for name in names)
 
     return [cost(h) for h in found]
-
-
-def _objective(h: Hypothesis) -> float:
-    return h.objective
 
 
 def _tipped(job, h):

@@ -18,9 +18,7 @@ from .box_contact import box_contact, box_contact_slopes
 
 SMALL = 0.1  # [radius] rounding of edges, as in pages
 LEAST_FOOT = 2e-3  # [m] half width of the support
-UNIT_DEVIATION = (
-    20e-3  # [m] prior deviation of a size whose steps are those of a cuboid
-)
+UNIT_DEVIATION = 20e-3  # [m] of a size's prior: its steps are those of a cuboid
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,15 +57,10 @@ def geometry_of(shape) -> Geometry:
     """Return the geometry of a shape with sizes."""
     if shape.is_box:
         return BOX
-    z, p_w, radius = ca.SX.sym("z", shape.theta + 3), ca.SX.sym("p", 3), ca.SX.sym("r")
-    theta, c, s = z[: shape.theta], ca.cos(z[-1]), ca.sin(z[-1])
-    d = p_w - ca.vertcat(z[-3], z[-2], shape.rest_height(theta))
-    q = ca.vertcat(c * d[0] + s * d[1], c * d[1] - s * d[0], d[2])
-    gap = shape.distance(theta, q, SMALL * radius) - radius
-    n = shape.normal(theta, q, SMALL * radius)
-    level = ca.vertcat(c * n[0] - s * n[1], s * n[0] + c * n[1], n[2])
-    given, whole = [z, p_w, radius], {"cse": True}
-    contact = ca.Function("contact", given, [gap, n], whole)
+    given, (gap, normal, level) = upright_surface(shape)
+    z, whole = given[0], {"cse": True}
+    theta = z[: shape.theta]
+    contact = ca.Function("contact", given, [gap, normal], whole)
     slopes = ca.Function(
         "slopes", given,
         [gap, level, ca.gradient(gap, z), ca.vec(ca.densify(ca.jacobian(level, z)))],
@@ -80,7 +73,9 @@ def geometry_of(shape) -> Geometry:
     )
 
     def reach(z):
-        return max(float(shape.reach(t)) for t in _extremes(z[: shape.theta]))
+        sizes = z[: shape.theta]
+        bounds = sizes.min(axis=1), sizes.max(axis=1)
+        return max(float(shape.reach(theta)) for theta in bounds)
 
     unit = np.broadcast_to(np.divide(shape.size_prior[1], UNIT_DEVIATION), shape.theta)
     return Geometry(
@@ -93,9 +88,20 @@ def geometry_of(shape) -> Geometry:
     )  # fmt: skip
 
 
-def _extremes(theta):
-    """Return the smallest and the largest of sizes (n, S)."""
-    return theta.min(axis=1), theta.max(axis=1)
+def upright_surface(shape):
+    """Return what a finger meets of an upright body, as expressions of given symbols.
+
+    given: the state z (n + 3,), the finger's centre p_w (3,) and its radius [m].  The
+    expressions: gap [m], outward normal (3,) in the body frame, in the world frame.
+    """
+    z, p_w, radius = ca.SX.sym("z", shape.theta + 3), ca.SX.sym("p", 3), ca.SX.sym("r")
+    theta, c, s = z[: shape.theta], ca.cos(z[-1]), ca.sin(z[-1])
+    d = p_w - ca.vertcat(z[-3], z[-2], shape.rest_height(theta))
+    q = ca.vertcat(c * d[0] + s * d[1], c * d[1] - s * d[0], d[2])
+    gap = shape.distance(theta, q, SMALL * radius) - radius
+    n = shape.normal(theta, q, SMALL * radius)
+    level = ca.vertcat(c * n[0] - s * n[1], s * n[0] + c * n[1], n[2])
+    return [z, p_w, radius], (gap, n, level)
 
 
 def _mapped(function, z, *shared):

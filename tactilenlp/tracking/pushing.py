@@ -20,6 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from formulations.rigid_body import ARM
+
 from .box_contact import in_body
 from .geometry import Geometry
 
@@ -28,7 +30,6 @@ SWEEPS = 3  # of Gauss-Seidel with several fingers; one finger needs one
 LEAST_SPEED = 5e-5  # [m] way of a corner in a sample, rounded
 SLOW = 2e-4  # [m] a slower body has no direction of sliding yet
 START = 1e-3  # [m] way of every corner then: the friction is isotropic
-ARM = 20e-3  # [m] one radian of turn counts as this much way
 LEAST_LOAD = 0.02  # [weights] of a corner
 OVERLAP = 1e-4  # [m] more than a finger approached in a sample is not pushed out
 LONGEST = np.array([8e-3, 8e-3, 0.3])[:, None, None]  # [m, m, rad] in a sample
@@ -152,11 +153,9 @@ def _compliance(feet, pushes, before, heading, mu_g):
     m_x = sum(p.load * p.x for p in pushes)
     m_y = sum(p.load * p.y for p in pushes)
     tilt_x, tilt_y = m_x / x, m_y / y
-    vx, vy, turn = (
-        c * before[0] + s * before[1],
-        c * before[1] - s * before[0],
-        before[2],
-    )
+    vx = c * before[0] + s * before[1]
+    vy = c * before[1] - s * before[0]
+    turn = before[2]
     moved = np.hypot(vx, vy) + ARM * np.abs(turn)
     rounding = (0.1 * moved) ** 2 + LEAST_SPEED**2
     slow = moved <= SLOW
@@ -168,11 +167,9 @@ def _compliance(feet, pushes, before, heading, mu_g):
             way = np.sqrt(squared_x[k] + squared_y[i] + rounding)
             share = np.maximum((load + i * tilt_x + k * tilt_y) / 4, LEAST_LOAD)
             weight = mu_g * share / np.where(slow, START, way)
-            total, first, second = (
-                total + weight,
-                first + i * weight,
-                second + k * weight,
-            )
+            total = total + weight
+            first = first + i * weight
+            second = second + k * weight
     a, b = -y * second, x * first  # [0, 2] and [1, 2] of the matrix
     polar = (x**2 + y**2) * total + 1e-12
     i_22 = 1.0 / (polar - (a**2 + b**2) / total)

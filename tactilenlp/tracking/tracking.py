@@ -13,7 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from .pushing import ARM, Move, pushed
+from formulations.rigid_body import ARM
+
+from .pushing import Move, pushed
 from .tracks import Filter, Record, Tracks, split_tracks, surviving
 
 PUSH_ERROR = 0.10  # [-] of a predicted motion
