@@ -2,12 +2,10 @@
 
     python examples/06_shooting_or_violation_implicit.py [picture.png]
 
-Shooting simulates the motion from the first pose of every action; the other page has
-all poses and impulses as unknowns.  Their losses are drawn along side y of the box.
+Shooting simulates each action from its first pose; eq:vimp has all poses as unknowns.
 """
 
 import sys
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -22,12 +20,14 @@ from tactilenlp import (
 )
 from tactilenlp.nlp.ipopt import solve
 
-recording, LEAN = example_recording(), Options(hypotheses=1, starts=4)
-picture = Path(sys.argv[1] if sys.argv[1:] else "shooting.png")
+LEAN = Options(hypotheses=1, starts=4)
+picture = sys.argv[1] if sys.argv[1:] else "shooting.png"
+recording = example_recording()
 data, scene = Measurements.load(recording), Scene.load(recording)
 truth = np.load(recording)["side_lengths"]  # [m], which the estimator does not read
-offsets, y = np.linspace(-8e-3, 8e-3, 49), np.eye(3)[:, [1]]  # [m]
-axes, told = (figure := Figure((7, 4), layout="constrained")).subplots(), []
+offsets = np.linspace(-8e-3, 8e-3, 49)  # [m] of side y
+axes = (figure := Figure((7, 4), layout="constrained")).subplots()
+told = []
 for name in ("shooting", "violation_implicit"):
     print(f"{name} ...", flush=True)
     estimate = solve_estimate(data, scene, formulation=name, options=LEAN)
@@ -36,7 +36,7 @@ for name in ("shooting", "violation_implicit"):
     # Build the same problem again; change side y, and keep the other unknowns.
     problem, known, losses = problem_of(data, scene, name), estimate.unknowns, []
     for offset in offsets:
-        start = known | {"theta": known["theta"] + offset * y}
+        start = known | {"theta": known["theta"] + offset * np.eye(3)[:, [1]]}
         if name == "shooting":  # the poses are functions of the first ones
             x = problem.eliminated.complete(problem.pack(start), problem.data())
             costs = (problem.value(n, x, problem.data()) for n in problem.costs)

@@ -87,10 +87,11 @@ def build(nlp, window, scene, shape):
     gap, velocity = body.finger_gap, body.finger_velocity
     r = push.p_wf, push.radius, push.p_wf_1, push.tangent
     mu = friction(nlp, "finger friction", scene.friction_finger)
-    g.dissipation_and_cone(nlp, "finger", velocity, now(push.step), lam, mu, r)
-    g.complementarity_and_inelasticity(
-        nlp, "finger", gap, velocity, now(push.step), lam, r
-    )
+    at = now(push.step)
+    g.maximum_dissipation(nlp, "finger", velocity, at, lam, r)
+    g.friction_cone(nlp, "finger", at[-1], lam, mu)
+    g.complementarity(nlp, "finger", gap, at, lam, r)
+    g.inelasticity(nlp, "finger", velocity, at, lam, r)
     for name, f in (("felt finger", window.touch), ("free finger", window.free)):
         g.non_penetration(nlp, name, gap, theta, x[:, f.pose], (f.p_wf, f.radius))
     ground(nlp, window, scene, body, theta, x, lam_g, now)
@@ -106,13 +107,12 @@ def ground(nlp, window, scene, body, theta, x, lam_g, now):
     corner, lift, rest = window.corner, window.lift, window.rest
     gap, velocity = body.ground_gap, body.ground.velocity
     mu = friction(nlp, "ground friction", scene.friction_ground)
-    g.dissipation_and_cone(
-        nlp, "ground", velocity, now(corner.step), lam_g, mu, (corner.signs,)
-    )
-    g.complementarity_and_inelasticity(
-        nlp, "ground", gap, velocity, now(lift.step), lam_g[:, : len(lift)],
-        (lift.signs,),
-    )  # fmt: skip
+    at = now(corner.step)
+    g.maximum_dissipation(nlp, "ground", velocity, at, lam_g, (corner.signs,))
+    g.friction_cone(nlp, "ground", at[-1], lam_g, mu)
+    at, lifting = now(lift.step), lam_g[:, : len(lift)]
+    g.complementarity(nlp, "ground", gap, at, lifting, (lift.signs,))
+    g.inelasticity(nlp, "ground", velocity, at, lifting, (lift.signs,))
     now_x = x[:, window.step.pose[lift.step]]
     g.non_penetration(nlp, "ground", gap, theta, now_x, (lift.signs,))
     g.non_penetration(nlp, "rest", gap, theta, x[:, rest.pose], (rest.signs,))

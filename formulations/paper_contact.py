@@ -32,42 +32,52 @@ def impulses(nlp, window, scene, shape):
     return lam, nlp.variable("ground", 3, len(corner), guess=guess_g, **bounds)
 
 
-def dissipation_and_cone(nlp, name, velocity, now, lam, mu, where):
-    """Add maximum power dissipation (2) and the friction cone FC."""
+def maximum_dissipation(nlp, name, velocity, now, lam, where):
+    """Add maximum power dissipation (2)."""
 
     def dissipation(theta, x, x_1, dt, w, lam, nats, *where):
         _, v_s = velocity(theta, x, x_1, dt, *where)
         return nats * contact.printed_dissipation(lam, v_s) * dt / (w * MM)
 
+    weight = nlp.parameters["dissipation"]
+    nlp.minimize(
+        f"{name} dissipation", dissipation, *now, lam, weight, *where, role="physics"
+    )
+
+
+def friction_cone(nlp, name, w, lam, mu):
+    """Add the friction cone FC."""
+
     def cone(lam, mu, w, slack):
         return contact.cone_squared(mu, lam / w) + slack**2
 
-    p, w = nlp.parameters, now[-1]
-    nlp.minimize(
-        f"{name} dissipation", dissipation, *now, lam, p["dissipation"], *where,
-        role="physics",
-    )  # fmt: skip
-    nlp.subject_to(f"{name} cone", cone, lam, mu, w, p["cone slack"], lower=0)
+    slack = nlp.parameters["cone slack"]
+    nlp.subject_to(f"{name} cone", cone, lam, mu, w, slack, lower=0)
 
 
-def complementarity_and_inelasticity(nlp, name, gap, velocity, now, lam, where):
-    """Add complementarity (1) and inelasticity (4)."""
+def complementarity(nlp, name, gap, now, lam, where):
+    """Add complementarity (1)."""
 
-    def complementarity(theta, x, x_1, dt, w, lam, nats, *where):
+    def energy(theta, x, x_1, dt, w, lam, nats, *where):
         phi = gap(theta, x, *where)
         return nats * contact.printed_complementarity(lam, phi) / (w * MM)
 
-    def inelasticity(theta, x, x_1, dt, w, lam, nats, v_eps, *where):
+    weight = nlp.parameters["complementarity"]
+    nlp.minimize(
+        f"{name} complementarity", energy, *now, lam, weight, *where, role="physics"
+    )
+
+
+def inelasticity(nlp, name, velocity, now, lam, where):
+    """Add inelasticity (4)."""
+
+    def energy(theta, x, x_1, dt, w, lam, nats, v_eps, *where):
         v_n, _ = velocity(theta, x, x_1, dt, *where)
         return nats * contact.inelasticity(lam, v_n, v_eps) * dt / (w * MM)
 
     p = nlp.parameters
     nlp.minimize(
-        f"{name} complementarity", complementarity, *now, lam, p["complementarity"],
-        *where, role="physics",
-    )  # fmt: skip
-    nlp.minimize(
-        f"{name} inelasticity", inelasticity, *now, lam, p["inelasticity"],
+        f"{name} inelasticity", energy, *now, lam, p["inelasticity"],
         p["speed rounding"], *where, role="physics",
     )  # fmt: skip
 

@@ -59,7 +59,7 @@ def test_a_kink_is_as_wide_as_its_slopes_say():
     assert slope * found < PROFILE_RISE  # no farther than where that is the price
 
 
-def test_a_larger_body_tells_how_far_a_size_may_be_off():
+def test_sigma_of_a_size_is_read_from_the_profile_of_a_larger_body():
     def price(d):  # on its right an exponential of 2 mm, on its left a parabola
         return 500 * d if d > 0 else (d / SHARP) ** 2 / 2
 
@@ -68,7 +68,7 @@ def test_a_larger_body_tells_how_far_a_size_may_be_off():
     assert deviation(price)[0] == pytest.approx(where_it_costs_so_much)
 
 
-def test_of_a_pose_both_ways_are_asked_for_and_the_flatter_one_counts():
+def test_of_a_pose_both_directions_are_profiled_and_the_flatter_one_counts():
     for side in (1, -1):
 
         def price(d, side=side):
@@ -96,7 +96,7 @@ def test_what_costs_nothing_is_known_by_its_prior_alone():
 
 
 @pytest.mark.parametrize("slope", [60.0, 200.0, 2e4])
-def test_no_place_is_asked_for_that_could_not_be_claimed(slope):
+def test_no_offset_is_evaluated_whose_sigma_would_be_vague(slope):
     asked = []
 
     def price(d):
@@ -111,18 +111,18 @@ def test_no_place_is_asked_for_that_could_not_be_claimed(slope):
     assert dear in ([], asked[-1:])  # once it is dear enough, no more
 
 
-def test_where_nothing_is_found_the_hessian_is_all_that_is_said():
+def test_without_a_solution_of_the_profile_sigma_is_that_of_the_hessian():
     assert deviation(lambda d: None) == (SHARP, None)
 
 
-def test_a_smaller_body_is_asked_for_where_a_larger_one_says_nothing():
+def test_a_smaller_size_is_profiled_where_a_larger_one_has_no_solution():
     def price(d):
         return None if d > 0 else (d / SHARP) ** 2 / 2
 
     assert deviation(price)[0] == pytest.approx(SHARP)
 
 
-def test_a_better_place_is_handed_back():
+def test_a_better_optimum_is_returned():
     found, better = deviation(lambda d: -3.0 if d > 0 else 9.0)
     assert found == SHARP
     assert better.objective == -3.0

@@ -4,6 +4,7 @@ import json
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -51,6 +52,15 @@ def test_a_result_is_the_same_whether_it_is_new_or_was_kept(study, tmp_path):
 def test_a_table_has_a_column_for_every_key_of_any_row(study, tmp_path):
     study.write_csv(tmp_path / "a.csv", [{"a": 1}, {"a": 2, "b": "x, y"}])
     assert (tmp_path / "a.csv").read_text() == 'a,b\n1,\n2,"x, y"\n'
+
+
+def test_a_study_writes_its_trials_and_their_table_beside_each_other(study, tmp_path):
+    path, here = tmp_path / "some_squares", SimpleNamespace(executor="none", workers=1)
+    assert study.tabled_study(here, path, squared, CASES)[0]["square"] == 4
+    assert study.results_of(path.with_suffix(".jsonl"), "some squares")
+    assert path.with_suffix(".csv").read_text() == "square,word\n4,a\n9,b\n16,c\n"
+    study.tabled_study(here, path, squared, CASES, table=lambda rows: rows[:1])
+    assert path.with_suffix(".csv").read_text() == "square,word\n4,a\n"
 
 
 def test_a_study_is_read_without_us(study, tmp_path):
@@ -140,7 +150,6 @@ ONE_RUN = {  # benchmarks of which there is nothing to spread, and why
     "executors": "measures executors",
     "exploration_report": "reads a study",
     "optical_frame": "times one picture",
-    "paper_descent": "one descent",
     "record": "reads a table",
     "regress": "times pairs, one process at a time",
     "report_cuboid": "reads runs",

@@ -82,12 +82,12 @@ def test_solved_pages_are_left_as_they_are(recorded, pressed, tmp_path):
 
 
 @pytest.mark.slow
-def test_rough_levels_of_a_race_are_better_than_least_motion(recorded, pressed):
-    from tactilenlp.search import multistart as race
+def test_rough_levels_of_a_multistart_are_better_than_least_motion(recorded, pressed):
+    from tactilenlp.search import multistart
 
     data, scene, _ = recorded
     data = data.select(range(2))
-    pressed(race, "solved_from", 1)  # one hypothesis, before its last level
+    pressed(multistart, "solved_from", 1)  # one hypothesis, before its last level
     with pytest.raises(Interrupted) as stop:
         solve_estimate(data, scene, options=QUICK)
     found = stop.value.estimate

@@ -27,7 +27,7 @@ from time import process_time
 import matplotlib.pyplot as plt
 import numpy as np
 from scipy.stats import norm
-from study import add_executor, executor_of, run_study, write_csv
+from study import add_executor, tabled_study
 from time_against_error import PLACES, WORLDS, measured, warm
 
 from tactilenlp import solve_estimate
@@ -166,13 +166,10 @@ def main() -> None:
     chosen = parser.parse_args()
     boxes = range(chosen.first, chosen.first + chosen.count)
     cases = [(world, number) for number in boxes for world in chosen.worlds]
-    with executor_of(chosen, *Path(__file__).parent.glob("*.py")) as executor:
-        path = chosen.folder / "calibration.jsonl"
-        rows = run_study(path, "calibration", judged, cases, executor, say=said)
-    table = coverage(rows)
-    write_csv(chosen.folder / "calibration.csv", table)
-    show(table)
-    draw(rows, chosen.folder / "calibration.png")
+    path = chosen.folder / "calibration"
+    rows = tabled_study(chosen, path, judged, cases, say=said, table=coverage)
+    show(coverage(rows))
+    draw(rows, path.with_suffix(".png"))
 
 
 if __name__ == "__main__":

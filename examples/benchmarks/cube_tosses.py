@@ -13,7 +13,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from study import add_executor, executor_of, run_study, write_csv
+from study import add_executor, tabled_study
 
 from tactilenlp import Scene, Trajectories, identify_body
 
@@ -108,6 +108,13 @@ def draw(rows, friction, file) -> None:
     figure.savefig(file, dpi=150)
 
 
+def rounded(_, row: dict) -> dict:
+    """Return a row with three digits after the point."""
+    return {
+        k: round(float(v), 3) if isinstance(v, float) else v for k, v in row.items()
+    }
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("file", type=Path)
@@ -125,15 +132,10 @@ def main() -> None:
         for group in range(min(GROUPS, len(data.tosses) // size))
         for shape in ("cuboid", "corners")
     ]
-    with executor_of(given, __file__) as executor:
-        rows = run_study(
-            given.folder / "cube_tosses.jsonl", "cube tosses", run, cases, executor,
-            say=lambda _, row: {k: round(float(v), 3) if isinstance(v, float) else v
-                                for k, v in row.items()},
-        )  # fmt: skip
-    write_csv(given.folder / "cube_tosses.csv", rows)
+    path = given.folder / "cube_tosses"
+    rows = tabled_study(given, path, run, cases, say=rounded, files=[__file__])
     tell(rows)
-    draw(rows, known["friction_reported"], given.folder / "cube_tosses.png")
+    draw(rows, known["friction_reported"], path.with_suffix(".png"))
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ import numpy as np
 from exploration_objects import SEED, world_of
 from matplotlib.ticker import MaxNLocator
 from scipy.spatial.transform import Rotation
-from study import add_executor, executor_of, run_study, write_csv
+from study import add_executor, tabled_study
 from trimesh.convex import convex_hull
 from trimesh.proximity import closest_point_naive
 
@@ -237,14 +237,10 @@ def main():
     add_executor(parser, "none")
     chosen = parser.parse_args()
     chosen.folder.mkdir(parents=True, exist_ok=True)
-    with executor_of(chosen, *Path(__file__).parent.glob("*.py")) as executor:
-        rows = run_study(
-            chosen.folder / "polytope.jsonl", "polytope", measured, cells_of(chosen),
-            executor, say=said,
-        )  # fmt: skip
-    write_csv(chosen.folder / "polytope.csv", rows)
+    path = chosen.folder / "polytope"
+    rows = tabled_study(chosen, path, measured, cells_of(chosen), say=said)
     summary(rows)
-    picture(rows, chosen.folder / "polytope.png")
+    picture(rows, path.with_suffix(".png"))
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ import numpy as np
 from foreign_departures import DEPARTURES
 from foreign_report import picture, show, summary
 from foreign_world import Box, ForeignWorld, recorded
-from study import add_executor, executor_of, run_study, write_csv
+from study import add_executor, tabled_study, write_csv
 
 from tactilenlp import Measurements, Scene, solve_estimate
 from tactilenlp.errors import TactileError
@@ -134,14 +134,12 @@ def main() -> None:
     parser.add_argument("--recordings", nargs="*", default=[])
     add_executor(parser)
     chosen = parser.parse_args()
-    with executor_of(chosen, *Path(__file__).parent.glob("*.py")) as executor:
-        path = chosen.folder / "foreign.jsonl"
-        rows = run_study(path, "foreign", judged, cells(chosen), executor, say=said)
-    write_csv(chosen.folder / "foreign.csv", rows)
+    path = chosen.folder / "foreign"
+    rows = tabled_study(chosen, path, judged, cells(chosen), say=said)
     table = summary(rows)
     write_csv(chosen.folder / "foreign_summary.csv", table)
     show(table)
-    picture(rows, chosen.folder / "foreign.png")
+    picture(rows, path.with_suffix(".png"))
 
 
 if __name__ == "__main__":

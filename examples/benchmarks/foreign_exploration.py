@@ -29,7 +29,7 @@ from foreign_departures import DEPARTURES
 from foreign_report import ratios
 from foreign_world import AIM, REST, STEP, Box, ForeignWorld, Simulation
 from scipy.interpolate import PchipInterpolator
-from study import add_executor, executor_of, run_study, write_csv
+from study import add_executor, tabled_study, write_csv
 from trimesh.creation import box as box_mesh
 from trimesh.transformations import quaternion_matrix, translation_matrix
 
@@ -153,6 +153,11 @@ def said(case, rows: list[dict]) -> str:
     return f"{case}: {'; '.join(words)}"
 
 
+def rows_of(trials) -> list[dict]:
+    """Return the rows of all trials: one per action."""
+    return [row for trial in trials for row in trial]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
@@ -171,13 +176,9 @@ def main() -> None:
         for strength in DEPARTURES[departure]
         for policy in chosen.policies
     ]
-    with executor_of(chosen, *Path(__file__).parent.glob("*.py")) as executor:
-        path = chosen.folder / "foreign_exploration.jsonl"
-        given = "foreign exploration", explored, cases, executor
-        found = run_study(path, *given, say=said)
-    rows = [row for trial in found for row in trial]
-    write_csv(chosen.folder / "foreign_exploration.csv", rows)
-    table = summary(rows)
+    path = chosen.folder / "foreign_exploration"
+    found = tabled_study(chosen, path, explored, cases, say=said, table=rows_of)
+    table = summary(rows_of(found))
     write_csv(chosen.folder / "foreign_exploration_summary.csv", table)
     for row in table:
         print("  ".join(f"{v:.2f}" if isinstance(v, float) else str(v)

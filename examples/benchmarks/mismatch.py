@@ -30,7 +30,7 @@ from estimate_polytope import carried_along
 from exploration_objects import world_of
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
-from study import add_executor, executor_of, run_study, write_csv
+from study import add_executor, tabled_study
 from trimesh.convex import convex_hull
 from trimesh.proximity import closest_point_naive
 from trimesh.transformations import translation_matrix
@@ -250,16 +250,13 @@ def main() -> None:
     parser.add_argument("--actions", type=int, default=9)
     add_executor(parser)
     chosen = parser.parse_args()
-    chosen.folder.mkdir(parents=True, exist_ok=True)
     cells = [
         (*body, k, chosen.actions) for body in BODIES for k in range(chosen.trials)
     ]
-    with executor_of(chosen, *Path(__file__).parent.glob("*.py")) as executor:
-        path = chosen.folder / "mismatch.jsonl"
-        rows = run_study(path, "mismatch", measured, cells, executor, say=said)
-    write_csv(chosen.folder / "mismatch.csv", rows)
+    path = chosen.folder / "mismatch"
+    rows = tabled_study(chosen, path, measured, cells, say=said)
     summary(rows)
-    picture(rows, chosen.folder / "mismatch.png")
+    picture(rows, path.with_suffix(".png"))
 
 
 if __name__ == "__main__":

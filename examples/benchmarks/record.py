@@ -79,10 +79,6 @@ RECIPES = {
             SECONDS,
         ),
     ),
-    "search_settings": Recipe(
-        ("shape", "noisy", "setting"),
-        (ERROR, SOLVED, Quantity("reached", "share", "down", 0.0, 0.1), SECONDS),
-    ),
     "exploration_study": Recipe(
         ("policy", "start", "action"),
         (

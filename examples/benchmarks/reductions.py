@@ -166,7 +166,7 @@ def written(way, h) -> tuple[Job, Hypothesis, dict]:
     if not job.reductions.planar:
         x = planar_to_free(h.theta, h.x, way.shape) if len(h.x) == 3 else h.x
         h = replace(h, x=x + np.array([[0], [0], [way.up], [0], [0], [0]]))
-    window, problem, _ = problem_at(job, way.page, h)
+    problem, window, _ = problem_at(job, way.page, h)
     return job, h, {"window": window, "problem": problem, "solvers": {}}
 
 

@@ -66,6 +66,22 @@ def _written(path, header: dict, ended):
             yield case, json.loads(line)["result"]
 
 
+def tabled_study(arguments, path, function, cases, say=None, table=None, files=None):
+    """Run a study on the executor that `arguments` choose; return its results.
+
+    path: without suffix.  path.jsonl keeps the trials, path.csv is their table, and the
+    study has the path's last part as its name.  table(results): the rows of the table,
+    by default the results.  files: of `executor_of`, by default all scripts beside this
+    one.
+    """
+    scripts = Path(__file__).parent.glob("*.py") if files is None else files
+    file, name = path.with_suffix(".jsonl"), path.name.replace("_", " ")
+    with executor_of(arguments, *scripts) as executor:
+        results = run_study(file, name, function, cases, executor, say=say)
+    write_csv(path.with_suffix(".csv"), table(results) if table else results)
+    return results
+
+
 def results_of(path, name: str) -> list:
     """Return what is kept of a study so far, in the order in which trials ended."""
     return [*_taken_up(Path(path), {"study": name}).values()]

@@ -34,7 +34,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from foreign_world import DEFAULT, Box, ForeignWorld, recorded
 from monte_carlo import NOISE
-from study import add_executor, executor_of, run_study, write_csv
+from study import add_executor, tabled_study, write_csv
 from trimesh.creation import box
 from trimesh.transformations import quaternion_matrix, translation_matrix
 
@@ -221,14 +221,12 @@ def main() -> None:
             numbers, chosen.actions, chosen.worlds, chosen.formulations
         )
     ]
-    path, name = chosen.folder / "time_against_error.jsonl", "time against error"
-    with executor_of(chosen, *Path(__file__).parent.glob("*.py")) as executor:
-        rows = run_study(path, name, estimated, cases, executor, say=said)
-    write_csv(chosen.folder / "time_against_error.csv", rows)
+    path = chosen.folder / "time_against_error"
+    rows = tabled_study(chosen, path, estimated, cases, say=said)
     table = summary(rows)
     write_csv(chosen.folder / "summary.csv", table)
     show(table)
-    draw(table, chosen.folder / "time_against_error.png")
+    draw(table, path.with_suffix(".png"))
 
 
 if __name__ == "__main__":

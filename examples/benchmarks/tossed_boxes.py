@@ -22,7 +22,7 @@ from time import process_time
 import matplotlib.pyplot as plt
 import mujoco
 import numpy as np
-from study import add_executor, executor_of, run_study, write_csv
+from study import add_executor, tabled_study
 
 from tactilenlp import Scene, Trajectories, identify_body
 from tactilenlp.errors import TactileError
@@ -136,14 +136,8 @@ def main() -> None:
     add_executor(parser)
     given = parser.parse_args()
     cases = [[number, given.tosses] for number in range(given.boxes)]
-    given.folder.mkdir(parents=True, exist_ok=True)
     path = given.folder / "tossed_boxes"
-    with executor_of(given) as executor:
-        rows = run_study(
-            path.with_suffix(".jsonl"), "tossed boxes", run, cases, executor,
-            say=lambda _, row: row,
-        )  # fmt: skip
-    write_csv(path.with_suffix(".csv"), rows)
+    rows = tabled_study(given, path, run, cases, say=lambda _, row: row, files=())
     draw(rows, path.with_suffix(".png"))
     tell(rows)
 

@@ -232,7 +232,7 @@ def problem_of(
                 expected=f"{job.shape.name}, {data!r}",
             )  # fmt: skip
         solved = replace(job, reductions=Reductions(**at.reductions), cuts=at.cuts)
-        return problem_at(solved, page, at.origin)[1]
+        return problem_at(solved, page, at.origin)[0]
     if job.shape.window_depends_on_start:
         raise OptionError(
             "its problem depends on where it is solved from", where="at",

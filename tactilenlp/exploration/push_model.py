@@ -40,6 +40,7 @@ def push_function(
 
 @cache
 def step_function(shape, free: bool, fingers: int, off: bool) -> ca.Function:
+    """Return the function of one time step, with the arguments of `push_function`."""
     sym = shape.symbol
     z, theta, pose = _unknowns(shape, free)
     k = z.numel() + off * 3 * fingers
@@ -68,15 +69,11 @@ def step_function(shape, free: bool, fingers: int, off: bool) -> ca.Function:
         A @ P @ A.T
         + exploration.process_noise(step, STEP_SIGMA_SHARE, MIN_STEP_SIGMA, ARM)
     )
-    felt, told, feel = [], [], _sensing_function(shape, free)
-    for f, p_wf in enumerate(meant):
-        chance, weights, h, h_s, h_r = feel(z, now, p_wf, rho[f], sensors)
-        if off:
-            others = [ca.DM.zeros(4, 3) for _ in range(fingers)]
-            h = ca.horzcat(h, *others[:f], h_r, *others[f + 1 :])
-        felt.append(chance)
-        rows, M_now, P_now = _measurement_updates(M_now, P_now, h, h_s, weights)
-        told += rows
+    feel = _sensing_function(shape, free)
+    spheres = [(p_wf, rho[f]) for f, p_wf in enumerate(meant)]
+    felt, told, M_now, P_now = _sensed(
+        feel, z, now, spheres, sensors, M_now, P_now, off
+    )
     out = [step, p_now, now, M_now, P_now, ca.vertcat(*felt), ca.vertcat(*told)]
     given = [d, p, s, M, P, z, goal_1, goal, rho, known, sensors, sloped]
     out = [ca.densify(v) for v in out]
@@ -91,6 +88,23 @@ def _commanded(here, p, goal_1, goal, rho, laws) -> list:
         pushing.reached(*here, p_wf, to, size, deep + ca.norm_2(to - before))
         for p_wf, before, to, size in ways
     ]
+
+
+def _sensed(feel, z, now, spheres, sensors, M, P, off: bool):
+    """Return probabilities of contact, information rows, and M, P after all fingers.
+
+    now: the planar displacement; spheres: position and radius of every finger.
+    """
+    felt, told = [], []
+    for f, (p_wf, radius) in enumerate(spheres):
+        chance, weights, h, h_s, h_r = feel(z, now, p_wf, radius, sensors)
+        if off:
+            others = [ca.DM.zeros(4, 3) for _ in spheres]
+            h = ca.horzcat(h, *others[:f], h_r, *others[f + 1 :])
+        felt.append(chance)
+        rows, M, P = _measurement_updates(M, P, h, h_s, weights)
+        told += rows
+    return felt, told, M, P
 
 
 def _measurement_updates(M, P, h, h_s, weights):

@@ -201,16 +201,9 @@ def information_of(
     optima = [best, *_others(best, rivals, shape, R_wg)]
     optima = distinct_modes(shape, tangent.turning, optima)
     modes = laplace_mixture(shape, tangent.turning, optima, errors)
-    covariance, path = modes.covariance, None
-    if sensed is not None:
-        beyond = _beyond(modes, tangent, at, faces, profile)
-        covariance = covariance + beyond
-        pairs = zip(modes.weights[1:], optima[1:], strict=True)
-        others = [(weight, optimum) for weight, optimum in pairs if weight]
-        more = beyond + modes.of_others
-        path = deviations_of_path(at, tangent, solution, R_wg, more, others)
-    if sensed is not None:
-        covariance = bounded_pose(covariance, shape.theta, tangent.turning)
+    covariance, path = _covariance_with_path(
+        modes, optima, at, tangent, faces, R_wg, profile
+    )
     words, directions = open_directions(tangent, covariance, shape, faces)
     matrix = inverse(C)
     parts = parts_of(kkt, response.by_gradient, matrix)
@@ -233,11 +226,19 @@ def parts_of(kkt: KKTSystem, by_gradient, matrix) -> dict[str, np.ndarray]:
     }
 
 
-def _beyond(modes, tangent, at: Linearisation, faces, profile) -> np.ndarray:
-    """Return the covariance (k, k) of what a mixture leaves out."""
+def _covariance_with_path(modes, optima, at, tangent, faces, R_wg, profile):
+    """Return the covariance (k, k) and sigma of the path; without measurements None."""
+    if at.sensed is None:
+        return modes.covariance, None
     noise, grounded = at.sensed.precision.position, len(at.window.corner) > 0
     seen = TouchedFaces(tangent, at.shape, faces, noise, grounded, profile)
-    return after_mixture(seen, modes.covariance)
+    beyond = after_mixture(seen, modes.covariance)  # what the mixture leaves out
+    pairs = zip(modes.weights[1:], optima[1:], strict=True)
+    others = [(weight, optimum) for weight, optimum in pairs if weight]
+    solution, more = optima[0][4], beyond + modes.of_others
+    path = deviations_of_path(at, tangent, solution, R_wg, more, others)
+    covariance = modes.covariance + beyond
+    return bounded_pose(covariance, at.shape.theta, tangent.turning), path
 
 
 def _of_offsets(kkt, sensed, window, shape, R_wg, tangent) -> dict:

@@ -222,7 +222,7 @@ class Problem:
         return describe(self)
 
     def check(self, start: dict | None = None, seed: int = 0):
-        """Return a diagnostics.Report: derivatives, scaling, rank, what is unused."""
+        """Return a diagnostics.Report: derivatives, scaling, rank, unused unknowns."""
         from .diagnostics import check
 
         return check(self, start, seed)

@@ -162,13 +162,8 @@ def extend(
     replace = {} if replace is None else replace
     without = (without,) if isinstance(without, str) else tuple(without)
     _check_extension(base, terms, replace, parts)
-    names = [getattr(t, "__name__", "term") for t in terms]
-    names += [
-        *(f"other {n}" for n in (*replace, *parts)),
-        *(f"no {n}" for n in without),
-    ]
-    own = base.__name__.rpartition(".")[2] if hasattr(base, "__name__") else "page"
-    page = ModuleType(" + ".join([own, *names]), base.__doc__)
+    name = _extended_name(base, terms, (*replace, *parts), without)
+    page = ModuleType(name, base.__doc__)
     for name in INHERITED:
         if hasattr(base, name):
             setattr(page, name, getattr(base, name))
@@ -186,6 +181,15 @@ def extend(
 
     page.build = build
     return page
+
+
+def _extended_name(base, terms, others, without) -> str:
+    """Return the name of a page that extends another one."""
+    own = base.__name__.rpartition(".")[2] if hasattr(base, "__name__") else "page"
+    names = [getattr(t, "__name__", "term") for t in terms]
+    names += [f"other {name}" for name in others]
+    names += [f"no {name}" for name in without]
+    return " + ".join([own, *names])
 
 
 def _check_extension(base, terms, replace, parts) -> None:

@@ -99,25 +99,22 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
     before, pose = np.r_[0, original[:-1]], np.cumsum(moving | first) - 1
     everything, felt, p_wf = _finger_samples(data, scene, pose)
     free = everything.pick(~felt)
-    if choice.far and guess is not None:
-        free = free.pick(~is_far(free, scene, shape, motion, guess, precision))
+    if choice.far:
+        free = _samples_in_reach(free, scene, shape, guess, precision)
     step = _steps(data, scene, pose, first, before, moving)
     pushing = everything.pick(felt) if choice.absent else everything
     hidden = hidden_samples(data, scene, pose)
-    if guess is not None:
-        hidden = hidden.pick(~is_far(hidden, scene, shape, motion, guess, precision))
+    hidden = _samples_in_reach(hidden, scene, shape, guess, precision)
     push = _pushes(data, p_wf, pushing, hidden, step, before)
     corner, lift, rest = _ground(scene, shape, motion, step, first, pose, guess)
-    gap = np.nonzero(first)[0][1:]
     return Window(
         motion=motion, finger=finger_of(scene), fingers=data.fingers,
         poses=int(pose[-1]) + 1, pose=pose,
         touch=everything.pick(felt), free=free, step=step,
-        gap=_gaps(data, pose, np.zeros(0, int) if coasts(scene) else gap),
+        gap=_gaps(data, scene, pose, first),
         push=push, unfelt=push.where(data.valid & ~data.contact),
         unseen=push.where(~data.valid),
-        corner=corner, lift=lift, rest=rest,
-        groups=_groups(len(step), push, corner),
+        corner=corner, lift=lift, rest=rest, groups=_groups(len(step), push, corner),
         frictionless=frictionless_contacts(scene) if choice.frictionless else (),
         sigma_position=precision.position, sigma_normal=precision.normal,
         outlier_cost=OUTLIER_COST, braking=friction_of(scene) * scene.gravity,
@@ -191,14 +188,16 @@ def frictionless_contacts(scene) -> tuple[str, ...]:
     return tuple(name for name, mu in of.items() if mu == 0)
 
 
-def is_far(free, scene, shape, motion, guess, precision) -> np.ndarray:
-    """Tell which free samples are too far from the guessed object to matter."""
+def _samples_in_reach(samples, scene, shape, guess, precision) -> Samples:
+    """Return the samples near the guessed object; all of them without a guess."""
+    if guess is None:
+        return samples
     theta, x = guess
-    reach = shape.reach(theta)
-    centre = x[:2, free.sample].T
-    away = np.linalg.norm(free.p_wf[:, :2] - centre, axis=1) - reach - free.radius
+    centre = x[:2, samples.sample].T
+    way = np.linalg.norm(samples.p_wf[:, :2] - centre, axis=1)
+    away = way - shape.reach(theta) - samples.radius
     away -= scene.finger_length / 2
-    return away > FAR + 10 * precision.position
+    return samples.pick(~(away > FAR + 10 * precision.position))
 
 
 def _steps(data, scene, pose, first, before, moving) -> Steps:
@@ -213,11 +212,12 @@ def _steps(data, scene, pose, first, before, moving) -> Steps:
     return Steps(samples, pose[samples], pose[one], pose[two], dt)
 
 
-def _gaps(data, pose, start) -> Steps:
-    """Return the gaps between actions that end at the samples `start`.
+def _gaps(data, scene, pose, first) -> Steps:
+    """Return the gaps between actions, none where the object coasts.
 
     Before each is the last step of the action before: how fast the object still is.
     """
+    start = np.zeros(0, int) if coasts(scene) else np.nonzero(first)[0][1:]
     last = start - 1
     early = np.maximum(last - 1, 0)
     early = np.where(data.action[early] == data.action[last], early, last)

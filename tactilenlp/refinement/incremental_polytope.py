@@ -129,7 +129,7 @@ def is_one_action_more(start, job: Job, page) -> bool:
 def past_solution(job: Job, page, start) -> Solved:
     """Return the estimate as a solved page."""
     job = replace(job, data=job.data.select(np.unique(start.measurements.action)))
-    window, problem, built = problem_at(job, page, start.origin)
+    problem, window, built = problem_at(job, page, start.origin)
     seconds = {"build": built, "solve": 0.0}
     solution = solution_of(start)
     solution = replace(solution, iterations=0, evaluations=0, seconds=seconds)

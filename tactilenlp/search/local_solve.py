@@ -110,7 +110,7 @@ def problem_for(job: Job, page):
 
 
 def problem_at(job, page, hypothesis):
-    """Return window and problem of a page at a hypothesis, and the seconds it took.
+    """Return problem and window of a page at a hypothesis, and the seconds it took.
 
     The window of a polytope depends on the hypothesis: which vertices a contact reads.
     """
@@ -118,7 +118,7 @@ def problem_at(job, page, hypothesis):
     window, shape = window_of(job, (hypothesis.theta, hypothesis.x))
     problem = job.new_problem(page, window)
     page.build(problem, window, job.scene, shape)
-    return window, problem, time.process_time() - began
+    return problem, window, time.process_time() - began
 
 
 def start_values(problem, window, h: Hypothesis) -> dict:
@@ -171,7 +171,7 @@ def solved_from(
     shared = {} if shared is None else shared
     hypothesis = in_motion_of(job, hypothesis)
     if not shared:
-        window, problem, built = problem_at(job, page, hypothesis)
+        problem, window, built = problem_at(job, page, hypothesis)
         shared.update(window=window, problem=problem, solvers={}, built=built)
     window, problem = shared["window"], shared["problem"]
     settings = settings_of(job, options)
@@ -210,7 +210,7 @@ def warm_started(
     start(known, window, problem): the Solution to start from.
     """
     hypothesis = known.hypothesis if hypothesis is None else hypothesis
-    window, problem, built = problem_at(job, page, hypothesis)
+    problem, window, built = problem_at(job, page, hypothesis)
     last = replace(page.LEVELS[-1], warm_start={"mu_init": mu_init})
     solution = solve_levels(problem, (last,), start(known, window, problem), settings)
     solution.seconds["build"] += built
@@ -276,7 +276,7 @@ def _rebuilt_for(job, page, solved, groups, options) -> Solved:
 def _rebuilt(job, page, solved, levels, options) -> Solved:
     """Go on from a solve through levels of the page, rebuilt where it ended."""
     h = with_vertices_on_hull(job.shape, solved.at)
-    window, problem, built = problem_at(job, page, h)
+    problem, window, built = problem_at(job, page, h)
     values, _, _ = transferred_values(solved, window, problem)
     kept = {name: v for name, v in values.items() if name not in RESTARTED}
     start = kept | start_values(problem, window, h)

@@ -161,15 +161,14 @@ def _compliance(feet, pushes, before, heading, mu_g):
     slow = moved <= SLOW
     squared_x = {k: (vx - k * y * turn) ** 2 for k in (1, -1)}
     squared_y = {k: (vy + k * x * turn) ** 2 for k in (1, -1)}
-    total, first, second = 0.0, 0.0, 0.0
-    for i in (1, -1):
-        for k in (1, -1):
-            way = np.sqrt(squared_x[k] + squared_y[i] + rounding)
-            share = np.maximum((load + i * tilt_x + k * tilt_y) / 4, LEAST_LOAD)
-            weight = mu_g * share / np.where(slow, START, way)
-            total = total + weight
-            first = first + i * weight
-            second = second + k * weight
+
+    def weight(i, k):
+        """Return w of the corner (i, k): its friction over the speed."""
+        way = np.sqrt(squared_x[k] + squared_y[i] + rounding)
+        share = np.maximum((load + i * tilt_x + k * tilt_y) / 4, LEAST_LOAD)
+        return mu_g * share / np.where(slow, START, way)
+
+    total, first, second = _corner_sums(weight)
     a, b = -y * second, x * first  # [0, 2] and [1, 2] of the matrix
     polar = (x**2 + y**2) * total + 1e-12
     i_22 = 1.0 / (polar - (a**2 + b**2) / total)
@@ -181,6 +180,16 @@ def _compliance(feet, pushes, before, heading, mu_g):
         return force[0] / total + g_x * turn, force[1] / total + g_y * turn, turn
 
     return compliance
+
+
+def _corner_sums(weight):
+    """Return the sums of w, of i w and of k w over the corners (i, k)."""
+    total, first, second = 0.0, 0.0, 0.0
+    for i in (1, -1):
+        for k in (1, -1):
+            w = weight(i, k)
+            total, first, second = total + w, first + i * w, second + k * w
+    return total, first, second
 
 
 def _dot(u, v):

@@ -1,4 +1,4 @@
-"""One action more for a polytope: its past is known, the rest is guessed and joined."""
+"""Incremental update of a polytope: an action is solved and joined to the past."""
 
 import logging
 from dataclasses import replace
@@ -15,7 +15,7 @@ from tactilenlp.common.deadline import NEVER
 from tactilenlp.interface.options import Options
 from tactilenlp.interface.request import make_job
 from tactilenlp.nlp.solution import costs_without_rounding
-from tactilenlp.refinement import incremental_polytope as hull_update
+from tactilenlp.refinement import incremental_polytope
 from tactilenlp.search.hypothesis import Hypothesis
 from tactilenlp.search.local_solve import Solved, best_first
 from tactilenlp.search.margins import UNTOUCHED_FACE
@@ -72,30 +72,38 @@ def test_a_touch_that_no_hull_explains_sends_the_whole_way(octahedron, early, ca
 
 @pytest.mark.slow
 def test_only_an_estimate_of_all_actions_but_one_is_extended(octahedron, early):
-    assert hull_update.is_one_action_more(early, job_of(octahedron, 4), PAGE)
-    assert not hull_update.is_one_action_more(early, job_of(octahedron, 5), PAGE)
-    assert not hull_update.is_one_action_more(early, job_of(octahedron, 3), PAGE)
-    assert not hull_update.is_one_action_more(None, job_of(octahedron, 4), PAGE)
+    assert incremental_polytope.is_one_action_more(early, job_of(octahedron, 4), PAGE)
+    assert not incremental_polytope.is_one_action_more(
+        early, job_of(octahedron, 5), PAGE
+    )
+    assert not incremental_polytope.is_one_action_more(
+        early, job_of(octahedron, 3), PAGE
+    )
+    assert not incremental_polytope.is_one_action_more(
+        None, job_of(octahedron, 4), PAGE
+    )
     failed = replace(early, success=False)
-    assert not hull_update.is_one_action_more(failed, job_of(octahedron, 4), PAGE)
+    assert not incremental_polytope.is_one_action_more(
+        failed, job_of(octahedron, 4), PAGE
+    )
 
 
 @pytest.mark.slow
 def test_the_past_is_posed_again_as_it_was_solved(octahedron, early):
-    past = hull_update.past_solution(
+    past = incremental_polytope.past_solution(
         replace(job_of(octahedron, 4), cuts=early.cuts), PAGE, early
     )
     x, data = past.problem.pack(early.unknowns), past.problem.data()
     for name, cost in costs_without_rounding(past.problem, x, data).items():
         # the sensors' noise is told from one action more
         assert cost == pytest.approx(early.costs[name], rel=1e-2, abs=1e-6), name
-    assert not hull_update.unexplained_touches(past)
-    assert not hull_update.implausible(past)
+    assert not incremental_polytope.unexplained_touches(past)
+    assert not incremental_polytope.implausible(past)
     x = past.solution.values["x"].copy()
     second = past.job.data.action[past.window.last] == early.measurements.action[-1]
-    x[0, second] += 2 * hull_update.jump_threshold(past.job.precision)
+    x[0, second] += 2 * incremental_polytope.jump_threshold(past.job.precision)
     values = {**past.solution.values, "x": x}
-    assert hull_update.implausible(
+    assert incremental_polytope.implausible(
         replace(past, solution=replace(past.solution, values=values))
     )
 
@@ -103,12 +111,16 @@ def test_the_past_is_posed_again_as_it_was_solved(octahedron, early):
 @pytest.mark.slow
 def test_the_window_of_an_action_is_that_of_its_samples(octahedron, early):
     job = job_of(octahedron, 4)
-    past = hull_update.past_solution(replace(job, cuts=early.cuts), PAGE, early)
+    past = incremental_polytope.past_solution(
+        replace(job, cuts=early.cuts), PAGE, early
+    )
     samples = past.at.x.shape[1]
     more = job.data.samples - samples
     x = np.hstack([past.at.x, np.repeat(past.at.x[:, -1:], more, axis=1)])
-    whole, _ = hull_update.window_of(job, (past.at.theta, x))
-    window = hull_update.of_action(whole, past.at, hull_update.past_information(early))
+    whole, _ = incremental_polytope.window_of(job, (past.at.theta, x))
+    window = incremental_polytope.of_action(
+        whole, past.at, incremental_polytope.past_information(early)
+    )
     for rows in (window.touch, window.free, window.step, window.push, window.gap):
         assert (rows.sample >= samples).all()
     assert (window.step.sample[window.push.step] == window.push.sample).all()
@@ -124,7 +136,7 @@ def test_the_window_of_an_action_is_that_of_its_samples(octahedron, early):
 def test_the_world_sees_the_same_motion_in_other_axes():
     rng = np.random.default_rng(0)
     h = Hypothesis(rng.normal(size=12), rng.normal(size=(3, 5)), 0.0, ("any",))
-    same, turn = hull_update.with_axes_of_ground(h)
+    same, turn = incremental_polytope.with_axes_of_ground(h)
     assert same.x[2, -1] == 0
     assert turn @ h.theta[:3] == pytest.approx(same.theta[:3])
     for k in range(5):
@@ -142,7 +154,7 @@ def test_other_legs_carry_the_same_force_and_moment():
     yaw, rng = np.array([0.3, -1.0]), np.random.default_rng(1)
     impulses = rng.normal(size=(3, 2, 3))
     impulses[0] = [[1.0, 0.5, 0.7], [0.4, 0.3, 0.6]]
-    found = hull_update.redistributed(old, legs, yaw, impulses)
+    found = incremental_polytope.redistributed(old, legs, yaw, impulses)
     for k, angle in enumerate(yaw):
         c, s = np.cos(angle), np.sin(angle)
         R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])

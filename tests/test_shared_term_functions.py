@@ -50,7 +50,7 @@ def problem_of(job, page):
     """Return the page's problem at a body that lies still."""
     theta = CUBE.ravel() if job.shape.name == "polytope" else np.full(3, 0.04)
     x = np.zeros((3 if job.reductions.planar else 6, job.data.samples))
-    return problem_at(job, page, Hypothesis(theta, x, np.inf, ()))[1]
+    return problem_at(job, page, Hypothesis(theta, x, np.inf, ()))[0]
 
 
 @pytest.mark.slow

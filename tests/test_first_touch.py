@@ -1,4 +1,4 @@
-"""The sweep: a finger looks for an object of which no one knows where it is."""
+"""First touch: sweep paths find an object of unknown position."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Maps of what may be learnt."""
+"""Maps of the expected information gain."""
 
 import matplotlib
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tactilenlp import choose_action, plot_gain
-from tactilenlp.plotting import gain_map as maps
+from tactilenlp.plotting import gain_map
 
 
 @pytest.fixture(autouse=True)
@@ -19,7 +19,7 @@ def closed():
 
 
 def test_the_map_of_gains_marks_the_chosen_action(estimate, monkeypatch):
-    monkeypatch.setattr(maps, "DIRECTIONS", (5, 3))
+    monkeypatch.setattr(gain_map, "DIRECTIONS", (5, 3))
     choice = choose_action(estimate, budget=20)
     figure = plot_gain(estimate, choice)
     sphere = figure.axes[0]
@@ -34,7 +34,7 @@ def test_the_map_of_gains_marks_the_chosen_action(estimate, monkeypatch):
 
 
 def test_the_map_is_drawn_into_one_axis_or_two(estimate, monkeypatch):
-    monkeypatch.setattr(maps, "DIRECTIONS", (3, 2))
+    monkeypatch.setattr(gain_map, "DIRECTIONS", (3, 2))
     choice = choose_action(estimate, budget=20)
     figure, axes = plt.subplots(1, 2)
     assert plot_gain(estimate, choice, axis=axes) is figure

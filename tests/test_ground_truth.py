@@ -1,4 +1,4 @@
-"""How far off an estimate is, told by worlds that know it, and by no others."""
+"""The error of an estimate, from the ground truth of worlds that have one."""
 
 from dataclasses import replace
 from types import SimpleNamespace

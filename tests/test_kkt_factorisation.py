@@ -1,4 +1,4 @@
-"""The factorised matrix of a solved programme."""
+"""The factorised KKT matrix of a solved problem."""
 
 import numpy as np
 import pytest

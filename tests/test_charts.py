@@ -1,4 +1,4 @@
-"""Curves add up to what the estimate says."""
+"""Charts of an estimate show its objective, impulses and errors."""
 
 from dataclasses import replace
 

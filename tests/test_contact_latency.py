@@ -1,4 +1,4 @@
-"""A finger that just left is felt longer than it touches."""
+"""Contact latency: a finger that just left still reports contact."""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""A kind is derived once, on a machine, and gives the same digits compiled or not."""
+"""A term function is derived once on a machine; compiled or not, its digits agree."""
 
 import os
 import pickle
@@ -30,7 +30,7 @@ def test_a_function_is_derived_once_however_often_and_wide_it_is_used(interprete
     assert interpreted.derived == 1
 
 
-def test_a_kind_is_derived_once_on_a_machine(monkeypatch, tmp_path):
+def test_a_term_function_is_derived_once_on_a_machine(monkeypatch, tmp_path):
     if compiler() is None:
         pytest.skip("no C compiler here")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
@@ -85,7 +85,7 @@ def test_terms_over_nothing_cost_nothing(interpreted):
     assert problem.rows == interpreted.derived == 0
 
 
-def test_compiled_kinds_and_the_virtual_machine_give_the_same_digits(request):
+def test_compiled_term_functions_and_the_virtual_machine_give_the_same_digits(request):
     if compiler() is None:
         pytest.skip("no C compiler here")
     fast = merged()
