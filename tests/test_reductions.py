@@ -15,7 +15,6 @@ from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.errors import MeasurementError
 from tactilenlp.evaluation.metrics import cuboid_errors
 from tactilenlp.nlp.ipopt import SolverOptions, solve, solve_levels
-from tactilenlp.nlp.kkt_sensitivity import newton_step
 from tactilenlp.problem.missing_samples import possible_contact
 from tactilenlp.problem.reductions import Reductions, may_move, reduce
 from tactilenlp.problem.static_friction import LONGEST_SLIP, slip_gains
@@ -216,22 +215,6 @@ def test_capsules_without_an_orientation_are_refused(recorded):
     data, scene, _ = recorded
     with pytest.raises(MeasurementError, match="finger_orientation"):
         solve_estimate(data, replace(scene, finger_length=0.03))
-
-
-def test_a_newton_step_tells_what_a_quadratic_would_gain():
-    H = np.diag([2.0, 8.0, 1.0])
-    problem = Problem()
-    z = problem.variable("z", 3, guess=0.0, unit="m", scale=[1.0, 0.1, 1.0])
-    problem.minimize("bowl", lambda z: z.T @ H @ (z - 2) / 2, z, role="prior")
-    problem.subject_to("plane", lambda z: z[0] - z[1], z, lower=0.5)
-    x, data, none = np.array([1.0, 0.5, 0.0]), problem.data(), np.zeros(3)
-    # The plane is active, the last unknown held: along (1, 1, 0) the slope is
-    # 2 (1 - 1) + 8 (0.5 - 1) = -4 and the curvature 10.
-    step = newton_step(problem, x, data, {"plane": -np.ones((1, 1))}, none, [2], [0, 2])
-    # The multiplier adds nothing along the plane.
-    assert step.step == pytest.approx([0.4, 0.4, 0.0], abs=1e-6)
-    assert step.decrement == pytest.approx(4.0**2 / 10 / 2, rel=1e-6)
-    assert step.shift[0] == pytest.approx(0.4 / np.sqrt(1 / 10), rel=1e-6)
 
 
 def test_a_sample_that_comes_twice_is_no_time_step(recorded):

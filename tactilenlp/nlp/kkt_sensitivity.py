@@ -23,7 +23,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from ..common.deadline import NEVER, Deadline
-from .kkt import factorise, gradient
+from .kkt import factorise
 
 AMBIGUOUS = 1e2  # [-] ratio of multiplier and slack up to which activity is ambiguous
 ACTIVE_PENALTY = 1e6  # [-] times A'A, against scaled Hessians whose entries are near 1
@@ -120,22 +120,13 @@ class KKTSystem:
 
 
 def kkt_system_of(problem, solution, deadline: Deadline = NEVER) -> KKTSystem:
-    """Return the KKT system of a problem at a solution of it."""
+    """Return the KKT system of a problem at a solution of it.
+
+    A strict deadline ends it between two constraints.
+    """
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
     bounds = problem.pack(solution.bound_multipliers)
-    given = problem, x, data, solution.multipliers, bounds
-    return kkt_system_at(*given, deadline=deadline)
-
-
-def kkt_system_at(
-    problem, x, data, multipliers, bounds, held=(), deadline: Deadline = NEVER
-) -> KKTSystem:
-    """Return the KKT system of a problem at x (unknowns,) SI.
-
-    multipliers: by constraint; bounds (unknowns,): multipliers of the bounds, SI; held:
-    indices of unknowns that do not move, in addition to those at active bounds; a
-    strict deadline ends it between two constraints.
-    """
+    multipliers = solution.multipliers
     deadline.check()
     hessians = {name: problem.hessian(name, x, data) for name in problem.costs}
     jacobians, numbers, active, ambiguous = [], [np.zeros(0, int)], {}, {}
@@ -149,7 +140,7 @@ def kkt_system_at(
         jacobians.append(problem.jacobian(name, x, data)[on])
         numbers.append(term.first_row + np.nonzero(on)[0])
         active[name], ambiguous[name] = int(on.sum()), int(unsure.sum())
-    fixed, unsure = _active_bounds(problem, x, bounds, held)
+    fixed, unsure = _active_bounds(problem, x, bounds)
     for name, variable in problem.variables.items():
         bound = f"bounds of {name}"
         active[bound] = int(fixed[variable.span].sum())
@@ -162,13 +153,11 @@ def kkt_system_at(
     )  # fmt: skip
 
 
-def _active_bounds(problem, x, multipliers, held) -> tuple[np.ndarray, np.ndarray]:
-    """Return masks (unknowns,) of the active or held bounds and the ambiguous ones."""
+def _active_bounds(problem, x, multipliers) -> tuple[np.ndarray, np.ndarray]:
+    """Return masks (unknowns,) of the active bounds and of the ambiguous ones."""
     lower, upper = problem.bounds("lower"), problem.bounds("upper")
     slack = np.minimum(x - lower, upper - x) / problem.scale
-    on, unsure = _classified(np.abs(multipliers) * problem.scale, slack)
-    on[list(held)] = True
-    return on, unsure
+    return _classified(np.abs(multipliers) * problem.scale, slack)
 
 
 def _scaled_rows(problem, jacobians, fixed) -> tuple[sp.csc_matrix, np.ndarray]:
@@ -185,41 +174,6 @@ def _classified(multiplier, slack) -> tuple[np.ndarray, np.ndarray]:
     on = multiplier > slack
     unsure = (multiplier > slack / AMBIGUOUS) & (multiplier < slack * AMBIGUOUS)
     return on, unsure
-
-
-@dataclass(frozen=True, eq=False)
-class NewtonStep:
-    """A step of Newton's method on the KKT system.
-
-    decrement [nats]: -g' step / 2, by which a quadratic objective would decrease; shift
-    (chosen,) [-]: change of the chosen unknowns in standard deviations, NaN where the
-    point is no minimum; step (unknowns,): change of all unknowns, SI.
-    """
-
-    decrement: float
-    shift: np.ndarray
-    step: np.ndarray
-
-
-def newton_step(problem, x, data, multipliers, bounds, held, chosen) -> NewtonStep:
-    """Return the Newton step of a problem at x (unknowns,) SI.
-
-    multipliers, bounds, held: as of `kkt_system_at`; chosen: indices of the unknowns
-    whose shift is returned.
-    """
-    system = kkt_system_at(problem, x, data, multipliers, bounds, held)
-    g = bounds + gradient(problem, x, data, multipliers)
-    g[system.fixed] = 0.0  # balanced by the multipliers of their bounds
-    g, n = problem.scale * g, problem.size
-    right = np.zeros((n + system.A.shape[0], 1 + len(chosen)))
-    right[:n, 0] = -g
-    right[chosen, 1 + np.arange(len(chosen))] = 1.0
-    answer = system.factors.solve(right)[:n]
-    variance = np.diag(answer[chosen, 1:]).copy()
-    variance[variance <= 0] = np.nan
-    step = answer[:, 0]
-    shift = step[chosen] / np.sqrt(variance)
-    return NewtonStep(float(-g @ step) / 2, shift, problem.scale * step)
 
 
 def _positive_definite(M) -> bool:

@@ -6,8 +6,7 @@ written out once at the solution, gives the certificates of far, absent and stil
 
 far     the free samples that were left out add nothing to the objective
 absent  the gradient by an impulse that was left out shows no descent
-still   without a ground: the Newton decrement and step of separate poses are small.
-        On a ground: static friction carries the body (static_friction.py).
+still   a body held at rest would gain little by slips (static_friction.py)
 planar  planar poses explain the touches: see outliers.py
 """
 
@@ -15,18 +14,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from ..nlp.kkt_sensitivity import newton_step
 from .outliers import PLANAR_LIMIT, evidence_against_planar, planar_share
-from .reductions import ARM, Reductions
+from .reductions import Reductions
 from .static_friction import rest_force
 from .unreduced import unreduced
 
 NEUTRAL = 1e-6  # [relative] an exact reduction moves the objective by less
-DECREMENT = 0.1  # [nats] a model reduction's Newton decrement stays below
-SHIFT = 0.1  # [sigma] and no size and no last pose moves further
-CUT = 0.1  # [-] of the longest step within a still span is worth a pose of its own
+DECREMENT = 0.1  # [nats] what is left out would lower the objective by less
 
 
 @dataclass(frozen=True)
@@ -74,15 +68,10 @@ def certify(job, page, solved) -> Certificates:
     if made.still or made.far or made.absent:
         whole = unreduced(job, page, solved)
         found += [far(solved, whole)] * made.far + [absent(solved, whole)] * made.absent
-        shared = made.still and len(solved.window.pose) > solved.window.poses
-        if shared and job.scene.ground is not None:
+        if made.still and len(solved.window.pose) > solved.window.poses:
             rest = rest_force(job.scene, solved, whole)
-            found.append(resting(solved, rest))
+            found.append(still(solved, rest))
             cuts = () if found[-1].holds else rest.slips
-        elif shared:
-            step = _step(solved, whole)
-            found.append(still(solved, step))
-            cuts = () if found[-1].holds else _cuts(solved.window, whole, step)
     if made.planar:
         found.append(planar_certificate(job, page, solved))
     found.append(frictionless(solved))
@@ -120,53 +109,8 @@ def absent(solved, whole) -> Skipped | None:
     )  # fmt: skip
 
 
-def still(solved, step) -> Skipped:
-    """Certify that separate poses would lower the objective little."""
-    window = solved.window
-    dropped = len(window.pose) - window.poses
-    shift = np.nanmax(np.abs(step.shift), initial=0.0)
-    worst = max(step.decrement / DECREMENT, shift / SHIFT)
-    holds = bool(0 <= worst <= 1)
-    return Skipped(
-        "still", f"{dropped} poses", "nothing touched or moved the object",
-        f"Newton decrement of separate poses {step.decrement:.2g} nats, shift "
-        f"{shift:.2g} sigma, in {DECREMENT} of either", worst, 1.0, holds,
-    )  # fmt: skip
-
-
-def _step(solved, whole):
-    """Return the Newton step of the unreduced problem, unfelt impulses fixed."""
-    problem = whole.problem
-    theta, x = problem.variables["theta"], problem.variables["x"]
-    chosen = np.r_[
-        np.arange(theta.span.start, theta.span.stop),
-        np.arange(x.span.stop - x.rows, x.span.stop),
-    ]
-    held = np.zeros(0, int)
-    if "finger" in problem.variables:
-        finger = problem.variables["finger"]
-        first = finger.span.start + finger.rows * whole.unfelt
-        held = (first[:, None] + np.arange(finger.rows)).ravel()
-    given = whole.multipliers, whole.bound_multipliers, held, chosen
-    return newton_step(problem, whole.x, whole.data, *given)
-
-
-def _cuts(window, whole, step) -> tuple[int, ...]:
-    """Return the samples at which still spans move most in the Newton step."""
-    x = whole.problem.variables["x"]
-    d = step.step[x.span].reshape(x.columns, x.rows)
-    turns = x.rows // 2 if x.rows > 3 else 2
-    way = np.hypot(
-        np.linalg.norm(np.diff(d[:, :turns], axis=0), axis=1),
-        ARM * np.linalg.norm(np.diff(d[:, turns:], axis=0), axis=1),
-    )
-    way = np.r_[0.0, np.where(np.diff(window.pose[whole.window.last]) == 0, way, 0.0)]
-    cut = whole.window.last[way > CUT * way.max()]
-    return tuple(cut.tolist())
-
-
-def resting(solved, rest) -> Skipped:
-    """Certify that static friction balances the forces on a body at rest."""
+def still(solved, rest) -> Skipped:
+    """Certify that a body at rest would gain little by slipping where it rests."""
     window = solved.window
     return Skipped(
         "still", f"{len(window.pose) - window.poses} poses",

@@ -8,7 +8,8 @@ L by
 
 with f = kappa mu of static friction and the curvature c of the costs.  (The Newton
 decrement of separate poses is of no use on a ground: pages round friction, so that a
-body creeps by up to a millimetre in a second where that gains a nat.)
+body creeps by up to a millimetre in a second where that gains a nat.)  Without a ground
+or friction f is small, and a slip may go any way.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from formulations.rigid_body import ARM
 from formulations.violation_implicit import WEIGHTS
 
 from ..geometry.transforms import is_planar, turning
@@ -26,6 +28,7 @@ MM_PER_M = 1e3  # a page weighs friction in nats per mm
 NEARLY_SLIPS = 0.5  # [-] of friction: such a span may slip when another one is cut
 LONGEST_SLIP = 1e-3  # [m] as far as a body at rest is let slip where nothing holds it
 MIN_SLIP_CURVATURE = 1e3  # [nats / m^2] softer than any touch: 1 / (30 mm)^2
+TURNS = np.full(3, ARM)  # [m] a radian of a floating body counts as this much way
 LEAST_ARM = 1e-3  # [m] of a body that rests on one point
 ON_ICE = 1.0  # [nats / m] least force: without friction a body at rest feels rounding
 
@@ -50,9 +53,12 @@ def rest_force(scene, solved, whole) -> RestForce:
     """
     v = whole.problem.variables["x"]
     slope = whole.whole_slope[v.span].reshape(v.columns, v.rows)
-    along = _along(whole.x[v.span].reshape(slope.shape).T)
+    x = whole.x[v.span].reshape(slope.shape).T
+    if scene.ground is None:  # it may move any way
+        along, arm = np.tile(np.eye(len(x)), (x.shape[1], 1, 1)), np.r_[1, 1, 1, TURNS]
+    else:
+        along, arm = _along(x), np.r_[1, 1, _lever_arm(solved, whole.window)]
     slope = np.einsum("tij,tj->ti", along, slope)[whole.window.pose]
-    arm = np.array([1, 1, _lever_arm(solved, whole.window)])
     friction, slips, share = _static_friction(scene, solved.solution), [], 0.0
     for rows in _spans(solved.window.pose):
         force = np.cumsum(slope[rows[:-1]], axis=0) / arm

@@ -24,9 +24,8 @@ LEFT_OUT = ("still", "far", "absent")
 class UnreducedProblem:
     """The unreduced problem at a reduced solution.
 
-    x (unknowns,) SI and data of `problem`; multipliers by constraint, bound_multipliers
-    (unknowns,) those of the bounds; far: rows of window.free, unfelt: rows of
-    window.push, that had been left out.
+    x (unknowns,) SI and data of `problem`; multipliers by constraint; far: rows of
+    window.free, unfelt: rows of window.push, that had been left out.
     """
 
     window: object
@@ -34,7 +33,6 @@ class UnreducedProblem:
     x: np.ndarray
     data: np.ndarray
     multipliers: dict[str, np.ndarray]
-    bound_multipliers: np.ndarray
     far: np.ndarray
     unfelt: np.ndarray
 
@@ -58,14 +56,13 @@ def unreduced(job, page, solved) -> UnreducedProblem:
     again, shape = window_of(more, (h.theta, h.x), solved.at.theta)
     problem = job.new_problem(page, again)
     page.build(problem, again, job.scene, shape)
-    values, bounds, multipliers = transferred_values(solved, again, problem)
+    values, _, multipliers = transferred_values(solved, again, problem)
     free = rows_of(samples_of(window.free), samples_of(again.free))
     unfelt = rows_of(samples_of(window.push), samples_of(again.push))
     return UnreducedProblem(
         window=again, problem=problem, x=problem.pack(values),
         data=problem.data(solution.parameters), multipliers=multipliers,
-        bound_multipliers=problem.pack(bounds), far=np.nonzero(free < 0)[0],
-        unfelt=np.nonzero(unfelt < 0)[0],
+        far=np.nonzero(free < 0)[0], unfelt=np.nonzero(unfelt < 0)[0],
     )  # fmt: skip
 
 
