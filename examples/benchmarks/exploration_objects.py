@@ -4,12 +4,13 @@ from itertools import product
 
 import numpy as np
 from chamfer import chamfer_code, chamfer_floor
+from monte_carlo import NOISE
 from scipy.spatial.transform import Rotation
 from trimesh import Trimesh
 from trimesh.convex import convex_hull
 from trimesh.transformations import quaternion_matrix, translation_matrix
 
-from tactilenlp import Guess, World
+from tactilenlp import Guess, Noise, World
 from tactilenlp.evaluation import metrics
 from tactilenlp.geometry.faces import polygons
 
@@ -46,14 +47,16 @@ def solid_of(number: int) -> np.ndarray:
     return points / np.linalg.norm(points[0])
 
 
-def world_of(trial: int, objects: str = "cuboid") -> World:
-    """Return the trial's object where it lies at first."""
+def world_of(trial: int, objects: str = "cuboid", noisy: bool = False) -> World:
+    """Return the trial's object where it lies at first; noisy: NOISE of the sensors."""
     rng = np.random.default_rng([SEED, trial])
     yaw, sizes = rng.uniform(0, 2 * np.pi), rng.uniform(*SIZES, 3)
     place = {
         "position": WITHIN * np.sqrt(rng.random()) * circle(rng),
         "quaternion": [np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)],
     }
+    if noisy:
+        place["noise"] = Noise(seed=trial, **NOISE)
     if objects == "cuboid":
         return World(sizes, **place)
     points = RADIUS * solid_of(trial)

@@ -2,7 +2,7 @@
 
     python examples/benchmarks/exploration_study.py folder [--trials 10]
         [--objects cuboid|polytope] [--actions 5]
-        [--policies eig random fisher farthest] [--starts ours paper]
+        [--policies eig random fisher farthest] [--starts ours paper] [--noise]
         [--executor processes|dask|mpi|none] [--address tcp://scheduler:8786]
 
 The objects are cuboids of 3 to 6 cm, or Platonic solids of 2 cm bounding radius that
@@ -12,7 +12,8 @@ fingers act five times, or eight times on a solid.  A trial has the same object,
 and first touch under every policy, so that policies are compared in pairs.  Every trial
 is saved in one file (study.py) when it is done; called again, the study resumes from
 it.  `ours` starts from the first touch, `paper` from a random guess of 1 to 3 cm
-(cuboids only).  The script writes trials.csv, and by exploration_report.py bch.png,
+(cuboids only).  --noise: sensors with 1 mm, 5 degrees and 1 % flipped booleans; the
+scene does not tell.  The script writes trials.csv, and by exploration_report.py bch.png,
 strip.png and table.txt.
 Dask and MPI are extras: pip install "tactilenlp[dask]" or "[mpi]".
 """
@@ -37,10 +38,11 @@ ACTIONS = {"cuboid": 5, "polytope": 8}  # of the paper, after the first touch
 
 
 def run(
-    trial: int, policy: str, start: str, actions: int, budget: int, objects="cuboid"
-) -> list[dict]:
+    trial: int, policy: str, start: str, actions: int, budget: int, objects="cuboid",
+    noisy=False,
+) -> list[dict]:  # fmt: skip
     """Return one row an action of a trial."""
-    world, rows = world_of(trial, objects), []
+    world, rows = world_of(trial, objects, noisy), []
     centre, guess = world.pose[:3], guess_of(trial, start)
     given = {"policy": policy, "actions": actions, "seed": trial, "budget": budget}
     about = {"trial": trial, "policy": policy, "start": start, "objects": objects}
@@ -84,6 +86,7 @@ def study(arguments) -> list[dict]:
     actions = ACTIONS[arguments.objects] if actions is None else actions
     rest = {"actions": actions, "budget": arguments.budget}
     rest |= {"objects": arguments.objects}
+    rest |= {"noisy": True} if arguments.noise else {}
     numbers = range(arguments.first, arguments.first + asked[0])
     cases = [(*case, *rest.values()) for case in product(numbers, *asked[1:])]
     others = (f"exploration_{name}.py" for name in ("objects", "report"))
@@ -118,6 +121,7 @@ def main() -> None:
     parser.add_argument("--budget", type=int, default=180)
     parser.add_argument("--policies", nargs="+", default=["eig", "random"])
     parser.add_argument("--starts", nargs="+", default=["ours"])
+    parser.add_argument("--noise", action="store_true", help="noisy sensors")
     add_executor(parser)
     arguments = parser.parse_args()
     if arguments.objects == "polytope" and "paper" in arguments.starts:
