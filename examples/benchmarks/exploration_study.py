@@ -13,8 +13,8 @@ and first touch under every policy, so that policies are compared in pairs.  Eve
 is saved in one file (study.py) when it is done; called again, the study resumes from
 it.  `ours` starts from the first touch, `paper` from a random guess of 1 to 3 cm
 (cuboids only).  --noise: sensors with 1 mm, 5 degrees and 1 % flipped booleans; the
-scene does not tell.  The script writes trials.csv, and by exploration_report.py bch.png,
-strip.png and table.txt.
+scene does not tell.  The script writes trials.csv, and by exploration_report.py
+bch.png, strip.png and table.txt.
 Dask and MPI are extras: pip install "tactilenlp[dask]" or "[mpi]".
 """
 
