@@ -9,14 +9,13 @@ r"""eq:loss_const with the physics as hard constraints: relaxed complementarity.
          (mu lam_n)^2 - |lam_t|^2      >= -APEX^2       friction cone
     over theta, x_k, lam_k, depth
 
-The balance is in balance.py.  Scholtes' relaxation: eps [weights mm] falls from level
-to level to EPS.  Eq:loss, the priors and the set of impulses are those of
-violation_implicit.py, where the same products are penalties.  In planar motion phi = 0
-of the ground holds by construction.
+The balance is in balance.py.  Scholtes' relaxation: eps [weights mm] falls by levels to
+EPS.  Eq:loss, priors and impulses are those of violation_implicit.py, where the same
+products are penalties.  In planar motion phi = 0 of the ground holds by construction.
 
 Departures:
   |v_s|   is rounded from below by V_EPS: sqrt(v^2 + V_EPS^2) - V_EPS
-  noise   of finger positions enters as it is: no constraint is relaxed for it
+  noise   of finger positions relaxes no constraint
 """
 
 from __future__ import annotations
@@ -35,14 +34,13 @@ from .violation_implicit import contacts_of, felt
 # Free motion and contacts without friction have not been tested.
 REDUCTIONS = {"planar": True, "frictionless": False}
 LEVELS = (
-    Level(
-        "impulses", {"eps": 10.0, "slack": 3.0}, ("theta", "x"), ipopt={"mu_init": 0.1}
-    ),
+    Level("impulses", {"eps": 10.0, "slack": 3.0}, ("theta", "x"),
+          ipopt={"mu_init": 0.1}),
     Level("loose", {"eps": 1.0, "slack": 0.3}, ipopt={"mu_init": 0.1}),
     Level("closer", {"eps": 0.1, "slack": 0.03}),
     Level("close", {"eps": 0.01, "slack": 0.003}),
     Level("tight", ipopt={"mu_init": 1e-3}),
-)
+)  # fmt: skip
 SLACK = 1e-4  # [weights] residual of a balance at the last level
 EPS = 1e-3  # [weights mm] of every relaxed product at the last level
 V_EPS = 3e-3  # [m/s] rounds the sliding speed, as in violation_implicit.py

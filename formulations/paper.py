@@ -25,9 +25,8 @@ Departures, all of them:
                      phi < 0 and by (2), negative down to lam_n |v_s| (|v_s| - mu)
   (4)                max(v_n, 0) rounded over v_eps: too large by v_eps / 2 at v_n = 0
                      and by less elsewhere
-  FC                 is (mu lam_n)^2 - |lam_t|^2 >= 0 with lam_n >= 0: the same set, but
-                     the gradient vanishes at the apex, where a multiplier need not
-                     exist; the first level opens the cone, the last one does not
+  FC                 is (mu lam_n)^2 - |lam_t|^2 >= 0 with lam_n >= 0: the same set, its
+                     gradient zero at the apex; only the first level opens the cone
   gap, n, theta      edges rounded, sizes bounded as on every page; (3) is exact
 """
 

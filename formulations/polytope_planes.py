@@ -12,8 +12,8 @@ r"""Poses and observed supporting planes: the path of a convex body of unknown s
 The cost of an instance of the first four lines is bounded (sensing.mixture).  Of the
 shape only convexity is assumed: a touch says that the body lies behind a plane
 n_i . q <= b_i through the contact point c_i = R'(r - p) - rho n_i.  Most successive
-touches of a finger are on one face (a link), some roll over an edge.  The last pose is
-held: the body's axes are the world's at the last sample, its origin on the ground.
+touches are on one face (a link).  The last pose is held: the body's axes are the
+world's at the last sample, its origin on the ground.
 """
 
 from __future__ import annotations
@@ -29,12 +29,10 @@ from .quasi_static import WAY_EPS, least_motion
 
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
-    Level(
-        "coarse",
-        {"touch scale": 1e-3, "normal scale": 0.2, "gap scale": 2e-3, "behind": 1e-3},
-    ),
+    Level("coarse", {"touch scale": 1e-3, "normal scale": 0.2, "gap scale": 2e-3,
+                     "behind": 1e-3}),
     Level("fine", ipopt={"mu_init": 1e-3}),
-)
+)  # fmt: skip
 
 TOUCH = 0.2e-3  # [m] deviation of a contact point from its plane
 NORMAL = 0.02  # [rad] deviation of a measured normal from that of its plane

@@ -39,36 +39,25 @@ from __future__ import annotations
 
 from functools import partial
 
-from . import (
-    balance,
-    centre_of_mass,
-    finger_contact,
-    ground_contact,
-    indentation,
-    quasi_static,
-)
+from . import balance, centre_of_mass, finger_contact, ground_contact, indentation
 from .balance import Balance
 from .finger_contact import FingerContact
 from .finger_offset import displaced
 from .friction import Impulses, cone, friction, impulses
 from .ground_contact import GroundContact
 from .level import Level
+from .quasi_static import sense as sense_quasi_static
 from .rigid_body import G
 
 FREED = ("rigid", "central", "planar", "level")  # undone where the data ask for it
 OFFSETS = True  # of fingers may be unknown
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
-    Level(
-        "impulses",
-        {"cone rounding": 0.01, "speed rounding": 6e-3},
-        fixed=("theta", "x"),
-        ipopt={"mu_init": 1e-1},
-    ),
-    Level(
-        "joint", ipopt={"mu_init": 1e-3, "max_iter": 400}, warm_start={"mu_init": 1e-5}
-    ),
-)
+    Level("impulses", {"cone rounding": 0.01, "speed rounding": 6e-3},
+          fixed=("theta", "x"), ipopt={"mu_init": 1e-1}),
+    Level("joint", ipopt={"mu_init": 1e-3, "max_iter": 400},
+          warm_start={"mu_init": 1e-5}),
+)  # fmt: skip
 ROUGH = (  # from guessed poses, which are centimetres off where the object tumbles
     LEVELS[0],
     Level("loose", {"touch scale": 2e-3, "normal scale": 0.2, "gap scale": 5e-3,
@@ -80,7 +69,7 @@ ROUGH = (  # from guessed poses, which are centimetres off where the object tumb
 
 TOUCH = 0.15e-3  # [m] model error of a touched gap: soft contact, rounded edges
 NORMAL = 0.010  # [rad] model error of a normal, likewise
-COASTING = partial(quasi_static.sense, coasts=True)  # poses tell the object's speed
+COASTING = partial(sense_quasi_static, coasts=True)  # poses tell the object's speed
 WEIGHTS = {  # parameters, each with its unit
     "kappa": (5.0, "nats/mm"),  # for an energy that lifts the object by 1 mm
     "speed rounding": (3e-3, "m/s"),  # v_eps, of |v_s|: 0.1 mm in a step of 1/30 s
