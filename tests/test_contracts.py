@@ -78,3 +78,22 @@ def test_the_machine_knows_no_tactile_word(path):
     known = [word.replace("tactilenlp", "").replace("TACTILENLP", "")
              for word in words(path)]  # fmt: skip
     assert [word for word in known if TACTILE.search(word.lower())] == []
+
+
+PACKAGES = sorted(path.parent for path in (ROOT / "tactilenlp").rglob("__init__.py"))
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.name)
+def test_a_package_has_at_most_twelve_modules_of_at_most_300_lines(package):
+    modules = [path for path in package.glob("*.py") if path.name != "__init__.py"]
+    assert len(modules) <= 12
+    for path in modules:
+        assert len(path.read_text().splitlines()) <= 300, path.name
+
+
+def test_a_page_has_at_most_150_lines():
+    """A page is a whole problem: it states `build` and LEVELS."""
+    for path in (ROOT / "formulations").glob("*.py"):
+        text = path.read_text()
+        if "\ndef build(" in text and "\nLEVELS" in text:
+            assert len(text.splitlines()) <= 150, path.name
