@@ -52,7 +52,7 @@ def asked(folder, executor="none", **changes):
         "folder": folder, "trials": 4, "first": 0, "actions": 2, "budget": 9,
         "workers": 2,
         "policies": ["eig", "random"], "starts": ["ours"], "address": None,
-        "objects": "cuboid",
+        "objects": "cuboid", "noise": False,
     }  # fmt: skip
     return Namespace(**given | {"executor": executor} | changes)
 

@@ -167,7 +167,9 @@ def test_a_small_study_writes_its_tables_and_picture(foreign, tmp_path, monkeypa
     assert names <= {path.name for path in tmp_path.iterdir()}
     lines = (tmp_path / "foreign.csv").read_text().splitlines()
     assert len(lines) == 1 + 3
-    rows = foreign.run_study(tmp_path / "foreign.jsonl", "foreign", None, CELLS)
+    from study import run_study
+
+    rows = run_study(tmp_path / "foreign.jsonl", "foreign", None, CELLS)
     for found in rows:  # a box that fingers slid over a level ground
         assert found["refused"] == ""
         assert found["verdict"] == "good"
