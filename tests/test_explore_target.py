@@ -80,3 +80,13 @@ def test_an_estimate_on_a_ground_that_leans_is_of_the_scene_that_was_told(estima
     other = {"scene": replace(told, mass=2 * told.mass)}
     with pytest.raises(StartError, match="another scene"):
         check_same(leaning, estimate.measurements, other, "file")
+
+
+def test_an_estimate_that_the_time_limit_ended_first_is_explored_on(estimate):
+    """It has the name of the search's page, since its own was not solved."""
+    asked = {"formulation": "violation_implicit"}
+    ended = replace(estimate, formulation="quasi_static", success=False)
+    check_same(ended, estimate.measurements, asked, "file")
+    other = replace(estimate, formulation="quasi_static")
+    with pytest.raises(StartError, match="another formulation"):
+        check_same(other, estimate.measurements, asked, "file")

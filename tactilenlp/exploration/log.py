@@ -166,9 +166,12 @@ def load_or_new(file) -> Exploration:
 def check_same(estimate: Estimate, data: Measurements, asked: dict, file) -> None:
     """Raise StartError unless a saved estimate is of these data and settings.
 
-    asked: the required scene, shape (one of a tuple) and formulation, by name.
+    asked: the required scene, shape (one of a tuple) and formulation, by name.  The
+    page of an estimate that the time limit ended first was not solved.
     """
     for name, value in {"measurements": data, **asked}.items():
+        if name == "formulation" and not estimate.success:
+            continue
         kept = estimate.scene.as_told if name == "scene" else getattr(estimate, name)
         if kept not in value if name == "shape" else kept != value:
             raise StartError(
