@@ -9,7 +9,7 @@ from formulations import violation_implicit as page
 from formulations.shape import CUBOID
 from tactilenlp import Options, solve_estimate
 from tactilenlp.interface.request import make_job
-from tactilenlp.problem import certificates, static_friction
+from tactilenlp.problem import static_friction
 from tactilenlp.refinement.certification import certified
 from tactilenlp.search.local_solve import settings_of, solved_from, warm_started
 
@@ -67,18 +67,11 @@ def test_still_spans_that_are_doubted_get_poses_of_their_own_where_they_would_mo
     data = data.select(range(3))
     merged = solve_estimate(data, scene)
     apart = solve_estimate(data, scene, options=Options(reduce="still"))
-
-    def still(estimate):
-        return next(s for s in estimate.skipped if s.name == "still")
-
-    assert still(merged).value == 0.0  # static friction holds the body
-    assert still(merged).holds
-    # Without friction it would slip a little, by less than what counts.
-    monkeypatch.setattr(static_friction, "MM_PER_M", 0.0)
-    loose = still(solve_estimate(data, scene))
-    assert 0 < loose.value <= certificates.DECREMENT
-    assert loose.holds
-    monkeypatch.setattr(certificates, "DECREMENT", 0.8 * loose.value)
+    still = next(s for s in merged.skipped if s.name == "still")
+    assert 0 < still.value <= 1
+    assert still.holds
+    less = 0.8 * still.value * static_friction.MM_PER_M
+    monkeypatch.setattr(static_friction, "MM_PER_M", less)
     cut = solve_estimate(data, scene)
     poses = [len(e.unknowns["x"][0]) for e in (merged, cut, apart)]
     assert poses[0] < poses[1] <= poses[2]

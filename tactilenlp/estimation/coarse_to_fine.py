@@ -10,6 +10,7 @@ iterations (100 Hz: 118 to 34 CPU s, `foreign.py`, boxes 40 to 43).
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -18,11 +19,11 @@ from ..errors import NoContactError
 from ..geometry.transforms import is_planar
 from ..interface.request import Request, check_touched
 from ..interface.result import Estimate
-from ..refinement.certification import certified
+from ..problem.certificates import Certificates, certify
 from ..refinement.ground_tilt import on_ground
 from ..refinement.model_selection import NUISANCES
 from ..search.hypothesis import Hypothesis, Job, distinct
-from ..search.local_solve import best_first
+from ..search.local_solve import Solved, best_first
 from ..search.margins import LEAST_MOTION_BEHIND
 from ..search.multistart import multistart
 from ..tracking.tracking import stride_of, tracked_samples
@@ -36,7 +37,7 @@ from .optima import (
 )
 
 TIME_SHARE = 0.6  # [-] of a time limit, of the lower rate: it took 0.5 to 0.8 of all
-SELECTED = (*NUISANCES, "planar")  # reductions that are selected at the lower rate
+SELECTED = (*NUISANCES, "planar", "still")  # reductions selected at the lower rate
 
 
 def coarse_rows(request: Request) -> np.ndarray | None:
@@ -83,7 +84,8 @@ def optima_of_dense(request: Request, rows, so_far: SoFar) -> Optima:
     solved = best_first(solved)
     if not solved:
         return Optima(job, None, [], kept, starts, coarse.searched)
-    best, solved = certified_best(dense, job, solved, certified)
+    check = partial(_certified, known)
+    best, solved = certified_best(dense, job, solved, check)
     best = replace(best, declined=known.declined, profile=known.profile)
     return Optima(job, best, solved, kept, starts, coarse.searched)
 
@@ -129,6 +131,18 @@ def interpolated(h: Hypothesis, data: Measurements, rows) -> Hypothesis:
 def at_coarse_rows(h: Hypothesis, rows) -> Hypothesis:
     """Return a hypothesis of the first actions at those of the rows that it has."""
     return replace(h, x=h.x[:, rows[rows < h.x.shape[1]]])
+
+
+def _certified(coarse: Solved, job, page, solved, options) -> Solved:
+    """Return a solve at all samples with its certificates.
+
+    Rest is certified at the lower rate: at the full one, what the balance of the first
+    moving step leaves is a large force on the pose before.
+    """
+    found = certify(job, page, solved)
+    known = {s.name: s for s in coarse.certificates.skipped}
+    skipped = (known.get("still", s) if s.name == "still" else s for s in found.skipped)
+    return replace(solved, certificates=Certificates(tuple(skipped)))
 
 
 def _at_rows(data: Measurements, rows) -> Measurements:

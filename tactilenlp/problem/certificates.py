@@ -6,7 +6,8 @@ written out once at the solution, gives the certificates of far, absent and stil
 
 far     the free samples that were left out add nothing to the objective
 absent  the gradient by an impulse that was left out shows no descent
-still   a body held at rest would gain little by slips (static_friction.py)
+still   on a ground static friction balances the forces on a body at rest; without one
+        slips would gain little (static_friction.py)
 planar  planar poses explain the touches: see outliers.py
 """
 
@@ -110,13 +111,17 @@ def absent(solved, whole) -> Skipped | None:
 
 
 def still(solved, rest) -> Skipped:
-    """Certify that a body at rest would gain little by slipping where it rests."""
-    window = solved.window
+    """Certify that friction, or the absence of forces, keeps a body at rest."""
+    window, ground = solved.window, solved.job.scene.ground
+    check, value, limit = (
+        ("slips would lower the objective by [nats]", rest.gain, DECREMENT)
+        if ground is None
+        else ("largest force on a body at rest, as a share of static friction",
+              rest.share, 1.0)
+    )  # fmt: skip
     return Skipped(
         "still", f"{len(window.pose) - window.poses} poses",
-        f"nothing touched or moved the object; forces reach {rest.share:.2g} of static "
-        "friction", "slipping would lower the objective by [nats]", rest.gain,
-        DECREMENT, rest.gain <= DECREMENT,
+        "nothing touched or moved the object", check, value, limit, value <= limit,
     )  # fmt: skip
 
 

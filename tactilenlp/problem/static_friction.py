@@ -1,15 +1,15 @@
 """Static friction: what carries a body at rest, and what a slip would gain.
 
 For sample k of a still span F_k = sum_{j<=k} dL/dx_j [nats / m] is the force that would
-move the body there, L the objective with a pose for every sample.  A slip of s changes
-L by
+move the body there, L the objective with a pose for every sample.  On a ground it must
+not exceed f = kappa mu of static friction.  (The Newton decrement of separate poses is
+of no use there: pages round friction, so that poses creep.)  A slip of s changes L by
 
     -(|F_k| - f) s + c s^2 / 2
 
-with f = kappa mu of static friction and the curvature c of the costs.  (The Newton
-decrement of separate poses is of no use on a ground: pages round friction, so that a
-body creeps by up to a millimetre in a second where that gains a nat.)  Without a ground
-or friction f is small, and a slip may go any way.
+with the curvature c of the costs.  Without a ground f is small, a slip may go any way,
+and this gain counts.  On a ground it does not: certified by it, bodies that had moved
+between actions were held where 5 nats spoke against it, their paths 9 sigma off.
 """
 
 from __future__ import annotations
