@@ -63,13 +63,18 @@ class Certificates:
         return tuple(s.name for s in self.skipped if not s.holds)
 
 
-def certify(job, page, solved) -> Certificates:
-    """Return the reductions of a solved page, each with its certificate."""
+def certify(job, page, solved, rested: Skipped | None = None) -> Certificates:
+    """Return the reductions of a solved page, each with its certificate.
+
+    rested: that of the still spans, where it is known.
+    """
     made, found, cuts = job.reductions, [], ()
     if made.still or made.far or made.absent:
         whole = unreduced(job, page, solved)
         found += [far(solved, whole)] * made.far + [absent(solved, whole)] * made.absent
-        if made.still and len(solved.window.pose) > solved.window.poses:
+        if rested is not None:
+            found.append(rested)
+        elif made.still and len(solved.window.pose) > solved.window.poses:
             rest = rest_force(job.scene, solved, whole)
             found.append(still(solved, rest))
             cuts = () if found[-1].holds else rest.slips

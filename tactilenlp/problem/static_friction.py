@@ -37,8 +37,8 @@ ON_ICE = 1.0  # [nats / m] least force: without friction a body at rest feels ro
 class RestForce:
     """Forces on the still spans: the largest as a share of static friction [-].
 
-    gain [nats]: by which slips would lower the objective; slips: the sample of the
-    largest force in each span where it exceeds NEARLY_SLIPS.
+    gain [nats]: by which slips would lower the objective without a ground, else 0;
+    slips: the sample of the largest force in each span where it exceeds NEARLY_SLIPS.
     """
 
     share: float
@@ -70,9 +70,11 @@ def rest_force(scene, solved, whole) -> RestForce:
     if not slips:
         return RestForce(share, 0.0, ())
     force, moved, directions = zip(*slips, strict=True)
-    curvature = _curvatures(whole, along, moved, directions)
-    gain = float(slip_gains(np.array(force) - friction, curvature).sum())
-    return RestForce(share, gain, tuple(int(rows[-1]) + 1 for rows in moved))
+    cuts, gain = tuple(int(rows[-1]) + 1 for rows in moved), 0.0
+    if scene.ground is None:
+        curvature = _curvatures(whole, along, moved, directions)
+        gain = float(slip_gains(np.array(force) - friction, curvature).sum())
+    return RestForce(share, gain, cuts)
 
 
 def _spans(pose) -> list[np.ndarray]:
