@@ -3,7 +3,7 @@ r"""Poses and shape with minimal motion, no impulses: the cheap first stage.
     min  sum_touch  touch(phi), |n - n_m|^2 / (2 sigma_n^2)          (likelihood.py)
        + sum_free   log(1 + exp(-alpha phi))                         (likelihood.py)
        + sum_gaps   2 log(1 + way^2 / gap^2)                    (between_actions.py)
-       + sum_sizes  2 log(1 + ((theta - mean) / deviation)^2 / 4)       (size prior)
+       + (3 + n) / 2 log(1 + |(theta - mean) / deviation|^2 / (3 + n))  (size_prior.py)
        + sum_steps  weight (sqrt(way^2 + WAY_EPS^2) - WAY_EPS)        (least motion)
     over theta, x_k
 
@@ -14,13 +14,16 @@ must.
 
 from __future__ import annotations
 
+from functools import partial
+
 import casadi as ca
 
-from . import between_actions, likelihood, sensing
+from . import between_actions, likelihood
 from .between_actions import way_squared
 from .finger_offset import displaced
 from .indentation import NONE
 from .level import Level
+from .size_prior import size_cost
 
 OFFSETS = True  # of fingers may be unknown
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
@@ -60,17 +63,11 @@ def sense(
     indentation: Rigid or Soft, of every felt finger (indentation.py);
     coasts: whether poses tell how fast the object is when an action ends.
     """
-    mean, deviation = map(ca.DM, shape.size_prior)
     theta, x = likelihood.declare(nlp, window, shape)
     likelihood.add(nlp, window, shape, (theta, theta), x, touch, normal, indentation)
     link = between_actions.coasting if coasts else between_actions.fixed
     link(nlp, window, shape, theta, x)
-    nlp.minimize(
-        "size prior",
-        lambda theta: ca.sum1(sensing.heavy_tailed((theta - mean) / deviation)),
-        theta,
-        role="prior",
-    )
+    nlp.minimize("size prior", partial(size_cost, shape), theta, role="prior")
     return theta, x
 
 

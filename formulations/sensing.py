@@ -41,15 +41,6 @@ def normal(n, n_m, sigma):
     return ca.sumsqr(n_m - n) / (2 * sigma**2)
 
 
-def heavy_tailed(z):
-    """Return 2 log(1 + z^2 / 4): z^2 / 2 near zero, then ever flatter.
-
-    Student's t of three degrees of freedom, z in its deviations as its mode's curvature
-    has them: what is ten deviations off is rare, not impossible.
-    """
-    return 2 * ca.log1p(z**2 / 4)
-
-
 def mixture(cost, outlier_cost):
     """Return -log((exp(-cost) + exp(-outlier_cost)) / (1 + exp(-outlier_cost))).
 

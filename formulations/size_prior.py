@@ -1,41 +1,52 @@
-r"""Prior of sizes: Student's t of three degrees of freedom, for every entry of theta.
+r"""Prior of sizes: multivariate Student's t of three degrees of freedom.
 
-    p(theta) = prod_i 1 / (pi s_i (1 + z_i^2 / 4)^2 P_i),   z_i = (theta_i - m_i) / s_i
+    p(theta) = C / (1 + |z|^2 / (3 + n))^((3 + n) / 2) / P,  z_i = (theta_i - m_i) / s_i
 
-with mean m and deviation s of `Shape.size_prior`, and P the probability between the
-`bounds`.  A page's cost is -log p up to a constant, 2 log(1 + z^2 / 4): the mode's
-curvature is that of a Gaussian of deviation s, and what is ten deviations off is rare,
-not impossible.  Evidences of classes of shapes are compared with the constant, which
-has the units of 1 / theta.
+with mean m and deviation s of `Shape.size_prior`, n sizes, and P the probability
+between the `bounds`.  A page's cost is -log p up to a constant,
+
+    (3 + n) / 2 log(1 + |z|^2 / (3 + n)):
+
+the mode's curvature is that of Gaussians of deviations s, and what is ten deviations
+off is rare, not impossible.  All sizes of a body have one scale: where some are far
+from the mean, the others may be, since t is a Gaussian with a deviation s sqrt(w) of
+which only
+
+    w = (3 + n) / (3 u),   u ~ chi^2_3 / 3
+
+is known.  Evidences of classes of shapes are compared with the constant, which has the
+units of 1 / theta^n.
 """
 
 from __future__ import annotations
 
-from math import atan, pi
+from math import erf, exp, lgamma, log, pi, prod, sqrt
 
 import casadi as ca
 
-from .sensing import heavy_tailed
+FREEDOM = 3  # degrees of freedom
+NODES, FAR = 400, 40.0  # midpoints up to chi^2 = FAR, of the probability within bounds
 
 
 def size_cost(shape, theta):
     """Return the cost [nats] of theta, zero at the mean of the prior."""
     mean, deviation = (entries(shape, pair) for pair in shape.size_prior)
-    return ca.sum1(heavy_tailed((theta - mean) / deviation))
+    total = FREEDOM + shape.theta
+    return total / 2 * ca.log1p(ca.sumsqr((theta - mean) / deviation) / total)
 
 
 def log_size_prior(shape, theta) -> float:
-    """Return log p(theta) [log of 1 / units], normalised within the bounds."""
-    cost = float(size_cost(shape, ca.DM(theta)))
+    """Return log p(theta) [log of 1 / units^n], normalised within the bounds."""
+    n, total = shape.theta, FREEDOM + shape.theta
+    constant = lgamma(total / 2) - lgamma(FREEDOM / 2) - n / 2 * log(total * pi)
     (low, high), (mean, deviation) = (
-        [ca.vertsplit(entries(shape, p)) for p in pair]
+        [[float(v) for v in ca.vertsplit(entries(shape, p))] for p in pair]
         for pair in (shape.bounds, shape.size_prior)
     )
-    for least, most, m, s in zip(low, high, mean, deviation, strict=True):
-        least, most, m, s = (float(v) for v in (least, most, m, s))
-        inside = _cumulative((most - m) / s) - _cumulative((least - m) / s)
-        cost += float(ca.log(pi * s * inside))
-    return -cost
+    sides = list(zip(low, high, mean, deviation, strict=True))
+    ends = [((least - m) / s, (most - m) / s) for least, most, m, s in sides]
+    constant -= sum(log(s) for s in deviation) + log(_within(ends))
+    return constant - float(size_cost(shape, ca.DM(theta)))
 
 
 def entries(shape, value):
@@ -44,6 +55,14 @@ def entries(shape, value):
     return ca.repmat(value, shape.theta, 1) if value.numel() == 1 else value
 
 
-def _cumulative(z: float) -> float:
-    """Return the cumulative probability of 1 / (pi (1 + z^2 / 4)^2)."""
-    return 0.5 + (atan(z / 2) + (z / 2) / (1 + z * z / 4)) / pi
+def _within(ends) -> float:
+    """Return the probability that all z_i are between their ends [deviations]."""
+    total, width = FREEDOM + len(ends), FAR / NODES
+    found = 0.0
+    for k in range(NODES):
+        chi = (k + 0.5) * width
+        density = sqrt(chi / (2 * pi)) * exp(-chi / 2)  # of chi^2_3
+        scale = sqrt(chi / total / 2)
+        inside = prod((erf(b * scale) - erf(a * scale)) / 2 for a, b in ends)
+        found += width * density * inside
+    return found

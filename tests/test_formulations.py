@@ -10,10 +10,11 @@ from programmes import SENSORS, cost, programme, true_values
 from scipy.spatial.transform import Rotation
 from solid import RHO
 
-from formulations import quasi_static, sensing, violation_implicit
+from formulations import quasi_static, violation_implicit
 from formulations.finger import capsule
 from formulations.rigid_body import FREE
 from formulations.shape import CUBOID
+from formulations.size_prior import size_cost
 from tactilenlp.data.measurements import Measurements
 from tactilenlp.data.scene import Scene
 from tactilenlp.nlp.ipopt import SolverOptions, solve, solve_levels
@@ -248,9 +249,23 @@ def raised(data):
 
 def test_a_size_ten_deviations_off_is_rare_but_not_impossible():
     z = ca.SX.sym("z")
-    cost = sensing.heavy_tailed(z)
+    mean, deviation = CUBOID.size_prior
+    cost = size_cost(CUBOID, mean + deviation * ca.vertcat(z, 0, 0))
     curve = ca.Function("curve", [z], [cost, ca.hessian(cost, z)[0]])
     assert [float(v) for v in curve(0)] == pytest.approx([0, 1])
     assert float(curve(0.5)[0]) == pytest.approx(0.5**2 / 2, rel=0.05)
-    assert float(curve(10)[0]) < 7  # nats, where a Gaussian asks for 50
+    assert float(curve(10)[0]) < 9  # nats, where a Gaussian asks for 50
     assert float(curve(-10)[0]) == pytest.approx(float(curve(10)[0]))
+
+
+def test_where_some_sizes_are_far_from_the_mean_the_others_may_be():
+    """Two sides of 125 mm: the price of a third one of 165 mm falls."""
+    mean, deviation = CUBOID.size_prior
+
+    def price(known):
+        cost = [size_cost(CUBOID, mean + deviation * ca.DM([known, known, z]))
+                for z in (0, 6)]  # fmt: skip
+        return float(cost[1] - cost[0])
+
+    assert price(0) == pytest.approx(3 * np.log(7))
+    assert price(4) == pytest.approx(3 * np.log((1 + 68 / 6) / (1 + 32 / 6)))

@@ -6,7 +6,6 @@ import casadi as ca
 import numpy as np
 import pytest
 import trimesh
-from scipy.integrate import quad
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
@@ -213,12 +212,17 @@ def test_a_ball_that_rolls_does_not_slide_on_the_ground():
 
 @pytest.mark.parametrize("shape", [CUBOID, CYLINDER, ELLIPSOID], ids=lambda s: s.name)
 def test_the_prior_of_sizes_integrates_to_one(shape):
-    mean, n = 0.045, shape.theta
-    base = log_size_prior(shape, [mean] * n)
-
-    def density(size):  # the entries are independent: one at a time
-        others = [mean] * (n - 1)
-        return np.exp(log_size_prior(shape, [size, *others]) - base * (n - 1) / n)
-
-    whole, _ = quad(density, *shape.bounds, points=[0.02, 0.045, 0.08])
-    assert whole == pytest.approx(1, abs=1e-6)
+    n, (low, high) = shape.theta, shape.bounds
+    mean, deviation = shape.size_prior
+    z, weight = np.polynomial.legendre.leggauss(80)  # of theta, over its bounds
+    z = ((low + high) / 2 + (high - low) / 2 * z - mean) / deviation
+    square = np.sum(np.meshgrid(*[z**2] * n), axis=0)
+    density = np.exp(log_size_prior(shape, [mean] * n)) * (1 + square / (3 + n)) ** (
+        -(3 + n) / 2
+    )
+    for _ in range(n):
+        density = density @ weight * (high - low) / 2
+    assert density == pytest.approx(1, abs=1e-3)
+    far = [mean + 5 * deviation, *[mean] * (n - 1)]
+    odds = log_size_prior(shape, [mean] * n) - log_size_prior(shape, far)
+    assert odds == pytest.approx((3 + n) / 2 * np.log(1 + 25 / (3 + n)))

@@ -10,7 +10,13 @@ objective has risen by PROFILE_RISE,
 
 as of a Gaussian with the same likelihood ratio; the other sizes and the final pose
 change as they do in that solve.  Where L is lower than at s_0, a better optimum is
-near.
+near.  Where sigma is a large share of that of the prior, no solve follows: L is the
+prior's, exact, and a straight line (`_by_prior`).  It is at most
+
+    sigma sqrt(1 + |z|^2 / (3 + n)),
+
+the deviation of the Gaussian that the prior is at n sizes z from its mean: the weight
+of Student's t in least squares (size_prior.py).
 
 A final pose that a body slid and turned to is determined by cones and sliding as well.
 Of its coordinates the one along the ground that is known least is held elsewhere, in
@@ -19,12 +25,14 @@ both directions.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from formulations.rigid_body import PLANAR
+from formulations.size_prior import FREEDOM, size_cost
 
 from ..information.information import LEAST_SIGMA
 from ..information.measurement_noise import KNOWN_FACE
@@ -45,6 +53,7 @@ MAX_STEP_GROWTH = 10.0  # [-] from step to step
 # PROFILE_RISE took 30 more solves.
 PLATEAU_GROWTH = 1.5
 ENDED = 0.99  # [-] of the rise at which a profile ends
+STEPS_BY_PRIOR = 32  # at which the prior is evaluated
 PROFILE_MU = 1e-2  # IPOPT's mu_init where a size is held elsewhere
 PROFILE_ITERATIONS = 300  # of one such solve: a height on a plateau took 222
 
@@ -70,6 +79,7 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
         if touched.min() < KNOWN_FACE or known[axis] >= faces_sigma(job, touched)
     }  # fmt: skip
     elsewhere = partial(_constrained, job, page, solved, options, {}, chosen)
+    prior = prior_deviations(job.shape, solved.at.theta)
     asked, along = [*open_sizes], n + int(np.argmax(known[n : n + 2]))
     if known[along] < KNOWN_POSITION:
         asked.append(along)
@@ -77,9 +87,11 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
         profile[along] = by_gradient[chosen, along] / known[along]
     for axis in asked:
         direction = by_gradient[:, axis] / max(known[axis], LEAST_SIGMA)
-        touched, prior = open_sizes.get(axis), job.shape.size_prior[1]
-        given = solved.at, prior, axis, direction, direction[chosen], touched
-        profile[axis], better = deviation_along(elsewhere, *given)
+        touched = open_sizes.get(axis)
+        widest = job.shape.size_prior[1] if touched is None else prior[axis]
+        given = solved.at, widest, axis, direction, direction[chosen], touched
+        cost = None if touched is None else prior_cost(job.shape, solved.at, axis)
+        profile[axis], better = deviation_along(elsewhere, *given, cost)
         if better is not None:
             return profile, better
     return profile, None
@@ -93,16 +105,35 @@ def faces_sigma(job, touched) -> float:
     )
 
 
-def deviation_along(elsewhere, at, prior, axis: int, direction, off, touched):
+def prior_deviations(shape, theta) -> np.ndarray:
+    """Return the deviations (n,) of the prior at sizes theta (n,), as of a Gaussian."""
+    mean, deviation = (np.broadcast_to(v, shape.theta) for v in shape.size_prior)
+    square = np.sum(((theta - mean) / deviation) ** 2)
+    return deviation * np.sqrt(1 + square / (FREEDOM + shape.theta))
+
+
+def prior_cost(shape, at: Hypothesis, axis: int) -> Callable:
+    """Return what a change [m] of one size adds to the cost of the prior [nats]."""
+
+    def added(change: float) -> float:
+        changed = at.theta + change * (np.arange(shape.theta) == axis)
+        return float(size_cost(shape, changed) - size_cost(shape, at.theta))
+
+    return added
+
+
+def deviation_along(
+    elsewhere, at, prior, axis: int, direction, off, touched, cost=None
+):
     """Return by how much sizes and final pose are off (k,) where one of them is.
 
     elsewhere(axis, direction, touched, step): the hypothesis `at` with that one held
     `step` off, or None. prior [m]: the most that it may be off; direction, off: what
     all unknowns, and sizes and final pose (k,), do by the Hessian where it is off by a
-    deviation, SI;
-    touched (2,): samples on both faces of a size, None of a pose. The Hessian's
-    deviation is kept where it is large, where there is no profile, and of an untouched
-    size or a pose where it is the larger one. And a better hypothesis, or None.
+    deviation, SI; touched (2,): samples on both faces of a size, None of a pose; cost(change [m]) of
+    a size: what the prior adds [nats], if it is known. The Hessian's deviation is kept
+    where it is large, where there is no profile, and of an untouched size or a pose
+    where it is the larger one. And a better hypothesis, or None.
 
     A larger body is the flatter side: what lies behind a touched face contradicts no
     finger. A smaller one is solved where a larger one gives no result; of a pose both
@@ -118,7 +149,9 @@ def deviation_along(elsewhere, at, prior, axis: int, direction, off, touched):
         claim = abs((off if widest is None else widest)[axis])
         # Where a Gaussian costs twice as much as is enough; most cost half as much.
         first = max(min(np.sqrt(4 * enough) * known, VAGUE_SHARE * prior), FIRST_STEP)
-        found, better = _one_direction(there, at, axis, first, claim, prior, enough)
+        given = at, axis, first, claim, prior, enough
+        by_prior = None if cost is None else (lambda step, way=way: cost(way * step))
+        found, better = _one_direction(there, *given, by_prior)
         if better is not None:
             return off, better
         both = [d for d in (widest, found) if d is not None]
@@ -130,14 +163,15 @@ def deviation_along(elsewhere, at, prior, axis: int, direction, off, touched):
     return widest, None
 
 
-def _one_direction(there, at, axis, step, claim, prior, enough):
+def _one_direction(there, at, axis, step, claim, prior, enough, cost):
     """Return the widest deviation (k,) in one direction, or None; and a better optimum.
 
     there(step): the hypothesis with that one held so far off [m], or None; claim [m]:
     the deviation so far; enough [nats]: the rise at which the profile ends; it also
-    ends beyond the distance at which that rise leaves a large deviation.
+    ends beyond the distance at which that rise leaves a large deviation, and goes on
+    with cost(step) of the prior, if it is known.
     """
-    found, least_growth = None, 1.0
+    found, last, least_growth = None, None, 1.0
     farthest = VAGUE_SHARE * prior * np.sqrt(2 * enough)
     while (claim if found is None else abs(found[axis])) < VAGUE_SHARE * prior:
         moved = there(step)
@@ -146,6 +180,7 @@ def _one_direction(there, at, axis, step, claim, prior, enough):
         price = moved.objective - at.objective
         if price < -BETTER_OPTIMUM:
             return None, moved
+        last = step, max(price, 0.0)
         deviation = min(step / np.sqrt(2 * max(price, ONE_SIGMA)), prior)
         if found is None or deviation > abs(found[axis]):
             found = (moved.end - at.end) * deviation / step
@@ -154,7 +189,22 @@ def _one_direction(there, at, axis, step, claim, prior, enough):
         growth = max(least_growth, enough / max(price, ONE_SIGMA))
         step = min(step * min(MAX_STEP_GROWTH, growth), farthest)
         least_growth = PLATEAU_GROWTH if price > ONE_SIGMA else 1.0
+    if found is not None and cost is not None:
+        deviation = min(_by_prior(*last, cost, prior, enough), prior)
+        found *= max(1.0, deviation / abs(found[axis]))
     return found, None
+
+
+def _by_prior(step, price, cost, prior, enough) -> float:
+    """Return the deviation [m] where a solve at `step` cost `price`, by farther steps.
+
+    The objective is that of the prior, cost(step), and a straight line for the rest.
+    """
+    slope = max(price - cost(step), 0.0) / step
+    farther = np.linspace(step, prior * np.sqrt(2 * enough), STEPS_BY_PRIOR)
+    rises = np.array([slope * d + cost(d) for d in farther])
+    deviations = farther / np.sqrt(2 * np.maximum(rises, ONE_SIGMA))
+    return float(deviations[rises <= enough].max(initial=0.0))
 
 
 def _constrained(
