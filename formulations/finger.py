@@ -76,6 +76,11 @@ def segment_core(half_length, shape, theta, pose, p_wf, rho):
     return c_wf + u * a_wf
 
 
+def known(normal):
+    """Return the measured normal: the sensor's orientation is known."""
+    return normal
+
+
 def unchanged(normal, p_wf):
     """Return the normal: the orientation of the finger is known."""
     return normal
@@ -108,7 +113,8 @@ class Finger:
     numbers: how many p_wf has; core(shape, theta, pose, p_wf, rho) -> (3,) [m] nearest
     point of the core, world frame; before(p_w, p_wf, p_wf_1) -> (3,) [m] where the
     finger's own point p_w was when the finger was at p_wf_1; felt(normal, p_wf) -> (3,)
-    the normal that the finger measures.
+    the normal that the finger measures; measured(told) -> (3,) the measured normal, of
+    what is told of it.
     """
 
     name: str
@@ -116,6 +122,7 @@ class Finger:
     core: Callable
     before: Callable
     felt: Callable = unchanged
+    measured: Callable = known
 
     def gap(self, shape, theta, pose, p_wf, rho):
         """Return the gap [m] between body and finger."""

@@ -61,7 +61,7 @@ def add(nlp, window, shape, theta, x, touch, normal, indentation):
         n = finger.felt(finger.normal(shape, theta, pose, p_wf, rho), p_wf)
         off = inside.widened(ca.hypot(sigma, latency))
         turned = ca.hypot(sigma_n, latency / rho)
-        cost = sensing.touch(phi, off) + sensing.normal(n, n_m, turned)
+        cost = sensing.touch(phi, off) + sensing.normal(n, finger.measured(n_m), turned)
         return sensing.mixture(cost, window.outlier_cost)
 
     def free(theta, x, p_wf, rho, alpha):

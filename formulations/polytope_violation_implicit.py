@@ -29,6 +29,7 @@ import casadi as ca
 
 from . import centre_of_mass
 from .balance import Balance
+from .finger_turn import turned
 from .level import Level
 from .polytope import inertia_about, whole_moments
 from .polytope_quasi_static import sense
@@ -36,7 +37,7 @@ from .rigid_body import Body
 from .violation_implicit import contacts_of, felt, impulses_of, physics
 
 EXTENDS = True  # an estimate is extended by one action: polytope_extension.py
-FREED = ("rigid", "central", "planar", "level")  # undone where the data ask for it
+FREED = ("rigid", "central", "aligned", "planar", "level")  # undone if data ask
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
     Level(
@@ -61,6 +62,7 @@ def build(nlp, window, scene, shape, sense=sense):
 
     sense: declares vertices and poses and adds what was felt and known of them.
     """
+    window = turned(nlp, window)
     w, pushes, corners = impulses_of(nlp, window, scene, shape, window.weight_share)
     theta, x = felt(nlp, window, scene, shape, pushes, sense)
     pushes = replace(pushes, theta=theta[:, window.near_push])

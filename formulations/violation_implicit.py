@@ -19,7 +19,7 @@ Departures from the printed equations:
                            opposes sliding
   indentation              felt fingers sit inside the surface, the deeper the harder
                            they press where fingertips are soft: see indentation.py
-  offset                   of a finger from its measured place: see finger_offset.py
+  offset, turn             of a finger, of its normals: finger_offset, finger_turn
   |v_s|, apex of the cone  rounded, or there is no second derivative at rest
   complementarity          of a felt finger is the touch cost; of the ground in planar
                            motion it holds by construction, else lam_n z is an exact
@@ -43,13 +43,14 @@ from . import balance, centre_of_mass, finger_contact, ground_contact, indentati
 from .balance import Balance
 from .finger_contact import FingerContact
 from .finger_offset import displaced
+from .finger_turn import turned
 from .friction import Impulses, cone, friction, impulses
 from .ground_contact import GroundContact
 from .level import Level
 from .quasi_static import sense as sense_quasi_static
 from .rigid_body import G
 
-FREED = ("rigid", "central", "planar", "level")  # undone where the data ask for it
+FREED = ("rigid", "central", "aligned", "planar", "level")  # undone if data ask
 OFFSETS = True  # of fingers may be unknown
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
@@ -83,7 +84,7 @@ def build(nlp, window, scene, shape, law=Balance):
 
     law: the balance of a step, balance.Balance or a subclass of it.
     """
-    window = displaced(nlp, window, scene)
+    window = turned(nlp, displaced(nlp, window, scene))
     w, pushes, corners = impulses_of(nlp, window, scene, shape)
     theta, x = felt(nlp, window, scene, shape, pushes)
     fingers, ground = contacts_of(window, shape)
@@ -127,8 +128,8 @@ def impulses_of(nlp, window, scene, shape, share=None):
 
 def contacts_of(window, shape):
     """Return the functions of the contacts of a shape with fingers and ground."""
-    fingers = FingerContact(shape, window.motion, window.finger)
-    return fingers, GroundContact(shape, window.motion)
+    ground = GroundContact(shape, window.motion)
+    return FingerContact(shape, window.motion, window.finger), ground
 
 
 def physics(nlp, window, law, theta, x, w, centre, pushes, corners, resting=None):

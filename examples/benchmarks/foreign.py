@@ -26,9 +26,10 @@ from pathlib import Path
 from time import process_time
 
 import numpy as np
+from foreign_box import Box
 from foreign_departures import DEPARTURES
 from foreign_report import picture, show, summary
-from foreign_world import Box, ForeignWorld, recorded
+from foreign_world import ForeignWorld, recorded
 from study import add_executor, tabled_study, write_csv
 
 from tactilenlp import Measurements, Scene, solve_estimate
@@ -45,7 +46,8 @@ def measured(departure: str, strength: str, number: int, actions: int, file=None
     """Return measurements, scene and true arrays of a cell; file: of the recording."""
     chosen = DEPARTURES[departure][strength]
     if file is None:
-        true = recorded(Box(number), ForeignWorld(**chosen.world), actions)
+        world = ForeignWorld(**chosen.world)
+        true = recorded(Box(number, world.scale, world.radius), world, actions)
         names = ("time", "finger_position", "finger_radius", "contact", "normal")
         data = Measurements(**{k: true[k] for k in (*names, "action", "valid")})
         scene = Scene(**{k: float(true[k]) for k in SCENE})

@@ -7,10 +7,9 @@ told wrongly, and what the estimator is told wrongly of the scene.
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
+import foreign_sensors as sensors
 import numpy as np
 from foreign_world import DEFAULT, GEL
-
-BURST = 5  # samples in a row, on average, that are lost in a burst
 
 
 @dataclass(frozen=True)
@@ -35,66 +34,8 @@ class Departure:
         return replace(scene, **wrong)
 
 
-def without(data, lost):
-    """Return the data without the samples that are lost (T, F)."""
-    valid = data.valid & ~lost
-    normal = np.where(valid[..., None], data.normal, 0.0)
-    return replace(data, valid=valid, contact=data.contact & valid, normal=normal)
-
-
-def at_random(share: float):
-    """Lose all fingers' samples of an instant, at random."""
-
-    def lose(data, rng):
-        lost = rng.random(data.samples) < share
-        return without(data, np.repeat(lost[:, None], data.fingers, axis=1))
-
-    return lose
-
-
-def per_finger(share: float):
-    """Lose each finger's samples at random."""
-
-    def lose(data, rng):
-        return without(data, rng.random(data.valid.shape) < share)
-
-    return lose
-
-
-def in_bursts(share: float):
-    """Lose samples of each finger in bursts of BURST samples on average."""
-
-    def lose(data, rng):
-        begin = share / BURST / (1 - share)
-        lost, gone = np.zeros(data.valid.shape, bool), np.zeros(data.fingers, bool)
-        for t in range(data.samples):
-            draw = rng.random(data.fingers)
-            gone = np.where(gone, draw > 1 / BURST, draw < begin)
-            lost[t] = gone
-        return without(data, lost)
-
-    return lose
-
-
-def gap(data, rng):
-    """Lose half an action of all fingers, of one action in the middle."""
-    rows = np.flatnonzero(data.action == np.unique(data.action)[data.actions // 2])
-    first = int(rng.integers(0, len(rows) // 2 + 1))
-    lost = np.zeros(data.valid.shape, bool)
-    lost[rows[first : first + len(rows) // 2]] = True
-    return without(data, lost)
-
-
-def dies(data, rng):
-    """Lose the last finger's samples from the middle of the recording on."""
-    lost = np.zeros(data.valid.shape, bool)
-    lost[data.samples // 2 :, -1] = True
-    return without(data, lost)
-
-
-def radius(error: float):
-    """Tell a fingertip radius that is wrong by an error [m]."""
-    return lambda data, rng: replace(data, finger_radius=data.finger_radius + error)
+def of_sensors(make: Callable, **strengths) -> dict[str, Departure]:
+    return {name: Departure(sensors=make(value)) for name, value in strengths.items()}
 
 
 def of_world(name: str, **strengths) -> dict[str, Departure]:
@@ -126,14 +67,41 @@ DEPARTURES: dict[str, dict[str, Departure]] = {
     ),
     "latency": of_world("latency", **{"10 ms": 0.01, "30 ms": 0.03, "60 ms": 0.06}),
     "radius": {
-        f"{e:+g} mm": Departure(sensors=radius(1e-3 * e)) for e in (0.2, 0.5, -0.5, 1)
+        f"{e:+g} mm": Departure(sensors=sensors.radius(1e-3 * e))
+        for e in (0.2, 0.5, -0.5, 1)
     },
-    "dropped at random": {s: Departure(sensors=at_random(v)) for s, v in LOST.items()},
-    "dropped per finger": {
-        s: Departure(sensors=per_finger(v)) for s, v in LOST.items()
+    "dropped at random": of_sensors(sensors.at_random, **LOST),
+    "dropped per finger": of_sensors(sensors.per_finger, **LOST),
+    "dropped in bursts": of_sensors(sensors.in_bursts, **LOST),
+    "gap": {
+        "half an action": Departure(sensors=sensors.gap),
+        "dead": Departure(sensors=sensors.dies),
     },
-    "dropped in bursts": {s: Departure(sensors=in_bursts(v)) for s, v in LOST.items()},
-    "gap": {"half an action": Departure(sensors=gap), "dead": Departure(sensors=dies)},
+    "normals turned": of_sensors(sensors.turned, **{"2 deg": 2.0, "5 deg": 5.0}),
+    "normals noisy": of_sensors(
+        sensors.noisy_normals, **{"5 deg": 5.0, "15 deg": 15.0}
+    ),
+    "normals in steps": of_sensors(sensors.normals_in_steps, **{"15 deg": 15.0}),
+    "positions displaced": of_sensors(sensors.displaced, **{"0.5 mm": 0.5e-3}),
+    "positions noisy": of_sensors(
+        sensors.noisy_positions, **{"0.2 mm": 0.2e-3, "1 mm": 1e-3}
+    ),
+    "positions in steps": of_sensors(
+        sensors.positions_in_steps, **{"0.1 mm": 0.1e-3, "1 mm": 1e-3}
+    ),
+    "positions drift": of_sensors(sensors.drifting, **{"1 mm": 1e-3}),
+    "position spikes": of_sensors(sensors.spikes, **{"10 mm": 10e-3}),
+    "clock": of_sensors(sensors.unsteady_clock, **{"5 ms": 5e-3, "15 ms": 15e-3}),
+    "late release": of_sensors(sensors.late_release, **{"2": 2, "5": 5}),
+    "chatter": of_sensors(sensors.chattering, **{"5 %": 0.05, "20 %": 0.2}),
+    "speed": of_world("speed", **{"20 mm/s": 0.02, "100 mm/s": 0.1}),
+    "threshold": of_world("felt", **{"0.3 N": 0.3, "0.8 N": 0.8}),
+    "carried": of_world("carried", **{"5 mm": (5e-3, 0.1), "50 mm": (0.05, 3.0)}),
+    "size": of_world("scale", **{"x0.5": 0.5, "x2.5": 2.5}),
+    "fingertip": of_world("radius", **{"4 mm": 4e-3, "20 mm": 20e-3}),
+    "wall": of_world("wall", **{"5 mm": 5e-3}),
+    "torsion": of_world("torsion", **{"10 mm": 10e-3}),
+    "from above": of_world("above", **{"0.5 rad": 0.5, "1.2 rad": 1.2}),
     "mass told": {f"x{by:g}": Departure(told={"mass": by}) for by in (0.5, 2.0)},
     "frictions told": {
         f"x{by:g}": Departure(told=dict.fromkeys(FRICTIONS, by)) for by in (0.5, 2.0)

@@ -25,9 +25,10 @@ from time import process_time
 
 import numpy as np
 from foreign import SCENE, errors_in, warm
+from foreign_box import AIM, Box
 from foreign_departures import DEPARTURES
 from foreign_report import ratios
-from foreign_world import AIM, REST, STEP, Box, ForeignWorld, Simulation
+from foreign_world import REST, STEP, ForeignWorld, Simulation
 from scipy.interpolate import PchipInterpolator
 from study import add_executor, tabled_study, write_csv
 from trimesh.creation import box as box_mesh

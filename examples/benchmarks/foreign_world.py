@@ -9,19 +9,16 @@ pushes, which the estimator's model describes.
 from dataclasses import dataclass
 
 import numpy as np
+from foreign_box import Box
 from scipy.spatial.transform import Rotation
 
 STEP = 1 / 3000  # [s] of MuJoCo
-RADIUS, TIP_MASS = 0.01, 0.05  # [m], [kg] of a fingertip
-SPEED, DURATION = 0.05, 1.0  # [m/s], [s] of an action
-NEAR, FAR = 0.012, 0.03  # [m] between fingertips and the box's circle, at first
-AIM = 0.006  # [m] standard deviation of where fingers aim, from the centre
-OPPOSITE = 0.5  # [rad] standard deviation of the second finger's direction
+TIP_MASS = 0.05  # [kg] of a fingertip
+DURATION = 1.0  # [s] of an action
 REST = 0.5  # [s] between actions, in which the fingers are away
 LIFTED = 1.0  # [m] their height then
 MAX_FORCE = 4.0  # [N] of a servo
-FELT = 0.05  # [N] mean normal force above which contact is reported
-AVERAGED = 30  # steps (10 ms) of that mean
+AVERAGED = 30  # steps (10 ms) of the mean force that is felt
 FINGERS = 2
 STIFF = "0.002 1", "0.99 0.999 0.001"  # solref, solimp of MuJoCo
 DEFAULT = "0.02 1", "0.9 0.95 0.001 0.5 2"
@@ -45,6 +42,13 @@ class ForeignWorld:
     touching:  whether every second action begins where the one before ended
     latency:   [s] by which contact and normal are reported late
     rate:      [Hz] of samples; a sample is a whole number of steps of 1/3 ms
+    speed:     [m/s] of the fingers
+    felt:      [N] mean normal force above which contact is reported
+    carried:   [m], [rad] by which the box is moved between actions, standard deviations
+    scale:     factor of the sides
+    radius:    [m] of the fingertips
+    wall:      [m] between the box's circle and an upright wall that nobody tells of
+    torsion:   [m] of MuJoCo's torsional friction between box and ground
     """
 
     contact: tuple[str, str] = STIFF
@@ -60,41 +64,13 @@ class ForeignWorld:
     touching: bool = False
     latency: float = 0.0
     rate: float = 30.0
-
-
-@dataclass(frozen=True)
-class Box:
-    """A box, its pushes and what is told of it: all drawn from one number."""
-
-    number: int
-
-    def __post_init__(self) -> None:
-        rng = np.random.default_rng([2028, self.number])
-        draw = {
-            "sides": rng.uniform((0.03, 0.03, 0.04), (0.055, 0.055, 0.07)),
-            "mass": float(rng.uniform(0.2, 0.7)),
-            "ground": float(rng.uniform(0.3, 0.5)),
-            "finger": float(rng.uniform(0.4, 0.75)),
-            "yaw": float(rng.uniform(0, 2 * np.pi)),
-        }
-        for name, value in draw.items():
-            object.__setattr__(self, name, value)
-
-    def pushes(self, rng, centre, heights, above=0.0):
-        """Return where an action's two fingers start and where they aim (2, 3) [m]."""
-        heading = rng.uniform(0, 2 * np.pi)
-        angles = heading + np.array([0, np.pi + rng.normal(0, OPPOSITE)])
-        ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        out = np.linalg.norm(self.sides[:2]) / 2 + RADIUS + rng.uniform(NEAR, FAR, 2)
-        low = RADIUS + 1e-3
-        z = np.maximum(rng.uniform(*heights, 2) * self.sides[2], low)[:, None]
-        aim = centre[:2] + rng.normal(0, AIM, (2, 2))
-        start = np.hstack([centre[:2] + ways * out[:, None], z])
-        if above:
-            down = rng.uniform(0, above, 2)[:, None]
-            start[:, :2] -= (1 - np.cos(down)) * ways * out[:, None]
-            start[:, 2:] += np.sin(down) * (out[:, None] + self.sides[2])
-        return start, np.hstack([aim, z])
+    speed: float = 0.05
+    felt: float = 0.05
+    carried: tuple[float, float] = (0.0, 0.0)
+    scale: float = 1.0
+    radius: float = 0.01
+    wall: float = 0.0
+    torsion: float = 0.0
 
 
 class Simulation:
@@ -141,6 +117,17 @@ class Simulation:
         for _ in range(round(duration / STEP)):
             self.step(self.data.ctrl.reshape(FINGERS, 3))
 
+    def carry(self, rng) -> None:
+        """Move the box over the ground by hand, and turn it."""
+        far, turn = self.world.carried
+        if not far:
+            return
+        self.data.qpos[:2] += rng.normal(0, far, 2)
+        turned = Rotation.from_euler("z", rng.normal(0, turn))
+        turned *= Rotation.from_quat(self.pose[3:], scalar_first=True)
+        self.data.qpos[3:7] = turned.as_quat(scalar_first=True)
+        self.data.qvel[:6] = 0.0
+
     def step(self, reference) -> None:
         """Step with a reference (2, 3) [m] of the fingers."""
         self.data.ctrl[:] = np.ravel(reference)
@@ -175,10 +162,10 @@ class Simulation:
         end = len(self.felt) - round(self.world.latency / STEP)
         force = np.mean(self.felt[max(0, end - AVERAGED) : end], axis=0)
         size = np.linalg.norm(force, axis=1)
-        contact = size > FELT
-        return contact, np.where(contact, 1 / np.maximum(size, FELT), 0)[
-            :, None
-        ] * force
+        least = self.world.felt
+        contact = size > least
+        share = np.where(contact, 1 / np.maximum(size, least), 0)
+        return contact, share[:, None] * force
 
 
 def recorded(box: Box, world: ForeignWorld, actions: int) -> dict[str, np.ndarray]:
@@ -192,10 +179,12 @@ def recorded(box: Box, world: ForeignWorld, actions: int) -> dict[str, np.ndarra
             start = reference
         else:
             simulation.lift()
+            if action:
+                simulation.carry(rng)
             simulation.hold(REST)
             simulation.place(start)
         ahead = aim - start
-        ahead *= SPEED / np.maximum(np.linalg.norm(ahead, axis=1), 1e-9)[:, None]
+        ahead *= world.speed / np.maximum(np.linalg.norm(ahead, axis=1), 1e-9)[:, None]
         for k in range(round(DURATION / STEP)):
             if k % every == 0:
                 rows.append(row_of(simulation, action))
@@ -207,7 +196,7 @@ def recorded(box: Box, world: ForeignWorld, actions: int) -> dict[str, np.ndarra
     arrays = dict(zip(names, columns, strict=True))
     return arrays | {
         "valid": np.ones_like(arrays["contact"]),
-        "finger_radius": np.full(FINGERS, RADIUS), "side_lengths": box.sides,
+        "finger_radius": np.full(FINGERS, world.radius), "side_lengths": box.sides,
         "mass": box.mass, "friction_ground": box.ground, "friction_finger": box.finger,
     }  # fmt: skip
 
@@ -236,9 +225,15 @@ def model_of(box: Box, world: ForeignWorld) -> str:
                    for e, row in enumerate(np.eye(3)))  # fmt: skip
     tips = "".join(
         f"""<body gravcomp="1">{axes.format(f"f{f}")}<geom type="sphere" {tip}
-            size="{RADIUS}" mass="{TIP_MASS}" friction="{box.finger} 0 0"/></body>"""
+            size="{world.radius}" mass="{TIP_MASS}"
+            friction="{box.finger} 0 0"/></body>"""
         for f in range(FINGERS)
     )
+    contact = 4 if world.torsion else 3
+    away, wall = world.wall + np.linalg.norm(box.sides[:2]) / 2, ""
+    if world.wall:
+        wall = f"""<geom type="plane" size="1 1 1" pos="{away} 0 0" euler="0 -90 0"
+            friction="0.3 0 0"/>"""
     kv = 2 * (world.stiffness * (TIP_MASS + box.mass)) ** 0.5
     servos = "".join(
         f"""<position joint="f{f}{e}" kp="{world.stiffness}" kv="{kv}"
@@ -249,12 +244,12 @@ def model_of(box: Box, world: ForeignWorld) -> str:
         integrator="implicitfast"/>
         <default><geom condim="3" {soft(*world.contact)}/></default>{mesh}
         <worldbody><geom name="ground" type="plane" size="1 1 1"
-            euler="{world.tilt} 0 0"/>
+            euler="{world.tilt} 0 0"/>{wall}
         <body><freejoint/><inertial pos="{text(world.centre * box.sides)}"
             mass="{box.mass}" diaginertia="{text(inertia)}"/>
             <geom name="box" {body} friction="0 0 0"/></body>{tips}</worldbody>
-        <contact><pair geom1="ground" geom2="box" condim="3" {soft(*world.contact)}
-            friction="{text(mu)} 0 0 0"/></contact>
+        <contact><pair geom1="ground" geom2="box" condim="{contact}"
+            {soft(*world.contact)} friction="{text(mu)} {world.torsion} 0 0"/></contact>
         <actuator>{servos}</actuator></mujoco>"""
 
 

@@ -21,7 +21,7 @@ from ..interface.request import Request, check_touched
 from ..interface.result import Estimate
 from ..problem.certificates import Certificates, certify
 from ..refinement.ground_tilt import on_ground
-from ..refinement.model_selection import NUISANCES
+from ..refinement.nested_models import NUISANCES
 from ..search.hypothesis import Hypothesis, Job, distinct
 from ..search.local_solve import Solved, best_first
 from ..search.margins import LEAST_MOTION_BEHIND

@@ -15,7 +15,8 @@ from ..nlp.solution import check_finite
 from ..refinement.certification import checked, with_profiles
 from ..refinement.ground_tilt import with_ground_tilt
 from ..refinement.incremental_polytope import repaired
-from ..refinement.model_selection import most_probable_first, with_nuisance_parameters
+from ..refinement.model_selection import most_probable_first
+from ..refinement.nested_models import with_nuisance_parameters
 from ..refinement.refinement import (
     continues,
     fits_badly,

@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from formulations.centre_of_mass import NAME as CENTRE
+from formulations.finger_turn import NAME as TURN
 from formulations.indentation import NAME as COMPLIANCE
 from formulations.rigid_body import G
 
@@ -155,6 +156,14 @@ class Estimate:
         if COMPLIANCE not in self.unknowns:
             return None
         return float(self.unknowns[COMPLIANCE].item()) / (self.scene.mass * G)
+
+    @property
+    def finger_turn(self) -> np.ndarray | None:
+        """Rotation vectors (F, 3) [rad] of the fingers' normals, world frame; or None.
+
+        By which every measured normal is turned; None where sensors are aligned.
+        """
+        return self.unknowns[TURN].T if TURN in self.unknowns else None
 
     @property
     def centre_of_mass(self) -> np.ndarray:

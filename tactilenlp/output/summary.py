@@ -51,6 +51,8 @@ def remarks_of(estimate) -> list[str]:
         lines.append(_leaning_ground(estimate.scene.ground))
     if estimate.compliance is not None:
         lines.append(_compliance(estimate))
+    if estimate.finger_turn is not None:
+        lines.append(_finger_turn(estimate))
     if CENTRE in estimate.unknowns:
         lines.append(_centre_of_mass(estimate))
     if estimate.finger_offset is not None:
@@ -144,6 +146,12 @@ def _compliance(estimate) -> str:
         f"Fingertips are soft: they yield by {MM * estimate.compliance * weight:.2f} "
         f"mm under the object's weight ({weight:.1f} N)."
     )
+
+
+def _finger_turn(estimate) -> str:
+    turns = np.degrees(np.linalg.norm(estimate.finger_turn, axis=1))
+    each = (f"finger {f} by {turn:.1f} deg" for f, turn in enumerate(turns))
+    return f"Sensors sit askew, their normals are turned: {', '.join(each)}."
 
 
 def _centre_of_mass(estimate) -> str:

@@ -15,7 +15,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from formulations.finger_turn import NAME as TURN
 from formulations.names import TOUCH_TERM
 
 from ..errors import MotionError
@@ -51,19 +53,22 @@ class Evidence:
         )
 
 
-def with_rigid_fingertips(solved):
-    """Return the window of a solved page, every touch where a rigid fingertip would be.
+def with_ideal_fingertips(solved):
+    """Return the window of a solved page as rigid and aligned fingertips would feel it.
 
-    The indentation that the page reports moves a finger out along the measured normal.
+    Normals are turned back by the turns that were found; the indentation that the page
+    reports moves a finger out along them.
     """
     window, problem, solution = solved.window, solved.problem, solved.solution
-    if "indentation" not in problem.reports:
-        return window
     touch = window.touch
-    x, data = problem.pack(solution.values), problem.data(solution.parameters)
-    p_wf = touch.p_wf.copy()
-    p_wf[:, :3] += problem.value("indentation", x, data) * touch.normal
-    return replace(window, touch=replace(touch, p_wf=p_wf))
+    p_wf, n = touch.p_wf.copy(), touch.normal
+    if TURN in solution.values:
+        turn = Rotation.from_rotvec(solution.values[TURN].T[touch.finger])
+        n = turn.inv().apply(n)
+    if "indentation" in problem.reports:
+        x, data = problem.pack(solution.values), problem.data(solution.parameters)
+        p_wf[:, :3] += problem.value("indentation", x, data) * n
+    return replace(window, touch=replace(touch, p_wf=p_wf, normal=n))
 
 
 def evidence_against_planar(job, solved) -> list[Evidence]:
@@ -71,7 +76,7 @@ def evidence_against_planar(job, solved) -> list[Evidence]:
 
     solved: a flat solution, of whatever page.
     """
-    window, values = with_rigid_fingertips(solved), solved.solution.values
+    window, values = with_ideal_fingertips(solved), solved.solution.values
     page = page_of("quasi_static", job.shape)
     problem = job.new_problem(page, window)
     page.build(problem, window, job.scene, job.shape)

@@ -5,8 +5,8 @@ far           a free finger far from the object carries no information
 absent        a finger that feels nothing exerts no impulse
 planar        an object that never tilts has three unknowns per pose, not six
 frictionless  a contact without friction has no tangential impulse
-rigid         fingertips do not yield under load (see refinement/model_selection.py)
-central       the centre of mass is the centroid (likewise)
+rigid, central, aligned   fingertips do not yield under load, the centre of mass is the
+              centroid, normals are not turned (see refinement/nested_models.py)
 Each can be switched off alone; certificates check them after the solve.
 """
 
@@ -48,6 +48,7 @@ class Reductions:
     frictionless: bool = True
     rigid: bool = True
     central: bool = True
+    aligned: bool = True
 
     def __post_init__(self) -> None:
         check_types(**{name: (value, bool) for name, value in vars(self).items()})
@@ -119,7 +120,7 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
         sigma_position=precision.position, sigma_normal=precision.normal,
         outlier_cost=OUTLIER_COST, braking=friction_of(scene) * scene.gravity,
         compliant=yields(scene, choice) and len(push) > 0,
-        central=choice.central or scene.sigma_centre == 0.0,
+        central=choice.central or scene.sigma_centre == 0.0, aligned=choice.aligned,
     )  # fmt: skip
 
 

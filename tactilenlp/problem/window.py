@@ -113,7 +113,7 @@ class Window:
     outlier_cost: the most that one wrong sample can cost [nats];
     braking [m/s^2]: of an object that slides on, mu g;
     compliant: whether fingertips yield under load; central: whether the centre of mass
-    is the centroid.
+    is the centroid; aligned: whether the normals of a finger are not turned.
     """
 
     motion: Motion
@@ -139,6 +139,7 @@ class Window:
     braking: float
     compliant: bool = False
     central: bool = True
+    aligned: bool = True
 
     @property
     def push_of_touch(self) -> tuple[np.ndarray, np.ndarray]:

@@ -4,8 +4,8 @@ In: hypotheses of the search.  Out: the page solved, best first, certified.
 
 - `refinement`: multistart from the promising hypotheses; names of a box's axes
 - `ground_tilt`: a ground that leans, by Newton steps on its tilt
-- `model_selection`: compliance, centre of mass, tilt or another class if data ask:
-  nested models by Occam's factor, classes by Laplace evidence
+- `nested_models`: turned sensors, compliance, centre of mass or tilt if data ask
+- `model_selection`: the most probable optimum, the likeliest class
 - `certification`: what reductions left out is checked, and restored where needed
 - `profile_likelihood`: sigma of sizes that no touch determines
 - `incremental_polytope`: one more action of a polytope, the past as a Gaussian

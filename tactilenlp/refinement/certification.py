@@ -25,7 +25,7 @@ from ..search.local_solve import (
 from ..search.margins import RESTORED
 from ..search.proposals_tumble import recovered
 from .ground_tilt import with_ground_tilt
-from .model_selection import with_tilt
+from .nested_models import with_tilt
 from .profile_likelihood import profiled
 
 log = logging.getLogger("tactilenlp")

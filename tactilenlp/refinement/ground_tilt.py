@@ -2,7 +2,7 @@
 
 The ground is taken as it was told, or as an estimate that goes on had found it.  Where
 the touches say that it leans, by as many nats as any larger model must gain
-(model_selection.py), it is turned by what they say (information/sensitivity.py) and the
+(nested_models.py), it is turned by what they say (information/sensitivity.py) and the
 page solved again from the solution, a Newton step on the tilt at a time.
 """
 
@@ -24,7 +24,7 @@ from ..search.local_solve import (
     warm_started,
 )
 from ..search.margins import CLOSE_OPTIMUM, LARGER_MODEL, UNCHANGED
-from .model_selection import excess_of
+from .nested_models import excess_of
 
 log = logging.getLogger("tactilenlp")
 MAX_TILTS = 4  # Newton steps on the tilt of the ground

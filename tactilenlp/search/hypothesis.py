@@ -119,7 +119,7 @@ class Job:
             return {}
         key = (
             *(page, window.motion, window.frictionless),
-            *(window.compliant, window.central),
+            *(window.compliant, window.central, window.aligned),
         )
         return self.functions.setdefault(key, {})
 

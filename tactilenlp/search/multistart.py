@@ -47,18 +47,21 @@ def levels_of(job, page):
     """Return the levels by which a page is solved from a search's hypothesis.
 
     From guesses that are far off, those of `ROUGH`, if the page has them: guesses of
-    free motion, and those for soft fingertips, as the search takes them for rigid.
-    Where the compliance is unknown, all levels hold it at its guess; then the last one
-    is solved again with nothing held.  A page without `ROUGH` takes the last one alone:
-    it is then solved from the optimum of rigid fingertips.
+    free motion, and those for soft fingertips or turned normals, as the search takes
+    fingers for rigid and aligned.  Where the compliance is unknown, all levels hold it
+    at its guess; then the last one is solved again with nothing held.  A page without
+    `ROUGH` takes the last one alone: it is then solved from the optimum of ideal
+    fingertips.
     """
     contract = contract_of(page)
     unknown = not job.reductions.rigid and job.scene.compliance is None
+    rough = contract.rough or page.LEVELS[-1:]
     if unknown and "rigid" in contract.freed:
-        rough = contract.rough or page.LEVELS[-1:]
         held = [replace(k, fixed=(*k.fixed, COMPLIANCE)) for k in rough]
         held[:-1] = [k.with_ipopt(tol=RANKING_TOLERANCE) for k in held[:-1]]
         return [*held, rough[-1]]
+    if not job.reductions.aligned and "aligned" in contract.freed:
+        return rough
     if job.scene.ground is None or job.shape.rolls:  # guesses in a plane
         return contract.from_guesses
     planar = job.reductions.planar

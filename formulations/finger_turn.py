@@ -1,0 +1,45 @@
+r"""Fingers with an unknown orientation error: each normal is turned by a constant w_f.
+
+    n_m - w_f x n_m + w_f x (w_f x n_m) / 2     in place of n_m, everywhere  (`turned`)
+    sum_f |w_f|^2 / (2 TURN^2)                w_f ~ N(0, TURN^2), world frame (`prior`)
+
+A tactile sensor that sits askew on its finger reports all normals turned by the same
+vector; the rotation is exact to second order.  The mean over the fingers about the
+vertical turns the world: only the prior determines it.  Where `window.aligned` is true,
+w is zero and no unknown (reduction "aligned").
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+
+NAME = "finger turn"  # of the unknown, in a page that has it
+TURN = 0.05  # [rad] deviation of each component: 3 degrees, of a sensor fitted by hand
+
+
+def turned(nlp, window):
+    """Return the window whose measured normals are turned back, if fingers may be.
+
+    Declares the turns w (3, fingers) [rad] with their prior.
+    """
+    if window.aligned:
+        return window
+    w = nlp.variable(NAME, 3, window.fingers, guess=0.0, unit="rad", scale=0.01)
+    nlp.minimize(f"{NAME} prior", prior, w, role="prior")
+    touch, finger = window.touch, replace(window.finger, measured=turned_back)
+    told = w[:, touch.finger].below(touch.normal)
+    return replace(window, touch=replace(touch, normal=told), finger=finger)
+
+
+def prior(w):
+    """Return the cost of a turn (3,) [rad]."""
+    return ca.sumsqr(w) / (2 * TURN**2)
+
+
+def turned_back(told):
+    """Return the normal (3,) of a finger whose measured one has its turn below it."""
+    n_m, w = told[:3], told[3:]
+    moved = ca.cross(w, n_m)
+    return n_m - moved + ca.cross(w, moved) / 2

@@ -1,0 +1,71 @@
+"""Sensors that sit askew: their turns are found, and only where data ask for them."""
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from formulations.finger_turn import turned_back
+from tactilenlp import Estimate, cuboid_errors, solve_estimate
+
+TURNS = np.radians([[1.0, -2.0, 1.5], [-3.0, 1.0, -1.0]])  # of two fingers
+
+
+def askew(data, turns):
+    """Return measurements of sensors that are turned (fingers, 3) [rad]."""
+    normal = np.stack(
+        [Rotation.from_rotvec(w).apply(np.array(data.normal[:, f]))
+         for f, w in enumerate(turns)], axis=1,
+    )  # fmt: skip
+    return replace(data, normal=np.where(data.contact[..., None], normal, 0.0))
+
+
+@pytest.mark.parametrize("angle", [0.02, 0.1])
+def test_a_turned_normal_is_turned_back_to_second_order(angle):
+    n, w = np.array([0.6, 0.0, 0.8]), angle * np.array([2.0, -1.0, 2.0]) / 3
+    told = ca.DM(np.r_[Rotation.from_rotvec(w).apply(n), w])
+    error = np.linalg.norm(np.asarray(turned_back(told)).ravel() - n)
+    assert error < 1.01 * angle**3 / 6
+    assert np.linalg.norm(np.asarray(told[:3]).ravel() - n) > 0.3 * angle
+
+
+def test_sensors_stay_aligned_where_the_fit_is_good(estimate):
+    assert estimate.finger_turn is None
+    (aligned,) = [s for s in estimate.skipped if s.name == "aligned"]
+    assert aligned.holds
+    assert aligned.value < aligned.limit
+
+
+@pytest.mark.slow
+def test_turns_of_the_sensors_are_found_and_the_box_is_as_before(
+    recorded, estimate, tmp_path
+):
+    data, scene, truth = recorded
+    data = data.select(np.unique(estimate.measurements.action))
+    found = solve_estimate(askew(data, TURNS), scene)
+    assert found.fit.verdict == "good"
+    assert "askew" in found.summary()
+    # Turns of all sensors about the vertical turn the world: only the prior tells.
+    off = found.finger_turn - TURNS
+    off[:, 2] -= off[:, 2].mean()
+    assert np.degrees(np.abs(off).max()) < 0.3
+    last = data.samples - 1
+    pose = truth["object_position"][last], truth["object_quaternion"][last]
+    errors = [
+        cuboid_errors(
+            e.side_lengths, e.position[-1], e.quaternion[-1], truth["side_lengths"],
+            *pose,
+        )
+        for e in (found, estimate)
+    ]  # fmt: skip
+    sigma = [e.information.sigma("side_lengths")[error.permutation]
+             for e, error in zip((found, estimate), errors, strict=True)]  # fmt: skip
+    assert (np.abs(errors[0].side_lengths) < 3 * sigma[0]).all()
+    known = sigma[1] < 0.3e-3
+    assert known.any()
+    assert np.abs(errors[0].side_lengths)[known].max() < 0.3e-3
+    found.save(tmp_path / "askew.npz")
+    again = Estimate.load(tmp_path / "askew.npz")
+    np.testing.assert_array_equal(again.finger_turn, found.finger_turn)
