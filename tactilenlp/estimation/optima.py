@@ -13,7 +13,7 @@ from ..common.deadline import Deadline
 from ..interface.request import Request
 from ..nlp.solution import check_finite
 from ..refinement.certification import checked, with_profiles
-from ..refinement.ground_tilt import with_ground_tilt
+from ..refinement.ground_tilt import with_ground_for_turns, with_ground_tilt
 from ..refinement.incremental_polytope import repaired
 from ..refinement.model_selection import most_probable_first
 from ..refinement.nested_models import with_nuisance_parameters
@@ -123,6 +123,7 @@ def _solved_page(request, starts, so_far, update) -> tuple[Job, list[Solved]]:
         check_finite(solved[0].problem, solved[0].solution)
         job, solved = with_ground_tilt(job, page, solved, options)
         job, solved = with_nuisance_parameters(job, page, solved, options, freed)
+        job, solved = with_ground_for_turns(job, page, solved, options)
         solved = repaired(job, page, solved, options, update)
     if solved is None:
         solved = best_first(so_far.solved)

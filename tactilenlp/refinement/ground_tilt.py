@@ -11,8 +11,14 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 
-from formulations.page_contract import contract_of
+import numpy as np
 
+from formulations.finger_turn import NAME as TURN
+from formulations.finger_turn import TURN as PRIOR_TURN
+from formulations.page_contract import contract_of
+from formulations.size_prior import FREEDOM
+
+from ..information.mixture import occam_of
 from ..information.sensitivity import ground_tilt
 from ..interface.readout import problem_builder
 from ..nlp.kkt_sensitivity import kkt_system_of
@@ -20,6 +26,7 @@ from ..search.local_solve import (
     RESTART_MU,
     Solved,
     best_first,
+    continued,
     settings_of,
     warm_started,
 )
@@ -42,17 +49,7 @@ def with_ground_tilt(job, page, solved, options) -> tuple:
     needed = LARGER_MODEL + spread
     if excess < needed:
         return job, solved
-    for _ in range(MAX_TILTS):
-        tilt, ground = _tilt_at(best, page), best.job.scene.ground
-        if tilt.gain < (needed if ground.told is None else UNCHANGED):
-            break
-        if job.deadline.passed("a tilt of the ground"):
-            break
-        turned = ground.turned(tilt.mean, tilt.about)
-        again = _on_ground(turned, best, page, options)
-        if not again.solution.success or _cost(again) > _cost(best) - UNCHANGED:
-            break
-        best = again
+    best = _turned_by_steps(best, page, options, needed)
     needed = needed if job.scene.ground.told is None else UNCHANGED
     if _cost(best) > _cost(level) - needed:
         return job, solved
@@ -64,6 +61,66 @@ def with_ground_tilt(job, page, solved, options) -> tuple:
         if s.solution.success and s.solution.objective < close
     ]  # fmt: skip
     return best.job, best_first([best, *others])
+
+
+def with_ground_for_turns(job, page, solved, options) -> tuple:
+    """Return job and solves on a ground that leans, if that explains turned sensors.
+
+    It turns the normals of all fingers alike, by fewer unknowns: it replaces their own
+    turns (formulations/finger_turn.py) where its evidence is larger.
+    """
+    best = solved[0]
+    turned = TURN in best.solution.values and best.solution.success
+    if not (turned and ground_may_tilt(job, page)):
+        return job, solved
+    ground = job.scene.ground.turned(_common_turn(best), _first_touched(best))
+    aligned = replace(job, reductions=replace(job.reductions, aligned=True))
+    leans = continued(on_ground(aligned, ground), page, best, options)
+    if leans is None or not leans.solution.success:
+        return job, solved
+    leans = replace(leans, declined=best.declined)
+    leans = _turned_by_steps(leans, page, options, UNCHANGED)
+    occam = occam_of(best.problem, best.solution, TURN)
+    if _cost(leans) > _cost(best) + occam:
+        return job, solved
+    log.info("not the sensors are turned, the ground leans by %s rad",
+             leans.job.scene.ground.tilt.round(4))  # fmt: skip
+    return leans.job, [leans]
+
+
+def _common_turn(solved: Solved) -> np.ndarray:
+    """Return the rotation (2,) [rad] about x and y that all turns have in common.
+
+    Weighted by what touches tell of each: a finger's turn about the normals that it
+    felt is told by its prior alone.
+    """
+    problem, solution = solved.problem, solved.solution
+    w = solution.values[TURN].T.ravel()
+    rows = np.arange(problem.size)[problem.variables[TURN].span]
+    covariance = kkt_system_of(problem, solution).sensitivity(rows)[0][rows]
+    told = np.linalg.inv(covariance) - np.eye(len(w)) / PRIOR_TURN**2
+    alike = np.tile(np.eye(3)[:, :2], (len(w) // 3, 1))
+    told = alike.T @ (told + told.T) / 2
+    return np.linalg.lstsq(told @ alike, told @ w)[0]
+
+
+def _turned_by_steps(best: Solved, page, options, needed) -> Solved:
+    """Return a solve on the ground that Newton steps on its tilt lead to.
+
+    needed [nats]: what the first step from the ground that was told must gain.
+    """
+    for _ in range(MAX_TILTS):
+        tilt, ground = _tilt_at(best, page), best.job.scene.ground
+        if tilt.gain < (needed if ground.told is None else UNCHANGED):
+            break
+        if best.job.deadline.passed("a tilt of the ground"):
+            break
+        turned = ground.turned(tilt.mean, tilt.about)
+        again = _on_ground(turned, best, page, options)
+        if not again.solution.success or _cost(again) > _cost(best) - UNCHANGED:
+            break
+        best = again
+    return best
 
 
 def ground_may_tilt(job, page) -> bool:
@@ -79,11 +136,15 @@ def _tilt_at(solved: Solved, page):
     build = problem_builder(
         page, job.shape, job.scene, job.term_functions_of, job.deadline
     )
-    touch = solved.window.touch
-    early = job.data.action[touch.sample] == job.data.action[touch.sample[0]]
-    about = touch.p_wf[early, :3].mean(axis=0) * (1, 1, 0)
-    given = solved.window, job.data, job.scene, about
+    given = solved.window, job.data, job.scene, _first_touched(solved)
     return ground_tilt(kkt, build, *given)
+
+
+def _first_touched(solved: Solved):
+    """Return the point (3,) [m] of the ground below the touches of the first action."""
+    touch, action = solved.window.touch, solved.job.data.action
+    early = action[touch.sample] == action[touch.sample[0]]
+    return touch.p_wf[early, :3].mean(axis=0) * (1, 1, 0)
 
 
 def _on_ground(ground, solved: Solved, page, options) -> Solved:
@@ -106,7 +167,10 @@ def on_ground(job, ground):
 
 
 def _cost(solved: Solved) -> float:
-    """Return the objective with the prior of the tilt of the ground [nats]."""
-    scene = solved.job.scene
-    off = scene.ground.tilt / scene.sigma_tilt
-    return solved.solution.objective + float(off @ off) / 2
+    """Return the objective with the prior of the tilt of the ground [nats].
+
+    Student's t as of sizes (formulations/size_prior.py), of two entries.
+    """
+    scene, total = solved.job.scene, FREEDOM + 2
+    square = np.sum((scene.ground.tilt / scene.sigma_tilt) ** 2)
+    return solved.solution.objective + total / 2 * float(np.log1p(square / total))
