@@ -29,7 +29,7 @@ from .friction import Impulses, excess, friction, impulses, least
 from .level import Level
 from .names import EXACT, FINGER_IMPULSE, GIVES, GROUND_IMPULSE
 from .rigid_body import ARM, G
-from .violation_implicit import contacts_of, felt
+from .violation_implicit import WEIGHTS, contacts_of, felt
 
 # Free motion and contacts without friction have not been tested.
 REDUCTIONS = {"planar": True, "frictionless": False}
@@ -43,8 +43,8 @@ LEVELS = (
 )  # fmt: skip
 SLACK = 1e-4  # [weights] residual of a balance at the last level
 EPS = 1e-3  # [weights mm] of every relaxed product at the last level
-V_EPS = 3e-3  # [m/s] rounds the sliding speed, as in violation_implicit.py
-APEX = 3e-3  # [weights] by which the apex of the cone is rounded
+V_EPS = WEIGHTS["speed rounding"][0]  # [m/s] rounds the sliding speed
+APEX = WEIGHTS["cone rounding"][0]  # [weights] rounds the apex of the cone
 
 
 def build(nlp, window, scene, shape):

@@ -15,6 +15,8 @@ Departures from eq:loss, named:
 
 from __future__ import annotations
 
+from math import hypot
+
 import casadi as ca
 
 from . import sensing
@@ -24,6 +26,11 @@ LENGTH, OTHER = 1e-3, 1e-2  # [m], [unit] typical change of an entry of theta
 ALPHA = 1500.0  # [1/m] steepness of eq:bool
 LOGISTIC = 1.7  # [-] a logistic function of steepness 1.7 / sigma is, to 0.01, the
 #                     distribution function of a normal variable of deviation sigma
+
+
+def steepness(sigma):
+    """Return alpha [1/m] of eq:bool for positions of a deviation sigma [m]."""
+    return 1 / hypot(1 / ALPHA, sigma / LOGISTIC)
 
 
 def declare(nlp, window, shape):
@@ -53,7 +60,7 @@ def add(nlp, window, shape, theta, x, touch, normal, indentation):
     sigma_p, sigma_n = window.sigma_position, window.sigma_normal
     touch_scale = nlp.parameter("touch scale", ca.hypot(touch, sigma_p), "m")
     normal_scale = nlp.parameter("normal scale", ca.hypot(normal, sigma_n), "rad")
-    alpha = nlp.parameter("alpha", 1 / ca.hypot(1 / ALPHA, sigma_p / LOGISTIC), "1/m")
+    alpha = nlp.parameter("alpha", steepness(sigma_p), "1/m")
 
     def touching(theta, x, inside, p_wf, rho, n_m, latency, sigma, sigma_n):
         pose = motion.pose(shape, theta, x)

@@ -15,7 +15,8 @@ class PageContract:
 
     levels:     tuple of Level, solved one after another
     rough:      levels from guessed poses, which may be centimetres off; none by default
-    freed:      names of reductions that are undone where the data ask for it
+    freed:      names of assumptions that are given up where touches cost too much:
+                reductions, or "level": the ground leans
     reductions: True or False by name, of those that the page requires or forbids
     offsets:    whether `build` begins with `displaced`, so that Scene(sigma_offset=...)
                 can be used

@@ -94,8 +94,9 @@ def test_the_least_budgets_are_spent_whatever_the_dimension(search, fingers):
     for budget in (2, 3, 5):
         given = {"search": search, "budget": budget}
         choice = best_action(lambda a: -np.abs(a).sum(), space, **given)
-        # cross-entropy needs two samples in each of its iterations
-        assert choice.evaluations == (6 if search == "cem" else budget)
+        # cross-entropy takes as many samples in each of its iterations
+        left = budget - choice.evaluations
+        assert left in ((0, 1) if search == "cem" else (0,))
 
 
 @pytest.mark.parametrize("search", [s for s in SEARCHES if s not in ("cem", "random")])

@@ -136,6 +136,8 @@ def test_a_prior_that_is_certain_is_the_same_as_none(certain, exact):
 def test_a_known_offset_is_found_within_its_sigma(told):
     estimate, _ = told
     sigma = estimate.information.sigma("finger_offset")
+    wide = estimate.information.widened(2.0).sigma("finger_offset")
+    np.testing.assert_allclose(wide, 2 * sigma)
     assert sigma.shape == (2, 3)
     off = (estimate.finger_offset - OFF).ravel()
     # what all fingers share is known by the prior alone

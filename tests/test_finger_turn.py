@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from formulations.finger_turn import turned_back
-from tactilenlp import Estimate, cuboid_errors, solve_estimate
+from formulations.finger_turn import NAME, turned_back
+from tactilenlp import Estimate, Ground, cuboid_errors, solve_estimate
 
 TURNS = np.radians([[1.0, -2.0, 1.5], [-3.0, 1.0, -1.0]])  # of two fingers
 
@@ -69,3 +69,33 @@ def test_turns_of_the_sensors_are_found_and_the_box_is_as_before(
     found.save(tmp_path / "askew.npz")
     again = Estimate.load(tmp_path / "askew.npz")
     np.testing.assert_array_equal(again.finger_turn, found.finger_turn)
+
+
+@pytest.mark.slow
+def test_turns_that_all_sensors_have_in_common_are_a_tilt_of_the_ground(
+    recorded, estimate
+):
+    data, scene, _ = recorded
+    data = data.select(np.unique(estimate.measurements.action))
+    turn = Rotation.from_rotvec([np.radians(4.0), 0, 0])
+    found = solve_estimate(data.transformed(turn.as_matrix(), np.zeros(3)), scene)
+    assert found.finger_turn is None
+    assert found.fit.verdict == "good"
+    off = found.scene.ground.tilt - turn.as_rotvec()
+    assert np.degrees(np.abs(off).max()) < 0.2
+    known = estimate.information.sigma("side_lengths") < 0.3e-3
+    sides = np.sort(found.side_lengths) - np.sort(estimate.side_lengths)
+    assert np.abs(sides[known[np.argsort(estimate.side_lengths)]]).max() < 0.2e-3
+
+
+def test_turns_are_in_the_frame_of_the_world(estimate):
+    """Also where the ground's frame, in which the page is written, is another one."""
+    ground = Ground(
+        normal=tuple(Rotation.from_euler("x", 30, degrees=True).apply([0, 0, 1]))
+    )
+    w = np.array([[0.05, 0.02, -0.03], [0.0, -0.01, 0.02]])
+    leaning = replace(
+        estimate, scene=replace(estimate.scene, ground=ground),
+        unknowns=estimate.unknowns | {NAME: (w @ ground.rotation.T).T},
+    )  # fmt: skip
+    np.testing.assert_allclose(leaning.finger_turn, w, atol=1e-12)

@@ -87,6 +87,23 @@ def test_what_is_active_is_told_by_name_and_what_may_be_is_too(samples):
     assert told["tie"][1] == 1  # multiplier and slack both vanish: nobody can tell
 
 
+def test_an_equality_counts_though_nothing_pulls_at_it():
+    """y = x of residual and multiplier zero: y is known as well as x."""
+    problem = Problem()
+    x = problem.variable("x", 1, guess=1.0, unit="m", scale=1.0)
+    y = problem.variable("y", 1, guess=1.0, unit="m", scale=1.0)
+    problem.minimize("fit", lambda x: 50 * (x - 1) ** 2, x, role="likelihood")
+    problem.subject_to("same", lambda x, y: y - x, x, y, lower=0, upper=0)
+    solution = solve(problem)
+    exact = {"x": np.ones((1, 1)), "y": np.ones((1, 1))}
+    none = {name: 0 * m for name, m in solution.multipliers.items()}
+    solution = replace(solution, values=exact, multipliers=none)
+    kkt = kkt_system_of(problem, solution)
+    assert kkt.active["same"] == 1
+    C = kkt.sensitivity(np.array([0, 1]))[0]
+    np.testing.assert_allclose(C[:2, :2], 0.01, rtol=1e-6)
+
+
 def solved_slope(y, t):
     return fit(y, t)[1].values["slope"].item()
 

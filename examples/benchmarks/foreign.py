@@ -1,6 +1,6 @@
 """Judge estimates of boxes in worlds that the estimator was not developed with.
 
-    python examples/benchmarks/foreign.py folder [--count 4] [--actions 4]
+    python examples/benchmarks/foreign.py folder [--count 4] [--first 0] [--actions 4]
         [--departures contact "dropped at random"] [--recordings scenes/*.npz]
         [--executor processes|dask|mpi|none] [--workers 2]
 
@@ -103,7 +103,7 @@ def warm() -> None:
 
 def cells(chosen) -> list[tuple]:
     """Return the arguments of `judged` of every estimate."""
-    boxes = [(k,) for k in range(chosen.count)]
+    boxes = [(chosen.first + k,) for k in range(chosen.count)]
     if chosen.recordings:
         boxes = [(k, file) for k, file in enumerate(chosen.recordings)]
     return [
@@ -129,6 +129,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--count", type=int, default=4, help="boxes")
+    parser.add_argument("--first", type=int, default=0, help="the first box")
     parser.add_argument("--actions", type=int, default=4)
     parser.add_argument(
         "--departures", nargs="+", choices=DEPARTURES, default=list(DEPARTURES)

@@ -59,7 +59,9 @@ DEPARTURES: dict[str, dict[str, Departure]] = {
     "friction by face": of_world("by_face", **SHARES),
     "friction by direction": of_world("by_direction", **SHARES),
     "edges": of_world("edge", **{"1 mm": 1e-3, "3 mm": 3e-3}),
-    "ground tilted": of_world("tilt", **{"0.5 deg": 0.5, "1 deg": 1.0, "2 deg": 2.0}),
+    "ground tilted": of_world(
+        "tilt", **{f"{angle:g} deg": angle for angle in (0.5, 1.0, 2.0, 5.0)}
+    ),
     "pushed high": of_world("heights", **{"0.7": (0.5, 0.7), "0.9": (0.7, 0.9)}),
     "begins in contact": of_world("touching", **{"every second": True}),
     "rate": of_world(

@@ -73,5 +73,5 @@ def _search_vertices(_, job, plane, kept) -> list[Hypothesis]:
     kept[:] = [in_plane(h, plane) for h in kept]
     found = search_polytope(job, kept, so_far=kept)
     (other,) = search_polytope(with_tilted_normals(job), kept, so_far=kept)
-    # Its objective has other weights.
+    # Its objective is of wider normals and not comparable: it takes that of the first.
     return [*found, replace(other, objective=found[0].objective)]

@@ -14,8 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import block_diag, eigh
 
-from formulations import between_actions, likelihood, violation_implicit
+from formulations import between_actions, violation_implicit
 from formulations.finger_offset import NAME as OFFSET
+from formulations.likelihood import steepness
 from formulations.rigid_body import ARM, FREE, PLANAR
 
 from ..geometry.transforms import rotation_of
@@ -234,11 +235,6 @@ def of_soft_fingertips(sensors: np.ndarray, estimate) -> np.ndarray:
     alpha, sigma, sigma_n = sensors
     off = INDENTATION_ERROR * depth
     return np.array([alpha, np.hypot(sigma, off), np.hypot(sigma_n, turned)])
-
-
-def steepness(sigma: float) -> float:
-    """Return alpha [1/m] of eq:bool for positions with a standard deviation [m]."""
-    return 1 / np.hypot(1 / likelihood.ALPHA, sigma / likelihood.LOGISTIC)
 
 
 def _poses(estimate, free: bool) -> np.ndarray:

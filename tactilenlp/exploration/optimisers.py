@@ -214,9 +214,9 @@ def _cross_entropy(objective: Objective, search, rng) -> int:
     Return the index of one of the best of the last iteration, drawn uniformly.
     """
     if search == "cem":
-        samples = max(2, objective.budget // CrossEntropy.iterations)
-        best = min(CrossEntropy.best, samples)
-        search = CrossEntropy(samples, best, CrossEntropy.iterations)
+        iterations = max(1, min(CrossEntropy.iterations, objective.budget // 2))
+        samples = max(2, objective.budget // iterations)
+        search = CrossEntropy(samples, min(CrossEntropy.best, samples), iterations)
     mean = spread = None
     for _ in range(search.iterations):
         first = len(objective.scores)

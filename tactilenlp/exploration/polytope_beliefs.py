@@ -27,13 +27,14 @@ import numpy as np
 
 from formulations import rigid_body
 from formulations.between_actions import GAP
+from formulations.likelihood import steepness
 from formulations.polytope_quasi_static import LEG, SPREAD, STAY
 
 from ..geometry.convex_hull import hull_vertices, nearest
 from ..geometry.transforms import rotation_of
 from ..information.polytope_information import FACE_TILT
 from ..problem.polytope_window import LIFTED
-from .beliefs import POSE_PRIOR_SIGMA, Belief, of_soft_fingertips, steepness
+from .beliefs import POSE_PRIOR_SIGMA, Belief, of_soft_fingertips
 from .push_model import (
     MIN_STEP_SIGMA,
     SAMPLES_PER_CALL,

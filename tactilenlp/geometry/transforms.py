@@ -91,6 +91,11 @@ def directions_in_body(x, samples, a) -> np.ndarray:
     return np.stack([*rotate_planar(-pose[2], a[:, 0], a[:, 1]), a[:, 2]], axis=1)
 
 
+def turned_back(a, w) -> np.ndarray:
+    """Return directions a (n, 3) before they were turned by w (n, 3) [rad]."""
+    return Rotation.from_rotvec(w).inv().apply(a)
+
+
 def points_in_body(x, samples, p_w) -> np.ndarray:
     """Return world points p_w (n, 3) [m] at samples (n,) in the body frame (n, 3)."""
     places = 2 if is_planar(x) else 3

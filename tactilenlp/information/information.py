@@ -161,8 +161,9 @@ class Information:
         """Return the same, all standard deviations multiplied by a factor."""
         path = None if self.path is None else factor * self.path
         ground = None if self.ground is None else factor**2 * self.ground
-        spread = factor**2 * self.spread
-        return replace(self, spread=spread, path=path, ground=ground)
+        offsets = None if self.offsets is None else factor**2 * self.offsets
+        wide = {"spread": factor**2 * self.spread, "ground": ground, "offsets": offsets}
+        return replace(self, path=path, **wide)
 
     def of_hessian(self) -> Information:
         """Return the same, its sigma that of the Hessian alone, of this mode alone."""

@@ -21,10 +21,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from formulations.finger_offset import NAME as OFFSET
+from formulations.finger_turn import NAME as TURN
 from formulations.indentation import NAME as COMPLIANCE
 
 from ..data.sensor_noise import RAYLEIGH_MEDIAN, Precision, smoothing_matrices
 from ..errors import PageError
+from ..geometry.transforms import turned_back
 from ..nlp.kkt_sensitivity import KKTSystem
 from ..nlp.term_functions import mapped
 
@@ -256,7 +258,10 @@ def residual_of_normals(kkt: KKTSystem, window, shape) -> float:
         return 0.0
     values = kkt.problem.unpack(kkt.x)
     normal = at_touches(window, shape, values, touch.p_wf.T, window.finger.normal)
-    off = np.linalg.norm(normal - touch.normal, axis=1)
+    felt = touch.normal
+    if TURN in values:
+        felt = turned_back(felt, values[TURN].T[touch.finger])
+    off = np.linalg.norm(normal - felt, axis=1)
     return float(np.median(off)) / RAYLEIGH_MEDIAN
 
 

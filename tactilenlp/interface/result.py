@@ -163,12 +163,21 @@ class Estimate:
 
         By which every measured normal is turned; None where sensors are aligned.
         """
-        return self.unknowns[TURN].T if TURN in self.unknowns else None
+        if TURN not in self.unknowns:
+            return None
+        return self._from_ground(self.unknowns[TURN].T)
 
     @property
     def centre_of_mass(self) -> np.ndarray:
         """Offset (3,) [m] from the centroid, body frame; zero where that is fixed."""
-        return self.unknowns.get(CENTRE, np.zeros(3)).ravel()
+        offset = self.unknowns.get(CENTRE, np.zeros(3)).ravel()
+        # The axes of a polytope are the ground's in the page, the world's here.
+        return self._from_ground(offset) if self.shape == "polytope" else offset
+
+    def _from_ground(self, vectors) -> np.ndarray:
+        """Return vectors (..., 3) of the ground's frame in the world's."""
+        ground = self.scene.ground
+        return vectors if ground is None else vectors @ ground.rotation
 
     @property
     def sigma_position(self) -> np.ndarray:

@@ -136,7 +136,8 @@ def kkt_system_of(problem, solution, deadline: Deadline = NEVER) -> KKTSystem:
         hessians[name] = problem.hessian(name, x, data, multiplier)
         value = problem.value(name, x, data)
         slack = np.minimum(value - term.lower, term.upper - value).ravel()
-        on, unsure = _classified(np.abs(multiplier).ravel(), slack)
+        equal = np.broadcast_to(term.lower == term.upper, value.shape).ravel()
+        on, unsure = _classified(np.abs(multiplier).ravel(), slack, equal)
         jacobians.append(problem.jacobian(name, x, data)[on])
         numbers.append(term.first_row + np.nonzero(on)[0])
         active[name], ambiguous[name] = int(on.sum()), int(unsure.sum())
@@ -157,7 +158,7 @@ def _active_bounds(problem, x, multipliers) -> tuple[np.ndarray, np.ndarray]:
     """Return masks (unknowns,) of the active bounds and of the ambiguous ones."""
     lower, upper = problem.bounds("lower"), problem.bounds("upper")
     slack = np.minimum(x - lower, upper - x) / problem.scale
-    return _classified(np.abs(multipliers) * problem.scale, slack)
+    return _classified(np.abs(multipliers) * problem.scale, slack, lower == upper)
 
 
 def _scaled_rows(problem, jacobians, fixed) -> tuple[sp.csc_matrix, np.ndarray]:
@@ -169,11 +170,14 @@ def _scaled_rows(problem, jacobians, fixed) -> tuple[sp.csc_matrix, np.ndarray]:
     return (sp.diags(1 / length) @ A).tocsc(), length
 
 
-def _classified(multiplier, slack) -> tuple[np.ndarray, np.ndarray]:
-    """Return masks: active where the multiplier exceeds the slack; ambiguous."""
-    on = multiplier > slack
+def _classified(multiplier, slack, equal) -> tuple[np.ndarray, np.ndarray]:
+    """Return masks: active where the multiplier exceeds the slack; ambiguous.
+
+    equal: mask of equalities, which are active whatever their multiplier is.
+    """
+    on = (multiplier > slack) | equal
     unsure = (multiplier > slack / AMBIGUOUS) & (multiplier < slack * AMBIGUOUS)
-    return on, unsure
+    return on, unsure & ~equal
 
 
 def _positive_definite(M) -> bool:

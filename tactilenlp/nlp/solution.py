@@ -24,7 +24,9 @@ TIME_EXCEEDED = "Maximum_WallTime_Exceeded"  # IPOPT's status
 @printed
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Where a solve ended, recomputed: nothing here is the solver's word but `status`.
+    """Where a solve ended: costs and violations are recomputed from the values.
+
+    `success` and `status` are the solver's, the former with all numbers finite.
 
     `values` by variable name, SI, (rows, columns); `costs` by term, summed over the
     instances; `violations` by constraint, the largest; `multipliers` by constraint,

@@ -71,7 +71,7 @@ def certify(job, page, solved, rested: Skipped | None = None) -> Certificates:
     made, found, cuts = job.reductions, [], ()
     if made.still or made.far or made.absent:
         whole = unreduced(job, page, solved)
-        found += [far(solved, whole)] * made.far + [absent(solved, whole)] * made.absent
+        found += [far(solved, whole)] * made.far + [absent(whole)] * made.absent
         if rested is not None:
             found.append(rested)
         elif made.still and len(solved.window.pose) > solved.window.poses:
@@ -79,7 +79,7 @@ def certify(job, page, solved, rested: Skipped | None = None) -> Certificates:
             found.append(still(solved, rest))
             cuts = () if found[-1].holds else rest.slips
     if made.planar:
-        found.append(planar_certificate(job, page, solved))
+        found.append(planar_certificate(job, solved))
     found.append(frictionless(solved))
     return Certificates(tuple(s for s in found if s is not None), cuts)
 
@@ -101,7 +101,7 @@ def far(solved, whole) -> Skipped | None:
     )  # fmt: skip
 
 
-def absent(solved, whole) -> Skipped | None:
+def absent(whole) -> Skipped | None:
     """Certify that no impulse of a finger that feels nothing lowers the objective."""
     if "finger" not in whole.problem.variables or not len(whole.unfelt):
         return None
@@ -143,7 +143,7 @@ def frictionless(solved) -> Skipped | None:
     )  # fmt: skip
 
 
-def planar_certificate(job, page, solved) -> Skipped | None:
+def planar_certificate(job, solved) -> Skipped | None:
     """Certify that an object that never tilts explains the touches (outliers.py)."""
     worst = planar_share(evidence_against_planar(job, solved))
     return Skipped(

@@ -15,12 +15,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from formulations.finger_turn import NAME as TURN
 from formulations.names import TOUCH_TERM
 
 from ..errors import MotionError
+from ..geometry.transforms import turned_back
 from .pages import page_of
 from .reductions import SIDE_NORMAL
 
@@ -63,8 +63,7 @@ def with_ideal_fingertips(solved):
     touch = window.touch
     p_wf, n = touch.p_wf.copy(), touch.normal
     if TURN in solution.values:
-        turn = Rotation.from_rotvec(solution.values[TURN].T[touch.finger])
-        n = turn.inv().apply(n)
+        n = turned_back(n, solution.values[TURN].T[touch.finger])
     if "indentation" in problem.reports:
         x, data = problem.pack(solution.values), problem.data(solution.parameters)
         p_wf[:, :3] += problem.value("indentation", x, data) * n

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull, QhullError
 
-from formulations.likelihood import ALPHA, LOGISTIC
+from formulations.likelihood import steepness
 
 from ..geometry.convex_hull import fingers_in_body, nearest, nearest_triangles
 from ..geometry.convex_hull import triangles as triangles_of
@@ -144,13 +144,13 @@ def without_clear(window, vertices, x):
 
     At a gap of CLEAR / alpha (eq:bool) a free sample costs exp(-CLEAR) nats.
     """
-    softness = np.hypot(1 / ALPHA, window.sigma_position / LOGISTIC)
     free = window.free
     if not len(free):
         return window
     centre = fingers_in_body(free, x)
     gap = np.linalg.norm(centre - nearest(vertices, centre), axis=1) - free.radius
-    return replace(window, free=free.pick(gap < CLEAR * softness))
+    alpha = steepness(window.sigma_position)
+    return replace(window, free=free.pick(gap < CLEAR / alpha))
 
 
 def vertices_near(samples, vertices, x) -> np.ndarray:

@@ -99,7 +99,7 @@ def _solved_again(job, page, solved, options) -> Solved:
 
 
 def _profiled(job, page, best, options) -> Solved:
-    """Return the best with profile likelihoods, or a better optimum met on the way."""
+    """Return the best with profile likelihoods, or a better optimum that they found."""
     profile, better = profiled(job, page, best, options)
     if better is not None:
         again = solved_from(job, page, better, options, levels=page.LEVELS[-1:])

@@ -1,9 +1,10 @@
-"""The tilt of the ground: where touches say that it leans, the page is solved again.
+"""The tilt of the ground, by Newton steps where touches cost more than expected.
 
-The ground is taken as it was told, or as an estimate that goes on had found it.  Where
-the touches say that it leans, by as many nats as any larger model must gain
-(nested_models.py), it is turned by what they say (information/sensitivity.py) and the
-page solved again from the solution, a Newton step on the tilt at a time.
+The ground is taken as given, or as an earlier estimate had found it.  Where a Newton
+step on its tilt (information/sensitivity.py) promises as many nats as any larger model
+must gain (nested_models.py), the ground is turned and the page solved again from the
+solution, a step at a time.  A steep tilt is found as turns of all sensors that are
+alike (formulations/finger_turn.py), from starts of the search.
 """
 
 from __future__ import annotations

@@ -50,15 +50,16 @@ log = logging.getLogger("tactilenlp")
 class Nuisance(NamedTuple):
     """An unknown that is fixed, and why.
 
-    searched: whether poses found while it is fixed are too far off to start from;
-    alone: whether it must gain enough with all else held, before more is solved.
+    from_all_starts: whether poses found while it is fixed are too far off to start
+    from; screened: whether it must gain enough with all else held, before more is
+    solved.
     """
 
     unknown: str
     dropped: str
     reason: str
-    searched: bool
-    alone: bool
+    from_all_starts: bool
+    screened: bool
 
 
 NUISANCES = {  # by reduction, in the order in which they are freed
@@ -106,55 +107,73 @@ def _with(name, nuisance, job, page, solved, options, solve) -> tuple:
     """Return job and solves, one nuisance parameter free if the data ask for it."""
     best, *others = solved
     excess, spread = excess_of(job, best)
-    from_guesses = bool(contract_of(page).rough)  # else a solve costs several seconds
-    if excess < (needed := (UNCHANGED if from_guesses else LARGER_MODEL) + spread):
+    rough = bool(contract_of(page).rough)  # else a solve costs several seconds
+    if excess < (needed := (UNCHANGED if rough else LARGER_MODEL) + spread):
         return job, [declined(best, name, excess, needed, "at most "), *others]
     if job.deadline.passed(nuisance.dropped):
         return job, solved
     larger = replace(job, reductions=replace(job.reductions, **{name: False}))
-    if nuisance.alone:
-        gain = gain_alone(larger, page, best, nuisance.unknown)
+    if nuisance.screened:
+        gain = gain_with_others_held(larger, page, best, nuisance.unknown)
         if gain < needed:
             return job, [declined(best, name, gain, needed), *others]
-    if nuisance.searched:
-        alone = not from_guesses or excess < LARGER_MODEL + spread
-        freed = solve(larger, best.at, alone)
-        if from_guesses and alone and freed and _gain(best, freed[0]) > needed:
-            freed = solve(larger, best.at, False)
+    if nuisance.from_all_starts:
+        every = rough and excess >= LARGER_MODEL + spread
+        freed = _solved_from_starts(
+            larger, best, solve, every, needed if rough else None
+        )
     else:
         settings = settings_of(larger, options)
         freed = [warm_started(larger, page, best, settings, FREED_MU)]
     if not freed:
         return job, solved
-    to, gain, needed = freed[0], _gain(best, freed[0]), spread
+    gain, needed = _gain(best, freed[0]), spread
     if gain > spread:
-        needed += occam_of(to.problem, to.solution, nuisance.unknown)
+        needed += occam_of(freed[0].problem, freed[0].solution, nuisance.unknown)
     if gain <= needed:
         return job, [declined(best, name, gain, needed), *others]
     log.info("%s is free: the objective falls by %.1f nats", nuisance.dropped, gain)
-    return larger, [replace(to, declined=best.declined), *freed[1:], *solved]
+    first = replace(freed[0], declined=best.declined)
+    return larger, [first, *freed[1:], *solved]
 
 
-def gain_alone(job, page, solved: Solved, unknown: str) -> float:
+def _solved_from_starts(larger, best: Solved, solve, every: bool, promising) -> list:
+    """Return solves of a larger model from the best optimum, or from every start.
+
+    promising [nats]: a gain from the best optimum after which every start follows.
+    """
+    freed = solve(larger, best.at, not every)
+    again = freed and not every and promising is not None
+    if again and _gain(best, freed[0]) > promising:
+        return solve(larger, best.at, False)
+    return freed
+
+
+def gain_with_others_held(job, page, solved: Solved, unknown: str) -> float:
     """Return by how many nats one more unknown alone lowers the objective.
 
-    All others are held where they were found: a lower bound of what it may gain.
+    All others are held where they were found: a lower bound of what it may gain.  The
+    largest gain by the deviations of any level counts: by the page's own ones, touches
+    that are far off are outliers, which cost the same wherever they are.
     """
     problem, window, _ = problem_at(job, page, solved.hypothesis)
     x = problem.pack(transferred(solved, window, problem).values)
-    data = problem.data(solved.solution.parameters)
     variable = problem.variables[unknown]
     own = np.arange(problem.size)[variable.span]
     costs = [n for n in problem.costs if np.isin(problem.terms[n].unknowns, own).any()]
-    scale = np.tile(variable.scale, variable.columns)
+    scale, gains = np.tile(variable.scale, variable.columns), []
+    for level in (*contract_of(page).rough, page.LEVELS[-1]):
+        data = problem.data(solved.solution.parameters | level.parameters)
 
-    def cost(change):
-        x[own] = scale * change
-        value = sum(problem.value(name, x, data).sum() for name in costs)
-        return value, scale * gradient(problem, x, data, costs=costs)[own]
+        def cost(change, data=data):
+            x[own] = scale * change
+            value = sum(problem.value(name, x, data).sum() for name in costs)
+            return value, scale * gradient(problem, x, data, costs=costs)[own]
 
-    start = np.zeros(len(scale))
-    return float(cost(start)[0] - minimize(cost, start, jac=True, method="BFGS").fun)
+        start = np.zeros(len(scale))
+        least = minimize(cost, start, jac=True, method="BFGS").fun
+        gains.append(cost(start)[0] - least)
+    return float(max(gains))
 
 
 def with_tilt(job, page, best: Solved, options) -> Solved:

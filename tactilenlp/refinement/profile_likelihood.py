@@ -11,7 +11,7 @@ objective has risen by PROFILE_RISE,
 as of a Gaussian with the same likelihood ratio; the other sizes and the final pose
 change as they do in that solve.  Where L is lower than at s_0, a better optimum is
 near.  Where sigma is a large share of that of the prior, no solve follows: L is the
-prior's, exact, and a straight line (`_by_prior`).  It is at most
+prior's, exact, and a straight line (`_extrapolated_with_prior`).  It is at most
 
     sigma sqrt(1 + |z|^2 / (3 + n)),
 
@@ -143,16 +143,18 @@ def deviation_along(
     known = max(off[axis], LEAST_SIGMA)
     off = off * min(1.0, prior / known)
     is_open, widest = touched is None or touched.min() < KNOWN_FACE, None
-    enough = PROFILE_RISE / 2 if touched is None else PROFILE_RISE
+    target_rise = PROFILE_RISE / 2 if touched is None else PROFILE_RISE
     for way in (1, -1):
         behind = touched if is_open and way > 0 else None
         there = partial(elsewhere, axis, way * direction / known, behind)
-        claim = abs((off if widest is None else widest)[axis])
-        # Where a Gaussian costs twice as much as is enough; most cost half as much.
-        first = max(min(np.sqrt(4 * enough) * known, VAGUE_SHARE * prior), FIRST_STEP)
-        given = at, axis, first, claim, prior, enough
-        by_prior = None if cost is None else (lambda step, way=way: cost(way * step))
-        found, better = _one_direction(there, *given, by_prior)
+        sigma_so_far = abs((off if widest is None else widest)[axis])
+        # Where a Gaussian costs twice as much; most cost half as much.
+        first = max(
+            min(np.sqrt(4 * target_rise) * known, VAGUE_SHARE * prior), FIRST_STEP
+        )
+        given = at, axis, first, sigma_so_far, prior, target_rise
+        prior_added = None if cost is None else (lambda step, way=way: cost(way * step))
+        found, better = _profile_one_side(there, *given, prior_added)
         if better is not None:
             return off, better
         both = [d for d in (widest, found) if d is not None]
@@ -164,17 +166,17 @@ def deviation_along(
     return widest, None
 
 
-def _one_direction(there, at, axis, step, claim, prior, enough, cost):
+def _profile_one_side(there, at, axis, step, sigma_so_far, prior, target_rise, cost):
     """Return the widest deviation (k,) in one direction, or None; and a better optimum.
 
-    there(step): the hypothesis with that one held so far off [m], or None; claim [m]:
-    the deviation so far; enough [nats]: the rise at which the profile ends; it also
-    ends beyond the distance at which that rise leaves a large deviation, and goes on
-    with cost(step) of the prior, if it is known.
+    there(step): the hypothesis with that one held so far off [m], or None;
+    sigma_so_far [m]: from the other direction or the Hessian; target_rise [nats]: at
+    which the profile ends; it also ends beyond the distance at which that rise leaves a
+    large deviation, and goes on with cost(step) of the prior, if it is known.
     """
     found, last, least_growth = None, None, 1.0
-    farthest = VAGUE_SHARE * prior * np.sqrt(2 * enough)
-    while (claim if found is None else abs(found[axis])) < VAGUE_SHARE * prior:
+    farthest = VAGUE_SHARE * prior * np.sqrt(2 * target_rise)
+    while (sigma_so_far if found is None else abs(found[axis])) < VAGUE_SHARE * prior:
         moved = there(step)
         if moved is None:
             break
@@ -185,27 +187,29 @@ def _one_direction(there, at, axis, step, claim, prior, enough, cost):
         deviation = min(step / np.sqrt(2 * max(price, ONE_SIGMA)), prior)
         if found is None or deviation > abs(found[axis]):
             found = (moved.end - at.end) * deviation / step
-        if price >= ENDED * enough or step >= farthest:
+        if price >= ENDED * target_rise or step >= farthest:
             break
-        growth = max(least_growth, enough / max(price, ONE_SIGMA))
+        growth = max(least_growth, target_rise / max(price, ONE_SIGMA))
         step = min(step * min(MAX_STEP_GROWTH, growth), farthest)
         least_growth = PLATEAU_GROWTH if price > ONE_SIGMA else 1.0
     if found is not None and cost is not None:
-        deviation = min(_by_prior(*last, cost, prior, enough), prior)
+        deviation = min(
+            _extrapolated_with_prior(*last, cost, prior, target_rise), prior
+        )
         found *= max(1.0, deviation / abs(found[axis]))
     return found, None
 
 
-def _by_prior(step, price, cost, prior, enough) -> float:
+def _extrapolated_with_prior(step, price, cost, prior, target_rise) -> float:
     """Return the deviation [m] where a solve at `step` cost `price`, by farther steps.
 
     The objective is that of the prior, cost(step), and a straight line for the rest.
     """
     slope = max(price - cost(step), 0.0) / step
-    farther = np.linspace(step, prior * np.sqrt(2 * enough), STEPS_BY_PRIOR)
+    farther = np.linspace(step, prior * np.sqrt(2 * target_rise), STEPS_BY_PRIOR)
     rises = np.array([slope * d + cost(d) for d in farther])
     deviations = farther / np.sqrt(2 * np.maximum(rises, ONE_SIGMA))
-    return float(deviations[rises <= enough].max(initial=0.0))
+    return float(deviations[rises <= target_rise].max(initial=0.0))
 
 
 def _constrained(

@@ -13,6 +13,7 @@ import numpy as np
 
 from formulations.centre_of_mass import NAME as CENTRE
 
+from ..common.deadline import OutOfTime
 from ..data.sensor_noise import variance_left
 from ..geometry.transforms import is_planar
 from ..information.goodness_of_fit import fit_of
@@ -46,18 +47,22 @@ PROCESS_NOISE_FACTOR = 3.0  # [-] of the tracker's, in a second search
 def refined(job, page, kept, options, solved, start=None) -> list[Solved]:
     """Return the page solved from hypotheses, best first.
 
-    solved: an empty list that holds the solves so far when Ctrl-C interrupts; start: an
-    estimate of this page that this one continues.
+    solved: a list to which the solves are added that there are when Ctrl-C or OutOfTime
+    interrupts; start: an estimate of this page that this one continues.
     """
     sized = job.shape.parameters == "sizes"
     required = required_reductions(page, Reductions())
     lying = job.scene.ground is not None and all(is_planar(h.x) for h in kept)
     lying = lying and not job.shape.rolls
     if lying and required.planar and not job.reductions.planar:
-        flat = replace(job, reductions=required)
-        found = refined(flat, page, kept, options, solved, start)
-        found = repaired(flat, page, found, options)
-        if not sized or planar_certificate(flat, page, found[0]).holds:
+        flat, slid = replace(job, reductions=required), []
+        try:
+            found = refined(flat, page, kept, options, slid, start)
+            found = repaired(flat, page, found, options)
+        except (KeyboardInterrupt, OutOfTime):
+            solved += slid
+            raise
+        if not sized or planar_certificate(flat, found[0]).holds:
             return _in_free_motion(job, page, found[: job.shape.hypotheses], options)
     start = start if sized else None
     return _solved_promising(job, page, kept, options, solved, start)
@@ -171,7 +176,7 @@ def continues(start, page) -> bool:
 def update_costs_too_much(request, best: Solved) -> bool:
     """Tell whether an update of a box costs more than its new actions should.
 
-    The posterior that it tracked on from had then lost the right path.
+    The posterior that it started from no longer contained the right trajectory.
     """
     start, job = request.start, request.job
     if job.shape.parameters != "sizes" or not continues(start, request.page):
