@@ -111,7 +111,7 @@ def begun(recorded):
     turn = Rotation.from_quat(np.roll(truth["object_quaternion"][:T], -1, axis=1))
     yaw = np.unwrap(turn.as_euler("zyx")[:, 0])
     x = np.vstack([truth["object_position"][:T, :2].T, yaw])
-    theta, x = truth["side_lengths"] * 1.05, x + np.c_[[1e-3, -1e-3, 0.03]]
+    theta, x = truth["side_lengths"] * 1.03, x + np.c_[[1e-3, -1e-3, 0.03]]
 
     def solved(page):
         made = required_reductions(page, Reductions())
@@ -195,7 +195,8 @@ def test_an_edited_equation_reaches_estimate_information_and_gain(
     monkeypatch.syspath_prepend(tmp_path)
     page = importlib.import_module("my_shooting")
     data, scene, _ = recorded
-    lean, data = Options(hypotheses=1, starts=2), data.select([0])
+    # One start: from another, side y may be the narrow one.
+    lean, data = Options(hypotheses=1, starts=1), data.select([0])
     mine = solve_estimate(data, scene, formulation=page, options=lean)
     plain = solve_estimate(data, scene, formulation="shooting", options=lean)
     assert mine.side_lengths[0] == pytest.approx(0.02, abs=2e-3)
@@ -204,7 +205,7 @@ def test_an_edited_equation_reaches_estimate_information_and_gain(
     sigma = [e.information.sigma("side_lengths")[0] for e in (mine, plain)]
     alone = mine.information.of_hessian().sigma("side_lengths")[0]
     assert alone < 1.1e-3 < 3e-3 < sigma[1]
-    assert sigma[0] < 1.2e-3  # side y may be the narrow one, with 0.02 %
+    assert sigma[0] < 1.2e-3
     # An action that would tell side x to a millimetre tells little that is new.
     known = [ExpectedInformation(e).beliefs[0].information for e in (mine, plain)]
     told = np.zeros_like(known[0])
