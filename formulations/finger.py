@@ -76,13 +76,8 @@ def segment_core(half_length, shape, theta, pose, p_wf, rho):
     return c_wf + u * a_wf
 
 
-def known(normal):
-    """Return the measured normal: the sensor's orientation is known."""
-    return normal
-
-
-def unchanged(normal, p_wf):
-    """Return the normal: the orientation of the finger is known."""
+def unchanged(normal, p_wf=None):
+    """Return the normal: the orientation of finger and sensor is known."""
     return normal
 
 
@@ -122,7 +117,7 @@ class Finger:
     core: Callable
     before: Callable
     felt: Callable = unchanged
-    measured: Callable = known
+    measured: Callable = unchanged
 
     def gap(self, shape, theta, pose, p_wf, rho):
         """Return the gap [m] between body and finger."""

@@ -27,7 +27,7 @@ from dataclasses import replace
 
 import casadi as ca
 
-from . import centre_of_mass
+from . import centre_of_mass, violation_implicit
 from .balance import Balance
 from .finger_turn import turned
 from .level import Level
@@ -37,7 +37,7 @@ from .rigid_body import Body
 from .violation_implicit import contacts_of, felt, impulses_of, physics
 
 EXTENDS = True  # an estimate is extended by one action: polytope_extension.py
-FREED = ("rigid", "central", "aligned", "planar", "level")  # undone if data ask
+FREED = violation_implicit.FREED
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
     Level(

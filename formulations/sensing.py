@@ -15,6 +15,8 @@ from __future__ import annotations
 
 import casadi as ca
 
+FREEDOM = 3  # degrees of freedom of heavy tails
+
 
 def softplus(z):
     """Return log(1 + exp(z)) without overflow."""
@@ -39,6 +41,17 @@ def felt(phi, alpha):
 def normal(n, n_m, sigma):
     """Return the cost of the normal n where n_m was measured (eq:norm); sigma [rad]."""
     return ca.sumsqr(n_m - n) / (2 * sigma**2)
+
+
+def heavy_tailed(square, n=1):
+    """Return (3 + n) / 2 log(1 + square / (3 + n)): square / 2 near zero, then flatter.
+
+    Student's t of FREEDOM degrees of freedom, n-variate; square: the sum of n squares,
+    each in the deviations that its mode's curvature has: what is ten deviations off is
+    rare, not impossible.
+    """
+    total = FREEDOM + n
+    return total / 2 * ca.log1p(square / total)
 
 
 def mixture(cost, outlier_cost):

@@ -24,15 +24,15 @@ from math import erf, exp, lgamma, log, pi, prod, sqrt
 
 import casadi as ca
 
-FREEDOM = 3  # degrees of freedom
+from .sensing import FREEDOM, heavy_tailed
+
 NODES, FAR = 400, 40.0  # midpoints up to chi^2 = FAR, of the probability within bounds
 
 
 def size_cost(shape, theta):
     """Return the cost [nats] of theta, zero at the mean of the prior."""
     mean, deviation = (entries(shape, pair) for pair in shape.size_prior)
-    total = FREEDOM + shape.theta
-    return total / 2 * ca.log1p(ca.sumsqr((theta - mean) / deviation) / total)
+    return heavy_tailed(ca.sumsqr((theta - mean) / deviation), shape.theta)
 
 
 def log_size_prior(shape, theta) -> float:

@@ -17,7 +17,7 @@ import numpy as np
 from formulations.finger_turn import NAME as TURN
 from formulations.finger_turn import TURN as PRIOR_TURN
 from formulations.page_contract import contract_of
-from formulations.size_prior import FREEDOM
+from formulations.sensing import heavy_tailed
 
 from ..information.mixture import occam_of
 from ..information.sensitivity import ground_tilt
@@ -99,10 +99,10 @@ def _common_turn(solved: Solved) -> np.ndarray:
     w = solution.values[TURN].T.ravel()
     rows = np.arange(problem.size)[problem.variables[TURN].span]
     covariance = kkt_system_of(problem, solution).sensitivity(rows)[0][rows]
-    told = np.linalg.inv(covariance) - np.eye(len(w)) / PRIOR_TURN**2
+    information = np.linalg.inv(covariance) - np.eye(len(w)) / PRIOR_TURN**2
     alike = np.tile(np.eye(3)[:, :2], (len(w) // 3, 1))
-    told = alike.T @ (told + told.T) / 2
-    return np.linalg.lstsq(told @ alike, told @ w)[0]
+    weight = alike.T @ (information + information.T) / 2
+    return np.linalg.lstsq(weight @ alike, weight @ w)[0]
 
 
 def _turned_by_steps(best: Solved, page, options, needed) -> Solved:
@@ -168,10 +168,7 @@ def on_ground(job, ground):
 
 
 def _cost(solved: Solved) -> float:
-    """Return the objective with the prior of the tilt of the ground [nats].
-
-    Student's t as of sizes (formulations/size_prior.py), of two entries.
-    """
-    scene, total = solved.job.scene, FREEDOM + 2
-    square = np.sum((scene.ground.tilt / scene.sigma_tilt) ** 2)
-    return solved.solution.objective + total / 2 * float(np.log1p(square / total))
+    """Return the objective with the prior of the tilt of the ground [nats]."""
+    scene = solved.job.scene
+    square = float(np.sum((scene.ground.tilt / scene.sigma_tilt) ** 2))
+    return solved.solution.objective + heavy_tailed(square, 2)

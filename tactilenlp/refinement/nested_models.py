@@ -119,9 +119,8 @@ def _with(name, nuisance, job, page, solved, options, solve) -> tuple:
             return job, [declined(best, name, gain, needed), *others]
     if nuisance.from_all_starts:
         every = rough and excess >= LARGER_MODEL + spread
-        freed = _solved_from_starts(
-            larger, best, solve, every, needed if rough else None
-        )
+        promising = needed if rough else np.inf
+        freed = _solved_from_starts(larger, best, solve, every, promising)
     else:
         settings = settings_of(larger, options)
         freed = [warm_started(larger, page, best, settings, FREED_MU)]
@@ -143,8 +142,7 @@ def _solved_from_starts(larger, best: Solved, solve, every: bool, promising) -> 
     promising [nats]: a gain from the best optimum after which every start follows.
     """
     freed = solve(larger, best.at, not every)
-    again = freed and not every and promising is not None
-    if again and _gain(best, freed[0]) > promising:
+    if freed and not every and _gain(best, freed[0]) > promising:
         return solve(larger, best.at, False)
     return freed
 

@@ -32,7 +32,8 @@ from functools import partial
 import numpy as np
 
 from formulations.rigid_body import PLANAR
-from formulations.size_prior import FREEDOM, size_cost
+from formulations.sensing import FREEDOM
+from formulations.size_prior import size_cost
 
 from ..information.information import LEAST_SIGMA
 from ..information.measurement_noise import KNOWN_FACE
