@@ -123,9 +123,7 @@ def prior_cost(shape, at: Hypothesis, axis: int) -> Callable:
     return added
 
 
-def deviation_along(
-    elsewhere, at, prior, axis: int, direction, off, touched, cost=None
-):
+def deviation_along(elsewhere, at, prior, axis, direction, off, touched, cost=None):
     """Return by how much sizes and final pose are off (k,) where one of them is.
 
     elsewhere(axis, direction, touched, step): the hypothesis `at` with that one held
@@ -144,16 +142,14 @@ def deviation_along(
     known = max(off[axis], LEAST_SIGMA)
     off = off * min(1.0, prior / known)
     is_open, widest = touched is None or touched.min() < KNOWN_FACE, None
-    target_rise = PROFILE_RISE / 2 if touched is None else PROFILE_RISE
+    rise = PROFILE_RISE / 2 if touched is None else PROFILE_RISE
     for way in (1, -1):
         behind = touched if is_open and way > 0 else None
         there = partial(elsewhere, axis, way * direction / known, behind)
         sigma_so_far = abs((off if widest is None else widest)[axis])
         # Where a Gaussian costs twice as much; most cost half as much.
-        first = max(
-            min(np.sqrt(4 * target_rise) * known, VAGUE_SHARE * prior), FIRST_STEP
-        )
-        given = at, axis, first, sigma_so_far, prior, target_rise
+        first = max(min(np.sqrt(4 * rise) * known, VAGUE_SHARE * prior), FIRST_STEP)
+        given = at, axis, first, sigma_so_far, prior, rise
         prior_added = None if cost is None else (lambda step, way=way: cost(way * step))
         found, better = _profile_one_side(there, *given, prior_added)
         if better is not None:
