@@ -205,7 +205,15 @@ def test_a_mode_two_nats_worse_weighs_less_and_a_vaguer_one_more():
     assert worse.weights[1] / worse.weights[0] == pytest.approx(np.exp(-2))
     vague = laplace_mixture(CUBOID, 1, [mode([0.05, 0.03, 0.04], 0.0),
                                  mode([0.05, 0.04, 0.04], 0.0, 0.0, 2e-4)])  # fmt: skip
-    assert vague.weights[1] / vague.weights[0] == pytest.approx(2**6)
+    assert vague.weights[1] / vague.weights[0] == pytest.approx(2**6, rel=1e-4)
+
+
+def test_a_pose_that_no_touch_tells_makes_a_mode_no_likelier():
+    """Its position may be metres or kilometres off, by rounding: both are "open"."""
+    found = [mode([0.05, 0.03, 0.04], 0.0), mode([0.05, 0.04, 0.04], 0.0)]
+    for (_, _, _, C), deviation in zip(found, (1.0, 1e3), strict=True):
+        C[3, 3] = deviation**2
+    assert laplace_mixture(CUBOID, 1, found).weights == pytest.approx(0.5, rel=1e-2)
 
 
 def test_a_quarter_turn_that_swaps_two_sides_is_the_same_body():

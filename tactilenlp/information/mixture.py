@@ -7,8 +7,10 @@ m are weighted by Laplace's approximation to the evidence of shape z and final p
 
 and the mixture's covariance about the best one is sum w_m (C_m + d_m d_m'), where d_m
 is the offset of mode m after the relabelling of the body's axes that rotates it least.
-Only the volume of z counts: that of the impulses depends on which bounds are active,
-differs by tens of nats from mode to mode, and says nothing about the shape.
+C_m in the weight includes the weak prior of the final pose (`bounded_pose`): a pose
+that no touch tells makes no mode likelier.  Only the volume of z counts: that of the
+impulses depends on which bounds are active, differs by tens of nats from mode to mode,
+and says nothing about the shape.
 
 Classes of shapes s, with other unknowns each, are compared in the same way, with the
 volume of the posterior as a share of that of the prior (Occam's factor):
@@ -29,6 +31,7 @@ from formulations.rigid_body import ARM
 
 from ..common.brief import printed
 from ..nlp.kkt_sensitivity import kkt_system_of
+from .error_budget_terms import bounded_pose
 
 SAME_MODE = 0.3e-3  # [m] modes whose unknowns agree this well (a radian: ARM) are one
 MIN_WEIGHT = 0.02  # [-] optima of less weight are not listed one by one
@@ -153,7 +156,8 @@ def laplace_mixture(shape, turning: int, found, errors=None) -> Modes:
         kept.append((off, objective, C))
     offsets, objectives, covariances = (np.array(a) for a in zip(*kept, strict=True))
     unit = np.outer(*[_units(len(z_0), turning)] * 2) / SAME_MODE**2
-    volumes = [_log_volume(C * unit) for C in covariances]
+    told = [bounded_pose(C, shape.theta, turning) for C in covariances]
+    volumes = [_log_volume(C * unit) for C in told]
     evidence = np.array(volumes) - objectives
     weights = np.exp(evidence - evidence.max())
     weights /= weights.sum()
