@@ -15,7 +15,7 @@ from tactilenlp.information.error_budget import Linearisation, error_budget
 from tactilenlp.information.error_budget_terms import UNTOUCHED_FACTOR, untouched_faces
 from tactilenlp.information.information import inverse
 from tactilenlp.information.measurement_noise import gaps_of_touches, touches
-from tactilenlp.information.mixture import laplace_mixture
+from tactilenlp.information.mixture import LocalOptimum, laplace_mixture
 from tactilenlp.information.sensitivity import kkt_residual
 from tactilenlp.information.tangent_space import TangentSpace
 from tactilenlp.nlp.ipopt import SolverOptions, solve
@@ -188,7 +188,7 @@ def mode(sizes, yaw, objective=0.0, deviation=1e-4):
     R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     z = np.r_[sizes, 0.0, 0.0, yaw]
     C = np.diag(np.r_[np.full(5, deviation), deviation / 0.02]) ** 2
-    return z, R, objective, C
+    return LocalOptimum(z, R, objective, C)
 
 
 def test_two_bodies_that_are_equally_likely_are_half_their_distance_wide():
@@ -211,8 +211,8 @@ def test_a_mode_two_nats_worse_weighs_less_and_a_vaguer_one_more():
 def test_a_pose_that_no_touch_tells_makes_a_mode_no_likelier():
     """Its position may be metres or kilometres off, by rounding: both are "open"."""
     found = [mode([0.05, 0.03, 0.04], 0.0), mode([0.05, 0.04, 0.04], 0.0)]
-    for (_, _, _, C), deviation in zip(found, (1.0, 1e3), strict=True):
-        C[3, 3] = deviation**2
+    for one, deviation in zip(found, (1.0, 1e3), strict=True):
+        one.covariance[3, 3] = deviation**2
     assert laplace_mixture(CUBOID, 1, found).weights == pytest.approx(0.5, rel=1e-2)
 
 
@@ -224,7 +224,7 @@ def test_a_quarter_turn_that_swaps_two_sides_is_the_same_body():
 def test_a_mode_of_which_a_direction_is_certain_has_a_weight():
     """A covariance that is singular to the last digit has a volume all the same."""
     flat = np.diag([1e-8, 1e-8, 1e-8, 100.0, 100.0, 0.0])
-    found = [(np.full(6, 0.05), np.eye(3), 1.0, flat)]
+    found = [LocalOptimum(np.full(6, 0.05), np.eye(3), 1.0, flat)]
     modes = laplace_mixture(CUBOID, 1, found)
     assert modes.weights == pytest.approx([1.0])
     assert np.isfinite(modes.covariance).all()

@@ -26,7 +26,7 @@ from ..refinement.refinement import (
     with_named_axes,
 )
 from ..search.hypothesis import Hypothesis, Job, distinct, same
-from ..search.local_solve import Solved, best_first
+from ..search.local_solve import Solved, best_first, comparable
 from ..search.margins import LEAST_MOTION_BEHIND
 from .initial_search import SEARCH_END, searched
 from .interrupted import SoFar
@@ -53,11 +53,8 @@ class Optima:
 
     @property
     def modes(self) -> list[Solved]:
-        """The optima in the kind of motion of the best one."""
-        motion = self.best.window.motion
-        return [
-            s for s in self.solved if s.solution.success and s.window.motion is motion
-        ]
+        """The optima that are believed beside the best one."""
+        return comparable(self.best, self.solved)
 
     def carried_on(self, width: int) -> list[Hypothesis]:
         """Return the hypotheses for the next action: the distinct optima."""

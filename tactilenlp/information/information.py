@@ -23,7 +23,13 @@ from ..nlp.kkt_sensitivity import KKTSystem, kkt_system_of
 from .error_budget import Linearisation, after_mixture, error_budget
 from .error_budget_terms import TouchedFaces, bounded_pose
 from .finger_offsets import covariance_of_offsets, covariance_with_offsets
-from .mixture import Modes, distinct_modes, laplace_mixture, optima_in_words
+from .mixture import (
+    LocalOptimum,
+    Modes,
+    distinct_modes,
+    laplace_mixture,
+    optima_in_words,
+)
 from .tangent_space import open_directions, tangent_space_of
 from .trajectory import deviations_of_path, turned_with_ground
 
@@ -32,7 +38,6 @@ LEAST_SIGMA = 1e-12  # [SI] a deviation below which a number is known exactly
 POSE = {"position": slice(3), "rotation": slice(3, 6)}  # in `path` and `ground`
 LEAST_VARIANCE = 1e-12  # [-] of the others: a direction below is known exactly
 MAX_NAMES = 4  # unknowns that name a direction
-NEGLIGIBLE_MODE = 40.0  # [nats] behind the best: a mode of negligible weight
 
 
 @printed
@@ -180,15 +185,15 @@ class Information:
 
 
 def information_of(
-    problem, solution, window, shape, faces, R_wg, sensed=None, rivals=(), profile=None,
+    problem, solution, window, shape, faces, R_wg, sensed=None, others=(), profile=None,
     deadline: Deadline = NEVER,
 ) -> Information:  # fmt: skip
     """Return the information about theta and the last pose of a solved problem.
 
     faces: (axes, 2) number of samples that touched each face; R_wg (3, 3): from the
     ground's frame, in which the problem is written, to the world.  sensed: the
-    measurements, without which sigma is that of the Hessian; rivals: (problem,
-    solution, window) of other local optima; profile (k, k): see profile_likelihood.py.
+    measurements, without which sigma is that of the Hessian; others: LocalOptima of
+    the same data; profile (k, k): see profile_likelihood.py.
     """
     kkt = kkt_system_of(problem, solution, deadline)
     deadline.check()
@@ -198,9 +203,9 @@ def information_of(
     response = at.response(tangent.chosen, tangent.jacobian, turned)
     C = response.hessian
     errors = C if sensed is None else error_budget(response)
-    best = tangent.z, tangent.R, solution.objective, C, solution, window
-    optima = [best, *_others(best, rivals, shape, R_wg)]
-    optima = distinct_modes(shape, tangent.turning, optima)
+    objective = solution.objective
+    best = LocalOptimum(tangent.z, tangent.R, objective, C, solution, window)
+    optima = distinct_modes(shape, tangent.turning, [best, *others])
     modes = laplace_mixture(shape, tangent.turning, optima, errors)
     covariance, path = _covariance_with_path(
         modes, optima, at, tangent, faces, R_wg, profile
@@ -236,7 +241,7 @@ def _covariance_with_path(modes, optima, at, tangent, faces, R_wg, profile):
     beyond = after_mixture(seen, modes.covariance)  # what the mixture leaves out
     pairs = zip(modes.weights[1:], optima[1:], strict=True)
     others = [(weight, optimum) for weight, optimum in pairs if weight]
-    solution, more = optima[0][4], beyond + modes.of_others
+    solution, more = optima[0].solution, beyond + modes.of_others
     path = deviations_of_path(at, tangent, solution, R_wg, more, others)
     covariance = modes.covariance + beyond
     return bounded_pose(covariance, at.shape.theta, tangent.turning), path
@@ -251,20 +256,15 @@ def _of_offsets(kkt, sensed, window, shape, R_wg, tangent) -> dict:
     return {"offsets": offsets, "with_offsets": matrix}
 
 
-def _others(best, rivals, shape, R_wg):
-    """Yield the optima of other solves that count."""
-    for problem, solution, window in rivals:
-        if solution.objective > best[2] + NEGLIGIBLE_MODE:
-            continue
-        yield optimum_of(problem, solution, window, shape, R_wg)
+def optimum_of(problem, solution, window, shape, R_wg) -> LocalOptimum:
+    """Return where a solve ended, with the covariance by the Hessian.
 
-
-def optimum_of(problem, solution, window, shape, R_wg) -> tuple:
-    """Return z, R, objective, covariance by the Hessian, solution, window."""
+    R_wg (3, 3): from the ground's frame, in which the problem is written, to the world.
+    """
     at = tangent_space_of(problem, solution, window, shape, R_wg)
     C, *_ = reduced_covariance(problem, solution, at.chosen)
     C = at.jacobian @ C @ at.jacobian.T
-    return at.z, at.R, solution.objective, C, solution, window
+    return LocalOptimum(at.z, at.R, solution.objective, C, solution, window)
 
 
 def reduced_covariance(problem, solution, chosen: np.ndarray):

@@ -24,6 +24,7 @@ final pose.  What no touch tells costs nothing, in any class.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,6 +37,22 @@ from .error_budget_terms import bounded_pose
 SAME_MODE = 0.3e-3  # [m] modes whose unknowns agree this well (a radian: ARM) are one
 MIN_WEIGHT = 0.02  # [-] optima of less weight are not listed one by one
 OUTSIDE = 2.7e-3  # [-] beyond three deviations: modes of less weight do not count
+
+
+class LocalOptimum(NamedTuple):
+    """Laplace's approximation to the posterior of shape and final pose at one optimum.
+
+    z (k,): theta, then position and turn; R (3, 3): the final rotation of the body, in
+    the frame of the turn; objective [nats]; covariance (k, k): by the Hessian, SI;
+    solution and window: of the solve that ended there.
+    """
+
+    z: np.ndarray
+    R: np.ndarray
+    objective: float
+    covariance: np.ndarray
+    solution: object = None
+    window: object = None
 
 
 @printed
@@ -143,19 +160,17 @@ def one_mode(objective: float, covariance) -> Modes:
 
 
 def laplace_mixture(shape, turning: int, found, errors=None) -> Modes:
-    """Return the modes of distinct (z, R, objective, covariance), the first first.
+    """Return the modes of the distinct ones of LocalOptima, the first first.
 
-    z (k,): theta, then position and turn, `turning` numbers; R (3, 3): the final
-    rotation of the body, in the frame of the turn; covariance (k, k): by the Hessian,
-    of which the weights are.  errors (k, k): the covariance of the first, if another.
+    turning: how many numbers of z turn the body; errors (k, k): the covariance of the
+    first, if it is not that of the Hessian, of which the weights are.
     """
-    z_0, R_0, *_ = found[0]
     kept = []
-    for z, R, objective, C, *_ in distinct_modes(shape, turning, found):
-        off, C = aligned(shape, turning, (z, R, C), (z_0, R_0))
-        kept.append((off, objective, C))
+    for one in distinct_modes(shape, turning, found):
+        off, C = aligned(shape, turning, one, found[0])
+        kept.append((off, one.objective, C))
     offsets, objectives, covariances = (np.array(a) for a in zip(*kept, strict=True))
-    unit = np.outer(*[_units(len(z_0), turning)] * 2) / SAME_MODE**2
+    unit = np.outer(*[_units(len(found[0].z), turning)] * 2) / SAME_MODE**2
     told = [bounded_pose(C, shape.theta, turning) for C in covariances]
     volumes = [_log_volume(C * unit) for C in told]
     evidence = np.array(volumes) - objectives
@@ -167,13 +182,11 @@ def laplace_mixture(shape, turning: int, found, errors=None) -> Modes:
     return Modes(weights / weights.sum(), offsets, covariances, objectives)
 
 
-def distinct_modes(shape, turning: int, found) -> list:
-    """Return those of (z, R, objective, covariance, ...) that are no mode of before."""
-    z_0, R_0, *_ = found[0]
-    units, kept, offsets = _units(len(z_0), turning), [], []
+def distinct_modes(shape, turning: int, found) -> list[LocalOptimum]:
+    """Return those of several LocalOptima that are not one of those before."""
+    units, kept, offsets = _units(len(found[0].z), turning), [], []
     for one in found:
-        z, R, _, C, *_ = one
-        off, _ = aligned(shape, turning, (z, R, C), (z_0, R_0))
+        off, _ = aligned(shape, turning, one, found[0])
         if all(np.abs((off - other) * units).max() > SAME_MODE for other in offsets):
             kept.append(one)
             offsets.append(off)
@@ -231,12 +244,13 @@ def _log_volume(C) -> float:
     return float(np.log(np.maximum(values, least)).sum() / 2)
 
 
-def aligned(shape, turning: int, mode, reference):
-    """Return offset (k,) and covariance of a mode (z, R, C) from a reference (z, R).
+def aligned(shape, turning: int, mode: LocalOptimum, reference: LocalOptimum):
+    """Return offset (k,) of a mode from a reference, and its covariance.
 
     Of the body's relabellings (order of theta, rotation), that which turns least.
     """
-    (z, R, C), (z_0, R_0) = mode, reference
+    z, R, _, C, *_ = mode
+    z_0, R_0, *_ = reference
     order, S = relabelling(shape, R, R_0)
     index = np.r_[np.array(order, int), np.arange(shape.theta, len(z))]
     off = z[index] - z_0

@@ -83,7 +83,7 @@ def trajectory_variance(at: Linearisation, values, R_wg, middle, beyond=None):
 
 def deviations_of_path(at, tangent, solution, R_wg, beyond, others) -> np.ndarray:
     """Return the deviations (T, 6) of the pose at every sample."""
-    optima = tuple((w, there, window) for w, (*_, there, window) in others)
+    optima = tuple((w, optimum.solution, optimum.window) for w, optimum in others)
     maps = tangent.maps["position"], tangent.maps["rotation"]
     more = Beyond(beyond, *maps, optima)
     middle = np.zeros(3), np.zeros((3, at.shape.theta))

@@ -128,8 +128,7 @@ def read_box(
         lambda: information_of(
             problem, solution, window, shape, faces, R_wg,
             Sensed(job.data, job.precision, build, scene),
-            [(r.problem, r.solution, r.window) for r in modes], solved.profile,
-            deadline,
+            [mode.optimum for mode in modes], solved.profile, deadline,
         ),
     )  # fmt: skip
     where = poses(shape, window.motion, theta, x, scene.ground)

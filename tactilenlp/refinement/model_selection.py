@@ -17,7 +17,6 @@ from formulations.shape import Shape
 from ..common.deadline import Deadline
 from ..errors import OptionError, TactileError
 from ..information.error_budget_terms import ANY_ROTATION, REACHED, positive_part
-from ..information.information import optimum_of
 from ..information.mixture import (
     distinct_modes,
     laplace_mixture,
@@ -26,7 +25,7 @@ from ..information.mixture import (
 )
 from ..interface.result import Estimate
 from ..problem.pages import shape_of
-from ..search.local_solve import Solved
+from ..search.local_solve import Solved, comparable
 from ..search.margins import CLOSE_OPTIMUM, LEAST_MOTION_BEHIND
 
 AUTO = (  # the classes of shape="auto"
@@ -42,20 +41,14 @@ def most_probable_first(job, solved) -> list[Solved]:
 
     A narrow optimum that is lower by a fraction of a nat is not what is believed.
     """
-    best = solved[0]
-    motion = best.window.motion
-    comparable = [s for s in solved if s.solution.success and s.window.motion is motion]
-    if job.shape.parameters != "sizes" or len(comparable) < 2:
+    several = comparable(solved[0], solved)
+    if job.shape.parameters != "sizes" or len(several) < 2:
         return solved
-    R_wg = np.eye(3) if job.scene.ground is None else job.scene.ground.rotation.T
-    optima = [
-        (*optimum_of(s.problem, s.solution, s.window, job.shape, R_wg), s)
-        for s in comparable
-    ]
-    turning = 1 if motion is PLANAR else 3
-    optima = distinct_modes(job.shape, turning, optima)
-    modes = laplace_mixture(job.shape, turning, optima)
-    first = optima[int(np.argmax(modes.weights))][-1]
+    turning = 1 if solved[0].window.motion is PLANAR else 3
+    optima = distinct_modes(job.shape, turning, [s.optimum for s in several])
+    weights = laplace_mixture(job.shape, turning, optima).weights
+    likeliest = optima[int(np.argmax(weights))]
+    first = next(s for s in several if s.optimum is likeliest)
     return [first, *(s for s in solved if s is not first)]
 
 

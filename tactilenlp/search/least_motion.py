@@ -12,10 +12,12 @@ from dataclasses import replace
 from typing import Any, Protocol
 
 from formulations import quasi_static
+from formulations.finger_offset import NAME as OFFSET
 
 from ..common.threads import on_one_thread
+from ..nlp.ipopt import SolverOptions, solve_levels
 from .hypothesis import Hypothesis, Job
-from .local_solve import problem_for, solved_roughly
+from .local_solve import LEVEL_TIME, problem_for, start_values
 
 WEAK_MOTION = {"motion weight": 100.0}  # [nats/m] a third of the page's own
 TOLERANCE = 1e-3  # [-] of these solves: they are starts
@@ -65,6 +67,16 @@ def _solved(job: Job, tracks) -> list[Hypothesis]:
         if job.deadline.passed("least motion of all tracks"):
             out.append(h)
             continue
-        given = job, problem, window, (level,), h, TOLERANCE, solvers
-        out.append(solved_roughly(*given))
+        out.append(_solved_from(job, problem, window, level, h, solvers))
     return out
+
+
+def _solved_from(job, problem, window, level, h: Hypothesis, solvers) -> Hypothesis:
+    """Return the optimum of least motion from a track."""
+    left = min(LEVEL_TIME, max(0.05, job.deadline.left))
+    options = SolverOptions(TOLERANCE, left, deadline=job.deadline)
+    start = start_values(problem, window, h)
+    s = solve_levels(problem, (level,), start, options, solvers)
+    theta, x = s.values["theta"][:, 0], s.values["x"][:, window.pose]
+    offset = s.values.get(OFFSET)
+    return Hypothesis(theta, x, s.objective, h.path, s.iterations, offset)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -19,7 +20,8 @@ from formulations.rigid_body import PLANAR
 
 from ..geometry.faces import touched_faces
 from ..geometry.tipping import planar_to_free
-from ..information.information import FACE_COSINE
+from ..information.information import FACE_COSINE, optimum_of
+from ..information.mixture import LocalOptimum
 from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
 from ..nlp.solution import Solution, after, unfinished
@@ -30,7 +32,7 @@ from ..problem.poses import poses
 from ..problem.reductions import reduce, required_reductions
 from ..problem.unreduced import transferred_values
 from .hypothesis import Hypothesis, Job
-from .margins import UNTOUCHED_FACE
+from .margins import NEGLIGIBLE, UNTOUCHED_FACE
 from .polytope_init import CLOSED, IPOPT_OPTIONS, with_vertices_on_hull
 
 RANKING_TOLERANCE = 1e-3  # of a page's solves that only rank hypotheses
@@ -91,10 +93,28 @@ class Solved:
             objective=self.solution.objective,
         )
 
+    @cached_property
+    def optimum(self) -> LocalOptimum:
+        """Shape and final pose of a shape with sizes, covariance by the Hessian."""
+        job, ground = self.job, self.job.scene.ground
+        R_wg = np.eye(3) if ground is None else ground.rotation.T
+        given = self.problem, self.solution, self.window, job.shape, R_wg
+        return optimum_of(*given)
+
 
 def best_first(solved) -> list[Solved]:
     """Return solves, the best first; what failed comes last."""
     return sorted(solved, key=lambda s: s.rank)
+
+
+def comparable(best: Solved, solved) -> list[Solved]:
+    """Return the solves that converged, of the best one's motion, of some weight."""
+    least = best.solution.objective + NEGLIGIBLE
+    return [
+        s for s in solved
+        if s.solution.success and s.window.motion is best.window.motion
+        and s.solution.objective <= least
+    ]  # fmt: skip
 
 
 # Problems of a page, where they start, how they are solved
@@ -140,17 +160,6 @@ def settings_of(job, options) -> SolverOptions:
 
 
 # Solves from a hypothesis
-
-
-def solved_roughly(job, problem, window, levels, h, tolerance, solvers) -> Hypothesis:
-    """Return the hypothesis that a solve of the levels makes of h."""
-    left = min(LEVEL_TIME, max(0.05, job.deadline.left))
-    options = SolverOptions(tolerance, left, deadline=job.deadline)
-    start = start_values(problem, window, h)
-    s = solve_levels(problem, levels, start, options, solvers)
-    theta, x = s.values["theta"][:, 0], s.values["x"][:, window.pose]
-    offset = s.values.get(OFFSET)
-    return Hypothesis(theta, x, s.objective, h.path, s.iterations, offset)
 
 
 def in_motion_of(job, h: Hypothesis) -> Hypothesis:

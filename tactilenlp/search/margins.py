@@ -20,6 +20,7 @@ UPDATE_COST, UPDATE_SHARE = 3.0, 2.0  # [nats], [cost of an action so far] of an
 
 # Between solves to the end:
 UNTOUCHED_FACE = 3.0  # a face that no touch supports must gain as much: odds of 20 to 1
+NEGLIGIBLE = 40.0  # behind the best optimum: of no weight beside it
 CLOSE_OPTIMUM = 3.0  # optima within odds of 20 to 1 are all solved in free motion
 
 # Between a model and a larger one that contains it:
