@@ -104,3 +104,13 @@ def test_an_unknown_start_or_parameter_is_named():
         solve(problem, start={"angle": 0.0})
     with pytest.raises(PageError, match="step: no such parameter"):
         solve(problem, parameters={"step": 0.0})
+
+
+def test_a_success_that_violates_constraints_is_none():
+    """IPOPT with loose tolerances of one's own accepts what does not hold."""
+    names = "tol", "constr_viol_tol", "dual_inf_tol", "compl_inf_tol"
+    loose = dict.fromkeys(names, 1e6)
+    solution = solve(pendulum(), SolverOptions(ipopt=loose), throw=False)
+    assert solution.violations["dynamics"] > 1e-4
+    assert not solution.success
+    assert solution.status == "Constraints_Violated"

@@ -19,6 +19,8 @@ PROGRESS = {  # our names for IPOPT's
 BY_ROUNDING = ", by rounding"  # ends the name of a report: a part of the cost before it
 ROUNDING = "rounding"  # entry of `Estimate.costs`: all these parts
 TIME_EXCEEDED = "Maximum_WallTime_Exceeded"  # IPOPT's status
+VIOLATED = "Constraints_Violated"  # status where IPOPT claims success
+FEASIBLE = 1e-4  # [-] largest violation of a success: a hundred times constr_viol_tol
 
 
 @printed
@@ -26,7 +28,9 @@ TIME_EXCEEDED = "Maximum_WallTime_Exceeded"  # IPOPT's status
 class Solution:
     """Where a solve ended: costs and violations are recomputed from the values.
 
-    `success` and `status` are the solver's, the former with all numbers finite.
+    `success`: the solver says so, all numbers are finite, and no constraint is violated
+    by more than FEASIBLE, scaled as the solver sees it.  `status`: the solver's, or
+    VIOLATED.
 
     `values` by variable name, SI, (rows, columns); `costs` by term, summed over the
     instances; `violations` by constraint, the largest; `multipliers` by constraint,
@@ -62,6 +66,9 @@ def recomputed(problem, x, data, lam_g, lam_x, stats, seconds) -> Solution:
     iterations = max(0, int(stats["iter_count"]))
     sums = [*costs.values(), *violations.values()]
     finite = bool(np.all(np.isfinite(x))) and bool(np.all(np.isfinite(sums)))
+    success, status = bool(stats["success"]) and finite, str(stats["return_status"])
+    if success and max(violations.values(), default=0.0) > FEASIBLE:
+        success, status = False, VIOLATED
     return Solution(
         values=problem.unpack(x),
         objective=float(sum(costs.values())),
@@ -73,8 +80,8 @@ def recomputed(problem, x, data, lam_g, lam_x, stats, seconds) -> Solution:
             n: data[p.first : p.first + p.value.size]
             for n, p in problem.parameters.items()
         },
-        success=bool(stats["success"]) and finite,
-        status=str(stats["return_status"]),
+        success=success,
+        status=status,
         iterations=iterations,
         iterations_by_level=(iterations,),
         evaluations=int(stats.get("n_call_nlp_f", 0)),
