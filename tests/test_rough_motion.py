@@ -14,7 +14,7 @@ from tactilenlp.interface.request import Request, make_job
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.refinement import refinement
-from tactilenlp.refinement.refinement import with_more_process_noise as more_noise
+from tactilenlp.refinement.refinement import less_sure_of_pushes as more_noise
 from tactilenlp.search.multi_hypothesis import proposed_tracks
 from tactilenlp.search.proposals import spherical
 from tactilenlp.tracking.tracking import predicted_tracks
@@ -99,7 +99,7 @@ def test_the_better_of_two_searches_is_the_estimate(recorded, monkeypatch):
 
     once = solve_estimate(data, scene)
     assert once.fit.verdict == "good"
-    monkeypatch.setattr(optima, "with_more_process_noise", asked)
+    monkeypatch.setattr(optima, "less_sure_of_pushes", asked)
     same = solve_estimate(data, scene)
     assert not seen
     assert same.objective == once.objective

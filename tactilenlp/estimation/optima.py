@@ -20,9 +20,9 @@ from ..refinement.nested_models import with_nuisance_parameters
 from ..refinement.refinement import (
     continues,
     fits_badly,
+    less_sure_of_pushes,
     refined,
     update_costs_too_much,
-    with_more_process_noise,
     with_named_axes,
 )
 from ..search.hypothesis import Hypothesis, Job, distinct, same
@@ -87,7 +87,7 @@ def optima_of(request: Request, so_far: SoFar, update: Solved | None = None) -> 
     best, solved = certified_best(request, job, solved, check)
     sought = request.job.path is None and fits_badly(request, best)
     if sought and request.job_until(SEARCH_END).deadline.left > 0:
-        second = with_more_process_noise(request)
+        second = less_sure_of_pushes(request)
         second_kept, starts = searched(second, [])
         second_job, found = _solved_page(second, starts, so_far, None)
         if found and not any(same(job.shape, found[0].at, s.at) for s in solved):

@@ -190,7 +190,7 @@ def fits_badly(request, best: Solved) -> bool:
 
     Its touches cost more than expected: the fit is not good.  Another search finds
     more where it starts from the first touch instead of an estimate, or is less sure of
-    how pushes move a box.
+    how pushes move a box but sure that nobody carries it.
     """
     job = best.job
     sought = job.shape.is_box or isinstance(request.start, Estimate)
@@ -202,9 +202,9 @@ def fits_badly(request, best: Solved) -> bool:
     return fit is not None and fit.verdict != "good"
 
 
-def with_more_process_noise(request):
+def less_sure_of_pushes(request):
     """Return the request from scratch, less sure of how pushes move the body."""
     log.info("the fit is not good: searching again, pushes less exact")
     start = None if isinstance(request.start, Estimate) else request.start
-    job = replace(request.job, process_noise=PROCESS_NOISE_FACTOR)
+    job = replace(request.job, process_noise=PROCESS_NOISE_FACTOR, may_be_carried=False)
     return replace(request, start=start, job=job)

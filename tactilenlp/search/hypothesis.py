@@ -21,11 +21,15 @@ from ..common.layout import ANY
 from ..geometry.transforms import continuous, is_planar, matrices, planar_matrix
 from ..nlp.problem import Problem
 from ..problem.poses import body_corners, planar_corners
-from ..tracking.outline import supports
+from ..tracking.outline import path_outline, supports
+from ..tracking.tracks import diverse
 from .margins import START_BEHIND
 
 SAME_BODY = 1e-3  # [m] corners of one body agree this well
 COMPARED = (0, -1)  # samples at which bodies are compared: first, last
+EVERY = 8  # samples of a path that are compared
+# [m] far paths; [nats] their bonus; too far behind:
+NEAR, WORTH, BEHIND = 4e-3, 6.0, 25.0
 EQUAL_SIDES = 1e-6  # [m] sides this close have no order
 
 
@@ -94,7 +98,8 @@ class Job:
     functions: the caller's store of term functions, filled by the solves; first: a
     user's guesses (name, theta, x) of the first touch; cuts: samples within rest
     intervals that need a pose of their own; process_noise: factor of the search's;
-    path: a Hypothesis of all samples that is solved instead of a search.
+    may_be_carried: whether the search considers that between two actions; path: a
+    Hypothesis of all samples that is solved instead of a search.
     """
 
     data: object
@@ -107,6 +112,7 @@ class Job:
     first: tuple = ()
     cuts: tuple = ()
     process_noise: float = 1.0
+    may_be_carried: bool = True
     path: Hypothesis | None = None
 
     def term_functions_of(self, page, window) -> dict:
@@ -144,6 +150,70 @@ def distinct(
         if len(kept) < count and not any(same(shape, h, k, samples) for k in kept):
             kept.append(h)
     return kept
+
+
+def varied(shape, hypotheses, count: int) -> list[Hypothesis]:
+    """Return good hypotheses far from each other, half of them in turn of every yaw.
+
+    Places along a touched face alone would take all starts, and leave its edges none.
+    """
+    far = distant(shape, hypotheses, count - count // 2)
+    rest = [h for h in hypotheses if all(h is not other for other in far)]
+    rest = [h for h in rest if h.objective < far[0].objective + BEHIND]
+    order = [*far, *sorted(rest, key=lambda h: h.objective)]
+    yaw = np.array([h.x[2, -1] for h in order])
+    return [order[i] for i in diverse(_folded(shape, yaw), count)]
+
+
+def _folded(shape, yaw):
+    """Return yaws [rad], those of a box within a right angle: its faces have no names.
+
+    The circular mean is in the middle, so that nearly equal yaws stay together.
+    """
+    if not shape.is_box:
+        return yaw
+    middle = np.angle(np.exp(4j * yaw).mean()) / 4
+    return (yaw - middle + np.pi / 4) % (np.pi / 2)
+
+
+def distant(shape, hypotheses, count: int) -> list[Hypothesis]:
+    """Return the best hypothesis, then good ones whose paths are far from those."""
+    corners = np.array([_outline(shape, h, EVERY) for h in hypotheses])
+    cost = np.array([h.objective for h in hypotheses])
+    chosen, off = [int(np.argmin(cost))], np.full(len(cost), np.inf)
+    while len(chosen) < min(count, len(cost)):
+        ways = [np.roll(corners[chosen[-1]], k, 0) - corners for k in _namings(shape)]
+        ways = [np.sqrt((way**2).sum(axis=2).mean(axis=(1, 2))) for way in ways]
+        off = np.minimum(off, np.min(ways, axis=0))
+        score = cost - WORTH * np.minimum(1.0, off / NEAR)
+        score[chosen] = np.inf
+        i = int(np.argmin(score))
+        if cost[i] > cost[chosen[0]] + BEHIND or not np.isfinite(score[i]):
+            break
+        chosen.append(i)
+    return [hypotheses[i] for i in chosen]
+
+
+def _namings(shape):
+    """Return by how many corners an outline may be renamed."""
+    return range(4) if shape.is_box else (0,)
+
+
+def _outline(shape, h, every: int = 1):
+    """Return points (n, 2, T) [m] along a path that tell two paths apart."""
+    if shape.is_box:
+        return _path_corners(h)[..., ::every]
+    return path_outline(shape, h, every)
+
+
+def _path_corners(h):
+    """Return the corners (4, 2, T) [m] along a path, in order around the box."""
+    c, s = np.cos(h.x[2]), np.sin(h.x[2])
+    out = []
+    for i, k in ((1, 1), (-1, 1), (-1, -1), (1, -1)):
+        u, v = i * h.theta[0] / 2, k * h.theta[1] / 2
+        out.append([h.x[0] + c * u - s * v, h.x[1] + s * u + c * v])
+    return np.array(out)
 
 
 def same(shape, a: Hypothesis, b: Hypothesis, samples=COMPARED) -> bool:

@@ -24,40 +24,29 @@ from ..common.progress import progress
 from ..data.contact_segments import samples_until
 from ..data.sensor_noise import precise
 from ..geometry.transforms import carried
-from ..tracking.outline import path_outline
+from ..tracking.carried import carried_away, with_carried
+from ..tracking.first_touch import DRAWN, body_height, from_first_touch
 from ..tracking.smoother import smoothed
 from ..tracking.tracking import tracked
 from ..tracking.tracks import (
     Filter,
     Tracks,
-    diverse,
     filter_of,
     opened,
     parts_of,
     started,
 )
-from .hypothesis import Hypothesis, Job, same
+from .hypothesis import Hypothesis, Job, same, varied
 from .least_motion import least_motion
-from .proposals import (
-    DRAWN,
-    body_height,
-    centred,
-    from_first_touch,
-    from_guess,
-    from_posterior,
-    spherical,
-    touched,
-)
+from .proposals import centred, from_guess, from_posterior, spherical, touched
 from .proposals_surface import from_surface
 
 log = logging.getLogger("tactilenlp")
 SMOOTHED = 300  # tracks that are smoothed at most
 LYING = 7  # of them a start, far from each other, from which least motion is solved
-EVERY = 8  # samples of a path that are compared
 TRACK_SHARE = 4  # one start in so many is a track, the others are of least motion
-# [m] far paths; [nats] their bonus; too far behind:
-NEAR, WORTH, BEHIND = 4e-3, 6.0, 25.0
 TURNED_AS_A_WHOLE = 0.3  # [rad] a larger turn moves the past as one piece
+CARRIED_ON = "carried"  # name of a track of a body that was carried between actions
 PARTS = 250  # of a posterior: parts of all its hypotheses together
 
 
@@ -107,19 +96,7 @@ def search_boxes(
     if complete(kept, job):
         return list(kept)
     shape = job.shape
-    tracks = tracked_paths(job, kept, SMOOTHED, so_far)
-    late = job.deadline.passed("other tracks")
-    tracks = tracks[:1] if late else varied(shape, tracks, LYING * count)
-    noisy = kept and not precise(job.data, job.precision)
-    noisy = noisy and touched(job.data)
-    if noisy and not job.deadline.passed("a search from scratch"):
-        # Noise leaves hypotheses open that the mixture has lost: 21 nats in one update.
-        anew = varied(shape, tracked_paths(job, (), SMOOTHED), LYING * count)
-        tracks = [h for pair in zip_longest(tracks, anew) for h in pair if h]
-    elif job.shape.is_box and not (kept or job.first) and job.data.actions == 1:
-        # Where one touch leaves size and place open, the middle of them is reported.
-        middle = replace(job, first=(centred(job),))
-        tracks = [*tracked_paths(middle, (), 1), *tracks][: len(tracks)]
+    tracks = _starting_tracks(job, kept, LYING * count, so_far)
     lying = least_motion(job, tracks, executor)
     starts = []
     for h in varied(shape, lying, count - max(1, count // TRACK_SHARE)):
@@ -128,6 +105,29 @@ def search_boxes(
     pairs = zip(tracks, lying, strict=True)
     alone = [replace(h, objective=rest.objective) for h, rest in pairs]
     return sorted([*starts, *alone[: count - len(starts)]], key=lambda h: h.rank)
+
+
+def _starting_tracks(job: Job, kept, count: int, so_far) -> list[Hypothesis]:
+    """Return tracks far from each other, by every search that the data ask for."""
+    tracks, again = tracked_paths(job, kept, SMOOTHED, so_far), []
+    if tracks[0].path[-1] == CARRIED_ON:  # soft fingertips may look alike
+        stays = replace(job, may_be_carried=False)
+        again.append((stays, kept, "a search for a body that stays"))
+    if kept and not precise(job.data, job.precision) and touched(job.data):
+        # Noise leaves hypotheses open that the mixture has lost: 21 nats in one update.
+        again.append((job, (), "a search from scratch"))
+    late = job.deadline.passed("other tracks")
+    several = [tracks[:1] if late else varied(job.shape, tracks, count)]
+    for other, continued, name in again:
+        if not job.deadline.passed(name):
+            more = tracked_paths(other, continued, SMOOTHED)
+            several.append(varied(job.shape, more, count))
+    tracks = [h for each in zip_longest(*several) for h in each if h]
+    if job.shape.is_box and not (kept or job.first) and job.data.actions == 1:
+        # Where one touch leaves size and place open, the middle of them is reported.
+        middle = replace(job, first=(centred(job),))
+        tracks = [*tracked_paths(middle, (), 1), *tracks][: len(tracks)]
+    return tracks
 
 
 def complete(kept, job: Job) -> bool:
@@ -144,10 +144,25 @@ def tracked_paths(job: Job, kept, count: int, so_far=None) -> list[Hypothesis]:
         return list(kept)
     data, window = spherical(job)
     data = kept[0].seen(data) if kept else data
-    rng = np.random.default_rng(0)
     filter = filter_of(job, window, data)
+    found = _tracked_actions(job, filter, kept, so_far, carried=False)
+    if found is None:
+        log.info("the body was carried between two actions: all are tracked again")
+        past, *found = _tracked_actions(job, filter, kept, so_far, carried=True)
+        found = (replace(past, name=CARRIED_ON), *found)
+    past, tracks, records = found
+    return _paths(past, data.samples, tracks, records, count)
+
+
+def _tracked_actions(job, filter, kept, so_far, carried: bool):
+    """Return past, tracks and records after all actions.
+
+    carried: whether a box may be elsewhere as each action begins.  If not, but that
+    explains an action better: None.
+    """
+    rng = np.random.default_rng(0)
     tracks, past = proposed_tracks(job, filter, kept, rng)
-    done = past.samples
+    data, done = filter.data, past.samples
     records = opened(tracks, max(done - 1, 0))
     whole = done, tracks, list(records)
     actions = np.unique(data.action[done:])
@@ -157,7 +172,15 @@ def tracked_paths(job: Job, kept, count: int, so_far=None) -> list[Hypothesis]:
             rows = rows[rows >= done]
             if i and job.deadline.passed(f"a search from action {i + 1} on"):
                 break  # the body stays where it is
-            tracks, more = tracked(filter, tracks, rows, rng)
+            begun, known = None, job.shape.is_box and (i or done)
+            if known and carried:
+                *begun, parents = with_carried(filter, tracks, action, rng)
+                records[-1] = records[-1].selected(parents)
+            before = tracks
+            tracks, more = tracked(filter, tracks, rows, rng, begun)
+            sought = known and job.may_be_carried and not carried
+            if sought and carried_away(filter, before, tracks, rows):
+                return None
             records += more
             whole = int(rows[-1]) + 1, tracks, list(records)
             words = "searched %d of %d actions: %d tracks, the best of %.1f nats"
@@ -167,7 +190,7 @@ def tracked_paths(job: Job, kept, count: int, so_far=None) -> list[Hypothesis]:
         if so_far is not None and whole[0] > done:
             so_far[:] = _paths(past, *whole, 1)
         raise
-    return _paths(past, data.samples, *whole[1:], count)
+    return past, tracks, records
 
 
 def proposed_tracks(job, filter: Filter, kept, rng) -> tuple[Tracks, _Past]:
@@ -204,67 +227,3 @@ def _paths(past, samples, tracks, records, count) -> list[Hypothesis]:
         past.continued(of, b, tracks.z[:, i], s[-3:, done:], -tracks.evidence[i])
         for i, s, b, of in zip(rows, states, begin, past.of[first], strict=True)
     ]
-
-
-def varied(shape, hypotheses, count: int) -> list[Hypothesis]:
-    """Return good hypotheses far from each other, half of them in turn of every yaw.
-
-    Places along a touched face alone would take all starts, and leave its edges none.
-    """
-    far = distant(shape, hypotheses, count - count // 2)
-    rest = [h for h in hypotheses if all(h is not other for other in far)]
-    rest = [h for h in rest if h.objective < far[0].objective + BEHIND]
-    order = [*far, *sorted(rest, key=lambda h: h.objective)]
-    yaw = np.array([h.x[2, -1] for h in order])
-    return [order[i] for i in diverse(_folded(shape, yaw), count)]
-
-
-def _folded(shape, yaw):
-    """Return yaws [rad], those of a box within a right angle: its faces have no names.
-
-    The circular mean is in the middle, so that nearly equal yaws stay together.
-    """
-    if not shape.is_box:
-        return yaw
-    middle = np.angle(np.exp(4j * yaw).mean()) / 4
-    return (yaw - middle + np.pi / 4) % (np.pi / 2)
-
-
-def distant(shape, hypotheses, count: int) -> list[Hypothesis]:
-    """Return the best hypothesis, then good ones whose paths are far from those."""
-    corners = np.array([_outline(shape, h, EVERY) for h in hypotheses])
-    cost = np.array([h.objective for h in hypotheses])
-    chosen, off = [int(np.argmin(cost))], np.full(len(cost), np.inf)
-    while len(chosen) < min(count, len(cost)):
-        ways = [np.roll(corners[chosen[-1]], k, 0) - corners for k in _namings(shape)]
-        ways = [np.sqrt((way**2).sum(axis=2).mean(axis=(1, 2))) for way in ways]
-        off = np.minimum(off, np.min(ways, axis=0))
-        score = cost - WORTH * np.minimum(1.0, off / NEAR)
-        score[chosen] = np.inf
-        i = int(np.argmin(score))
-        if cost[i] > cost[chosen[0]] + BEHIND or not np.isfinite(score[i]):
-            break
-        chosen.append(i)
-    return [hypotheses[i] for i in chosen]
-
-
-def _namings(shape):
-    """Return by how many corners an outline may be renamed."""
-    return range(4) if shape.is_box else (0,)
-
-
-def _outline(shape, h, every: int = 1):
-    """Return points (n, 2, T) [m] along a path that tell two paths apart."""
-    if shape.is_box:
-        return _path_corners(h)[..., ::every]
-    return path_outline(shape, h, every)
-
-
-def _path_corners(h):
-    """Return the corners (4, 2, T) [m] along a path, in order around the box."""
-    c, s = np.cos(h.x[2]), np.sin(h.x[2])
-    out = []
-    for i, k in ((1, 1), (-1, 1), (-1, -1), (1, -1)):
-        u, v = i * h.theta[0] / 2, k * h.theta[1] / 2
-        out.append([h.x[0] + c * u - s * v, h.x[1] + s * u + c * v])
-    return np.array(out)

@@ -18,10 +18,17 @@ from scipy.optimize import least_squares
 from ..data.contact_segments import lasting_contacts
 from ..geometry.transforms import rotate_planar
 from ..problem.poses import upright_poses
+from ..tracking.first_touch import (
+    DRAWN,
+    TOP_TILT,
+    YAW,
+    first_contact,
+    first_onset,
+    repeated,
+)
 from ..tracking.geometry import geometry_of, upright_surface
 from ..tracking.tracks import GAP_SIGMA, NORMAL_SIGMA
 from .hypothesis import Hypothesis
-from .proposals import DRAWN, TOP_TILT, YAW, first_contact, first_onset, repeated
 
 SHARE = 0.75  # [prior deviations] of drawn sizes about the mean: 15 mm of a cuboid
 SMALLEST, LARGEST = 1 / 3, 2.0  # [mean of the prior] sizes drawn

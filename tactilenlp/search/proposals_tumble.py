@@ -21,10 +21,11 @@ from ..geometry.transforms import carried, continuous, matrices, rotate_planar
 from ..nlp.problem import Problem
 from ..problem.outliers import side_tilt
 from ..problem.reductions import SIDE_NORMAL, Reductions, reduce
+from ..tracking.first_touch import BELOW_TOP
 from .hypothesis import Hypothesis, distinct
 from .local_solve import start_values
 from .multi_hypothesis import search_boxes, tracked_paths
-from .proposals import BELOW_TOP, touched
+from .proposals import touched
 
 TIPPING_TILT = np.radians(2)  # a side normal that rises further shows tipping
 DEPTH_SHARES = (1.0, 2 / 3)  # [-] of the proposed depth: the edge is not observed

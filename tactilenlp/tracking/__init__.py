@@ -4,6 +4,7 @@ In: starts of bodies, measurements, scene.  Out: smoothed paths, with their evid
 
 - `box_contact`, `geometry`: gaps, normals and slopes of fingers at many bodies
 - `pushing`: prediction, quasi-static pushing of upright bodies
+- `first_touch`, `carried`: where a body may be by the first touch, or after a gap
 - `tracks`: what a track is; selection by evidence, splitting
 - `tracking`: prediction and correction by an iterated extended Kalman filter
 - `smoother`: backward, Rauch-Tung-Striebel

@@ -8,7 +8,7 @@ import numpy as np
 def smoothed(records, samples: int, rows):
     """Return the smoothed states (S, n + 3, samples) of the tracks `rows` at the end.
 
-    And the rows that these were at the first record.
+    And the rows that these were before the first record.
     records: of tracking.tracked, one for each sample at which something changed.
     """
     last = records[-1]
@@ -30,5 +30,6 @@ def smoothed(records, samples: int, rows):
         within = np.arange(after.since + 1, after.sample)  # samples that were left out
         share = (within - after.since) / (after.sample - after.since)
         path[:, :, within] += (end - state)[..., None] * share
-    path[:, :, : records[0].sample] = state[..., None]
-    return path, rows
+    first = records[0]
+    path[:, :, : first.sample] = state[..., None]
+    return path, rows if first.parents is None else first.parents[rows]

@@ -31,17 +31,22 @@ LONGEST = 8e-3, 8e-3, 0.3  # [m, m, rad] a pass: of sizes, place, yaw
 DIFFERENCE = 1e-5, 1e-5, 5e-4  # [m, m, rad] likewise
 
 
-def tracked(filter: Filter, tracks: Tracks, samples, rng):
+def tracked(filter: Filter, tracks: Tracks, samples, rng, replaced=None):
     """Return the tracks after the samples of an action, and the records.
 
     They are split at its end, unless it is the last one.  At the deadline it stops.
+    replaced: tracks at the first sample and slopes (3, n + 3, S) of how these moved
+    since the action before, by default at rest.
     """
     felt = filter.felt
     records, end = [], samples[-1]
     for before, t in _steps(filter.data, samples):
         if filter.deadline.left <= 0:
             break
-        tracks, slopes, moved = predicted_tracks(filter, tracks, before, t)
+        if replaced is None:
+            tracks, slopes, moved = predicted_tracks(filter, tracks, before, t)
+        else:
+            (tracks, slopes), moved, replaced = replaced, True, None
         predicted, predicted_P = tracks.z, tracks.P
         tracks, corrected = _corrected(filter, tracks, t)
         rows = None
@@ -92,7 +97,7 @@ def predicted_tracks(filter, tracks, before, t):
     if before < 0:
         return tracks, None, False
     if data.action[t] != data.action[before]:
-        return _between(tracks), None, True
+        return between_actions(tracks), None, True
     active = felt[t] | (felt[before] & data.valid[t]) | filter.hidden[t]
     way = _way(tracks.motion)
     if not active.any():
@@ -132,7 +137,7 @@ def _motion(filter, tracks, before, t, active):
     return D[:, 0], slopes
 
 
-def _between(tracks) -> Tracks:
+def between_actions(tracks) -> Tracks:
     """Return tracks after the fingers retracted: at rest."""
     S = tracks.z.shape[1]
     return _noisier(replace(tracks, motion=np.zeros((3, S))), BETWEEN)

@@ -65,6 +65,11 @@ class Record:
     P: np.ndarray
     parents: np.ndarray | None
 
+    def selected(self, rows) -> Record:
+        """Return the record of some of its tracks, rows, which may repeat."""
+        parents = rows if self.parents is None else self.parents[rows]
+        return replace(self, z=self.z[:, rows], P=self.P[..., rows], parents=parents)
+
 
 @dataclass(frozen=True, eq=False)
 class Filter:
@@ -110,6 +115,12 @@ def started(z, P, fingers: int, rng) -> Tracks:
     S = z.shape[1]
     press = presses(fingers, S, rng)
     return Tracks(z, P, np.zeros(S), press, np.zeros((3, S)))
+
+
+def joined(tracks: Tracks, others: Tracks) -> Tracks:
+    """Return the tracks of two sets side by side."""
+    pairs = zip(vars(tracks).items(), vars(others).values(), strict=True)
+    return Tracks(**{name: np.concatenate([a, b], axis=-1) for (name, a), b in pairs})
 
 
 def presses(fingers, S, rng):

@@ -1,0 +1,101 @@
+"""Where a body may be by its first touch: Gaussians of size and pose of boxes.
+
+The touched point is on a face, on an edge beside it, or on the top; sides are drawn
+about their prior.  Tracks start from these.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..data.contact_segments import lasting_contacts
+
+DRAWN = 1000  # boxes that explain the first touch; 300 miss some
+SIZE_SPREAD = 15e-3  # [m] deviation of drawn sides about their prior mean
+SMALLEST, LARGEST = 15e-3, 90e-3  # [m] sides drawn
+YAW = 0.15  # [rad] deviation of a face from the normal felt
+ON_FACE = 0.7  # [-] share of draws that are touched on a face, not on an edge
+EDGE_TURN = np.radians([15.0, 75.0])  # [rad] of a face from the normal at an edge
+NORMAL_SAMPLES = 2  # whose normals are averaged: later ones show a body that turned
+START_SIGMA = np.r_[6e-3, 6e-3, 4e-3, 3e-3, 3e-3, 0.15]  # [m, rad] of drawn boxes
+OPEN_GAP = 3e-3  # [m] touches of one rim agree this well
+BELOW_TOP = 5e-3  # [m] a side touch is at least this far below the top
+TOP_TILT = 0.14  # [-] sine of the tilt (8 degrees) up to which a normal is the top's
+RIM_NORMAL = 0.25  # [-] n_z of a touch of the rim, beyond three sigma of noise
+
+
+def first_onset(data, actions=None) -> tuple[int, int]:
+    """Return sample and finger of the first touch, of some actions alone if given."""
+    actions = np.unique(data.action) if actions is None else actions
+    touches = (touch_onsets(data, action) for action in actions)
+    return next(touch[0] for touch in touches if touch)
+
+
+def first_contact(data, actions=None) -> tuple[np.ndarray, np.ndarray]:
+    """Return the point (3,) [m] and the normal (3,) of the first touch."""
+    t, f = first_onset(data, actions)
+    rows = np.arange(t, min(t + NORMAL_SAMPLES, len(data.time)))
+    rows = rows[data.contact[rows, f]]
+    n = data.normal[rows, f].mean(axis=0)
+    n /= max(np.linalg.norm(n), 1e-9)
+    return data.finger_position[t, f] - data.finger_radius[f] * n, n
+
+
+def from_first_touch(data, shape, rng, count=DRAWN):
+    """Return states z (6, count) and covariances P (6, 6, count) at the first touch."""
+    mean = shape.size_prior[0]
+    a, b = np.clip(rng.normal(mean, SIZE_SPREAD, (2, count)), SMALLEST, LARGEST)
+    h = np.full(count, body_height(data, shape, mean))
+    z = np.array([a, b, h, *places_of(a, b, first_contact(data), rng)])
+    return z, repeated(np.diag(START_SIGMA**2), count)
+
+
+def places_of(a, b, contact, rng) -> np.ndarray:
+    """Return poses (3, S) of boxes with sides a, b (S,) that explain one touch.
+
+    contact: point and normal.  It is on the face +x, on an edge beside it, or on top.
+    """
+    p, n = contact
+    count = len(a)
+    if np.linalg.norm(n[:2]) < TOP_TILT:
+        yaw = rng.uniform(0, np.pi / 2, count)
+        u, v = rng.uniform(-0.5, 0.5, (2, count)) * [a, b]
+    else:
+        on_face = rng.random(count) < ON_FACE
+        turn = np.where(
+            on_face, YAW * rng.normal(size=count), rng.uniform(*EDGE_TURN, count)
+        )
+        yaw = np.arctan2(n[1], n[0]) + turn
+        along = np.where(on_face, rng.uniform(-0.5, 0.5, count), -0.5)
+        u, v = a / 2, along * b
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([p[0] - c * u + s * v, p[1] - s * u - c * v, yaw])
+
+
+def touch_onsets(data, action) -> list[tuple[int, int]]:
+    """Return (sample, finger) where each finger's touch begins in an action."""
+    mine = (data.action == action)[:, None]
+    for felt in (lasting_contacts(data) & mine, data.contact & data.valid & mine):
+        if felt.any():
+            found = [(int(np.argmax(felt[:, f])), f) for f in range(data.fingers)]
+            return sorted((t, f) for t, f in found if felt[t, f])
+    return []
+
+
+def body_height(data, shape, otherwise: float) -> float:
+    """Return the height [m]: of the rim if it was touched, else above all touches."""
+    felt = lasting_contacts(data)
+    n_z = data.normal[..., 2]
+    z = data.finger_position[..., 2] - data.finger_radius * n_z
+    rim = z[felt & (n_z > RIM_NORMAL)]
+    if rim.size and np.median(np.abs(rim - np.median(rim))) < OPEN_GAP:  # else it tilts
+        return float(np.clip(np.median(rim), *shape.bounds))
+    side = z[felt & (np.abs(n_z) < TOP_TILT)]
+    return (
+        max(otherwise, np.quantile(side, 0.9) + BELOW_TOP) if side.size else otherwise
+    )
+
+
+def repeated(P, count):
+    """Return a covariance (k, k) for each of so many states, (k, k, count)."""
+    return np.repeat(P[..., None], count, axis=2)
