@@ -16,7 +16,7 @@ from formulations.centre_of_mass import NAME as CENTRE
 from ..common.deadline import OutOfTime
 from ..data.sensor_noise import variance_left
 from ..geometry.transforms import is_planar
-from ..information.goodness_of_fit import fit_of
+from ..information.goodness_of_fit import BETWEEN, fit_of
 from ..interface.readout import name_of
 from ..interface.result import Estimate
 from ..problem.certificates import planar_certificate
@@ -34,6 +34,7 @@ from ..search.local_solve import (
 from ..search.margins import (
     CLOSE_OPTIMUM,
     LEAST_MOTION_BEHIND,
+    MOVED,
     RAN_AWAY,
     UNCHANGED,
 )
@@ -188,23 +189,31 @@ def update_costs_too_much(request, best: Solved) -> bool:
 def fits_badly(request, best: Solved) -> bool:
     """Tell whether a body on the ground may have moved otherwise than it was found.
 
-    Its touches cost more than expected: the fit is not good.  Another search finds
-    more where it starts from the first touch instead of an estimate, or is less sure of
-    how pushes move a box but sure that nobody carries it.
+    Its touches cost more than expected: the fit is not good; or it moved between two
+    actions though its speed did not carry it on.  Another search finds more where it
+    starts from the first touch instead of an estimate, or is less sure of how pushes
+    move a box but sure that nobody carries it.
     """
     job = best.job
     sought = job.shape.is_box or isinstance(request.start, Estimate)
     sought = sought and request.job.reductions.planar
     if not (sought and best.solution.success):
         return False
-    left = variance_left(job.data, job.precision)
-    fit = fit_of(best.problem, best.solution, best.window, job.data, left)
-    return fit is not None and fit.verdict != "good"
+    problem, solution = best.problem, best.solution
+    fit = fit_of(
+        problem, solution, best.window, job.data, variance_left(job.data, job.precision)
+    )
+    if fit is not None and fit.verdict != "good":
+        return True
+    if BETWEEN not in problem.costs or not len(best.window.gap):
+        return False
+    x, data = problem.pack(solution.values), problem.data(solution.parameters)
+    return bool(problem.value(BETWEEN, x, data).max() > MOVED)
 
 
 def less_sure_of_pushes(request):
     """Return the request from scratch, less sure of how pushes move the body."""
-    log.info("the fit is not good: searching again, pushes less exact")
+    log.info("the path is doubtful: searching again, pushes less exact")
     start = None if isinstance(request.start, Estimate) else request.start
     job = replace(request.job, process_noise=PROCESS_NOISE_FACTOR, may_be_carried=False)
     return replace(request, start=start, job=job)

@@ -25,6 +25,7 @@ CLOSE_OPTIMUM = 3.0  # optima within odds of 20 to 1 are all solved in free moti
 
 # Between a model and a larger one that contains it:
 LARGER_MODEL = 3.0  # that a freed assumption must gain: odds of 20 to 1
+MOVED = 3.0  # by a motion between two actions that needs an explanation: the same odds
 
 # Profile likelihood:
 PROFILE_RISE = 3.0  # at which a profile ends; half of it for a pose: a rougher solve
