@@ -6,10 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from formulations.shape import CUBOID
 from tactilenlp import Guess, Options, Session, solve_estimate
 from tactilenlp.errors import MotionError, StartError
 from tactilenlp.interface.request import read_request
 from tactilenlp.search.multi_hypothesis import search_boxes
+from tactilenlp.tracking.first_touch import body_height
 from tactilenlp.tracking.geometry import BOX
 from tactilenlp.tracking.tracks import Tracks, diverse, split_tracks
 
@@ -102,3 +104,17 @@ def test_tracks_of_an_exact_state_are_kept_though_rounding_made_them_indefinite(
     assert np.allclose(tracks.P, P, atol=1e-15)
     with pytest.raises(MotionError, match="no track"):
         split_tracks(boxes, Tracks(z, P + np.nan, *none), True, None)
+
+
+def test_noise_of_normals_is_no_rim():
+    """Half of the touches of a side seem to look up by more than noise of 5 degrees."""
+    T, up = 20, np.tile([0.0, 0.4], 10)
+    normal = np.stack([np.sqrt(1 - up**2), np.zeros(T), up], axis=1)[:, None]
+    data = SimpleNamespace(
+        contact=np.ones((T, 1), bool), valid=np.ones((T, 1), bool), normal=normal,
+        action=np.zeros(T, int), finger_radius=np.array([0.01]), fingers=1,
+        finger_position=np.tile([0.05, 0.0, 0.024], (T, 1))[:, None],
+    )  # fmt: skip
+    precise = body_height(data, CUBOID, 0.045, np.radians(2))
+    assert precise == pytest.approx(0.024 - 0.4 * 0.01)  # the rim that was touched
+    assert body_height(data, CUBOID, 0.045, np.radians(15)) == 0.045

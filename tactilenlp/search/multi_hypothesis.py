@@ -196,20 +196,22 @@ def _tracked_actions(job, filter, kept, so_far, carried: bool):
 def proposed_tracks(job, filter: Filter, kept, rng) -> tuple[Tracks, _Past]:
     """Return the tracks to begin with, and the past that they continue."""
     fingers, none = filter.data.fingers, np.zeros(DRAWN, int)
+    sigma = job.precision.normal
     if not kept and job.first:
         (guess,) = job.first
         begun = from_guess(guess, filter.geometry, rng)
         return started(*begun, fingers, rng), _Past((), (), none, guess[0])
     if not kept:
-        propose = from_first_touch if job.shape.is_box else from_surface
-        z, P = propose(filter.data, job.shape, rng)
+        given = filter.data, job.shape, rng
+        box = job.shape.is_box
+        z, P = from_first_touch(*given, sigma) if box else from_surface(*given)
         return started(z, P, fingers, rng), _Past((), (), none)
     done = kept[0].x.shape[1]
     earlier = replace(job, data=samples_until(job.data, done))
     P, along = zip(*from_posterior(earlier, kept), strict=True)
     z = np.array([h.end for h in kept]).T
     if job.shape.is_box:
-        z[2] = [body_height(filter.data, job.shape, h) for h in z[2]]
+        z[2] = [body_height(filter.data, job.shape, h, sigma) for h in z[2]]
     tracks = started(z, np.stack(P, axis=2), fingers, rng)
     cost = np.array([h.objective for h in kept])
     if np.isfinite(cost).all():  # proposals that nothing was solved for have none

@@ -47,7 +47,7 @@ def centred(job: Job) -> tuple:
     data, _ = spherical(job)
     p, n = first_contact(data)
     mean, top = job.shape.size_prior[0], np.linalg.norm(n[:2]) < TOP_TILT
-    height = body_height(data, job.shape, mean)
+    height = body_height(data, job.shape, mean, job.precision.normal)
     level = n[:2] / max(np.linalg.norm(n[:2]), 1e-9)
     place = p[:2] if top else p[:2] - mean / 2 * level
     yaw = 0.0 if top else np.arctan2(n[1], n[0])

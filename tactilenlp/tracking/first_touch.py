@@ -21,7 +21,7 @@ START_SIGMA = np.r_[6e-3, 6e-3, 4e-3, 3e-3, 3e-3, 0.15]  # [m, rad] of drawn box
 OPEN_GAP = 3e-3  # [m] touches of one rim agree this well
 BELOW_TOP = 5e-3  # [m] a side touch is at least this far below the top
 TOP_TILT = 0.14  # [-] sine of the tilt (8 degrees) up to which a normal is the top's
-RIM_NORMAL = 0.25  # [-] n_z of a touch of the rim, beyond three sigma of noise
+RIM_NORMAL, RIM_SIGMAS = 0.25, 3.0  # [-], [sigma] n_z of a touch of the rim: at least
 
 
 def first_onset(data, actions=None) -> tuple[int, int]:
@@ -41,11 +41,14 @@ def first_contact(data, actions=None) -> tuple[np.ndarray, np.ndarray]:
     return data.finger_position[t, f] - data.finger_radius[f] * n, n
 
 
-def from_first_touch(data, shape, rng, count=DRAWN):
-    """Return states z (6, count) and covariances P (6, 6, count) at the first touch."""
+def from_first_touch(data, shape, rng, sigma: float, count=DRAWN):
+    """Return states z (6, count) and covariances P (6, 6, count) at the first touch.
+
+    sigma [rad]: noise of the normals.
+    """
     mean = shape.size_prior[0]
     a, b = np.clip(rng.normal(mean, SIZE_SPREAD, (2, count)), SMALLEST, LARGEST)
-    h = np.full(count, body_height(data, shape, mean))
+    h = np.full(count, body_height(data, shape, mean, sigma))
     z = np.array([a, b, h, *places_of(a, b, first_contact(data), rng)])
     return z, repeated(np.diag(START_SIGMA**2), count)
 
@@ -82,12 +85,15 @@ def touch_onsets(data, action) -> list[tuple[int, int]]:
     return []
 
 
-def body_height(data, shape, otherwise: float) -> float:
-    """Return the height [m]: of the rim if it was touched, else above all touches."""
+def body_height(data, shape, otherwise: float, sigma: float) -> float:
+    """Return the height [m]: of the rim if it was touched, else above all touches.
+
+    sigma [rad]: noise of the normals, which alone may look like a rim.
+    """
     felt = lasting_contacts(data)
     n_z = data.normal[..., 2]
     z = data.finger_position[..., 2] - data.finger_radius * n_z
-    rim = z[felt & (n_z > RIM_NORMAL)]
+    rim = z[felt & (n_z > max(RIM_NORMAL, RIM_SIGMAS * sigma))]
     if rim.size and np.median(np.abs(rim - np.median(rim))) < OPEN_GAP:  # else it tilts
         return float(np.clip(np.median(rim), *shape.bounds))
     side = z[felt & (np.abs(n_z) < TOP_TILT)]
