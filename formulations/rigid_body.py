@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 G = 9.81  # [m/s^2] makes a weight of a mass, also where nothing falls
+LEAST_ARM = 1e-3  # [m] of a body that rests on one point
 ARM = 20e-3  # [m] length of the body: turns a moment into a force, a radian into a way
 
 

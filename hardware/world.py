@@ -32,6 +32,7 @@ CONTROLS = 50.0, 2000.0  # [Hz], between which it may be
 HELD_UP = 0.1  # [s] between commands, beyond which the loop is held up
 SETTLE = 0.1  # [s] at the start of a trajectory, not recorded
 KEEP = 0.02  # [s] between two tests whether the thread is to end
+LAST = 1.0  # [s] that its last command may take: then the boards are stopped anyway
 STILL = 1e-9  # [m], a finger that moves less is parked
 LEARN = 10.0  # [s], longest time in which the sensors find their zero
 THERE = 1e-3  # [rad], a start that is closer needs no motion
@@ -148,7 +149,7 @@ class RobotWorld:
         self.bench.stop()
         self._leave.set()
         if self._keeper not in (None, threading.current_thread()):
-            self._keeper.join()
+            self._keeper.join(LAST)
             self.bench.stop()  # after its last command
         self._started, self._last_tick, self._keeper = False, None, None
 

@@ -7,18 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from formulations import names
-from tactilenlp.nlp import solution
-
 ROOT = Path(__file__).resolve().parents[1]
 MACHINE = sorted((ROOT / "tactilenlp" / "nlp").glob("*.py"))
 TACTILE = re.compile(
     r"finger|touch|contact|friction|pose\b|poses|object_|ground|tactile"
 )
-
-
-def test_pages_and_solutions_call_what_a_rounding_makes_by_one_name():
-    assert names.BY_ROUNDING == solution.BY_ROUNDING
 
 
 def imported(path):

@@ -14,7 +14,7 @@ from tactilenlp import Measurements, Scene, solve_estimate
 from tactilenlp.common.deadline import NEVER
 from tactilenlp.interface.options import Options
 from tactilenlp.interface.request import make_job
-from tactilenlp.nlp.solution import costs_without_rounding
+from tactilenlp.problem.pages import costs_without_rounding
 from tactilenlp.refinement import incremental_polytope
 from tactilenlp.search.hypothesis import Hypothesis
 from tactilenlp.search.local_solve import Solved, best_first

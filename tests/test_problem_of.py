@@ -6,7 +6,7 @@ import pytest
 from formulations import quasi_static
 from tactilenlp import Measurements, problem_of
 from tactilenlp.errors import NoContactError, OptionError
-from tactilenlp.nlp.solution import costs_without_rounding
+from tactilenlp.problem.pages import costs_without_rounding
 
 
 def test_the_programme_of_a_page_is_the_one_that_was_solved(recorded, estimate):

@@ -78,13 +78,13 @@ def first_touch(world, space: Workspace, centre, rng):
         action = space.random(rng, alone)
         told.append(action.trajectory(centre))
         data = executed(world, told[-1])
-        if touched(data):
+        if lasting_touch(data):
             return action, data, tuple(told)
         log.warning("no contact at the given centre: sweeping the workspace")
     for trajectory in sweep(space, centre):
         told.append(trajectory)
         data = executed(world, trajectory)
-        if touched(data):
+        if lasting_touch(data):
             return None, data, tuple(told)
     raise NoContactError(
         "no contact",
@@ -118,7 +118,7 @@ def executed(world, trajectory) -> Measurements:
     return data
 
 
-def touched(data: Measurements) -> bool:
+def lasting_touch(data: Measurements) -> bool:
     """Tell whether two successive samples have contact: one may be a wrong boolean."""
     return bool(consecutive_contacts(data).any())
 

@@ -22,13 +22,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from formulations.ground_contact import REST
+from formulations.rigid_body import LEAST_ARM
 
 from .error_budget import Linearisation, error_budget
 from .error_budget_terms import ANY_ROTATION, REACHED, UNEVEN
 from .mixture import relabelling, turn_between
 from .tangent_space import pose_jacobians
 
-LEAST_ARM = 1e-3  # [m] of a body that rests on one point
 POSES = 40  # of a trajectory whose covariance is computed
 
 

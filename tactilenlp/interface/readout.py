@@ -29,7 +29,7 @@ from ..information.polytope_information import (
 )
 from ..information.tangent_space import tangent_space_of
 from ..nlp.problem import Problem
-from ..nlp.solution import costs_without_rounding
+from ..problem.pages import costs_without_rounding
 from ..problem.polytope_window import with_supports
 from ..problem.poses import poses
 from ..tracking.surface import body_surface

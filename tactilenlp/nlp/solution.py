@@ -16,8 +16,6 @@ INVALID = "Invalid_Number_Detected"  # IPOPT met NaN or infinity
 PROGRESS = {  # our names for IPOPT's
     "objective": "obj", "primal": "inf_pr", "dual": "inf_du", "barrier": "mu",
 }  # fmt: skip
-BY_ROUNDING = ", by rounding"  # ends the name of a report: a part of the cost before it
-ROUNDING = "rounding"  # entry of `Estimate.costs`: all these parts
 TIME_EXCEEDED = "Maximum_WallTime_Exceeded"  # IPOPT's status
 VIOLATED = "Constraints_Violated"  # status where IPOPT claims success
 FEASIBLE = 1e-4  # [-] largest violation of a success: a hundred times constr_viol_tol
@@ -88,22 +86,6 @@ def recomputed(problem, x, data, lam_g, lam_x, stats, seconds) -> Solution:
         seconds=seconds,
         progress=_progress(stats),
     )
-
-
-def costs_without_rounding(problem, x, data) -> dict[str, float]:
-    """Return the sum of each cost over its instances, and ROUNDING; they add up to f.
-
-    The part of a cost that a rounding makes is the report "<its name>, by rounding".
-    That part is subtracted from the cost, so that zero means that the law of the term
-    holds; all such parts together are the entry ROUNDING, of either sign.
-    """
-    costs = {name: float(problem.value(name, x, data).sum()) for name in problem.costs}
-    parts = [name for name in problem.reports if name.endswith(BY_ROUNDING)]
-    for name in parts:
-        part = float(problem.value(name, x, data).sum())
-        costs[name.removesuffix(BY_ROUNDING)] -= part
-        costs[ROUNDING] = costs.get(ROUNDING, 0.0) + part
-    return costs
 
 
 def after(first: Solution, then: Solution) -> Solution:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from .outliers import PLANAR_LIMIT, evidence_against_planar, planar_share
+from .outliers import PLANAR_LIMIT, planar_share, unexplained_by_action
 from .reductions import Reductions
 from .static_friction import rest_force
 from .unreduced import unreduced
@@ -145,7 +145,7 @@ def frictionless(solved) -> Skipped | None:
 
 def planar_certificate(job, solved) -> Skipped | None:
     """Certify that an object that never tilts explains the touches (outliers.py)."""
-    worst = planar_share(evidence_against_planar(job, solved))
+    worst = planar_share(unexplained_by_action(job, solved))
     return Skipped(
         "planar", "height and two tilts of every pose", "the object lies flat",
         "share of an action's touches that no flat pose explains", worst, PLANAR_LIMIT,

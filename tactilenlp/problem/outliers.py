@@ -70,8 +70,8 @@ def with_ideal_fingertips(solved):
     return replace(window, touch=replace(touch, p_wf=p_wf, normal=n))
 
 
-def evidence_against_planar(job, solved) -> list[Evidence]:
-    """Return the evidence against flat motion in every action that touched.
+def unexplained_by_action(job, solved) -> list[Evidence]:
+    """Return what flat motion leaves unexplained in every action that touched.
 
     solved: a flat solution, of whatever page.
     """
@@ -115,7 +115,7 @@ def planar_share(evidence) -> float:
 
 def check_explained(solved) -> None:
     """Raise MotionError where touches of a floating object are left unexplained."""
-    evidence = evidence_against_planar(solved.job, solved)
+    evidence = unexplained_by_action(solved.job, solved)
     wrong = [e for e in evidence if e.against]
     if wrong:
         raise MotionError(

@@ -13,6 +13,7 @@ from typing import Protocol
 
 from formulations.ellipsoid import ELLIPSOID
 from formulations.finger_offset import displaced
+from formulations.names import BY_ROUNDING
 from formulations.page_contract import INHERITED, contract_of
 from formulations.polytope import polytope
 from formulations.shape import CUBOID, Shape
@@ -20,9 +21,9 @@ from formulations.shape_fields import takes, unfit_fields
 from formulations.upright import CYLINDER, prism
 
 from ..errors import OptionError, PageError, did_you_mean, shortened
-from ..nlp.solution import BY_ROUNDING
 from .reductions import Reductions
 
+ROUNDING = "rounding"  # entry of `Estimate.costs`: what roundings add to all costs
 _short = partial(shortened, most=80)
 SHAPES = {
     "cuboid": CUBOID, "polytope": polytope(), "cylinder": CYLINDER,
@@ -277,3 +278,19 @@ def _unshared(nlp):
         yield
     finally:
         nlp.term_functions = shared
+
+
+def costs_without_rounding(problem, x, data) -> dict[str, float]:
+    """Return the sum of each cost over its instances, and ROUNDING; they add up to f.
+
+    The part of a cost that a rounding makes is the report "<its name>, by rounding".
+    That part is subtracted from the cost, so that zero means that the law of the term
+    holds; all such parts together are the entry ROUNDING, of either sign.
+    """
+    costs = {name: float(problem.value(name, x, data).sum()) for name in problem.costs}
+    parts = [name for name in problem.reports if name.endswith(BY_ROUNDING)]
+    for name in parts:
+        part = float(problem.value(name, x, data).sum())
+        costs[name.removesuffix(BY_ROUNDING)] -= part
+        costs[ROUNDING] = costs.get(ROUNDING, 0.0) + part
+    return costs

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from formulations.rigid_body import ARM
+from formulations.rigid_body import ARM, LEAST_ARM
 from formulations.violation_implicit import WEIGHTS
 
 from ..geometry.transforms import is_planar, turning
@@ -29,7 +29,6 @@ NEARLY_SLIPS = 0.5  # [-] of friction: such a span may slip when another one is 
 LONGEST_SLIP = 1e-3  # [m] as far as a body at rest is let slip where nothing holds it
 MIN_SLIP_CURVATURE = 1e3  # [nats / m^2] softer than any touch: 1 / (30 mm)^2
 TURNS = np.full(3, ARM)  # [m] a radian of a floating body counts as this much way
-LEAST_ARM = 1e-3  # [m] of a body that rests on one point
 ON_ICE = 1.0  # [nats / m] least force: without friction a body at rest feels rounding
 
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 from formulations.page_contract import contract_of
 
 from ..problem.certificates import Certificates, certify, without
-from ..problem.outliers import evidence_against_planar
+from ..problem.outliers import unexplained_by_action
 from ..problem.reductions import states_planar_motion
 from ..search.local_solve import (
     RESTART_MU,
@@ -112,7 +112,7 @@ def _profiled(job, page, best, options) -> Solved:
 
 def _tumbled(job, page, flat, options, executor) -> Solved:
     """Solve proposals of a tumble in free motion; keep the best, or the flat one."""
-    evidence = evidence_against_planar(job, flat)
+    evidence = unexplained_by_action(job, flat)
     found = recovered(job, evidence, *options.widths(precise=False), executor)
     free = replace(job, reductions=without(job.reductions, ["planar"]))
     levels = contract_of(page).from_guesses

@@ -38,7 +38,7 @@ from ..tracking.tracks import (
 )
 from .hypothesis import Hypothesis, Job, same, varied
 from .least_motion import least_motion
-from .proposals import centred, from_guess, from_posterior, spherical, touched
+from .proposals import any_touch, centred, from_guess, from_posterior, spherical
 from .proposals_surface import from_surface
 
 log = logging.getLogger("tactilenlp")
@@ -113,7 +113,7 @@ def _starting_tracks(job: Job, kept, count: int, so_far) -> list[Hypothesis]:
     if tracks[0].path[-1] == CARRIED_ON:  # soft fingertips may look alike
         stays = replace(job, may_be_carried=False)
         again.append((stays, kept, "a search for a body that stays"))
-    if kept and not precise(job.data, job.precision) and touched(job.data):
+    if kept and not precise(job.data, job.precision) and any_touch(job.data):
         # Noise leaves hypotheses open that the mixture has lost: 21 nats in one update.
         again.append((job, (), "a search from scratch"))
     late = job.deadline.passed("other tracks")

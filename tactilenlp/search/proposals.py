@@ -37,7 +37,7 @@ SIGMA_MIN = 1e-3, 1e-3, 0.03
 UNSEEN_INFORMATION = 1e-4  # [1 / scaled unknown^2] of an unobserved direction
 
 
-def touched(data) -> bool:
+def any_touch(data) -> bool:
     """Tell whether there is a touch, from which a search can begin."""
     return bool((data.contact & data.valid).any())
 

@@ -25,7 +25,7 @@ from ..tracking.first_touch import BELOW_TOP
 from .hypothesis import Hypothesis, distinct
 from .local_solve import start_values
 from .multi_hypothesis import search_boxes, tracked_paths
-from .proposals import touched
+from .proposals import any_touch
 
 TIPPING_TILT = np.radians(2)  # a side normal that rises further shows tipping
 DEPTH_SHARES = (1.0, 2 / 3)  # [-] of the proposed depth: the edge is not observed
@@ -151,7 +151,7 @@ def _thinned(h: Hypothesis, tip: Tip, share: float) -> Hypothesis:
 def recovered(job, evidence, width: int, solves: int, executor=None):
     """Return free hypotheses of all actions, best first: it tumbled in one of them.
 
-    evidence: of outliers.evidence_against_planar for the best planar hypothesis. Any
+    evidence: of outliers.unexplained_by_action for the best planar hypothesis. Any
     action that contradicts sliding and shows a rising normal may be the one.
     """
     actions, found = np.unique(job.data.action), []
@@ -159,7 +159,7 @@ def recovered(job, evidence, width: int, solves: int, executor=None):
         before, until = actions[actions < action], actions[actions <= action]
         kept = []
         part = replace(job, data=job.data.select(before)) if len(before) else None
-        if part is not None and touched(part.data):
+        if part is not None and any_touch(part.data):
             kept = search_boxes(part, (), solves, executor)
         part = replace(job, data=job.data.select(until))
         tumbles = likeliest_tumbles(part, tumbled(part, kept))
