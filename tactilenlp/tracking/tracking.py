@@ -164,11 +164,12 @@ def _corrected(filter, tracks, t):
         rows = _measured(filter, z, t)
         if not rows:
             return tracks, False
-        y, P, evidence = _updated(mean, P_0, z, rows)
+        with np.errstate(over="ignore", invalid="ignore"):  # slopes too steep to follow
+            y, P, evidence = _updated(mean, P_0, z, rows)
         z = z + np.clip(y - z, -longest, longest)
         z = np.maximum(z, filter.low)
     evidence = tracks.evidence + evidence
-    evidence[~np.isfinite(evidence)] = -np.inf  # its slopes are too steep to follow
+    evidence[~np.isfinite(evidence)] = -np.inf
     return replace(tracks, z=z, P=P, evidence=evidence), True
 
 
