@@ -98,8 +98,8 @@ class Job:
     functions: the caller's store of term functions, filled by the solves; first: a
     user's guesses (name, theta, x) of the first touch; cuts: samples within rest
     intervals that need a pose of their own; process_noise: factor of the search's;
-    may_be_carried: whether the search considers that between two actions; path: a
-    Hypothesis of all samples that is solved instead of a search.
+    may_be_carried: whether the search considers that a body was, between two actions;
+    path: a Hypothesis of all samples that is solved instead of a search.
     """
 
     data: object

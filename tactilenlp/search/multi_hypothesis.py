@@ -172,13 +172,13 @@ def _tracked_actions(job, filter, kept, so_far, carried: bool):
             rows = rows[rows >= done]
             if i and job.deadline.passed(f"a search from action {i + 1} on"):
                 break  # the body stays where it is
-            begun, known = None, job.shape.is_box and (i or done)
-            if known and carried:
+            begun, after_gap = None, job.shape.is_box and (i or done)
+            if after_gap and carried:
                 *begun, parents = with_carried(filter, tracks, action, rng)
                 records[-1] = records[-1].selected(parents)
             before = tracks
             tracks, more = tracked(filter, tracks, rows, rng, begun)
-            sought = known and job.may_be_carried and not carried
+            sought = after_gap and job.may_be_carried and not carried
             if sought and carried_away(filter, before, tracks, rows):
                 return None
             records += more

@@ -4,8 +4,8 @@ Nothing is recorded between two actions, and the prior of the motion is a Cauchy
 (formulations/between_actions.py).  Tracks stay where they are.  Where an action costs
 them more than to be carried would, it is tracked also from where its own first touch
 may be, with the sizes of the tracks; if that explains it better, all actions are.
-Soft fingertips, which tracks take for rigid, cost as much: that it explains a recording
-better must be as certain as that a body stays.
+Soft fingertips, which tracks take for rigid, cost as much as a body that was carried:
+the action must be explained better by as much again.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from .tracks import Filter, Tracks, joined
 
 REACH = 0.05  # [m] a body that is carried is about so far from where it was
 CARRIED = CAUCHY * np.log(1 + (REACH / GAP) ** 2)  # [nats] by the prior of the motion
+FARTHEST = 20.0  # [REACH] of a place without a touch
 PLACES = 2  # of each track, one per naming of the horizontal sides
 
 
@@ -54,7 +55,7 @@ def with_carried(filter: Filter, tracks: Tracks, action: int, rng):
         pose = places_of(a, b, first_contact(filter.data, [action]), rng)
         pose[2] -= np.where(swapped, np.pi / 2, 0.0)
     else:
-        away = REACH * rng.standard_cauchy((2, len(rows)))
+        away = REACH * np.clip(rng.standard_cauchy((2, len(rows))), -FARTHEST, FARTHEST)
         turned = rng.uniform(-np.pi, np.pi, len(rows))
         pose = carried.z[n:] + np.vstack([away, turned])
     P = carried.P.copy()
