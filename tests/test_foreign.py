@@ -185,6 +185,26 @@ def test_a_recording_at_a_high_rate_is_tracked_as_well(foreign):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("departure", "strength", "box"),
+    [
+        ("none", "", 29),  # a path that jumps by 5 mm between two actions
+        ("normals noisy", "15 deg", 20),  # noise that looks like a rim
+        ("normals turned", "5 deg", 45),  # turns that look like a rim
+    ],
+)
+def test_no_size_is_beyond_three_sigma(foreign, departure, strength, box):
+    """These were 7, 49 and 35 sigma off with a good fit."""
+    data, scene, true = foreign.measured(departure, strength, box, 4)
+    estimate = solve_estimate(data, scene)
+    end = data.samples - 1
+    pose = true["object_position"][end], true["object_quaternion"][end]
+    found = foreign.errors_in(estimate, true["side_lengths"], *pose)
+    for axis in "xyz":
+        assert abs(found[f"side_{axis}_error"]) < 3 * found[f"side_{axis}_sigma"]
+
+
+@pytest.mark.slow
 def test_sigma_of_a_turning_box_covers_sensors_that_average_over_ten_milliseconds(
     foreign,
 ):

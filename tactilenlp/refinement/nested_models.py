@@ -34,6 +34,7 @@ from ..problem.reductions import required_reductions
 from ..search.local_solve import (
     RESTART_MU,
     Solved,
+    best_first,
     freed_to_tilt,
     problem_at,
     settings_of,
@@ -43,6 +44,7 @@ from ..search.local_solve import (
 )
 from ..search.margins import LARGER_MODEL, UNCHANGED
 from ..search.multistart import FREED_MU
+from ..tracking.first_touch import body_height
 
 log = logging.getLogger("tactilenlp")
 
@@ -126,6 +128,8 @@ def _with(name, nuisance, job, page, solved, options, solve) -> tuple:
         freed = [warm_started(larger, page, best, settings, FREED_MU)]
     if not freed:
         return job, solved
+    if nuisance.unknown == TURN and job.shape.is_box:
+        freed = _with_open_height(larger, page, freed, options)
     gain, needed = _gain(best, freed[0]), spread
     if gain > spread:
         needed += occam_of(freed[0].problem, freed[0].solution, nuisance.unknown)
@@ -145,6 +149,23 @@ def _solved_from_starts(larger, best: Solved, solve, every: bool, promising) -> 
     if freed and not every and _gain(best, freed[0]) > promising:
         return solve(larger, best.at, False)
     return freed
+
+
+def _with_open_height(job, page, freed, options) -> list[Solved]:
+    """Return solves of a box, one more with a height above all touches of its sides.
+
+    Turned normals may have looked like those of a rim, which tells the height.
+    """
+    best, shape = freed[0], job.shape
+    theta = best.at.theta.copy()
+    theta[2] = body_height(job.data, shape, shape.size_prior[0], np.inf)
+    if best.at.theta[2] >= theta[2] or job.deadline.passed("an open height"):
+        return freed
+    s = best.solution
+    known = replace(s, values=s.values | {"theta": theta[:, None]})
+    known = replace(best, solution=known)
+    higher = warm_started(job, page, known, settings_of(job, options), FREED_MU)
+    return best_first([*freed, higher])
 
 
 def gain_with_others_held(job, page, solved: Solved, unknown: str) -> float:
