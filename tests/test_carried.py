@@ -44,7 +44,7 @@ def test_tracks_follow_a_box_that_was_carried(carried):
     request, _ = read_request(data, scene, *given)
     best = tracked_paths(request.job, (), 1)[0]
     way, turn = jump(best.x, data)
-    assert way == pytest.approx(np.linalg.norm(AWAY), abs=5e-3)
+    assert way == pytest.approx(np.linalg.norm(AWAY), abs=0.01)  # open along the face
     assert turn == pytest.approx(np.radians(50), abs=0.05)
 
 

@@ -10,11 +10,13 @@ import pytest
 from formulations import violation_implicit
 from tactilenlp import Options, polytope, solve_estimate
 from tactilenlp.estimation import optima
+from tactilenlp.information.goodness_of_fit import BETWEEN
 from tactilenlp.interface.request import Request, make_job
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.refinement import refinement
 from tactilenlp.refinement.refinement import less_sure_of_pushes as more_noise
+from tactilenlp.search.margins import MOVED
 from tactilenlp.search.multi_hypothesis import proposed_tracks
 from tactilenlp.search.proposals import spherical
 from tactilenlp.tracking.tracking import predicted_tracks
@@ -66,14 +68,20 @@ def test_a_guess_is_kept_and_an_estimate_is_not(request_of_one_action, touched):
 def test_what_fits_badly_is_searched_again_where_that_can_find_more(
     request_of_one_action, touched, monkeypatch
 ):
-    asked, verdict = request_of_one_action, "poor"
+    asked, verdict, moved = request_of_one_action, "poor", 0.0
+    problem = SimpleNamespace(
+        costs={BETWEEN: None}, value=lambda *_: np.array([0.1, moved]),
+        pack=lambda _: None, data=lambda _: None,
+    )  # fmt: skip
     fit = lambda *_: SimpleNamespace(verdict=verdict)  # noqa: E731
     monkeypatch.setattr(refinement, "fit_of", fit)
 
     def searched(request, success=True, **job):
         job = replace(request.job, **job)
-        solution = SimpleNamespace(success=success)
-        best = SimpleNamespace(job=job, solution=solution, problem=None, window=None)
+        solution = SimpleNamespace(success=success, values=None, parameters=None)
+        window = SimpleNamespace(gap=[1, 2])
+        best = SimpleNamespace(job=job, solution=solution, problem=problem)
+        best.window = window
         return refinement.fits_badly(request, best)
 
     assert searched(asked)
@@ -85,6 +93,8 @@ def test_what_fits_badly_is_searched_again_where_that_can_find_more(
     assert searched(replace(asked, start=touched), shape=polytope(20))
     verdict = "good"
     assert not searched(asked)
+    moved = 1.01 * MOVED  # nats of a motion between two actions
+    assert searched(asked)
 
 
 @pytest.mark.slow

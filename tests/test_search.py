@@ -41,7 +41,7 @@ def test_a_start_with_a_lower_objective_of_the_same_data_is_kept(recorded, estim
     data, scene, _ = recorded
     data, more = data.select(range(3)), Options(hypotheses=20, starts=40)
     wide = solve_estimate(data, scene, options=more)
-    assert wide.objective < estimate.objective - 0.01  # another optimum
+    assert wide.objective < estimate.objective - 5e-3  # another optimum
     again = solve_estimate(data, scene, start=wide)
     assert again.objective < wide.objective + 1e-3
 
@@ -64,8 +64,9 @@ def test_an_action_without_contact_changes_nothing_that_was_known(recorded, esti
         normal=np.zeros_like(more.normal),
     )
     longer = solve_estimate(past.append(free), scene, start=estimate)
-    # nothing was felt: the same optimum, or a lower one of a size that is open
-    assert longer.objective < estimate.objective + 1e-3
+    # Nothing was felt: the same optimum, a lower one of a size that is open, or the
+    # more probable of two that are almost as low.
+    assert longer.objective < estimate.objective + 0.05
     off = longer.side_lengths - estimate.side_lengths
     assert np.all(np.abs(off) < 0.05 * estimate.information.sigma("side_lengths"))
     assert np.allclose(longer.position[-1], longer.position[92], atol=1e-4)

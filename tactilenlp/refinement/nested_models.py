@@ -130,8 +130,8 @@ def _with(name, nuisance, job, page, solved, options, solve) -> tuple:
         return job, solved
     if nuisance.unknown == TURN and job.shape.is_box:
         freed = _with_open_height(larger, page, freed, options)
-    gain, needed = _gain(best, freed[0]), spread
-    if gain > spread:
+    gain, needed = _gain(best, freed[0]), max(spread, UNCHANGED)
+    if gain > needed:
         needed += occam_of(freed[0].problem, freed[0].solution, nuisance.unknown)
     if gain <= needed:
         return job, [declined(best, name, gain, needed), *others]

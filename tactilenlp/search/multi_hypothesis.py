@@ -25,7 +25,7 @@ from ..data.contact_segments import samples_until
 from ..data.sensor_noise import precise
 from ..geometry.transforms import carried
 from ..tracking.carried import carried_away, with_carried
-from ..tracking.first_touch import DRAWN, body_height, from_first_touch
+from ..tracking.first_touch import body_height, from_first_touch
 from ..tracking.smoother import smoothed
 from ..tracking.tracking import tracked
 from ..tracking.tracks import (
@@ -195,17 +195,18 @@ def _tracked_actions(job, filter, kept, so_far, carried: bool):
 
 def proposed_tracks(job, filter: Filter, kept, rng) -> tuple[Tracks, _Past]:
     """Return the tracks to begin with, and the past that they continue."""
-    fingers, none = filter.data.fingers, np.zeros(DRAWN, int)
-    sigma = job.precision.normal
-    if not kept and job.first:
-        (guess,) = job.first
-        begun = from_guess(guess, filter.geometry, rng)
-        return started(*begun, fingers, rng), _Past((), (), none, guess[0])
+    fingers, sigma = filter.data.fingers, job.precision.normal
     if not kept:
-        given = filter.data, job.shape, rng
-        box = job.shape.is_box
-        z, P = from_first_touch(*given, sigma) if box else from_surface(*given)
-        return started(z, P, fingers, rng), _Past((), (), none)
+        name, given = "track", (filter.data, job.shape, rng)
+        if job.first:
+            (guess,) = job.first
+            name, (z, P) = guess[0], from_guess(guess, filter.geometry, rng)
+        elif job.shape.is_box:
+            z, P = from_first_touch(*given, sigma)
+        else:
+            z, P = from_surface(*given)
+        none = np.zeros(z.shape[1], int)
+        return started(z, P, fingers, rng), _Past((), (), none, name)
     done = kept[0].x.shape[1]
     earlier = replace(job, data=samples_until(job.data, done))
     P, along = zip(*from_posterior(earlier, kept), strict=True)

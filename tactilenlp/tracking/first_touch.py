@@ -13,6 +13,7 @@ from ..data.contact_segments import lasting_contacts
 DRAWN = 1000  # boxes that explain the first touch; 300 miss some
 SIZE_SPREAD = 15e-3  # [m] deviation of drawn sides about their prior mean
 SMALLEST, LARGEST = 15e-3, 90e-3  # [m] sides drawn
+LARGE, LARGE_DRAWN = (60e-3, 200e-3), 300  # [m] sides of large boxes, and how many
 YAW = 0.15  # [rad] deviation of a face from the normal felt
 ON_FACE = 0.7  # [-] share of draws that are touched on a face, not on an edge
 EDGE_TURN = np.radians([15.0, 75.0])  # [rad] of a face from the normal at an edge
@@ -42,15 +43,21 @@ def first_contact(data, actions=None) -> tuple[np.ndarray, np.ndarray]:
 
 
 def from_first_touch(data, shape, rng, sigma: float, count=DRAWN):
-    """Return states z (6, count) and covariances P (6, 6, count) at the first touch.
+    """Return states z (6, S) and covariances P (6, 6, S) at the first touch.
 
-    sigma [rad]: noise of the normals.
+    sigma [rad]: noise of the normals; count: boxes about the prior's mean, to which
+    large ones are added, since the prior of sizes has heavy tails.
     """
-    mean = shape.size_prior[0]
-    a, b = np.clip(rng.normal(mean, SIZE_SPREAD, (2, count)), SMALLEST, LARGEST)
-    h = np.full(count, body_height(data, shape, mean, sigma))
-    z = np.array([a, b, h, *places_of(a, b, first_contact(data), rng)])
-    return z, repeated(np.diag(START_SIGMA**2), count)
+    mean, contact = shape.size_prior[0], first_contact(data)
+    usual = np.clip(rng.normal(mean, SIZE_SPREAD, (2, count)), SMALLEST, LARGEST)
+    poses = places_of(*usual, contact, rng)
+    large = np.exp(rng.uniform(*np.log(LARGE), (2, count * LARGE_DRAWN // DRAWN)))
+    poses = np.hstack([poses, places_of(*large, contact, rng)])
+    sides = np.hstack([usual, large])
+    height = np.full(sides.shape[1], body_height(data, shape, mean, sigma))
+    P = repeated(np.diag(START_SIGMA**2), sides.shape[1])
+    P[[0, 1], [0, 1]] *= np.maximum(1.0, sides / LARGEST) ** 2
+    return np.array([*sides, height, *poses]), P
 
 
 def places_of(a, b, contact, rng) -> np.ndarray:
