@@ -16,6 +16,7 @@ from tactilenlp.information.goodness_of_fit import (
     Fit,
     Misfit,
     TouchMisfit,
+    _carried,
     _largest_motion,
     touch_moments,
 )
@@ -142,3 +143,10 @@ def test_a_lost_path_is_named_and_no_part_of_the_total(estimate):
     poor = replace(fit, verdict="poor", terms={**fit.terms, BETWEEN: lost})
     assert poor.total == fit.total
     assert "the largest motion between actions costs 40 nats where 5 ± 4" in poor.text
+
+
+def test_a_body_that_was_moved_farther_than_it_slides_on_was_carried():
+    still = 1e-5 * np.array([1.0, 2.0, 0.5])
+    assert not _carried(*moved(np.r_[still, 8e-3]))
+    assert _carried(*moved(np.r_[still, 12e-3]))
+    assert not _carried(*moved(np.r_[still, 12e-3], speed=0.2))  # 7 mm by its speed

@@ -22,6 +22,9 @@ and here the scale is the geometric mean of the page's own and of all other ways
 row "between actions" is the largest of these costs, of which a path that was lost has
 one.  It is no part of the total, and at most "poor".
 
+A body that moved by more than FAR between two actions, beyond what its speed explains,
+was carried or its path is lost, and several paths explain that alike: at most "poor".
+
 The verdict is "good" up to POOR spreads and MARGIN nats of excess, "bad" beyond BAD of
 either, else "poor".  Where it is not good, deviations are multiplied by the Birge ratio
 
@@ -41,16 +44,15 @@ from scipy.special import polygamma, psi
 
 from formulations.between_actions import CAUCHY, GAP
 from formulations.names import FREE_TERM, TOUCH_TERM
-from formulations.rigid_body import ARM
 
-from ..geometry.transforms import is_planar, matrices
+from .trajectory import moved_between
 
 BETWEEN = "between actions"  # the row of the largest motion between two actions
 OF_MOTION = (  # expected cost of such a motion, and its spread [nats]
     float(CAUCHY * (psi(2) - psi(0.5))),
     float(CAUCHY * np.sqrt(polygamma(1, 0.5) - polygamma(1, 2))),
 )
-LEAST_WAY, ICE = 1e-6, 0.1  # [m] rounding; [m/s^2] that brakes a body on ice
+FAR = 0.01  # [m] that no retraction moves a body: it was carried, or its path is lost
 POOR, BAD = 3.0, 10.0  # [spreads] and [MARGIN] of excess
 MARGIN = 3.0  # [nats] odds of 20 to 1
 RIGID_MISFIT = 0.045  # [scales] deviation of rigid gaps and normals from the page
@@ -139,6 +141,9 @@ class Fit:
         jump = self.terms.get(BETWEEN, NOTHING)
         if jump.excess > jump.limit:
             words += f"; the largest motion between actions costs {_in_words(jump)}"
+        fine = self.total.excess <= self.total.limit and jump.excess <= jump.limit
+        if self.verdict == "poor" and fine:
+            words += f"; between two actions the body moved by over {1e3 * FAR:.0f} mm"
         if self.verdict == "good" or not self.touches:
             return f"{words}."
         worst = self.touches[0]
@@ -166,9 +171,12 @@ def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | N
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
     terms = misfits(problem, x, data, window, measurements, smoothing)
     total = _total(terms)
-    if len(window.gap):
-        terms |= {BETWEEN: _largest_motion(problem.unpack(x)["x"], window)}
+    poses, several = problem.unpack(x)["x"], len(window.gap) > 0
+    if several:
+        terms |= {BETWEEN: _largest_motion(poses, window)}
     verdict, widening = verdict_of(total, terms.get(BETWEEN, NOTHING))
+    if several and verdict == "good" and _carried(poses, window):
+        verdict = "poor"
     touches = _by_touch(problem, x, data, window, measurements, smoothing)
     return Fit(verdict, terms, touches, widening)
 
@@ -187,24 +195,18 @@ def _total(terms: dict) -> Misfit:
     return sum((terms[n] for n in terms if n != BETWEEN), start=NOTHING)
 
 
+def _carried(x, window) -> bool:
+    """Tell whether a body moved farther between two actions than it slid on by FAR."""
+    way, slid = moved_between(x, window)
+    return bool((way > FAR + slid).any())
+
+
 def _largest_motion(x, window) -> Misfit:
     """Return the largest cost of a motion between two actions; x (unknowns, poses)."""
-    gap = window.gap
-    way = np.maximum(_ways(x, gap.pose, gap.before), LEAST_WAY)
-    speed = _ways(x, gap.before, gap.before_2) / gap.dt
-    slid = speed**2 / (2 * max(window.braking, ICE))
+    way, slid = moved_between(x, window)
     others = (np.log(way).sum() - np.log(way) + np.log(GAP)) / len(way)
     u = way / np.hypot(np.exp(others), slid)
     return Misfit(float((CAUCHY * np.log1p(u**2)).max()), *OF_MOTION)
-
-
-def _ways(x, to, before) -> np.ndarray:
-    """Return the ways (n,) [m] between poses of x (3 or 6, poses), as of the page."""
-    if is_planar(x):
-        x = np.vstack([x[:2], np.zeros((3, x.shape[1])), x[2]])
-    R, off = matrices(x), x[:3, to] - x[:3, before]
-    turned = ((R[to] - R[before]) ** 2).sum(axis=(1, 2)) / 2
-    return np.sqrt((off**2).sum(axis=0) + ARM**2 * turned)
 
 
 def _by_touch(problem, x, data, window, measurements, smoothing) -> tuple:
@@ -231,8 +233,7 @@ def states_touches(problem) -> bool:
 def misfits(problem, x, data, window, measurements, smoothing: float) -> dict:
     """Return the Misfit of the terms "touch" and "free", those that a page has.
 
-    x (unknowns,) SI and data of the solved problem; smoothing [1]: share of the noise
-    of positions that smoothing the paths leaves.
+    x (unknowns,) SI and data of the solved problem; smoothing [1]: as in `fit_of`.
     """
     found = {}
     if states_touches(problem) and len(window.touch):

@@ -22,13 +22,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from formulations.ground_contact import REST
-from formulations.rigid_body import LEAST_ARM
+from formulations.rigid_body import ARM, LEAST_ARM
 
+from ..geometry.transforms import is_planar, matrices
 from .error_budget import Linearisation, error_budget
 from .error_budget_terms import ANY_ROTATION, REACHED, UNEVEN
 from .mixture import relabelling, turn_between
 from .tangent_space import pose_jacobians
 
+LEAST_WAY, ICE = 1e-6, 0.1  # [m] rounding; [m/s^2] that brakes a body on ice
 POSES = 40  # of a trajectory whose covariance is computed
 
 
@@ -166,3 +168,23 @@ def _apart(shape, poses, reference, R_wg) -> np.ndarray:
     (p, R), (p_0, R_0) = poses, reference
     _, S = relabelling(shape, R[-1], R_0[-1])
     return np.hstack([(p - p_0) @ R_wg.T, turn_between(shape, R @ S, R_0) @ R_wg.T])
+
+
+def moved_between(x, window) -> tuple[np.ndarray, np.ndarray]:
+    """Return ways (n,) [m] between actions, and how far the body would slide on.
+
+    x (unknowns, poses) of a planar or free path in a window.
+    """
+    gap = window.gap
+    speed = _ways(x, gap.before, gap.before_2) / gap.dt
+    slid = speed**2 / (2 * max(window.braking, ICE))
+    return np.maximum(_ways(x, gap.pose, gap.before), LEAST_WAY), slid
+
+
+def _ways(x, to, before) -> np.ndarray:
+    """Return the ways (n,) [m] between poses of x (3 or 6, poses), as of the page."""
+    if is_planar(x):
+        x = np.vstack([x[:2], np.zeros((3, x.shape[1])), x[2]])
+    R, off = matrices(x), x[:3, to] - x[:3, before]
+    turned = ((R[to] - R[before]) ** 2).sum(axis=(1, 2)) / 2
+    return np.sqrt((off**2).sum(axis=0) + ARM**2 * turned)
