@@ -1,0 +1,65 @@
+"""Local optima are weighed by their evidence, and what they leave open is said."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from formulations.shape import CUBOID
+from tactilenlp.information.mixture import LocalOptimum, laplace_mixture
+
+
+def mode(sizes, yaw, objective=0.0, deviation=1e-4):
+    c, s = np.cos(yaw), np.sin(yaw)
+    R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    z = np.r_[sizes, 0.0, 0.0, yaw]
+    C = np.diag(np.r_[np.full(5, deviation), deviation / 0.02]) ** 2
+    return LocalOptimum(z, R, objective, C)
+
+
+def test_two_bodies_that_are_equally_likely_are_half_their_distance_wide():
+    found = [mode([0.05, 0.03, 0.04], 0.0), mode([0.05, 0.04, 0.04], 0.0)]
+    modes = laplace_mixture(CUBOID, 1, found)
+    assert modes.weights == pytest.approx([0.5, 0.5])
+    assert np.sqrt(modes.covariance[1, 1]) == pytest.approx(0.01 / np.sqrt(2), rel=1e-3)
+    assert np.sqrt(modes.covariance[0, 0]) == pytest.approx(1e-4)
+
+
+def test_a_mode_two_nats_worse_weighs_less_and_a_vaguer_one_more():
+    worse = laplace_mixture(CUBOID, 1, [mode([0.05, 0.03, 0.04], 0.0),
+                                 mode([0.05, 0.04, 0.04], 0.0, 2.0)])  # fmt: skip
+    assert worse.weights[1] / worse.weights[0] == pytest.approx(np.exp(-2))
+    vague = laplace_mixture(CUBOID, 1, [mode([0.05, 0.03, 0.04], 0.0),
+                                 mode([0.05, 0.04, 0.04], 0.0, 0.0, 2e-4)])  # fmt: skip
+    assert vague.weights[1] / vague.weights[0] == pytest.approx(2**6, rel=1e-4)
+
+
+def test_a_pose_that_no_touch_tells_makes_a_mode_no_likelier():
+    """Its position may be metres or kilometres off, by rounding: both are "open"."""
+    found = [mode([0.05, 0.03, 0.04], 0.0), mode([0.05, 0.04, 0.04], 0.0)]
+    for one, deviation in zip(found, (1.0, 1e3), strict=True):
+        one.covariance[3, 3] = deviation**2
+    assert laplace_mixture(CUBOID, 1, found).weights == pytest.approx(0.5, rel=1e-2)
+
+
+def test_a_quarter_turn_that_swaps_two_sides_is_the_same_body():
+    found = [mode([0.05, 0.03, 0.04], 0.1), mode([0.03, 0.05, 0.04], 0.1 + np.pi / 2)]
+    assert len(laplace_mixture(CUBOID, 1, found).weights) == 1
+
+
+def test_a_mode_of_which_a_direction_is_certain_has_a_weight():
+    """A covariance that is singular to the last digit has a volume all the same."""
+    flat = np.diag([1e-8, 1e-8, 1e-8, 100.0, 100.0, 0.0])
+    found = [LocalOptimum(np.full(6, 0.05), np.eye(3), 1.0, flat)]
+    modes = laplace_mixture(CUBOID, 1, found)
+    assert modes.weights == pytest.approx([1.0])
+    assert np.isfinite(modes.covariance).all()
+
+
+def test_another_body_that_explains_the_data_is_spoken_of(estimate):
+    found = [mode([0.05, 0.03, 0.04], 0.0), mode([0.05, 0.04, 0.04], 0.0, 1.0)]
+    modes = laplace_mixture(CUBOID, 1, found)
+    information = replace(estimate.information, modes=modes, spread=modes.covariance)
+    reported, other = information.also
+    assert reported == "What is reported has a probability of 73 %."
+    assert other.startswith("With 27 %, side y is 10.0 mm larger")
