@@ -150,3 +150,8 @@ def test_a_body_that_was_moved_farther_than_it_slides_on_was_carried():
     assert not _carried(*moved(np.r_[still, 8e-3]))
     assert _carried(*moved(np.r_[still, 12e-3]))
     assert not _carried(*moved(np.r_[still, 12e-3], speed=0.2))  # 7 mm by its speed
+
+
+def test_a_carried_body_is_said_and_no_touch_is_blamed(estimate):
+    text = replace(estimate.fit, verdict="poor").text
+    assert text.endswith("expected; between actions the body moved by over 10 mm.")

@@ -95,6 +95,14 @@ class Ground:
         return points @ self.rotation + self.origin
 
 
+def world_to_ground(ground: Ground | None) -> np.ndarray:
+    """Return the rotation (3, 3) from the world to the ground's frame.
+
+    Without a ground it is the world's own.
+    """
+    return np.eye(3) if ground is None else ground.rotation
+
+
 def as_number(
     name: str,
     value: object,

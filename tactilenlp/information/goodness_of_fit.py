@@ -143,7 +143,7 @@ class Fit:
             words += f"; the largest motion between actions costs {_in_words(jump)}"
         fine = self.total.excess <= self.total.limit and jump.excess <= jump.limit
         if self.verdict == "poor" and fine:
-            words += f"; between two actions the body moved by over {1e3 * FAR:.0f} mm"
+            return f"{words}; between actions the body moved by over {1e3 * FAR:g} mm."
         if self.verdict == "good" or not self.touches:
             return f"{words}."
         worst = self.touches[0]
@@ -171,11 +171,11 @@ def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | N
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
     terms = misfits(problem, x, data, window, measurements, smoothing)
     total = _total(terms)
-    poses, several = problem.unpack(x)["x"], len(window.gap) > 0
-    if several:
+    poses = problem.unpack(x)["x"]
+    if len(window.gap):
         terms |= {BETWEEN: _largest_motion(poses, window)}
     verdict, widening = verdict_of(total, terms.get(BETWEEN, NOTHING))
-    if several and verdict == "good" and _carried(poses, window):
+    if verdict == "good" and BETWEEN in terms and _carried(poses, window):
         verdict = "poor"
     touches = _by_touch(problem, x, data, window, measurements, smoothing)
     return Fit(verdict, terms, touches, widening)

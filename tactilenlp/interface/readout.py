@@ -12,6 +12,7 @@ from formulations.names import EXACT, FINGER_IMPULSE, GROUND_IMPULSE
 
 from ..common.deadline import NEVER, Deadline, OutOfTime
 from ..common.npz import versions
+from ..data.ground import world_to_ground
 from ..data.sensor_noise import variance_left
 from ..geometry.convex_hull import centroid
 from ..geometry.transforms import is_planar, matrices, quaternion_of, rotate_planar
@@ -70,7 +71,7 @@ def read_off(
         information=information,
         fit=fit,
         impulses=impulses(solved, request.data, job.scene),
-        finger_offset=offsets_of(solution.values, _ground_rotation(job.scene).T),
+        finger_offset=offsets_of(solution.values, world_to_ground(job.scene.ground).T),
         hypotheses=tuple(kept),
         seconds=seconds,
         versions=versions(),
@@ -121,7 +122,7 @@ def read_box(
     shape, scene = job.shape, job.scene
     theta, x = solved.at.theta, solved.at.x
     faces = solved.touched
-    R_wg = _ground_rotation(scene).T
+    R_wg = world_to_ground(scene.ground).T
     build = problem_builder(page, shape, scene, job.term_functions_of, deadline)
     information = _in_time(
         job, solved, R_wg, deadline,
@@ -145,7 +146,7 @@ def read_polytope(
     problem, window, solution = solved.problem, solved.window, solved.solution
     scene = job.scene
     V, x = solution.values["theta"].T, solved.at.x
-    middle, R_wg = centroid(V), _ground_rotation(scene).T
+    middle, R_wg = centroid(V), world_to_ground(scene.ground).T
     position, turn = hull_poses(scene, x, middle)
     vertices = (V - middle) @ R_wg.T
     faces = touched_polygons(window, V, x, job.precision.normal)
@@ -178,7 +179,7 @@ def hull_poses(scene, x, middle) -> tuple[np.ndarray, Rotation]:
     """
     if not is_planar(x):
         p = x[:3].T + matrices(x) @ middle
-        R_wg = _ground_rotation(scene).T
+        R_wg = world_to_ground(scene.ground).T
         turn = Rotation.from_matrix(R_wg @ matrices(x) @ R_wg.T)
         return p if scene.ground is None else scene.ground.from_ground(p), turn
     level = rotate_planar(x[2], *middle[:2], origin=x)
@@ -223,7 +224,7 @@ def impulses(solved, data, scene) -> dict[str, np.ndarray]:
     if scene.ground is not None:
         out["ground"] = np.zeros((T, 3))
     x, values = problem.pack(solution.values), problem.data(solution.parameters)
-    turn = _ground_rotation(scene)
+    turn = world_to_ground(scene.ground)
     if FINGER_IMPULSE in problem.reports:
         pushed = problem.value(FINGER_IMPULSE, x, values) @ turn
         for i in range(data.fingers):
@@ -238,11 +239,6 @@ def impulses(solved, data, scene) -> dict[str, np.ndarray]:
         out["ground"] = by_sample(whole, window.step.sample, T)
         out["ground"] -= sum(out[f"finger {i}"] for i in range(data.fingers))
     return out
-
-
-def _ground_rotation(scene) -> np.ndarray:
-    """Return the rotation (3, 3) from the world to the ground's frame."""
-    return np.eye(3) if scene.ground is None else scene.ground.rotation
 
 
 def _plain(options) -> dict:

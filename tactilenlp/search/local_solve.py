@@ -18,6 +18,7 @@ from formulations.finger_offset import NAME as OFFSET
 from formulations.page_contract import contract_of
 from formulations.rigid_body import PLANAR
 
+from ..data.ground import world_to_ground
 from ..geometry.faces import touched_faces
 from ..geometry.tipping import planar_to_free
 from ..information.information import FACE_COSINE, optimum_of
@@ -96,10 +97,9 @@ class Solved:
     @cached_property
     def optimum(self) -> LocalOptimum:
         """Shape and final pose of a shape with sizes, covariance by the Hessian."""
-        job, ground = self.job, self.job.scene.ground
-        R_wg = np.eye(3) if ground is None else ground.rotation.T
-        given = self.problem, self.solution, self.window, job.shape, R_wg
-        return optimum_of(*given)
+        R_wg = world_to_ground(self.job.scene.ground).T
+        given = self.problem, self.solution, self.window, self.job.shape
+        return optimum_of(*given, R_wg)
 
 
 def best_first(solved) -> list[Solved]:
