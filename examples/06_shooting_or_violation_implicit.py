@@ -18,7 +18,7 @@ from tactilenlp import (
     problem_of,
     solve_estimate,
 )
-from tactilenlp.nlp.ipopt import solve
+from tactilenlp.solvers.solve import solve
 
 LEAN = Options(hypotheses=1, starts=4)
 picture = sys.argv[1] if sys.argv[1:] else "shooting.png"

@@ -79,8 +79,8 @@ _HOMES = {
     "extend": "problem.pages",
     "Page": "problem.pages",
     "Executor": "search.least_motion",
-    "SolverOptions": "nlp.ipopt",
-    "Solution": "nlp.solution",
+    "SolverOptions": "solvers.options",
+    "Solution": "solvers.solution",
     "TactileError": "errors",
     "example_recording": "data.examples",
 }

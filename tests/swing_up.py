@@ -3,8 +3,8 @@
 import casadi as ca
 import numpy as np
 
-from tactilenlp.nlp.ipopt import SolverOptions
 from tactilenlp.nlp.problem import Problem
+from tactilenlp.solvers.options import SolverOptions
 
 GRAVITY, LENGTH, MASS = 9.81, 0.5, 1.0  # [m/s^2] [m] [kg]
 STEPS, DT = 40, 0.05  # swing up in two seconds

@@ -17,8 +17,9 @@ from formulations.shape import CUBOID
 from formulations.size_prior import size_cost
 from tactilenlp.data.measurements import Measurements
 from tactilenlp.data.scene import Scene
-from tactilenlp.nlp.ipopt import SolverOptions, solve, solve_levels
 from tactilenlp.problem.reductions import Reductions, reduce
+from tactilenlp.solvers.options import SolverOptions
+from tactilenlp.solvers.solve import solve, solve_levels
 
 PAGES = {"quasi_static": quasi_static, "violation_implicit": violation_implicit}
 

@@ -10,8 +10,9 @@ from tactilenlp import Problem, observed_information
 from tactilenlp.errors import OptionError, TactileError
 from tactilenlp.information.information import reduced_covariance
 from tactilenlp.information.tangent_space import unobserved
-from tactilenlp.nlp.ipopt import SolverOptions, solve
 from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
+from tactilenlp.solvers.options import SolverOptions
+from tactilenlp.solvers.solve import solve
 
 SIGMA = 0.1
 

@@ -8,8 +8,9 @@ import casadi as ca
 import pytest
 
 from tactilenlp.common.interrupt import interruptible
-from tactilenlp.nlp.ipopt import SolverOptions, make_solver, solve
 from tactilenlp.nlp.problem import Problem
+from tactilenlp.solvers.options import SolverOptions
+from tactilenlp.solvers.solve import make_solver, solve
 
 
 @pytest.fixture(autouse=True)

@@ -13,8 +13,8 @@ from tactilenlp.information.sensitivity import (
     late_touches,
     velocities,
 )
-from tactilenlp.nlp.ipopt import solve
 from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
+from tactilenlp.solvers.solve import solve
 
 LATE = 1e-4  # [s]
 

@@ -38,7 +38,7 @@ def pushed(h, way):
 def test_hypotheses_that_come_together_are_solved_to_the_end_once(case):
     job, h = case
     solved = multistart(
-        job, page, [h, pushed(h, 5e-4), pushed(h, -5e-4)], Options(), LEVELS
+        job, page, [h, pushed(h, 1e-4), pushed(h, -1e-4)], Options(), LEVELS
     )
     assert len(solved) == 1
     assert solved[0].solution.success

@@ -13,8 +13,9 @@ from swing_up import (
 )
 
 from tactilenlp.errors import NotConverged, OptionError, PageError
-from tactilenlp.nlp.ipopt import SolverOptions, solve
 from tactilenlp.nlp.problem import Problem
+from tactilenlp.solvers.options import SolverOptions
+from tactilenlp.solvers.solve import solve
 
 
 def impossible():

@@ -15,11 +15,11 @@ from tactilenlp.information.error_budget_terms import (
     slips,
     stick_slip,
 )
-from tactilenlp.nlp.ipopt import solve
 from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
 from tactilenlp.nlp.problem import Problem
 from tactilenlp.problem.polytope_window import CLEAR, vertices_near, without_clear
 from tactilenlp.problem.window import Pushes, Samples, Steps
+from tactilenlp.solvers.solve import solve
 
 RADIUS = 0.01
 

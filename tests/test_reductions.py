@@ -14,11 +14,12 @@ from tactilenlp import Guess, Options, Problem, Scene, solve_estimate
 from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.errors import MeasurementError
 from tactilenlp.evaluation.metrics import cuboid_errors
-from tactilenlp.nlp.ipopt import SolverOptions, solve, solve_levels
 from tactilenlp.problem.missing_samples import possible_contact
 from tactilenlp.problem.reductions import Reductions, may_move, reduce
 from tactilenlp.problem.static_friction import LONGEST_SLIP, slip_gains
 from tactilenlp.problem.unreduced import transferred_values
+from tactilenlp.solvers.options import SolverOptions
+from tactilenlp.solvers.solve import solve, solve_levels
 
 
 @pytest.fixture(scope="module")

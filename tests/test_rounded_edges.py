@@ -9,7 +9,7 @@ from formulations import violation_implicit
 from formulations.shape import CUBOID
 from tactilenlp import Problem, SolverOptions, solve_estimate
 from tactilenlp.information import error_budget
-from tactilenlp.nlp.ipopt import solve
+from tactilenlp.solvers.solve import solve
 
 SIDES = np.array([0.04, 0.05, 0.06])
 SMALL = 1e-5  # [m] rounding of the distance itself

@@ -23,10 +23,11 @@ from tactilenlp import (
 from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.errors import PageError, SceneError
 from tactilenlp.information.error_budget_terms import missing_impulses
-from tactilenlp.nlp.ipopt import SolverOptions, make_solver, solve, solve_levels
 from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
 from tactilenlp.nlp.problem import Problem
 from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
+from tactilenlp.solvers.options import SolverOptions
+from tactilenlp.solvers.solve import make_solver, solve, solve_levels
 
 STEPS, DT = 20, 0.05
 

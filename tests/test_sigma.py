@@ -17,11 +17,12 @@ from tactilenlp.information.information import inverse
 from tactilenlp.information.measurement_noise import gaps_of_touches, touches
 from tactilenlp.information.sensitivity import kkt_residual
 from tactilenlp.information.tangent_space import TangentSpace
-from tactilenlp.nlp.ipopt import SolverOptions, solve
 from tactilenlp.nlp.kkt import LEAST_CURVATURE
 from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
 from tactilenlp.refinement.profile_likelihood import resized
 from tactilenlp.search.hypothesis import Hypothesis
+from tactilenlp.solvers.options import SolverOptions
+from tactilenlp.solvers.solve import solve
 
 UNITS = np.r_[1e3, 1e3, 1e3, 1e3, 1e3, 50.0]  # to mm, a radian as 50 mm
 

@@ -18,7 +18,8 @@ from swing_up import (
     stationarity,
 )
 
-from tactilenlp.nlp.ipopt import SolverOptions, make_solver, solve, solve_levels
+from tactilenlp.solvers.options import SolverOptions
+from tactilenlp.solvers.solve import make_solver, solve, solve_levels
 
 
 def test_a_pendulum_swings_up_as_its_differential_equation_says():
@@ -163,7 +164,7 @@ class Level:
 
 def first_mus(solvers) -> list[float]:
     """Return the mu_init of every solver that was built."""
-    return [dict(key[:2])["mu_init"] for key in solvers]
+    return [dict(key[:2])["mu_init"] for key in solvers if key != "programme"]
 
 
 def test_levels_start_where_the_one_before_ended_and_add_up():
@@ -177,7 +178,7 @@ def test_levels_start_where_the_one_before_ended_and_add_up():
     np.testing.assert_allclose(last.values["f"][:, 0], [3, 1.8, 2.4], atol=1e-6)
     assert sum(last.iterations_by_level) == last.iterations
     assert last.iterations_by_level[:2] == first.iterations_by_level
-    assert len(solvers) == 1  # the same options: one solver
+    assert len(first_mus(solvers)) == 1  # the same options: one solver
 
 
 def test_a_level_that_takes_the_multipliers_before_it_has_less_to_do():

@@ -105,7 +105,7 @@ def test_without_a_compiler_the_same_solution_comes_out():
 import casadi as ca
 from tactilenlp.nlp.codegen import compiler
 from tactilenlp.nlp.problem import Problem
-from tactilenlp.nlp.ipopt import solve
+from tactilenlp.solvers.solve import solve
 problem = Problem()
 x = problem.variable("x", 2, guess=[-1.2, 1], unit="1", scale=1)
 banana = lambda x: 100 * (x[1] - x[0] ** 2) ** 2 + (1 - x[0]) ** 2 + ca.sin(x[1])

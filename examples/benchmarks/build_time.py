@@ -29,8 +29,8 @@ from reductions import recorded, searched
 from study import add_executor, executor_of, mapped, write_csv
 
 from tactilenlp import Measurements, Problem, SolverOptions
-from tactilenlp.nlp.ipopt import make_solver
 from tactilenlp.problem.polytope_window import window_of
+from tactilenlp.solvers.solve import make_solver
 
 PARTS = ("window", "page", "derivatives", "solver")
 

@@ -45,8 +45,8 @@ from formulations.shape import CUBOID
 from tactilenlp import Measurements, Problem, Scene, SolverOptions, surface_distance
 from tactilenlp.data.sensor_noise import precision_of, smoothed
 from tactilenlp.geometry.transforms import rotation_of
-from tactilenlp.nlp.ipopt import solve_levels
 from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
+from tactilenlp.solvers.solve import solve_levels
 
 PAGES = (
     *("quasi_static", "violation_implicit", "paper"),

@@ -36,8 +36,9 @@ from tactilenlp import Measurements, Problem, Scene, example_recording
 from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.geometry.transforms import planar_matrix, rotation_of
 from tactilenlp.nlp.codegen import compiled
-from tactilenlp.nlp.ipopt import SolverOptions, make_solver, solve
 from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
+from tactilenlp.solvers.options import SolverOptions
+from tactilenlp.solvers.solve import make_solver, solve
 
 SHOOTING = {  # name: times 30 Hz, still [m/s]
     "shooting 30 Hz, s = 100 mm/s": (1, 100e-3),

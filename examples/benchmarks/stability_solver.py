@@ -31,8 +31,8 @@ from tactilenlp import (
 )
 from tactilenlp.data.sensor_noise import precision_of, smoothed
 from tactilenlp.geometry.transforms import rotation_of
-from tactilenlp.nlp.ipopt import solve_levels
 from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
+from tactilenlp.solvers.solve import solve_levels
 
 EXACT, CLOSE, END = 1e-6, 1e-6, 0.01  # [relative], [m], [sigma] of two solves
 TIGHT = 1e-9  # tolerance of solves that are compared

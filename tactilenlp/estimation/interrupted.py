@@ -12,12 +12,12 @@ from ..interface.readout import name_of, read_off
 from ..interface.request import Request
 from ..interface.result import Estimate
 from ..nlp.problem import Problem
-from ..nlp.solution import evaluated, not_converged
 from ..nlp.term_functions import TermFunctionCache
 from ..problem.outliers import check_explained
 from ..problem.pages import page_of
 from ..problem.polytope_window import window_of
 from ..search.local_solve import Solved, in_motion_of, solved_from, start_values
+from ..solvers.solution import evaluated, not_converged
 
 SHUTDOWN_TIME = 2.0  # [s] that a solve after Ctrl-C may take
 

@@ -42,10 +42,10 @@ from ..interface.request import read_request
 from ..interface.result import Estimate, solution_of
 from ..nlp.kkt_sensitivity import KKTSystem, kkt_system_of
 from ..nlp.problem import Problem
-from ..nlp.solution import Solution
 from ..problem.pages import page_of, shape_of
 from ..problem.reductions import Reductions, reduce
 from ..search.local_solve import problem_at, problem_for
+from ..solvers.solution import Solution
 
 OFFSET = 1e-6  # [m] shift of a finger
 INFORMATION_KINDS = ("exact", "sandwich", "gauss_newton", "paper", "inverse_dynamics")
@@ -214,8 +214,9 @@ def problem_of(
     Arguments as of solve_estimate.  at: an Estimate of these measurements, of which the
     problem is built again, with its reductions; a hull needs it, as which vertices a
     contact reads depends on where it is solved from.  `describe()` lists terms and
-    unknowns, `check()` compares derivatives with finite differences, `nlp.ipopt.solve`
-    solves it from any start.  Raises what solve_estimate raises before it solves.
+    unknowns, `check()` compares derivatives with finite differences, and
+    `solvers.solve.solve` solves it from any start.  Raises what solve_estimate raises
+    before it solves.
     """
     if at is not None:
         check_types(at=(at, Estimate))

@@ -11,7 +11,6 @@ from functools import partial
 
 from ..common.deadline import Deadline
 from ..interface.request import Request
-from ..nlp.solution import check_finite
 from ..refinement.certification import checked, with_profiles
 from ..refinement.ground_tilt import with_ground_for_turns, with_ground_tilt
 from ..refinement.incremental_polytope import repaired
@@ -28,6 +27,7 @@ from ..refinement.refinement import (
 from ..search.hypothesis import Hypothesis, Job, distinct, same
 from ..search.local_solve import Solved, best_first, comparable
 from ..search.margins import LEAST_MOTION_BEHIND
+from ..solvers.solution import check_finite
 from .initial_search import SEARCH_END, searched
 from .interrupted import SoFar
 

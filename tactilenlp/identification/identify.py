@@ -18,10 +18,11 @@ from ..data.scene import Scene
 from ..data.trajectories import Trajectories
 from ..errors import OptionError, SceneError, typed_call
 from ..information.information import reduced_covariance
-from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
-from ..nlp.solution import evaluated, not_converged, unfinished
 from ..nlp.term_functions import TermFunctionCache
+from ..solvers.options import SolverOptions
+from ..solvers.solution import evaluated, not_converged, unfinished
+from ..solvers.solve import solve_levels
 from .body import UNOBSERVED_VERTEX, Body, corner_shift
 from .fit import BodyFit, fit_of
 from .impacts import impacts, may_touch

@@ -17,9 +17,9 @@ from ..common.validation import (
 )
 from ..data.measurements import FARTHEST
 from ..errors import OptionError, StartError, shortened, typed_call
-from ..nlp.ipopt import check_positive
 from ..problem.reductions import Reductions
 from ..search.hypothesis import TermFunctions
+from ..solvers.options import check_positive
 
 MOST = 1_000_000  # [-] hypotheses or starts
 # (hypotheses, starts) for noisy, for precise sensors

@@ -26,10 +26,10 @@ from ..geometry.transforms import rotation_of
 from ..information.goodness_of_fit import Fit, Misfit, TouchMisfit
 from ..information.information import Information
 from ..information.mixture import ClassOdds, Modes
-from ..nlp.solution import Solution
 from ..output.summary import remarks_of, summary_of
 from ..problem.certificates import Skipped
 from ..search.hypothesis import Hypothesis
+from ..solvers.solution import Solution
 
 ESTIMATE_FORMAT, ESTIMATE_VERSION = "estimate", 2  # of the files that `save` writes
 # Fields that are asked by name, as in estimate.impulses["finger 0"].

@@ -1,11 +1,10 @@
 """Nonlinear programmes whose unknowns and terms have names, with exact derivatives.
 
 In: variables, parameters and terms, each a small function of a few local unknowns.
-Out: a `Problem`, its `Solution` by IPOPT, and parametric sensitivities of its KKT
-system.  Nothing here depends on touch.
+Out: a `Problem` and, at a solution, parametric sensitivities of its KKT system.
+Nothing here depends on touch.
 
 - `problem`, `terms`, `term_functions`, `assembly`, `codegen`: state, derive, compile
-- `ipopt`, `solution`: continuation by IPOPT; objective and violations recomputed
 - `kkt`, `kkt_sensitivity`: bordered factorisation; active set, sensitivity, Newton step
 - `reduced_space`: unknowns that follow from others are eliminated
 - `diagnostics`, `derivative_check`: describe and check a problem before a solve

@@ -10,6 +10,7 @@ last of these is logged as one warning.
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import logging
 import os
@@ -57,6 +58,19 @@ def compiled(
 def kept(names, origin: str) -> list[ca.Function] | None:
     """Return the functions compiled from this origin earlier, or None."""
     return None if compiler() is None else _found(names, origin)
+
+
+def library(source: str) -> ctypes.CDLL | None:
+    """Return the library of a C source of our own, or None where it is not possible."""
+    if compiler() is None or _place() in _unusable:
+        return None
+    try:
+        path = trusted_folder() / f"{_key(source)}.so"
+        if is_whole(path) or _compile(source, path, NEVER):
+            return ctypes.CDLL(str(path))
+    except OSError as error:
+        _warn_once(error)
+    return None
 
 
 def _time_for_compilation(deadline: Deadline) -> float:

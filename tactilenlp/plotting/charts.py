@@ -16,7 +16,7 @@ from ..common.validation import check_types
 from ..errors import OptionError
 from ..geometry.transforms import rotation_of
 from ..interface.result import Estimate
-from ..nlp.solution import Solution
+from ..solvers.solution import Solution
 from .style import (
     FINGER_COLOURS,
     INK,

@@ -22,9 +22,7 @@ from ..geometry.transforms import is_planar, planar_matrix
 from ..information.measurement_noise import touches
 from ..interface.readout import name_of
 from ..interface.result import Estimate, solution_of
-from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
-from ..nlp.solution import Solution, after
 from ..problem.action_window import of_action
 from ..problem.outliers import MIN_OF_TOUCH, unexplained
 from ..problem.polytope_window import PolytopeWindow, window_of
@@ -44,6 +42,9 @@ from ..search.local_solve import (
 from ..search.margins import UPDATE_COST, UPDATE_SHARE
 from ..search.plane_slam import SEARCH_TIME, SEARCH_TOLERANCE, poses_of_new_action
 from ..search.polytope_init import ACCEPTABLE, credible_data, faces_of
+from ..solvers.options import SolverOptions
+from ..solvers.solution import Solution, after
+from ..solvers.solve import solve_levels
 
 log = logging.getLogger("tactilenlp")
 UPDATE_MU = 1e-3  # IPOPT's mu_init where all but one action is known

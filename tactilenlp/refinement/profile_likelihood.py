@@ -38,11 +38,11 @@ from formulations.size_prior import size_cost
 from ..information.information import LEAST_SIGMA
 from ..information.measurement_noise import KNOWN_FACE
 from ..information.tangent_space import final_unknowns
-from ..nlp.ipopt import solve_levels
 from ..nlp.kkt_sensitivity import kkt_system_of
 from ..search.hypothesis import Hypothesis
 from ..search.local_solve import RANKING_TOLERANCE, settings_of, start_values
 from ..search.margins import BETTER_OPTIMUM, ONE_SIGMA, PROFILE_RISE
+from ..solvers.solve import solve_levels
 
 FACES_DISTANCE = 0.3e-3  # [m] sigma of the distance of two touched faces
 NOISE_FACTOR = 2.0  # [-] of the sigma of their means, for noisy fingers

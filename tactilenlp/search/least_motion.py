@@ -15,7 +15,8 @@ from formulations import quasi_static
 from formulations.finger_offset import NAME as OFFSET
 
 from ..common.threads import on_one_thread
-from ..nlp.ipopt import SolverOptions, solve_levels
+from ..solvers.options import SolverOptions
+from ..solvers.solve import solve_levels
 from .hypothesis import Hypothesis, Job
 from .local_solve import LEVEL_TIME, problem_for, start_values
 

@@ -23,15 +23,16 @@ from ..geometry.faces import touched_faces
 from ..geometry.tipping import planar_to_free
 from ..information.information import FACE_COSINE, optimum_of
 from ..information.mixture import LocalOptimum
-from ..nlp.ipopt import SolverOptions, solve_levels
 from ..nlp.problem import Problem
-from ..nlp.solution import Solution, after, unfinished
 from ..problem.certificates import Certificates
 from ..problem.pages import check_unknowns
 from ..problem.polytope_window import window_of
 from ..problem.poses import poses
 from ..problem.reductions import reduce, required_reductions
 from ..problem.unreduced import transferred_values
+from ..solvers.options import SolverOptions
+from ..solvers.solution import Solution, after, unfinished
+from ..solvers.solve import solve_levels
 from .hypothesis import Hypothesis, Job
 from .margins import NEGLIGIBLE, UNTOUCHED_FACE
 from .polytope_init import CLOSED, IPOPT_OPTIONS, with_vertices_on_hull

@@ -26,9 +26,10 @@ from ..geometry.convex_hull import (
     vertices_behind,
 )
 from ..geometry.transforms import directions_in_body, rotate_planar
-from ..nlp.ipopt import SolverOptions, solve_levels
 from ..problem.reductions import reduce
 from ..problem.window import Rows, Window
+from ..solvers.options import SolverOptions
+from ..solvers.solve import solve_levels
 
 FREE_REACH = 15e-3  # [m] free fingers further from a contact point are left out
 FACE_ANGLE = 0.03  # [rad] normals of one face agree this well

@@ -29,9 +29,10 @@ from ..geometry.convex_hull import (
     thinned,
     vertices_behind,
 )
-from ..nlp.ipopt import SolverOptions, solve_levels
 from ..problem.polytope_window import window_of
 from ..problem.reductions import reduce
+from ..solvers.options import SolverOptions
+from ..solvers.solve import solve_levels
 from .hypothesis import Hypothesis
 from .plane_slam import (
     SEARCH_TIME,

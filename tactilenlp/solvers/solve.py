@@ -1,103 +1,47 @@
-"""IPOPT solves a Problem, once or along the levels of a continuation."""
+"""Solve a Problem, once or along the levels of a continuation."""
 
 from __future__ import annotations
 
 import logging
-import math
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from functools import partial
 
 import casadi as ca
 import numpy as np
 
-from ..common.deadline import NEVER, Deadline
 from ..common.interrupt import interruptible
-from ..common.validation import check_numbers, check_types
-from ..errors import OptionError, shortened, typed_call
-from .problem import Problem
+from ..errors import OptionError
+from ..nlp.problem import Problem
+from .interior_point import NAMES, InteriorPoint, Settings
+from .ipopt import make_ipopt
+from .options import SolverOptions
+from .programme import Programme
 from .solution import Solution, after, not_converged, recomputed, unfinished
 
 log = logging.getLogger("tactilenlp")
-WARM_PUSH = 1e-6  # [-] by which a warm start and its multipliers are pushed inside
-PUSH_OPTIONS = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
-WARM_OPTIONS = [f"warm_start_{name}" for name in (*PUSH_OPTIONS, "mult_bound_push")]
 MIN_SOLVE_TIME = 0.02  # [s] of a solve beyond a deadline: about one iteration
 LEVEL_DEFAULTS = {"mu_init": 1e-2, "max_iter": 200}  # of a level that does not set them
 
 
-def check_positive(options, *names: str) -> None:
-    """Raise OptionError unless the named fields are positive numbers."""
-    given = {name: (getattr(options, name), 0, math.inf) for name in names}
-    check_numbers("", "a positive number", **given)
+def make_solver(
+    problem, options: SolverOptions, eliminate=False, warm=False, shared=None
+):
+    """Return what solves this problem, called as a CasADi solver.
 
-
-@typed_call()
-@dataclass(frozen=True)
-class SolverOptions:
-    """Options of one solve.
-
-    tolerance: of the scaled optimality conditions [-]; time_limit [s];
-    iterations: at most [-]; barrier: IPOPT's first mu [-]; push: how far a start is
-    pushed inside its bounds, relative [-]; ipopt: options passed on verbatim; deadline:
-    by which all levels of a continuation end.
+    The interior-point method of this package where there are no equalities and no
+    options that only IPOPT has, else IPOPT.  shared: a dictionary that keeps what
+    solvers of one problem share.
     """
-
-    tolerance: float = 1e-6
-    time_limit: float = 60.0
-    iterations: int = 300
-    barrier: float = 1e-2
-    push: float = 1e-4
-    ipopt: dict = field(default_factory=dict)
-    deadline: Deadline = NEVER
-
-    def __post_init__(self):
-        check_types(ipopt=(self.ipopt, dict), deadline=(self.deadline, Deadline))
-        check_positive(self, "tolerance", "time_limit", "iterations", "barrier", "push")
-
-    def for_nlpsol(self, warm: bool = False) -> dict:
-        """Return the options as CasADi names them; warm: start with multipliers too."""
-        ours = {
-            "linear_solver": "mumps",
-            "tol": self.tolerance,
-            "constr_viol_tol": min(1e-6, self.tolerance),
-            "max_iter": self.iterations,
-            "max_wall_time": self.time_limit,
-            "mu_init": self.barrier,
-            "bound_push": self.push,
-            "bound_frac": self.push,
-            "bound_relax_factor": 0.0,
-            "nlp_scaling_method": "none",
-            # Other treatments evaluate the gradient twice an iteration.
-            "fixed_variable_treatment": "make_parameter_nodual",
-            "max_soc": 0,  # second-order corrections end at higher objectives
-            "print_level": 0,
-            "sb": "yes",
-        }
-        if warm:
-            ours["warm_start_init_point"] = "yes"
-            ours |= dict.fromkeys(WARM_OPTIONS, WARM_PUSH)
-        return {f"ipopt.{k}": v for k, v in {**ours, **self.ipopt}.items()} | {
-            "print_time": False,
-            "error_on_fail": False,
-            "no_nlp_grad": True,
-            "calc_lam_p": False,
-        }
-
-
-def make_solver(problem, options: SolverOptions, eliminate=False, warm=False):
-    """Return IPOPT as a CasADi solver of this problem; it shares the derivatives."""
-    functions = (problem.eliminated if eliminate else problem).functions
-    exact = {k: functions[k] for k in ("grad_f", "jac_g", "hess_lag")}
-    settings = options.for_nlpsol(warm) | exact
-    try:
-        return ca.nlpsol("solver", "ipopt", functions["nlp"], settings)
-    except RuntimeError as error:
-        raise OptionError(
-            "IPOPT does not accept these options",
-            where="ipopt",
-            got=f"{shortened(options.ipopt)}: {str(error).strip().splitlines()[-1]}",
-            expected="names and values of IPOPT's documentation",
-        ) from error
+    reference = partial(make_ipopt, problem, options, eliminate, warm)
+    equal = np.any(problem.limits("lower") >= problem.limits("upper"))
+    if equal or eliminate or not set(options.ipopt) <= NAMES:
+        return reference()
+    shared = {} if shared is None else shared
+    if "programme" not in shared:
+        shared["programme"] = Programme(problem.functions)
+    settings = Settings(**{**options.named(warm), **options.ipopt})
+    return InteriorPoint(shared["programme"], settings, reference)
 
 
 def solve(
@@ -282,7 +226,7 @@ def _at(problem, level, ipopt, warm, start, options, solvers) -> Solution:
     key = (*sorted(ipopt.items()), chosen.tolerance, chosen.time_limit)
     key += (level.eliminate, warm)
     if key not in solvers:
-        solvers[key] = make_solver(problem, chosen, level.eliminate, warm)
+        solvers[key] = make_solver(problem, chosen, level.eliminate, warm, solvers)
     built = time.process_time() - began
     if not warm and isinstance(start, Solution):
         start = start.values

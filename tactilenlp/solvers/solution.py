@@ -9,14 +9,16 @@ import numpy as np
 from ..common.brief import printed
 from ..common.deadline import TIME_LIMIT
 from ..errors import NotConverged, PageError
-from .derivative_check import not_finite
-from .problem import Problem
+from ..nlp.derivative_check import not_finite
+from ..nlp.problem import Problem
 
 INVALID = "Invalid_Number_Detected"  # IPOPT met NaN or infinity
 PROGRESS = {  # our names for IPOPT's
     "objective": "obj", "primal": "inf_pr", "dual": "inf_du", "barrier": "mu",
 }  # fmt: skip
-TIME_EXCEEDED = "Maximum_WallTime_Exceeded"  # IPOPT's status
+# IPOPT's names of why it ended
+SOLVED, ACCEPTED = "Solve_Succeeded", "Solved_To_Acceptable_Level"
+TOO_MANY, TIME_EXCEEDED = "Maximum_Iterations_Exceeded", "Maximum_WallTime_Exceeded"
 VIOLATED = "Constraints_Violated"  # status where IPOPT claims success
 FEASIBLE = 1e-4  # [-] largest violation of a success: a hundred times constr_viol_tol
 

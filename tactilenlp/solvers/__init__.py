@@ -1,0 +1,12 @@
+"""Interior-point methods that minimise a `Problem`, and what they found.
+
+In: a `Problem` of the package nlp, a start, and the levels of a continuation.  Out: a
+`Solution`, whose objective and violations are recomputed.  Both methods are primal-dual
+barrier methods with a filter line search (Waechter and Biegler, Math. Program. 106).
+
+- `solve`, `options`: one solve, or the levels of a page, each from the one before
+- `interior_point`: for problems without equalities; a step solves a system of the size
+  of x: `programme`, `condensed_kkt`, `sparse_ldl` (C, sparse_ldl.c), `line_search`
+- `ipopt`: the reference, for all problems, and wherever the other one fails
+- `solution`: values, costs, violations and multipliers by name
+"""

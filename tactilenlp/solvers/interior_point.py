@@ -1,0 +1,293 @@
+"""A primal-dual interior-point method for problems without equalities.
+
+    min f(x)   s.t.  g_l <= g(x) <= g_u,  x_l <= x <= x_u
+
+It is the algorithm of IPOPT (Waechter and Biegler, Math. Program. 106, 2006, numbers of
+equations below are theirs; constants are IPOPT's defaults), without second-order
+corrections, watchdog and restoration: monotone barrier parameter, inertia correction,
+filter line search.  A Newton step factorises a matrix of the size of x, see
+condensed_kkt.  Where a step fails, IPOPT solves the problem from the same start.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+from .line_search import Filter, Stuck, longest_step
+from .programme import Point, Programme
+from .solution import ACCEPTED, SOLVED, TIME_EXCEEDED, TOO_MANY
+
+INNER, OUTER = 10.0, 1e10  # kappa_eps of (7), kappa_Sigma of (16)
+LINEAR, SUPERLINEAR = 0.2, 1.5  # of the barrier parameter, (7)
+LEAST_TAU = 0.99  # of the rule by which a step stays off the bounds, (8)
+FIRST, INCREASE, FIRST_INCREASE, DECREASE = 1e-4, 8.0, 100.0, 1 / 3  # algorithm IC
+MOST, LEAST = 1e20, 1e-20  # damping, algorithm IC
+SCALED_FROM = 100.0  # s_max of (6)
+LARGEST_MULTIPLIER = 1000.0  # of constraints at a start, else 0
+SLACK_PUSH = 1e-2  # of slacks into their bounds, relative
+HISTORY = ("obj", "inf_pr", "inf_du", "mu")  # IPOPT's names of its progress
+MOST_RESETS = 5  # of a filter that accepts no step
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Options of IPOPT that this method knows, under their names."""
+
+    tol: float = 1e-8
+    constr_viol_tol: float = 1e-4
+    dual_inf_tol: float = 1.0
+    compl_inf_tol: float = 1e-4
+    max_iter: int = 3000
+    max_wall_time: float = np.inf  # [s]
+    mu_init: float = 0.1
+    bound_push: float = 1e-2
+    acceptable_tol: float = 1e-6
+    acceptable_iter: int = 15
+    acceptable_constr_viol_tol: float = 1e-2
+    acceptable_compl_inf_tol: float = 1e-2
+    acceptable_obj_change_tol: float = 1e20
+
+
+NAMES = {field.name for field in fields(Settings)}
+
+
+class InteriorPoint:
+    """Called as a solver that `casadi.nlpsol` makes; `otherwise` makes IPOPT."""
+
+    def __init__(self, programme: Programme, settings: Settings, otherwise: Callable):
+        self._programme, self._settings = programme, settings
+        self._otherwise, self._stats = otherwise, {}
+
+    def __call__(self, **inputs) -> dict:
+        """Return x, lam_g and lam_x."""
+        run = _Run(self._programme, self._settings, **inputs)
+        try:
+            status = run.minimise()
+        except Stuck:
+            reference = self._otherwise()
+            out, self._stats = reference(**inputs), reference.stats()
+            return out
+        columns = zip(*run.history, strict=True)
+        self._stats = {
+            "success": status in (SOLVED, ACCEPTED),
+            "return_status": status,
+            "iter_count": run.iterations,
+            "n_call_nlp_f": run.evaluations,
+            "iterations": dict(zip(HISTORY, columns, strict=True)),
+        }
+        return {"x": run.at.w[: run.n], "lam_g": run.y, "lam_x": run.bounds_of_x()}
+
+    def stats(self) -> dict:
+        return self._stats
+
+
+class _Run:
+    """One solve: the current point, multipliers y of g and z of the bounds of w."""
+
+    def __init__(
+        self, programme, settings, *, p, x0, lbx, ubx, lbg, ubg, lam_g0=None,
+        lam_x0=None,
+    ):  # fmt: skip
+        self.programme, self.kkt, self.data = programme, programme.kkt, p
+        self.settings, self.mu = settings, settings.mu_init
+        self.began = time.monotonic()
+        self.n, self.fixed = len(x0), lbx >= ubx
+        lower = np.r_[np.where(self.fixed, -np.inf, lbx), lbg]
+        upper = np.r_[np.where(self.fixed, np.inf, ubx), ubg]
+        self.lo, self.hi = (np.flatnonzero(np.isfinite(b)) for b in (lower, upper))
+        self.lower, self.upper = lower[self.lo], upper[self.hi]
+        self.iterations, self.evaluations, self.damping = 0, 0, 0.0
+        self.accepted, self.resets = 0, 0
+        self.history: list[tuple] = []  # by iteration, as HISTORY names
+        warm = lam_g0 is not None
+        push = np.full(len(lower), settings.bound_push)
+        push[self.n :] = settings.bound_push if warm else SLACK_PUSH
+        x = _inside(x0, lower[: self.n], upper[: self.n], push[: self.n])
+        g = self.evaluated(np.r_[x, lbg]).g
+        self.at = self.evaluated(_inside(np.r_[x, g], lower, upper, push))
+        self.z_lo, self.z_hi = np.ones(len(self.lo)), np.ones(len(self.hi))
+        if warm:
+            self.y = np.array(lam_g0, float)
+            both = np.r_[lam_x0, self.y]
+            self.z_lo = np.maximum(-both[self.lo], settings.bound_push)
+            self.z_hi = np.maximum(both[self.hi], settings.bound_push)
+        else:
+            self.y = self._least_squares_multipliers()
+        self.filter = Filter(self.at.violation)
+
+    def evaluated(self, w: np.ndarray) -> Point:
+        self.evaluations += 1
+        values = self.programme.evaluated(w[: self.n], self.data)
+        return Point(w, *values, w[self.lo] - self.lower, self.upper - w[self.hi])
+
+    def bounds_of_x(self) -> np.ndarray:
+        """Return the multipliers of the bounds of x, negative at lower ones."""
+        return self._spread(-self.z_lo, self.z_hi)[: self.n]
+
+    def _spread(self, at_lower, at_upper) -> np.ndarray:
+        """Return the sum (n + m,) of values at lower and at upper bounds."""
+        out = np.zeros(len(self.at.w))
+        out[self.lo] += at_lower
+        out[self.hi] += at_upper
+        return out
+
+    def _least_squares_multipliers(self) -> np.ndarray:
+        """Return y that makes the gradient of the Lagrangian smallest, (36)."""
+        kkt, at = self.kkt, self.at
+        if not kkt.shape[0]:
+            return np.zeros(0)
+        slope = self._spread(-self.z_lo, self.z_hi)
+        slope[: self.n] += np.where(self.fixed, 0, at.gradient)
+        free = at.jacobian * ~self.fixed[kkt.jacobian_columns]
+        places = kkt.jacobian_rows, kkt.jacobian_columns
+        jacobian = sparse.csc_matrix((free, places), kkt.shape)
+        normal = jacobian @ jacobian.T + sparse.identity(kkt.shape[0])
+        y = spsolve(normal.tocsc(), slope[self.n :] - jacobian @ slope[: self.n])
+        return y if np.abs(y).max() <= LARGEST_MULTIPLIER else np.zeros(len(y))
+
+    # -- where to stop ----------------------------------------------------------------
+    def _errors(self, mu: float) -> tuple[float, float, float]:
+        """Return the largest errors of the dual, primal and complementarity, (5)."""
+        at = self.at
+        dual = self._spread(-self.z_lo, self.z_hi)
+        dual[: self.n] += at.gradient + self.kkt.transposed_times(at.jacobian, self.y)
+        dual[self.n :] -= self.y
+        dual[: self.n][self.fixed] = 0
+        products = np.r_[at.below * self.z_lo, at.above * self.z_hi] - mu
+        parts = dual, at.residual, products
+        return tuple(np.abs(part).max(initial=0.0) for part in parts)
+
+    def _scaled(self, errors) -> float:
+        """Return E of (5): errors over the mean multipliers, where these are large."""
+        bounds = self.z_lo.sum() + self.z_hi.sum()
+        count = max(1, len(self.lo) + len(self.hi))
+        mean = (np.abs(self.y).sum() + bounds) / (len(self.y) + count)
+        of_dual, of_product = (
+            max(SCALED_FROM, k) / SCALED_FROM for k in (mean, bounds / count)
+        )
+        return max(errors[0] / of_dual, errors[1], errors[2] / of_product)
+
+    def _status(self, before: float) -> str | None:
+        """Return why the solve ends here, if it does; before: f of the last point."""
+        dual, primal, product = errors = self._errors(0.0)
+        self.history.append((self.at.f, primal, dual, self.mu))
+        s, scaled = self.settings, self._scaled(errors)
+        limits = s.dual_inf_tol, s.constr_viol_tol, s.compl_inf_tol
+        if scaled <= s.tol and all(e <= k for e, k in zip(errors, limits, strict=True)):
+            return SOLVED
+        change = abs(self.at.f - before) / max(1.0, abs(self.at.f))
+        errors = scaled, change, primal, product
+        limits = (s.acceptable_tol, s.acceptable_obj_change_tol,
+                  s.acceptable_constr_viol_tol, s.acceptable_compl_inf_tol)  # fmt: skip
+        acceptable = all(e <= k for e, k in zip(errors, limits, strict=True))
+        self.accepted = self.accepted + 1 if acceptable else 0
+        if self.accepted >= s.acceptable_iter:
+            return ACCEPTED
+        if self.iterations >= s.max_iter:
+            return TOO_MANY
+        late = time.monotonic() - self.began > s.max_wall_time
+        return TIME_EXCEEDED if late else None
+
+    # -- one iteration ----------------------------------------------------------------
+    def minimise(self) -> str:
+        """Iterate; return IPOPT's name of the reason for the end, or raise Stuck."""
+        if not np.all(np.isfinite([self.at.f, *self.at.g])):
+            raise Stuck
+        before = np.inf
+        while (status := self._status(before)) is None:
+            before = self.at.f
+            self._update_barrier()
+            dx, ds, dy = self._newton_step()
+            dw = np.r_[dx, ds]
+            self._take(dw, dy, *self._bound_steps(dw))
+            self.iterations += 1
+        return status
+
+    def _update_barrier(self) -> None:
+        least = min(self.settings.tol, self.settings.compl_inf_tol) / (INNER + 1)
+        while (mu := self.mu) > least and self._scaled(self._errors(mu)) <= INNER * mu:
+            self.mu = max(least, min(LINEAR * mu, mu**SUPERLINEAR))
+            self.filter.clear()
+
+    def _slope(self) -> np.ndarray:
+        """Return the gradient of the barrier function in w."""
+        slope = self._spread(-self.mu / self.at.below, self.mu / self.at.above)
+        slope[: self.n] += self.at.gradient
+        return slope
+
+    def _newton_step(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the step in x, s and y, damped until the inertia is right."""
+        at, kkt, n = self.at, self.kkt, self.n
+        slope = self._slope()
+        weights = self._spread(self.z_lo / at.below, self.z_hi / at.above)
+        hessian = self.programme.hessian(at.w[:n], self.data, self.y)
+        values, delta = kkt.values(hessian, self.fixed), 0.0
+        while not kkt.factorise(
+            values, at.jacobian, weights[:n] + delta, weights[n:] + delta, self.fixed
+        ):
+            delta = self._next_damping(delta)
+        self.damping = delta or self.damping
+        in_s = weights[n:] + delta
+        pull = in_s * at.residual + slope[n:]
+        right = -slope[:n] - kkt.transposed_times(at.jacobian, pull)
+        dx = kkt.solve(np.where(self.fixed, 0.0, right))
+        ds = kkt.times(at.jacobian, dx) + at.residual
+        return dx, ds, in_s * ds - self.y + slope[n:]
+
+    def _next_damping(self, delta: float) -> float:
+        if delta == 0:
+            known = self.damping > 0
+            return max(LEAST, DECREASE * self.damping) if known else FIRST
+        if delta > MOST:
+            raise Stuck
+        return delta * (INCREASE if self.damping > 0 else FIRST_INCREASE)
+
+    def _bound_steps(self, dw) -> tuple[np.ndarray, np.ndarray]:
+        """Return the steps of the multipliers of the bounds, (12)."""
+        at, mu = self.at, self.mu
+        lo = (mu - self.z_lo * dw[self.lo]) / at.below - self.z_lo
+        hi = (mu + self.z_hi * dw[self.hi]) / at.above - self.z_hi
+        return lo, hi
+
+    def _take(self, dw, dy, dz_lo, dz_hi) -> None:
+        """Move to an acceptable point along the step, (14) to (16)."""
+        at, mu = self.at, self.mu
+        tau = max(LEAST_TAU, 1 - mu)
+        longest = min(longest_step(at.below, dw[self.lo], tau),
+                      longest_step(at.above, -dw[self.hi], tau))  # fmt: skip
+        of_z = min(longest_step(self.z_lo, dz_lo, tau),
+                   longest_step(self.z_hi, dz_hi, tau))  # fmt: skip
+        alpha, self.at = self._line_search(dw, longest)
+        self.y = self.y + alpha * dy
+        lo, hi = mu / self.at.below, mu / self.at.above
+        self.z_lo = np.clip(self.z_lo + of_z * dz_lo, lo / OUTER, lo * OUTER)
+        self.z_hi = np.clip(self.z_hi + of_z * dz_hi, hi / OUTER, hi * OUTER)
+
+    def _line_search(self, dw, longest: float) -> tuple[float, Point]:
+        """Return step length and point; a filter that refuses all steps is emptied."""
+        line = self.at, dw, float(self._slope() @ dw), longest, self.mu, self.evaluated
+        while True:
+            try:
+                return self.filter.first_accepted(*line)
+            except Stuck:
+                if not self.filter.entries or self.resets == MOST_RESETS:
+                    raise
+                self.filter.clear()
+                self.resets += 1
+
+
+def _inside(w, lower, upper, push) -> np.ndarray:
+    """Return w, moved inside its bounds by a relative distance, section 3.6."""
+    width = upper - lower
+    for bound, sign, closer in ((lower, 1, np.maximum), (upper, -1, np.minimum)):
+        at = np.isfinite(bound)
+        off = push[at] * np.minimum(np.maximum(1.0, np.abs(bound[at])), width[at])
+        w = w.copy()
+        w[at] = closer(w[at], bound[at] + sign * off)
+    return w

@@ -1,0 +1,86 @@
+"""A line search with a filter: a step lowers the barrier function or the violation.
+
+Waechter and Biegler, Math. Program. 106, 2006, sections 2.3 and 3.2; constants are
+IPOPT's defaults.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from .programme import Point
+
+GAMMA_THETA, GAMMA_PHI, ETA, S_THETA, S_PHI = 1e-5, 1e-8, 1e-8, 1.1, 2.3  # (18) to (20)
+GAMMA_ALPHA, LEAST_STEP = 0.05, 1e-12  # (23), and a bound of it
+LARGEST, SMALL = 1e4, 1e-4  # violations, relative to that of the start, (21)
+ROUNDING = 10 * np.finfo(float).eps  # of barrier functions that are compared
+
+
+class Stuck(Exception):
+    """No step is accepted, or the problem has no number where the solve begins."""
+
+
+class Filter:
+    """Pairs of violation and barrier function that a step must not be worse than.
+
+    violation: that of the start, sum of absolute values.
+    """
+
+    def __init__(self, violation: float):
+        self._largest = LARGEST * max(1.0, violation)
+        self._small = SMALL * max(1.0, violation)
+        self.entries: list[tuple[float, float]] = []
+
+    def clear(self) -> None:
+        self.entries = []
+
+    def first_accepted(
+        self, at: Point, dw, slope: float, longest: float, mu: float,
+        evaluated: Callable,
+    ) -> tuple[float, Point]:  # fmt: skip
+        """Return step length and point: the first of the halves of `longest` to pass.
+
+        at: where the step dw (n + m,) begins; slope: of the barrier function along it;
+        evaluated: returns the Point of w.  Raises Stuck if none passes.
+        """
+        phi, theta = at.barrier(mu), at.violation
+        feasible, less = theta <= self._small, (1 - GAMMA_THETA) * theta
+        alpha, least = longest, _least_step(theta, slope, feasible)
+        while alpha > least:
+            point = evaluated(at.w + alpha * dw)
+            rise = point.barrier(mu) - phi - ROUNDING * abs(phi)
+            descends = slope < 0 and alpha * (-slope) ** S_PHI > theta**S_THETA
+            if not self._refuses(point, mu):
+                if descends and feasible:
+                    if rise <= ETA * alpha * slope:
+                        return alpha, point
+                elif point.violation <= less or rise <= -GAMMA_PHI * theta:
+                    self.entries.append((less, phi - GAMMA_PHI * theta))
+                    return alpha, point
+            alpha /= 2
+        raise Stuck
+
+    def _refuses(self, point: Point, mu: float) -> bool:
+        """Tell whether a point has no numbers, or the filter has a better one."""
+        theta, phi = point.violation, point.barrier(mu)
+        if not np.isfinite(phi) or not theta <= self._largest:
+            return True
+        return any(theta >= a and phi >= b for a, b in self.entries)
+
+
+def longest_step(distance, step, tau: float) -> float:
+    """Return the longest step, at most 1, that keeps 1 - tau of each distance, (15)."""
+    shrinks = step < 0
+    return min(1.0, (tau * distance[shrinks] / -step[shrinks]).min(initial=1.0))
+
+
+def _least_step(theta: float, slope: float, nearly_feasible: bool) -> float:
+    """Return the step length below which none is tried, (23)."""
+    bounds = [GAMMA_THETA]
+    if slope < 0:
+        bounds.append(GAMMA_PHI * theta / -slope)
+        if nearly_feasible:
+            bounds.append(theta**S_THETA / (-slope) ** S_PHI)
+    return max(LEAST_STEP, GAMMA_ALPHA * min(bounds))

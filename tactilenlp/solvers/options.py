@@ -1,0 +1,78 @@
+"""Options of one solve, under our names and under IPOPT's."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from ..common.deadline import NEVER, Deadline
+from ..common.validation import check_numbers, check_types
+from ..errors import typed_call
+
+WARM_PUSH = 1e-6  # [-] by which a warm start and its multipliers are pushed inside
+PUSH_OPTIONS = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
+WARM_OPTIONS = [f"warm_start_{name}" for name in (*PUSH_OPTIONS, "mult_bound_push")]
+
+
+def check_positive(options, *names: str) -> None:
+    """Raise OptionError unless the named fields are positive numbers."""
+    given = {name: (getattr(options, name), 0, math.inf) for name in names}
+    check_numbers("", "a positive number", **given)
+
+
+@typed_call()
+@dataclass(frozen=True)
+class SolverOptions:
+    """Options of one solve.
+
+    tolerance: of the scaled optimality conditions [-]; time_limit [s];
+    iterations: at most [-]; barrier: IPOPT's first mu [-]; push: how far a start is
+    pushed inside its bounds, relative [-]; ipopt: options passed on verbatim; deadline:
+    by which all levels of a continuation end.
+    """
+
+    tolerance: float = 1e-6
+    time_limit: float = 60.0
+    iterations: int = 300
+    barrier: float = 1e-2
+    push: float = 1e-4
+    ipopt: dict = field(default_factory=dict)
+    deadline: Deadline = NEVER
+
+    def __post_init__(self):
+        check_types(ipopt=(self.ipopt, dict), deadline=(self.deadline, Deadline))
+        check_positive(self, "tolerance", "time_limit", "iterations", "barrier", "push")
+
+    def named(self, warm: bool) -> dict:
+        """Return the fields under IPOPT's names; warm: start with multipliers too."""
+        return {
+            "tol": self.tolerance,
+            "constr_viol_tol": min(1e-6, self.tolerance),
+            "max_iter": self.iterations,
+            "max_wall_time": self.time_limit,
+            "mu_init": self.barrier,
+            "bound_push": WARM_PUSH if warm else self.push,
+        }
+
+    def for_nlpsol(self, warm: bool = False) -> dict:
+        """Return the options as CasADi names them; warm: start with multipliers too."""
+        ours = self.named(warm=False) | {
+            "linear_solver": "mumps",
+            "bound_frac": self.push,
+            "bound_relax_factor": 0.0,
+            "nlp_scaling_method": "none",
+            # Other treatments evaluate the gradient twice an iteration.
+            "fixed_variable_treatment": "make_parameter_nodual",
+            "max_soc": 0,  # second-order corrections end at higher objectives
+            "print_level": 0,
+            "sb": "yes",
+        }
+        if warm:
+            ours["warm_start_init_point"] = "yes"
+            ours |= dict.fromkeys(WARM_OPTIONS, WARM_PUSH)
+        return {f"ipopt.{k}": v for k, v in {**ours, **self.ipopt}.items()} | {
+            "print_time": False,
+            "error_on_fail": False,
+            "no_nlp_grad": True,
+            "calc_lam_p": False,
+        }

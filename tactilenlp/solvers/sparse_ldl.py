@@ -1,0 +1,129 @@
+"""L D L' of sparse symmetric matrices that should be positive definite.
+
+Compiled C (sparse_ldl.c) where there is a compiler; else CasADi's `ldl`, which does the
+same operations in the same order.  A pivot that is not positive ends a factorisation:
+that is the test of inertia of an interior-point method.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from importlib.resources import files
+
+import casadi as ca
+import numpy as np
+
+from ..nlp.codegen import library
+
+SOURCE = "sparse_ldl.c"
+
+
+class SparseLdl:
+    """Factorise matrices of one pattern, in an order of little fill-in (AMD).
+
+    rows, columns (k,): places of the upper triangle, each once, all of the diagonal
+    among them; n: rows of the matrix.
+    """
+
+    def __init__(self, n: int, rows: np.ndarray, columns: np.ndarray):
+        whole = _sparsity(n, np.r_[rows, columns], np.r_[columns, rows])
+        _, self._order = whole.ldl(True)
+        self._order = np.array(self._order)
+        place = np.empty(n, int)
+        place[self._order] = np.arange(n)
+        i, j = place[rows], place[columns]
+        i, j = np.minimum(i, j), np.maximum(i, j)
+        self._from = np.lexsort((i, j))  # of a place in the ordered upper triangle
+        upper = _sparsity(n, i, j)
+        factor, _ = (upper + upper.T).ldl(False)
+        self.n, self.fill = n, factor.nnz()
+        method = _Casadi if _functions() is None else _Compiled
+        self._method = method(upper, factor)
+
+    def factorise(self, values: np.ndarray) -> bool:
+        """Factorise the matrix with these values (k,); False unless it is positive."""
+        return self._method.factorise(values[self._from])
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """Return the solution for a right-hand side (n,)."""
+        out = np.empty(self.n)
+        out[self._order] = self._method.solve(right[self._order])
+        return out
+
+
+def _sparsity(n: int, rows, columns) -> ca.Sparsity:
+    """Return the pattern (n, n) with these places, some of which may be repeated."""
+    places = np.unique(columns.astype(np.int64) * n + rows)
+    column, row = np.divmod(places, n)
+    starts = np.searchsorted(column, np.arange(n + 1))
+    return ca.Sparsity(n, n, starts.tolist(), row.tolist())
+
+
+class _Compiled:
+    def __init__(self, upper: ca.Sparsity, factor: ca.Sparsity):
+        self._factorise, self._substitute = _functions()
+        n = upper.size1()
+        self._values, self._x = np.zeros(upper.nnz()), np.zeros(n)
+        lower, pivots, work = (np.zeros(k) for k in (factor.nnz(), n, n))
+        patterns = [np.array(a, np.intc) for s in (upper, factor)
+                    for a in (s.colind(), s.row())]  # fmt: skip
+        a_start, a_row, l_start, l_row = map(_address, patterns)
+        factors = l_start, l_row, _address(lower), _address(pivots)
+        self._matrix = (
+            n,
+            a_start,
+            a_row,
+            _address(self._values),
+            *factors,
+            _address(work),
+        )
+        self._factors = n, *factors, _address(self._x)
+        self._alive = (
+            patterns,
+            lower,
+            pivots,
+            work,
+        )  # as long as their addresses are used
+
+    def factorise(self, values) -> bool:
+        self._values[:] = values
+        return self._factorise(*self._matrix) == 0
+
+    def solve(self, right) -> np.ndarray:
+        self._x[:] = right
+        self._substitute(*self._factors)
+        return self._x
+
+
+class _Casadi:
+    def __init__(self, upper: ca.Sparsity, factor: ca.Sparsity):
+        whole = upper + upper.T
+        self._whole = whole
+        rows, columns = np.array(whole.row()), np.array(whole.get_col())
+        keys = np.maximum(rows, columns) * upper.size1() + np.minimum(rows, columns)
+        kept = np.array(upper.get_col()) * upper.size1() + np.array(upper.row())
+        self._from = np.searchsorted(kept, keys)
+        self._linear = ca.Linsol("ldl", "ldl", whole, {"preordering": False})
+        self._matrix = ca.DM(whole)
+
+    def factorise(self, values) -> bool:
+        self._matrix = ca.DM(self._whole, values[self._from])
+        self._linear.nfact(self._matrix)
+        return self._linear.neig(self._matrix) == 0
+
+    def solve(self, right) -> np.ndarray:
+        return np.asarray(self._linear.solve(self._matrix, right)).ravel()
+
+
+def _address(array: np.ndarray) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+@cache
+def _functions() -> tuple | None:
+    """Return the two functions of the compiled library, or None without a compiler."""
+    compiled = library((files(__package__) / SOURCE).read_text())
+    if compiled is None:
+        return None
+    return compiled.tactilenlp_factorise, compiled.tactilenlp_substitute
