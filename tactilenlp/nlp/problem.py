@@ -210,9 +210,9 @@ class Problem:
         weight = np.broadcast_to(multiplier, shape)
         nonzeros = function(x[term.unknowns].T, data[term.data].T, weight.T)
         rows, columns, factor = term.hessian_places()
-        values = np.asarray(nonzeros).T.ravel() * factor
-        upper = sp.csc_matrix((values, (rows, columns)), (self.size, self.size))
-        return upper + sp.triu(upper, 1).T
+        values, off = np.asarray(nonzeros).T.ravel() * factor, rows != columns
+        i, j = np.r_[rows, columns[off]], np.r_[columns, rows[off]]
+        return sp.csc_matrix((np.r_[values, values[off]], (i, j)), (self.size,) * 2)
 
     # -- for who writes a page --------------------------------------------------------
     def describe(self) -> str:

@@ -102,7 +102,8 @@ class _Run:
         upper = np.r_[np.where(self.fixed, np.inf, ubx), ubg]
         self.lo, self.hi = (np.flatnonzero(np.isfinite(b)) for b in (lower, upper))
         self.lower, self.upper = lower[self.lo], upper[self.hi]
-        self.iterations, self.evaluations, self.damping = 0, 0, 0.0
+        self.iterations, self.evaluations = 0, 0
+        self.damping = 0.0  # of the last step that needed any
         self.accepted, self.resets = 0, 0
         self.history: list[tuple] = []  # by iteration, as HISTORY names
         warm = lam_g0 is not None
@@ -152,37 +153,36 @@ class _Run:
         return y if np.abs(y).max() <= LARGEST_MULTIPLIER else np.zeros(len(y))
 
     # -- where to stop ----------------------------------------------------------------
-    def _errors(self, mu: float) -> tuple[float, float, float]:
-        """Return the largest errors of the dual, primal and complementarity, (5)."""
+    def _measure(self) -> None:
+        """Set errors, products of z and distance, and the scales of (5)."""
         at = self.at
         dual = self._spread(-self.z_lo, self.z_hi)
         dual[: self.n] += at.gradient + self.kkt.transposed_times(at.jacobian, self.y)
         dual[self.n :] -= self.y
         dual[: self.n][self.fixed] = 0
-        products = np.r_[at.below * self.z_lo, at.above * self.z_hi] - mu
-        parts = dual, at.residual, products
-        return tuple(np.abs(part).max(initial=0.0) for part in parts)
-
-    def _scaled(self, errors) -> float:
-        """Return E of (5): errors over the mean multipliers, where these are large."""
+        self.dual, self.primal = _largest(dual), _largest(at.residual)
+        self.products = np.concatenate((at.below * self.z_lo, at.above * self.z_hi))
         bounds = self.z_lo.sum() + self.z_hi.sum()
-        count = max(1, len(self.lo) + len(self.hi))
+        count = max(1, len(self.products))
         mean = (np.abs(self.y).sum() + bounds) / (len(self.y) + count)
-        of_dual, of_product = (
-            max(SCALED_FROM, k) / SCALED_FROM for k in (mean, bounds / count)
-        )
-        return max(errors[0] / of_dual, errors[1], errors[2] / of_product)
+        self.scales = tuple(max(1.0, k / SCALED_FROM) for k in (mean, bounds / count))
+
+    def _error(self, mu: float) -> float:
+        """Return E of (5): errors over the mean multipliers, where these are large."""
+        of_dual, of_product = self.scales
+        product = _largest(self.products - mu)
+        return max(self.dual / of_dual, self.primal, product / of_product)
 
     def _status(self, before: float) -> str | None:
         """Return why the solve ends here, if it does; before: f of the last point."""
-        dual, primal, product = errors = self._errors(0.0)
-        self.history.append((self.at.f, primal, dual, self.mu))
-        s, scaled = self.settings, self._scaled(errors)
-        limits = s.dual_inf_tol, s.constr_viol_tol, s.compl_inf_tol
-        if scaled <= s.tol and all(e <= k for e, k in zip(errors, limits, strict=True)):
+        self._measure()
+        f, s, error = self.at.f, self.settings, self._error(0.0)
+        product = _largest(self.products)
+        self.history.append((f, self.primal, self.dual, self.mu))
+        tight = self.dual <= s.dual_inf_tol and product <= s.compl_inf_tol
+        if error <= s.tol and tight and self.primal <= s.constr_viol_tol:
             return SOLVED
-        change = abs(self.at.f - before) / max(1.0, abs(self.at.f))
-        errors = scaled, change, primal, product
+        errors = error, abs(f - before) / max(1.0, abs(f)), self.primal, product
         limits = (s.acceptable_tol, s.acceptable_obj_change_tol,
                   s.acceptable_constr_viol_tol, s.acceptable_compl_inf_tol)  # fmt: skip
         acceptable = all(e <= k for e, k in zip(errors, limits, strict=True))
@@ -204,14 +204,14 @@ class _Run:
             before = self.at.f
             self._update_barrier()
             dx, ds, dy = self._newton_step()
-            dw = np.r_[dx, ds]
+            dw = np.concatenate((dx, ds))
             self._take(dw, dy, *self._bound_steps(dw))
             self.iterations += 1
         return status
 
     def _update_barrier(self) -> None:
         least = min(self.settings.tol, self.settings.compl_inf_tol) / (INNER + 1)
-        while (mu := self.mu) > least and self._scaled(self._errors(mu)) <= INNER * mu:
+        while (mu := self.mu) > least and self._error(mu) <= INNER * mu:
             self.mu = max(least, min(LINEAR * mu, mu**SUPERLINEAR))
             self.filter.clear()
 
@@ -280,6 +280,10 @@ class _Run:
                     raise
                 self.filter.clear()
                 self.resets += 1
+
+
+def _largest(values: np.ndarray) -> float:
+    return np.abs(values).max(initial=0.0)
 
 
 def _inside(w, lower, upper, push) -> np.ndarray:
