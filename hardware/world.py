@@ -102,13 +102,13 @@ class RobotWorld:
             self._follow(list(map(way_back, paths, here)), duration)
             data = self._assembled(begin, begin + duration, parked)
             self.bench.forget()
+            past = self.measurements
+            self.measurements = data if past is None else past.append(data)
+            if isinstance(self.clock, HostClock):
+                self._keep()
         except BaseException:
             self.stop()
             raise
-        past = self.measurements
-        self.measurements = data if past is None else past.append(data)
-        if isinstance(self.clock, HostClock):
-            self._keep()
         return data
 
     def check(self, trajectory) -> None:

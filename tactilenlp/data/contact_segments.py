@@ -18,6 +18,7 @@ EQUAL_NORMALS = 0.005  # [rad] normals of exact sensors closer than this are equ
 OUTLIER_ANGLE = 0.5  # [rad] from the normals of all neighbours: an outlier
 LARGEST_GAP = 2  # samples: a flipped boolean may separate two touches
 COMPARED_TOUCHES = 4  # touches on either side whose mean normals are compared
+REPEATED = 0.1  # [sample intervals] sooner than this, a sample has come twice
 NOISE_SIGMAS = 3.5  # [sigma] largest difference of means of one segment
 
 
@@ -30,6 +31,18 @@ def consecutive_contacts(data) -> np.ndarray:
     """Tell which fingers feel two consecutive samples of an action (T - 1, F)."""
     felt = data.contact & data.valid
     return felt[1:] & felt[:-1] & (data.action[1:] == data.action[:-1])[:, None]
+
+
+def rate_of(data, values: np.ndarray) -> np.ndarray:
+    """Return how fast values (T, ...) change since the sample before, per second.
+
+    Zero where an action begins, and for a sample that has come twice.
+    """
+    interval, rate = np.diff(data.time), np.zeros_like(values)
+    known = (data.action[1:] == data.action[:-1]) & (interval > REPEATED * data.dt)
+    shape = (-1, *[1] * (values.ndim - 1))
+    rate[1:][known] = np.diff(values, axis=0)[known] / interval[known].reshape(shape)
+    return rate
 
 
 def lasting_contacts(data) -> np.ndarray:

@@ -136,7 +136,7 @@ def information_of_best(estimate, shape, before: np.ndarray) -> np.ndarray:
     for known in (matrix, matrix + anywhere):
         least = np.linalg.eigvalsh(_scaled(known))[0]
         if least > 0:
-            known = widened_to_sigma(known, estimate.information)
+            known = widened_to_sigma(known, estimate)
             return T.T @ known @ T
     log.warning(
         "the information of the estimate is indefinite (least eigenvalue %.2g): "
@@ -149,15 +149,17 @@ def information_of_best(estimate, shape, before: np.ndarray) -> np.ndarray:
     )
 
 
-def widened_to_sigma(known: np.ndarray, information) -> np.ndarray:
+def widened_to_sigma(known: np.ndarray, estimate) -> np.ndarray:
     """Return the information, reduced where its variance is below that of sigma.
 
     The optimum of an unobserved size can be at a kink, where the Hessian is large and
     the profile likelihood is wide; sigma is from the latter (profile_likelihood.py).
     The variance between modes is not included: other modes are hypotheses themselves.
     """
+    information = estimate.information
     modes, k = information.modes, len(information.names)
-    S = information.spread - modes.covariance + modes.covariances[0]
+    others = modes.covariance - modes.covariances[0]
+    S = information.spread - estimate.fit.widening**2 * others
     C = made_definite(np.linalg.inv(known))
     values, V = eigh(S, C[:k, :k])  # V'CV = 1
     back = C[:k, :k] @ V

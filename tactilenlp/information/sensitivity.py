@@ -38,7 +38,7 @@ from scipy.spatial.transform import Rotation
 
 from formulations.names import TOUCH_TERM
 
-from ..data.contact_segments import consecutive_contacts
+from ..data.contact_segments import consecutive_contacts, rate_of
 from ..nlp.kkt import gradient
 from ..nlp.kkt_sensitivity import KKTSystem
 from .measurement_noise import at_touches
@@ -116,8 +116,8 @@ def late_normals(kkt: KKTSystem, build: Callable, window, data) -> Doubt:
     measurements, smoothed as the problem has them.
     """
     problem, touch = kkt.problem, window.touch
-    pair, rate = consecutive_contacts(data), np.zeros_like(data.normal)
-    rate[1:][pair] = np.diff(data.normal, axis=0)[pair] / data.dt
+    rate = rate_of(data, data.normal)
+    rate[1:][~consecutive_contacts(data)] = 0.0
     normal = touch.normal + LATE * rate[touch.sample, touch.finger]
     later = replace(window, touch=replace(touch, normal=normal))
     turned = build(later).data() - problem.data()
@@ -139,9 +139,7 @@ def late_touches(kkt: KKTSystem, build: Callable, window, data) -> Doubt:
 
 def fingers_earlier(window, data, lag: float):
     """Return the window with all fingers where they were a lag [s] earlier."""
-    rate = np.zeros_like(data.finger_position)
-    same = data.action[1:] == data.action[:-1]
-    rate[1:][same] = np.diff(data.finger_position, axis=0)[same] / data.dt
+    rate = rate_of(data, data.finger_position)
 
     def earlier(rows, *places):
         moved = {name: getattr(rows, name).copy() for name in places}

@@ -60,7 +60,7 @@ class Options:
             rivals=(self.rivals, bool), check_mistakes=(self.check_mistakes, bool),
         )  # fmt: skip
         if self.seed is not None:
-            words = "Options.seed has no effect: an estimate draws no random numbers"
+            words = "Options.seed has no effect: an estimate draws from a fixed seed"
             warnings.warn(words, FutureWarning, stacklevel=4)
         self._read_reductions()
         for name in ("hypotheses", "starts"):

@@ -12,6 +12,9 @@ from ..geometry.transforms import rotation_of
 
 END_COSINE = 0.1  # [-] cosine between capsule and normal from which on its end touches
 
+OUTLIER_COST = 7.0  # [nats] one sample in a thousand is wrong, unless a scene tells
+LEAST_FLIP_RATE = 1e-6  # [-] of a sensor that is said never to be wrong
+
 
 def finger_of(scene) -> Finger:
     """Return the geometry of the fingertips of a scene."""
@@ -46,3 +49,10 @@ def as_spheres(data, scene):
     u = -np.clip(along / END_COSINE, -1, 1)
     p = data.finger_position + u * scene.finger_length / 2 * axis
     return replace(data, finger_position=p, finger_orientation=None)
+
+
+def outlier_cost(scene) -> float:
+    """Return what it costs [nats] that a sample is wrong beyond any noise."""
+    if scene.flip_rate is None:
+        return OUTLIER_COST
+    return -float(np.log(max(scene.flip_rate, LEAST_FLIP_RATE)))

@@ -22,17 +22,16 @@ from formulations.page_contract import contract_of
 from formulations.rigid_body import ARM, FREE, PLANAR
 
 from ..common.validation import check_types
+from ..data.contact_segments import REPEATED, rate_of
 from ..data.sensor_noise import contact_latency
 from ..errors import OptionError, did_you_mean, typed_call
-from .fingertips import finger_of, finger_poses, yields
+from .fingertips import finger_of, finger_poses, outlier_cost, yields
 from .missing_samples import hidden_samples, possible_contact, unseen_contact
 from .window import Corners, Group, Pushes, Rests, Samples, Steps, Window
 
 FAR = 30e-3  # [m] a free finger this far beyond the sensor's doubt is left out
-OUTLIER_COST = 7.0  # [nats] one sample in a thousand is wrong beyond any noise
 MIN_MOVE = 0.1e-3  # [m] a guess that moves further in a sample needs poses of its own
 UNKNOWN_FRICTION = 0.1  # [-] friction of the ground, where it is not known: little
-REPEATED = 0.1  # [sample intervals] sooner than this, a sample has come twice
 SIDE_NORMAL = 0.7  # [-] |n_z| below which a normal belongs to a side
 
 
@@ -118,7 +117,7 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
         corner=corner, lift=lift, rest=rest, groups=_groups(len(step), push, corner),
         frictionless=frictionless_contacts(scene) if choice.frictionless else (),
         sigma_position=precision.position, sigma_normal=precision.normal,
-        outlier_cost=OUTLIER_COST, braking=friction_of(scene) * scene.gravity,
+        outlier_cost=outlier_cost(scene), braking=friction_of(scene) * scene.gravity,
         compliant=yields(scene, choice) and len(push) > 0,
         central=choice.central or scene.sigma_centre == 0.0, aligned=choice.aligned,
     )  # fmt: skip
@@ -150,8 +149,8 @@ def may_move(data, scene, first) -> np.ndarray:
     contact = (possible_contact(data) | unseen_contact(data)).any(axis=1)
     if coasts(scene):
         return np.logical_or.accumulate(contact) & ~first
-    way = np.linalg.norm(np.diff(data.finger_position, axis=0), axis=2)
-    speed = np.where(data.contact[1:], way, 0.0).max(initial=0.0) / data.dt
+    speeds = np.linalg.norm(rate_of(data, data.finger_position), axis=2)
+    speed = np.where(data.contact, speeds, 0.0).max(initial=0.0)
     settle = int(np.ceil(speed / (friction_of(scene) * scene.gravity * data.dt)))
     moving = contact.copy()
     since = np.where(contact, 0, settle + 1)

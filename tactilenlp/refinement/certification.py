@@ -43,11 +43,10 @@ def checked(job, page, solved, options, executor=None) -> Solved:
     rocked = with_tilt(best.job, page, best, options)
     if rocked is not best:
         _, (rocked, *_) = with_ground_tilt(rocked.job, page, [rocked], options)
-    if fell and job.deadline.passed("a tumble"):
-        return best
-    if fell and job.shape.is_box:
+    if fell and job.shape.is_box and not job.deadline.passed("a tumble"):
         tumbled = _tumbled(job, page, best, options, executor)
-        return min(rocked, tumbled, key=lambda s: s.rank)
+        if tumbled.rank < rocked.rank:
+            return tumbled
     if rocked is not best:
         best = certified(rocked.job, page, rocked, options)
     return best

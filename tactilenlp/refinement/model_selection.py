@@ -15,7 +15,8 @@ from formulations.rigid_body import PLANAR
 from formulations.shape import Shape
 
 from ..common.deadline import Deadline
-from ..errors import OptionError, TactileError
+from ..common.validation import check_types
+from ..errors import OptionError, StartError, TactileError
 from ..information.error_budget_terms import ANY_ROTATION, REACHED, positive_part
 from ..information.mixture import (
     distinct_modes,
@@ -23,6 +24,7 @@ from ..information.mixture import (
     log_evidence,
     odds_of,
 )
+from ..interface.options import Guess
 from ..interface.result import Estimate
 from ..problem.pages import shape_of
 from ..search.local_solve import Solved, comparable
@@ -69,15 +71,23 @@ def likeliest_class(classes, solve, start, options) -> Estimate:
 
     classes: Shapes; solve(shape=, start=, options=) -> Estimate, or raises
     TactileError; the time limit is shared by the classes that are left; start: of the
-    class that it is an estimate of.  Raises the error of the first class if none has an
-    estimate.  The poses of the likeliest class are a second start of the others.
+    classes that it fits, StartError if of none.  Raises the error of the first class if
+    none has an estimate.  The poses of the likeliest class are a second start of the
+    others.
     """
+    check_types(start=(start, (Estimate, Guess, type(None))))
+    if start is not None and not any(_starts_from(start, shape) for shape in classes):
+        raise StartError(
+            "no class can start from it", where="start", got=type(start).__name__,
+            expected=f"an Estimate or a Guess of {[shape.name for shape in classes]}",
+            next="leave it out, or add its class to the list",
+        )  # fmt: skip
     deadline, found, errors = Deadline.within(options.time_limit), {}, {}
     for i, shape in enumerate(classes):
         share = deadline.left / (len(classes) - i)
         left = replace(options, time_limit=max(MIN_CLASS_TIME, share))
         try:
-            known = start if getattr(start, "shape", "") == shape.name else None
+            known = start if _starts_from(start, shape) else None
             estimate = solve(shape=shape, start=known, options=left)
             found[shape.name] = evidence_of(estimate, shape), estimate
         except TactileError as error:
@@ -88,6 +98,13 @@ def likeliest_class(classes, solve, start, options) -> Estimate:
     errors = {name: error for name, error in errors.items() if name not in found}
     _, best = max(found.values(), key=lambda one: one[0])
     return replace(best, classes=odds_of(found.values(), errors))
+
+
+def _starts_from(start, shape) -> bool:
+    """Tell whether a class may start from an Estimate or a Guess, which fits it."""
+    if isinstance(start, Guess):
+        return shape.parameters == "sizes" and len(start.side_lengths) == shape.theta
+    return getattr(start, "shape", None) == shape.name
 
 
 def _start_from_best(classes, solve, options, deadline, found) -> None:

@@ -22,7 +22,8 @@ from .sparse_ldl import SparseLdl
 class CondensedKkt:
     """H + diag(S_x) + J' diag(S_s) J of patterns that do not change.
 
-    hessian: pattern of the upper triangle (n, n); jacobian: pattern (m, n).
+    hessian: pattern of the upper triangle (n, n); jacobian: pattern (m, n).  shape:
+    (m, n); size: how many values the upper triangle of the matrix has.
     """
 
     def __init__(self, hessian: ca.Sparsity, jacobian: ca.Sparsity):
@@ -41,7 +42,7 @@ class CondensedKkt:
             inverse, [hessian.nnz(), hessian.nnz() + len(self._row)]
         )
         self._ldl = SparseLdl(n, self._rows, self._columns)
-        self.shape = jacobian.shape
+        self.shape, self.size = jacobian.shape, len(self._rows)
 
     def times(self, jacobian: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Return J x, (m,); jacobian (k,): nonzeros of J."""

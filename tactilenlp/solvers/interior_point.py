@@ -16,8 +16,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.linalg import spsolve
 
 from .line_search import Filter, Stuck, longest_step
 from .programme import Point, Programme
@@ -139,17 +137,21 @@ class _Run:
         return out
 
     def _least_squares_multipliers(self) -> np.ndarray:
-        """Return y that makes the gradient of the Lagrangian smallest, (36)."""
+        """Return y that makes the gradient of the Lagrangian smallest, (36).
+
+        (1 + J J') y = right-hand side; the inverse is 1 - J (1 + J' J)^-1 J', whose
+        matrix is a condensed one.
+        """
         kkt, at = self.kkt, self.at
         if not kkt.shape[0]:
             return np.zeros(0)
         slope = self._spread(-self.z_lo, self.z_hi)
         slope[: self.n] += np.where(self.fixed, 0, at.gradient)
         free = at.jacobian * ~self.fixed[kkt.jacobian_columns]
-        places = kkt.jacobian_rows, kkt.jacobian_columns
-        jacobian = sparse.csc_matrix((free, places), kkt.shape)
-        normal = jacobian @ jacobian.T + sparse.identity(kkt.shape[0])
-        y = spsolve(normal.tocsc(), slope[self.n :] - jacobian @ slope[: self.n])
+        right = slope[self.n :] - kkt.times(free, slope[: self.n])
+        ones = np.ones(self.n), np.ones(len(right))
+        kkt.factorise(np.zeros(kkt.size), free, *ones, self.fixed)
+        y = right - kkt.times(free, kkt.solve(kkt.transposed_times(free, right)))
         return y if np.abs(y).max() <= LARGEST_MULTIPLIER else np.zeros(len(y))
 
     # -- where to stop ----------------------------------------------------------------

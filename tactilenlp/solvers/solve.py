@@ -34,14 +34,26 @@ def make_solver(
     solvers of one problem share.
     """
     reference = partial(make_ipopt, problem, options, eliminate, warm)
+    programme = _prepared(problem, options, eliminate, {} if shared is None else shared)
+    if programme is None:
+        return reference()
+    settings = Settings(**{**options.named(warm), **options.ipopt})
+    return InteriorPoint(programme, settings, reference)
+
+
+def _prepared(problem, options, eliminate, shared: dict) -> Programme | None:
+    """Return what our method solves, kept in `shared`; None where only IPOPT can.
+
+    The first call assembles functions and patterns, which takes seconds of a large
+    problem: the time limit of a solver is set after it.
+    """
+    _part(problem, eliminate)
     equal = np.any(problem.limits("lower") >= problem.limits("upper"))
     if equal or eliminate or not set(options.ipopt) <= NAMES:
-        return reference()
-    shared = {} if shared is None else shared
+        return None
     if "programme" not in shared:
         shared["programme"] = Programme(problem.functions)
-    settings = Settings(**{**options.named(warm), **options.ipopt})
-    return InteriorPoint(shared["programme"], settings, reference)
+    return shared["programme"]
 
 
 def solve(
@@ -64,10 +76,13 @@ def solve(
     Raises NotConverged unless the solver succeeded or `throw` is False.
     """
     warm = start if isinstance(start, Solution) else None
-    began = time.process_time()
-    _part(problem, eliminate)
-    options = _in_time(options or SolverOptions())
-    solver = solver or make_solver(problem, options, eliminate, warm is not None)
+    began, shared = time.process_time(), {}
+    options = options or SolverOptions()
+    if solver is None:
+        _prepared(problem, options, eliminate, shared)
+    options = _in_time(options)
+    given = problem, options, eliminate, warm is not None, shared
+    solver = solver or make_solver(*given)
     built = time.process_time() - began
     values = (warm.values if warm else start) or {}
     x, lower, upper = _start(problem, values, fixed)
@@ -93,11 +108,7 @@ def _in_time(options: SolverOptions) -> SolverOptions:
 
 
 def _part(problem, eliminate) -> tuple[dict, object, object]:
-    """Return functions, free unknowns and kept rows of what the solver is given.
-
-    The first call assembles the functions, which takes seconds of a large problem:
-    the time limit of a solver is set after it.
-    """
+    """Return functions, free unknowns and kept rows of what the solver is given."""
     if not eliminate:
         return problem.functions, slice(None), slice(None)
     reduced = problem.eliminated
@@ -220,9 +231,10 @@ def _tries(level, start) -> list[tuple[dict, bool]]:
 def _at(problem, level, ipopt, warm, start, options, solvers) -> Solution:
     """Solve one level from `start`; warm: with the multipliers of that solution."""
     began = time.process_time()
-    _part(problem, level.eliminate)
+    chosen = replace(options, ipopt=ipopt | options.ipopt)
+    _prepared(problem, chosen, level.eliminate, solvers)
     options.deadline.check()
-    chosen = _in_time(replace(options, ipopt=ipopt | options.ipopt))
+    chosen = _in_time(chosen)
     key = (*sorted(ipopt.items()), chosen.tolerance, chosen.time_limit)
     key += (level.eliminate, warm)
     if key not in solvers:
