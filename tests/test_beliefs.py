@@ -2,13 +2,15 @@
 
 import logging
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from believed import BOX, SPACE, VAGUELY, actions, informed, known
 
 from tactilenlp import ExpectedInformation, Workspace, information_gain
-from tactilenlp.exploration.beliefs import made_definite
+from tactilenlp.exploration.beliefs import made_definite, widened_to_sigma
+from tactilenlp.information.mixture import Modes
 
 
 def test_hypotheses_are_averaged_by_their_objectives(estimate):
@@ -64,6 +66,23 @@ def test_a_size_is_believed_to_be_as_doubtful_as_its_sigma_says():
     # a sigma below the Hessian's deviation makes nothing surer
     surer, *_ = gains(informed(matrix, np.diag(sharp**2) / 4))
     assert surer == pytest.approx(exact, rel=1e-6)
+
+
+def test_other_optima_are_no_doubt_about_the_best_one_however_badly_it_fits():
+    """They are hypotheses themselves; a bad fit widens each of them."""
+    sharp = np.array([0.4e-3, 0.1e-3, 0.1e-3, 0.2e-3, 0.1e-3, 2e-3])
+    information = informed(np.diag(1 / sharp**2))
+    away = np.zeros((2, 6))
+    away[1, 0] = 5e-3
+    modes = Modes(np.array([0.5, 0.5]), away, np.array([np.diag(sharp**2)] * 2),
+                  np.zeros(2))  # fmt: skip
+    for widening in (1.0, 2.0):
+        vars(information).update(modes=modes, spread=widening**2 * modes.covariance)
+        fit = SimpleNamespace(widening=widening)
+        body = known(**vars(BOX) | {"information": information, "fit": fit})
+        believed = widened_to_sigma(np.diag(1 / sharp**2), body)
+        deviations = np.sqrt(np.diag(np.linalg.inv(believed)))
+        np.testing.assert_allclose(deviations, widening * sharp, rtol=1e-6)
 
 
 @pytest.mark.slow

@@ -5,10 +5,10 @@ import pytest
 
 from formulations.shape import CUBOID
 from tactilenlp import ELLIPSOID, Estimate, solve_estimate
-from tactilenlp.errors import NoContactError, OptionError
+from tactilenlp.errors import NoContactError, OptionError, StartError
 from tactilenlp.estimation.solver import estimate_of_class
 from tactilenlp.information.mixture import log_evidence
-from tactilenlp.interface.options import Session
+from tactilenlp.interface.options import Guess, Session
 from tactilenlp.interface.request import read_request
 from tactilenlp.refinement import model_selection
 from tactilenlp.search.proposals_surface import on_poses
@@ -137,3 +137,23 @@ def test_a_box_starts_from_the_poses_of_a_hull(recorded):
     assert box.objective < solve_estimate(data, scene).objective + 0.1
     assert box.origin.path == ("poses of a polytope",)
     assert estimate_of_class(data, scene, shape=CUBOID, most=-1.0, **given) is None
+
+
+def test_a_start_is_given_to_every_class_that_it_fits(monkeypatch):
+    monkeypatch.setattr(model_selection, "evidence_of", lambda e, _: -e.objective)
+    monkeypatch.setattr(model_selection, "replace", lambda e, **given: e)
+    given = {}
+
+    def solve(shape, start, options, poses=None, most=None):
+        given.setdefault(shape.name, start)
+        return Known(shape.name, 1.0)
+
+    guess = Guess(side_lengths=[0.04, 0.03, 0.05], position=[0.0, 0.0])
+    classes = model_selection.classes_of(["cuboid", "cylinder", "polytope"])
+    options = type("Options", (), {"time_limit": 60.0})()
+    model_selection.likeliest_class(classes, solve, guess, options)
+    assert given == {"cuboid": guess, "cylinder": None, "polytope": None}
+    with pytest.raises(StartError, match="no class can start"):
+        model_selection.likeliest_class(classes[1:], solve, guess, options)
+    with pytest.raises(OptionError, match="start"):
+        model_selection.likeliest_class(classes, solve, "nonsense", options)

@@ -156,10 +156,10 @@ def widened_to_sigma(known: np.ndarray, estimate) -> np.ndarray:
     the profile likelihood is wide; sigma is from the latter (profile_likelihood.py).
     The variance between modes is not included: other modes are hypotheses themselves.
     """
-    information = estimate.information
-    modes, k = information.modes, len(information.names)
-    others = modes.covariance - modes.covariances[0]
-    S = information.spread - estimate.fit.widening**2 * others
+    information, modes = estimate.information, estimate.information.modes
+    k = len(information.names)
+    wider = 1.0 if estimate.fit is None else estimate.fit.widening
+    S = information.spread - wider**2 * (modes.covariance - modes.covariances[0])
     C = made_definite(np.linalg.inv(known))
     values, V = eigh(S, C[:k, :k])  # V'CV = 1
     back = C[:k, :k] @ V

@@ -110,7 +110,7 @@ class _Casadi:
     def factorise(self, values) -> bool:
         self._matrix = ca.DM(self._whole, values[self._from])
         self._linear.nfact(self._matrix)
-        return self._linear.neig(self._matrix) == 0
+        return bool(np.isfinite(values).all()) and not self._linear.neig(self._matrix)
 
     def solve(self, right) -> np.ndarray:
         return np.asarray(self._linear.solve(self._matrix, right)).ravel()

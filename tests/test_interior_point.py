@@ -1,0 +1,195 @@
+"""The interior-point method finds what IPOPT finds, with smaller matrices."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from swing_up import TIGHT, cone, decay, pendulum, stationarity
+
+from tactilenlp import problem_of
+from tactilenlp.solvers import interior_point, sparse_ldl
+from tactilenlp.solvers.condensed_kkt import CondensedKkt
+from tactilenlp.solvers.interior_point import InteriorPoint
+from tactilenlp.solvers.ipopt import make_ipopt
+from tactilenlp.solvers.line_search import Filter, Stuck, longest_step
+from tactilenlp.solvers.options import SolverOptions
+from tactilenlp.solvers.programme import Point
+from tactilenlp.solvers.solve import make_solver, solve
+from tactilenlp.solvers.sparse_ldl import SparseLdl
+
+
+def positive(rng, n: int = 40) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return a sparse positive definite matrix and places of its upper triangle."""
+    half = rng.normal(size=(n, n)) * (rng.random((n, n)) < 0.05)
+    matrix = half @ half.T + np.eye(n)
+    return matrix, *np.nonzero(np.triu(matrix))
+
+
+@pytest.fixture(params=["compiled", "casadi"])
+def method(request, monkeypatch):
+    """Both ways in which a matrix is factorised."""
+    if request.param == "casadi":
+        monkeypatch.setattr(sparse_ldl, "_functions", lambda: None)
+    elif sparse_ldl._functions() is None:
+        pytest.skip("no C compiler on this machine")
+    return request.param
+
+
+def test_a_sparse_system_is_solved(method):
+    matrix, rows, columns = positive(np.random.default_rng(0))
+    ldl, right = SparseLdl(len(matrix), rows, columns), np.arange(len(matrix)) - 7.0
+    assert ldl.factorise(matrix[rows, columns])
+    # Backward stable: rounding times the condition number, about 100.
+    np.testing.assert_allclose(matrix @ ldl.solve(right), right, atol=1e-11)
+
+
+def test_an_indefinite_matrix_is_refused(method):
+    matrix, rows, columns = positive(np.random.default_rng(1))
+    ldl = SparseLdl(len(matrix), rows, columns)
+    lowest = np.linalg.eigvalsh(matrix)[0]
+    for shift in (lowest - 1e-6, lowest + 1e-6):
+        moved = matrix - shift * np.eye(len(matrix))
+        assert ldl.factorise(moved[rows, columns]) == (shift < lowest)
+    assert not ldl.factorise(np.full(len(rows), np.nan))
+    assert ldl.factorise(matrix[rows, columns])  # nothing is left of what failed
+
+
+def test_both_ways_give_the_same_digits(monkeypatch):
+    if sparse_ldl._functions() is None:
+        pytest.skip("no C compiler on this machine")
+    matrix, rows, columns = positive(np.random.default_rng(2))
+    found, right = [], np.arange(len(matrix)) - 7.0
+    for functions in (sparse_ldl._functions, lambda: None):
+        monkeypatch.setattr(sparse_ldl, "_functions", functions)
+        ldl = SparseLdl(len(matrix), rows, columns)
+        assert ldl.factorise(matrix[rows, columns])
+        found.append(ldl.solve(right))
+    np.testing.assert_allclose(*found, rtol=1e-14)
+
+
+def test_the_condensed_matrix_is_the_whole_one_without_slacks():
+    rng = np.random.default_rng(3)
+    H, J = np.diag([3.0, 4.0, 5.0, 6.0]), np.zeros((3, 4))
+    H[0, 2] = H[2, 0] = 0.5
+    J[0, :2], J[1, 3], J[2, 1:] = rng.normal(size=2), 1.5, rng.normal(size=3)
+    rows = ca.sparsify(ca.DM(J)).sparsity()
+    upper = ca.sparsify(ca.DM(np.triu(H))).sparsity()
+    kkt = CondensedKkt(upper, rows)
+    second = np.triu(H)[upper.row(), upper.get_col()]
+    first = J[rows.row(), rows.get_col()]
+    in_x, in_s, fixed = rng.random(4), rng.random(3), np.zeros(4, bool)
+    right = rng.normal(size=4)
+    assert kkt.factorise(kkt.values(second, fixed), first, in_x, in_s, fixed)
+    whole = H + np.diag(in_x) + J.T @ np.diag(in_s) @ J
+    np.testing.assert_allclose(whole @ kkt.solve(right), right, atol=1e-13)
+    np.testing.assert_allclose(kkt.times(first, right), J @ right, atol=1e-15)
+    np.testing.assert_allclose(
+        kkt.transposed_times(first, in_s), J.T @ in_s, atol=1e-15
+    )
+    fixed[1] = True
+    assert kkt.factorise(kkt.values(second, fixed), first, in_x, in_s, fixed)
+    free = np.flatnonzero(~fixed)
+    step = kkt.solve(np.where(fixed, 0.0, right))
+    assert step[1] == 0
+    np.testing.assert_allclose(whole[np.ix_(free, free)] @ step[free], right[free],
+                               atol=1e-13)  # fmt: skip
+
+
+@pytest.mark.parametrize("target", [[2.0, 0.3, 0.4], [1.0, 3.0, 4.0], [-4.0, 0.6, 0.8]])
+def test_an_optimum_and_its_multipliers_are_those_of_ipopt(target):
+    problem = cone(target)
+    assert isinstance(make_solver(problem, TIGHT), InteriorPoint)
+    ours, other = (
+        solve(problem, TIGHT, solver=make(problem, TIGHT))
+        for make in (make_solver, make_ipopt)
+    )
+    assert ours.status == other.status == "Solve_Succeeded"
+    assert ours.objective == pytest.approx(other.objective, rel=1e-9, abs=1e-12)
+    for name, force in other.multipliers.items():
+        np.testing.assert_allclose(ours.multipliers[name], force, atol=1e-6)
+    again = solve(problem, TIGHT, start=ours)
+    assert again.iterations < other.iterations  # its multipliers are of use
+    assert again.objective == pytest.approx(ours.objective, rel=1e-9, abs=1e-12)
+
+
+def test_a_page_ends_where_ipopt_ends(recorded, estimate):
+    """From the same start, half a millimetre off, with as many iterations or so."""
+    problem = problem_of(estimate.measurements, recorded[1], at=estimate)
+    options = SolverOptions(ipopt={"mu_init": 1e-3})
+    start = dict(estimate.unknowns)
+    start["x"] = start["x"] + np.array([[0.5e-3], [0.0], [0.0]])
+    ours, other = (
+        solve(problem, options, start=start, solver=make(problem, options))
+        for make in (make_solver, make_ipopt)
+    )
+    # Either may end in one of two optima of the shipped recording, 0.1 nats apart.
+    assert ours.objective == pytest.approx(other.objective, abs=0.2)
+    assert ours.iterations == pytest.approx(other.iterations, rel=0.5)
+    assert max(ours.violations.values()) < 1e-6
+
+
+def test_equalities_and_options_of_ipopt_alone_are_left_to_ipopt():
+    assert not isinstance(make_solver(pendulum(), SolverOptions()), InteriorPoint)
+    watched = SolverOptions(ipopt={"watchdog_trial_iter_max": 3})
+    assert not isinstance(make_solver(decay()[0], watched), InteriorPoint)
+
+
+def test_where_no_step_is_accepted_ipopt_solves_from_the_same_start(monkeypatch):
+    problem = cone([1.0, 3.0, 4.0])
+    whole = solve(problem, TIGHT)
+
+    def refuse(*_):
+        raise Stuck
+
+    monkeypatch.setattr(Filter, "first_accepted", refuse)
+    other = solve(problem, TIGHT)
+    assert other.success
+    assert other.objective == pytest.approx(whole.objective, rel=1e-9)
+
+
+def test_what_is_fixed_stays_and_the_rest_is_optimal():
+    problem = cone([1.0, 3.0, 4.0])
+    start = {"f": np.array([[3.0], [1.0], [2.0]])}
+    first = [0]
+    solution = solve(problem, TIGHT, start=start, fixed=(first,))
+    assert solution.values["f"][0] == 3.0
+    assert np.abs(stationarity(problem, solution)).max() < 1e-7
+    assert solution.bound_multipliers["f"][0] != 0
+
+
+def test_a_step_keeps_a_share_of_each_distance():
+    distance, step = np.array([1.0, 2.0, 4.0]), np.array([3.0, -8.0, -1.0])
+    assert longest_step(distance, step, 0.99) == pytest.approx(0.99 / 4)
+    assert longest_step(distance, np.abs(step), 0.99) == 1.0
+    assert longest_step(np.zeros(0), np.zeros(0), 0.99) == 1.0
+
+
+def point(w: float, f: float, g: float) -> Point:
+    none = np.zeros(0)
+    return Point(np.array([w, 0.0]), f, np.zeros(1), np.array([g]), none, none, none)
+
+
+def test_a_filter_takes_less_violation_or_a_lower_objective():
+    def line(f, g):
+        return lambda w: point(w[0], f(w[0]), g(w[0]))
+
+    begin, way = point(0.0, 1.0, 1.0), np.array([1.0, 0.0])
+    filter = Filter(1.0)
+    better = line(lambda x: 1 + x, lambda x: 1 - x)  # less violation, higher objective
+    alpha, found = filter.first_accepted(begin, way, 1.0, 1.0, 0.0, better)
+    assert (alpha, found.violation) == (1.0, 0.0)
+    worse = line(lambda x: 1 + x, lambda x: 1 + x)
+    with pytest.raises(Stuck):
+        filter.first_accepted(begin, way, 1.0, 1.0, 0.0, worse)
+    holes = line(lambda x: np.nan if x > 0.3 else 1 - x, lambda x: 1.0)
+    alpha, _ = filter.first_accepted(begin, way, -1.0, 1.0, 0.0, holes)
+    assert alpha == 0.25  # where there are no numbers, the step is halved
+
+
+def test_the_names_of_options_are_those_of_ipopt():
+    problem = cone([1.0, 3.0, 4.0])
+    settings = interior_point.Settings(**SolverOptions().named(warm=False))
+    assert settings.tol == SolverOptions().tolerance
+    every = {name: getattr(settings, name) for name in interior_point.NAMES}
+    every["max_wall_time"] = 10.0
+    solution = solve(problem, solver=make_ipopt(problem, SolverOptions(ipopt=every)))
+    assert solution.success
