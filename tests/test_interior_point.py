@@ -6,12 +6,12 @@ import pytest
 from swing_up import TIGHT, cone, decay, pendulum, stationarity
 
 from tactilenlp import problem_of
-from tactilenlp.solvers import interior_point, sparse_ldl
+from tactilenlp.solvers import sparse_ldl
 from tactilenlp.solvers.condensed_kkt import CondensedKkt
 from tactilenlp.solvers.interior_point import InteriorPoint
 from tactilenlp.solvers.ipopt import make_ipopt
 from tactilenlp.solvers.line_search import Filter, Stuck, longest_step
-from tactilenlp.solvers.options import SolverOptions
+from tactilenlp.solvers.options import NAMES, Settings, SolverOptions
 from tactilenlp.solvers.programme import Point
 from tactilenlp.solvers.solve import make_solver, solve
 from tactilenlp.solvers.sparse_ldl import SparseLdl
@@ -146,6 +146,18 @@ def test_where_no_step_is_accepted_ipopt_solves_from_the_same_start(monkeypatch)
     assert other.objective == pytest.approx(whole.objective, rel=1e-9)
 
 
+def test_where_one_small_step_follows_another_ipopt_takes_over(monkeypatch):
+    problem, searched = cone([1.0, 3.0, 4.0]), Filter.first_accepted
+
+    def creep(self, at, dw, slope, longest, mu, evaluated):
+        return searched(self, at, dw, slope, 1e-6 * longest, mu, evaluated)
+
+    monkeypatch.setattr(Filter, "first_accepted", creep)
+    solution = solve(problem, TIGHT)
+    assert solution.success
+    assert solution.iterations < 30  # those of IPOPT
+
+
 def test_what_is_fixed_stays_and_the_rest_is_optimal():
     problem = cone([1.0, 3.0, 4.0])
     start = {"f": np.array([[3.0], [1.0], [2.0]])}
@@ -187,9 +199,9 @@ def test_a_filter_takes_less_violation_or_a_lower_objective():
 
 def test_the_names_of_options_are_those_of_ipopt():
     problem = cone([1.0, 3.0, 4.0])
-    settings = interior_point.Settings(**SolverOptions().named(warm=False))
+    settings = Settings(**SolverOptions().named(warm=False))
     assert settings.tol == SolverOptions().tolerance
-    every = {name: getattr(settings, name) for name in interior_point.NAMES}
+    every = {name: getattr(settings, name) for name in NAMES}
     every["max_wall_time"] = 10.0
     solution = solve(problem, solver=make_ipopt(problem, SolverOptions(ipopt=every)))
     assert solution.success

@@ -6,18 +6,19 @@ It is the algorithm of IPOPT (Waechter and Biegler, Math. Program. 106, 2006, nu
 equations below are theirs; constants are IPOPT's defaults), without second-order
 corrections, watchdog and restoration: monotone barrier parameter, inertia correction,
 filter line search.  A Newton step factorises a matrix of the size of x, see
-condensed_kkt.  Where a step fails, IPOPT solves the problem from the same start.
+condensed_kkt.  Where no step, or one small step after another, is accepted, IPOPT
+solves the problem from the same start.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, fields
 
 import numpy as np
 
 from .line_search import Filter, Stuck, longest_step
+from .options import Settings
 from .programme import Point, Programme
 from .solution import ACCEPTED, SOLVED, TIME_EXCEEDED, TOO_MANY
 
@@ -30,29 +31,9 @@ SCALED_FROM = 100.0  # s_max of (6)
 LARGEST_MULTIPLIER = 1000.0  # of constraints at a start, else 0
 SLACK_PUSH = 1e-2  # of slacks into their bounds, relative
 HISTORY = ("obj", "inf_pr", "inf_du", "mu")  # IPOPT's names of its progress
+# steps in a row that the filter shortens; of 480 solves that succeeded 25 was the most
+MOST_SHORTENED = 30
 MOST_RESETS = 5  # of a filter that accepts no step
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Options of IPOPT that this method knows, under their names."""
-
-    tol: float = 1e-8
-    constr_viol_tol: float = 1e-4
-    dual_inf_tol: float = 1.0
-    compl_inf_tol: float = 1e-4
-    max_iter: int = 3000
-    max_wall_time: float = np.inf  # [s]
-    mu_init: float = 0.1
-    bound_push: float = 1e-2
-    acceptable_tol: float = 1e-6
-    acceptable_iter: int = 15
-    acceptable_constr_viol_tol: float = 1e-2
-    acceptable_compl_inf_tol: float = 1e-2
-    acceptable_obj_change_tol: float = 1e20
-
-
-NAMES = {field.name for field in fields(Settings)}
 
 
 class InteriorPoint:
@@ -102,7 +83,7 @@ class _Run:
         self.lower, self.upper = lower[self.lo], upper[self.hi]
         self.iterations, self.evaluations = 0, 0
         self.damping = 0.0  # of the last step that needed any
-        self.accepted, self.resets = 0, 0
+        self.accepted, self.shortened, self.resets = 0, 0, 0
         self.history: list[tuple] = []  # by iteration, as HISTORY names
         warm = lam_g0 is not None
         push = np.full(len(lower), settings.bound_push)
@@ -266,6 +247,9 @@ class _Run:
         of_z = min(longest_step(self.z_lo, dz_lo, tau),
                    longest_step(self.z_hi, dz_hi, tau))  # fmt: skip
         alpha, self.at = self._line_search(dw, longest)
+        self.shortened = self.shortened + 1 if alpha < longest else 0
+        if self.shortened > MOST_SHORTENED:
+            raise Stuck
         self.y = self.y + alpha * dy
         lo, hi = mu / self.at.below, mu / self.at.above
         self.z_lo = np.clip(self.z_lo + of_z * dz_lo, lo / OUTER, lo * OUTER)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 from ..common.deadline import NEVER, Deadline
 from ..common.validation import check_numbers, check_types
@@ -76,3 +76,25 @@ class SolverOptions:
             "no_nlp_grad": True,
             "calc_lam_p": False,
         }
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Options of IPOPT that interior_point knows too, under their names."""
+
+    tol: float = 1e-8
+    constr_viol_tol: float = 1e-4
+    dual_inf_tol: float = 1.0
+    compl_inf_tol: float = 1e-4
+    max_iter: int = 3000
+    max_wall_time: float = math.inf  # [s]
+    mu_init: float = 0.1
+    bound_push: float = 1e-2
+    acceptable_tol: float = 1e-6
+    acceptable_iter: int = 15
+    acceptable_constr_viol_tol: float = 1e-2
+    acceptable_compl_inf_tol: float = 1e-2
+    acceptable_obj_change_tol: float = 1e20
+
+
+NAMES = {field.name for field in fields(Settings)}

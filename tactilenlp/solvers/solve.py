@@ -13,9 +13,9 @@ import numpy as np
 from ..common.interrupt import interruptible
 from ..errors import OptionError
 from ..nlp.problem import Problem
-from .interior_point import NAMES, InteriorPoint, Settings
+from .interior_point import InteriorPoint
 from .ipopt import make_ipopt
-from .options import SolverOptions
+from .options import NAMES, Settings, SolverOptions
 from .programme import Programme
 from .solution import Solution, after, not_converged, recomputed, unfinished
 
