@@ -15,7 +15,7 @@ class Level:
     every evaluation (single shooting), not solved for (multiple shooting).
     rebuild: `build` is called again, with the end of the level before as the start, so
     that what it derives from the start (which vertices a contact reads) is updated.
-    ipopt: options of IPOPT, verbatim, as {"mu_init": 1e-3, "max_iter": 400}.
+    ipopt: options by their names of IPOPT, as {"mu_init": 1e-3, "max_iter": 400}.
     warm_start: options that change where the solve also starts from the multipliers of
     the level before (warm_start_init_point).  After a level that did not converge,
     `ipopt` is tried first, with these multipliers, then `warm_start`.  None: the
