@@ -37,11 +37,11 @@ class Options:
     default as many as the sensors' noise leaves open (NOISY_WIDTHS, PRECISE_WIDTHS);
     tolerance: of the last solve [-]; time_limit [s]: of all, compilation included, kept
     within 10 % or 1 s: actions not searched are extrapolated, and the status says what
-    was left out; ipopt: options by IPOPT's names; with one that is
-    no field of solvers.options.Settings, IPOPT solves everything; rivals: also compute
-    profile likelihoods of sizes that no touch determines; check_mistakes: refuse measurements in which axes,
-    signs, units, fingers or times are probably wrong (MistakeError); seed: has no
-    effect; a FutureWarning if it is given.
+    was left out; ipopt: options by IPOPT's names; with one that is no field of
+    solvers.options.Settings, IPOPT solves everything; rivals: also compute profile
+    likelihoods of sizes that no touch determines; check_mistakes: refuse measurements
+    in which axes, signs, units, fingers or times are probably wrong (MistakeError);
+    seed: has no effect; a FutureWarning if it is given.
     """
 
     seed: int | None = None
