@@ -37,7 +37,10 @@ MOST_RESETS = 5  # of a filter that accepts no step
 
 
 class InteriorPoint:
-    """Called as a solver that `casadi.nlpsol` makes; `otherwise` makes IPOPT."""
+    """Called as a solver that `casadi.nlpsol` makes.
+
+    otherwise(seconds): makes IPOPT with a time limit.
+    """
 
     def __init__(self, programme: Programme, settings: Settings, otherwise: Callable):
         self._programme, self._settings = programme, settings
@@ -49,7 +52,8 @@ class InteriorPoint:
         try:
             status = run.minimise()
         except Stuck:
-            reference = self._otherwise()
+            spent = time.monotonic() - run.began
+            reference = self._otherwise(self._settings.max_wall_time - spent)
             out, self._stats = reference(**inputs), reference.stats()
             return out
         columns = zip(*run.history, strict=True)

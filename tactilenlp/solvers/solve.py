@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import time
 from dataclasses import replace
-from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -33,12 +32,16 @@ def make_solver(
     options that only IPOPT has, else IPOPT.  shared: a dictionary that keeps what
     solvers of one problem share.
     """
-    reference = partial(make_ipopt, problem, options, eliminate, warm)
+
+    def ipopt(seconds: float):
+        limited = replace(options, time_limit=max(MIN_SOLVE_TIME, seconds))
+        return make_ipopt(problem, limited, eliminate, warm)
+
     programme = _prepared(problem, options, eliminate, {} if shared is None else shared)
     if programme is None:
-        return reference()
+        return ipopt(options.time_limit)
     settings = Settings(**{**options.named(warm), **options.ipopt})
-    return InteriorPoint(programme, settings, reference)
+    return InteriorPoint(programme, settings, ipopt)
 
 
 def _prepared(problem, options, eliminate, shared: dict) -> Programme | None:
