@@ -9,8 +9,11 @@ import pytest
 from formulations.shape import CUBOID
 from tactilenlp import Guess, Options, Session, solve_estimate
 from tactilenlp.errors import MotionError, StartError
+from tactilenlp.estimation.contact_frame import ContactFrame
+from tactilenlp.estimation.initial_search import searched
 from tactilenlp.interface.request import read_request
 from tactilenlp.search import least_motion
+from tactilenlp.search.hypothesis import same
 from tactilenlp.search.multi_hypothesis import search_boxes
 from tactilenlp.tracking.first_touch import body_height
 from tactilenlp.tracking.geometry import BOX
@@ -131,3 +134,28 @@ def test_starts_end_where_no_further_optimum_is_expected(monkeypatch):
         taken.append(len(least_motion._until_all_found(CUBOID, solves)))
     assert taken == [8, 17, 30]
     assert least_motion._until_all_found(CUBOID, [0, 1, 2]) == [0, 1, 2]
+
+
+def test_a_search_does_not_depend_on_the_axes_of_the_world(recorded):
+    """Turned by a right angle, which is exact, and moved, starts are the same ones."""
+    data, scene, _ = recorded
+    data, found = data.select([0, 1]), []
+    R = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    for there in (data, data.transformed(R, np.array([0.5, -0.25, 0.0]))):
+        request, _ = read_request(
+            there, scene, "cuboid", "violation_implicit", None, None, None, Session()
+        )
+        found.append(searched(request, [])[1])
+    back = ContactFrame((0.5, -0.25), np.pi / 2)
+    for h, moved in zip(*found, strict=True):
+        assert same(CUBOID, h, back.into(moved))  # its sides may be named otherwise
+        assert moved.objective == pytest.approx(h.objective, abs=1e-6)
+
+
+def test_hypotheses_come_back_out_of_the_frame_of_the_first_touch(estimate):
+    h = estimate.hypotheses[0]
+    h = replace(h, offset=np.arange(6.0).reshape(3, 2) / 1e3)
+    frame = ContactFrame((0.3, -0.2), 2.0)
+    back = frame.out_of(frame.into(h))
+    np.testing.assert_allclose(back.x, h.x, atol=1e-15)
+    np.testing.assert_allclose(back.offset, h.offset, atol=1e-15)

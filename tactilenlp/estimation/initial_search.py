@@ -24,6 +24,7 @@ from ..search.proposals_floating import (
     with_faces_tracked,
     with_tilted_normals,
 )
+from .contact_frame import ContactFrame
 
 SEARCH_END = 0.5  # [-] of the time until the readout, at which the search ends
 
@@ -62,7 +63,13 @@ def _search_sizes(request: Request, job, _, kept) -> list[Hypothesis]:
     job = replace(job, first=first_guess(start, job.shape))
     if isinstance(start, Estimate) and start.formulation != name_of(request.page):
         kept[:] = []
-    kept[:] = search_boxes(job, kept, starts, request.executor, so_far=kept)
+    frame = ContactFrame.of(job, kept)
+    found = [frame.into(h) for h in kept]
+    given = frame.job(job), found, starts, request.executor
+    try:
+        found = search_boxes(*given, so_far=found)
+    finally:  # also by Ctrl-C
+        kept[:] = [frame.out_of(h) for h in found]
     return kept
 
 

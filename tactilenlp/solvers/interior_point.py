@@ -33,6 +33,7 @@ SLACK_PUSH = 1e-2  # of slacks into their bounds, relative
 HISTORY = ("obj", "inf_pr", "inf_du", "mu")  # IPOPT's names of its progress
 # steps in a row that the filter shortens; of 480 solves that succeeded 25 was the most
 MOST_SHORTENED = 30
+LEAST_TIME = 0.02  # [s] for IPOPT where it takes over: about an iteration
 MOST_RESETS = 5  # of a filter that accepts no step
 
 
@@ -52,8 +53,8 @@ class InteriorPoint:
         try:
             status = run.minimise()
         except Stuck:
-            spent = time.monotonic() - run.began
-            reference = self._otherwise(self._settings.max_wall_time - spent)
+            left = self._settings.max_wall_time - (time.monotonic() - run.began)
+            reference = self._otherwise(max(left, LEAST_TIME))
             out, self._stats = reference(**inputs), reference.stats()
             return out
         columns = zip(*run.history, strict=True)

@@ -34,8 +34,9 @@ def make_solver(
     """
 
     def ipopt(seconds: float):
-        limited = replace(options, time_limit=max(MIN_SOLVE_TIME, seconds))
-        return make_ipopt(problem, limited, eliminate, warm)
+        return make_ipopt(
+            problem, replace(options, time_limit=seconds), eliminate, warm
+        )
 
     programme = _prepared(problem, options, eliminate, {} if shared is None else shared)
     if programme is None:
