@@ -137,7 +137,10 @@ def test_starts_end_where_no_further_optimum_is_expected(monkeypatch):
 
 
 def test_a_search_does_not_depend_on_the_axes_of_the_world(recorded):
-    """Turned by a right angle, which is exact, and moved, starts are the same ones."""
+    """Turned by a right angle, which is exact, and moved, the best start is the same.
+
+    Others may differ along a side that is open: rounding decides between them.
+    """
     data, scene, _ = recorded
     data, found = data.select([0, 1]), []
     R = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
@@ -146,10 +149,11 @@ def test_a_search_does_not_depend_on_the_axes_of_the_world(recorded):
             there, scene, "cuboid", "violation_implicit", None, None, None, Session()
         )
         found.append(searched(request, [])[1])
-    back = ContactFrame((0.5, -0.25), np.pi / 2)
-    for h, moved in zip(*found, strict=True):
-        assert same(CUBOID, h, back.into(moved))  # its sides may be named otherwise
-        assert moved.objective == pytest.approx(h.objective, abs=1e-6)
+    (best, *_), (moved, *_) = found
+    back = ContactFrame((0.5, -0.25), np.pi / 2).into(moved)
+    assert same(CUBOID, best, back)  # its sides may be named otherwise
+    objectives = [[h.objective for h in starts] for starts in found]
+    np.testing.assert_allclose(*objectives, atol=1e-6)
 
 
 def test_hypotheses_come_back_out_of_the_frame_of_the_first_touch(estimate):
