@@ -15,19 +15,15 @@ def offsets_of(values: dict, R_wg) -> np.ndarray | None:
     return (R_wg @ values[NAME]).T if NAME in values else None
 
 
-def covariance_of_offsets(kkt, sensed, window, shape, R_wg) -> np.ndarray | None:
-    """Return the covariance (3 F, 3 F) [m^2], finger by finger.
-
-    sensed: the measurements, without which it is that of the Hessian.
-    """
-    variables = kkt.problem.variables
+def covariance_of_offsets(at: Linearisation, R_wg) -> np.ndarray | None:
+    """Return the covariance (3 F, 3 F) [m^2], finger by finger; None: all are known."""
+    variables = at.kkt.problem.variables
     if NAME not in variables:
         return None
     span = variables[NAME].span
     chosen = np.arange(span.start, span.stop)
     turn = np.kron(np.eye(len(chosen) // 3), R_wg)
-    response = Linearisation(kkt, sensed, window, shape).response(chosen, turn)
-    return response.hessian if sensed is None else error_budget(response)
+    return error_budget(at.response(chosen, turn))
 
 
 def covariance_with_offsets(kkt, tangent) -> np.ndarray:

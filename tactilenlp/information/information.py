@@ -185,15 +185,15 @@ class Information:
 
 
 def information_of(
-    problem, solution, window, shape, faces, R_wg, sensed=None, others=(), profile=None,
+    problem, solution, window, shape, faces, R_wg, sensed, others=(), profile=None,
     deadline: Deadline = NEVER,
 ) -> Information:  # fmt: skip
     """Return the information about theta and the last pose of a solved problem.
 
     faces: (axes, 2) number of samples that touched each face; R_wg (3, 3): from the
-    ground's frame, in which the problem is written, to the world.  sensed: the
-    measurements, without which sigma is that of the Hessian; others: LocalOptima of
-    the same data; profile (k, k): see profile_likelihood.py.
+    ground's frame, in which the problem is written, to the world; sensed: the
+    measurements; others: LocalOptima of the same data; profile (k, k): see
+    profile_likelihood.py.
     """
     kkt = kkt_system_of(problem, solution, deadline)
     deadline.check()
@@ -202,8 +202,7 @@ def information_of(
     turned, ground = turned_with_ground(at, tangent, solution, R_wg)
     response = at.response(tangent.chosen, tangent.jacobian, turned)
     C = response.hessian
-    errors = C if sensed is None else error_budget(response)
-    objective = solution.objective
+    errors, objective = error_budget(response), solution.objective
     best = LocalOptimum(tangent.z, tangent.R, objective, C, solution, window)
     optima = distinct_modes(shape, tangent.turning, [best, *others])
     modes = laplace_mixture(shape, tangent.turning, optima, errors)
@@ -220,7 +219,7 @@ def information_of(
         modes=modes, maps=tangent.maps, unobserved=words, directions=directions,
         fixed=tangent.fixed, active=kkt.active, ambiguous=kkt.ambiguous,
         indefinite=_indefinite(kkt), path=path, ground=ground,
-        **_of_offsets(kkt, sensed, window, shape, R_wg, tangent),
+        **_of_offsets(at, R_wg, tangent),
     )  # fmt: skip
 
 
@@ -233,9 +232,7 @@ def parts_of(kkt: KKTSystem, by_gradient, matrix) -> dict[str, np.ndarray]:
 
 
 def _covariance_with_path(modes, optima, at, tangent, faces, R_wg, profile):
-    """Return the covariance (k, k) and sigma of the path; without measurements None."""
-    if at.sensed is None:
-        return modes.covariance, None
+    """Return the covariance (k, k) and sigma of the path."""
     noise, grounded = at.sensed.precision.position, len(at.window.corner) > 0
     seen = TouchedFaces(tangent, at.shape, faces, noise, grounded, profile)
     beyond = after_mixture(seen, modes.covariance)  # what the mixture leaves out
@@ -247,12 +244,12 @@ def _covariance_with_path(modes, optima, at, tangent, faces, R_wg, profile):
     return bounded_pose(covariance, at.shape.theta, tangent.turning), path
 
 
-def _of_offsets(kkt, sensed, window, shape, R_wg, tangent) -> dict:
+def _of_offsets(at: Linearisation, R_wg, tangent) -> dict:
     """Return the fields of an Information that tell of the fingers' offsets."""
-    offsets = covariance_of_offsets(kkt, sensed, window, shape, R_wg)
+    offsets = covariance_of_offsets(at, R_wg)
     if offsets is None:
         return {}
-    matrix = inverse(covariance_with_offsets(kkt, tangent))
+    matrix = inverse(covariance_with_offsets(at.kkt, tangent))
     return {"offsets": offsets, "with_offsets": matrix}
 
 

@@ -100,7 +100,7 @@ def turned_with_ground(at: Linearisation, tangent, solution, R_wg) -> tuple:
 
     In planar motion z is in the ground's frame: there the latter adds what turns.
     """
-    if at.sensed is None or at.tilt is None:
+    if at.tilt is None:
         return 0.0, None
     p = at.end[None]
     if at.window.motion.name != "free":
