@@ -44,7 +44,7 @@ from ..nlp.kkt_sensitivity import KKTSystem, kkt_system_of
 from ..nlp.problem import Problem
 from ..problem.pages import page_of, shape_of
 from ..problem.reductions import Reductions, reduce
-from ..search.local_solve import problem_at, problem_for
+from ..search.local_solve import problem_at
 from ..solvers.solution import Solution
 
 OFFSET = 1e-6  # [m] shift of a finger
@@ -239,7 +239,7 @@ def problem_of(
             "its problem depends on where it is solved from", where="at",
             got=job.shape.name, expected="an Estimate of these measurements",
         )  # fmt: skip
-    return problem_for(job, page)[0]
+    return problem_at(job, page)[0]
 
 
 @dataclass(frozen=True, eq=False)

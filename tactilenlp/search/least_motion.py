@@ -19,7 +19,7 @@ from ..common.threads import on_one_thread
 from ..solvers.options import SolverOptions
 from ..solvers.solve import solve_levels
 from .hypothesis import Hypothesis, Job, same
-from .local_solve import LEVEL_TIME, problem_for, start_values
+from .local_solve import LEVEL_TIME, problem_at, start_values
 
 WEAK_MOTION = {"motion weight": 100.0}  # [nats/m] a third of the page's own
 TOLERANCE = 1e-3  # [-] of these solves: they are starts
@@ -85,7 +85,7 @@ def _solved_chunk(job: Job, tracks) -> list[Hypothesis]:
 
 def _solved(job: Job, tracks) -> Iterator[Hypothesis]:
     """Yield the optimum of least motion from each track."""
-    problem, window = problem_for(job, quasi_static)
+    problem, window, _ = problem_at(job, quasi_static)
     level = quasi_static.LEVELS[-1]
     level = replace(level, parameters=level.parameters | WEAK_MOTION)
     solvers = {}

@@ -1,8 +1,8 @@
 """Local solves of a page, each from one hypothesis.
 
-A page poses a problem of a job's data (`problem_for`, `problem_at`); IPOPT solves it
-level by level from a hypothesis (`solved_from`), from an earlier solution and its
-multipliers (`warm_started`), or by continuation (`continued`).
+A page poses a problem of a job's data (`problem_at`); it is solved level by level from
+a hypothesis (`solved_from`), from an earlier solution and its multipliers
+(`warm_started`), or by continuation (`continued`).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from ..problem.certificates import Certificates
 from ..problem.pages import check_unknowns
 from ..problem.polytope_window import window_of
 from ..problem.poses import poses
-from ..problem.reductions import reduce, required_reductions
+from ..problem.reductions import required_reductions
 from ..problem.unreduced import transferred_values
 from ..solvers.options import SolverOptions
 from ..solvers.solution import Solution, after, unfinished
@@ -121,22 +121,16 @@ def comparable(best: Solved, solved) -> list[Solved]:
 # Problems of a page, where they start, how they are solved
 
 
-def problem_for(job: Job, page):
-    """Return the problem that a page poses of a job's data, and the window."""
-    made = required_reductions(page, job.reductions)
-    window = reduce(job.data, job.scene, job.shape, job.precision, made)
-    problem = job.new_problem(page, window)
-    page.build(problem, window, job.scene, job.shape)
-    return problem, window
+def problem_at(job: Job, page, hypothesis=None):
+    """Return problem and window of a page, and the seconds it took.
 
-
-def problem_at(job, page, hypothesis):
-    """Return problem and window of a page at a hypothesis, and the seconds it took.
-
-    The window of a polytope depends on the hypothesis: which vertices a contact reads.
+    hypothesis: where it is solved from; the window of a polytope depends on it: which
+    vertices a contact reads.
     """
     began = time.process_time()
-    window, shape = window_of(job, (hypothesis.theta, hypothesis.x))
+    made = required_reductions(page, job.reductions)
+    guess = None if hypothesis is None else (hypothesis.theta, hypothesis.x)
+    window, shape = window_of(replace(job, reductions=made), guess)
     problem = job.new_problem(page, window)
     page.build(problem, window, job.scene, shape)
     return problem, window, time.process_time() - began

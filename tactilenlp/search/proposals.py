@@ -29,7 +29,7 @@ from ..tracking.first_touch import (
 from ..tracking.geometry import geometry_of
 from .hypothesis import Job
 from .least_motion import WEAK_MOTION
-from .local_solve import problem_for, start_values
+from .local_solve import problem_at, start_values
 
 # [m, rad] deviations of a posterior, at most and at least:
 SIGMA_MAX = 0.02, 0.03, 0.5  # of sizes, place, yaw
@@ -73,7 +73,7 @@ def from_posterior(job: Job, kept):
     P (n + 3, n + 3): covariance of theta and last pose; along (T, 3, n + 3): slopes of
     the poses in these.  The job holds the data of the hypotheses' samples.
     """
-    problem, window = problem_for(job, quasi_static)
+    problem, window, _ = problem_at(job, quasi_static)
     data, scale, out = problem.data(WEAK_MOTION), problem.scale, []
     n, m = job.shape.theta, window.motion.unknowns
     theta, poses = (problem.variables[name].span for name in ("theta", "x"))
