@@ -12,7 +12,6 @@ from tactilenlp.errors import MotionError, StartError
 from tactilenlp.estimation.contact_frame import ContactFrame
 from tactilenlp.estimation.initial_search import searched
 from tactilenlp.interface.request import read_request
-from tactilenlp.search import least_motion
 from tactilenlp.search.hypothesis import same
 from tactilenlp.search.multi_hypothesis import search_boxes
 from tactilenlp.tracking.first_touch import body_height
@@ -123,17 +122,6 @@ def test_noise_of_normals_is_no_rim():
     precise = body_height(data, CUBOID, 0.045, np.radians(2))
     assert precise == pytest.approx(0.024 - 0.4 * 0.01)  # the rim that was touched
     assert body_height(data, CUBOID, 0.045, np.radians(15)) == 0.045
-
-
-def test_starts_end_where_no_further_optimum_is_expected(monkeypatch):
-    """Boender and Rinnooy Kan: 8, 17 and 30 starts for one, two and three optima."""
-    monkeypatch.setattr(least_motion, "same", lambda _, a, b: a == b)
-    taken = []
-    for optima in (1, 2, 3):
-        solves = iter([*range(optima), *[0] * 100])
-        taken.append(len(least_motion._until_all_found(CUBOID, solves)))
-    assert taken == [8, 17, 30]
-    assert least_motion._until_all_found(CUBOID, [0, 1, 2]) == [0, 1, 2]
 
 
 def test_a_search_does_not_depend_on_the_axes_of_the_world(recorded):
