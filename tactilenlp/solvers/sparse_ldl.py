@@ -28,16 +28,15 @@ class SparseLdl:
 
     def __init__(self, n: int, rows: np.ndarray, columns: np.ndarray):
         whole = _sparsity(n, np.r_[rows, columns], np.r_[columns, rows])
-        _, self._order = whole.ldl(True)
-        self._order = np.array(self._order)
+        factor, order = whole.ldl(True)
+        self._order = np.array(order)
         place = np.empty(n, int)
         place[self._order] = np.arange(n)
         i, j = place[rows], place[columns]
         i, j = np.minimum(i, j), np.maximum(i, j)
         self._from = np.lexsort((i, j))  # of a place in the ordered upper triangle
         upper = _sparsity(n, i, j)
-        factor, _ = (upper + upper.T).ldl(False)
-        self.n, self.fill = n, factor.nnz()
+        self.n = n
         method = _Casadi if _functions() is None else _Compiled
         self._method = method(upper, factor)
 
@@ -54,7 +53,8 @@ class SparseLdl:
 
 def _sparsity(n: int, rows, columns) -> ca.Sparsity:
     """Return the pattern (n, n) with these places, some of which may be repeated."""
-    places = np.unique(columns.astype(np.int64) * n + rows)
+    places = np.sort(columns.astype(np.int64) * n + rows)
+    places = places[np.r_[True, places[1:] > places[:-1]]]
     column, row = np.divmod(places, n)
     starts = np.searchsorted(column, np.arange(n + 1))
     return ca.Sparsity(n, n, starts.tolist(), row.tolist())
