@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 from formulations import violation_implicit as page
 from formulations.shape import CUBOID
 from tactilenlp import Guess, Options, Problem, Scene, solve_estimate
-from tactilenlp.data.contact_segments import rate_of
 from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.errors import MeasurementError
 from tactilenlp.evaluation.metrics import cuboid_errors
@@ -298,12 +297,3 @@ def test_a_touch_is_doubted_by_the_rate_of_wrong_booleans(found):
     assert costs[0] == pytest.approx(3.0, abs=0.01)  # -log(0.05)
     assert costs[1] == pytest.approx(costs[2], abs=0.1)
     assert costs[2] < costs[3] < np.inf
-
-
-def test_a_rate_across_a_dropped_sample_is_over_the_time_that_passed():
-    time = np.array([0.0, 0.1, 0.3, 0.4, 0.401, 5.0, 5.1])
-    data = SimpleNamespace(time=time, dt=0.1, action=np.array([0] * 5 + [1, 1]))
-    place = 0.2 * time[:, None, None] * np.ones((7, 2, 3))
-    rate = rate_of(data, place)
-    np.testing.assert_allclose(rate[[1, 2, 3, 6]], 0.2)
-    assert not rate[[0, 4, 5]].any()  # actions begin, and a sample comes twice

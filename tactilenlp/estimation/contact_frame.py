@@ -29,9 +29,8 @@ class ContactFrame:
 
         It must for errors of joints, whose axes it has, and for `kept` that tilt.
         """
-        if isinstance(job.scene.sigma_offset, JointZeros):
-            return cls((0.0, 0.0), 0.0)
-        if not all(is_planar(h.x) for h in kept):
+        tilts = not all(is_planar(h.x) for h in kept)
+        if tilts or isinstance(job.scene.sigma_offset, JointZeros):
             return cls((0.0, 0.0), 0.0)
         p, n = first_contact(job.data)
         beside = np.hypot(n[0], n[1]) > TOP_TILT

@@ -18,7 +18,8 @@ import platform
 import shutil
 import signal
 import subprocess
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
 
 import casadi as ca
@@ -52,25 +53,20 @@ def compiled(
     for function in functions:
         generator.add(function)
     source, names = generator.dump(), [f.name() for f in functions]
-    return _found(names, origin or source, source, deadline) or functions
+    load = partial(_externals, names)
+    return _found(load, origin or source, source, deadline) or functions
 
 
 def kept(names, origin: str) -> list[ca.Function] | None:
     """Return the functions compiled from this origin earlier, or None."""
-    return None if compiler() is None else _found(names, origin)
+    return None if compiler() is None else _found(partial(_externals, names), origin)
 
 
 def library(source: str) -> ctypes.CDLL | None:
     """Return the library of a C source of our own, or None where it is not possible."""
     if compiler() is None or _place() in _unusable:
         return None
-    try:
-        path = trusted_folder() / f"{_key(source)}.so"
-        if is_whole(path) or _compile(source, path, NEVER):
-            return ctypes.CDLL(str(path))
-    except OSError as error:
-        _warn_once(error)
-    return None
+    return _found(ctypes.CDLL, source, source)
 
 
 def _time_for_compilation(deadline: Deadline) -> float:
@@ -79,28 +75,32 @@ def _time_for_compilation(deadline: Deadline) -> float:
 
 
 def _found(
-    names, origin: str, source: str | None = None, deadline: Deadline = NEVER
-) -> list[ca.Function] | None:
-    """Return the functions of a library, compiled from `source` if it is not there."""
+    load: Callable, origin: str, source: str | None = None, deadline: Deadline = NEVER
+):
+    """Return load(path) of a library, compiled from `source` if it is not there."""
     try:
-        library = trusted_folder() / f"{_key(origin)}.so"
-        if is_whole(library):
-            return _loaded(library, names)
-        if source is None or not _compile(source, library, deadline):
+        path = trusted_folder() / f"{_key(origin)}.so"
+        if is_whole(path):
+            return _loaded(path, load)
+        if source is None or not _compile(source, path, deadline):
             return None
-        return _loaded(library, names)
+        return _loaded(path, load)
     except (OSError, ValueError) as error:
         _warn_once(error)
         return None
 
 
-def _loaded(library: Path, names) -> list[ca.Function]:
-    """Return the functions of a library; OSError, and it is deleted, if it has none."""
+def _loaded(path: Path, load: Callable):
+    """Return load(path); OSError, and the library is deleted, if that fails."""
     try:
-        return [ca.external(name, str(library)) for name in names]
-    except RuntimeError as error:
-        discard(library)
-        raise OSError(f"{library} cannot be loaded: {error}") from error
+        return load(str(path))
+    except (RuntimeError, OSError) as error:
+        discard(path)
+        raise OSError(f"{path} cannot be loaded: {error}") from error
+
+
+def _externals(names, path: str) -> list[ca.Function]:
+    return [ca.external(name, path) for name in names]
 
 
 def _key(origin: str) -> str:

@@ -11,7 +11,6 @@ from formulations.finger import SPHERE, Finger, capsule
 from ..geometry.transforms import rotation_of
 
 END_COSINE = 0.1  # [-] cosine between capsule and normal from which on its end touches
-
 OUTLIER_COST = 7.0  # [nats] one sample in a thousand is wrong, unless a scene tells
 LEAST_FLIP_RATE = 1e-6  # [-] of a sensor that is said never to be wrong
 

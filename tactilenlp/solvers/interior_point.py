@@ -18,7 +18,7 @@ from collections.abc import Callable
 import numpy as np
 
 from .line_search import Filter, Stuck, longest_step
-from .options import Settings
+from .options import MIN_SOLVE_TIME, Settings
 from .programme import Point, Programme
 from .solution import ACCEPTED, SOLVED, TIME_EXCEEDED, TOO_MANY
 
@@ -33,7 +33,6 @@ SLACK_PUSH = 1e-2  # of slacks into their bounds, relative
 HISTORY = ("obj", "inf_pr", "inf_du", "mu")  # IPOPT's names of its progress
 # steps in a row that the filter shortens; of 480 solves that succeeded 25 was the most
 MOST_SHORTENED = 30
-LEAST_TIME = 0.02  # [s] for IPOPT where it takes over: about an iteration
 MOST_RESETS = 5  # of a filter that accepts no step
 
 
@@ -54,7 +53,7 @@ class InteriorPoint:
             status = run.minimise()
         except Stuck:
             left = self._settings.max_wall_time - (time.monotonic() - run.began)
-            reference = self._otherwise(max(left, LEAST_TIME))
+            reference = self._otherwise(max(left, MIN_SOLVE_TIME))
             out, self._stats = reference(**inputs), reference.stats()
             return out
         columns = zip(*run.history, strict=True)
@@ -86,7 +85,7 @@ class _Run:
         upper = np.r_[np.where(self.fixed, np.inf, ubx), ubg]
         self.lo, self.hi = (np.flatnonzero(np.isfinite(b)) for b in (lower, upper))
         self.lower, self.upper = lower[self.lo], upper[self.hi]
-        self.iterations, self.evaluations = 0, 0
+        self.iterations, self.evaluations = 0, 1
         self.damping = 0.0  # of the last step that needed any
         self.accepted, self.shortened, self.resets = 0, 0, 0
         self.history: list[tuple] = []  # by iteration, as HISTORY names
@@ -94,8 +93,9 @@ class _Run:
         push = np.full(len(lower), settings.bound_push)
         push[self.n :] = settings.bound_push if warm else SLACK_PUSH
         x = _inside(x0, lower[: self.n], upper[: self.n], push[: self.n])
-        g = self.evaluated(np.r_[x, lbg]).g
-        self.at = self.evaluated(_inside(np.r_[x, g], lower, upper, push))
+        values = self.programme.evaluated(x, p)
+        w = np.r_[x, _inside(values[2], lbg, ubg, push[self.n :])]
+        self.at = self._point(w, values)
         self.z_lo, self.z_hi = np.ones(len(self.lo)), np.ones(len(self.hi))
         if warm:
             self.y = np.array(lam_g0, float)
@@ -108,7 +108,9 @@ class _Run:
 
     def evaluated(self, w: np.ndarray) -> Point:
         self.evaluations += 1
-        values = self.programme.evaluated(w[: self.n], self.data)
+        return self._point(w, self.programme.evaluated(w[: self.n], self.data))
+
+    def _point(self, w, values) -> Point:
         return Point(w, *values, w[self.lo] - self.lower, self.upper - w[self.hi])
 
     def bounds_of_x(self) -> np.ndarray:
@@ -191,9 +193,10 @@ class _Run:
         while (status := self._status(before)) is None:
             before = self.at.f
             self._update_barrier()
-            dx, ds, dy = self._newton_step()
+            slope = self._slope()
+            dx, ds, dy = self._newton_step(slope)
             dw = np.concatenate((dx, ds))
-            self._take(dw, dy, *self._bound_steps(dw))
+            self._take(dw, dy, float(slope @ dw), *self._bound_steps(dw))
             self.iterations += 1
         return status
 
@@ -209,10 +212,9 @@ class _Run:
         slope[: self.n] += self.at.gradient
         return slope
 
-    def _newton_step(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _newton_step(self, slope) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the step in x, s and y, damped until the inertia is right."""
         at, kkt, n = self.at, self.kkt, self.n
-        slope = self._slope()
         weights = self._spread(self.z_lo / at.below, self.z_hi / at.above)
         hessian = self.programme.hessian(at.w[:n], self.data, self.y)
         values, delta = kkt.values(hessian, self.fixed), 0.0
@@ -243,15 +245,18 @@ class _Run:
         hi = (mu + self.z_hi * dw[self.hi]) / at.above - self.z_hi
         return lo, hi
 
-    def _take(self, dw, dy, dz_lo, dz_hi) -> None:
-        """Move to an acceptable point along the step, (14) to (16)."""
+    def _take(self, dw, dy, slope: float, dz_lo, dz_hi) -> None:
+        """Move to an acceptable point along the step, (14) to (16).
+
+        slope: of the barrier function along dw.
+        """
         at, mu = self.at, self.mu
         tau = max(LEAST_TAU, 1 - mu)
         longest = min(longest_step(at.below, dw[self.lo], tau),
                       longest_step(at.above, -dw[self.hi], tau))  # fmt: skip
         of_z = min(longest_step(self.z_lo, dz_lo, tau),
                    longest_step(self.z_hi, dz_hi, tau))  # fmt: skip
-        alpha, self.at = self._line_search(dw, longest)
+        alpha, self.at = self._line_search(dw, slope, longest)
         self.shortened = self.shortened + 1 if alpha < longest else 0
         if self.shortened > MOST_SHORTENED:
             raise Stuck
@@ -260,9 +265,9 @@ class _Run:
         self.z_lo = np.clip(self.z_lo + of_z * dz_lo, lo / OUTER, lo * OUTER)
         self.z_hi = np.clip(self.z_hi + of_z * dz_hi, hi / OUTER, hi * OUTER)
 
-    def _line_search(self, dw, longest: float) -> tuple[float, Point]:
+    def _line_search(self, dw, slope, longest: float) -> tuple[float, Point]:
         """Return step length and point; a filter that refuses all steps is emptied."""
-        line = self.at, dw, float(self._slope() @ dw), longest, self.mu, self.evaluated
+        line = self.at, dw, slope, longest, self.mu, self.evaluated
         while True:
             try:
                 return self.filter.first_accepted(*line)

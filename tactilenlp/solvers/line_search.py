@@ -50,9 +50,10 @@ class Filter:
         alpha, least = longest, _least_step(theta, slope, feasible)
         while alpha > least:
             point = evaluated(at.w + alpha * dw)
-            rise = point.barrier(mu) - phi - ROUNDING * abs(phi)
+            value = point.barrier(mu)
+            rise = value - phi - ROUNDING * abs(phi)
             descends = slope < 0 and alpha * (-slope) ** S_PHI > theta**S_THETA
-            if not self._refuses(point, mu):
+            if not self._refuses(value, point.violation):
                 if descends and feasible:
                     if rise <= ETA * alpha * slope:
                         return alpha, point
@@ -62,9 +63,8 @@ class Filter:
             alpha /= 2
         raise Stuck
 
-    def _refuses(self, point: Point, mu: float) -> bool:
+    def _refuses(self, phi: float, theta: float) -> bool:
         """Tell whether a point has no numbers, or the filter has a better one."""
-        theta, phi = point.violation, point.barrier(mu)
         if not np.isfinite(phi) or not theta <= self._largest:
             return True
         return any(theta >= a and phi >= b for a, b in self.entries)

@@ -9,6 +9,7 @@ from ..common.deadline import NEVER, Deadline
 from ..common.validation import check_numbers, check_types
 from ..errors import typed_call
 
+MIN_SOLVE_TIME = 0.02  # [s] of a solve beyond a limit: about one iteration
 WARM_PUSH = 1e-6  # [-] by which a warm start and its multipliers are pushed inside
 PUSH_OPTIONS = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
 WARM_OPTIONS = [f"warm_start_{name}" for name in (*PUSH_OPTIONS, "mult_bound_push")]

@@ -14,12 +14,11 @@ from ..errors import OptionError
 from ..nlp.problem import Problem
 from .interior_point import InteriorPoint
 from .ipopt import make_ipopt
-from .options import NAMES, Settings, SolverOptions
+from .options import MIN_SOLVE_TIME, NAMES, Settings, SolverOptions
 from .programme import Programme
 from .solution import Solution, after, not_converged, recomputed, unfinished
 
 log = logging.getLogger("tactilenlp")
-MIN_SOLVE_TIME = 0.02  # [s] of a solve beyond a deadline: about one iteration
 LEVEL_DEFAULTS = {"mu_init": 1e-2, "max_iter": 200}  # of a level that does not set them
 
 
@@ -80,13 +79,12 @@ def solve(
     Raises NotConverged unless the solver succeeded or `throw` is False.
     """
     warm = start if isinstance(start, Solution) else None
-    began, shared = time.process_time(), {}
-    options = options or SolverOptions()
+    began = time.process_time()
     if solver is None:
+        options, shared = options or SolverOptions(), {}
         _prepared(problem, options, eliminate, shared)
-    options = _in_time(options)
-    given = problem, options, eliminate, warm is not None, shared
-    solver = solver or make_solver(*given)
+        given = _in_time(options), eliminate, warm is not None, shared
+        solver = make_solver(problem, *given)
     built = time.process_time() - began
     values = (warm.values if warm else start) or {}
     x, lower, upper = _start(problem, values, fixed)

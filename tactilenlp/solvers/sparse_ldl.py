@@ -70,21 +70,10 @@ class _Compiled:
                     for a in (s.colind(), s.row())]  # fmt: skip
         a_start, a_row, l_start, l_row = map(_address, patterns)
         factors = l_start, l_row, _address(lower), _address(pivots)
-        self._matrix = (
-            n,
-            a_start,
-            a_row,
-            _address(self._values),
-            *factors,
-            _address(work),
-        )
+        matrix = a_start, a_row, _address(self._values)
+        self._matrix = n, *matrix, *factors, _address(work)
         self._factors = n, *factors, _address(self._x)
-        self._alive = (
-            patterns,
-            lower,
-            pivots,
-            work,
-        )  # as long as their addresses are used
+        self._alive = patterns, lower, pivots, work  # while their addresses are used
 
     def factorise(self, values) -> bool:
         self._values[:] = values
