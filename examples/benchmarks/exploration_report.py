@@ -104,7 +104,7 @@ def rest_lines(rows) -> list[str]:
 
 def comparison_lines(rows, name: str) -> list[str]:
     """Return tests of every policy against random, corrected for all actions."""
-    lines = [f"against random, {UNITS[name]}: two-tailed t-tests (Bonferroni)"]
+    lines = [f"against random, {UNITS[name]}: two-tailed tests (Bonferroni)"]
     for policy, start in ways(rows):
         if policy == "random" or ("random", start) not in ways(rows):
             continue
@@ -117,14 +117,15 @@ def comparison_lines(rows, name: str) -> list[str]:
             if len(x) < 3:
                 continue
             free = stats.ttest_ind(x, y, equal_var=False)
-            pair = stats.ttest_rel(x, y)
+            pair, signed = stats.ttest_rel(x, y), stats.wilcoxon(x, y)
             size = (y - x).mean() / np.std(y - x, ddof=1)
             low, high = pair.confidence_interval()
             variance = np.var(x, ddof=1) / np.var(y, ddof=1)
             lines.append(
                 f"  {policy}, {start}, 1 + {action}: difference {(x - y).mean():+.3f} "
                 f"[{low:+.3f}, {high:+.3f}] mm, p = {min(1, many * free.pvalue):.2g} "
-                f"independent, {min(1, many * pair.pvalue):.2g} paired; effect size "
+                f"independent, {min(1, many * pair.pvalue):.2g} paired, "
+                f"{min(1, many * signed.pvalue):.2g} by Wilcoxon's test; effect size "
                 f"{size:.2f}, variance ratio {variance:.2g}, better in "
                 f"{(x < y).sum()} of {len(x)}"
             )

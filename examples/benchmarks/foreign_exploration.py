@@ -1,8 +1,8 @@
 """Explore boxes in other worlds, in a closed loop of estimate, choice and action.
 
     python examples/benchmarks/foreign_exploration.py folder [--count 20] [--first 0]
-        [--actions 5] [--departures contact] [--policies eig random]
-        [--executor processes|dask|mpi|none] [--workers 2]
+        [--actions 5] [--departures contact] [--strengths default gel]
+        [--policies eig random] [--executor processes|dask|mpi|none] [--workers 2]
 
 The worlds are those of foreign_world.py with departures of foreign_departures.py: by
 default plain MuJoCo's contact and gel fingertips.  The first finger aims at a place
@@ -12,7 +12,8 @@ position and the rotation in standard deviations, with the verdict of the fit.  
 is the mean square of these nine numbers: 1 where sigma is right.
 
 Rows are kept in foreign_exploration.jsonl as they end (study.py): called again, the
-script runs what is missing.
+script runs what is missing.  Policies are compared with random actions of the same box
+by the tests of exploration_report.py.
 """
 
 import os
@@ -24,6 +25,7 @@ from pathlib import Path
 from time import process_time
 
 import numpy as np
+from exploration_report import comparison_lines
 from foreign import SCENE, errors_in, warm
 from foreign_box import AIM, Box
 from foreign_departures import DEPARTURES
@@ -145,6 +147,19 @@ def summed(rows) -> dict:
     return dict(zip(SUMMARY, values, strict=True))
 
 
+def compared(rows) -> list[str]:
+    """Return the tests of all policies against random actions, world by world."""
+    lines = []
+    for world in dict.fromkeys((r["departure"], r["strength"]) for r in rows):
+        mine = [
+            {"trial": r["box"], "start": " ".join(world), "policy": r["policy"],
+             "action": r["action"], "p2s_mm": r.get("surface_mm", np.inf)}
+            for r in rows if (r["departure"], r["strength"]) == world
+        ]  # fmt: skip
+        lines += comparison_lines(mine, "p2s_mm")
+    return lines
+
+
 def said(case, rows: list[dict]) -> str:
     """Return an exploration in words."""
     words = [
@@ -167,6 +182,7 @@ def main() -> None:
     parser.add_argument("--actions", type=int, default=5)
     worlds = [name for name, kinds in DEPARTURES.items() if _of_world(kinds)]
     parser.add_argument("--departures", nargs="+", choices=worlds, default=["contact"])
+    parser.add_argument("--strengths", nargs="+", help="of these departures: all")
     parser.add_argument("--policies", nargs="+", default=["eig", "random"])
     add_executor(parser)
     chosen = parser.parse_args()
@@ -175,6 +191,7 @@ def main() -> None:
         for number in range(chosen.first, chosen.first + chosen.count)
         for departure in chosen.departures
         for strength in DEPARTURES[departure]
+        if not chosen.strengths or strength in chosen.strengths
         for policy in chosen.policies
     ]
     path = chosen.folder / "foreign_exploration"
@@ -184,6 +201,8 @@ def main() -> None:
     for row in table:
         print("  ".join(f"{v:.2f}" if isinstance(v, float) else str(v)
                         for v in row.values()))  # fmt: skip
+    for line in compared(rows_of(found)):
+        print(line)
 
 
 def _of_world(kinds) -> bool:
