@@ -178,7 +178,7 @@ def test_a_floating_hull_starts_the_next_search_from_where_it_is(world, afloat):
     lie = again.theta.reshape(-1, 3) + again.x[:3, -1]
     assert lie == pytest.approx(here, abs=1e-9)  # the last pose is kept, whole
     assert in_plane(again, plane).x == pytest.approx(flat.x, abs=1e-9)
-    assert not is_one_action_more(afloat, job, page)  # not by an action alone
+    assert not is_one_action_more(afloat, job)  # not by an action alone
 
 
 @pytest.fixture(scope="module")
@@ -235,9 +235,9 @@ def test_in_free_motion_it_stays_on_the_ground_that_carries_it(slid, loose):
         make_job(longer, free.scene, SHAPE, Options(reduce=off), 0.0, page)
         for off in (True, ("planar",))
     ]
-    assert is_one_action_more(slid, jobs[0], page)
-    assert not is_one_action_more(free, jobs[1], page)  # the whole way is gone
-    assert not is_one_action_more(slid, jobs[1], page)
+    assert is_one_action_more(slid, jobs[0])
+    assert not is_one_action_more(free, jobs[1])  # the whole way is gone
+    assert not is_one_action_more(slid, jobs[1])
 
 
 def test_least_motion_alone_keeps_no_hull_on_a_ground_and_asks_for_one(world):

@@ -91,7 +91,7 @@ def test_only_an_estimate_of_all_actions_but_one_is_extended(octahedron, early):
 @pytest.mark.slow
 def test_the_past_is_posed_again_as_it_was_solved(octahedron, early):
     past = incremental_polytope.past_solution(
-        replace(job_of(octahedron, 4), cuts=early.cuts), PAGE, early
+        replace(job_of(octahedron, 4), cuts=early.cuts), early
     )
     x, data = past.problem.pack(early.unknowns), past.problem.data()
     for name, cost in costs_without_rounding(past.problem, x, data).items():
@@ -111,9 +111,7 @@ def test_the_past_is_posed_again_as_it_was_solved(octahedron, early):
 @pytest.mark.slow
 def test_the_window_of_an_action_is_that_of_its_samples(octahedron, early):
     job = job_of(octahedron, 4)
-    past = incremental_polytope.past_solution(
-        replace(job, cuts=early.cuts), PAGE, early
-    )
+    past = incremental_polytope.past_solution(replace(job, cuts=early.cuts), early)
     samples = past.at.x.shape[1]
     more = job.data.samples - samples
     x = np.hstack([past.at.x, np.repeat(past.at.x[:, -1:], more, axis=1)])

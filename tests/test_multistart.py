@@ -37,13 +37,11 @@ def pushed(h, way):
 
 def test_hypotheses_that_come_together_are_solved_to_the_end_once(case):
     job, h = case
-    solved = multistart(
-        job, page, [h, pushed(h, 1e-4), pushed(h, -1e-4)], Options(), LEVELS
-    )
+    solved = multistart(job, [h, pushed(h, 1e-4), pushed(h, -1e-4)], LEVELS)
     assert len(solved) == 1
     assert solved[0].solution.success
     assert len(solved[0].solution.iterations_by_level) == len(LEVELS)
-    alone = multistart(job, page, [h], Options(), LEVELS)
+    alone = multistart(job, [h], LEVELS)
     assert solved[0].solution.objective == pytest.approx(
         alone[0].solution.objective, abs=0.3
     )
@@ -51,35 +49,33 @@ def test_hypotheses_that_come_together_are_solved_to_the_end_once(case):
 
 def test_what_is_known_or_hopeless_is_not_solved_to_the_end(case):
     job, h = case
-    known = multistart(job, page, [h], Options(), LEVELS)
-    assert (
-        multistart(job, page, [pushed(h, 5e-4)], Options(), LEVELS, known=known) == []
-    )
+    known = multistart(job, [h], LEVELS)
+    assert multistart(job, [pushed(h, 5e-4)], LEVELS, known=known) == []
     # A known one that costs 100 nats less than anything: nothing comes near it.
     cheap = replace(known[0].solution, objective=h.objective - 100)
     lucky = replace(known[0], solution=cheap, rough=None)
     far = pushed(h, 30e-3)
-    assert multistart(job, page, [far], Options(), LEVELS, known=[lucky]) == []
+    assert multistart(job, [far], LEVELS, known=[lucky]) == []
 
 
 def test_levels_that_hold_poses_are_solved_one_by_one(case):
     job, h = case
     kept = []
-    solved = multistart(job, page, [h, h], Options(), page.LEVELS, solved=kept)
+    solved = multistart(job, [h, h], page.LEVELS, solved=kept)
     assert len(solved) == len(kept) == 2
 
 
 def test_continuation_ends_in_an_optimum_of_the_page(case):
     job, h = case
-    solved = multistart(job, page, [h], Options(), LEVELS)
-    again = continued(job, page, solved[0], Options())
+    solved = multistart(job, [h], LEVELS)
+    again = continued(job, solved[0])
     assert again.solution.success
     assert again.solution.parameters == solved[0].solution.parameters
     assert again.solution.objective < solved[0].solution.objective + 0.5
 
 
 def test_a_page_without_easier_levels_has_no_continuation(case):
-    assert continued(case[0], quasi_static, None, Options()) is None
+    assert continued(replace(case[0], page=quasi_static), None) is None
 
 
 def test_two_pasts_that_end_alike_are_one_where_only_the_end_counts(case):

@@ -70,7 +70,7 @@ def test_the_solve_goes_on_from_a_page_that_is_filled_anew(octahedron):
     job = make_job(data.select([0]), scene, polytope(), Options(), 0.0, page)
     job = replace(job, deadline=NEVER)
     (h,) = search_polytope(replace(job, reductions=Reductions()), [])
-    solved = solved_from(job, page, h, Options())
+    solved = solved_from(job, h)
     solution = solved.solution
     assert solution.success
     assert len(solution.iterations_by_level) == 2
@@ -87,16 +87,16 @@ def test_it_stands_on_three_vertices_and_none_is_below_the_ground(hull):
 
 def test_a_hull_on_three_legs_is_read_with_these(octahedron):
     data, scene, _ = octahedron
-    page, options = polytope_violation_implicit, Options()
-    job = make_job(data.select([0]), scene, polytope(), options, 0.0, page)
+    page = polytope_violation_implicit
+    job = make_job(data.select([0]), scene, polytope(), Options(), 0.0, page)
     job = replace(job, deadline=NEVER)
     (found,) = search_polytope(replace(job, reductions=Reductions()), [])
     vertices = found.theta.reshape(-1, 3)
     vertices[np.argsort(vertices[:, 2])[3:], 2] += 2e-3  # a fourth might carry as well
     found = replace(found, theta=vertices.ravel())
-    solved = solved_from(job, page, found, options, levels=page.LEVELS[:1])
+    solved = solved_from(job, found, levels=page.LEVELS[:1])
     assert len(solved.window.legs) == 3 < len(job.shape.corners)
-    body, information = read_polytope(job, page, solved)
+    body, information = read_polytope(job, solved)
     assert np.isfinite(body.vertices).all()
     assert np.isfinite(information.spread).all()
 

@@ -152,6 +152,6 @@ def test_a_body_without_sides_has_no_profile():
     job = SimpleNamespace(
         shape=replace(CUBOID, symmetries=()), reductions=SimpleNamespace(planar=True)
     )
-    found, better = profiled(job, None, SimpleNamespace(at=AT), None)
+    found, better = profiled(job, SimpleNamespace(at=AT))
     assert better is None
     assert not found.any()

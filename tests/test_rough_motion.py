@@ -26,10 +26,10 @@ from tactilenlp.tracking.tracks import filter_of
 @pytest.fixture(scope="module")
 def request_of_one_action(recorded):
     data, scene, _ = recorded
-    data, options = data.select([0]), Options()
-    given = data, scene, shape_of("cuboid"), options, time.monotonic()
+    data = data.select([0])
+    given = data, scene, shape_of("cuboid"), Options(), time.monotonic()
     job = make_job(*given, violation_implicit)
-    return Request(data, job, violation_implicit, options)
+    return Request(data, job)
 
 
 def predicted(job):

@@ -46,11 +46,11 @@ def job_of(page, shape, name, actions, **scene):
     return make_job(data, known, shape, Options(), time.monotonic(), page)
 
 
-def problem_of(job, page):
-    """Return the page's problem at a body that lies still."""
+def problem_of(job):
+    """Return the problem of the job's page at a body that lies still."""
     theta = CUBE.ravel() if job.shape.name == "polytope" else np.full(3, 0.04)
     x = np.zeros((3 if job.reductions.planar else 6, job.data.samples))
-    return problem_at(job, page, Hypothesis(theta, x, np.inf, ()))[0]
+    return problem_at(job, Hypothesis(theta, x, np.inf, ()))[0]
 
 
 @pytest.mark.slow
@@ -65,7 +65,7 @@ def test_a_term_is_the_same_function_whatever_else_its_window_holds(
     made = replace(few.reductions, planar=not free)
     few = replace(few, reductions=replace(made, still=False, far=False, absent=False))
     more = replace(more, reductions=made)
-    one, other = (problem_of(job, page).term_functions for job in (few, more))
+    one, other = (problem_of(job).term_functions for job in (few, more))
     common = one.keys() & other.keys()
     assert len(common) >= 4
     for key in common:
@@ -74,19 +74,18 @@ def test_a_term_is_the_same_function_whatever_else_its_window_holds(
 
 def test_problems_of_one_job_share_term_functions_but_not_those_of_another_motion():
     job = job_of(violation_implicit, CUBOID, "cuboid", 1)
-    first, again = (problem_of(job, violation_implicit) for _ in range(2))
+    first, again = (problem_of(job) for _ in range(2))
     assert first.term_functions
     assert first.term_functions is again.term_functions
     free = replace(job, reductions=replace(job.reductions, planar=False))
-    assert (
-        problem_of(free, violation_implicit).term_functions is not first.term_functions
-    )
-    assert problem_of(job, quasi_static).term_functions is not first.term_functions
+    assert problem_of(free).term_functions is not first.term_functions
+    other = problem_of(replace(job, page=quasi_static))
+    assert other.term_functions is not first.term_functions
 
 
 def test_a_page_that_does_not_say_so_shares_nothing():
     job = job_of(shooting, CUBOID, "cuboid", 1)
-    first, again = (problem_of(job, shooting) for _ in range(2))
+    first, again = (problem_of(job) for _ in range(2))
     assert first.term_functions is not again.term_functions
     assert not job.functions
 
@@ -94,16 +93,16 @@ def test_a_page_that_does_not_say_so_shares_nothing():
 def test_an_estimate_leaves_its_term_functions_to_who_goes_on_from_it():
     session = Session()
     job = job_of(quasi_static, CUBOID, "cuboid", 1)
-    functions = problem_of(job, quasi_static).term_functions
+    functions = problem_of(job).term_functions
     origin = Hypothesis(np.full(3, 0.04), np.zeros((3, 1)), 0.0, ())
     start = SimpleNamespace(origin=origin)
-    session.keep(start, job, quasi_static)
+    session.keep(start, job)
 
     def known(start, scene):
         return session.functions_for(start, scene, CUBOID, quasi_static)
 
     more = replace(job, functions=known(start, job.scene))
-    assert problem_of(more, quasi_static).term_functions is functions
+    assert problem_of(more).term_functions is functions
     assert not known(start, replace(job.scene, mass=7.0))
     assert not known(SimpleNamespace(origin=replace(origin)), job.scene)
     assert not known(None, job.scene)
@@ -116,7 +115,7 @@ def test_a_session_forgets_an_estimate_that_is_gone():
     start = SimpleNamespace(
         origin=Hypothesis(np.full(3, 0.04), np.zeros((3, 1)), 0.0, ())
     )
-    session.keep(start, job, quasi_static)
+    session.keep(start, job)
     functions = weakref.ref(job.functions)
     del start, job
     gc.collect()
@@ -125,7 +124,7 @@ def test_a_session_forgets_an_estimate_that_is_gone():
 
 def test_term_functions_stay_in_their_process():
     job = job_of(quasi_static, CUBOID, "cuboid", 1)
-    problem_of(job, quasi_static)
+    problem_of(job)
     assert job.functions
     again = pickle.loads(pickle.dumps(job.functions))
     assert again == {}

@@ -11,7 +11,7 @@ from tactilenlp import Options, solve_estimate
 from tactilenlp.interface.request import make_job
 from tactilenlp.problem import static_friction
 from tactilenlp.refinement.certification import certified
-from tactilenlp.search.local_solve import settings_of, solved_from, warm_started
+from tactilenlp.search.local_solve import solved_from, warm_started
 
 
 def test_every_reduction_can_be_switched_off_alone(recorded):
@@ -22,14 +22,12 @@ def test_every_reduction_can_be_switched_off_alone(recorded):
     def job(options):
         return make_job(data, scene, CUBOID, options, time.monotonic(), page)
 
-    solved = solved_from(job(Options()), page, h, Options())
-    reduced = certified(job(Options()), page, solved, Options()).solution
+    solved = solved_from(job(Options()), h)
+    reduced = certified(job(Options()), solved).solution
     for name in ("still", "far", "absent"):
-        options = Options(reduce=[name])
-        given = job(options), page
+        fewer = job(Options(reduce=[name]))
         # From the same optimum: from afar, solves end a fifth of a nat apart.
-        again = warm_started(*given, solved, settings_of(job(options), options), 1e-5)
-        full = certified(*given, again, options)
+        full = certified(fewer, warm_started(fewer, solved))
         assert full.solution.success
         assert all(s.name != name for s in full.skipped)
         # an exact reduction keeps the optimum; a still span adds poses whose links

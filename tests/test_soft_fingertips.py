@@ -153,11 +153,11 @@ def test_compliance_is_held_at_its_guess_before_it_is_free(touched):
     data, scene, _ = touched
     job = make_job(data, scene, CUBOID, Options(), 0.0, violation_implicit)
     soft = replace(job, reductions=replace(job.reductions, rigid=False))
-    *held, last = levels_of(soft, violation_implicit)
+    *held, last = levels_of(soft)
     assert held
     assert all(NAME in level.fixed for level in held)
     assert not last.fixed
-    assert not any(NAME in k.fixed for k in levels_of(job, violation_implicit))
+    assert not any(NAME in k.fixed for k in levels_of(job))
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """A ground that leans against the frame in which it is told to be level."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -104,9 +105,9 @@ def test_without_excess_the_ground_is_not_turned(monkeypatch):
     class Solved:
         solution = Solution()
 
-    job = type("Job", (), {"scene": Scene()})()
-    page = type("Page", (), {"FREED": ("level",)})
+    page = SimpleNamespace(freed=("level",))
+    job = SimpleNamespace(scene=Scene(), contract=page)
     where = "tactilenlp.refinement.ground_tilt.excess_of"
     monkeypatch.setattr(where, lambda job, solved: (1.0, 3.0))
     kept = [Solved()]
-    assert with_ground_tilt(job, page, kept, None) == (job, kept)
+    assert with_ground_tilt(job, kept) == (job, kept)

@@ -36,7 +36,7 @@ from study import add_executor, executor_of, mapped, write_csv
 from formulations import polytope_violation_implicit, violation_implicit
 from formulations.polytope import polytope
 from formulations.shape import CUBOID, Shape
-from tactilenlp import Ground, Measurements, Scene, SolverOptions, solve_estimate
+from tactilenlp import Ground, Measurements, Options, Scene, solve_estimate
 from tactilenlp.common.deadline import Deadline
 from tactilenlp.data.sensor_noise import precision_of, smoothed
 from tactilenlp.geometry.tipping import planar_to_free
@@ -46,7 +46,6 @@ from tactilenlp.search.local_solve import (
     Solved,
     freed_to_tilt,
     problem_at,
-    settings_of,
     solved_from,
     warm_started,
 )
@@ -63,8 +62,7 @@ SHAPES = {"cuboid": CUBOID, "polytope": polytope()}
 EXACT = ("still", "far", "absent")
 REACH = 1.0  # [m] over a ground out of reach
 LONGEST = 600.0  # [s] of one problem
-TO_THE_END = SolverOptions(ipopt={"acceptable_iter": 0})  # however slowly it creeps
-NEAR = 1e-5  # IPOPT's first mu from an optimum
+TO_THE_END = Options(ipopt={"acceptable_iter": 0})  # however slowly it creeps
 
 
 @dataclass(frozen=True)
@@ -87,7 +85,8 @@ class Way:
         precision = precision_of(self.data, self.scene)
         return Job(
             smoothed(self.data, precision), self.scene, self.shape, precision,
-            Reductions.of(self.off), Deadline.within(LONGEST), TermFunctions(),
+            Reductions.of(self.off), self.page, Options(), Deadline.within(LONGEST),
+            TermFunctions(),
         )  # fmt: skip
 
 
@@ -166,21 +165,21 @@ def written(way, h) -> tuple[Job, Hypothesis, dict]:
     if not job.reductions.planar:
         x = planar_to_free(h.theta, h.x, way.shape) if len(h.x) == 3 else h.x
         h = replace(h, x=x + np.array([[0], [0], [way.up], [0], [0], [0]]))
-    problem, window, _ = problem_at(job, way.page, h)
+    problem, window, _ = problem_at(job, h)
     return job, h, {"window": window, "problem": problem, "solvers": {}}
 
 
 def begun(way, h) -> Solved:
     """Return a problem solved from a hypothesis."""
     job, h, made = written(way, h)
-    return solved_from(job, way.page, h, SolverOptions(), made)
+    return solved_from(job, h, made)
 
 
 def to_the_end(way, found) -> Solved:
     """Return a solve that went on to the end, with what `way` does not leave out."""
-    job = way.job()
+    job = replace(way.job(), options=TO_THE_END)
     on = freed_to_tilt if "planar" in way.off else warm_started
-    return on(job, way.page, found, settings_of(job, TO_THE_END), NEAR)
+    return on(job, found)
 
 
 def put_back(ways, h) -> dict[str, float]:

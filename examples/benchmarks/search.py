@@ -140,7 +140,7 @@ def solved_along(data, scene, theta, position, quaternion) -> float:
     yaw = np.unwrap(2 * np.arctan2(quaternion[:n, 3], quaternion[:n, 0]))
     x = np.vstack([position[:n, :2].T, yaw])
     start = Hypothesis(np.asarray(theta), x, 0.0, ("given",))
-    found = solved_from(request.job, request.page, start, Options()).solution
+    found = solved_from(request.job, start).solution
     return found.objective if found.success else np.inf
 
 

@@ -62,7 +62,7 @@ def optima_of_dense(request: Request, rows, so_far: SoFar) -> Optima:
 
     Profile likelihoods, and the models that were declined, are those of the lower rate.
     """
-    page, options, data = request.page, request.options, request.job.data
+    data = request.job.data
     part = SoFar([at_coarse_rows(h, rows) for h in so_far.kept])
     try:
         coarse = optima_of(coarse_request(request, rows), part)
@@ -79,7 +79,7 @@ def optima_of_dense(request: Request, rows, so_far: SoFar) -> Optima:
     starts = distinct(dense.job.shape, starts, request.widths[1], LEAST_MOTION_BEHIND)
     job, solved = dense.job_until(REFINEMENT_END), so_far.solved
     with job.deadline.ending("other solves of the page"):
-        multistart(job, page, starts, options, page.LEVELS, solved=solved)
+        multistart(job, starts, job.page.LEVELS, solved=solved)
     job = dense.job_until(CERTIFICATES_END)
     solved = best_first(solved)
     if not solved:
@@ -96,13 +96,16 @@ def coarse_request(request: Request, rows) -> Request:
     An earlier estimate is no `start`, since its objective is of all samples; its
     hypotheses are carried on.
     """
-    limit, deadline = request.options.time_limit, request.job.deadline
+    limit, deadline = request.job.options.time_limit, request.job.deadline
     early = deadline.until(deadline.at - (1 - TIME_SHARE) * limit, deadline.strict)
-    job = replace(request.job, data=_at_rows(request.job.data, rows), deadline=early)
-    options = replace(request.options, time_limit=TIME_SHARE * limit)
+    options = replace(request.job.options, time_limit=TIME_SHARE * limit)
+    job = replace(
+        request.job, data=_at_rows(request.job.data, rows), deadline=early,
+        options=options,
+    )  # fmt: skip
     start = None if isinstance(request.start, Estimate) else request.start
     data = _at_rows(request.data, rows)
-    return replace(request, data=data, job=job, options=options, start=start)
+    return replace(request, data=data, job=job, start=start)
 
 
 def dense_request(request: Request, coarse: Job) -> Request:
@@ -133,7 +136,7 @@ def at_coarse_rows(h: Hypothesis, rows) -> Hypothesis:
     return replace(h, x=h.x[:, rows[rows < h.x.shape[1]]])
 
 
-def _certified(coarse: Solved, job, page, solved, options) -> Solved:
+def _certified(coarse: Solved, job, solved) -> Solved:
     """Return a solve at all samples with its certificates.
 
     Rest is certified at the lower rate: at the full one, what the balance of the first
@@ -142,7 +145,7 @@ def _certified(coarse: Solved, job, page, solved, options) -> Solved:
     if job.deadline.passed("certificates"):
         return replace(solved, certificates=Certificates(()))
     still = [s for s in coarse.certificates.skipped if s.name == "still"]
-    return replace(solved, certificates=certify(job, page, solved, *still))
+    return replace(solved, certificates=certify(job, solved, *still))
 
 
 def _at_rows(data: Measurements, rows) -> Measurements:

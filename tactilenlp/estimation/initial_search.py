@@ -61,7 +61,7 @@ def _search_sizes(request: Request, job, _, kept) -> list[Hypothesis]:
     """
     start, starts = request.start, request.widths[1]
     job = replace(job, first=first_guess(start, job.shape))
-    if isinstance(start, Estimate) and start.formulation != name_of(request.page):
+    if isinstance(start, Estimate) and start.formulation != name_of(request.job.page):
         kept[:] = []
     frame = ContactFrame.of(job, kept)
     found = [frame.into(h) for h in kept]

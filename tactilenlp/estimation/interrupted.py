@@ -44,19 +44,19 @@ def not_solved(request: Request, starts, spent: float) -> tuple[Estimate, Solved
     that starts from it searches all actions again.  spent [s] of CPU time.
     """
     now = request.job.deadline.until(0.0)
-    job, page = replace(request.job, deadline=now), request.page
-    job.deadline.omit(f"a solve of {name_of(page)}")
+    job = replace(request.job, deadline=now)
+    job.deadline.omit(f"a solve of {name_of(job.page)}")
     if job.scene.ground is not None:
-        page = page_of("quasi_static", job.shape)
+        job = replace(job, page=page_of("quasi_static", job.shape))
     best = in_motion_of(job, min(starts, key=lambda h: h.rank))
     window, shape = window_of(job, (best.theta, best.x))
     problem = Problem(cache=TermFunctionCache(derive=False))
-    page.build(problem, window, job.scene, shape)
+    job.page.build(problem, window, job.scene, shape)
     values = start_values(problem, window, best)
-    solution = evaluated(problem, values, page.LEVELS[-1].parameters)
+    solution = evaluated(problem, values, job.page.LEVELS[-1].parameters)
     solved = Solved(best, problem, window, solution, job)
     seconds = solution.seconds | {"search": spent, "total": spent}
-    request, over = replace(request, page=page), replace(now, strict=True)
+    request, over = replace(request, job=job), replace(now, strict=True)
     return read_off(request, solved, (), seconds, over), solved
 
 
@@ -71,14 +71,15 @@ def interrupted(request: Request, so_far: SoFar) -> Interrupted:
     data, job = request.data, request.job
     whole, solved = data.actions, min(so_far.solved, key=lambda s: s.rank, default=None)
     if solved is None and so_far.kept and job.scene.ground is not None:
-        page = page_of("quasi_static", job.shape)
         best = min(so_far.kept, key=lambda h: h.rank)
         done, deadline = best.x.shape[1], Deadline.within(SHUTDOWN_TIME)
         data = samples_until(data, done)
-        job = replace(job, data=samples_until(job.data, done), deadline=deadline)
-        levels = page.LEVELS[-1:]
-        solved = solved_from(job, page, best, request.options, levels=levels)
-        request = replace(request, data=data, job=job, page=page)
+        job = replace(
+            job, data=samples_until(job.data, done), deadline=deadline,
+            page=page_of("quasi_static", job.shape),
+        )  # fmt: skip
+        solved = solved_from(job, best, levels=job.page.LEVELS[-1:])
+        request = replace(request, data=data, job=job)
     if solved is None:
         return Interrupted("stopped by Ctrl-C before anything was found")
     kept = [solved.at] if job.shape.hypotheses == 1 else so_far.kept

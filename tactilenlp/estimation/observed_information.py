@@ -21,6 +21,7 @@ import numpy as np
 from formulations.names import TOUCH_TERM
 
 from ..common.brief import printed
+from ..common.deadline import NEVER
 from ..common.threads import on_one_thread
 from ..common.validation import check_types
 from ..data.scene import Scene
@@ -37,13 +38,13 @@ from ..information.measurement_noise import (
 from ..information.sensitivity import ASSUMPTION_STEP, difference, kkt_residual
 from ..information.tangent_space import tangent_space_of
 from ..interface.options import Options, Session
-from ..interface.readout import problem_builder
 from ..interface.request import read_request
 from ..interface.result import Estimate, solution_of
 from ..nlp.kkt_sensitivity import KKTSystem, kkt_system_of
 from ..nlp.problem import Problem
 from ..problem.pages import page_of, shape_of
-from ..problem.reductions import Reductions, reduce
+from ..problem.reductions import Reductions
+from ..search.hypothesis import Job, TermFunctions
 from ..search.local_solve import problem_at
 from ..solvers.solution import Solution
 
@@ -224,7 +225,7 @@ def problem_of(
     request, _ = read_request(
         data, scene, shape, formulation, options, None, None, Session()
     )
-    job, page = request.job, request.page
+    job = request.job
     if at is not None:
         if at.measurements != data or at.shape != job.shape.name:
             raise OptionError(
@@ -233,13 +234,13 @@ def problem_of(
                 expected=f"{job.shape.name}, {data!r}",
             )  # fmt: skip
         solved = replace(job, reductions=Reductions(**at.reductions), cuts=at.cuts)
-        return problem_at(solved, page, at.origin)[0]
+        return problem_at(solved, at.origin)[0]
     if job.shape.window_depends_on_start:
         raise OptionError(
             "its problem depends on where it is solved from", where="at",
             got=job.shape.name, expected="an Estimate of these measurements",
         )  # fmt: skip
-    return problem_at(job, page)[0]
+    return problem_at(job)[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,23 +264,22 @@ def programme_at(estimate) -> Programme:
             where="estimate", got=estimate.shape, expected="a cuboid",
             next='ask for kind="exact", which every estimate carries',
         )  # fmt: skip
-    page = page_of(estimate.formulation, shape)
     precision, ground = Precision(**estimate.precision), scene.ground
     data, R_wg = estimate.measurements, np.eye(3)
     if ground is not None:
         data = data.transformed(ground.rotation, ground.translation)
         R_wg = ground.rotation.T
-    data, h = smoothed(data, precision), estimate.origin
-    window = reduce(
-        data, scene, shape, precision, Reductions(**estimate.reductions),
-        guess=(h.theta, h.x), cuts=estimate.cuts,
+    job = Job(
+        data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
+        reductions=Reductions(**estimate.reductions), cuts=estimate.cuts,
+        page=page_of(estimate.formulation, shape), options=Options(),
+        deadline=NEVER, functions=TermFunctions(),
     )  # fmt: skip
-    build = problem_builder(page, shape, scene)
-    problem = build(window)
+    problem, window, _ = problem_at(job, estimate.origin)
     _check_same_unknowns(problem, estimate)
     solution = solution_of(estimate)
     tangent = tangent_space_of(problem, solution, window, shape, R_wg)
-    sensed = Sensed(data, precision, build, scene)
+    sensed = Sensed(job.data, precision, job.build, scene)
     return Programme(problem, solution, window, shape, tangent, sensed)
 
 

@@ -95,7 +95,7 @@ def optima_of(request: Request, so_far: SoFar, update: Solved | None = None) -> 
             if other.rank < best.rank:
                 best, job, solved, kept = other, second_job, found, second_kept
     with job.deadline.ending("profile likelihoods"):
-        best = with_profiles(request.page, best, request.options)
+        best = with_profiles(best)
     return Optima(job, best, solved, kept, starts, seconds)
 
 
@@ -104,24 +104,23 @@ def _solved_page(request, starts, so_far, update) -> tuple[Job, list[Solved]]:
 
     No solves if the time limit came before the first one ended.
     """
-    page, options, start = request.page, request.options, request.start
-    job, solved = request.job_until(REFINEMENT_END), None
-    earlier = start if continues(start, page) else None
+    job, solved, start = request.job_until(REFINEMENT_END), None, request.start
+    earlier = start if continues(start, job) else None
 
     def freed(free, first, alone: bool) -> list[Solved]:
         """Solve a larger model from the optimum of the smaller, and from all starts."""
         first = replace(first, objective=starts[0].objective)  # of the search
         several = [first] if alone else [first, *starts]
-        found = refined(free, page, several, options, so_far.solved, earlier)
+        found = refined(free, several, so_far.solved, earlier)
         return [s for s in found if s.job is free]
 
     with job.deadline.ending("other solves of the page"):
-        solved = refined(job, page, starts, options, so_far.solved, earlier)
+        solved = refined(job, starts, so_far.solved, earlier)
         check_finite(solved[0].problem, solved[0].solution)
-        job, solved = with_ground_tilt(job, page, solved, options)
-        job, solved = with_nuisance_parameters(job, page, solved, options, freed)
-        job, solved = with_ground_for_turns(job, page, solved, options)
-        solved = repaired(job, page, solved, options, update)
+        job, solved = with_ground_tilt(job, solved)
+        job, solved = with_nuisance_parameters(job, solved, freed)
+        job, solved = with_ground_for_turns(job, solved)
+        solved = repaired(job, solved, update)
     if solved is None:
         solved = best_first(so_far.solved)
         job = solved[0].job if solved else job
@@ -131,17 +130,16 @@ def _solved_page(request, starts, so_far, update) -> tuple[Job, list[Solved]]:
 def certified_best(request, job, solved, check) -> tuple[Solved, list[Solved]]:
     """Return the most probable solve, its axes named, certified; and all solves.
 
-    check(job, page, solved, options): certifies a solve, or returns a better one.
+    check(job, solved): certifies a solve, or returns a better one.
     """
-    page, options = request.page, request.options
     solved = _with_deadline(solved, job.deadline)
     best, cut = solved[0], replace(job, cuts=solved[0].job.cuts)
     with job.deadline.ending("certificates"):
         best = _most_probable(job, solved)
-        named = with_named_axes(cut, page, best, options, request.axes)
+        named = with_named_axes(cut, best, request.axes)
         solved = [named if s is best else s for s in solved]
         best = named
-        best = check(cut, page, best, options)
+        best = check(cut, best)
     return best, solved
 
 

@@ -102,7 +102,7 @@ def estimate_of_class(
             estimate, best = _estimated(request, so_far)
     except KeyboardInterrupt as stop:
         raise interrupted(request, so_far) from stop
-    session.keep(estimate, request.job, request.page)
+    session.keep(estimate, request.job)
     if throw:
         raise_unless_good(estimate, best)
     return estimate
@@ -110,10 +110,9 @@ def estimate_of_class(
 
 def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
     """Return the estimate of a request, and the solved page that it was read from."""
-    page, options, start = request.page, request.options, request.start
     job, update, accepted = request.job_until(CERTIFICATES_END), None, False
     with job.deadline.ending("an incremental update"):
-        update, accepted = updated(job, page, start, options, certified)
+        update, accepted = updated(job, request.start, certified)
     if accepted:
         so_far.kept = [update.at]
         return _read(request, update, so_far, 0.0, [update]), update

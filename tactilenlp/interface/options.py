@@ -153,9 +153,9 @@ class Session:
         same = known == (scene.as_told, shape, page.build)
         return functions if same else TermFunctions()
 
-    def keep(self, estimate, job, page) -> None:
+    def keep(self, estimate, job) -> None:
         """Keep the term functions of a job for solves that start from its estimate."""
-        known = job.scene.as_told, job.shape, page.build
+        known = job.scene.as_told, job.shape, job.page.build
         self._by_origin[estimate.origin] = known, job.functions
 
 

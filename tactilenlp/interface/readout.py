@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from formulations.names import EXACT, FINGER_IMPULSE, GROUND_IMPULSE
 
-from ..common.deadline import NEVER, Deadline, OutOfTime
+from ..common.deadline import Deadline, OutOfTime
 from ..common.npz import versions
 from ..data.ground import world_to_ground
 from ..data.sensor_noise import variance_left
@@ -29,7 +29,6 @@ from ..information.polytope_information import (
     touched_polygons,
 )
 from ..information.tangent_space import tangent_space_of
-from ..nlp.problem import Problem
 from ..problem.pages import costs_without_rounding
 from ..problem.polytope_window import with_supports
 from ..problem.poses import poses
@@ -49,10 +48,9 @@ def read_off(
     the information, without which sigma is the prior's; modes: other local optima of
     the same page.
     """
-    job = replace(solved.job, deadline=request.job.deadline)
-    page, solution = request.page, solved.solution
+    job, solution = replace(solved.job, deadline=deadline), solved.solution
     read = {"sizes": read_box, "vertices": read_polytope}[job.shape.parameters]
-    body, information = read(job, page, solved, modes, deadline)
+    body, information = read(job, solved, modes)
     status = deadline.marked(solution.status)
     left = variance_left(job.data, job.precision)
     fit = fit_of(solved.problem, solution, solved.window, job.data, left)
@@ -62,8 +60,8 @@ def read_off(
         measurements=request.data,
         scene=job.scene,
         shape=job.shape.name,
-        formulation=name_of(page),
-        options=_plain(request.options),
+        formulation=name_of(job.page),
+        options=_plain(request.job.options),
         position=body.position,
         quaternion=body.quaternion,
         body_vertices=body.vertices,
@@ -114,31 +112,26 @@ class Body:
     faces: np.ndarray
 
 
-def read_box(
-    job, page, solved, modes=(), deadline: Deadline = NEVER
-) -> tuple[Body, Information]:
+def read_box(job, solved, modes=()) -> tuple[Body, Information]:
     """Return the body, and the information about it, of a shape with sizes."""
     problem, window, solution = solved.problem, solved.window, solved.solution
     shape, scene = job.shape, job.scene
     theta, x = solved.at.theta, solved.at.x
     faces = solved.touched
     R_wg = world_to_ground(scene.ground).T
-    build = problem_builder(page, shape, scene, job.term_functions_of, deadline)
     information = _in_time(
-        job, solved, R_wg, deadline,
+        job, solved, R_wg,
         lambda: information_of(
             problem, solution, window, shape, faces, R_wg,
-            Sensed(job.data, job.precision, build, scene),
-            [mode.optimum for mode in modes], solved.profile, deadline,
+            Sensed(job.data, job.precision, job.build, scene),
+            [mode.optimum for mode in modes], solved.profile, job.deadline,
         ),
     )  # fmt: skip
     where = poses(shape, window.motion, theta, x, scene.ground)
     return Body(*where, body_surface(shape, theta), faces), information
 
 
-def read_polytope(
-    job, page, solved, modes=(), deadline: Deadline = NEVER
-) -> tuple[Body, Information]:
+def read_polytope(job, solved, modes=()) -> tuple[Body, Information]:
     """Return the body, and the information about it, of a polytope.
 
     Its origin is the centroid, its axes are the world's at the last sample.
@@ -154,20 +147,17 @@ def read_polytope(
     shape = with_supports(
         job.shape, solved.hypothesis.theta.reshape(-1, 3)
     )  # as solved
-    build = problem_builder(page, shape, scene, job.term_functions_of, deadline)
-    sensed = Sensed(job.data, job.precision, build, scene)
-    given = problem, solution, window, shape, faces, R_wg, sensed, deadline
-    return body, _in_time(
-        job, solved, R_wg, deadline, lambda: polytope_information(*given)
-    )
+    sensed = Sensed(job.data, job.precision, replace(job, shape=shape).build, scene)
+    given = problem, solution, window, shape, faces, R_wg, sensed, job.deadline
+    return body, _in_time(job, solved, R_wg, lambda: polytope_information(*given))
 
 
-def _in_time(job, solved, R_wg, deadline, compute) -> Information:
-    """Return compute(), or the information of the prior if a deadline ended that."""
+def _in_time(job, solved, R_wg, compute) -> Information:
+    """Return compute(), or the information of the prior if the deadline ended that."""
     try:
         return compute()
     except OutOfTime:
-        deadline.omit("standard deviations")
+        job.deadline.omit("standard deviations")
         return prior_information(job, solved, R_wg)
 
 
@@ -191,22 +181,6 @@ def hull_poses(scene, x, middle) -> tuple[np.ndarray, Rotation]:
 def name_of(page) -> str:
     """Return the name of a page in an estimate."""
     return getattr(page, "__name__", "page").rpartition(".")[2]
-
-
-def problem_builder(page, shape, scene, term_functions_of=None, deadline=NEVER):
-    """Return build(window, scene): the page's problem of another window or scene.
-
-    term_functions_of(page, window): those to share for this shape and scene, if any.
-    """
-
-    def build(window, other=scene) -> Problem:
-        alike = term_functions_of is not None and other is scene
-        shared = term_functions_of(page, window) if alike else {}
-        problem = Problem(term_functions=shared, deadline=deadline)
-        page.build(problem, window, other, shape)
-        return problem
-
-    return build
 
 
 def exact_violations(problem, solution) -> dict[str, float]:

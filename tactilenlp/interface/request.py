@@ -5,7 +5,6 @@ from __future__ import annotations
 import pickle
 import time
 from dataclasses import dataclass, replace
-from types import ModuleType
 
 import numpy as np
 
@@ -38,15 +37,13 @@ class Request:
     """What a caller asks for, checked.
 
     data: the measurements as given; job: the same in the ground's frame and smoothed,
-    with scene, shape and reductions; page: a module with `build` and `LEVELS`; start:
-    an Estimate, a Guess or None; executor: of concurrent.futures, or None; axes: see
-    kept_axes, also where the start itself is given up.
+    with all that a solve needs; start: an Estimate, a Guess or None; executor: of
+    concurrent.futures, or None; axes: see kept_axes, also where the start itself is
+    given up.
     """
 
     data: Measurements
     job: Job
-    page: ModuleType
-    options: Options
     start: Estimate | Guess | None = None
     executor: object = None
     axes: tuple | None = None
@@ -56,7 +53,7 @@ class Request:
 
         Of time.monotonic(); the rest is the readout's, at most a third.
         """
-        limit = self.options.time_limit
+        limit = self.job.options.time_limit
         reserve = max(READOUT_TIME, min(READOUT_SHARE * limit, MOST_READOUT_TIME))
         whole = limit - min(reserve, limit / 3)
         return self.job.deadline.at - limit + share * whole
@@ -69,7 +66,7 @@ class Request:
     @property
     def widths(self) -> tuple[int, int]:
         """How many hypotheses are kept, and starts solved, after an action."""
-        return self.options.widths(precise(self.job.data, self.job.precision))
+        return self.job.options.widths(precise(self.job.data, self.job.precision))
 
 
 def read_request(
@@ -92,7 +89,7 @@ def read_request(
     job = make_job(data, scene, shape, options, began, page, functions)
     known = [] if start is None else carried_hypotheses(start, shape, scene, data)
     axes = kept_axes(start, job)
-    return Request(data, job, page, options, start, executor, axes), known
+    return Request(data, job, start, executor, axes), known
 
 
 def asked(scene, shape, formulation, options, executor) -> tuple:
@@ -125,7 +122,7 @@ def make_job(data, scene, shape, options, began, page, functions=None) -> Job:
         made = without(made, ["planar"])
     return Job(
         data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
-        reductions=required_reductions(page, made),
+        reductions=required_reductions(page, made), page=page, options=options,
         deadline=Deadline.within(options.time_limit, began),
         functions=TermFunctions() if functions is None else functions,
     )  # fmt: skip

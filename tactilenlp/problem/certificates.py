@@ -63,14 +63,14 @@ class Certificates:
         return tuple(s.name for s in self.skipped if not s.holds)
 
 
-def certify(job, page, solved, rested: Skipped | None = None) -> Certificates:
+def certify(job, solved, rested: Skipped | None = None) -> Certificates:
     """Return the reductions of a solved page, each with its certificate.
 
     rested: that of the still spans, where it is known.
     """
     made, found, cuts = job.reductions, [], ()
     if made.still or made.far or made.absent:
-        whole = unreduced(job, page, solved)
+        whole = unreduced(job, solved)
         found += [far(solved, whole)] * made.far + [absent(whole)] * made.absent
         if rested is not None:
             found.append(rested)

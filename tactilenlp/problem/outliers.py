@@ -77,8 +77,7 @@ def unexplained_by_action(job, solved) -> list[Evidence]:
     """
     window, values = with_ideal_fingertips(solved), solved.solution.values
     page = page_of("quasi_static", job.shape)
-    problem = job.new_problem(page, window)
-    page.build(problem, window, job.scene, job.shape)
+    problem = replace(job, page=page).build(window)
     known = {name: values[name] for name in problem.variables if name in values}
     scale = {
         "touch scale": np.hypot(GAP_ERROR, window.sigma_position),

@@ -48,14 +48,13 @@ class UnreducedProblem:
         return self.slope + held
 
 
-def unreduced(job, page, solved) -> UnreducedProblem:
+def unreduced(job, solved) -> UnreducedProblem:
     """Return a solved page without its reductions of samples, poses and impulses."""
     h, window, solution = solved.hypothesis, solved.window, solved.solution
     whole = replace(job.reductions, **dict.fromkeys(LEFT_OUT, False))
     more = replace(job, reductions=whole, cuts=())
     again, shape = window_of(more, (h.theta, h.x), solved.at.theta)
-    problem = job.new_problem(page, again)
-    page.build(problem, again, job.scene, shape)
+    problem = replace(job, shape=shape).build(again)
     values, _, multipliers = transferred_values(solved, again, problem)
     free = rows_of(samples_of(window.free), samples_of(again.free))
     unfelt = rows_of(samples_of(window.push), samples_of(again.push))

@@ -10,15 +10,11 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 
-from formulations.page_contract import contract_of
-
 from ..problem.certificates import Certificates, certify, without
 from ..problem.outliers import unexplained_by_action
 from ..problem.reductions import states_planar_motion
 from ..search.local_solve import (
-    RESTART_MU,
     Solved,
-    settings_of,
     solved_from,
     warm_started,
 )
@@ -33,37 +29,38 @@ MAX_RESTORED = 2  # solves with reductions restored
 MAX_TUMBLE_SOLVES = 3  # proposals of a tumble that are solved
 
 
-def checked(job, page, solved, options, executor=None) -> Solved:
+def checked(job, solved, executor=None) -> Solved:
     """Return a solved page with certificates, or what they ask for instead.
 
     An object that did not only slide is solved in free motion.
     """
-    best = certified(job, page, solved, options)
-    fell = "planar" in best.certificates.broken and not states_planar_motion(page)
-    rocked = with_tilt(best.job, page, best, options)
+    best = certified(job, solved)
+    fell = "planar" in best.certificates.broken and not states_planar_motion(job.page)
+    rocked = with_tilt(best.job, best)
     if rocked is not best:
-        _, (rocked, *_) = with_ground_tilt(rocked.job, page, [rocked], options)
+        _, (rocked, *_) = with_ground_tilt(rocked.job, [rocked])
     if fell and job.shape.is_box and not job.deadline.passed("a tumble"):
-        tumbled = _tumbled(job, page, best, options, executor)
+        tumbled = _tumbled(job, best, executor)
         if tumbled.rank < rocked.rank:
             return tumbled
     if rocked is not best:
-        best = certified(rocked.job, page, rocked, options)
+        best = certified(rocked.job, rocked)
     return best
 
 
-def with_profiles(page, best, options) -> Solved:
-    """Return a solve with profile likelihoods, if options.rivals asks for them.
+def with_profiles(best) -> Solved:
+    """Return a solve with profile likelihoods, if Options.rivals asks for them.
 
     Where one of its solves meets a better optimum, that one.
     """
     slid = best.solution.success and "planar" not in best.certificates.broken
-    if not (options.rivals and slid) or best.job.deadline.passed("profile likelihoods"):
+    asked = slid and best.job.options.rivals
+    if not asked or best.job.deadline.passed("profile likelihoods"):
         return best
-    return _profiled(best.job, page, best, options)
+    return _profiled(best.job, best)
 
 
-def certified(job, page, solved, options) -> Solved:
+def certified(job, solved) -> Solved:
     """Check what was dropped; restore what was needed and solve again.
 
     Rest intervals are first cut where the body would move, and dropped if that was not
@@ -71,7 +68,7 @@ def certified(job, page, solved, options) -> Solved:
     """
     if job.deadline.passed("certificates"):
         return replace(solved, certificates=Certificates(()))
-    found = certify(job, page, solved)
+    found = certify(job, solved)
     for _ in range(MAX_RESTORED):
         back = [name for name in found.broken if name != "planar"]
         if not back or job.deadline.passed("restored reductions"):
@@ -82,43 +79,40 @@ def certified(job, page, solved, options) -> Solved:
             job = replace(job, cuts=tuple(sorted(more)))
             back.remove("still")
         job = replace(job, reductions=without(job.reductions, back))
-        again = _solved_again(job, page, solved, options)
+        again = _solved_again(job, solved)
         if again.solution.objective > solved.solution.objective + RESTORED:
             break  # a worse optimum: the certificates state what does not hold
-        solved, found = again, certify(job, page, again)
+        solved, found = again, certify(job, again)
     return replace(solved, certificates=found)
 
 
-def _solved_again(job, page, solved, options) -> Solved:
+def _solved_again(job, solved) -> Solved:
     """Solve again with fewer reductions, from the solution and its multipliers."""
-    again = warm_started(job, page, solved, settings_of(job, options), RESTART_MU)
+    again = warm_started(job, solved)
     if again.solution.success:
         return again
-    return solved_from(job, page, solved.at, options)
+    return solved_from(job, solved.at)
 
 
-def _profiled(job, page, best, options) -> Solved:
+def _profiled(job, best) -> Solved:
     """Return the best with profile likelihoods, or a better optimum that they found."""
-    profile, better = profiled(job, page, best, options)
+    profile, better = profiled(job, best)
     if better is not None:
-        again = solved_from(job, page, better, options, levels=page.LEVELS[-1:])
-        again = certified(job, page, again, options)
+        again = solved_from(job, better, levels=job.page.LEVELS[-1:])
+        again = certified(job, again)
         if again.rank < best.rank:
             best = again
-            profile, _ = profiled(job, page, best, options)
+            profile, _ = profiled(job, best)
     return replace(best, profile=profile)
 
 
-def _tumbled(job, page, flat, options, executor) -> Solved:
+def _tumbled(job, flat, executor) -> Solved:
     """Solve proposals of a tumble in free motion; keep the best, or the flat one."""
     evidence = unexplained_by_action(job, flat)
-    found = recovered(job, evidence, *options.widths(precise=False), executor)
+    found = recovered(job, evidence, *job.options.widths(precise=False), executor)
     free = replace(job, reductions=without(job.reductions, ["planar"]))
-    levels = contract_of(page).from_guesses
-    solved = [
-        solved_from(free, page, h, options, levels=levels)
-        for h in found[:MAX_TUMBLE_SOLVES]
-    ]
+    levels = job.contract.from_guesses
+    solved = [solved_from(free, h, levels=levels) for h in found[:MAX_TUMBLE_SOLVES]]
     better = [
         s for s in solved
         if s.solution.success and s.solution.objective < flat.solution.objective
@@ -126,4 +120,4 @@ def _tumbled(job, page, flat, options, executor) -> Solved:
     if not better:
         return flat
     best = min(better, key=lambda s: s.solution.objective)
-    return replace(best, certificates=certify(free, page, best))
+    return replace(best, certificates=certify(free, best))

@@ -16,19 +16,15 @@ import numpy as np
 
 from formulations.finger_turn import NAME as TURN
 from formulations.finger_turn import TURN as PRIOR_TURN
-from formulations.page_contract import contract_of
 from formulations.sensing import heavy_tailed
 
 from ..information.mixture import occam_of
 from ..information.sensitivity import ground_tilt
-from ..interface.readout import problem_builder
 from ..nlp.kkt_sensitivity import kkt_system_of
 from ..search.local_solve import (
-    RESTART_MU,
     Solved,
     best_first,
     continued,
-    settings_of,
     warm_started,
 )
 from ..search.margins import CLOSE_OPTIMUM, LARGER_MODEL, UNCHANGED
@@ -38,19 +34,19 @@ log = logging.getLogger("tactilenlp")
 MAX_TILTS = 4  # Newton steps on the tilt of the ground
 
 
-def with_ground_tilt(job, page, solved, options) -> tuple:
+def with_ground_tilt(job, solved) -> tuple:
     """Return job and solves, best first, on the ground that the touches tell of.
 
     Solves that are not close to the best are left out where the ground is turned.
     """
     level = best = solved[0]
-    if not (ground_may_tilt(job, page) and best.solution.success):
+    if not (ground_may_tilt(job) and best.solution.success):
         return job, solved
     excess, spread = excess_of(job, best)
     needed = LARGER_MODEL + spread
     if excess < needed:
         return job, solved
-    best = _turned_by_steps(best, page, options, needed)
+    best = _turned_by_steps(best, needed)
     needed = needed if job.scene.ground.told is None else UNCHANGED
     if _cost(best) > _cost(level) - needed:
         return job, solved
@@ -58,13 +54,13 @@ def with_ground_tilt(job, page, solved, options) -> tuple:
     log.info("the ground leans by %s rad", ground.tilt.round(4))
     close = level.solution.objective + CLOSE_OPTIMUM
     others = [
-        _on_ground(ground, s, page, options) for s in solved[1:]
+        _on_ground(ground, s) for s in solved[1:]
         if s.solution.success and s.solution.objective < close
     ]  # fmt: skip
     return best.job, best_first([best, *others])
 
 
-def with_ground_for_turns(job, page, solved, options) -> tuple:
+def with_ground_for_turns(job, solved) -> tuple:
     """Return job and solves on a ground that leans, if that explains turned sensors.
 
     It turns the normals of all fingers alike, by fewer unknowns: it replaces their own
@@ -72,15 +68,15 @@ def with_ground_for_turns(job, page, solved, options) -> tuple:
     """
     best = solved[0]
     turned = TURN in best.solution.values and best.solution.success
-    if not (turned and ground_may_tilt(job, page)):
+    if not (turned and ground_may_tilt(job)):
         return job, solved
     ground = job.scene.ground.turned(_common_turn(best), _first_touched(best))
     aligned = replace(job, reductions=replace(job.reductions, aligned=True))
-    leans = continued(on_ground(aligned, ground), page, best, options)
+    leans = continued(on_ground(aligned, ground), best)
     if leans is None or not leans.solution.success:
         return job, solved
     leans = replace(leans, declined=best.declined)
-    leans = _turned_by_steps(leans, page, options, UNCHANGED)
+    leans = _turned_by_steps(leans, UNCHANGED)
     occam = occam_of(best.problem, best.solution, TURN)
     if _cost(leans) > _cost(best) + occam:
         return job, solved
@@ -105,40 +101,37 @@ def _common_turn(solved: Solved) -> np.ndarray:
     return np.linalg.lstsq(weight @ alike, weight @ w)[0]
 
 
-def _turned_by_steps(best: Solved, page, options, needed) -> Solved:
+def _turned_by_steps(best: Solved, needed) -> Solved:
     """Return a solve on the ground that Newton steps on its tilt lead to.
 
     needed [nats]: what the first step from the ground that was told must gain.
     """
     for _ in range(MAX_TILTS):
-        tilt, ground = _tilt_at(best, page), best.job.scene.ground
+        tilt, ground = _tilt_at(best), best.job.scene.ground
         if tilt.gain < (needed if ground.told is None else UNCHANGED):
             break
         if best.job.deadline.passed("a tilt of the ground"):
             break
         turned = ground.turned(tilt.mean, tilt.about)
-        again = _on_ground(turned, best, page, options)
+        again = _on_ground(turned, best)
         if not again.solution.success or _cost(again) > _cost(best) - UNCHANGED:
             break
         best = again
     return best
 
 
-def ground_may_tilt(job, page) -> bool:
+def ground_may_tilt(job) -> bool:
     """Tell whether the ground may lean, and a page be solved on another one."""
     scene = job.scene
     known = scene.ground is None or scene.sigma_tilt == 0
-    return not known and "level" in contract_of(page).freed
+    return not known and "level" in job.contract.freed
 
 
-def _tilt_at(solved: Solved, page):
+def _tilt_at(solved: Solved):
     """Return the GroundTilt at a solve, about where the body was touched first."""
     job, kkt = solved.job, kkt_system_of(solved.problem, solved.solution)
-    build = problem_builder(
-        page, job.shape, job.scene, job.term_functions_of, job.deadline
-    )
     given = solved.window, job.data, job.scene, _first_touched(solved)
-    return ground_tilt(kkt, build, *given)
+    return ground_tilt(kkt, job.build, *given)
 
 
 def _first_touched(solved: Solved):
@@ -148,11 +141,9 @@ def _first_touched(solved: Solved):
     return touch.p_wf[early, :3].mean(axis=0) * (1, 1, 0)
 
 
-def _on_ground(ground, solved: Solved, page, options) -> Solved:
+def _on_ground(ground, solved: Solved) -> Solved:
     """Solve a page again on another ground, from its solution."""
-    there = on_ground(solved.job, ground)
-    settings = settings_of(there, options)
-    again = warm_started(there, page, solved, settings, RESTART_MU)
+    again = warm_started(on_ground(solved.job, ground), solved)
     return replace(again, declined=solved.declined)
 
 

@@ -15,7 +15,6 @@ from scipy.optimize import nnls
 
 from formulations import polytope_extension as extension
 from formulations.names import TOUCH_TERM
-from formulations.page_contract import contract_of
 from formulations.rigid_body import ARM
 
 from ..geometry.transforms import is_planar, planar_matrix
@@ -35,7 +34,6 @@ from ..search.local_solve import (
     best_first,
     continued,
     problem_at,
-    settings_of,
     transferred,
     warm_started,
 )
@@ -53,21 +51,19 @@ JUMP_NOISE = 3.0  # [position noise] a jump beyond this is not measurement noise
 MIN_INFORMATION = 1.0  # [1 / m^2] about any direction
 
 
-def updated(job: Job, page, start, options, certified) -> tuple[Solved | None, bool]:
+def updated(job: Job, start, certified) -> tuple[Solved | None, bool]:
     """Return the page of all actions, solved from an estimate of all but the last one.
 
     And whether that is accepted: every touch is explained, nothing jumps, the objective
     rises by no more than an action usually adds, and no certificate, by certified(job,
-    page, solved, options), is broken that held before. Otherwise all actions are to be
-    solved again, and the better result kept. None where `start` is no such estimate.
+    solved), is broken that held before. Otherwise all actions are to be solved again,
+    and the better result kept. None where `start` is no such estimate.
     """
-    if not is_one_action_more(start, job, page):
+    if not is_one_action_more(start, job):
         return None, False
     job = replace(job, cuts=start.cuts)
-    past = past_solution(job, page, start)
-    found = joint(
-        job, page, past, new_action_alone(job, past, past_information(start)), options
-    )
+    past = past_solution(job, start)
+    found = joint(job, past, new_action_alone(job, past, past_information(start)))
     most = update_limit(start, new_actions=1)
 
     def good(found) -> bool:
@@ -75,9 +71,9 @@ def updated(job: Job, page, start, options, certified) -> tuple[Solved | None, b
         return cheap and found.solution.success and not implausible(found)
 
     if not good(found):
-        found = _better(found, continued(job, page, found, options))
+        found = _better(found, continued(job, found))
     if good(found):
-        found = certified(job, page, found, options)
+        found = certified(job, found)
         before = {s.name for s in start.skipped if not s.holds}
         if {*found.certificates.broken} <= before:
             return found, True
@@ -93,15 +89,15 @@ def update_limit(start, new_actions: int) -> float:
     return start.objective + UPDATE_COST + UPDATE_SHARE * usual * new_actions
 
 
-def repaired(job: Job, page, solved, options, update=None) -> list[Solved]:
+def repaired(job: Job, solved, update=None) -> list[Solved]:
     """Return solves, best first; the best is solved again where it is implausible.
 
     update: the result of a rejected update, which competes, if there is one.
     """
     best, *others = solved
-    if contract_of(page).extends and implausible(best):
+    if job.contract.extends and implausible(best):
         log.info("touches are not explained, or the body jumps: continuation")
-        best = _better(best, continued(job, page, best, options))
+        best = _better(best, continued(job, best))
     found = [best, *others]
     return found if update is None else best_first([*found, update])
 
@@ -111,26 +107,26 @@ def _better(solved: Solved, again: Solved | None) -> Solved:
     return solved if again is None else min(solved, again, key=lambda s: s.rank)
 
 
-def is_one_action_more(start, job: Job, page) -> bool:
+def is_one_action_more(start, job: Job) -> bool:
     """Tell whether a job is that of an estimate of this page and one action more."""
     if not isinstance(start, Estimate) or not start.success:
         return False
-    if not (contract_of(page).extends and job.reductions.planar):
+    if not (job.contract.extends and job.reductions.planar):
         return False  # in free motion all actions are solved again
     whole = start.measurements.samples == np.count_nonzero(
         job.data.action != job.data.action[-1]
     )
-    alike = start.shape == job.shape.name and start.formulation == name_of(page)
+    alike = start.shape == job.shape.name and start.formulation == name_of(job.page)
     alike = alike and start.theta.size == job.shape.theta
     alike = alike and {**start.reductions} == asdict(job.reductions)
     known = start.information is not None and np.isfinite(start.information.matrix)
     return whole and alike and bool(np.all(known))
 
 
-def past_solution(job: Job, page, start) -> Solved:
+def past_solution(job: Job, start) -> Solved:
     """Return the estimate as a solved page."""
     job = replace(job, data=job.data.select(np.unique(start.measurements.action)))
-    problem, window, built = problem_at(job, page, start.origin)
+    problem, window, built = problem_at(job, start.origin)
     seconds = {"build": built, "solve": 0.0}
     solution = solution_of(start)
     solution = replace(solution, iterations=0, evaluations=0, seconds=seconds)
@@ -216,7 +212,7 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
     return Solved(h, problem, window, solution, job)
 
 
-def joint(job: Job, page, past: Solved, new: Solved, options) -> Solved:
+def joint(job: Job, past: Solved, new: Solved) -> Solved:
     """Return the page of all actions, solved from the past and the new action."""
     h, turn = with_axes_of_ground(new.hypothesis)
 
@@ -236,8 +232,7 @@ def joint(job: Job, page, past: Solved, new: Solved, options) -> Solved:
             values[name][:, row >= 0] = last.solution.values[name][:, row[row >= 0]]
         return solution
 
-    settings = settings_of(job, options)
-    found = warm_started(job, page, past, settings, UPDATE_MU, h, start)
+    found = warm_started(job, past, UPDATE_MU, h, start)
     return replace(found, solution=after(new.solution, found.solution))
 
 

@@ -23,7 +23,6 @@ from formulations.centre_of_mass import NAME as CENTRE
 from formulations.finger_turn import NAME as TURN
 from formulations.indentation import NAME as COMPLIANCE
 from formulations.names import TOUCH_TERM
-from formulations.page_contract import contract_of
 
 from ..data.sensor_noise import variance_left
 from ..information.goodness_of_fit import NOTHING, misfits
@@ -32,12 +31,10 @@ from ..nlp.kkt import gradient
 from ..problem.certificates import Skipped
 from ..problem.reductions import required_reductions
 from ..search.local_solve import (
-    RESTART_MU,
     Solved,
     best_first,
     freed_to_tilt,
     problem_at,
-    settings_of,
     solved_from,
     transferred,
     warm_started,
@@ -93,30 +90,30 @@ def excess_of(job, solved: Solved) -> tuple[float, float]:
     return touches.excess, touches.spread
 
 
-def with_nuisance_parameters(job, page, solved, options, solve) -> tuple:
+def with_nuisance_parameters(job, solved, solve) -> tuple:
     """Return job and solves, best first; what NUISANCES names is free where data ask.
 
     solved: with all of it fixed, best first; solve(job, hypothesis, alone): the same of
     another job, from a hypothesis, and if not alone from all starts of the search.
     """
     for name, nuisance in NUISANCES.items():
-        if fixes(job, page, name) and solved[0].solution.success:
-            job, solved = _with(name, nuisance, job, page, solved, options, solve)
+        if fixes(job, name) and solved[0].solution.success:
+            job, solved = _with(name, nuisance, job, solved, solve)
     return job, solved
 
 
-def _with(name, nuisance, job, page, solved, options, solve) -> tuple:
+def _with(name, nuisance, job, solved, solve) -> tuple:
     """Return job and solves, one nuisance parameter free if the data ask for it."""
     best, *others = solved
     excess, spread = excess_of(job, best)
-    rough = bool(contract_of(page).rough)  # else a solve costs several seconds
+    rough = bool(job.contract.rough)  # else a solve costs several seconds
     if excess < (needed := (UNCHANGED if rough else LARGER_MODEL) + spread):
         return job, [declined(best, name, excess, needed, "at most "), *others]
     if job.deadline.passed(nuisance.dropped):
         return job, solved
     larger = replace(job, reductions=replace(job.reductions, **{name: False}))
     if nuisance.screened:
-        gain = gain_with_others_held(larger, page, best, nuisance.unknown)
+        gain = gain_with_others_held(larger, best, nuisance.unknown)
         if gain < needed:
             return job, [declined(best, name, gain, needed), *others]
     if nuisance.from_all_starts:
@@ -124,12 +121,11 @@ def _with(name, nuisance, job, page, solved, options, solve) -> tuple:
         promising = needed if rough else np.inf
         freed = _solved_from_starts(larger, best, solve, every, promising)
     else:
-        settings = settings_of(larger, options)
-        freed = [warm_started(larger, page, best, settings, FREED_MU)]
+        freed = [warm_started(larger, best, FREED_MU)]
     if not freed:
         return job, solved
     if nuisance.unknown == TURN and job.shape.is_box:
-        freed = _with_open_height(larger, page, freed, options)
+        freed = _with_open_height(larger, freed)
     gain, needed = _gain(best, freed[0]), max(spread, UNCHANGED)
     if gain > needed:
         needed += occam_of(freed[0].problem, freed[0].solution, nuisance.unknown)
@@ -151,7 +147,7 @@ def _solved_from_starts(larger, best: Solved, solve, every: bool, promising) -> 
     return freed
 
 
-def _with_open_height(job, page, freed, options) -> list[Solved]:
+def _with_open_height(job, freed) -> list[Solved]:
     """Return solves of a box, one more with a height above all touches of its sides.
 
     Turned normals may have looked like those of a rim, which tells the height.
@@ -164,24 +160,24 @@ def _with_open_height(job, page, freed, options) -> list[Solved]:
     s = best.solution
     known = replace(s, values=s.values | {"theta": theta[:, None]})
     known = replace(best, solution=known)
-    higher = warm_started(job, page, known, settings_of(job, options), FREED_MU)
+    higher = warm_started(job, known, FREED_MU)
     return best_first([*freed, higher])
 
 
-def gain_with_others_held(job, page, solved: Solved, unknown: str) -> float:
+def gain_with_others_held(job, solved: Solved, unknown: str) -> float:
     """Return by how many nats one more unknown alone lowers the objective.
 
     All others are held where they were found: a lower bound of what it may gain.  The
     largest gain by the deviations of any level counts: by the page's own ones, touches
     that are far off are outliers, which cost the same wherever they are.
     """
-    problem, window, _ = problem_at(job, page, solved.hypothesis)
+    problem, window, _ = problem_at(job, solved.hypothesis)
     x = problem.pack(transferred(solved, window, problem).values)
     variable = problem.variables[unknown]
     own = np.arange(problem.size)[variable.span]
     costs = [n for n in problem.costs if np.isin(problem.terms[n].unknowns, own).any()]
     scale, gains = np.tile(variable.scale, variable.columns), []
-    for level in (*contract_of(page).rough, page.LEVELS[-1]):
+    for level in (*job.contract.rough, job.page.LEVELS[-1]):
         data = problem.data(solved.solution.parameters | level.parameters)
 
         def cost(change, data=data):
@@ -195,20 +191,19 @@ def gain_with_others_held(job, page, solved: Solved, unknown: str) -> float:
     return float(max(gains))
 
 
-def with_tilt(job, page, best: Solved, options) -> Solved:
+def with_tilt(job, best: Solved) -> Solved:
     """Return the page in free motion where data ask for it, or the flat solve."""
-    if not (may_tilt(job, page) and best.solution.success):
+    if not (may_tilt(job) and best.solution.success):
         return best
     excess, spread = excess_of(job, best)
     needed = LARGER_MODEL + spread
     if excess < needed or job.deadline.passed("tilt"):
         return best
     free = replace(job, reductions=replace(job.reductions, planar=False))
-    if rough := contract_of(page).rough:  # touches taken for outliers pull again
-        tilted = solved_from(free, page, best.at, options, levels=rough)
+    if rough := job.contract.rough:  # touches taken for outliers pull again
+        tilted = solved_from(free, best.at, levels=rough)
     else:
-        settings = settings_of(free, options)
-        tilted = freed_to_tilt(free, page, best, settings, RESTART_MU)
+        tilted = freed_to_tilt(free, best)
     gain = _gain(best, tilted)
     if gain < needed:
         return best
@@ -216,21 +211,21 @@ def with_tilt(job, page, best: Solved, options) -> Solved:
     return replace(tilted, declined=best.declined)
 
 
-def fixes(job, page, name: str) -> bool:
+def fixes(job, name: str) -> bool:
     """Tell whether a nuisance parameter is fixed by assumption, and a page frees it."""
     unknown = {
         "rigid": job.scene.compliance is None,
         "central": job.scene.sigma_centre > 0,
         "aligned": True,
     }
-    freed = name in contract_of(page).freed
+    freed = name in job.contract.freed
     return unknown[name] and getattr(job.reductions, name) and freed
 
 
-def may_tilt(job, page) -> bool:
+def may_tilt(job) -> bool:
     """Tell whether a body slides flat by assumption, and a page can let it tilt."""
-    made = required_reductions(page, job.reductions).planar
-    return made and job.scene.ground is not None and "planar" in contract_of(page).freed
+    made = required_reductions(job.page, job.reductions).planar
+    return made and job.scene.ground is not None and "planar" in job.contract.freed
 
 
 def declined(solved: Solved, name, gain, needed, bound: str = "") -> Solved:

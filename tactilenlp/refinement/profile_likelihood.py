@@ -61,7 +61,7 @@ PROFILE_MU = 1e-1
 PROFILE_ITERATIONS = 300  # of one such solve: a height on a plateau took 222
 
 
-def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]:
+def profiled(job, solved) -> tuple[np.ndarray, Hypothesis | None]:
     """Return the deviations (k, k) of sizes and final pose by profile likelihood.
 
     Row i: a deviation of a size that no touch determines, or of a position [m], and
@@ -81,7 +81,7 @@ def profiled(job, page, solved, options) -> tuple[np.ndarray, Hypothesis | None]
         axis: touched for axis, touched in enumerate(faces)
         if touched.min() < KNOWN_FACE or known[axis] >= faces_sigma(job, touched)
     }  # fmt: skip
-    elsewhere = partial(_constrained, job, page, solved, options, {}, chosen)
+    elsewhere = partial(_constrained, job, solved, {}, chosen)
     prior = prior_deviations(job.shape, solved.at.theta)
     asked, along = [*open_sizes], n + int(np.argmax(known[n : n + 2]))
     if known[along] < KNOWN_POSITION:
@@ -211,9 +211,7 @@ def _extrapolated_with_prior(step, price, cost, prior, target_rise) -> float:
     return float(deviations[rises <= target_rise].max(initial=0.0))
 
 
-def _constrained(
-    job, page, solved, options, shared, chosen, axis, direction, touched, step
-):
+def _constrained(job, solved, shared, chosen, axis, direction, touched, step):
     """Return the hypothesis of one of the chosen unknowns held `step` [m] off, or None.
 
     direction: the response of all unknowns to it by the Hessian; shared: keeps solvers.
@@ -230,9 +228,9 @@ def _constrained(
     if touched is not None:
         moved = resized(solved.at, axis, x[held], touched)
         values = solved.solution.values | start_values(problem, solved.window, moved)
-    level = replace(page.LEVELS[-1], fixed=(np.array([held]),))
+    level = replace(job.page.LEVELS[-1], fixed=(np.array([held]),))
     level = level.with_ipopt(mu_init=PROFILE_MU, max_iter=PROFILE_ITERATIONS)
-    settings = replace(settings_of(job, options), tolerance=RANKING_TOLERANCE)
+    settings = replace(settings_of(job), tolerance=RANKING_TOLERANCE)
     found = solve_levels(problem, (level,), values, settings, shared)
     cheap = found.objective < solved.solution.objective + PROFILE_RISE
     if max(found.violations.values(), default=0.0) > RANKING_TOLERANCE:

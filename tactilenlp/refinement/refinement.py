@@ -23,11 +23,9 @@ from ..problem.certificates import planar_certificate
 from ..problem.reductions import Reductions, required_reductions
 from ..search.hypothesis import distinct, naming, turned
 from ..search.local_solve import (
-    RESTART_MU,
     Solved,
     best_first,
     freed_to_tilt,
-    settings_of,
     solved_from,
     warm_started,
 )
@@ -45,76 +43,75 @@ log = logging.getLogger("tactilenlp")
 PROCESS_NOISE_FACTOR = 3.0  # [-] of the tracker's, in a second search
 
 
-def refined(job, page, kept, options, solved, start=None) -> list[Solved]:
+def refined(job, kept, solved, start=None) -> list[Solved]:
     """Return the page solved from hypotheses, best first.
 
     solved: a list to which the solves are added that there are when Ctrl-C or OutOfTime
     interrupts; start: an estimate of this page that this one continues.
     """
     sized = job.shape.parameters == "sizes"
-    required = required_reductions(page, Reductions())
+    required = required_reductions(job.page, Reductions())
     lying = job.scene.ground is not None and all(is_planar(h.x) for h in kept)
     lying = lying and not job.shape.rolls
     if lying and required.planar and not job.reductions.planar:
         flat, slid = replace(job, reductions=required), []
         try:
-            found = refined(flat, page, kept, options, slid, start)
-            found = repaired(flat, page, found, options)
+            found = refined(flat, kept, slid, start)
+            found = repaired(flat, found)
         except (KeyboardInterrupt, OutOfTime):
             solved += slid
             raise
         if not sized or planar_certificate(flat, found[0]).holds:
-            return _in_free_motion(job, page, found[: job.shape.hypotheses], options)
+            return _in_free_motion(job, found[: job.shape.hypotheses])
     start = start if sized else None
-    return _solved_promising(job, page, kept, options, solved, start)
+    return _solved_promising(job, kept, solved, start)
 
 
-def _in_free_motion(job, page, slid, options) -> list[Solved]:
+def _in_free_motion(job, slid) -> list[Solved]:
     """Return the page in free motion, from planar solves that are close to the best."""
-    ends, settings = [s.at for s in slid], settings_of(job, options)
+    ends = [s.at for s in slid]
     near = distinct(job.shape, ends, len(ends), CLOSE_OPTIMUM)
     slid = [s for s, end in zip(slid, ends, strict=True) if end in near]
-    return best_first(freed_to_tilt(job, page, s, settings, RESTART_MU) for s in slid)
+    return best_first(freed_to_tilt(job, s) for s in slid)
 
 
-def _solved_promising(job, page, kept, options, solved, start) -> list[Solved]:
+def _solved_promising(job, kept, solved, start) -> list[Solved]:
     """Return the page solved from the best hypotheses, best first.
 
     Where the first ones, which continue `start`, explain the new data, they are solved
     alone.  Of the same data, the solution of `start` competes.
     """
     limit = min(h.objective for h in kept) + LEAST_MOTION_BEHIND
-    levels = levels_of(job, page)
+    levels = levels_of(job)
     promising = [h for h in kept if h.objective <= limit]
     close = promising[0].objective + (np.inf if start is None else UNCHANGED)
     first = [h for h in promising if h.objective <= close]
-    again = [] if start is None else solved_again(job, page, start, options)
-    solved = multistart(job, page, first, options, levels, again, solved)
+    again = [] if start is None else solved_again(job, start)
+    solved = multistart(job, first, levels, again, solved)
     solved = best_first([*solved, *again])
     if len(first) < len(promising) and not still_explained(solved[0], start):
         rest = promising[len(first) :]
-        others = multistart(job, page, rest, options, levels, known=solved)
+        others = multistart(job, rest, levels, known=solved)
         solved = best_first([*solved, *others])
     good = [s for s in solved if s.solution.success]
     bound = min(h.objective for h in kept) + RAN_AWAY * job.data.actions
     lost = not good or good[0].solution.objective > bound
-    lost = lost and levels is not page.LEVELS
+    lost = lost and levels is not job.page.LEVELS
     if lost and not job.deadline.passed("the page's own levels"):
         # Slower: they hold poses first.
-        good = [*good, solved_from(job, page, solved[0].hypothesis, options)]
+        good = [*good, solved_from(job, solved[0].hypothesis)]
     return best_first(good or solved)
 
 
-def solved_again(job, page, start, options) -> list[Solved]:
+def solved_again(job, start) -> list[Solved]:
     """Return the page solved from the solution of `start`, if it is of all the data."""
     same_data = start.success and start.measurements.samples == job.data.samples
     if not same_data or {**start.reductions} != asdict(job.reductions):
         return []
-    known, settings = past_solution(job, page, start), settings_of(job, options)
-    return [warm_started(job, page, known, settings, RESTART_MU)]
+    return [warm_started(job, past_solution(job, start))]
 
 
-def with_named_axes(job, page, solved, options, like) -> Solved:
+def with_named_axes(job, solved, like) -> Solved:
     """Return a solve, or one of the same optimum with the axes of a box renamed.
 
     like: see `naming`.  A page that tells the axes apart, as by a prior of one side,
@@ -126,7 +123,7 @@ def with_named_axes(job, page, solved, options, like) -> Solved:
     if job.deadline.passed("the order of a box's axes"):
         return solved
     known = _renamed(job.shape, solved, order, S)
-    again = warm_started(job, page, known, settings_of(job, options), RESTART_MU)
+    again = warm_started(job, known)
     again = replace(again, declined=solved.declined)
     return again if again.rank <= solved.rank else solved
 
@@ -168,10 +165,10 @@ def still_explained(best, start) -> bool:
     return best.solution.success and not risen
 
 
-def continues(start, page) -> bool:
-    """Tell whether a start is an estimate of this page."""
+def continues(start, job) -> bool:
+    """Tell whether a start is an estimate of the page of a job."""
     good = isinstance(start, Estimate) and start.success
-    return good and start.formulation == name_of(page)
+    return good and start.formulation == name_of(job.page)
 
 
 def update_costs_too_much(request, best: Solved) -> bool:
@@ -180,7 +177,7 @@ def update_costs_too_much(request, best: Solved) -> bool:
     The posterior that it started from no longer contained the right trajectory.
     """
     start, job = request.start, request.job
-    if job.shape.parameters != "sizes" or not continues(start, request.page):
+    if job.shape.parameters != "sizes" or not continues(start, job):
         return False
     most = update_limit(start, job.data.actions - start.measurements.actions)
     return job.deadline.left > 0 and best.solution.objective > most

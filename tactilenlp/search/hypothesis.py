@@ -94,12 +94,15 @@ class TermFunctions(dict):
 class Job:
     """What a solve needs to know, picklable: measurements and how to read them.
 
-    data, scene, shape, precision, reductions; deadline: by which it is to end;
-    functions: the caller's store of term functions, filled by the solves; first: a
-    user's guesses (name, theta, x) of the first touch; cuts: samples within rest
-    intervals that need a pose of their own; process_noise: factor of the search's;
-    may_be_carried: whether the search considers that a body was, between two actions;
-    path: a Hypothesis of all samples that is solved instead of a search.
+    data, scene, shape, precision, reductions; page: a module with `build` and `LEVELS`;
+    options: the caller's; deadline: by which it is to end; functions: the caller's
+    store of term functions, filled by the solves; first: a user's guesses (name, theta,
+    x) of the first touch; cuts: samples within rest intervals that need a pose of their
+    own; process_noise: factor of the search's; may_be_carried: whether the search
+    considers that a body was, between two actions; path: a Hypothesis of all samples
+    that is solved instead of a search.
+
+    Pickled, it has no page: other processes search, and solve pages of their own.
     """
 
     data: object
@@ -107,6 +110,8 @@ class Job:
     shape: object
     precision: object
     reductions: object
+    page: object
+    options: object
     deadline: Deadline
     functions: TermFunctions
     first: tuple = ()
@@ -115,24 +120,35 @@ class Job:
     may_be_carried: bool = True
     path: Hypothesis | None = None
 
-    def term_functions_of(self, page, window) -> dict:
-        """Return the term functions that problems of a page share, if they are alike.
+    def __getstate__(self) -> dict:
+        return {**vars(self), "page": None}
+
+    @property
+    def contract(self):
+        """What the page states of itself."""
+        return contract_of(self.page)
+
+    def build(self, window, scene=None) -> Problem:
+        """Return the problem that the page poses of a window; scene: another one."""
+        other = scene is not None and scene is not self.scene
+        shared = {} if other else self._term_functions_of(window)
+        problem = Problem(term_functions=shared, deadline=self.deadline)
+        self.page.build(problem, window, scene if other else self.scene, self.shape)
+        return problem
+
+    def _term_functions_of(self, window) -> dict:
+        """Return the term functions that problems of the page share, if they are alike.
 
         They are where the functions of terms depend on page, shape, scene and motion,
         not on what else a window holds: a page states so by ALIKE.
         """
-        if not contract_of(page).alike:
+        if not self.contract.alike:
             return {}
         key = (
-            *(page, window.motion, window.frictionless),
+            *(self.page, window.motion, window.frictionless),
             *(window.compliant, window.central, window.aligned),
         )
         return self.functions.setdefault(key, {})
-
-    def new_problem(self, page, window) -> Problem:
-        """Return an empty problem for a page to fill, with the functions it shares."""
-        shared = self.term_functions_of(page, window)
-        return Problem(term_functions=shared, deadline=self.deadline)
 
 
 def distinct(

@@ -59,7 +59,7 @@ def least_motion(
 
 @on_one_thread
 def _solved(job: Job, tracks) -> list[Hypothesis]:
-    problem, window, _ = problem_at(job, quasi_static)
+    problem, window, _ = problem_at(replace(job, page=quasi_static))
     level = quasi_static.LEVELS[-1]
     level = replace(level, parameters=level.parameters | WEAK_MOTION)
     solvers = {}

@@ -15,7 +15,6 @@ from functools import cached_property
 import numpy as np
 
 from formulations.finger_offset import NAME as OFFSET
-from formulations.page_contract import contract_of
 from formulations.rigid_body import PLANAR
 
 from ..data.ground import world_to_ground
@@ -121,18 +120,17 @@ def comparable(best: Solved, solved) -> list[Solved]:
 # Problems of a page, where they start, how they are solved
 
 
-def problem_at(job: Job, page, hypothesis=None):
-    """Return problem and window of a page, and the seconds it took.
+def problem_at(job: Job, hypothesis=None):
+    """Return problem and window of a job's page, and the seconds it took.
 
     hypothesis: where it is solved from; the window of a polytope depends on it: which
     vertices a contact reads.
     """
     began = time.process_time()
-    made = required_reductions(page, job.reductions)
+    made = required_reductions(job.page, job.reductions)
     guess = None if hypothesis is None else (hypothesis.theta, hypothesis.x)
     window, shape = window_of(replace(job, reductions=made), guess)
-    problem = job.new_problem(page, window)
-    page.build(problem, window, job.scene, shape)
+    problem = replace(job, shape=shape).build(window)
     return problem, window, time.process_time() - began
 
 
@@ -147,11 +145,12 @@ def start_values(problem, window, h: Hypothesis) -> dict:
     return start
 
 
-def settings_of(job, options) -> SolverOptions:
+def settings_of(job) -> SolverOptions:
     """Return the solver's settings within the time that a job has left."""
     left = min(LEVEL_TIME, max(0.1, job.deadline.left))
-    ipopt = {**IPOPT_OPTIONS[job.shape.parameters], **options.ipopt}
-    return SolverOptions(options.tolerance, left, ipopt=ipopt, deadline=job.deadline)
+    ipopt = {**IPOPT_OPTIONS[job.shape.parameters], **job.options.ipopt}
+    tolerance = job.options.tolerance
+    return SolverOptions(tolerance, left, ipopt=ipopt, deadline=job.deadline)
 
 
 # Solves from a hypothesis
@@ -164,9 +163,7 @@ def in_motion_of(job, h: Hypothesis) -> Hypothesis:
     return replace(h, x=planar_to_free(h.theta, h.x, job.shape))
 
 
-def solved_from(
-    job, page, hypothesis, options, shared=None, levels=None, before=None
-) -> Solved:
+def solved_from(job, hypothesis, shared=None, levels=None, before=None) -> Solved:
     """Solve the page from one hypothesis; `shared` keeps problem and solvers.
 
     levels: by default those of the page; before: the solution of earlier levels from
@@ -175,17 +172,17 @@ def solved_from(
     shared = {} if shared is None else shared
     hypothesis = in_motion_of(job, hypothesis)
     if not shared:
-        problem, window, built = problem_at(job, page, hypothesis)
+        problem, window, built = problem_at(job, hypothesis)
         shared.update(window=window, problem=problem, solvers={}, built=built)
     window, problem = shared["window"], shared["problem"]
-    settings = settings_of(job, options)
+    settings = settings_of(job)
     start = start_values(problem, window, hypothesis) if before is None else before
-    first, *later = _between_rebuilds(levels or page.LEVELS)
+    first, *later = _between_rebuilds(levels or job.page.LEVELS)
     solution = solve_levels(problem, first, start, settings, shared["solvers"])
     solution = solution if before is None else after(before, solution)
     solution.seconds["build"] += shared.pop("built", 0.0)  # it was built once
     solved = Solved(hypothesis, problem, window, solution, job)
-    return _rebuilt_for(job, page, solved, later, options)
+    return _rebuilt_for(job, solved, later)
 
 
 # Warm starts: values and multipliers of an earlier solution
@@ -204,7 +201,7 @@ def transferred(known: Solved, window, problem) -> Solution:
 
 
 def warm_started(
-    job, page, known: Solved, settings, mu_init: float, hypothesis=None,
+    job, known: Solved, mu_init: float = RESTART_MU, hypothesis=None,
     start: Callable = transferred,
 ) -> Solved:  # fmt: skip
     """Solve the page's last level from an earlier solution and its multipliers.
@@ -214,14 +211,15 @@ def warm_started(
     start(known, window, problem): the Solution to start from.
     """
     hypothesis = known.hypothesis if hypothesis is None else hypothesis
-    problem, window, built = problem_at(job, page, hypothesis)
-    last = replace(page.LEVELS[-1], warm_start={"mu_init": mu_init})
-    solution = solve_levels(problem, (last,), start(known, window, problem), settings)
+    problem, window, built = problem_at(job, hypothesis)
+    last = replace(job.page.LEVELS[-1], warm_start={"mu_init": mu_init})
+    start = start(known, window, problem)
+    solution = solve_levels(problem, (last,), start, settings_of(job))
     solution.seconds["build"] += built
     return Solved(hypothesis, problem, window, solution, job)
 
 
-def freed_to_tilt(job, page, slid: Solved, settings, mu_init: float) -> Solved:
+def freed_to_tilt(job, slid: Solved) -> Solved:
     """Solve the page in free motion from its solution `slid` in planar motion."""
     s, at = slid.solution, slid.at
     x = planar_to_free(at.theta, s.values["x"], job.shape)
@@ -231,14 +229,14 @@ def freed_to_tilt(job, page, slid: Solved, settings, mu_init: float) -> Solved:
     )  # fmt: skip
     at = replace(at, x=planar_to_free(at.theta, at.x, job.shape))
     lying = replace(slid, hypothesis=at, solution=known)
-    found = warm_started(job, page, lying, settings, mu_init)
+    found = warm_started(job, lying)
     return replace(found, solution=after(s, found.solution))
 
 
 # Continuation: from an easier problem of the same page to the page itself
 
 
-def continued(job, page, solved: Solved, options) -> Solved | None:
+def continued(job, solved: Solved) -> Solved | None:
     """Solve again by continuation from where a solve ended; None if the page has none.
 
     A page with levels for guessed poses (`ROUGH`) starts from the last two of them:
@@ -248,11 +246,11 @@ def continued(job, page, solved: Solved, options) -> Solved | None:
     """
     if job.deadline.passed("continuation"):
         return None
-    if rough := contract_of(page).rough[-2:]:
-        return solved_from(job, page, solved.at, options, levels=rough)
-    if not contract_of(page).extends:
+    if rough := job.contract.rough[-2:]:
+        return solved_from(job, solved.at, levels=rough)
+    if not job.contract.extends:
         return None
-    return _rebuilt_for(job, page, solved, [[k] for k in page.LEVELS], options)
+    return _rebuilt_for(job, solved, [[k] for k in job.page.LEVELS])
 
 
 def _between_rebuilds(levels) -> list[list]:
@@ -265,26 +263,26 @@ def _between_rebuilds(levels) -> list[list]:
     return groups
 
 
-def _rebuilt_for(job, page, solved, groups, options) -> Solved:
+def _rebuilt_for(job, solved, groups) -> Solved:
     """Go on from a solve through groups of levels, the page rebuilt before each."""
     with job.deadline.ending("all levels of the page"):
         for levels in groups:
             if job.deadline.passed("all levels of the page"):
                 break
-            solved = _rebuilt(job, page, solved, levels, options)
+            solved = _rebuilt(job, solved, levels)
         else:
             return solved
     return replace(solved, solution=unfinished(solved.solution))
 
 
-def _rebuilt(job, page, solved, levels, options) -> Solved:
+def _rebuilt(job, solved, levels) -> Solved:
     """Go on from a solve through levels of the page, rebuilt where it ended."""
     h = with_vertices_on_hull(job.shape, solved.at)
-    problem, window, built = problem_at(job, page, h)
+    problem, window, built = problem_at(job, h)
     values, _, _ = transferred_values(solved, window, problem)
     kept = {name: v for name, v in values.items() if name not in RESTARTED}
     start = kept | start_values(problem, window, h)
-    solution = solve_levels(problem, levels, start, settings_of(job, options))
+    solution = solve_levels(problem, levels, start, settings_of(job))
     solution.seconds["build"] += built
     solution = after(solved.solution, solution)
     return Solved(h, problem, window, solution, job)

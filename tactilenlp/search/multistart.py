@@ -11,7 +11,6 @@ import logging
 from dataclasses import replace
 
 from formulations.indentation import NAME as COMPLIANCE
-from formulations.page_contract import contract_of
 
 from ..common.deadline import OutOfTime
 from ..common.interrupt import interruptible
@@ -43,7 +42,7 @@ def freed_levels(levels, final: bool):
     return [*first, *rest] if final or not first else first
 
 
-def levels_of(job, page):
+def levels_of(job):
     """Return the levels by which a page is solved from a search's hypothesis.
 
     From guesses that are far off, those of `ROUGH`, if the page has them: guesses of
@@ -53,7 +52,7 @@ def levels_of(job, page):
     `ROUGH` takes the last one alone: it is then solved from the optimum of ideal
     fingertips.
     """
-    contract = contract_of(page)
+    contract, page = job.contract, job.page
     unknown = not job.reductions.rigid and job.scene.compliance is None
     rough = contract.rough or page.LEVELS[-1:]
     if unknown and "rigid" in contract.freed:
@@ -68,7 +67,7 @@ def levels_of(job, page):
     return freed_levels(page.LEVELS, final=True) if planar else page.LEVELS
 
 
-def multistart(job, page, hypotheses, options, levels, known=(), solved=None) -> list:
+def multistart(job, hypotheses, levels, known=(), solved=None) -> list:
     """Return the page solved from hypotheses, the best first, each optimum once.
 
     levels: of the page, solved in two rounds, the last one by itself; known: earlier
@@ -79,14 +78,14 @@ def multistart(job, page, hypotheses, options, levels, known=(), solved=None) ->
     solved, rough = [] if solved is None else solved, []
     try:
         with interruptible():
-            _multistart(job, page, hypotheses, options, levels, known, solved, rough)
+            _multistart(job, hypotheses, levels, known, solved, rough)
     except (KeyboardInterrupt, OutOfTime):
         solved += [] if solved else rough
         raise
     return best_first(solved)
 
 
-def _multistart(job, page, hypotheses, options, levels, known, solved, rough) -> None:
+def _multistart(job, hypotheses, levels, known, solved, rough) -> None:
     """Fill `rough` with solves before the last level, `solved` with those after it."""
     shared, stages = {}, _stages(levels[:-1])
     stage_ends = [[] for _ in stages]
@@ -97,9 +96,9 @@ def _multistart(job, page, hypotheses, options, levels, known, solved, rough) ->
             break
         shared = {} if job.shape.window_depends_on_start else shared
         if separate:  # held or free poses do not come together before the last level
-            solved.append(solved_from(job, page, h, options, shared, levels))
+            solved.append(solved_from(job, h, shared, levels))
             continue
-        found, first = _solved_stages(job, page, h, options, shared, stages, stage_ends)
+        found, first = _solved_stages(job, h, shared, stages, stage_ends)
         if first is None:
             rough.append(found)
         elif first is min(rough, key=lambda s: s.at.rank).hypothesis:
@@ -113,8 +112,8 @@ def _multistart(job, page, hypotheses, options, levels, known, solved, rough) ->
             continue
         if _far_behind(s, [*known, *solved]):
             continue
-        given = s.hypothesis, options, shared, levels[-1:], s.solution
-        solved.append(replace(solved_from(job, page, *given), rough=s.at))
+        end = solved_from(job, s.hypothesis, shared, levels[-1:], s.solution)
+        solved.append(replace(end, rough=s.at))
         known_ends.append(s.at)
 
 
@@ -128,7 +127,7 @@ def _stages(levels) -> list[list]:
     return [stage for stage in stages if stage]
 
 
-def _solved_stages(job, page, h, options, shared, stages, stage_ends):
+def _solved_stages(job, h, shared, stages, stage_ends):
     """Solve the stages one after another; return the last solve, and None.
 
     Where a stage ends at the same body as an earlier start did at that stage, the rest
@@ -139,7 +138,7 @@ def _solved_stages(job, page, h, options, shared, stages, stage_ends):
     found = None
     for levels, ends in zip(stages, stage_ends, strict=True):
         before = None if found is None else found.solution
-        found = solved_from(job, page, h, options, shared, levels, before)
+        found = solved_from(job, h, shared, levels, before)
         if not found.solution.success:
             continue
         for start, end in ends:

@@ -147,8 +147,7 @@ def poses_of_new_action(job, faces: Faces) -> np.ndarray:
     window = reduce(job.data, job.scene, job.shape, job.precision, job.reductions)
     start, known = continued_faces(window, faces, job.data.samples), len(faces.b)
     window = of_new_action(planes_window(window, start), faces.x, known)
-    problem = job.new_problem(polytope_planes, window)
-    polytope_planes.build(problem, window, job.scene, job.shape)
+    problem = replace(job, page=polytope_planes).build(window)
     plane = problem.variables["plane"]
     held = plane.first + np.arange(plane.rows * known)
     levels = [replace(level, fixed=(held,)) for level in polytope_planes.LEVELS]
@@ -166,8 +165,7 @@ def solution_from(job, problem, window, faces: Faces, levels, time_limit: float)
 def solved_faces(job, window, faces: Faces, levels, time_limit: float) -> Faces:
     """Return the planes and poses that the page finds from `faces`."""
     window = planes_window(window, faces)
-    problem = job.new_problem(polytope_planes, window)
-    polytope_planes.build(problem, window, job.scene, job.shape)
+    problem = replace(job, page=polytope_planes).build(window)
     s = solution_from(job, problem, window, faces, levels, time_limit)
     m, b = s.values["plane"][:3].T, s.values["plane"][3]
     n = m / np.linalg.norm(m, axis=1, keepdims=True)

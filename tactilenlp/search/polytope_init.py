@@ -212,8 +212,7 @@ def bodies_from(job, faces: Faces) -> list[Hypothesis]:
 def polished(job, body: Hypothesis) -> Hypothesis:
     """Return the body with vertices and poses fitted to the measurements."""
     window, shape = window_of(job, (body.theta, body.x))
-    problem = job.new_problem(polytope_quasi_static, window)
-    polytope_quasi_static.build(problem, window, job.scene, shape)
+    problem = replace(job, page=polytope_quasi_static, shape=shape).build(window)
     options = SolverOptions(SEARCH_TOLERANCE, SEARCH_TIME, deadline=job.deadline)
     start = {"theta": body.theta.reshape(-1, 3).T, "x": body.x[:, window.last]}
     levels = [

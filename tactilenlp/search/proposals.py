@@ -73,7 +73,7 @@ def from_posterior(job: Job, kept):
     P (n + 3, n + 3): covariance of theta and last pose; along (T, 3, n + 3): slopes of
     the poses in these.  The job holds the data of the hypotheses' samples.
     """
-    problem, window, _ = problem_at(job, quasi_static)
+    problem, window, _ = problem_at(replace(job, page=quasi_static))
     data, scale, out = problem.data(WEAK_MOTION), problem.scale, []
     n, m = job.shape.theta, window.motion.unknowns
     theta, poses = (problem.variables[name].span for name in ("theta", "x"))
