@@ -18,7 +18,7 @@ from tactilenlp.problem.pages import costs_without_rounding
 from tactilenlp.refinement import incremental_polytope
 from tactilenlp.search.hypothesis import Hypothesis
 from tactilenlp.search.local_solve import Solved, best_first
-from tactilenlp.search.margins import UNTOUCHED_FACE
+from tactilenlp.search.margins import DECISIVE
 from tactilenlp.search.polytope_init import CLOSED
 
 OCTAHEDRON = RECORDINGS / "polytope.npz"
@@ -72,20 +72,12 @@ def test_a_touch_that_no_hull_explains_sends_the_whole_way(octahedron, early, ca
 
 @pytest.mark.slow
 def test_only_an_estimate_of_all_actions_but_one_is_extended(octahedron, early):
-    assert incremental_polytope.is_one_action_more(early, job_of(octahedron, 4), PAGE)
-    assert not incremental_polytope.is_one_action_more(
-        early, job_of(octahedron, 5), PAGE
-    )
-    assert not incremental_polytope.is_one_action_more(
-        early, job_of(octahedron, 3), PAGE
-    )
-    assert not incremental_polytope.is_one_action_more(
-        None, job_of(octahedron, 4), PAGE
-    )
+    assert incremental_polytope.is_one_action_more(early, job_of(octahedron, 4))
+    assert not incremental_polytope.is_one_action_more(early, job_of(octahedron, 5))
+    assert not incremental_polytope.is_one_action_more(early, job_of(octahedron, 3))
+    assert not incremental_polytope.is_one_action_more(None, job_of(octahedron, 4))
     failed = replace(early, success=False)
-    assert not incremental_polytope.is_one_action_more(
-        failed, job_of(octahedron, 4), PAGE
-    )
+    assert not incremental_polytope.is_one_action_more(failed, job_of(octahedron, 4))
 
 
 @pytest.mark.slow
@@ -166,13 +158,15 @@ def test_other_legs_carry_the_same_force_and_moment():
 
 
 @pytest.mark.parametrize(
-    ("gain", "kept"), [(UNTOUCHED_FACE - 1, CLOSED), (UNTOUCHED_FACE + 1, None)]
+    ("gain", "kept"), [(DECISIVE - 1, CLOSED), (DECISIVE + 1, None)]
 )
 def test_a_face_that_nothing_felt_must_be_worth_its_price(gain, kept):
+    job = SimpleNamespace(scene=Scene())
+
     def solved(objective, *path):
         hypothesis = Hypothesis(np.zeros(60), np.zeros((3, 2)), 0.0, ("planes", *path))
         solution = SimpleNamespace(success=True, objective=objective)
-        return Solved(hypothesis, None, None, solution, None)
+        return Solved(hypothesis, None, None, solution, job)
 
     best, _ = best_first([solved(5.0 - gain), solved(5.0, CLOSED)])
     assert (CLOSED in best.hypothesis.path) == (kept == CLOSED)

@@ -16,7 +16,7 @@ from tactilenlp.problem.pages import shape_of
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.refinement import refinement
 from tactilenlp.refinement.refinement import less_sure_of_pushes as more_noise
-from tactilenlp.search.margins import MOVED
+from tactilenlp.search.margins import DECISIVE
 from tactilenlp.search.multi_hypothesis import proposed_tracks
 from tactilenlp.search.proposals import spherical
 from tactilenlp.tracking.tracking import predicted_tracks
@@ -93,7 +93,7 @@ def test_what_fits_badly_is_searched_again_where_that_can_find_more(
     assert searched(replace(asked, start=touched), shape=polytope(20))
     verdict = "good"
     assert not searched(asked)
-    moved = 1.01 * MOVED  # nats of a motion between two actions
+    moved = 1.01 * DECISIVE  # nats of a motion between two actions
     assert searched(asked)
 
 

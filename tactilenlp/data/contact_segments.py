@@ -29,7 +29,7 @@ def samples_until(data: Measurements, samples: int) -> Measurements:
 
 def consecutive_contacts(data) -> np.ndarray:
     """Tell which fingers feel two consecutive samples of an action (T - 1, F)."""
-    felt = data.contact & data.valid
+    felt = data.contact
     return felt[1:] & felt[:-1] & (data.action[1:] == data.action[:-1])[:, None]
 
 
@@ -59,7 +59,7 @@ def without_outliers(data: Measurements, sigma: float) -> Measurements:
     that has a similar normal (noise sigma [rad]); a sample without contact is isolated
     between two touches.
     """
-    felt, n = data.contact & data.valid, data.normal
+    felt, n = data.contact, data.normal
     limit = np.cos(min(np.pi / 2, OUTLIER_ANGLE + NOISE_SIGMAS * sigma))
     backed = np.zeros_like(felt)
     for step in range(1, LARGEST_GAP + 1):

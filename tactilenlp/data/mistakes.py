@@ -92,7 +92,7 @@ def record_of(data: Measurements, scene: Scene) -> Record:
     precision = precision_of(data, scene)
     return Record(
         position=data.finger_position[rows], normal=data.normal[rows],
-        felt=(data.contact & data.valid)[rows], valid=data.valid[rows],
+        felt=data.contact[rows], valid=data.valid[rows],
         radius=data.finger_radius, action=data.action[rows], time=data.time[rows],
         sigma_position=precision.position, sigma_normal=precision.normal,
         up=np.array(scene.ground.normal), level=scene.ground.height,

@@ -47,7 +47,7 @@ def _position(data: Measurements) -> float:
 
 
 def _normal(data: Measurements) -> float:
-    n, c, action = data.normal, data.contact & data.valid, data.action
+    n, c, action = data.normal, data.contact, data.action
     if len(n) < 3:
         return 0.0
     run = c[2:] & c[1:-1] & c[:-2] & (action[2:] == action[:-2])[:, None]
@@ -103,7 +103,7 @@ def contact_latency(data: Measurements) -> np.ndarray:
     A boolean is a mean over some milliseconds, a position is that of an instant: a
     finger that feels nothing at the next sample may have parted before this one.
     """
-    p, felt = data.finger_position, data.contact & data.valid
+    p, felt = data.finger_position, data.contact
     goes_on = (data.action[1:] == data.action[:-1])[:, None]
     leaves = felt[:-1] & ~data.contact[1:] & data.valid[1:] & goes_on
     share = np.minimum(1.0, CONTACT_LATENCY / np.diff(data.time))[:, None]

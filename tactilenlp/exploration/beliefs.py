@@ -229,7 +229,7 @@ def of_soft_fingertips(sensors: np.ndarray, estimate) -> np.ndarray:
     if not compliance:
         return sensors
     data = estimate.measurements
-    felt = data.contact & data.valid
+    felt = data.contact
     push = [estimate.impulses[f"finger {f}"] for f in range(data.fingers)]
     normal = np.abs((np.stack(push, axis=1) * data.normal).sum(axis=2))
     depth = compliance * np.sqrt(np.mean(normal[felt] ** 2)) / data.dt

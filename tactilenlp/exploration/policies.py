@@ -113,7 +113,7 @@ def next_action(estimate, space, past, rng, settings):
 def why_lost(estimate) -> str:
     """Return in words why the next action should not aim at the estimate, or ""."""
     data = estimate.measurements
-    if not (data.contact & data.valid)[data.action == data.action[-1]].any():
+    if not data.contact[data.action == data.action[-1]].any():
         return "no contact in the last action"
     apart = (last_contact(data, estimate.position[-1]) - estimate.position[-1])[:2]
     if np.linalg.norm(apart) > np.linalg.norm(estimate.vertices, axis=1).max():
@@ -125,7 +125,7 @@ def why_lost(estimate) -> str:
 
 def last_contact(data: Measurements, otherwise: np.ndarray) -> np.ndarray:
     """Return a point (3,) [m] behind the last contact, or `otherwise` without any."""
-    t, f = np.nonzero(data.contact & data.valid)
+    t, f = np.nonzero(data.contact)
     if not len(t):
         return otherwise
     n = data.normal[t[-1], f[-1]]
@@ -160,7 +160,7 @@ def farthest_directions(plan: Plan) -> Callable:
     """
     data = plan.estimate.measurements
     seen = [a.directions[list(a.active)] for a in plan.past]
-    seen = np.concatenate(seen or [data.normal[data.contact & data.valid]])
+    seen = np.concatenate(seen or [data.normal[data.contact]])
 
     def nearest(action) -> float:
         return np.arccos(np.clip(action.directions @ seen.T, -1, 1)).min(axis=1).sum()

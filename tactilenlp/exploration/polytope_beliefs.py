@@ -146,7 +146,7 @@ def information_of_samples(estimate, shape, vertices, points) -> np.ndarray:
 def contact_points(estimate, vertices, points):
     """Return contact points [m] and normals, (n, 3) each, about the centroid."""
     data = estimate.measurements
-    centre = points[data.contact & data.valid]
+    centre = points[data.contact]
     point = nearest(hull_vertices(vertices), centre)
     n = centre - point
     n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)

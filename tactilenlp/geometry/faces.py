@@ -129,7 +129,7 @@ def touched_faces(data, quaternion, threshold) -> np.ndarray:
     threshold [-]: least cosine between measured and face normal.
     """
 
-    t, f = np.nonzero(data.contact & data.valid)
+    t, f = np.nonzero(data.contact)
     R = rotation_of(quaternion[t])
     n = R.inv().apply(data.normal[t, f])
     return np.stack([(n < -threshold).sum(axis=0), (n > threshold).sum(axis=0)], 1)

@@ -284,7 +284,7 @@ def lone_touches(touch) -> np.ndarray:
 
 def ways_at_ends(data) -> np.ndarray:
     """Return the way of a finger in a sample in which a touch begins or ends [m]."""
-    felt, valid = data.contact & data.valid, data.valid
+    felt, valid = data.contact, data.valid
     same = (data.action[1:] == data.action[:-1])[:, None]
     ends = (felt[1:] != felt[:-1]) & valid[1:] & valid[:-1] & same
     way = np.linalg.norm(np.diff(data.finger_position, axis=0), axis=2)

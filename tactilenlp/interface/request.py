@@ -193,7 +193,7 @@ def check_touched(data) -> None:
     """
     if consecutive_contacts(data).any():
         return
-    single = int((data.contact & data.valid).sum())
+    single = int(data.contact.sum())
     raise NoContactError(
         "nothing was touched",
         where="contact",

@@ -90,7 +90,7 @@ def _finger(estimate, f: int) -> dict:
     return {
         "position": _plain(estimate.seen_positions[:, f]),
         "radius": float(data.finger_radius[f]),
-        "contact": (data.contact & data.valid)[:, f].tolist(),
+        "contact": data.contact[:, f].tolist(),
         "valid": data.valid[:, f].tolist(),
         "impulse": _plain(estimate.impulses[f"finger {f}"]),
         "colour": FINGER_RGB[f % len(FINGER_RGB)],
@@ -125,7 +125,7 @@ def _faces(estimate) -> list[dict]:
 def _touches(estimate) -> list[dict]:
     """Return every contact: sample, finger, point and normal in the body frame."""
     data, centre, found = estimate.measurements, estimate.seen_positions, []
-    for t, f in np.argwhere(data.contact & data.valid):
+    for t, f in np.argwhere(data.contact):
         R_wo, n_w = estimate.rotation(t), data.normal[t, f]
         p_w = centre[t, f] - data.finger_radius[f] * n_w
         point, normal = R_wo.T @ (p_w - estimate.position[t]), R_wo.T @ n_w

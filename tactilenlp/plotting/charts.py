@@ -45,7 +45,7 @@ def plot_impulses(estimate: Estimate, axis=None) -> Figure:
         axis = figure.subplots(data.fingers, sharex=True)
     one = np.size(np.asarray(axis, dtype=object)) == 1
     axes = check_axes(axis, 1) * data.fingers if one else check_axes(axis, data.fingers)
-    shown = np.flatnonzero((data.contact & data.valid).any(axis=1))
+    shown = np.flatnonzero(data.contact.any(axis=1))
     starts = np.flatnonzero(np.diff(data.action[shown], prepend=-1))
     ticks = [f"{data.time[t]:.1f}\n{data.action[t]}" for t in shown[starts]]
     mu, at = _friction(estimate), np.arange(len(shown))
@@ -92,7 +92,7 @@ def plot_cones(estimate: Estimate, axis=None) -> Figure:
     """
     axis = axis or plt.figure(figsize=(4.2, 3.4)).subplots()
     data, mu, most = estimate.measurements, _friction(estimate), 1e-3
-    shown = np.flatnonzero((data.contact & data.valid).any(axis=1))
+    shown = np.flatnonzero(data.contact.any(axis=1))
     for finger in range(data.fingers):
         normal, tangential = _parts(estimate, finger, shown)
         pushes = normal > LOG_FLOOR * MM_PER_M

@@ -198,7 +198,7 @@ def carried_contacts(estimate, sample):
     """
     data, R_wo = estimate.measurements, rotation_of(estimate.quaternion)
     for finger, radius in enumerate(data.finger_radius):
-        t = np.flatnonzero(data.contact[:, finger] & data.valid[:, finger])
+        t = np.flatnonzero(data.contact[:, finger])
         carry, n_w = R_wo[sample] * R_wo[t].inv(), data.normal[t, finger]
         arms = estimate.seen_positions[t, finger] - radius * n_w - estimate.position[t]
         points = MM_PER_M * (carry.apply(arms) + estimate.position[sample])

@@ -65,7 +65,7 @@ def _moved(normals, away, by) -> np.ndarray:
 def _touched(estimate, normals) -> np.ndarray:
     """Tell which faces were touched or lie on the ground, (faces,) bool."""
     data, scene = estimate.measurements, estimate.scene
-    t, f = np.nonzero(data.contact & data.valid)
+    t, f = np.nonzero(data.contact)
     R_ow = rotation_of(estimate.quaternion[t]).inv()
     met = R_ow.apply(data.normal[t, f]) @ normals.T > FACE_COSINE
     # As many samples as make a face of a cuboid count as touched in its sigma.

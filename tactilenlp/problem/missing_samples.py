@@ -25,7 +25,7 @@ def possible_contact(data) -> np.ndarray:
     Samples that were not measured may have been contact where the last one before them,
     or the next one after them, was.
     """
-    felt, action = data.contact & data.valid, data.action[:, None]
+    felt, action = data.contact, data.action[:, None]
     before = _last(data.valid, felt, action)
     after = _last(data.valid[::-1], felt[::-1], action[::-1])[::-1]
     return felt | before | after
@@ -87,7 +87,7 @@ def last_felt_normal(data, sample, finger) -> np.ndarray:
 
     Zero where it felt none.
     """
-    felt, out = data.contact & data.valid, np.zeros((len(sample), 3))
+    felt, out = data.contact, np.zeros((len(sample), 3))
     for i, (t, f) in enumerate(zip(sample, finger, strict=True)):
         rows = np.flatnonzero(felt[:, f] & (data.action == data.action[t]))
         if len(rows):

@@ -16,7 +16,6 @@ import numpy as np
 
 from formulations.finger_turn import NAME as TURN
 from formulations.finger_turn import TURN as PRIOR_TURN
-from formulations.sensing import heavy_tailed
 
 from ..information.mixture import occam_of
 from ..information.sensitivity import ground_tilt
@@ -27,8 +26,8 @@ from ..search.local_solve import (
     continued,
     warm_started,
 )
-from ..search.margins import CLOSE_OPTIMUM, LARGER_MODEL, UNCHANGED
-from .nested_models import excess_of
+from ..search.margins import DECISIVE, UNCHANGED
+from .nested_models import excess_of, needed_gain
 
 log = logging.getLogger("tactilenlp")
 MAX_TILTS = 4  # Newton steps on the tilt of the ground
@@ -43,16 +42,16 @@ def with_ground_tilt(job, solved) -> tuple:
     if not (ground_may_tilt(job) and best.solution.success):
         return job, solved
     excess, spread = excess_of(job, best)
-    needed = LARGER_MODEL + spread
+    needed = needed_gain(spread)
     if excess < needed:
         return job, solved
     best = _turned_by_steps(best, needed)
     needed = needed if job.scene.ground.told is None else UNCHANGED
-    if _cost(best) > _cost(level) - needed:
+    if best.cost > level.cost - needed:
         return job, solved
     ground = best.job.scene.ground
     log.info("the ground leans by %s rad", ground.tilt.round(4))
-    close = level.solution.objective + CLOSE_OPTIMUM
+    close = level.solution.objective + DECISIVE
     others = [
         _on_ground(ground, s) for s in solved[1:]
         if s.solution.success and s.solution.objective < close
@@ -78,7 +77,7 @@ def with_ground_for_turns(job, solved) -> tuple:
     leans = replace(leans, declined=best.declined)
     leans = _turned_by_steps(leans, UNCHANGED)
     occam = occam_of(best.problem, best.solution, TURN)
-    if _cost(leans) > _cost(best) + occam:
+    if leans.cost > best.cost + occam:
         return job, solved
     log.info("not the sensors are turned, the ground leans by %s rad",
              leans.job.scene.ground.tilt.round(4))  # fmt: skip
@@ -114,7 +113,7 @@ def _turned_by_steps(best: Solved, needed) -> Solved:
             break
         turned = ground.turned(tilt.mean, tilt.about)
         again = _on_ground(turned, best)
-        if not again.solution.success or _cost(again) > _cost(best) - UNCHANGED:
+        if not again.solution.success or again.cost > best.cost - UNCHANGED:
             break
         best = again
     return best
@@ -156,10 +155,3 @@ def on_ground(job, ground):
     t = ground.rotation @ known.origin + ground.translation
     scene = replace(job.scene, ground=ground)
     return replace(job, scene=scene, data=job.data.transformed(R, t))
-
-
-def _cost(solved: Solved) -> float:
-    """Return the objective with the prior of the tilt of the ground [nats]."""
-    scene = solved.job.scene
-    square = float(np.sum((scene.ground.tilt / scene.sigma_tilt) ** 2))
-    return solved.solution.objective + heavy_tailed(square, 2)

@@ -37,7 +37,7 @@ from ..search.local_solve import (
     transferred,
     warm_started,
 )
-from ..search.margins import UPDATE_COST, UPDATE_SHARE
+from ..search.margins import DECISIVE, UPDATE_SHARE
 from ..search.plane_slam import SEARCH_TIME, SEARCH_TOLERANCE, poses_of_new_action
 from ..search.polytope_init import ACCEPTABLE, credible_data, faces_of
 from ..solvers.options import SolverOptions
@@ -86,7 +86,7 @@ def updated(job: Job, start, certified) -> tuple[Solved | None, bool]:
 def update_limit(start, new_actions: int) -> float:
     """Return the largest objective [nats] with which more actions are explained."""
     usual = max(start.objective, 0.0) / start.measurements.actions
-    return start.objective + UPDATE_COST + UPDATE_SHARE * usual * new_actions
+    return start.objective + DECISIVE + UPDATE_SHARE * usual * new_actions
 
 
 def repaired(job: Job, solved, update=None) -> list[Solved]:

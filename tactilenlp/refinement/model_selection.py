@@ -28,7 +28,7 @@ from ..interface.options import Guess
 from ..interface.result import Estimate
 from ..problem.pages import shape_of
 from ..search.local_solve import Solved, comparable
-from ..search.margins import CLOSE_OPTIMUM, LEAST_MOTION_BEHIND
+from ..search.margins import DECISIVE, LEAST_MOTION_BEHIND
 
 AUTO = (  # the classes of shape="auto"
     *("cuboid", "cylinder", "ellipsoid"),
@@ -116,7 +116,7 @@ def _start_from_best(classes, solve, options, deadline, found) -> None:
     for shape in classes:
         own, estimate = found.get(shape.name, (-np.inf, None))
         cost = np.inf if estimate is None else estimate.objective
-        if not np.isfinite(told) or cost <= best.objective + CLOSE_OPTIMUM:
+        if not np.isfinite(told) or cost <= best.objective + DECISIVE:
             continue
         if deadline.passed(f"a {shape.name} from the poses of a {best.shape}"):
             return
@@ -151,4 +151,5 @@ def evidence_of(estimate, shape) -> float:
     else:
         prior = np.diag(known) + positive_part(information.part("prior"))
     covariance = information.of_hessian().spread
-    return log_evidence(estimate.objective, covariance, prior) + np.log(alike)
+    cost = estimate.objective + estimate.scene.tilt_cost
+    return log_evidence(cost, covariance, prior) + np.log(alike)

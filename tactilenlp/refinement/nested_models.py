@@ -6,8 +6,7 @@ explains, the page is solved again with one of these given up, then the next: tu
 the normals, compliance or centre of mass as unknowns, six unknowns a pose.  The larger
 model is kept where it lowers the objective by more than its Laplace evidence loses
 (Occam's factor: the log of prior over posterior deviations of what was freed) and the
-spread of the likelihood: from another start noise alone is fitted better by about as
-much.  LARGER_MODEL stands for the factor of tilt.
+spread of the likelihood (`needed_gain`).  Of tilt that factor is not computed.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ from ..search.local_solve import (
     transferred,
     warm_started,
 )
-from ..search.margins import LARGER_MODEL, UNCHANGED
+from ..search.margins import DECISIVE, UNCHANGED
 from ..search.multistart import FREED_MU
 from ..tracking.first_touch import body_height
 
@@ -90,6 +89,15 @@ def excess_of(job, solved: Solved) -> tuple[float, float]:
     return touches.excess, touches.spread
 
 
+def needed_gain(spread: float, occam: float = DECISIVE) -> float:
+    """Return by how many nats a larger model must lower the objective to be kept.
+
+    spread: of the likelihood, since from another start noise alone is fitted better by
+    about as much; occam: what the evidence loses by what was freed.
+    """
+    return max(spread, UNCHANGED) + occam
+
+
 def with_nuisance_parameters(job, solved, solve) -> tuple:
     """Return job and solves, best first; what NUISANCES names is free where data ask.
 
@@ -107,7 +115,7 @@ def _with(name, nuisance, job, solved, solve) -> tuple:
     best, *others = solved
     excess, spread = excess_of(job, best)
     rough = bool(job.contract.rough)  # else a solve costs several seconds
-    if excess < (needed := (UNCHANGED if rough else LARGER_MODEL) + spread):
+    if excess < (needed := needed_gain(spread, UNCHANGED if rough else DECISIVE)):
         return job, [declined(best, name, excess, needed, "at most "), *others]
     if job.deadline.passed(nuisance.dropped):
         return job, solved
@@ -117,7 +125,7 @@ def _with(name, nuisance, job, solved, solve) -> tuple:
         if gain < needed:
             return job, [declined(best, name, gain, needed), *others]
     if nuisance.from_all_starts:
-        every = rough and excess >= LARGER_MODEL + spread
+        every = rough and excess >= needed_gain(spread)
         promising = needed if rough else np.inf
         freed = _solved_from_starts(larger, best, solve, every, promising)
     else:
@@ -126,7 +134,7 @@ def _with(name, nuisance, job, solved, solve) -> tuple:
         return job, solved
     if nuisance.unknown == TURN and job.shape.is_box:
         freed = _with_open_height(larger, freed)
-    gain, needed = _gain(best, freed[0]), max(spread, UNCHANGED)
+    gain, needed = _gain(best, freed[0]), needed_gain(spread, occam=0.0)
     if gain > needed:
         needed += occam_of(freed[0].problem, freed[0].solution, nuisance.unknown)
     if gain <= needed:
@@ -196,7 +204,7 @@ def with_tilt(job, best: Solved) -> Solved:
     if not (may_tilt(job) and best.solution.success):
         return best
     excess, spread = excess_of(job, best)
-    needed = LARGER_MODEL + spread
+    needed = needed_gain(spread)
     if excess < needed or job.deadline.passed("tilt"):
         return best
     free = replace(job, reductions=replace(job.reductions, planar=False))

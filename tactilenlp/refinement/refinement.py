@@ -30,9 +30,8 @@ from ..search.local_solve import (
     warm_started,
 )
 from ..search.margins import (
-    CLOSE_OPTIMUM,
+    DECISIVE,
     LEAST_MOTION_BEHIND,
-    MOVED,
     RAN_AWAY,
     UNCHANGED,
 )
@@ -70,7 +69,7 @@ def refined(job, kept, solved, start=None) -> list[Solved]:
 def _in_free_motion(job, slid) -> list[Solved]:
     """Return the page in free motion, from planar solves that are close to the best."""
     ends = [s.at for s in slid]
-    near = distinct(job.shape, ends, len(ends), CLOSE_OPTIMUM)
+    near = distinct(job.shape, ends, len(ends), DECISIVE)
     slid = [s for s, end in zip(slid, ends, strict=True) if end in near]
     return best_first(freed_to_tilt(job, s) for s in slid)
 
@@ -205,7 +204,7 @@ def fits_badly(request, best: Solved) -> bool:
     if BETWEEN not in problem.costs or not len(best.window.gap):
         return False
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
-    return bool(problem.value(BETWEEN, x, data).max() > MOVED)
+    return bool(problem.value(BETWEEN, x, data).max() > DECISIVE)
 
 
 def less_sure_of_pushes(request):

@@ -33,7 +33,7 @@ from ..solvers.options import SolverOptions
 from ..solvers.solution import Solution, after, unfinished
 from ..solvers.solve import solve_levels
 from .hypothesis import Hypothesis, Job
-from .margins import NEGLIGIBLE, UNTOUCHED_FACE
+from .margins import DECISIVE, NEGLIGIBLE
 from .polytope_init import CLOSED, IPOPT_OPTIONS, with_vertices_on_hull
 
 RANKING_TOLERANCE = 1e-3  # of a page's solves that only rank hypotheses
@@ -67,13 +67,18 @@ class Solved:
         return (*self.certificates.skipped, *self.declined)
 
     @property
-    def rank(self) -> tuple[bool, float]:
-        """The key to sort by: failed solves last, then by objective.
+    def cost(self) -> float:
+        """The objective with the prior of the tilt of the ground [nats]."""
+        return self.solution.objective + self.job.scene.tilt_cost
 
-        A face that no touch supports must lower the objective by UNTOUCHED_FACE.
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """The key to sort by: failed solves last, then by cost.
+
+        A face that no touch supports must lower the objective by DECISIVE.
         """
-        favour = UNTOUCHED_FACE * (CLOSED in self.hypothesis.path)
-        return not self.solution.success, round(self.solution.objective, 3) - favour
+        favour = DECISIVE * (CLOSED in self.hypothesis.path)
+        return not self.solution.success, round(self.cost, 3) - favour
 
     @property
     def touched(self) -> np.ndarray:

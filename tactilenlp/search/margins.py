@@ -16,18 +16,17 @@ FAILED_BEHIND = 100.0  # after first levels that stopped early
 RAN_AWAY = 40.0  # an action, more than least motion: freed poses went astray
 UNCHANGED = 0.5  # more data that add less leave the optimum as it was
 RESTORED = 1.0  # what a reduction dropped may add when it is restored
-UPDATE_COST, UPDATE_SHARE = 3.0, 2.0  # [nats], [cost of an action so far] of an update
+UPDATE_SHARE = 2.0  # [cost of an action so far] that an update may add per action
 
 # Between solves to the end:
-UNTOUCHED_FACE = 3.0  # a face that no touch supports must gain as much: odds of 20 to 1
 NEGLIGIBLE = 40.0  # behind the best optimum: of no weight beside it
-CLOSE_OPTIMUM = 3.0  # optima within odds of 20 to 1 are all solved in free motion
-
-# Between a model and a larger one that contains it:
-LARGER_MODEL = 3.0  # that a freed assumption must gain: odds of 20 to 1
-MOVED = 3.0  # by a motion between two actions that needs an explanation: the same odds
+# Odds of 20 to 1: what a face that no touch supports must gain, a freed assumption if
+# its Occam factor is not computed, and an update beyond its share may cost; nearer
+# optima are not decided by a solve of a simpler model; a motion between two actions
+# that costs more, and a deviation that costs more, need another explanation.
+DECISIVE = 3.0
 
 # Profile likelihood:
-PROFILE_RISE = 3.0  # at which a profile ends; half of it for a pose: a rougher solve
+PROFILE_RISE = DECISIVE  # at which one ends; half of it for a pose: a rougher solve
 ONE_SIGMA = 0.5  # of a Gaussian at one standard deviation
 BETTER_OPTIMUM = 0.1  # by which another optimum is better

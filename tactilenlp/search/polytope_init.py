@@ -187,7 +187,7 @@ def _ends(data) -> list[int]:
     ends = [
         int(np.nonzero(data.action == a)[0][-1]) + 1 for a in np.unique(data.action)
     ]
-    return [last for last in ends if (data.contact & data.valid)[:last].any()]
+    return [last for last in ends if data.contact[:last].any()]
 
 
 def bodies_from(job, faces: Faces) -> list[Hypothesis]:
@@ -230,12 +230,12 @@ def credible_data(data, sigma: float):
     Raises NoContactError where none is left.
     """
     left = without_outliers(data, sigma)
-    if (left.contact & left.valid).any():
+    if left.contact.any():
         return left
     raise NoContactError(
         "no touch is confirmed by its neighbours",
         where="normal",
-        got=f"{int((data.contact & data.valid).sum())} touches, none like another",
+        got=f"{int(data.contact.sum())} touches, none like another",
         expected="a finger that feels about one normal for two samples or more",
         next="check the frame of the normals, or record a touch that lasts",
     )

@@ -39,7 +39,7 @@ UNSEEN_INFORMATION = 1e-4  # [1 / scaled unknown^2] of an unobserved direction
 
 def any_touch(data) -> bool:
     """Tell whether there is a touch, from which a search can begin."""
-    return bool((data.contact & data.valid).any())
+    return bool(data.contact.any())
 
 
 def centred(job: Job) -> tuple:

@@ -31,7 +31,7 @@ def plane_of_touch(data, size: float, guess=None) -> Ground:
     It contains their normals and points as well as possible; with a user's guess (a
     Guess) its normal is the world's z.
     """
-    felt = data.contact & data.valid
+    felt = data.contact
     first = data.action[felt.any(axis=1)][0]
     t, f = np.nonzero(felt & (data.action == first)[:, None])
     n = data.normal[t, f]
@@ -106,7 +106,7 @@ def with_faces_tracked(h, data):
     """
     R, p = matrices(h.x), h.x[:3].T
     turned, moved = R.copy(), p.copy()
-    felt = data.contact & data.valid
+    felt = data.contact
     n, c = data.normal, data.finger_position
     faces = {}  # by finger: normal and offset in the body frame
     for t in reversed(range(data.samples)):

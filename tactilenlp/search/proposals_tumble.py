@@ -131,7 +131,7 @@ def tips_to_try(tip: Tip) -> list:
 def _raised(job, h: Hypothesis) -> Hypothesis:
     """Return the hypothesis tall enough for the sides that were touched."""
     data = job.data
-    touched = data.contact & data.valid & (np.abs(data.normal[..., 2]) < SIDE_NORMAL)
+    touched = data.contact & (np.abs(data.normal[..., 2]) < SIDE_NORMAL)
     touched &= (data.action == data.action[-1])[:, None]
     theta = h.theta.copy()
     highest = data.finger_position[touched][:, 2].max(initial=-np.inf)
@@ -180,7 +180,7 @@ def continued(job, tumbles, width: int, solves: int, executor=None):
     valid = data.valid.copy()
     valid[: max(t.tip.landed for t in tumbles)] = False
     part = replace(job, data=replace(data, valid=valid))
-    felt = (data.contact & valid).any(axis=1) & (data.action > action)
+    felt = part.data.contact.any(axis=1) & (data.action > action)
     touched = np.append(data.action[felt], data.action[-1] + 1)
     rest = int(np.searchsorted(data.action, touched[0]))
     lying = [t.lying(rest) for t in tumbles]
@@ -227,7 +227,7 @@ def _tipped(job, h):
     """Return the sample at which the last action tips the object, and how, or None."""
     data = job.data
     rows = np.nonzero(data.action == data.action[-1])[0]
-    touched = (data.contact & data.valid)[rows]
+    touched = data.contact[rows]
     normals = data.normal[rows]
     tilt = np.array([side_tilt(normals[:, f]) for f in range(data.fingers)]).T
     tilt = np.where(touched & (np.abs(normals[..., 2]) < SIDE_NORMAL), tilt, -1.0)

@@ -85,7 +85,7 @@ def places_of(a, b, contact, rng) -> np.ndarray:
 def touch_onsets(data, action) -> list[tuple[int, int]]:
     """Return (sample, finger) where each finger's touch begins in an action."""
     mine = (data.action == action)[:, None]
-    for felt in (lasting_contacts(data) & mine, data.contact & data.valid & mine):
+    for felt in (lasting_contacts(data) & mine, data.contact & mine):
         if felt.any():
             found = [(int(np.argmax(felt[:, f])), f) for f in range(data.fingers)]
             return sorted((t, f) for t, f in found if felt[t, f])
