@@ -13,15 +13,16 @@ correct data each ratio exceeds N / alpha with a probability of at most alpha / 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations, permutations, product
 
 import numpy as np
 
 from ..errors import MistakeError
 from .measurements import Measurements
-from .plausibility import jumps_of, log_likelihood
+from .plausibility import jumps_of, log_likelihood, most_log_likelihood
 from .scene import Scene
 from .sensor_noise import precision_of
 from .touch_events import Record
@@ -39,16 +40,17 @@ HOW_TO_SKIP = "Options(check_mistakes=False) solves the data as they are"
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A mistake, and the record in which it is undone.
+    """A mistake, and how it is undone.
 
-    mistake: in a few words; where: the key; remedy: in a sentence; terms: those of the
-    likelihood that the repair changes, by default all.
+    mistake: in a few words; where: the key; remedy: in a sentence; repaired: makes the
+    Record in which it is undone; terms: those of the likelihood that the repair
+    changes, its events as they are, by default all.
     """
 
     mistake: str
     where: str
     remedy: str
-    record: Record
+    repaired: Callable[[], Record]
     terms: Sequence[str] | None = None
 
 
@@ -60,7 +62,7 @@ def check_mistakes(data: Measurements, scene: Scene) -> None:
     if scene.ground is None:
         return
     record = record_of(data, scene)
-    found, gain, limit = most_likely(record)
+    found, gain, limit = most_likely(record, every=False)
     if gain > limit:
         raise MistakeError(
             found.mistake, mistake=found.mistake, nats=gain, where=found.where,
@@ -69,17 +71,31 @@ def check_mistakes(data: Measurements, scene: Scene) -> None:
         )  # fmt: skip
 
 
-def most_likely(record: Record) -> tuple[Hypothesis, float, float]:
-    """Return the most likely mistake, its gain [nats], and the limit of a gain."""
-    given = log_likelihood(record)
-    best, most, tried = None, -np.inf, 0
-    for hypothesis in hypotheses(record):
-        tried += 1
-        terms = log_likelihood(hypothesis.record, hypothesis.terms)
+def most_likely(record: Record, every=True) -> tuple[Hypothesis, float, float]:
+    """Return the most likely mistake, its gain [nats], and the limit of a gain.
+
+    every: evaluate also hypotheses whose gain cannot exceed the limit, since the terms
+    that they change are near the most that they can be.
+    """
+    given, tried = log_likelihood(record), [*hypotheses(record)]
+    limit = float(np.log(len(tried) / FALSE_ALARM))
+    best, most = None, -np.inf
+    for hypothesis in tried:
+        if not every and _at_most(hypothesis, record, given) < limit:
+            continue
+        terms = log_likelihood(hypothesis.repaired(), hypothesis.terms)
         gain = sum(terms.values()) - sum(given[name] for name in terms)
         if gain > most:
             best, most = hypothesis, gain
-    return best, most, float(np.log(tried / FALSE_ALARM))
+    return best, most, limit
+
+
+def _at_most(hypothesis: Hypothesis, record: Record, given: dict) -> float:
+    """Return an upper bound of the gain of a hypothesis [nats]."""
+    if hypothesis.terms is None:
+        return np.inf
+    known = sum(given[name] for name in hypothesis.terms)
+    return most_log_likelihood(record, hypothesis.terms) - known
 
 
 def record_of(data: Measurements, scene: Scene) -> Record:
@@ -108,8 +124,8 @@ def hypotheses(record: Record) -> Iterator[Hypothesis]:
     yield from _of_time(record)
     yield Hypothesis(
         "contact is inverted", "contact", "give ~contact, and its normals",
-        replace(
-            record, felt=record.valid & ~record.felt,
+        partial(
+            replace, record, felt=record.valid & ~record.felt,
             normal=np.zeros_like(record.normal),
         ),
     )  # fmt: skip
@@ -128,10 +144,10 @@ def _of_axes(record: Record) -> Iterator[Hypothesis]:
         if np.array_equal(Q, -np.eye(3)):
             mistake = "normals point into the object"
             fix = "give -normal: it points from the object to the finger"
-        turned = record.with_same_touches(normal=record.normal @ Q.T)
+        turned = partial(record.with_same_touches, normal=record.normal @ Q.T)
         yield Hypothesis(mistake, "normal", fix, turned, FRAME_TERMS)
     for Q in turns:
-        turned = record.with_same_touches(position=record.position @ Q.T)
+        turned = partial(record.with_same_touches, position=record.position @ Q.T)
         mistake = "the axes of positions are swapped or mirrored"
         fix = f"give positions {_axes(Q)}"
         terms = (*FRAME_TERMS, "heights")
@@ -147,7 +163,7 @@ def _axes(Q: np.ndarray) -> str:
 
 def _of_radius(record: Record) -> Iterator[Hypothesis]:
     for factor in RADIUS_FACTORS:
-        resized = record.with_same_touches(radius=record.radius * factor)
+        resized = partial(record.with_same_touches, radius=record.radius * factor)
         mistake = "the radius is in the wrong unit"
         fix = f"multiply it by {factor:g}: it is in metres"
         yield Hypothesis(mistake, "finger_radius", fix, resized, RADIUS_TERMS)
@@ -160,11 +176,11 @@ def _of_fingers(record: Record) -> Iterator[Hypothesis]:
         order = np.arange(fingers)
         order[[f, g]] = g, f
         mistake, fix = f"fingers {f} and {g} are swapped", "swap their columns"
-        moved = replace(record, position=record.position[:, order])
+        moved = partial(replace, record, position=record.position[:, order])
         where, fix = "finger_position", f"{fix} of finger_position, or of all others"
         yield Hypothesis(mistake, where, fix, moved)
         felt = record.felt[:, order] & record.valid
-        moved = replace(record, felt=felt, normal=record.normal[:, order])
+        moved = partial(replace, record, felt=felt, normal=record.normal[:, order])
         yield Hypothesis(mistake, "contact", fix, moved)
 
 
@@ -184,13 +200,13 @@ def _of_time(record: Record) -> Iterator[Hypothesis]:
             yield Hypothesis(
                 f"what finger {f} feels is {abs(shift)} samples too {late}", "contact",
                 "give position, contact and normal of a finger at the same times",
-                replace(record, **moved),
+                partial(replace, record, **moved),
             )  # fmt: skip
         if jumped[f]:
             yield Hypothesis(
                 f"finger {f} jumps within actions", "finger_position",
                 "check that its samples have the time and action of the other fingers",
-                _without_jumps(record, f), ("jumps",),
+                partial(_without_jumps, record, f), ("jumps",),
             )  # fmt: skip
 
 

@@ -36,6 +36,7 @@ BELOW = 0.01  # the centre of a finger is below the ground
 NO_KINK = 0.05  # a path bends elsewhere, by something else than the touch
 
 ONSET_STEPS = 4  # samples of a path before a touch
+LARGEST_ONSET = 4.4  # [-] density of an onset, with the largest noise of a direction
 AROUND_RELEASE = 2  # samples of a path before the end of a touch
 EXACT_POSITION, EXACT_NORMAL = 1e-4, 0.03  # [m], [rad] least noise of a direction
 BLUNT = 2e-3  # [m] by which a contact point is off: fingertips yield
@@ -53,6 +54,17 @@ KINK_LAG |= {6: 0.01}
 def log_likelihood(record: Record, terms: Sequence[str] | None = None) -> dict:
     """Return the log likelihood [nats] of these terms, by default of all."""
     return {name: float(TERMS[name](record)) for name in terms or TERMS}
+
+
+def most_log_likelihood(record: Record, terms: Sequence[str]) -> float:
+    """Return an upper bound of the sum of these terms, the events as they are [nats].
+
+    All but onsets and kinks are logarithms of probabilities.
+    """
+    if "kinks" in terms:
+        return np.inf
+    onsets_of_record = len(record.events.onset[0]) * ("onsets" in terms)
+    return onsets_of_record * float(_mixed(LARGEST_ONSET, AGAINST_NORMAL))
 
 
 def _mixed(density, departure):
