@@ -15,7 +15,8 @@ with continuation in eps: a predictor step along du/deps, then a Newton step; wi
 the predictor, steps overshoot on large faces and diverge.  eps = small |q - middle|, so
 the hull is rounded over lengths of `small`.
 
-The steps after `frozen` give u one more exact derivative each (finger.py).
+Where roots are noted (implicit.py), u is one; else the steps after `frozen` give it one
+more exact derivative each (finger.py).
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from itertools import pairwise
 import casadi as ca
 
 from .finger import frozen
+from .implicit import are_noted, root
 
 SHARP = 30  # lengths of rounding in `small`, a tenth of the finger: 0.03 mm
 TINY = 1e-6  # [m] a distance is not exactly zero, so that it has derivatives
@@ -33,7 +35,7 @@ WIDTHS = (*(10e-3 * 2.0**-k for k in range(10)), 0.0)  # [m] added to small, in 
 FIRST = 4  # Newton steps while the hull is most round
 FAR = 5.0  # [-] by which these change log w_j - log w_k at most
 LAST = 3  # Newton steps where the hull is sharp, before freezing
-EXACT = 2  # Newton steps after freezing: as many exact derivatives
+EXACT = 2  # more Newton steps: as many exact derivatives, where they are written out
 
 
 def towards(vertices, q_of, small):
@@ -41,21 +43,39 @@ def towards(vertices, q_of, small):
 
     small: length [m] over which edges and corners are rounded.
     """
-    return _towards(vertices.shape[1])(vertices, q_of, small)
+    count, origin = vertices.shape[1], vertices[:, 0]
+    V, q = vertices - origin, q_of - origin
+    if not are_noted():
+        return _written_out(count)(V, q, small)
+    solution, eps = _found(count)(V, q, small)
+    return root(lambda u: residual_of(V, q, u, eps)[0], solution)
 
 
 @cache
-def _towards(count):
-    """Return (vertices (3, count), q_of, small) -> u, written out once a process."""
+def _found(count):
+    """Return (V (3, count), q, small) -> u, eps, without derivatives."""
     V, q, small = ca.SX.sym("V", 3, count), ca.SX.sym("q", 3), ca.SX.sym("small")
-    return ca.Function("towards", [V, q, small], [_written_out(V, q, small)])
+    u, eps = _iterated(V, q, small)
+    for _ in range(EXACT):
+        u = newton_step(V, q, u, eps)
+    return ca.Function("found", [V, q, small], [u, eps], {"cse": True})
 
 
-def _written_out(vertices, q_of, small):
-    origin = vertices[:, 0]
-    V, q = vertices - origin, q_of - origin
-    size = ca.sqrt(ca.sumsqr(q_of - ca.sum2(vertices) / vertices.shape[1]))
-    size = frozen(size, 1e-6)
+@cache
+def _written_out(count):
+    """Return (V (3, count), q, small) -> u, with derivatives."""
+    V, q, small = ca.SX.sym("V", 3, count), ca.SX.sym("q", 3), ca.SX.sym("small")
+    u, eps = _iterated(V, q, small)
+    u = frozen(u, 2.0**-60)
+    slope = frozen(residual_of(V, q, u, eps)[1], 2.0**-40)
+    for _ in range(EXACT):
+        u = u - solve_symmetric(slope, residual_of(V, q, u, eps)[0])
+    return ca.Function("towards", [V, q, small], [u])
+
+
+def _iterated(V, q, small):
+    """Return u and eps after the steps that need no derivatives."""
+    size = frozen(ca.sqrt(ca.sumsqr(q - ca.sum2(V) / V.shape[1])), 1e-6)
     u = q - ca.sum2(V) / V.shape[1]
     rounding = [size * (small + width) for width in WIDTHS]
     for _ in range(FIRST):
@@ -64,11 +84,7 @@ def _written_out(vertices, q_of, small):
         u = predictor_corrector(V, q, u, before, eps)
     for _ in range(LAST):
         u = newton_step(V, q, u, eps)
-    u = frozen(u, 2.0**-60)
-    slope = frozen(residual_of(V, q, u, eps)[1], 2.0**-40)
-    for _ in range(EXACT):
-        u = u - solve_symmetric(slope, residual_of(V, q, u, eps)[0])
-    return u
+    return u, eps
 
 
 def newton_step(V, q, u, eps):

@@ -4,6 +4,13 @@ A term is written as a small pure function of a few local unknowns and data.  It
 traced with CasADi SX, differentiated exactly and kept under its serialised expression,
 so that an edited page is derived again and an unedited one is not: in this process by a
 `TermFunctionCache`, on this machine, where there is a C compiler, by codegen.py.
+
+Of a term v(z, u) that reads roots u of F(u, z) = 0 (formulations/implicit.py), with
+U = du/dz = -F_u^-1 F_z, multipliers l, and m = -F_u^-T v_u' l,
+
+    dv/dz = v_z + v_u U,     Hessian of l'v:  [1; U]' (l'v + m'F)'' [1; U],
+
+the second derivatives by z and u.
 """
 
 from __future__ import annotations
@@ -14,8 +21,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import islice
+from typing import NamedTuple
 
 import casadi as ca
+
+from formulations.implicit import Root, noting_roots
 
 from ..common.deadline import NEVER, Deadline
 from ..errors import PageError
@@ -85,22 +96,22 @@ class TermFunctionCache:
         """
         if not self.derive:
             return traced(function, unknowns, order)
-        value = _trace(function, unknowns, order)
-        key = value.serialize()
+        term = _trace(function, unknowns, order)
+        key = "".join(part.serialize() for part in term)
         if key not in self.functions:
-            found = kept(PARTS, _origin(value)) if self.read else None
+            found = kept(PARTS, _origin(key)) if self.read else None
             self.functions[key] = (
-                self._derive(value, deadline)
+                self._derive(term, key, deadline)
                 if found is None
                 else _term_function(*found)
             )
         return self.functions[key]
 
-    def _derive(self, value: ca.Function, deadline: Deadline) -> TermFunction:
+    def _derive(self, term: Traced, key: str, deadline: Deadline) -> TermFunction:
         began = time.perf_counter()
-        functions = _derivatives(value)
+        functions = _derivatives(*term)
         if self.compile:
-            functions = compiled(functions, _origin(value), deadline)
+            functions = compiled(functions, _origin(key), deadline)
         found = _term_function(*functions)
         self.derived += 1
         self.seconds += time.perf_counter() - began
@@ -127,7 +138,9 @@ def default_cache() -> TermFunctionCache:
 
 def traced(function: Callable, unknowns: list[int], order: list[tuple]) -> TermFunction:
     """Return a term function without derivatives: for what is read off a solution."""
-    value = _trace(function, unknowns, order)
+    term = _trace(function, unknowns, order)
+    z, d = (ca.SX.sym(name, term.at.size1_in(k)) for k, name in enumerate("zd"))
+    value = ca.Function("term", [z, d], [term.value(z, d)])
     sizes = (value.size1_out(0), value.size1_in(0), value.size1_in(1))
     return TermFunction(*sizes, value, first=None, second=None, jacobian_sparsity=None,
                         hessian_sparsity=None)  # fmt: skip
@@ -155,18 +168,48 @@ def mapped(function: ca.Function, instances: int) -> ca.Function:
     return function.map(instances)
 
 
-def _trace(function, unknowns, order) -> ca.Function:
+class Traced(NamedTuple):
+    """A term and its roots as functions: (z, d, u) -> v, F and (z, d) -> u."""
+
+    at: ca.Function
+    solution: ca.Function
+
+    def value(self, z, d):
+        """Return v (m,) at the solution."""
+        return self.at(z, d, self.solution(z, d))[0]
+
+
+def _trace(function, unknowns, order) -> Traced:
     z = [ca.SX.sym(f"z{i}", n) for i, n in enumerate(unknowns)]
     d = [ca.SX.sym(f"d{i}", n) for i, (role, n) in enumerate(order) if role == "d"]
     zs, ds = iter(z), iter(d)
-    value = function(*(next(zs) if role == "z" else next(ds) for role, _ in order))
+    with noting_roots() as roots:
+        value = function(*(next(zs) if role == "z" else next(ds) for role, _ in order))
     value = ca.densify(ca.vec(ca.SX(value)))
-    return ca.Function("term", [ca.vertcat(*z), ca.vertcat(*d)], [value])
+    z, d = ca.vertcat(*z), ca.vertcat(*d)
+    roots, value = _merged(roots, value)
+    u, residual, solution = (ca.vertcat(*part) for part in zip(*roots, strict=True))
+    return Traced(
+        ca.Function("term", [z, d, u], [value, residual]),
+        ca.Function("roots", [z, d], [solution]),
+    )
 
 
-def _origin(value: ca.Function) -> str:
+def _merged(roots: list[Root], value) -> tuple[list[Root], ca.SX]:
+    """Return the roots of which no two have one solution, and the value of these."""
+    solutions = ca.cse(ca.vertcat(*(root.solution for root in roots))).elements()
+    left, kept = iter(solutions), {}
+    for root in roots:
+        key = tuple(one.element_hash() for one in islice(left, root.unknown.numel()))
+        first = kept.setdefault(key, root)
+        value = ca.substitute(value, root.unknown, first.unknown)
+    none = Root(*[ca.SX(0, 1)] * 3)
+    return [none, *kept.values()], value
+
+
+def _origin(key: str) -> str:
     """Return what compiled derivatives follow from: expression and derivation rule."""
-    return _derivation_rule() + value.serialize()
+    return _derivation_rule() + key
 
 
 @cache
@@ -174,14 +217,27 @@ def _derivation_rule() -> str:
     return inspect.getsource(_derivatives)
 
 
-def _derivatives(traced: ca.Function) -> list[ca.Function]:
+def _derivatives(at: ca.Function, solution: ca.Function) -> list[ca.Function]:
     """Return the functions named in PARTS; their source is part of the compiled key."""
-    z = ca.SX.sym("z", traced.size1_in(0))
-    d = ca.SX.sym("d", traced.size1_in(1))
-    value = ca.cse(ca.densify(traced(z, d)))
-    multiplier = ca.SX.sym("l", value.numel())
+    z, d, u = (ca.SX.sym(name, at.size1_in(k)) for k, name in enumerate("zdu"))
+    value, residual = (ca.cse(ca.densify(part)) for part in at(z, d, u))
+    multiplier, m = ca.SX.sym("l", value.numel()), ca.SX.sym("m", u.numel())
+    lagrangian = ca.dot(multiplier, value)
     jacobian = ca.jacobian(value, z)
-    hessian = ca.triu(ca.hessian(ca.dot(multiplier, value), z)[0])
+    hessian, _ = ca.hessian(lagrangian + ca.dot(m, residual), ca.vertcat(z, u))
+    if u.numel():
+        by_u = ca.jacobian(residual, u)
+        moved = -ca.solve(by_u, ca.jacobian(residual, z))
+        jacobian += ca.jacobian(value, u) @ moved
+        m_of = -ca.solve(by_u.T, ca.gradient(lagrangian, u))
+        hessian = ca.substitute(hessian, m, m_of)
+        n = z.numel()
+        mixed = hessian[:n, n:] @ moved
+        hessian = hessian[:n, :n] + mixed + mixed.T + moved.T @ hessian[n:, n:] @ moved
+        value, jacobian, hessian = ca.substitute(
+            [value, jacobian, hessian], [u], [solution(z, d)]
+        )
+    hessian = ca.triu(hessian)
     nonzeros = [ca.vertcat(*matrix.nonzeros()) for matrix in (jacobian, hessian)]
     nonzeros = [ca.SX(0, 1) if n.is_empty() else ca.densify(n) for n in nonzeros]
     patterns = [ca.DM(matrix.sparsity(), 1) for matrix in (jacobian, hessian)]
