@@ -5,8 +5,8 @@ Their derivatives follow from the implicit function theorem,
     du/dz = -F_u^-1 F_z,
 
 so that the iteration that finds u is not differentiated.  While a term is traced,
-`root` returns symbols for u and notes equation and solution; its derivatives are made
-of these (tactilenlp/nlp/term_functions.py).
+`root` returns symbols for u and notes equation and solution, of which the derivatives
+are made (tactilenlp/nlp/term_functions.py); elsewhere the iteration is written out.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from tactilenlp.search.hypothesis import Hypothesis, distinct, same
 from tactilenlp.search.local_solve import continued
 from tactilenlp.search.multistart import freed_levels, multistart
 
-LEVELS = freed_levels(page.LEVELS, final=True)
+LEVELS = freed_levels(page.LEVELS)
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,11 @@ from tactilenlp.errors import OptionError
 from tactilenlp.estimation.observed_information import programme_at
 from tactilenlp.information.comparisons import gauss_newton
 from tactilenlp.information.error_budget import Linearisation, error_budget
-from tactilenlp.information.error_budget_terms import UNTOUCHED_FACTOR, untouched_faces
+from tactilenlp.information.error_budget_terms import (
+    UNTOUCHED_FACTOR,
+    TouchedFaces,
+    untouched_faces,
+)
 from tactilenlp.information.information import inverse
 from tactilenlp.information.measurement_noise import gaps_of_touches, touches
 from tactilenlp.information.sensitivity import kkt_residual
@@ -212,13 +216,17 @@ def test_a_face_that_nothing_touched_is_as_doubtful_as_the_fingers_paths_are_noi
     R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     z = np.r_[0.05, 0.03, 0.04, 0.1, 0.2, yaw]
     tangent = TangentSpace(("",) * 6, np.arange(6), np.eye(6), {}, (), z, R, R, 1)
-    doubt = untouched_faces(tangent, CUBOID, [[9, 9], [9, 0], [0, 9]], noise)
+
+    def doubt_of(*faces):
+        return untouched_faces(TouchedFaces(tangent, CUBOID, faces, noise, True))
+
+    doubt = doubt_of([9, 9], [9, 0], [0, 9])
     assert doubt[1, 1] == pytest.approx((UNTOUCHED_FACTOR * noise) ** 2)
     assert doubt[0, 0] == doubt[2, 2] == 0
     # the face that was touched stays where it is: centre less half the side
     face = np.r_[0, -0.5, 0, -s, c, 0]
     assert face @ doubt @ face == pytest.approx(0, abs=1e-15)
-    assert not untouched_faces(tangent, CUBOID, [[9, 9], [9, 9], [0, 9]], noise).any()
+    assert not doubt_of([9, 9], [9, 9], [0, 9]).any()
 
 
 def test_a_finger_off_its_face_is_off_in_that_touch_alone(programme, kkt):

@@ -4,12 +4,14 @@ import os
 import pickle
 import subprocess
 import sys
+from contextlib import nullcontext
 
 import casadi as ca
 import numpy as np
 import pytest
 from made_up import merged
 
+from formulations.implicit import are_noted, noting_roots, root
 from tactilenlp.nlp.codegen import compiler
 from tactilenlp.nlp.problem import Problem
 from tactilenlp.nlp.term_functions import TermFunctionCache
@@ -121,3 +123,40 @@ print(compiler() is None, solve(problem).values["x"].ravel().tolist())
         answers.append(run.stdout.strip().splitlines()[-1].split(" ", 1))
     assert answers[0][0] == "True"
     assert answers[0][1] == answers[1][1]
+
+
+def test_a_root_is_differentiated_by_the_implicit_function_theorem(interpreted):
+    def cube_root(z, d):
+        """Return z0 + u^2 with u^3 + u = z1 d, by noted roots and written out."""
+        u = z[1] * d
+        for _ in range(60):
+            u = u - (u**3 + u - z[1] * d) / (3 * u**2 + 1)
+        if are_noted():
+            u = root(lambda u: u**3 + u - z[1] * d, u)
+        return z[0] + u**2 + ca.sin(u) * z[0]
+
+    derived = [
+        fit(Problem(noting=noting), "a", cube_root)
+        for noting in (noting_roots, nullcontext)
+    ]
+    assert derived[0] is not derived[1]
+    z, d = ca.DM([0.3, 0.7]), ca.DM(1.3)
+    for which, given in (("value", (z, d)), ("first", (z, d)), ("second", (z, d, 2.0))):
+        noted, whole = (
+            ca.vertcat(*getattr(one, which).call(given)).full() for one in derived
+        )
+        assert np.allclose(noted, whole, rtol=1e-12), which
+    sizes = [one.second.n_instructions() for one in derived]
+    assert sizes[0] < sizes[1] / 3
+
+
+def test_a_root_that_is_read_twice_is_one(interpreted):
+    def twice(z, d):
+        solution = ca.cos(z[0]) * d
+        one, again = (root(lambda u: u - solution, ca.cos(z[0]) * d) for _ in "ab")
+        return one * again + z[1]
+
+    found = fit(Problem(noting=noting_roots), "a", twice)
+    assert float(found.value([0.2, 1.0], [3.0])) == pytest.approx(
+        (3 * np.cos(0.2)) ** 2 + 1
+    )

@@ -277,7 +277,7 @@ def programme_at(estimate) -> Programme:
     )  # fmt: skip
     problem, window, _ = problem_at(job, estimate.origin)
     _check_same_unknowns(problem, estimate)
-    solution = solution_of(estimate)
+    solution = solution_of(estimate, job.page)
     tangent = tangent_space_of(problem, solution, window, shape, R_wg)
     sensed = Sensed(job.data, precision, job.build, scene)
     return Programme(problem, solution, window, shape, tangent, sensed)

@@ -14,7 +14,7 @@ from ..interface.request import Request
 from ..refinement.certification import checked, with_profiles
 from ..refinement.ground_tilt import with_ground_for_turns, with_ground_tilt
 from ..refinement.incremental_polytope import repaired
-from ..refinement.model_selection import most_probable_first
+from ..refinement.model_selection import most_probable
 from ..refinement.nested_models import with_nuisance_parameters
 from ..refinement.refinement import (
     continues,
@@ -135,19 +135,12 @@ def certified_best(request, job, solved, check) -> tuple[Solved, list[Solved]]:
     solved = _with_deadline(solved, job.deadline)
     best, cut = solved[0], replace(job, cuts=solved[0].job.cuts)
     with job.deadline.ending("certificates"):
-        best = _most_probable(job, solved)
+        best = most_probable(job, solved)
         named = with_named_axes(cut, best, request.axes)
         solved = [named if s is best else s for s in solved]
         best = named
         best = check(cut, best)
     return best, solved
-
-
-def _most_probable(job, solved) -> Solved:
-    """Return the solve of the largest evidence; the best one if there is no time."""
-    if job.deadline.passed("evidence of other optima"):
-        return solved[0]
-    return most_probable_first(job, solved)[0]
 
 
 def _with_deadline(solved, deadline: Deadline) -> list[Solved]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -151,8 +152,9 @@ def facing(estimate, space: Workspace) -> list[np.ndarray]:
 def combined(facing: list[np.ndarray], count: int, rng) -> np.ndarray:
     """Return at most `count` actions (n, 2 F) [rad] of fingers that face the object."""
     sizes = [len(angles) for angles in facing]
-    drawn = rng.permutation(min(np.prod(sizes), MAX_PERMUTED))[:count]
-    if np.prod(sizes) > MAX_PERMUTED:
-        drawn = rng.integers(np.prod(sizes), size=count)
-    picks = np.unravel_index(drawn, sizes)
+    if math.prod(sizes) <= MAX_PERMUTED:
+        drawn = rng.permutation(math.prod(sizes))[:count]
+        picks = np.unravel_index(drawn, sizes)
+    else:
+        picks = rng.integers(sizes, size=(count, len(sizes))).T
     return np.hstack([a[i] for a, i in zip(facing, picks, strict=True)])

@@ -21,7 +21,6 @@ from .action_space import Action, Trajectory, Workspace
 FORMAT, VERSION = "exploration", 1  # of the files
 RESUMED_AFTER = 1.0  # [s] between samples of two processes
 MIN_FREE_SPACE = 10e6  # [bytes] where an exploration is to be saved
-DIFFERENCES = {"measurements": "other data"}  # words for a field that differs
 
 
 @printed
@@ -174,8 +173,9 @@ def check_same(estimate: Estimate, data: Measurements, asked: dict, file) -> Non
             continue
         kept = estimate.scene.as_told if name == "scene" else getattr(estimate, name)
         if kept not in value if name == "shape" else kept != value:
+            other = "other data" if name == "measurements" else f"another {name}"
             raise StartError(
-                f"the saved estimate is of {DIFFERENCES.get(name, f'another {name}')}",
+                f"the saved estimate is of {other}",
                 where=str(file), got=f"{name} {kept!r}", expected=repr(value),
                 next="explore into another file, or with the settings of this one",
             )  # fmt: skip

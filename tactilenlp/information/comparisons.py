@@ -25,6 +25,8 @@ inverse_dynamics  The same sum, earlier poses by inverted Jacobians of the dynam
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
@@ -49,7 +51,7 @@ def gauss_newton(kkt: KKTSystem) -> KKTSystem:
             values = np.maximum(values, 0.0)
             local = np.einsum("iab,ib,icb->iac", vectors, values, vectors) / size
             hessians[name] = scattered(kkt, name, local)
-    return kkt.with_hessians(hessians)
+    return replace(kkt, hessians=hessians)
 
 
 def paper(problem, solution, window, shape) -> np.ndarray:

@@ -8,7 +8,7 @@ The sandwich covariance (White 1982) is
 
 where G is the covariance of the gradient by each source of error.  TERMS is the one
 list for every class of shapes: a term applies where the programme has what it is about.
-The terms of AFTER_MIXTURE are added to the covariance of the mixture of local optima.
+Untouched faces and profile likelihoods are added to the covariance of the mixture.
 PHYSICS is measured: with it sigma covers the errors of 20 recordings.
 """
 
@@ -37,6 +37,7 @@ from .error_budget_terms import (
     shape_prior_error,
     stick_slip,
     uneven_ground,
+    untouched_faces,
 )
 from .measurement_noise import (
     MixedDerivatives,
@@ -272,10 +273,6 @@ TERMS = (
         lambda at: BALL in at.kkt.problem.variables,
     ),
 )
-AFTER_MIXTURE = (  # functions of TouchedFaces and of the mixture's covariance
-    ErrorTerm("untouched faces", lambda seen, C: seen.untouched()),
-    ErrorTerm("profile likelihood", lambda seen, C: profile_beyond(seen.profile, C)),
-)
 
 
 def error_budget(response: Response) -> np.ndarray:
@@ -285,16 +282,10 @@ def error_budget(response: Response) -> np.ndarray:
         response.at.deadline.check()
         if term.applies(response.at):
             found.append(term.covariance(response))
-    total = _sum(found)
+    total = sum(found[1:], start=found[0])
     return (total + total.T) / 2
 
 
 def after_mixture(seen: TouchedFaces, mixture) -> np.ndarray:
-    """Return what AFTER_MIXTURE adds to the covariance (k, k) of a mixture."""
-    return _sum(term.covariance(seen, mixture) for term in AFTER_MIXTURE)
-
-
-def _sum(matrices) -> np.ndarray:
-    """Return the sum of at least one matrix, added in the order given."""
-    first, *others = matrices
-    return sum(others, start=first)
+    """Return what faces and profiles add to the covariance (k, k) of a mixture."""
+    return untouched_faces(seen) + profile_beyond(seen.profile, mixture)

@@ -73,9 +73,7 @@ def regularisation(kkt: KKTSystem, by_gradient) -> np.ndarray:
 
 def friction_error(kkt: KKTSystem, by_gradient, by_constraint, name: str) -> np.ndarray:
     """Return the covariance (k, k) by a coefficient of friction that was given."""
-    moved = parameter_sensitivity(
-        kkt, by_gradient, by_constraint, {name: 1.0}, relative=True
-    )
+    moved = parameter_sensitivity(kkt, by_gradient, by_constraint, name)
     return FRICTION**2 * np.outer(moved, moved)
 
 
@@ -195,38 +193,6 @@ def shape_prior_error(kkt: KKTSystem, by_gradient) -> np.ndarray:
     return moved @ moved.T
 
 
-def untouched_faces(
-    tangent, shape, faces, noise: float, grounded: bool = True
-) -> np.ndarray:
-    """Return the covariance (k, k) of faces that nothing touched, SI.
-
-    What physics tells of them is not Gaussian: one optimum among others, and too small
-    rather than too large where finger paths are noisy (noise [m]).  faces (axes, 2):
-    samples that touched each; grounded: the ground touches one at the first and at the
-    last sample.  A body whose unknowns are no lengths of sides has no such term.
-    """
-    n, k = shape.theta, len(tangent.z)
-    total = np.zeros((k, k))
-    if not (shape.is_box and shape.symmetries):
-        return total
-    known = np.asarray(faces) >= KNOWN_FACE
-    for R in (tangent.R_first, tangent.R) if grounded else ():
-        down = np.argmax(np.abs(R[2]))
-        known[down, 0 if R[2, down] > 0 else 1] |= abs(R[2, down]) > VERTICAL
-    for axis, (low, high) in enumerate(known):
-        if low and high:
-            continue
-        way = np.zeros(k)
-        way[axis] = 1.0
-        places = k - n - tangent.turning
-        way[n : n + places] = (int(low) - int(high)) / 2 * tangent.R[:places, axis]
-        deviation = UNTOUCHED_FACTOR * noise
-        if tangent.turning == 3:
-            deviation = np.hypot(deviation, TUMBLED * tangent.z[axis])
-        total += deviation**2 * np.outer(way, way)
-    return total
-
-
 @dataclass(frozen=True, eq=False)
 class TouchedFaces:
     """What a shape of sizes is known by: touched faces, profile likelihood.
@@ -240,12 +206,38 @@ class TouchedFaces:
     faces: np.ndarray
     noise: float
     grounded: bool
-    profile: np.ndarray | None
+    profile: np.ndarray | None = None
 
-    def untouched(self) -> np.ndarray:
-        """Return the covariance (k, k) of faces that nothing touched."""
-        given = self.tangent, self.shape, self.faces, self.noise, self.grounded
-        return untouched_faces(*given)
+
+def untouched_faces(seen: TouchedFaces) -> np.ndarray:
+    """Return the covariance (k, k) of faces that nothing touched, SI.
+
+    What physics tells of them is not Gaussian: one optimum among others, and too small
+    rather than too large where finger paths are noisy.  The ground touches one at the
+    first and at the last sample.  A body whose unknowns are no lengths of sides has no
+    such term.
+    """
+    tangent, shape = seen.tangent, seen.shape
+    n, k = shape.theta, len(tangent.z)
+    total = np.zeros((k, k))
+    if not (shape.is_box and shape.symmetries):
+        return total
+    known = np.asarray(seen.faces) >= KNOWN_FACE
+    for R in (tangent.R_first, tangent.R) if seen.grounded else ():
+        down = np.argmax(np.abs(R[2]))
+        known[down, 0 if R[2, down] > 0 else 1] |= abs(R[2, down]) > VERTICAL
+    for axis, (low, high) in enumerate(known):
+        if low and high:
+            continue
+        way = np.zeros(k)
+        way[axis] = 1.0
+        places = k - n - tangent.turning
+        way[n : n + places] = (int(low) - int(high)) / 2 * tangent.R[:places, axis]
+        deviation = UNTOUCHED_FACTOR * seen.noise
+        if tangent.turning == 3:
+            deviation = np.hypot(deviation, TUMBLED * tangent.z[axis])
+        total += deviation**2 * np.outer(way, way)
+    return total
 
 
 def profile_beyond(profile, C) -> np.ndarray:

@@ -272,15 +272,10 @@ def turn_between(shape, R, R_0) -> np.ndarray:
 
     Without what a round body turns about its own axis: that means nothing.
     """
-    turn = rotation_vector(R @ np.swapaxes(R_0, -1, -2))
+    from scipy.spatial.transform import Rotation  # lazily: import stays light
+
+    turn = Rotation.from_matrix(R @ np.swapaxes(R_0, -1, -2)).as_rotvec()
     if not shape.round:
         return turn
     axis = R_0[..., 2]
     return turn - axis * np.sum(axis * turn, axis=-1, keepdims=True)
-
-
-def rotation_vector(R) -> np.ndarray:
-    """Return the rotation vectors (..., 3) [rad] of rotation matrices (..., 3, 3)."""
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_matrix(R).as_rotvec()

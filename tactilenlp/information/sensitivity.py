@@ -52,21 +52,16 @@ RADIUS = 1e-5  # [m] change of the radius of edges, of differences
 EDGE = 2e-3  # [m] deviation of r: machined, printed and card boxes have up to 3 mm
 
 
-def parameter_sensitivity(
-    kkt, by_gradient, by_constraint, change: dict, relative=False
-) -> np.ndarray:
-    """Return the derivative of the chosen unknowns (k,) by parameters of the problem.
+def parameter_sensitivity(kkt, by_gradient, by_constraint, name: str) -> np.ndarray:
+    """Return the derivative of the chosen unknowns (k,) by a relative change.
 
-    change: by how much each parameter changes per unit, by name; relative: in units of
-    the parameter's value.
+    name: of the parameter of the problem that changes.
     """
     problem, ends = kkt.problem, []
+    span = problem.parameters[name].span
     for side in (1, -1):
         data = kkt.data.copy()
-        for name, amount in change.items():
-            span = problem.parameters[name].span
-            size = data[span] if relative else np.ones_like(data[span])
-            data[span] += side * ASSUMPTION_STEP * amount * size
+        data[span] += side * ASSUMPTION_STEP * data[span]
         ends.append(kkt_residual(problem, kkt, data))
     return difference(by_gradient, by_constraint, ends, ASSUMPTION_STEP)
 
@@ -275,8 +270,12 @@ def _doubted(kkt: KKTSystem, ends, step, deviation, names=(TOUCH_TERM,)) -> Doub
 
 
 def kkt_residual(problem, kkt: KKTSystem, data=None) -> tuple[np.ndarray, np.ndarray]:
-    """Return the gradient of L and the values of all constraints at the solution."""
-    data = problem.data() if data is None else data
+    """Return the gradient of L and the values of all constraints at the solution.
+
+    data: by default those of `problem`, with the parameters of the solution.
+    """
+    if data is None:
+        data = kkt.data + (problem.data() - kkt.problem.data())
     x = kkt.x
     values = [problem.value(name, x, data).ravel() for name in problem.constraints]
     slope = gradient(problem, x, data, kkt.multipliers)

@@ -238,14 +238,16 @@ class Estimate:
         )
 
 
-def solution_of(estimate: Estimate) -> Solution:
-    """Return the solution that an estimate was read from; parameters are the page's."""
+def solution_of(estimate: Estimate, page) -> Solution:
+    """Return the solution of a page that an estimate was read from."""
     same = (
         *("objective", "costs", "violations", "multipliers", "bound_multipliers"),
         *("success", "status", "iterations", "evaluations", "seconds", "progress"),
     )
     known = {name: getattr(estimate, name) for name in same}
-    return Solution(values=estimate.unknowns, parameters={}, **known)
+    return Solution(
+        values=estimate.unknowns, parameters=page.LEVELS[-1].parameters, **known
+    )
 
 
 ESTIMATE_CLASSES = {  # what a file of an estimate is made of

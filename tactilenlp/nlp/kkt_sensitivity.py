@@ -63,11 +63,6 @@ class KKTSystem:
         zero = sp.csc_matrix((len(self.x), len(self.x)))
         return sum((self.hessians[name] for name in names), zero)
 
-    def with_hessians(self, hessians: dict[str, sp.csc_matrix]) -> KKTSystem:
-        """Return the same system with other Hessians of its terms."""
-        fields = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        return KKTSystem(**{**fields, "hessians": hessians})
-
     def sensitivity(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return sensitivities of k chosen unknowns: (unknowns, k) and (rows, k), SI.
 

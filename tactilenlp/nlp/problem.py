@@ -5,14 +5,14 @@
 
 A term is a small function and the columns of the unknowns that each of its instances
 reads.  Its function is derived once, mapped over the instances and summed where it
-belongs in the global sparse derivatives, so that building hardly depends on the number
-of instances and evaluating is linear in it.  Unknowns are in SI units for the page and
-scaled for the solver here, nowhere else.
+belongs in the global sparse derivatives: building hardly depends on their number.
+Unknowns are in SI units for the page and scaled for the solver here, nowhere else.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 
@@ -68,6 +68,7 @@ class Problem:
     term_functions: dict[tuple, object] = field(default_factory=dict)
     cache: TermFunctionCache = field(default_factory=default_cache)
     deadline: Deadline = NEVER  # of derivation, compilation, assembly; not of solves
+    noting: Callable = nullcontext  # see TermFunctionCache.of
     _data: list[np.ndarray] = field(default_factory=list)
     _data_size: int = 0
 
@@ -280,15 +281,14 @@ class Problem:
             )  # fmt: skip
         limits = limits_of(name, (instances, derived.rows), limits)
         empty = np.zeros((instances, 0), int)
-        unknowns, data = np.hstack([empty, *unknowns]), np.hstack([empty, *data])
-        read = unknowns, data
+        read = np.hstack([empty, *unknowns]), np.hstack([empty, *data])
         kept[name] = Term(name, derived, role, *read, first_row=first_row, **limits)
 
     def _traced(self, name, trace, function, sizes, order):
         """Return the term function of a term; derive it unless this problem has it."""
         if (key := (name, *order)) not in self.term_functions:
             self.deadline.check()
-            of = partial(self.cache.of, deadline=self.deadline)
+            of = partial(self.cache.of, deadline=self.deadline, noting=self.noting)
             given = name, trace or of, function, sizes, order
             self.term_functions[key] = term_function_named(*given)
         return self.term_functions[key]

@@ -44,7 +44,6 @@ class Eliminated:
         self.kept, self.followed = np.nonzero(~rows)[0], np.nonzero(rows)[0]
         self.free = np.setdiff1d(np.arange(problem.size), self.given)
         self.rounds = self._rounds()
-        self.evaluations = 0
         self._at, self._calls = None, []
         self.functions = self._functions()
 
@@ -100,7 +99,6 @@ class Eliminated:
         if self._at is not None and self._at["key"] == key:
             return self._at
         problem, scale = self.problem, self.problem.scale
-        self.evaluations += 1
         x = problem.pack({}) if self._at is None else self._at["x"].copy()
         x[self.free] = u * scale[self.free]
         x = self.complete(x, data)

@@ -5,7 +5,7 @@ traced with CasADi SX, differentiated exactly and kept under its serialised expr
 so that an edited page is derived again and an unedited one is not: in this process by a
 `TermFunctionCache`, on this machine, where there is a C compiler, by codegen.py.
 
-Of a term v(z, u) that reads roots u of F(u, z) = 0 (formulations/implicit.py), with
+Of a term v(z, u) that reads roots u of F(u, z) = 0, as whoever poses it notes, with
 U = du/dz = -F_u^-1 F_z, multipliers l, and m = -F_u^-T v_u' l,
 
     dv/dz = v_z + v_u U,     Hessian of l'v:  [1; U]' (l'v + m'F)'' [1; U],
@@ -18,15 +18,13 @@ from __future__ import annotations
 import inspect
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import islice
 from typing import NamedTuple
 
 import casadi as ca
-
-from formulations.implicit import Root, noting_roots
 
 from ..common.deadline import NEVER, Deadline
 from ..errors import PageError
@@ -88,15 +86,18 @@ class TermFunctionCache:
         unknowns: list[int],
         order: list[tuple],
         deadline: Deadline = NEVER,
+        noting: Callable = nullcontext,
     ) -> TermFunction:
         """Trace `function` and return its term function; derive it if it is new.
 
         unknowns: lengths of the arguments that are local unknowns; order: for each
-        argument ("z" | "d", length), local unknown or data; deadline: of compilations.
+        argument ("z" | "d", length), local unknown or data; deadline: of compilations;
+        noting: a context in which `function` is called; it gives a list of the roots
+        that were read by then: symbols u (k,), F (k,) at these, the solution (k,).
         """
         if not self.derive:
             return traced(function, unknowns, order)
-        term = _trace(function, unknowns, order)
+        term = _trace(function, unknowns, order, noting)
         key = "".join(part.serialize() for part in term)
         if key not in self.functions:
             found = kept(PARTS, _origin(key)) if self.read else None
@@ -179,15 +180,15 @@ class Traced(NamedTuple):
         return self.at(z, d, self.solution(z, d))[0]
 
 
-def _trace(function, unknowns, order) -> Traced:
+def _trace(function, unknowns, order, noting=nullcontext) -> Traced:
     z = [ca.SX.sym(f"z{i}", n) for i, n in enumerate(unknowns)]
     d = [ca.SX.sym(f"d{i}", n) for i, (role, n) in enumerate(order) if role == "d"]
     zs, ds = iter(z), iter(d)
-    with noting_roots() as roots:
+    with noting() as roots:
         value = function(*(next(zs) if role == "z" else next(ds) for role, _ in order))
     value = ca.densify(ca.vec(ca.SX(value)))
     z, d = ca.vertcat(*z), ca.vertcat(*d)
-    roots, value = _merged(roots, value)
+    roots, value = _merged(roots or [], value)
     u, residual, solution = (ca.vertcat(*part) for part in zip(*roots, strict=True))
     return Traced(
         ca.Function("term", [z, d, u], [value, residual]),
@@ -195,16 +196,15 @@ def _trace(function, unknowns, order) -> Traced:
     )
 
 
-def _merged(roots: list[Root], value) -> tuple[list[Root], ca.SX]:
+def _merged(roots: list[tuple], value) -> tuple[list[tuple], ca.SX]:
     """Return the roots of which no two have one solution, and the value of these."""
-    solutions = ca.cse(ca.vertcat(*(root.solution for root in roots))).elements()
+    solutions = ca.cse(ca.vertcat(*(solution for _, _, solution in roots))).elements()
     left, kept = iter(solutions), {}
     for root in roots:
-        key = tuple(one.element_hash() for one in islice(left, root.unknown.numel()))
+        key = tuple(one.element_hash() for one in islice(left, root[0].numel()))
         first = kept.setdefault(key, root)
-        value = ca.substitute(value, root.unknown, first.unknown)
-    none = Root(*[ca.SX(0, 1)] * 3)
-    return [none, *kept.values()], value
+        value = ca.substitute(value, root[0], first[0])
+    return [(ca.SX(0, 1),) * 3, *kept.values()], value
 
 
 def _origin(key: str) -> str:

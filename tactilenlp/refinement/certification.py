@@ -54,10 +54,17 @@ def with_profiles(best) -> Solved:
     Where one of its solves meets a better optimum, that one.
     """
     slid = best.solution.success and "planar" not in best.certificates.broken
-    asked = slid and best.job.options.rivals
-    if not asked or best.job.deadline.passed("profile likelihoods"):
+    job, asked = best.job, slid and best.job.options.rivals
+    if not asked or job.deadline.passed("profile likelihoods"):
         return best
-    return _profiled(best.job, best)
+    profile, better = profiled(job, best)
+    if better is not None:
+        again = solved_from(job, better, levels=job.page.LEVELS[-1:])
+        again = certified(job, again)
+        if again.rank < best.rank:
+            best = again
+            profile, _ = profiled(job, best)
+    return replace(best, profile=profile)
 
 
 def certified(job, solved) -> Solved:
@@ -92,18 +99,6 @@ def _solved_again(job, solved) -> Solved:
     if again.solution.success:
         return again
     return solved_from(job, solved.at)
-
-
-def _profiled(job, best) -> Solved:
-    """Return the best with profile likelihoods, or a better optimum that they found."""
-    profile, better = profiled(job, best)
-    if better is not None:
-        again = solved_from(job, better, levels=job.page.LEVELS[-1:])
-        again = certified(job, again)
-        if again.rank < best.rank:
-            best = again
-            profile, _ = profiled(job, best)
-    return replace(best, profile=profile)
 
 
 def _tumbled(job, flat, executor) -> Solved:

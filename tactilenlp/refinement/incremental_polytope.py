@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from formulations import polytope_extension as extension
+from formulations.implicit import noting_roots
 from formulations.names import TOUCH_TERM
 from formulations.rigid_body import ARM
 
@@ -128,7 +129,7 @@ def past_solution(job: Job, start) -> Solved:
     job = replace(job, data=job.data.select(np.unique(start.measurements.action)))
     problem, window, built = problem_at(job, start.origin)
     seconds = {"build": built, "solve": 0.0}
-    solution = solution_of(start)
+    solution = solution_of(start, job.page)
     solution = replace(solution, iterations=0, evaluations=0, seconds=seconds)
     return Solved(start.origin, problem, window, solution, job)
 
@@ -153,7 +154,7 @@ def jumps(data, x) -> np.ndarray:
 
     Along the ground; in planar motion a radian of turn counts as ARM.
     """
-    first = action_starts(data)
+    first = 1 + np.nonzero(np.diff(data.action))[0]  # of all actions but one
     jump = x[:, first] - x[:, first - 1]
     turn = ARM * jump[2] if is_planar(x) else 0.0
     return np.hypot(np.linalg.norm(jump[:2], axis=0), turn)
@@ -162,11 +163,6 @@ def jumps(data, x) -> np.ndarray:
 def jump_threshold(precision) -> float:
     """Return the longest jump [m] that measurement noise may explain."""
     return max(MIN_JUMP, JUMP_NOISE * precision.position)
-
-
-def action_starts(data) -> np.ndarray:
-    """Return the first sample (actions - 1,) of every action but the first one."""
-    return 1 + np.nonzero(np.diff(data.action))[0]
 
 
 def unexplained_touches(solved: Solved) -> int:
@@ -202,7 +198,9 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
     ):
         window, shape = window_of(job, (h.theta, h.x))
         window = of_action(window, past.at, about)
-        problem = Problem(term_functions=term_functions, deadline=job.deadline)
+        problem = Problem(
+            term_functions=term_functions, deadline=job.deadline, noting=noting_roots
+        )
         build(problem, window, job.scene, shape)
         known = {k: v for k, v in past.solution.values.items() if v.size == 1}
         known = {k: v for k, v in known.items() if k in problem.variables}

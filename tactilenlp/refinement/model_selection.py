@@ -38,20 +38,22 @@ MIN_CLASS_TIME = 1.0  # [s] of a class
 log = logging.getLogger("tactilenlp")
 
 
-def most_probable_first(job, solved) -> list[Solved]:
-    """Return solves, first that of the largest evidence, not of the least objective.
+def most_probable(job, solved) -> Solved:
+    """Return the solve of the largest evidence, not of the least objective.
 
     A narrow optimum that is lower by a fraction of a nat is not what is believed.
+    solved: best first, which is returned if there is no time.
     """
     several = comparable(solved[0], solved)
     if job.shape.parameters != "sizes" or len(several) < 2:
-        return solved
+        return solved[0]
+    if job.deadline.passed("evidence of other optima"):
+        return solved[0]
     turning = 1 if solved[0].window.motion is PLANAR else 3
     optima = distinct_modes(job.shape, turning, [s.optimum for s in several])
     weights = laplace_mixture(job.shape, turning, optima).weights
     likeliest = optima[int(np.argmax(weights))]
-    first = next(s for s in several if s.optimum is likeliest)
-    return [first, *(s for s in solved if s is not first)]
+    return next(s for s in several if s.optimum is likeliest)
 
 
 def classes_of(shape) -> list[Shape]:
@@ -89,15 +91,15 @@ def likeliest_class(classes, solve, start, options) -> Estimate:
         try:
             known = start if _starts_from(start, shape) else None
             estimate = solve(shape=shape, start=known, options=left)
-            found[shape.name] = evidence_of(estimate, shape), estimate
+            found[i] = evidence_of(estimate, shape), estimate
         except TactileError as error:
-            errors[shape.name] = error
+            errors[i] = error
     if not found:
         raise next(iter(errors.values()))
     _start_from_best(classes, solve, options, deadline, found)
-    errors = {name: error for name, error in errors.items() if name not in found}
+    failed = {classes[i].name: e for i, e in errors.items() if i not in found}
     _, best = max(found.values(), key=lambda one: one[0])
-    return replace(best, classes=odds_of(found.values(), errors))
+    return replace(best, classes=odds_of(found.values(), failed))
 
 
 def _starts_from(start, shape) -> bool:
@@ -110,11 +112,12 @@ def _starts_from(start, shape) -> bool:
 def _start_from_best(classes, solve, options, deadline, found) -> None:
     """Solve classes that explain the data worse from the poses of the likeliest one.
 
-    found: evidence and Estimate by class, where what is likelier replaces its own.
+    found: evidence and Estimate by number of the class, where what is likelier replaces
+    its own.
     """
     told, best = max(found.values(), key=lambda one: one[0])
-    for shape in classes:
-        own, estimate = found.get(shape.name, (-np.inf, None))
+    for i, shape in enumerate(classes):
+        own, estimate = found.get(i, (-np.inf, None))
         cost = np.inf if estimate is None else estimate.objective
         if not np.isfinite(told) or cost <= best.objective + DECISIVE:
             continue
@@ -128,7 +131,7 @@ def _start_from_best(classes, solve, options, deadline, found) -> None:
             log.info("%s from the poses of a %s: %s", shape.name, best.shape, error)
             continue
         if again is not None and (more := evidence_of(again, shape)) > own:
-            found[shape.name] = more, again
+            found[i] = more, again
 
 
 def evidence_of(estimate, shape) -> float:

@@ -13,6 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from formulations.implicit import noting_roots
 from formulations.page_contract import contract_of
 
 from ..common.brief import printed
@@ -132,7 +133,9 @@ class Job:
         """Return the problem that the page poses of a window; scene: another one."""
         other = scene is not None and scene is not self.scene
         shared = {} if other else self._term_functions_of(window)
-        problem = Problem(term_functions=shared, deadline=self.deadline)
+        problem = Problem(
+            term_functions=shared, deadline=self.deadline, noting=noting_roots
+        )
         self.page.build(problem, window, scene if other else self.scene, self.shape)
         return problem
 
@@ -194,7 +197,7 @@ def _folded(shape, yaw):
 
 def distant(shape, hypotheses, count: int) -> list[Hypothesis]:
     """Return the best hypothesis, then good ones whose paths are far from those."""
-    corners = np.array([_outline(shape, h, EVERY) for h in hypotheses])
+    corners = np.array([_outline(shape, h) for h in hypotheses])
     cost = np.array([h.objective for h in hypotheses])
     chosen, off = [int(np.argmin(cost))], np.full(len(cost), np.inf)
     while len(chosen) < min(count, len(cost)):
@@ -215,11 +218,11 @@ def _namings(shape):
     return range(4) if shape.is_box else (0,)
 
 
-def _outline(shape, h, every: int = 1):
+def _outline(shape, h):
     """Return points (n, 2, T) [m] along a path that tell two paths apart."""
     if shape.is_box:
-        return _path_corners(h)[..., ::every]
-    return path_outline(shape, h, every)
+        return _path_corners(h)[..., ::EVERY]
+    return path_outline(shape, h, EVERY)
 
 
 def _path_corners(h):

@@ -25,12 +25,11 @@ FREED_ITERATIONS = 20  # of the same level with nothing held
 FREED_MU = 0.03  # IPOPT's mu_init of that level
 
 
-def freed_levels(levels, final: bool):
+def freed_levels(levels):
     """Return levels that start a continuation from guessed poses.
 
     What holds poses is solved for a few iterations only, so that impulses fit a path
-    that is still wrong; then once more with nothing held.  final: with the levels that
-    follow.
+    that is still wrong; then once more with nothing held.
     """
     first = []
     for level in levels:
@@ -38,8 +37,7 @@ def freed_levels(levels, final: bool):
             first.append(level.with_ipopt(max_iter=HELD_ITERATIONS))
             free = replace(level, fixed=())
             first.append(free.with_ipopt(mu_init=FREED_MU, max_iter=FREED_ITERATIONS))
-    rest = [level for level in levels if not level.fixed]
-    return [*first, *rest] if final or not first else first
+    return [*first, *(level for level in levels if not level.fixed)]
 
 
 def levels_of(job):
@@ -64,7 +62,7 @@ def levels_of(job):
     if job.scene.ground is None or job.shape.rolls:  # guesses in a plane
         return contract.from_guesses
     planar = job.reductions.planar
-    return freed_levels(page.LEVELS, final=True) if planar else page.LEVELS
+    return freed_levels(page.LEVELS) if planar else page.LEVELS
 
 
 def multistart(job, hypotheses, levels, known=(), solved=None) -> list:

@@ -90,11 +90,12 @@ class Faces:
     iterations: int = 0
 
 
-def in_body(touch, x, n) -> tuple[np.ndarray, np.ndarray]:
-    """Return contact points (touches, 3) and normals, body frame at poses x (3, T)."""
-    normal = directions_in_body(x, touch.sample, touch.normal)
-    n = normal if n is None else n
-    return fingers_in_body(touch, x) - touch.radius[:, None] * n, normal
+def contact_points(touch, x, n) -> np.ndarray:
+    """Return contact points (touches, 3) [m] in the body frame at poses x (3, T).
+
+    n (touches, 3): normals in that frame.
+    """
+    return fingers_in_body(touch, x) - touch.radius[:, None] * n
 
 
 def planes_window(window, faces: Faces) -> PlanesWindow:
@@ -110,9 +111,9 @@ def planes_window(window, faces: Faces) -> PlanesWindow:
     ends = order[~(np.r_[False, same] & np.r_[same, False])]
     i, j = np.meshgrid(ends, np.arange(len(faces.b)), indexing="ij")
     other = plane[i] != j
-    point, _ = in_body(touch, faces.x, faces.n[plane])
+    point = contact_points(touch, faces.x, faces.n[plane])
     free = window.free
-    centre, _ = in_body(replace(free, radius=0 * free.radius), faces.x, None)
+    centre = fingers_in_body(free, faces.x)
     apart = np.linalg.norm(point[ends][:, None] - centre[None], axis=2)
     a, f = np.nonzero(apart < free.radius + FREE_REACH)
     lower, upper = window.holding(faces.x, [-1])
@@ -151,22 +152,22 @@ def poses_of_new_action(job, faces: Faces) -> np.ndarray:
     plane = problem.variables["plane"]
     held = plane.first + np.arange(plane.rows * known)
     levels = [replace(level, fixed=(held,)) for level in polytope_planes.LEVELS]
-    s = solution_from(job, problem, window, start, levels, SEARCH_TIME)
+    s = solution_from(job, problem, window, start, levels)
     return s.values["x"][:, window.pose]
 
 
-def solution_from(job, problem, window, faces: Faces, levels, time_limit: float):
+def solution_from(job, problem, window, faces: Faces, levels):
     """Return what the levels of the page find from `faces`."""
     start = {"x": faces.x[:, window.last], "plane": np.vstack([faces.n.T, faces.b])}
-    options = SolverOptions(SEARCH_TOLERANCE, time_limit, deadline=job.deadline)
+    options = SolverOptions(SEARCH_TOLERANCE, SEARCH_TIME, deadline=job.deadline)
     return solve_levels(problem, levels, start, options)
 
 
-def solved_faces(job, window, faces: Faces, levels, time_limit: float) -> Faces:
+def solved_faces(job, window, faces: Faces, levels) -> Faces:
     """Return the planes and poses that the page finds from `faces`."""
     window = planes_window(window, faces)
     problem = replace(job, page=polytope_planes).build(window)
-    s = solution_from(job, problem, window, faces, levels, time_limit)
+    s = solution_from(job, problem, window, faces, levels)
     m, b = s.values["plane"][:3].T, s.values["plane"][3]
     n = m / np.linalg.norm(m, axis=1, keepdims=True)
     x = s.values["x"][:, window.pose]
@@ -177,7 +178,7 @@ def solved_faces(job, window, faces: Faces, levels, time_limit: float) -> Faces:
 def merged_faces(window, faces: Faces) -> Faces:
     """Return the planes with those of one face merged."""
     n, b, plane = faces.n, faces.b, faces.plane
-    point, _ = in_body(window.touch, faces.x, n[plane])
+    point = contact_points(window.touch, faces.x, n[plane])
     label = np.arange(len(b))
     off = np.abs(point @ n.T - b)  # (touches, planes)
     worst = np.array([off[plane == i].max(axis=0) for i in label])
@@ -217,12 +218,10 @@ def extended_faces(job, faces: Faces | None, samples: int) -> Faces:
         if faces is None
         else continued_faces(window, faces, samples)
     )
-    found = solved_faces(job, window, start, polytope_planes.LEVELS, SEARCH_TIME)
+    found = solved_faces(job, window, start, polytope_planes.LEVELS)
     joined = merged_faces(window, found)
     if joined is not found:
-        found = solved_faces(
-            job, window, joined, polytope_planes.LEVELS[1:], SEARCH_TIME
-        )
+        found = solved_faces(job, window, joined, polytope_planes.LEVELS[1:])
     given = job.shape.size_prior, job.scene.ground is not None
     return centred(window, found, *given)
 
@@ -250,11 +249,11 @@ def continued_faces(window, faces: Faces, samples: int) -> Faces:
 def as_measured(window, touch, x) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the planes of touches at poses x, one for each segment: plane, n, b."""
     plane = contact_segments(touch, window.sigma_normal)
-    _, normal = in_body(touch, x, None)
+    normal = directions_in_body(x, touch.sample, touch.normal)
     count = np.bincount(plane)
     n = np.stack([np.bincount(plane, normal[:, k]) for k in range(3)], 1)
     n = n / np.linalg.norm(n, axis=1, keepdims=True)
-    point, _ = in_body(touch, x, n[plane])
+    point = contact_points(touch, x, n[plane])
     b = np.bincount(plane, (point * n[plane]).sum(axis=1)) / count
     return plane, n, b
 
@@ -270,7 +269,7 @@ def centred(window, faces: Faces, size, ground) -> Faces:
 def rough_vertices(window, faces: Faces, size, ground) -> np.ndarray:
     """Return vertices of the intersection of the planes, the ground and a ball."""
     n = faces.n
-    points, _ = in_body(window.touch, faces.x, n[faces.plane])
+    points = contact_points(window.touch, faces.x, n[faces.plane])
     b = np.maximum(faces.b, (points @ n.T).max(axis=0))
     ball = unseen_ball(points, size, ground)
     return vertices_behind(

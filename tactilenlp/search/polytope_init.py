@@ -38,9 +38,9 @@ from .plane_slam import (
     SEARCH_TIME,
     SEARCH_TOLERANCE,
     Faces,
+    contact_points,
     extended_faces,
     faces_touched,
-    in_body,
     unseen_ball,
     unseen_halfspaces,
 )
@@ -69,7 +69,7 @@ def polytope_from_planes(
     side. Without one, None unless planes and ground close the body.
     """
     n = faces.n
-    points, _ = in_body(window.touch, faces.x, n[faces.plane])
+    points = contact_points(window.touch, faces.x, n[faces.plane])
     planes = np.c_[n, np.maximum(faces.b, (points @ n.T).max(axis=0))]
     fitted = unseen_ball(points, size, ground)
     if ball:

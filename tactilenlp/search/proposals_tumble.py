@@ -18,7 +18,6 @@ from formulations import quasi_static
 
 from ..geometry.tipping import QUARTER_TURN, Tip, fall, planar_to_free
 from ..geometry.transforms import carried, continuous, matrices, rotate_planar
-from ..nlp.problem import Problem
 from ..problem.outliers import side_tilt
 from ..problem.reductions import SIDE_NORMAL, Reductions, reduce
 from ..tracking.first_touch import BELOW_TOP
@@ -211,8 +210,7 @@ def _costs(job, found) -> list[float]:
     """Return what was felt costs free hypotheses, and the priors [nats]."""
     every = Reductions(still=False, far=False, absent=True, planar=False)
     window = reduce(job.data, job.scene, job.shape, job.precision, every)
-    problem = Problem()
-    quasi_static.build(problem, window, job.scene, job.shape)
+    problem = replace(job, page=quasi_static).build(window)
     data = problem.data(quasi_static.LEVELS[0].parameters)
     names = [n for n, t in problem.costs.items() if t.role in ("likelihood", "prior")]
 

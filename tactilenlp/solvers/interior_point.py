@@ -177,7 +177,7 @@ class _Run:
                   s.acceptable_constr_viol_tol, s.acceptable_compl_inf_tol)  # fmt: skip
         acceptable = all(e <= k for e, k in zip(errors, limits, strict=True))
         self.accepted = self.accepted + 1 if acceptable else 0
-        if self.accepted >= s.acceptable_iter:
+        if 0 < s.acceptable_iter <= self.accepted:
             return ACCEPTED
         if self.iterations >= s.max_iter:
             return TOO_MANY

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, fields
 
+import numpy as np
+
 from ..common.deadline import NEVER, Deadline
 from ..common.validation import check_numbers, check_types
 from ..errors import typed_call
@@ -81,7 +83,10 @@ class SolverOptions:
 
 @dataclass(frozen=True)
 class Settings:
-    """Options of IPOPT that interior_point knows too, under their names."""
+    """Options of IPOPT that interior_point knows too, under their names.
+
+    Counts may be zero, all others are positive: OptionError.
+    """
 
     tol: float = 1e-8
     constr_viol_tol: float = 1e-4
@@ -96,6 +101,16 @@ class Settings:
     acceptable_constr_viol_tol: float = 1e-2
     acceptable_compl_inf_tol: float = 1e-2
     acceptable_obj_change_tol: float = 1e20
+
+    def __post_init__(self):
+        for known in fields(self):
+            name, count = known.name, known.type == "int"
+            value = getattr(self, name)
+            if count:
+                check_types(**{name: (value, (int, np.integer))})
+            expected = "a whole number from 0" if count else "a positive number"
+            limits = -1 if count else 0, math.inf
+            check_numbers("ipopt ", expected, **{name: (value, *limits)})
 
 
 NAMES = {field.name for field in fields(Settings)}
