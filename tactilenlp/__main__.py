@@ -15,13 +15,14 @@ from .common.npz import format_of
 from .common.whole_file import check_folder
 from .errors import FileError, Interrupted, OptionError, TactileError
 from .output.export import check_format
-from .problem.pages import FORMULATIONS, SHAPES
+from .problem.pages import FORMULATIONS, SHAPES, shape_of
 
 EPILOG = """examples:
   python -m tactilenlp estimate scene.npz
   python -m tactilenlp estimate scene.npz --mass 0.4 --save estimate.npz
   python -m tactilenlp explore box.npz --sides 0.05 0.035 0.04 --actions 5
   python -m tactilenlp report estimate.npz --output report.html --export shape.glb
+  python -m tactilenlp compile --shape cuboid
 
 Ctrl-C writes the estimate so far, marked as interrupted.
 """
@@ -32,6 +33,7 @@ once; if FILE exists, the exploration resumes from it (give the same box and see
 NOISY_SENSORS = {"position": 1e-3, "normal": math.radians(5), "flips": 0.01}  # m, rad
 SIDE_RANGE = (0.03, 0.06)  # [m] of random boxes
 PLACE_RANGE = 0.02  # [m] of their centres to each side
+SHIPPED = ("cuboid", "polytope")  # classes of recordings that are shipped
 SUFFIXES = {"save": (".npz",), "output": (".html", ".htm")}  # of files written
 INTERRUPTED_CODE = 130  # exit code after Ctrl-C, as of shells
 SCENE_OPTIONS = {  # known properties of the scene: option, unit
@@ -70,6 +72,11 @@ def parser() -> argparse.ArgumentParser:
     report = commands.add_parser("report", help="show a saved estimate")
     report.add_argument("file", type=Path, help="an estimate or an exploration, .npz")
     _add_outputs(report)
+    words = "compile ahead what estimates use, else they do at first use"
+    ahead = commands.add_parser("compile", help=words)
+    words = "classes of shapes (default: both)"
+    shapes = {"choices": SHIPPED, "default": SHIPPED}
+    ahead.add_argument("--shape", nargs="+", **shapes, help=words)
     return top
 
 
@@ -130,7 +137,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _found(given) -> tuple:
     """Return the estimate of a command, or None, and the exit code."""
-    run = {"estimate": _estimate, "explore": _explore, "report": _load}
+    run = {
+        "estimate": _estimate, "explore": _explore, "report": _load, "compile": _compile
+    }  # fmt: skip
     try:
         with interruptible():
             return run[given.command](given), 0
@@ -141,6 +150,8 @@ def _found(given) -> tuple:
 
 def _check_outputs(given) -> None:
     """Raise FileError or OptionError for an output that cannot be written."""
+    if "export" not in given:  # a command that writes no estimate
+        return
     taken = {given.file.absolute()}
     for name in ("save", "output", "export"):
         if not (path := getattr(given, name, None)):
@@ -229,6 +240,24 @@ def _world(given):
         given.sides or sides, position=place, noise=noise, **_known(given),
         quaternion=[np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)],
     )  # fmt: skip
+
+
+def _compile(given) -> None:
+    """Compile what estimates of each class and choices of actions use."""
+    from .estimation.compile_ahead import compile_ahead
+    from .exploration.action_search import choose_action
+    from .exploration.action_space import Workspace
+    from .nlp.codegen import compiler
+
+    if compiler() is None:
+        raise OptionError(
+            "nothing can be compiled", where="compile", got="no C compiler",
+            expected="cc, gcc or clang on the path", next="install gcc",
+        )  # fmt: skip
+    for shape in given.shape:
+        estimate = compile_ahead(shape)
+        choose_action(estimate, Workspace(), shape=shape_of(shape), budget=2)
+        print(f"{shape}: what estimates and choices of actions use is compiled.")
 
 
 def _load(given):

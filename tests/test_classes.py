@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from formulations.polytope import polytope
 from formulations.shape import CUBOID
 from tactilenlp import ELLIPSOID, Estimate, solve_estimate
 from tactilenlp.errors import NoContactError, OptionError, StartError
@@ -107,6 +108,20 @@ def test_the_poses_of_the_likeliest_class_start_those_that_were_lost(monkeypatch
     odds = {one.shape: one.probability for one in given["classes"]}
     assert odds["cuboid"] > 0.95
     assert sum(odds.values()) == pytest.approx(1)
+
+
+def test_two_classes_of_one_name_are_both_compared(monkeypatch):
+    monkeypatch.setattr(model_selection, "evidence_of", lambda e, _: -e.objective)
+    monkeypatch.setattr(model_selection, "replace", lambda e, **given: (e, given))
+
+    def solve(shape, start, options, poses=None, most=None):
+        return None if poses else Known(shape.name, 1.0 if shape.theta == 36 else 50.0)
+
+    classes = model_selection.classes_of([polytope(12), polytope(30)])
+    options = type("Options", (), {"time_limit": 60.0})()
+    best, given = model_selection.likeliest_class(classes, solve, None, options)
+    assert best.objective == 1.0
+    assert len(given["classes"]) == 2
 
 
 def test_sizes_are_fitted_to_the_poses_of_another_class(recorded, estimate):

@@ -198,3 +198,15 @@ def test_ctrl_c_before_anything_was_found_is_said(capsys, monkeypatch):
     monkeypatch.setattr("tactilenlp.__main__._estimate", stopped)
     assert main(["estimate", "any.npz"]) == 130
     assert capsys.readouterr().out == ""
+
+
+@pytest.mark.slow
+def test_what_estimates_use_is_compiled_ahead(capsys):
+    assert main(["compile", "--shape", "cuboid"]) == 0
+    assert "cuboid" in capsys.readouterr().out
+
+
+def test_nothing_is_compiled_ahead_without_a_compiler(monkeypatch, capsys):
+    monkeypatch.setattr("tactilenlp.nlp.codegen.compiler", lambda: None)
+    assert main(["compile"]) == 2
+    assert "no C compiler" in capsys.readouterr().err

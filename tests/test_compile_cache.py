@@ -13,6 +13,7 @@ import time
 from functools import partial
 from pathlib import Path
 
+import casadi as ca
 import pytest
 from cache_child import (
     COMPILED,
@@ -228,3 +229,27 @@ def test_a_process_that_is_killed_while_it_compiles_leaves_no_harm(home):
     libraries[0].unlink()
     assert run(cache_of(home)) == ([COMPILED] * 2, [])
     assert not [*folder.glob("unfinished-*")]
+
+
+def talkative():
+    codegen.SILENT = 0.0
+
+
+def test_waiting_for_a_compiler_is_said_once(home):
+    kinds, warnings = run(cache_of(home), talkative)
+    assert kinds == [COMPILED] * 2
+    assert warnings == [codegen.WAITING]
+    assert run(cache_of(home), talkative) == ([COMPILED] * 2, [])
+
+
+def test_compilers_run_beside_each_other(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    x = ca.SX.sym("x")
+    waiting = [
+        codegen.begun([ca.Function("value", [x], [x**k])], f"{k}") for k in (3, 4, 5)
+    ]
+    assert 1 <= len(codegen._running) <= (os.cpu_count() or 1)
+    values = [float(made()[0](2.0)) for made in waiting]
+    assert values == [8.0, 16.0, 32.0]
+    assert not codegen._running
+    assert codegen.kept(["value"], "4")[0].class_name() == COMPILED

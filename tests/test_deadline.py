@@ -46,7 +46,7 @@ def test_only_a_strict_deadline_ends_a_computation_and_records_which():
 
 
 def test_no_compiler_is_started_after_a_deadline(monkeypatch):
-    monkeypatch.setattr(codegen, "_run", lambda *_: pytest.fail("it was started"))
+    monkeypatch.setattr(codegen, "_started", lambda *_: pytest.fail("it was started"))
     x = ca.SX.sym("x")
     value = ca.Function("value", [x], [x * time.time()])
     assert codegen.compiled([value], deadline=Deadline.within(0.0)) == [value]

@@ -6,6 +6,7 @@ import pytest
 from swing_up import TIGHT, cone, decay, pendulum, stationarity
 
 from tactilenlp import problem_of
+from tactilenlp.errors import OptionError
 from tactilenlp.solvers import sparse_ldl
 from tactilenlp.solvers.condensed_kkt import CondensedKkt
 from tactilenlp.solvers.interior_point import InteriorPoint
@@ -131,6 +132,21 @@ def test_equalities_and_options_of_ipopt_alone_are_left_to_ipopt():
     assert not isinstance(make_solver(pendulum(), SolverOptions()), InteriorPoint)
     watched = SolverOptions(ipopt={"watchdog_trial_iter_max": 3})
     assert not isinstance(make_solver(decay()[0], watched), InteriorPoint)
+
+
+def test_an_option_of_zero_switches_the_early_end_off():
+    found = solve(cone([2.0, 0.3, 0.4]), SolverOptions(ipopt={"acceptable_iter": 0}))
+    assert found.status == "Solve_Succeeded"
+    assert found.iterations > 0
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"tol": "tight"}, {"max_iter": "9"}, {"mu_init": -1.0}, {"acceptable_iter": 1.5}],
+)
+def test_options_that_make_no_sense_are_refused(wrong):
+    with pytest.raises(OptionError, match=next(iter(wrong))):
+        solve(cone([2.0, 0.3, 0.4]), SolverOptions(ipopt=wrong))
 
 
 def test_where_no_step_is_accepted_ipopt_solves_from_the_same_start(monkeypatch):

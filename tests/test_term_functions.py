@@ -39,7 +39,7 @@ def test_a_term_function_is_derived_once_on_a_machine(monkeypatch, tmp_path):
     caches = TermFunctionCache(), TermFunctionCache()  # as of two processes
     found = [Problem(cache=cache) for cache in caches]
     for problem in found:
-        fit(problem, "a", lambda x, d: x[0] ** 3 * d)
+        assert fit(problem, "a", lambda x, d: x[0] ** 3 * d).value.n_out() == 1
     assert [cache.derived for cache in caches] == [1, 0]
     assert caches[0].seconds > 0 == caches[1].seconds
     functions = [problem.costs["a"].function for problem in found]

@@ -7,5 +7,6 @@ Out: an `Estimate`: shape, poses, impulses, information, by name and in SI units
 - `initial_search`, `optima`: hypotheses of the search; optima of the page
 - `coarse_to_fine`: recordings of a high rate, solved at a lower rate first
 - `interrupted`: Ctrl-C, the time limit, estimates not to be used
+- `compile_ahead`: functions that are compiled before they are needed
 - `observed_information`: information of other kinds, sensitivity to assumptions
 """

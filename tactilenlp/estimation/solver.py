@@ -129,7 +129,8 @@ def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
 
 def _read(request, best, so_far, searched: float, modes) -> Estimate:
     """Return the estimate read from the best page; searched [s] of CPU time."""
-    seconds = best.solution.seconds | {"search": searched, "total": so_far.spent}
     deadline = request.job.deadline
+    seconds = best.solution.seconds | {"search": searched, "total": so_far.spent}
+    seconds |= {"compilation": deadline.spent.get("compilation", 0.0)}
     deadline = deadline.until(deadline.at, strict=True)
     return read_off(request, best, so_far.kept, seconds, deadline, modes)

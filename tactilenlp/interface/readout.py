@@ -44,9 +44,9 @@ def read_off(
 ) -> Estimate:
     """Return the estimate of a solved page, in the frame of the data.
 
-    kept: hypotheses for the next action; seconds: of CPU time by step; deadline: of
-    the information, without which sigma is the prior's; modes: other local optima of
-    the same page.
+    kept: hypotheses for the next action; seconds: of CPU time by step, and of waiting
+    for compilers; deadline: of the information, without which sigma is the prior's;
+    modes: other local optima of the same page.
     """
     job, solution = replace(solved.job, deadline=deadline), solved.solution
     read = {"sizes": read_box, "vertices": read_polytope}[job.shape.parameters]

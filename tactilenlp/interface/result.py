@@ -50,6 +50,7 @@ class Estimate:
     by name [nats], which add up to the objective: a cost of physics is zero where its
     law holds, and the entry "rounding", of either sign, is what rounding the speed and
     the friction cone adds (costs of the page `paper` may be negative, as printed).
+    seconds of CPU time by step; "compilation": of waiting for compilers.
     hypotheses, best first, for the next action; information about shape and final pose.
     origin: the hypothesis it was solved from; reductions and cuts in use: with them the
     programme can be built again.  progress: of the last solve by iteration, as in

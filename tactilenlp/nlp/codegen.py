@@ -3,9 +3,10 @@
 C from CasADi's code generator runs ten to twenty times as fast as its virtual machine
 on the Hessians of contact terms.  The library is kept in the user's cache folder
 (library_cache.py) under the hash of its origin: expression, derivation rule, compiler
-and CasADi version.  Without a C compiler, with TACTILENLP_COMPILE=0, or where compiler
-or folder cannot be used, CasADi's virtual machine evaluates the same expressions; the
-last of these is logged as one warning.
+and CasADi version.  Compilers run beside each other and beside this process, which
+waits for one when its functions are needed (`begun`).  Without a C compiler, with
+TACTILENLP_COMPILE=0, or where compiler or folder cannot be used, CasADi's virtual
+machine evaluates the same expressions; the last of these is logged as one warning.
 """
 
 from __future__ import annotations
@@ -18,7 +19,10 @@ import platform
 import shutil
 import signal
 import subprocess
+import time
+import weakref
 from collections.abc import Callable
+from contextlib import ExitStack
 from functools import cache, partial
 from pathlib import Path
 
@@ -34,7 +38,13 @@ COMPILE_TIME = 120.0  # [s] at most, of one library; most take 1 to 5
 COMPILE_SHARE = 0.4  # [-] at most, of the time that a computation may take
 LEAST_COMPILE_TIME = 0.3  # [s] below which compilation is not begun
 MESSAGE = 500  # characters of a compiler's message that are logged
-_unusable: set[str] = set()  # cache folders about which a warning was logged
+SILENT = 3.0  # [s] of waiting for compilers before a line says so
+WAITING = (
+    "functions are compiled for their first use on this machine: up to a minute "
+    "(`python -m tactilenlp compile` does it ahead)"
+)
+_said: set[str] = set()  # warnings that were logged once: WAITING, and cache folders
+_running: list[Compilation] = []  # by compilers of this process
 
 
 def compiled(
@@ -42,31 +52,43 @@ def compiled(
 ) -> list[ca.Function]:
     """Return the functions compiled, or unchanged where that is not possible.
 
-    origin: text that determines the functions, by which `kept` finds them again; by
-    default their own C source; deadline: the time for compilation is a share of all.
+    Arguments as of `begun`.
     """
-    if compiler() is None or _place() in _unusable:
-        return functions
+    return begun(functions, origin, deadline)()
+
+
+def begun(
+    functions: list[ca.Function], origin: str = "", deadline: Deadline = NEVER
+) -> Callable[[], list[ca.Function]]:
+    """Begin to compile functions; return what waits and returns them compiled.
+
+    Unchanged where that is not possible.  origin: text that determines the functions,
+    by which `kept` finds them again; by default their own C source; deadline: the time
+    for compilation is a share of all.
+    """
+    if compiler() is None or _place() in _said:
+        return lambda: functions
     if _time_for_compilation(deadline) < LEAST_COMPILE_TIME:
-        return functions
+        return lambda: functions
     generator = ca.CodeGenerator("term.c")
     for function in functions:
         generator.add(function)
     source, names = generator.dump(), [f.name() for f in functions]
     load = partial(_externals, names)
-    return _found(load, origin or source, source, deadline) or functions
+    found = _begun(load, origin or source, source, deadline)
+    return cache(lambda: found() or functions)
 
 
 def kept(names, origin: str) -> list[ca.Function] | None:
     """Return the functions compiled from this origin earlier, or None."""
-    return None if compiler() is None else _found(partial(_externals, names), origin)
+    return None if compiler() is None else _begun(partial(_externals, names), origin)()
 
 
 def library(source: str) -> ctypes.CDLL | None:
     """Return the library of a C source of our own, or None where it is not possible."""
-    if compiler() is None or _place() in _unusable:
+    if compiler() is None or _place() in _said:
         return None
-    return _found(ctypes.CDLL, source, source)
+    return _begun(ctypes.CDLL, source, source)()
 
 
 def _time_for_compilation(deadline: Deadline) -> float:
@@ -74,20 +96,33 @@ def _time_for_compilation(deadline: Deadline) -> float:
     return min(COMPILE_TIME, deadline.share_left("compilation", COMPILE_SHARE))
 
 
-def _found(
+def _begun(
     load: Callable, origin: str, source: str | None = None, deadline: Deadline = NEVER
-):
-    """Return load(path) of a library, compiled from `source` if it is not there."""
+) -> Callable:
+    """Return what gives load(path) of a library, or None.
+
+    The compilation from `source` begins now if the library is not there.
+    """
     try:
         path = trusted_folder() / f"{_key(origin)}.so"
         if is_whole(path):
-            return _loaded(path, load)
-        if source is None or not _compile(source, path, deadline):
-            return None
-        return _loaded(path, load)
+            found = _loaded(path, load)
+            return lambda: found
+        if source is None:
+            return lambda: None
+        compilation = Compilation(source, path, deadline)
     except (OSError, ValueError) as error:
         _warn_once(error)
-        return None
+        return lambda: None
+
+    def found():
+        try:
+            return _loaded(path, load) if compilation.finish() else None
+        except (OSError, ValueError) as error:
+            _warn_once(error)
+            return None
+
+    return found
 
 
 def _loaded(path: Path, load: Callable):
@@ -114,9 +149,9 @@ def _place() -> str:
 
 
 def _warn_once(error: Exception) -> None:
-    if _place() not in _unusable:
+    if _place() not in _said:
         log.warning("term functions are not compiled, solves are slower: %s", error)
-    _unusable.add(_place())
+    _said.add(_place())
 
 
 @cache
@@ -127,47 +162,84 @@ def compiler() -> str | None:
     return shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 
 
-def _compile(source: str, library: Path, deadline: Deadline) -> bool:
-    """Compile a library; False if there is no time for it now, OSError if it fails."""
-    allowed = _time_for_compilation(deadline)
-    if allowed < LEAST_COMPILE_TIME:
-        return False
-    with workspace(library.parent) as folder:
-        code, built = folder / "term.c", folder / "term.so"
+class Compilation:
+    """A compiler that makes a library; it runs while others do, one for each core.
+
+    Begun where there is time for it; ended with this object, or with the process.
+    """
+
+    def __init__(self, source: str, library: Path, deadline: Deadline):
+        while len(_running) >= (os.cpu_count() or 1):
+            _running[0].wait()
+        self._library, self._deadline = library, deadline
+        self._allowed = _time_for_compilation(deadline)
+        self._process, self._open = None, ExitStack()
+        if self._allowed < LEAST_COMPILE_TIME:
+            return
+        folder = self._open.enter_context(workspace(library.parent))
+        code, self._built = folder / "term.c", folder / "term.so"
         code.write_text(source)
-        command = [compiler(), *FLAGS, str(code), "-o", str(built), "-lm"]
+        command = [compiler(), *FLAGS, str(code), "-o", str(self._built), "-lm"]
+        self._messages = self._open.enter_context((folder / "messages").open("w+b"))
+        self._process = _started(command, folder, self._messages)
+        self._open.callback(_end, self._process, os.getpid())
+        self._began = time.monotonic()
+        weakref.finalize(self, self._open.close)
+        _running.append(self)
+
+    def wait(self) -> int | None:
+        """Return the status of the compiler at its end, None if that comes too late."""
+        left = max(0.0, self._began + self._allowed - time.monotonic())
         try:
-            with deadline.spending("compilation"):
-                _run(command, folder, allowed)
-        except subprocess.TimeoutExpired as late:
-            if allowed < COMPILE_TIME:
+            with self._deadline.spending("compilation"):
+                return self._waited(left)
+        except subprocess.TimeoutExpired:
+            return None
+        finally:
+            if self in _running:
+                _running.remove(self)
+
+    def _waited(self, seconds: float) -> int:
+        """Return the status; say so where that takes longer than SILENT."""
+        try:
+            return self._process.wait(min(seconds, SILENT))
+        except subprocess.TimeoutExpired:
+            if seconds <= SILENT:
+                raise
+        if WAITING not in _said:
+            log.warning(WAITING)
+            _said.add(WAITING)
+        return self._process.wait(seconds - SILENT)
+
+    def finish(self) -> bool:
+        """Store the library; False if there was no time for it, OSError if it fails."""
+        if self._process is None:
+            return False
+        with self._open:
+            status = self.wait()
+            if status == 0:
+                store(self._built, self._library)
+                return True
+            if status is None and self._allowed < COMPILE_TIME:
                 log.info("a term function is not compiled: the time limit is too short")
                 return False
-            raise OSError(f"{compiler()} took longer than {allowed:g} s") from late
-        store(built, library)
-    return True
+            if status is None:
+                raise OSError(f"{compiler()} took longer than {self._allowed:g} s")
+            self._messages.seek(0)
+            said = self._messages.read(MESSAGE).decode(errors="replace")
+            raise OSError(f"{compiler()} ends with status {status}: {said.strip()}")
 
 
-def _run(command: list[str], folder: Path, seconds: float) -> None:
-    """Run a compiler; OSError if it fails, TimeoutExpired with all of it ended."""
+def _started(command: list[str], folder: Path, messages) -> subprocess.Popen:
     environment = {**os.environ, "LC_ALL": "C", "TMPDIR": str(folder)}
-    with (folder / "messages").open("w+b") as messages:
-        process = subprocess.Popen(
-            command, env=environment, stdin=subprocess.DEVNULL, stdout=messages,
-            stderr=messages, start_new_session=True,
-        )  # fmt: skip
-        try:
-            status = process.wait(seconds)
-        finally:
-            _end(process)
-        messages.seek(0)
-        said = messages.read(MESSAGE).decode(errors="replace")
-    if status:
-        raise OSError(f"{command[0]} ends with status {status}: {said.strip()}")
+    return subprocess.Popen(
+        command, env=environment, stdin=subprocess.DEVNULL, stdout=messages,
+        stderr=messages, start_new_session=True,
+    )  # fmt: skip
 
 
-def _end(process: subprocess.Popen) -> None:
-    """End a process that still runs, and all that it started."""
-    if process.returncode is None:
+def _end(process: subprocess.Popen, owner: int) -> None:
+    """End a process that still runs, and all that it started; not in a fork."""
+    if process.returncode is None and os.getpid() == owner:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()

@@ -28,7 +28,7 @@ import casadi as ca
 
 from ..common.deadline import NEVER, Deadline
 from ..errors import PageError
-from .codegen import compiled, kept
+from .codegen import begun, kept
 
 PARTS = ("value", "first", "second", "patterns")  # names of the compiled functions
 REMEDIES = {  # of what keeps a function from being traced, by words of the error
@@ -44,16 +44,27 @@ class TermFunction:
 
     `value` (z, d) -> (m,); `first` (z, d) -> (m,), nonzeros of the Jacobian;
     `second` (z, d, l) -> nonzeros of the upper triangle of the Hessian of l' value.
+    made: returns these three, waiting for their compilation where it still runs.
     """
 
     rows: int
     unknowns: int
     data: int
-    value: ca.Function
-    first: ca.Function
-    second: ca.Function
-    jacobian_sparsity: ca.Sparsity
-    hessian_sparsity: ca.Sparsity
+    made: Callable[[], list[ca.Function]]
+    jacobian_sparsity: ca.Sparsity | None = None
+    hessian_sparsity: ca.Sparsity | None = None
+
+    @property
+    def value(self) -> ca.Function:
+        return self.made()[0]
+
+    @property
+    def first(self) -> ca.Function:
+        return self.made()[1]
+
+    @property
+    def second(self) -> ca.Function:
+        return self.made()[2]
 
 
 @dataclass
@@ -104,16 +115,15 @@ class TermFunctionCache:
             self.functions[key] = (
                 self._derive(term, key, deadline)
                 if found is None
-                else _term_function(*found)
+                else _term_function(found, lambda: found)
             )
         return self.functions[key]
 
     def _derive(self, term: Traced, key: str, deadline: Deadline) -> TermFunction:
         began = time.perf_counter()
         functions = _derivatives(*term)
-        if self.compile:
-            functions = compiled(functions, _origin(key), deadline)
-        found = _term_function(*functions)
+        made = begun(functions, _origin(key), deadline) if self.compile else None
+        found = _term_function(functions, made or (lambda: functions))
         self.derived += 1
         self.seconds += time.perf_counter() - began
         return found
@@ -143,8 +153,7 @@ def traced(function: Callable, unknowns: list[int], order: list[tuple]) -> TermF
     z, d = (ca.SX.sym(name, term.at.size1_in(k)) for k, name in enumerate("zd"))
     value = ca.Function("term", [z, d], [term.value(z, d)])
     sizes = (value.size1_out(0), value.size1_in(0), value.size1_in(1))
-    return TermFunction(*sizes, value, first=None, second=None, jacobian_sparsity=None,
-                        hessian_sparsity=None)  # fmt: skip
+    return TermFunction(*sizes, lambda: [value, None, None])
 
 
 def term_function_named(name: str, trace, function, sizes, order) -> TermFunction:
@@ -250,15 +259,14 @@ def _derivatives(at: ca.Function, solution: ca.Function) -> list[ca.Function]:
     ]
 
 
-def _term_function(value, first, second, patterns) -> TermFunction:
+def _term_function(parts, made: Callable) -> TermFunction:
     """Return the term function of PARTS; outputs of `patterns` are its sparsities."""
+    value, *_, patterns = parts
     return TermFunction(
         rows=value.size1_out(0),
         unknowns=value.size1_in(0),
         data=value.size1_in(1),
-        value=value,
-        first=first,
-        second=second,
+        made=made,
         jacobian_sparsity=patterns.sparsity_out(0),
         hessian_sparsity=patterns.sparsity_out(1),
     )

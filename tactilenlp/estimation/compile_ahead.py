@@ -1,0 +1,34 @@
+"""Compile ahead what estimates use: by an estimate of the recording that is shipped."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ..data.examples import example_recording
+from ..data.measurements import Measurements
+from ..data.scene import Scene
+from ..interface.options import PROCESS
+from ..interface.request import read_request
+from ..interface.result import Estimate
+from ..problem.pages import shape_of
+from ..search.local_solve import in_motion_of, problem_at
+from .solver import solve_estimate
+
+LARGER_MODELS = ("rigid", "aligned", "central", "planar")  # reductions given up in turn
+
+
+def compile_ahead(shape: str) -> Estimate:
+    """Return the estimate of the shipped recording of a class, "cuboid" or "polytope".
+
+    The functions that it used are compiled then, and those of larger models.
+    """
+    file = example_recording(shape)
+    data, scene = Measurements.load(file), Scene.load(file)
+    estimate = solve_estimate(data, scene, shape=shape)
+    given = data, scene, shape_of(shape), "violation_implicit", None, None, None
+    job = read_request(*given, PROCESS)[0].job
+    for name in LARGER_MODELS:
+        larger = replace(job, reductions=replace(job.reductions, **{name: False}))
+        problem, *_ = problem_at(larger, in_motion_of(larger, estimate.origin))
+        assert problem.functions  # waits for their compilation
+    return estimate
