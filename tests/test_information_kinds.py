@@ -1,12 +1,16 @@
 """Kinds of information, to compare: each is what its definition says."""
 
+from types import SimpleNamespace
+
 import casadi as ca
 import numpy as np
 import pytest
 
+from formulations.level import Level
 from tactilenlp import observed_information
 from tactilenlp.estimation.observed_information import INFORMATION_KINDS, programme_at
 from tactilenlp.information.comparisons import paper, quaternion_jacobian
+from tactilenlp.interface.result import solution_of
 
 UNITS = np.r_[1e3, 1e3, 1e3, 1e3, 1e3, 50.0]  # to mm, a radian as 50 mm
 STEP = 1e-6  # [m, rad] of central differences
@@ -82,3 +86,8 @@ def test_the_papers_information_is_eq_obsinfo_summed_by_hand(programme):
         np.abs((found - M) / np.outer(UNITS, UNITS)).max()
         < 1e-4 * np.abs(M / np.outer(UNITS, UNITS)).max()
     )
+
+
+def test_a_solution_has_the_parameters_of_the_last_level_of_its_page(estimate):
+    page = SimpleNamespace(LEVELS=(Level("only", {"motion weight": 100.0}),))
+    assert solution_of(estimate, page).parameters == {"motion weight": 100.0}

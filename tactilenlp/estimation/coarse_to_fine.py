@@ -1,4 +1,4 @@
-"""Coarse to fine in time: a recording above 30 Hz is first estimated at about 30 Hz.
+"""Coarse to fine in time: above 45 Hz a recording is first estimated at about 30 Hz.
 
 Search and model selection run at that rate only (1 / tracking.PERIOD): they take
 hundreds of iterations and need no more samples, and errors of the model last longer
@@ -77,8 +77,8 @@ def optima_of_dense(request: Request, rows, so_far: SoFar) -> Optima:
     dense = dense_request(request, known.job)
     starts = [interpolated(s.at, data, rows) for s in (known, *coarse.modes)]
     starts = distinct(dense.job.shape, starts, request.widths[1], LEAST_MOTION_BEHIND)
-    job, solved = dense.job_until(REFINEMENT_END), so_far.solved
-    with job.deadline.ending("other solves of the page"):
+    job = dense.job_until(REFINEMENT_END)
+    with so_far.collecting() as solved, job.deadline.ending("other solves of the page"):
         multistart(job, starts, job.page.LEVELS, solved=solved)
     job = dense.job_until(CERTIFICATES_END)
     solved = best_first(solved)

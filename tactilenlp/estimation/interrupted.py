@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
 from ..common.deadline import NEVER, Deadline
@@ -29,6 +31,15 @@ class SoFar:
     kept: list
     solved: list = field(default_factory=list)
     began: float = field(default_factory=time.process_time)  # [s] of CPU
+
+    @contextmanager
+    def collecting(self) -> Iterator[list]:
+        """Give the list of the solves of one search; they are kept, however it ends."""
+        mine: list = []
+        try:
+            yield mine
+        finally:
+            self.solved += mine
 
     @property
     def spent(self) -> float:

@@ -111,18 +111,18 @@ def _solved_page(request, starts, so_far, update) -> tuple[Job, list[Solved]]:
         """Solve a larger model from the optimum of the smaller, and from all starts."""
         first = replace(first, objective=starts[0].objective)  # of the search
         several = [first] if alone else [first, *starts]
-        found = refined(free, several, so_far.solved, earlier)
+        found = refined(free, several, mine, earlier)
         return [s for s in found if s.job is free]
 
-    with job.deadline.ending("other solves of the page"):
-        solved = refined(job, starts, so_far.solved, earlier)
+    with so_far.collecting() as mine, job.deadline.ending("other solves of the page"):
+        solved = refined(job, starts, mine, earlier)
         check_finite(solved[0].problem, solved[0].solution)
         job, solved = with_ground_tilt(job, solved)
         job, solved = with_nuisance_parameters(job, solved, freed)
         job, solved = with_ground_for_turns(job, solved)
         solved = repaired(job, solved, update)
     if solved is None:
-        solved = best_first(so_far.solved)
+        solved = best_first(mine)
         job = solved[0].job if solved else job
     return replace(job, deadline=request.job_until(CERTIFICATES_END).deadline), solved
 

@@ -19,14 +19,14 @@ scale, is (1 + u^2)^-2, so that the cost 2 log(1 + u^2) has
     E = 2 (psi(2) - psi(1/2)) = 4.77,      Var = 4 (psi'(1/2) - psi'(2)) = 17.2  nats
 
 and here the scale is the geometric mean of the page's own and of all other ways.  The
-row "between actions" is the largest of these costs, of which a path that was lost has
-one.  It is no part of the total, and at most "poor".
+row "between actions" is the largest of these, no part of the total, at most "poor".
 
 A body that moved by more than FAR between two actions, beyond what its speed explains,
 was carried or its path is lost, and several paths explain that alike: at most "poor".
 
-The verdict is "good" up to POOR spreads and MARGIN nats of excess, "bad" beyond BAD of
-either, else "poor".  Where it is not good, deviations are multiplied by the Birge ratio
+The verdict is "good" up to POOR spreads and MARGIN nats of excess, "bad" beyond BAD
+times the sum of spread and MARGIN, else "poor".  Where it is not good, deviations are
+multiplied by the Birge ratio
 
     B = sqrt(actual / (expected + spread))                             (Birge, 1932)
 

@@ -25,7 +25,8 @@ LEAST_EIGENVALUE = 1e-12  # [-] of the largest: what rounding leaves of an exact
 SPREAD, SHRUNK = 0.8, 0.4  # [deviations] of the parts of a split; their variance
 PRESS = 0.7, 1.0  # [weights] median, deviation of the logarithm, of a push on a top
 GAP_SIGMA, NORMAL_SIGMA = 0.25e-3, 0.075  # [m], [rad] model errors of a touch
-FRICTION_GROUND, FRICTION_FINGER = 0.3, 0.5  # [-] where a scene does not say
+# [-] where a scene does not say, or says that the ground has none: pushes divide by it
+FRICTION_GROUND, FRICTION_FINGER = 0.3, 0.5
 
 
 @dataclass(frozen=True, eq=False)
