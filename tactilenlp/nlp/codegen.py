@@ -11,6 +11,7 @@ machine evaluates the same expressions; the last of these is logged as one warni
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import hashlib
 import logging
@@ -20,7 +21,6 @@ import shutil
 import signal
 import subprocess
 import time
-import weakref
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import cache, partial
@@ -117,7 +117,7 @@ def _begun(
 
     def found():
         try:
-            return _loaded(path, load) if compilation.finish() else None
+            return _loaded(path, load) if compilation.finished() else None
         except (OSError, ValueError) as error:
             _warn_once(error)
             return None
@@ -165,7 +165,7 @@ def compiler() -> str | None:
 class Compilation:
     """A compiler that makes a library; it runs while others do, one for each core.
 
-    Begun where there is time for it; ended with this object, or with the process.
+    Begun where there is time for it; ended with the process.
     """
 
     def __init__(self, source: str, library: Path, deadline: Deadline):
@@ -173,61 +173,76 @@ class Compilation:
             _running[0].wait()
         self._library, self._deadline = library, deadline
         self._allowed = _time_for_compilation(deadline)
-        self._process, self._open = None, ExitStack()
+        self._result: bool | OSError | None = None
         if self._allowed < LEAST_COMPILE_TIME:
+            self._result = False
             return
-        folder = self._open.enter_context(workspace(library.parent))
-        code, self._built = folder / "term.c", folder / "term.so"
-        code.write_text(source)
-        command = [compiler(), *FLAGS, str(code), "-o", str(self._built), "-lm"]
-        self._messages = self._open.enter_context((folder / "messages").open("w+b"))
-        self._process = _started(command, folder, self._messages)
-        self._open.callback(_end, self._process, os.getpid())
+        with ExitStack() as opened:
+            folder = opened.enter_context(workspace(library.parent))
+            code, self._built = folder / "term.c", folder / "term.so"
+            code.write_text(source)
+            command = [compiler(), *FLAGS, str(code), "-o", str(self._built), "-lm"]
+            self._messages = opened.enter_context((folder / "messages").open("w+b"))
+            self._process = _started(command, folder, self._messages)
+            opened.callback(_end, self._process, os.getpid())
+            self._opened = opened.pop_all()
         self._began = time.monotonic()
-        weakref.finalize(self, self._open.close)
+        atexit.register(self._opened.close)
         _running.append(self)
 
-    def wait(self) -> int | None:
-        """Return the status of the compiler at its end, None if that comes too late."""
-        left = max(0.0, self._began + self._allowed - time.monotonic())
-        try:
-            with self._deadline.spending("compilation"):
-                return self._waited(left)
-        except subprocess.TimeoutExpired:
-            return None
-        finally:
-            if self in _running:
-                _running.remove(self)
+    def finished(self) -> bool:
+        """Wait; tell whether the library is there, else there was no time for it.
 
-    def _waited(self, seconds: float) -> int:
-        """Return the status; say so where that takes longer than SILENT."""
+        Raises OSError if the compiler failed.
+        """
+        self.wait()
+        if isinstance(self._result, OSError):
+            raise self._result
+        return bool(self._result)
+
+    def wait(self) -> None:
+        """Wait for the end, or for the time that is allowed, and store the library."""
+        if self._result is not None:
+            return
+        with self._opened:
+            try:
+                left = max(0.0, self._began + self._allowed - time.monotonic())
+                with self._deadline.spending("compilation"):
+                    self._result = self._stored(self._status(left))
+            except OSError as error:
+                self._result = error
+            finally:
+                _running.remove(self)
+        atexit.unregister(self._opened.close)
+
+    def _status(self, seconds: float) -> int | None:
+        """Return the compiler's status, None if it takes longer; SILENT is said."""
         try:
             return self._process.wait(min(seconds, SILENT))
         except subprocess.TimeoutExpired:
             if seconds <= SILENT:
-                raise
+                return None
         if WAITING not in _said:
             log.warning(WAITING)
             _said.add(WAITING)
-        return self._process.wait(seconds - SILENT)
+        try:
+            return self._process.wait(seconds - SILENT)
+        except subprocess.TimeoutExpired:
+            return None
 
-    def finish(self) -> bool:
-        """Store the library; False if there was no time for it, OSError if it fails."""
-        if self._process is None:
+    def _stored(self, status: int | None) -> bool:
+        """Store the library; False if there was no time for it, OSError if it failed."""
+        if status == 0:
+            store(self._built, self._library)
+            return True
+        if status is None and self._allowed < COMPILE_TIME:
+            log.info("a term function is not compiled: the time limit is too short")
             return False
-        with self._open:
-            status = self.wait()
-            if status == 0:
-                store(self._built, self._library)
-                return True
-            if status is None and self._allowed < COMPILE_TIME:
-                log.info("a term function is not compiled: the time limit is too short")
-                return False
-            if status is None:
-                raise OSError(f"{compiler()} took longer than {self._allowed:g} s")
-            self._messages.seek(0)
-            said = self._messages.read(MESSAGE).decode(errors="replace")
-            raise OSError(f"{compiler()} ends with status {status}: {said.strip()}")
+        if status is None:
+            raise OSError(f"{compiler()} took longer than {self._allowed:g} s")
+        self._messages.seek(0)
+        said = self._messages.read(MESSAGE).decode(errors="replace")
+        raise OSError(f"{compiler()} ends with status {status}: {said.strip()}")
 
 
 def _started(command: list[str], folder: Path, messages) -> subprocess.Popen:
