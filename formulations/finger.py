@@ -30,7 +30,7 @@ from functools import cache, partial
 import casadi as ca
 
 TAU = 5e-5  # [rho] tau: turns the normal by sqrt(tau / rho) rad = 0.4 deg at most
-HALVINGS = 20  # of the segment: within its length / 10^6, where Newton's steps finish
+SEGMENT_HALVINGS = 20  # of the segment: to its length / 10^6, where Newton finishes
 
 
 def to_body(pose, p_w):
@@ -67,7 +67,7 @@ def segment_core(half_length, shape, theta, pose, p_wf, rho):
     slope, steepness = _along(shape)
     line = theta, to_body(pose, c_wf), pose[1].T @ a_wf, rho
     u = 0
-    for k in range(HALVINGS):
+    for k in range(SEGMENT_HALVINGS):
         u -= ca.sign(slope(u, *line)) / 2 ** (k + 1)
     u = frozen(u - slope(u, *line) / steepness(u, *line), 2.0**-50)
     A = frozen(steepness(u, *line), 1e-6 * TAU * rho)

@@ -33,7 +33,7 @@ from .names import BY_ROUNDING, FINGER_IMPULSE
 UNFELT = 2000.0  # [nats] for an impulse of one weight not felt: 20 for what would be
 
 ROUNDINGS = 50  # [1 / finger radius] length that rounds max(phi, 0) of an unfelt finger
-SMALL = 0.02e-3  # [m] rounds max(phi, 0) of a finger whose sample is missing
+GAP_ROUNDING = 0.02e-3  # [m] rounds max(phi, 0) of a finger whose sample is missing
 
 
 class Push(NamedTuple):
@@ -108,7 +108,7 @@ class FingerContact:
         """Return the cost of an impulse across a gap, and of penetration."""
         pose = self.motion.pose(self.shape, theta, x)
         phi = self.finger.gap(self.shape, theta, pose, p_wf, rho) + inside.delta()
-        energy = contact.complementarity(lam, phi, SMALL)
+        energy = contact.complementarity(lam, phi, GAP_ROUNDING)
         return kappa * energy / (w * MM) + sensing.touch(ca.fmin(phi, 0), sigma)
 
 

@@ -36,7 +36,7 @@ import casadi as ca
 
 from .friction import Impulses, cone, friction, impulses
 from .known_trajectory_terms import (
-    ROUND,
+    CONE_ROUNDING,
     Touch,
     gaussian,
     imbalance,
@@ -52,7 +52,7 @@ LEVELS = (Level("joint", ipopt={"mu_init": 1.0, "max_iter": 500}),)
 
 SURFACE = 0.5e-3  # [m] deviation of a touching corner from the ground: tracking
 SIZE = 20e-3  # [m] deviation of a corner from its first guess
-ROUNDING = 3e-3  # [m] deviation of the radius of edges and corners, about zero
+EDGE_RADIUS = 3e-3  # [m] deviation of the radius of edges and corners, about zero
 HEIGHT, SLOPE = 0.5e-3, 0.02  # [m], [1] of the ground, about the scene's
 WANDER = (0.3e-3, 3e-3, 3e-3)  # [m], [1] by which a toss sees another ground
 INERTIA = 0.3  # [1] deviation of the inertia from that of a uniform body
@@ -88,7 +88,7 @@ def build(nlp, window, scene):
     contacts(nlp, window, ground, radius, corner, Impulses(lam, mu, weight), fall)
     for x, mean, deviation in (
         (theta, window.guess.T, SIZE),
-        (radius, 0.0, ROUNDING),
+        (radius, 0.0, EDGE_RADIUS),
         (inertia, 1.0, INERTIA),
         (plane, 0.0, ca.DM([HEIGHT, SLOPE, SLOPE])),
         (offset, 0.0, ca.DM(WANDER)),
@@ -136,6 +136,6 @@ def contacts(nlp, window, ground, radius, corner, impulses, fall):
         "dissipation", sliding, *ground, *corner, lam, mu, fall, w, *around,
         role="physics",
     )  # fmt: skip
-    nlp.parameter("cone rounding", ROUND, "weights")
+    nlp.parameter("cone rounding", CONE_ROUNDING, "weights")
     cone(nlp, "ground", impulses)
     nlp.report("world impulse", in_world, *ground, lam)

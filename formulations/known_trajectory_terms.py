@@ -22,7 +22,7 @@ from .shape import positive_part
 GAP_EPS = 0.2e-3  # [m] rounds max(phi, 0)
 KAPPA = 1.0  # [nats] for friction that fails to dissipate a weight moved by 1 mm
 V_EPS = 10e-3  # [m/s] rounds the sliding speed: 0.07 mm in a step of 1/148 s
-ROUND = 0.01  # [weights] rounds the apex of the friction cone
+CONE_ROUNDING = 0.01  # [weights] rounds the apex of the friction cone
 BITE = 0.25  # [weights] an impulse of that size is half a touch
 
 
@@ -117,5 +117,5 @@ def sliding(plane, offset, theta, sign, lam, mu, fall, w, p_1, R_1, p_2, R_2):
     dt, (_, t_1, t_2) = fall[2], frame(plane, offset)
     v = (place(p_2, R_2, theta, sign) - place(p_1, R_1, theta, sign)) / (2 * dt)
     v_s = ca.vertcat(ca.dot(v, t_1), ca.dot(v, t_2))
-    lost = contact.dissipation(mu, lam, v_s, V_EPS, ROUND * w)
-    return KAPPA * (lost - ROUND * w * V_EPS) * dt / (w * contact.MM)
+    lost = contact.dissipation(mu, lam, v_s, V_EPS, CONE_ROUNDING * w)
+    return KAPPA * (lost - CONE_ROUNDING * w * V_EPS) * dt / (w * contact.MM)

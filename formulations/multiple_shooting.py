@@ -18,7 +18,7 @@ from .level import Level
 from .names import FINGER_IMPULSE, GIVES
 from .rigid_body import G, momentum_change, uniform
 from .sliding_contact import Pusher
-from .time_stepping import V_EPS, Sliding
+from .time_stepping import STEP_V_EPS, Sliding
 from .violation_implicit import felt
 
 # These equations need every sample, whatever the options say.
@@ -35,7 +35,7 @@ def build(nlp, window, scene, shape):
     body = Sliding(shape, window.finger, scene.mass, scene.gravity)
     mu = friction(nlp, "finger friction", scene.friction_finger)
     mu_g = friction(nlp, "ground friction", scene.friction_ground)
-    v_eps = nlp.parameter("speed rounding", V_EPS, "m/s")
+    v_eps = nlp.parameter("speed rounding", STEP_V_EPS, "m/s")
     step, push = window.step, window.push
 
     def compliance(*step):

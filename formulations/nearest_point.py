@@ -30,12 +30,12 @@ from .finger import frozen
 from .implicit import are_noted, root
 
 SHARP = 30  # lengths of rounding in `small`, a tenth of the finger: 0.03 mm
-TINY = 1e-6  # [m] a distance is not exactly zero, so that it has derivatives
+LEAST_DISTANCE = 1e-6  # [m] a distance is not exactly zero, so that it has derivatives
 WIDTHS = (*(10e-3 * 2.0**-k for k in range(10)), 0.0)  # [m] added to small, in turn
 FIRST = 4  # Newton steps while the hull is most round
-FAR = 5.0  # [-] by which these change log w_j - log w_k at most
+LARGEST_CHANGE = 5.0  # [-] by which these change log w_j - log w_k at most
 LAST = 3  # Newton steps where the hull is sharp, before freezing
-EXACT = 2  # more Newton steps: as many exact derivatives, where they are written out
+EXACT_STEPS = 2  # more Newton steps: exact derivatives where written out
 
 
 def towards(vertices, q_of, small):
@@ -56,7 +56,7 @@ def _found(count):
     """Return (V (3, count), q, small) -> u, eps, without derivatives."""
     V, q, small = ca.SX.sym("V", 3, count), ca.SX.sym("q", 3), ca.SX.sym("small")
     u, eps = _iterated(V, q, small)
-    for _ in range(EXACT):
+    for _ in range(EXACT_STEPS):
         u = newton_step(V, q, u, eps)
     return ca.Function("found", [V, q, small], [u, eps], {"cse": True})
 
@@ -68,7 +68,7 @@ def _written_out(count):
     u, eps = _iterated(V, q, small)
     u = frozen(u, 2.0**-60)
     slope = frozen(residual_of(V, q, u, eps)[1], 2.0**-40)
-    for _ in range(EXACT):
+    for _ in range(EXACT_STEPS):
         u = u - solve_symmetric(slope, residual_of(V, q, u, eps)[0])
     return ca.Function("towards", [V, q, small], [u])
 
@@ -94,12 +94,12 @@ def newton_step(V, q, u, eps):
 
 
 def damped_step(V, q, u, eps):
-    """Return u after a Newton step that changes log w_j / w_k by FAR at most."""
+    """Return u after a Newton step that changes log w_j / w_k by a little."""
     residual, slope = residual_of(V, q, u, eps)
     step = solve_symmetric(slope, residual)
     change = V.T @ step / eps
     change = ca.mmax(change) - ca.mmin(change)
-    return u - step * ca.fmin(1, FAR / (change + 1e-12))
+    return u - step * ca.fmin(1, LARGEST_CHANGE / (change + 1e-12))
 
 
 def predictor_corrector(V, q, u, before, eps):

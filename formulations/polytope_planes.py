@@ -1,7 +1,7 @@
 r"""Poses and observed supporting planes: the path of a convex body of unknown shape.
 
     min  sum_touch  touch(n_i . R'(r - p) - rho - b_i) + |R n_i - n_m|^2 / (2 sigma_n^2)
-       + sum_links  |n_i - n_j|^2 / (2 FACE^2) + (b_i - b_j)^2 / (2 OFFSET^2) (one face)
+       + sum_links  |n_i - n_j|^2 / (2 FACE^2) + (b_i - b_j)^2 / (2 APART^2) (one face)
        + sum_pairs  max(n_j . c_i - b_j, 0)^2 / (2 sigma^2)                   (behind)
        + sum_free   max(rho - |R'(r - p) - c_i|, 0)^2 / (2 sigma^2)           (outside)
        + sum_slips  SLIP_WEIGHT (sqrt(|c_i - c_j|^2 + WAY_EPS^2) - WAY_EPS)   (slip)
@@ -38,7 +38,7 @@ TOUCH = 0.2e-3  # [m] deviation of a contact point from its plane
 NORMAL = 0.02  # [rad] deviation of a measured normal from that of its plane
 BEHIND = 0.2e-3  # [m] deviation of a contact point that lies before another plane
 FACE = 0.01  # [rad] deviation of the normals of two touches of one face
-OFFSET = 0.1e-3  # [m] deviation of their offsets
+APART = 0.1e-3  # [m] deviation of their offsets
 FACE_COST = 1.5  # [nats] for two successive touches that are not of one face
 PAIR_COST = 3.0  # [nats] that one pair of touches can cost: they may be of a wrong pose
 SLIP_WEIGHT = 100.0  # [nats / m] price of a finger's slip along the body
@@ -134,7 +134,7 @@ class Touched:
 def one_face(plane, other):
     """Return the cost of two touches that may be of one face."""
     turn = ca.sumsqr(outward(plane) - outward(other)) / (2 * FACE**2)
-    cost = turn + ((plane[3] - other[3]) / OFFSET) ** 2 / 2
+    cost = turn + ((plane[3] - other[3]) / APART) ** 2 / 2
     return sensing.mixture(cost, FACE_COST)
 
 

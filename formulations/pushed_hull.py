@@ -35,13 +35,13 @@ def as_pushed(shape, theta):
 def distance(theta, q_of, small):
     """Return the distance [m] from the hull of the point q_of, which is outside."""
     u = towards(theta, q_of, small)
-    return ca.sqrt(ca.sumsqr(u) + near.TINY**2)
+    return ca.sqrt(ca.sumsqr(u) + near.LEAST_DISTANCE**2)
 
 
 def normal(theta, q_of, small):
     """Return the outward unit normal towards the point q_of outside of the hull."""
     u = towards(theta, q_of, small)
-    return u / ca.sqrt(ca.sumsqr(u) + near.TINY**2)
+    return u / ca.sqrt(ca.sumsqr(u) + near.LEAST_DISTANCE**2)
 
 
 def towards(theta, q_of, small):

@@ -6,8 +6,8 @@ rays, each with the solid angle 4 pi / M, a body that its origin sees has
     volume = sum r^3 / 3,   centroid = sum r^4 u / 4 / volume,
     second moments = sum r^5 u u' / 5 / volume,   inertia = trace(S) I - S,
 
-against which inertia and origin are checked.  From each point of the surface, RADIUS
-along the normal, the distance must be RADIUS: a signed distance, not just any function
+against which inertia and origin are checked.  From each point of the surface, TIP
+along the normal, the distance must be TIP: a signed distance, not just any function
 that is zero on the surface.
 """
 
@@ -23,11 +23,11 @@ from .shape_fields import unfit_fields
 from .shape_report import Disagreement, ShapeReport
 from .size_prior import entries
 
-RAYS = 1000
-HALVINGS = 40
-RADIUS = 10e-3  # [m] of a fingertip, at whose centre the distance is read
-SMALL = 1e-4  # [m] rounding of edges here: a tenth of what pages ask for
-UNEVEN = 1.15, 0.85, 1.0  # [mean] of the first theta: no body of equal sizes
+CHECK_RAYS = 1000
+CHECK_HALVINGS = 40
+TIP = 10e-3  # [m] of a fingertip, at whose centre the distance is read
+CHECKED_EDGE = 1e-4  # [m] rounding of edges here: a tenth of what pages ask for
+UNEQUAL_SIZES = 1.15, 0.85, 1.0  # [mean] of the first theta: no body of equal sizes
 OFF, BENT = 0.3e-3, 0.05  # [m] of a distance or height; [rad] of a normal
 BESIDE = 0.02  # [-] share of rays whose point may be on an edge, where normals jump
 _REACH = {  # what to correct: the shape's own, the default
@@ -64,8 +64,8 @@ def _of_calls(shape) -> tuple:
     theta, point = ca.DM(_thetas(shape, 1, 0)[0]), ca.DM([0.02, 0.01, 0.03])
     signs = ca.DM(shape.corners[0])
     calls = {
-        "distance": ((theta, point, SMALL), (1, 1)),
-        "normal": ((theta, point, SMALL), (3, 1)),
+        "distance": ((theta, point, CHECKED_EDGE), (1, 1)),
+        "normal": ((theta, point, CHECKED_EDGE), (3, 1)),
         "corner": ((theta, signs), (3, 1)),
         "rest_height": ((theta,), (1, 1)),
         "reach": ((theta,), (1, 1)),
@@ -102,7 +102,9 @@ def _thetas(shape, count, seed):
     rows = [
         *zip(*([*map(float, r)] for r in (mean, deviation, low, high)), strict=True)
     ]
-    first = [m * UNEVEN[i % len(UNEVEN)] for i, (m, *_) in enumerate(rows)]
+    first = [
+        m * UNEQUAL_SIZES[i % len(UNEQUAL_SIZES)] for i, (m, *_) in enumerate(rows)
+    ]
     more = [
         [min(max(draw.gauss(m, 0.5 * s), lo, 0.3 * m), hi) for m, s, lo, hi in rows]
         for _ in range(count - 1)
@@ -113,9 +115,9 @@ def _thetas(shape, count, seed):
 def _at(shape, theta):
     """Yield what disagrees at one theta: what, got, expected, remedy."""
     q = shape.symbol("q", 3)
-    signed = ca.Function("distance", [q], [shape.distance(theta, q, SMALL)])
-    outward = ca.Function("normal", [q], [shape.normal(theta, q, SMALL)])
-    rays, reach = _directions(RAYS), float(shape.reach(theta))
+    signed = ca.Function("distance", [q], [shape.distance(theta, q, CHECKED_EDGE)])
+    outward = ca.Function("normal", [q], [shape.normal(theta, q, CHECKED_EDGE)])
+    rays, reach = _directions(CHECK_RAYS), float(shape.reach(theta))
     yield from _of_reach(shape, signed, rays, reach)
     r = _radii(signed, rays, reach)
     points = rays * ca.repmat(r, 3, 1)
@@ -128,13 +130,13 @@ def _at(shape, theta):
 
 
 def _of_reach(shape, signed, rays, reach):
-    outside = signed.map(RAYS)(rays * reach * (1 + 1e-3))
+    outside = signed.map(CHECK_RAYS)(rays * reach * (1 + 1e-3))
     if (worst := float(ca.mmin(outside))) < -OFF:
         yield (
             "distance beyond reach(theta)", _mm(worst), "at least 0 mm",
             _REACH[shape.reach is half_diagonal],
         )  # fmt: skip
-    inside = signed.map(RAYS)(rays * 1e-3 * reach)
+    inside = signed.map(CHECK_RAYS)(rays * 1e-3 * reach)
     if not float(ca.mmax(inside)) < 0:
         yield (
             "distance beside the origin", _mm(float(ca.mmax(inside))), "below 0",
@@ -143,9 +145,12 @@ def _of_reach(shape, signed, rays, reach):
 
 
 def _radii(signed, rays, reach):
-    low, high = ca.DM.zeros(1, RAYS), reach * (1 + 1e-3) * ca.DM.ones(1, RAYS)
-    many = signed.map(RAYS)
-    for _ in range(HALVINGS):
+    low, high = (
+        ca.DM.zeros(1, CHECK_RAYS),
+        reach * (1 + 1e-3) * ca.DM.ones(1, CHECK_RAYS),
+    )
+    many = signed.map(CHECK_RAYS)
+    for _ in range(CHECK_HALVINGS):
         middle = (low + high) / 2
         within = many(rays * ca.repmat(middle, 3, 1)) < 0
         low, high = (
@@ -157,16 +162,16 @@ def _radii(signed, rays, reach):
 
 def _of_distance(signed, outward, points):
     """Yield whether normals are the slopes of a distance that is one."""
-    n = outward.map(RAYS)(points)
+    n = outward.map(CHECK_RAYS)(points)
     length = ca.sqrt(ca.sum1(n * n))
     if abs(float(ca.mmax(ca.fabs(length - 1)))) > BENT:
         yield (
             "length of the normal", f"{float(ca.mmax(length)):.3g}", "1",
             "divide normal by its length, or use gradient_normal(distance)",
         )  # fmt: skip
-    away = points + RADIUS * n
-    off = _sorted(ca.fabs(signed.map(RAYS)(away) - RADIUS))
-    if not off[int((1 - BESIDE) * RAYS)] < OFF:
+    away = points + TIP * n
+    off = _sorted(ca.fabs(signed.map(CHECK_RAYS)(away) - TIP))
+    if not off[int((1 - BESIDE) * CHECK_RAYS)] < OFF:
         yield (
             "distance of points 10 mm out along the normal",
             f"off by up to {_mm(off[-1])}", f"10 mm to {_mm(OFF)}",
@@ -175,9 +180,9 @@ def _of_distance(signed, outward, points):
         )  # fmt: skip
     q = ca.SX.sym("q", 3) if outward.is_a("SXFunction") else ca.MX.sym("q", 3)
     slope = ca.Function("slope", [q], [ca.gradient(signed(q), q)])
-    m, there = slope.map(RAYS)(away), outward.map(RAYS)(away)
+    m, there = slope.map(CHECK_RAYS)(away), outward.map(CHECK_RAYS)(away)
     off = _sorted(ca.sqrt(ca.sum1((m - there) ** 2)))
-    if not off[int((1 - BESIDE) * RAYS)] < BENT:
+    if not off[int((1 - BESIDE) * CHECK_RAYS)] < BENT:
         yield (
             "normal against the slope of the distance", f"{off[-1]:.2g} rad apart",
             f"{BENT} rad", "use normal=gradient_normal(distance)",
@@ -239,8 +244,10 @@ def _of_symmetries(shape, theta, signed, points):
     for order, S in shape.symmetries:
         renamed = ca.vertcat(*(theta[i] for i in order))
         q = shape.symbol("q", 3)
-        again = ca.Function("distance", [q], [shape.distance(renamed, q, SMALL)])
-        off = again.map(RAYS)(ca.DM(S).T @ points) - signed.map(RAYS)(points)
+        again = ca.Function("distance", [q], [shape.distance(renamed, q, CHECKED_EDGE)])
+        off = again.map(CHECK_RAYS)(ca.DM(S).T @ points) - signed.map(CHECK_RAYS)(
+            points
+        )
         if (worst := float(ca.mmax(ca.fabs(off)))) > OFF:
             yield (
                 f"the symmetry {order}, {S}", f"a surface that is {_mm(worst)} off",

@@ -4,7 +4,7 @@ r"""Impulses on a body that slides flat: rounded complementarity, Coulomb's law.
     lam_t = -mu lam_n v_s / sqrt(|v_s|^2 + s^2)                  maximum dissipation
     N_i   = S(a + b X_i + c Y_i)            loads of corners that hold the body flat
 
-with S(z) = (z + sqrt(z^2 + ROUND^2)) / 2.  An impulse of one weight overlaps by s dt
+with S(z) = (z + sqrt(z^2 + LOAD_ROUNDING^2)) / 2.  One weight overlaps by s dt
 and rebounds at two or three s: the energy of body and overlap never grows.  The ground
 carries the body on the corners of `shape`, which share the load affinely: a, b, c are
 the least loads that satisfy the other three balances, z, roll and pitch.  A corner that
@@ -20,8 +20,8 @@ import casadi as ca
 from .rigid_body import ARM
 from .shape import positive_part
 
-ROUND = 0.1  # [weights] rounds the normal impulse where the gap closes
-NONE = 0.01  # [weights] rounds the load of a corner that would have to pull
+LOAD_ROUNDING = 0.1  # [weights] rounds the normal impulse where the gap closes
+PULL_ROUNDING = 0.01  # [weights] rounds the load of a corner that would have to pull
 
 
 class Pusher(NamedTuple):
@@ -44,7 +44,7 @@ def push(shape, finger, theta, pose, pose_1, dt, w, mu, s, pusher):
     (p, R), (p_1, R_1), (p_wf, p_wf_1, rho) = pose, pose_1, pusher
     phi = finger.gap(shape, theta, pose, p_wf, rho)
     p_w, n = finger.touch(shape, theta, pose, p_wf, rho)
-    lam_n = w * positive_part(-phi / (s * dt), ROUND)
+    lam_n = w * positive_part(-phi / (s * dt), LOAD_ROUNDING)
     body_before = p_1 + R_1 @ (R.T @ (p_w - p))
     v = (finger.before(p_w, p_wf, p_wf_1) - body_before) / dt
     return p_w, -lam_n * n + coulomb(mu * lam_n, v - n * ca.dot(v, n), s)
@@ -66,7 +66,7 @@ def drag(shape, theta, pose, pose_1, dt, w, mu, s, force, moment):
     abc = ca.inv_minor(bearing(bases, arms, each)) @ load
     total, turning = ca.SX.zeros(2), 0
     for b, r, f in zip(bases, arms, each, strict=True):
-        N = positive_part(b @ abc, NONE * w)
+        N = positive_part(b @ abc, PULL_ROUNDING * w)
         total += N * f
         turning += N * (r[0] * f[1] - r[1] * f[0])
     return total, turning

@@ -29,8 +29,8 @@ from .rigid_body import ARM, PLANAR, G, momentum_change, uniform
 from .shape import Shape
 from .sliding_contact import Pusher, drag, push
 
-V_EPS = 2e-3  # [m/s] rounds contact and friction: 0.07 mm in a step of 1/30 s
-LONGEST = 5e-3  # [m] of a Newton step
+STEP_V_EPS = 2e-3  # [m/s] rounds contact and friction: 0.07 mm in a step of 1/30 s
+LONGEST_STEP = 5e-3  # [m] of a Newton step
 FIRST_SPEED = 64e-3  # [m/s] the speed s at which Newton's steps begin
 EASING, LAST = 8, 5  # Newton steps while s falls, and at its value
 DAMPING = (1.0, 0.5, 0.25, 0.1)  # of a Newton step: the one that leaves least is taken
@@ -93,7 +93,7 @@ class Sliding:
         balance = ca.Function("balance", inputs, [F], cse)
         d = ca.inv_minor(A) @ F
         way = ca.sqrt(d[0] ** 2 + d[1] ** 2 + (ARM * d[2]) ** 2)
-        d *= ca.fmin(1, LONGEST / way)
+        d *= ca.fmin(1, LONGEST_STEP / way)
         ends = [x - share * d for share in DAMPING]
         end = best(ends, [balance(x, *inputs[1:]) for x in ends])
         constant = cse | {"never_inline": True, "is_diff_out": [False]}

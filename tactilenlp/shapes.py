@@ -24,7 +24,7 @@ __all__ = [
     "polytope",
     "prism",
 ]
-MOST = 1000  # sides, vertices
+MOST_CORNERS = 1000  # sides, vertices
 
 
 def prism(sides: int) -> Shape:
@@ -71,9 +71,9 @@ def log_size_prior(shape: Shape, theta) -> float:
 
 def _count(name: str, value, least: int) -> int:
     """Return a whole number of at least `least`; OptionError for anything else."""
-    if not (is_whole(value) and least <= value <= MOST):
+    if not (is_whole(value) and least <= value <= MOST_CORNERS):
         raise OptionError(
             "no such class of shapes", where=name, got=value,
-            expected=f"a whole number from {least} to {MOST}",
+            expected=f"a whole number from {least} to {MOST_CORNERS}",
         )  # fmt: skip
     return int(value)

@@ -3,6 +3,7 @@
 import ast
 import re
 import sys
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -90,3 +91,23 @@ def test_a_page_has_at_most_150_lines():
         text = path.read_text()
         if "\ndef build(" in text and "\nLEVELS" in text:
             assert len(text.splitlines()) <= 150, path.name
+
+
+OF_PAGES = {  # what every page, or every error of the fingers, states for itself
+    *("ALIKE", "ALPHA", "EXTENDS", "FREED", "LEVELS", "NAME", "NORMAL", "OFFSETS"),
+    *("REDUCTIONS", "ROUGH", "TOUCH", "V_EPS", "WEIGHTS", "MM"),
+}
+
+
+def test_the_name_of_a_constant_means_one_thing():
+    values = {}
+    packages = (ROOT / "tactilenlp").rglob("*.py"), (ROOT / "formulations").glob("*.py")
+    for path in chain(*packages):
+        for line in ast.parse(path.read_text()).body:
+            if isinstance(line, ast.Assign):
+                names = [t.id for t in line.targets if isinstance(t, ast.Name)]
+                for name in names:
+                    if name.isupper():
+                        values.setdefault(name, set()).add(ast.unparse(line.value))
+    several = {name for name, found in values.items() if len(found) > 1}
+    assert several <= OF_PAGES

@@ -10,7 +10,7 @@ from programmes import programme
 from formulations import sensing, violation_implicit
 from tactilenlp import Options, solve_estimate
 from tactilenlp.information.goodness_of_fit import (
-    BETWEEN,
+    BETWEEN_ACTIONS,
     HALF_SQUARE,
     OF_MOTION,
     Fit,
@@ -138,9 +138,9 @@ def test_one_motion_that_is_far_larger_than_all_others_is_a_misfit():
 
 def test_a_lost_path_is_named_and_no_part_of_the_total(estimate):
     fit = estimate.fit
-    assert fit.terms[BETWEEN].excess < fit.terms[BETWEEN].limit
+    assert fit.terms[BETWEEN_ACTIONS].excess < fit.terms[BETWEEN_ACTIONS].limit
     lost = Misfit(40.0, *OF_MOTION)
-    poor = replace(fit, verdict="poor", terms={**fit.terms, BETWEEN: lost})
+    poor = replace(fit, verdict="poor", terms={**fit.terms, BETWEEN_ACTIONS: lost})
     assert poor.total == fit.total
     assert "the largest motion between actions costs 40 nats where 5 ± 4" in poor.text
 

@@ -17,7 +17,11 @@ from tactilenlp.information.error_budget_terms import (
 )
 from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
 from tactilenlp.nlp.problem import Problem
-from tactilenlp.problem.polytope_window import CLEAR, vertices_near, without_clear
+from tactilenlp.problem.polytope_window import (
+    CLEAR_LENGTHS,
+    vertices_near,
+    without_clear,
+)
 from tactilenlp.problem.window import Pushes, Samples, Steps
 from tactilenlp.solvers.solve import solve
 
@@ -73,7 +77,7 @@ def test_a_finger_that_slides_may_have_taken_the_body_along():
 
 def test_a_finger_far_from_the_hull_is_not_asked():
     cube = 0.02 * (np.indices((2, 2, 2)).reshape(3, 8).T - [0.5, 0.5, 0])
-    reach = 0.01 + RADIUS + CLEAR / 1500 * np.array([0.5, 0.99, 1.01, 3.0])
+    reach = 0.01 + RADIUS + CLEAR_LENGTHS / 1500 * np.array([0.5, 0.99, 1.01, 3.0])
     p = np.stack([reach, 0 * reach, np.full(4, 0.01)], axis=1)
     free = felt(p, [0, 0, 0])
     whole = Free(free)

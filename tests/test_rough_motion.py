@@ -10,7 +10,7 @@ import pytest
 from formulations import violation_implicit
 from tactilenlp import Options, polytope, solve_estimate
 from tactilenlp.estimation import optima
-from tactilenlp.information.goodness_of_fit import BETWEEN
+from tactilenlp.information.goodness_of_fit import BETWEEN_ACTIONS
 from tactilenlp.interface.request import Request, make_job
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.problem.reductions import Reductions
@@ -70,7 +70,7 @@ def test_what_fits_badly_is_searched_again_where_that_can_find_more(
 ):
     asked, verdict, moved = request_of_one_action, "poor", 0.0
     problem = SimpleNamespace(
-        costs={BETWEEN: None}, value=lambda *_: np.array([0.1, moved]),
+        costs={BETWEEN_ACTIONS: None}, value=lambda *_: np.array([0.1, moved]),
         pack=lambda _: None, data=lambda _: None,
     )  # fmt: skip
     fit = lambda *_: SimpleNamespace(verdict=verdict)  # noqa: E731

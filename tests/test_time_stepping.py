@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from formulations.finger import SPHERE
 from formulations.shape import CUBOID
-from formulations.sliding_contact import ROUND, Pusher
+from formulations.sliding_contact import LOAD_ROUNDING, Pusher
 from formulations.sliding_path import path
-from formulations.time_stepping import V_EPS, Sliding
+from formulations.time_stepping import STEP_V_EPS, Sliding
 from tactilenlp.nlp.term_functions import default_cache
 
 G, MU_G, RHO = 9.81, 0.3, 0.01
@@ -42,7 +42,7 @@ gap = ca.Function(
 )
 
 
-def rolled(step, x_0, v, fingers, dt, mu=0.5, mu_g=MU_G, v_eps=V_EPS):
+def rolled(step, x_0, v, fingers, dt, mu=0.5, mu_g=MU_G, v_eps=STEP_V_EPS):
     """Return poses (T, 3) from x_0 at velocity v, pushed by a finger at (T, 3) [m]."""
     x = [np.asarray(x_0, float) - dt * np.asarray(v), np.asarray(x_0, float)]
     for p_1, p in pairwise(fingers):
@@ -56,10 +56,17 @@ def energy(x, finger, dt):
     """Return kinetic energy, and that of the overlap, per unit mass [J/kg]."""
     v = np.diff(x, axis=0) / dt
     inertia = (SIDES[0] ** 2 + SIDES[1] ** 2) / 12
-    z = -np.array([float(gap(SIDES, pose, finger)) for pose in x[1:]]) / (V_EPS * dt)
+    z = -np.array([float(gap(SIDES, pose, finger)) for pose in x[1:]]) / (
+        STEP_V_EPS * dt
+    )
     # The primitive of lam_n / dt = m g S(-phi / (s dt)), from far away.
-    root = np.hypot(z, ROUND)
-    work = G * V_EPS * dt * (np.square(z) + z * root + ROUND**2 * np.arcsinh(z / ROUND))
+    root = np.hypot(z, LOAD_ROUNDING)
+    work = (
+        G
+        * STEP_V_EPS
+        * dt
+        * (np.square(z) + z * root + LOAD_ROUNDING**2 * np.arcsinh(z / LOAD_ROUNDING))
+    )
     return (v[:, 0] ** 2 + v[:, 1] ** 2 + inertia * v[:, 2] ** 2) / 2 + work / 4
 
 
@@ -90,12 +97,12 @@ def test_energy_never_grows_where_fingers_do_no_work(step):
 
 @pytest.mark.parametrize("rate", [30, 300])
 def test_an_impact_is_inelastic(step, rate):
-    """Every weight of the impulse rebounds at two or three V_EPS, no more."""
+    """Every weight of the impulse rebounds at two or three STEP_V_EPS, no more."""
     dt, v, finger = 1 / rate, 0.2, np.array([0.045, 0.0, 0.015])
     still = np.tile(finger, (rate, 1))
     x = rolled(step, np.zeros(3), [v, 0, 0], still, dt, mu_g=0.0)
     rebound = -np.diff(x[:, 0]).min() / dt
-    assert 0 < rebound < 3 * V_EPS * (v / (G * dt) + ROUND)
+    assert 0 < rebound < 3 * STEP_V_EPS * (v / (G * dt) + LOAD_ROUNDING)
     assert x[:, 0].max() == pytest.approx(finger[0] - RHO - SIDES[0] / 2, abs=1e-4)
 
 
@@ -108,9 +115,9 @@ def test_a_finger_within_the_friction_cone_takes_the_body_along(step):
     arm = np.array([-SIDES[0] / 2, 0.0])
     c, s = np.cos(turn), np.sin(turn)
     touched = x[-1, :2] + np.array([[c, -s], [s, c]]) @ arm
-    # It creeps at less than V_EPS, and rolls on the finger by RHO times the turn.
+    # It creeps at less than STEP_V_EPS, and rolls on the finger by RHO times the turn.
     slip = np.linalg.norm(touched - arm - way[:2]) - RHO * abs(turn)
-    assert slip < V_EPS
+    assert slip < STEP_V_EPS
     free = rolled(step, np.zeros(3), np.zeros(3), start + t * way, 1 / 30, mu=0.0)
     assert abs(free[-1, 1]) < 1e-3 < x[-1, 1]
 
@@ -124,7 +131,7 @@ def test_slopes_and_curvatures_are_exact(step):
     )
     for p, p_1 in pushes:
         z = np.r_[SIDES, 0.0, 0.0, 0.02, -0.0005, 0.0, 0.01]
-        data = np.r_[1 / 30, 0.5, MU_G, V_EPS, p, p_1, RHO]
+        data = np.r_[1 / 30, 0.5, MU_G, STEP_V_EPS, p, p_1, RHO]
         multiplier = np.array([1.0, -2.0, 0.02])
 
         def slope(z, data=data):
@@ -158,7 +165,7 @@ def test_a_recorded_push_is_followed_within_a_millimetre(recorded):
     turn = Rotation.from_quat(np.roll(truth["object_quaternion"], -1, axis=1))
     yaw = np.unwrap(turn.as_euler("zyx")[:, 0])
     x = np.column_stack([truth["object_position"][:, :2], yaw])
-    known = [data.dt, scene.friction_finger, scene.friction_ground, V_EPS]
+    known = [data.dt, scene.friction_finger, scene.friction_ground, STEP_V_EPS]
     body = Sliding(CUBOID, SPHERE, scene.mass, scene.gravity)
     found = []
     for action in np.unique(data.action):
@@ -183,13 +190,18 @@ def test_a_step_gives_way_to_an_impulse_as_its_balance_says(step):
     finger = np.array([-0.033, 0.005, 0.015]), np.array([-0.035, 0.005, 0.015]), RHO
     known = SIDES, x_1, x_2, dt, 0.5, MU_G
     z = np.concatenate([SIDES, x_1, x_2])
-    data = np.concatenate([[dt, 0.5, MU_G, V_EPS], *finger[:2], [RHO]])
+    data = np.concatenate([[dt, 0.5, MU_G, STEP_V_EPS], *finger[:2], [RHO]])
     x = np.asarray(step.value(z, data)).ravel()
-    way = np.asarray(ca.evalf(BODY.gives(x, *known, V_EPS, Pusher(*finger)))) @ impulse
+    way = (
+        np.asarray(ca.evalf(BODY.gives(x, *known, STEP_V_EPS, Pusher(*finger))))
+        @ impulse
+    )
     balance, slope, _ = BODY.functions(known, [Pusher(*finger)])
     moved = x.copy()
     for _ in range(20):
-        off = np.asarray(balance(moved, V_EPS, *known, *finger)).ravel() - impulse
-        moved -= np.linalg.solve(np.asarray(slope(moved, V_EPS, *known, *finger)), off)
+        off = np.asarray(balance(moved, STEP_V_EPS, *known, *finger)).ravel() - impulse
+        moved -= np.linalg.solve(
+            np.asarray(slope(moved, STEP_V_EPS, *known, *finger)), off
+        )
     assert np.linalg.norm(way) > 1e-6
     assert moved - x == pytest.approx(way, rel=0.1, abs=0.1 * np.linalg.norm(way))

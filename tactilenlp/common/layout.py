@@ -16,7 +16,7 @@ import re
 import numpy as np
 
 ANY = "any"  # number along an axis
-UNIT_TOLERANCE = 1e-6  # of the length of a row that should be one
+ROW_TOLERANCE = 1e-6  # of the length of a row that should be one
 PLAIN = {  # what an annotation admits, of types that JSON and .npz have
     "str": str, "bool": (bool, np.bool_), "dict": dict, "tuple": tuple,
     "int": (int, np.integer), "float": (int, float, np.number),
@@ -74,7 +74,7 @@ def check_layout(found) -> None:
     for path in getattr(kind, "UNIT", ()):
         for where, value in _at(found, path.split("/")):
             off = np.abs(np.linalg.norm(value, axis=-1) - 1).max(initial=0.0)
-            if not off < UNIT_TOLERANCE:
+            if not off < ROW_TOLERANCE:
                 raise ValueError(f"{kind.__name__}.{where}: lengths {off:.2g} off one")
     for path in getattr(kind, "SOLID", ()):
         for where, value in _at(found, path.split("/")):

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import OptionError, shortened
 
-SHOWN_CHARACTERS = 80  # of the repr of a value in an error
+VALUE_CHARACTERS = 80  # of the repr of a value in an error
 NO_NUMBERS = (bool, np.bool_, np.timedelta64)  # though Python or NumPy call them so
 
 
@@ -162,4 +162,4 @@ def _is(value, kind) -> bool:
 
 
 def _short(value) -> str:
-    return shortened(value, most=SHOWN_CHARACTERS)
+    return shortened(value, most=VALUE_CHARACTERS)

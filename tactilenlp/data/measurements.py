@@ -38,7 +38,7 @@ LAYOUT = {
     "valid": (("T", "F"), "True (1) or False (0)", "biuf"),
     "finger_orientation": (("T", "F", 4), "unit quaternions wxyz", "iuf"),
 }
-OPTIONAL = ("valid", "finger_orientation")
+OPTIONAL_KEYS = ("valid", "finger_orientation")
 
 
 @shown
@@ -221,7 +221,7 @@ def _shaped(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     sizes: dict = {3: 3, 4: 4}
     for key, (axes, _, _) in LAYOUT.items():
         if key not in arrays:
-            missing, fix = key not in OPTIONAL, "record it, there is no default"
+            missing, fix = key not in OPTIONAL_KEYS, "record it, there is no default"
             _reject(key, missing, "missing", f"only {list(arrays)}", fix)
             continue
         if key == "finger_radius" and arrays[key].ndim == 0:

@@ -24,13 +24,13 @@ from .touch_events import Record
 
 # [1] probabilities of a departure
 AGAINST_NORMAL = 0.02  # a touch begins while the finger moves along the felt normal
-CARRIED = 0.1  # the same while other fingers may move the body
+BODY_MOVES = 0.1  # the same while other fingers may move the body
 AT_REST = 0.02  # a touch begins though neither this finger nor the body moves
 LET_GO = 0.1  # a touch ends while the finger presses on: the body gets away
 BEGUN = 0.2  # an action begins in contact
-OUTSIDE = 0.05  # a touched point lies outside another touched plane
-INSIDE = 0.05  # a finger passes through a point that was touched, and feels nothing
-OVERLAP = 0.05  # two fingers overlap in an action
+OUTSIDE_PLANE = 0.05  # a touched point lies outside another touched plane
+INSIDE_FINGER = 0.05  # a finger passes a point that was touched, and feels nothing
+FINGERS_OVERLAP = 0.05  # two fingers overlap in an action
 JUMP = 1e-3  # a finger jumps within an action
 BELOW = 0.01  # the centre of a finger is below the ground
 NO_KINK = 0.05  # a path bends elsewhere, by something else than the touch
@@ -40,7 +40,7 @@ LARGEST_ONSET = 4.4  # [-] density of an onset, with the largest noise of a dire
 AROUND_RELEASE = 2  # samples of a path before the end of a touch
 EXACT_POSITION, EXACT_NORMAL = 1e-4, 0.03  # [m], [rad] least noise of a direction
 BLUNT = 2e-3  # [m] by which a contact point is off: fingertips yield
-CLEAR = 3.0  # [sigma] from which a length is not due to noise
+CLEAR_SIGMAS = 3.0  # [sigma] from which a length is not due to noise
 JUMP_RATIO, JUMP_LENGTH = 5.0, 5e-3  # of the neighbouring steps, and at least [m]
 USUAL_RADIUS, RADIUS_SPREAD = 0.012, 0.3  # [m], [decades]: human and robot fingertips
 KINK_REACH, KINK_WINDOW = 14, 10  # samples of a path, and where it may bend
@@ -110,7 +110,7 @@ def onsets(record: Record) -> float:
     c, sigma = _cosine(record, way, n)
     z = c / sigma
     blurred = c * ndtr(z) + sigma * np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi)
-    departure = np.where(_others_touch(record, t, f), CARRIED, AGAINST_NORMAL)
+    departure = np.where(_others_touch(record, t, f), BODY_MOVES, AGAINST_NORMAL)
     return (_mixed(4 * blurred, departure) * n.any(axis=1)).sum()
 
 
@@ -145,7 +145,7 @@ def planes(record: Record) -> float:
     turned = record.sigma_normal * np.linalg.norm(apart, axis=1)
     placed = np.hypot(BLUNT + record.slack, np.sqrt(2) * record.sigma_position)
     z = (n * apart).sum(axis=1) / np.hypot(placed, turned)
-    each = _mixed(ndtr(2 - z), OUTSIDE)
+    each = _mixed(ndtr(2 - z), OUTSIDE_PLANE)
     return (weight * (known & n.any(axis=1)) * each).sum()
 
 
@@ -154,10 +154,10 @@ def passages(record: Record) -> float:
     t, f, u, g = record.events.before
     way = record.position[t, f] - record.contact_point(u, g)
     sigma = np.hypot(BLUNT + record.slack, record.sigma_position)
-    deep = record.radius[f] - np.linalg.norm(way, axis=1) > CLEAR * sigma
+    deep = record.radius[f] - np.linalg.norm(way, axis=1) > CLEAR_SIGMAS * sigma
     deep &= record.normal[u, g].any(axis=1)
     first = record.bounds[0][t[deep]]
-    return np.log(INSIDE) * len(set(zip(first, f[deep], strict=True)))
+    return np.log(INSIDE_FINGER) * len(set(zip(first, f[deep], strict=True)))
 
 
 def overlaps(record: Record) -> float:
@@ -167,10 +167,10 @@ def overlaps(record: Record) -> float:
         for g in range(f):
             apart = np.linalg.norm(np.diff(record.position[:, [f, g]], axis=1), axis=-1)
             sigma = BLUNT + record.sigma_position
-            least = record.radius[[f, g]].sum() - CLEAR * sigma - record.slack
+            least = record.radius[[f, g]].sum() - CLEAR_SIGMAS * sigma - record.slack
             both = record.valid[:, [f, g]].all(axis=1)
             count += len(np.unique(record.action[both & (apart[:, 0] < least)]))
-    return np.log(OVERLAP) * count
+    return np.log(FINGERS_OVERLAP) * count
 
 
 def jumps_of(record: Record) -> np.ndarray:
@@ -194,7 +194,7 @@ def jumps(record: Record) -> float:
 def heights(record: Record) -> float:
     """The centres of the fingers lie above the ground."""
     height = record.position @ record.up - record.level
-    below = record.valid & (height < -CLEAR * record.sigma_position)
+    below = record.valid & (height < -CLEAR_SIGMAS * record.sigma_position)
     return np.log(BELOW) * below.any()
 
 

@@ -19,8 +19,8 @@ from .measurements import Measurements
 
 STEEPEST = 0.2  # [rad] a ground that may lean further than this is not known
 HEAVIEST = 100.0  # [kg] no finger pushes more: beyond it a mass is in grams
-GUESS = "this must be known, give a guess"
-REMEDIES = {  # of a number that is out of range, where it cannot be None
+MUST_BE_KNOWN = "this must be known, give a guess"
+SCENE_REMEDIES = {  # of a number that is out of range, where it cannot be None
     "mass": "divide by 1000 if it is in grams; if it is not known, give a guess",
     "gravity": "give its magnitude, 9.81: it acts along the ground's normal",
 }
@@ -94,7 +94,11 @@ class Scene:
             given = name == "sigma_offset" and isinstance(value, JointZeros)
             if given or (value is None and unknown):
                 continue
-            fix = "None if unknown" if unknown else REMEDIES.get(name, GUESS)
+            fix = (
+                "None if unknown"
+                if unknown
+                else SCENE_REMEDIES.get(name, MUST_BE_KNOWN)
+            )
             number = as_number(name, value, expected, low, high, fix)
             object.__setattr__(self, name, number)
         if self.ground is not None and not isinstance(self.ground, Ground):

@@ -48,7 +48,7 @@ from ..search.hypothesis import Job, TermFunctions
 from ..search.local_solve import problem_at
 from ..solvers.solution import Solution
 
-OFFSET = 1e-6  # [m] shift of a finger
+SHIFT = 1e-6  # [m] shift of a finger
 INFORMATION_KINDS = ("exact", "sandwich", "gauss_newton", "paper", "inverse_dynamics")
 
 
@@ -185,7 +185,7 @@ def assumption_sensitivities(
         for axis, word in enumerate("xyz"):
             add(
                 f"finger {finger} offset {word}", "m",
-                lambda d, f=finger, a=axis: (scene, shifted(window, f, a, d)), OFFSET,
+                lambda d, f=finger, a=axis: (scene, shifted(window, f, a, d)), SHIFT,
             )  # fmt: skip
     return found, units
 

@@ -30,7 +30,7 @@ log = logging.getLogger("tactilenlp")
 POSE_PRIOR_SIGMA = 0.1, 3.0  # [m], [rad] of a pose before any touch
 # [-] to that of the best: hypotheses of a smaller weight are omitted.
 MIN_RELATIVE_WEIGHT = 0.02
-ROUNDING = 1e-14  # [-] least eigenvalue of a correlation over its largest
+ROUNDED_TO_ZERO = 1e-14  # [-] least eigenvalue of a correlation over its largest
 # Friction shears a rubber pad by up to 0.75 of its indentation where mu is 0.5
 # (Mindlin, 1949): the turn of a felt normal, of indentation over radius; uniform.
 TURNED = 0.75 / 3**0.5  # [-]
@@ -175,7 +175,7 @@ def made_definite(C: np.ndarray) -> np.ndarray:
     """
     sd = np.sqrt(np.abs(np.diag(C)))
     values, vectors = np.linalg.eigh(C / np.outer(sd, sd))
-    least = ROUNDING * values[-1]
+    least = ROUNDED_TO_ZERO * values[-1]
     if values[0] > least:
         return C
     values = np.maximum(values, 10 * least)  # the product is rounded too

@@ -13,7 +13,7 @@ from ..errors import OptionError, did_you_mean, shortened, typed_call
 SEARCHES = (
     "facing", "direct", "direct_l", "crs2", "isres", "mlsl", "bobyqa", "cem", "random",
 )  # fmt: skip
-MOST = 1_000_000  # [1] actions or iterations of a search
+MOST_EVALUATIONS = 1_000_000  # [1] actions or iterations of a search
 LOCAL_SHARE = 0.35  # [-] of the budget that DIRECT leaves to a local search
 LOCAL_STEP = 0.06  # [-] first step of a local search, relative to the angles' ranges
 FIRST_LOCAL_STEP = 0.12  # [-] the same for the first search from a facing action
@@ -39,13 +39,17 @@ class CrossEntropy:
     def __post_init__(self) -> None:
         given = {name: (getattr(self, name), int) for name in vars(self)}
         check_types(**given)
-        fits = 1 < self.best <= self.samples <= MOST and 1 <= self.iterations <= MOST
+        fits = (
+            1 < self.best <= self.samples <= MOST_EVALUATIONS
+            and 1 <= self.iterations <= MOST_EVALUATIONS
+        )
         if not fits:
             raise OptionError(
                 "out of range",
                 where="CrossEntropy",
                 got=shortened(self),
-                expected=f"1 < best <= samples and iterations >= 1, at most {MOST}",
+                expected="1 < best <= samples and iterations >= 1, "
+                f"at most {MOST_EVALUATIONS}",
             )
 
 

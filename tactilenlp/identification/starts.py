@@ -15,7 +15,7 @@ LARGEST_GAUGE = 0.1  # [1] error of a tracker's metre; beyond it, dt or unit is 
 SURE = 3.0  # [sigma] from which free falls contradict dt and unit
 FIRST_SAMPLES = 16  # of a toss, which begins in the air
 ALIKE, FAR_OFF = 0.2, 0.25  # [1] scatter of their gravity, its logarithmic error
-TINY = 1e-9  # [m/s^2]
+LEAST_ACCELERATION = 1e-9  # [m/s^2]
 TILTED, FLAT = 5.0, 2.0  # [deg] medians at rest that tell xyzw from wxyz
 
 
@@ -115,7 +115,10 @@ def _check_fall(toss, height, dt, gravity) -> None:
         return
     g = float(np.median(found))
     spread = float(np.median(abs(np.array(found) - g)))
-    if spread < ALIKE * abs(g) and abs(np.log(max(g, TINY) / gravity)) > FAR_OFF:
+    if (
+        spread < ALIKE * abs(g)
+        and abs(np.log(max(g, LEAST_ACCELERATION) / gravity)) > FAR_OFF
+    ):
         raise _wrong_fall(g, dt, gravity)
 
 

@@ -4,9 +4,9 @@ The inverse Hessian is the covariance of the error only where every term of the
 objective is the negative logarithm of a true density.  Penalties of physics are none.
 The sandwich covariance (White 1982) is
 
-    C = K^{-1} G K^{-1},   G = sum of the errors in TERMS that apply
+    C = K^{-1} G K^{-1},   G = sum of the errors in ERROR_TERMS that apply
 
-where G is the covariance of the gradient by each source of error.  TERMS is the one
+where G is the covariance of the gradient by each source of error.  ERROR_TERMS is one
 list for every class of shapes: a term applies where the programme has what it is about.
 Untouched faces and profile likelihoods are added to the covariance of the mixture.
 PHYSICS is measured: with it sigma covers the errors of 20 recordings.
@@ -228,7 +228,7 @@ def _has_touches(at: Linearisation) -> bool:
     return TOUCH_TERM in at.kkt.hessians
 
 
-TERMS = (
+ERROR_TERMS = (
     ErrorTerm("sensor noise", sensor_noise),
     ErrorTerm("touch model", touch_model, _has_touches),
     ErrorTerm(
@@ -276,9 +276,9 @@ TERMS = (
 
 
 def error_budget(response: Response) -> np.ndarray:
-    """Return the covariance (k, k) of the chosen unknowns, SI: the sum of TERMS."""
+    """Return the covariance (k, k) of the chosen unknowns, SI: the sum of all terms."""
     found = []
-    for term in TERMS:
+    for term in ERROR_TERMS:
         response.at.deadline.check()
         if term.applies(response.at):
             found.append(term.covariance(response))

@@ -21,8 +21,8 @@ scale, is (1 + u^2)^-2, so that the cost 2 log(1 + u^2) has
 and here the scale is the geometric mean of the page's own and of all other ways.  The
 row "between actions" is the largest of these, no part of the total, at most "poor".
 
-A body that moved by more than FAR between two actions, beyond what its speed explains,
-was carried or its path is lost, and several paths explain that alike: at most "poor".
+A body that moved by more than LOST between two actions, beyond what its speed
+explains, was carried or its path is lost; several paths explain that: at most "poor".
 
 The verdict is "good" up to POOR spreads and MARGIN nats of excess, "bad" beyond BAD
 times the sum of spread and MARGIN, else "poor".  Where it is not good, deviations are
@@ -47,12 +47,12 @@ from formulations.names import FREE_TERM, TOUCH_TERM
 
 from .trajectory import moved_between
 
-BETWEEN = "between actions"  # the row of the largest motion between two actions
+BETWEEN_ACTIONS = "between actions"  # the row of the largest motion between two actions
 OF_MOTION = (  # expected cost of such a motion, and its spread [nats]
     float(CAUCHY * (psi(2) - psi(0.5))),
     float(CAUCHY * np.sqrt(polygamma(1, 0.5) - polygamma(1, 2))),
 )
-FAR = 0.01  # [m] that no retraction moves a body: it was carried, or its path is lost
+LOST = 0.01  # [m] no retraction moves a body so far: it was carried, or lost
 POOR, BAD = 3.0, 10.0  # [spreads] and [MARGIN] of excess
 MARGIN = 3.0  # [nats] odds of 20 to 1
 RIGID_MISFIT = 0.045  # [scales] deviation of rigid gaps and normals from the page
@@ -138,12 +138,12 @@ class Fit:
             f"The fit is {self.verdict}: touches and free samples cost "
             f"{_in_words(self.total)}"
         )
-        jump = self.terms.get(BETWEEN, NOTHING)
+        jump = self.terms.get(BETWEEN_ACTIONS, NOTHING)
         if jump.excess > jump.limit:
             words += f"; the largest motion between actions costs {_in_words(jump)}"
         fine = self.total.excess <= self.total.limit and jump.excess <= jump.limit
         if self.verdict == "poor" and fine:
-            return f"{words}; between actions the body moved by over {1e3 * FAR:g} mm."
+            return f"{words}; between actions the body moved by over {1e3 * LOST:g} mm."
         if self.verdict == "good" or not self.touches:
             return f"{words}."
         worst = self.touches[0]
@@ -173,9 +173,9 @@ def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | N
     total = _total(terms)
     poses = problem.unpack(x)["x"]
     if len(window.gap):
-        terms |= {BETWEEN: _largest_motion(poses, window)}
-    verdict, widening = verdict_of(total, terms.get(BETWEEN, NOTHING))
-    if verdict == "good" and BETWEEN in terms and _carried(poses, window):
+        terms |= {BETWEEN_ACTIONS: _largest_motion(poses, window)}
+    verdict, widening = verdict_of(total, terms.get(BETWEEN_ACTIONS, NOTHING))
+    if verdict == "good" and BETWEEN_ACTIONS in terms and _carried(poses, window):
         verdict = "poor"
     touches = _by_touch(problem, x, data, window, measurements, smoothing)
     return Fit(verdict, terms, touches, widening)
@@ -192,13 +192,13 @@ def verdict_of(total: Misfit, *others: Misfit) -> tuple[str, float]:
 
 
 def _total(terms: dict) -> Misfit:
-    return sum((terms[n] for n in terms if n != BETWEEN), start=NOTHING)
+    return sum((terms[n] for n in terms if n != BETWEEN_ACTIONS), start=NOTHING)
 
 
 def _carried(x, window) -> bool:
-    """Tell whether a body moved farther between two actions than it slid on by FAR."""
+    """Tell whether a body moved farther between two actions than it slid on."""
     way, slid = moved_between(x, window)
-    return bool((way > FAR + slid).any())
+    return bool((way > LOST + slid).any())
 
 
 def _largest_motion(x, window) -> Misfit:

@@ -30,10 +30,10 @@ from ..geometry.transforms import turned_back
 from ..nlp.kkt_sensitivity import KKTSystem
 from ..nlp.term_functions import mapped
 
-DIFFERENCE_STEP = 1e-6  # [-] of a datum, at least of SMALL: of the central differences
-SMALL = 1e-2  # [SI]
+DATUM_STEP = 1e-6  # [-] of a datum, at least of LEAST_DATUM: of the central differences
+LEAST_DATUM = 1e-2  # [SI]
 CODE = 1e-6  # [m] times a measurement's number: shifts that tell them apart
-EXACT = 1e-2  # [-] how far a decoded number may lie from a whole one
+WHOLE_NUMBER = 1e-2  # [-] how far a decoded number may lie from a whole one
 KNOWN_FACE = 3  # contact samples that make a face known
 CONTRADICTION = 2.0  # [touch scale] the gap of a whole touch beyond this is no noise
 
@@ -140,7 +140,7 @@ def _differences(kkt: KKTSystem, name: str, columns: Iterable[int]):
     value = np.zeros((term.instances, function.rows, len(d)))
     for j in columns:
         step = np.zeros_like(d)
-        step[j] = DIFFERENCE_STEP * np.maximum(np.abs(d[j]), SMALL)
+        step[j] = DATUM_STEP * np.maximum(np.abs(d[j]), LEAST_DATUM)
         ends = [[np.asarray(o) for o in first(z, d + side * step)] for side in (1, -1)]
         (v, s), (v_1, s_1) = ends
         bend = (s - s_1) / (2 * step[j]) * weight.T[rows]
@@ -178,7 +178,7 @@ def measurement_numbers(kkt: KKTSystem, sensed: Sensed, window) -> np.ndarray:
     )
     code = (sensed.build(changed).data() - kkt.problem.data()) / CODE
     whole = np.rint(code)
-    if np.abs(code - whole).max(initial=0.0) > EXACT:
+    if np.abs(code - whole).max(initial=0.0) > WHOLE_NUMBER:
         raise PageError(
             "the page computes with measurements before its terms read them",
             where="sigma",

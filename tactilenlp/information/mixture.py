@@ -36,7 +36,7 @@ from .error_budget_terms import bounded_pose
 
 SAME_MODE = 0.3e-3  # [m] modes whose unknowns agree this well (a radian: ARM) are one
 MIN_WEIGHT = 0.02  # [-] optima of less weight are not listed one by one
-OUTSIDE = 2.7e-3  # [-] beyond three deviations: modes of less weight do not count
+NEGLIGIBLE_WEIGHT = 2.7e-3  # [-] beyond three deviations: less does not count
 
 
 class LocalOptimum(NamedTuple):
@@ -176,7 +176,7 @@ def laplace_mixture(shape, turning: int, found, errors=None) -> Modes:
     evidence = np.array(volumes) - objectives
     weights = np.exp(evidence - evidence.max())
     weights /= weights.sum()
-    weights[1:] *= weights[1:] >= OUTSIDE
+    weights[1:] *= weights[1:] >= NEGLIGIBLE_WEIGHT
     if errors is not None:
         covariances[0] = errors
     return Modes(weights / weights.sum(), offsets, covariances, objectives)

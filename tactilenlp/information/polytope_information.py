@@ -21,7 +21,7 @@ from .tangent_space import untouched_polygons
 from .trajectory import trajectory_variance
 
 LEAST_DEVIATION = 1e-6  # [m] deviation of what a bound holds: a vertex on the ground
-ON_FACE = 0.5e-3  # [m] a contact point this near to a face is on it
+FACE_REACH = 0.5e-3  # [m] a contact point this near to a face is on it
 FACE_TILT = 0.05  # [rad] as exact as touched faces come out
 # [rad], deviations: a touch at most so far off is of a face
 MAX_TILT, TILT_DEVIATIONS = 0.14, 3.0
@@ -96,7 +96,7 @@ def touched_polygons(window, vertices, x, sigma: float) -> np.ndarray:
     alike = []  # (faces, touches): cosine to a face that the point is on
     for corners, normal in polygons(vertices):
         off = (point - vertices[corners[0]]) @ normal
-        alike.append(np.where(np.abs(off) < ON_FACE, n @ normal, -1.0))
+        alike.append(np.where(np.abs(off) < FACE_REACH, n @ normal, -1.0))
     alike = np.array(alike)
     best = np.maximum(alike.max(axis=0, initial=-1.0), np.cos(MAX_TILT))
     return np.count_nonzero((alike > facing) | (alike >= best), axis=1)

@@ -44,11 +44,11 @@ from ..nlp.kkt_sensitivity import KKTSystem
 from .measurement_noise import at_touches
 
 ASSUMPTION_STEP = 1e-4  # [-] relative change of what was assumed
-LATE = 1e-5  # [s] change of a lag, of differences
+LAG_STEP = 1e-5  # [s] change of a lag, of differences
 AVERAGED = 10e-3  # [s] deviation of r of normals alone: means of up to 20 ms
 LAG = 20e-3  # [s] deviation of r: tactile cameras are up to 40 ms late
-TILT = 1e-5  # [rad] change of a tilt of the ground, of differences
-RADIUS = 1e-5  # [m] change of the radius of edges, of differences
+TILT_STEP = 1e-5  # [rad] change of a tilt of the ground, of differences
+RADIUS_STEP = 1e-5  # [m] change of the radius of edges, of differences
 EDGE = 2e-3  # [m] deviation of r: machined, printed and card boxes have up to 3 mm
 
 
@@ -87,21 +87,21 @@ def rounded_edges(kkt: KKTSystem, build: Callable, window, shape) -> Doubt:
     """Return the doubt about sharp edges; build(window) builds the problem again."""
     problem, touch = kkt.problem, window.touch
     values = problem.unpack(kkt.x)
-    less = values | {"theta": shape.rounded(values["theta"], RADIUS)}
+    less = values | {"theta": shape.rounded(values["theta"], RADIUS_STEP)}
     low, high = (
         at_touches(window, shape, v, touch.p_wf.T, lambda *at: at[2][0])
         for v in (less, values)
     )  # a body that lies on the ground is as high as it is large: the finger follows
     p_wf = touch.p_wf.copy()
     p_wf[:, :3] += low - high
-    touch = replace(touch, p_wf=p_wf, radius=touch.radius + RADIUS)
+    touch = replace(touch, p_wf=p_wf, radius=touch.radius + RADIUS_STEP)
     grown = build(replace(window, touch=touch)).data() - problem.data()
     theta, ends = problem.variables["theta"].span, []
     for side in (1, 0, -1):
         x = kkt.x.copy()
-        x[theta] = shape.rounded(x[theta], side * RADIUS)
+        x[theta] = shape.rounded(x[theta], side * RADIUS_STEP)
         ends.append((x, kkt.data + side * grown))
-    return _doubted(kkt, ends, RADIUS, EDGE)
+    return _doubted(kkt, ends, RADIUS_STEP, EDGE)
 
 
 def late_normals(kkt: KKTSystem, build: Callable, window, data) -> Doubt:
@@ -113,11 +113,11 @@ def late_normals(kkt: KKTSystem, build: Callable, window, data) -> Doubt:
     problem, touch = kkt.problem, window.touch
     rate = rate_of(data, data.normal)
     rate[1:][~consecutive_contacts(data)] = 0.0
-    normal = touch.normal + LATE * rate[touch.sample, touch.finger]
+    normal = touch.normal + LAG_STEP * rate[touch.sample, touch.finger]
     later = replace(window, touch=replace(touch, normal=normal))
     turned = build(later).data() - problem.data()
     ends = [(kkt.x, kkt.data + side * turned) for side in (1, 0, -1)]
-    return _doubted(kkt, ends, LATE, AVERAGED)
+    return _doubted(kkt, ends, LAG_STEP, AVERAGED)
 
 
 def late_touches(kkt: KKTSystem, build: Callable, window, data) -> Doubt:
@@ -127,9 +127,9 @@ def late_touches(kkt: KKTSystem, build: Callable, window, data) -> Doubt:
     earlier.  data: as above.
     """
     problem = kkt.problem
-    shifted = build(fingers_earlier(window, data, LATE)).data() - problem.data()
+    shifted = build(fingers_earlier(window, data, LAG_STEP)).data() - problem.data()
     ends = [(kkt.x, kkt.data + side * shifted) for side in (1, 0, -1)]
-    return _doubted(kkt, ends, LATE, LAG, list(problem.costs))
+    return _doubted(kkt, ends, LAG_STEP, LAG, list(problem.costs))
 
 
 def fingers_earlier(window, data, lag: float):
@@ -214,7 +214,9 @@ def ground_tilt(kkt: KKTSystem, build: Callable, window, data, scene, about):
     problem, touch, ground = kkt.problem, window.touch, scene.ground
     found = []
     for way in ((1, 0), (0, 1), (1, 1)):  # the last one for the mixed derivative
-        R = Rotation.from_rotvec([-TILT * way[0], -TILT * way[1], 0.0]).as_matrix()
+        R = Rotation.from_rotvec(
+            [-TILT_STEP * way[0], -TILT_STEP * way[1], 0.0]
+        ).as_matrix()
         seen = data.transformed(R, about - R @ about)
         p_wf, at = touch.p_wf.copy(), (touch.sample, touch.finger)
         p_wf[:, :3] = seen.finger_position[at]
@@ -223,7 +225,7 @@ def ground_tilt(kkt: KKTSystem, build: Callable, window, data, scene, about):
         touched = replace(touch, p_wf=p_wf, normal=seen.normal[at])
         turned = build(replace(window, touch=touched)).data() - problem.data()
         ends = [(kkt.x, kkt.data + side * turned) for side in (1, 0, -1)]
-        found.append(_derivatives(problem, ends, TILT))
+        found.append(_derivatives(problem, ends, TILT_STEP))
     (b_x, pull_x, xx), (b_y, pull_y, yy), (_, _, both) = found
     slope, mixed = np.stack([b_x, b_y], axis=1), (both - xx - yy) / 2
     moved = np.stack([kkt.moved(b) for b in slope.T], axis=1)

@@ -21,7 +21,7 @@ from ..problem.reductions import Reductions
 from ..search.hypothesis import TermFunctions
 from ..solvers.options import check_positive
 
-MOST = 1_000_000  # [-] hypotheses or starts
+MOST_STARTS = 1_000_000  # [-] hypotheses or starts
 # (hypotheses, starts) for noisy, for precise sensors
 NOISY_WIDTHS, PRECISE_WIDTHS = (4, 6), (2, 4)
 
@@ -66,10 +66,12 @@ class Options:
         self._read_reductions()
         for name in ("hypotheses", "starts"):
             value = getattr(self, name)
-            if value is not None and not (is_whole(value) and 1 <= value <= MOST):
+            if value is not None and not (
+                is_whole(value) and 1 <= value <= MOST_STARTS
+            ):
                 raise OptionError(
                     "out of range", where=name, got=shortened(value, most=80),
-                    expected=f"an integer from 1 to {MOST}",
+                    expected=f"an integer from 1 to {MOST_STARTS}",
                 )  # fmt: skip
         check_positive(self, "tolerance", "time_limit")
 

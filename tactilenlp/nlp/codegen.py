@@ -231,7 +231,7 @@ class Compilation:
             return None
 
     def _stored(self, status: int | None) -> bool:
-        """Store the library; False if there was no time for it, OSError if it failed."""
+        """Store the library; False if there was no time, OSError if it failed."""
         if status == 0:
             store(self._built, self._library)
             return True

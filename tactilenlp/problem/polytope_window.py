@@ -23,7 +23,7 @@ from .window import Corners, Rests, Window
 VERTICES_READ = 8  # vertices that a contact depends on
 LIFTED = 0.5e-3  # [m] a vertex this high still carries the body
 EQUAL_WEIGHT, SUM_WEIGHT = 1e-3, 1e3  # weights of equal shares, and of a sum of one
-CLEAR = 20.0  # [-] lengths over which a free finger's cost falls by a factor of e
+CLEAR_LENGTHS = 20.0  # [-] in which a free finger's cost falls by a factor of e
 RIGID_SHARE = 1e-3  # [-] of the largest move of legs with a pose: less is no move
 DEPTH_WEIGHT = 3.0  # [-] lengths along the surface that one length below it counts for
 
@@ -142,7 +142,7 @@ def vertex_heights(vertices, x) -> np.ndarray:
 def without_clear(window, vertices, x):
     """Return the window less the free fingers that are certainly clear of a hull.
 
-    At a gap of CLEAR / alpha (eq:bool) a free sample costs exp(-CLEAR) nats.
+    At a gap of CLEAR_LENGTHS / alpha (eq:bool) a free sample costs nothing.
     """
     free = window.free
     if not len(free):
@@ -150,7 +150,7 @@ def without_clear(window, vertices, x):
     centre = fingers_in_body(free, x)
     gap = np.linalg.norm(centre - nearest(vertices, centre), axis=1) - free.radius
     alpha = steepness(window.sigma_position)
-    return replace(window, free=free.pick(gap < CLEAR / alpha))
+    return replace(window, free=free.pick(gap < CLEAR_LENGTHS / alpha))
 
 
 def vertices_near(samples, vertices, x) -> np.ndarray:

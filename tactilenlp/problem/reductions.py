@@ -29,7 +29,7 @@ from .fingertips import finger_of, finger_poses, outlier_cost, yields
 from .missing_samples import hidden_samples, possible_contact, unseen_contact
 from .window import Corners, Group, Pushes, Rests, Samples, Steps, Window
 
-FAR = 30e-3  # [m] a free finger this far beyond the sensor's doubt is left out
+CLEARLY_FREE = 30e-3  # [m] a free finger this far beyond the sensor's doubt is left out
 MIN_MOVE = 0.1e-3  # [m] a guess that moves further in a sample needs poses of its own
 UNKNOWN_FRICTION = 0.1  # [-] friction of the ground, where it is not known: little
 SIDE_NORMAL = 0.7  # [-] |n_z| below which a normal belongs to a side
@@ -197,7 +197,7 @@ def _samples_in_reach(samples, scene, shape, guess, precision) -> Samples:
     way = np.linalg.norm(samples.p_wf[:, :2] - centre, axis=1)
     away = way - shape.reach(theta) - samples.radius
     away -= scene.finger_length / 2
-    return samples.pick(~(away > FAR + 10 * precision.position))
+    return samples.pick(~(away > CLEARLY_FREE + 10 * precision.position))
 
 
 def _steps(data, scene, pose, first, before, moving) -> Steps:

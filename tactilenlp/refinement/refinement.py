@@ -16,7 +16,7 @@ from formulations.centre_of_mass import NAME as CENTRE
 from ..common.deadline import OutOfTime
 from ..data.sensor_noise import variance_left
 from ..geometry.transforms import is_planar
-from ..information.goodness_of_fit import BETWEEN, fit_of
+from ..information.goodness_of_fit import BETWEEN_ACTIONS, fit_of
 from ..interface.readout import name_of
 from ..interface.result import Estimate
 from ..problem.certificates import planar_certificate
@@ -201,10 +201,10 @@ def fits_badly(request, best: Solved) -> bool:
     )
     if fit is not None and fit.verdict != "good":
         return True
-    if BETWEEN not in problem.costs or not len(best.window.gap):
+    if BETWEEN_ACTIONS not in problem.costs or not len(best.window.gap):
         return False
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
-    return bool(problem.value(BETWEEN, x, data).max() > DECISIVE)
+    return bool(problem.value(BETWEEN_ACTIONS, x, data).max() > DECISIVE)
 
 
 def less_sure_of_pushes(request):

@@ -47,7 +47,7 @@ LYING = 7  # of them a start, far from each other, from which least motion is so
 TRACK_SHARE = 4  # one start in so many is a track, the others are of least motion
 TURNED_AS_A_WHOLE = 0.3  # [rad] a larger turn moves the past as one piece
 CARRIED_ON = "carried"  # name of a track of a body that was carried between actions
-PARTS = 250  # of a posterior: parts of all its hypotheses together
+POSTERIOR_PARTS = 250  # of a posterior: parts of all its hypotheses together
 
 
 @dataclass(frozen=True)
@@ -217,7 +217,7 @@ def proposed_tracks(job, filter: Filter, kept, rng) -> tuple[Tracks, _Past]:
     cost = np.array([h.objective for h in kept])
     if np.isfinite(cost).all():  # proposals that nothing was solved for have none
         tracks = replace(tracks, evidence=cost.min() - cost)
-    rows = np.repeat(np.arange(len(kept)), -(-PARTS // len(kept)))
+    rows = np.repeat(np.arange(len(kept)), -(-POSTERIOR_PARTS // len(kept)))
     return parts_of(filter, tracks, rows, rng), _Past(tuple(kept), along, rows)
 
 

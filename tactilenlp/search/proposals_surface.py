@@ -33,10 +33,10 @@ from .hypothesis import Hypothesis
 SHARE = 0.75  # [prior deviations] of drawn sizes about the mean: 15 mm of a cuboid
 SMALLEST, LARGEST = 1 / 3, 2.0  # [mean of the prior] sizes drawn
 TRIED = 10  # draws for each that is kept, at most
-HALVINGS = 30
-TILT = 0.3  # [-] deviation of the vertical part of a normal
+SIZE_HALVINGS = 30
+SLOPE = 0.3  # [-] deviation of the vertical part of a normal
 SAME_HEIGHT = 2e-3  # [m] of a top and of a finger that touches it
-TURNS = 8  # about the vertical, from which a body is fitted to poses of another one
+START_TURNS = 8  # about the vertical, from which a body is fitted to poses
 SMALL_BODY = 0.5  # [mean of the prior] all fingers are outside of it
 BROAD = 20.0, 1.0  # [-] factors of deviations in fits to poses, in turn
 PLACE = 20e-3  # [m] typical offset of its origin
@@ -64,7 +64,7 @@ def from_surface(data, shape, rng, count: int = DRAWN):
     z[-3:-1] = centre[:2, None] - _turned(z[-1], -z[-3:-1])
     if shape.round:
         z[-1] = 0.0
-    likely = np.exp(-(((normal[2] - n[2]) / TILT) ** 2) / 2)
+    likely = np.exp(-(((normal[2] - n[2]) / SLOPE) ** 2) / 2)
     weight = np.where(met, likely, 0.0) + np.finfo(float).tiny
     rows = rng.choice(len(weight), count, p=weight / weight.sum())
     return z[:, rows], repeated(np.diag(geometry.each(*SIGMA) ** 2), count)
@@ -114,7 +114,7 @@ def _fitted(shape, surface, normal, sigma, sigma_n):
         return np.r_[felt, (z[:n] - mean) / deviation]
 
     begin = np.clip(np.broadcast_to(SMALL_BODY * np.array(mean), n), low, high)
-    for turn in np.linspace(0, 2 * np.pi, TURNS, endpoint=False):
+    for turn in np.linspace(0, 2 * np.pi, START_TURNS, endpoint=False):
         z = np.r_[begin, 0.0, 0.0, turn]
         for broad in BROAD:
             fit = least_squares(
@@ -174,7 +174,7 @@ def _under(geometry, theta, around, centre, radius, rng):
     way = way * np.sqrt(rng.random(theta.shape[1]))  # evenly over a disc
     z = np.vstack([theta, -way * np.cos(around), -way * np.sin(around), 0 * around])
     gap, n = geometry.contact(z, np.array([0.0, 0.0, centre[2]]), radius)
-    return z, (np.abs(gap) < SAME_HEIGHT) & (n[2] > 1 - TILT)
+    return z, (np.abs(gap) < SAME_HEIGHT) & (n[2] > 1 - SLOPE)
 
 
 def _beside(geometry, theta, around, centre, radius):
@@ -192,7 +192,7 @@ def _beside(geometry, theta, around, centre, radius):
 
     met = geometry.contact(state(low), point, radius)[0] < 0
     met &= geometry.contact(state(high), point, radius)[0] > 0
-    for _ in range(HALVINGS):
+    for _ in range(SIZE_HALVINGS):
         middle = (low + high) / 2
         inside = geometry.contact(state(middle), point, radius)[0] < 0
         low, high = np.where(inside, middle, low), np.where(inside, high, middle)

@@ -13,7 +13,7 @@ from .retraction import PARKED_MOTION
 
 MAX_SIDE = 5.0  # [m] of a box: larger values are most likely millimetres
 MAX_DEPTH = 1e-5  # [m] below the ground at first: from deeper, the body jumps up
-LONGEST = 600.0  # [s] of an action: 2.4 million steps
+LONGEST_ACTION = 600.0  # [s] of an action: 2.4 million steps
 LONGEST_REST = 30.0  # [s] before the first action: 120 000 steps, computed at once
 ARGUMENT_RULES = {  # unit with lower bound; length: -1 a number, None any
     "side_lengths": ("m > 0", 3),
@@ -44,9 +44,11 @@ def path_of(trajectory, F: int) -> tuple[Callable, float, np.ndarray]:
     if not (good and (np.diff(time) > 0).all()):
         expected = "(n,) [s], finite, increasing, n >= 2"
         raise world_error("time", expected, f"shape {time.shape}", kind=OptionError)
-    if time[-1] - time[0] > LONGEST:
+    if time[-1] - time[0] > LONGEST_ACTION:
         got = f"{time[-1] - time[0]:g} s"
-        raise world_error("time", f"at most {LONGEST:g} s", got, kind=OptionError)
+        raise world_error(
+            "time", f"at most {LONGEST_ACTION:g} s", got, kind=OptionError
+        )
     if position.shape != (len(time), F, 3) or not np.isfinite(position).all():
         expected, got = f"{(len(time), F, 3)} [m], finite", f"shape {position.shape}"
         raise world_error("finger_position", expected, got, kind=OptionError)

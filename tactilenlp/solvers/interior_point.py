@@ -26,7 +26,7 @@ INNER, OUTER = 10.0, 1e10  # kappa_eps of (7), kappa_Sigma of (16)
 LINEAR, SUPERLINEAR = 0.2, 1.5  # of the barrier parameter, (7)
 LEAST_TAU = 0.99  # of the rule by which a step stays off the bounds, (8)
 FIRST, INCREASE, FIRST_INCREASE, DECREASE = 1e-4, 8.0, 100.0, 1 / 3  # algorithm IC
-MOST, LEAST = 1e20, 1e-20  # damping, algorithm IC
+MOST_DAMPING, LEAST_DAMPING = 1e20, 1e-20  # damping, algorithm IC
 SCALED_FROM = 100.0  # s_max of (6)
 LARGEST_MULTIPLIER = 1000.0  # of constraints at a start, else 0
 SLACK_PUSH = 1e-2  # of slacks into their bounds, relative
@@ -233,8 +233,8 @@ class _Run:
     def _next_damping(self, delta: float) -> float:
         if delta == 0:
             known = self.damping > 0
-            return max(LEAST, DECREASE * self.damping) if known else FIRST
-        if delta > MOST:
+            return max(LEAST_DAMPING, DECREASE * self.damping) if known else FIRST
+        if delta > MOST_DAMPING:
             raise Stuck
         return delta * (INCREASE if self.damping > 0 else FIRST_INCREASE)
 

@@ -15,7 +15,7 @@ from .programme import Point
 GAMMA_THETA, GAMMA_PHI, ETA, S_THETA, S_PHI = 1e-5, 1e-8, 1e-8, 1.1, 2.3  # (18) to (20)
 GAMMA_ALPHA, LEAST_STEP = 0.05, 1e-12  # (23), and a bound of it
 LARGEST, SMALL = 1e4, 1e-4  # violations, relative to that of the start, (21)
-ROUNDING = 10 * np.finfo(float).eps  # of barrier functions that are compared
+FLOAT_ERROR = 10 * np.finfo(float).eps  # of barrier functions that are compared
 
 
 class Stuck(Exception):
@@ -51,7 +51,7 @@ class Filter:
         while alpha > least:
             point = evaluated(at.w + alpha * dw)
             value = point.barrier(mu)
-            rise = value - phi - ROUNDING * abs(phi)
+            rise = value - phi - FLOAT_ERROR * abs(phi)
             descends = slope < 0 and alpha * (-slope) ** S_PHI > theta**S_THETA
             if not self._refuses(value, point.violation):
                 if descends and feasible:

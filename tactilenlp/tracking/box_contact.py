@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-INSIDE = 1e-9  # [m] a point this close to the surface has the nearest face's normal
+ON_SURFACE = 1e-9  # [m] a point this close to the surface has the nearest face's normal
 SHARPEST = 1e-3  # [m] distance below which the normal of an edge turns no faster
 
 
@@ -65,10 +65,10 @@ def _contact(z, p_b, height, radius):
     beyond = np.abs(point) - z[:3] / 2
     outside = np.maximum(beyond, 0.0)
     distance = np.sqrt((outside**2).sum(axis=0))
-    inside = distance < INSIDE
+    inside = distance < ON_SURFACE
     deepest = beyond.max(axis=0)
     active = np.where(inside, beyond == deepest, beyond > 0)
-    share = np.where(inside, 1.0, outside / np.maximum(distance, INSIDE))
+    share = np.where(inside, 1.0, outside / np.maximum(distance, ON_SURFACE))
     return (
         np.where(inside, deepest, distance) - radius,
         active * share * signs,

@@ -22,7 +22,7 @@ from .tracks import Filter, Tracks, joined
 
 REACH = 0.05  # [m] a body that is carried is about so far from where it was
 CARRIED = CAUCHY * np.log(1 + (REACH / GAP) ** 2)  # [nats] by the prior of the motion
-FARTHEST = 20.0  # [REACH] of a place without a touch
+FARTHEST_PLACE = 20.0  # [REACH] of a place without a touch
 PLACES = 2  # of each track, one per naming of the horizontal sides
 
 
@@ -55,7 +55,9 @@ def with_carried(filter: Filter, tracks: Tracks, action: int, rng):
         pose = places_of(a, b, first_contact(filter.data, [action]), rng)
         pose[2] -= np.where(swapped, np.pi / 2, 0.0)
     else:
-        away = REACH * np.clip(rng.standard_cauchy((2, len(rows))), -FARTHEST, FARTHEST)
+        away = REACH * np.clip(
+            rng.standard_cauchy((2, len(rows))), -FARTHEST_PLACE, FARTHEST_PLACE
+        )
         turned = rng.uniform(-np.pi, np.pi, len(rows))
         pose = carried.z[n:] + np.vstack([away, turned])
     P = carried.P.copy()

@@ -16,7 +16,7 @@ import numpy as np
 
 from .box_contact import box_contact, box_contact_slopes
 
-SMALL = 0.1  # [radius] rounding of edges, as in pages
+EDGE_SHARE = 0.1  # [radius] rounding of edges, as in pages
 LEAST_FOOT = 2e-3  # [m] half width of the support
 UNIT_DEVIATION = 20e-3  # [m] of a size's prior: its steps are those of a cuboid
 
@@ -98,8 +98,8 @@ def upright_surface(shape):
     theta, c, s = z[: shape.theta], ca.cos(z[-1]), ca.sin(z[-1])
     d = p_w - ca.vertcat(z[-3], z[-2], shape.rest_height(theta))
     q = ca.vertcat(c * d[0] + s * d[1], c * d[1] - s * d[0], d[2])
-    gap = shape.distance(theta, q, SMALL * radius) - radius
-    n = shape.normal(theta, q, SMALL * radius)
+    gap = shape.distance(theta, q, EDGE_SHARE * radius) - radius
+    n = shape.normal(theta, q, EDGE_SHARE * radius)
     level = ca.vertcat(c * n[0] - s * n[1], s * n[0] + c * n[1], n[2])
     return [z, p_w, radius], (gap, n, level)
 

@@ -12,12 +12,12 @@ import numpy as np
 from ..geometry.transforms import is_planar, matrices, planar_matrix
 from .surface import body_surface, sampled_surface
 
-RAYS = 200  # that sample a surface without a mesh
+OUTLINE_RAYS = 200  # that sample a surface without a mesh
 LEVEL = np.pi / 6 * np.arange(12)  # [rad] of the horizontal directions
-ROUND = np.stack([np.cos(LEVEL), np.sin(LEVEL)], 1)  # (12, 2)
+LEVEL_RAYS = np.stack([np.cos(LEVEL), np.sin(LEVEL)], 1)  # (12, 2)
 EVERYWHERE = np.vstack([
-    np.c_[ROUND, np.zeros(12)], np.c_[ROUND, np.ones(12)] / np.sqrt(2),
-    np.c_[ROUND, -np.ones(12)] / np.sqrt(2), [[0, 0, 1], [0, 0, -1]],
+    np.c_[LEVEL_RAYS, np.zeros(12)], np.c_[LEVEL_RAYS, np.ones(12)] / np.sqrt(2),
+    np.c_[LEVEL_RAYS, -np.ones(12)] / np.sqrt(2), [[0, 0, 1], [0, 0, -1]],
 ])  # fmt: skip
 
 
@@ -25,7 +25,7 @@ def outline(shape, theta) -> np.ndarray:
     """Return points (V, 3) [m] of the surface, body frame."""
     if shape.mesh is not None or shape.is_box:
         return body_surface(shape, theta)
-    return sampled_surface(shape, theta, RAYS)
+    return sampled_surface(shape, theta, OUTLINE_RAYS)
 
 
 def path_outline(shape, h, every: int) -> np.ndarray:
@@ -34,7 +34,7 @@ def path_outline(shape, h, every: int) -> np.ndarray:
     turned = LEVEL[:, None] - x[2]  # directions in the body frame
     d = np.stack([np.cos(turned), np.sin(turned)], axis=2)
     reach = (d @ body.T).max(axis=2)
-    return x[:2] + reach[:, None] * ROUND[:, :, None]
+    return x[:2] + reach[:, None] * LEVEL_RAYS[:, :, None]
 
 
 def supports(shape, h, sample: int) -> np.ndarray:

@@ -31,8 +31,8 @@ LEAST_SPEED = 5e-5  # [m] way of a corner in a sample, rounded
 SLOW = 2e-4  # [m] a slower body has no direction of sliding yet
 START = 1e-3  # [m] way of every corner then: the friction is isotropic
 LEAST_LOAD = 0.02  # [weights] of a corner
-OVERLAP = 1e-4  # [m] more than a finger approached in a sample is not pushed out
-LONGEST = np.array([8e-3, 8e-3, 0.3])[:, None, None]  # [m, m, rad] in a sample
+MOST_OVERLAP = 1e-4  # [m] more than a finger approached in a sample is not pushed out
+LONGEST_MOVE = np.array([8e-3, 8e-3, 0.3])[:, None, None]  # [m, m, rad] in a sample
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class _Push:
         level = np.sqrt(n[0] ** 2 + n[1] ** 2)
         self.steep, self.press, self.n_z = level > STEEP, press, n[2]
         approach = -(n[0] * u[0] + n[1] * u[1] + n[2] * uz)
-        depth = np.minimum(-gap, np.maximum(approach, 0.0) + OVERLAP)
+        depth = np.minimum(-gap, np.maximum(approach, 0.0) + MOST_OVERLAP)
         share = np.where(
             self.steep & (approach > 1e-6),
             np.clip(-gap / np.maximum(approach, 1e-6), 0.0, 1.0), 1.0,
@@ -139,7 +139,7 @@ def pushed(geometry: Geometry, z, moves, press, before, friction):
         for push in pushes:
             D = push.solve(D, mu_f)
     motion = np.stack([c * D[0] - s * D[1], s * D[0] + c * D[1], D[2]])
-    return np.clip(motion, -LONGEST, LONGEST)
+    return np.clip(motion, -LONGEST_MOVE, LONGEST_MOVE)
 
 
 def _compliance(feet, pushes, before, heading, mu_g):

@@ -8,9 +8,9 @@ import numpy as np
 from ..errors import TactileError
 from ..problem.poses import body_corners
 
-RAYS = 642  # of a sphere of 25 mm, the facets are then within 0.15 mm of the surface
-HALVINGS = 50  # of the interval along a ray: to rounding
-SMALL = 1e-4  # rounding of edges, by the reach of the body
+MESH_RAYS = 642  # of a sphere of 25 mm, facets are then within 0.15 mm
+RAY_HALVINGS = 50  # of the interval along a ray: to rounding
+SURFACE_EDGE = 1e-4  # rounding of edges, by the reach of the body
 INNERMOST = 1e-6  # where a ray starts, by the reach: an ellipsoid's d(0) is 0 / 0
 
 
@@ -18,8 +18,8 @@ def body_surface(shape, theta) -> np.ndarray:
     """Return points (V, 3) [m], body frame, whose convex hull is the body.
 
     A cuboid has its corners, a shape with a `mesh` its points.  Of any other, the
-    distance is zero at the points, one on each of RAYS directions from the origin; the
-    edges between them are cut.  TactileError where a ray does not cross the surface
+    distance is zero at the points, one on each of MESH_RAYS directions from the origin;
+    the edges between them are cut.  TactileError where a ray does not cross the surface
     within `reach`.
     """
     if shape.is_box:
@@ -29,11 +29,14 @@ def body_surface(shape, theta) -> np.ndarray:
     return sampled_surface(shape, theta)
 
 
-def sampled_surface(shape, theta, count: int = RAYS) -> np.ndarray:
+def sampled_surface(shape, theta, count: int = MESH_RAYS) -> np.ndarray:
     """Return points (count, 3) [m] of evenly spread rays where the distance is zero."""
     reach, rays = float(shape.reach(theta)), _directions(count)
-    distance = _distances(shape, theta, SMALL * reach)
-    low, high = np.full(count, INNERMOST * reach), np.full(count, (1 + SMALL) * reach)
+    distance = _distances(shape, theta, SURFACE_EDGE * reach)
+    low, high = (
+        np.full(count, INNERMOST * reach),
+        np.full(count, (1 + SURFACE_EDGE) * reach),
+    )
     inside, outside = distance(low * rays) < 0, distance(high * rays) >= 0
     if not (inside & outside).all():
         raise TactileError(
@@ -44,7 +47,7 @@ def sampled_surface(shape, theta, count: int = RAYS) -> np.ndarray:
             expected="distance < 0 near the origin, >= 0 at reach(theta)",
             next="correct distance or reach of the Shape",
         )
-    for _ in range(HALVINGS):
+    for _ in range(RAY_HALVINGS):
         middle = (low + high) / 2
         within = distance(middle * rays) < 0
         low, high = np.where(within, middle, low), np.where(within, high, middle)

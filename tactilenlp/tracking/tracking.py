@@ -20,14 +20,16 @@ from .tracks import Filter, Record, Tracks, split_tracks, surviving
 
 PUSH_ERROR = 0.10  # [-] of a predicted motion
 STOP_ERROR = 0.20  # [-] of the motion before, where fingers leave
-TURN = np.array([1.0, 1.0, 1 / ARM])[:, None]  # [m, rad] of a way [m]
+TURN_LENGTH = np.array([1.0, 1.0, 1 / ARM])[:, None]  # [m, rad] of a way [m]
 TOUCHED = np.array([1e-4, 1e-4, 5e-3])[:, None]  # [m, rad] process noise of a sample
 RELEASED = np.array([5e-5, 5e-5, 2e-3])[:, None]
-BETWEEN = np.array([2e-4, 2e-4, 1e-2])[:, None]  # [m, rad] of a gap between actions
+GAP_SIGMA_POSE = np.array([2e-4, 2e-4, 1e-2])[
+    :, None
+]  # [m, rad] of a gap between actions
 OUTLIER = 8.0  # [nats] most that one finger costs in one sample
 PASSES = 2  # of the iterated filter
 PERIOD = 1 / 30  # [s] of tracked samples: process noise and slopes are of such steps
-LONGEST = 8e-3, 8e-3, 0.3  # [m, m, rad] a pass: of sizes, place, yaw
+LONGEST_UPDATE = 8e-3, 8e-3, 0.3  # [m, m, rad] a pass: of sizes, place, yaw
 DIFFERENCE = 1e-5, 1e-5, 5e-4  # [m, m, rad] likewise
 
 
@@ -103,7 +105,7 @@ def predicted_tracks(filter, tracks, before, t):
     if not active.any():
         if way.max() < 1e-6:
             return tracks, None, False
-        deviation = filter.process_noise * (RELEASED + STOP_ERROR * way * TURN)
+        deviation = filter.process_noise * (RELEASED + STOP_ERROR * way * TURN_LENGTH)
         if filter.coasts:
             moved = np.vstack([tracks.z[:-3], tracks.z[-3:] + tracks.motion])
             return _noisier(replace(tracks, z=moved), deviation), None, True
@@ -118,7 +120,7 @@ def predicted_tracks(filter, tracks, before, t):
     P[:, -3:] += added.swapaxes(0, 1)
     P[-3:, -3:] += np.einsum("ijs,kjs->iks", added, slopes)
     tracks = replace(tracks, z=z, P=P, motion=motion)
-    deviation = filter.process_noise * (TOUCHED + error * TURN)
+    deviation = filter.process_noise * (TOUCHED + error * TURN_LENGTH)
     return _noisier(tracks, deviation), slopes, True
 
 
@@ -140,7 +142,7 @@ def _motion(filter, tracks, before, t, active):
 def between_actions(tracks) -> Tracks:
     """Return tracks after the fingers retracted: at rest."""
     S = tracks.z.shape[1]
-    return _noisier(replace(tracks, motion=np.zeros((3, S))), BETWEEN)
+    return _noisier(replace(tracks, motion=np.zeros((3, S))), GAP_SIGMA_POSE)
 
 
 def _noisier(tracks, deviation) -> Tracks:
@@ -159,7 +161,7 @@ def _way(motion):
 def _corrected(filter, tracks, t):
     """Return tracks corrected by sample t, and whether anything was to correct."""
     mean, P_0 = tracks.z, tracks.P
-    z, longest = mean, filter.geometry.each(*LONGEST)[:, None]
+    z, longest = mean, filter.geometry.each(*LONGEST_UPDATE)[:, None]
     for _ in range(PASSES):
         rows = _measured(filter, z, t)
         if not rows:
