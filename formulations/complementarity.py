@@ -22,12 +22,11 @@ from __future__ import annotations
 
 import casadi as ca
 
-from . import centre_of_mass, contact
+from . import centre_of_mass, contact, names
 from .balance import Balance, groups, moves
 from .contact import MM
 from .friction import Impulses, excess, friction, impulses, least
 from .level import Level
-from .names import EXACT, FINGER_IMPULSE, GIVES, GROUND_IMPULSE
 from .rigid_body import ARM, G
 from .violation_implicit import WEIGHTS, contacts_of, felt
 
@@ -68,10 +67,10 @@ def build(nlp, window, scene, shape):
     separation(nlp, fingers, now(push.step), pushes, eps, at)
     sliding(nlp, "ground", ground.velocity, now(corner.step), corners, eps, at_g)
     nlp.report(
-        FINGER_IMPULSE, fingers.impulse, theta, x[:, step.pose[push.step]],
+        names.FINGER_IMPULSE, fingers.impulse, theta, x[:, step.pose[push.step]],
         pushes.lam, push.p_wf, push.radius, push.tangent,
     )  # fmt: skip
-    nlp.report(GROUND_IMPULSE, ground.impulse, corners.lam)
+    nlp.report(names.GROUND_IMPULSE, ground.impulse, corners.lam)
 
 
 def impulses_of(nlp, window, scene, shape, w):
@@ -80,8 +79,8 @@ def impulses_of(nlp, window, scene, shape, w):
     size = w.mean() if len(w) else scene.mass * G
     lam = impulses(nlp, "finger", w_f, size, size / 10)
     lam_g = impulses(nlp, "ground", w_g, size, w_g / max(1, len(shape.corners)))
-    mu = friction(nlp, "finger friction", scene.friction_finger)
-    mu_g = friction(nlp, "ground friction", scene.friction_ground)
+    mu = friction(nlp, names.FINGER_FRICTION, scene.friction_finger)
+    mu_g = friction(nlp, names.GROUND_FRICTION, scene.friction_ground)
     return Impulses(lam, mu, w_f), Impulses(lam_g, mu_g, w_g)
 
 
@@ -98,7 +97,7 @@ def balanced(nlp, window, law, theta, x, w, centre, pushes, corners, slack):
 
     for count, s, contacts in groups(window, pushes, corners):
         name = f"balance, {count} pushing"
-        nlp.report(name + GIVES, compliance, w[s])
+        nlp.report(name + names.GIVES, compliance, w[s])
         nlp.subject_to(
             name, imbalance, theta, *moves(window, x, s), w[s], centre, slack,
             *contacts, lower=0,
@@ -124,7 +123,7 @@ def sliding(nlp, name, velocity, now, side, eps, at):
         f"{name} dissipation", dissipation, *now, w, lam, mu, eps, *at, upper=0
     )
     nlp.subject_to(f"{name} cone", cone, lam, mu, w, lower=0)
-    nlp.report(f"{name} cone{EXACT}", excess, lam, mu, w)
+    nlp.report(f"{name} cone{names.EXACT}", excess, lam, mu, w)
     nlp.minimize(f"least {name} impulse", least, lam, w, role="regulariser")
 
 

@@ -26,7 +26,7 @@ import casadi as ca
 from . import contact
 from .contact import MM, REBOUND
 from .friction import FRICTION, rounding
-from .names import BY_ROUNDING, GROUND_IMPULSE
+from .names import BY_ROUNDING, GROUND_GAP, GROUND_IMPULSE
 
 REST = 0.1e-3  # [m] deviation of a resting corner from the ground
 ROOM = 3e-3  # [REST] below the ground (0.3 um): an interior, also for poses held fixed
@@ -157,7 +157,7 @@ def add(nlp, window, ground, theta, x, corners, resting=None):
         lam[:, first], lift.signs, step.dt[s], w[first], kappa, v_eps, role="physics",
     )  # fmt: skip
     nlp.subject_to(
-        "ground gap", ground.gap, theta.pick(first), x[:, step.pose[s]], lift.signs,
+        GROUND_GAP, ground.gap, theta.pick(first), x[:, step.pose[s]], lift.signs,
         lower=-ROOM,
     )  # fmt: skip
     nlp.minimize(

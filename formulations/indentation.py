@@ -23,6 +23,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
+from .names import INDENTATION
 from .rigid_body import G
 
 NAME = "compliance"  # of the unknown, in a page that has it
@@ -107,4 +108,4 @@ def prior(nlp, indentation):
             f"{NAME} prior", lambda c: (c / COMPLIANCE) ** 2 / 2, c, role="prior"
         )
     if isinstance(indentation, Soft):
-        nlp.report("indentation", lambda inside: inside.delta(), indentation)
+        nlp.report(INDENTATION, lambda inside: inside.delta(), indentation)

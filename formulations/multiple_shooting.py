@@ -15,7 +15,7 @@ import casadi as ca
 
 from .friction import friction
 from .level import Level
-from .names import FINGER_IMPULSE, GIVES
+from .names import FINGER_FRICTION, FINGER_IMPULSE, GIVES, GROUND_FRICTION
 from .rigid_body import G, momentum_change, uniform
 from .sliding_contact import Pusher
 from .time_stepping import STEP_V_EPS, Sliding
@@ -33,8 +33,8 @@ def build(nlp, window, scene, shape):
     """Fill `nlp` with eq:loss_const, a defect for every step."""
     theta, x = felt(nlp, window, scene, shape)
     body = Sliding(shape, window.finger, scene.mass, scene.gravity)
-    mu = friction(nlp, "finger friction", scene.friction_finger)
-    mu_g = friction(nlp, "ground friction", scene.friction_ground)
+    mu = friction(nlp, FINGER_FRICTION, scene.friction_finger)
+    mu_g = friction(nlp, GROUND_FRICTION, scene.friction_ground)
     v_eps = nlp.parameter("speed rounding", STEP_V_EPS, "m/s")
     step, push = window.step, window.push
 

@@ -36,12 +36,12 @@ import math
 
 import casadi as ca
 
+from . import names
 from . import paper_contact as g
 from .balance import groups, moves
 from .friction import Impulses, friction
 from .level import Level
 from .likelihood import declare
-from .names import FINGER_IMPULSE, FREE_TERM, GROUND_IMPULSE, TOUCH_TERM
 from .paper_physics import Physics
 from .rigid_body import G
 
@@ -85,7 +85,7 @@ def build(nlp, window, scene, shape):
 
     gap, velocity = body.finger_gap, body.finger_velocity
     r = push.p_wf, push.radius, push.p_wf_1, push.tangent
-    mu = friction(nlp, "finger friction", scene.friction_finger)
+    mu = friction(nlp, names.FINGER_FRICTION, scene.friction_finger)
     at = now(push.step)
     g.maximum_dissipation(nlp, "finger", velocity, at, lam, r)
     g.friction_cone(nlp, "finger", at[-1], lam, mu)
@@ -95,17 +95,17 @@ def build(nlp, window, scene, shape):
         g.non_penetration(nlp, name, gap, theta, x[:, f.pose], (f.p_wf, f.radius))
     ground(nlp, window, scene, body, theta, x, lam_g, now)
     nlp.report(
-        FINGER_IMPULSE, body.fingers.impulse, theta, x[:, step.pose[push.step]], lam,
-        push.p_wf, push.radius, push.tangent,
+        names.FINGER_IMPULSE, body.fingers.impulse, theta, x[:, step.pose[push.step]],
+        lam, push.p_wf, push.radius, push.tangent,
     )  # fmt: skip
-    nlp.report(GROUND_IMPULSE, body.ground.impulse, lam_g)
+    nlp.report(names.GROUND_IMPULSE, body.ground.impulse, lam_g)
 
 
 def ground(nlp, window, scene, body, theta, x, lam_g, now):
     """Add (1) to (4) and FC of the corners on the ground."""
     corner, lift, rest = window.corner, window.lift, window.rest
     gap, velocity = body.ground_gap, body.ground.velocity
-    mu = friction(nlp, "ground friction", scene.friction_ground)
+    mu = friction(nlp, names.GROUND_FRICTION, scene.friction_ground)
     at = now(corner.step)
     g.maximum_dissipation(nlp, "ground", velocity, at, lam_g, (corner.signs,))
     g.friction_cone(nlp, "ground", at[-1], lam_g, mu)
@@ -125,11 +125,11 @@ def felt(nlp, window, shape, body):
     information = nlp.parameter("normal information", inverse, "1/rad^2")
     t, f = window.touch, window.free
     nlp.minimize(
-        TOUCH_TERM, body.felt, theta, x[:, t.pose], t.p_wf, t.radius, t.normal, alpha,
-        information, role="likelihood",
+        names.TOUCH_TERM, body.felt, theta, x[:, t.pose], t.p_wf, t.radius, t.normal,
+        alpha, information, role="likelihood",
     )  # fmt: skip
     nlp.minimize(
-        FREE_TERM, body.free, theta, x[:, f.pose], f.p_wf, f.radius, alpha,
+        names.FREE_TERM, body.free, theta, x[:, f.pose], f.p_wf, f.radius, alpha,
         role="likelihood",
     )  # fmt: skip
     return theta, x

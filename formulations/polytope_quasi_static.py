@@ -26,6 +26,7 @@ import casadi as ca
 from . import between_actions, likelihood, quasi_static
 from .indentation import NONE
 from .level import Level
+from .names import BALL
 
 REDUCTIONS = {"planar": True}  # no term keeps a free body on the ground
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
@@ -51,7 +52,7 @@ def ball(nlp, window, shape, theta):
     """Add the priors of a body that was not touched yet."""
     mean, deviation = shape.size_prior
     sphere = nlp.variable(
-        "ball", 4, guess=[*window.start.mean(axis=0), mean],
+        BALL, 4, guess=[*window.start.mean(axis=0), mean],
         lower=[-ca.inf, -ca.inf, -ca.inf, mean / 10], unit="m", scale=1e-3,
     )  # fmt: skip
 

@@ -23,11 +23,11 @@ from .shape_fields import unfit_fields
 from .shape_report import Disagreement, ShapeReport
 from .size_prior import entries
 
-CHECK_RAYS = 1000
-CHECK_HALVINGS = 40
+PROBES = 1000
+BISECTIONS = 40
 TIP = 10e-3  # [m] of a fingertip, at whose centre the distance is read
 CHECKED_EDGE = 1e-4  # [m] rounding of edges here: a tenth of what pages ask for
-UNEQUAL_SIZES = 1.15, 0.85, 1.0  # [mean] of the first theta: no body of equal sizes
+UNLIKE = 1.15, 0.85, 1.0  # [mean] of the first theta: no body of equal sizes
 OFF, BENT = 0.3e-3, 0.05  # [m] of a distance or height; [rad] of a normal
 BESIDE = 0.02  # [-] share of rays whose point may be on an edge, where normals jump
 _REACH = {  # what to correct: the shape's own, the default
@@ -102,9 +102,7 @@ def _thetas(shape, count, seed):
     rows = [
         *zip(*([*map(float, r)] for r in (mean, deviation, low, high)), strict=True)
     ]
-    first = [
-        m * UNEQUAL_SIZES[i % len(UNEQUAL_SIZES)] for i, (m, *_) in enumerate(rows)
-    ]
+    first = [m * UNLIKE[i % len(UNLIKE)] for i, (m, *_) in enumerate(rows)]
     more = [
         [min(max(draw.gauss(m, 0.5 * s), lo, 0.3 * m), hi) for m, s, lo, hi in rows]
         for _ in range(count - 1)
@@ -117,7 +115,7 @@ def _at(shape, theta):
     q = shape.symbol("q", 3)
     signed = ca.Function("distance", [q], [shape.distance(theta, q, CHECKED_EDGE)])
     outward = ca.Function("normal", [q], [shape.normal(theta, q, CHECKED_EDGE)])
-    rays, reach = _directions(CHECK_RAYS), float(shape.reach(theta))
+    rays, reach = _directions(PROBES), float(shape.reach(theta))
     yield from _of_reach(shape, signed, rays, reach)
     r = _radii(signed, rays, reach)
     points = rays * ca.repmat(r, 3, 1)
@@ -130,13 +128,13 @@ def _at(shape, theta):
 
 
 def _of_reach(shape, signed, rays, reach):
-    outside = signed.map(CHECK_RAYS)(rays * reach * (1 + 1e-3))
+    outside = signed.map(PROBES)(rays * reach * (1 + 1e-3))
     if (worst := float(ca.mmin(outside))) < -OFF:
         yield (
             "distance beyond reach(theta)", _mm(worst), "at least 0 mm",
             _REACH[shape.reach is half_diagonal],
         )  # fmt: skip
-    inside = signed.map(CHECK_RAYS)(rays * 1e-3 * reach)
+    inside = signed.map(PROBES)(rays * 1e-3 * reach)
     if not float(ca.mmax(inside)) < 0:
         yield (
             "distance beside the origin", _mm(float(ca.mmax(inside))), "below 0",
@@ -145,12 +143,9 @@ def _of_reach(shape, signed, rays, reach):
 
 
 def _radii(signed, rays, reach):
-    low, high = (
-        ca.DM.zeros(1, CHECK_RAYS),
-        reach * (1 + 1e-3) * ca.DM.ones(1, CHECK_RAYS),
-    )
-    many = signed.map(CHECK_RAYS)
-    for _ in range(CHECK_HALVINGS):
+    low, high = ca.DM.zeros(1, PROBES), reach * (1 + 1e-3) * ca.DM.ones(1, PROBES)
+    many = signed.map(PROBES)
+    for _ in range(BISECTIONS):
         middle = (low + high) / 2
         within = many(rays * ca.repmat(middle, 3, 1)) < 0
         low, high = (
@@ -162,7 +157,7 @@ def _radii(signed, rays, reach):
 
 def _of_distance(signed, outward, points):
     """Yield whether normals are the slopes of a distance that is one."""
-    n = outward.map(CHECK_RAYS)(points)
+    n = outward.map(PROBES)(points)
     length = ca.sqrt(ca.sum1(n * n))
     if abs(float(ca.mmax(ca.fabs(length - 1)))) > BENT:
         yield (
@@ -170,8 +165,8 @@ def _of_distance(signed, outward, points):
             "divide normal by its length, or use gradient_normal(distance)",
         )  # fmt: skip
     away = points + TIP * n
-    off = _sorted(ca.fabs(signed.map(CHECK_RAYS)(away) - TIP))
-    if not off[int((1 - BESIDE) * CHECK_RAYS)] < OFF:
+    off = _sorted(ca.fabs(signed.map(PROBES)(away) - TIP))
+    if not off[int((1 - BESIDE) * PROBES)] < OFF:
         yield (
             "distance of points 10 mm out along the normal",
             f"off by up to {_mm(off[-1])}", f"10 mm to {_mm(OFF)}",
@@ -180,9 +175,9 @@ def _of_distance(signed, outward, points):
         )  # fmt: skip
     q = ca.SX.sym("q", 3) if outward.is_a("SXFunction") else ca.MX.sym("q", 3)
     slope = ca.Function("slope", [q], [ca.gradient(signed(q), q)])
-    m, there = slope.map(CHECK_RAYS)(away), outward.map(CHECK_RAYS)(away)
+    m, there = slope.map(PROBES)(away), outward.map(PROBES)(away)
     off = _sorted(ca.sqrt(ca.sum1((m - there) ** 2)))
-    if not off[int((1 - BESIDE) * CHECK_RAYS)] < BENT:
+    if not off[int((1 - BESIDE) * PROBES)] < BENT:
         yield (
             "normal against the slope of the distance", f"{off[-1]:.2g} rad apart",
             f"{BENT} rad", "use normal=gradient_normal(distance)",
@@ -245,9 +240,7 @@ def _of_symmetries(shape, theta, signed, points):
         renamed = ca.vertcat(*(theta[i] for i in order))
         q = shape.symbol("q", 3)
         again = ca.Function("distance", [q], [shape.distance(renamed, q, CHECKED_EDGE)])
-        off = again.map(CHECK_RAYS)(ca.DM(S).T @ points) - signed.map(CHECK_RAYS)(
-            points
-        )
+        off = again.map(PROBES)(ca.DM(S).T @ points) - signed.map(PROBES)(points)
         if (worst := float(ca.mmax(ca.fabs(off)))) > OFF:
             yield (
                 f"the symmetry {order}, {S}", f"a surface that is {_mm(worst)} off",

@@ -47,6 +47,7 @@ from .finger_turn import turned
 from .friction import Impulses, cone, friction, impulses
 from .ground_contact import GroundContact
 from .level import Level
+from .names import FINGER_FRICTION, GROUND_FRICTION
 from .quasi_static import sense as sense_quasi_static
 from .rigid_body import G
 
@@ -121,8 +122,8 @@ def impulses_of(nlp, window, scene, shape, share=None):
     slips = window.frictionless
     lam = impulses(nlp, "finger", w_f, size, frictionless=slips)
     lam_g = impulses(nlp, "ground", w_g, size, w_g * share, frictionless=slips)
-    mu = friction(nlp, "finger friction", scene.friction_finger)
-    mu_g = friction(nlp, "ground friction", scene.friction_ground if len(w_g) else 0)
+    mu = friction(nlp, FINGER_FRICTION, scene.friction_finger)
+    mu_g = friction(nlp, GROUND_FRICTION, scene.friction_ground if len(w_g) else 0)
     return w, Impulses(lam, mu, w_f), Impulses(lam_g, mu_g, w_g)
 
 

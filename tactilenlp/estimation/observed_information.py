@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from formulations.names import TOUCH_TERM
+from formulations.names import FREE_TERM, TOUCH_TERM
 
 from ..common.brief import printed
 from ..common.deadline import NEVER
@@ -195,7 +195,7 @@ def shifted(window, finger: int, axis: int, way: float):
     changed = {}
     for part, names in (
         (TOUCH_TERM, ["p_wf"]),
-        ("free", ["p_wf"]),
+        (FREE_TERM, ["p_wf"]),
         ("push", ["p_wf", "p_wf_1"]),
     ):
         rows = getattr(window, part)

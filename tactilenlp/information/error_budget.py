@@ -20,13 +20,17 @@ from functools import cached_property
 
 import numpy as np
 
-from formulations.names import TOUCH_TERM
+from formulations.names import (
+    BALL,
+    FINGER_FRICTION,
+    GROUND_FRICTION,
+    GROUND_GAP,
+    TOUCH_TERM,
+)
 
 from ..common.deadline import NEVER, Deadline
 from ..nlp.kkt_sensitivity import KKTSystem
 from .error_budget_terms import (
-    BALL,
-    GROUND_GAP,
     TouchedFaces,
     curvature_of_costs,
     friction_error,
@@ -256,8 +260,8 @@ ERROR_TERMS = (
         lambda r: PHYSICS * missing_impulses(r.at.kkt, r.by_constraint),
     ),
     ErrorTerm("regularisation", lambda r: regularisation(r.at.kkt, r.by_gradient)),
-    _given("finger friction"),
-    _given("ground friction"),
+    _given(FINGER_FRICTION),
+    _given(GROUND_FRICTION),
     ErrorTerm(
         "uneven ground",
         lambda r: uneven_ground(r.at.kkt, r.by_constraint, r.at.window),

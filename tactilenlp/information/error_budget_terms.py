@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from formulations.names import GIVES
+from formulations.names import BALL, GIVES, GROUND_GAP
 from formulations.violation_implicit import WEIGHTS
 
 from ..geometry.convex_hull import SIGMA_INSIDE
@@ -26,7 +26,6 @@ from .sensitivity import parameter_sensitivity
 
 BALANCE = WEIGHTS["balance sigma"][0]  # [weights] that may be missing in a step
 FRICTION = 0.1  # [-] relative deviation of a coefficient of friction that was given
-GROUND_GAP = "ground gap"  # the constraint of a hard ground
 UNEVEN = 1.0  # [REST] deviation of a corner from the hard ground
 UNTOUCHED_FACTOR = 2.0  # [position noise] of a face that only physics determines
 TUMBLED = 0.1  # [size] the same where it follows from how the object tumbled
@@ -36,7 +35,6 @@ REACHED = 0.1  # [m] a body that a finger felt is at most this far from there
 ANY_ROTATION = np.pi / np.sqrt(3)  # [rad] deviation of a uniformly distributed rotation
 LOADED = 0.01  # [weights] a missing sample with a smaller impulse was no contact
 CORRELATION_LENGTH = 1.0  # [-] on the unit sphere, between directions to one face
-BALL = "ball"  # the unknowns of the ball that a prior of vertices lies about
 VERTEX_PRIORS = ("ball prior", "stay")  # costs that determine untouched vertices
 REGULARISATION = 1e-9  # [-] of the covariance of g, singular where vertices coincide
 

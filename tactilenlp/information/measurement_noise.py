@@ -23,6 +23,7 @@ import numpy as np
 from formulations.finger_offset import NAME as OFFSET
 from formulations.finger_turn import NAME as TURN
 from formulations.indentation import NAME as COMPLIANCE
+from formulations.names import INDENTATION
 
 from ..data.sensor_noise import RAYLEIGH_MEDIAN, Precision, smoothing_matrices
 from ..errors import PageError
@@ -238,7 +239,7 @@ def gaps_of_touches(kkt: KKTSystem, window, shape, data) -> np.ndarray:
     gap = at_touches(window, shape, values, p_wf, window.finger.gap)[:, 0]
     known = kkt.problem.parameters
     if COMPLIANCE in known:
-        inside = kkt.problem.value("indentation", kkt.x, kkt.data)
+        inside = kkt.problem.value(INDENTATION, kkt.x, kkt.data)
         gap = gap + inside[:, 0]
     else:  # compliance that is estimated may stand for another error of the fingers
         gap = gap + np.ravel(values.get("depth", 0.0))[0]

@@ -8,6 +8,8 @@ from xml.etree import ElementTree as xml
 
 import numpy as np
 
+from formulations.names import GROUND_FRICTION
+
 from ..common.validation import check_path, check_types
 from ..common.whole_file import write_whole
 from ..errors import OptionError
@@ -169,7 +171,7 @@ def _friction(estimate) -> float:
     if hasattr(estimate, "friction"):
         return float(estimate.friction)
     known = estimate.scene.friction_ground
-    found = estimate.unknowns.get("ground friction", 0.0)
+    found = estimate.unknowns.get(GROUND_FRICTION, 0.0)
     return float(np.ravel(found)[0] if known is None else known)
 
 

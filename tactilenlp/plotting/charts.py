@@ -12,6 +12,8 @@ import numpy as np
 import trimesh
 from matplotlib.figure import Figure
 
+from formulations.names import FINGER_FRICTION
+
 from ..common.validation import check_types
 from ..errors import OptionError
 from ..geometry.transforms import rotation_of
@@ -186,7 +188,7 @@ def plot_errors(estimates, truth=None, axis=None) -> Figure:
 
 def _friction(estimate) -> float:
     """Return the friction coefficient of the fingers, known or estimated."""
-    mu = estimate.unknowns.get("finger friction", estimate.scene.friction_finger)
+    mu = estimate.unknowns.get(FINGER_FRICTION, estimate.scene.friction_finger)
     return float(np.ravel(mu)[0])
 
 

@@ -15,6 +15,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from formulations.names import FREE_TERM
+
 from .outliers import PLANAR_LIMIT, planar_share, unexplained_by_action
 from .reductions import Reductions
 from .static_friction import rest_force
@@ -93,7 +95,7 @@ def far(solved, whole) -> Skipped | None:
     """Certify that the dropped free samples cost nothing at the solution."""
     if not len(whole.far):
         return None
-    cost = float(whole.problem.value("free", whole.x, whole.data)[whole.far].sum())
+    cost = float(whole.problem.value(FREE_TERM, whole.x, whole.data)[whole.far].sum())
     limit = NEUTRAL * max(1.0, abs(solved.solution.objective))
     return Skipped(
         "far", f"{len(whole.far)} free samples", "certainly away from the object",

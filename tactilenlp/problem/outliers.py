@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from formulations.finger_turn import NAME as TURN
-from formulations.names import TOUCH_TERM
+from formulations.names import INDENTATION, TOUCH_TERM
 
 from ..errors import MotionError
 from ..geometry.transforms import turned_back
@@ -64,9 +64,9 @@ def with_ideal_fingertips(solved):
     p_wf, n = touch.p_wf.copy(), touch.normal
     if TURN in solution.values:
         n = turned_back(n, solution.values[TURN].T[touch.finger])
-    if "indentation" in problem.reports:
+    if INDENTATION in problem.reports:
         x, data = problem.pack(solution.values), problem.data(solution.parameters)
-        p_wf[:, :3] += problem.value("indentation", x, data) * n
+        p_wf[:, :3] += problem.value(INDENTATION, x, data) * n
     return replace(window, touch=replace(touch, p_wf=p_wf, normal=n))
 
 

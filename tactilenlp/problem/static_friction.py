@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from formulations.names import GROUND_FRICTION
 from formulations.rigid_body import ARM, LEAST_ARM
 from formulations.violation_implicit import WEIGHTS
 
@@ -139,7 +140,7 @@ def _static_friction(scene, solution) -> float:
     It is that of violation_implicit whatever page was solved, also one without
     dissipation; the page's own weight `kappa` and coefficient come first.
     """
-    known = {"kappa": WEIGHTS["kappa"][0], "ground friction": friction_of(scene)}
+    known = {"kappa": WEIGHTS["kappa"][0], GROUND_FRICTION: friction_of(scene)}
     known |= solution.parameters | solution.values
-    kappa, mu = (float(np.ravel(known[k])[0]) for k in ("kappa", "ground friction"))
+    kappa, mu = (float(np.ravel(known[k])[0]) for k in ("kappa", GROUND_FRICTION))
     return max(MM_PER_M * kappa * mu * (scene.gravity > 0), ON_ICE)

@@ -15,7 +15,7 @@ from scipy.optimize import nnls
 
 from formulations import polytope_extension as extension
 from formulations.implicit import noting_roots
-from formulations.names import TOUCH_TERM
+from formulations.names import BALL, TOUCH_TERM
 from formulations.rigid_body import ARM
 
 from ..geometry.transforms import is_planar, planar_matrix
@@ -220,7 +220,7 @@ def joint(job: Job, past: Solved, new: Solved) -> Solved:
         known = replace(past.window, pose=np.r_[past.window.pose, missing])
         solution = transferred(replace(past, window=known), window, problem)
         values = solution.values
-        values["ball"][:3] = turn @ values["ball"][:3]
+        values[BALL][:3] = turn @ values[BALL][:3]
         values["theta"], values["x"] = h.theta.reshape(-1, 3).T, h.x[:, window.last]
         values["body"] = window.body[:, None]
         pushes = samples_of(last.window.push), samples_of(window.push)
