@@ -24,9 +24,9 @@ _noted: ContextVar[list | None] = ContextVar("noted", default=None)
 class Root(NamedTuple):
     """Symbols u (k,), F (k,) at these, and the solution (k,)."""
 
-    unknown: ca.SX
-    residual: ca.SX
-    solution: ca.SX
+    unknown: object
+    residual: object
+    solution: object
 
 
 @contextmanager
