@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from formulations.shape import CUBOID
+from tactilenlp import World, explore
 from tactilenlp.refinement import profile_likelihood as profile_of
 from tactilenlp.refinement.profile_likelihood import (
     KNOWN_POSITION,
@@ -155,3 +156,17 @@ def test_a_body_without_sides_has_no_profile():
     found, better = profiled(job, SimpleNamespace(at=AT))
     assert better is None
     assert not found.any()
+
+
+@pytest.mark.slow
+def test_a_touch_of_the_top_alone_leaves_finite_sigma():
+    """The Hessian is indefinite: the place of what only its top tells is open."""
+    turn = 1.0909 / 2
+    world = World(
+        (0.03693529, 0.05700028, 0.04258107), position=(-0.01250407, -0.00079563),
+        quaternion=[np.cos(turn), 0, 0, np.sin(turn)],
+    )  # fmt: skip
+    steps = [*explore(world, actions=1, seed=1005, centre=world.pose[:3])]
+    first = steps[0].estimate
+    assert np.isfinite(first.information.sigma("side_lengths")).all()
+    assert np.isfinite(first.information.sigma("position")).all()

@@ -76,7 +76,9 @@ def profiled(job, solved) -> tuple[np.ndarray, Hypothesis | None]:
     chosen, faces = final_unknowns(solved.problem), solved.touched
     faces[2, 0] += KNOWN_FACE  # the ground touches the lowest one
     by_gradient, _ = kkt_system_of(solved.problem, solved.solution).sensitivity(chosen)
-    known = np.sqrt(np.maximum(np.diag(by_gradient[chosen]), 0.0))
+    variance = np.diag(by_gradient[chosen])
+    # Not positive where the Hessian is indefinite: nothing is known there.
+    known = np.sqrt(np.where(variance > 0, variance, np.inf))
     open_sizes = {
         axis: touched for axis, touched in enumerate(faces)
         if touched.min() < KNOWN_FACE or known[axis] >= faces_sigma(job, touched)
@@ -89,9 +91,9 @@ def profiled(job, solved) -> tuple[np.ndarray, Hypothesis | None]:
     else:  # the Hessian already states a large sigma
         profile[along] = by_gradient[chosen, along] / known[along]
     for axis in asked:
-        direction = by_gradient[:, axis] / max(known[axis], LEAST_SIGMA)
         touched = open_sizes.get(axis)
         widest = job.shape.size_prior[1] if touched is None else prior[axis]
+        direction = by_gradient[:, axis] / variance[axis] * min(known[axis], widest)
         given = solved.at, widest, axis, direction, direction[chosen], touched
         cost = None if touched is None else prior_cost(job.shape, solved.at, axis)
         profile[axis], better = deviation_along(elsewhere, *given, cost)
