@@ -45,7 +45,7 @@ def test_a_box_that_two_corners_jam_is_touched_elsewhere():
         (0.05, 0.035, 0.04), position=place,
         quaternion=[np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)],
     )  # fmt: skip
-    steps = [*explore(world, actions=2, seed=3, centre=world.pose[:3])]
+    steps = [*explore(world, actions=3, seed=3, centre=world.pose[:3])]
     sigma = steps[-1].estimate.information.sigma("side_lengths")
     assert sigma.max() < 1e-3
     assert steps[-1].errors["surface"] < 0.2e-3
