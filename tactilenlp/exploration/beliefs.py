@@ -47,7 +47,6 @@ class Belief:
     weight:      [1], of the hypothesis; the weights of a belief sum to one
     shift:       (F, 3) [m], added to finger positions, ground frame: the estimated
                  offset; for a hull, minus its centroid
-    measured:    as information, at the last sample: before the retraction
     """
 
     z: np.ndarray
@@ -55,7 +54,6 @@ class Belief:
     before: np.ndarray
     weight: float
     shift: np.ndarray
-    measured: np.ndarray
 
 
 def beliefs_of(estimate, shape, fingers: int, count: int) -> list[Belief]:
@@ -73,15 +71,16 @@ def beliefs_of(estimate, shape, fingers: int, count: int) -> list[Belief]:
         ended = here, *estimate.hypotheses
         rest = distinct(shape, ended, count, np.inf, samples=(-1,))[1:]
     weights = [np.exp(min(0.0, estimate.objective - h.objective)) for h in rest]
-    known = information_of_best(estimate, shape, before)
-    found = [Belief(best, known, before, 1.0, offset, known)]
+    found = [
+        Belief(best, information_of_best(estimate, shape, before), before, 1.0, offset)
+    ]
     for h, weight in zip(rest, weights, strict=True):
         if weight > MIN_RELATIVE_WEIGHT:
             off = h.shift.T
             known = before + information_of_samples(
                 estimate, shape, h.theta, h.x, off, len(before)
             )
-            found.append(Belief(h.end, known, before, weight, off, known))
+            found.append(Belief(h.end, known, before, weight, off))
     total = sum(b.weight for b in found)
     return [
         replace(

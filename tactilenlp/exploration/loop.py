@@ -35,13 +35,7 @@ from .log import (
     load_or_new,
 )
 from .options import ExploreOptions
-from .policies import (
-    Told,
-    check_predicted,
-    checked_policy,
-    next_action,
-    shape_of_start,
-)
+from .policies import check_predicted, checked_policy, next_action, shape_of_start
 
 log = logging.getLogger("tactilenlp")
 
@@ -91,8 +85,7 @@ def explore(
 def _steps(loop: _Loop, file, start) -> Iterator[Step]:
     """Yield the steps of an exploration, those of a file first."""
     settings, world = loop.settings, loop.world
-    estimate = start if isinstance(start, Estimate) else None
-    past, told = [], []
+    estimate, past = start if isinstance(start, Estimate) else None, []
     kept, first = load_or_new(file), 0 if estimate is None else 1
     again = bool(kept.steps) or estimate is not None
     _check_fingers(world, loop.space, kept)
@@ -102,7 +95,7 @@ def _steps(loop: _Loop, file, start) -> Iterator[Step]:
         before = None if estimate is None else estimate.measurements
         if step is None:
             _warn_of_another_state(world, kept)
-            step = loop.acted(number, estimate, past, told)
+            step = loop.acted(number, estimate, past)
         if step.estimate is None:  # measured now, or the process ended in the solve
             step = continued_in_time(step, before, again)
             kept = _saved(kept.with_step(step), file)
@@ -112,8 +105,6 @@ def _steps(loop: _Loop, file, start) -> Iterator[Step]:
             step = loop.estimated(step, data, estimate or start)
             kept = _saved(kept.with_step(step), file)
         check_same(step.estimate, data, loop.same, file)
-        if estimate is not None and step.action is not None:
-            told.append(Told.by(step, estimate, loop.choice["shape"]))
         estimate = step.estimate
         past += [] if step.action is None else [step.action]
         headline = estimate.summary().partition("\n")[0]
@@ -149,14 +140,12 @@ class _Loop:
     solve: Callable
     same: dict
 
-    def acted(self, number: int, estimate, past, told) -> Step:
+    def acted(self, number: int, estimate, past) -> Step:
         """Return the step of a first touch or a chosen action, without estimate."""
         rng = np.random.default_rng([self.settings.seed, number])
         if estimate is None:
             return _touch_first(self.world, self.space, self.settings.centre, rng)
-        began, given = time.process_time(), (rng, self.choice, told)
-        chosen = next_action(estimate, self.space, past, *given)
-        return _act(self.world, number, *chosen, began)
+        return _act(self.world, self.space, number, estimate, past, rng, self.choice)
 
     def estimated(self, step: Step, data, start) -> Step:
         """Return the step with the estimate of all data so far and its errors."""
@@ -269,7 +258,9 @@ def _touch_first(world, space, centre, rng) -> Step:
     return Step(0, action, data, None, None, "first touch", seconds, told)
 
 
-def _act(world, number, action, choice, words, target, began) -> Step:
+def _act(world, space, number, estimate, past, rng, settings) -> Step:
+    began = time.process_time()
+    action, choice, words, target = next_action(estimate, space, past, rng, settings)
     acts, told = time.process_time(), action.trajectory(target)
     data = executed(world, told)
     seconds = {"choose": acts - began, "act": time.process_time() - acts}

@@ -1,14 +1,4 @@
-r"""Choose the next action of an exploration by a policy.
-
-The push model can be wrong in a way that repeats itself: fingers that jam a box by two
-corners are predicted to turn it, and to slide onto faces that tell its sizes.  So the
-share r of the expected information that an action a' gave is remembered, and the gain
-of an action a counts
-
-    1 - max over a' of K(a, a') (1 - r(a')),     K = exp(-angle^2 / (2 SIMILAR^2)),
-
-angle^2: the mean square angle between the directions of each finger, body frame.
-"""
+"""Choose the next action of an exploration by a policy."""
 
 from __future__ import annotations
 
@@ -25,7 +15,7 @@ from ..data.measurements import Measurements
 from ..errors import OptionError, did_you_mean
 from ..interface.result import Estimate
 from ..problem.pages import shape_of
-from .action_search import Choice, best_action, facing
+from .action_search import Choice, best_action, choose_action, facing
 from .action_space import Action, Workspace
 from .expected_information import ExpectedInformation
 from .optimisers import CrossEntropy
@@ -36,59 +26,6 @@ POLICIES = ("eig", "random", "fisher", "farthest")
 PREDICTIVE = ("eig", "fisher")  # policies that predict the outcome of actions
 DEPTH_BEHIND_CONTACT = 0.015  # [m] at which the next action aims after a lost object
 FARTHEST_DRAWS = 400  # actions drawn for the policy "farthest"
-LEAST_GAIN = 1.0  # [nats] of less that was expected no action is blamed
-SIMILAR = 0.2  # [rad] such fingers meet the same place: a fingertip of 10 at 45 mm
-
-
-@dataclass(frozen=True, eq=False)
-class Told:
-    """What an action told: directions (F, 3) of its fingers, body frame, 1.
-
-    share [-]: of the information that was expected; 1 where that is not known.
-    """
-
-    directions: np.ndarray
-    share: float
-
-    @classmethod
-    def by(cls, step, before: Estimate, shapes) -> Told:
-        """Return what a step with an estimate told, chosen by the estimate before."""
-        share, after = 1.0, step.estimate
-        if step.choice is not None and after.shape == before.shape:
-            given = {"hypotheses": 1, "shape": shape_of_start(before, shapes)}
-            space = step.action.workspace
-            old, new = (
-                ExpectedInformation(e, space, **given).beliefs[0]
-                for e in (before, after)
-            )
-            told = _logdet(new.measured) - _logdet(old.information)
-            share = np.clip(told / 2 / max(step.choice.gain, LEAST_GAIN), 0.0, 1.0)
-        return cls(directions_of(step.action, before), float(share))
-
-
-def _logdet(matrix) -> float:
-    return float(np.linalg.slogdet(matrix)[1])
-
-
-def directions_of(action: Action, estimate: Estimate) -> np.ndarray:
-    """Return the directions (F, 3) from which fingers come, in the body frame."""
-    space = action.workspace
-    ascension, declination = np.reshape(action.angles, (-1, 2)).T
-    azimuth = 2 * np.pi * np.arange(space.fingers) / space.fingers + ascension
-    level = np.cos(declination)
-    away = [level * np.cos(azimuth), level * np.sin(azimuth), np.sin(declination)]
-    world = np.eye(3) if space.ground is None else space.ground.rotation.T
-    return (estimate.rotation().T @ world @ away).T
-
-
-def reliability(told, directions) -> float:
-    """Return the share [-] of a gain that counts, by what similar actions told."""
-    share = 1.0
-    for past in told:
-        cosine = np.clip((past.directions * directions).sum(axis=1), -1, 1)
-        near = np.exp(-np.mean(np.arccos(cosine) ** 2) / (2 * SIMILAR**2))
-        share = min(share, 1 - near * (1 - past.share))
-    return share
 
 
 @printed
@@ -103,7 +40,6 @@ class Plan:
     search:    of the action, as in choose_action
     budget:    [1], evaluations of the expected gain
     shape:     Shape of the estimate
-    told:      what chosen actions told, a Told each
     """
 
     estimate: Estimate
@@ -113,7 +49,6 @@ class Plan:
     search: str | CrossEntropy
     budget: int
     shape: Shape
-    told: tuple[Told, ...] = ()
 
 
 def checked_policy(policy):
@@ -150,10 +85,10 @@ def shape_of_start(estimate, shapes) -> Shape:
     return known.get(estimate.shape) or shape_of(estimate.shape)
 
 
-def next_action(estimate, space, past, rng, settings, told=()):
+def next_action(estimate, space, past, rng, settings):
     """Return the next action, its Choice or None, the policy in words, its target.
 
-    settings: policy, search, budget and shape, by name; told: a Told of past actions.
+    settings: policy, search, budget and shape, by name.
     """
     given = dict(settings)
     target, policy = estimate.position[-1], given.pop("policy")
@@ -163,7 +98,7 @@ def next_action(estimate, space, past, rng, settings, told=()):
         target = last_contact(estimate.measurements, target)
         return space.random(rng), None, "last contact", target
     given["shape"] = shape_of_start(estimate, given["shape"])
-    plan = Plan(estimate, space, tuple(past), rng, **given, told=tuple(told))
+    plan = Plan(estimate, space, tuple(past), rng, **given)
     if callable(policy):
         return policy(plan), None, getattr(policy, "__name__", "own"), target
     if policy in PREDICTIVE:
@@ -200,17 +135,9 @@ def last_contact(data: Measurements, otherwise: np.ndarray) -> np.ndarray:
 
 
 def _by_expected_information(plan: Plan, seed: int) -> Choice:
-    """Return the action of largest expected information that its like have given."""
-    expected = ExpectedInformation(plan.estimate, plan.workspace, shape=plan.shape)
-
-    def score(angles) -> float:
-        action = plan.workspace.action(angles)
-        directions = directions_of(action, plan.estimate)
-        return expected.gain(action) * reliability(plan.told, directions)
-
-    return best_action(
-        score, plan.workspace, search=plan.search, budget=plan.budget, seed=seed,
-        facing=facing(plan.estimate, plan.workspace),
+    return choose_action(
+        plan.estimate, plan.workspace, search=plan.search, budget=plan.budget,
+        seed=seed, shape=plan.shape,
     )  # fmt: skip
 
 

@@ -65,8 +65,8 @@ def beliefs_of(estimate, shape, fingers: int = 0, count: int = 1) -> list[Belief
     known += flatness_information(
         vertices, centre[2], contact_points(estimate, vertices, points)
     )
-    later = after_retraction(known, vertices)
-    return [Belief(vertices.ravel(), later, before, 1.0, -centre[None], known)]
+    known = after_retraction(known, vertices)
+    return [Belief(vertices.ravel(), known, before, 1.0, -centre[None])]
 
 
 def sensor_model(estimate) -> np.ndarray:
