@@ -94,11 +94,8 @@ class Scene:
             given = name == "sigma_offset" and isinstance(value, JointZeros)
             if given or (value is None and unknown):
                 continue
-            fix = (
-                "None if unknown"
-                if unknown
-                else SCENE_REMEDIES.get(name, MUST_BE_KNOWN)
-            )
+            remedy = SCENE_REMEDIES.get(name, MUST_BE_KNOWN)
+            fix = "None if unknown" if unknown else remedy
             number = as_number(name, value, expected, low, high, fix)
             object.__setattr__(self, name, number)
         if self.ground is not None and not isinstance(self.ground, Ground):

@@ -29,9 +29,6 @@ MM_PER_M = 1e3  # a page weighs friction in nats per mm
 NEARLY_SLIPS = 0.5  # [-] of friction: such a span may slip when another one is cut
 LONGEST_SLIP = 1e-3  # [m] as far as a body at rest is let slip where nothing holds it
 MIN_SLIP_CURVATURE = 1e3  # [nats / m^2] softer than any touch: 1 / (30 mm)^2
-TURN_LENGTHS = np.full(
-    3, ARM
-)  # [m] a radian of a floating body counts as this much way
 ON_ICE = 1.0  # [nats / m] least force: without friction a body at rest feels rounding
 
 
@@ -57,10 +54,8 @@ def rest_force(scene, solved, whole) -> RestForce:
     slope = whole.whole_slope[v.span].reshape(v.columns, v.rows)
     x = whole.x[v.span].reshape(slope.shape).T
     if scene.ground is None:  # it may move any way
-        along, arm = (
-            np.tile(np.eye(len(x)), (x.shape[1], 1, 1)),
-            np.r_[1, 1, 1, TURN_LENGTHS],
-        )
+        along = np.tile(np.eye(len(x)), (x.shape[1], 1, 1))
+        arm = np.r_[1, 1, 1, ARM, ARM, ARM]  # [m] a radian counts as so much
     else:
         along, arm = _along(x), np.r_[1, 1, _lever_arm(solved, whole.window)]
     slope = np.einsum("tij,tj->ti", along, slope)[whole.window.pose]

@@ -77,7 +77,7 @@ def profiled(job, solved) -> tuple[np.ndarray, Hypothesis | None]:
     faces[2, 0] += KNOWN_FACE  # the ground touches the lowest one
     by_gradient, _ = kkt_system_of(solved.problem, solved.solution).sensitivity(chosen)
     variance = np.diag(by_gradient[chosen])
-    # Not positive where the Hessian is indefinite: nothing is known there.
+    # Not positive where the Hessian is indefinite: it tells nothing, `known` is inf.
     known = np.sqrt(np.where(variance > 0, variance, np.inf))
     open_sizes = {
         axis: touched for axis, touched in enumerate(faces)

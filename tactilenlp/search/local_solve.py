@@ -218,8 +218,8 @@ def warm_started(
     hypothesis = known.hypothesis if hypothesis is None else hypothesis
     problem, window, built = problem_at(job, hypothesis)
     last = replace(job.page.LEVELS[-1], warm_start={"mu_init": mu_init})
-    start = start(known, window, problem)
-    solution = solve_levels(problem, (last,), start, settings_of(job))
+    given = start(known, window, problem)
+    solution = solve_levels(problem, (last,), given, settings_of(job))
     solution.seconds["build"] += built
     return Solved(hypothesis, problem, window, solution, job)
 

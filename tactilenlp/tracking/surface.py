@@ -33,10 +33,8 @@ def sampled_surface(shape, theta, count: int = MESH_RAYS) -> np.ndarray:
     """Return points (count, 3) [m] of evenly spread rays where the distance is zero."""
     reach, rays = float(shape.reach(theta)), _directions(count)
     distance = _distances(shape, theta, SURFACE_EDGE * reach)
-    low, high = (
-        np.full(count, INNERMOST * reach),
-        np.full(count, (1 + SURFACE_EDGE) * reach),
-    )
+    low = np.full(count, INNERMOST * reach)
+    high = np.full(count, (1 + SURFACE_EDGE) * reach)
     inside, outside = distance(low * rays) < 0, distance(high * rays) >= 0
     if not (inside & outside).all():
         raise TactileError(
