@@ -44,7 +44,7 @@ SCENE = ("mass", "friction_ground", "friction_finger")
 
 def measured(departure: str, strength: str, number: int, actions: int, file=None):
     """Return measurements, scene and true arrays of a cell; file: of the recording."""
-    chosen = DEPARTURES[departure][strength]
+    chosen = DEPARTURES[departure][strength].of(number)
     if file is None:
         world = ForeignWorld(**chosen.world)
         true = recorded(Box(number, world.scale, world.radius), world, actions)

@@ -4,6 +4,7 @@ A `Departure` is how the world differs (foreign_world.py), what the sensors lose
 told wrongly, and what the estimator is told wrongly of the scene.
 """
 
+from collections import ChainMap
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -23,6 +24,10 @@ class Departure:
     sensors: Callable | None = None
     told: dict = field(default_factory=dict)
 
+    def of(self, number: int) -> "Departure":
+        """Return how the world of box `number` departs: the same for every box."""
+        return self
+
     def measured(self, data, number: int):
         """Return what the sensors report of the measurements of box `number`."""
         rng = np.random.default_rng([2030, number])
@@ -32,6 +37,30 @@ class Departure:
         """Return what the estimator is told of the scene."""
         wrong = {name: by * getattr(scene, name) for name, by in self.told.items()}
         return replace(scene, **wrong)
+
+
+@dataclass(frozen=True)
+class Combined:
+    """Several departures at once, of different names, drawn anew for every box."""
+
+    count: int
+    names: tuple[str, ...]
+    world: bool = True
+
+    def of(self, number: int) -> Departure:
+        """Return the departures of box `number` as one."""
+        rng = np.random.default_rng([2031, number])
+        drawn = rng.choice(self.names, self.count, replace=False)
+        kinds = [rng.choice([*DEPARTURES[name].values()]) for name in drawn]
+        made = [kind.sensors for kind in kinds if kind.sensors is not None]
+
+        def sensors(data, rng):
+            for one in made:
+                data = one(data, rng)
+            return data
+
+        worlds = dict(ChainMap(*[kind.world for kind in kinds]))
+        return Departure(worlds, sensors, dict(ChainMap(*[k.told for k in kinds])))
 
 
 def of_sensors(make: Callable, **strengths) -> dict[str, Departure]:
@@ -109,3 +138,12 @@ DEPARTURES: dict[str, dict[str, Departure]] = {
         f"x{by:g}": Departure(told=dict.fromkeys(FRICTIONS, by)) for by in (0.5, 2.0)
     },
 }  # fmt: skip
+# A bench has several of these at once; not among them is what no touch can tell.
+TOGETHER = (
+    "contact", "servo", "centre of mass", "friction by face", "friction by direction",
+    "edges", "ground tilted", "pushed high", "rate", "dropped at random",
+    "dropped per finger", "normals turned", "normals noisy", "positions noisy", "clock",
+    "late release", "chatter", "threshold", "fingertip", "torsion", "from above",
+    "mass told", "frictions told",
+)  # fmt: skip
+DEPARTURES["combined"] = {f"{n}": Combined(n, TOGETHER) for n in (2, 4)}

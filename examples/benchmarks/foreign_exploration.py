@@ -28,7 +28,7 @@ import numpy as np
 from exploration_report import comparison_lines
 from foreign import SCENE, errors_in, warm
 from foreign_box import AIM, Box
-from foreign_departures import DEPARTURES
+from foreign_departures import DEPARTURES, Departure
 from foreign_report import ratios
 from foreign_world import REST, STEP, ForeignWorld, Simulation
 from scipy.interpolate import PchipInterpolator
@@ -208,8 +208,12 @@ def main() -> None:
 def _of_world(kinds) -> bool:
     """Tell whether departures are of the world alone: sensors are told the truth."""
     plain = next(iter(DEPARTURES["none"].values()))
-    return all(k.sensors is plain.sensors and k.told == plain.told
-               for k in kinds.values())  # fmt: skip
+    return all(
+        isinstance(kind, Departure)
+        and kind.sensors is plain.sensors
+        and kind.told == plain.told
+        for kind in kinds.values()
+    )
 
 
 if __name__ == "__main__":
