@@ -253,3 +253,13 @@ def test_compilers_run_beside_each_other(tmp_path, monkeypatch):
     assert values == [8.0, 16.0, 32.0]
     assert not codegen._running
     assert codegen.kept(["value"], "4")[0].class_name() == COMPILED
+
+
+def test_only_gcc_is_told_to_leave_out_its_passes(tmp_path, monkeypatch):
+    for name in ("x86_64-linux-gnu-gcc-12", "clang-17"):
+        (tmp_path / name).touch()
+        (tmp_path / "cc").unlink(missing_ok=True)
+        (tmp_path / "cc").symlink_to(tmp_path / name)
+        monkeypatch.setattr(codegen, "compiler", lambda: str(tmp_path / "cc"))
+        told = (*codegen.FLAGS, *codegen.LEFT_OUT)
+        assert codegen._flags() == (told if "gcc" in name else codegen.FLAGS)
