@@ -124,3 +124,9 @@ def test_no_ground_and_what_was_fixed_are_shown_as_such(estimate, tmp_path):
     shown = content(tmp_path / "report.html")
     assert shown["grid"] == []
     assert ["rotation about x", "fixed by a reduction"] in shown["sigma"]
+
+
+def test_the_turn_about_the_vertical_is_that_of_the_summary(page, estimate):
+    (turn,) = (words for name, words in content(page)["sigma"] if name.endswith("z")
+               and name.startswith("rotation"))  # fmt: skip
+    assert f"turned by {turn} about the vertical" in estimate.summary()

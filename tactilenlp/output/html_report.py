@@ -12,7 +12,7 @@ from ..common.validation import check_path, check_types
 from ..common.whole_file import write_whole
 from ..geometry.faces import face_sigma, polygons
 from .colours import BLUE, FINGER_RGB, PALE, RED, information_colour
-from .summary import named_sizes
+from .summary import named_sizes, yaw_of
 
 REACH_FACTOR = 1.5  # [-] radius of the picture over that of the object
 GROUND_LINES = 8  # [1] lines of the ground's grid to each side
@@ -159,18 +159,20 @@ def _sigma(estimate) -> list[list[str]]:
     where = {"position": estimate.position[-1]}
     if estimate.shape == "cuboid":
         where["side_lengths"] = estimate.side_lengths
+    if estimate.reductions["planar"]:  # else no axis is told apart from the others
+        where["rotation"] = np.array([0.0, 0.0, yaw_of(estimate)])
     if not {"side_lengths", "vertices"} & {*information.maps}:
         rows += [[*size] for size in named_sizes(estimate)]
     for name in ("side_lengths", "position", "rotation"):
         if name not in information.maps:
             continue
         unit, factor = UNITS[name]
-        values = where.get(name, np.zeros(3))
+        values = where.get(name, (None,) * 3)
         for axis, value, s in zip(AXES, values, information.sigma(name), strict=True):
             words = f"± {s * factor:.2f} {unit}" if np.isfinite(s) else "± unobserved"
             words = "fixed by a reduction" if np.isnan(s) else words
             words = "held: the axes are the world's" if s == 0.0 else words
-            if name != "rotation":
+            if name in where and (name != "rotation" or s > 0.0):
                 words = f"{value * factor:.2f} {words}"
             rows.append([f"{QUANTITY_WORDS[name]} {axis}", words])
     return rows

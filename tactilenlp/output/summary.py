@@ -105,10 +105,15 @@ def named_size(name: str, value: float, sigma: float) -> tuple[str, str]:
     return word, f"{value * scale:.2f} ± {sigma * scale:.2f} {unit}"
 
 
+def yaw_of(estimate) -> float:
+    """Return the turn about the vertical at the last sample [rad]."""
+    w, x, y, z = estimate.quaternion[-1]
+    return float(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+
+
 def orientation_of(estimate) -> str:
     """Return the orientation at the last sample, with its standard deviation."""
-    w, x, y, z = estimate.quaternion[-1]
-    yaw = np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+    yaw = np.degrees(yaw_of(estimate))
     off = np.degrees(estimate.information.sigma("rotation"))
     off = off[2] if estimate.reductions["planar"] else np.nanmax(off)
     if off == 0.0:  # a hull has no axes of its own

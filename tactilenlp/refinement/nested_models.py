@@ -116,7 +116,8 @@ def _with(name, nuisance, job, solved, solve) -> tuple:
     excess, spread = excess_of(job, best)
     rough = bool(job.contract.rough)  # else a solve costs several seconds
     if excess < (needed := needed_gain(spread, UNCHANGED if rough else DECISIVE)):
-        return job, [declined(best, name, excess, needed, "at most "), *others]
+        most = max(excess, 0.0)
+        return job, [declined(best, name, most, needed, "at most "), *others]
     if job.deadline.passed(nuisance.dropped):
         return job, solved
     larger = replace(job, reductions=replace(job.reductions, **{name: False}))
