@@ -38,7 +38,7 @@ from .finger_spring import (
 )
 from .shape import positive_part
 
-SLIP = 1e-4  # [m] a step shorter than this is sticking to the ground
+SLIP = 3e-5  # [m] a step shorter than this is sticking to the ground
 LIGHTEST = 0.1  # [m g] the least load on the ground: a finger may lift
 
 
@@ -79,20 +79,23 @@ def balance(shape, finger, theta, pose, s, d, fingers, known, loads):
     return work_slope(shape, finger, theta, pose, s, d, fingers, known, loads)[0]
 
 
-def loads_of(shape, finger, theta, pose, s, fingers, known):
-    """Return N and lam_f [N] where the body is at s."""
-    _, _, weight, stiffness, max_force, _ = known
-    at, forces, down = moved(pose, s), [], weight
-    for p_wf, _, rho in fingers:
+def loads_of(shape, finger, theta, pose, s, d, fingers, known):
+    """Return N and lam_f [N] where the body is at s + d, after a step d."""
+    _, mu_f, weight, stiffness, max_force, _ = known
+    at, forces, down = moved(pose, s + d), [], weight
+    for p_wf, p_wf_1, rho in fingers:
         phi, n, _ = contact_of(shape, finger, theta, at, p_wf, rho)
-        forces.append(press(phi, stiffness, max_force))
-        down += forces[-1] * n[2]
+        load = press(phi, stiffness, max_force)
+        _, u = held_back(at, d, p_wf, p_wf_1, rho, n)
+        rub = stiffness * sticking(u, mu_f * load, stiffness)
+        down += load * n[2] - rub * u[2]
+        forces.append(load)
     return [ca.fmax(down, LIGHTEST * weight), *forces]
 
 
 def improved(shape, finger, theta, pose, s, d, fingers, known):
     """Return a better step d (3,): one majorised Newton step."""
-    loads = loads_of(shape, finger, theta, pose, s + d, fingers, known)
+    loads = loads_of(shape, finger, theta, pose, s, d, fingers, known)
     g, H = work_slope(shape, finger, theta, pose, s, d, fingers, known, loads)
     return d - solve_3(H, g)
 

@@ -131,7 +131,7 @@ def _step_slopes(body, s, d, rest, given) -> ca.Function:
     out = [-pushing.solve_3(by_d, by) for by in (by_s, by_z, by_p + by_r)]
     out.append(ca.vertcat(*pushing.tips(*body, s, d, *rest, ca.vertsplit(loads))))
     slopes = ca.Function("slopes", [*given, loads], out, {"cse": True})
-    at = ca.vertcat(*pushing.loads_of(*body, s + d, *rest))
+    at = ca.vertcat(*pushing.loads_of(*body, s, d, *rest))
     return ca.Function("at", given, slopes(*given, at), {"cse": True})
 
 
