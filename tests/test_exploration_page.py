@@ -141,12 +141,12 @@ def test_measurements_told_one_by_one_are_a_kalman_filter_of_the_way():
     assert np.allclose(F, J.T @ np.linalg.solve(S, J))
 
 
-def pushed(start, goal, steps=40):
+def pushed(start, goal, steps=40, max_force=8.0):
     """Return the way (3,) of a body that one finger pushes from start to goal."""
     goals = np.linspace(start, goal, steps + 1).T
     z = np.r_[SIZES.full()[:, 0], np.zeros(3)]
     none = np.zeros(3), np.zeros((3, 6)), np.zeros((3, 3))
-    known, sensors = [0.3, 0.5, 4.905, 3125.0, 8.0], [1500.0, 1e-4, 0.01]
+    known, sensors = [0.3, 0.5, 4.905, 3125.0, max_force], [1500.0, 1e-4, 0.01]
     out = predict.push_function(CUBOID, False, 1, steps)(
         np.zeros(3), goals[:, 0], *none, z, goals[:, :-1], goals[:, 1:], RHO, known,
         sensors, 1,
@@ -172,3 +172,18 @@ def test_a_push_off_the_centre_turns_the_body_about_it():
 def test_a_finger_that_passes_by_moves_nothing():
     s = pushed([0.045, 0.05, 0.015], [-0.045, 0.05, 0.015])
     assert np.abs(s).max() < 1e-5  # the rounded onset of contact has a faint tail
+
+
+def test_a_finger_weaker_than_friction_moves_nothing():
+    # mu m g = 1.5 N
+    s = pushed([0.045, 0, 0.015], [0.025, 0, 0.015], max_force=0.7)
+    assert np.abs(s).max() < 1e-3
+    assert pushed([0.045, 0, 0.015], [0.025, 0, 0.015], max_force=2.2)[0] < -5e-3
+
+
+def test_a_finger_that_slides_down_a_side_presses_on_the_ground():
+    # mu (m g + mu_f 1.7 N) = 1.7 N
+    down = pushed([0.045, 0, 0.025], [0.025, 0, 0.005], max_force=1.7)
+    up = pushed([0.045, 0, 0.005], [0.025, 0, 0.025], max_force=1.7)
+    assert abs(down[0]) < 2e-3
+    assert up[0] < -5e-3
