@@ -83,7 +83,7 @@ class ExpectedInformation:
         known, fingers = BELIEFS[self.shape.parameters], self.workspace.fingers
         self._sensors = known.sensor_model(estimate)
         self.beliefs = known.beliefs_of(estimate, self.shape, fingers, hypotheses)
-        self._known = _push_constants(estimate.scene, self.workspace)
+        self._known = push_constants(estimate.scene, self.workspace)
 
     @property
     def target(self) -> np.ndarray:
@@ -198,7 +198,7 @@ def expected_information_gain(
     return ExpectedInformation(*given).gain(action)
 
 
-def _push_constants(scene, space: Workspace) -> np.ndarray:
+def push_constants(scene, space: Workspace) -> np.ndarray:
     """Return mu_g, mu_f, weight [N], stiffness [N/m], max_force [N]."""
     ground = FRICTION if scene.friction_ground is None else scene.friction_ground
     finger = FRICTION if scene.friction_finger is None else scene.friction_finger
