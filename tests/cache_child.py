@@ -75,7 +75,8 @@ def cache_of(home):
 
 def filled(home):
     """Fill the cache; return its folder and its libraries."""
-    assert run(cache_of(home)) == ([COMPILED] * 2, [])
+    found = run(cache_of(home))
+    assert found == ([COMPILED] * 2, []), found
     folder = home / ".cache" / "tactilenlp"
     return folder, sorted(folder.glob("*.so"))
 

@@ -150,6 +150,7 @@ ONE_RUN = {  # benchmarks of which there is nothing to spread, and why
     "executors": "measures executors",
     "exploration_report": "reads a study",
     "optical_frame": "times one picture",
+    "predicted_pushes": "half a minute",
     "record": "reads a table",
     "regress": "times pairs, one process at a time",
     "report_cuboid": "reads runs",

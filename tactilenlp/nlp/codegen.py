@@ -36,7 +36,7 @@ log = logging.getLogger("tactilenlp")
 FLAGS = ("-O1", "-shared", "-fPIC", "-ffp-contract=off")
 # Passes of GCC that take up to two thirds of its time on 10 000 lines without a branch,
 # and change nothing there: CasADi has eliminated common subexpressions already.
-LEFT_OUT = ("-fno-tree-dominator-opts", "-fno-tree-fre", "-fno-tree-sra")
+UNUSED_PASSES = ("-fno-tree-dominator-opts", "-fno-tree-fre", "-fno-tree-sra")
 COMPILE_TIME = 120.0  # [s] at most, of one library; most take 1 to 5
 COMPILE_SHARE = 0.4  # [-] at most, of the time that a computation may take
 LEAST_COMPILE_TIME = 0.3  # [s] below which compilation is not begun
@@ -149,7 +149,7 @@ def _key(origin: str) -> str:
 def _flags() -> tuple[str, ...]:
     """Return the flags of the compiler; it is GCC if its file is named so."""
     file = Path(compiler()).resolve().name
-    return (*FLAGS, *LEFT_OUT) if "gcc" in file else FLAGS
+    return (*FLAGS, *UNUSED_PASSES) if "gcc" in file else FLAGS
 
 
 def _place() -> str:
