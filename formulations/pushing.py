@@ -7,10 +7,10 @@ of friction and springs is least,
          + sum_f  U(-phi_f(s + d))  +  V(u_f(d))                    fingers
 
 with U' = lam and V' = f_t of finger_spring.py.  `work_slope` has the gradient of these
-terms.  N = m g + sum_f (lam_f n - f_t u / |u|)_z is what presses down, with fingers
-that slide down a side (`loads_of`); c^2 = 3 I_zz / m is the square of half the diagonal
-of a rectangular foot (`foot_squared`).  Where the servo of a finger saturates, r goes
-on no deeper than a step beyond f_max / k (`reached`).
+terms.  N = m g + sum_f (lam_f n - f_t)_z is what presses down, with fingers that slide
+down a side (`loads_of`); c^2 = 3 I_zz / m is the square of half the diagonal of a
+rectangular foot (`foot_squared`).  Where the servo of a finger saturates, r goes on no
+deeper than a step beyond f_max / k (`reached`).
 
 N and lam_f in the friction terms are those of the iterate before: then each term is
 convex, and `improved`, a Newton step on a convex quadratic bound of the work

@@ -110,8 +110,8 @@ def cells(chosen) -> list[tuple]:
         (departure, strength, number, chosen.actions, *file)
         for departure in chosen.departures
         for strength, kind in DEPARTURES[departure].items()
-        if not (chosen.recordings and kind.world)
         for number, *file in boxes
+        if not (chosen.recordings and kind.of(number).world)
     ]
 
 

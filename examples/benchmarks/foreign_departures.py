@@ -45,7 +45,6 @@ class Combined:
 
     count: int
     names: tuple[str, ...]
-    world: bool = True
 
     def of(self, number: int) -> Departure:
         """Return the departures of box `number` as one."""

@@ -50,10 +50,10 @@ def compared(number: int, force: float) -> dict:
     moved = np.diff(truth.object_position[[0, -1], :2], axis=0)[0]
     true = np.r_[moved, (turned[1] * turned[0].inv()).as_rotvec()[2]]
     z = np.r_[sides, begin[:2], yaw]
-    said = predicted(z, action.positions(begin[:3], RATE + 1), space)
+    told = predicted(z, action.positions(begin[:3], RATE + 1), space)
     metric = np.array([1, 1, ARM])
     off, way, promised = (
-        float(np.linalg.norm(metric * v)) for v in (said - true, true, said)
+        float(np.linalg.norm(metric * v)) for v in (told - true, true, told)
     )
     return {"force_n": force, "box": number, "off": off, "true": way, "said": promised}
 
