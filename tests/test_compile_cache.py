@@ -4,6 +4,7 @@ Every state is tried in a process of its own, which a damaged library would end 
 signal, without the rights of root.
 """
 
+import multiprocessing
 import os
 import shutil
 import signal
@@ -18,6 +19,7 @@ import pytest
 from cache_child import (
     COMPILED,
     INTERPRETED,
+    LONGEST,
     NOBODY,
     cache_of,
     child,
@@ -253,6 +255,37 @@ def test_compilers_run_beside_each_other(tmp_path, monkeypatch):
     assert values == [8.0, 16.0, 32.0]
     assert not codegen._running
     assert codegen.kept(["value"], "4")[0].class_name() == COMPILED
+
+
+def forked(compute):
+    """Return what compute() returns in a fork of this process."""
+    fork = multiprocessing.get_context("fork")
+    receive, send = fork.Pipe(duplex=False)
+    process = fork.Process(target=lambda: send.send(compute()))
+    process.start()
+    send.close()
+    try:
+        assert receive.poll(LONGEST)
+        return receive.recv()
+    finally:
+        process.join()
+
+
+def test_a_fork_leaves_the_compilers_of_its_parent_alone(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    x = ca.SX.sym("x")
+    powers = range(3, 3 + (os.cpu_count() or 1))  # as many as may run
+    begun = [codegen.begun([ca.Function("value", [x], [x**k])], f"{k}") for k in powers]
+    assert codegen._running
+
+    def compute():
+        (another,) = codegen.compiled([ca.Function("value", [x], [x - 1])], "another")
+        (first,) = begun[0]()
+        return [f.class_name() for f in (another, first)], float(first(2.0))
+
+    assert forked(compute) == ([COMPILED] * 2, 8.0)
+    assert [made()[0].class_name() for made in begun] == [COMPILED] * len(powers)
+    assert not [*tmp_path.rglob("unfinished-*")]
 
 
 def test_only_gcc_is_told_to_leave_out_its_passes(tmp_path, monkeypatch):

@@ -89,14 +89,19 @@ def discard(library: Path) -> None:
 
 @contextmanager
 def workspace(folder: Path) -> Iterator[Path]:
-    """Make a temporary folder for a compiler; delete those that were abandoned."""
+    """Make a temporary folder for a compiler; delete those that were abandoned.
+
+    A process that was forked leaves the folder to its parent.
+    """
     for old in folder.glob(f"{UNFINISHED}*"):
         if time.time() - old.stat().st_mtime > ABANDONED:
             shutil.rmtree(old, ignore_errors=True)
-    with tempfile.TemporaryDirectory(
-        prefix=UNFINISHED, dir=folder, ignore_cleanup_errors=True
-    ) as made:
+    made, owner = tempfile.mkdtemp(prefix=UNFINISHED, dir=folder), os.getpid()
+    try:
         yield Path(made)
+    finally:
+        if os.getpid() == owner:
+            shutil.rmtree(made, ignore_errors=True)
 
 
 def _digest_file(library: Path) -> Path:

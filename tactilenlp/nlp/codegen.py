@@ -48,6 +48,8 @@ WAITING = (
 )
 _said: set[str] = set()  # warnings that were logged once: WAITING, and cache folders
 _running: list[Compilation] = []  # by compilers of this process
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_running.clear)  # only a parent can wait
 
 
 def compiled(
@@ -119,6 +121,8 @@ def _begun(
         return lambda: None
 
     def found():
+        if not compilation.is_ours:
+            return _begun(load, origin, source, deadline)()
         try:
             return _loaded(path, load) if compilation.finished() else None
         except (OSError, ValueError) as error:
@@ -183,6 +187,7 @@ class Compilation:
         self._library, self._deadline = library, deadline
         self._allowed = _time_for_compilation(deadline)
         self._result: bool | OSError | None = None
+        self._owner = os.getpid()
         if self._allowed < LEAST_COMPILE_TIME:
             self._result = False
             return
@@ -193,11 +198,16 @@ class Compilation:
             command = [compiler(), *_flags(), str(code), "-o", str(self._built), "-lm"]
             self._messages = opened.enter_context((folder / "messages").open("w+b"))
             self._process = _started(command, folder, self._messages)
-            opened.callback(_end, self._process, os.getpid())
+            opened.callback(_end, self._process, self._owner)
             self._opened = opened.pop_all()
         self._began = time.monotonic()
         atexit.register(self._opened.close)
         _running.append(self)
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether it has ended, or is this process's to wait for: not in a fork."""
+        return self._result is not None or os.getpid() == self._owner
 
     def finished(self) -> bool:
         """Wait; tell whether the library is there, else there was no time for it.
