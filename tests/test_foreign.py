@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tactilenlp import Measurements, Scene, solve_estimate
+from tactilenlp.geometry.convex_hull import nearest
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "examples" / "benchmarks"
 CLOSE = 0.1e-3  # [m] that stiff contacts of a few newtons and 0.3 ms steps sink in
@@ -43,6 +44,41 @@ def test_stiff_fingertips_lie_on_the_surface_and_default_ones_sink_in(foreign):
     assert len(touching_gaps(stiff)) >= 5
     assert np.abs(touching_gaps(stiff)).max() < CLOSE
     assert np.median(touching_gaps(soft)) < -0.3e-3
+
+
+def test_hulls_of_every_kind_rest_on_a_face_and_fingers_touch_their_surface(foreign):
+    from foreign_bodies import SOLIDS, Hull
+
+    for number in range(SOLIDS):
+        hull = Hull(number)
+        assert np.count_nonzero(hull.points[:, 2] < 1e-6 - hull.height) >= 3
+        true = foreign.recorded(hull, foreign.ForeignWorld(), 1)
+        turn = Rotation.from_quat(true["object_quaternion"], scalar_first=True)
+        start = turn[0].apply(hull.points) + true["object_position"][0]
+        assert abs(start[:, 2].min()) < CLOSE
+        t, f = np.nonzero(true["contact"])
+        assert len(t) >= 3
+        place = true["finger_position"][t, f] - true["object_position"][t]
+        gap = np.linalg.norm(
+            (q := turn[t].inv().apply(place)) - nearest(hull.points, q), axis=1
+        )
+        assert np.abs(gap - true["finger_radius"][f]).max() < CLOSE
+
+
+def test_planes_of_hulls_are_summed_up_by_sigma_and_verdict(foreign):
+    from foreign_hulls import summed
+
+    about = {"refused": "", "cpu_s": 1.0, "surface_mm": 1.0}
+    planes = {"off_mm": [0.1, 0.6], "sigma_mm": [0.1, 0.1]}
+    rows = [
+        {**about, **planes, "verdict": "good"}, {**about, **planes, "verdict": "poor"},
+        {"refused": "SceneError", "cpu_s": 0.1},
+    ]  # fmt: skip
+    row = summed("contact", "gel", rows)
+    assert (row["n"], row["refused"], row["planes"]) == (3, 1, 4)
+    assert row["within_3_sigma"] == 0.5
+    assert row["beyond_5_sigma_good"] == 1
+    assert row["plane_mm"] == pytest.approx(0.35)
 
 
 def test_contact_is_reported_late_where_the_sensors_are_late(foreign):

@@ -26,7 +26,7 @@ from pathlib import Path
 from time import process_time
 
 import numpy as np
-from foreign_box import Box
+from foreign_bodies import Box
 from foreign_departures import DEPARTURES
 from foreign_report import picture, show, summary
 from foreign_world import ForeignWorld, recorded

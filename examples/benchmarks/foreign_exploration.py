@@ -27,7 +27,7 @@ from time import process_time
 import numpy as np
 from exploration_report import comparison_lines
 from foreign import SCENE, errors_in, warm
-from foreign_box import AIM, Box
+from foreign_bodies import AIM, Box
 from foreign_departures import DEPARTURES, Departure
 from foreign_report import ratios
 from foreign_world import REST, STEP, ForeignWorld, Simulation

@@ -1,4 +1,4 @@
-"""Record boxes in plain MuJoCo, in worlds that the estimator was not developed with.
+"""Record boxes and hulls in plain MuJoCo, in worlds unlike the estimator's.
 
 `recorded(box, world)` returns the arrays of a recording, in the layout of the README.
 Two servo-driven spheres push a box, one second an action.  A `ForeignWorld` says how it
@@ -9,7 +9,7 @@ pushes, which the estimator's model describes.
 from dataclasses import dataclass
 
 import numpy as np
-from foreign_box import Box
+from foreign_bodies import Box
 from scipy.spatial.transform import Rotation
 
 STEP = 1 / 3000  # [s] of MuJoCo
@@ -35,7 +35,7 @@ class ForeignWorld:
     centre:    of mass, from the middle along x, y and z, as a share of the side
     by_face:   share by which the friction of fingers differs between faces
     by_direction: share by which the friction of the ground differs between x and y
-    edge:      [m] radius of the edges
+    edge:      [m] radius of the edges of a box
     tilt:      [deg] of the ground about x; the estimator is told that it is level
     above:     [rad] pushes come down by up to this angle, and touch the top
     heights:   of the pushes, lowest and highest, as a share of the box's height
@@ -84,7 +84,7 @@ class Simulation:
         self.data = mujoco.MjData(self.model)
         tilted = Rotation.from_euler("x", world.tilt, degrees=True)
         turn = tilted * Rotation.from_euler("z", box.yaw)
-        self.data.qpos[:3] = tilted.apply([0, 0, box.sides[2] / 2])
+        self.data.qpos[:3] = tilted.apply([0, 0, box.height])
         self.data.qpos[3:7] = turn.as_quat(scalar_first=True)
         self._faces = 1 + world.by_face * np.array([[1, -1], [-1, 1], [0, 0]])
         self.felt = []  # of every step: (2, 3) outward normals times force [N]
@@ -194,9 +194,13 @@ def recorded(box: Box, world: ForeignWorld, actions: int) -> dict[str, np.ndarra
     names = ("time", "action", "finger_position", "contact", "normal",
              "object_position", "object_quaternion")  # fmt: skip
     arrays = dict(zip(names, columns, strict=True))
+    if box.points is None:
+        arrays["side_lengths"] = box.sides
+    else:
+        arrays["vertices"] = box.points
     return arrays | {
         "valid": np.ones_like(arrays["contact"]),
-        "finger_radius": np.full(FINGERS, world.radius), "side_lengths": box.sides,
+        "finger_radius": np.full(FINGERS, world.radius),
         "mass": box.mass, "friction_ground": box.ground, "friction_finger": box.finger,
     }  # fmt: skip
 
@@ -210,11 +214,16 @@ def row_of(simulation: Simulation, action: int) -> tuple:
 
 def model_of(box: Box, world: ForeignWorld) -> str:
     """Return MuJoCo's XML of box, ground and fingertips."""
-    a, b, c = box.sides
-    inertia = box.mass / 12 * np.array([b * b + c * c, a * a + c * c, a * a + b * b])
+    moments, points = box.inertia, box.points
+    inertia = f'diaginertia="{text(np.diag(moments))}"'
+    if points is not None:
+        products = moments[[0, 0, 1], [1, 2, 2]]
+        inertia = f'fullinertia="{text(np.r_[np.diag(moments), products])}"'
     body, mesh = f'type="box" size="{text(box.sides / 2)}"', ""
-    if world.edge:
-        body, points = 'type="mesh" mesh="box"', rounded(box.sides, world.edge)
+    if world.edge and points is None:
+        points = rounded(box.sides, world.edge)
+    if points is not None:
+        body = 'type="mesh" mesh="box"'
         mesh = (
             f'<asset><mesh name="box" inertia="exact" vertex="{text(points)}"/></asset>'
         )
@@ -246,7 +255,7 @@ def model_of(box: Box, world: ForeignWorld) -> str:
         <worldbody><geom name="ground" type="plane" size="1 1 1"
             euler="{world.tilt} 0 0"/>{wall}
         <body><freejoint/><inertial pos="{text(world.centre * box.sides)}"
-            mass="{box.mass}" diaginertia="{text(inertia)}"/>
+            mass="{box.mass}" {inertia}/>
             <geom name="box" {body} friction="0 0 0"/></body>{tips}</worldbody>
         <contact><pair geom1="ground" geom2="box" condim="{contact}"
             {soft(*world.contact)} friction="{text(mu)} {world.torsion} 0 0"/></contact>

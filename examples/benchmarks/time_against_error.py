@@ -6,7 +6,7 @@
 
 Each cell is a formulation, a world and a number of actions; it is estimated as a user
 does, by `solve_estimate` with default options, so that seconds are those of search,
-solves, certificates and reading.  The recordings are boxes of foreign_box.py, which
+solves, certificates and reading.  The recordings are boxes of foreign_bodies.py, which
 two fingers push from the sides and from above in plain MuJoCo; `soft` has its default
 contact, `noisy` 1 mm on positions, 5 degrees on normals and 1 % flipped booleans.
 
@@ -32,7 +32,7 @@ from time import process_time
 
 import matplotlib.pyplot as plt
 import numpy as np
-from foreign_box import Box
+from foreign_bodies import Box
 from foreign_world import DEFAULT, ForeignWorld, recorded
 from monte_carlo import NOISE
 from study import add_executor, tabled_study, write_csv

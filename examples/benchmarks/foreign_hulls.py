@@ -1,0 +1,147 @@
+"""Judge estimates of hulls in worlds that the estimator was not developed with.
+
+    python examples/benchmarks/foreign_hulls.py folder [--count 6] [--first 0]
+        [--actions 6] [--departures contact "dropped at random"]
+        [--executor processes|dask|mpi|none] [--workers 2]
+
+As foreign.py, for hulls in place of boxes: the five Platonic solids in turn, then
+an irregular hull.  A hull has no sizes and no pose of its own.  Judged are the
+supporting planes at the last sample that TOUCHES or more touches support: by how much
+the true body is off each, and its standard deviation.  `surface_mm`: mean exact
+distance between the surfaces.  The script writes foreign_hulls.csv (one row an
+estimate) and foreign_hulls_summary.csv (one row a departure and strength).
+"""
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
+
+import argparse
+from functools import cache
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+from foreign import SCENE
+from foreign_bodies import Hull
+from foreign_departures import DEPARTURES
+from foreign_report import BEYOND, COLOURS, WITHIN, cells_of, median
+from foreign_world import ForeignWorld, recorded
+from scipy.spatial.transform import Rotation
+from study import add_executor, tabled_study, write_csv
+from trimesh.convex import convex_hull
+
+from tactilenlp import Measurements, Scene, solve_estimate, surface_distance
+from tactilenlp.errors import TactileError
+
+TOUCHES = 3  # that support a plane that is judged
+OF_HULLS = tuple(name for name in DEPARTURES if name != "edges")  # theirs are sharp
+NAMES = "time", "finger_position", "finger_radius", "contact", "normal", "action"
+
+
+def measured(departure: str, strength: str, number: int, actions: int):
+    """Return measurements, scene and the true mesh at the last sample of a cell."""
+    chosen = DEPARTURES[departure][strength].of(number)
+    world = ForeignWorld(**chosen.world)
+    true = recorded(Hull(number, world.scale, world.radius), world, actions)
+    data = Measurements(**{k: true[k] for k in (*NAMES, "valid")})
+    scene = Scene(**{k: float(true[k]) for k in SCENE})
+    turn = Rotation.from_quat(true["object_quaternion"][-1], scalar_first=True)
+    mesh = convex_hull(turn.apply(true["vertices"]) + true["object_position"][-1])
+    return chosen.measured(data, number), chosen.scene(scene), mesh
+
+
+def judged(departure: str, strength: str, number: int, actions: int) -> dict:
+    """Return one row of the table [mm]."""
+    warm()
+    data, scene, mesh = measured(departure, strength, number, actions)
+    row = {"departure": departure, "strength": strength, "hull": number}
+    began = process_time()
+    try:
+        estimate = solve_estimate(data, scene, shape="polytope")
+    except TactileError as error:
+        said = f"{type(error).__name__}: {' '.join(str(error).split())[:160]}"
+        return row | {"cpu_s": process_time() - began, "refused": said}
+    planes = estimate.supporting_planes()
+    known = planes.touches >= TOUCHES
+    off = np.abs(
+        (mesh.vertices @ planes.normal[known].T).max(axis=0) - planes.offset[known]
+    )
+    return row | {
+        "cpu_s": process_time() - began, "refused": "",
+        "verdict": estimate.fit.verdict, "nats": estimate.objective,
+        "surface_mm": 1e3 * surface_distance(estimate.mesh(), mesh).mean,
+        "off_mm": (1e3 * off).round(4).tolist(),
+        "sigma_mm": (1e3 * planes.sigma[known]).round(4).tolist(),
+    }  # fmt: skip
+
+
+@cache
+def warm() -> None:
+    """Compile the terms once in each process: CPU seconds are of estimates alone."""
+    data, scene, _ = measured("none", "", 0, 2)
+    solve_estimate(data, scene, shape="polytope", throw=False)
+
+
+def said(_, row: dict) -> str:
+    """Return a row in words."""
+    where = f"{row['departure']} {row['strength']}, hull {row['hull']}:"
+    if row["refused"]:
+        return f"{where} {row['refused']}"
+    off, sigma = np.array(row["off_mm"]), np.array(row["sigma_mm"])
+    worst = (off / sigma).max(initial=0.0)
+    return (
+        f"{where} {row['surface_mm']:.2f} mm, {len(off)} planes off by "
+        f"{median(off):.2f} mm, at most {off.max(initial=0.0):.2f} and {worst:.1f} "
+        f"sigma, {row['verdict']}, {row['nats']:.1f} nats, {row['cpu_s']:.1f} s"
+    )
+
+
+def summed(departure: str, strength: str, rows: list[dict]) -> dict:
+    """Return the row of the summary that some estimates make."""
+    kept = [row for row in rows if not row["refused"]]
+    off = [abs(e) for row in kept for e in row["off_mm"]]
+    ratio = [np.divide(row["off_mm"], row["sigma_mm"]) for row in kept]
+    good = [r for r, row in zip(ratio, kept, strict=True) if row["verdict"] == "good"]
+    every = np.concatenate([*ratio, []])
+    return {
+        "departure": departure, "strength": strength, "n": len(rows),
+        "refused": len(rows) - len(kept), "planes": len(off),
+        "within_3_sigma": float((every <= WITHIN).mean()) if len(every) else np.nan,
+        "beyond_5_sigma_good": sum(int((r > BEYOND).sum()) for r in good),
+        "plane_mm": median(off), "plane_sigmas": median(every),
+        "surface_mm": median([row["surface_mm"] for row in kept]),
+        **{v: sum(row["verdict"] == v for row in kept) for v in COLOURS},
+        "cpu_s": median([row["cpu_s"] for row in rows]),
+    }  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--count", type=int, default=6, help="hulls")
+    parser.add_argument("--first", type=int, default=0, help="the first hull")
+    parser.add_argument("--actions", type=int, default=6)
+    parser.add_argument(
+        "--departures", nargs="+", choices=OF_HULLS, default=list(OF_HULLS)
+    )
+    add_executor(parser)
+    chosen = parser.parse_args()
+    cells = [
+        (departure, strength, chosen.first + k, chosen.actions)
+        for departure in chosen.departures
+        for strength in DEPARTURES[departure]
+        for k in range(chosen.count)
+    ]
+    path = chosen.folder / "foreign_hulls"
+    rows = tabled_study(chosen, path, judged, cells, say=said)
+    whole = {("all", ""): rows}
+    table = [summed(*cell, mine) for cell, mine in (cells_of(rows) | whole).items()]
+    write_csv(chosen.folder / "foreign_hulls_summary.csv", table)
+    for row in table:
+        print(", ".join(f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}"
+                        for k, v in row.items()))  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
