@@ -21,6 +21,7 @@ from tactilenlp import (
     solve_estimate,
 )
 from tactilenlp.errors import SceneError
+from tactilenlp.geometry.faces import polygons
 from tactilenlp.information.polytope_information import touched_polygons
 from tactilenlp.interface.request import carried_hypotheses, make_job
 from tactilenlp.refinement.incremental_polytope import is_one_action_more
@@ -121,7 +122,8 @@ def test_a_touch_is_of_faces_that_are_as_it_was_felt():
         touch=SimpleNamespace(sample=[0], radius=np.ones(1), p_wf=up, normal=up)
     )
     still = np.zeros((3, 1))
-    exact, noisy = (touched_polygons(window, body, still, s) for s in (0, 0.09))
+    faces = polygons(body)
+    exact, noisy = (touched_polygons(window, body, faces, still, s) for s in (0, 0.09))
     assert exact.sum() == 1
     assert noisy.sum() == 2
 

@@ -14,6 +14,7 @@ from formulations import polytope_violation_implicit
 from formulations.polytope import polytope
 from tactilenlp import (
     Estimate,
+    Ground,
     Guess,
     Measurements,
     Scene,
@@ -61,6 +62,22 @@ def test_the_estimate_lies_about_the_true_octahedron(octahedron, hull):
     volume = convex_hull(hull.vertices)
     assert volume.center_mass == pytest.approx(np.zeros(3), abs=1e-6)
     assert hull.position[-1] == pytest.approx(hull.mesh().center_mass, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_touched_faces_are_those_that_were_felt_on_a_tilted_ground(octahedron):
+    data, scene, _ = octahedron
+    R = Rotation.from_rotvec([0.3, -0.2, 0.0])
+    tilted = replace(scene, ground=Ground(normal=tuple(R.apply([0, 0, 1]))))
+    data = data.transformed(R.as_matrix(), np.zeros(3))
+    estimate = solve_estimate(data, tilted, shape="polytope")
+    t, f = np.nonzero(data.contact)
+    turn = Rotation.from_quat(estimate.quaternion, scalar_first=True)
+    felt = (turn[-1] * turn[t].inv()).apply(data.normal[t, f])
+    planes = estimate.supporting_planes()
+    alike = (planes.normal @ felt.T).max(axis=1)  # cosine to the closest felt normal
+    assert (planes.touches > 0).sum() >= 5
+    assert alike[planes.touches > 0].min() > 0.98
 
 
 def test_the_solve_goes_on_from_a_page_that_is_filled_anew(octahedron):

@@ -11,7 +11,6 @@ import numpy as np
 from ..common.deadline import NEVER, Deadline
 from ..common.validation import check_types
 from ..geometry.convex_hull import centroid, fingers_in_body
-from ..geometry.faces import polygons
 from ..geometry.transforms import directions_in_body
 from ..nlp.kkt_sensitivity import kkt_system_of
 from .error_budget import Linearisation, error_budget
@@ -82,10 +81,11 @@ def maps_of_vertices(V, R_wg) -> dict[str, np.ndarray]:
     }
 
 
-def touched_polygons(window, vertices, x, sigma: float) -> np.ndarray:
-    """Return the number of touches of each polygon of `geometry.faces.polygons`.
+def touched_polygons(window, vertices, faces, x, sigma: float) -> np.ndarray:
+    """Return the number of touches of each face of a hull at poses x (u, T).
 
-    sigma: deviation of felt normals [rad].  A touch belongs to the face whose normal is
+    faces: corners and outward normal of each, as of `geometry.faces.polygons`; sigma:
+    deviation of felt normals [rad].  A touch belongs to the face whose normal is
     closest to the felt one, and to others within the error of felt normals.
     """
     facing = np.cos(min(MAX_TILT, FACE_TILT + TILT_DEVIATIONS * sigma))
@@ -94,7 +94,7 @@ def touched_polygons(window, vertices, x, sigma: float) -> np.ndarray:
     n = directions_in_body(x, touch.sample, touch.normal)
     point = centre - touch.radius[:, None] * n
     alike = []  # (faces, touches): cosine to a face that the point is on
-    for corners, normal in polygons(vertices):
+    for corners, normal in faces:
         off = (point - vertices[corners[0]]) @ normal
         alike.append(np.where(np.abs(off) < FACE_REACH, n @ normal, -1.0))
     alike = np.array(alike)

@@ -15,6 +15,7 @@ from ..common.npz import versions
 from ..data.ground import world_to_ground
 from ..data.sensor_noise import variance_left
 from ..geometry.convex_hull import centroid
+from ..geometry.faces import polygons
 from ..geometry.transforms import is_planar, matrices, quaternion_of, rotate_planar
 from ..information.error_budget_terms import ANY_ROTATION, REACHED
 from ..information.finger_offsets import NAME, offsets_of, prior_of_offsets
@@ -142,7 +143,10 @@ def read_polytope(job, solved, modes=()) -> tuple[Body, Information]:
     middle, R_wg = centroid(V), world_to_ground(scene.ground).T
     position, turn = hull_poses(scene, x, middle)
     vertices = (V - middle) @ R_wg.T
-    faces = touched_polygons(window, V, x, job.precision.normal)
+    # Those of the vertices that the estimate has: where facets are nearly coplanar, and
+    # in which order faces come, depends on the frame.
+    outlines = [(corners, normal @ R_wg) for corners, normal in polygons(vertices)]
+    faces = touched_polygons(window, V, outlines, x, job.precision.normal)
     body = Body(position, quaternion_of(turn), vertices, faces)
     shape = with_supports(
         job.shape, solved.hypothesis.theta.reshape(-1, 3)
