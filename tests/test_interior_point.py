@@ -188,6 +188,7 @@ def test_a_step_keeps_a_share_of_each_distance():
     distance, step = np.array([1.0, 2.0, 4.0]), np.array([3.0, -8.0, -1.0])
     assert longest_step(distance, step, 0.99) == pytest.approx(0.99 / 4)
     assert longest_step(distance, np.abs(step), 0.99) == 1.0
+    assert longest_step(distance, -1e-310 * np.abs(step), 0.99) == 1.0
     assert longest_step(np.zeros(0), np.zeros(0), 0.99) == 1.0
 
 

@@ -73,7 +73,9 @@ class Filter:
 def longest_step(distance, step, tau: float) -> float:
     """Return the longest step, at most 1, that keeps 1 - tau of each distance, (15)."""
     shrinks = step < 0
-    return min(1.0, (tau * distance[shrinks] / -step[shrinks]).min(initial=1.0))
+    with np.errstate(over="ignore"):  # a step of 1e-310 is none: any length is allowed
+        lengths = tau * distance[shrinks] / -step[shrinks]
+    return min(1.0, lengths.min(initial=1.0))
 
 
 def _least_step(theta: float, slope: float, nearly_feasible: bool) -> float:
