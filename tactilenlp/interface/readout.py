@@ -143,8 +143,8 @@ def read_polytope(job, solved, modes=()) -> tuple[Body, Information]:
     middle, R_wg = centroid(V), world_to_ground(scene.ground).T
     position, turn = hull_poses(scene, x, middle)
     vertices = (V - middle) @ R_wg.T
-    # Those of the vertices that the estimate has: where facets are nearly coplanar, and
-    # in which order faces come, depends on the frame.
+    # Faces of the vertices that the estimate has: which facets make one face, and the
+    # order of faces, depend on the frame.
     outlines = [(corners, normal @ R_wg) for corners, normal in polygons(vertices)]
     faces = touched_polygons(window, V, outlines, x, job.precision.normal)
     body = Body(position, quaternion_of(turn), vertices, faces)
