@@ -29,7 +29,7 @@ from types import SimpleNamespace
 
 import matplotlib.pyplot as plt
 import numpy as np
-from exploration_objects import SEED, world_of
+from exploration_objects import SEED, planes_off, world_of
 from matplotlib.ticker import MaxNLocator
 from scipy.spatial.transform import Rotation
 from study import add_executor, tabled_study
@@ -115,7 +115,7 @@ def measured(file, vertices, stage, actions, begun):
 def sure(estimate, mesh) -> dict:
     """Return how the errors of touched supporting planes compare with their sigma."""
     planes = estimate.supporting_planes()
-    off = np.abs((mesh.vertices @ planes.normal.T).max(axis=0) - planes.offset)
+    off = planes_off(planes, mesh)
     known = planes.touches >= TOUCHED
     off, sigma = off[known], np.maximum(planes.sigma[known], 1e-9)
     wrong = (off > CLOSE) & (off > SIGMAS * sigma)

@@ -61,8 +61,18 @@ def world_of(trial: int, objects: str = "cuboid", noisy: bool = False) -> World:
         return World(sizes, **place)
     points = RADIUS * solid_of(trial)
     outward = points[polygons(points)[0][0]].mean(axis=0)  # of a regular face
+    return World(vertices=lying_on(points, outward), **place)
+
+
+def lying_on(points, outward) -> np.ndarray:
+    """Return a body's points (V, 3) turned so that a face's outward normal is down."""
     down, _ = Rotation.align_vectors([[0, 0, -1]], [outward])
-    return World(vertices=down.apply(points), **place)
+    return down.apply(points)
+
+
+def planes_off(planes, mesh: Trimesh) -> np.ndarray:
+    """Return by how much a true body is off supporting planes, (planes,) [m]."""
+    return np.abs((mesh.vertices @ planes.normal.T).max(axis=0) - planes.offset)
 
 
 def circle(rng) -> np.ndarray:

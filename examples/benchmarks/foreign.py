@@ -28,7 +28,7 @@ from time import process_time
 import numpy as np
 from foreign_bodies import Box
 from foreign_departures import DEPARTURES
-from foreign_report import picture, show, summary
+from foreign_report import picture, refusal, show, summary
 from foreign_world import ForeignWorld, recorded
 from study import add_executor, tabled_study, write_csv
 
@@ -42,12 +42,17 @@ from tactilenlp.information.measurement_noise import KNOWN_FACE
 SCENE = ("mass", "friction_ground", "friction_finger")
 
 
-def measured(departure: str, strength: str, number: int, actions: int, file=None):
-    """Return measurements, scene and true arrays of a cell; file: of the recording."""
+def measured(
+    departure: str, strength: str, number: int, actions: int, file=None, body=Box
+):
+    """Return measurements, scene and true arrays of a cell.
+
+    file: of the recording; without one, a Box or a Hull is pushed: body.
+    """
     chosen = DEPARTURES[departure][strength].of(number)
     if file is None:
         world = ForeignWorld(**chosen.world)
-        true = recorded(Box(number, world.scale, world.radius), world, actions)
+        true = recorded(body(number, world.scale, world.radius), world, actions)
         names = ("time", "finger_position", "finger_radius", "contact", "normal")
         data = Measurements(**{k: true[k] for k in (*names, "action", "valid")})
         scene = Scene(**{k: float(true[k]) for k in SCENE})
@@ -67,8 +72,7 @@ def judged(departure: str, strength: str, number: int, actions: int, file=None) 
     try:
         estimate = solve_estimate(data, scene)
     except TactileError as error:
-        said = f"{type(error).__name__}: {' '.join(str(error).split())[:160]}"
-        return row | {"cpu_s": process_time() - began, "refused": said}
+        return row | {"cpu_s": process_time() - began, "refused": refusal(error)}
     row |= {"cpu_s": process_time() - began, "refused": ""}
     pose = true["object_position"][last], true["object_quaternion"][last]
     row |= errors_in(estimate, true["side_lengths"], *pose)
@@ -125,15 +129,22 @@ def said(_, row: dict) -> str:
     return f"{where} sides off by {each} mm, {row['verdict']}, {row['cpu_s']:.1f} s"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def arguments(about: str, bodies: str, count: int, actions: int, departures):
+    """Return the parser of a study of so many bodies by departure."""
+    parser = argparse.ArgumentParser(description=about.splitlines()[0])
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--count", type=int, default=4, help="boxes")
-    parser.add_argument("--first", type=int, default=0, help="the first box")
-    parser.add_argument("--actions", type=int, default=4)
+    parser.add_argument("--count", type=int, default=count, help=bodies)
+    parser.add_argument("--first", type=int, default=0, help="number of a first one")
+    parser.add_argument("--actions", type=int, default=actions)
     parser.add_argument(
-        "--departures", nargs="+", choices=DEPARTURES, default=list(DEPARTURES)
+        "--departures", nargs="+", choices=departures, default=[*departures]
     )
+    parser.set_defaults(recordings=[])
+    return parser
+
+
+def main() -> None:
+    parser = arguments(__doc__, "boxes", 4, 4, DEPARTURES)
     parser.add_argument("--recordings", nargs="*", default=[])
     add_executor(parser)
     chosen = parser.parse_args()

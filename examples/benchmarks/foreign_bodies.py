@@ -3,8 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from exploration_objects import solid_of
-from scipy.spatial.transform import Rotation
+from exploration_objects import lying_on, solid_of
 from trimesh.convex import convex_hull
 
 from tactilenlp.geometry.faces import polygons
@@ -111,5 +110,4 @@ def hull_points(rng, number: int) -> np.ndarray:
     faces = [(points[corner], n) for corner, n in polygons(points)]
     # On the face nearest to the centroid a body always rests.
     _, outward = min(faces, key=lambda face: float(face[0][0] @ face[1]))
-    down, _ = Rotation.align_vectors([[0, 0, -1]], [outward])
-    return down.apply(points)
+    return lying_on(points, outward)

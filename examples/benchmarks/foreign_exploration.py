@@ -29,7 +29,7 @@ from exploration_report import comparison_lines
 from foreign import SCENE, errors_in, warm
 from foreign_bodies import AIM, Box
 from foreign_departures import DEPARTURES, Departure
-from foreign_report import ratios
+from foreign_report import ratios, refusal
 from foreign_world import REST, STEP, ForeignWorld, Simulation
 from scipy.interpolate import PchipInterpolator
 from study import add_executor, tabled_study, write_csv
@@ -113,8 +113,7 @@ def explored(departure, strength, number, actions, policy) -> list[dict]:
             rows.append(row | {"cpu_s": process_time() - began})
             began = process_time()
     except TactileError as error:
-        said = f"{type(error).__name__}: {' '.join(str(error).split())[:160]}"
-        rows.append(about | {"action": len(rows), "refused": said})
+        rows.append(about | {"action": len(rows), "refused": refusal(error)})
     return rows
 
 

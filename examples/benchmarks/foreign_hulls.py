@@ -16,57 +16,39 @@ import os
 
 os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
 
-import argparse
 from functools import cache
-from pathlib import Path
 from time import process_time
 
 import numpy as np
-from foreign import SCENE
+from exploration_objects import planes_off
+from foreign import arguments, cells, measured
 from foreign_bodies import Hull
 from foreign_departures import DEPARTURES
-from foreign_report import BEYOND, COLOURS, WITHIN, cells_of, median
-from foreign_world import ForeignWorld, recorded
-from scipy.spatial.transform import Rotation
+from foreign_report import BEYOND, COLOURS, WITHIN, median, refusal, summary
+from regress import true_mesh
 from study import add_executor, tabled_study, write_csv
-from trimesh.convex import convex_hull
 
-from tactilenlp import Measurements, Scene, solve_estimate, surface_distance
+from tactilenlp import solve_estimate, surface_distance
 from tactilenlp.errors import TactileError
 
 TOUCHES = 3  # that support a plane that is judged
 OF_HULLS = tuple(name for name in DEPARTURES if name != "edges")  # theirs are sharp
-NAMES = "time", "finger_position", "finger_radius", "contact", "normal", "action"
-
-
-def measured(departure: str, strength: str, number: int, actions: int):
-    """Return measurements, scene and the true mesh at the last sample of a cell."""
-    chosen = DEPARTURES[departure][strength].of(number)
-    world = ForeignWorld(**chosen.world)
-    true = recorded(Hull(number, world.scale, world.radius), world, actions)
-    data = Measurements(**{k: true[k] for k in (*NAMES, "valid")})
-    scene = Scene(**{k: float(true[k]) for k in SCENE})
-    turn = Rotation.from_quat(true["object_quaternion"][-1], scalar_first=True)
-    mesh = convex_hull(turn.apply(true["vertices"]) + true["object_position"][-1])
-    return chosen.measured(data, number), chosen.scene(scene), mesh
 
 
 def judged(departure: str, strength: str, number: int, actions: int) -> dict:
     """Return one row of the table [mm]."""
     warm()
-    data, scene, mesh = measured(departure, strength, number, actions)
+    data, scene, true = measured(departure, strength, number, actions, body=Hull)
     row = {"departure": departure, "strength": strength, "hull": number}
+    mesh = true_mesh(true)
     began = process_time()
     try:
         estimate = solve_estimate(data, scene, shape="polytope")
     except TactileError as error:
-        said = f"{type(error).__name__}: {' '.join(str(error).split())[:160]}"
-        return row | {"cpu_s": process_time() - began, "refused": said}
+        return row | {"cpu_s": process_time() - began, "refused": refusal(error)}
     planes = estimate.supporting_planes()
     known = planes.touches >= TOUCHES
-    off = np.abs(
-        (mesh.vertices @ planes.normal[known].T).max(axis=0) - planes.offset[known]
-    )
+    off = planes_off(planes, mesh)[known]
     return row | {
         "cpu_s": process_time() - began, "refused": "",
         "verdict": estimate.fit.verdict, "nats": estimate.objective,
@@ -79,7 +61,7 @@ def judged(departure: str, strength: str, number: int, actions: int) -> dict:
 @cache
 def warm() -> None:
     """Compile the terms once in each process: CPU seconds are of estimates alone."""
-    data, scene, _ = measured("none", "", 0, 2)
+    data, scene, _ = measured("none", "", 0, 2, body=Hull)
     solve_estimate(data, scene, shape="polytope", throw=False)
 
 
@@ -100,7 +82,7 @@ def said(_, row: dict) -> str:
 def summed(departure: str, strength: str, rows: list[dict]) -> dict:
     """Return the row of the summary that some estimates make."""
     kept = [row for row in rows if not row["refused"]]
-    off = [abs(e) for row in kept for e in row["off_mm"]]
+    off = [e for row in kept for e in row["off_mm"]]
     ratio = [np.divide(row["off_mm"], row["sigma_mm"]) for row in kept]
     good = [r for r, row in zip(ratio, kept, strict=True) if row["verdict"] == "good"]
     every = np.concatenate([*ratio, []])
@@ -117,26 +99,12 @@ def summed(departure: str, strength: str, rows: list[dict]) -> dict:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--count", type=int, default=6, help="hulls")
-    parser.add_argument("--first", type=int, default=0, help="the first hull")
-    parser.add_argument("--actions", type=int, default=6)
-    parser.add_argument(
-        "--departures", nargs="+", choices=OF_HULLS, default=list(OF_HULLS)
-    )
+    parser = arguments(__doc__, "hulls", 6, 6, OF_HULLS)
     add_executor(parser)
     chosen = parser.parse_args()
-    cells = [
-        (departure, strength, chosen.first + k, chosen.actions)
-        for departure in chosen.departures
-        for strength in DEPARTURES[departure]
-        for k in range(chosen.count)
-    ]
     path = chosen.folder / "foreign_hulls"
-    rows = tabled_study(chosen, path, judged, cells, say=said)
-    whole = {("all", ""): rows}
-    table = [summed(*cell, mine) for cell, mine in (cells_of(rows) | whole).items()]
+    rows = tabled_study(chosen, path, judged, cells(chosen), say=said)
+    table = summary(rows, summed)
     write_csv(chosen.folder / "foreign_hulls_summary.csv", table)
     for row in table:
         print(", ".join(f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}"

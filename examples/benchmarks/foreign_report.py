@@ -32,12 +32,6 @@ def cells_of(rows) -> dict[tuple[str, str], list[dict]]:
     return cells
 
 
-def summary(rows) -> list[dict]:
-    """Return one row for every departure and strength, and one for all."""
-    whole = {("all", ""): rows}
-    return [summed(*cell, mine) for cell, mine in (cells_of(rows) | whole).items()]
-
-
 def summed(departure: str, strength: str, rows: list[dict]) -> dict:
     """Return the row of the summary that some estimates make."""
     kept = [row for row in rows if not row["refused"]]
@@ -57,6 +51,17 @@ def summed(departure: str, strength: str, rows: list[dict]) -> dict:
         "inside_not_good": sum(row["verdict"] != "good" for row in inside),
         "cpu_s": median([row["cpu_s"] for row in rows]),
     }  # fmt: skip
+
+
+def summary(rows, summed=summed) -> list[dict]:
+    """Return one row for every departure and strength, and one for all."""
+    whole = {("all", ""): rows}
+    return [summed(*cell, mine) for cell, mine in (cells_of(rows) | whole).items()]
+
+
+def refusal(error: Exception) -> str:
+    """Return what a row says of an error that ended an estimate."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())[:160]}"
 
 
 def median(numbers) -> float:

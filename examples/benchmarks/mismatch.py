@@ -27,7 +27,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import trimesh
 from estimate_polytope import carried_along
-from exploration_objects import world_of
+from exploration_objects import planes_off, world_of
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 from study import add_executor, tabled_study
@@ -173,7 +173,7 @@ def measured(name: str, shape: str, trial: int, actions: int) -> dict:
         return row | {"said": said, "cpu_s": process_time() - began}
     row |= {"said": "", "cpu_s": process_time() - began}
     planes = estimate.supporting_planes()
-    off = np.abs((mesh.vertices @ planes.normal.T).max(axis=0) - planes.offset)
+    off = planes_off(planes, mesh)
     known = touches_of(estimate, planes) >= TOUCHED
     off, sigma = off[known], np.maximum(planes.sigma[known], 1e-9)
     distance = surface_distance(estimate.mesh(), mesh)
