@@ -1,9 +1,10 @@
 """Compilation of term functions to machine code, once per machine.
 
 C from CasADi's code generator runs ten to twenty times as fast as its virtual machine
-on the Hessians of contact terms.  The library is kept in the user's cache folder
-(library_cache.py) under the hash of its origin: expression, derivation rule, compiler
-and CasADi version.  Compilers run beside each other and beside this process, which
+on the Hessians of contact terms, and two to four times as fast again where several
+instances are evaluated at once (simd.py).  The library is kept in the user's cache folder
+(library_cache.py) under the hash of its origin: expression, derivation rule, compiler,
+processor and CasADi version.  Compilers run beside each other and beside this process, which
 waits for one when its functions are needed (`begun`).  Without a C compiler, with
 TACTILENLP_COMPILE=0, or where compiler or folder cannot be used, CasADi's virtual
 machine evaluates the same expressions; the last of these is logged as one warning.
@@ -30,6 +31,7 @@ import casadi as ca
 
 from ..common.deadline import NEVER, Deadline
 from ..common.library_cache import discard, is_whole, store, trusted_folder, workspace
+from . import simd
 
 log = logging.getLogger("tactilenlp")
 # No contraction to fused operations: both machines give the same digits.
@@ -37,6 +39,7 @@ FLAGS = ("-O1", "-shared", "-fPIC", "-ffp-contract=off")
 # Passes of GCC that take up to two thirds of its time on 10 000 lines without a branch,
 # and change nothing there: CasADi has eliminated common subexpressions already.
 UNUSED_PASSES = ("-fno-tree-dominator-opts", "-fno-tree-fre", "-fno-tree-sra")
+OWN_PROCESSOR = ("-march=native",)  # with all vector operations that it has
 COMPILE_TIME = 120.0  # [s] at most, of one library; most take 1 to 5
 COMPILE_SHARE = 0.4  # [-] at most, of the time that a computation may take
 LEAST_COMPILE_TIME = 0.3  # [s] below which compilation is not begun
@@ -53,35 +56,49 @@ if hasattr(os, "register_at_fork"):
 
 
 def compiled(
-    functions: list[ca.Function], origin: str = "", deadline: Deadline = NEVER
+    functions: list[ca.Function],
+    origin: str = "",
+    deadline: Deadline = NEVER,
+    vectors: bool = False,
 ) -> list[ca.Function]:
     """Return the functions compiled, or unchanged where that is not possible.
 
     Arguments as of `begun`.
     """
-    return begun(functions, origin, deadline)()
+    return begun(functions, origin, deadline, vectors)()
 
 
 def begun(
-    functions: list[ca.Function], origin: str = "", deadline: Deadline = NEVER
+    functions: list[ca.Function],
+    origin: str = "",
+    deadline: Deadline = NEVER,
+    vectors: bool = False,
 ) -> Callable[[], list[ca.Function]]:
     """Begin to compile functions; return what waits and returns them compiled.
 
     Unchanged where that is not possible.  origin: text that determines the functions,
     by which `kept` finds them again; by default their own C source; deadline: the time
-    for compilation is a share of all.
+    for compilation is a share of all; vectors: those that can evaluate several
+    instances at once do, as columns of their arguments (simd.WIDTH).
     """
     if compiler() is None or _place() in _said:
         return lambda: functions
     if _time_for_compilation(deadline) < LEAST_COMPILE_TIME:
         return lambda: functions
-    generator = ca.CodeGenerator("term.c")
-    for function in functions:
-        generator.add(function)
-    source, names = generator.dump(), [f.name() for f in functions]
+    source = _source(functions, vectors)
+    names = [f.name() for f in functions]
     load = partial(_externals, names)
     found = _begun(load, origin or source, source, deadline)
     return cache(lambda: found() or functions)
+
+
+def _source(functions: list[ca.Function], vectors: bool) -> str:
+    wide = [f for f in functions if vectors and simd.can_be_vectors(f)]
+    generator = ca.CodeGenerator("term.c")
+    for function in functions:
+        if function not in wide:
+            generator.add(function)
+    return generator.dump() + (simd.source(wide) if wide else "")
 
 
 def kept(names, origin: str) -> list[ca.Function] | None:
@@ -146,14 +163,29 @@ def _externals(names, path: str) -> list[ca.Function]:
 
 
 def _key(origin: str) -> str:
-    known = [compiler(), *_flags(), platform.machine(), ca.__version__, origin]
+    known = [compiler(), *_flags(), _processor(), ca.__version__, origin]
     return hashlib.sha256(" ".join(known).encode()).hexdigest()[:32]
 
 
 def _flags() -> tuple[str, ...]:
     """Return the flags of the compiler; it is GCC if its file is named so."""
     file = Path(compiler()).resolve().name
-    return (*FLAGS, *UNUSED_PASSES) if "gcc" in file else FLAGS
+    own = OWN_PROCESSOR if _processor() != platform.machine() else ()
+    return (*FLAGS, *own, *(UNUSED_PASSES if "gcc" in file else ()))
+
+
+@cache
+def _processor() -> str:
+    """Return the architecture, and where Linux tells them the processor's features.
+
+    By these code differs that is made for the processor of its machine.
+    """
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        lines = []
+    features = {line for line in lines if line.startswith(("flags", "Features"))}
+    return " ".join([platform.machine(), *sorted(features)])
 
 
 def _place() -> str:

@@ -28,6 +28,7 @@ import casadi as ca
 
 from ..common.deadline import NEVER, Deadline
 from ..errors import PageError
+from . import simd
 from .codegen import begun, kept
 
 PARTS = ("value", "first", "second", "patterns")  # names of the compiled functions
@@ -44,6 +45,7 @@ class TermFunction:
 
     `value` (z, d) -> (m,); `first` (z, d) -> (m,), nonzeros of the Jacobian;
     `second` (z, d, l) -> nonzeros of the upper triangle of the Hessian of l' value.
+    Compiled, each may take several instances at once, as columns: see `mapped`.
     made: returns these three, waiting for their compilation where it still runs.
     """
 
@@ -122,7 +124,8 @@ class TermFunctionCache:
     def _derive(self, term: Traced, key: str, deadline: Deadline) -> TermFunction:
         began = time.perf_counter()
         functions = _derivatives(*term)
-        made = begun(functions, _origin(key), deadline) if self.compile else None
+        given = functions, _origin(key), deadline, True
+        made = begun(*given) if self.compile else None
         found = _term_function(functions, made or (lambda: functions))
         self.derived += 1
         self.seconds += time.perf_counter() - began
@@ -174,8 +177,22 @@ def term_function_named(name: str, trace, function, sizes, order) -> TermFunctio
 
 @cache
 def mapped(function: ca.Function, instances: int) -> ca.Function:
-    """Return `function` applied to `instances` columns."""
-    return function.map(instances)
+    """Return `function` applied to `instances` columns.
+
+    A function of several columns at once is given the last one again until they are.
+    """
+    width = function.size2_in(0)
+    calls = -(-instances // width)
+    many, missing = function.map(calls), calls * width - instances
+    if not missing:
+        return many
+    given = [
+        ca.MX.sym(function.name_in(k), function.size1_in(k), instances)
+        for k in range(function.n_in())
+    ]
+    filled = [ca.horzcat(one, ca.repmat(one[:, -1], 1, missing)) for one in given]
+    found = [one[:, :instances] for one in many.call(filled)]
+    return ca.Function(function.name(), given, found)
 
 
 class Traced(NamedTuple):
@@ -223,7 +240,7 @@ def _origin(key: str) -> str:
 
 @cache
 def _derivation_rule() -> str:
-    return inspect.getsource(_derivatives)
+    return inspect.getsource(_derivatives) + inspect.getsource(simd)
 
 
 def _derivatives(at: ca.Function, solution: ca.Function) -> list[ca.Function]:
