@@ -1,104 +1,261 @@
-"""Assemble the terms of a programme into the sparse functions that `nlpsol` takes.
+"""The terms of a programme together: values and exact derivatives, in scaled unknowns.
 
-The function of a term is mapped over its instances; the results are summed where they
-belong in gradient, Jacobian and Hessian of the Lagrangian, in scaled unknowns.
+A term is a function of a few numbers, applied to many instances.  What all instances
+read is gathered into long arrays, CasADi evaluates one term after the other between
+slices of these, and what they return is summed where it belongs: a product with a
+sparse matrix of the factors by which unknowns are scaled.
 """
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import casadi as ca
 import numpy as np
+import scipy.sparse as sp
 
 from ..common.deadline import NEVER, Deadline
-from .term_functions import mapped
+from .callbacks import ArrayFunction
+from .simd import WIDTH
 
 
-def assemble(
-    terms, scale: np.ndarray, data: int, rows: int, deadline: Deadline = NEVER
-) -> dict:
-    """Return `nlp` (expressions) and `grad_f`, `jac_g`, `hess_lag` (functions).
+class Assembly:
+    """A programme as functions of arrays: scaled unknowns x (n,), data p, multipliers.
 
-    terms: costs, then constraints in the order of their rows; scale (unknowns,);
-    data, rows: how many numbers all terms read, how many rows are constrained.  A
-    strict deadline ends it between two terms: large problems take seconds.
+    terms: costs, then constraints in the order of their rows; scale (n,); data, rows:
+    how many numbers all terms read, how many rows are constrained.  jacobian (rows, n),
+    hessian (n, n), upper triangle: patterns, whose nonzeros are what is returned.  A
+    strict deadline ends the making between two terms: large problems take seconds.
     """
-    n = len(scale)
-    x, p = ca.MX.sym("x", n), ca.MX.sym("p", data)
-    lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", rows)
-    si = x * ca.DM(scale)
-    cost, again, grad = ca.MX(0), ca.MX(0), ca.MX(n, 1)
-    g, g_again, jacobian, hessian = [ca.MX(0, 1)], [ca.MX(0, 1)], [], []
-    for term in terms:
-        deadline.check()
-        z, d = _gather(si, term.unknowns), _gather(p, term.data)
-        value, first = mapped(term.function.first, term.instances)(z, d)
-        plain = mapped(term.function.value, term.instances)(z, d)
-        row, column = term.jacobian_places()
-        first = ca.vec(_times(first, scale[column]))
-        if term.role is None:
-            weight = ca.reshape(lam_g[term.span], term.function.rows, term.instances)
-            g.append(ca.vec(plain))
-            g_again.append(ca.vec(value))
-            jacobian.append((first, row + term.first_row, column))
-        else:
-            weight = ca.repmat(lam_f, term.function.rows, term.instances)
-            cost, again = cost + ca.sum2(plain), again + ca.sum2(value)
-            grad += _summed(first, column, n)
-        second = mapped(term.function.second, term.instances)(z, d, weight)
-        i, j, factor = term.hessian_places()
-        second = ca.vec(_times(second, scale[i] * scale[j]))
-        hessian.append((_doubled(second, factor > 1), i, j))
-    grad = ca.densify(grad)  # the solver's interface copies nonzeros in a row
-    jac = _scattered(jacobian, (rows, n))
-    deadline.check()
-    hess = _scattered(hessian, (n, n))
-    return {
-        "nlp": {"x": x, "p": p, "f": cost, "g": ca.vertcat(*g)},
-        "grad_f": ca.Function("grad_f", [x, p], [again, grad]),
-        "jac_g": ca.Function("jac_g", [x, p], [ca.vertcat(*g_again), jac]),
-        "hess_lag": ca.Function("hess_lag", [x, p, lam_f, lam_g], [hess]),
-    }
+
+    def __init__(self, terms, scale, data: int, rows: int, deadline: Deadline = NEVER):
+        self.terms, self._scale, self._rows = [*terms], scale, rows
+        self._data, self._deadline = data, deadline
+        self._unknowns = _Gathered([term.unknowns for term in self.terms])
+        self._given = _Gathered([term.data for term in self.terms])
+        self._weights = _Gathered([_multipliers_of(term) for term in self.terms])
+        counts = [_padded(term.instances) for term in self.terms]
+        functions = [term.function for term in self.terms]
+        self._values = _Results(counts, [one.rows for one in functions])
+        self._slopes, self._curves = (
+            _Results(counts, [pattern.nnz() for pattern in patterns])
+            for patterns in (
+                [one.jacobian_sparsity for one in functions],
+                [one.hessian_sparsity for one in functions],
+            )
+        )
+        self._at = np.full(len(scale), np.nan), np.full(data, np.nan)
+        self._found = None
+        self._add_up_values_and_slopes()
+        self._add_up_curves()
+
+    def evaluated(self, x: np.ndarray, p: np.ndarray) -> tuple:
+        """Return f, its gradient (n,), g (rows,) and the nonzeros of its Jacobian."""
+        self._look(x, p)
+        if self._found is None:
+            for evaluate, _ in self._first:
+                evaluate()
+            values, slopes = self._values.whole, self._slopes.whole
+            f = float(sum(self._costs @ values))
+            gradient = (self._gradients @ slopes).reshape(-1, len(x)).sum(axis=0)
+            g = values[self._constraints]
+            self._found = f, gradient, g, self._jacobian_sums @ slopes
+        return self._found
+
+    def second(self, x, p, lam_f: float, lam_g: np.ndarray) -> np.ndarray:
+        """Return the nonzeros of the Hessian of lam_f f + lam_g' g."""
+        self._look(x, p)
+        self._weights.gather(np.concatenate(([lam_f], lam_g)))
+        for evaluate, _ in self._second:
+            evaluate()
+        return self._hessian_sums @ self._curves.whole
+
+    def for_nlpsol(self) -> dict:
+        """Return `nlp` (expressions) and the derivatives, functions, of nlpsol."""
+        n, one = len(self._scale), ca.Sparsity.dense(1)
+        x, p, g = (ca.Sparsity.dense(k) for k in (n, self._data, self._rows))
+
+        def call(name, function, inputs, outputs):
+            return ArrayFunction(name, function, inputs, outputs)
+
+        values = call("value", lambda *at: self.evaluated(*at)[::2], [x, p], [one, g])
+        symbols = ca.MX.sym("x", x), ca.MX.sym("p", p)
+        f, rows = values(*symbols)
+        return {
+            "nlp": {"x": symbols[0], "p": symbols[1], "f": f, "g": rows},
+            "grad_f": call(
+                "grad_f", lambda *at: self.evaluated(*at)[:2], [x, p], [one, x]
+            ),
+            "jac_g": call(
+                "jac_g", lambda *at: self.evaluated(*at)[2:], [x, p],
+                [g, self.jacobian],
+            ),
+            "hess_lag": call(
+                "hess_lag", lambda x, p, f, g: (self.second(x, p, f[0], g),),
+                [x, p, one, g], [self.hessian],
+            ),
+            "alive": values,
+        }  # fmt: skip
+
+    def _look(self, x, p) -> None:
+        """Gather what the terms read at x, p, unless they were looked at last."""
+        if np.array_equal(x, self._at[0]) and np.array_equal(p, self._at[1]):
+            return
+        self._at, self._found = (x.copy(), p.copy()), None
+        self._unknowns.gather(x * self._scale)
+        self._given.gather(p)
+
+    # -- functions on all instances ---------------------------------------------------
+    @cached_property
+    def _first(self) -> list:
+        return [
+            _on_instances(
+                term.function.first, term.instances,
+                (self._unknowns.of(k), self._given.of(k)),
+                (self._values.of(k), self._slopes.of(k)),
+            )
+            for k, term in enumerate(self.terms)
+        ]  # fmt: skip
+
+    @cached_property
+    def _second(self) -> list:
+        return [
+            _on_instances(
+                term.function.second, term.instances,
+                (self._unknowns.of(k), self._given.of(k), self._weights.of(k)),
+                (self._curves.of(k),),
+            )
+            for k, term in enumerate(self.terms)
+        ]  # fmt: skip
+
+    # -- where results belong ---------------------------------------------------------
+    def _add_up_values_and_slopes(self) -> None:
+        """Set what sums costs, their gradients and the Jacobian; where g is read."""
+        n, costs, gradients, constraints = len(self._scale), [], [], [np.zeros(0, int)]
+        jacobian = []
+        for k, term in enumerate(self.terms):
+            self._deadline.check()
+            values, slopes = self._values.places(k, term), self._slopes.places(k, term)
+            row, column = term.jacobian_places
+            factors = self._scale[column]
+            if term.role is None:
+                constraints.append(values)
+                jacobian.append((row + term.first_row, column, factors, slopes))
+            else:
+                costs.append((np.full(len(values), len(costs)), values))
+                gradients.append((len(gradients) * n + column, factors, slopes))
+        self._constraints = np.concatenate(constraints)
+        target, read = _joined(costs, 2)
+        count = self._values.size
+        self._costs = _sums(target, np.ones(len(read)), read, len(costs), count)
+        size = n * len(gradients)
+        self._gradients = _sums(*_joined(gradients, 3), size, self._slopes.size)
+        shape = self._rows, n
+        found = _scattered(_joined(jacobian, 4), shape, self._slopes.size)
+        self.jacobian, self._jacobian_sums = found
+
+    def _add_up_curves(self) -> None:
+        n, hessian = len(self._scale), []
+        for k, term in enumerate(self.terms):
+            self._deadline.check()
+            i, j, factor = term.hessian_places
+            factors = self._scale[i] * self._scale[j] * factor
+            hessian.append((i, j, factors, self._curves.places(k, term)))
+        found = _scattered(_joined(hessian, 4), (n, n), self._curves.size)
+        self.hessian, self._hessian_sums = found
 
 
-def _gather(vector: ca.MX, indices: np.ndarray) -> ca.MX:
-    flat = vector[indices.ravel().tolist()]
-    return ca.reshape(flat, indices.shape[1], indices.shape[0])
+class _Gathered:
+    """What the instances of all terms read, one term after the other.
 
-
-def _times(nonzeros: ca.MX, factors: np.ndarray) -> ca.MX:
-    """Return nonzeros (k, instances) times factors, which every instance shares.
-
-    They do because an instance reads whole columns of the same variables as any other.
+    indices: of each term (instances, numbers), into the vector that `gather` is given.
     """
-    k, instances = nonzeros.shape
-    return nonzeros * ca.repmat(ca.DM(factors[:k]), 1, instances)
+
+    def __init__(self, indices: list[np.ndarray]):
+        indices = [one[_filled(len(one))].ravel() for one in indices]
+        self._starts = np.cumsum([0, *map(len, indices)])
+        self._indices = np.concatenate([np.zeros(0, int), *indices])
+        self.whole = np.zeros(len(self._indices))
+
+    def gather(self, vector: np.ndarray) -> None:
+        np.take(vector, self._indices, out=self.whole, mode="clip")
+
+    def of(self, k: int) -> np.ndarray:
+        return self.whole[self._starts[k] : self._starts[k + 1]]
 
 
-def _doubled(nonzeros: ca.MX, chosen: np.ndarray) -> ca.MX:
-    """Return the nonzeros, of which the chosen ones count twice."""
-    if chosen.any():
-        nonzeros[np.nonzero(chosen)[0].tolist()] *= 2
-    return nonzeros
+class _Results:
+    """What the functions of all terms return: `numbers` for each of `counts`."""
+
+    def __init__(self, counts, numbers):
+        self._numbers = numbers
+        lengths = [c * n for c, n in zip(counts, numbers, strict=True)]
+        self._starts = np.cumsum([0, *lengths])
+        self.size = int(self._starts[-1])
+        self.whole = np.zeros(self.size)
+
+    def of(self, k: int) -> np.ndarray:
+        return self.whole[self._starts[k] : self._starts[k + 1]]
+
+    def places(self, k: int, term) -> np.ndarray:
+        """Return where the results of the instances of term k are."""
+        return self._starts[k] + np.arange(term.instances * self._numbers[k])
 
 
-def _summed(nonzeros: ca.MX, target: np.ndarray, count: int) -> ca.MX:
-    """Return (count,) sums of the nonzeros of each target: a gather, transposed."""
-    sums = ca.MX.sym("sums", count)
-    return ca.jtimes(sums[target.tolist()], sums, nonzeros, True)
+def _padded(instances: int) -> int:
+    return -(-instances // WIDTH) * WIDTH
 
 
-def _scattered(parts: list[tuple], shape: tuple[int, int]) -> ca.MX:
-    """Return the matrix with the nonzeros at (row, column), summed, of all parts.
+def _filled(instances: int) -> np.ndarray:
+    """Return the numbers of instances, the last one again until calls are full."""
+    return np.minimum(np.arange(_padded(instances)), instances - 1)
 
-    A place that several nonzeros share is one nonzero of the result.
+
+def _multipliers_of(term) -> np.ndarray:
+    """Return which of (lam_f, lam_g) weighs each row of each instance."""
+    shape = term.instances, term.function.rows
+    if term.role is not None:
+        return np.zeros(shape, int)
+    return 1 + term.first_row + np.arange(term.rows).reshape(shape)
+
+
+def _on_instances(function: ca.Function, instances: int, given, found) -> tuple:
+    """Return what applies a term's function to all instances, and what it needs alive.
+
+    given, found: slices of arrays that it reads and writes.
     """
-    if not parts:
-        return ca.MX(*shape)
-    nonzeros = ca.vertcat(*(part[0] for part in parts))
-    rows, columns = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
+    width = function.size2_in(0)
+    calls = -(-instances // width)
+    buffer, evaluate = function.map(calls).buffer()
+    for k, array in enumerate(given):
+        if size := function.size1_in(k) * width * calls:
+            buffer.set_arg(k, memoryview(array[:size]))
+    for k, array in enumerate(found):
+        if size := function.size1_out(k) * width * calls:
+            buffer.set_res(k, memoryview(array[:size]))
+    return evaluate, buffer
+
+
+def _joined(parts: list[tuple], count: int) -> list[np.ndarray]:
+    """Return the `count` arrays of all parts, those of a kind one after the other."""
+    columns = zip(*parts, strict=True) if parts else [[np.zeros(0, int)]] * count
+    return [np.concatenate([*column]) for column in columns]
+
+
+def _sums(target, factors, read, count: int, size: int) -> sp.csr_matrix:
+    """Return the matrix (count, size) that adds up what is read, times factors."""
+    return sp.csr_matrix((np.asarray(factors, float), (target, read)), (count, size))
+
+
+def _scattered(parts, shape, size: int) -> tuple[ca.Sparsity, sp.csr_matrix]:
+    """Return the pattern of what stands at (row, column), and what sums its nonzeros.
+
+    parts: rows, columns, factors, and where the numbers are read.
+    """
+    rows, columns, factors, read = parts
     keys = columns.astype(np.int64) * shape[0] + rows  # column by column, as CasADi's
     places, target = np.unique(keys, return_inverse=True)
-    column, row = np.divmod(places, shape[0])
+    column, row = np.divmod(places, max(1, shape[0]))
     start = np.searchsorted(column, np.arange(shape[1] + 1))
-    sparsity = ca.Sparsity(*shape, start.tolist(), row.tolist())
-    return ca.MX(sparsity, _summed(nonzeros, target, len(places)))
+    pattern = ca.Sparsity(*shape, start.tolist(), row.tolist())
+    return pattern, _sums(target, factors, read, len(places), size)

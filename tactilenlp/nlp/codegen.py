@@ -1,11 +1,11 @@
 """Compilation of term functions to machine code, once per machine.
 
 C from CasADi's code generator runs ten to twenty times as fast as its virtual machine
-on the Hessians of contact terms, and two to four times as fast again where several
-instances are evaluated at once (simd.py).  The library is kept in the user's cache folder
+on second derivatives, and two to four times as fast again where several instances are
+evaluated at once (simd.py).  The library is kept in the user's cache folder
 (library_cache.py) under the hash of its origin: expression, derivation rule, compiler,
-processor and CasADi version.  Compilers run beside each other and beside this process, which
-waits for one when its functions are needed (`begun`).  Without a C compiler, with
+processor and CasADi version.  Compilers run beside each other and beside this process,
+which waits for one when its functions are needed (`begun`).  Without a C compiler, with
 TACTILENLP_COMPILE=0, or where compiler or folder cannot be used, CasADi's virtual
 machine evaluates the same expressions; the last of these is logged as one warning.
 """
@@ -17,7 +17,6 @@ import ctypes
 import hashlib
 import logging
 import os
-import platform
 import shutil
 import signal
 import subprocess
@@ -31,7 +30,7 @@ import casadi as ca
 
 from ..common.deadline import NEVER, Deadline
 from ..common.library_cache import discard, is_whole, store, trusted_folder, workspace
-from . import simd
+from .simd import can_be_vectors, own_flags, processor, vector_source
 
 log = logging.getLogger("tactilenlp")
 # No contraction to fused operations: both machines give the same digits.
@@ -39,7 +38,6 @@ FLAGS = ("-O1", "-shared", "-fPIC", "-ffp-contract=off")
 # Passes of GCC that take up to two thirds of its time on 10 000 lines without a branch,
 # and change nothing there: CasADi has eliminated common subexpressions already.
 UNUSED_PASSES = ("-fno-tree-dominator-opts", "-fno-tree-fre", "-fno-tree-sra")
-OWN_PROCESSOR = ("-march=native",)  # with all vector operations that it has
 COMPILE_TIME = 120.0  # [s] at most, of one library; most take 1 to 5
 COMPILE_SHARE = 0.4  # [-] at most, of the time that a computation may take
 LEAST_COMPILE_TIME = 0.3  # [s] below which compilation is not begun
@@ -93,12 +91,14 @@ def begun(
 
 
 def _source(functions: list[ca.Function], vectors: bool) -> str:
-    wide = [f for f in functions if vectors and simd.can_be_vectors(f)]
-    generator = ca.CodeGenerator("term.c")
+    """Return the C source of all: of columns if they can be, else of one instance."""
+    generator, wide = ca.CodeGenerator("term.c"), []
     for function in functions:
-        if function not in wide:
+        if vectors and can_be_vectors(function):
+            wide.append(function)
+        else:
             generator.add(function)
-    return generator.dump() + (simd.source(wide) if wide else "")
+    return generator.dump() + vector_source(wide)
 
 
 def kept(names, origin: str) -> list[ca.Function] | None:
@@ -163,29 +163,14 @@ def _externals(names, path: str) -> list[ca.Function]:
 
 
 def _key(origin: str) -> str:
-    known = [compiler(), *_flags(), _processor(), ca.__version__, origin]
+    known = [compiler(), *_flags(), processor(), ca.__version__, origin]
     return hashlib.sha256(" ".join(known).encode()).hexdigest()[:32]
 
 
 def _flags() -> tuple[str, ...]:
     """Return the flags of the compiler; it is GCC if its file is named so."""
     file = Path(compiler()).resolve().name
-    own = OWN_PROCESSOR if _processor() != platform.machine() else ()
-    return (*FLAGS, *own, *(UNUSED_PASSES if "gcc" in file else ()))
-
-
-@cache
-def _processor() -> str:
-    """Return the architecture, and where Linux tells them the processor's features.
-
-    By these code differs that is made for the processor of its machine.
-    """
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        lines = []
-    features = {line for line in lines if line.startswith(("flags", "Features"))}
-    return " ".join([platform.machine(), *sorted(features)])
+    return (*FLAGS, *own_flags(), *(UNUSED_PASSES if "gcc" in file else ()))
 
 
 def _place() -> str:

@@ -64,9 +64,9 @@ def _derivatives(problem: Problem) -> str:
     terms = problem.terms.values()
     if any(t.function.first is None for t in terms):
         return "no derivatives: it was evaluated, not solved"
-    places = [(t.first_row, t.jacobian_places()) for t in problem.constraints.values()]
+    places = [(t.first_row, t.jacobian_places) for t in problem.constraints.values()]
     jacobian = _nonzeros(((row + i, j) for row, (i, j) in places), problem.size)
-    hessian = _nonzeros((t.hessian_places()[:2] for t in terms), problem.size)
+    hessian = _nonzeros((t.hessian_places[:2] for t in terms), problem.size)
     return f"nonzeros: Jacobian {jacobian}, upper triangle of the Hessian {hessian}"
 
 
@@ -267,7 +267,7 @@ def _unused_variables(problem):
     """Yield the names of unknowns on which no term depends."""
     read = np.zeros(problem.size, bool)
     for term in problem.terms.values():
-        read[term.jacobian_places()[1]] = True
+        read[term.jacobian_places[1]] = True
     for v in problem.variables.values():
         missing = np.argwhere(~read[v.span].reshape(v.columns, v.rows))
         if len(missing):

@@ -21,6 +21,8 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from .term_functions import applied
+
 NO_MULTIPLIERS: Mapping[str, np.ndarray] = {}
 LEAST_CURVATURE = 1e-9  # [1 / scaled unknown^2] l, far below that of measured unknowns
 BORDER_ENTRIES = 4.0  # [-] times the entries of the median column: part of the border
@@ -32,11 +34,15 @@ def gradient(problem, x, data, multipliers=NO_MULTIPLIERS, costs=None) -> np.nda
     multipliers: by constraint; without any, the gradient of the costs alone; costs:
     names of the costs that count, by default all.
     """
+    names = problem.costs if costs is None else costs
+    weights = {**dict.fromkeys(names, np.ones(1)), **multipliers}
     g = np.zeros(problem.size)
-    for name in problem.costs if costs is None else costs:
-        g += np.asarray(problem.jacobian(name, x, data).sum(axis=0)).ravel()
-    for name, multiplier in multipliers.items():
-        g += problem.jacobian(name, x, data).T @ np.ravel(multiplier)
+    for name, weight in weights.items():
+        term = problem.terms[name]
+        slopes = np.asarray(applied(term, "first", x, data)[1]).T.ravel()
+        rows, columns = term.jacobian_places
+        weight = np.broadcast_to(np.ravel(weight), term.rows)
+        g += np.bincount(columns, slopes * weight[rows], problem.size)
     return g
 
 

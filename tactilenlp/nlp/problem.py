@@ -24,12 +24,12 @@ from ..common.deadline import NEVER, Deadline
 from ..common.named import Named
 from ..common.validation import numbers_of
 from ..errors import PageError, did_you_mean
-from .assembly import assemble
+from .assembly import Assembly
 from .reduced_space import Eliminated
 from .term_functions import (
     TermFunctionCache,
+    applied,
     default_cache,
-    mapped,
     term_function_named,
     traced,
 )
@@ -186,31 +186,26 @@ class Problem:
     def value(self, name: str, x: np.ndarray, data: np.ndarray) -> np.ndarray:
         """Evaluate one term at every instance, (instances, rows)."""
         term = self.terms.get(name) or self.reports[name]
-        function = mapped(term.function.value, term.instances)
-        out = function(x[term.unknowns].T, data[term.data].T)
-        return np.asarray(out).T.reshape(term.instances, term.function.rows)
+        out = np.asarray(applied(term, "value", x, data))
+        return out.T.reshape(term.instances, term.function.rows)
 
     def jacobian(self, name: str, x: np.ndarray, data: np.ndarray) -> sp.csc_matrix:
         """Return the Jacobian of one term, (instances * rows, unknowns), SI units."""
         term = self.terms[name]
-        function = mapped(term.function.first, term.instances)
-        nonzeros = np.asarray(function(x[term.unknowns].T, data[term.data].T)[1])
-        rows, columns = term.jacobian_places()
+        nonzeros = np.asarray(applied(term, "first", x, data)[1])
         shape = (term.rows, self.size)
-        return sp.csc_matrix((nonzeros.T.ravel(), (rows, columns)), shape)
+        return sp.csc_matrix((nonzeros.T.ravel(), term.jacobian_places), shape)
 
     def hessian(
         self, name: str, x: np.ndarray, data: np.ndarray, multiplier=1.0
     ) -> sp.csc_matrix:
         """Return the Hessian of multiplier' term, (unknowns, unknowns), SI units."""
         term = self.terms[name]
-        function = mapped(term.function.second, term.instances)
         shape = (term.instances, term.function.rows)
-        if np.ndim(multiplier) > 0:
-            multiplier = np.reshape(multiplier, shape)
-        weight = np.broadcast_to(multiplier, shape)
-        nonzeros = function(x[term.unknowns].T, data[term.data].T, weight.T)
-        rows, columns, factor = term.hessian_places()
+        whole = np.reshape(multiplier, shape) if np.ndim(multiplier) else multiplier
+        weight = np.broadcast_to(whole, shape)
+        nonzeros = applied(term, "second", x, data, weight.T)
+        rows, columns, factor = term.hessian_places
         values, off = np.asarray(nonzeros).T.ravel() * factor, rows != columns
         i, j = np.r_[rows, columns[off]], np.r_[columns, rows[off]]
         return sp.csc_matrix((np.r_[values, values[off]], (i, j)), (self.size,) * 2)
@@ -230,10 +225,15 @@ class Problem:
 
     # -- symbols for the solver -------------------------------------------------------
     @cached_property
+    def assembly(self) -> Assembly:
+        """The programme in scaled unknowns: values and derivatives as arrays."""
+        sizes = self.scale, self._data_size, self.rows
+        return Assembly(self.terms.values(), *sizes, self.deadline)
+
+    @cached_property
     def functions(self) -> dict:
         """The programme in scaled unknowns as `nlpsol` takes it, with derivatives."""
-        sizes = self.scale, self._data_size, self.rows
-        return assemble(self.terms.values(), *sizes, self.deadline)
+        return self.assembly.for_nlpsol()
 
     @cached_property
     def eliminated(self) -> Eliminated:
@@ -242,7 +242,7 @@ class Problem:
 
     # -- making terms -----------------------------------------------------------------
     def _new(self, name: str, table: dict) -> None:
-        for made in ("functions", "scale", "eliminated"):
+        for made in ("assembly", "functions", "scale", "eliminated"):
             self.__dict__.pop(made, None)
         if not isinstance(name, str) or name in table:
             raise PageError("declared twice", where=name, next="give it another name")

@@ -19,6 +19,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from ..errors import PageError
+from .callbacks import ArrayFunction
 from .term_functions import mapped
 
 
@@ -44,7 +45,7 @@ class Eliminated:
         self.kept, self.followed = np.nonzero(~rows)[0], np.nonzero(rows)[0]
         self.free = np.setdiff1d(np.arange(problem.size), self.given)
         self.rounds = self._rounds()
-        self._at, self._calls = None, []
+        self._at, self._alive = None, []
         self.functions = self._functions()
 
     def complete(self, x: np.ndarray, data: np.ndarray) -> np.ndarray:
@@ -163,15 +164,15 @@ class Eliminated:
 
         def jac_g(u, p):
             at = self._slopes(self._look(u, p))
-            return at["g"], at["rest"] @ at["Z"]
+            return at["g"], (at["rest"] @ at["Z"]).ravel("F")
 
         def hess_lag(u, p, lam_f, lam_g):
             H = self._hessian(self._look(u, p), float(lam_f[0]), lam_g)
-            return (ca.DM(np.triu(H))[upper],)
+            return (H.T[np.tril_indices(n)],)  # symmetric: columns of its upper part
 
         def call(name, function, inputs, outputs):
-            self._calls.append(_Call(name, function, inputs, outputs))  # kept alive
-            return self._calls[-1]
+            self._alive.append(ArrayFunction(name, function, inputs, outputs))
+            return self._alive[-1]
 
         u, d = ca.MX.sym("x", n), ca.MX.sym("p", p)
         f, g = call("value", value, [x, data], [one, rows])(u, d)
@@ -181,27 +182,3 @@ class Eliminated:
             "jac_g": call("jac_g", jac_g, [x, data], [rows, jac]),
             "hess_lag": call("hess_lag", hess_lag, [x, data, one, rows], [upper]),
         }
-
-
-class _Call(ca.Callback):
-    """A function of numbers as CasADi's solvers take it."""
-
-    def __init__(self, name, function, inputs, outputs):
-        ca.Callback.__init__(self)
-        self.function, self.inputs, self.outputs = function, inputs, outputs
-        self.construct(name, {})
-
-    def get_n_in(self):
-        return len(self.inputs)
-
-    def get_n_out(self):
-        return len(self.outputs)
-
-    def get_sparsity_in(self, i):
-        return self.inputs[i]
-
-    def get_sparsity_out(self, i):
-        return self.outputs[i]
-
-    def eval(self, arguments):
-        return self.function(*(np.asarray(ca.DM(a)).ravel() for a in arguments))

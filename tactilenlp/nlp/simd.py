@@ -11,7 +11,9 @@ A library exports what CasADi loads as external functions: name, name_n_in, ....
 from __future__ import annotations
 
 import math
+import platform
 from functools import cache
+from pathlib import Path
 
 import casadi as ca
 
@@ -66,8 +68,30 @@ static inline vector chosen(mask which, vector a, vector b) {{
 """
 
 
+@cache
+def processor() -> str:
+    """Return the architecture, and on Linux the processor's features.
+
+    By these a library differs that is made for the processor of its machine.
+    """
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        lines = []
+    features = {line for line in lines if line.startswith(("flags", "Features"))}
+    return " ".join([platform.machine(), *sorted(features)])
+
+
+def own_flags() -> tuple[str, ...]:
+    """Return the compiler's flags for all vector operations that the processor has.
+
+    None where libraries of different processors could not be told apart.
+    """
+    return ("-march=native",) if processor() != platform.machine() else ()
+
+
 def can_be_vectors(function: ca.Function) -> bool:
-    """Tell whether `source` has the function: scalar operations on dense columns."""
+    """Tell whether a function has scalar operations on dense columns, and not many."""
     if not function.is_a("SXFunction") or function.n_instructions() > MOST_OPERATIONS:
         return False
     given = [function.sparsity_in(k) for k in range(function.n_in())]
@@ -78,8 +102,10 @@ def can_be_vectors(function: ca.Function) -> bool:
     return bool(given) and columns and known >= {*map(function.instruction_id, numbers)}
 
 
-def source(functions: list[ca.Function]) -> str:
+def vector_source(functions: list[ca.Function]) -> str:
     """Return the C source of a library of functions that `can_be_vectors`."""
+    if not functions:
+        return ""
     called = [_of_each(name, "a") for name in UNARY]
     called += [_of_each(name, "a", "b") for name in BINARY]
     return "\n".join([TYPES, *called, *map(_exported, functions)])
@@ -140,7 +166,8 @@ def _statements(function: ca.Function):
             numbers = [f"x[{k_in}][{row + n * one}]" for one in range(WIDTH)]
             value = f"{{{', '.join(numbers)}}}"
         elif operation == ca.OP_CONST:
-            value = f"{{{', '.join([_number(function.instruction_constant(k))] * WIDTH)}}}"
+            numbers = [_number(function.instruction_constant(k))] * WIDTH
+            value = f"{{{', '.join(numbers)}}}"
         else:
             value = _written()[operation].format(*(at[place] for place in read))
         at[written[0]] = f"v{k}"

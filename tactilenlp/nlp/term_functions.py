@@ -28,8 +28,8 @@ import casadi as ca
 
 from ..common.deadline import NEVER, Deadline
 from ..errors import PageError
-from . import simd
 from .codegen import begun, kept
+from .simd import vector_source
 
 PARTS = ("value", "first", "second", "patterns")  # names of the compiled functions
 REMEDIES = {  # of what keeps a function from being traced, by words of the error
@@ -195,6 +195,12 @@ def mapped(function: ca.Function, instances: int) -> ca.Function:
     return ca.Function(function.name(), given, found)
 
 
+def applied(term, part: str, x, data, *weights):
+    """Return what `part` of a term's function returns, a column for each instance."""
+    function = mapped(getattr(term.function, part), term.instances)
+    return function(x[term.unknowns].T, data[term.data].T, *weights)
+
+
 class Traced(NamedTuple):
     """A term and its roots as functions: (z, d, u) -> v, F and (z, d) -> u."""
 
@@ -223,11 +229,15 @@ def _trace(function, unknowns, order, noting=nullcontext) -> Traced:
 
 
 def _merged(roots: list[tuple], value) -> tuple[list[tuple], ca.SX]:
-    """Return the roots of which no two have one solution, and the value of these."""
-    solutions = ca.cse(ca.vertcat(*(solution for _, _, solution in roots))).elements()
-    left, kept = iter(solutions), {}
-    for root in roots:
-        key = tuple(one.element_hash() for one in islice(left, root[0].numel()))
+    """Return the roots of which no two have one equation, and the value of these."""
+    most = ca.SX.sym("u", max((root[0].numel() for root in roots), default=0))
+    equations = [ca.substitute(F, u, most[: u.numel()]) for u, F, _ in roots]
+    if len(roots) > 1:
+        left = iter(ca.cse(ca.vertcat(*equations)).elements())
+        equations = [ca.vertcat(*islice(left, F.numel())) for F in equations]
+    kept = {}
+    for root, equation in zip(roots, equations, strict=True):
+        key = tuple(one.element_hash() for one in equation.elements())
         first = kept.setdefault(key, root)
         value = ca.substitute(value, root[0], first[0])
     return [(ca.SX(0, 1),) * 3, *kept.values()], value
@@ -240,7 +250,8 @@ def _origin(key: str) -> str:
 
 @cache
 def _derivation_rule() -> str:
-    return inspect.getsource(_derivatives) + inspect.getsource(simd)
+    vectors = inspect.getmodule(vector_source)
+    return inspect.getsource(_derivatives) + inspect.getsource(vectors)
 
 
 def _derivatives(at: ca.Function, solution: ca.Function) -> list[ca.Function]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import islice
 
 import numpy as np
@@ -139,21 +140,21 @@ class Term:
         """The rows of this constraint in the vector of all constraints."""
         return slice(self.first_row, self.first_row + self.rows)
 
+    @cached_property
     def jacobian_places(self) -> tuple[np.ndarray, np.ndarray]:
         """Return row and column of every local Jacobian nonzero, by instance."""
-        triplet = self.function.jacobian_sparsity.get_triplet()
-        rows, columns = (np.array(i, int) for i in triplet)
+        rows, columns = np.array(self.function.jacobian_sparsity.get_triplet(), int)
         offset = np.arange(self.instances)[:, None] * self.function.rows
         return (offset + rows).ravel(), self.unknowns[:, columns].ravel()
 
+    @cached_property
     def hessian_places(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return where local upper-triangle nonzeros go in the global upper triangle.
 
         An off-diagonal entry whose two unknowns are one and the same (merged poses)
         stands for both orders: factor 2.
         """
-        triplet = self.function.hessian_sparsity.get_triplet()
-        rows, columns = (np.array(i, int) for i in triplet)
+        rows, columns = np.array(self.function.hessian_sparsity.get_triplet(), int)
         i, j = self.unknowns[:, rows], self.unknowns[:, columns]
         factor = np.where((i == j) & (rows != columns), 2.0, 1.0)
         return np.minimum(i, j).ravel(), np.maximum(i, j).ravel(), factor.ravel()
@@ -161,14 +162,11 @@ class Term:
 
 def check_owner(problem, name: str, argument) -> None:
     """Raise PageError if a term's argument was declared in another problem."""
-    owner, own = getattr(argument, "variable", argument), None
-    if isinstance(owner, Variable):
-        own = problem.variables.get(owner.name)
-    elif isinstance(owner, Parameter):
-        own = problem.parameters.get(owner.name)
-    else:
+    owner = getattr(argument, "variable", argument)
+    if not isinstance(owner, Variable | Parameter):
         return
-    if own is not owner:
+    declared = problem.variables if isinstance(owner, Variable) else problem.parameters
+    if declared.get(owner.name) is not owner:
         raise PageError(f"{owner.name} belongs to another problem", where=name)
 
 

@@ -5,52 +5,25 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import casadi as ca
 import numpy as np
 
 from .condensed_kkt import CondensedKkt
 
 
 class Programme:
-    """A programme as functions of arrays; functions: as nlp.assembly makes them."""
+    """What a Newton method needs of a nlp.assembly.Assembly."""
 
-    def __init__(self, functions: dict):
-        self._first, self._rows, self._second = (
-            _Buffered(functions[name]) for name in ("grad_f", "jac_g", "hess_lag")
-        )
-        upper = ca.triu(functions["hess_lag"].sparsity_out(0))
-        self.kkt = CondensedKkt(upper, functions["jac_g"].sparsity_out(1))
+    def __init__(self, assembly):
+        self._assembly = assembly
+        self.kkt = CondensedKkt(assembly.hessian, assembly.jacobian)
 
     def evaluated(self, x: np.ndarray, data: np.ndarray) -> tuple:
         """Return f, its gradient, g and the nonzeros of its Jacobian."""
-        f, gradient = self._first(x, data)
-        g, jacobian = self._rows(x, data) if self.kkt.shape[0] else (np.zeros(0),) * 2
-        return f[0], gradient.copy(), g.copy(), jacobian.copy()
+        return self._assembly.evaluated(x, data)
 
     def hessian(self, x, data, y) -> np.ndarray:
         """Return the nonzeros of the upper triangle of that of f + y' g."""
-        return self._second(x, data, 1.0, y)[0]
-
-
-class _Buffered:
-    """A CasADi function that reads and writes arrays in place."""
-
-    def __init__(self, function: ca.Function):
-        self._buffer, self._evaluate = function.buffer()
-        self._in = [np.zeros(function.nnz_in(k)) for k in range(function.n_in())]
-        self._out = [np.zeros(function.nnz_out(k)) for k in range(function.n_out())]
-        for k, array in enumerate(self._in):
-            if array.size:
-                self._buffer.set_arg(k, memoryview(array))
-        for k, array in enumerate(self._out):
-            if array.size:
-                self._buffer.set_res(k, memoryview(array))
-
-    def __call__(self, *arguments) -> list[np.ndarray]:
-        for array, argument in zip(self._in, arguments, strict=True):
-            array[:] = argument
-        self._evaluate()
-        return self._out
+        return self._assembly.second(x, data, 1.0, y)
 
 
 @dataclass(frozen=True)

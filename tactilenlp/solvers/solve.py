@@ -55,7 +55,7 @@ def _prepared(problem, options, eliminate, shared: dict) -> Programme | None:
     if equal or eliminate or not set(options.ipopt) <= NAMES:
         return None
     if "programme" not in shared:
-        shared["programme"] = Programme(problem.functions)
+        shared["programme"] = Programme(problem.assembly)
     return shared["programme"]
 
 
