@@ -1,14 +1,21 @@
 """The matrix of a Newton step of an interior-point method, slacks eliminated.
 
-    min f(x)   s.t.  g(x) - s = 0,   bounds of x and s
+    min f(x)   s.t.  g(x) - s = 0,   h(x) = 0,   bounds of x and s
 
-    [ H + S_x      0     J' ] [dx]     [ r_x ]
-    [    0        S_s   -I  ] [ds] = - [ r_s ]       S = z / distance from the bound
-    [    J        -I     0  ] [dy]     [ r_c ]
+    [ H + S_x      0     J'   A' ] [dx]     [ r_x ]
+    [    0        S_s   -I    0  ] [ds] = - [ r_s ]     S = z / distance from the bound
+    [    J        -I     0    0  ] [dy]     [ r_c ]
+    [    A         0     0    0  ] [dv]     [ r_h ]
 
-Without equalities S_s > 0 can be inverted:  (H + S_x + J' S_s J) dx = right-hand side.
-The whole matrix has the inertia that a minimum needs exactly if this one is positive
-definite (Nocedal and Wright, Numerical Optimization, 2006, chapter 19).
+S_s > 0 can be inverted:
+
+    [ H + S_x + J' S_s J   A' ] [dx]
+    [          A           0  ] [dv] = right-hand side
+
+The whole matrix has the inertia that a minimum needs exactly if this one has as many
+eigenvalues below zero as there are equations h (Nocedal and Wright, Numerical
+Optimization, 2006, chapter 19).  Equations, what they read and unknowns that many others
+are coupled to are the border of its factors.
 """
 
 from __future__ import annotations
@@ -16,33 +23,53 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from .sparse_ldl import SparseLdl
+from ..nlp.kkt import BORDER_ENTRIES
+from .bordered_ldl import BorderedLdl
+
+# Fewer rows are left among the sparse ones: a box has 4 to 10, whose fill-in costs less
+# than the calls for a dense matrix; a hull has 70 and more.
+LEAST_BORDER = 20
 
 
 class CondensedKkt:
-    """H + diag(S_x) + J' diag(S_s) J of patterns that do not change.
+    """The matrix of patterns that do not change.
 
-    hessian: pattern of the upper triangle (n, n); jacobian: pattern (m, n).  shape:
-    (m, n); size: how many values the upper triangle of the matrix has.
+    hessian: pattern of the upper triangle (n, n); jacobian: pattern (m, n) of g and h;
+    equal (m,): which rows are equations.  shape: (m, n); size: how many values the
+    upper triangle of the matrix has.
     """
 
-    def __init__(self, hessian: ca.Sparsity, jacobian: ca.Sparsity):
-        n = hessian.size1()
+    def __init__(self, hessian: ca.Sparsity, jacobian: ca.Sparsity, equal: np.ndarray):
+        n, self.shape, self.equal = hessian.size1(), jacobian.shape, equal
         self.jacobian_rows = np.array(jacobian.row(), int)
         self.jacobian_columns = np.array(jacobian.get_col(), int)
         left, right = _pairs_of_a_row(self.jacobian_rows, jacobian.size1())
-        i, j = self.jacobian_columns[left], self.jacobian_columns[right]
-        self._pairs = left[i <= j], right[i <= j]
+        upper = self.jacobian_columns[left] <= self.jacobian_columns[right]
+        upper &= ~equal[self.jacobian_rows[left]]
+        self._pairs = left[upper], right[upper]
         self._row = self.jacobian_rows[self._pairs[0]]
-        rows = np.r_[hessian.row(), i[i <= j], np.arange(n)].astype(int)
-        columns = np.r_[hessian.get_col(), j[i <= j], np.arange(n)].astype(int)
-        places, inverse = np.unique(columns * n + rows, return_inverse=True)
-        self._columns, self._rows = np.divmod(places, n)
-        self._hessian, self._products, self._diagonal = np.split(
-            inverse, [hessian.nnz(), hessian.nnz() + len(self._row)]
+        self._tied = np.flatnonzero(equal[self.jacobian_rows])
+        tied = self.jacobian_columns[self._tied]
+        equation = n + (np.cumsum(equal) - 1)[self.jacobian_rows[self._tied]]
+        whole = n + int(equal.sum())
+        i, j = (self.jacobian_columns[k] for k in self._pairs)
+        rows = np.r_[hessian.row(), i, np.arange(whole), tied].astype(int)
+        columns = np.r_[hessian.get_col(), j, np.arange(whole), equation].astype(int)
+        places, inverse = np.unique(columns * whole + rows, return_inverse=True)
+        self._columns, self._rows = np.divmod(places, whole)
+        self._hessian, self._products, self._diagonal, self._ties = np.split(
+            inverse, np.cumsum([hessian.nnz(), len(i), whole])
         )
-        self._ldl = SparseLdl(n, self._rows, self._columns)
-        self.shape, self.size = jacobian.shape, len(self._rows)
+        border = self._read_by_many()
+        border[n:] = border[tied] = True
+        given = self._rows, self._columns, border, whole - n
+        self._ldl, self.size = BorderedLdl(*given), len(places)
+
+    def _read_by_many(self) -> np.ndarray:
+        """Return which rows have far more nonzeros than others, unless they are few."""
+        counts = np.bincount(np.r_[self._rows, self._columns])
+        many = counts > BORDER_ENTRIES * np.median(counts)
+        return many & (np.count_nonzero(many) >= LEAST_BORDER)
 
     def times(self, jacobian: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Return J x, (m,); jacobian (k,): nonzeros of J."""
@@ -56,29 +83,33 @@ class CondensedKkt:
 
     def values(self, hessian: np.ndarray, fixed: np.ndarray) -> np.ndarray:
         """Return the Hessian's share of the matrix; fixed (n,): unknowns left out."""
-        values = np.bincount(self._hessian, hessian, len(self._rows))
+        values = np.bincount(self._hessian, hessian, self.size)
         if fixed.any():
             values[self._touches(fixed)] = 0
         return values
 
     def factorise(self, values, jacobian, in_x, in_s, fixed) -> bool:
-        """Factorise the matrix; tell whether it is positive definite.
+        """Factorise the matrix; tell whether its inertia is that of a minimum.
 
         values: of `values`; in_x (n,), in_s (m,): diagonals S_x, S_s; fixed (n,).
         """
         left, right = self._pairs
         products = in_s[self._row] * jacobian[left] * jacobian[right]
         values = values + np.bincount(self._products, products, len(values))
+        values[self._ties] = jacobian[self._tied]
         if fixed.any():
             values[self._touches(fixed)] = 0
             in_x = np.where(fixed, 1.0, in_x)
-        values[self._diagonal] += in_x
+        values[self._diagonal[: len(in_x)]] += in_x
         return self._ldl.factorise(values)
 
-    def solve(self, right: np.ndarray) -> np.ndarray:
-        return self._ldl.solve(right)
+    def solve(self, of_x: np.ndarray, of_h: np.ndarray) -> tuple:
+        """Return dx, dv for the right-hand sides of x and of the equations."""
+        found = self._ldl.solve(np.concatenate((of_x, of_h)))
+        return found[: len(of_x)], found[len(of_x) :]
 
     def _touches(self, fixed) -> np.ndarray:
+        fixed = np.r_[fixed, np.zeros(np.count_nonzero(self.equal), bool)]
         return fixed[self._rows] | fixed[self._columns]
 
 

@@ -1,4 +1,4 @@
-"""A primal-dual interior-point method for problems without equalities.
+"""A primal-dual interior-point method for problems with few equations.
 
     min f(x)   s.t.  g_l <= g(x) <= g_u,  x_l <= x <= x_u
 
@@ -81,8 +81,10 @@ class _Run:
         self.settings, self.mu = settings, settings.mu_init
         self.began = time.monotonic()
         self.n, self.fixed = len(x0), lbx >= ubx
-        lower = np.r_[np.where(self.fixed, -np.inf, lbx), lbg]
-        upper = np.r_[np.where(self.fixed, np.inf, ubx), ubg]
+        self.equal = self.kkt.equal  # rows whose slack is the number that they equal
+        still = np.r_[self.fixed, self.equal]
+        lower = np.where(still, -np.inf, np.r_[lbx, lbg])
+        upper = np.where(still, np.inf, np.r_[ubx, ubg])
         self.lo, self.hi = (np.flatnonzero(np.isfinite(b)) for b in (lower, upper))
         self.lower, self.upper = lower[self.lo], upper[self.hi]
         self.iterations, self.evaluations = 0, 1
@@ -127,19 +129,17 @@ class _Run:
     def _least_squares_multipliers(self) -> np.ndarray:
         """Return y that makes the gradient of the Lagrangian smallest, (36).
 
-        (1 + J J') y = right-hand side; the inverse is 1 - J (1 + J' J)^-1 J', whose
-        matrix is a condensed one.
+        It is that of a Newton step whose matrix has 1 in place of H, S_x and S_s.
         """
-        kkt, at = self.kkt, self.at
-        if not kkt.shape[0]:
+        if not self.kkt.shape[0]:
             return np.zeros(0)
         slope = self._spread(-self.z_lo, self.z_hi)
-        slope[: self.n] += np.where(self.fixed, 0, at.gradient)
-        free = at.jacobian * ~self.fixed[kkt.jacobian_columns]
-        right = slope[self.n :] - kkt.times(free, slope[: self.n])
-        ones = np.ones(self.n), np.ones(len(right))
-        kkt.factorise(np.zeros(kkt.size), free, *ones, self.fixed)
-        y = right - kkt.times(free, kkt.solve(kkt.transposed_times(free, right)))
+        slope[: self.n] += self.at.gradient
+        weights = np.ones(self.n), np.ones(len(slope) - self.n)
+        none = np.zeros(self.kkt.size)
+        if not self.kkt.factorise(none, self.at.jacobian, *weights, self.fixed):
+            return np.zeros(len(weights[1]))
+        *_, y = self._solved(slope, np.zeros(len(weights[1])), weights[1])
         return y if np.abs(y).max() <= LARGEST_MULTIPLIER else np.zeros(len(y))
 
     # -- where to stop ----------------------------------------------------------------
@@ -150,6 +150,7 @@ class _Run:
         dual[: self.n] += at.gradient + self.kkt.transposed_times(at.jacobian, self.y)
         dual[self.n :] -= self.y
         dual[: self.n][self.fixed] = 0
+        dual[self.n :][self.equal] = 0
         self.dual, self.primal = _largest(dual), _largest(at.residual)
         self.products = np.concatenate((at.below * self.z_lo, at.above * self.z_hi))
         bounds = self.z_lo.sum() + self.z_hi.sum()
@@ -223,12 +224,20 @@ class _Run:
         ):
             delta = self._next_damping(delta)
         self.damping = delta or self.damping
-        in_s = weights[n:] + delta
-        pull = in_s * at.residual + slope[n:]
-        right = -slope[:n] - kkt.transposed_times(at.jacobian, pull)
-        dx = kkt.solve(np.where(self.fixed, 0.0, right))
-        ds = kkt.times(at.jacobian, dx) + at.residual
-        return dx, ds, in_s * ds - self.y + slope[n:]
+        dx, ds, y = self._solved(slope, at.residual, weights[n:] + delta)
+        return dx, ds, y - self.y
+
+    def _solved(self, slope, residual, in_s) -> tuple[np.ndarray, ...]:
+        """Return the step in x and s, and y after it, by the factors of the matrix."""
+        kkt, jacobian, n = self.kkt, self.at.jacobian, self.n
+        pull = np.where(self.equal, 0.0, in_s * residual + slope[n:])
+        right = -slope[:n] - kkt.transposed_times(jacobian, pull)
+        right = np.where(self.fixed, 0.0, right)
+        dx, y_equal = kkt.solve(right, -residual[self.equal])
+        ds = kkt.times(jacobian, dx) + residual
+        y = in_s * ds + slope[n:]
+        ds[self.equal], y[self.equal] = 0.0, y_equal
+        return dx, ds, y
 
     def _next_damping(self, delta: float) -> float:
         if delta == 0:

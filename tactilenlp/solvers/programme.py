@@ -11,11 +11,14 @@ from .condensed_kkt import CondensedKkt
 
 
 class Programme:
-    """What a Newton method needs of a nlp.assembly.Assembly."""
+    """What a Newton method needs of an nlp.assembly.Assembly.
 
-    def __init__(self, assembly):
+    equal (m,): which rows of the constraints are equations.
+    """
+
+    def __init__(self, assembly, equal: np.ndarray):
         self._assembly = assembly
-        self.kkt = CondensedKkt(assembly.hessian, assembly.jacobian)
+        self.kkt = CondensedKkt(assembly.hessian, assembly.jacobian, equal)
 
     def evaluated(self, x: np.ndarray, data: np.ndarray) -> tuple:
         """Return f, its gradient, g and the nonzeros of its Jacobian."""

@@ -19,6 +19,7 @@ from .programme import Programme
 from .solution import Solution, after, not_converged, recomputed, unfinished
 
 log = logging.getLogger("tactilenlp")
+MOST_IN_EQUATIONS = 200  # unknowns of our method's dense matrix: a fifth of a hull's
 LEVEL_DEFAULTS = {"mu_init": 1e-2, "max_iter": 200}  # of a level that does not set them
 
 
@@ -27,7 +28,7 @@ def make_solver(
 ):
     """Return what solves this problem, called as a CasADi solver.
 
-    The interior-point method of this package where there are no equalities and no
+    The interior-point method of this package where there are few equations and no
     options that only IPOPT has, else IPOPT.  shared: a dictionary that keeps what
     solvers of one problem share.
     """
@@ -51,12 +52,22 @@ def _prepared(problem, options, eliminate, shared: dict) -> Programme | None:
     problem: the time limit of a solver is set after it.
     """
     _part(problem, eliminate)
-    equal = np.any(problem.limits("lower") >= problem.limits("upper"))
-    if equal or eliminate or not set(options.ipopt) <= NAMES:
+    if eliminate or not set(options.ipopt) <= NAMES:
         return None
     if "programme" not in shared:
-        shared["programme"] = Programme(problem.assembly)
+        equal = problem.limits("lower") >= problem.limits("upper")
+        few = _read_by(problem, equal) <= MOST_IN_EQUATIONS
+        shared["programme"] = Programme(problem.assembly, equal) if few else None
     return shared["programme"]
+
+
+def _read_by(problem, equal: np.ndarray) -> int:
+    """Return how many unknowns are read by constraints some of whose rows are equal."""
+    read = np.zeros(problem.size, bool)
+    for term in problem.constraints.values():
+        if equal[term.span].any():
+            read[term.unknowns] = True
+    return np.count_nonzero(read)
 
 
 def solve(

@@ -3,6 +3,8 @@
    T. A. Davis, Direct Methods for Sparse Linear Systems, SIAM 2006, chapter 4.
    Matrices are stored by columns: starts (n + 1), rows, values. */
 
+#pragma GCC optimize("O3")
+
 /* Factorise the matrix whose upper triangle is `a`.  Column c of `l` is row c of L
    without its diagonal; d (n) are the pivots, w (n) is zero before and after.
    Returns 0, or 1 + the first column whose pivot is not positive. */
@@ -34,16 +36,24 @@ int tactilenlp_factorise(int n, const int *a_start, const int *a_row, const doub
     return 0;
 }
 
-/* Replace x (n) by the solution of L D L' x = x. */
-void tactilenlp_substitute(int n, const int *l_start, const int *l_row, const double *l,
-                           const double *d, double *x)
+/* Subtract f times one row of k numbers from another. */
+static inline void subtract(int k, double f, const double *restrict from, double *restrict to)
 {
-    for (int c = 0; c < n; ++c)
-        for (int k = l_start[c]; k < l_start[c + 1]; ++k)
-            x[c] -= l[k] * x[l_row[k]];
-    for (int c = 0; c < n; ++c)
-        x[c] /= d[c];
-    for (int c = n - 1; c >= 0; --c)
-        for (int k = l_start[c]; k < l_start[c + 1]; ++k)
-            x[l_row[k]] -= l[k] * x[c];
+    for (int i = 0; i < k; ++i)
+        to[i] -= f * from[i];
+}
+
+/* Replace x (n rows of k numbers) by the solutions of L D L' x = x. */
+void tactilenlp_substitute(int n, const int *l_start, const int *l_row, const double *l,
+                           const double *d, int k, double *x)
+{
+    for (long c = 0; c < n; ++c)
+        for (int m = l_start[c]; m < l_start[c + 1]; ++m)
+            subtract(k, l[m], x + (long)k * l_row[m], x + k * c);
+    for (long c = 0; c < n; ++c)
+        for (int i = 0; i < k; ++i)
+            x[k * c + i] /= d[c];
+    for (long c = n - 1; c >= 0; --c)
+        for (int m = l_start[c]; m < l_start[c + 1]; ++m)
+            subtract(k, l[m], x + k * c, x + (long)k * l_row[m]);
 }

@@ -45,8 +45,8 @@ class SparseLdl:
         return self._method.factorise(values[self._from])
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """Return the solution for a right-hand side (n,)."""
-        out = np.empty(self.n)
+        """Return the solutions for right-hand sides (n,) or (n, k)."""
+        out = np.empty(right.shape)
         out[self._order] = self._method.solve(right[self._order])
         return out
 
@@ -64,7 +64,7 @@ class _Compiled:
     def __init__(self, upper: ca.Sparsity, factor: ca.Sparsity):
         self._factorise, self._substitute = _functions()
         n = upper.size1()
-        self._values, self._x = np.zeros(upper.nnz()), np.zeros(n)
+        self._values = np.zeros(upper.nnz())
         lower, pivots, work = (np.zeros(k) for k in (factor.nnz(), n, n))
         patterns = [np.array(a, np.intc) for s in (upper, factor)
                     for a in (s.colind(), s.row())]  # fmt: skip
@@ -72,7 +72,7 @@ class _Compiled:
         factors = l_start, l_row, _address(lower), _address(pivots)
         matrix = a_start, a_row, _address(self._values)
         self._matrix = n, *matrix, *factors, _address(work)
-        self._factors = n, *factors, _address(self._x)
+        self._factors = n, *factors
         self._alive = patterns, lower, pivots, work  # while their addresses are used
 
     def factorise(self, values) -> bool:
@@ -80,9 +80,9 @@ class _Compiled:
         return self._factorise(*self._matrix) == 0
 
     def solve(self, right) -> np.ndarray:
-        self._x[:] = right
-        self._substitute(*self._factors)
-        return self._x
+        x = np.array(right, order="C")
+        self._substitute(*self._factors, x[:1].size, _address(x))
+        return x
 
 
 class _Casadi:
@@ -102,7 +102,8 @@ class _Casadi:
         return bool(np.isfinite(values).all()) and not self._linear.neig(self._matrix)
 
     def solve(self, right) -> np.ndarray:
-        return np.asarray(self._linear.solve(self._matrix, right)).ravel()
+        found = self._linear.solve(self._matrix, ca.DM(right))
+        return np.asarray(found).reshape(right.shape)
 
 
 def _address(array: np.ndarray) -> ctypes.c_void_p:
