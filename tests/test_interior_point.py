@@ -7,7 +7,9 @@ from swing_up import TIGHT, cone, decay, pendulum, stationarity
 
 from tactilenlp import problem_of
 from tactilenlp.errors import OptionError
+from tactilenlp.nlp.problem import Problem
 from tactilenlp.solvers import sparse_ldl
+from tactilenlp.solvers.bordered_ldl import BorderedLdl
 from tactilenlp.solvers.condensed_kkt import CondensedKkt
 from tactilenlp.solvers.interior_point import InteriorPoint
 from tactilenlp.solvers.ipopt import make_ipopt
@@ -67,32 +69,81 @@ def test_both_ways_give_the_same_digits(monkeypatch):
     np.testing.assert_allclose(*found, rtol=1e-14)
 
 
-def test_the_condensed_matrix_is_the_whole_one_without_slacks():
+@pytest.mark.parametrize("shared", [0, 5])
+def test_a_matrix_with_a_border_is_factorised_if_its_inertia_is_right(method, shared):
+    rng = np.random.default_rng(4)
+    matrix, *_ = positive(rng)
+    n = len(matrix)
+    border = np.zeros(n + 2, bool)
+    border[rng.permutation(n)[:shared]] = border[n:] = True
+    A = np.zeros((2, n))
+    A[:, border[:n]] = rng.normal(size=(2, shared))
+    whole = np.block([[matrix, A.T], [A, np.zeros((2, 2))]])
+    places = np.nonzero(np.triu(whole + np.eye(n + 2)))
+    ldl, right = BorderedLdl(*places, border, negative=2), rng.normal(size=n + 2)
+    # Without unknowns that they share the equations read nothing: singular.
+    assert ldl.factorise(whole[places]) == (shared > 0)
+    if shared:
+        np.testing.assert_allclose(whole @ ldl.solve(right), right, atol=1e-11)
+    assert not ldl.factorise(whole[places] - 9.0 * (places[0] == places[1]))
+    plain = BorderedLdl(*np.nonzero(np.triu(matrix)), border[:n])
+    assert plain.factorise(matrix[np.nonzero(np.triu(matrix))])
+    np.testing.assert_allclose(matrix @ plain.solve(right[:n]), right[:n], atol=1e-11)
+
+
+@pytest.mark.parametrize("equal", [(), (2,)])
+def test_the_condensed_matrix_is_the_whole_one_without_slacks(equal):
     rng = np.random.default_rng(3)
     H, J = np.diag([3.0, 4.0, 5.0, 6.0]), np.zeros((3, 4))
     H[0, 2] = H[2, 0] = 0.5
     J[0, :2], J[1, 3], J[2, 1:] = rng.normal(size=2), 1.5, rng.normal(size=3)
     rows = ca.sparsify(ca.DM(J)).sparsity()
     upper = ca.sparsify(ca.DM(np.triu(H))).sparsity()
-    kkt = CondensedKkt(upper, rows)
+    tied = np.isin(np.arange(3), equal)
+    kkt = CondensedKkt(upper, rows, tied)
     second = np.triu(H)[upper.row(), upper.get_col()]
     first = J[rows.row(), rows.get_col()]
     in_x, in_s, fixed = rng.random(4), rng.random(3), np.zeros(4, bool)
-    right = rng.normal(size=4)
-    assert kkt.factorise(kkt.values(second, fixed), first, in_x, in_s, fixed)
-    whole = H + np.diag(in_x) + J.T @ np.diag(in_s) @ J
-    np.testing.assert_allclose(whole @ kkt.solve(right), right, atol=1e-13)
+    right, of_equal = rng.normal(size=4), rng.normal(size=len(equal))
+    A, loose = J[tied], J[~tied]
+    whole = H + np.diag(in_x) + loose.T @ np.diag(in_s[~tied]) @ loose
     np.testing.assert_allclose(kkt.times(first, right), J @ right, atol=1e-15)
     np.testing.assert_allclose(
         kkt.transposed_times(first, in_s), J.T @ in_s, atol=1e-15
     )
-    fixed[1] = True
-    assert kkt.factorise(kkt.values(second, fixed), first, in_x, in_s, fixed)
-    free = np.flatnonzero(~fixed)
-    step = kkt.solve(np.where(fixed, 0.0, right))
-    assert step[1] == 0
-    np.testing.assert_allclose(whole[np.ix_(free, free)] @ step[free], right[free],
-                               atol=1e-13)  # fmt: skip
+    for left_out in ([], [1]):
+        fixed[left_out] = True
+        assert kkt.factorise(kkt.values(second, fixed), first, in_x, in_s, fixed)
+        step, forces = kkt.solve(np.where(fixed, 0.0, right), of_equal)
+        assert not step[fixed].any()
+        sums = whole @ step + A.T @ forces
+        np.testing.assert_allclose(sums[~fixed], right[~fixed], atol=1e-13)
+        np.testing.assert_allclose(A @ step, of_equal, atol=1e-13)
+    assert not kkt.factorise(-9 * kkt.values(second, fixed), first, in_x, in_s, fixed)
+
+
+def test_few_equations_are_met_with_the_multipliers_of_ipopt():
+    problem = Problem()
+    x = problem.variable("x", 3, 4, guess=0.1, lower=-5.0, upper=0.8, unit="m", scale=2)
+    problem.minimize("far", lambda x: ca.sumsqr(x - 1) + ca.sin(x[0]), x, role="prior")
+    problem.subject_to(
+        "ring", lambda x: x[0] ** 2 + x[1] * x[2] - 0.3, x[:, [1]], lower=0, upper=0
+    )
+    problem.subject_to("room", lambda x: ca.sum1(x) ** 2, x, upper=2.0)
+    assert isinstance(make_solver(problem, TIGHT), InteriorPoint)
+    ours, other = (
+        solve(problem, TIGHT, solver=make(problem, TIGHT))
+        for make in (make_solver, make_ipopt)
+    )
+    assert ours.status == other.status == "Solve_Succeeded"
+    assert ours.objective == pytest.approx(other.objective, rel=1e-9)
+    for name, value in other.values.items():
+        np.testing.assert_allclose(ours.values[name], value, atol=1e-7)
+    for name, force in other.multipliers.items():
+        np.testing.assert_allclose(ours.multipliers[name], force, atol=1e-6)
+    assert max(ours.violations.values()) < 1e-9
+    again = solve(problem, TIGHT, start=ours)
+    assert again.iterations < other.iterations
 
 
 @pytest.mark.parametrize("target", [[2.0, 0.3, 0.4], [1.0, 3.0, 4.0], [-4.0, 0.6, 0.8]])
@@ -128,7 +179,7 @@ def test_a_page_ends_where_ipopt_ends(recorded, estimate):
     assert max(ours.violations.values()) < 1e-6
 
 
-def test_equalities_and_options_of_ipopt_alone_are_left_to_ipopt():
+def test_many_equations_and_options_of_ipopt_alone_are_left_to_ipopt():
     assert not isinstance(make_solver(pendulum(), SolverOptions()), InteriorPoint)
     watched = SolverOptions(ipopt={"watchdog_trial_iter_max": 3})
     assert not isinstance(make_solver(decay()[0], watched), InteriorPoint)

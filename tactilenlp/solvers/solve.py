@@ -56,7 +56,7 @@ def _prepared(problem, options, eliminate, shared: dict) -> Programme | None:
         return None
     if "programme" not in shared:
         equal = problem.limits("lower") >= problem.limits("upper")
-        few = _read_by(problem, equal) <= MOST_IN_EQUATIONS
+        few = _read_by(problem, equal) <= min(MOST_IN_EQUATIONS, problem.size // 2)
         shared["programme"] = Programme(problem.assembly, equal) if few else None
     return shared["programme"]
 
