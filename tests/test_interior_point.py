@@ -113,13 +113,18 @@ def test_the_condensed_matrix_is_the_whole_one_without_slacks(equal):
     )
     for left_out in ([], [1]):
         fixed[left_out] = True
-        assert kkt.factorise(kkt.values(second, fixed), first, in_x, in_s, fixed)
+        given = first, in_x, in_s, kkt.touched_by(fixed)
+        assert kkt.factorise(kkt.matrix(second, *given))
         step, forces = kkt.solve(np.where(fixed, 0.0, right), of_equal)
         assert not step[fixed].any()
         sums = whole @ step + A.T @ forces
         np.testing.assert_allclose(sums[~fixed], right[~fixed], atol=1e-13)
         np.testing.assert_allclose(A @ step, of_equal, atol=1e-13)
-    assert not kkt.factorise(-9 * kkt.values(second, fixed), first, in_x, in_s, fixed)
+    assert not kkt.factorise(kkt.matrix(-9 * second, *given))
+    unit = np.eye(4) + loose.T @ loose
+    assert kkt.factorise(kkt.unit(first, kkt.touched_by(np.zeros(4, bool))))
+    step, forces = kkt.solve(right, of_equal)
+    np.testing.assert_allclose(unit @ step + A.T @ forces, right, atol=1e-13)
 
 
 def test_few_equations_are_met_with_the_multipliers_of_ipopt():
@@ -236,11 +241,12 @@ def test_what_is_fixed_stays_and_the_rest_is_optimal():
 
 
 def test_a_step_keeps_a_share_of_each_distance():
-    distance, step = np.array([1.0, 2.0, 4.0]), np.array([3.0, -8.0, -1.0])
-    assert longest_step(distance, step, 0.99) == pytest.approx(0.99 / 4)
-    assert longest_step(distance, np.abs(step), 0.99) == 1.0
-    assert longest_step(distance, -1e-310 * np.abs(step), 0.99) == 1.0
-    assert longest_step(np.zeros(0), np.zeros(0), 0.99) == 1.0
+    distances = np.array([1.0, 2.0]), np.array([4.0])
+    steps = np.array([3.0, -8.0]), np.array([-1.0])
+    assert longest_step(distances, steps, 0.99) == pytest.approx(0.99 / 4)
+    assert longest_step(distances, [abs(one) for one in steps], 0.99) == 1.0
+    assert longest_step(distances, [-1e-310 * abs(s) for s in steps], 0.99) == 1.0
+    assert longest_step([np.zeros(0)], [np.zeros(0)], 0.99) == 1.0
 
 
 def point(w: float, f: float, g: float) -> Point:

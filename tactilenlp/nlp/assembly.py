@@ -34,16 +34,12 @@ class Assembly:
         self._unknowns = _Gathered([term.unknowns for term in self.terms])
         self._given = _Gathered([term.data for term in self.terms])
         self._weights = _Gathered([_multipliers_of(term) for term in self.terms])
-        counts = [_padded(term.instances) for term in self.terms]
         functions = [term.function for term in self.terms]
-        self._values = _Results(counts, [one.rows for one in functions])
-        self._slopes, self._curves = (
-            _Results(counts, [pattern.nnz() for pattern in patterns])
-            for patterns in (
-                [one.jacobian_sparsity for one in functions],
-                [one.hessian_sparsity for one in functions],
-            )
-        )
+        numbers = [one.rows for one in functions]
+        numbers += [one.jacobian_sparsity.nnz() for one in functions]
+        self._first_results = _Results(2 * self.terms, numbers)
+        numbers = [one.hessian_sparsity.nnz() for one in functions]
+        self._second_results = _Results(self.terms, numbers)
         self._at = np.full(len(scale), np.nan), np.full(data, np.nan)
         self._found = None
         self._add_up_values_and_slopes()
@@ -55,11 +51,9 @@ class Assembly:
         if self._found is None:
             for evaluate, _ in self._first:
                 evaluate()
-            values, slopes = self._values.whole, self._slopes.whole
-            f = float(sum(self._costs @ values))
-            gradient = (self._gradients @ slopes).reshape(-1, len(x)).sum(axis=0)
-            g = values[self._constraints]
-            self._found = f, gradient, g, self._jacobian_sums @ slopes
+            sums, n = self._sums @ self._first_results.whole, len(x)
+            g = self._first_results.whole[self._constraints]
+            self._found = float(sums[0]), sums[1 : 1 + n], g, sums[1 + n :]
         return self._found
 
     def second(self, x, p, lam_f: float, lam_g: np.ndarray) -> np.ndarray:
@@ -68,7 +62,7 @@ class Assembly:
         self._weights.gather(np.concatenate(([lam_f], lam_g)))
         for evaluate, _ in self._second:
             evaluate()
-        return self._hessian_sums @ self._curves.whole
+        return self._second_sums @ self._second_results.whole
 
     def for_nlpsol(self) -> dict:
         """Return `nlp` (expressions) and the derivatives, functions, of nlpsol."""
@@ -108,11 +102,12 @@ class Assembly:
     # -- functions on all instances ---------------------------------------------------
     @cached_property
     def _first(self) -> list:
+        found, several = self._first_results, len(self.terms)
         return [
             _on_instances(
                 term.function.first, term.instances,
                 (self._unknowns.of(k), self._given.of(k)),
-                (self._values.of(k), self._slopes.of(k)),
+                (found.of(k), found.of(several + k)),
             )
             for k, term in enumerate(self.terms)
         ]  # fmt: skip
@@ -123,46 +118,42 @@ class Assembly:
             _on_instances(
                 term.function.second, term.instances,
                 (self._unknowns.of(k), self._given.of(k), self._weights.of(k)),
-                (self._curves.of(k),),
+                (self._second_results.of(k),),
             )
             for k, term in enumerate(self.terms)
         ]  # fmt: skip
 
     # -- where results belong ---------------------------------------------------------
     def _add_up_values_and_slopes(self) -> None:
-        """Set what sums costs, their gradients and the Jacobian; where g is read."""
-        n, costs, gradients, constraints = len(self._scale), [], [], [np.zeros(0, int)]
-        jacobian = []
+        """Set what sums f, its gradient and the Jacobian, and where g is read."""
+        n, found, several = len(self._scale), self._first_results, len(self.terms)
+        sums, jacobian, constraints = [], [], [np.zeros(0, int)]
         for k, term in enumerate(self.terms):
             self._deadline.check()
-            values, slopes = self._values.places(k, term), self._slopes.places(k, term)
+            values, slopes = found.places(k), found.places(several + k)
             row, column = term.jacobian_places
             factors = self._scale[column]
             if term.role is None:
                 constraints.append(values)
                 jacobian.append((row + term.first_row, column, factors, slopes))
             else:
-                costs.append((np.full(len(values), len(costs)), values))
-                gradients.append((len(gradients) * n + column, factors, slopes))
+                sums.append((np.zeros(len(values), int), np.ones(len(values)), values))
+                sums.append((1 + column, factors, slopes))
         self._constraints = np.concatenate(constraints)
-        target, read = _joined(costs, 2)
-        count = self._values.size
-        self._costs = _sums(target, np.ones(len(read)), read, len(costs), count)
-        size = n * len(gradients)
-        self._gradients = _sums(*_joined(gradients, 3), size, self._slopes.size)
-        shape = self._rows, n
-        found = _scattered(_joined(jacobian, 4), shape, self._slopes.size)
-        self.jacobian, self._jacobian_sums = found
+        self.jacobian, *places = _scattered(jacobian, (self._rows, n))
+        sums.append((1 + n + places[0], *places[1:]))
+        size = 1 + n + self.jacobian.nnz(), len(found.whole)
+        self._sums = _sums(*_joined(sums, 3), size)
 
     def _add_up_curves(self) -> None:
-        n, hessian = len(self._scale), []
+        n, found, hessian = len(self._scale), self._second_results, []
         for k, term in enumerate(self.terms):
             self._deadline.check()
             i, j, factor = term.hessian_places
             factors = self._scale[i] * self._scale[j] * factor
-            hessian.append((i, j, factors, self._curves.places(k, term)))
-        found = _scattered(_joined(hessian, 4), (n, n), self._curves.size)
-        self.hessian, self._hessian_sums = found
+            hessian.append((i, j, factors, found.places(k)))
+        self.hessian, *places = _scattered(hessian, (n, n))
+        self._second_sums = _sums(*places, (self.hessian.nnz(), len(found.whole)))
 
 
 class _Gathered:
@@ -185,21 +176,20 @@ class _Gathered:
 
 
 class _Results:
-    """What the functions of all terms return: `numbers` for each of `counts`."""
+    """What functions return, one after the other: `numbers` for each instance."""
 
-    def __init__(self, counts, numbers):
-        self._numbers = numbers
-        lengths = [c * n for c, n in zip(counts, numbers, strict=True)]
-        self._starts = np.cumsum([0, *lengths])
-        self.size = int(self._starts[-1])
-        self.whole = np.zeros(self.size)
+    def __init__(self, terms: list, numbers: list[int]):
+        self._lengths = [t.instances * n for t, n in zip(terms, numbers, strict=True)]
+        padded = [_padded(t.instances) * n for t, n in zip(terms, numbers, strict=True)]
+        self._starts = np.cumsum([0, *padded])
+        self.whole = np.zeros(int(self._starts[-1]))
 
     def of(self, k: int) -> np.ndarray:
         return self.whole[self._starts[k] : self._starts[k + 1]]
 
-    def places(self, k: int, term) -> np.ndarray:
-        """Return where the results of the instances of term k are."""
-        return self._starts[k] + np.arange(term.instances * self._numbers[k])
+    def places(self, k: int) -> np.ndarray:
+        """Return where the results of the instances are, which are the first."""
+        return self._starts[k] + np.arange(self._lengths[k])
 
 
 def _padded(instances: int) -> int:
@@ -242,20 +232,21 @@ def _joined(parts: list[tuple], count: int) -> list[np.ndarray]:
     return [np.concatenate([*column]) for column in columns]
 
 
-def _sums(target, factors, read, count: int, size: int) -> sp.csr_matrix:
-    """Return the matrix (count, size) that adds up what is read, times factors."""
-    return sp.csr_matrix((np.asarray(factors, float), (target, read)), (count, size))
+def _sums(target, factors, read, shape) -> sp.csr_matrix:
+    """Return the matrix that adds up what is read, times factors, at each target."""
+    return sp.csr_matrix((factors, (target, read)), shape)
 
 
-def _scattered(parts, shape, size: int) -> tuple[ca.Sparsity, sp.csr_matrix]:
-    """Return the pattern of what stands at (row, column), and what sums its nonzeros.
+def _scattered(parts, shape: tuple[int, int]) -> tuple:
+    """Return the pattern of what stands at (row, column), and arguments of `_sums`.
 
-    parts: rows, columns, factors, and where the numbers are read.
+    parts: rows, columns, factors, and where the numbers are read.  A target is a
+    nonzero of the pattern, which several numbers may share.
     """
-    rows, columns, factors, read = parts
+    rows, columns, factors, read = _joined(parts, 4)
     keys = columns.astype(np.int64) * shape[0] + rows  # column by column, as CasADi's
     places, target = np.unique(keys, return_inverse=True)
     column, row = np.divmod(places, max(1, shape[0]))
     start = np.searchsorted(column, np.arange(shape[1] + 1))
     pattern = ca.Sparsity(*shape, start.tolist(), row.tolist())
-    return pattern, _sums(target, factors, read, len(places), size)
+    return pattern, target, factors, read

@@ -55,11 +55,10 @@ class CondensedKkt:
         i, j = (self.jacobian_columns[k] for k in self._pairs)
         rows = np.r_[hessian.row(), i, np.arange(whole), tied].astype(int)
         columns = np.r_[hessian.get_col(), j, np.arange(whole), equation].astype(int)
-        places, inverse = np.unique(columns * whole + rows, return_inverse=True)
+        places, self._place = np.unique(columns * whole + rows, return_inverse=True)
         self._columns, self._rows = np.divmod(places, whole)
-        self._hessian, self._products, self._diagonal, self._ties = np.split(
-            inverse, np.cumsum([hessian.nnz(), len(i), whole])
-        )
+        self._diagonal = self._place[hessian.nnz() + len(i) :][:n]
+        self._zero = np.zeros(hessian.nnz()), np.zeros(whole - n)
         border = self._read_by_many()
         border[n:] = border[tied] = True
         given = self._rows, self._columns, border, whole - n
@@ -81,36 +80,39 @@ class CondensedKkt:
         products = jacobian * y[self.jacobian_rows]
         return np.bincount(self.jacobian_columns, products, self.shape[1])
 
-    def values(self, hessian: np.ndarray, fixed: np.ndarray) -> np.ndarray:
-        """Return the Hessian's share of the matrix; fixed (n,): unknowns left out."""
-        values = np.bincount(self._hessian, hessian, self.size)
-        if fixed.any():
-            values[self._touches(fixed)] = 0
-        return values
+    def touched_by(self, fixed: np.ndarray) -> tuple:
+        """Return which values fixed unknowns (n,) touch, and which are their pivots."""
+        whole = np.concatenate((fixed, np.zeros(len(self._zero[1]), bool)))
+        touched = np.flatnonzero(whole[self._rows] | whole[self._columns])
+        return touched, self._diagonal[fixed]
 
-    def factorise(self, values, jacobian, in_x, in_s, fixed) -> bool:
-        """Factorise the matrix; tell whether its inertia is that of a minimum.
+    def matrix(self, hessian, jacobian, in_x, in_s, left_out) -> np.ndarray:
+        """Return the values of the matrix; S_x (n,), S_s (m,).
 
-        values: of `values`; in_x (n,), in_s (m,): diagonals S_x, S_s; fixed (n,).
+        hessian, jacobian: nonzeros; left_out: of unknowns that are fixed, `touched_by`.
         """
         left, right = self._pairs
         products = in_s[self._row] * jacobian[left] * jacobian[right]
-        values = values + np.bincount(self._products, products, len(values))
-        values[self._ties] = jacobian[self._tied]
-        if fixed.any():
-            values[self._touches(fixed)] = 0
-            in_x = np.where(fixed, 1.0, in_x)
-        values[self._diagonal[: len(in_x)]] += in_x
+        parts = hessian, products, in_x, self._zero[1], jacobian[self._tied]
+        values = np.bincount(self._place, np.concatenate(parts), self.size)
+        touched, pivots = left_out
+        values[touched] = 0.0
+        values[pivots] = 1.0
+        return values
+
+    def unit(self, jacobian, left_out) -> np.ndarray:
+        """Return the matrix of 1 in place of H, S_x and S_s."""
+        m, n = self.shape
+        return self.matrix(self._zero[0], jacobian, np.ones(n), np.ones(m), left_out)
+
+    def factorise(self, values: np.ndarray) -> bool:
+        """Factorise a `matrix`; tell whether its inertia is that of a minimum."""
         return self._ldl.factorise(values)
 
     def solve(self, of_x: np.ndarray, of_h: np.ndarray) -> tuple:
         """Return dx, dv for the right-hand sides of x and of the equations."""
         found = self._ldl.solve(np.concatenate((of_x, of_h)))
         return found[: len(of_x)], found[len(of_x) :]
-
-    def _touches(self, fixed) -> np.ndarray:
-        fixed = np.r_[fixed, np.zeros(np.count_nonzero(self.equal), bool)]
-        return fixed[self._rows] | fixed[self._columns]
 
 
 def _pairs_of_a_row(rows: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -81,6 +81,7 @@ class _Run:
         self.settings, self.mu = settings, settings.mu_init
         self.began = time.monotonic()
         self.n, self.fixed = len(x0), lbx >= ubx
+        self.left_out = self.kkt.touched_by(self.fixed)
         self.equal = self.kkt.equal  # rows whose slack is the number that they equal
         still = np.r_[self.fixed, self.equal]
         lower = np.where(still, -np.inf, np.r_[lbx, lbg])
@@ -135,12 +136,11 @@ class _Run:
             return np.zeros(0)
         slope = self._spread(-self.z_lo, self.z_hi)
         slope[: self.n] += self.at.gradient
-        weights = np.ones(self.n), np.ones(len(slope) - self.n)
-        none = np.zeros(self.kkt.size)
-        if not self.kkt.factorise(none, self.at.jacobian, *weights, self.fixed):
-            return np.zeros(len(weights[1]))
-        *_, y = self._solved(slope, np.zeros(len(weights[1])), weights[1])
-        return y if np.abs(y).max() <= LARGEST_MULTIPLIER else np.zeros(len(y))
+        none = np.zeros(len(slope) - self.n)
+        if not self.kkt.factorise(self.kkt.unit(self.at.jacobian, self.left_out)):
+            return none
+        *_, y = self._solved(slope, none, np.ones(len(none)))
+        return y if np.abs(y).max() <= LARGEST_MULTIPLIER else none
 
     # -- where to stop ----------------------------------------------------------------
     def _measure(self) -> None:
@@ -218,11 +218,11 @@ class _Run:
         at, kkt, n = self.at, self.kkt, self.n
         weights = self._spread(self.z_lo / at.below, self.z_hi / at.above)
         hessian = self.programme.hessian(at.w[:n], self.data, self.y)
-        values, delta = kkt.values(hessian, self.fixed), 0.0
-        while not kkt.factorise(
-            values, at.jacobian, weights[:n] + delta, weights[n:] + delta, self.fixed
-        ):
+        given = hessian, at.jacobian, weights[:n], weights[n:], self.left_out
+        matrix, unit, delta = kkt.matrix(*given), None, 0.0
+        while not kkt.factorise(matrix if unit is None else matrix + delta * unit):
             delta = self._next_damping(delta)
+            unit = kkt.unit(at.jacobian, self.left_out) if unit is None else unit
         self.damping = delta or self.damping
         dx, ds, y = self._solved(slope, at.residual, weights[n:] + delta)
         return dx, ds, y - self.y
@@ -261,10 +261,9 @@ class _Run:
         """
         at, mu = self.at, self.mu
         tau = max(LEAST_TAU, 1 - mu)
-        longest = min(longest_step(at.below, dw[self.lo], tau),
-                      longest_step(at.above, -dw[self.hi], tau))  # fmt: skip
-        of_z = min(longest_step(self.z_lo, dz_lo, tau),
-                   longest_step(self.z_hi, dz_hi, tau))  # fmt: skip
+        distances, z = (at.below, at.above), (self.z_lo, self.z_hi)
+        longest = longest_step(distances, (dw[self.lo], -dw[self.hi]), tau)
+        of_z = longest_step(z, (dz_lo, dz_hi), tau)
         alpha, self.at = self._line_search(dw, slope, longest)
         self.shortened = self.shortened + 1 if alpha < longest else 0
         if self.shortened > MOST_SHORTENED:

@@ -70,12 +70,15 @@ class Filter:
         return any(theta >= a and phi >= b for a, b in self.entries)
 
 
-def longest_step(distance, step, tau: float) -> float:
-    """Return the longest step, at most 1, that keeps 1 - tau of each distance, (15)."""
-    shrinks = step < 0
-    with np.errstate(over="ignore"):  # a step of 1e-310 is none: any length is allowed
-        lengths = tau * distance[shrinks] / -step[shrinks]
-    return min(1.0, lengths.min(initial=1.0))
+def longest_step(distances, steps, tau: float) -> float:
+    """Return the longest step, at most 1, that keeps 1 - tau of each distance, (15).
+
+    distances, steps: arrays, from lower and from upper bounds.
+    """
+    distance, step = np.concatenate(distances), np.concatenate(steps)
+    # One that is overstepped is the first to be; steps of 1e-310 are not divided by.
+    over = step < -tau * distance
+    return min(1.0, (tau * distance[over] / -step[over]).min(initial=1.0))
 
 
 def _least_step(theta: float, slope: float, nearly_feasible: bool) -> float:

@@ -36,8 +36,23 @@ int tactilenlp_factorise(int n, const int *a_start, const int *a_row, const doub
     return 0;
 }
 
+/* Replace x (n) by the solution of L D L' x = x. */
+static void substitute_one(int n, const int *l_start, const int *l_row,
+                           const double *l, const double *d, double *x)
+{
+    for (int c = 0; c < n; ++c)
+        for (int m = l_start[c]; m < l_start[c + 1]; ++m)
+            x[c] -= l[m] * x[l_row[m]];
+    for (int c = 0; c < n; ++c)
+        x[c] /= d[c];
+    for (int c = n - 1; c >= 0; --c)
+        for (int m = l_start[c]; m < l_start[c + 1]; ++m)
+            x[l_row[m]] -= l[m] * x[c];
+}
+
 /* Subtract f times one row of k numbers from another. */
-static inline void subtract(int k, double f, const double *restrict from, double *restrict to)
+static inline void subtract(int k, double f, const double *restrict from,
+                            double *restrict to)
 {
     for (int i = 0; i < k; ++i)
         to[i] -= f * from[i];
@@ -45,15 +60,19 @@ static inline void subtract(int k, double f, const double *restrict from, double
 
 /* Replace x (n rows of k numbers) by the solutions of L D L' x = x. */
 void tactilenlp_substitute(int n, const int *l_start, const int *l_row, const double *l,
-                           const double *d, int k, double *x)
+                           const double *d, long k, double *x)
 {
-    for (long c = 0; c < n; ++c)
+    if (k == 1) {
+        substitute_one(n, l_start, l_row, l, d, x);
+        return;
+    }
+    for (int c = 0; c < n; ++c)
         for (int m = l_start[c]; m < l_start[c + 1]; ++m)
-            subtract(k, l[m], x + (long)k * l_row[m], x + k * c);
-    for (long c = 0; c < n; ++c)
+            subtract(k, l[m], x + k * l_row[m], x + k * c);
+    for (int c = 0; c < n; ++c)
         for (int i = 0; i < k; ++i)
             x[k * c + i] /= d[c];
-    for (long c = n - 1; c >= 0; --c)
+    for (int c = n - 1; c >= 0; --c)
         for (int m = l_start[c]; m < l_start[c + 1]; ++m)
-            subtract(k, l[m], x + k * c, x + (long)k * l_row[m]);
+            subtract(k, l[m], x + k * c, x + k * l_row[m]);
 }

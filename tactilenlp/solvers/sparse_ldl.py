@@ -81,7 +81,7 @@ class _Compiled:
 
     def solve(self, right) -> np.ndarray:
         x = np.array(right, order="C")
-        self._substitute(*self._factors, x[:1].size, _address(x))
+        self._substitute(*self._factors, ctypes.c_long(x[:1].size), _address(x))
         return x
 
 
