@@ -1,7 +1,7 @@
 """Factorisation of sparse symmetric matrices with a border of dense rows.
 
-    [ C   B ]       C: sparse, must be positive definite
-    [ B'  D ]       S = D - B' C^-1 B, dense, must have a given number of eigenvalues < 0
+    [ C   B ]     C: sparse, must be positive definite
+    [ B'  D ]     S = D - B' C^-1 B: dense, must have a given number of eigenvalues < 0
 
 By Haynsworth's formula (Linear Algebra Appl. 1, 1968) the inertia of the whole matrix
 is the sum of those of C and S.  Unknowns that many others are coupled to, such as the
@@ -44,7 +44,7 @@ class BorderedLdl:
         self._corner = np.minimum(*corner), np.maximum(*corner)
 
     def factorise(self, values: np.ndarray) -> bool:
-        """Factorise the matrix with these values (k,); False if its inertia is wrong."""
+        """Factorise the matrix of these values (k,); False if its inertia is wrong."""
         count = len(self._border)
         if not count:
             return self._core.factorise(values)

@@ -14,8 +14,8 @@ S_s > 0 can be inverted:
 
 The whole matrix has the inertia that a minimum needs exactly if this one has as many
 eigenvalues below zero as there are equations h (Nocedal and Wright, Numerical
-Optimization, 2006, chapter 19).  Equations, what they read and unknowns that many others
-are coupled to are the border of its factors.
+Optimization, 2006, chapter 19).  Equations, what they read and unknowns that many
+others are coupled to are the border of its factors.
 """
 
 from __future__ import annotations
