@@ -249,7 +249,7 @@ def _derivatives(problem, ends, step: float, names=(TOUCH_TERM,)) -> tuple:
     unknowns and data at r = step, 0, -step.
     """
     costs = [sum(problem.value(n, *end).sum() for n in names) for end in ends]
-    slopes = [gradient(problem, *end, costs=names) for end in (ends[0], ends[2])]
+    slopes = [gradient(problem, *end, names) for end in (ends[0], ends[2])]
     bend = (costs[0] - 2 * costs[1] + costs[2]) / step**2
     return (
         *((slopes[0] - slopes[1]) / (2 * step), (costs[2] - costs[0]) / (2 * step)),
@@ -278,10 +278,10 @@ def kkt_residual(problem, kkt: KKTSystem, data=None) -> tuple[np.ndarray, np.nda
     """
     if data is None:
         data = kkt.data + (problem.data() - kkt.problem.data())
-    x = kkt.x
-    values = [problem.value(name, x, data).ravel() for name in problem.constraints]
-    slope = gradient(problem, x, data, kkt.multipliers)
-    return slope, np.concatenate([np.zeros(0), *values])
+    forces = [np.ravel(kkt.multipliers[name]) for name in problem.constraints]
+    forces = np.concatenate([np.zeros(0), *forces])
+    slope, g = problem.assembly.lagrangian(kkt.x / problem.scale, data, forces)
+    return slope / problem.scale, g
 
 
 def difference(by_gradient, by_constraint, ends, step) -> np.ndarray:

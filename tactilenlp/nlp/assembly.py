@@ -56,6 +56,13 @@ class Assembly:
             self._found = float(sums[0]), sums[1 : 1 + n], g, sums[1 + n :]
         return self._found
 
+    def lagrangian(self, x, p, lam_g: np.ndarray) -> tuple:
+        """Return the gradient (n,) of f + lam_g' g, and g (rows,)."""
+        _, gradient, g, slopes = self.evaluated(x, p)
+        rows, columns = np.array(self.jacobian.get_triplet(), int)
+        pulls = np.bincount(columns, slopes * lam_g[rows], len(x))
+        return gradient + pulls, g
+
     def second(self, x, p, lam_f: float, lam_g: np.ndarray) -> np.ndarray:
         """Return the nonzeros of the Hessian of lam_f f + lam_g' g."""
         self._look(x, p)

@@ -23,24 +23,21 @@ from scipy.sparse.linalg import splu
 
 from .term_functions import applied
 
-NO_MULTIPLIERS: Mapping[str, np.ndarray] = {}
 LEAST_CURVATURE = 1e-9  # [1 / scaled unknown^2] l, far below that of measured unknowns
 BORDER_ENTRIES = 4.0  # [-] times the entries of the median column: part of the border
 
 
-def gradient(problem, x, data, multipliers=NO_MULTIPLIERS, costs=None) -> np.ndarray:
-    """Return the gradient of the Lagrangian (unknowns,) at x (unknowns,), both SI.
+def gradient(problem, x, data, weights) -> np.ndarray:
+    """Return the gradient (unknowns,) of a sum of terms at x (unknowns,), both SI.
 
-    multipliers: by constraint; without any, the gradient of the costs alone; costs:
-    names of the costs that count, by default all.
+    weights: by term, one for all its rows or one for each; or names, of weight 1.
     """
-    names = problem.costs if costs is None else costs
-    weights = {**dict.fromkeys(names, np.ones(1)), **multipliers}
+    weights = weights if isinstance(weights, Mapping) else dict.fromkeys(weights, 1.0)
     g = np.zeros(problem.size)
     for name, weight in weights.items():
         term = problem.terms[name]
-        slopes = np.asarray(applied(term, "first", x, data)[1]).T.ravel()
         rows, columns = term.jacobian_places
+        slopes = np.asarray(applied(term, "first", x, data)[1]).T.ravel()
         weight = np.broadcast_to(np.ravel(weight), term.rows)
         g += np.bincount(columns, slopes * weight[rows], problem.size)
     return g

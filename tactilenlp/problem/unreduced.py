@@ -39,12 +39,12 @@ class UnreducedProblem:
     @cached_property
     def slope(self) -> np.ndarray:
         """The gradient (unknowns,) of the costs, SI."""
-        return gradient(self.problem, self.x, self.data)
+        return gradient(self.problem, self.x, self.data, [*self.problem.costs])
 
     @property
     def whole_slope(self) -> np.ndarray:
         """The gradient (unknowns,) of costs and constraints times multipliers, SI."""
-        held = gradient(self.problem, self.x, self.data, self.multipliers, costs=())
+        held = gradient(self.problem, self.x, self.data, self.multipliers)
         return self.slope + held
 
 

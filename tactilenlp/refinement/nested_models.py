@@ -192,7 +192,7 @@ def gain_with_others_held(job, solved: Solved, unknown: str) -> float:
         def cost(change, data=data):
             x[own] = scale * change
             value = sum(problem.value(name, x, data).sum() for name in costs)
-            return value, scale * gradient(problem, x, data, costs=costs)[own]
+            return value, scale * gradient(problem, x, data, costs)[own]
 
         start = np.zeros(len(scale))
         least = minimize(cost, start, jac=True, method="BFGS").fun

@@ -232,8 +232,7 @@ class _Run:
         kkt, jacobian, n = self.kkt, self.at.jacobian, self.n
         pull = np.where(self.equal, 0.0, in_s * residual + slope[n:])
         right = -slope[:n] - kkt.transposed_times(jacobian, pull)
-        right = np.where(self.fixed, 0.0, right)
-        dx, y_equal = kkt.solve(right, -residual[self.equal])
+        dx, y_equal = kkt.solve(np.where(self.fixed, 0.0, right), -residual[self.equal])
         ds = kkt.times(jacobian, dx) + residual
         y = in_s * ds + slope[n:]
         ds[self.equal], y[self.equal] = 0.0, y_equal
