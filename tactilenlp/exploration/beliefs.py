@@ -22,7 +22,6 @@ from formulations.rigid_body import ARM, FREE, PLANAR
 from ..geometry.transforms import rotation_of
 from ..information.finger_offsets import prior_of_offsets
 from ..information.tangent_space import tangent_of
-from ..nlp.term_functions import mapped
 from ..search.hypothesis import Hypothesis, distinct
 from .push_model import sample_information_function
 
@@ -195,7 +194,7 @@ def information_of_samples(estimate, shape, theta, x, offset, size: int) -> np.n
     t, f = np.nonzero(data.valid)
     k = len(theta) + len(x)
     z = np.vstack([np.repeat(theta[:, None], len(t), axis=1), x[:, t]])
-    found = mapped(sample_information_function(shape, len(x) > 3), len(t))(
+    found = sample_information_function(shape, len(x) > 3).map(len(t))(
         z, points[t, f].T, data.finger_radius[f][None],
         data.contact[t, f][None].astype(float), sensor_model(estimate),
     )  # fmt: skip

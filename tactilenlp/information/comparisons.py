@@ -35,7 +35,6 @@ from ..common.validation import as_floats, is_whole
 from ..errors import OptionError, TactileError
 from ..nlp.kkt import LEAST_CURVATURE
 from ..nlp.kkt_sensitivity import KKTSystem
-from ..nlp.term_functions import mapped
 
 
 def gauss_newton(kkt: KKTSystem) -> KKTSystem:
@@ -219,7 +218,7 @@ def local_hessians(kkt: KKTSystem, name: str) -> np.ndarray:
     term = kkt.problem.terms[name]
     function, x, data = term.function, kkt.x, kkt.data
     weight = kkt.multipliers.get(name, np.ones((term.instances, function.rows)))
-    second = mapped(function.second, term.instances)
+    second = function.mapped("second", term.instances)
     upper = second(x[term.unknowns].T, data[term.data].T, weight.T)
     i, j = (np.array(p, int) for p in function.hessian_sparsity.get_triplet())
     local = np.zeros((term.instances, term.unknowns.shape[1], term.unknowns.shape[1]))

@@ -29,7 +29,6 @@ from ..data.sensor_noise import RAYLEIGH_MEDIAN, Precision, smoothing_matrices
 from ..errors import PageError
 from ..geometry.transforms import turned_back
 from ..nlp.kkt_sensitivity import KKTSystem
-from ..nlp.term_functions import mapped
 
 DATUM_STEP = 1e-6  # [-] of a datum, at least of LEAST_DATUM: of the central differences
 LEAST_DATUM = 1e-2  # [SI]
@@ -133,7 +132,7 @@ def _differences(kkt: KKTSystem, name: str, columns: Iterable[int]):
     """
     problem = kkt.problem
     term = problem.terms[name]
-    function, first = term.function, mapped(term.function.first, term.instances)
+    function, first = term.function, term.function.mapped("first", term.instances)
     rows, places = (np.array(i, int) for i in function.jacobian_sparsity.get_triplet())
     weight = kkt.multipliers.get(name, np.ones((term.instances, function.rows)))
     z, d = kkt.x[term.unknowns].T, kkt.data[term.data].T

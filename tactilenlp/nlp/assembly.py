@@ -8,6 +8,7 @@ sparse matrix of the factors by which unknowns are scaled.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 
 import casadi as ca
@@ -15,7 +16,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..common.deadline import NEVER, Deadline
-from .callbacks import ArrayFunction
 from .simd import WIDTH
 
 
@@ -31,15 +31,17 @@ class Assembly:
     def __init__(self, terms, scale, data: int, rows: int, deadline: Deadline = NEVER):
         self.terms, self._scale, self._rows = [*terms], scale, rows
         self._data, self._deadline = data, deadline
-        self._unknowns = _Gathered([term.unknowns for term in self.terms])
-        self._given = _Gathered([term.data for term in self.terms])
+        self._at_terms = (
+            _Gathered([term.unknowns for term in self.terms]),
+            _Gathered([term.data for term in self.terms]),
+        )
         self._weights = _Gathered([_multipliers_of(term) for term in self.terms])
         functions = [term.function for term in self.terms]
-        numbers = [one.rows for one in functions]
-        numbers += [one.jacobian_sparsity.nnz() for one in functions]
-        self._first_results = _Results(2 * self.terms, numbers)
-        numbers = [one.hessian_sparsity.nnz() for one in functions]
-        self._second_results = _Results(self.terms, numbers)
+        self._roots = _Results(self.terms, [f.roots for f in functions])
+        slopes = [f.jacobian_sparsity.nnz() for f in functions]
+        self._found_first = _Results(self.terms, [f.rows for f in functions], slopes)
+        curves = [f.hessian_sparsity.nnz() for f in functions]
+        self._found_second = _Results(self.terms, curves)
         self._at = np.full(len(scale), np.nan), np.full(data, np.nan)
         self._found = None
         self._add_up_values_and_slopes()
@@ -51,8 +53,8 @@ class Assembly:
         if self._found is None:
             for evaluate, _ in self._first:
                 evaluate()
-            sums, n = self._sums @ self._first_results.whole, len(x)
-            g = self._first_results.whole[self._constraints]
+            sums, n = self._sums @ self._found_first.whole, len(x)
+            g = self._found_first.whole[self._constraints]
             self._found = float(sums[0]), sums[1 : 1 + n], g, sums[1 + n :]
         return self._found
 
@@ -69,75 +71,67 @@ class Assembly:
         self._weights.gather(np.concatenate(([lam_f], lam_g)))
         for evaluate, _ in self._second:
             evaluate()
-        return self._second_sums @ self._second_results.whole
+        return self._second_sums @ self._found_second.whole
 
     def for_nlpsol(self) -> dict:
         """Return `nlp` (expressions) and the derivatives, functions, of nlpsol."""
-        n, one = len(self._scale), ca.Sparsity.dense(1)
-        x, p, g = (ca.Sparsity.dense(k) for k in (n, self._data, self._rows))
+        sizes = len(self._scale), self._data, self._rows, 1
+        x, p, g, one = map(ca.Sparsity.dense, sizes)
+        made = (
+            ("value", lambda *at: self.evaluated(*at)[::2], (x, p), (one, g)),
+            ("grad_f", lambda *at: self.evaluated(*at)[:2], (x, p), (one, x)),
+            ("jac_g", lambda *at: self.evaluated(*at)[2:], (x, p), (g, self.jacobian)),
+            ("hess_lag", self._hess_lag, (x, p, one, g), (self.hessian,)),
+        )
+        functions = {name: ArrayFunction(name, *how) for name, *how in made}
+        x, p = ca.MX.sym("x", x), ca.MX.sym("p", p)
+        f, g = functions["value"](x, p)
+        return {"nlp": {"x": x, "p": p, "f": f, "g": g}, **functions}
 
-        def call(name, function, inputs, outputs):
-            return ArrayFunction(name, function, inputs, outputs)
-
-        values = call("value", lambda *at: self.evaluated(*at)[::2], [x, p], [one, g])
-        symbols = ca.MX.sym("x", x), ca.MX.sym("p", p)
-        f, rows = values(*symbols)
-        return {
-            "nlp": {"x": symbols[0], "p": symbols[1], "f": f, "g": rows},
-            "grad_f": call(
-                "grad_f", lambda *at: self.evaluated(*at)[:2], [x, p], [one, x]
-            ),
-            "jac_g": call(
-                "jac_g", lambda *at: self.evaluated(*at)[2:], [x, p],
-                [g, self.jacobian],
-            ),
-            "hess_lag": call(
-                "hess_lag", lambda x, p, f, g: (self.second(x, p, f[0], g),),
-                [x, p, one, g], [self.hessian],
-            ),
-            "alive": values,
-        }  # fmt: skip
+    def _hess_lag(self, x, p, lam_f, lam_g) -> tuple:
+        return (self.second(x, p, lam_f[0], lam_g),)
 
     def _look(self, x, p) -> None:
         """Gather what the terms read at x, p, unless they were looked at last."""
         if np.array_equal(x, self._at[0]) and np.array_equal(p, self._at[1]):
             return
         self._at, self._found = (x.copy(), p.copy()), None
-        self._unknowns.gather(x * self._scale)
-        self._given.gather(p)
+        unknowns, data = self._at_terms
+        unknowns.gather(x * self._scale)
+        data.gather(p)
+        for evaluate, _ in self._solve:
+            evaluate()
 
     # -- functions on all instances ---------------------------------------------------
     @cached_property
+    def _solve(self) -> list:
+        return self._calls("roots", self._at_terms, self._roots)
+
+    @cached_property
     def _first(self) -> list:
-        found, several = self._first_results, len(self.terms)
-        return [
-            _on_instances(
-                term.function.first, term.instances,
-                (self._unknowns.of(k), self._given.of(k)),
-                (found.of(k), found.of(several + k)),
-            )
-            for k, term in enumerate(self.terms)
-        ]  # fmt: skip
+        return self._calls("first", (*self._at_terms, self._roots), self._found_first)
 
     @cached_property
     def _second(self) -> list:
+        read = *self._at_terms, self._roots, self._weights
+        return self._calls("second", read, self._found_second)
+
+    def _calls(self, name: str, read, found) -> list:
+        """Return what evaluates a part of all terms, between slices of long arrays."""
         return [
-            _on_instances(
-                term.function.second, term.instances,
-                (self._unknowns.of(k), self._given.of(k), self._weights.of(k)),
-                (self._second_results.of(k),),
-            )
+            _on_instances(term, name, [a for r in read for a in r.of(k)], found.of(k))
             for k, term in enumerate(self.terms)
-        ]  # fmt: skip
+            if term.function.part(name).nnz_out()
+        ]
 
     # -- where results belong ---------------------------------------------------------
     def _add_up_values_and_slopes(self) -> None:
         """Set what sums f, its gradient and the Jacobian, and where g is read."""
-        n, found, several = len(self._scale), self._first_results, len(self.terms)
+        n, found = len(self._scale), self._found_first
         sums, jacobian, constraints = [], [], [np.zeros(0, int)]
         for k, term in enumerate(self.terms):
             self._deadline.check()
-            values, slopes = found.places(k), found.places(several + k)
+            values, slopes = found.places(k), found.places(k, 1)
             row, column = term.jacobian_places
             factors = self._scale[column]
             if term.role is None:
@@ -153,7 +147,7 @@ class Assembly:
         self._sums = _sums(*_joined(sums, 3), size)
 
     def _add_up_curves(self) -> None:
-        n, found, hessian = len(self._scale), self._second_results, []
+        n, found, hessian = len(self._scale), self._found_second, []
         for k, term in enumerate(self.terms):
             self._deadline.check()
             i, j, factor = term.hessian_places
@@ -178,25 +172,33 @@ class _Gathered:
     def gather(self, vector: np.ndarray) -> None:
         np.take(vector, self._indices, out=self.whole, mode="clip")
 
-    def of(self, k: int) -> np.ndarray:
-        return self.whole[self._starts[k] : self._starts[k + 1]]
+    def of(self, k: int) -> list[np.ndarray]:
+        """Return what the instances of term k read."""
+        return [self.whole[self._starts[k] : self._starts[k + 1]]]
 
 
 class _Results:
-    """What functions return, one after the other: `numbers` for each instance."""
+    """What the functions of all terms return.
 
-    def __init__(self, terms: list, numbers: list[int]):
-        self._lengths = [t.instances * n for t, n in zip(terms, numbers, strict=True)]
-        padded = [_padded(t.instances) * n for t, n in zip(terms, numbers, strict=True)]
-        self._starts = np.cumsum([0, *padded])
-        self.whole = np.zeros(int(self._starts[-1]))
+    numbers: of each result, how many one instance of every term has.
+    """
 
-    def of(self, k: int) -> np.ndarray:
-        return self.whole[self._starts[k] : self._starts[k + 1]]
+    def __init__(self, terms: list, *numbers: list[int]):
+        counts = [term.instances for term in terms]
+        padded = [_padded(count) for count in counts]
+        self._lengths = np.multiply(numbers, counts)
+        self._starts = np.cumsum([0, *np.multiply(numbers, padded).ravel()])
+        self._terms, self.whole = len(terms), np.zeros(self._starts[-1])
 
-    def places(self, k: int) -> np.ndarray:
-        """Return where the results of the instances are, which are the first."""
-        return self._starts[k] + np.arange(self._lengths[k])
+    def of(self, k: int) -> list[np.ndarray]:
+        """Return where the results of term k are written."""
+        several = range(k, len(self._starts) - 1, self._terms)
+        return [self.whole[self._starts[i] : self._starts[i + 1]] for i in several]
+
+    def places(self, k: int, which: int = 0) -> np.ndarray:
+        """Return where a result of all instances of term k is."""
+        first = self._starts[which * self._terms + k]
+        return first + np.arange(self._lengths[which, k])
 
 
 def _padded(instances: int) -> int:
@@ -216,13 +218,14 @@ def _multipliers_of(term) -> np.ndarray:
     return 1 + term.first_row + np.arange(term.rows).reshape(shape)
 
 
-def _on_instances(function: ca.Function, instances: int, given, found) -> tuple:
-    """Return what applies a term's function to all instances, and what it needs alive.
+def _on_instances(term, name: str, given, found) -> tuple:
+    """Return what applies a part of a term to all instances, and what that needs alive.
 
     given, found: slices of arrays that it reads and writes.
     """
+    function = term.function.part(name)
     width = function.size2_in(0)
-    calls = -(-instances // width)
+    calls = -(-term.instances // width)
     buffer, evaluate = function.map(calls).buffer()
     for k, array in enumerate(given):
         if size := function.size1_in(k) * width * calls:
@@ -257,3 +260,41 @@ def _scattered(parts, shape: tuple[int, int]) -> tuple:
     start = np.searchsorted(column, np.arange(shape[1] + 1))
     pattern = ca.Sparsity(*shape, start.tolist(), row.tolist())
     return pattern, target, factors, read
+
+
+class ArrayFunction(ca.Callback):
+    """A function of arrays, given nonzeros and returning tuples of them.
+
+    inputs, outputs: patterns.  Who uses it in an expression keeps it alive.
+    """
+
+    def __init__(self, name: str, function: Callable, inputs, outputs):
+        ca.Callback.__init__(self)
+        self._function, self._inputs, self._outputs = function, inputs, outputs
+        self.construct(name, {})
+
+    def get_n_in(self):
+        return len(self._inputs)
+
+    def get_n_out(self):
+        return len(self._outputs)
+
+    def get_sparsity_in(self, i):
+        return self._inputs[i]
+
+    def get_sparsity_out(self, i):
+        return self._outputs[i]
+
+    def has_eval_buffer(self):
+        return True
+
+    def eval_buffer(self, arguments, results):
+        given = [
+            np.zeros(pattern.nnz()) if one is None else np.frombuffer(one)
+            for one, pattern in zip(arguments, self._inputs, strict=True)
+        ]  # CasADi's null pointer stands for zeros
+        found = self._function(*given)
+        for out, values in zip(results, found, strict=True):
+            if out is not None:
+                np.frombuffer(out)[:] = values
+        return 0

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
-from .term_functions import mapped
 from .terms import Term
 
 if TYPE_CHECKING:
@@ -68,14 +67,14 @@ def _differences(function, z, d, weight, scale, width):
 def _scaled(function, z, d, weight, scale, second=True):
     """Return value (r, k), Jacobian (r, n, k), weighted Hessian (n, n, k), scaled."""
     count = z.shape[1]
-    value, nonzeros = mapped(function.first, count)(z, d)
+    value, nonzeros = function.mapped("first", count)(z, d)
     i, j = (np.array(p, int) for p in function.jacobian_sparsity.get_triplet())
     jacobian = np.zeros((function.rows, *z.shape))
     jacobian[i, j] = np.asarray(nonzeros) * scale[j]
     hessian = np.zeros((len(z), *z.shape))
     if second:
         i, j = (np.array(p, int) for p in function.hessian_sparsity.get_triplet())
-        upper = np.asarray(mapped(function.second, count)(z, d, weight))
+        upper = np.asarray(function.mapped("second", count)(z, d, weight))
         hessian[i, j] = hessian[j, i] = upper * scale[i] * scale[j]
     return np.asarray(value), jacobian, hessian
 

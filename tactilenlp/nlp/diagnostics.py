@@ -62,7 +62,7 @@ def describe(problem: Problem) -> str:
 def _derivatives(problem: Problem) -> str:
     """Return in words how many nonzeros the derivatives of a problem have."""
     terms = problem.terms.values()
-    if any(t.function.first is None for t in terms):
+    if any(t.function.jacobian_sparsity is None for t in terms):
         return "no derivatives: it was evaluated, not solved"
     places = [(t.first_row, t.jacobian_places) for t in problem.constraints.values()]
     jacobian = _nonzeros(((row + i, j) for row, (i, j) in places), problem.size)

@@ -186,7 +186,7 @@ class Problem:
     def value(self, name: str, x: np.ndarray, data: np.ndarray) -> np.ndarray:
         """Evaluate one term at every instance, (instances, rows)."""
         term = self.terms.get(name) or self.reports[name]
-        out = np.asarray(applied(term, "value", x, data))
+        out = np.asarray(applied(term, "first", x, data)[0])
         return out.T.reshape(term.instances, term.function.rows)
 
     def jacobian(self, name: str, x: np.ndarray, data: np.ndarray) -> sp.csc_matrix:
@@ -204,7 +204,7 @@ class Problem:
         shape = (term.instances, term.function.rows)
         whole = np.reshape(multiplier, shape) if np.ndim(multiplier) else multiplier
         weight = np.broadcast_to(whole, shape)
-        nonzeros = applied(term, "second", x, data, weight.T)
+        nonzeros = applied(term, "second", x, data, weight.T)[0]
         rows, columns, factor = term.hessian_places
         values, off = np.asarray(nonzeros).T.ravel() * factor, rows != columns
         i, j = np.r_[rows, columns[off]], np.r_[columns, rows[off]]

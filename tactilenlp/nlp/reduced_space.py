@@ -19,8 +19,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from ..errors import PageError
-from .callbacks import ArrayFunction
-from .term_functions import mapped
+from .assembly import ArrayFunction
 
 
 class Eliminated:
@@ -57,7 +56,7 @@ class Eliminated:
         for name, rows in self.rounds:
             term = self.problem.constraints[name]
             z, d = x[term.unknowns[rows]], data[term.data[rows]]
-            residual = mapped(term.function.value, len(rows))(z.T, d.T)
+            residual = term.function.mapped("first", len(rows))(z.T, d.T)[0]
             given = self.problem.given[name][rows]
             x[given] += np.asarray(residual).T * scale[given]
         return x

@@ -1,16 +1,10 @@
 """Term functions: value, Jacobian and Hessian of one term, derived once for all uses.
 
 A term is written as a small pure function of a few local unknowns and data.  It is
-traced with CasADi SX, differentiated exactly and kept under its serialised expression,
-so that an edited page is derived again and an unedited one is not: in this process by a
-`TermFunctionCache`, on this machine, where there is a C compiler, by codegen.py.
-
-Of a term v(z, u) that reads roots u of F(u, z) = 0, as whoever poses it notes, with
-U = du/dz = -F_u^-1 F_z, multipliers l, and m = -F_u^-T v_u' l,
-
-    dv/dz = v_z + v_u U,     Hessian of l'v:  [1; U]' (l'v + m'F)'' [1; U],
-
-the second derivatives by z and u.
+traced with CasADi SX, differentiated exactly (derivation.py) and kept under its
+serialised expression, so that an edited page is derived again and an unedited one is
+not: in this process by a `TermFunctionCache`, on this machine, where there is a C
+compiler, by codegen.py.
 """
 
 from __future__ import annotations
@@ -21,17 +15,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import cache
-from itertools import islice
-from typing import NamedTuple
 
 import casadi as ca
 
 from ..common.deadline import NEVER, Deadline
 from ..errors import PageError
 from .codegen import begun, kept
+from .derivation import PARTS, Traced, derivatives, trace, values
 from .simd import vector_source
 
-PARTS = ("value", "first", "second", "patterns")  # names of the compiled functions
 REMEDIES = {  # of what keeps a function from being traced, by words of the error
     "truth value": "write casadi.if_else(condition, a, b), casadi.fmax or casadi.fmin",
     "positional argument": "the function takes each argument of the term, in order",
@@ -39,34 +31,44 @@ REMEDIES = {  # of what keeps a function from being traced, by words of the erro
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TermFunction:
-    """Functions of (unknowns z, data d, multiplier l) that a term's instances share.
+    """Functions of (unknowns z, data d, roots u, multipliers l) of a term's instances.
 
-    `value` (z, d) -> (m,); `first` (z, d) -> (m,), nonzeros of the Jacobian;
-    `second` (z, d, l) -> nonzeros of the upper triangle of the Hessian of l' value.
-    Compiled, each may take several instances at once, as columns: see `mapped`.
-    made: returns these three, waiting for their compilation where it still runs.
+    `roots` (z, d) -> u, at which the others are evaluated: `first` (z, d, u) -> value
+    (m,), nonzeros of the Jacobian; `second` (z, d, u, l) -> nonzeros of the upper
+    triangle of the Hessian of l' value.  Compiled, each may take several instances at
+    once, as columns: see `repeated`.  rows, unknowns, data, roots: lengths of value,
+    z, d, u; made: returns the functions, waiting for compilers that still run.
     """
 
     rows: int
     unknowns: int
     data: int
+    roots: int
     made: Callable[[], list[ca.Function]]
     jacobian_sparsity: ca.Sparsity | None = None
     hessian_sparsity: ca.Sparsity | None = None
+    _mapped: dict = field(default_factory=dict, init=False, repr=False)
 
-    @property
-    def value(self) -> ca.Function:
-        return self.made()[0]
+    def part(self, name: str) -> ca.Function:
+        """Return one of the functions, by its name in PARTS."""
+        return self.made()[PARTS.index(name)]
 
-    @property
-    def first(self) -> ca.Function:
-        return self.made()[1]
+    def mapped(self, name: str, instances: int) -> ca.Function:
+        """Return a part on `instances` columns, with its roots.
 
-    @property
-    def second(self) -> ca.Function:
-        return self.made()[2]
+        (z, d), of `second` (z, d, l), to what the part returns.
+        """
+        if (name, instances) not in self._mapped:
+            sizes = self.unknowns, self.data, *[self.rows] * (name == "second")
+            given = [ca.MX.sym(f"a{k}", n, instances) for k, n in enumerate(sizes)]
+            u = repeated(self.part("roots"), instances)(*given[:2])
+            found = repeated(self.part(name), instances).call(
+                [*given[:2], u, *given[2:]]
+            )
+            self._mapped[name, instances] = ca.Function(name, given, found)
+        return self._mapped[name, instances]
 
 
 @dataclass
@@ -110,7 +112,7 @@ class TermFunctionCache:
         """
         if not self.derive:
             return traced(function, unknowns, order)
-        term = _trace(function, unknowns, order, noting)
+        term = trace(function, unknowns, order, noting)
         key = "".join(part.serialize() for part in term)
         if key not in self.functions:
             found = kept(PARTS, _origin(key)) if self.read else None
@@ -123,7 +125,7 @@ class TermFunctionCache:
 
     def _derive(self, term: Traced, key: str, deadline: Deadline) -> TermFunction:
         began = time.perf_counter()
-        functions = _derivatives(*term)
+        functions = derivatives(*term)
         given = functions, _origin(key), deadline, True
         made = begun(*given) if self.compile else None
         found = _term_function(functions, made or (lambda: functions))
@@ -152,11 +154,9 @@ def default_cache() -> TermFunctionCache:
 
 def traced(function: Callable, unknowns: list[int], order: list[tuple]) -> TermFunction:
     """Return a term function without derivatives: for what is read off a solution."""
-    term = _trace(function, unknowns, order)
-    z, d = (ca.SX.sym(name, term.at.size1_in(k)) for k, name in enumerate("zd"))
-    value = ca.Function("term", [z, d], [term.value(z, d)])
-    sizes = (value.size1_out(0), value.size1_in(0), value.size1_in(1))
-    return TermFunction(*sizes, lambda: [value, None, None])
+    made = values(trace(function, unknowns, order))
+    sizes = made[1].size1_out(0), *(made[1].size1_in(k) for k in range(3))
+    return TermFunction(*sizes, lambda: made)
 
 
 def term_function_named(name: str, trace, function, sizes, order) -> TermFunction:
@@ -175,8 +175,7 @@ def term_function_named(name: str, trace, function, sizes, order) -> TermFunctio
         ) from error  # fmt: skip
 
 
-@cache
-def mapped(function: ca.Function, instances: int) -> ca.Function:
+def repeated(function: ca.Function, instances: int) -> ca.Function:
     """Return `function` applied to `instances` columns.
 
     A function of several columns at once is given the last one again until they are.
@@ -195,52 +194,10 @@ def mapped(function: ca.Function, instances: int) -> ca.Function:
     return ca.Function(function.name(), given, found)
 
 
-def applied(term, part: str, x, data, *weights):
-    """Return what `part` of a term's function returns, a column for each instance."""
-    function = mapped(getattr(term.function, part), term.instances)
-    return function(x[term.unknowns].T, data[term.data].T, *weights)
-
-
-class Traced(NamedTuple):
-    """A term and its roots as functions: (z, d, u) -> v, F and (z, d) -> u."""
-
-    at: ca.Function
-    solution: ca.Function
-
-    def value(self, z, d):
-        """Return v (m,) at the solution."""
-        return self.at(z, d, self.solution(z, d))[0]
-
-
-def _trace(function, unknowns, order, noting=nullcontext) -> Traced:
-    z = [ca.SX.sym(f"z{i}", n) for i, n in enumerate(unknowns)]
-    d = [ca.SX.sym(f"d{i}", n) for i, (role, n) in enumerate(order) if role == "d"]
-    zs, ds = iter(z), iter(d)
-    with noting() as roots:
-        value = function(*(next(zs) if role == "z" else next(ds) for role, _ in order))
-    value = ca.densify(ca.vec(ca.SX(value)))
-    z, d = ca.vertcat(*z), ca.vertcat(*d)
-    roots, value = _merged(roots or [], value)
-    u, residual, solution = (ca.vertcat(*part) for part in zip(*roots, strict=True))
-    return Traced(
-        ca.Function("term", [z, d, u], [value, residual]),
-        ca.Function("roots", [z, d], [solution]),
-    )
-
-
-def _merged(roots: list[tuple], value) -> tuple[list[tuple], ca.SX]:
-    """Return the roots of which no two have one equation, and the value of these."""
-    most = ca.SX.sym("u", max((root[0].numel() for root in roots), default=0))
-    equations = [ca.substitute(F, u, most[: u.numel()]) for u, F, _ in roots]
-    if len(roots) > 1:
-        left = iter(ca.cse(ca.vertcat(*equations)).elements())
-        equations = [ca.vertcat(*islice(left, F.numel())) for F in equations]
-    kept = {}
-    for root, equation in zip(roots, equations, strict=True):
-        key = tuple(one.element_hash() for one in equation.elements())
-        first = kept.setdefault(key, root)
-        value = ca.substitute(value, root[0], first[0])
-    return [(ca.SX(0, 1),) * 3, *kept.values()], value
+def applied(term, name: str, x, data, *weights) -> list:
+    """Return what a part of a term returns, each with a column for every instance."""
+    function = term.function.mapped(name, term.instances)
+    return function.call([x[term.unknowns].T, data[term.data].T, *weights])
 
 
 def _origin(key: str) -> str:
@@ -251,49 +208,17 @@ def _origin(key: str) -> str:
 @cache
 def _derivation_rule() -> str:
     vectors = inspect.getmodule(vector_source)
-    return inspect.getsource(_derivatives) + inspect.getsource(vectors)
-
-
-def _derivatives(at: ca.Function, solution: ca.Function) -> list[ca.Function]:
-    """Return the functions named in PARTS; their source is part of the compiled key."""
-    z, d, u = (ca.SX.sym(name, at.size1_in(k)) for k, name in enumerate("zdu"))
-    value, residual = (ca.cse(ca.densify(part)) for part in at(z, d, u))
-    multiplier, m = ca.SX.sym("l", value.numel()), ca.SX.sym("m", u.numel())
-    lagrangian = ca.dot(multiplier, value)
-    jacobian = ca.jacobian(value, z)
-    hessian, _ = ca.hessian(lagrangian + ca.dot(m, residual), ca.vertcat(z, u))
-    if u.numel():
-        by_u = ca.jacobian(residual, u)
-        moved = -ca.solve(by_u, ca.jacobian(residual, z))
-        jacobian += ca.jacobian(value, u) @ moved
-        m_of = -ca.solve(by_u.T, ca.gradient(lagrangian, u))
-        hessian = ca.substitute(hessian, m, m_of)
-        n = z.numel()
-        mixed = hessian[:n, n:] @ moved
-        hessian = hessian[:n, :n] + mixed + mixed.T + moved.T @ hessian[n:, n:] @ moved
-        value, jacobian, hessian = ca.substitute(
-            [value, jacobian, hessian], [u], [solution(z, d)]
-        )
-    hessian = ca.triu(hessian)
-    nonzeros = [ca.vertcat(*matrix.nonzeros()) for matrix in (jacobian, hessian)]
-    nonzeros = [ca.SX(0, 1) if n.is_empty() else ca.densify(n) for n in nonzeros]
-    patterns = [ca.DM(matrix.sparsity(), 1) for matrix in (jacobian, hessian)]
-    cse = {"cse": True}
-    return [
-        ca.Function("value", [z, d], [value], cse),
-        ca.Function("first", [z, d], [value, nonzeros[0]], cse),
-        ca.Function("second", [z, d, multiplier], [nonzeros[1]], cse),
-        ca.Function("patterns", [], patterns),
-    ]
+    return inspect.getsource(derivatives) + inspect.getsource(vectors)
 
 
 def _term_function(parts, made: Callable) -> TermFunction:
     """Return the term function of PARTS; outputs of `patterns` are its sparsities."""
-    value, *_, patterns = parts
+    _, first, _, patterns = parts
     return TermFunction(
-        rows=value.size1_out(0),
-        unknowns=value.size1_in(0),
-        data=value.size1_in(1),
+        rows=first.size1_out(0),
+        unknowns=first.size1_in(0),
+        data=first.size1_in(1),
+        roots=first.size1_in(2),
         made=made,
         jacobian_sparsity=patterns.sparsity_out(0),
         hessian_sparsity=patterns.sparsity_out(1),

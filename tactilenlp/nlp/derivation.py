@@ -1,0 +1,95 @@
+"""A term as expressions, and its exact derivatives.
+
+Of a term v(z, u) that reads roots u of F(u, z) = 0, as whoever poses it notes, with
+U = du/dz = -F_u^-1 F_z, multipliers l, and m = -F_u^-T v_u' l,
+
+    dv/dz = v_z + v_u U,     Hessian of l'v:  [1; U]' (l'v + m'F)'' [1; U],
+
+the second derivatives by z and u.  The iteration that finds u is not differentiated; it
+is a function of its own, called once at a point.
+"""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from itertools import islice
+from typing import NamedTuple
+
+import casadi as ca
+
+PARTS = ("roots", "first", "second", "patterns")  # names of the derived functions
+
+
+class Traced(NamedTuple):
+    """A term and its roots as functions: (z, d, u) -> v, F and (z, d) -> u."""
+
+    at: ca.Function
+    solution: ca.Function
+
+
+def trace(function, unknowns, order, noting=nullcontext) -> Traced:
+    """Return the term `function`; arguments as of TermFunctionCache.of."""
+    z = [ca.SX.sym(f"z{i}", n) for i, n in enumerate(unknowns)]
+    d = [ca.SX.sym(f"d{i}", n) for i, (role, n) in enumerate(order) if role == "d"]
+    zs, ds = iter(z), iter(d)
+    with noting() as roots:
+        value = function(*(next(zs) if role == "z" else next(ds) for role, _ in order))
+    value = ca.densify(ca.vec(ca.SX(value)))
+    z, d = ca.vertcat(*z), ca.vertcat(*d)
+    roots, value = _merged(roots or [], value)
+    u, residual, solution = (ca.vertcat(*part) for part in zip(*roots, strict=True))
+    return Traced(
+        ca.Function("term", [z, d, u], [value, residual]),
+        ca.Function("roots", [z, d], [solution]),
+    )
+
+
+def _merged(roots: list[tuple], value) -> tuple[list[tuple], ca.SX]:
+    """Return the roots of which no two have one equation, and the value of these."""
+    most = ca.SX.sym("u", max((root[0].numel() for root in roots), default=0))
+    equations = [ca.substitute(F, u, most[: u.numel()]) for u, F, _ in roots]
+    if len(roots) > 1:
+        left = iter(ca.cse(ca.vertcat(*equations)).elements())
+        equations = [ca.vertcat(*islice(left, F.numel())) for F in equations]
+    kept = {}
+    for root, equation in zip(roots, equations, strict=True):
+        key = tuple(one.element_hash() for one in equation.elements())
+        first = kept.setdefault(key, root)
+        value = ca.substitute(value, root[0], first[0])
+    return [(ca.SX(0, 1),) * 3, *kept.values()], value
+
+
+def values(term: Traced) -> list[ca.Function]:
+    """Return `roots` and `first`, without derivatives."""
+    z, d, u = (ca.SX.sym(name, term.at.size1_in(k)) for k, name in enumerate("zdu"))
+    return [term.solution, ca.Function("first", [z, d, u], [term.at(z, d, u)[0]])]
+
+
+def derivatives(at: ca.Function, solution: ca.Function) -> list[ca.Function]:
+    """Return the functions named in PARTS; their source is part of the compiled key."""
+    z, d, u = (ca.SX.sym(name, at.size1_in(k)) for k, name in enumerate("zdu"))
+    value, residual = (ca.cse(ca.densify(part)) for part in at(z, d, u))
+    multiplier, m = ca.SX.sym("l", value.numel()), ca.SX.sym("m", u.numel())
+    lagrangian = ca.dot(multiplier, value)
+    jacobian = ca.jacobian(value, z)
+    hessian, _ = ca.hessian(lagrangian + ca.dot(m, residual), ca.vertcat(z, u))
+    if u.numel():
+        by_u = ca.jacobian(residual, u)
+        moved = -ca.solve(by_u, ca.jacobian(residual, z))
+        jacobian += ca.jacobian(value, u) @ moved
+        m_of = -ca.solve(by_u.T, ca.gradient(lagrangian, u))
+        hessian = ca.substitute(hessian, m, m_of)
+        n = z.numel()
+        mixed = hessian[:n, n:] @ moved
+        hessian = hessian[:n, :n] + mixed + mixed.T + moved.T @ hessian[n:, n:] @ moved
+    hessian = ca.triu(hessian)
+    nonzeros = [ca.vertcat(*matrix.nonzeros()) for matrix in (jacobian, hessian)]
+    nonzeros = [ca.SX(0, 1) if n.is_empty() else ca.densify(n) for n in nonzeros]
+    patterns = [ca.DM(matrix.sparsity(), 1) for matrix in (jacobian, hessian)]
+    cse = {"cse": True}
+    return [
+        ca.Function("roots", [z, d], [ca.densify(solution(z, d))], cse),
+        ca.Function("first", [z, d, u], [value, nonzeros[0]], cse),
+        ca.Function("second", [z, d, u, multiplier], [nonzeros[1]], cse),
+        ca.Function("patterns", [], patterns),
+    ]
