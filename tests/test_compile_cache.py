@@ -33,7 +33,7 @@ from cache_child import (
     run,
 )
 
-from tactilenlp.nlp import codegen
+from tactilenlp.nlp import codegen, compilation
 
 pytestmark = [
     pytest.mark.skipif(codegen.compiler() is None, reason="no C compiler here"),
@@ -203,7 +203,7 @@ def compiler_that(home, does):
 
 
 def impatient():
-    codegen.COMPILE_TIME = 0.5
+    compilation.COMPILE_TIME = 0.5
 
 
 @pytest.mark.parametrize("does", COMPILERS)
@@ -234,13 +234,13 @@ def test_a_process_that_is_killed_while_it_compiles_leaves_no_harm(home):
 
 
 def talkative():
-    codegen.SILENT = 0.0
+    compilation.SILENT = 0.0
 
 
 def test_waiting_for_a_compiler_is_said_once(home):
     kinds, warnings = run(cache_of(home), talkative)
     assert kinds == [COMPILED] * 2
-    assert warnings == [codegen.WAITING]
+    assert warnings == [compilation.WAITING]
     assert run(cache_of(home), talkative) == ([COMPILED] * 2, [])
 
 
@@ -250,10 +250,10 @@ def test_compilers_run_beside_each_other(tmp_path, monkeypatch):
     waiting = [
         codegen.begun([ca.Function("value", [x], [x**k])], f"{k}") for k in (3, 4, 5)
     ]
-    assert 1 <= len(codegen._running) <= (os.cpu_count() or 1)
+    assert 1 <= len(compilation._running) <= (os.cpu_count() or 1)
     values = [float(made()[0](2.0)) for made in waiting]
     assert values == [8.0, 16.0, 32.0]
-    assert not codegen._running
+    assert not compilation._running
     assert codegen.kept(["value"], "4")[0].class_name() == COMPILED
 
 
@@ -276,7 +276,7 @@ def test_a_fork_leaves_the_compilers_of_its_parent_alone(tmp_path, monkeypatch):
     x = ca.SX.sym("x")
     powers = range(3, 3 + (os.cpu_count() or 1))  # as many as may run
     begun = [codegen.begun([ca.Function("value", [x], [x**k])], f"{k}") for k in powers]
-    assert codegen._running
+    assert compilation._running
 
     def compute():
         (another,) = codegen.compiled([ca.Function("value", [x], [x - 1])], "another")

@@ -15,7 +15,7 @@ from tactilenlp import Estimate, Measurements, Options, Scene, solve_estimate
 from tactilenlp.common.deadline import NEVER, Deadline, OutOfTime
 from tactilenlp.data.examples import example_recording
 from tactilenlp.errors import NotConverged
-from tactilenlp.nlp import codegen
+from tactilenlp.nlp import codegen, compilation
 
 MANY = 97  # actions, of 3007 samples
 AT_ONCE = Options(time_limit=1e-3)
@@ -46,7 +46,9 @@ def test_only_a_strict_deadline_ends_a_computation_and_records_which():
 
 
 def test_no_compiler_is_started_after_a_deadline(monkeypatch):
-    monkeypatch.setattr(codegen, "_started", lambda *_: pytest.fail("it was started"))
+    monkeypatch.setattr(
+        compilation, "_started", lambda *_: pytest.fail("it was started")
+    )
     x = ca.SX.sym("x")
     value = ca.Function("value", [x], [x * time.time()])
     assert codegen.compiled([value], deadline=Deadline.within(0.0)) == [value]

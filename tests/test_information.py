@@ -10,7 +10,7 @@ from tactilenlp import Problem, observed_information
 from tactilenlp.errors import OptionError, TactileError
 from tactilenlp.information.information import reduced_covariance
 from tactilenlp.information.tangent_space import unobserved
-from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
+from tactilenlp.nlp.kkt import kkt_system_of
 from tactilenlp.solvers.options import SolverOptions
 from tactilenlp.solvers.solve import solve
 

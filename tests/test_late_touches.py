@@ -13,7 +13,7 @@ from tactilenlp.information.sensitivity import (
     late_touches,
     velocities,
 )
-from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
+from tactilenlp.nlp.kkt import kkt_system_of
 from tactilenlp.solvers.solve import solve
 
 LATE = 1e-4  # [s]

@@ -15,7 +15,7 @@ from tactilenlp.information.error_budget_terms import (
     slips,
     stick_slip,
 )
-from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
+from tactilenlp.nlp.kkt import kkt_system_of
 from tactilenlp.nlp.problem import Problem
 from tactilenlp.problem.polytope_window import (
     CLEAR_LENGTHS,

@@ -23,7 +23,7 @@ from tactilenlp import (
 from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.errors import PageError, SceneError
 from tactilenlp.information.error_budget_terms import missing_impulses
-from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
+from tactilenlp.nlp.kkt import kkt_system_of
 from tactilenlp.nlp.problem import Problem
 from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 from tactilenlp.solvers.options import SolverOptions

@@ -21,8 +21,7 @@ from tactilenlp.information.information import inverse
 from tactilenlp.information.measurement_noise import gaps_of_touches, touches
 from tactilenlp.information.sensitivity import kkt_residual
 from tactilenlp.information.tangent_space import TangentSpace
-from tactilenlp.nlp.kkt import LEAST_CURVATURE
-from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
+from tactilenlp.nlp.kkt import LEAST_CURVATURE, kkt_system_of
 from tactilenlp.refinement.profile_likelihood import resized
 from tactilenlp.search.hypothesis import Hypothesis
 from tactilenlp.solvers.options import SolverOptions

@@ -10,7 +10,7 @@ from tactilenlp.estimation.observed_information import programme_at
 from tactilenlp.information.error_budget import Linearisation
 from tactilenlp.information.tangent_space import pose_jacobians
 from tactilenlp.information.trajectory import Beyond, trajectory_variance
-from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
+from tactilenlp.nlp.kkt import kkt_system_of
 
 THETA = np.array([0.05, 0.04, 0.03])
 STEP = 1e-6

@@ -22,7 +22,7 @@ from study import add_executor, executor_of, write_csv
 from tactilenlp import Measurements, Scene, observed_information, solve_estimate
 from tactilenlp.estimation.observed_information import INFORMATION_KINDS, programme_at
 from tactilenlp.information.comparisons import pose_jacobians
-from tactilenlp.nlp.kkt_sensitivity import kkt_system_of
+from tactilenlp.nlp.kkt import kkt_system_of
 
 UNITS = np.r_[1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.05]  # [m, rad] make numbers comparable
 

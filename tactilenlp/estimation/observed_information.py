@@ -40,7 +40,7 @@ from ..information.tangent_space import tangent_space_of
 from ..interface.options import Options, Session
 from ..interface.request import read_request
 from ..interface.result import Estimate, solution_of
-from ..nlp.kkt_sensitivity import KKTSystem, kkt_system_of
+from ..nlp.kkt import KKTSystem, kkt_system_of
 from ..nlp.problem import Problem
 from ..problem.pages import page_of, shape_of
 from ..problem.reductions import Reductions

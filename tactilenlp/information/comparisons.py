@@ -33,8 +33,7 @@ import scipy.sparse as sp
 
 from ..common.validation import as_floats, is_whole
 from ..errors import OptionError, TactileError
-from ..nlp.kkt import LEAST_CURVATURE
-from ..nlp.kkt_sensitivity import KKTSystem
+from ..nlp.kkt import LEAST_CURVATURE, KKTSystem
 
 
 def gauss_newton(kkt: KKTSystem) -> KKTSystem:

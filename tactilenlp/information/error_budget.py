@@ -29,7 +29,7 @@ from formulations.names import (
 )
 
 from ..common.deadline import NEVER, Deadline
-from ..nlp.kkt_sensitivity import KKTSystem
+from ..nlp.kkt import KKTSystem
 from .error_budget_terms import (
     TouchedFaces,
     curvature_of_costs,

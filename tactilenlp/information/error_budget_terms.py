@@ -19,8 +19,7 @@ from formulations.violation_implicit import WEIGHTS
 
 from ..geometry.convex_hull import SIGMA_INSIDE
 from ..geometry.transforms import is_planar, matrices, points_in_body, rotate_planar
-from ..nlp.kkt import LEAST_CURVATURE
-from ..nlp.kkt_sensitivity import KKTSystem
+from ..nlp.kkt import LEAST_CURVATURE, KKTSystem
 from .measurement_noise import KNOWN_FACE
 from .sensitivity import parameter_sensitivity
 

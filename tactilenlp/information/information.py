@@ -2,7 +2,7 @@ r"""Compute the information about shape and final pose, and the covariance of bo
 
 matrix   the exact information: the Hessian of the Lagrangian reduced to the null space
          of the active constraints, past poses and impulses marginalised by a Schur
-         complement (nlp/kkt_sensitivity.py)
+         complement (nlp/kkt.py)
 spread   the covariance that `sigma` reports: the error budget (error_budget.py) of a
          Laplace mixture of the local optima that were found (mixture.py)
 """
@@ -19,7 +19,7 @@ from ..common.deadline import NEVER, Deadline
 from ..common.layout import ANY
 from ..common.validation import check_sample, check_types
 from ..errors import OptionError, did_you_mean
-from ..nlp.kkt_sensitivity import KKTSystem, kkt_system_of
+from ..nlp.kkt import KKTSystem, kkt_system_of
 from .error_budget import Linearisation, after_mixture, error_budget
 from .error_budget_terms import TouchedFaces, bounded_pose
 from .finger_offsets import covariance_of_offsets, covariance_with_offsets

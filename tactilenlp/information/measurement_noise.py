@@ -28,7 +28,7 @@ from formulations.names import INDENTATION
 from ..data.sensor_noise import RAYLEIGH_MEDIAN, Precision, smoothing_matrices
 from ..errors import PageError
 from ..geometry.transforms import turned_back
-from ..nlp.kkt_sensitivity import KKTSystem
+from ..nlp.kkt import KKTSystem
 
 DATUM_STEP = 1e-6  # [-] of a datum, at least of LEAST_DATUM: of the central differences
 LEAST_DATUM = 1e-2  # [SI]

@@ -31,7 +31,7 @@ import numpy as np
 from formulations.rigid_body import ARM
 
 from ..common.brief import printed
-from ..nlp.kkt_sensitivity import kkt_system_of
+from ..nlp.kkt import kkt_system_of
 from .error_budget_terms import bounded_pose
 
 SAME_MODE = 0.3e-3  # [m] modes whose unknowns agree this well (a radian: ARM) are one

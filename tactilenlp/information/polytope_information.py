@@ -12,7 +12,7 @@ from ..common.deadline import NEVER, Deadline
 from ..common.validation import check_types
 from ..geometry.convex_hull import centroid, fingers_in_body
 from ..geometry.transforms import directions_in_body
-from ..nlp.kkt_sensitivity import kkt_system_of
+from ..nlp.kkt import kkt_system_of
 from .error_budget import Linearisation, error_budget
 from .information import Information, parts_of
 from .mixture import one_mode

@@ -39,8 +39,7 @@ from scipy.spatial.transform import Rotation
 from formulations.names import TOUCH_TERM
 
 from ..data.contact_segments import consecutive_contacts, rate_of
-from ..nlp.kkt import gradient
-from ..nlp.kkt_sensitivity import KKTSystem
+from ..nlp.kkt import KKTSystem, gradient
 from .measurement_noise import at_touches
 
 ASSUMPTION_STEP = 1e-4  # [-] relative change of what was assumed

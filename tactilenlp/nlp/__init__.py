@@ -5,7 +5,7 @@ Out: a `Problem` and, at a solution, parametric sensitivities of its KKT system.
 Nothing here depends on touch.
 
 - `problem`, `terms`, `term_functions`, `assembly`, `codegen`: state, derive, compile
-- `kkt`, `kkt_sensitivity`: bordered factorisation; active set, sensitivity, Newton step
+- `kkt`, `kkt`: bordered factorisation; active set, sensitivity, Newton step
 - `reduced_space`: unknowns that follow from others are eliminated
 - `diagnostics`, `derivative_check`: describe and check a problem before a solve
 """

@@ -4,32 +4,28 @@ C from CasADi's code generator runs ten to twenty times as fast as its virtual m
 on second derivatives, and two to four times as fast again where several instances are
 evaluated at once (simd.py).  The library is kept in the user's cache folder
 (library_cache.py) under the hash of its origin: expression, derivation rule, compiler,
-processor and CasADi version.  Compilers run beside each other and beside this process,
-which waits for one when its functions are needed (`begun`).  Without a C compiler, with
+processor and CasADi version.  Compilers run beside this process (compilation.py), which
+waits for one when its functions are needed (`begun`).  Without a C compiler, with
 TACTILENLP_COMPILE=0, or where compiler or folder cannot be used, CasADi's virtual
 machine evaluates the same expressions; the last of these is logged as one warning.
 """
 
 from __future__ import annotations
 
-import atexit
 import ctypes
 import hashlib
 import logging
 import os
 import shutil
-import signal
-import subprocess
-import time
 from collections.abc import Callable
-from contextlib import ExitStack
 from functools import cache, partial
 from pathlib import Path
 
 import casadi as ca
 
 from ..common.deadline import NEVER, Deadline
-from ..common.library_cache import discard, is_whole, store, trusted_folder, workspace
+from ..common.library_cache import discard, is_whole, trusted_folder
+from .compilation import LEAST_COMPILE_TIME, Compilation, time_for_compilation
 from .simd import can_be_vectors, own_flags, processor, vector_source
 
 log = logging.getLogger("tactilenlp")
@@ -38,19 +34,7 @@ FLAGS = ("-O1", "-shared", "-fPIC", "-ffp-contract=off")
 # Passes of GCC that take up to two thirds of its time on 10 000 lines without a branch,
 # and change nothing there: CasADi has eliminated common subexpressions already.
 UNUSED_PASSES = ("-fno-tree-dominator-opts", "-fno-tree-fre", "-fno-tree-sra")
-COMPILE_TIME = 120.0  # [s] at most, of one library; most take 1 to 5
-COMPILE_SHARE = 0.4  # [-] at most, of the time that a computation may take
-LEAST_COMPILE_TIME = 0.3  # [s] below which compilation is not begun
-MESSAGE = 500  # characters of a compiler's message that are logged
-SILENT = 3.0  # [s] of waiting for compilers before a line says so
-WAITING = (
-    "functions are compiled for their first use on this machine: up to a minute "
-    "(`python -m tactilenlp compile` does it ahead)"
-)
-_said: set[str] = set()  # warnings that were logged once: WAITING, and cache folders
-_running: list[Compilation] = []  # by compilers of this process
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_running.clear)  # only a parent can wait
+_said: set[str] = set()  # cache folders about which a warning was logged
 
 
 def compiled(
@@ -81,7 +65,7 @@ def begun(
     """
     if compiler() is None or _place() in _said:
         return lambda: functions
-    if _time_for_compilation(deadline) < LEAST_COMPILE_TIME:
+    if time_for_compilation(deadline) < LEAST_COMPILE_TIME:
         return lambda: functions
     source = _source(functions, vectors)
     names = [f.name() for f in functions]
@@ -113,11 +97,6 @@ def library(source: str) -> ctypes.CDLL | None:
     return _begun(ctypes.CDLL, source, source)()
 
 
-def _time_for_compilation(deadline: Deadline) -> float:
-    """Return the time [s] that the compilation of one library may take now."""
-    return min(COMPILE_TIME, deadline.share_left("compilation", COMPILE_SHARE))
-
-
 def _begun(
     load: Callable, origin: str, source: str | None = None, deadline: Deadline = NEVER
 ) -> Callable:
@@ -132,7 +111,7 @@ def _begun(
             return lambda: found
         if source is None:
             return lambda: None
-        compilation = Compilation(source, path, deadline)
+        compilation = Compilation([compiler(), *_flags()], source, path, deadline)
     except (OSError, ValueError) as error:
         _warn_once(error)
         return lambda: None
@@ -190,107 +169,3 @@ def compiler() -> str | None:
     if os.environ.get("TACTILENLP_COMPILE", "1") == "0" or os.name == "nt":
         return None
     return shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-
-
-class Compilation:
-    """A compiler that makes a library; it runs while others do, one for each core.
-
-    Begun where there is time for it; ended with the process.
-    """
-
-    def __init__(self, source: str, library: Path, deadline: Deadline):
-        while len(_running) >= (os.cpu_count() or 1):
-            _running[0].wait()
-        self._library, self._deadline = library, deadline
-        self._allowed = _time_for_compilation(deadline)
-        self._result: bool | OSError | None = None
-        self._owner = os.getpid()
-        if self._allowed < LEAST_COMPILE_TIME:
-            self._result = False
-            return
-        with ExitStack() as opened:
-            folder = opened.enter_context(workspace(library.parent))
-            code, self._built = folder / "term.c", folder / "term.so"
-            code.write_text(source)
-            command = [compiler(), *_flags(), str(code), "-o", str(self._built), "-lm"]
-            self._messages = opened.enter_context((folder / "messages").open("w+b"))
-            self._process = _started(command, folder, self._messages)
-            opened.callback(_end, self._process, self._owner)
-            self._opened = opened.pop_all()
-        self._began = time.monotonic()
-        atexit.register(self._opened.close)
-        _running.append(self)
-
-    @property
-    def is_ours(self) -> bool:
-        """Whether it has ended, or is this process's to wait for: not in a fork."""
-        return self._result is not None or os.getpid() == self._owner
-
-    def finished(self) -> bool:
-        """Wait; tell whether the library is there, else there was no time for it.
-
-        Raises OSError if the compiler failed.
-        """
-        self.wait()
-        if isinstance(self._result, OSError):
-            raise self._result
-        return bool(self._result)
-
-    def wait(self) -> None:
-        """Wait for the end, or for the time that is allowed, and store the library."""
-        if self._result is not None:
-            return
-        with self._opened:
-            try:
-                left = max(0.0, self._began + self._allowed - time.monotonic())
-                with self._deadline.spending("compilation"):
-                    self._result = self._stored(self._status(left))
-            except OSError as error:
-                self._result = error
-            finally:
-                _running.remove(self)
-        atexit.unregister(self._opened.close)
-
-    def _status(self, seconds: float) -> int | None:
-        """Return the compiler's status, None if it takes longer; SILENT is said."""
-        try:
-            return self._process.wait(min(seconds, SILENT))
-        except subprocess.TimeoutExpired:
-            if seconds <= SILENT:
-                return None
-        if WAITING not in _said:
-            log.warning(WAITING)
-            _said.add(WAITING)
-        try:
-            return self._process.wait(seconds - SILENT)
-        except subprocess.TimeoutExpired:
-            return None
-
-    def _stored(self, status: int | None) -> bool:
-        """Store the library; False if there was no time, OSError if it failed."""
-        if status == 0:
-            store(self._built, self._library)
-            return True
-        if status is None and self._allowed < COMPILE_TIME:
-            log.info("a term function is not compiled: the time limit is too short")
-            return False
-        if status is None:
-            raise OSError(f"{compiler()} took longer than {self._allowed:g} s")
-        self._messages.seek(0)
-        said = self._messages.read(MESSAGE).decode(errors="replace")
-        raise OSError(f"{compiler()} ends with status {status}: {said.strip()}")
-
-
-def _started(command: list[str], folder: Path, messages) -> subprocess.Popen:
-    environment = {**os.environ, "LC_ALL": "C", "TMPDIR": str(folder)}
-    return subprocess.Popen(
-        command, env=environment, stdin=subprocess.DEVNULL, stdout=messages,
-        stderr=messages, start_new_session=True,
-    )  # fmt: skip
-
-
-def _end(process: subprocess.Popen, owner: int) -> None:
-    """End a process that still runs, and all that it started; not in a fork."""
-    if process.returncode is None and os.getpid() == owner:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.wait()

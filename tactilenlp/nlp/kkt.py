@@ -1,12 +1,20 @@
-"""Bordered factorisation of KKT matrices, in time linear in the samples.
+r"""The KKT system of a problem at a point: sensitivities, covariances, a Newton step.
 
-    K = [ H + l 1   A'   ]        l > 0 keeps unobserved directions from making
-        [   A     - l 1 ]         the matrix singular (LEAST_CURVATURE)
+With L the Lagrangian and A the Jacobian of the active constraints and bounds,
+
+    K [ dx ]   [ right ]         K = [ H + l 1    A'  ]      H = nabla^2 L  (exact)
+      [ dl ] = [   0   ]             [   A      - l 1 ]
+
+where a small l keeps unobserved directions from making K singular (LEAST_CURVATURE).
+One sparse factorisation of K gives the covariance of any unknowns (the block of K^{-1}:
+the Hessian reduced to the null space of A, every other unknown marginalised), the
+parametric sensitivities (how the solution changes with data, weights or limits), and
+the step of Newton's method.
 
 The unknowns of a sample are coupled to those of its neighbours and to a few that all
 samples share (sizes, depth of touch).  Eliminated together with the rest, the shared
 ones would fill the factors in; so they form the border and are solved for last, by the
-Schur complement S:
+Schur complement S, in time linear in the samples:
 
     K = [ C  B ]       S = D - B' C^{-1} B
         [ B' D ]
@@ -14,17 +22,24 @@ Schur complement S:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from ..common.deadline import NEVER, Deadline
 from .term_functions import applied
 
 LEAST_CURVATURE = 1e-9  # [1 / scaled unknown^2] l, far below that of measured unknowns
 BORDER_ENTRIES = 4.0  # [-] times the entries of the median column: part of the border
+AMBIGUOUS = 1e2  # [-] ratio of multiplier and slack up to which activity is ambiguous
+ACTIVE_PENALTY = 1e6  # [-] times A'A, against scaled Hessians whose entries are near 1
+LEAST_NEGATIVE = 1e-10  # [-] of the largest |entry| of H: smaller is rounding
+SHIFT_GROWTH = 4.0  # [-] factor of a shift that leaves a matrix indefinite
+INVERSE_ITERATIONS = 40  # enough for two digits of the lowest eigenvector
 
 
 def gradient(problem, x, data, weights) -> np.ndarray:
@@ -81,3 +96,175 @@ def factorise(H, A) -> BorderedFactors:
     B, D = K[inner][:, border].toarray(), K[border][:, border].toarray()
     reach = core.solve(B)
     return BorderedFactors(inner, border, core, B, reach, D - B.T @ reach)
+
+
+@dataclass(frozen=True, eq=False)
+class KKTSystem:
+    """The second derivatives of a problem at a point, by term, and its active set.
+
+    x (unknowns,) SI; data; multipliers: by constraint; hessians: (unknowns, unknowns)
+    of every cost, and of every constraint times its multipliers, SI; A (active,
+    unknowns): scaled Jacobian of the active constraints, then bounds, rows of unit
+    length; rows, lengths (active constraints,): their indices among all constraint
+    rows, and the lengths by which they were divided; fixed: indices of the unknowns
+    whose bounds are active; active, ambiguous: number of such rows by constraint or
+    bound.
+    """
+
+    problem: object
+    x: np.ndarray
+    data: np.ndarray
+    multipliers: dict[str, np.ndarray]
+    hessians: dict[str, sp.csc_matrix]
+    A: sp.csc_matrix
+    rows: np.ndarray
+    lengths: np.ndarray
+    fixed: np.ndarray
+    active: dict[str, int]
+    ambiguous: dict[str, int]
+
+    def hessian(self, names: Iterable[str] | None = None) -> sp.csc_matrix:
+        """Return the sum of the Hessians of some terms, or of all, SI."""
+        names = self.hessians if names is None else names
+        zero = sp.csc_matrix((len(self.x), len(self.x)))
+        return sum((self.hessians[name] for name in names), zero)
+
+    def sensitivity(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return sensitivities of k chosen unknowns: (unknowns, k) and (rows, k), SI.
+
+        If the gradient of L changes by dg and the values of all constraints by dc, the
+        chosen unknowns change by -(first' dg + second' dc).
+        """
+        scale, n = self.problem.scale, len(self.x)
+        right = np.zeros((n + self.A.shape[0], len(chosen)))
+        right[chosen, np.arange(len(chosen))] = scale[chosen]
+        answer = self.factors.solve(right)
+        by_constraint = np.zeros((self.problem.rows, len(chosen)))
+        multipliers = answer[n : n + len(self.rows)]
+        by_constraint[self.rows] = multipliers / self.lengths[:, None]
+        return scale[:, None] * answer[:n], by_constraint
+
+    def moved(self, gradient: np.ndarray) -> np.ndarray:
+        """Return how all unknowns (unknowns,) move if the gradient of L changes, SI."""
+        right = np.zeros(len(self.x) + self.A.shape[0])
+        right[: len(self.x)] = -self.problem.scale * gradient
+        return self.problem.scale * self.factors.solve(right)[: len(self.x)]
+
+    @cached_property
+    def factors(self):
+        """The factorised matrix K, in scaled unknowns."""
+        return factorise(self._scaled(self.hessian()), self.A)
+
+    @cached_property
+    def negative(self) -> tuple[str, np.ndarray] | None:
+        """The term and direction (n,) [SI] of most negative curvature, None if none.
+
+        The inertia is that of the pivots of H + ACTIVE_PENALTY A'A, which is positive
+        definite if and only if the Hessian reduced to the null space of A is.  None as
+        well where the Hessian is not finite, as after a failed solve.
+        """
+        H = self._scaled(self.hessian())
+        largest = max(abs(H).max(), 1.0)
+        penalised = H + ACTIVE_PENALTY * self.A.T @ self.A
+        if not np.isfinite(penalised.data).all():
+            return None
+        shift = LEAST_NEGATIVE * largest
+        if _positive_definite(penalised + shift * sp.identity(H.shape[0])):
+            return None
+        direction = _lowest(penalised, shift) * self.problem.scale
+        bends = {n: direction @ (h @ direction) for n, h in self.hessians.items()}
+        return min(bends, key=bends.get), direction
+
+    def _scaled(self, H):
+        D = sp.diags(self.problem.scale)
+        return (D @ H @ D).tocsc()
+
+
+def kkt_system_of(problem, solution, deadline: Deadline = NEVER) -> KKTSystem:
+    """Return the KKT system of a problem at a solution of it.
+
+    A strict deadline ends it between two constraints.
+    """
+    x, data = problem.pack(solution.values), problem.data(solution.parameters)
+    bounds = problem.pack(solution.bound_multipliers)
+    multipliers = solution.multipliers
+    deadline.check()
+    hessians = {name: problem.hessian(name, x, data) for name in problem.costs}
+    jacobians, numbers, active, ambiguous = [], [np.zeros(0, int)], {}, {}
+    for name, term in problem.constraints.items():
+        deadline.check()
+        multiplier = multipliers[name]
+        hessians[name] = problem.hessian(name, x, data, multiplier)
+        value = problem.value(name, x, data)
+        slack = np.minimum(value - term.lower, term.upper - value).ravel()
+        equal = np.broadcast_to(term.lower == term.upper, value.shape).ravel()
+        on, unsure = _classified(np.abs(multiplier).ravel(), slack, equal)
+        jacobians.append(problem.jacobian(name, x, data)[on])
+        numbers.append(term.first_row + np.nonzero(on)[0])
+        active[name], ambiguous[name] = int(on.sum()), int(unsure.sum())
+    fixed, unsure = _active_bounds(problem, x, bounds)
+    for name, variable in problem.variables.items():
+        bound = f"bounds of {name}"
+        active[bound] = int(fixed[variable.span].sum())
+        ambiguous[bound] = int(unsure[variable.span].sum())
+    fixed, numbers = np.nonzero(fixed)[0], np.concatenate(numbers)
+    A, lengths = _scaled_rows(problem, jacobians, fixed)
+    return KKTSystem(
+        problem, x, data, dict(multipliers), hessians, A, numbers,
+        lengths[: len(numbers)], fixed, active, ambiguous,
+    )  # fmt: skip
+
+
+def _active_bounds(problem, x, multipliers) -> tuple[np.ndarray, np.ndarray]:
+    """Return masks (unknowns,) of the active bounds and of the ambiguous ones."""
+    lower, upper = problem.bounds("lower"), problem.bounds("upper")
+    slack = np.minimum(x - lower, upper - x) / problem.scale
+    return _classified(np.abs(multipliers) * problem.scale, slack, lower == upper)
+
+
+def _scaled_rows(problem, jacobians, fixed) -> tuple[sp.csc_matrix, np.ndarray]:
+    """Return A, rows of unit length in scaled unknowns, and the lengths before."""
+    rows = [*jacobians, sp.identity(problem.size, format="csc")[fixed]]
+    A = sp.vstack(rows, format="csc") @ sp.diags(problem.scale)
+    length = np.sqrt(np.asarray(A.multiply(A).sum(axis=1)).ravel())
+    length = np.maximum(length, 1e-12)
+    return (sp.diags(1 / length) @ A).tocsc(), length
+
+
+def _classified(multiplier, slack, equal) -> tuple[np.ndarray, np.ndarray]:
+    """Return masks: active where the multiplier exceeds the slack; ambiguous.
+
+    equal: mask of equalities, which are active whatever their multiplier is.
+    """
+    on = (multiplier > slack) | equal
+    unsure = (multiplier > slack / AMBIGUOUS) & (multiplier < slack * AMBIGUOUS)
+    return on, unsure & ~equal
+
+
+def _positive_definite(M) -> bool:
+    """Return whether all pivots of a symmetric factorisation are positive."""
+    try:
+        lu = splu(
+            M.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )  # fmt: skip
+    except RuntimeError:  # "exactly singular": not definite
+        return False
+    return bool(np.all(lu.U.diagonal() > 0))
+
+
+def _lowest(M, shift: float) -> np.ndarray:
+    """Return a unit vector close to the eigenvector of the lowest eigenvalue of M.
+
+    Inverse iteration of M + shift 1, where the shift grows until that is positive
+    definite.  It always ends; Lanczos' method may not for a large M.
+    """
+    one = sp.identity(M.shape[0])
+    while not _positive_definite(M + shift * one):
+        shift *= SHIFT_GROWTH
+    inverse = splu((M + shift * one).tocsc(), permc_spec="MMD_AT_PLUS_A")
+    v = np.random.default_rng(0).normal(size=M.shape[0])
+    for _ in range(INVERSE_ITERATIONS):
+        v = inverse.solve(v)
+        v /= np.linalg.norm(v)
+    return v

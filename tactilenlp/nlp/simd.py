@@ -18,9 +18,9 @@ from pathlib import Path
 import casadi as ca
 
 WIDTH = 8  # instances: a vector of 512 bits, or two to four smaller ones
-# Vectors of more operations leave the caches: with them a hull's balance of 75 000
-# operations is hardly faster on 32 instances, and compilation takes twice the time.
-MOST_OPERATIONS = 30_000
+# Vectors of more operations leave the caches: those of a hull's balance, 69 000, are
+# hardly faster on 32 instances, and compilation takes twice the time.
+MOST_OPERATIONS = 18_000
 WRITTEN = {
     "ASSIGN": "{0}",
     "NEG": "-{0}",

@@ -19,7 +19,7 @@ from formulations.finger_turn import TURN as PRIOR_TURN
 
 from ..information.mixture import occam_of
 from ..information.sensitivity import ground_tilt
-from ..nlp.kkt_sensitivity import kkt_system_of
+from ..nlp.kkt import kkt_system_of
 from ..search.local_solve import (
     Solved,
     best_first,

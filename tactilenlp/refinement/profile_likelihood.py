@@ -38,7 +38,7 @@ from formulations.size_prior import size_cost
 from ..information.information import LEAST_SIGMA
 from ..information.measurement_noise import KNOWN_FACE
 from ..information.tangent_space import final_unknowns
-from ..nlp.kkt_sensitivity import kkt_system_of
+from ..nlp.kkt import kkt_system_of
 from ..search.hypothesis import Hypothesis
 from ..search.local_solve import RANKING_TOLERANCE, settings_of, start_values
 from ..search.margins import BETTER_OPTIMUM, ONE_SIGMA, PROFILE_RISE
