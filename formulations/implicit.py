@@ -5,8 +5,9 @@ Their derivatives follow from the implicit function theorem,
     du/dz = -F_u^-1 F_z,
 
 so that the iteration that finds u is not differentiated.  While a term is traced,
-`root` returns symbols for u and notes equation and solution, of which the derivatives
-are made (tactilenlp/nlp/term_functions.py); elsewhere the iteration is written out.
+`root` returns symbols for u and notes the equation, of which the derivatives are made
+(tactilenlp/nlp/derivation.py), and the function that solves it, which terms share;
+elsewhere the iteration is written out.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import cache
+from itertools import accumulate
 from typing import NamedTuple
 
 import casadi as ca
@@ -22,11 +25,12 @@ _noted: ContextVar[list | None] = ContextVar("noted", default=None)
 
 
 class Root(NamedTuple):
-    """Symbols u (k,), F (k,) at these, and the solution (k,)."""
+    """Symbols u (k,), F (k,) at these; solver: a -> u, of the argument a (n,)."""
 
     unknown: object
     residual: object
-    solution: object
+    solver: object
+    argument: object
 
 
 @contextmanager
@@ -45,8 +49,23 @@ def are_noted() -> bool:
     return _noted.get() is not None
 
 
-def root(residual: Callable, solution) -> ca.SX:
-    """Return symbols u (k,) with residual(u) = 0, of which `solution` is the value."""
-    unknown = ca.SX.sym("u", solution.numel())
-    _noted.get().append(Root(unknown, residual(unknown), solution))
+def root(residual: Callable, solver: ca.Function, *arguments) -> ca.SX:
+    """Return symbols u (k,) with residual(u) = 0; solver(*arguments) is their value."""
+    argument = ca.vertcat(*(ca.vec(ca.SX(one)) for one in arguments))
+    unknown = ca.SX.sym("u", solver.numel_out(0))
+    noted = Root(unknown, residual(unknown), _of_column(solver), argument)
+    _noted.get().append(noted)
     return unknown
+
+
+@cache
+def _of_column(solver: ca.Function) -> ca.Function:
+    """Return a function of all arguments one below the other."""
+    sizes = [solver.size_in(k) for k in range(solver.n_in())]
+    column = ca.SX.sym("a", sum(rows * columns for rows, columns in sizes))
+    ends = [*accumulate((rows * columns for rows, columns in sizes), initial=0)]
+    parts = [
+        ca.reshape(part, *size)
+        for part, size in zip(ca.vertsplit(column, ends), sizes, strict=True)
+    ]
+    return ca.Function("root", [column], [solver(*parts)], {"cse": True})

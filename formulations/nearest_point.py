@@ -47,18 +47,18 @@ def towards(vertices, q_of, small):
     V, q = vertices - origin, q_of - origin
     if not are_noted():
         return _written_out(count)(V, q, small)
-    solution, eps = _found(count)(V, q, small)
-    return root(lambda u: residual_of(V, q, u, eps)[0], solution)
+    eps = size_of(V, q) * small
+    return root(lambda u: residual_of(V, q, u, eps)[0], _found(count), V, q, small)
 
 
 @cache
 def _found(count):
-    """Return (V (3, count), q, small) -> u, eps, without derivatives."""
+    """Return (V (3, count), q, small) -> u, without derivatives."""
     V, q, small = ca.SX.sym("V", 3, count), ca.SX.sym("q", 3), ca.SX.sym("small")
     u, eps = _iterated(V, q, small)
     for _ in range(EXACT_STEPS):
         u = newton_step(V, q, u, eps)
-    return ca.Function("found", [V, q, small], [u, eps], {"cse": True})
+    return ca.Function("found", [V, q, small], [u])
 
 
 @cache
@@ -75,7 +75,7 @@ def _written_out(count):
 
 def _iterated(V, q, small):
     """Return u and eps after the steps that need no derivatives."""
-    size = frozen(ca.sqrt(ca.sumsqr(q - ca.sum2(V) / V.shape[1])), 1e-6)
+    size = size_of(V, q)
     u = q - ca.sum2(V) / V.shape[1]
     rounding = [size * (small + width) for width in WIDTHS]
     for _ in range(FIRST):
@@ -85,6 +85,11 @@ def _iterated(V, q, small):
     for _ in range(LAST):
         u = newton_step(V, q, u, eps)
     return u, eps
+
+
+def size_of(V, q):
+    """Return the distance [m] of q from the middle of the vertices, frozen."""
+    return frozen(ca.sqrt(ca.sumsqr(q - ca.sum2(V) / V.shape[1])), 1e-6)
 
 
 def newton_step(V, q, u, eps):

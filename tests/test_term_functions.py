@@ -128,11 +128,15 @@ print(compiler() is None, solve(problem).values["x"].ravel().tolist())
 def test_a_root_is_differentiated_by_the_implicit_function_theorem(interpreted):
     def cube_root(z, d):
         """Return z0 + u^2 with u^3 + u = z1 d, by noted roots and written out."""
-        u = z[1] * d
+        a = ca.SX.sym("a")
+        u = a
         for _ in range(60):
-            u = u - (u**3 + u - z[1] * d) / (3 * u**2 + 1)
+            u = u - (u**3 + u - a) / (3 * u**2 + 1)
+        solver = ca.Function("solver", [a], [u])
         if are_noted():
-            u = root(lambda u: u**3 + u - z[1] * d, u)
+            u = root(lambda u: u**3 + u - z[1] * d, solver, z[1] * d)
+        else:
+            u = solver(z[1] * d)
         return z[0] + u**2 + ca.sin(u) * z[0]
 
     derived = [
@@ -151,12 +155,36 @@ def test_a_root_is_differentiated_by_the_implicit_function_theorem(interpreted):
 
 
 def test_a_root_that_is_read_twice_is_one(interpreted):
+    a = ca.SX.sym("a")
+    same = ca.Function("solver", [a], [a])
+
     def twice(z, d):
-        solution = ca.cos(z[0]) * d
-        one, again = (root(lambda u: u - solution, ca.cos(z[0]) * d) for _ in "ab")
+        way = ca.cos(z[0]) * d
+        one, again = (root(lambda u: u - way, same, ca.cos(z[0]) * d) for _ in "ab")
         return one * again + z[1]
 
     found = fit(Problem(noting=noting_roots), "a", twice)
     assert found.roots == 1
     value, _ = found.mapped("first", 1)([0.2, 1.0], [3.0])
     assert float(value) == pytest.approx((3 * np.cos(0.2)) ** 2 + 1)
+
+
+def test_roots_of_one_solver_and_of_several(interpreted):
+    a = ca.SX.sym("a")
+    same, double = (ca.Function("solver", [a], [k * a]) for k in (1, 2))
+
+    def both(first, second):
+        def term(z, d):
+            one = root(lambda u: u - z[0], first, z[0])
+            other = root(lambda u: u - (2 if second is double else 1) * d, second, d)
+            return one**2 * other
+
+        return term
+
+    z = ca.DM([[1, 2, 3], [0, 0, 0]])
+    for second, factor in ((same, 1), (double, 2)):
+        found = fit(Problem(noting=noting_roots), "a", both(same, second))
+        value, slopes = found.mapped("first", 3)(z, ca.DM([[4, 5, 6]]))
+        assert found.roots == 2
+        assert value.full().ravel().tolist() == [4 * factor, 20 * factor, 54 * factor]
+        assert slopes.full().ravel().tolist() == [8 * factor, 20 * factor, 36 * factor]

@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..common.deadline import NEVER, Deadline
-from .simd import WIDTH
+from .term_functions import between_slices, padded
 
 
 class Assembly:
@@ -37,6 +37,7 @@ class Assembly:
         )
         self._weights = _Gathered([_multipliers_of(term) for term in self.terms])
         functions = [term.function for term in self.terms]
+        self._arguments = _Results(self.terms, [f.arguments for f in functions])
         self._roots = _Results(self.terms, [f.roots for f in functions])
         slopes = [f.jacobian_sparsity.nnz() for f in functions]
         self._found_first = _Results(self.terms, [f.rows for f in functions], slopes)
@@ -105,7 +106,14 @@ class Assembly:
     # -- functions on all instances ---------------------------------------------------
     @cached_property
     def _solve(self) -> list:
-        return self._calls("roots", self._at_terms, self._roots)
+        """What finds the roots: their arguments, then the solver of each term."""
+        calls = self._calls("arguments", self._at_terms, self._arguments)
+        for k, term in enumerate(self.terms):
+            if one := term.function.solver:
+                count = term.function.equations * padded(term.instances)
+                views = self._arguments.of(k), self._roots.of(k)
+                calls.append(between_slices(one(), count, *views))
+        return calls
 
     @cached_property
     def _first(self) -> list:
@@ -118,11 +126,12 @@ class Assembly:
 
     def _calls(self, name: str, read, found) -> list:
         """Return what evaluates a part of all terms, between slices of long arrays."""
-        return [
-            _on_instances(term, name, [a for r in read for a in r.of(k)], found.of(k))
-            for k, term in enumerate(self.terms)
-            if term.function.part(name).nnz_out()
-        ]
+        calls = []
+        for k, term in enumerate(self.terms):
+            if (function := term.function.part(name)).nnz_out():
+                views = [a for r in read for a in r.of(k)], found.of(k)
+                calls.append(between_slices(function, term.instances, *views))
+        return calls
 
     # -- where results belong ---------------------------------------------------------
     def _add_up_values_and_slopes(self) -> None:
@@ -185,9 +194,9 @@ class _Results:
 
     def __init__(self, terms: list, *numbers: list[int]):
         counts = [term.instances for term in terms]
-        padded = [_padded(count) for count in counts]
+        filled = [padded(count) for count in counts]
         self._lengths = np.multiply(numbers, counts)
-        self._starts = np.cumsum([0, *np.multiply(numbers, padded).ravel()])
+        self._starts = np.cumsum([0, *np.multiply(numbers, filled).ravel()])
         self._terms, self.whole = len(terms), np.zeros(self._starts[-1])
 
     def of(self, k: int) -> list[np.ndarray]:
@@ -201,13 +210,9 @@ class _Results:
         return first + np.arange(self._lengths[which, k])
 
 
-def _padded(instances: int) -> int:
-    return -(-instances // WIDTH) * WIDTH
-
-
 def _filled(instances: int) -> np.ndarray:
     """Return the numbers of instances, the last one again until calls are full."""
-    return np.minimum(np.arange(_padded(instances)), instances - 1)
+    return np.minimum(np.arange(padded(instances)), instances - 1)
 
 
 def _multipliers_of(term) -> np.ndarray:
@@ -216,24 +221,6 @@ def _multipliers_of(term) -> np.ndarray:
     if term.role is not None:
         return np.zeros(shape, int)
     return 1 + term.first_row + np.arange(term.rows).reshape(shape)
-
-
-def _on_instances(term, name: str, given, found) -> tuple:
-    """Return what applies a part of a term to all instances, and what that needs alive.
-
-    given, found: slices of arrays that it reads and writes.
-    """
-    function = term.function.part(name)
-    width = function.size2_in(0)
-    calls = -(-term.instances // width)
-    buffer, evaluate = function.map(calls).buffer()
-    for k, array in enumerate(given):
-        if size := function.size1_in(k) * width * calls:
-            buffer.set_arg(k, memoryview(array[:size]))
-    for k, array in enumerate(found):
-        if size := function.size1_out(k) * width * calls:
-            buffer.set_res(k, memoryview(array[:size]))
-    return evaluate, buffer
 
 
 def _joined(parts: list[tuple], count: int) -> list[np.ndarray]:

@@ -6,7 +6,7 @@ U = du/dz = -F_u^-1 F_z, multipliers l, and m = -F_u^-T v_u' l,
     dv/dz = v_z + v_u U,     Hessian of l'v:  [1; U]' (l'v + m'F)'' [1; U],
 
 the second derivatives by z and u.  The iteration that finds u is not differentiated; it
-is a function of its own, called once at a point.
+is a function of its own, a solver u = s(a) of arguments a(z), which terms share.
 """
 
 from __future__ import annotations
@@ -17,14 +17,18 @@ from typing import NamedTuple
 
 import casadi as ca
 
-PARTS = ("roots", "first", "second", "patterns")  # names of the derived functions
+PARTS = ("arguments", "first", "second", "patterns")  # names of the derived functions
 
 
 class Traced(NamedTuple):
-    """A term and its roots as functions: (z, d, u) -> v, F and (z, d) -> u."""
+    """A term (z, d, u) -> v, F; (z, d) -> a of its roots; their solver, if any.
+
+    A solver is applied to as many parts of a as there are roots, one after the other.
+    """
 
     at: ca.Function
-    solution: ca.Function
+    arguments: ca.Function
+    solver: ca.Function | None
 
 
 def trace(function, unknowns, order, noting=nullcontext) -> Traced:
@@ -37,17 +41,20 @@ def trace(function, unknowns, order, noting=nullcontext) -> Traced:
     value = ca.densify(ca.vec(ca.SX(value)))
     z, d = ca.vertcat(*z), ca.vertcat(*d)
     roots, value = _merged(roots or [], value)
-    u, residual, solution = (ca.vertcat(*part) for part in zip(*roots, strict=True))
+    solver, argument = _common(roots, ca.vertcat(z, d))
+    none = [ca.SX(0, 1)]
+    u, residual = (ca.vertcat(*none, *(root[k] for root in roots)) for k in (0, 1))
     return Traced(
         ca.Function("term", [z, d, u], [value, residual]),
-        ca.Function("roots", [z, d], [solution]),
+        ca.Function("arguments", [z, d], [ca.densify(argument)], {"cse": True}),
+        solver,
     )
 
 
 def _merged(roots: list[tuple], value) -> tuple[list[tuple], ca.SX]:
     """Return the roots of which no two have one equation, and the value of these."""
     most = ca.SX.sym("u", max((root[0].numel() for root in roots), default=0))
-    equations = [ca.substitute(F, u, most[: u.numel()]) for u, F, _ in roots]
+    equations = [ca.substitute(F, u, most[: u.numel()]) for u, F, *_ in roots]
     if len(roots) > 1:
         left = iter(ca.cse(ca.vertcat(*equations)).elements())
         equations = [ca.vertcat(*islice(left, F.numel())) for F in equations]
@@ -56,16 +63,30 @@ def _merged(roots: list[tuple], value) -> tuple[list[tuple], ca.SX]:
         key = tuple(one.element_hash() for one in equation.elements())
         first = kept.setdefault(key, root)
         value = ca.substitute(value, root[0], first[0])
-    return [(ca.SX(0, 1),) * 3, *kept.values()], value
+    return [*kept.values()], value
+
+
+def _common(roots: list[tuple], whole) -> tuple[ca.Function | None, ca.SX]:
+    """Return the solver of all roots, and its arguments.
+
+    Roots of several solvers are those of one, whose argument is all that a term reads.
+    """
+    if not roots:
+        return None, ca.SX(0, 1)
+    *_, solvers, arguments = zip(*roots, strict=True)
+    if len({*solvers}) == 1:
+        return solvers[0], ca.vertcat(*arguments)
+    found = [one(a) for one, a in zip(solvers, arguments, strict=True)]
+    return ca.Function("root", [whole], [ca.vertcat(*found)], {"cse": True}), whole
 
 
 def values(term: Traced) -> list[ca.Function]:
-    """Return `roots` and `first`, without derivatives."""
+    """Return `arguments` and `first`, without derivatives."""
     z, d, u = (ca.SX.sym(name, term.at.size1_in(k)) for k, name in enumerate("zdu"))
-    return [term.solution, ca.Function("first", [z, d, u], [term.at(z, d, u)[0]])]
+    return [term.arguments, ca.Function("first", [z, d, u], [term.at(z, d, u)[0]])]
 
 
-def derivatives(at: ca.Function, solution: ca.Function) -> list[ca.Function]:
+def derivatives(at: ca.Function, arguments: ca.Function) -> list[ca.Function]:
     """Return the functions named in PARTS; their source is part of the compiled key."""
     z, d, u = (ca.SX.sym(name, at.size1_in(k)) for k, name in enumerate("zdu"))
     value, residual = (ca.cse(ca.densify(part)) for part in at(z, d, u))
@@ -88,7 +109,7 @@ def derivatives(at: ca.Function, solution: ca.Function) -> list[ca.Function]:
     patterns = [ca.DM(matrix.sparsity(), 1) for matrix in (jacobian, hessian)]
     cse = {"cse": True}
     return [
-        ca.Function("roots", [z, d], [ca.densify(solution(z, d))], cse),
+        arguments,
         ca.Function("first", [z, d, u], [value, nonzeros[0]], cse),
         ca.Function("second", [z, d, u, multiplier], [nonzeros[1]], cse),
         ca.Function("patterns", [], patterns),

@@ -21,8 +21,8 @@ import casadi as ca
 from ..common.deadline import NEVER, Deadline
 from ..errors import PageError
 from .codegen import begun, kept
-from .derivation import PARTS, Traced, derivatives, trace, values
-from .simd import vector_source
+from .derivation import PARTS, derivatives, trace, values
+from .simd import WIDTH, vector_source
 
 REMEDIES = {  # of what keeps a function from being traced, by words of the error
     "truth value": "write casadi.if_else(condition, a, b), casadi.fmax or casadi.fmin",
@@ -35,18 +35,22 @@ REMEDIES = {  # of what keeps a function from being traced, by words of the erro
 class TermFunction:
     """Functions of (unknowns z, data d, roots u, multipliers l) of a term's instances.
 
-    `roots` (z, d) -> u, at which the others are evaluated: `first` (z, d, u) -> value
-    (m,), nonzeros of the Jacobian; `second` (z, d, u, l) -> nonzeros of the upper
+    `arguments` (z, d) -> a, of which `solver` makes the roots u; `first` (z, d, u) ->
+    value (m,), nonzeros of the Jacobian; `second` (z, d, u, l) -> nonzeros of the upper
     triangle of the Hessian of l' value.  Compiled, each may take several instances at
-    once, as columns: see `repeated`.  rows, unknowns, data, roots: lengths of value,
-    z, d, u; made: returns the functions, waiting for compilers that still run.
+    once, as columns: see `repeated`.  rows, unknowns, data, roots, arguments: lengths
+    of value, z, d, u, a; equations: how many roots u are; made, solver: return the
+    functions, waiting for compilers that still run.
     """
 
     rows: int
     unknowns: int
     data: int
     roots: int
+    arguments: int
+    equations: int
     made: Callable[[], list[ca.Function]]
+    solver: Callable[[], ca.Function] | None = None
     jacobian_sparsity: ca.Sparsity | None = None
     hessian_sparsity: ca.Sparsity | None = None
     _mapped: dict = field(default_factory=dict, init=False, repr=False)
@@ -62,12 +66,16 @@ class TermFunction:
         """
         if (name, instances) not in self._mapped:
             sizes = self.unknowns, self.data, *[self.rows] * (name == "second")
-            given = [ca.MX.sym(f"a{k}", n, instances) for k, n in enumerate(sizes)]
-            u = repeated(self.part("roots"), instances)(*given[:2])
-            found = repeated(self.part(name), instances).call(
-                [*given[:2], u, *given[2:]]
-            )
-            self._mapped[name, instances] = ca.Function(name, given, found)
+            z, d, *more = (ca.MX.sym("a", n, instances) for n in sizes)
+            u = ca.MX(0, instances)
+            if self.solver:
+                a = repeated(self.part("arguments"), instances)(z, d)
+                calls = self.equations * instances
+                a = ca.reshape(a, self.arguments // self.equations, calls)
+                u = repeated(self.solver(), calls)(a)
+                u = ca.reshape(u, self.roots, instances)
+            found = repeated(self.part(name), instances).call([z, d, u, *more])
+            self._mapped[name, instances] = ca.Function(name, [z, d, *more], found)
         return self._mapped[name, instances]
 
 
@@ -79,8 +87,8 @@ class TermFunctionCache:
     use the default of the process (`default_cache`).  read, compile: whether libraries
     that were compiled earlier are loaded, and new ones compiled; else CasADi's virtual
     machine evaluates the same expressions.  derive: False for a problem whose terms are
-    evaluated, but that is not solved.  functions: by serialised expression; derived:
-    how many were differentiated; seconds [s]: what that took.
+    evaluated, but that is not solved.  functions, solvers: by serialised expression;
+    derived: how many were differentiated; seconds [s]: what that took.
 
     A cache stays in its process: unpickled elsewhere it is the default cache there.
     """
@@ -89,6 +97,7 @@ class TermFunctionCache:
     compile: bool = True
     derive: bool = True
     functions: dict[str, TermFunction] = field(default_factory=dict)
+    solvers: dict[str, Callable] = field(default_factory=dict)
     derived: int = 0
     seconds: float = 0.0
 
@@ -112,26 +121,38 @@ class TermFunctionCache:
         """
         if not self.derive:
             return traced(function, unknowns, order)
-        term = trace(function, unknowns, order, noting)
-        key = "".join(part.serialize() for part in term)
+        *term, solver = trace(function, unknowns, order, noting)
+        of_roots = _serialised(solver) if solver else ""
+        key = "".join([*(part.serialize() for part in term), of_roots])
         if key not in self.functions:
             found = kept(PARTS, _origin(key)) if self.read else None
-            self.functions[key] = (
-                self._derive(term, key, deadline)
-                if found is None
-                else _term_function(found, lambda: found)
-            )
+            made = (lambda: found) if found else None
+            if found is None:
+                found, made = self._derived(term, key, deadline)
+            solve = self._solver(solver, of_roots, deadline) if solver else None
+            self.functions[key] = _term_function(found, made, solver, solve)
         return self.functions[key]
 
-    def _derive(self, term: Traced, key: str, deadline: Deadline) -> TermFunction:
+    def _solver(self, solver: ca.Function, key: str, deadline: Deadline) -> Callable:
+        """Return what returns a solver, compiled once for all terms if possible."""
+        if key not in self.solvers:
+            names, origin = [solver.name()], _origin(key)
+            found = kept(names, origin) if self.read else None
+            made = (lambda: found) if found else (lambda: [solver])
+            if found is None and self.compile:
+                made = begun([solver], origin, deadline, True)
+            self.solvers[key] = lambda: made()[0]
+        return self.solvers[key]
+
+    def _derived(self, term, key: str, deadline: Deadline) -> tuple:
+        """Return the functions of a term, and what returns them compiled."""
         began = time.perf_counter()
         functions = derivatives(*term)
         given = functions, _origin(key), deadline, True
-        made = begun(*given) if self.compile else None
-        found = _term_function(functions, made or (lambda: functions))
+        made = begun(*given) if self.compile else (lambda: functions)
         self.derived += 1
         self.seconds += time.perf_counter() - began
-        return found
+        return functions, made
 
     @contextmanager
     def as_default(self) -> Iterator[TermFunctionCache]:
@@ -156,7 +177,7 @@ def traced(function: Callable, unknowns: list[int], order: list[tuple]) -> TermF
     """Return a term function without derivatives: for what is read off a solution."""
     made = values(trace(function, unknowns, order))
     sizes = made[1].size1_out(0), *(made[1].size1_in(k) for k in range(3))
-    return TermFunction(*sizes, lambda: made)
+    return TermFunction(*sizes, 0, 0, lambda: made)  # roots are written out
 
 
 def term_function_named(name: str, trace, function, sizes, order) -> TermFunction:
@@ -194,6 +215,28 @@ def repeated(function: ca.Function, instances: int) -> ca.Function:
     return ca.Function(function.name(), given, found)
 
 
+def padded(instances: int) -> int:
+    """Return how many instances fill all calls of functions of several at once."""
+    return -(-instances // WIDTH) * WIDTH
+
+
+def between_slices(function: ca.Function, instances: int, given, found) -> tuple:
+    """Return what applies a function to all instances, and what that needs alive.
+
+    given, found: slices of arrays that it reads and writes, of `padded` instances.
+    """
+    width = function.size2_in(0)
+    calls = -(-instances // width)
+    buffer, evaluate = function.map(calls).buffer()
+    for k, array in enumerate(given):
+        if size := function.size1_in(k) * width * calls:
+            buffer.set_arg(k, memoryview(array[:size]))
+    for k, array in enumerate(found):
+        if size := function.size1_out(k) * width * calls:
+            buffer.set_res(k, memoryview(array[:size]))
+    return evaluate, buffer
+
+
 def applied(term, name: str, x, data, *weights) -> list:
     """Return what a part of a term returns, each with a column for every instance."""
     function = term.function.mapped(name, term.instances)
@@ -211,15 +254,24 @@ def _derivation_rule() -> str:
     return inspect.getsource(derivatives) + inspect.getsource(vectors)
 
 
-def _term_function(parts, made: Callable) -> TermFunction:
+@cache
+def _serialised(function: ca.Function) -> str:
+    return function.serialize()
+
+
+def _term_function(parts, made: Callable, solver, solve) -> TermFunction:
     """Return the term function of PARTS; outputs of `patterns` are its sparsities."""
-    _, first, _, patterns = parts
+    arguments, first, _, patterns = parts
+    roots = first.size1_in(2)
     return TermFunction(
         rows=first.size1_out(0),
         unknowns=first.size1_in(0),
         data=first.size1_in(1),
-        roots=first.size1_in(2),
+        roots=roots,
+        arguments=arguments.size1_out(0),
+        equations=roots // solver.size1_out(0) if solver else 0,
         made=made,
+        solver=solve,
         jacobian_sparsity=patterns.sparsity_out(0),
         hessian_sparsity=patterns.sparsity_out(1),
     )
