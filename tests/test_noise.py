@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import savgol_filter
 
 from tactilenlp.data.measurements import Measurements
 from tactilenlp.data.noise_model import Noise, add_noise
+from tactilenlp.data.sensor_noise import SMOOTHING_WINDOW, local_parabolas
 
 
 @pytest.fixture
@@ -59,3 +61,10 @@ def test_noise_is_repeatable_and_one_kind_leaves_the_others_alone(recorded):
     np.testing.assert_array_equal(fewer.valid, noisy.valid)
     alone = add_noise(recorded.select([7]), noise)
     assert alone == noisy.select([7])
+
+
+@pytest.mark.parametrize("samples", [5, 9, 10, 31])
+def test_smoothing_is_the_filter_of_savitzky_and_golay(samples):
+    window = min(SMOOTHING_WINDOW, samples - 1 + samples % 2)
+    wanted = savgol_filter(np.eye(samples), window, 2, axis=0)
+    np.testing.assert_allclose(local_parabolas(samples, window), wanted, atol=1e-14)
