@@ -4,8 +4,10 @@ In: variables, parameters and terms, each a small function of a few local unknow
 Out: a `Problem` and, at a solution, parametric sensitivities of its KKT system.
 Nothing here depends on touch.
 
-- `problem`, `terms`, `term_functions`, `assembly`, `codegen`: state, derive, compile
-- `kkt`, `kkt`: bordered factorisation; active set, sensitivity, Newton step
+- `problem`, `terms`: state; `derivation`, `term_functions`: derive the functions of terms
+- `codegen`, `simd`, `compilation`: compile them, for several instances at once
+- `assembly`: evaluate all terms together
+- `kkt`: bordered factorisation; active set, sensitivity, Newton step
 - `reduced_space`: unknowns that follow from others are eliminated
 - `diagnostics`, `derivative_check`: describe and check a problem before a solve
 """

@@ -5,8 +5,8 @@ In: a `Problem` of the package nlp, a start, and the levels of a continuation.  
 barrier methods with a filter line search (Waechter and Biegler, Math. Program. 106).
 
 - `solve`, `options`: one solve, or the levels of a page, each from the one before
-- `interior_point`: for problems without equalities; a step solves a system of the size
-  of x: `programme`, `condensed_kkt`, `sparse_ldl` (C, sparse_ldl.c), `line_search`
+- `interior_point`: for problems with few equations; a step solves a system of the size
+  of x: `programme`, `condensed_kkt`, `bordered_ldl`, `sparse_ldl` (C), `line_search`
 - `ipopt`: the reference, for all problems, and wherever the other one fails
 - `solution`: values, costs, violations and multipliers by name
 """
