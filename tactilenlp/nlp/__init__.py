@@ -4,7 +4,7 @@ In: variables, parameters and terms, each a small function of a few local unknow
 Out: a `Problem` and, at a solution, parametric sensitivities of its KKT system.
 Nothing here depends on touch.
 
-- `problem`, `terms`: state; `derivation`, `term_functions`: derive the functions of terms
+- `problem`, `terms`: state; `derivation`, `term_functions`: derive functions of terms
 - `codegen`, `simd`, `compilation`: compile them, for several instances at once
 - `assembly`: evaluate all terms together
 - `kkt`: bordered factorisation; active set, sensitivity, Newton step
