@@ -25,7 +25,8 @@ class Assembly:
     terms: costs, then constraints in the order of their rows; scale (n,); data, rows:
     how many numbers all terms read, how many rows are constrained.  jacobian (rows, n),
     hessian (n, n), upper triangle: patterns, whose nonzeros are what is returned.  A
-    strict deadline ends the making between two terms: large problems take seconds.
+    strict deadline ends the making between two terms: large problems take seconds.  Its
+    arrays are its own: one thread at a time.
     """
 
     def __init__(self, terms, scale, data: int, rows: int, deadline: Deadline = NEVER):

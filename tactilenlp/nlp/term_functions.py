@@ -9,6 +9,7 @@ compiler, by codegen.py.
 
 from __future__ import annotations
 
+import hashlib
 import inspect
 import time
 from collections.abc import Callable, Iterator
@@ -117,12 +118,13 @@ class TermFunctionCache:
         unknowns: lengths of the arguments that are local unknowns; order: for each
         argument ("z" | "d", length), local unknown or data; deadline: of compilations;
         noting: a context in which `function` is called; it gives a list of the roots
-        that were read by then: symbols u (k,), F (k,) at these, the solution (k,).
+        that were read by then: symbols u (k,), F (k,) at these, their solver a -> u
+        and its argument a.
         """
         if not self.derive:
             return traced(function, unknowns, order)
         *term, solver = trace(function, unknowns, order, noting)
-        of_roots = _serialised(solver) if solver else ""
+        of_roots = _digest(solver) if solver else ""
         key = "".join([*(part.serialize() for part in term), of_roots])
         if key not in self.functions:
             found = kept(PARTS, _origin(key)) if self.read else None
@@ -255,8 +257,8 @@ def _derivation_rule() -> str:
 
 
 @cache
-def _serialised(function: ca.Function) -> str:
-    return function.serialize()
+def _digest(function: ca.Function) -> str:
+    return hashlib.sha256(function.serialize().encode()).hexdigest()
 
 
 def _term_function(parts, made: Callable, solver, solve) -> TermFunction:
