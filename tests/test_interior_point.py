@@ -86,6 +86,7 @@ def test_a_matrix_with_a_border_is_factorised_if_its_inertia_is_right(method, sh
     if shared:
         np.testing.assert_allclose(whole @ ldl.solve(right), right, atol=1e-11)
     assert not ldl.factorise(whole[places] - 9.0 * (places[0] == places[1]))
+    assert not ldl.factorise(np.full(len(places[0]), np.nan))
     plain = BorderedLdl(*np.nonzero(np.triu(matrix)), border[:n])
     assert plain.factorise(matrix[np.nonzero(np.triu(matrix))])
     np.testing.assert_allclose(matrix @ plain.solve(right[:n]), right[:n], atol=1e-11)

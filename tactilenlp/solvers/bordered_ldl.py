@@ -57,7 +57,9 @@ class BorderedLdl:
         self._reach = self._core.solve(self._B)
         S -= self._B.T @ self._reach  # the upper triangle is read
         self._S, self._pivots, failed = dsytrf(S)
-        return failed == 0 and _below_zero(self._S, self._pivots) == self._negative
+        if failed or not np.isfinite(self._S).all():
+            return False
+        return _below_zero(self._S, self._pivots) == self._negative
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Return the solution for a right-hand side (n,)."""
