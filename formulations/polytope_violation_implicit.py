@@ -50,7 +50,7 @@ LEVELS = (
             "cone rounding": 0.01,
             "speed rounding": 6e-3,
         },
-        ipopt={"mu_init": 1e-1, "max_iter": 20},
+        ipopt={"mu_init": 1e-1, "max_iter": 60},
     ),
     Level("joint", rebuild=True, ipopt={"mu_init": 1e-2}),
 )
