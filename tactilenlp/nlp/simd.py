@@ -42,7 +42,8 @@ WRITTEN = {
     "FABS": "(vector)((mask){0} & 0x7fffffffffffffffLL)",
     "FMIN": "chosen(({0} < {1}) | ({1} != {1}), {0}, {1})",
     "FMAX": "chosen(({0} > {1}) | ({1} != {1}), {0}, {1})",
-    "SIGN": "one_if({0} > 0.0) - one_if({0} < 0.0)",
+    "SIGN": "chosen(({0} > 0.0) | ({0} < 0.0), "
+    "one_if({0} > 0.0) - one_if({0} < 0.0), {0})",  # of 0 and NaN: themselves
     "CONSTPOW": "each_pow({0}, {1})",
 }
 # Functions of math.h, called for each instance.
