@@ -141,7 +141,10 @@ def test_every_normal_is_that_of_the_body_where_it_is_then(world, afloat):
 @pytest.mark.slow
 def test_what_no_one_touched_of_it_is_not_known_and_said_so(afloat):
     sigma, touched = face_sigma(afloat), afloat.faces > 3
-    assert sigma[touched].max() < 0.5 * np.median(sigma[afloat.faces == 0])
+    normals = afloat.supporting_planes().normal[touched]
+    one_face = normals @ normals.T > np.cos(np.radians(5))  # nearly coplanar facets
+    known = [sigma[touched][facets].min() for facets in one_face]
+    assert max(known) < 0.5 * np.median(sigma[afloat.faces == 0])
     assert np.median(sigma[afloat.faces == 0]) > 2e-3
     assert any("never touched" in words for words in afloat.information.unobserved)
 

@@ -280,3 +280,12 @@ def test_the_names_of_options_are_those_of_ipopt():
     every["max_wall_time"] = 10.0
     solution = solve(problem, solver=make_ipopt(problem, SolverOptions(ipopt=every)))
     assert solution.success
+
+
+def test_rounding_puts_no_point_on_a_bound():
+    problem = Problem()
+    x = problem.variable("x", 2, 3, guess=1.0, lower=1.0, upper=2.0, unit="m", scale=1)
+    problem.minimize("low", lambda x: 1e12 * ca.sum1(x), x, role="prior")
+    found = solve(problem, SolverOptions(tolerance=1e-8))
+    assert found.success
+    np.testing.assert_allclose(found.values["x"], 1.0, atol=1e-12)

@@ -79,17 +79,16 @@ class _Run:
     ):  # fmt: skip
         self.programme, self.kkt, self.data = programme, programme.kkt, p
         self.settings, self.mu = settings, settings.mu_init
-        self.began = time.monotonic()
-        self.n, self.fixed = len(x0), lbx >= ubx
+        self.began, self.n, self.fixed = time.monotonic(), len(x0), lbx >= ubx
         self.left_out = self.kkt.touched_by(self.fixed)
-        self.equal = self.kkt.equal  # rows whose slack is the number that they equal
+        self.equal = self.kkt.equal  # their slack is the number that they equal
         still = np.r_[self.fixed, self.equal]
         lower = np.where(still, -np.inf, np.r_[lbx, lbg])
         upper = np.where(still, np.inf, np.r_[ubx, ubg])
         self.lo, self.hi = (np.flatnonzero(np.isfinite(b)) for b in (lower, upper))
-        self.lower, self.upper = lower[self.lo], upper[self.hi]
-        self.iterations, self.evaluations = 0, 1
-        self.damping = 0.0  # of the last step that needed any
+        self.lower, self.upper = bounds = lower[self.lo], upper[self.hi]
+        self.least = [np.spacing(np.maximum(1.0, np.abs(b))) for b in bounds]
+        self.iterations, self.evaluations, self.damping = 0, 1, 0.0
         self.accepted, self.shortened, self.resets = 0, 0, 0
         self.history: list[tuple] = []  # by iteration, as HISTORY names
         warm = lam_g0 is not None
@@ -114,7 +113,8 @@ class _Run:
         return self._point(w, self.programme.evaluated(w[: self.n], self.data))
 
     def _point(self, w, values) -> Point:
-        return Point(w, *values, w[self.lo] - self.lower, self.upper - w[self.hi])
+        distances = w[self.lo] - self.lower, self.upper - w[self.hi]  # not rounded to 0
+        return Point(w, *values, *map(np.maximum, distances, self.least))
 
     def bounds_of_x(self) -> np.ndarray:
         """Return the multipliers of the bounds of x, negative at lower ones."""
@@ -161,8 +161,8 @@ class _Run:
     def _error(self, mu: float) -> float:
         """Return E of (5): errors over the mean multipliers, where these are large."""
         of_dual, of_product = self.scales
-        product = _largest(self.products - mu)
-        return max(self.dual / of_dual, self.primal, product / of_product)
+        product = _largest(self.products - mu) / of_product
+        return max(self.dual / of_dual, self.primal, product)
 
     def _status(self, before: float) -> str | None:
         """Return why the solve ends here, if it does; before: f of the last point."""
