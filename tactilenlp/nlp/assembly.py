@@ -75,23 +75,16 @@ class Assembly:
             evaluate()
         return self._second_sums @ self._found_second.whole
 
-    def for_nlpsol(self) -> dict:
-        """Return `nlp` (expressions) and the derivatives, functions, of nlpsol."""
-        sizes = len(self._scale), self._data, self._rows, 1
-        x, p, g, one = map(ca.Sparsity.dense, sizes)
-        made = (
-            ("value", lambda *at: self.evaluated(*at)[::2], (x, p), (one, g)),
-            ("grad_f", lambda *at: self.evaluated(*at)[:2], (x, p), (one, x)),
-            ("jac_g", lambda *at: self.evaluated(*at)[2:], (x, p), (g, self.jacobian)),
-            ("hess_lag", self._hess_lag, (x, p, one, g), (self.hessian,)),
-        )
-        functions = {name: ArrayFunction(name, *how) for name, *how in made}
-        x, p = ca.MX.sym("x", x), ca.MX.sym("p", p)
-        f, g = functions["value"](x, p)
-        return {"nlp": {"x": x, "p": p, "f": f, "g": g}, **functions}
-
-    def _hess_lag(self, x, p, lam_f, lam_g) -> tuple:
-        return (self.second(x, p, lam_f[0], lam_g),)
+    @cached_property
+    def functions(self) -> dict:
+        """The programme as `nlpsol_functions`."""
+        return nlpsol_functions(
+            self._data, self.jacobian, self.hessian,
+            value=lambda *at: self.evaluated(*at)[::2],
+            grad_f=lambda *at: self.evaluated(*at)[:2],
+            jac_g=lambda *at: self.evaluated(*at)[2:],
+            hess_lag=lambda x, p, f, g: (self.second(x, p, f[0], g),),
+        )  # fmt: skip
 
     def _look(self, x, p) -> None:
         """Gather what the terms read at x, p, unless they were looked at last."""
@@ -153,8 +146,9 @@ class Assembly:
         self._constraints = np.concatenate(constraints)
         self.jacobian, *places = _scattered(jacobian, (self._rows, n))
         sums.append((1 + n + places[0], *places[1:]))
-        size = 1 + n + self.jacobian.nnz(), len(found.whole)
-        self._sums = _sums(*_joined(sums, 3), size)
+        target, factors, read = _joined(sums, 3)
+        shape = 1 + n + self.jacobian.nnz(), len(found.whole)
+        self._sums = sp.csr_matrix((factors, (target, read)), shape)
 
     def _add_up_curves(self) -> None:
         n, found, hessian = len(self._scale), self._found_second, []
@@ -163,8 +157,9 @@ class Assembly:
             i, j, factor = term.hessian_places
             factors = self._scale[i] * self._scale[j] * factor
             hessian.append((i, j, factors, found.places(k)))
-        self.hessian, *places = _scattered(hessian, (n, n))
-        self._second_sums = _sums(*places, (self.hessian.nnz(), len(found.whole)))
+        self.hessian, target, factors, read = _scattered(hessian, (n, n))
+        shape = self.hessian.nnz(), len(found.whole)
+        self._second_sums = sp.csr_matrix((factors, (target, read)), shape)
 
 
 class _Gathered:
@@ -230,16 +225,11 @@ def _joined(parts: list[tuple], count: int) -> list[np.ndarray]:
     return [np.concatenate([*column]) for column in columns]
 
 
-def _sums(target, factors, read, shape) -> sp.csr_matrix:
-    """Return the matrix that adds up what is read, times factors, at each target."""
-    return sp.csr_matrix((factors, (target, read)), shape)
-
-
 def _scattered(parts, shape: tuple[int, int]) -> tuple:
-    """Return the pattern of what stands at (row, column), and arguments of `_sums`.
+    """Return the pattern of what stands at (row, column), and what sums it.
 
-    parts: rows, columns, factors, and where the numbers are read.  A target is a
-    nonzero of the pattern, which several numbers may share.
+    parts: rows, columns, factors, and where the numbers are read.  Targets are nonzeros
+    of the pattern, which several numbers may share; factors and where these are read.
     """
     rows, columns, factors, read = _joined(parts, 4)
     keys = columns.astype(np.int64) * shape[0] + rows  # column by column, as CasADi's
@@ -248,6 +238,28 @@ def _scattered(parts, shape: tuple[int, int]) -> tuple:
     start = np.searchsorted(column, np.arange(shape[1] + 1))
     pattern = ca.Sparsity(*shape, start.tolist(), row.tolist())
     return pattern, target, factors, read
+
+
+def nlpsol_functions(
+    data: int, jacobian, hessian, *, value, grad_f, jac_g, hess_lag
+) -> dict:
+    """Return `nlp` (expressions) and the derivatives, functions, of casadi.nlpsol.
+
+    data: how many numbers p are given; jacobian (rows, n), hessian (n, n): patterns;
+    value (x, p) -> f, g; grad_f (x, p) -> f, gradient; jac_g (x, p) -> g, nonzeros;
+    hess_lag (x, p, lam_f, lam_g) -> nonzeros.
+    """
+    sizes = hessian.size1(), data, jacobian.size1(), 1
+    x, p, g, one = map(ca.Sparsity.dense, sizes)
+    functions = {
+        "value": ArrayFunction("value", value, (x, p), (one, g)),
+        "grad_f": ArrayFunction("grad_f", grad_f, (x, p), (one, x)),
+        "jac_g": ArrayFunction("jac_g", jac_g, (x, p), (g, jacobian)),
+        "hess_lag": ArrayFunction("hess_lag", hess_lag, (x, p, one, g), (hessian,)),
+    }
+    x, p = ca.MX.sym("x", x), ca.MX.sym("p", p)
+    f, g = functions["value"](x, p)
+    return {"nlp": {"x": x, "p": p, "f": f, "g": g}, **functions}
 
 
 class ArrayFunction(ca.Callback):

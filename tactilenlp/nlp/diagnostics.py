@@ -151,7 +151,7 @@ def check(problem: Problem, start: dict | None = None, seed: int = 0) -> Report:
         assembled = assembled_error(problem, x, data, rng)
     scale = sp.diags(problem.scale)
     J = [problem.jacobian(name, x, data) @ scale for name in problem.constraints]
-    g, c = gradient(problem, x, data, [*problem.costs]), np.zeros(problem.size)
+    g, c = gradient(problem, x, data, problem.costs), np.zeros(problem.size)
     for name in problem.costs:
         c += problem.hessian(name, x, data).diagonal()
     g, c = np.abs(g) * problem.scale, np.abs(c) * problem.scale**2

@@ -35,6 +35,7 @@ from .term_functions import applied
 
 LEAST_CURVATURE = 1e-9  # [1 / scaled unknown^2] l, far below that of measured unknowns
 BORDER_ENTRIES = 4.0  # [-] times the entries of the median column: part of the border
+NO_WEIGHTS: Mapping[str, np.ndarray] = {}
 AMBIGUOUS = 1e2  # [-] ratio of multiplier and slack up to which activity is ambiguous
 ACTIVE_PENALTY = 1e6  # [-] times A'A, against scaled Hessians whose entries are near 1
 LEAST_NEGATIVE = 1e-10  # [-] of the largest |entry| of H: smaller is rounding
@@ -42,18 +43,17 @@ SHIFT_GROWTH = 4.0  # [-] factor of a shift that leaves a matrix indefinite
 INVERSE_ITERATIONS = 40  # enough for two digits of the lowest eigenvector
 
 
-def gradient(problem, x, data, weights) -> np.ndarray:
+def gradient(problem, x, data, names, weights=NO_WEIGHTS) -> np.ndarray:
     """Return the gradient (unknowns,) of a sum of terms at x (unknowns,), both SI.
 
-    weights: by term, one for all its rows or one for each; or names, of weight 1.
+    names: of the terms; weights: of their rows (instances, rows), by name; others 1.
     """
-    weights = weights if isinstance(weights, Mapping) else dict.fromkeys(weights, 1.0)
     g = np.zeros(problem.size)
-    for name, weight in weights.items():
+    for name in names:
         term = problem.terms[name]
         rows, columns = term.jacobian_places
         slopes = np.asarray(applied(term, "first", x, data)[1]).T.ravel()
-        weight = np.broadcast_to(np.ravel(weight), term.rows)
+        weight = np.broadcast_to(np.ravel(weights.get(name, 1.0)), term.rows)
         g += np.bincount(columns, slopes * weight[rows], problem.size)
     return g
 
@@ -84,13 +84,17 @@ class BorderedFactors:
         return answer
 
 
+def read_by_many(counts: np.ndarray) -> np.ndarray:
+    """Return which rows, of these counts of entries, belong to the border."""
+    return counts > BORDER_ENTRIES * np.median(counts)
+
+
 def factorise(H, A) -> BorderedFactors:
     """Factorise K of scaled H (n, n), symmetric, and A (m, n), rows of unit length."""
     n, m = H.shape[0], A.shape[0]
     H, floor = H + LEAST_CURVATURE * sp.identity(n), -LEAST_CURVATURE * sp.identity(m)
     K = sp.bmat([[H, A.T], [A, floor]], format="csc")
-    counts = np.diff(K.indptr)
-    wide = counts > BORDER_ENTRIES * np.median(counts)
+    wide = read_by_many(np.diff(K.indptr))
     inner, border = np.nonzero(~wide)[0], np.nonzero(wide)[0]
     core = splu(K[inner][:, inner].tocsc())
     B, D = K[inner][:, border].toarray(), K[border][:, border].toarray()

@@ -230,10 +230,10 @@ class Problem:
         sizes = self.scale, self._data_size, self.rows
         return Assembly(self.terms.values(), *sizes, self.deadline)
 
-    @cached_property
+    @property
     def functions(self) -> dict:
         """The programme in scaled unknowns as `nlpsol` takes it, with derivatives."""
-        return self.assembly.for_nlpsol()
+        return self.assembly.functions
 
     @cached_property
     def eliminated(self) -> Eliminated:
@@ -242,7 +242,7 @@ class Problem:
 
     # -- making terms -----------------------------------------------------------------
     def _new(self, name: str, table: dict) -> None:
-        for made in ("assembly", "functions", "scale", "eliminated"):
+        for made in ("assembly", "scale", "eliminated"):
             self.__dict__.pop(made, None)
         if not isinstance(name, str) or name in table:
             raise PageError("declared twice", where=name, next="give it another name")

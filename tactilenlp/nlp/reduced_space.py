@@ -19,7 +19,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from ..errors import PageError
-from .assembly import ArrayFunction
+from .assembly import nlpsol_functions
 
 
 class Eliminated:
@@ -44,7 +44,7 @@ class Eliminated:
         self.kept, self.followed = np.nonzero(~rows)[0], np.nonzero(rows)[0]
         self.free = np.setdiff1d(np.arange(problem.size), self.given)
         self.rounds = self._rounds()
-        self._at, self._alive = None, []
+        self._at = None
         self.functions = self._functions()
 
     def complete(self, x: np.ndarray, data: np.ndarray) -> np.ndarray:
@@ -67,6 +67,11 @@ class Eliminated:
         lam = np.zeros(self.problem.rows)
         lam[self.kept] = lam_g
         return self._adjoint(at, 1.0, lam)
+
+    def lagrangian(self, u, data, lam_g: np.ndarray) -> tuple:
+        """Return the gradient of f + lam_g' g by u, scaled, and g, of what is kept."""
+        at = self._slopes(self._look(u, data))
+        return at["Z"].T @ (at["grad"] + at["rest"].T @ lam_g), at["g"]
 
     def _rounds(self) -> list[tuple[str, np.ndarray]]:
         """Return (constraint, instances) in an order in which each can be computed."""
@@ -148,10 +153,8 @@ class Eliminated:
 
     # -- for the solver ---------------------------------------------------------------
     def _functions(self) -> dict:
-        n, m, p = len(self.free), len(self.kept), self.problem.data().size
-        x, data = ca.Sparsity.dense(n), ca.Sparsity.dense(p)
-        one, rows = ca.Sparsity.dense(1), ca.Sparsity.dense(m)
-        upper, jac = ca.Sparsity.upper(n), ca.Sparsity.dense(m, n)
+        n, m = len(self.free), len(self.kept)
+        patterns = ca.Sparsity.dense(m, n), ca.Sparsity.upper(n)
 
         def value(u, p):
             at = self._look(u, p)
@@ -169,15 +172,7 @@ class Eliminated:
             H = self._hessian(self._look(u, p), float(lam_f[0]), lam_g)
             return (H.T[np.tril_indices(n)],)  # symmetric: columns of its upper part
 
-        def call(name, function, inputs, outputs):
-            self._alive.append(ArrayFunction(name, function, inputs, outputs))
-            return self._alive[-1]
-
-        u, d = ca.MX.sym("x", n), ca.MX.sym("p", p)
-        f, g = call("value", value, [x, data], [one, rows])(u, d)
-        return {
-            "nlp": {"x": u, "p": d, "f": f, "g": g},
-            "grad_f": call("grad_f", grad_f, [x, data], [one, x]),
-            "jac_g": call("jac_g", jac_g, [x, data], [rows, jac]),
-            "hess_lag": call("hess_lag", hess_lag, [x, data, one, rows], [upper]),
-        }
+        return nlpsol_functions(
+            self.problem.data().size, *patterns,
+            value=value, grad_f=grad_f, jac_g=jac_g, hess_lag=hess_lag,
+        )  # fmt: skip

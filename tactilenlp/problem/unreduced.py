@@ -39,13 +39,13 @@ class UnreducedProblem:
     @cached_property
     def slope(self) -> np.ndarray:
         """The gradient (unknowns,) of the costs, SI."""
-        return gradient(self.problem, self.x, self.data, [*self.problem.costs])
+        return gradient(self.problem, self.x, self.data, self.problem.costs)
 
     @property
     def whole_slope(self) -> np.ndarray:
         """The gradient (unknowns,) of costs and constraints times multipliers, SI."""
-        held = gradient(self.problem, self.x, self.data, self.multipliers)
-        return self.slope + held
+        named = self.multipliers, self.multipliers
+        return self.slope + gradient(self.problem, self.x, self.data, *named)
 
 
 def unreduced(job, solved) -> UnreducedProblem:

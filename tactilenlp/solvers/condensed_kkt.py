@@ -23,7 +23,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from ..nlp.kkt import BORDER_ENTRIES
+from ..nlp.kkt import read_by_many
 from .bordered_ldl import BorderedLdl
 
 # Fewer rows are left among the sparse ones: a box has 4 to 10, whose fill-in costs less
@@ -59,16 +59,11 @@ class CondensedKkt:
         self._columns, self._rows = np.divmod(places, whole)
         self._diagonal = self._place[hessian.nnz() + len(i) :][:n]
         self._zero = np.zeros(hessian.nnz()), np.zeros(whole - n)
-        border = self._read_by_many()
+        many = read_by_many(np.bincount(np.r_[self._rows, self._columns]))
+        border = many & (np.count_nonzero(many) >= LEAST_BORDER)
         border[n:] = border[tied] = True
         given = self._rows, self._columns, border, whole - n
         self._ldl, self.size = BorderedLdl(*given), len(places)
-
-    def _read_by_many(self) -> np.ndarray:
-        """Return which rows have far more nonzeros than others, unless they are few."""
-        counts = np.bincount(np.r_[self._rows, self._columns])
-        many = counts > BORDER_ENTRIES * np.median(counts)
-        return many & (np.count_nonzero(many) >= LEAST_BORDER)
 
     def times(self, jacobian: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Return J x, (m,); jacobian (k,): nonzeros of J."""

@@ -120,12 +120,12 @@ def _in_time(options: SolverOptions) -> SolverOptions:
     return options if options.time_limit <= left else replace(options, time_limit=left)
 
 
-def _part(problem, eliminate) -> tuple[dict, object, object]:
-    """Return functions, free unknowns and kept rows of what the solver is given."""
+def _part(problem, eliminate) -> tuple[object, object, object]:
+    """Return programme, free unknowns and kept rows of what the solver is given."""
     if not eliminate:
-        return problem.functions, slice(None), slice(None)
+        return problem.assembly, slice(None), slice(None)
     reduced = problem.eliminated
-    return reduced.functions, reduced.free, reduced.kept
+    return reduced, reduced.free, reduced.kept
 
 
 def _inputs(problem, x, lower, upper, warm: Solution | None, eliminate) -> dict:
@@ -152,10 +152,10 @@ def _outputs(problem, out, x, data, fixed, eliminate) -> tuple:
 
     x: the start; fixed (unknowns,): whose bounds coincide.
     """
-    functions, free, _ = _part(problem, eliminate)
+    programme, free, _ = _part(problem, eliminate)
     scale, x, lam_x = problem.scale, x.copy(), np.zeros(problem.size)
     x[free] = np.asarray(out["x"]).ravel() * scale[free]
-    lam_x[free] = _bound_multipliers(functions, out, data, fixed[free]) / scale[free]
+    lam_x[free] = _bound_multipliers(programme, out, data, fixed[free]) / scale[free]
     lam_g = np.asarray(out["lam_g"]).ravel()
     if eliminate:
         x = problem.eliminated.complete(x, data)
@@ -163,17 +163,17 @@ def _outputs(problem, out, x, data, fixed, eliminate) -> tuple:
     return x, lam_g, lam_x
 
 
-def _bound_multipliers(functions, out, data, fixed) -> np.ndarray:
+def _bound_multipliers(programme, out, data, fixed) -> np.ndarray:
     """Return the multipliers of all bounds, scaled.
 
     IPOPT leaves fixed unknowns out and returns no multipliers for their bounds; they
     follow from the stationarity of the Lagrangian.
     """
-    multipliers = np.asarray(out["lam_x"]).ravel()
+    x, lam_g, multipliers = (
+        np.asarray(out[name]).ravel() for name in ("x", "lam_g", "lam_x")
+    )
     if fixed.any():
-        slope = np.asarray(functions["grad_f"](out["x"], data)[1]).ravel()
-        jacobian = functions["jac_g"](out["x"], data)[1].sparse()
-        slope += jacobian.T @ np.asarray(out["lam_g"]).ravel()
+        slope, _ = programme.lagrangian(x, data, lam_g)
         multipliers[fixed] = -slope[fixed]
     return multipliers
 
