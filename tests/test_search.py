@@ -13,6 +13,7 @@ from tactilenlp.estimation.contact_frame import ContactFrame
 from tactilenlp.estimation.initial_search import searched
 from tactilenlp.interface.request import read_request
 from tactilenlp.search.hypothesis import same
+from tactilenlp.search.least_motion import least_motion, unseen
 from tactilenlp.search.multi_hypothesis import search_boxes
 from tactilenlp.tracking.first_touch import body_height
 from tactilenlp.tracking.geometry import BOX
@@ -151,3 +152,22 @@ def test_hypotheses_come_back_out_of_the_frame_of_the_first_touch(estimate):
     back = frame.out_of(frame.into(h))
     np.testing.assert_allclose(back.x, h.x, atol=1e-15)
     np.testing.assert_allclose(back.offset, h.offset, atol=1e-15)
+
+
+def test_a_search_ends_where_no_optimum_is_expected_besides_those_seen():
+    """By hand: w (w + 1) / (n - w - 2) of Boender and Rinnooy Kan, 1987."""
+    assert unseen(8, 1) == pytest.approx(2 / 5)
+    assert unseen(17, 2) == pytest.approx(6 / 13)
+    assert unseen(4, 2) == np.inf  # too few starts to expect anything
+    assert unseen(9, 1) < unseen(8, 1) < unseen(8, 2)
+
+
+def test_least_motion_ends_early_where_all_starts_come_to_one_optimum(estimate, caplog):
+    """Of 20 equal paths as many are solved as show that there is one optimum."""
+    given = "cuboid", "violation_implicit", Options(), None, None, Session()
+    request, _ = read_request(estimate.measurements, estimate.scene, *given)
+    paths = [estimate.hypotheses[0]] * 20
+    caplog.set_level("INFO", "tactilenlp")
+    found = least_motion(request.job, paths)
+    assert len(found) == 8
+    assert "1 optima from 8 starts" in caplog.text

@@ -7,9 +7,13 @@ millimetre, physics finds another pattern of sticking and sliding from there.
 
 from __future__ import annotations
 
+import logging
 import os
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, Protocol
+
+import numpy as np
 
 from formulations import quasi_static
 from formulations.finger_offset import NAME as OFFSET
@@ -17,11 +21,15 @@ from formulations.finger_offset import NAME as OFFSET
 from ..common.threads import on_one_thread
 from ..solvers.options import SolverOptions
 from ..solvers.solve import solve_levels
-from .hypothesis import Hypothesis, Job
+from .hypothesis import Hypothesis, Job, same
 from .local_solve import LEVEL_TIME, problem_at, start_values
+from .margins import LEAST_MOTION_BEHIND
 
+log = logging.getLogger("tactilenlp")
 WEAK_MOTION = {"motion weight": 100.0}  # [nats/m] a third of the page's own
 TOLERANCE = 1e-3  # [-] of these solves: they are starts
+UNSEEN = 0.5  # expected optima that are not sought: their number rounds to none
+ROUND = 8  # tracks at a time over an executor: the fewest that show one optimum alone
 
 
 class Executor(Protocol):
@@ -38,38 +46,66 @@ class Executor(Protocol):
 def least_motion(
     job: Job, tracks, executor: Executor | None = None
 ) -> list[Hypothesis]:
-    """Return for each track, in order, the optimum of least motion from there.
+    """Return for the first tracks, in order, the optimum of least motion from there.
 
-    executor: over which the tracks are solved in chunks.
+    It ends where hardly an optimum is left to be seen (`unseen`).  executor: over which
+    the tracks are solved, several at a time.
     """
-    if executor is None:
-        return _solved(job, tracks)
+    found, optima, given = [], [], (job, tracks)
+    for h in _solves(*given) if executor is None else _spread(*given, executor):
+        found.append(h)
+        if not any(same(job.shape, h, other) for other in optima):
+            optima.append(h)
+        limit = min(h.objective for h in found) + LEAST_MOTION_BEHIND
+        starts, seen = (sum(h.objective <= limit for h in k) for k in (found, optima))
+        if unseen(starts, seen) < UNSEEN:
+            words = "least motion: %d optima from %d starts, others are not expected"
+            log.info(words, seen, starts)
+            break
+    return found
+
+
+def unseen(starts: int, seen: int) -> float:
+    """Return how many optima are expected besides those seen from so many starts.
+
+    The posterior mean of Boender and Rinnooy Kan (Math. Program. 37, 1987), if any
+    number of optima and any sizes of their basins are as probable.  Starts of a search
+    are far from each other, so that they see more than random ones do.
+    """
+    left = starts - seen - 2
+    return seen * (seen + 1) / left if left > 0 else np.inf
+
+
+def _spread(job: Job, tracks, executor) -> Iterator[Hypothesis]:
+    """Solve rounds of tracks over an executor, each in a chunk for every worker."""
     workers = getattr(executor, "_max_workers", None) or os.cpu_count() or 1
-    chunks = [tracks[i::workers] for i in range(workers) if tracks[i::workers]]
-    futures = [executor.submit(_solved, job, chunk) for chunk in chunks]
-    out = [None] * len(tracks)
-    try:
-        for i, future in enumerate(futures):
-            out[i::workers] = future.result()
-    finally:  # after an error or Ctrl-C, pending chunks are cancelled
-        for future in futures:
-            future.cancel()
-    return out
+    for begin in range(0, len(tracks), ROUND):
+        some = tracks[begin : begin + ROUND]
+        chunks = [some[i::workers] for i in range(workers) if some[i::workers]]
+        futures = [executor.submit(_solved, job, chunk) for chunk in chunks]
+        out = [None] * len(some)
+        try:
+            for i, future in enumerate(futures):
+                out[i::workers] = future.result()
+        finally:  # after an error or Ctrl-C, pending chunks are cancelled
+            for future in futures:
+                future.cancel()
+        yield from out
 
 
 @on_one_thread
 def _solved(job: Job, tracks) -> list[Hypothesis]:
+    return list(_solves(job, tracks))
+
+
+def _solves(job: Job, tracks) -> Iterator[Hypothesis]:
     problem, window, _ = problem_at(replace(job, page=quasi_static))
     level = quasi_static.LEVELS[-1]
     level = replace(level, parameters=level.parameters | WEAK_MOTION)
     solvers = {}
-    out = []
     for h in tracks:
-        if job.deadline.passed("least motion of all tracks"):
-            out.append(h)
-            continue
-        out.append(_solved_from(job, problem, window, level, h, solvers))
-    return out
+        late = job.deadline.passed("least motion of all tracks")
+        yield h if late else _solved_from(job, problem, window, level, h, solvers)
 
 
 def _solved_from(job, problem, window, level, h: Hypothesis, solvers) -> Hypothesis:

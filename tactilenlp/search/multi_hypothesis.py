@@ -102,7 +102,7 @@ def search_boxes(
     for h in varied(shape, lying, count - max(1, count // TRACK_SHARE)):
         if not any(same(shape, h, other) for other in starts):
             starts.append(h)
-    pairs = zip(tracks, lying, strict=True)
+    pairs = zip(tracks, lying, strict=False)  # the last tracks need not be solved
     alone = [replace(h, objective=rest.objective) for h, rest in pairs]
     return sorted([*starts, *alone[: count - len(starts)]], key=lambda h: h.rank)
 
