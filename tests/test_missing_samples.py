@@ -9,9 +9,10 @@ from programmes import SENSORS, programme, true_values
 from formulations import violation_implicit
 from formulations.shape import CUBOID
 from tactilenlp import solve_estimate
+from tactilenlp.geometry.transforms import planar_matrix
 from tactilenlp.problem.missing_samples import LONG_WAY, unseen_contact
 from tactilenlp.problem.reductions import Reductions, reduce
-from tactilenlp.tracking.box_contact import box_contact_slopes
+from tactilenlp.tracking.geometry import geometry_of
 
 WEIGHT = 9.81  # [m/s^2] times mass and time step
 
@@ -113,8 +114,8 @@ def unseen_cost(touched, gap: float, impulse: float) -> float:
     z = np.r_[truth["side_lengths"], values["x"][:, window.pose[t]]]
     p, rho = window.push.p_wf[row], window.push.radius[row]
     for _ in range(3):
-        phi, n, _, _ = box_contact_slopes(z[:, None], p, rho)
-        p = p + (gap - phi[0]) * n[:, 0]
+        phi, n = geometry_of(CUBOID).contact(z[:, None], p, rho)
+        p = p + (gap - phi[0]) * planar_matrix(z[-1]) @ n[:, 0]
     push = replace(window.push, p_wf=window.push.p_wf.copy())
     push.p_wf[row] = p
     problem, _ = programme(

@@ -16,7 +16,7 @@ from tactilenlp.search.hypothesis import same
 from tactilenlp.search.least_motion import least_motion, unseen
 from tactilenlp.search.multi_hypothesis import search_boxes
 from tactilenlp.tracking.first_touch import body_height
-from tactilenlp.tracking.geometry import BOX
+from tactilenlp.tracking.geometry import geometry_of
 from tactilenlp.tracking.tracks import Tracks, diverse, split_tracks
 
 
@@ -102,7 +102,7 @@ def test_tracks_of_an_exact_state_are_kept_though_rounding_made_them_indefinite(
     P = np.repeat(np.diag([1e-4, 1e-4, 1e-4, 1e-6, 1e-6, -1e-20])[..., None], count, 2)
     z = np.tile(np.arange(count) * 0.1, (6, 1))
     none = np.zeros(count), np.ones((2, count)), np.zeros((3, count))
-    boxes = SimpleNamespace(geometry=BOX)
+    boxes = SimpleNamespace(geometry=geometry_of(CUBOID))
     tracks, rows = split_tracks(boxes, Tracks(z, P, *none), True, None)
     assert sorted(rows) == [0, 1, 2]
     assert np.linalg.eigvalsh(np.moveaxis(tracks.P, -1, 0)).min() > 0

@@ -1,7 +1,8 @@
 """The frame of the first touch, in which shapes with sizes are searched for.
 
-Its origin is the touched point, its x axis the normal that was felt there: what a
-search draws, rounds and compares does not depend on where the world's axes are.
+Its origin is the touched point, its x axis the normal that was felt there, or the way
+of a finger that touched the top: what a search draws, rounds and compares does not
+depend on where the world's axes are.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 from ..data.joint_offsets import JointZeros
 from ..geometry.transforms import is_planar, planar_matrix, rotate_planar
 from ..search.hypothesis import Hypothesis, Job
-from ..tracking.first_touch import TOP_TILT, first_contact
+from ..tracking.first_touch import TOP_TILT, first_contact, first_onset
 
 
 @dataclass(frozen=True)
@@ -32,9 +33,12 @@ class ContactFrame:
         tilts = not all(is_planar(h.x) for h in kept)
         if tilts or isinstance(job.scene.sigma_offset, JointZeros):
             return cls((0.0, 0.0), 0.0)
-        p, n = first_contact(job.data)
-        beside = np.hypot(n[0], n[1]) > TOP_TILT
-        return cls((p[0], p[1]), float(np.arctan2(n[1], n[0])) if beside else 0.0)
+        p, ahead = first_contact(job.data)
+        if np.hypot(ahead[0], ahead[1]) <= TOP_TILT:
+            t, f = first_onset(job.data)
+            places = job.data.finger_position[job.data.action == job.data.action[t], f]
+            ahead = places[-1] - places[0]
+        return cls((p[0], p[1]), float(np.arctan2(ahead[1], ahead[0])))
 
     def job(self, job: Job) -> Job:
         """Return the job with its measurements and guesses in this frame."""

@@ -159,11 +159,11 @@ def _as_high(geometry, theta, height: float):
     Heights are taken to be proportional to these entries.
     """
     still = np.zeros((3, theta.shape[1]))
-    now, out = geometry.top(np.vstack([theta, still])), theta.copy()
+    now, out = geometry.height(np.vstack([theta, still])), theta.copy()
     for i, row in enumerate(theta):
         more = theta.copy()
         more[i] = 1.01 * row
-        if np.abs(geometry.top(np.vstack([more, still])) - now).max() > 0:
+        if np.abs(geometry.height(np.vstack([more, still])) - now).max() > 0:
             out[i] *= height / now
     return out
 

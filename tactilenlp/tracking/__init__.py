@@ -2,7 +2,7 @@
 
 In: starts of bodies, measurements, scene.  Out: smoothed paths, with their evidence.
 
-- `box_contact`, `geometry`: gaps, normals and slopes of fingers at many bodies
+- `geometry`, `columns`: gaps and normals of fingers at many bodies, compiled
 - `pushing`: prediction, quasi-static pushing of upright bodies
 - `first_touch`, `carried`: where a body may be by the first touch, or after a gap
 - `tracks`: what a track is; selection by evidence, splitting

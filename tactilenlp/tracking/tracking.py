@@ -1,36 +1,32 @@
 """Multi-hypothesis tracking of an upright box through what the fingers felt.
 
 A track is a Gaussian of size and planar pose.  Each sample predicts all tracks by
-quasi-static pushing (pushing.py), with its slopes in the covariance, and corrects them
-by gaps and normals (iterated extended Kalman filter); the innovations add up to the
-log evidence.  After an action tracks are selected and split (tracks.py).  What was
+quasi-static pushing, with its slopes in the covariance, and corrects them by gaps and
+normals (iterated extended Kalman filter); the innovations add up to the log evidence
+(filter_steps.py).  After an action tracks are selected and split (tracks.py).  What was
 recorded is smoothed backward (smoother.py).
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
 from formulations.rigid_body import ARM
 
-from .pushing import Move, pushed
+from .filter_steps import TURN_LENGTH, corrections, prediction
 from .tracks import Filter, Record, Tracks, split_tracks, surviving
 
-PUSH_ERROR = 0.10  # [-] of a predicted motion
 STOP_ERROR = 0.20  # [-] of the motion before, where fingers leave
-TURN_LENGTH = np.array([1.0, 1.0, 1 / ARM])[:, None]  # [m, rad] of a way [m]
-TOUCHED = np.array([1e-4, 1e-4, 5e-3])[:, None]  # [m, rad] process noise of a sample
 RELEASED = np.array([5e-5, 5e-5, 2e-3])[:, None]
 GAP_SIGMA_POSE = np.array([2e-4, 2e-4, 1e-2])[
     :, None
 ]  # [m, rad] of a gap between actions
-OUTLIER = 8.0  # [nats] most that one finger costs in one sample
 PASSES = 2  # of the iterated filter
 PERIOD = 1 / 30  # [s] of tracked samples: process noise and slopes are of such steps
 LONGEST_UPDATE = 8e-3, 8e-3, 0.3  # [m, m, rad] a pass: of sizes, place, yaw
-DIFFERENCE = 1e-5, 1e-5, 5e-4  # [m, m, rad] likewise
 
 
 def tracked(filter: Filter, tracks: Tracks, samples, rng, replaced=None):
@@ -105,38 +101,26 @@ def predicted_tracks(filter, tracks, before, t):
     if not active.any():
         if way.max() < 1e-6:
             return tracks, None, False
-        deviation = filter.process_noise * (RELEASED + STOP_ERROR * way * TURN_LENGTH)
+        deviation = RELEASED + STOP_ERROR * way * np.asarray(TURN_LENGTH)
+        deviation = filter.process_noise * deviation
         if filter.coasts:
             moved = np.vstack([tracks.z[:-3], tracks.z[-3:] + tracks.motion])
             return _noisier(replace(tracks, z=moved), deviation), None, True
         tracks = replace(tracks, motion=np.zeros_like(tracks.motion))
         return _noisier(tracks, deviation), None, True
-    motion, slopes = _motion(filter, tracks, before, t, np.flatnonzero(active))
-    error = PUSH_ERROR * np.maximum(_way(motion), 0.5 * way)
-    z, P = tracks.z.copy(), tracks.P.copy()
-    z[-3:] += motion
-    added = np.einsum("ijs,jks->iks", slopes, tracks.P)
-    P[-3:] += added
-    P[:, -3:] += added.swapaxes(0, 1)
-    P[-3:, -3:] += np.einsum("ijs,kjs->iks", added, slopes)
-    tracks = replace(tracks, z=z, P=P, motion=motion)
-    deviation = filter.process_noise * (TOUCHED + error * TURN_LENGTH)
-    return _noisier(tracks, deviation), slopes, True
+    return *_pushed(filter, tracks, before, t, np.flatnonzero(active)), True
 
 
-def _motion(filter, tracks, before, t, active):
-    """Return motion (3, S), and its slopes (3, n + 3, S) by differences."""
+def _pushed(filter, tracks, before, t, active):
+    """Return tracks after a push of active fingers, slopes of motion (3, n + 3, S)."""
     p, radius = filter.data.finger_position, filter.data.finger_radius
-    moves = [Move(p[before, f], p[t, f], radius[f]) for f in active]
-    difference = filter.geometry.each(*DIFFERENCE)
-    steps = np.hstack([np.zeros((len(difference), 1)), np.diag(difference)])
-    D = pushed(
-        filter.geometry,
-        tracks.z[:, None] + steps[..., None], moves, tracks.press[active][:, None],
-        tracks.motion[:, None], filter.friction,
-    )  # fmt: skip
-    slopes = (D[:, 1:] - D[:, :1]) / difference[:, None]
-    return D[:, 0], slopes
+    ways = np.concatenate([[*p[before, f], *p[t, f], radius[f]] for f in active])
+    given = np.array([*filter.friction, filter.process_noise])
+    z, P, motion, slopes = prediction(filter.geometry.shape, len(active))(
+        tracks.z, _upper(tracks.P), tracks.motion, tracks.press[active], ways, given
+    )
+    tracks = replace(tracks, z=z, P=_whole(P, len(z)), motion=motion)
+    return tracks, slopes.reshape(len(z), 3, -1).swapaxes(0, 1)
 
 
 def between_actions(tracks) -> Tracks:
@@ -160,70 +144,57 @@ def _way(motion):
 
 def _corrected(filter, tracks, t):
     """Return tracks corrected by sample t, and whether anything was to correct."""
-    mean, P_0 = tracks.z, tracks.P
-    z, longest = mean, filter.geometry.each(*LONGEST_UPDATE)[:, None]
+    z, longest = tracks.z, filter.geometry.each(*LONGEST_UPDATE)[:, None]
+    fingers = _telling(filter, z, t)
     for _ in range(PASSES):
-        rows = _measured(filter, z, t)
-        if not rows:
+        off, P, evidence, told = tracks.z - z, _upper(tracks.P), 0.0, False
+        for felt, correct, finger in fingers:
+            off, P, added, gap = correct(z, off, P, *finger)
+            evidence = evidence + added[0]
+            told |= felt or (gap < 0).any()
+        if not told:
             return tracks, False
-        with np.errstate(over="ignore", invalid="ignore"):  # slopes too steep to follow
-            y, P, evidence = _updated(mean, P_0, z, rows)
-        z = z + np.clip(y - z, -longest, longest)
-        z = np.maximum(z, filter.low)
+        with np.errstate(invalid="ignore"):  # slopes too steep to follow
+            z = np.maximum(z + np.clip(off, -longest, longest), filter.low)
     evidence = tracks.evidence + evidence
     evidence[~np.isfinite(evidence)] = -np.inf
-    return replace(tracks, z=z, P=P, evidence=evidence), True
+    return replace(tracks, z=z, P=_whole(P, len(z)), evidence=evidence), True
 
 
-def _updated(mean, P, z, rows):
-    """Return mean and covariance by sequential scalar updates, linearised at z.
-
-    rows: fingers, each a list of (residual (S,), slopes (6, S)), in deviations.
-    Returns the change of log evidence, too, bounded by finger.
-    """
-    x, P, evidence = mean - z, P.copy(), 0.0
-    for fixed, finger in rows:
-        cost, spread = fixed, 0.0
-        for residual, slopes in finger:
-            PH = (P * slopes).sum(axis=1)
-            S = 1.0 + np.maximum((slopes * PH).sum(axis=0), 0.0)  # rounding
-            error = residual + (slopes * x).sum(axis=0)
-            K = PH / S
-            x = x - K * error
-            P -= K[:, None] * PH
-            cost = cost + 0.5 * error**2 / S
-            spread = spread + 0.5 * np.log(S)
-        evidence = evidence - np.minimum(cost, OUTLIER) - spread
-    return x + z, P, evidence
-
-
-def _measured(filter, z, t):
-    """Return for each finger that tells something: a cost, [(residual, slopes)]."""
-    data, geometry, rows = filter.data, filter.geometry, []
+def _telling(filter, z, t) -> list[tuple]:
+    """Return of each finger that may tell something: felt, correction, arguments."""
+    data, geometry, found = filter.data, filter.geometry, []
+    touch, overlap = corrections(geometry.shape)
+    sigma, reach, height = np.array(filter.noise), geometry.reach(z), None
     for f in np.flatnonzero(data.valid[t] | filter.hidden[t]):
         p, radius = data.finger_position[t, f], data.finger_radius[f]
+        given = p, np.array([radius])
         if filter.felt[t, f]:
-            rows.append(_touch(filter, z, p, radius, data.normal[t, f]))
+            felt = data.normal[t, f]
+            across = np.linalg.svd(felt[None])[2][1:]  # two directions
+            found.append((True, touch, (*given, felt, across.ravel(), sigma)))
         elif filter.hidden[t, f] or not data.contact[t, f]:
-            reach = geometry.reach(z) + radius
-            near = (np.abs(z[-3] - p[0]) < reach) & (np.abs(z[-2] - p[1]) < reach)
-            if p[2] > geometry.top(z).max() + radius or not near.any():
+            if (np.abs(z[-3:-1] - p[:2, None]) >= reach + radius).any(axis=0).all():
                 continue
-            gap, _ = geometry.contact(z, p, radius)
-            if (overlap := gap < 0).any():
-                gap, _, slopes, _ = geometry.slopes(z, p, radius)
-                scale = overlap / filter.noise[0]
-                rows.append((0.0, [(scale * gap, scale * slopes)]))
-    return rows
+            height = geometry.height(z).max() if height is None else height
+            if p[2] <= height + radius:
+                found.append((False, overlap, (*given, sigma)))
+    return found
 
 
-def _touch(filter, z, p, radius, felt):
-    """Return cost and rows of a touch: its gap, and its normal across the one felt."""
-    gap, n, gap_slopes, n_slopes = filter.geometry.slopes(z, p, radius)
-    sigma, sigma_n = filter.noise
-    across = np.linalg.svd(felt[None])[2][1:]  # two directions
-    rows = [(gap / sigma, gap_slopes / sigma)]
-    for e in across / sigma_n:
-        rows.append((np.tensordot(e, n, 1), np.tensordot(e, n_slopes, 1)))
-    along = (1.0 - np.tensordot(felt, n, 1)) / sigma_n
-    return 0.5 * along**2, rows
+@cache
+def _places(k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return rows and columns of the upper triangle of a matrix (k, k), by rows."""
+    return np.triu_indices(k)
+
+
+def _upper(P) -> np.ndarray:
+    """Return the upper triangles by rows of covariances (k, k, S)."""
+    return P[_places(len(P))]
+
+
+def _whole(upper, k: int) -> np.ndarray:
+    """Return covariances (k, k, S) from their upper triangles by rows."""
+    P, (i, j) = np.empty((k, k, upper.shape[1])), _places(k)
+    P[i, j] = P[j, i] = upper
+    return P

@@ -1,0 +1,66 @@
+"""Functions of one body, applied to many at once: a column for each.
+
+They are compiled for several columns at once where there is a compiler
+(nlp/codegen.py), beside this process; else CasADi's virtual machine evaluates them.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from ..nlp import simd
+from ..nlp.codegen import begun, kept
+from ..nlp.term_functions import between_slices, padded
+
+SIZES = 8  # numbers of columns for which arrays are kept
+
+
+class Columns:
+    """A function of columns, applied to any number of them.
+
+    made: returns it, after its compiler has ended.
+    """
+
+    def __init__(self, made: Callable[[], ca.Function]):
+        self._made = made
+        self._arrays = lru_cache(SIZES)(self._new_arrays)
+
+    def __call__(self, *given: np.ndarray) -> list[np.ndarray]:
+        """Return the results (rows, S); given: (rows, S), or (rows,) alike for all."""
+        count = max(array.shape[1] for array in given if array.ndim == 2)
+        read, written, evaluate, _ = self._arrays(padded(count))
+        for whole, array in zip(read, given, strict=True):
+            whole[:count] = array.T
+            whole[count:] = whole[count - 1]
+        evaluate()
+        return [np.ascontiguousarray(whole[:count].T) for whole in written]
+
+    def _new_arrays(self, count: int) -> tuple:
+        """Return arrays (count, rows) to read and to write, and what evaluates them."""
+        function = self._made()
+        read = [np.zeros((count, function.size1_in(k))) for k in range(function.n_in())]
+        written = [
+            np.zeros((count, function.size1_out(k))) for k in range(function.n_out())
+        ]
+        views = ([a.ravel() for a in arrays] for arrays in (read, written))
+        return read, written, *between_slices(function, count, *views)
+
+
+def by_columns(
+    names: Sequence[str], origin: ca.Function, derive: Callable[[], list[ca.Function]]
+) -> list[Columns]:
+    """Return the functions that `derive` returns, compiled for several columns.
+
+    names: of these functions; origin: from which derive makes them, by what its module
+    states.  They are not derived where they were compiled earlier.
+    """
+    rule = map(inspect.getsource, (inspect.getmodule(derive), simd))
+    text = "".join([*rule, origin.serialize()])
+    found = kept(names, text)
+    made = (lambda: found) if found else begun(derive(), text, vectors=True)
+    return [Columns(lambda k=k: made()[k]) for k in range(len(names))]

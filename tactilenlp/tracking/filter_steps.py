@@ -1,0 +1,125 @@
+"""Steps of the filter of one track, as functions that are compiled for many.
+
+A track's state z (n + 3,) has a covariance P, given as its upper triangle by rows.
+Prediction is quasi-static pushing (pushing.py) with its exact slopes; a correction
+takes scalar measurements one after the other, all linearised at z, and adds what they
+cost to the log evidence (extended Kalman filter).
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import casadi as ca
+
+from formulations.rigid_body import ARM
+
+from .columns import Columns, by_columns
+from .geometry import upright_surface
+from .pushing import Move, pushed
+
+PUSH_ERROR = 0.10  # [-] of a predicted motion
+TURN_LENGTH = ca.DM([1.0, 1.0, 1 / ARM])  # [m, rad] of a way [m]
+TOUCHED = ca.DM([1e-4, 1e-4, 5e-3])  # [m, m, rad] process noise of a sample
+LEAST_VARIANCE = 1e-14  # [m^2, rad^2] added in a prediction
+OUTLIER = 8.0  # [nats] most that one finger costs in one sample
+
+
+@cache
+def prediction(shape, fingers: int) -> Columns:
+    """Return the prediction by so many fingers that touch.
+
+    z, P, motion before (3,), press (fingers,), of each finger in turn p_0, p_1 (3,) and
+    radius, friction of ground and fingers with the factor of the process noise -> z, P,
+    motion (3,), its slopes (3, n + 3) by columns.
+    """
+    z, P = ca.SX.sym("z", shape.theta + 3), _covariance(shape)
+    before, press = ca.SX.sym("before", 3), ca.SX.sym("press", fingers)
+    ways, given = ca.SX.sym("ways", 7, fingers), ca.SX.sym("given", 3)
+    moves = [
+        Move(way[:3], way[3:6], way[6], press[f])
+        for f, way in enumerate(ca.horzsplit(ways))
+    ]
+    motion = pushed(shape, z, moves, before, (given[0], given[1]))
+    arguments = z, before, press, ca.vec(ways), given
+
+    def derive():
+        slopes = ca.densify(ca.jacobian(motion, z))
+        error = PUSH_ERROR * ca.fmax(_way(motion), 0.5 * _way(before))
+        deviation = given[2] * (TOUCHED + error * TURN_LENGTH)
+        added = ca.vertcat(ca.SX(shape.theta, 1), deviation**2 + LEAST_VARIANCE)
+        F = ca.SX.eye(z.numel())
+        F[-3:, :] += slopes
+        after = ca.vertcat(z[:-3], z[-3:] + motion)
+        found = after, _upper(F @ ca.triu2symm(P) @ F.T + ca.diag(added)), motion
+        given_in_order = z, _upper(P), *arguments[1:]
+        return [_function("prediction", given_in_order, (*found, ca.vec(slopes)))]
+
+    whole = ca.Function("pushed", arguments, [motion])
+    return by_columns(("prediction",), whole, derive)[0]
+
+
+@cache
+def corrections(shape) -> tuple[Columns, Columns]:
+    """Return the corrections by a finger that touches, and by one that does not.
+
+    z, mean - z, P, p_w (3,), radius, of a touch the normal felt (3,) and two directions
+    across it (3, 2) by columns, sigma of gap and normal -> mean - z, P, what it adds to
+    the log evidence, gap [m].  What does not touch corrects where it would overlap.
+    """
+    (z, p_w, radius), (gap, _, level) = upright_surface(shape)
+    x, P, sigma = ca.SX.sym("x", z.numel()), _covariance(shape), ca.SX.sym("sigma", 2)
+    felt, across = ca.SX.sym("felt", 3), ca.SX.sym("across", 3, 2)
+    state, finger = (z, x, _upper(P)), (p_w, radius)
+
+    def derive():
+        rows = ca.vertcat(gap / sigma[0], across.T @ level / sigma[1])
+        cost = ((1 - ca.dot(felt, level)) / sigma[1]) ** 2 / 2
+        found = _corrected(x, P, rows, ca.jacobian(rows, z), cost)
+        given = *state, *finger, felt, ca.vec(across), sigma
+        touch = _function("touch", given, (*found, gap))
+        slopes = ca.if_else(gap < 0, ca.gradient(gap, z).T / sigma[0], 0)
+        found = _corrected(x, P, ca.if_else(gap < 0, gap / sigma[0], 0), slopes, 0)
+        overlap = _function("overlap", (*state, *finger, sigma), (*found, gap))
+        return [touch, overlap]
+
+    surface = ca.Function("surface", [z, *finger], [gap, level])
+    return tuple(by_columns(("touch", "overlap"), surface, derive))
+
+
+def _corrected(x, P, residuals, slopes, cost):
+    """Return mean - z, covariance and log evidence after scalar measurements.
+
+    residuals (k,), slopes (k, n + 3): in deviations; cost: of the finger besides.
+    """
+    spread = 0
+    for k in range(residuals.numel()):
+        h = slopes[k, :].T
+        PH = ca.triu2symm(P) @ h
+        S = 1 + ca.fmax(ca.dot(h, PH), 0)  # rounding
+        error = residuals[k] + ca.dot(h, x)
+        x -= PH * (error / S)
+        P = ca.triu(P - PH @ PH.T / S)
+        cost += error**2 / S / 2
+        spread += ca.log(S) / 2
+    return x, _upper(P), -ca.fmin(cost, OUTLIER) - spread
+
+
+def _covariance(shape):
+    """Return the upper triangle of a covariance."""
+    return ca.SX.sym("P", ca.Sparsity.upper(shape.theta + 3))
+
+
+def _upper(P):
+    """Return the upper triangle by rows."""
+    return ca.vertcat(*(P[i, j] for i in range(P.size1()) for j in range(i, P.size1())))
+
+
+def _way(motion):
+    """Return the way [m] of a motion (3,)."""
+    return ca.norm_2(motion[:2]) + ARM * ca.fabs(motion[2])
+
+
+def _function(name: str, given, found) -> ca.Function:
+    found = [ca.densify(one) for one in found]
+    return ca.Function(name, [*given], found, {"cse": True})
