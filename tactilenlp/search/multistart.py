@@ -131,12 +131,14 @@ def _solved_stages(job, h, shared, stages, stage_ends):
     Where a stage ends at the same body as an earlier start did at that stage, the rest
     is skipped, and that start is returned as second: nearly all starts of soft
     fingertips come together at the first one (18 of 18 recordings, results/README.md).
-    stage_ends: of each stage, (start, Hypothesis there) of earlier solves; extended.
+    stage_ends: of each stage, (start, Hypothesis there) of converged solves; extended.
     """
     found = None
     for levels, ends in zip(stages, stage_ends, strict=True):
         before = None if found is None else found.solution
         found = solved_from(job, h, shared, levels, before)
+        if not found.solution.success:
+            continue
         for start, end in ends:
             if same(job.shape, found.at, end):
                 return found, start
