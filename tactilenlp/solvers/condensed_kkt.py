@@ -95,10 +95,11 @@ class CondensedKkt:
         values[pivots] = 1.0
         return values
 
-    def unit(self, jacobian, left_out) -> np.ndarray:
-        """Return the matrix of 1 in place of H, S_x and S_s."""
+    def unit(self, jacobian, left_out, in_s: float = 1.0) -> np.ndarray:
+        """Return the matrix of 1 in place of H + S_x, and in_s in place of S_s."""
         m, n = self.shape
-        return self.matrix(self._zero[0], jacobian, np.ones(n), np.ones(m), left_out)
+        in_s = np.full(m, in_s)
+        return self.matrix(self._zero[0], jacobian, np.ones(n), in_s, left_out)
 
     def factorise(self, values: np.ndarray) -> bool:
         """Factorise a `matrix`; tell whether its inertia is that of a minimum."""

@@ -5,7 +5,7 @@
 It is the algorithm of IPOPT (Waechter and Biegler, Math. Program. 106, 2006, numbers of
 equations below are theirs; constants are IPOPT's defaults), without second-order
 corrections, watchdog and restoration: monotone barrier parameter, inertia correction,
-filter line search.  A Newton step factorises a matrix of the size of x, see
+filter line search.  Multipliers of inequalities begin as those of their slacks.  A Newton step factorises a matrix of the size of x, see
 condensed_kkt.  Where no step, or one small step after another, is accepted, IPOPT
 solves the problem from the same start.
 """
@@ -28,7 +28,7 @@ LEAST_TAU = 0.99  # of the rule by which a step stays off the bounds, (8)
 FIRST, INCREASE, FIRST_INCREASE, DECREASE = 1e-4, 8.0, 100.0, 1 / 3  # algorithm IC
 MOST_DAMPING, LEAST_DAMPING = 1e20, 1e-20  # damping, algorithm IC
 SCALED_FROM = 100.0  # s_max of (6)
-LARGEST_MULTIPLIER = 1000.0  # of constraints at a start, else 0
+LARGEST_MULTIPLIER = 1000.0  # of equations at a start, else 0
 SLACK_PUSH = 1e-2  # of slacks into their bounds, relative
 HISTORY = ("obj", "inf_pr", "inf_du", "mu")  # IPOPT's names of its progress
 # steps in a row that the filter shortens; of 480 solves that succeeded 25 was the most
@@ -105,7 +105,7 @@ class _Run:
             self.z_lo = np.maximum(-both[self.lo], settings.bound_push)
             self.z_hi = np.maximum(both[self.hi], settings.bound_push)
         else:
-            self.y = self._least_squares_multipliers()
+            self.y = self._first_multipliers()
         self.filter = Filter(self.at.violation)
 
     def evaluated(self, w: np.ndarray) -> Point:
@@ -127,20 +127,24 @@ class _Run:
         out[self.hi] += at_upper
         return out
 
-    def _least_squares_multipliers(self) -> np.ndarray:
-        """Return y that makes the gradient of the Lagrangian smallest, (36).
+    def _first_multipliers(self) -> np.ndarray:
+        """Return y (m,): of inequalities that of the bounds of their slacks.
 
-        It is that of a Newton step whose matrix has 1 in place of H, S_x and S_s.
+        Its sign is the right one, so that curved constraints do not make the first
+        matrices indefinite, as least squares do.  Of equations it makes the gradient of
+        the Lagrangian smallest, (36).
         """
-        if not self.kkt.shape[0]:
-            return np.zeros(0)
         slope = self._spread(-self.z_lo, self.z_hi)
-        slope[: self.n] += self.at.gradient
-        none = np.zeros(len(slope) - self.n)
-        if not self.kkt.factorise(self.kkt.unit(self.at.jacobian, self.left_out)):
-            return none
-        *_, y = self._solved(slope, none, np.ones(len(none)))
-        return y if np.abs(y).max() <= LARGEST_MULTIPLIER else none
+        y, jacobian, kkt = slope[self.n :].copy(), self.at.jacobian, self.kkt
+        if not self.equal.any():
+            return y
+        slope = slope[: self.n] + self.at.gradient + kkt.transposed_times(jacobian, y)
+        if kkt.factorise(kkt.unit(jacobian, self.left_out, in_s=0.0)):
+            right = np.where(self.fixed, 0.0, -slope)
+            _, found = kkt.solve(right, np.zeros(np.count_nonzero(self.equal)))
+            if np.abs(found).max() <= LARGEST_MULTIPLIER:
+                y[self.equal] = found
+        return y
 
     # -- where to stop ----------------------------------------------------------------
     def _measure(self) -> None:
