@@ -93,7 +93,8 @@ def needed_gain(spread: float, occam: float = DECISIVE) -> float:
     """Return by how many nats a larger model must lower the objective to be kept.
 
     spread: of the likelihood, since from another start noise alone is fitted better by
-    about as much; occam: what the evidence loses by what was freed.
+    about as much; occam: what the evidence loses by what was freed (0.7 to 3.1 nats by
+    compliance in 24 recordings, more by turns): before it is known, DECISIVE.
     """
     return max(spread, UNCHANGED) + occam
 
@@ -114,8 +115,7 @@ def _with(name, nuisance, job, solved, solve) -> tuple:
     """Return job and solves, one nuisance parameter free if the data ask for it."""
     best, *others = solved
     excess, spread = excess_of(job, best)
-    rough = bool(job.contract.rough)  # else a solve costs several seconds
-    if excess < (needed := needed_gain(spread, UNCHANGED if rough else DECISIVE)):
+    if excess < (needed := needed_gain(spread)):
         most = max(excess, 0.0)
         return job, [declined(best, name, most, needed, "at most "), *others]
     if job.deadline.passed(nuisance.dropped):
@@ -125,10 +125,8 @@ def _with(name, nuisance, job, solved, solve) -> tuple:
         gain = gain_with_others_held(larger, best, nuisance.unknown)
         if gain < needed:
             return job, [declined(best, name, gain, needed), *others]
-    if nuisance.from_all_starts:
-        every = rough and excess >= needed_gain(spread)
-        promising = needed if rough else np.inf
-        freed = _solved_from_starts(larger, best, solve, every, promising)
+    if nuisance.from_all_starts:  # a page without rough levels takes seconds for each
+        freed = solve(larger, best.at, not job.contract.rough)
     else:
         freed = [warm_started(larger, best, FREED_MU)]
     if not freed:
@@ -143,17 +141,6 @@ def _with(name, nuisance, job, solved, solve) -> tuple:
     log.info("%s is free: the objective falls by %.1f nats", nuisance.dropped, gain)
     first = replace(freed[0], declined=best.declined)
     return larger, [first, *freed[1:], *solved]
-
-
-def _solved_from_starts(larger, best: Solved, solve, every: bool, promising) -> list:
-    """Return solves of a larger model from the best optimum, or from every start.
-
-    promising [nats]: a gain from the best optimum after which every start follows.
-    """
-    freed = solve(larger, best.at, not every)
-    if freed and not every and _gain(best, freed[0]) > promising:
-        return solve(larger, best.at, False)
-    return freed
 
 
 def _with_open_height(job, freed) -> list[Solved]:

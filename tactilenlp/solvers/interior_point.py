@@ -5,9 +5,9 @@
 It is the algorithm of IPOPT (Waechter and Biegler, Math. Program. 106, 2006, numbers of
 equations below are theirs; constants are IPOPT's defaults), without second-order
 corrections, watchdog and restoration: monotone barrier parameter, inertia correction,
-filter line search.  Multipliers of inequalities begin as those of their slacks.  A Newton step factorises a matrix of the size of x, see
-condensed_kkt.  Where no step, or one small step after another, is accepted, IPOPT
-solves the problem from the same start.
+filter line search.  Multipliers of inequalities begin as those of their slacks.  A
+Newton step factorises a matrix of the size of x, see condensed_kkt.  Where no step, or
+one small step after another, is accepted, IPOPT solves the problem from the same start.
 """
 
 from __future__ import annotations
