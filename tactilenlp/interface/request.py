@@ -223,12 +223,15 @@ def first_guess(start, shape) -> tuple:
 
 
 def kept_axes(start, job) -> tuple | None:
-    """Return side lengths (3,) and first rotation (3, 3) whose axes keep names."""
+    """Return side lengths (3,) and first rotation (3, 3) whose axes keep names.
+
+    Those of a guess, or of an estimate that was solved.
+    """
     shape, ground = job.shape, job.scene.ground
     if isinstance(start, Guess):
         (_, theta, x), *_ = first_guess(start, shape)
         return theta, planar_matrix(x[2])
-    if start is None or start.shape != shape.name:
+    if start is None or not start.success or start.shape != shape.name:
         return None
     R = rotation_of(start.quaternion[0]).as_matrix()
     return start.theta, R if ground is None else ground.rotation @ R

@@ -101,6 +101,13 @@ class CondensedKkt:
         in_s = np.full(m, in_s)
         return self.matrix(self._zero[0], jacobian, np.ones(n), in_s, left_out)
 
+    def least_squares(self, jacobian, slope, left_out) -> np.ndarray:
+        """Return v, of each equation, that makes slope + A' v smallest, else zeros."""
+        none = self._zero[1]
+        if len(none) and self.factorise(self.unit(jacobian, left_out, in_s=0.0)):
+            return self.solve(-slope, none)[1]
+        return none
+
     def factorise(self, values: np.ndarray) -> bool:
         """Factorise a `matrix`; tell whether its inertia is that of a minimum."""
         return self._ldl.factorise(values)

@@ -130,20 +130,16 @@ class _Run:
     def _first_multipliers(self) -> np.ndarray:
         """Return y (m,): of inequalities that of the bounds of their slacks.
 
-        Its sign is the right one, so that curved constraints do not make the first
-        matrices indefinite, as least squares do.  Of equations it makes the gradient of
-        the Lagrangian smallest, (36).
+        Its sign is right: curved constraints do not make the first matrices indefinite.
+        Of equations it makes the gradient of the Lagrangian smallest, (36).
         """
         slope = self._spread(-self.z_lo, self.z_hi)
         y, jacobian, kkt = slope[self.n :].copy(), self.at.jacobian, self.kkt
-        if not self.equal.any():
-            return y
         slope = slope[: self.n] + self.at.gradient + kkt.transposed_times(jacobian, y)
-        if kkt.factorise(kkt.unit(jacobian, self.left_out, in_s=0.0)):
-            right = np.where(self.fixed, 0.0, -slope)
-            _, found = kkt.solve(right, np.zeros(np.count_nonzero(self.equal)))
-            if np.abs(found).max() <= LARGEST_MULTIPLIER:
-                y[self.equal] = found
+        slope[self.fixed] = 0.0
+        found = kkt.least_squares(jacobian, slope, self.left_out)
+        if _largest(found) <= LARGEST_MULTIPLIER:
+            y[self.equal] = found
         return y
 
     # -- where to stop ----------------------------------------------------------------

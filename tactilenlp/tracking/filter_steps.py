@@ -21,7 +21,7 @@ from .pushing import Move, pushed
 PUSH_ERROR = 0.10  # [-] of a predicted motion
 TURN_LENGTH = ca.DM([1.0, 1.0, 1 / ARM])  # [m, rad] of a way [m]
 TOUCHED = ca.DM([1e-4, 1e-4, 5e-3])  # [m, m, rad] process noise of a sample
-LEAST_VARIANCE = 1e-14  # [m^2, rad^2] added in a prediction
+ADDED_VARIANCE = 1e-14  # [m^2, rad^2] added in a prediction
 OUTLIER = 8.0  # [nats] most that one finger costs in one sample
 
 
@@ -47,7 +47,7 @@ def prediction(shape, fingers: int) -> Columns:
         slopes = ca.densify(ca.jacobian(motion, z))
         error = PUSH_ERROR * ca.fmax(_way(motion), 0.5 * _way(before))
         deviation = given[2] * (TOUCHED + error * TURN_LENGTH)
-        added = ca.vertcat(ca.SX(shape.theta, 1), deviation**2 + LEAST_VARIANCE)
+        added = ca.vertcat(ca.SX(shape.theta, 1), deviation**2 + ADDED_VARIANCE)
         F = ca.SX.eye(z.numel())
         F[-3:, :] += slopes
         after = ca.vertcat(z[:-3], z[-3:] + motion)
