@@ -1,18 +1,24 @@
 """Optima of the page: search, local solves, model selection, certificates.
 
 Where the objective says that the search has lost the path, it is repeated from the
-first touch, or with a larger process noise; the better result counts.
+first touch, or with a larger process noise, and where the ground was found to lean, on
+that ground; the better result counts.
 """
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, replace
 from functools import partial
 
 from ..common.deadline import Deadline
 from ..interface.request import Request
 from ..refinement.certification import checked, with_profiles
-from ..refinement.ground_tilt import with_ground_for_turns, with_ground_tilt
+from ..refinement.ground_tilt import (
+    on_ground,
+    with_ground_for_turns,
+    with_ground_tilt,
+)
 from ..refinement.incremental_polytope import repaired
 from ..refinement.model_selection import most_probable
 from ..refinement.nested_models import with_nuisance_parameters
@@ -31,6 +37,7 @@ from ..solvers.solution import check_finite
 from .initial_search import SEARCH_END, searched
 from .interrupted import SoFar
 
+log = logging.getLogger("tactilenlp")
 REFINEMENT_END, CERTIFICATES_END = 0.85, 1.0  # [-] of the time until the readout
 
 
@@ -75,8 +82,7 @@ def optima_of(request: Request, so_far: SoFar, update: Solved | None = None) -> 
     kept, starts = searched(request, so_far.kept)
     so_far.kept, seconds = kept, so_far.spent
     job, solved = _solved_page(request, starts, so_far, update)
-    if solved and update_costs_too_much(request, solved[0]):
-        second = replace(request, start=None)
+    if solved and (second := _search_that_may_gain(request, solved[0])):
         second_kept, starts = searched(second, [])
         second_job, found = _solved_page(second, starts, so_far, update)
         if found and found[0].rank < solved[0].rank:
@@ -97,6 +103,21 @@ def optima_of(request: Request, so_far: SoFar, update: Solved | None = None) -> 
     with job.deadline.ending("profile likelihoods"):
         best = with_profiles(best)
     return Optima(job, best, solved, kept, starts, seconds)
+
+
+def _search_that_may_gain(request, best: Solved) -> Request | None:
+    """Return the request of a search from scratch that may find a better optimum.
+
+    Where an update costs more than it should, and on a ground that was found to lean:
+    the first search took it for level.
+    """
+    ground, told = best.job.scene.ground, request.job.scene.ground
+    if ground is not told and told.told is None and request.job.path is None:
+        log.info("searching again on the ground that leans")
+        return replace(request, start=None, job=on_ground(request.job, ground))
+    if update_costs_too_much(request, best):
+        return replace(request, start=None)
+    return None
 
 
 def _solved_page(request, starts, so_far, update) -> tuple[Job, list[Solved]]:

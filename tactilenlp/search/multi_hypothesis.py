@@ -122,7 +122,7 @@ def _starting_tracks(job: Job, kept, count: int, so_far) -> list[Hypothesis]:
         if not job.deadline.passed(name):
             more = tracked_paths(other, continued, SMOOTHED)
             several.append(varied(job.shape, more, count))
-    tracks = [h for each in zip_longest(*several) for h in each if h]
+    tracks = [h for each in zip_longest(*several) for h in each if h][:count]
     if job.shape.is_box and not (kept or job.first) and job.data.actions == 1:
         # Where one touch leaves size and place open, the middle of them is reported.
         middle = replace(job, first=(centred(job),))
