@@ -7,6 +7,7 @@ They are compiled for several columns at once where there is a compiler
 from __future__ import annotations
 
 import inspect
+import threading
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 
@@ -21,27 +22,32 @@ SIZES = 8  # numbers of columns for which arrays are kept
 
 
 class Columns:
-    """A function of columns, applied to any number of them.
+    """A function of columns, applied to any number of them; each thread has arrays.
 
     made: returns it, after its compiler has ended.
     """
 
     def __init__(self, made: Callable[[], ca.Function]):
-        self._made = made
-        self._arrays = lru_cache(SIZES)(self._new_arrays)
+        self._made, self._of_thread = made, threading.local()
 
     def __call__(self, *given: np.ndarray) -> list[np.ndarray]:
         """Return the results (rows, S); given: (rows, S), or (rows,) alike for all."""
         count = max(array.shape[1] for array in given if array.ndim == 2)
-        read, written, evaluate, _ = self._arrays(padded(count))
+        read, written, evaluate, _ = self._arrays(count)
         for whole, array in zip(read, given, strict=True):
             whole[:count] = array.T
             whole[count:] = whole[count - 1]
         evaluate()
-        return [np.ascontiguousarray(whole[:count].T) for whole in written]
+        return [np.array(whole[:count].T, order="C") for whole in written]  # copies
+
+    def _arrays(self, count: int) -> tuple:
+        """Return arrays for at least so many columns, and what evaluates them."""
+        mine = vars(self._of_thread)
+        if "arrays" not in mine:
+            mine["arrays"] = lru_cache(SIZES)(self._new_arrays)
+        return mine["arrays"](padded(count))
 
     def _new_arrays(self, count: int) -> tuple:
-        """Return arrays (count, rows) to read and to write, and what evaluates them."""
         function = self._made()
         read = [np.zeros((count, function.size1_in(k))) for k in range(function.n_in())]
         written = [

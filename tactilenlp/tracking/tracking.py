@@ -16,11 +16,10 @@ import numpy as np
 
 from formulations.rigid_body import ARM
 
-from .filter_steps import TURN_LENGTH, corrections, prediction
+from .filter_steps import RELEASED, TURN_LENGTH, corrections, prediction
 from .tracks import Filter, Record, Tracks, split_tracks, surviving
 
 STOP_ERROR = 0.20  # [-] of the motion before, where fingers leave
-RELEASED = np.array([5e-5, 5e-5, 2e-3])[:, None]
 GAP_SIGMA_POSE = np.array([2e-4, 2e-4, 1e-2])[
     :, None
 ]  # [m, rad] of a gap between actions
@@ -101,8 +100,8 @@ def predicted_tracks(filter, tracks, before, t):
     if not active.any():
         if way.max() < 1e-6:
             return tracks, None, False
-        deviation = RELEASED + STOP_ERROR * way * np.asarray(TURN_LENGTH)
-        deviation = filter.process_noise * deviation
+        error = STOP_ERROR * way * np.asarray(TURN_LENGTH)
+        deviation = filter.process_noise * (np.asarray(RELEASED) + error)
         if filter.coasts:
             moved = np.vstack([tracks.z[:-3], tracks.z[-3:] + tracks.motion])
             return _noisier(replace(tracks, z=moved), deviation), None, True
