@@ -14,6 +14,7 @@ from ..interface.request import Request, first_guess
 from ..interface.result import Estimate
 from ..problem.reductions import Reductions
 from ..search.hypothesis import Hypothesis
+from ..search.local_solve import problem_at
 from ..search.multi_hypothesis import search_boxes
 from ..search.polytope_init import search_polytope
 from ..search.proposals_floating import (
@@ -63,6 +64,8 @@ def _search_sizes(request: Request, job, _, kept) -> list[Hypothesis]:
     job = replace(job, first=first_guess(start, job.shape))
     if isinstance(start, Estimate) and start.formulation != name_of(request.job.page):
         kept[:] = []
+    if not job.functions:  # their compilers run beside the search, at a first use
+        problem_at(request.job)
     frame = ContactFrame.of(job, kept)
     found = [frame.into(h) for h in kept]
     given = frame.job(job), found, starts, request.executor

@@ -26,6 +26,16 @@ ADDED_VARIANCE = 1e-14  # [m^2, rad^2] added in a prediction
 OUTLIER = 8.0  # [nats] most that one finger costs in one sample
 
 
+USUAL_FINGERS = 2  # that touch at once
+
+
+def begin_compilation(shape, fingers: int) -> None:
+    """Begin to compile what so many fingers need, all steps beside each other."""
+    corrections(shape)
+    for count in range(1, min(fingers, USUAL_FINGERS) + 1):
+        prediction(shape, count)
+
+
 @cache
 def prediction(shape, fingers: int) -> Columns:
     """Return the prediction by so many fingers that touch.

@@ -15,6 +15,7 @@ from ..data.contact_segments import lasting_contacts
 from ..errors import MotionError
 from ..problem.missing_samples import unseen_contact
 from ..problem.reductions import coasts
+from .filter_steps import begin_compilation
 from .geometry import Geometry, geometry_of
 
 KEPT, TRACKS = 100, 500  # tracks kept after an action, and what they are split into
@@ -105,6 +106,7 @@ def filter_of(job, window, data) -> Filter:
     n = job.shape.theta
     low = np.r_[np.full(n, job.shape.bounds[0]), np.full(3, -np.inf)][:, None]
     felt = lasting_contacts(data)
+    begin_compilation(job.shape, data.fingers)
     return Filter(
         data, felt, unseen_contact(data), noise, friction, low, coasts(scene),
         job.deadline, geometry_of(job.shape), job.process_noise,
