@@ -24,8 +24,6 @@ TURN_LENGTH = ca.DM([1.0, 1.0, 1 / ARM])  # [m, rad] of a way [m]
 TOUCHED, RELEASED = ca.DM([1e-4, 1e-4, 5e-3]), ca.DM([5e-5, 5e-5, 2e-3])
 ADDED_VARIANCE = 1e-14  # [m^2, rad^2] added in a prediction
 OUTLIER = 8.0  # [nats] most that one finger costs in one sample
-
-
 USUAL_FINGERS = 2  # that touch at once
 
 

@@ -16,13 +16,18 @@ import numpy as np
 
 from formulations.rigid_body import ARM
 
-from .filter_steps import RELEASED, TURN_LENGTH, corrections, prediction
+from .filter_steps import (
+    ADDED_VARIANCE,
+    RELEASED,
+    TURN_LENGTH,
+    corrections,
+    prediction,
+)
 from .tracks import Filter, Record, Tracks, split_tracks, surviving
 
 STOP_ERROR = 0.20  # [-] of the motion before, where fingers leave
-GAP_SIGMA_POSE = np.array([2e-4, 2e-4, 1e-2])[
-    :, None
-]  # [m, rad] of a gap between actions
+# [m, m, rad] process noise of a gap between actions
+GAP_SIGMA_POSE = np.array([2e-4, 2e-4, 1e-2])[:, None]
 PASSES = 2  # of the iterated filter
 PERIOD = 1 / 30  # [s] of tracked samples: process noise and slopes are of such steps
 LONGEST_UPDATE = 8e-3, 8e-3, 0.3  # [m, m, rad] a pass: of sizes, place, yaw
@@ -132,7 +137,7 @@ def _noisier(tracks, deviation) -> Tracks:
     """Return tracks with process noise (3, S) on the pose."""
     P = tracks.P.copy()
     for i in range(3):
-        P[i - 3, i - 3] += deviation[i] ** 2 + 1e-14
+        P[i - 3, i - 3] += deviation[i] ** 2 + ADDED_VARIANCE
     return replace(tracks, P=P)
 
 
