@@ -23,7 +23,7 @@ from ..solvers.options import check_positive
 
 MOST_STARTS = 1_000_000  # [-] hypotheses or starts
 # (hypotheses, starts) for noisy, for precise sensors.  Of 22 noisy recordings four
-# starts end higher than six in one, by 0.2 nats; three miss the optimum of a poor guess.
+# starts end higher than six in one, by 0.2 nats; three miss that of a poor guess.
 NOISY_WIDTHS, PRECISE_WIDTHS = (4, 5), (2, 4)
 
 
