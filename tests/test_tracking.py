@@ -7,7 +7,7 @@ import pytest
 
 from formulations.shape import CUBOID
 from tactilenlp.shapes import CYLINDER
-from tactilenlp.tracking import columns
+from tactilenlp.tracking import mapped
 from tactilenlp.tracking.filter_steps import OUTLIER, corrections, prediction
 from tactilenlp.tracking.geometry import geometry_of
 
@@ -186,8 +186,8 @@ def test_columns_give_the_same_digits_without_a_compiler(monkeypatch):
     rng = np.random.default_rng(4)
     z = BOX[:, None] + rng.normal(size=(6, 5)) * 1e-3
     compiled = geometry_of(CUBOID).contact(z, at_side(0.03), RADIUS)
-    monkeypatch.setattr(columns, "kept", lambda *given: None)
-    monkeypatch.setattr(columns, "begun", lambda made, *_, **__: lambda: made)
+    monkeypatch.setattr(mapped, "kept", lambda *given: None)
+    monkeypatch.setattr(mapped, "begun", lambda made, *_, **__: lambda: made)
     plain = geometry_of.__wrapped__(CUBOID).contact(z, at_side(0.03), RADIUS)
     assert all(map(np.array_equal, compiled, plain))
 

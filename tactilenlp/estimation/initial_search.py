@@ -12,6 +12,7 @@ from ..interface.options import Guess
 from ..interface.readout import name_of
 from ..interface.request import Request, first_guess
 from ..interface.result import Estimate
+from ..nlp.term_functions import default_cache
 from ..problem.reductions import Reductions
 from ..search.hypothesis import Hypothesis
 from ..search.local_solve import problem_at
@@ -28,6 +29,7 @@ from ..search.proposals_floating import (
 from .contact_frame import ContactFrame
 
 SEARCH_END = 0.5  # [-] of the time until the readout, at which the search ends
+AMPLE = 60.0  # [s] with less time the search comes before what the page compiles
 
 
 def searched(request: Request, kept) -> tuple[list[Hypothesis], list[Hypothesis]]:
@@ -64,8 +66,8 @@ def _search_sizes(request: Request, job, _, kept) -> list[Hypothesis]:
     job = replace(job, first=first_guess(start, job.shape))
     if isinstance(start, Estimate) and start.formulation != name_of(request.job.page):
         kept[:] = []
-    if not job.functions:  # their compilers run beside the search, at a first use
-        problem_at(request.job)
+    if not default_cache().functions and job.deadline.left > AMPLE:
+        problem_at(request.job)  # its compilers run beside the search
     frame = ContactFrame.of(job, kept)
     found = [frame.into(h) for h in kept]
     given = frame.job(job), found, starts, request.executor

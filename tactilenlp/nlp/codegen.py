@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import inspect
 import logging
 import os
 import shutil
@@ -142,8 +143,14 @@ def _externals(names, path: str) -> list[ca.Function]:
 
 
 def _key(origin: str) -> str:
-    known = [compiler(), *_flags(), processor(), ca.__version__, origin]
+    known = [compiler(), *_flags(), processor(), ca.__version__, _vector_rule(), origin]
     return hashlib.sha256(" ".join(known).encode()).hexdigest()[:32]
+
+
+@cache
+def _vector_rule() -> str:
+    """Return the source of what writes vector operations."""
+    return inspect.getsource(inspect.getmodule(vector_source))
 
 
 def _flags() -> tuple[str, ...]:

@@ -23,7 +23,7 @@ from ..common.deadline import NEVER, Deadline
 from ..errors import PageError
 from .codegen import begun, kept
 from .derivation import PARTS, derivatives, trace, values
-from .simd import WIDTH, vector_source
+from .simd import WIDTH
 
 REMEDIES = {  # of what keeps a function from being traced, by words of the error
     "truth value": "write casadi.if_else(condition, a, b), casadi.fmax or casadi.fmin",
@@ -252,8 +252,7 @@ def _origin(key: str) -> str:
 
 @cache
 def _derivation_rule() -> str:
-    vectors = inspect.getmodule(vector_source)
-    return inspect.getsource(derivatives) + inspect.getsource(vectors)
+    return inspect.getsource(derivatives)
 
 
 @cache

@@ -2,7 +2,7 @@
 
 In: starts of bodies, measurements, scene.  Out: smoothed paths, with their evidence.
 
-- `geometry`, `columns`: gaps and normals of fingers at many bodies, compiled
+- `geometry`, `mapped`: gaps and normals of fingers at many bodies, compiled
 - `pushing`, `filter_steps`: quasi-static pushing; prediction and correction, compiled
 - `first_touch`, `carried`: where a body may be by the first touch, or after a gap
 - `tracks`: what a track is; selection by evidence, splitting

@@ -14,8 +14,8 @@ import casadi as ca
 
 from formulations.rigid_body import ARM
 
-from .columns import Columns, by_columns
 from .geometry import upright_surface
+from .mapped import MappedFunction, mapped, of_columns
 from .pushing import Move, pushed
 
 PUSH_ERROR = 0.10  # [-] of a predicted motion
@@ -35,7 +35,7 @@ def begin_compilation(shape, fingers: int) -> None:
 
 
 @cache
-def prediction(shape, fingers: int) -> Columns:
+def prediction(shape, fingers: int) -> MappedFunction:
     """Return the prediction by so many fingers that touch.
 
     z, P, motion before (3,), press (fingers,), of each finger in turn p_0, p_1 (3,) and
@@ -62,14 +62,14 @@ def prediction(shape, fingers: int) -> Columns:
         after = ca.vertcat(z[:-3], z[-3:] + motion)
         found = after, _upper(F @ ca.triu2symm(P) @ F.T + ca.diag(added)), motion
         given_in_order = z, _upper(P), *arguments[1:]
-        return [_function("prediction", given_in_order, (*found, ca.vec(slopes)))]
+        return [of_columns("prediction", given_in_order, (*found, ca.vec(slopes)))]
 
     whole = ca.Function("pushed", arguments, [motion])
-    return by_columns(("prediction",), whole, derive)[0]
+    return mapped(("prediction",), whole, derive)[0]
 
 
 @cache
-def corrections(shape) -> tuple[Columns, Columns]:
+def corrections(shape) -> tuple[MappedFunction, MappedFunction]:
     """Return the corrections by a finger that touches, and by one that does not.
 
     z, mean - z, P, p_w (3,), radius, of a touch the normal felt (3,) and two directions
@@ -86,14 +86,14 @@ def corrections(shape) -> tuple[Columns, Columns]:
         cost = ((1 - ca.dot(felt, level)) / sigma[1]) ** 2 / 2
         found = _corrected(x, P, rows, ca.jacobian(rows, z), cost)
         given = *state, *finger, felt, ca.vec(across), sigma
-        touch = _function("touch", given, (*found, gap))
+        touch = of_columns("touch", given, (*found, gap))
         slopes = ca.if_else(gap < 0, ca.gradient(gap, z).T / sigma[0], 0)
         found = _corrected(x, P, ca.if_else(gap < 0, gap / sigma[0], 0), slopes, 0)
-        overlap = _function("overlap", (*state, *finger, sigma), (*found, gap))
+        overlap = of_columns("overlap", (*state, *finger, sigma), (*found, gap))
         return [touch, overlap]
 
     surface = ca.Function("surface", [z, *finger], [gap, level])
-    return tuple(by_columns(("touch", "overlap"), surface, derive))
+    return tuple(mapped(("touch", "overlap"), surface, derive))
 
 
 def _corrected(x, P, residuals, slopes, cost):
@@ -127,8 +127,3 @@ def _upper(P):
 def _way(motion):
     """Return the way [m] of a motion (3,)."""
     return ca.norm_2(motion[:2]) + ARM * ca.fabs(motion[2])
-
-
-def _function(name: str, given, found) -> ca.Function:
-    found = [ca.densify(one) for one in found]
-    return ca.Function(name, [*given], found, {"cse": True})

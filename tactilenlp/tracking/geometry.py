@@ -13,17 +13,22 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
-from .columns import Columns, by_columns
+from .mapped import MappedFunction, mapped, of_columns
 
 EDGE_SHARE = 0.1  # [radius] rounding of edges, as in pages
 LEAST_FOOT = 2e-3  # [m] half width of the support
 UNIT_DEVIATION = 20e-3  # [m] of a size's prior: its steps are those of a cuboid
 
 
+def turned(vector, yaw):
+    """Return a vector (2,) or (3,), its first two entries turned by a yaw [rad]."""
+    c, s, x, y = ca.cos(yaw), ca.sin(yaw), vector[0], vector[1]
+    return ca.vertcat(c * x - s * y, s * x + c * y, vector[2:])
+
+
 def in_body(z, p_w):
     """Return the horizontal coordinates (2,) of a world point in the body frame."""
-    c, s, d = ca.cos(z[-1]), ca.sin(z[-1]), p_w[:2] - z[-3:-1]
-    return ca.vertcat(c * d[0] + s * d[1], c * d[1] - s * d[0])
+    return turned(p_w[:2] - z[-3:-1], -z[-1])
 
 
 def upright_contact(shape, z, p_w, radius):
@@ -44,9 +49,7 @@ def upright_surface(shape):
     """
     z, p_w, radius = ca.SX.sym("z", shape.theta + 3), ca.SX.sym("p", 3), ca.SX.sym("r")
     _, gap, n = upright_contact(shape, z, p_w, radius)
-    c, s = ca.cos(z[-1]), ca.sin(z[-1])
-    level = ca.vertcat(c * n[0] - s * n[1], s * n[0] + c * n[1], n[2])
-    return [z, p_w, radius], (gap, n, level)
+    return [z, p_w, radius], (gap, n, turned(n, z[-1]))
 
 
 def feet_of(shape, z):
@@ -60,16 +63,13 @@ def feet_of(shape, z):
 class Geometry:
     """What a search needs to know of a class of shapes, for many bodies at once.
 
-    sizes: n; unit (n,): typical size of a change of each, in that of a cuboid's side;
-    contact of z, p_w, radius: gap [m], outward normal (3,), body frame; height of z
-    [m].
+    unit (n,): typical size of a change of each size, in that of a cuboid's side.
     """
 
     shape: object
-    sizes: int
     unit: np.ndarray
-    _contact: Columns
-    _height: Columns
+    _contact: MappedFunction
+    _height: MappedFunction
 
     def each(self, size, place: float, turn: float) -> np.ndarray:
         """Return one number for each entry of z (n + 3,): of sizes, x, y [m], yaw."""
@@ -86,7 +86,7 @@ class Geometry:
 
     def reach(self, z) -> float:
         """Return the distance [m] from their origins that no body exceeds."""
-        theta = z[: self.sizes]
+        theta = z[:-3]
         bounds = theta.min(axis=1), theta.max(axis=1)
         return max(float(self.shape.reach(theta)) for theta in bounds)
 
@@ -96,14 +96,12 @@ def geometry_of(shape) -> Geometry:
     """Return the geometry of a shape with sizes."""
     given, (gap, normal, _) = upright_surface(shape)
     height = ca.SX(2 * shape.rest_height(given[0][:-3]))
-    surface = ca.Function("surface", given, [gap, ca.densify(normal), height])
+    surface = ca.Function("surface", given, [gap, normal, height])
 
     def derive():
-        contact = ca.Function(
-            "contact", given, [gap, ca.densify(normal)], {"cse": True}
-        )
-        return [contact, ca.Function("height", given[:1], [height], {"cse": True})]
+        contact = of_columns("contact", given, [gap, normal])
+        return [contact, of_columns("height", given[:1], [height])]
 
-    functions = by_columns(("contact", "height"), surface, derive)
+    functions = mapped(("contact", "height"), surface, derive)
     unit = np.broadcast_to(np.divide(shape.size_prior[1], UNIT_DEVIATION), shape.theta)
-    return Geometry(shape, shape.theta, unit, *functions)
+    return Geometry(shape, unit, *functions)

@@ -24,7 +24,7 @@ import casadi as ca
 
 from formulations.rigid_body import ARM
 
-from .geometry import feet_of, in_body, upright_contact
+from .geometry import feet_of, in_body, turned, upright_contact
 
 STEEP = 0.35  # [-] horizontal part of a normal from which a finger pushes by its gap
 SWEEPS = 3  # of Gauss-Seidel with several fingers; one finger needs one
@@ -54,14 +54,14 @@ class _Push:
     """One finger at a body z (n + 3,): two directions of force and what they ask for.
 
     direction: generalised forces (3,) per force; wanted [m]; force [weights] so far;
-    load: the weight that a steep contact adds per force, and where, (x, y) [m].
+    at: where it touches, x, y [m], body frame.
     """
 
     def __init__(self, shape, z, move: Move):
         q, gap, n = upright_contact(shape, z, move.p_1, move.radius)
         u = in_body(z, move.p_1) - in_body(z, move.p_0)
         level = ca.sqrt(n[0] ** 2 + n[1] ** 2 + TINY)
-        self.steep, self.press, self.n_z = level > STEEP, move.press, n[2]
+        self.steep, self.press = level > STEEP, move.press
         approach = -(n[0] * u[0] + n[1] * u[1] + n[2] * (move.p_1 - move.p_0)[2])
         depth = ca.fmin(-gap, ca.fmax(approach, 0) + MOST_OVERLAP)
         met = ca.fmin(ca.fmax(-gap / ca.fmax(approach, APPROACHING), 0), 1)
@@ -124,14 +124,14 @@ def pushed(shape, z, moves: list[Move], before, friction):
     """
     mu_g, mu_f = friction
     pushes = [_Push(shape, z, move) for move in moves]
-    compliance = _compliance(feet_of(shape, z), pushes, _turned(before, -z[-1]), mu_g)
+    compliance = _compliance(feet_of(shape, z), pushes, turned(before, -z[-1]), mu_g)
     for push in pushes:
         push.meet(compliance)
     D = ca.SX.zeros(3)
     for _ in range(SWEEPS if len(pushes) > 1 else 1):
         for push in pushes:
             D = push.solve(D, mu_f)
-    return ca.fmin(ca.fmax(_turned(D, z[-1]), -LONGEST_MOVE), LONGEST_MOVE)
+    return ca.fmin(ca.fmax(turned(D, z[-1]), -LONGEST_MOVE), LONGEST_MOVE)
 
 
 def _compliance(feet, pushes, before, mu_g):
@@ -163,10 +163,3 @@ def _compliance(feet, pushes, before, mu_g):
 
 def _cross(a, b):
     return a[0] * b[1] - a[1] * b[0]
-
-
-def _turned(motion, yaw):
-    """Return a planar motion (3,) in a frame turned by a yaw."""
-    c, s = ca.cos(yaw), ca.sin(yaw)
-    x, y = motion[0], motion[1]
-    return ca.vertcat(c * x - s * y, s * x + c * y, motion[2])

@@ -14,14 +14,13 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from ..nlp import simd
 from ..nlp.codegen import begun, kept
 from ..nlp.term_functions import between_slices, padded
 
 SIZES = 8  # numbers of columns for which arrays are kept
 
 
-class Columns:
+class MappedFunction:
     """A function of columns, applied to any number of them; each thread has arrays.
 
     made: returns it, after its compiler has ended.
@@ -57,16 +56,21 @@ class Columns:
         return read, written, *between_slices(function, count, *views)
 
 
-def by_columns(
+def mapped(
     names: Sequence[str], origin: ca.Function, derive: Callable[[], list[ca.Function]]
-) -> list[Columns]:
+) -> list[MappedFunction]:
     """Return the functions that `derive` returns, compiled for several columns.
 
     names: of these functions; origin: from which derive makes them, by what its module
     states.  They are not derived where they were compiled earlier.
     """
-    rule = map(inspect.getsource, (inspect.getmodule(derive), simd))
-    text = "".join([*rule, origin.serialize()])
+    text = inspect.getsource(inspect.getmodule(derive)) + origin.serialize()
     found = kept(names, text)
     made = (lambda: found) if found else begun(derive(), text, vectors=True)
-    return [Columns(lambda k=k: made()[k]) for k in range(len(names))]
+    return [MappedFunction(lambda k=k: made()[k]) for k in range(len(names))]
+
+
+def of_columns(name: str, given, found) -> ca.Function:
+    """Return the function of expressions, of dense columns alone."""
+    found = [ca.densify(one) for one in found]
+    return ca.Function(name, [*given], found, {"cse": True})
