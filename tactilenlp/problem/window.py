@@ -141,18 +141,32 @@ class Window:
     central: bool = True
     aligned: bool = True
 
+    def pushes_of(self, sample, finger) -> np.ndarray:
+        """Return the row of push of each finger at a sample (n,), -1: it has none."""
+        row = np.full((len(self.pose), self.fingers), -1)
+        row[self.push.sample, self.push.finger] = np.arange(len(self.push))
+        return row[sample, finger]
+
     @property
     def push_of_touch(self) -> tuple[np.ndarray, np.ndarray]:
         """The row of push of every touch (touches,), and 1 where there is one, else 0.
 
         A touch that ends no time step has no impulse: its row is 0.
         """
-        count = self.fingers
-        pushed = self.push.sample * count + self.push.finger
-        felt = self.touch.sample * count + self.touch.finger
-        row = np.full(max(pushed.max(initial=0), felt.max(initial=0)) + 1, -1)
-        row[pushed] = np.arange(len(pushed))
-        return np.maximum(row[felt], 0), (row[felt] >= 0).astype(float)
+        row = self.pushes_of(self.touch.sample, self.touch.finger)
+        return np.maximum(row, 0), (row >= 0).astype(float)
+
+    @property
+    def lasting(self) -> tuple[np.ndarray, np.ndarray]:
+        """Pushes (n,) that may last since the sample before, and these (rows of push).
+
+        One of the two samples is missing; in neither the finger feels nothing.
+        """
+        now = np.arange(len(self.push))
+        before = self.pushes_of(self.push.sample - 1, self.push.finger)
+        pairs = np.stack([now, before])[:, before >= 0]
+        missing = np.isin(pairs, self.unseen).any(axis=0)
+        return tuple(pairs[:, missing & ~np.isin(pairs, self.unfelt).any(axis=0)])
 
     @property
     def last(self) -> np.ndarray:
