@@ -72,15 +72,19 @@ def sense(
 
 
 def least_motion(nlp, window, shape, theta, x):
-    """Add the price of motion: an object that is pushed moves no more than it must."""
-    weight = nlp.parameter("motion weight", WEIGHT, "nats/m")
-    step = window.step
+    """Add the price of motion: an object that is pushed moves no more than it must.
 
-    def moved(theta, x, x_1, weight):
-        way = way_squared(window.motion, shape, theta, x, x_1)
+    Where a finger that may push is not seen, motion lasts: its change has that price.
+    """
+    weight = nlp.parameter("motion weight", WEIGHT, "nats/m")
+    step, before_2, lasts = window.step, *window.lasting_motion
+
+    def moved(theta, x, x_1, x_2, lasts, weight):
+        expected = x_1 + lasts * (x_1 - x_2)
+        way = way_squared(window.motion, shape, theta, x, expected)
         return weight * (ca.sqrt(way + WAY_EPS**2) - WAY_EPS)
 
     nlp.minimize(
-        "least motion", moved, theta, x[:, step.pose], x[:, step.before], weight,
-        role="regulariser",
+        "least motion", moved, theta, x[:, step.pose], x[:, step.before],
+        x[:, before_2], lasts, weight, role="regulariser",
     )  # fmt: skip

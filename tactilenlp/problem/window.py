@@ -169,6 +169,17 @@ class Window:
         return tuple(pairs[:, missing & ~np.isin(pairs, self.unfelt).any(axis=0)])
 
     @property
+    def lasting_motion(self) -> tuple[np.ndarray, np.ndarray]:
+        """The pose before that before every step, and 1 where the motion may last.
+
+        It may where a sample of a finger that may push is missing; else 0.
+        """
+        before = np.arange(self.poses)
+        before[self.step.pose] = self.step.before
+        lasts = np.isin(np.arange(len(self.step)), self.push.step[self.unseen])
+        return before[self.step.before], lasts.astype(float)
+
+    @property
     def last(self) -> np.ndarray:
         """The last sample of every pose (poses,)."""
         return np.r_[np.nonzero(np.diff(self.pose))[0], len(self.pose) - 1]
