@@ -9,7 +9,8 @@ r"""Poses and shape with minimal motion, no impulses: the cheap first stage.
 
 The first four are what was felt and what was known: every page has them (`sense`).  The
 last stands for quasi-static dissipation: an object that is pushed moves no more than it
-must.
+must.  Where a finger that may push is not seen, way is that to x_{k-1} + (x_{k-1} -
+x_{k-2}), as motion lasts.
 """
 
 from __future__ import annotations
@@ -74,17 +75,27 @@ def sense(
 def least_motion(nlp, window, shape, theta, x):
     """Add the price of motion: an object that is pushed moves no more than it must.
 
-    Where a finger that may push is not seen, motion lasts: its change has that price.
+    While a finger that may push is not seen, motion lasts: its change has that price.
     """
     weight = nlp.parameter("motion weight", WEIGHT, "nats/m")
-    step, before_2, lasts = window.step, *window.lasting_motion
+    step = window.step
 
-    def moved(theta, x, x_1, x_2, lasts, weight):
-        expected = x_1 + lasts * (x_1 - x_2)
+    def moved(theta, x, expected, weight):
         way = way_squared(window.motion, shape, theta, x, expected)
         return weight * (ca.sqrt(way + WAY_EPS**2) - WAY_EPS)
 
+    def changed(theta, x, x_1, x_2, weight):
+        return moved(theta, x, 2 * x_1 - x_2, weight)
+
+    unseen = window.unseen_steps.tolist()
+    seen = [k for k in range(len(step)) if k not in unseen]
     nlp.minimize(
-        "least motion", moved, theta, x[:, step.pose], x[:, step.before],
-        x[:, before_2], lasts, weight, role="regulariser",
+        "least motion", moved, theta, x[:, step.pose[seen]], x[:, step.before[seen]],
+        weight, role="regulariser",
     )  # fmt: skip
+    if len(unseen):
+        nlp.minimize(
+            "lasting motion", changed, theta, x[:, step.pose[unseen]],
+            x[:, step.before[unseen]], x[:, step.before_2[unseen]], weight,
+            role="regulariser",
+        )  # fmt: skip

@@ -169,15 +169,9 @@ class Window:
         return tuple(pairs[:, missing & ~np.isin(pairs, self.unfelt).any(axis=0)])
 
     @property
-    def lasting_motion(self) -> tuple[np.ndarray, np.ndarray]:
-        """The pose before that before every step, and 1 where the motion may last.
-
-        It may where a sample of a finger that may push is missing; else 0.
-        """
-        before = np.arange(self.poses)
-        before[self.step.pose] = self.step.before
-        lasts = np.isin(np.arange(len(self.step)), self.push.step[self.unseen])
-        return before[self.step.before], lasts.astype(float)
+    def unseen_steps(self) -> np.ndarray:
+        """The steps in which a finger that may push is not seen (rows of step)."""
+        return np.unique(self.push.step[self.unseen])
 
     @property
     def last(self) -> np.ndarray:
