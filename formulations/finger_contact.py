@@ -35,9 +35,9 @@ UNFELT = 2000.0  # [nats] for an impulse of one weight not felt: 20 for what wou
 
 ROUNDINGS = 50  # [1 / finger radius] length that rounds max(phi, 0) of an unfelt finger
 GAP_ROUNDING = 0.02e-3  # [m] rounds max(phi, 0) of a finger whose sample is missing
-# Four to seven times the mean change between two samples in contact (0.16 of 1660 forces
-# of the shared boxes' simulator, 0.09 of their estimates): it decides where nothing else
-# does, with 0.15 paths are pulled (168 recordings, results/README.md).
+# Four to seven times the mean change between two samples in contact (0.16 in 1660 forces
+# of the shared boxes' simulator, 0.09 in their estimates): it decides where nothing else
+# does.  Paths are pulled with 0.15 (168 recordings, results/README.md).
 CHANGE = 0.6  # [weights]
 CHANGE_ROUNDING = 0.02  # [weights] rounds |lam_n' / w' - lam_n / w|
 
@@ -120,9 +120,7 @@ class FingerContact:
     def lasting(self, lam, lam_1, w, w_1):
         """Return the cost of how a normal impulse changed since the sample before."""
         change = lam[0] / w - lam_1[0] / w_1
-        return (
-            ca.sqrt(change**2 + CHANGE_ROUNDING**2) - CHANGE_ROUNDING
-        ) / CHANGE
+        return (ca.sqrt(change**2 + CHANGE_ROUNDING**2) - CHANGE_ROUNDING) / CHANGE
 
 
 def pushes_of(push, pushes, j):

@@ -268,7 +268,8 @@ def test_a_body_turns_on_while_the_fingers_that_turn_it_are_not_seen(foreign, lo
     data, scene, true = foreign.measured(*lost, 4)
     assert not data.valid[-1].any()
     estimate = solve_estimate(data, scene)
-    turn = Rotation.from_quat(true["object_quaternion"][data.samples - 1], scalar_first=True)
-    off = Rotation.from_quat(estimate.quaternion[-1], scalar_first=True) * turn.inv()
+    ends = estimate.quaternion[-1], true["object_quaternion"][data.samples - 1]
+    found, turn = Rotation.from_quat(ends, scalar_first=True)
+    off = found * turn.inv()
     yaw = np.abs(np.degrees(off.as_rotvec()[2]))
     assert min(yaw % 90, 90 - yaw % 90) < 1.0
