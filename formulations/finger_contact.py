@@ -35,9 +35,9 @@ UNFELT = 2000.0  # [nats] for an impulse of one weight not felt: 20 for what wou
 
 ROUNDINGS = 50  # [1 / finger radius] length that rounds max(phi, 0) of an unfelt finger
 GAP_ROUNDING = 0.02e-3  # [m] rounds max(phi, 0) of a finger whose sample is missing
-# Four to seven times the mean change between two samples in contact (0.16 in 1660 forces
-# of the shared boxes' simulator, 0.09 in their estimates): it decides where nothing else
-# does.  Paths are pulled with 0.15 (168 recordings, results/README.md).
+# Four to seven times the mean change between two samples in contact (0.16 in 1660 of
+# the simulator of the shared boxes, 0.09 in their estimates): decides where nothing
+# else does.  Paths are pulled with 0.15 (168 recordings, results/README.md).
 CHANGE = 0.6  # [weights]
 CHANGE_ROUNDING = 0.02  # [weights] rounds |lam_n' / w' - lam_n / w|
 
