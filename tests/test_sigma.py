@@ -78,7 +78,9 @@ def test_covariance_of_a_linear_gaussian_chain_is_exact_to_the_eighth_digit():
 def test_hessian_of_the_estimate_is_the_slope_of_its_gradient(kkt):
     problem, rng = kkt.problem, np.random.default_rng(0)
     way = rng.normal(size=problem.size) * problem.scale
-    exact, found = kkt.hessian() @ way, []
+    exact, found = kkt.hessian(problem.terms) @ way, []
+    whole = kkt.curvature @ (way / problem.scale) / problem.scale
+    assert np.allclose(whole, exact, rtol=1e-9, atol=1e-9 * np.abs(exact).max())
     for h in (1e-6, 2e-6):
         ends = []
         for side in (1, -1):

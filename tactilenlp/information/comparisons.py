@@ -38,18 +38,16 @@ from ..nlp.kkt import LEAST_CURVATURE, KKTSystem
 
 def gauss_newton(kkt: KKTSystem) -> KKTSystem:
     """Return the KKT system with the Hessian of every instance made positive."""
-    problem, hessians = kkt.problem, {}
-    for name in kkt.hessians:
-        hessians[name] = sp.csc_matrix((problem.size, problem.size))
-        if name in problem.costs:
-            local = local_hessians(kkt, name)
-            size = problem.scale[problem.terms[name].unknowns]
-            size = size[:, :, None] * size[:, None, :]
-            values, vectors = np.linalg.eigh(local * size)
-            values = np.maximum(values, 0.0)
-            local = np.einsum("iab,ib,icb->iac", vectors, values, vectors) / size
-            hessians[name] = scattered(kkt, name, local)
-    return replace(kkt, hessians=hessians)
+    problem = kkt.problem
+    curvature = sp.csc_matrix((problem.size,) * 2)
+    for name, term in problem.costs.items():
+        size = problem.scale[term.unknowns]
+        local = local_hessians(kkt, name) * size[:, :, None] * size[:, None, :]
+        values, vectors = np.linalg.eigh(local)
+        values = np.maximum(values, 0.0)
+        local = np.einsum("iab,ib,icb->iac", vectors, values, vectors)
+        curvature = curvature + scattered(kkt, name, local)
+    return replace(kkt, curvature=curvature)
 
 
 def paper(problem, solution, window, shape) -> np.ndarray:
@@ -88,7 +86,7 @@ def pose_jacobians(kkt: KKTSystem, window, shape) -> tuple[np.ndarray, np.ndarra
     by_shape = np.zeros((window.poses, u, n))
     row = {int(k): i for i, k in enumerate(window.step.pose)}
     latest = _latest_poses(kkt, window)
-    local = {name: local_hessians(kkt, name) for name in kkt.hessians}
+    local = {name: local_hessians(kkt, name) for name in kkt.problem.terms}
     for k in range(window.poses - 1, 0, -1):
         by_last[k - 1], by_shape[k - 1] = by_last[k], by_shape[k]
         if k not in row:  # a gap between actions: the object stays
@@ -150,8 +148,8 @@ def _latest_poses(kkt: KKTSystem, window) -> dict[str, np.ndarray]:
         if name in problem.variables:
             v = problem.variables[name]
             pose[v.span] = np.repeat(window.step.pose[rows.step], v.rows)
-    terms = kkt.hessians
-    return {name: pose[problem.terms[name].unknowns].max(axis=1) for name in terms}
+    terms = problem.terms.items()
+    return {name: pose[term.unknowns].max(axis=1) for name, term in terms}
 
 
 def summed(problem, solution, window, shape, by_last, by_theta=None) -> np.ndarray:

@@ -108,7 +108,7 @@ class Linearisation:
         scene = self.sensed.scene
         if scene.ground is None or scene.sigma_tilt == 0:
             return None
-        if TOUCH_TERM not in self.kkt.hessians:
+        if TOUCH_TERM not in self.kkt.problem.costs:
             return None
         sensed = self.sensed
         about = self.end * (1, 1, 0)
@@ -229,7 +229,7 @@ def _given(name: str) -> ErrorTerm:
 
 
 def _has_touches(at: Linearisation) -> bool:
-    return TOUCH_TERM in at.kkt.hessians
+    return TOUCH_TERM in at.kkt.problem.costs
 
 
 ERROR_TERMS = (

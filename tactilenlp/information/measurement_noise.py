@@ -72,8 +72,7 @@ class MixedDerivatives:
 def mixed_derivatives(kkt: KKTSystem, sensed, window) -> list[MixedDerivatives]:
     """Return the mixed derivatives of every term that reads measurements."""
     source, found = measurement_numbers(kkt, sensed, window), []
-    for name in kkt.hessians:
-        term = kkt.problem.terms[name]
+    for name, term in kkt.problem.terms.items():
         number = source[term.data]
         read = number >= 0
         if not read.any():

@@ -60,6 +60,15 @@ class Assembly:
             self._found = float(sums[0]), sums[1 : 1 + n], g, sums[1 + n :]
         return self._found
 
+    def values(self, x, p) -> dict[str, np.ndarray]:
+        """Return the value of every term at every instance, (instances, rows)."""
+        self.evaluated(x, p)
+        found = self._found_first
+        return {
+            term.name: found.whole[found.places(k)].reshape(term.instances, -1)
+            for k, term in enumerate(self.terms)
+        }
+
     def lagrangian(self, x, p, lam_g: np.ndarray) -> tuple:
         """Return the gradient (n,) of f + lam_g' g, and g (rows,)."""
         _, gradient, g, slopes = self.evaluated(x, p)

@@ -33,6 +33,7 @@ from scipy.sparse.linalg import splu
 from ..common.deadline import NEVER, Deadline
 from .term_functions import applied
 
+LEAST_LENGTH = 1e-12  # [-] of a row of A that is divided by its length
 LEAST_CURVATURE = 1e-9  # [1 / scaled unknown^2] l, far below that of measured unknowns
 BORDER_ENTRIES = 4.0  # [-] times the entries of the median column: part of the border
 NO_WEIGHTS: Mapping[str, np.ndarray] = {}
@@ -106,30 +107,35 @@ def factorise(H, A) -> BorderedFactors:
 class KKTSystem:
     """The second derivatives of a problem at a point, by term, and its active set.
 
-    x (unknowns,) SI; data; multipliers: by constraint; hessians: (unknowns, unknowns)
-    of every cost, and of every constraint times its multipliers, SI; A (active,
-    unknowns): scaled Jacobian of the active constraints, then bounds, rows of unit
-    length; rows, lengths (active constraints,): their indices among all constraint
-    rows, and the lengths by which they were divided; fixed: indices of the unknowns
-    whose bounds are active; active, ambiguous: number of such rows by constraint or
-    bound.
+    x (unknowns,) SI; data; multipliers: by constraint; A (active, unknowns): scaled
+    Jacobian of the active constraints, then bounds, rows of unit length; rows, lengths
+    (active constraints,): their indices among all constraint rows, and the lengths by
+    which they were divided; fixed: indices of the unknowns whose bounds are active;
+    active, ambiguous: number of such rows by constraint or bound; curvature (unknowns,
+    unknowns): of the Lagrangian, in scaled unknowns.
     """
 
     problem: object
     x: np.ndarray
     data: np.ndarray
     multipliers: dict[str, np.ndarray]
-    hessians: dict[str, sp.csc_matrix]
     A: sp.csc_matrix
     rows: np.ndarray
     lengths: np.ndarray
     fixed: np.ndarray
     active: dict[str, int]
     ambiguous: dict[str, int]
+    curvature: sp.csc_matrix
 
-    def hessian(self, names: Iterable[str] | None = None) -> sp.csc_matrix:
-        """Return the sum of the Hessians of some terms, or of all, SI."""
-        names = self.hessians if names is None else names
+    @cached_property
+    def hessians(self) -> dict[str, sp.csc_matrix]:
+        """That of every cost, and of every constraint times its multipliers, SI."""
+        weight, at = self.multipliers, (self.x, self.data)
+        terms = self.problem.terms
+        return {n: self.problem.hessian(n, *at, weight.get(n, 1.0)) for n in terms}
+
+    def hessian(self, names: Iterable[str]) -> sp.csc_matrix:
+        """Return the sum of the Hessians of some terms, SI."""
         zero = sp.csc_matrix((len(self.x), len(self.x)))
         return sum((self.hessians[name] for name in names), zero)
 
@@ -157,7 +163,7 @@ class KKTSystem:
     @cached_property
     def factors(self):
         """The factorised matrix K, in scaled unknowns."""
-        return factorise(self._scaled(self.hessian()), self.A)
+        return factorise(self.curvature, self.A)
 
     @cached_property
     def negative(self) -> tuple[str, np.ndarray] | None:
@@ -167,7 +173,7 @@ class KKTSystem:
         definite if and only if the Hessian reduced to the null space of A is.  None as
         well where the Hessian is not finite, as after a failed solve.
         """
-        H = self._scaled(self.hessian())
+        H = self.curvature
         largest = max(abs(H).max(), 1.0)
         penalised = H + ACTIVE_PENALTY * self.A.T @ self.A
         if not np.isfinite(penalised.data).all():
@@ -179,44 +185,49 @@ class KKTSystem:
         bends = {n: direction @ (h @ direction) for n, h in self.hessians.items()}
         return min(bends, key=bends.get), direction
 
-    def _scaled(self, H):
-        D = sp.diags(self.problem.scale)
-        return (D @ H @ D).tocsc()
-
 
 def kkt_system_of(problem, solution, deadline: Deadline = NEVER) -> KKTSystem:
     """Return the KKT system of a problem at a solution of it.
 
-    A strict deadline ends it between two constraints.
+    A strict deadline ends it before the second derivatives.
     """
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
     bounds = problem.pack(solution.bound_multipliers)
-    multipliers = solution.multipliers
+    multipliers = [solution.multipliers[name] for name in problem.constraints]
+    multipliers = np.concatenate([np.zeros(0), *map(np.ravel, multipliers)])
+    assembly, scaled = problem.assembly, x / problem.scale
     deadline.check()
-    hessians = {name: problem.hessian(name, x, data) for name in problem.costs}
-    jacobians, numbers, active, ambiguous = [], [np.zeros(0, int)], {}, {}
-    for name, term in problem.constraints.items():
-        deadline.check()
-        multiplier = multipliers[name]
-        hessians[name] = problem.hessian(name, x, data, multiplier)
-        value = problem.value(name, x, data)
-        slack = np.minimum(value - term.lower, term.upper - value).ravel()
-        equal = np.broadcast_to(term.lower == term.upper, value.shape).ravel()
-        on, unsure = _classified(np.abs(multiplier).ravel(), slack, equal)
-        jacobians.append(problem.jacobian(name, x, data)[on])
-        numbers.append(term.first_row + np.nonzero(on)[0])
-        active[name], ambiguous[name] = int(on.sum()), int(unsure.sum())
+    *_, g, slopes = assembly.evaluated(scaled, data)
+    lower, upper = problem.limits("lower"), problem.limits("upper")
+    slack = np.minimum(g - lower, upper - g)
+    on, unsure = _classified(np.abs(multipliers), slack, lower == upper)
+    spans = {name: term.span for name, term in problem.constraints.items()}
+    active, ambiguous = _counts(on, spans), _counts(unsure, spans)
     fixed, unsure = _active_bounds(problem, x, bounds)
-    for name, variable in problem.variables.items():
-        bound = f"bounds of {name}"
-        active[bound] = int(fixed[variable.span].sum())
-        ambiguous[bound] = int(unsure[variable.span].sum())
-    fixed, numbers = np.nonzero(fixed)[0], np.concatenate(numbers)
-    A, lengths = _scaled_rows(problem, jacobians, fixed)
+    spans = {f"bounds of {name}": v.span for name, v in problem.variables.items()}
+    active, ambiguous = active | _counts(fixed, spans), ambiguous | _counts(unsure, spans)
+    jacobian = _matrix(assembly.jacobian, slopes)
+    rows = sp.vstack([jacobian[on], sp.identity(problem.size, format="csc")[fixed]])
+    lengths = np.maximum(np.sqrt(rows.multiply(rows).sum(axis=1).A1), LEAST_LENGTH)
+    deadline.check()
+    upper = _matrix(assembly.hessian, assembly.second(scaled, data, 1.0, multipliers))
     return KKTSystem(
-        problem, x, data, dict(multipliers), hessians, A, numbers,
-        lengths[: len(numbers)], fixed, active, ambiguous,
+        problem, x, data, dict(solution.multipliers),
+        (sp.diags(1 / lengths) @ rows).tocsc(), np.flatnonzero(on),
+        lengths[: np.count_nonzero(on)], np.flatnonzero(fixed), active, ambiguous,
+        upper + sp.triu(upper, 1).T.tocsc(),
     )  # fmt: skip
+
+
+def _matrix(pattern, nonzeros) -> sp.csc_matrix:
+    """Return the matrix of a CasADi pattern with these nonzeros."""
+    given = np.array(nonzeros), np.array(pattern.row()), np.array(pattern.colind())
+    return sp.csc_matrix(given, pattern.shape)
+
+
+def _counts(chosen, spans) -> dict[str, int]:
+    """Return how many rows are chosen, by the name of their span."""
+    return {name: int(chosen[span].sum()) for name, span in spans.items()}
 
 
 def _active_bounds(problem, x, multipliers) -> tuple[np.ndarray, np.ndarray]:
@@ -224,15 +235,6 @@ def _active_bounds(problem, x, multipliers) -> tuple[np.ndarray, np.ndarray]:
     lower, upper = problem.bounds("lower"), problem.bounds("upper")
     slack = np.minimum(x - lower, upper - x) / problem.scale
     return _classified(np.abs(multipliers) * problem.scale, slack, lower == upper)
-
-
-def _scaled_rows(problem, jacobians, fixed) -> tuple[sp.csc_matrix, np.ndarray]:
-    """Return A, rows of unit length in scaled unknowns, and the lengths before."""
-    rows = [*jacobians, sp.identity(problem.size, format="csc")[fixed]]
-    A = sp.vstack(rows, format="csc") @ sp.diags(problem.scale)
-    length = np.sqrt(np.asarray(A.multiply(A).sum(axis=1)).ravel())
-    length = np.maximum(length, 1e-12)
-    return (sp.diags(1 / length) @ A).tocsc(), length
 
 
 def _classified(multiplier, slack, equal) -> tuple[np.ndarray, np.ndarray]:

@@ -56,10 +56,11 @@ class Solution:
 
 
 def recomputed(problem, x, data, lam_g, lam_x, stats, seconds) -> Solution:
-    costs = {name: float(problem.value(name, x, data).sum()) for name in problem.costs}
+    found = problem.assembly.values(x / problem.scale, data)
+    costs = {name: float(found[name].sum()) for name in problem.costs}
     violations, multipliers = {}, {}
     for name, term in problem.constraints.items():
-        value = problem.value(name, x, data)
+        value = found[name]
         beyond = np.maximum(term.lower - value, value - term.upper)
         violations[name] = float(np.maximum(0.0, beyond.max()))  # NaN stays
         multipliers[name] = lam_g[term.span].reshape(value.shape)
