@@ -60,6 +60,11 @@ def reach(theta):
     return float(ca.sqrt(ca.mmax(ca.sum1(V * V))))
 
 
+def vertices_of(theta):
+    """Return the vertices (V, 3) [m] that theta lists."""
+    return ca.reshape(ca.DM(theta), 3, -1).T
+
+
 def moments(triangle):
     """Return volume, its first and second moments about the origin, of a tetrahedron.
 
@@ -115,4 +120,5 @@ def polytope(vertices: int = 20) -> Shape:
         symbol=ca.MX.sym,
         foot_squared=legs_squared,
         pushed=as_pushed,
+        mesh=vertices_of,
     )

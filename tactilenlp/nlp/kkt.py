@@ -205,7 +205,10 @@ def kkt_system_of(problem, solution, deadline: Deadline = NEVER) -> KKTSystem:
     active, ambiguous = _counts(on, spans), _counts(unsure, spans)
     fixed, unsure = _active_bounds(problem, x, bounds)
     spans = {f"bounds of {name}": v.span for name, v in problem.variables.items()}
-    active, ambiguous = active | _counts(fixed, spans), ambiguous | _counts(unsure, spans)
+    active, ambiguous = (
+        active | _counts(fixed, spans),
+        ambiguous | _counts(unsure, spans),
+    )
     jacobian = _matrix(assembly.jacobian, slopes)
     rows = sp.vstack([jacobian[on], sp.identity(problem.size, format="csc")[fixed]])
     lengths = np.maximum(np.sqrt(rows.multiply(rows).sum(axis=1).A1), LEAST_LENGTH)

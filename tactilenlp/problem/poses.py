@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..geometry.transforms import quaternion_of, rotate_planar, rotation_of
+from ..geometry.transforms import quaternion_of, rotation_of
 
 
 def poses(shape, motion, theta, x, ground):
@@ -51,13 +51,6 @@ def upright_poses(ground, position, quaternion) -> np.ndarray:
 def body_corners(shape, theta) -> np.ndarray:
     """Return the corners of a body, body frame, (corners, 3) [m]."""
     return np.asarray(_corners(shape)(theta)).T
-
-
-def planar_corners(shape, theta, x) -> np.ndarray:
-    """Return the corners of a body lying at the planar pose x, (corners, 3) [m]."""
-    body = np.asarray(_corners(shape)(theta))
-    level = rotate_planar(x[2], *body[:2]) + x[:2, None]
-    return np.stack([*level, body[2]], 1)
 
 
 @cache

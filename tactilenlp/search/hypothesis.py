@@ -1,9 +1,9 @@
 """A hypothesis: one local optimum of shape and trajectory, and how two are compared.
 
 Which face was touched, which way the object is turned, how it was pushed: each answer
-is a hypothesis of its own.  Two are the same body where the corners agree at the first
-and at the last pose.  The axes of a box have names by convention (`naming`).  A `Job`
-is what a search for hypotheses is given.
+is a hypothesis of its own.  Two are the same body where their supports agree at the
+first and at the last pose.  The axes of a box have names by convention (`naming`).  A
+`Job` is what a search for hypotheses is given.
 """
 
 from __future__ import annotations
@@ -21,12 +21,11 @@ from ..common.deadline import Deadline
 from ..common.layout import ANY
 from ..geometry.transforms import continuous, is_planar, matrices, planar_matrix
 from ..nlp.problem import Problem
-from ..problem.poses import body_corners, planar_corners
 from ..tracking.outline import path_outline, supports
 from ..tracking.tracks import diverse
 from .margins import START_BEHIND
 
-SAME_BODY = 1e-3  # [m] corners of one body agree this well
+SAME_BODY = 1e-3  # [m] supports of one body agree this well
 COMPARED = (0, -1)  # samples at which bodies are compared: first, last
 EVERY = 8  # samples of a path that are compared
 # [m] far paths; [nats] their bonus; too far behind:
@@ -185,25 +184,23 @@ def varied(shape, hypotheses, count: int) -> list[Hypothesis]:
 
 
 def _folded(shape, yaw):
-    """Return yaws [rad], those of a box within a right angle: its faces have no names.
+    """Return yaws [rad] within the turns about the vertical that leave a body the same.
 
     The circular mean is in the middle, so that nearly equal yaws stay together.
     """
-    if not shape.is_box:
-        return yaw
-    middle = np.angle(np.exp(4j * yaw).mean()) / 4
-    return (yaw - middle + np.pi / 4) % (np.pi / 2)
+    turns = sum(axes[2][2] > 0.5 for _, axes in shape.symmetries) or 1
+    middle = np.angle(np.exp(1j * turns * yaw).mean()) / turns
+    return (yaw - middle + np.pi / turns) % (2 * np.pi / turns)
 
 
 def distant(shape, hypotheses, count: int) -> list[Hypothesis]:
     """Return the best hypothesis, then good ones whose paths are far from those."""
-    corners = np.array([_outline(shape, h) for h in hypotheses])
+    outlines = np.array([path_outline(shape, h, EVERY) for h in hypotheses])
     cost = np.array([h.objective for h in hypotheses])
     chosen, off = [int(np.argmin(cost))], np.full(len(cost), np.inf)
     while len(chosen) < min(count, len(cost)):
-        ways = [np.roll(corners[chosen[-1]], k, 0) - corners for k in _namings(shape)]
-        ways = [np.sqrt((way**2).sum(axis=2).mean(axis=(1, 2))) for way in ways]
-        off = np.minimum(off, np.min(ways, axis=0))
+        ways = outlines[chosen[-1]] - outlines
+        off = np.minimum(off, np.sqrt((ways**2).sum(axis=2).mean(axis=(1, 2))))
         score = cost - WORTH * np.minimum(1.0, off / NEAR)
         score[chosen] = np.inf
         i = int(np.argmin(score))
@@ -213,39 +210,10 @@ def distant(shape, hypotheses, count: int) -> list[Hypothesis]:
     return [hypotheses[i] for i in chosen]
 
 
-def _namings(shape):
-    """Return by how many corners an outline may be renamed."""
-    return range(4) if shape.is_box else (0,)
-
-
-def _outline(shape, h):
-    """Return points (n, 2, T) [m] along a path that tell two paths apart."""
-    if shape.is_box:
-        return _path_corners(h)[..., ::EVERY]
-    return path_outline(shape, h, EVERY)
-
-
-def _path_corners(h):
-    """Return the corners (4, 2, T) [m] along a path, in order around the box."""
-    c, s = np.cos(h.x[2]), np.sin(h.x[2])
-    out = []
-    for i, k in ((1, 1), (-1, 1), (-1, -1), (1, -1)):
-        u, v = i * h.theta[0] / 2, k * h.theta[1] / 2
-        out.append([h.x[0] + c * u - s * v, h.x[1] + s * u + c * v])
-    return np.array(out)
-
-
 def same(shape, a: Hypothesis, b: Hypothesis, samples=COMPARED) -> bool:
     """Tell whether two hypotheses are the same body at the given samples."""
-    if shape.parameters == "sizes" and not shape.is_box:
-        pairs = ([supports(shape, h, k) for h in (a, b)] for k in samples)
-        return all(np.abs(s - t).max() <= SAME_BODY for s, t in pairs)
-    for k in samples:
-        corners = [_corners_at(shape, h, k) for h in (a, b)]
-        apart = np.linalg.norm(corners[0][:, None] - corners[1][None], axis=2)
-        if max(apart.min(axis=0).max(), apart.min(axis=1).max()) > SAME_BODY:
-            return False
-    return True
+    pairs = ([supports(shape, h, k) for h in (a, b)] for k in samples)
+    return all(np.abs(s - t).max() <= SAME_BODY for s, t in pairs)
 
 
 def naming(shape, h: Hypothesis, like=None) -> tuple[list[int], np.ndarray]:
@@ -282,11 +250,3 @@ def rotation_at(h: Hypothesis, sample: int) -> np.ndarray:
     """Return the rotation (3, 3) of a body at a sample, planar or free."""
     x = h.x[:, sample]
     return planar_matrix(x[2]) if is_planar(h.x) else matrices(x[:, None])[0]
-
-
-def _corners_at(shape, h: Hypothesis, sample: int) -> np.ndarray:
-    """Return the corners (corners, 3) [m] of a body at a sample, planar or free."""
-    x = h.x[:, sample]
-    if is_planar(h.x):
-        return planar_corners(shape, h.theta, x)
-    return body_corners(shape, h.theta) @ matrices(x[:, None])[0].T + x[:3]
