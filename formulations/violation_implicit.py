@@ -57,7 +57,7 @@ ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
     Level("impulses", {"cone rounding": 0.01, "speed rounding": 6e-3},
           fixed=("theta", "x"), ipopt={"mu_init": 1e-1}),
-    Level("joint", ipopt={"mu_init": 1e-3, "max_iter": 600},
+    Level("joint", ipopt={"mu_init": 1e-3, "max_iter": 1500},
           warm_start={"mu_init": 1e-5}),
 )  # fmt: skip
 ROUGH = (  # from guessed poses, which are centimetres off where the object tumbles
