@@ -192,8 +192,8 @@ def information_of(
 
     faces: (axes, 2) number of samples that touched each face; R_wg (3, 3): from the
     ground's frame, in which the problem is written, to the world; sensed: the
-    measurements; others: LocalOptima of the same data; profile (k, k): see
-    profile_likelihood.py.
+    measurements; others: LocalOptima of the same data; profile (k, k), of the unknowns:
+    see profile_likelihood.py.
     """
     kkt = kkt_system_of(problem, solution, deadline)
     deadline.check()
@@ -234,6 +234,7 @@ def parts_of(kkt: KKTSystem, by_gradient, matrix) -> dict[str, np.ndarray]:
 def _covariance_with_path(modes, optima, at, tangent, faces, R_wg, profile):
     """Return the covariance (k, k) and sigma of the path."""
     noise, grounded = at.sensed.precision.position, len(at.window.corner) > 0
+    profile = None if profile is None else profile @ tangent.jacobian.T
     seen = TouchedFaces(tangent, at.shape, faces, noise, grounded, profile)
     beyond = after_mixture(seen, modes.covariance)  # what the mixture leaves out
     pairs = zip(modes.weights[1:], optima[1:], strict=True)

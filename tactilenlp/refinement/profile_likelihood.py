@@ -31,15 +31,16 @@ from functools import partial
 
 import numpy as np
 
-from formulations.rigid_body import PLANAR
 from formulations.sensing import FREEDOM
 from formulations.size_prior import size_cost
 
+from ..geometry.transforms import is_planar, matrices
+from ..information.error_budget_terms import VERTICAL
 from ..information.information import LEAST_SIGMA
 from ..information.measurement_noise import KNOWN_FACE
 from ..information.tangent_space import final_unknowns
 from ..nlp.kkt import kkt_system_of
-from ..search.hypothesis import Hypothesis
+from ..search.hypothesis import Hypothesis, rotation_at
 from ..search.local_solve import RANKING_TOLERANCE, settings_of, start_values
 from ..search.margins import BETTER_OPTIMUM, ONE_SIGMA, PROFILE_RISE
 from ..solvers.solve import solve_levels
@@ -66,14 +67,14 @@ def profiled(job, solved) -> tuple[np.ndarray, Hypothesis | None]:
     """Return the deviations (k, k) of sizes and final pose by profile likelihood.
 
     Row i: a deviation of a size that no touch determines, or of a position [m], and
-    what sizes [m], position [m] and yaw [rad] do then; 0 where there is no profile. And
-    a hypothesis that is better than the solved one, or None.
+    what sizes [m] and the unknowns of the last pose do then; 0 where there is no
+    profile. And a hypothesis that is better than the solved one, or None.
     """
-    n = job.shape.theta
-    profile = np.zeros((n + PLANAR.unknowns, n + PLANAR.unknowns))
+    n, end = job.shape.theta, solved.at.end
+    profile = np.zeros((len(end), len(end)))
     box = job.shape.is_box and job.shape.symmetries
-    if not (job.reductions.planar and box):
-        return profile, None  # the unknowns are not sides, or it may tilt
+    if not box or rotation_at(solved.at, -1)[2, 2] < VERTICAL:
+        return profile, None  # the unknowns are not sides, or another face is up
     chosen, faces = final_unknowns(solved.problem), solved.touched
     faces[2, 0] += KNOWN_FACE  # the ground touches the lowest one
     by_gradient, _ = kkt_system_of(solved.problem, solved.solution).sensitivity(chosen)
@@ -244,7 +245,7 @@ def _constrained(job, solved, shared, chosen, axis, direction, touched, step):
 
 
 def resized(hypothesis, axis: int, size: float, touched):
-    """Return a planar hypothesis of another size [m], its touched face kept in place.
+    """Return a hypothesis of another size [m], its touched face kept in place.
 
     touched (2,): samples on the face at the lower and at the upper end of the axis.
     A change of the height (axis 2) does not change a planar pose.
@@ -253,7 +254,9 @@ def resized(hypothesis, axis: int, size: float, touched):
     low, high = np.asarray(touched) >= KNOWN_FACE
     way = (size - theta[axis]) / 2 * (int(low) - int(high))
     theta[axis] = size
-    if axis < 2:
+    if not is_planar(x):
+        x[:3] += way * matrices(x)[:, :, axis].T
+    elif axis < 2:
         turn = x[2] + axis * np.pi / 2
         x[:2] += way * np.array([np.cos(turn), np.sin(turn)])
     return replace(hypothesis, theta=theta, x=x)
