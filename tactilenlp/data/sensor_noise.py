@@ -17,6 +17,7 @@ SMOOTHING_WINDOW = 9  # samples of the local parabola (0.3 s at 30 Hz)
 LEAST_WINDOW = 5  # samples: parabolas through fewer leave most of the noise
 SMOOTHING_NOISE = 0.03  # [finger radii] positions with less noise are not smoothed
 CONTACT_LATENCY = 5e-3  # [s] by which a contact is reported too long: sensors average
+SAME_NORMAL = 1e-9  # [-] by which two readings of one number may differ
 NORMAL_MEDIAN = 0.6745  # median of |z| for a standard normal z
 RAYLEIGH_MEDIAN = 1.1774  # median length of a standard normal vector in the plane
 
@@ -56,9 +57,20 @@ def _normal(data: Measurements) -> float:
     if not run.any():
         return 0.0
     second = (n[2:] - 2 * n[1:-1] + n[:-2])[run]
-    return float(
-        np.median(np.linalg.norm(second, axis=1)) / RAYLEIGH_MEDIAN / np.sqrt(6)
-    )
+    smooth = np.median(np.linalg.norm(second, axis=1)) / RAYLEIGH_MEDIAN / np.sqrt(6)
+    return float(max(smooth, _step_of_normals(data) / np.sqrt(12)))
+
+
+def _step_of_normals(data: Measurements) -> float:
+    """Return the step [rad] to which normals are rounded, 0 if they are not.
+
+    During contact they are then mostly the same to the last digit, and jump else.
+    """
+    n, c, action = data.normal, data.contact, data.action
+    both = c[1:] & c[:-1] & (action[1:] == action[:-1])[:, None]
+    jumps = np.linalg.norm(n[1:] - n[:-1], axis=2)[both]
+    moved = jumps[jumps > SAME_NORMAL]
+    return moved.min() if 0 < len(moved) < len(jumps) / 2 else 0.0
 
 
 def smoothed(data: Measurements, precision: Precision) -> Measurements:
