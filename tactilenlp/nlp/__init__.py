@@ -8,6 +8,6 @@ Nothing here depends on touch.
 - `codegen`, `simd`, `compilation`: compile them, for several instances at once
 - `assembly`: evaluate all terms together
 - `kkt`: bordered factorisation; active set, sensitivity, Newton step
-- `reduced_space`: unknowns that follow from others are eliminated
+- `nlpsol`: as CasADi's solvers take it; unknowns that follow from others eliminated
 - `diagnostics`, `derivative_check`: describe and check a problem before a solve
 """

@@ -8,7 +8,6 @@ sparse matrix of the factors by which unknowns are scaled.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cached_property
 
 import casadi as ca
@@ -84,16 +83,14 @@ class Assembly:
             evaluate()
         return self._second_sums @ self._found_second.whole
 
-    @cached_property
-    def functions(self) -> dict:
-        """The programme as `nlpsol_functions`."""
-        return nlpsol_functions(
-            self._data, self.jacobian, self.hessian,
-            value=lambda *at: self.evaluated(*at)[::2],
-            grad_f=lambda *at: self.evaluated(*at)[:2],
-            jac_g=lambda *at: self.evaluated(*at)[2:],
-            hess_lag=lambda x, p, f, g: (self.second(x, p, f[0], g),),
-        )  # fmt: skip
+    def slopes(self, x, p) -> sp.csr_matrix:
+        """Return the Jacobian of g (rows, n)."""
+        return _matrix(self.jacobian, self.evaluated(x, p)[3]).tocsr()
+
+    def curvature(self, x, p, lam_f: float, lam_g: np.ndarray) -> sp.csc_matrix:
+        """Return the Hessian of lam_f f + lam_g' g (n, n), symmetric."""
+        upper = _matrix(self.hessian, self.second(x, p, lam_f, lam_g))
+        return upper + sp.triu(upper, 1).T.tocsc()
 
     def _look(self, x, p) -> None:
         """Gather what the terms read at x, p, unless they were looked at last."""
@@ -249,61 +246,7 @@ def _scattered(parts, shape: tuple[int, int]) -> tuple:
     return pattern, target, factors, read
 
 
-def nlpsol_functions(
-    data: int, jacobian, hessian, *, value, grad_f, jac_g, hess_lag
-) -> dict:
-    """Return `nlp` (expressions) and the derivatives, functions, of casadi.nlpsol.
-
-    data: how many numbers p are given; jacobian (rows, n), hessian (n, n): patterns;
-    value (x, p) -> f, g; grad_f (x, p) -> f, gradient; jac_g (x, p) -> g, nonzeros;
-    hess_lag (x, p, lam_f, lam_g) -> nonzeros.
-    """
-    sizes = hessian.size1(), data, jacobian.size1(), 1
-    x, p, g, one = map(ca.Sparsity.dense, sizes)
-    functions = {
-        "value": ArrayFunction("value", value, (x, p), (one, g)),
-        "grad_f": ArrayFunction("grad_f", grad_f, (x, p), (one, x)),
-        "jac_g": ArrayFunction("jac_g", jac_g, (x, p), (g, jacobian)),
-        "hess_lag": ArrayFunction("hess_lag", hess_lag, (x, p, one, g), (hessian,)),
-    }
-    x, p = ca.MX.sym("x", x), ca.MX.sym("p", p)
-    f, g = functions["value"](x, p)
-    return {"nlp": {"x": x, "p": p, "f": f, "g": g}, **functions}
-
-
-class ArrayFunction(ca.Callback):
-    """A function of arrays, given nonzeros and returning tuples of them.
-
-    inputs, outputs: patterns.  Who uses it in an expression keeps it alive.
-    """
-
-    def __init__(self, name: str, function: Callable, inputs, outputs):
-        ca.Callback.__init__(self)
-        self._function, self._inputs, self._outputs = function, inputs, outputs
-        self.construct(name, {})
-
-    def get_n_in(self):
-        return len(self._inputs)
-
-    def get_n_out(self):
-        return len(self._outputs)
-
-    def get_sparsity_in(self, i):
-        return self._inputs[i]
-
-    def get_sparsity_out(self, i):
-        return self._outputs[i]
-
-    def has_eval_buffer(self):
-        return True
-
-    def eval_buffer(self, arguments, results):
-        given = [
-            np.zeros(pattern.nnz()) if one is None else np.frombuffer(one)
-            for one, pattern in zip(arguments, self._inputs, strict=True)
-        ]  # CasADi's null pointer stands for zeros
-        found = self._function(*given)
-        for out, values in zip(results, found, strict=True):
-            if out is not None:
-                np.frombuffer(out)[:] = values
-        return 0
+def _matrix(pattern: ca.Sparsity, nonzeros: np.ndarray) -> sp.csc_matrix:
+    """Return the matrix of a pattern with these nonzeros, column by column."""
+    rows, starts = np.array(pattern.row(), int), np.array(pattern.colind(), int)
+    return sp.csc_matrix((nonzeros.copy(), rows, starts), pattern.shape)

@@ -195,37 +195,31 @@ def kkt_system_of(problem, solution, deadline: Deadline = NEVER) -> KKTSystem:
     bounds = problem.pack(solution.bound_multipliers)
     multipliers = [solution.multipliers[name] for name in problem.constraints]
     multipliers = np.concatenate([np.zeros(0), *map(np.ravel, multipliers)])
-    assembly, scaled = problem.assembly, x / problem.scale
     deadline.check()
-    *_, g, slopes = assembly.evaluated(scaled, data)
+    assembly, scaled = problem.assembly, x / problem.scale
+    g = assembly.evaluated(scaled, data)[2]
     lower, upper = problem.limits("lower"), problem.limits("upper")
     slack = np.minimum(g - lower, upper - g)
-    on, unsure = _classified(np.abs(multipliers), slack, lower == upper)
-    spans = {name: term.span for name, term in problem.constraints.items()}
-    active, ambiguous = _counts(on, spans), _counts(unsure, spans)
-    fixed, unsure = _active_bounds(problem, x, bounds)
-    spans = {f"bounds of {name}": v.span for name, v in problem.variables.items()}
+    rows = _classified(np.abs(multipliers), slack, lower == upper)
+    held = _active_bounds(problem, x, bounds)
+    terms, variables = problem.constraints.items(), problem.variables.items()
+    spans = {name: term.span for name, term in terms}
+    of_bounds = {f"bounds of {name}": variable.span for name, variable in variables}
     active, ambiguous = (
-        active | _counts(fixed, spans),
-        ambiguous | _counts(unsure, spans),
+        _counts(some, spans) | _counts(others, of_bounds)
+        for some, others in zip(rows, held, strict=True)
     )
-    jacobian = _matrix(assembly.jacobian, slopes)
-    rows = sp.vstack([jacobian[on], sp.identity(problem.size, format="csc")[fixed]])
-    lengths = np.maximum(np.sqrt(rows.multiply(rows).sum(axis=1).A1), LEAST_LENGTH)
+    on, fixed = rows[0], held[0]
+    slopes = assembly.slopes(scaled, data)[on]
+    A = sp.vstack([slopes, sp.identity(problem.size, format="csr")[fixed]])
+    lengths = np.maximum(np.sqrt(A.multiply(A).sum(axis=1).A1), LEAST_LENGTH)
     deadline.check()
-    upper = _matrix(assembly.hessian, assembly.second(scaled, data, 1.0, multipliers))
     return KKTSystem(
         problem, x, data, dict(solution.multipliers),
-        (sp.diags(1 / lengths) @ rows).tocsc(), np.flatnonzero(on),
+        (sp.diags(1 / lengths) @ A).tocsc(), np.flatnonzero(on),
         lengths[: np.count_nonzero(on)], np.flatnonzero(fixed), active, ambiguous,
-        upper + sp.triu(upper, 1).T.tocsc(),
+        assembly.curvature(scaled, data, 1.0, multipliers),
     )  # fmt: skip
-
-
-def _matrix(pattern, nonzeros) -> sp.csc_matrix:
-    """Return the matrix of a CasADi pattern with these nonzeros."""
-    given = np.array(nonzeros), np.array(pattern.row()), np.array(pattern.colind())
-    return sp.csc_matrix(given, pattern.shape)
 
 
 def _counts(chosen, spans) -> dict[str, int]:

@@ -25,7 +25,7 @@ from ..common.named import Named
 from ..common.validation import numbers_of
 from ..errors import PageError, did_you_mean
 from .assembly import Assembly
-from .reduced_space import Eliminated
+from .nlpsol import Eliminated, whole
 from .term_functions import (
     TermFunctionCache,
     applied,
@@ -230,10 +230,10 @@ class Problem:
         sizes = self.scale, self._data_size, self.rows
         return Assembly(self.terms.values(), *sizes, self.deadline)
 
-    @property
+    @cached_property
     def functions(self) -> dict:
         """The programme in scaled unknowns as `nlpsol` takes it, with derivatives."""
-        return self.assembly.functions
+        return whole(self)
 
     @cached_property
     def eliminated(self) -> Eliminated:
@@ -242,7 +242,7 @@ class Problem:
 
     # -- making terms -----------------------------------------------------------------
     def _new(self, name: str, table: dict) -> None:
-        for made in ("assembly", "scale", "eliminated"):
+        for made in ("assembly", "functions", "scale", "eliminated"):
             self.__dict__.pop(made, None)
         if not isinstance(name, str) or name in table:
             raise PageError("declared twice", where=name, next="give it another name")

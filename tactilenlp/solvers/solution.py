@@ -55,8 +55,8 @@ class Solution:
     progress: dict[str, np.ndarray] = field(default_factory=dict)
 
 
-def recomputed(problem, x, data, lam_g, lam_x, stats, seconds) -> Solution:
-    found = problem.assembly.values(x / problem.scale, data)
+def recomputed(problem, x, data, found, lam_g, lam_x, stats, seconds) -> Solution:
+    """Return the solution at x; found: the value of every term there."""
     costs = {name: float(found[name].sum()) for name in problem.costs}
     violations, multipliers = {}, {}
     for name, term in problem.constraints.items():
@@ -112,8 +112,10 @@ def evaluated(problem, values: dict, parameters: dict | None = None) -> Solution
     """Return a start as if a solve had ended there for lack of time: not a success."""
     x, data = problem.pack(values), problem.data(parameters)
     stats = {"iter_count": 0, "success": False, "return_status": TIME_EXCEEDED}
+    found = {name: problem.value(name, x, data) for name in problem.terms}
     none = np.zeros(problem.rows), np.zeros(problem.size)
-    return recomputed(problem, x, data, *none, stats, {"build": 0.0, "solve": 0.0})
+    seconds = {"build": 0.0, "solve": 0.0}
+    return recomputed(problem, x, data, found, *none, stats, seconds)
 
 
 def _joined(first: dict, then: dict, levels: int) -> dict[str, np.ndarray]:

@@ -107,7 +107,9 @@ def solve(
     found = _outputs(problem, out, x, data, lower == upper, eliminate)
     seconds = {"build": built, "solve": time.process_time() - began}
     x, lam_g, lam_x = found
-    solution = recomputed(problem, x, data, lam_g, lam_x, solver.stats(), seconds)
+    values = problem.assembly.values(x / problem.scale, data)
+    given = values, lam_g, lam_x, solver.stats(), seconds
+    solution = recomputed(problem, x, data, *given)
     log.debug("%s after %d iterations", solution.status, solution.iterations)
     if throw and not solution.success:
         raise not_converged(problem, solution)

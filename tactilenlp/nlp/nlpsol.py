@@ -1,8 +1,10 @@
-r"""A programme in its free unknowns: the others follow from them, step after step.
+r"""Programmes as `casadi.nlpsol` takes them: whole, or in their free unknowns.
 
-A constraint made by `Problem.follow`, y = F(x, y before it, d), gives some columns of
-the unknowns.  Split all unknowns into free ones u and given ones y(u).  With the whole
-programme's f, g and the residuals D(u, y) of what is followed,
+`whole` is the programme of all unknowns.  Of `Eliminated`, the others follow from the
+free ones, step after step: a constraint made by `Problem.follow`, y = F(x, y before it,
+d), gives some columns of the unknowns.  Split all unknowns into free ones u and given
+ones y(u).  With the whole programme's f, g and the residuals D(u, y) of what is
+followed,
 
     a:  D_y' a = -(s f_y + g_y' l)                 the multipliers of D (adjoint sweep)
     Z = [1; -D_y^-1 D_u]                                                 how y follows u
@@ -13,13 +15,25 @@ are exact, from the derivatives of the terms: no chain of steps is differentiate
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import casadi as ca
 import numpy as np
-import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from ..errors import PageError
-from .assembly import nlpsol_functions
+
+
+def whole(problem) -> dict:
+    """Return the programme in all unknowns, scaled, as `nlpsol_functions`."""
+    of = problem.assembly
+    return nlpsol_functions(
+        problem.data().size, of.jacobian, of.hessian,
+        value=lambda *at: of.evaluated(*at)[::2],
+        grad_f=lambda *at: of.evaluated(*at)[:2],
+        jac_g=lambda *at: of.evaluated(*at)[2:],
+        hess_lag=lambda x, p, f, g: (of.second(x, p, f[0], g),),
+    )  # fmt: skip
 
 
 class Eliminated:
@@ -107,23 +121,18 @@ class Eliminated:
         x = problem.pack({}) if self._at is None else self._at["x"].copy()
         x[self.free] = u * scale[self.free]
         x = self.complete(x, data)
-        values = {n: problem.value(n, x, data) for n in problem.terms}
-        g = [np.zeros(0), *(values[n].ravel() for n in problem.constraints)]
-        at = {"key": key, "x": x, "data": data, "g": np.concatenate(g)[self.kept]}
-        at["f"] = sum(float(values[n].sum()) for n in problem.costs)
+        f, gradient, g, _ = problem.assembly.evaluated(x / scale, data)
+        at = {"key": key, "x": x, "data": data, "f": f, "g": g[self.kept]}
+        at["grad"] = gradient
         self._at = at
         return at
 
     def _slopes(self, at) -> dict:
-        """Add first derivatives, in scaled unknowns."""
+        """Add the Jacobian and how the given unknowns follow, in scaled unknowns."""
         if "Z" in at:
             return at
-        problem, x, data = self.problem, at["x"], at["data"]
-        scaling = sp.diags(problem.scale)
-        costs = [problem.jacobian(n, x, data).sum(axis=0) for n in problem.costs]
-        at["grad"] = np.asarray(sum(costs)).ravel() * problem.scale
-        blocks = [problem.jacobian(n, x, data) for n in problem.constraints]
-        J = sp.vstack(blocks, format="csr") @ scaling
+        problem = self.problem
+        J = problem.assembly.slopes(at["x"] / problem.scale, at["data"])
         at["rest"], D = J[self.kept], J[self.followed].tocsc()
         at["factor"] = splu(D[:, self.given].tocsc())
         Z = np.zeros((problem.size, len(self.free)))
@@ -141,15 +150,11 @@ class Eliminated:
         return lam
 
     def _hessian(self, at, weight, lam_g) -> np.ndarray:
-        problem, x, data = self.problem, at["x"], at["data"]
-        lam = np.zeros(problem.rows)
+        problem, lam = self.problem, np.zeros(self.problem.rows)
         lam[self.kept] = lam_g
         lam = self._adjoint(at, weight, lam)
-        H = weight * sum(problem.hessian(n, x, data) for n in problem.costs)
-        for name, term in problem.constraints.items():
-            H = H + problem.hessian(name, x, data, lam[term.span])
-        scaling = sp.diags(problem.scale)
-        return at["Z"].T @ ((scaling @ H @ scaling) @ at["Z"])
+        given = at["x"] / problem.scale, at["data"], weight, lam
+        return at["Z"].T @ (problem.assembly.curvature(*given) @ at["Z"])
 
     # -- for the solver ---------------------------------------------------------------
     def _functions(self) -> dict:
@@ -176,3 +181,63 @@ class Eliminated:
             self.problem.data().size, *patterns,
             value=value, grad_f=grad_f, jac_g=jac_g, hess_lag=hess_lag,
         )  # fmt: skip
+
+
+def nlpsol_functions(
+    data: int, jacobian, hessian, *, value, grad_f, jac_g, hess_lag
+) -> dict:
+    """Return `nlp` (expressions) and the derivatives, functions, of casadi.nlpsol.
+
+    data: how many numbers p are given; jacobian (rows, n), hessian (n, n): patterns;
+    value (x, p) -> f, g; grad_f (x, p) -> f, gradient; jac_g (x, p) -> g, nonzeros;
+    hess_lag (x, p, lam_f, lam_g) -> nonzeros.
+    """
+    sizes = hessian.size1(), data, jacobian.size1(), 1
+    x, p, g, one = map(ca.Sparsity.dense, sizes)
+    functions = {
+        "value": ArrayFunction("value", value, (x, p), (one, g)),
+        "grad_f": ArrayFunction("grad_f", grad_f, (x, p), (one, x)),
+        "jac_g": ArrayFunction("jac_g", jac_g, (x, p), (g, jacobian)),
+        "hess_lag": ArrayFunction("hess_lag", hess_lag, (x, p, one, g), (hessian,)),
+    }
+    x, p = ca.MX.sym("x", x), ca.MX.sym("p", p)
+    f, g = functions["value"](x, p)
+    return {"nlp": {"x": x, "p": p, "f": f, "g": g}, **functions}
+
+
+class ArrayFunction(ca.Callback):
+    """A function of arrays, given nonzeros and returning tuples of them.
+
+    inputs, outputs: patterns.  Who uses it in an expression keeps it alive.
+    """
+
+    def __init__(self, name: str, function: Callable, inputs, outputs):
+        ca.Callback.__init__(self)
+        self._function, self._inputs, self._outputs = function, inputs, outputs
+        self.construct(name, {})
+
+    def get_n_in(self):
+        return len(self._inputs)
+
+    def get_n_out(self):
+        return len(self._outputs)
+
+    def get_sparsity_in(self, i):
+        return self._inputs[i]
+
+    def get_sparsity_out(self, i):
+        return self._outputs[i]
+
+    def has_eval_buffer(self):
+        return True
+
+    def eval_buffer(self, arguments, results):
+        given = [
+            np.zeros(pattern.nnz()) if one is None else np.frombuffer(one)
+            for one, pattern in zip(arguments, self._inputs, strict=True)
+        ]  # CasADi's null pointer stands for zeros
+        found = self._function(*given)
+        for out, values in zip(results, found, strict=True):
+            if out is not None:
+                np.frombuffer(out)[:] = values
+        return 0
