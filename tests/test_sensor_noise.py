@@ -19,14 +19,24 @@ def in_steps(data, step: float):
     return replace(data, normal=np.round(normal, 12) * data.contact[..., None])
 
 
-@pytest.mark.parametrize(("degrees", "least"), [(5, 0.3), (15, 0.999)])
-def test_normals_in_steps_have_the_noise_of_rounding(recorded, degrees, least):
-    """Of normals that point up, a step of the azimuth is smaller: the least counts."""
+def turning(data, rate: float, step: float):
+    """Return the data of level normals that turn by `rate` a sample, rounded [rad]."""
+    azimuth = step * np.round(rate * np.arange(data.samples) / step)
+    normal = np.stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth], axis=-1)
+    return replace(data, normal=normal[:, None] * data.contact[..., None])
+
+
+@pytest.mark.parametrize("readings", [5, 20])
+def test_normals_in_steps_have_the_noise_of_rounding(recorded, readings):
+    """Readings that are the same have one error: so many count as one."""
     data, _, _ = recorded
-    step = np.radians(degrees)
+    step = np.radians(10)
+    found = precision_of(turning(data, step / readings, step)).normal
     rounding = 2 * np.sin(step / 2) / np.sqrt(12)
-    found = precision_of(in_steps(data, step)).normal
-    assert least * rounding < found < 1.001 * rounding
+    assert found == pytest.approx(rounding * np.sqrt(readings), rel=0.25)
+    # Steps below the turn of a sample are noise like any other.
+    fine = precision_of(turning(data, step / 20, step / 100)).normal
+    assert fine < step / 50
 
 
 def test_normals_of_a_body_that_moves_smoothly_are_in_no_steps(recorded):

@@ -58,19 +58,22 @@ def _normal(data: Measurements) -> float:
         return 0.0
     second = (n[2:] - 2 * n[1:-1] + n[:-2])[run]
     smooth = np.median(np.linalg.norm(second, axis=1)) / RAYLEIGH_MEDIAN / np.sqrt(6)
-    return float(max(smooth, _step_of_normals(data) / np.sqrt(12)))
+    return float(max(smooth, _rounding_of_normals(data)))
 
 
-def _step_of_normals(data: Measurements) -> float:
-    """Return the step [rad] to which normals are rounded, 0 if they are not.
+def _rounding_of_normals(data: Measurements) -> float:
+    """Return the noise [rad] of normals that are rounded to steps, 0 if none are.
 
     During contact they are then mostly the same to the last digit, and jump else.
+    Readings that are the same have the same error: they count as one.
     """
     n, c, action = data.normal, data.contact, data.action
     both = c[1:] & c[:-1] & (action[1:] == action[:-1])[:, None]
     jumps = np.linalg.norm(n[1:] - n[:-1], axis=2)[both]
     moved = jumps[jumps > SAME_NORMAL]
-    return moved.min() if 0 < len(moved) < len(jumps) / 2 else 0.0
+    if not 0 < len(moved) < len(jumps) / 2:
+        return 0.0
+    return moved.min() / np.sqrt(12) * np.sqrt(len(jumps) / len(moved))
 
 
 def smoothed(data: Measurements, precision: Precision) -> Measurements:
