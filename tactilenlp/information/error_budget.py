@@ -41,6 +41,7 @@ from .error_budget_terms import (
     shape_prior_error,
     stick_slip,
     uneven_ground,
+    unseen_motion,
     untouched_faces,
 )
 from .measurement_noise import (
@@ -201,12 +202,6 @@ def priors(response: Response) -> np.ndarray:
     return curvature_of_costs(at.kkt, response.by_gradient, at.costs(PRIORS))
 
 
-def sliding_fingers(response: Response) -> np.ndarray:
-    """Return the covariance (k, k) by fingers that may stick, not slide."""
-    at = response.at
-    return stick_slip(at.kkt, response.by_gradient, at.window, at.sensed.data.action)
-
-
 @dataclass(frozen=True)
 class ErrorTerm:
     """One named error: its covariance (k, k), and whether a programme has it.
@@ -269,7 +264,16 @@ ERROR_TERMS = (
     ),
     ErrorTerm("negative curvature", lambda r: negative_curvature(r.hessian)),
     ErrorTerm(
-        "stick-slip ambiguity", sliding_fingers, lambda at: len(at.window.push) > 0
+        "stick-slip ambiguity",
+        lambda r: stick_slip(
+            r.at.kkt, r.by_gradient, r.at.window, r.at.sensed.data.action
+        ),
+        lambda at: len(at.window.push) > 0,
+    ),
+    ErrorTerm(
+        "unseen motion",
+        lambda r: unseen_motion(r.at.kkt, r.by_gradient, r.at.window),
+        lambda at: len(at.window.unseen) > 0,
     ),
     ErrorTerm(
         "shape prior error",

@@ -5,7 +5,6 @@ lists which of them apply to which class of shapes and adds them up.
 
     by_gradient (unknowns, k), by_constraint (rows, k): columns of K^{-1}, see
     KKTSystem.sensitivity
-    action (T,): the action of every sample
 """
 
 from __future__ import annotations
@@ -30,6 +29,7 @@ UNTOUCHED_FACTOR = 2.0  # [position noise] of a face that only physics determine
 TUMBLED = 0.1  # [size] the same where it follows from how the object tumbled
 VERTICAL = 0.99  # [-] cosine between the vertical and the axis of a face on the ground
 STICKING = 0.1  # [-] probability that a finger that seems to slide sticks
+MOVED_ON = 0.5  # [-] probability that a body moves on that was not seen to
 REACHED = 0.1  # [m] a body that a finger felt is at most this far from there
 ANY_ROTATION = np.pi / np.sqrt(3)  # [rad] deviation of a uniformly distributed rotation
 LOADED = 0.01  # [weights] a missing sample with a smaller impulse was no contact
@@ -114,8 +114,7 @@ def stick_slip(kkt: KKTSystem, by_gradient, window, action) -> np.ndarray:
     by_gradient: see KKTSystem.sensitivity; action (T,): of every sample.
     """
     problem, push = kkt.problem, window.push
-    names = [n for n, term in problem.costs.items() if term.role == "physics"]
-    H = kkt.hessian(names)
+    H = kkt.hessian(physics_of(problem))
     x, slip = problem.variables["x"], slips(kkt, window)
     own, moved = action[push.sample], []
     for a, f in np.unique(np.stack([own, push.finger]), axis=1).T:
@@ -128,6 +127,34 @@ def stick_slip(kkt: KKTSystem, by_gradient, window, action) -> np.ndarray:
         moved.append(by_gradient.T @ (H @ e))
     moved = np.array(moved).reshape(-1, by_gradient.shape[1])
     return STICKING * moved.T @ moved
+
+
+def unseen_motion(kkt: KKTSystem, by_gradient, window) -> np.ndarray:
+    """Return the covariance (k, k) by bodies that move on, or stop, unseen, SI.
+
+    While a finger that may push is not seen, motion lasts or has ended; a solve decides
+    for one of them, or something between.  Had it gone on as in the last step that was
+    seen, earlier poses would be off by what is missing: MOVED_ON H e e' H, as for
+    fingers that stick (`stick_slip`).
+    """
+    problem, step = kkt.problem, window.step
+    x = problem.variables["x"]
+    H, values = kkt.hessian(physics_of(problem)), problem.unpack(kkt.x)["x"]
+    ways = values[:, step.pose] - values[:, step.before]
+    moved = []
+    for rows, before in window.unseen_runs:
+        off = ways[:, [before]] - ways[:, rows]
+        later = step.sample[rows] > window.last[:, None]  # (poses, rows)
+        e = np.zeros(problem.size)
+        e[x.span] = -(later @ off.T).ravel()
+        moved.append(by_gradient.T @ (H @ e))
+    moved = np.array(moved).reshape(-1, by_gradient.shape[1])
+    return MOVED_ON * moved.T @ moved
+
+
+def physics_of(problem) -> list[str]:
+    """Return the names of the costs of physics."""
+    return [name for name, term in problem.costs.items() if term.role == "physics"]
 
 
 def slips(kkt: KKTSystem, window) -> np.ndarray:

@@ -174,6 +174,20 @@ class Window:
         return np.unique(self.push.step[self.unseen])
 
     @property
+    def unseen_runs(self) -> list[tuple[np.ndarray, int]]:
+        """Runs of unseen steps, each with the step before (rows of step).
+
+        Without those with which an action begins.
+        """
+        row, before, runs = np.full(self.poses, -1), {}, {}
+        row[self.step.pose] = np.arange(len(self.step))
+        for k in self.unseen_steps.tolist():
+            earlier = int(row[self.step.before[k]])
+            before[k] = before.get(earlier, earlier)
+            runs.setdefault(before[k], []).append(k)
+        return [(np.array(rows), k) for k, rows in runs.items() if k >= 0]
+
+    @property
     def last(self) -> np.ndarray:
         """The last sample of every pose (poses,)."""
         return np.r_[np.nonzero(np.diff(self.pose))[0], len(self.pose) - 1]
