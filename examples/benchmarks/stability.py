@@ -70,6 +70,7 @@ CORE = (  # few cells for the tests: every verdict and every kind of rule
     ("flips", "3 %", "cuboid"),
     ("noise of positions", "bias 5 mm", "cuboid"),
     ("contacts", "last sample", "cuboid"),
+    ("dropped spans", "a finger in an action", "cuboid"),
     ("actions", "1", "cuboid"),
 )
 WIDE = 1.1  # [in] of a cell in the picture

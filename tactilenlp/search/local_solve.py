@@ -48,7 +48,8 @@ class Solved:
 
     rough: the hypothesis after the levels before the last one; profile (k, k): how far
     sizes and final pose may be off (refinement/profile_likelihood.py); declined: larger
-    models that the data did not ask for, each with its check.
+    models that the data did not ask for, each with its check; built_at: the start that
+    the problem was built for, if another one.
     """
 
     hypothesis: Hypothesis
@@ -60,6 +61,12 @@ class Solved:
     rough: Hypothesis | None = None
     profile: np.ndarray | None = None
     declined: tuple = ()
+    built_at: Hypothesis | None = None
+
+    @property
+    def origin(self) -> Hypothesis:
+        """The hypothesis at which the problem is built again."""
+        return self.built_at or self.hypothesis
 
     @property
     def skipped(self) -> tuple:
@@ -128,8 +135,7 @@ def comparable(best: Solved, solved) -> list[Solved]:
 def problem_at(job: Job, hypothesis=None):
     """Return problem and window of a job's page, and the seconds it took.
 
-    hypothesis: where it is solved from; the window of a polytope depends on it: which
-    vertices a contact reads.
+    hypothesis: where it is solved from; reach depends on it, and contacts of hulls.
     """
     began = time.process_time()
     made = required_reductions(job.page, job.reductions)
@@ -179,6 +185,7 @@ def solved_from(job, hypothesis, shared=None, levels=None, before=None) -> Solve
     if not shared:
         problem, window, built = problem_at(job, hypothesis)
         shared.update(window=window, problem=problem, solvers={}, built=built)
+        shared.update(built_at=hypothesis)
     window, problem = shared["window"], shared["problem"]
     settings = settings_of(job)
     start = start_values(problem, window, hypothesis) if before is None else before
@@ -187,7 +194,7 @@ def solved_from(job, hypothesis, shared=None, levels=None, before=None) -> Solve
     solution = solution if before is None else after(before, solution)
     solution.seconds["build"] += shared.pop("built", 0.0)  # it was built once
     solved = Solved(hypothesis, problem, window, solution, job)
-    return _rebuilt_for(job, solved, later)
+    return _rebuilt_for(job, replace(solved, built_at=shared["built_at"]), later)
 
 
 # Warm starts: values and multipliers of an earlier solution
