@@ -194,7 +194,7 @@ def solved_from(job, hypothesis, shared=None, levels=None, before=None) -> Solve
     solution = solution if before is None else after(before, solution)
     solution.seconds["build"] += shared.pop("built", 0.0)  # it was built once
     solved = Solved(hypothesis, problem, window, solution, job)
-    return _rebuilt_for(job, replace(solved, built_at=shared["built_at"]), later)
+    return _rebuilt_for(job, replace(solved, built_at=shared.get("built_at")), later)
 
 
 # Warm starts: values and multipliers of an earlier solution
