@@ -29,7 +29,8 @@ Departures from the printed equations:
   unfelt                   a finger that feels nothing has a linear cost on its impulse
                            (UNFELT) in place of dissipation
   unseen                   a finger whose sample is missing may push: dissipation,
-                           complementarity of its gap, non-penetration
+                           complementarity of its gap, non-penetration; as hard as
+                           before and after, unless data say else
   rest                     an action starts at rest: all low corners on the ground
   least impulse            makes unique what contact leaves open (four corners share a
                            load)

@@ -182,6 +182,9 @@ def test_motion_lasts_where_a_finger_that_may_push_is_not_seen(touched, interpre
     values = true_values(problem, window, truth, np.random.default_rng(3))
     k = int(np.flatnonzero(window.step.sample == t)[0])
     assert window.unseen_steps.tolist() == [k]
+    ((rows, before),) = window.unseen_runs
+    assert rows.tolist() == [k]
+    assert window.step.pose[before] == window.step.before[k]
     x, step = values["x"], window.step
     x[:, step.before_2[k]] = 0.01, 0.02, 0.3
     x[:, step.before[k]] = 0.011, 0.02, 0.32
