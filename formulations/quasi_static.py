@@ -88,7 +88,7 @@ def least_motion(nlp, window, shape, theta, x):
         return moved(theta, x, 2 * x_1 - x_2, weight)
 
     unseen = window.unseen_steps.tolist()
-    seen = [k for k in range(len(step)) if k not in unseen]
+    seen = sorted({*range(len(step))} - {*unseen})
     nlp.minimize(
         "least motion", moved, theta, x[:, step.pose[seen]], x[:, step.before[seen]],
         weight, role="regulariser",

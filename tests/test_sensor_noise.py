@@ -1,6 +1,7 @@
 """The noise of sensors, as it is estimated from what they report."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,15 +9,7 @@ import pytest
 from tactilenlp import solve_estimate
 from tactilenlp.data.sensor_noise import precision_of
 
-
-def in_steps(data, step: float):
-    """Return the data with azimuth and elevation of normals in whole steps [rad]."""
-    x, y, z = np.moveaxis(data.normal, -1, 0)
-    azimuth, up = np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
-    a, e = (step * np.round(angle / step) for angle in (azimuth, up))
-    normal = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], -1)
-    # The same number again, of which no bit differs by rounding.
-    return replace(data, normal=np.round(normal, 12) * data.contact[..., None])
+BENCHMARKS = Path(__file__).resolve().parents[1] / "examples" / "benchmarks"
 
 
 def turning(data, rate: float, step: float):
@@ -47,9 +40,12 @@ def test_normals_of_a_body_that_moves_smoothly_are_in_no_steps(recorded):
 
 
 @pytest.mark.slow
-def test_rounded_normals_leave_an_estimate_right_or_honest(recorded):
+def test_rounded_normals_leave_an_estimate_right_or_honest(recorded, monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    from foreign_sensors import normals_in_steps
+
     data, scene, truth = recorded
-    estimate = solve_estimate(in_steps(data, np.radians(15)), scene)
+    estimate = solve_estimate(normals_in_steps(15.0)(data, None), scene)
     error = np.sort(estimate.side_lengths) - np.sort(truth["side_lengths"])
     sigma = estimate.information.sigma("side_lengths")
     assert (np.abs(error) < 3 * sigma[np.argsort(estimate.side_lengths)]).all()

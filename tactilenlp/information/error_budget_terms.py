@@ -113,20 +113,12 @@ def stick_slip(kkt: KKTSystem, by_gradient, window, action) -> np.ndarray:
 
     by_gradient: see KKTSystem.sensitivity; action (T,): of every sample.
     """
-    problem, push = kkt.problem, window.push
-    H = kkt.hessian(physics_of(problem))
-    x, slip = problem.variables["x"], slips(kkt, window)
-    own, moved = action[push.sample], []
+    push, slip = window.push, slips(kkt, window)
+    own, moves = action[push.sample], []
     for a, f in np.unique(np.stack([own, push.finger]), axis=1).T:
         rows = np.flatnonzero((own == a) & (push.finger == f))
-        later = push.sample[rows] > window.last[:, None]  # (poses, rows)
-        move = np.zeros((x.columns, x.rows))
-        move[:, : slip.shape[1]] = -(later @ slip[rows])
-        e = np.zeros(problem.size)
-        e[x.span] = move.ravel()
-        moved.append(by_gradient.T @ (H @ e))
-    moved = np.array(moved).reshape(-1, by_gradient.shape[1])
-    return STICKING * moved.T @ moved
+        moves.append((push.sample[rows], slip[rows]))
+    return STICKING * moved_besides(kkt, by_gradient, window, moves)
 
 
 def unseen_motion(kkt: KKTSystem, by_gradient, window) -> np.ndarray:
@@ -134,27 +126,36 @@ def unseen_motion(kkt: KKTSystem, by_gradient, window) -> np.ndarray:
 
     While a finger that may push is not seen, motion lasts or has ended; a solve decides
     for one of them, or something between.  Had it gone on as in the last step that was
-    seen, earlier poses would be off by what is missing: MOVED_ON H e e' H, as for
+    seen, it would have moved by what is missing: with the probability MOVED_ON, as for
     fingers that stick (`stick_slip`).
     """
-    problem, step = kkt.problem, window.step
-    x = problem.variables["x"]
-    H, values = kkt.hessian(physics_of(problem)), problem.unpack(kkt.x)["x"]
-    ways = values[:, step.pose] - values[:, step.before]
-    moved = []
-    for rows, before in window.unseen_runs:
-        off = ways[:, [before]] - ways[:, rows]
-        later = step.sample[rows] > window.last[:, None]  # (poses, rows)
+    step, x = window.step, kkt.problem.unpack(kkt.x)["x"]
+    ways = (x[:, step.pose] - x[:, step.before]).T
+    moves = [
+        (step.sample[rows], ways[before] - ways[rows])
+        for rows, before in window.unseen_runs
+    ]
+    return MOVED_ON * moved_besides(kkt, by_gradient, window, moves)
+
+
+def moved_besides(kkt: KKTSystem, by_gradient, window, moves) -> np.ndarray:
+    """Return the covariance (k, k) by moves of the body that a solve left out, SI.
+
+    moves: of each, samples (n,) and by how much the first unknowns of the pose would
+    have changed on the way to them (n, u); see `stick_slip`.
+    """
+    problem, x = kkt.problem, kkt.problem.variables["x"]
+    physics = [n for n, term in problem.costs.items() if term.role == "physics"]
+    H, moved = kkt.hessian(physics), []
+    for samples, ways in moves:
+        later = samples > window.last[:, None]  # (poses, samples)
+        off = np.zeros((x.columns, x.rows))
+        off[:, : ways.shape[1]] = -(later @ ways)
         e = np.zeros(problem.size)
-        e[x.span] = -(later @ off.T).ravel()
+        e[x.span] = off.ravel()
         moved.append(by_gradient.T @ (H @ e))
     moved = np.array(moved).reshape(-1, by_gradient.shape[1])
-    return MOVED_ON * moved.T @ moved
-
-
-def physics_of(problem) -> list[str]:
-    """Return the names of the costs of physics."""
-    return [name for name, term in problem.costs.items() if term.role == "physics"]
+    return moved.T @ moved
 
 
 def slips(kkt: KKTSystem, window) -> np.ndarray:

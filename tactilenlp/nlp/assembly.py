@@ -30,7 +30,7 @@ class Assembly:
 
     def __init__(self, terms, scale, data: int, rows: int, deadline: Deadline = NEVER):
         self.terms, self._scale, self._rows = [*terms], scale, rows
-        self._data, self._deadline = data, deadline
+        self._deadline = deadline
         self._at_terms = (
             _Gathered([term.unknowns for term in self.terms]),
             _Gathered([term.data for term in self.terms]),
@@ -70,10 +70,8 @@ class Assembly:
 
     def lagrangian(self, x, p, lam_g: np.ndarray) -> tuple:
         """Return the gradient (n,) of f + lam_g' g, and g (rows,)."""
-        _, gradient, g, slopes = self.evaluated(x, p)
-        rows, columns = np.array(self.jacobian.get_triplet(), int)
-        pulls = np.bincount(columns, slopes * lam_g[rows], len(x))
-        return gradient + pulls, g
+        _, gradient, g, _ = self.evaluated(x, p)
+        return gradient + self.slopes(x, p).T @ lam_g, g
 
     def second(self, x, p, lam_f: float, lam_g: np.ndarray) -> np.ndarray:
         """Return the nonzeros of the Hessian of lam_f f + lam_g' g."""
@@ -85,11 +83,13 @@ class Assembly:
 
     def slopes(self, x, p) -> sp.csr_matrix:
         """Return the Jacobian of g (rows, n)."""
-        return _matrix(self.jacobian, self.evaluated(x, p)[3]).tocsr()
+        found = self.evaluated(x, p)[3], *self._places_of_slopes
+        return sp.csc_matrix(found, self.jacobian.shape).tocsr()
 
     def curvature(self, x, p, lam_f: float, lam_g: np.ndarray) -> sp.csc_matrix:
         """Return the Hessian of lam_f f + lam_g' g (n, n), symmetric."""
-        upper = _matrix(self.hessian, self.second(x, p, lam_f, lam_g))
+        found = self.second(x, p, lam_f, lam_g), *self._places_of_curves
+        upper = sp.csc_matrix(found, self.hessian.shape)
         return upper + sp.triu(upper, 1).T.tocsc()
 
     def _look(self, x, p) -> None:
@@ -134,6 +134,14 @@ class Assembly:
         return calls
 
     # -- where results belong ---------------------------------------------------------
+    @cached_property
+    def _places_of_slopes(self) -> tuple[np.ndarray, np.ndarray]:
+        return _places(self.jacobian)
+
+    @cached_property
+    def _places_of_curves(self) -> tuple[np.ndarray, np.ndarray]:
+        return _places(self.hessian)
+
     def _add_up_values_and_slopes(self) -> None:
         """Set what sums f, its gradient and the Jacobian, and where g is read."""
         n, found = len(self._scale), self._found_first
@@ -246,7 +254,6 @@ def _scattered(parts, shape: tuple[int, int]) -> tuple:
     return pattern, target, factors, read
 
 
-def _matrix(pattern: ca.Sparsity, nonzeros: np.ndarray) -> sp.csc_matrix:
-    """Return the matrix of a pattern with these nonzeros, column by column."""
-    rows, starts = np.array(pattern.row(), int), np.array(pattern.colind(), int)
-    return sp.csc_matrix((nonzeros.copy(), rows, starts), pattern.shape)
+def _places(pattern: ca.Sparsity) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows of the nonzeros of a pattern, and where its columns start."""
+    return np.array(pattern.row(), int), np.array(pattern.colind(), int)
