@@ -104,12 +104,10 @@ def solve(
     inputs = _inputs(problem, x, lower, upper, warm, eliminate)
     with interruptible():
         out = solver(p=data, **inputs)
-    found = _outputs(problem, out, x, data, lower == upper, eliminate)
+    x, *multipliers = _outputs(problem, out, x, data, lower == upper, eliminate)
     seconds = {"build": built, "solve": time.process_time() - began}
-    x, lam_g, lam_x = found
-    values = problem.assembly.values(x / problem.scale, data)
-    given = values, lam_g, lam_x, solver.stats(), seconds
-    solution = recomputed(problem, x, data, *given)
+    found = problem.assembly.values(x / problem.scale, data), *multipliers
+    solution = recomputed(problem, x, data, *found, solver.stats(), seconds)
     log.debug("%s after %d iterations", solution.status, solution.iterations)
     if throw and not solution.success:
         raise not_converged(problem, solution)
