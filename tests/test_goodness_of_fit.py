@@ -8,18 +8,24 @@ import pytest
 from programmes import programme
 
 from formulations import sensing, violation_implicit
-from tactilenlp import Options, solve_estimate
+from tactilenlp import Measurements, Noise, Options, solve_estimate
+from tactilenlp.data.contact_segments import gaps_near_touches
+from tactilenlp.data.noise_model import add_noise
+from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.information.goodness_of_fit import (
     BETWEEN_ACTIONS,
-    HALF_SQUARE,
+    LOST,
     OF_MOTION,
     Fit,
     Misfit,
     TouchMisfit,
-    _carried,
     _largest_motion,
+    fit_of,
+    free_moments,
     touch_moments,
+    verdict_of,
 )
+from tactilenlp.information.trajectory import moved_farther
 from tactilenlp.problem.window import Steps
 
 DRAWS = 200_000
@@ -53,12 +59,90 @@ def test_expected_touch_costs_are_the_mean_of_drawn_noise(recorded, gap, normal)
     assert variance[k] == pytest.approx(drawn.var(), rel=0.05, abs=1e-9)
 
 
-def test_the_integrals_over_free_samples_are_right():
-    s = np.linspace(0, 60, 600_001)
-    cost = np.log1p(np.exp(-s))
-    step = s[1]
-    assert cost.sum() * step == pytest.approx(np.pi**2 / 12, abs=1e-4)
-    assert (cost**2).sum() * step == pytest.approx(HALF_SQUARE, abs=1e-4)
+def straight(p, felt, valid=None):
+    """Return the measurements of a finger at x = p [m], in one action."""
+    position = np.stack([p, 0 * p, 0 * p + 0.02], axis=1)[:, None]
+    felt = np.asarray(felt, bool)[:, None]
+    return Measurements(
+        time=np.arange(len(p)) / 30, finger_position=position, finger_radius=0.01,
+        contact=felt, normal=np.where(felt[..., None], [1.0, 0.0, 0.0], 0.0),
+        action=np.zeros(len(p), int),
+        valid=np.ones_like(felt) if valid is None else np.asarray(valid, bool)[:, None],
+    )  # fmt: skip
+
+
+def test_free_samples_that_approach_cost_what_drawn_gaps_cost():
+    way, rng = np.array([[0.0, 0.8], [0.8, 1.6], [1.6, 2.4], [40.0, 41.0]]), np.random
+    drawn = rng.default_rng(0).uniform(*way[:3].T, size=(DRAWS, 3))
+    cost = np.log1p(np.exp(-drawn))
+    mean, variance = free_moments(way)
+    error = 4 * cost.std(axis=0) / np.sqrt(DRAWS)
+    assert np.all(np.abs(mean - cost.mean(axis=0)) < error)
+    assert variance == pytest.approx(cost.var(axis=0), rel=0.05)
+    steady = np.stack([np.arange(0, 60, 0.05), np.arange(0.05, 60.05, 0.05)], axis=1)
+    assert 0.05 * free_moments(steady)[0].sum() == pytest.approx(np.pi**2 / 12)
+
+
+def test_a_finger_that_hardly_moves_at_the_end_of_a_touch_excuses_no_misfit():
+    p = np.r_[1e-3 * np.arange(6, 0, -1), 0.0, 0.0, np.full(4, 1e-7)]
+    felt = np.arange(12) // 2 == 3
+    gaps = gaps_near_touches(straight(p, felt))
+    way = 1e-3 * np.array([[k - 1, k] for k in range(6, 0, -1)])
+    assert gaps[:6] == pytest.approx(way)
+    assert gaps[6:].max() <= 1e-7  # it stays where it ceased to touch
+    mean, _ = free_moments(1500 * gaps)
+    assert mean[6:] == pytest.approx(np.log(2), abs=1e-3)
+
+
+def test_gaps_are_those_of_the_touch_next_to_a_sample_with_nothing_missing_between():
+    felt, valid = np.zeros(9), np.ones(9)
+    felt[[0, 6]], valid[7] = 1, 0
+    found = gaps_near_touches(straight(1e-3 * np.arange(9), felt, valid))
+    expected = [[0, 1], [1, 2], [2, 3], [1, 2], [0, 1]]
+    assert found == pytest.approx(1e-3 * np.array(expected))
+
+
+def test_touches_that_misfit_are_not_excused_by_free_samples_of_a_large_spread():
+    touch, free = Misfit(59.0, 0.4, 0.1), Misfit(4.0, 20.0, 20.0)
+    assert verdict_of([touch + free])[0] == "good"
+    assert verdict_of([touch, free, touch + free])[0] == "bad"
+
+
+def test_an_estimated_noise_of_normals_widens_the_spread_and_a_told_one_does_not(
+    recorded,
+):
+    data, scene, _ = recorded
+    data = add_noise(data.select([0]), Noise(normal=0.08, seed=1))
+    guessed = precision_of(data)
+    assert 0 < guessed.normal_error < 1
+    told = precision_of(data, replace(scene, sigma_normal=guessed.normal))
+    assert (told.normal, told.normal_error) == (guessed.normal, 0.0)
+    problem, window = programme(violation_implicit, data, scene)
+    window = replace(window, sigma_normal=guessed.normal)
+    solution = SimpleNamespace(
+        values={n: v.guess for n, v in problem.variables.items()}, parameters={}
+    )
+    unsure = replace(window, normal_error=guessed.normal_error)
+    least, most = (
+        fit_of(problem, solution, w, data, 1.0).terms["touch"] for w in (window, unsure)
+    )
+    noisier = guessed.normal * (1 + guessed.normal_error)
+    noisier = replace(window, sigma_normal=noisier)
+    mean, _ = touch_moments(problem, problem.data(), noisier, 1.0)
+    assert most.expected == least.expected
+    assert most.spread == pytest.approx(
+        np.hypot(least.spread, mean.sum() - least.expected)
+    )
+
+
+def test_the_error_of_the_estimated_noise_is_that_of_many_draws(recorded):
+    data, _, _ = recorded
+    found = [
+        precision_of(add_noise(data, Noise(normal=0.08, seed=seed)))
+        for seed in range(60)
+    ]
+    scatter = np.std([p.normal for p in found]) / np.mean([p.normal for p in found])
+    assert scatter == pytest.approx(np.mean([p.normal_error for p in found]), rel=0.35)
 
 
 def test_the_shipped_recording_fits_well_and_nothing_is_widened(estimate):
@@ -147,9 +231,11 @@ def test_a_lost_path_is_named_and_no_part_of_the_total(estimate):
 
 def test_a_body_that_was_moved_farther_than_it_slides_on_was_carried():
     still = 1e-5 * np.array([1.0, 2.0, 0.5])
-    assert not _carried(*moved(np.r_[still, 8e-3]))
-    assert _carried(*moved(np.r_[still, 12e-3]))
-    assert not _carried(*moved(np.r_[still, 12e-3], speed=0.2))  # 7 mm by its speed
+    assert not moved_farther(*moved(np.r_[still, 8e-3]), LOST)
+    assert moved_farther(*moved(np.r_[still, 12e-3]), LOST)
+    assert not moved_farther(
+        *moved(np.r_[still, 12e-3], speed=0.2), LOST
+    )  # 7 mm by its speed
 
 
 def test_a_carried_body_is_said_and_no_touch_is_blamed(estimate):

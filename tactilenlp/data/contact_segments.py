@@ -104,3 +104,36 @@ def _breaks(n, sigma: float) -> np.ndarray:
     i = int(np.argmax(excess))
     left, right = _breaks(n[:i], sigma), _breaks(n[i:], sigma)
     return np.r_[left, i, right + i].astype(int)
+
+
+def gaps_near_touches(data) -> np.ndarray:
+    """Return between which gaps (n, 2) [m] free samples are by the touch next to them.
+
+    Of a finger in an action that feels something before or after, with nothing missing
+    between; the closer one, if both.
+    """
+    found = []
+    for action in np.unique(data.action):
+        mine = data.action == action
+        for felt, valid, p in zip(
+            *(k[mine].swapaxes(0, 1) for k in (data.contact, data.valid)),
+            data.finger_position[mine].swapaxes(0, 1), strict=True,
+        ):  # fmt: skip
+            sides = [_gaps_after(felt, valid, p)]
+            sides.append(_gaps_after(felt[::-1], valid[::-1], p[::-1])[::-1])
+            nearer = np.argmin([side[:, 1] for side in sides], axis=0)
+            gaps = np.stack(sides)[nearer, np.arange(len(p))]
+            found.append(gaps[np.isfinite(gaps).all(axis=1)])
+    return np.concatenate(found)
+
+
+def _gaps_after(felt, valid, p) -> np.ndarray:
+    """Return the gaps (T, 2) of the free samples after a touch, infinite for others."""
+    gaps, at, before = np.full((len(p), 2), np.inf), None, 0.0
+    for t in range(len(p)):
+        if not valid[t] or felt[t]:
+            at, before = p[t] if felt[t] and valid[t] else None, 0.0
+        elif at is not None:
+            now = float(np.linalg.norm(p[t] - at))
+            gaps[t], before = sorted((before, now)), now
+    return gaps

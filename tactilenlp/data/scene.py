@@ -205,7 +205,9 @@ class Scene:
                 f"the finger's centre is below the ground at index {index}",
                 index=index,
                 where="finger_position",
-                got=f"{-1e3 * height[index]:.3g} mm below",
+                got=f"{-1e3 * height[index]:.3g} mm below, in {len(below)} samples "
+                f"of {data.valid.sum()}",
                 expected="a centre above the plane normal . p = height",
-                next="set Scene(ground=Ground(height=...)), or ground=None for none",
+                next="set Scene(ground=Ground(height=...)), or ground=None for none; "
+                "set valid=False where single positions are wrong",
             )

@@ -20,22 +20,28 @@ CONTACT_LATENCY = 5e-3  # [s] by which a contact is reported too long: sensors a
 SAME_NORMAL = 1e-9  # [-] by which two readings of one number may differ
 NORMAL_MEDIAN = 0.6745  # median of |z| for a standard normal z
 RAYLEIGH_MEDIAN = 1.1774  # median length of a standard normal vector in the plane
+MEDIAN_ERROR = 1.004  # [-] relative deviation of a median of one length: of Rayleigh's
+#                       law 0.721, times 1.393 as second differences overlap
 
 
 @dataclass(frozen=True)
 class Precision:
-    """Standard deviations: position [m] per axis, normal [rad] per tangential axis."""
+    """Standard deviations: position [m] per axis, normal [rad] per tangential axis.
+
+    normal_error [-]: relative standard deviation of `normal`, zero where it was told.
+    """
 
     position: float
     normal: float
+    normal_error: float = 0.0
 
 
 def precision_of(data: Measurements, scene=None) -> Precision:
     """Estimate the noise of positions and normals, unless the scene gives it."""
-    return Precision(
-        position=getattr(scene, "sigma_position", None) or _position(data),
-        normal=getattr(scene, "sigma_normal", None) or _normal(data),
-    )
+    position = getattr(scene, "sigma_position", None) or _position(data)
+    if told := getattr(scene, "sigma_normal", None):
+        return Precision(position, told)
+    return Precision(position, *_normal(data))
 
 
 def _position(data: Measurements) -> float:
@@ -49,16 +55,18 @@ def _position(data: Measurements) -> float:
     return float(np.median(np.abs(third[used])) / NORMAL_MEDIAN / np.sqrt(20))
 
 
-def _normal(data: Measurements) -> float:
+def _normal(data: Measurements) -> tuple[float, float]:
+    """Return the noise of normals, and the relative deviation of this estimate."""
     n, c, action = data.normal, data.contact, data.action
     if len(n) < 3:
-        return 0.0
+        return 0.0, 0.0
     run = c[2:] & c[1:-1] & c[:-2] & (action[2:] == action[:-2])[:, None]
     if not run.any():
-        return 0.0
+        return 0.0, 0.0
     second = (n[2:] - 2 * n[1:-1] + n[:-2])[run]
     smooth = np.median(np.linalg.norm(second, axis=1)) / RAYLEIGH_MEDIAN / np.sqrt(6)
-    return float(max(smooth, _rounding_of_normals(data)))
+    error = MEDIAN_ERROR / np.sqrt(len(second))
+    return float(max(smooth, _rounding_of_normals(data))), float(error)
 
 
 def _rounding_of_normals(data: Measurements) -> float:

@@ -5,13 +5,13 @@ outlier cost (likelihood.py of the pages).  Under the noise model its gap and th
 components of its normal are Gaussian; mean and variance of the cost follow by
 Gauss-Hermite and Gauss-Laguerre quadrature.  Where sensors are noisy, a touched sample
 without a touched neighbour in time is most likely a wrong boolean, and costs the bound.
-A free sample next to a touch lies uniformly between the surface and the way of the
-finger in a sample, so that
+Where the noise of normals is estimated, its error is common to all touches.
+A finger that comes straight to a touch, or leaves one, has a gap between how far it is
+from where it was felt, and how far it is at the sample next to that, d_2 and d_1:
 
-    E = pi^2 / (12 alpha way),      E[cost^2] = 0.3005 / (alpha way)
+    E = (Phi(d_2) - Phi(d_1)) / (d_2 - d_1),      Phi' = log(1 + exp(-alpha d)).
 
-for every touch that begins or ends.  How late a sensor notices a touch is not modelled:
-the spread of free samples is at least their expected cost.
+How late a touch is noticed is not modelled: the spread is at least this expected cost.
 
 Between actions the page's density of the way u, in x, y and yaw and in units of a
 scale, is (1 + u^2)^-2, so that the cost 2 log(1 + u^2) has
@@ -24,20 +24,20 @@ row "between actions" is the largest of these, no part of the total, at most "po
 A body that moved by more than LOST between two actions, beyond what its speed
 explains, was carried or its path is lost; several paths explain that: at most "poor".
 
-The verdict is "good" up to POOR spreads and MARGIN nats of excess, "bad" beyond BAD
-times the sum of spread and MARGIN, else "poor".  Where it is not good, deviations are
-multiplied by the Birge ratio
+The verdict is "good" where touches, free samples and their sum are up to POOR spreads
+and MARGIN nats above what they should cost, "bad" where one is beyond BAD times the sum
+of spread and MARGIN, else "poor".  Where it is not good, deviations are multiplied by
+the largest Birge ratio
 
     B = sqrt(actual / (expected + spread))                             (Birge, 1932)
 
-Deviations of a rigid world from the model are RIGID_MISFIT of the page's own scales:
-the mean cost of the touches of 28 boxes that slid flat in clean recordings of our
-simulator was 0.003 nats, which is RIGID_MISFIT^2 (1/2 + 1).
+Touches of a rigid world are off by RIGID_MISFIT of the page's own scales: those of 28
+boxes that slid flat in our simulator cost 0.003 nats, RIGID_MISFIT^2 (1/2 + 1).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import polygamma, psi
@@ -45,7 +45,8 @@ from scipy.special import polygamma, psi
 from formulations.between_actions import CAUCHY, GAP
 from formulations.names import FREE_TERM, TOUCH_TERM
 
-from .trajectory import moved_between
+from ..data.contact_segments import gaps_near_touches
+from .trajectory import moved_between, moved_farther
 
 BETWEEN_ACTIONS = "between actions"  # the row of the largest motion between two actions
 OF_MOTION = (  # expected cost of such a motion, and its spread [nats]
@@ -56,8 +57,8 @@ LOST = 0.01  # [m] no retraction moves a body so far: it was carried, or lost
 POOR, BAD = 3.0, 10.0  # [spreads] and [MARGIN] of excess
 MARGIN = 3.0  # [nats] odds of 20 to 1
 RIGID_MISFIT = 0.045  # [scales] deviation of rigid gaps and normals from the page
-HALF_SQUARE = 0.30051  # integral of log(1 + exp(-s))^2 over s > 0
 NODES = 24  # of each quadrature
+CLEAR = 30.0  # [1 / alpha] a free finger so far from a touch costs nothing
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,8 @@ class Fit:
     @property
     def total(self) -> Misfit:
         """The Misfit of touches and free samples."""
-        return _total(self.terms)
+        mine = (m for n, m in self.terms.items() if n != BETWEEN_ACTIONS)
+        return sum(mine, start=NOTHING)
 
     @property
     def actual(self) -> float:
@@ -141,7 +143,7 @@ class Fit:
         jump = self.terms.get(BETWEEN_ACTIONS, NOTHING)
         if jump.excess > jump.limit:
             words += f"; the largest motion between actions costs {_in_words(jump)}"
-        fine = self.total.excess <= self.total.limit and jump.excess <= jump.limit
+        fine = all(m.excess <= m.limit for m in (self.total, *self.terms.values()))
         if self.verdict == "poor" and fine:
             return f"{words}; between actions the body moved by over {1e3 * LOST:g} mm."
         if self.verdict == "good" or not self.touches:
@@ -170,35 +172,30 @@ def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | N
         return None
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
     terms = misfits(problem, x, data, window, measurements, smoothing)
-    total = _total(terms)
-    poses = problem.unpack(x)["x"]
+    if TOUCH_TERM in terms:  # all touches share the error of an estimated noise
+        more = window.sigma_normal * (1 + window.normal_error)
+        noisier = replace(window, sigma_normal=more)
+        most = touch_moments(problem, data, noisier, smoothing)[0].sum()
+        terms[TOUCH_TERM] += Misfit(0.0, 0.0, most - terms[TOUCH_TERM].expected)
+    both = *terms.values(), sum(terms.values(), start=NOTHING)
+    poses, jump = problem.unpack(x)["x"], NOTHING
     if len(window.gap):
-        terms |= {BETWEEN_ACTIONS: _largest_motion(poses, window)}
-    verdict, widening = verdict_of(total, terms.get(BETWEEN_ACTIONS, NOTHING))
-    if verdict == "good" and BETWEEN_ACTIONS in terms and _carried(poses, window):
+        terms[BETWEEN_ACTIONS] = jump = _largest_motion(poses, window)
+    verdict, widening = verdict_of(both, jump)
+    if verdict == "good" and moved_farther(poses, window, LOST):
         verdict = "poor"
     touches = _by_touch(problem, x, data, window, measurements, smoothing)
     return Fit(verdict, terms, touches, widening)
 
 
-def verdict_of(total: Misfit, *others: Misfit) -> tuple[str, float]:
-    """Return verdict and widening of a fit: at most "poor" because of the others."""
-    both = total, *others
-    if all(m.excess <= m.limit for m in both):
+def verdict_of(likelihoods, other: Misfit = NOTHING) -> tuple[str, float]:
+    """Return verdict and widening of a fit: at most "poor" because of the other."""
+    every = *likelihoods, other
+    if all(m.excess <= m.limit for m in every):
         return "good", 1.0
-    ratios = (m.actual / max(m.expected + m.spread, MARGIN) for m in both)
-    bad = total.excess > BAD * (total.spread + MARGIN)
+    ratios = (m.actual / max(m.expected + m.spread, MARGIN) for m in every)
+    bad = any(m.excess > BAD * (m.spread + MARGIN) for m in likelihoods)
     return "bad" if bad else "poor", float(np.sqrt(max(1.0, *ratios)))
-
-
-def _total(terms: dict) -> Misfit:
-    return sum((terms[n] for n in terms if n != BETWEEN_ACTIONS), start=NOTHING)
-
-
-def _carried(x, window) -> bool:
-    """Tell whether a body moved farther between two actions than it slid on."""
-    way, slid = moved_between(x, window)
-    return bool((way > LOST + slid).any())
 
 
 def _largest_motion(x, window) -> Misfit:
@@ -243,8 +240,7 @@ def misfits(problem, x, data, window, measurements, smoothing: float) -> dict:
     stated = {FREE_TERM, "alpha"} <= {*problem.costs, *problem.parameters}
     if stated and len(window.free):
         alpha = float(data[problem.parameters["alpha"].span][0])
-        way = np.maximum(ways_at_ends(measurements), 1e-6)
-        mean, variance = np.pi**2 / 12 / (alpha * way), HALF_SQUARE / (alpha * way)
+        mean, variance = free_moments(alpha * gaps_near_touches(measurements))
         misfit = _misfit(problem.value(FREE_TERM, x, data), mean, variance)
         spread = float(np.hypot(misfit.spread, misfit.expected))
         found[FREE_TERM] = Misfit(misfit.actual, misfit.expected, spread)
@@ -282,13 +278,17 @@ def lone_touches(touch) -> np.ndarray:
     return np.array([not felt & {(t - 1, f), (t + 1, f)} for t, f in rows])
 
 
-def ways_at_ends(data) -> np.ndarray:
-    """Return the way of a finger in a sample in which a touch begins or ends [m]."""
-    felt, valid = data.contact, data.valid
-    same = (data.action[1:] == data.action[:-1])[:, None]
-    ends = (felt[1:] != felt[:-1]) & valid[1:] & valid[:-1] & same
-    way = np.linalg.norm(np.diff(data.finger_position, axis=0), axis=2)
-    return way[ends]
+def free_moments(gaps) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and variance [nats, nats^2] of the cost of free samples (n,).
+
+    gaps (n, 2): in units of 1 / alpha, uniformly between which each is.
+    """
+    low, high = gaps[(gaps[:, 0] < CLEAR)].T
+    node, weight = np.polynomial.legendre.leggauss(NODES)
+    at = (low + high)[:, None] / 2 + (high - low)[:, None] / 2 * node
+    cost, weight = np.log1p(np.exp(-at)), weight / 2
+    mean = cost @ weight
+    return mean, cost**2 @ weight - mean**2
 
 
 def _bounded(cost, outlier):

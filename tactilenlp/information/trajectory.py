@@ -181,6 +181,12 @@ def moved_between(x, window) -> tuple[np.ndarray, np.ndarray]:
     return np.maximum(_ways(x, gap.pose, gap.before), LEAST_WAY), slid
 
 
+def moved_farther(x, window, least: float) -> bool:
+    """Tell whether a body moved between two actions by more [m] than it slid on."""
+    way, slid = moved_between(x, window)
+    return bool((way > least + slid).any())
+
+
 def _ways(x, to, before) -> np.ndarray:
     """Return the ways (n,) [m] between poses of x (3 or 6, poses), as of the page."""
     if is_planar(x):

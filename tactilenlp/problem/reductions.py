@@ -117,6 +117,7 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
         corner=corner, lift=lift, rest=rest, groups=_groups(len(step), push, corner),
         frictionless=frictionless_contacts(scene) if choice.frictionless else (),
         sigma_position=precision.position, sigma_normal=precision.normal,
+        normal_error=precision.normal_error,
         outlier_cost=outlier_cost(scene), braking=friction_of(scene) * scene.gravity,
         compliant=yields(scene, choice) and len(push) > 0,
         central=choice.central or scene.sigma_centre == 0.0, aligned=choice.aligned,

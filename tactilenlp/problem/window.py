@@ -109,7 +109,8 @@ class Window:
     rest: corners on the ground at poses without a step (none in planar motion);
     groups: the steps by number of pushing fingers;
     frictionless: "finger", "ground" where these carry no tangential impulse;
-    sigma_position [m], sigma_normal [rad]: sensor noise;
+    sigma_position [m], sigma_normal [rad]: sensor noise; normal_error: relative
+    standard deviation of the latter, where it was estimated;
     outlier_cost: the most that one wrong sample can cost [nats];
     braking [m/s^2]: of an object that slides on, mu g;
     compliant: whether fingertips yield under load; central: whether the centre of mass
@@ -137,6 +138,7 @@ class Window:
     sigma_normal: float
     outlier_cost: float
     braking: float
+    normal_error: float = 0.0
     compliant: bool = False
     central: bool = True
     aligned: bool = True

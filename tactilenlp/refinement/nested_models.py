@@ -28,6 +28,7 @@ from ..information.goodness_of_fit import NOTHING, misfits
 from ..information.mixture import occam_of
 from ..nlp.kkt import gradient
 from ..problem.certificates import Skipped
+from ..problem.outliers import unexplained
 from ..problem.reductions import required_reductions
 from ..search.local_solve import (
     Solved,
@@ -196,15 +197,22 @@ def with_tilt(job, best: Solved) -> Solved:
     if excess < needed or job.deadline.passed("tilt"):
         return best
     free = replace(job, reductions=replace(job.reductions, planar=False))
-    if rough := job.contract.rough:  # touches taken for outliers pull again
-        tilted = solved_from(free, best.at, levels=rough)
-    else:
-        tilted = freed_to_tilt(free, best)
+    tilted = freed_to_tilt(free, best)
+    rough = job.contract.rough
+    if rough and not explains_touches(tilted):  # what is taken for wrong pulls again
+        tilted = best_first([tilted, solved_from(free, best.at, levels=rough)])[0]
     gain = _gain(best, tilted)
     if gain < needed:
         return best
     log.info("the body rocks: the objective falls by %.1f nats", gain)
     return replace(tilted, declined=best.declined)
+
+
+def explains_touches(solved: Solved) -> bool:
+    """Tell whether a solve converged that takes no touch for a wrong reading."""
+    problem, window, s = solved.problem, solved.window, solved.solution
+    given = problem.pack(s.values), problem.data(s.parameters)
+    return s.success and not unexplained(problem, window, *given).any()
 
 
 def fixes(job, name: str) -> bool:
