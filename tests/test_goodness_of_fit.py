@@ -23,7 +23,6 @@ from tactilenlp.information.goodness_of_fit import (
     fit_of,
     free_moments,
     touch_moments,
-    verdict_of,
 )
 from tactilenlp.information.trajectory import moved_farther
 from tactilenlp.problem.window import Steps
@@ -87,6 +86,7 @@ def test_a_finger_that_hardly_moves_at_the_end_of_a_touch_excuses_no_misfit():
     p = np.r_[1e-3 * np.arange(6, 0, -1), 0.0, 0.0, np.full(4, 1e-7)]
     felt = np.arange(12) // 2 == 3
     gaps = gaps_near_touches(straight(p, felt))
+    assert len(gaps) == 7  # standing still is told once
     way = 1e-3 * np.array([[k - 1, k] for k in range(6, 0, -1)])
     assert gaps[:6] == pytest.approx(way)
     assert gaps[6:].max() <= 1e-7  # it stays where it ceased to touch
@@ -100,12 +100,6 @@ def test_gaps_are_those_of_the_touch_next_to_a_sample_with_nothing_missing_betwe
     found = gaps_near_touches(straight(1e-3 * np.arange(9), felt, valid))
     expected = [[0, 1], [1, 2], [2, 3], [1, 2], [0, 1]]
     assert found == pytest.approx(1e-3 * np.array(expected))
-
-
-def test_touches_that_misfit_are_not_excused_by_free_samples_of_a_large_spread():
-    touch, free = Misfit(59.0, 0.4, 0.1), Misfit(4.0, 20.0, 20.0)
-    assert verdict_of([touch + free])[0] == "good"
-    assert verdict_of([touch, free, touch + free])[0] == "bad"
 
 
 def test_an_estimated_noise_of_normals_widens_the_spread_and_a_told_one_does_not(

@@ -19,6 +19,7 @@ OUTLIER_ANGLE = 0.5  # [rad] from the normals of all neighbours: an outlier
 LARGEST_GAP = 2  # samples: a flipped boolean may separate two touches
 COMPARED_TOUCHES = 4  # touches on either side whose mean normals are compared
 REPEATED = 0.1  # [sample intervals] sooner than this, a sample has come twice
+STANDING = 0.05e-3  # [m] a finger that moves less in a sample is not approaching
 NOISE_SIGMAS = 3.5  # [sigma] largest difference of means of one segment
 
 
@@ -110,7 +111,8 @@ def gaps_near_touches(data) -> np.ndarray:
     """Return between which gaps (n, 2) [m] free samples are by the touch next to them.
 
     Of a finger in an action that feels something before or after, with nothing missing
-    between; the closer one, if both.
+    between; the closer one, if both.  While a finger stands still, its first sample
+    counts: what it felt may have left it by any distance.
     """
     found = []
     for action in np.unique(data.action):
@@ -135,5 +137,7 @@ def _gaps_after(felt, valid, p) -> np.ndarray:
             at, before = p[t] if felt[t] and valid[t] else None, 0.0
         elif at is not None:
             now = float(np.linalg.norm(p[t] - at))
-            gaps[t], before = sorted((before, now)), now
+            if felt[t - 1] or abs(now - before) > STANDING:
+                gaps[t] = sorted((before, now))
+            before = now
     return gaps

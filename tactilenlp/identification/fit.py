@@ -55,7 +55,7 @@ def fit_of(costs: dict[str, float], steps: int) -> BodyFit:
         "the height of the corners": _misfit(heights, steps, TOUCH_MEAN, TOUCH_SPREAD),
     }
     worst = max(terms.values(), key=_excess)
-    verdict, widening = verdict_of([worst])
+    verdict, widening = verdict_of(worst)
     return BodyFit(verdict, terms, widening)
 
 

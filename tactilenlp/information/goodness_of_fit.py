@@ -24,10 +24,9 @@ row "between actions" is the largest of these, no part of the total, at most "po
 A body that moved by more than LOST between two actions, beyond what its speed
 explains, was carried or its path is lost; several paths explain that: at most "poor".
 
-The verdict is "good" where touches, free samples and their sum are up to POOR spreads
-and MARGIN nats above what they should cost, "bad" where one is beyond BAD times the sum
-of spread and MARGIN, else "poor".  Where it is not good, deviations are multiplied by
-the largest Birge ratio
+The verdict is "good" up to POOR spreads and MARGIN nats of excess, "bad" beyond BAD
+times the sum of spread and MARGIN, else "poor".  Where it is not good, deviations are
+multiplied by the Birge ratio
 
     B = sqrt(actual / (expected + spread))                             (Birge, 1932)
 
@@ -143,7 +142,7 @@ class Fit:
         jump = self.terms.get(BETWEEN_ACTIONS, NOTHING)
         if jump.excess > jump.limit:
             words += f"; the largest motion between actions costs {_in_words(jump)}"
-        fine = all(m.excess <= m.limit for m in (self.total, *self.terms.values()))
+        fine = self.total.excess <= self.total.limit and jump.excess <= jump.limit
         if self.verdict == "poor" and fine:
             return f"{words}; between actions the body moved by over {1e3 * LOST:g} mm."
         if self.verdict == "good" or not self.touches:
@@ -177,24 +176,24 @@ def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | N
         noisier = replace(window, sigma_normal=more)
         most = touch_moments(problem, data, noisier, smoothing)[0].sum()
         terms[TOUCH_TERM] += Misfit(0.0, 0.0, most - terms[TOUCH_TERM].expected)
-    both = *terms.values(), sum(terms.values(), start=NOTHING)
+    total = sum(terms.values(), start=NOTHING)
     poses, jump = problem.unpack(x)["x"], NOTHING
     if len(window.gap):
         terms[BETWEEN_ACTIONS] = jump = _largest_motion(poses, window)
-    verdict, widening = verdict_of(both, jump)
+    verdict, widening = verdict_of(total, jump)
     if verdict == "good" and moved_farther(poses, window, LOST):
         verdict = "poor"
     touches = _by_touch(problem, x, data, window, measurements, smoothing)
     return Fit(verdict, terms, touches, widening)
 
 
-def verdict_of(likelihoods, other: Misfit = NOTHING) -> tuple[str, float]:
-    """Return verdict and widening of a fit: at most "poor" because of the other."""
-    every = *likelihoods, other
-    if all(m.excess <= m.limit for m in every):
+def verdict_of(total: Misfit, *others: Misfit) -> tuple[str, float]:
+    """Return verdict and widening of a fit: at most "poor" because of the others."""
+    both = total, *others
+    if all(m.excess <= m.limit for m in both):
         return "good", 1.0
-    ratios = (m.actual / max(m.expected + m.spread, MARGIN) for m in every)
-    bad = any(m.excess > BAD * (m.spread + MARGIN) for m in likelihoods)
+    ratios = (m.actual / max(m.expected + m.spread, MARGIN) for m in both)
+    bad = total.excess > BAD * (total.spread + MARGIN)
     return "bad" if bad else "poor", float(np.sqrt(max(1.0, *ratios)))
 
 

@@ -51,7 +51,8 @@ def checked(job, solved, executor=None) -> Solved:
 def with_profiles(best) -> Solved:
     """Return a solve with profile likelihoods, if Options.rivals asks for them.
 
-    Where one of its solves meets a better optimum, that one.
+    Where one of its solves meets a better optimum, that one, if it stays better with
+    nothing held.
     """
     slid = best.solution.success and "planar" not in best.certificates.broken
     job, asked = best.job, slid and best.job.options.rivals
@@ -61,9 +62,8 @@ def with_profiles(best) -> Solved:
     if better is not None:
         again = solved_from(job, better, levels=job.page.LEVELS[-1:])
         again = certified(job, again)
-        if again.rank < best.rank:
-            best = again
-            profile, _ = profiled(job, best)
+        best = again if again.rank < best.rank else best
+        profile, _ = profiled(job, best, seeks=False)
     return replace(best, profile=profile)
 
 

@@ -10,8 +10,8 @@ objective has risen by PROFILE_RISE,
 
 as of a Gaussian with the same likelihood ratio; the other sizes and the final pose
 change as they do in that solve.  Where L is lower than at s_0, a better optimum is
-near.  Where sigma is a large share of that of the prior, no solve follows: L is the
-prior's, exact, and a straight line (`_extrapolated_with_prior`).  It is at most
+near.  Where L levels off, sigma is the root of the second moment of exp(-L), if larger
+(`_of_posterior`).  It is at most
 
     sigma sqrt(1 + |z|^2 / (3 + n)),
 
@@ -55,7 +55,7 @@ MAX_STEP_GROWTH = 10.0  # [-] from step to step
 # PROFILE_RISE took 30 more solves.
 PLATEAU_GROWTH = 1.5
 ENDED = 0.99  # [-] of the rise at which a profile ends
-STEPS_BY_PRIOR = 32  # at which the prior is evaluated
+POSTERIOR_NODES = 1000  # of the integral over a narrow optimum and a wide plateau
 # IPOPT's mu_init where a size is held elsewhere, with the multipliers of the optimum:
 # 27 such solves took 73 iterations and ended up to 0.6 nats above the best of several;
 # from 1e-1 without multipliers 105 and 0.6
@@ -63,20 +63,20 @@ PROFILE_MU = 1e-2
 PROFILE_ITERATIONS = 300  # of one such solve: a height on a plateau took 222
 
 
-def profiled(job, solved) -> tuple[np.ndarray, Hypothesis | None]:
+def profiled(job, solved, seeks=True) -> tuple[np.ndarray, Hypothesis | None]:
     """Return the deviations (k, k) of sizes and final pose by profile likelihood.
 
     Row i: a deviation of a size that no touch determines, or of a position [m], and
     what sizes [m] and the unknowns of the last pose do then; 0 where there is no
-    profile. And a hypothesis that is better than the solved one, or None.
+    profile. And a hypothesis that is better than the solved one, at which the profiles
+    end, or None; unless it seeks one, a lower objective counts as none higher.
     """
     n, end = job.shape.theta, solved.at.end
     profile = np.zeros((len(end), len(end)))
-    box = job.shape.is_box and job.shape.symmetries
-    if not box or rotation_at(solved.at, -1)[2, 2] < VERTICAL:
-        return profile, None  # the unknowns are not sides, or another face is up
-    chosen, faces = final_unknowns(solved.problem), solved.touched
-    faces[2, 0] += KNOWN_FACE  # the ground touches the lowest one
+    faces = touched_ends(job.shape, solved)
+    if faces is None:
+        return profile, None
+    chosen = final_unknowns(solved.problem)
     by_gradient, _ = kkt_system_of(solved.problem, solved.solution).sensitivity(chosen)
     variance = np.diag(by_gradient[chosen])
     # Not positive where the Hessian is indefinite: it tells nothing, `known` is inf.
@@ -96,12 +96,29 @@ def profiled(job, solved) -> tuple[np.ndarray, Hypothesis | None]:
         touched = open_sizes.get(axis)
         widest = job.shape.size_prior[1] if touched is None else prior[axis]
         direction = by_gradient[:, axis] / variance[axis] * min(known[axis], widest)
-        given = solved.at, widest, axis, direction, direction[chosen], touched
+        given = solved.at, widest, axis, direction, direction[chosen], touched, seeks
         cost = None if touched is None else prior_cost(job.shape, solved.at, axis)
         profile[axis], better = deviation_along(elsewhere, *given, cost)
         if better is not None:
             return profile, better
     return profile, None
+
+
+def touched_ends(shape, solved) -> np.ndarray | None:
+    """Return how many samples touched the faces (sizes, 2) that each size is between.
+
+    None where theta is no sizes, or another face of a box is up.  What bounds the sizes
+    of other classes is not known: no samples.
+    """
+    if shape.parameters != "sizes":
+        return None
+    if not shape.is_box:
+        return np.zeros((shape.theta, 2), int)
+    if not shape.symmetries or rotation_at(solved.at, -1)[2, 2] < VERTICAL:
+        return None
+    faces = solved.touched
+    faces[2, 0] += KNOWN_FACE  # the ground touches the lowest one
+    return faces
 
 
 def faces_sigma(job, touched) -> float:
@@ -129,14 +146,16 @@ def prior_cost(shape, at: Hypothesis, axis: int) -> Callable:
     return added
 
 
-def deviation_along(elsewhere, at, prior, axis, direction, off, touched, cost=None):
+def deviation_along(
+    elsewhere, at, prior, axis, direction, off, touched, seeks=True, cost=None
+):
     """Return by how much sizes and final pose are off (k,) where one of them is.
 
     elsewhere(axis, direction, touched, step): the hypothesis `at` with that one held
     `step` off, or None. prior [m]: the most that it may be off; direction, off: what
     all unknowns, and sizes and final pose (k,), do by the Hessian where it is off by a
-    deviation, SI; touched (2,): samples on both faces of a size, None of a pose;
-    cost(change [m]) of a size: what the prior adds [nats], if it is known. The
+    deviation, SI; touched (2,): samples on both faces of a size, None of a pose; seeks:
+    whether a lower objective ends the profile; cost(change [m]) of a size: what the prior adds [nats], if it is known. The
     Hessian's deviation is kept where it is large, where there is no profile, and of an
     untouched size or a pose where it is the larger one. And a better hypothesis, or
     None.
@@ -155,7 +174,7 @@ def deviation_along(elsewhere, at, prior, axis, direction, off, touched, cost=No
         sigma_so_far = abs((off if widest is None else widest)[axis])
         # Where a Gaussian costs twice as much; most cost half as much.
         first = max(min(np.sqrt(4 * rise) * known, VAGUE_SHARE * prior), FIRST_STEP)
-        given = at, axis, first, sigma_so_far, prior, rise
+        given = at, axis, first, sigma_so_far, prior, rise, seeks
         prior_added = None if cost is None else (lambda step, way=way: cost(way * step))
         found, better = _profile_one_side(there, *given, prior_added)
         if better is not None:
@@ -169,50 +188,63 @@ def deviation_along(elsewhere, at, prior, axis, direction, off, touched, cost=No
     return widest, None
 
 
-def _profile_one_side(there, at, axis, step, sigma_so_far, prior, target_rise, cost):
+def _profile_one_side(
+    there, at, axis, step, sigma_so_far, prior, target_rise, seeks, cost
+):
     """Return the widest deviation (k,) in one direction, or None; and a better optimum.
 
     there(step): the hypothesis with that one held so far off [m], or None;
     sigma_so_far [m]: from the other direction or the Hessian; target_rise [nats]: at
     which the profile ends; it also ends beyond the distance at which that rise leaves a
-    large deviation, and goes on with cost(step) of the prior, if it is known.
+    large deviation, and goes on with cost(step) of the prior, if it is known.  Then one
+    solve a deviation of the prior off tells whether the rise levels off behind its end.
     """
-    found, last, least_growth = None, None, 1.0
+    found, points, least_growth = None, [(0.0, 0.0)], 1.0
     farthest = VAGUE_SHARE * prior * np.sqrt(2 * target_rise)
     while (sigma_so_far if found is None else abs(found[axis])) < VAGUE_SHARE * prior:
         moved = there(step)
         if moved is None:
             break
         price = moved.objective - at.objective
-        if price < -BETTER_OPTIMUM:
+        if price < -BETTER_OPTIMUM and seeks:
             return None, moved
-        last = step, max(price, 0.0)
+        points.append((step, max(price, 0.0)))
         deviation = min(step / np.sqrt(2 * max(price, ONE_SIGMA)), prior)
         if found is None or deviation > abs(found[axis]):
             found = (moved.end - at.end) * deviation / step
-        if price >= ENDED * target_rise or step >= farthest:
+        if step >= farthest:
             break
+        if price >= ENDED * target_rise:
+            if cost is None or step >= prior:
+                break
+            step = farthest = prior
+            continue
         growth = max(least_growth, target_rise / max(price, ONE_SIGMA))
         step = min(step * min(MAX_STEP_GROWTH, growth), farthest)
         least_growth = PLATEAU_GROWTH if price > ONE_SIGMA else 1.0
-    if found is not None and cost is not None:
-        deviation = min(
-            _extrapolated_with_prior(*last, cost, prior, target_rise), prior
-        )
+    if found is not None and cost is not None and points[-1][1] < 2 * target_rise:
+        deviation = min(_of_posterior(points, cost, prior, target_rise), prior)
         found *= max(1.0, deviation / abs(found[axis]))
     return found, None
 
 
-def _extrapolated_with_prior(step, price, cost, prior, target_rise) -> float:
-    """Return the deviation [m] where a solve at `step` cost `price`, by farther steps.
+def _of_posterior(points, cost, prior, target_rise) -> float:
+    """Return the root of the second moment [m] of exp(-rise), a posterior density.
 
-    The objective is that of the prior, cost(step), and a straight line for the rest.
+    A plateau a few nats above a narrow optimum can have most of its mass.  points:
+    steps [m] and rises [nats] of some solves.  Between them the root of the rise is a
+    straight line, as of a Gaussian; behind the last one what is not the prior's,
+    cost(step), rises as before.
     """
-    slope = max(price - cost(step), 0.0) / step
-    farther = np.linspace(step, prior * np.sqrt(2 * target_rise), STEPS_BY_PRIOR)
-    rises = np.array([slope * d + cost(d) for d in farther])
-    deviations = farther / np.sqrt(2 * np.maximum(rises, ONE_SIGMA))
-    return float(deviations[rises <= target_rise].max(initial=0.0))
+    steps, rises = np.array(points).T
+    d = np.linspace(0, prior * np.sqrt(2 * target_rise), POSTERIOR_NODES)
+    rise, behind = np.interp(d, steps, np.sqrt(rises)) ** 2, d > steps[-1]
+    told = rises[-2:] - [cost(step) for step in steps[-2:]]
+    slope = max(0.0, (told[1] - told[0]) / (steps[-1] - steps[-2]))
+    rise[behind] += slope * (d[behind] - steps[-1]) - cost(steps[-1])
+    rise[behind] += [cost(step) for step in d[behind]]
+    density = np.exp(-rise)
+    return float(np.sqrt((density * d**2).sum() / density.sum()))
 
 
 def _constrained(job, solved, shared, chosen, axis, direction, touched, step):
