@@ -97,7 +97,8 @@ def profiled(job, solved, seeks=True) -> tuple[np.ndarray, Hypothesis | None]:
         widest = job.shape.size_prior[1] if touched is None else prior[axis]
         direction = by_gradient[:, axis] / variance[axis] * min(known[axis], widest)
         given = solved.at, widest, axis, direction, direction[chosen], touched, seeks
-        cost = None if touched is None else prior_cost(job.shape, solved.at, axis)
+        is_open = touched is not None and touched.min() < KNOWN_FACE
+        cost = prior_cost(job.shape, solved.at, axis) if is_open else None
         profile[axis], better = deviation_along(elsewhere, *given, cost)
         if better is not None:
             return profile, better
@@ -196,8 +197,8 @@ def _profile_one_side(
     there(step): the hypothesis with that one held so far off [m], or None;
     sigma_so_far [m]: from the other direction or the Hessian; target_rise [nats]: at
     which the profile ends; it also ends beyond the distance at which that rise leaves a
-    large deviation, and goes on with cost(step) of the prior, if it is known.  Then one
-    solve a deviation of the prior off tells whether the rise levels off behind its end.
+    large deviation.  Of an open size, with cost(step) of the prior, one more solve a
+    deviation of the prior off tells whether the rise levels off.
     """
     found, points, least_growth = None, [(0.0, 0.0)], 1.0
     farthest = VAGUE_SHARE * prior * np.sqrt(2 * target_rise)
