@@ -96,13 +96,22 @@ def optima_of(request: Request, so_far: SoFar, update: Solved | None = None) -> 
         second = less_sure_of_pushes(request)
         second_kept, starts = searched(second, [])
         second_job, found = _solved_page(second, starts, so_far, None)
-        if found and not any(same(job.shape, found[0].at, s.at) for s in solved):
+        if found and _differs(found[0], solved):
             other, found = certified_best(second, second_job, found, check)
             if other.rank < best.rank:
                 best, job, solved, kept = other, second_job, found, second_kept
     with job.deadline.ending("profile likelihoods"):
         best = with_profiles(best)
     return Optima(job, best, solved, kept, starts, seconds)
+
+
+def _differs(found: Solved, solved) -> bool:
+    """Tell whether a solve is better than others, or another body where they end.
+
+    Paths to the same end may be far apart on the way.
+    """
+    alike = (same(found.job.shape, found.at, s.at) for s in solved)
+    return found.rank < min(s.rank for s in solved) or not any(alike)
 
 
 def _search_that_may_gain(request, best: Solved) -> Request | None:

@@ -58,8 +58,8 @@ from .sensitivity import (
     ground_tilt,
     late_normals,
     late_touches,
+    motions,
     rounded_edges,
-    velocities,
 )
 from .tangent_space import pose_jacobians
 
@@ -96,9 +96,9 @@ class Linearisation:
         return late_normals(*given), late_touches(*given)
 
     @cached_property
-    def velocities(self) -> np.ndarray:
-        """The velocities (unknowns,) of all poses."""
-        return velocities(self.kkt, self.window)
+    def motions(self) -> np.ndarray:
+        """The motions (unknowns, 2) of all poses."""
+        return motions(self.kkt, self.window)
 
     @cached_property
     def tilt(self) -> GroundTilt | None:
@@ -139,8 +139,9 @@ class Linearisation:
             part @ jacobian.T for part in self.kkt.sensitivity(chosen)
         )
         C = jacobian @ by_gradient[chosen]
-        moving = jacobian @ self.velocities[chosen]
-        return Response(self, by_gradient, by_constraint, (C + C.T) / 2, turned, moving)
+        moving = (jacobian @ self.motions[chosen]).T
+        hessian = (C + C.T) / 2
+        return Response(self, by_gradient, by_constraint, hessian, turned, *moving)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +150,7 @@ class Response:
 
     by_gradient (unknowns, k), by_constraint (rows, k): see KKTSystem.sensitivity;
     hessian (k, k): the covariance by the Hessian alone; turned: see
-    Linearisation.response; moving (k,): by how much they change in a second.
+    Linearisation.response; moving, let_go (k,): as the columns of Linearisation.motions
     """
 
     at: Linearisation
@@ -158,6 +159,7 @@ class Response:
     hessian: np.ndarray
     turned: np.ndarray | float
     moving: np.ndarray
+    let_go: np.ndarray
 
     @cached_property
     def by_touches(self) -> tuple[np.ndarray, np.ndarray]:
@@ -272,8 +274,7 @@ ERROR_TERMS = (
     ),
     ErrorTerm(
         "unseen motion",
-        lambda r: unseen_motion(r.at.kkt, r.by_gradient, r.at.window),
-        lambda at: len(at.window.unseen) > 0,
+        lambda r: unseen_motion(r.at.kkt, r.by_gradient, r.at.window, r.let_go),
     ),
     ErrorTerm(
         "shape prior error",

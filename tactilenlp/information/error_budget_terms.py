@@ -121,21 +121,22 @@ def stick_slip(kkt: KKTSystem, by_gradient, window, action) -> np.ndarray:
     return STICKING * moved_besides(kkt, by_gradient, window, moves)
 
 
-def unseen_motion(kkt: KKTSystem, by_gradient, window) -> np.ndarray:
+def unseen_motion(kkt: KKTSystem, by_gradient, window, let_go) -> np.ndarray:
     """Return the covariance (k, k) by bodies that move on, or stop, unseen, SI.
 
-    While a finger that may push is not seen, motion lasts or has ended; a solve decides
-    for one of them, or something between.  Had it gone on as in the last step that was
-    seen, it would have moved by what is missing: with the probability MOVED_ON, as for
-    fingers that stick (`stick_slip`).
+    While a finger that may push is not seen, motion lasts or has ended, with the
+    probability MOVED_ON, as for fingers that stick (`stick_slip`): the body may have
+    moved by what a solve leaves out.  After the last touch it may by let_go (k,), see
+    `Window.let_go`: fingers that squeeze a body make it jump.
     """
+    total = MOVED_ON * np.outer(let_go, let_go)
+    if not len(window.unseen):
+        return total
     step, x = window.step, kkt.problem.unpack(kkt.x)["x"]
     ways = (x[:, step.pose] - x[:, step.before]).T
-    moves = [
-        (step.sample[rows], ways[before] - ways[rows])
-        for rows, before in window.unseen_runs
-    ]
-    return MOVED_ON * moved_besides(kkt, by_gradient, window, moves)
+    runs = window.unseen_runs
+    moves = [(step.sample[rows], ways[before] - ways[rows]) for rows, before in runs]
+    return total + MOVED_ON * moved_besides(kkt, by_gradient, window, moves)
 
 
 def moved_besides(kkt: KKTSystem, by_gradient, window, moves) -> np.ndarray:

@@ -147,13 +147,16 @@ def fingers_earlier(window, data, lag: float):
     )  # fmt: skip
 
 
-def velocities(kkt: KKTSystem, window) -> np.ndarray:
-    """Return the velocities (unknowns,) of all poses, zero for other unknowns."""
+def motions(kkt: KKTSystem, window) -> np.ndarray:
+    """Return how poses move (unknowns, 2), zero for other unknowns.
+
+    Their velocities, and by how far a body may be off that was let go in motion.
+    """
     pose, step = kkt.problem.variables["x"], window.step
     x = kkt.x[pose.span].reshape(pose.columns, pose.rows)
-    v, of_all = np.zeros_like(x), np.zeros_like(kkt.x)
+    v, of_all = np.zeros_like(x), np.zeros((len(kkt.x), 2))
     v[step.pose] = (x[step.pose] - x[step.before]) / step.dt[:, None]
-    of_all[pose.span] = v.ravel()
+    of_all[pose.span, 0], of_all[pose.span, 1] = v.ravel(), window.let_go(x.T).T.ravel()
     return of_all
 
 

@@ -194,6 +194,26 @@ class Window:
         """The last sample of every pose (poses,)."""
         return np.r_[np.nonzero(np.diff(self.pose))[0], len(self.pose) - 1]
 
+    def let_go(self, x) -> np.ndarray:
+        """Return how far (unknowns, poses) a body moved that was let go in motion.
+
+        At poses x after the last touch: what it has moved since, and before that in a
+        time step, the longer one of the last two.
+        """
+        out, last = np.zeros_like(x), self.touch.sample.max(initial=-1)
+        ways = x[:, self.step.pose] - x[:, self.step.before]
+        pushed = (last - 2 < self.step.sample) & (self.step.sample <= last)
+        if pushed.any():
+            way = max(ways[:, pushed].T, key=lambda k: np.linalg.norm(k / self.scale))
+            way = way + ways[:, self.step.sample > last].sum(axis=1)
+            out[:, self.pose[last] + 1 :] = way[:, None]
+        return out
+
+    @property
+    def scale(self) -> np.ndarray:
+        """The scale (unknowns,) of the unknowns of a pose."""
+        return np.array(self.motion.scale)
+
     def holding(self, x, poses) -> tuple[np.ndarray, np.ndarray]:
         """Return bounds (unknowns, poses) that hold some poses of x (unknowns, T)."""
         lower, upper = np.full((2, len(x), self.poses), [[[-np.inf]], [[np.inf]]])

@@ -156,10 +156,10 @@ def deviation_along(
     `step` off, or None. prior [m]: the most that it may be off; direction, off: what
     all unknowns, and sizes and final pose (k,), do by the Hessian where it is off by a
     deviation, SI; touched (2,): samples on both faces of a size, None of a pose; seeks:
-    whether a lower objective ends the profile; cost(change [m]) of a size: what the prior adds [nats], if it is known. The
-    Hessian's deviation is kept where it is large, where there is no profile, and of an
-    untouched size or a pose where it is the larger one. And a better hypothesis, or
-    None.
+    whether a lower objective ends the profile; cost(change [m]) of a size that a touch
+    leaves open: what the prior adds [nats]. The Hessian's deviation is kept where it is
+    large, where there is no profile, and of an untouched size or a pose where it is the
+    larger one. And a better hypothesis, or None.
 
     A larger body is the flatter side: what lies behind a touched face contradicts no
     finger. A smaller one is solved where a larger one gives no result; of a pose both
