@@ -11,7 +11,7 @@ from tactilenlp.information.sensitivity import (
     LAG,
     fingers_earlier,
     late_touches,
-    velocities,
+    motions,
 )
 from tactilenlp.nlp.kkt import kkt_system_of
 from tactilenlp.solvers.solve import solve
@@ -53,7 +53,8 @@ def test_the_error_by_a_lag_is_how_the_optimum_moves_with_it(programme, doubt):
 def test_a_lag_moves_the_body_on_by_its_velocity(programme, doubt):
     kkt, late = doubt
     window, problem = programme.window, programme.problem
-    v = velocities(kkt, window)[problem.variables["x"].span].reshape(-1, 3)
+    v, _ = motions(kkt, window).T
+    v = v[problem.variables["x"].span].reshape(-1, 3)
     x = programme.solution.values["x"]
     step = window.step
     for k in (0, len(step) // 2):

@@ -51,9 +51,9 @@ VAGUE_SHARE = 0.3  # [prior deviations] a larger sigma of a size needs no profil
 KNOWN_POSITION = 1e-3  # [m] a larger sigma of a position needs no profile
 FIRST_STEP = 0.5e-3  # [m] at least
 MAX_STEP_GROWTH = 10.0  # [-] from step to step
-# [-] at least, once a straight line would have ended: a rise that levels off near
-# PROFILE_RISE took 30 more solves.
+# [-] at least, once a straight line would have ended: else 30 more solves on a plateau
 PLATEAU_GROWTH = 1.5
+ANY_YAW = np.pi / 2 / np.sqrt(12)  # [rad] deviation of a uniform yaw of a box
 ENDED = 0.99  # [-] of the rise at which a profile ends
 POSTERIOR_NODES = 1000  # of the integral over a narrow optimum and a wide plateau
 # IPOPT's mu_init where a size is held elsewhere, with the multipliers of the optimum:
@@ -102,6 +102,11 @@ def profiled(job, solved, seeks=True) -> tuple[np.ndarray, Hypothesis | None]:
         profile[axis], better = deviation_along(elsewhere, *given, cost)
         if better is not None:
             return profile, better
+    if job.shape.is_box and is_planar(solved.at.x) and faces[:2].max() < KNOWN_FACE:
+        yaw = n + 2  # no side was felt: the top tells hardly anything of it
+        direction = by_gradient[:, yaw] / variance[yaw] * min(known[yaw], ANY_YAW)
+        given = solved.at, ANY_YAW, yaw, direction, direction[chosen], None, False
+        profile[yaw], _ = deviation_along(elsewhere, *given, lambda change: 0.0)
     return profile, None
 
 

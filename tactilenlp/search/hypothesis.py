@@ -9,6 +9,7 @@ first and at the last pose.  The axes of a box have names by convention (`naming
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from typing import ClassVar
 
 import numpy as np
@@ -171,7 +172,7 @@ def distinct(
 
 
 def varied(shape, hypotheses, count: int) -> list[Hypothesis]:
-    """Return good hypotheses far from each other, half of them in turn of every yaw.
+    """Return good hypotheses far from each other, every second one of another yaw.
 
     Places along a touched face alone would take all starts, and leave its edges none.
     """
@@ -180,7 +181,10 @@ def varied(shape, hypotheses, count: int) -> list[Hypothesis]:
     rest = [h for h in rest if h.objective < far[0].objective + BEHIND]
     order = [*far, *sorted(rest, key=lambda h: h.objective)]
     yaw = np.array([h.x[2, -1] for h in order])
-    return [order[i] for i in diverse(_folded(shape, yaw), count)]
+    chosen = diverse(_folded(shape, yaw), count).tolist()
+    half = len(chosen) - len(chosen) // 2
+    pairs = zip_longest(chosen[:half], chosen[half:])
+    return [order[i] for pair in pairs for i in pair if i is not None]
 
 
 def _folded(shape, yaw):
