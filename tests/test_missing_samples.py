@@ -194,6 +194,28 @@ def test_motion_lasts_where_a_finger_that_may_push_is_not_seen(touched, interpre
         assert found[0, 0] == pytest.approx(cost, abs=0.005)
 
 
+def test_a_body_that_is_let_go_in_motion_may_move_on(touched, interpreted):
+    """By its motion since the last touch, and by one time step before."""
+    data, scene, truth = touched
+    last = int(np.flatnonzero(data.contact.any(axis=1))[-1])
+    problem, window = programme(violation_implicit, data, scene)
+    x = true_values(problem, window, truth)["x"]
+    x[:] = x[:, :1]
+    assert not window.let_go(x).any()  # it was at rest
+    step = window.step
+    pushed = np.flatnonzero(step.sample == last)
+    after = np.flatnonzero(step.sample > last)
+    assert len(pushed)
+    moved = np.array([2e-3, 0.0, 0.1])
+    x[:, window.pose[last] :] += moved[:, None]
+    x[:, step.pose[after]] += 0.5 * moved[:, None]
+    found = window.let_go(x)
+    assert not found[:, : window.pose[last] + 1].any()
+    later = found[:, window.pose[last] + 1 :]
+    total = moved * (1.5 if len(after) else 1.0)
+    assert later == pytest.approx(np.broadcast_to(total[:, None], later.shape))
+
+
 @pytest.mark.slow
 def test_half_of_the_samples_of_each_finger_tell_nearly_as_much(recorded):
     """Contacts that nothing measured still push: the fit stays as good."""

@@ -1,18 +1,20 @@
 """How far a size may be off: by what it costs to be elsewhere, not by curvature."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from formulations.shape import CUBOID
-from tactilenlp import World, explore
+from tactilenlp import CYLINDER, Options, World, explore, polytope, solve_estimate
+from tactilenlp.refinement import certification
 from tactilenlp.refinement import profile_likelihood as profile_of
 from tactilenlp.refinement.profile_likelihood import (
     KNOWN_POSITION,
     VAGUE_SHARE,
     profiled,
+    touched_ends,
 )
 from tactilenlp.search.hypothesis import Hypothesis
 from tactilenlp.search.margins import PROFILE_RISE
@@ -22,11 +24,12 @@ PRIOR = CUBOID.size_prior[1]
 AT = Hypothesis(np.full(3, 0.04), np.zeros((3, 2)), 0.0, ())
 
 
-def deviation(price, touched=(0, 9)):
+def deviation(price, touched=(0, 9), seeks=True, cost=None):
     """Return what `deviation_along` makes of a price [nats] of a change [m].
 
     The body moves by half of what it grows.  A larger one starts where it was.
-    touched: samples on both faces of a size, None where a pose is off.
+    touched: samples on both faces of a size, None where a pose is off; seeks: whether
+    a lower price ends the profile; cost(change [m]): that of the prior.
     """
     sharp = np.r_[1, 0, 0, 1 / 2, 0, 0] * SHARP
 
@@ -41,7 +44,7 @@ def deviation(price, touched=(0, 9)):
         return replace(AT, objective=cost, **there)
 
     touched = None if touched is None else np.array(touched)
-    given = AT, PRIOR, 0, sharp, sharp, touched
+    given = AT, PRIOR, 0, sharp, sharp, touched, seeks, cost
     off, better = profile_of.deviation_along(elsewhere, *given)
     assert off == pytest.approx(sharp / SHARP * off[0])
     return abs(off[0]), better
@@ -78,6 +81,97 @@ def test_of_a_pose_both_directions_are_profiled_and_the_flatter_one_counts():
         # The profile of a pose ends at half the rise of that of a size.
         flatter = deviation(price, None)[0]
         assert flatter == pytest.approx(np.sqrt(PROFILE_RISE / 4) * 2e-3)
+
+
+def plateau(height):
+    """Return a price that rises within 0.5 mm to a plateau of so many nats."""
+    return lambda d: height * min(1.0, abs(d) / 0.5e-3) + prior_of(d)
+
+
+def prior_of(d):
+    """Return the cost [nats] that a Gaussian prior at its mean adds to a change [m]."""
+    return (d / PRIOR) ** 2 / 2
+
+
+def test_a_plateau_behind_a_narrow_optimum_counts_by_its_posterior_mass():
+    for height in (3.1, 3.5):  # the profile ends at PROFILE_RISE: it looks narrow
+        price = plateau(height)
+        d = np.linspace(0, 5 * PRIOR, 100_000)
+        density = np.exp(-np.array([price(k) for k in d]))
+        exact = np.sqrt((density * d**2).sum() / density.sum())
+        narrow, _ = deviation(price)
+        wide, _ = deviation(price, cost=prior_of)
+        assert narrow < 1.5 * SHARP
+        assert exact / 2 < wide < 1.3 * exact  # the narrow part is seen too wide
+    far = deviation(plateau(7.0), cost=prior_of)[0]  # of hardly any mass
+    assert far == deviation(plateau(7.0))[0]
+
+
+def test_a_lower_objective_that_does_not_last_does_not_end_a_profile():
+    def price(d):
+        return -0.4 if 0 < d < 3e-3 else 4.0
+
+    _, better = deviation(price)
+    assert better is not None
+    found, better = deviation(price, seeks=False)
+    assert better is None
+    assert found > 5 * SHARP
+
+
+def test_profiles_go_on_where_a_better_optimum_is_not_better_with_nothing_held(
+    monkeypatch,
+):
+    asked = []
+
+    def profiles(job, best, seeks=True):
+        asked.append(seeks)
+        return np.eye(6), AT if seeks else None
+
+    solution = SimpleNamespace(success=True)
+    deadline = SimpleNamespace(passed=lambda _: False)
+    job = SimpleNamespace(
+        options=SimpleNamespace(rivals=True), deadline=deadline,
+        page=SimpleNamespace(LEVELS=(None,)),
+    )  # fmt: skip
+    certificates = SimpleNamespace(broken=())
+    best = Certified(solution, certificates, job, (False, 1.0))
+    monkeypatch.setattr(certification, "profiled", profiles)
+    monkeypatch.setattr(certification, "certified", lambda job, solved: solved)
+    for rank, same in (((False, 1.2), True), ((False, 0.6), False)):
+        again = replace(best, rank=rank)
+        monkeypatch.setattr(certification, "solved_from", lambda *_, a=again, **__: a)
+        asked.clear()
+        found = certification.with_profiles(best)
+        assert asked == [True, False]
+        assert (found.rank == best.rank) == same
+        assert found.profile.all(axis=None) == np.eye(6).all(axis=None)
+
+
+@dataclass(frozen=True)
+class Certified:
+    """What `with_profiles` reads of a solve."""
+
+    solution: object
+    certificates: object
+    job: object
+    rank: tuple
+    profile: object = None
+
+
+def test_sizes_of_classes_without_known_faces_are_all_open():
+    solved = SimpleNamespace(at=AT)
+    assert not touched_ends(CYLINDER, solved).any()
+    assert len(touched_ends(CYLINDER, solved)) == CYLINDER.theta
+    assert touched_ends(polytope(20), solved) is None
+
+
+def test_the_yaw_of_a_box_that_was_only_pressed_on_its_top_is_open(recorded):
+    """Friction alone would tell it to a degree or two."""
+    data, scene, _ = recorded
+    top = data.select([0])
+    assert top.normal[top.contact][:, 2].min() > 0.99
+    estimate = solve_estimate(top, scene, options=Options(hypotheses=2, starts=2))
+    assert estimate.information.sigma("rotation")[2] > np.radians(5)
 
 
 def test_a_pose_is_no_surer_than_its_curvature():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from formulations import violation_implicit
+from formulations.shape import CUBOID
 from tactilenlp import Options, polytope, solve_estimate
 from tactilenlp.estimation import optima
 from tactilenlp.information.goodness_of_fit import BETWEEN_ACTIONS
@@ -117,3 +118,20 @@ def test_the_better_of_two_searches_is_the_estimate(recorded, monkeypatch):
     twice = solve_estimate(data, scene)
     assert len(seen) == 1
     assert twice.objective <= once.objective + 1e-3
+
+
+def test_a_better_path_to_the_same_end_is_no_repetition(estimate):
+    """Paths can be far apart on the way though they end at the same body."""
+    job = SimpleNamespace(shape=CUBOID)
+    h = estimate.hypotheses[0]
+
+    def solved(objective, at=h):
+        rank = (False, objective)
+        return SimpleNamespace(job=job, at=at, rank=rank)
+
+    known = [solved(5.0), solved(8.0)]
+    assert optima._differs(solved(4.0), known)
+    assert not optima._differs(solved(5.0), known)
+    assert not optima._differs(solved(6.0), known)
+    away = replace(h, x=h.x + np.array([[0.02], [0.0], [0.0]]))
+    assert optima._differs(solved(6.0, away), known)

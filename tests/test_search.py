@@ -12,7 +12,7 @@ from tactilenlp.errors import MotionError, StartError
 from tactilenlp.estimation.contact_frame import ContactFrame
 from tactilenlp.estimation.initial_search import searched
 from tactilenlp.interface.request import read_request
-from tactilenlp.search.hypothesis import same
+from tactilenlp.search.hypothesis import same, varied
 from tactilenlp.search.least_motion import least_motion, unseen
 from tactilenlp.search.multi_hypothesis import search_boxes
 from tactilenlp.tracking.first_touch import body_height
@@ -171,3 +171,20 @@ def test_least_motion_ends_early_where_all_starts_come_to_one_optimum(estimate, 
     found = least_motion(request.job, paths)
     assert len(found) == 8
     assert "1 optima from 8 starts" in caplog.text
+
+
+def test_every_second_start_is_of_another_yaw(estimate):
+    """The first few tell whether other optima are to be expected."""
+    h = estimate.hypotheses[0]
+
+    def turned(yaw, objective):
+        x = h.x + np.array([[0.0], [0.0], [yaw]])
+        return replace(h, x=x, objective=objective)
+
+    face = [turned(1e-3 * k, 0.01 * k) for k in range(30)]
+    edges = [turned(0.4 * (k % 3 + 1) + 1e-3 * k, 20.0 + 0.1 * k) for k in range(9)]
+    found = varied(CUBOID, [*face, *edges], 12)
+    turns = np.array([one.x[2, -1] - h.x[2, -1] for one in found])
+    assert found[0] is face[0]
+    assert (turns[1:8:2] > 0.2).sum() >= 3
+    assert (turns[::2] < 0.2).all()

@@ -218,17 +218,16 @@ def _profile_one_side(
         deviation = min(step / np.sqrt(2 * max(price, ONE_SIGMA)), prior)
         if found is None or deviation > abs(found[axis]):
             found = (moved.end - at.end) * deviation / step
-        if step >= farthest:
+        if price >= ENDED * target_rise or step >= farthest:
             break
-        if price >= ENDED * target_rise:
-            if cost is None or step >= prior:
-                break
-            step = farthest = prior
-            continue
         growth = max(least_growth, target_rise / max(price, ONE_SIGMA))
         step = min(step * min(MAX_STEP_GROWTH, growth), farthest)
         least_growth = PLATEAU_GROWTH if price > ONE_SIGMA else 1.0
-    if found is not None and cost is not None and points[-1][1] < 2 * target_rise:
+    if found is None or cost is None:
+        return found, None
+    if points[-1][1] >= ENDED * target_rise and (moved := there(prior)) is not None:
+        points.append((prior, max(moved.objective - at.objective, 0.0)))
+    if points[-1][1] < 2 * target_rise:
         deviation = min(_of_posterior(points, cost, prior, target_rise), prior)
         found *= max(1.0, deviation / abs(found[axis]))
     return found, None
