@@ -10,6 +10,8 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 
+import numpy as np
+
 from formulations.indentation import NAME as COMPLIANCE
 
 from ..common.deadline import OutOfTime
@@ -17,12 +19,13 @@ from ..common.interrupt import interruptible
 from ..common.progress import progress
 from .hypothesis import same
 from .local_solve import RANKING_TOLERANCE, Solved, best_first, solved_from
-from .margins import FAILED_BEHIND, LEAST_MOTION_BEHIND
+from .margins import DECISIVE, FAILED_BEHIND, LEAST_MOTION_BEHIND
 
 log = logging.getLogger("tactilenlp")
 HELD_ITERATIONS = 20  # of a level that holds poses
 FREED_ITERATIONS = 20  # of the same level with nothing held
 FREED_MU = 0.03  # IPOPT's mu_init of that level
+RANKED_ITERATIONS = 400  # of a level from every start; the best one is finished
 
 
 def freed_levels(levels):
@@ -73,10 +76,13 @@ def multistart(job, hypotheses, levels, known=(), solved=None) -> list:
     is when Ctrl-C or OutOfTime interrupts: results of the last level, else of those
     before.
     """
-    solved, rough = [] if solved is None else solved, []
+    solved, rough, last = [] if solved is None else solved, [], levels[-1]
+    levels = [_ranking(level) for level in levels]
     try:
         with interruptible():
             _multistart(job, hypotheses, levels, known, solved, rough)
+            if levels[-1] is not last:
+                _finish(job, last, known, solved)
     except (KeyboardInterrupt, OutOfTime):
         solved += [] if solved else rough
         raise
@@ -113,6 +119,24 @@ def _multistart(job, hypotheses, levels, known, solved, rough) -> None:
         end = solved_from(job, s.hypothesis, shared, levels[-1:], s.solution)
         solved.append(replace(end, rough=s.at))
         known_ends.append(s.at)
+
+
+def _ranking(level):
+    """Return a level with few enough iterations to be solved from every start."""
+    if level.ipopt.get("max_iter", 0) <= RANKED_ITERATIONS or level.rebuild:
+        return level
+    return level.with_ipopt(max_iter=RANKED_ITERATIONS)
+
+
+def _finish(job, level, known, solved) -> None:
+    """Solve the best start to the end, if it is unfinished and ahead of the others."""
+    ended = [s.cost for s in (*known, *solved) if s.solution.success]
+    ahead = [s for s in solved if not s.solution.success]
+    ahead = [s for s in ahead if s.cost < min(ended, default=np.inf) - DECISIVE]
+    if ahead and not job.deadline.passed("an unfinished solve of the page"):
+        best = min(ahead, key=lambda s: s.cost)
+        end = solved_from(job, best.hypothesis, None, [level], best.solution)
+        solved[solved.index(best)] = replace(end, rough=best.rough)
 
 
 def _stages(levels) -> list[list]:
