@@ -11,8 +11,9 @@ from formulations import violation_implicit as page
 from formulations.shape import CUBOID
 from tactilenlp import Options
 from tactilenlp.interface.request import make_job
+from tactilenlp.search import multistart as starts
 from tactilenlp.search.hypothesis import Hypothesis, distinct, same
-from tactilenlp.search.local_solve import continued
+from tactilenlp.search.local_solve import continued, solved_from
 from tactilenlp.search.multistart import freed_levels, multistart
 
 LEVELS = freed_levels(page.LEVELS)
@@ -56,6 +57,28 @@ def test_what_is_known_or_hopeless_is_not_solved_to_the_end(case):
     lucky = replace(known[0], solution=cheap, rough=None)
     far = pushed(h, 30e-3)
     assert multistart(job, [far], LEVELS, known=[lucky]) == []
+
+
+def test_only_the_best_start_is_solved_beyond_the_iterations_of_each(case, monkeypatch):
+    job, h = case
+    levels = [level.with_ipopt(max_iter=1500) for level in LEVELS]
+    whole = multistart(job, [h], levels)[0]
+    monkeypatch.setattr(starts, "RANKED_ITERATIONS", 3)
+    asked = []
+
+    def counted(*given, **named):
+        asked.append(given[3][-1].ipopt["max_iter"])
+        return solved_from(*given, **named)
+
+    monkeypatch.setattr(starts, "solved_from", counted)
+    found = multistart(job, [h, pushed(h, 1e-3)], levels)
+    assert asked.count(1500) == 1
+    assert found[0].solution.success
+    assert found[0].cost == pytest.approx(whole.cost, abs=0.3)
+    asked.clear()
+    known = multistart(job, [pushed(h, 1e-3)], levels, known=[whole])
+    assert 1500 not in asked  # it is not ahead of what is known
+    assert not any(s.solution.success for s in known)
 
 
 def test_levels_that_hold_poses_are_solved_one_by_one(case):
