@@ -117,10 +117,9 @@ def gaps_near_touches(data) -> np.ndarray:
     found = []
     for action in np.unique(data.action):
         mine = data.action == action
-        for felt, valid, p in zip(
-            *(k[mine].swapaxes(0, 1) for k in (data.contact, data.valid)),
-            data.finger_position[mine].swapaxes(0, 1), strict=True,
-        ):  # fmt: skip
+        for f in range(data.fingers):
+            rows = (data.contact, data.valid, data.finger_position)
+            felt, valid, p = (k[mine, f] for k in rows)
             sides = [_gaps_after(felt, valid, p)]
             sides.append(_gaps_after(felt[::-1], valid[::-1], p[::-1])[::-1])
             nearer = np.argmin([side[:, 1] for side in sides], axis=0)

@@ -147,8 +147,13 @@ def _solved_page(request, starts, so_far, update) -> tuple[Job, list[Solved]]:
     with so_far.collecting() as mine, job.deadline.ending("other solves of the page"):
         solved = refined(job, starts, mine, earlier)
         check_finite(solved[0].problem, solved[0].solution)
-        job, solved = with_ground_tilt(job, solved)
-        job, solved = with_nuisance_parameters(job, solved, freed)
+        found = with_ground_tilt(job, solved)
+        larger = with_nuisance_parameters(*found, freed)
+        if found[0] is not job and larger[0].reductions != job.reductions:
+            # The tilt did not explain enough: what was freed then may do without it.
+            level = with_nuisance_parameters(job, solved, freed)
+            larger = min(larger, level, key=lambda one: one[1][0].rank)
+        job, solved = larger
         job, solved = with_ground_for_turns(job, solved)
         solved = repaired(job, solved, update)
     if solved is None:

@@ -203,16 +203,12 @@ class Window:
         out, last = np.zeros_like(x), self.touch.sample.max(initial=-1)
         ways = x[:, self.step.pose] - x[:, self.step.before]
         pushed = (last - 2 < self.step.sample) & (self.step.sample <= last)
+        scale = np.array(self.motion.scale)
         if pushed.any():
-            way = max(ways[:, pushed].T, key=lambda k: np.linalg.norm(k / self.scale))
+            way = max(ways[:, pushed].T, key=lambda k: np.linalg.norm(k / scale))
             way = way + ways[:, self.step.sample > last].sum(axis=1)
             out[:, self.pose[last] + 1 :] = way[:, None]
         return out
-
-    @property
-    def scale(self) -> np.ndarray:
-        """The scale (unknowns,) of the unknowns of a pose."""
-        return np.array(self.motion.scale)
 
     def holding(self, x, poses) -> tuple[np.ndarray, np.ndarray]:
         """Return bounds (unknowns, poses) that hold some poses of x (unknowns, T)."""
