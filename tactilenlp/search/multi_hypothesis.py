@@ -90,13 +90,16 @@ def search_boxes(
     """Return `count` starts for all actions of a job, the best by least motion first.
 
     kept: hypotheses of the first actions to continue, if any; executor: see
-    least_motion; so_far: a list that holds those of the actions done by Ctrl-C.
+    least_motion; so_far: a list that holds those of the actions done by Ctrl-C; it may
+    be `kept` itself.
     Where `kept` are of all samples nothing is searched: they are the starts.
     """
     if complete(kept, job):
         return list(kept)
     shape = job.shape
     tracks = _starting_tracks(job, kept, LYING * count, so_far)
+    if so_far is not None:
+        so_far[:] = tracks[:1]
     lying = least_motion(job, tracks, executor)
     starts = []
     for h in varied(shape, lying, count - max(1, count // TRACK_SHARE)):
