@@ -75,6 +75,7 @@ def test_only_the_best_start_is_solved_beyond_the_iterations_of_each(case, monke
     assert asked.count(1500) == 1
     assert found[0].solution.success
     assert found[0].cost == pytest.approx(whole.cost, abs=0.3)
+    assert len({id(one.problem) for one in found}) == 1  # it is not built again
     asked.clear()
     known = multistart(job, [pushed(h, 1e-3)], levels, known=[whole])
     assert 1500 not in asked  # it is not ahead of what is known

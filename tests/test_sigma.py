@@ -22,8 +22,7 @@ from tactilenlp.information.measurement_noise import gaps_of_touches, touches
 from tactilenlp.information.sensitivity import kkt_residual
 from tactilenlp.information.tangent_space import TangentSpace
 from tactilenlp.nlp.kkt import LEAST_CURVATURE, kkt_system_of
-from tactilenlp.refinement.profile_likelihood import resized
-from tactilenlp.search.hypothesis import Hypothesis
+from tactilenlp.search.hypothesis import Hypothesis, resized
 from tactilenlp.solvers.options import SolverOptions
 from tactilenlp.solvers.solve import solve
 

@@ -114,29 +114,23 @@ def gaps_near_touches(data) -> np.ndarray:
     between; the closer one, if both.  While a finger stands still, its first sample
     counts: what it felt may have left it by any distance.
     """
-    found = []
-    for action in np.unique(data.action):
-        mine = data.action == action
-        for f in range(data.fingers):
-            rows = (data.contact, data.valid, data.finger_position)
-            felt, valid, p = (k[mine, f] for k in rows)
-            sides = [_gaps_after(felt, valid, p)]
-            sides.append(_gaps_after(felt[::-1], valid[::-1], p[::-1])[::-1])
-            nearer = np.argmin([side[:, 1] for side in sides], axis=0)
-            gaps = np.stack(sides)[nearer, np.arange(len(p))]
-            found.append(gaps[np.isfinite(gaps).all(axis=1)])
-    return np.concatenate(found)
+    ways = data.contact, data.valid, data.finger_position, data.action
+    after = _gaps_after(*ways)
+    before = _gaps_after(*(k[::-1] for k in ways))[::-1]
+    gaps = np.where(after[..., 1:] <= before[..., 1:], after, before)
+    return gaps[np.isfinite(gaps).all(axis=2)]
 
 
-def _gaps_after(felt, valid, p) -> np.ndarray:
-    """Return the gaps (T, 2) of the free samples after a touch, infinite for others."""
-    gaps, at, before = np.full((len(p), 2), np.inf), None, 0.0
-    for t in range(len(p)):
-        if not valid[t] or felt[t]:
-            at, before = p[t] if felt[t] and valid[t] else None, 0.0
-        elif at is not None:
-            now = float(np.linalg.norm(p[t] - at))
-            if felt[t - 1] or abs(now - before) > STANDING:
-                gaps[t] = sorted((before, now))
-            before = now
-    return gaps
+def _gaps_after(felt, valid, p, action) -> np.ndarray:
+    """Return the gaps (T, F, 2) of free samples after a touch, infinite for others."""
+    t = np.arange(len(p))[:, None]
+    begins = np.r_[True, action[1:] != action[:-1]][:, None]
+    touch = np.maximum.accumulate(np.where(felt & valid, t, -1))
+    broken = np.maximum.accumulate(np.where(begins & ~felt | ~valid, t, -1))
+    at = np.take_along_axis(p, np.maximum(touch, 0)[..., None], axis=0)
+    now = np.linalg.norm(p - at, axis=2)
+    before = np.vstack([np.zeros_like(now[:1]), now[:-1]])
+    moves = (touch == t - 1) | (np.abs(now - before) > STANDING)
+    free = valid & ~felt & (touch > broken) & moves
+    gaps = np.sort(np.stack([before, now], axis=2), axis=2)
+    return np.where(free[..., None], gaps, np.inf)

@@ -170,12 +170,17 @@ def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | N
     if not states_touches(problem):
         return None
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
-    terms = misfits(problem, x, data, window, measurements, smoothing)
-    if TOUCH_TERM in terms:  # all touches share the error of an estimated noise
-        more = window.sigma_normal * (1 + window.normal_error)
-        noisier = replace(window, sigma_normal=more)
+    terms, touches = {}, ()
+    if len(window.touch):
+        costs = touch_costs(problem, x, data, window, smoothing)
+        touches, misfit = _by_touch(*costs, window, measurements), _misfit(*costs)
+        noisier = window.sigma_normal * (1 + window.normal_error)
+        noisier = replace(window, sigma_normal=noisier)
         most = touch_moments(problem, data, noisier, smoothing)[0].sum()
-        terms[TOUCH_TERM] += Misfit(0.0, 0.0, most - terms[TOUCH_TERM].expected)
+        terms[TOUCH_TERM] = misfit + Misfit(0.0, 0.0, most - misfit.expected)
+    stated = {FREE_TERM, "alpha"} <= {*problem.costs, *problem.parameters}
+    if stated and len(window.free):
+        terms[FREE_TERM] = _free_misfit(problem, x, data, measurements)
     total = sum(terms.values(), start=NOTHING)
     poses, jump = problem.unpack(x)["x"], NOTHING
     if len(window.gap):
@@ -183,7 +188,6 @@ def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | N
     verdict, widening = verdict_of(total, jump)
     if verdict == "good" and moved_farther(poses, window, LOST):
         verdict = "poor"
-    touches = _by_touch(problem, x, data, window, measurements, smoothing)
     return Fit(verdict, terms, touches, widening)
 
 
@@ -205,19 +209,14 @@ def _largest_motion(x, window) -> Misfit:
     return Misfit(float((CAUCHY * np.log1p(u**2)).max()), *OF_MOTION)
 
 
-def _by_touch(problem, x, data, window, measurements, smoothing) -> tuple:
+def _by_touch(cost, mean, variance, window, measurements) -> tuple:
     """Return the TouchMisfit of every finger in every action, the worst first."""
-    if not len(window.touch):
-        return ()
-    cost = problem.value(TOUCH_TERM, x, data)[:, 0]
-    mean, variance = touch_moments(problem, data, window, smoothing)
-    action = measurements.action[window.touch.sample]
-    found = []
-    pairs = zip(action.tolist(), window.touch.finger.tolist(), strict=True)
-    for pair in sorted(set(pairs)):
-        mine = (action == pair[0]) & (window.touch.finger == pair[1])
+    touch, found = window.touch, []
+    felt = np.stack([measurements.action[touch.sample], touch.finger], axis=1)
+    for pair in np.unique(felt, axis=0):
+        mine = (felt == pair).all(axis=1)
         misfit = _misfit(cost[mine], mean[mine], variance[mine])
-        found.append(TouchMisfit(*pair, misfit))
+        found.append(TouchMisfit(*pair.tolist(), misfit))
     return tuple(sorted(found, key=lambda t: -t.misfit.excess))
 
 
@@ -226,24 +225,27 @@ def states_touches(problem) -> bool:
     return TOUCH_TERM in problem.costs and "touch scale" in problem.parameters
 
 
-def misfits(problem, x, data, window, measurements, smoothing: float) -> dict:
-    """Return the Misfit of the terms "touch" and "free", those that a page has.
+def touch_misfit(problem, x, data, window, smoothing: float) -> Misfit:
+    """Return the Misfit of the touches, if the page states any; arguments as below."""
+    if not (states_touches(problem) and len(window.touch)):
+        return NOTHING
+    return _misfit(*touch_costs(problem, x, data, window, smoothing))
+
+
+def touch_costs(problem, x, data, window, smoothing: float) -> tuple:
+    """Return the cost of every touch, its mean and its variance, (touches,) each.
 
     x (unknowns,) SI and data of the solved problem; smoothing [1]: as in `fit_of`.
     """
-    found = {}
-    if states_touches(problem) and len(window.touch):
-        mean, variance = touch_moments(problem, data, window, smoothing)
-        cost = problem.value(TOUCH_TERM, x, data)
-        found[TOUCH_TERM] = _misfit(cost, mean, variance)
-    stated = {FREE_TERM, "alpha"} <= {*problem.costs, *problem.parameters}
-    if stated and len(window.free):
-        alpha = float(data[problem.parameters["alpha"].span][0])
-        mean, variance = free_moments(alpha * gaps_near_touches(measurements))
-        misfit = _misfit(problem.value(FREE_TERM, x, data), mean, variance)
-        spread = float(np.hypot(misfit.spread, misfit.expected))
-        found[FREE_TERM] = Misfit(misfit.actual, misfit.expected, spread)
-    return found
+    cost = problem.value(TOUCH_TERM, x, data)[:, 0]
+    return cost, *touch_moments(problem, data, window, smoothing)
+
+
+def _free_misfit(problem, x, data, measurements) -> Misfit:
+    alpha = float(data[problem.parameters["alpha"].span][0])
+    moments = free_moments(alpha * gaps_near_touches(measurements))
+    misfit = _misfit(problem.value(FREE_TERM, x, data), *moments)
+    return misfit + Misfit(0.0, 0.0, misfit.expected)
 
 
 def touch_moments(problem, data, window, smoothing: float):
@@ -252,9 +254,8 @@ def touch_moments(problem, data, window, smoothing: float):
         float(data[problem.parameters[name].span][0])
         for name in ("touch scale", "normal scale")
     )
-    touch = window.touch
-    off = np.hypot(sigma, touch.latency)
-    turned = np.hypot(sigma_n, touch.latency / touch.radius)
+    off = np.hypot(sigma, window.touch.latency)
+    turned = np.hypot(sigma_n, window.touch.latency / window.touch.radius)
     sigma_p = window.sigma_position * np.sqrt(smoothing)
     gap = np.hypot(sigma_p, RIGID_MISFIT * sigma) / off
     normal = np.hypot(window.sigma_normal, RIGID_MISFIT * sigma_n) / turned
@@ -266,7 +267,7 @@ def touch_moments(problem, data, window, smoothing: float):
     cost = _bounded(cost, window.outlier_cost)
     mean = (cost * weight).sum(axis=(1, 2))
     variance = (cost**2 * weight).sum(axis=(1, 2)) - mean**2
-    lone = lone_touches(touch) & (smoothing < 1)
+    lone = lone_touches(window.touch) & (smoothing < 1)
     return np.where(lone, window.outlier_cost, mean), np.where(lone, 1.0, variance)
 
 

@@ -109,16 +109,15 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
     corner, lift, rest = _ground(scene, shape, motion, step, first, pose, guess)
     return Window(
         motion=motion, finger=finger_of(scene), fingers=data.fingers,
-        poses=int(pose[-1]) + 1, pose=pose,
-        touch=everything.pick(felt), free=free, step=step,
-        gap=_gaps(data, scene, pose, first),
+        poses=int(pose[-1]) + 1, pose=pose, touch=everything.pick(felt), free=free,
+        step=step, gap=_gaps(data, scene, pose, first),
         push=push, unfelt=push.where(data.valid & ~data.contact),
         unseen=push.where(~data.valid),
         corner=corner, lift=lift, rest=rest, groups=_groups(len(step), push, corner),
         frictionless=frictionless_contacts(scene) if choice.frictionless else (),
         sigma_position=precision.position, sigma_normal=precision.normal,
-        normal_error=precision.normal_error,
-        outlier_cost=outlier_cost(scene), braking=friction_of(scene) * scene.gravity,
+        normal_error=precision.normal_error, outlier_cost=outlier_cost(scene),
+        braking=friction_of(scene) * scene.gravity,
         compliant=yields(scene, choice) and len(push) > 0,
         central=choice.central or scene.sigma_centre == 0.0, aligned=choice.aligned,
     )  # fmt: skip

@@ -24,7 +24,7 @@ from ..interface.readout import name_of
 from ..interface.result import Estimate, solution_of
 from ..nlp.problem import Problem
 from ..problem.action_window import of_action
-from ..problem.outliers import MIN_OF_TOUCH, unexplained
+from ..problem.outliers import MIN_OF_TOUCH, left_unexplained
 from ..problem.polytope_window import PolytopeWindow, window_of
 from ..problem.reductions import Reductions, coasts
 from ..problem.unreduced import corners_of, rows_of, samples_of
@@ -167,13 +167,11 @@ def jump_threshold(precision) -> float:
 
 def unexplained_touches(solved: Solved) -> int:
     """Return how many touches, of a finger in an action each, are not explained."""
-    problem, window, s = solved.problem, solved.window, solved.solution
-    if TOUCH_TERM not in problem.terms:
+    if TOUCH_TERM not in solved.problem.terms:
         return 0
-    x, data = problem.pack(s.values), problem.data(s.parameters)
-    wrong = unexplained(problem, window, x, data)
+    window = solved.window
     keys = zip(window.touch.sample, window.touch.finger, strict=True)
-    wrong = dict(zip(keys, wrong, strict=True))
+    wrong = dict(zip(keys, left_unexplained(solved), strict=True))
     wholes = touches(window, solved.job.data)
     return sum(
         sum(wrong[t, f] for t in samples) >= MIN_OF_TOUCH for samples, f in wholes

@@ -21,14 +21,13 @@ from scipy.optimize import minimize
 from formulations.centre_of_mass import NAME as CENTRE
 from formulations.finger_turn import NAME as TURN
 from formulations.indentation import NAME as COMPLIANCE
-from formulations.names import TOUCH_TERM
 
 from ..data.sensor_noise import variance_left
-from ..information.goodness_of_fit import NOTHING, misfits
+from ..information.goodness_of_fit import touch_misfit
 from ..information.mixture import occam_of
 from ..nlp.kkt import gradient
 from ..problem.certificates import Skipped
-from ..problem.outliers import unexplained
+from ..problem.outliers import left_unexplained
 from ..problem.reductions import required_reductions
 from ..search.local_solve import (
     Solved,
@@ -85,8 +84,7 @@ def excess_of(job, solved: Solved) -> tuple[float, float]:
     problem, solution = solved.problem, solved.solution
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
     left = variance_left(job.data, job.precision)
-    found = misfits(problem, x, data, solved.window, job.data, left)
-    touches = found.get(TOUCH_TERM, NOTHING)
+    touches = touch_misfit(problem, x, data, solved.window, left)
     return touches.excess, touches.spread
 
 
@@ -210,9 +208,7 @@ def with_tilt(job, best: Solved) -> Solved:
 
 def explains_touches(solved: Solved) -> bool:
     """Tell whether a solve converged that takes no touch for a wrong reading."""
-    problem, window, s = solved.problem, solved.window, solved.solution
-    given = problem.pack(s.values), problem.data(s.parameters)
-    return s.success and not unexplained(problem, window, *given).any()
+    return solved.solution.success and not left_unexplained(solved).any()
 
 
 def fixes(job, name: str) -> bool:

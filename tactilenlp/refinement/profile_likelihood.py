@@ -34,13 +34,13 @@ import numpy as np
 from formulations.sensing import FREEDOM
 from formulations.size_prior import size_cost
 
-from ..geometry.transforms import is_planar, matrices
+from ..geometry.transforms import is_planar
 from ..information.error_budget_terms import VERTICAL
 from ..information.information import LEAST_SIGMA
 from ..information.measurement_noise import KNOWN_FACE
 from ..information.tangent_space import final_unknowns
 from ..nlp.kkt import kkt_system_of
-from ..search.hypothesis import Hypothesis, rotation_at
+from ..search.hypothesis import Hypothesis, resized, rotation_at
 from ..search.local_solve import RANKING_TOLERANCE, settings_of, start_values
 from ..search.margins import BETTER_OPTIMUM, ONE_SIGMA, PROFILE_RISE
 from ..solvers.solve import solve_levels
@@ -81,33 +81,37 @@ def profiled(job, solved, seeks=True) -> tuple[np.ndarray, Hypothesis | None]:
     variance = np.diag(by_gradient[chosen])
     # Not positive where the Hessian is indefinite: it tells nothing, `known` is inf.
     known = np.sqrt(np.where(variance > 0, variance, np.inf))
-    open_sizes = {
-        axis: touched for axis, touched in enumerate(faces)
-        if touched.min() < KNOWN_FACE or known[axis] >= faces_sigma(job, touched)
-    }  # fmt: skip
+    least = n + int(np.argmax(known[n : n + 2]))
+    if known[least] >= KNOWN_POSITION:  # the Hessian already states a large sigma
+        profile[least] = by_gradient[chosen, least] / known[least]
     elsewhere = partial(_constrained, job, solved, {}, chosen)
-    prior = prior_deviations(job.shape, solved.at.theta)
-    asked, along = [*open_sizes], n + int(np.argmax(known[n : n + 2]))
-    if known[along] < KNOWN_POSITION:
-        asked.append(along)
-    else:  # the Hessian already states a large sigma
-        profile[along] = by_gradient[chosen, along] / known[along]
-    for axis in asked:
-        touched = open_sizes.get(axis)
-        widest = job.shape.size_prior[1] if touched is None else prior[axis]
-        direction = by_gradient[:, axis] / variance[axis] * min(known[axis], widest)
-        given = solved.at, widest, axis, direction, direction[chosen], touched, seeks
-        is_open = touched is not None and touched.min() < KNOWN_FACE
-        cost = prior_cost(job.shape, solved.at, axis) if is_open else None
-        profile[axis], better = deviation_along(elsewhere, *given, cost)
+    for axis, widest, *how in _asked(job, solved, faces, known, least, seeks):
+        way = by_gradient[:, axis] / variance[axis] * min(known[axis], widest)
+        given = solved.at, widest, axis, way, way[chosen], *how
+        profile[axis], better = deviation_along(elsewhere, *given)
         if better is not None:
             return profile, better
-    if job.shape.is_box and is_planar(solved.at.x) and faces[:2].max() < KNOWN_FACE:
-        yaw = n + 2  # no side was felt: the top tells hardly anything of it
-        direction = by_gradient[:, yaw] / variance[yaw] * min(known[yaw], ANY_YAW)
-        given = solved.at, ANY_YAW, yaw, direction, direction[chosen], None, False
-        profile[yaw], _ = deviation_along(elsewhere, *given, lambda change: 0.0)
     return profile, None
+
+
+def _asked(job, solved, faces, known, least, seeks) -> list[tuple]:
+    """Return what is profiled, each with the arguments of `deviation_along`.
+
+    Axis, prior, touched, seeks and cost: of open and of noisy sizes, of the position
+    `least`, if the Hessian claims it, and of the yaw of a box that no side was felt of.
+    """
+    shape, at, found = job.shape, solved.at, []
+    for axis, touched in enumerate(faces):
+        is_open = touched.min() < KNOWN_FACE
+        if is_open or known[axis] >= faces_sigma(job, touched):
+            widest = prior_deviations(shape, at.theta)[axis]
+            cost = prior_cost(shape, at, axis) if is_open else None
+            found.append((axis, widest, touched, seeks, cost))
+    if known[least] < KNOWN_POSITION:
+        found.append((least, shape.size_prior[1], None, seeks, None))
+    if shape.is_box and is_planar(at.x) and faces[:2].max() < KNOWN_FACE:
+        found.append((shape.theta + 2, ANY_YAW, None, False, lambda change: 0.0))
+    return found
 
 
 def touched_ends(shape, solved) -> np.ndarray | None:
@@ -279,21 +283,3 @@ def _constrained(job, solved, shared, chosen, axis, direction, touched, step):
     if max(found.violations.values(), default=0.0) > RANKING_TOLERANCE:
         return None
     return replace(solved, solution=found).at if found.success or cheap else None
-
-
-def resized(hypothesis, axis: int, size: float, touched):
-    """Return a hypothesis of another size [m], its touched face kept in place.
-
-    touched (2,): samples on the face at the lower and at the upper end of the axis.
-    A change of the height (axis 2) does not change a planar pose.
-    """
-    theta, x = hypothesis.theta.copy(), hypothesis.x.copy()
-    low, high = np.asarray(touched) >= KNOWN_FACE
-    way = (size - theta[axis]) / 2 * (int(low) - int(high))
-    theta[axis] = size
-    if not is_planar(x):
-        x[:3] += way * matrices(x)[:, :, axis].T
-    elif axis < 2:
-        turn = x[2] + axis * np.pi / 2
-        x[:2] += way * np.array([np.cos(turn), np.sin(turn)])
-    return replace(hypothesis, theta=theta, x=x)

@@ -21,6 +21,7 @@ from ..common.brief import printed
 from ..common.deadline import Deadline
 from ..common.layout import ANY
 from ..geometry.transforms import continuous, is_planar, matrices, planar_matrix
+from ..information.measurement_noise import KNOWN_FACE
 from ..nlp.problem import Problem
 from ..tracking.outline import path_outline, supports
 from ..tracking.tracks import diverse
@@ -254,3 +255,21 @@ def rotation_at(h: Hypothesis, sample: int) -> np.ndarray:
     """Return the rotation (3, 3) of a body at a sample, planar or free."""
     x = h.x[:, sample]
     return planar_matrix(x[2]) if is_planar(h.x) else matrices(x[:, None])[0]
+
+
+def resized(hypothesis, axis: int, size: float, touched):
+    """Return a hypothesis of another size [m], its touched face kept in place.
+
+    touched (2,): samples on the face at the lower and at the upper end of the axis.
+    A change of the height (axis 2) does not change a planar pose.
+    """
+    theta, x = hypothesis.theta.copy(), hypothesis.x.copy()
+    low, high = np.asarray(touched) >= KNOWN_FACE
+    way = (size - theta[axis]) / 2 * (int(low) - int(high))
+    theta[axis] = size
+    if not is_planar(x):
+        x[:3] += way * matrices(x)[:, :, axis].T
+    elif axis < 2:
+        turn = x[2] + axis * np.pi / 2
+        x[:2] += way * np.array([np.cos(turn), np.sin(turn)])
+    return replace(hypothesis, theta=theta, x=x)

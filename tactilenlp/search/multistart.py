@@ -135,7 +135,11 @@ def _finish(job, level, known, solved) -> None:
     ahead = [s for s in ahead if s.cost < min(ended, default=np.inf) - DECISIVE]
     if ahead and not job.deadline.passed("an unfinished solve of the page"):
         best = min(ahead, key=lambda s: s.cost)
-        end = solved_from(job, best.hypothesis, None, [level], best.solution)
+        same_problem = {
+            "problem": best.problem, "window": best.window, "solvers": {},
+            "built_at": best.built_at,
+        }  # fmt: skip
+        end = solved_from(job, best.hypothesis, same_problem, [level], best.solution)
         solved[solved.index(best)] = replace(end, rough=best.rough)
 
 
