@@ -1,4 +1,4 @@
-"""A second search, less sure of how pushes move the body, where the fit is not good."""
+"""Another search, action by action, where the fit is not good."""
 
 import time
 from dataclasses import replace
@@ -60,10 +60,25 @@ def test_rough_motion_widens_what_a_push_leaves_open(request_of_one_action):
 
 def test_a_guess_is_kept_and_an_estimate_is_not(request_of_one_action, touched):
     guess = object()
-    kept = more_noise(replace(request_of_one_action, start=guess))
+    kept = refinement.from_scratch(replace(request_of_one_action, start=guess))
     assert kept.start is guess
-    anew = more_noise(replace(request_of_one_action, start=touched))
+    anew = refinement.from_scratch(replace(request_of_one_action, start=touched))
     assert anew.start is None
+
+
+def test_actions_are_added_one_by_one_from_the_first_touch_on(recorded):
+    data, _, _ = recorded
+    untouched = data.action == 0
+    late = replace(
+        data, contact=data.contact & ~untouched[:, None],
+        normal=np.where(untouched[:, None, None], 0.0, data.normal),
+    )  # fmt: skip
+    job = SimpleNamespace(data=data, shape=CUBOID)
+    assert [d.actions for d in optima._growing(job)] == [1, 2, 3, 4, 5, 6]
+    job.data = late
+    assert [d.actions for d in optima._growing(job)] == [2, 3, 4, 5, 6]
+    job.shape = polytope(20)
+    assert optima._growing(job) == [late]
 
 
 def test_what_fits_badly_is_searched_again_where_that_can_find_more(
@@ -116,8 +131,34 @@ def test_the_better_of_two_searches_is_the_estimate(recorded, monkeypatch):
     assert same.objective == once.objective
     monkeypatch.setattr(optima, "fits_badly", lambda request, best: True)
     twice = solve_estimate(data, scene)
-    assert len(seen) == 1
+    assert len(seen) == 1  # it found no more after the first action
+    assert seen[0].job.data.actions == 1
     assert twice.objective <= once.objective + 1e-3
+
+
+@pytest.mark.slow
+def test_the_next_action_continues_what_the_page_found(recorded, monkeypatch):
+    """Not what the filter kept: the optima of the page after each action."""
+    data, scene, _ = recorded
+    whole, searches = optima.searched, []
+
+    def searched(request, kept):
+        searches.append((request.job.data, list(kept)))
+        return whole(request, kept)
+
+    monkeypatch.setattr(optima, "searched", searched)
+    bad = [True]  # at first only
+    monkeypatch.setattr(optima, "fits_badly", lambda *_: bad and bad.pop())
+    found = solve_estimate(data.select([0, 1, 2]), scene)
+    (_, first), *parts = searches
+    assert not first
+    assert [d.actions for d, _ in parts] == [1, 2, 3]
+    assert not parts[0][1]
+    for before, kept in parts[1:]:
+        assert kept
+        done = np.count_nonzero(before.action < before.action[-1])
+        assert all(h.x.shape[1] == done for h in kept)
+    assert found.success
 
 
 def test_a_better_path_to_the_same_end_is_no_repetition(estimate):

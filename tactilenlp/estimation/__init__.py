@@ -4,7 +4,8 @@ In: `Measurements`, `Scene`, a shape, a page, `Options`, perhaps an earlier esti
 Out: an `Estimate`: shape, poses, impulses, information, by name and in SI units.
 
 - `solver`: the steps in order, for one class of shapes or several
-- `initial_search`, `optima`: hypotheses of the search; optima of the page
+- `initial_search`, `optima`: hypotheses of the search; optima of the page, which is
+  solved after every action where the fit is not good
 - `coarse_to_fine`: recordings of a high rate, solved at a lower rate first
 - `interrupted`: Ctrl-C, the time limit, estimates not to be used
 - `compile_ahead`: functions that are compiled before they are needed

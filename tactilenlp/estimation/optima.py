@@ -1,8 +1,9 @@
 """Optima of the page: search, local solves, model selection, certificates.
 
 Where the objective says that the search has lost the path, it is repeated from the
-first touch, or with a larger process noise, and where the ground was found to lean, on
-that ground; the better result counts.
+first touch, and where the ground was found to lean, on that ground.  Where the fit is
+not good, another search solves the page after every action: its optima, not tracks of
+the filter alone, are what the next action continues.  The better result counts.
 """
 
 from __future__ import annotations
@@ -10,8 +11,13 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
+
+import numpy as np
 
 from ..common.deadline import Deadline
+from ..data.contact_segments import consecutive_contacts
+from ..data.measurements import Measurements
 from ..interface.request import Request
 from ..refinement.certification import checked, with_profiles
 from ..refinement.ground_tilt import (
@@ -25,6 +31,7 @@ from ..refinement.nested_models import with_nuisance_parameters
 from ..refinement.refinement import (
     continues,
     fits_badly,
+    from_scratch,
     less_sure_of_pushes,
     refined,
     update_costs_too_much,
@@ -92,17 +99,69 @@ def optima_of(request: Request, so_far: SoFar, update: Solved | None = None) -> 
     check = partial(checked, executor=request.executor)
     best, solved = certified_best(request, job, solved, check)
     sought = request.job.path is None and fits_badly(request, best)
-    if sought and request.job_until(SEARCH_END).deadline.left > 0:
-        second = less_sure_of_pushes(request)
-        second_kept, starts = searched(second, [])
-        second_job, found = _solved_page(second, starts, so_far, None)
-        if found and _differs(found[0], solved):
-            other, found = certified_best(second, second_job, found, check)
-            if other.rank < best.rank:
-                best, job, solved, kept = other, second_job, found, second_kept
+    other = _solved_by_action(request) if sought else None
+    if other is not None and _differs(other.solved[0], solved):
+        again, found = certified_best(other.request, other.job, other.solved, check)
+        if again.rank < best.rank:
+            best, job, solved, kept = again, other.job, found, other.kept
     with job.deadline.ending("profile likelihoods"):
         best = with_profiles(best)
     return Optima(job, best, solved, kept, starts, seconds)
+
+
+class _Found(NamedTuple):
+    """What a request led to: job, solves of its page, hypotheses of the search."""
+
+    request: Request
+    job: Job
+    solved: list[Solved]
+    kept: list[Hypothesis]
+
+    def carried_on(self) -> list[Hypothesis]:
+        """Return the hypotheses for the next action."""
+        best, width = self.solved[0], self.request.widths[0]
+        return Optima(self.job, best, self.solved, self.kept, [], 0.0).carried_on(width)
+
+
+def _solved_by_action(request: Request) -> _Found | None:
+    """Return what a search finds that solves the page after every action.
+
+    Where the fit after an action is not good, that action is searched again, less sure
+    of how pushes move the body, as long as this finds more.  None if time ends it.
+    """
+    log.info("the path is doubtful: searching action by action")
+    request, kept, doubtful, found = from_scratch(request), [], True, None
+    for data in _growing(request.job):
+        part = replace(request, job=replace(request.job, data=data))
+        if (found := _found(part, kept)) is None:
+            return None
+        if doubtful and fits_badly(part, found.solved[0]):
+            other = _found(less_sure_of_pushes(part), kept)
+            doubtful = other is not None and other.solved[0].rank < found.solved[0].rank
+            found = other if doubtful else found
+        kept = found.carried_on()
+    return found
+
+
+def _growing(job: Job) -> list[Measurements]:
+    """Return the data of the first actions, from the first touch on, one more each.
+
+    Of a polytope those of all actions: its search begins anew with each.
+    """
+    data, actions = job.data, np.unique(job.data.action)
+    if job.shape.parameters != "sizes":
+        return [data]
+    touched = data.action[1:][consecutive_contacts(data).any(axis=1)][0]
+    return [data.select(actions[actions <= a]) for a in actions[actions >= touched]]
+
+
+def _found(request: Request, kept) -> _Found | None:
+    """Return what a search that continues `kept` leads to, None if time ends it."""
+    if request.job_until(SEARCH_END).deadline.left <= 0:
+        return None
+    kept, starts = searched(request, list(kept))
+    job, solved = _solved_page(request, starts, SoFar([]), None)
+    return _Found(request, job, solved, kept) if solved else None
 
 
 def _differs(found: Solved, solved) -> bool:

@@ -207,9 +207,13 @@ def fits_badly(request, best: Solved) -> bool:
     return bool(problem.value(BETWEEN_ACTIONS, x, data).max() > DECISIVE)
 
 
-def less_sure_of_pushes(request):
-    """Return the request from scratch, less sure of how pushes move the body."""
-    log.info("the path is doubtful: searching again, pushes less exact")
+def from_scratch(request):
+    """Return the request without the estimate that it starts from."""
     start = None if isinstance(request.start, Estimate) else request.start
+    return replace(request, start=start)
+
+
+def less_sure_of_pushes(request):
+    """Return the request, less sure of how pushes move the body, but not carried."""
     job = replace(request.job, process_noise=PROCESS_NOISE_FACTOR, may_be_carried=False)
-    return replace(request, start=start, job=job)
+    return replace(request, job=job)
