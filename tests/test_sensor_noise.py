@@ -32,6 +32,18 @@ def test_normals_in_steps_have_the_noise_of_rounding(recorded, readings):
     assert fine < step / 50
 
 
+def test_the_step_of_components_is_no_smaller_one_that_happens_once(recorded):
+    """Components rounded to a grid jump by less where they lie along the normal."""
+    data, _, _ = recorded
+    grid, turn = 1 / 16, np.radians(1.5) * np.arange(data.samples)
+    normal = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=-1)
+    normal = grid * np.round(normal / grid)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    normal = normal[:, None] * data.contact[..., None]
+    found = precision_of(replace(data, normal=normal)).normal
+    assert grid / np.sqrt(12) < found < 3 * grid / np.sqrt(12)
+
+
 def test_normals_of_a_body_that_moves_smoothly_are_in_no_steps(recorded):
     data, _, _ = recorded
     assert precision_of(data).normal < 1e-3

@@ -72,7 +72,8 @@ def _normal(data: Measurements) -> tuple[float, float]:
 def _rounding_of_normals(data: Measurements) -> float:
     """Return the noise [rad] of normals that are rounded to steps, 0 if none are.
 
-    During contact they are then mostly the same to the last digit, and jump else.
+    During contact they are then mostly the same to the last digit, and jump else, by a
+    step at the median.
     Readings that are the same have the same error: they count as one.
     """
     n, c, action = data.normal, data.contact, data.action
@@ -81,7 +82,7 @@ def _rounding_of_normals(data: Measurements) -> float:
     moved = jumps[jumps > SAME_NORMAL]
     if not 0 < len(moved) < len(jumps) / 2:
         return 0.0
-    return moved.min() / np.sqrt(12) * np.sqrt(len(jumps) / len(moved))
+    return np.median(moved) / np.sqrt(12) * np.sqrt(len(jumps) / len(moved))
 
 
 def smoothed(data: Measurements, precision: Precision) -> Measurements:
