@@ -24,14 +24,15 @@ PRIOR = CUBOID.size_prior[1]
 AT = Hypothesis(np.full(3, 0.04), np.zeros((3, 2)), 0.0, ())
 
 
-def deviation(price, touched=(0, 9), seeks=True, cost=None):
+def deviation(price, touched=(0, 9), seeks=True, cost=None, claimed=SHARP):
     """Return what `deviation_along` makes of a price [nats] of a change [m].
 
     The body moves by half of what it grows.  A larger one starts where it was.
     touched: samples on both faces of a size, None where a pose is off; seeks: whether
-    a lower price ends the profile; cost(change [m]): that of the prior.
+    a lower price ends the profile; cost(change [m]): that of the prior; claimed [m]:
+    by the Hessian.
     """
-    sharp = np.r_[1, 0, 0, 1 / 2, 0, 0] * SHARP
+    sharp = np.r_[1, 0, 0, 1 / 2, 0, 0] * claimed
 
     def elsewhere(axis, pull, moved, step):
         change = step * pull[axis]
@@ -46,7 +47,7 @@ def deviation(price, touched=(0, 9), seeks=True, cost=None):
     touched = None if touched is None else np.array(touched)
     given = AT, PRIOR, 0, sharp, sharp, touched, seeks, cost
     off, better = profile_of.deviation_along(elsewhere, *given)
-    assert off == pytest.approx(sharp / SHARP * off[0])
+    assert off == pytest.approx(sharp / claimed * off[0])
     return abs(off[0]), better
 
 
@@ -105,6 +106,17 @@ def test_a_plateau_behind_a_narrow_optimum_counts_by_its_posterior_mass():
         assert exact / 2 < wide < 1.3 * exact  # the narrow part is seen too wide
     far = deviation(plateau(7.0), cost=prior_of)[0]  # of hardly any mass
     assert far == deviation(plateau(7.0))[0]
+
+
+def test_a_large_deviation_is_as_large_as_one_solve_far_off_says():
+    claimed = 0.4 * PRIOR  # too large for a profile
+    assert claimed > VAGUE_SHARE * PRIOR
+    told = deviation(lambda d: (d / claimed) ** 2 / 2, cost=prior_of, claimed=claimed)
+    assert told[0] == pytest.approx(claimed, rel=0.1)
+    open_ = deviation(prior_of, cost=prior_of, claimed=claimed)
+    assert open_[0] == pytest.approx(PRIOR, rel=0.1)
+    unsolved = deviation(lambda d: None, cost=prior_of, claimed=claimed)
+    assert unsolved[0] == claimed
 
 
 def test_a_lower_objective_that_does_not_last_does_not_end_a_profile():

@@ -42,7 +42,7 @@ from ..information.tangent_space import final_unknowns
 from ..nlp.kkt import kkt_system_of
 from ..search.hypothesis import Hypothesis, resized, rotation_at
 from ..search.local_solve import RANKING_TOLERANCE, settings_of, start_values
-from ..search.margins import BETTER_OPTIMUM, ONE_SIGMA, PROFILE_RISE
+from ..search.margins import BETTER_OPTIMUM, NEGLIGIBLE, ONE_SIGMA, PROFILE_RISE
 from ..solvers.solve import solve_levels
 
 FACES_DISTANCE = 0.3e-3  # [m] sigma of the distance of two touched faces
@@ -207,7 +207,8 @@ def _profile_one_side(
     sigma_so_far [m]: from the other direction or the Hessian; target_rise [nats]: at
     which the profile ends; it also ends beyond the distance at which that rise leaves a
     large deviation.  Of an open size, with cost(step) of the prior, one more solve a
-    deviation of the prior off tells whether the rise levels off.
+    deviation of the prior off tells whether the rise levels off, unless what is beyond
+    has no weight, and whether a large deviation by the Hessian is larger.
     """
     found, points, least_growth = None, [(0.0, 0.0)], 1.0
     farthest = VAGUE_SHARE * prior * np.sqrt(2 * target_rise)
@@ -227,11 +228,14 @@ def _profile_one_side(
         growth = max(least_growth, target_rise / max(price, ONE_SIGMA))
         step = min(step * min(MAX_STEP_GROWTH, growth), farthest)
         least_growth = PLATEAU_GROWTH if price > ONE_SIGMA else 1.0
-    if found is None or cost is None:
+    if cost is None:
         return found, None
-    if points[-1][1] >= ENDED * target_rise and (moved := there(prior)) is not None:
+    vague = found is None and sigma_so_far < ENDED * prior
+    ended = ENDED * target_rise <= points[-1][1] < NEGLIGIBLE
+    if (vague or ended) and (moved := there(prior)) is not None:
         points.append((prior, max(moved.objective - at.objective, 0.0)))
-    if points[-1][1] < 2 * target_rise:
+        found = (moved.end - at.end) * sigma_so_far / prior if vague else found
+    if found is not None and points[-1][1] < 2 * target_rise:
         deviation = min(_of_posterior(points, cost, prior, target_rise), prior)
         found *= max(1.0, deviation / abs(found[axis]))
     return found, None
