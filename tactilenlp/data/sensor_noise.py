@@ -73,8 +73,8 @@ def _rounding_of_normals(data: Measurements) -> float:
     """Return the noise [rad] of normals that are rounded to steps, 0 if none are.
 
     During contact they are then mostly the same to the last digit, and jump else, by a
-    step at the median.
-    Readings that are the same have the same error: they count as one.
+    step at the median.  Readings that are the same have the same error: they count as
+    one.
     """
     n, c, action = data.normal, data.contact, data.action
     both = c[1:] & c[:-1] & (action[1:] == action[:-1])[:, None]

@@ -54,7 +54,7 @@ MAX_STEP_GROWTH = 10.0  # [-] from step to step
 # [-] at least, once a straight line would have ended: else 30 more solves on a plateau
 PLATEAU_GROWTH = 1.5
 ANY_YAW = np.pi / 2 / np.sqrt(12)  # [rad] deviation of a uniform yaw of a box
-ENDED = 0.99  # [-] of the rise at which a profile ends
+ENDED = 0.99  # [-] of the rise, or of the prior's deviation, at which a profile ends
 POSTERIOR_NODES = 1000  # of the integral over a narrow optimum and a wide plateau
 # IPOPT's mu_init where a size is held elsewhere, with the multipliers of the optimum:
 # 27 such solves took 73 iterations and ended up to 0.6 nats above the best of several;
@@ -230,7 +230,7 @@ def _profile_one_side(
         least_growth = PLATEAU_GROWTH if price > ONE_SIGMA else 1.0
     if cost is None:
         return found, None
-    vague = found is None and sigma_so_far < ENDED * prior
+    vague = VAGUE_SHARE * prior <= sigma_so_far < ENDED * prior  # by the Hessian
     ended = ENDED * target_rise <= points[-1][1] < NEGLIGIBLE
     if (vague or ended) and (moved := there(prior)) is not None:
         points.append((prior, max(moved.objective - at.objective, 0.0)))
