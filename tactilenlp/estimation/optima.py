@@ -11,7 +11,6 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -86,45 +85,48 @@ def optima_of(request: Request, so_far: SoFar, update: Solved | None = None) -> 
     so_far: what is left by Ctrl-C, filled; update: a rejected incremental update, which
     competes.
     """
+    found = _of_one_search(request, so_far, update)
+    if found.best is None:
+        return found
+    if (second := _search_that_may_gain(request, found.best)) is not None:
+        other = _of_one_search(second, SoFar([], so_far.solved), update)
+        found = _better(found, other)
+    check = partial(checked, executor=request.executor)
+    found = _certified(request, found, check)
+    sought = request.job.path is None and fits_badly(request, found.best)
+    other = _solved_by_action(request) if sought else None
+    if other is not None and _differs(other.best, found.solved):
+        found = _better(found, _certified(request, other, check))
+    with found.job.deadline.ending("profile likelihoods"):
+        return replace(found, best=with_profiles(found.best))
+
+
+def _of_one_search(request: Request, so_far: SoFar, update=None) -> Optima:
+    """Return the optima that one search leads to, the best one not certified.
+
+    so_far: hypotheses to continue; filled, as `optima_of` says.
+    """
     kept, starts = searched(request, so_far.kept)
     so_far.kept, seconds = kept, so_far.spent
     job, solved = _solved_page(request, starts, so_far, update)
-    if solved and (second := _search_that_may_gain(request, solved[0])):
-        second_kept, starts = searched(second, [])
-        second_job, found = _solved_page(second, starts, so_far, update)
-        if found and found[0].rank < solved[0].rank:
-            job, solved, kept = second_job, found, second_kept
-    if not solved:
-        return Optima(job, None, [], kept, starts, seconds)
-    check = partial(checked, executor=request.executor)
-    best, solved = certified_best(request, job, solved, check)
-    sought = request.job.path is None and fits_badly(request, best)
-    other = _solved_by_action(request) if sought else None
-    if other is not None and _differs(other.solved[0], solved):
-        again, found = certified_best(other.request, other.job, other.solved, check)
-        if again.rank < best.rank:
-            best, job, solved, kept = again, other.job, found, other.kept
-    with job.deadline.ending("profile likelihoods"):
-        best = with_profiles(best)
-    return Optima(job, best, solved, kept, starts, seconds)
+    return Optima(job, solved[0] if solved else None, solved, kept, starts, seconds)
 
 
-class _Found(NamedTuple):
-    """What a request led to: job, solves of its page, hypotheses of the search."""
-
-    request: Request
-    job: Job
-    solved: list[Solved]
-    kept: list[Hypothesis]
-
-    def carried_on(self) -> list[Hypothesis]:
-        """Return the hypotheses for the next action."""
-        best, width = self.solved[0], self.request.widths[0]
-        return Optima(self.job, best, self.solved, self.kept, [], 0.0).carried_on(width)
+def _better(found: Optima, other: Optima) -> Optima:
+    """Return the better of two; the seconds are those of the first search."""
+    if other.best is None or other.best.rank >= found.best.rank:
+        return found
+    return replace(other, searched=found.searched)
 
 
-def _solved_by_action(request: Request) -> _Found | None:
-    """Return what a search finds that solves the page after every action.
+def _certified(request: Request, found: Optima, check) -> Optima:
+    """Return optima of which the best one is certified."""
+    best, solved = certified_best(request, found.job, found.solved, check)
+    return replace(found, best=best, solved=solved)
+
+
+def _solved_by_action(request: Request) -> Optima | None:
+    """Return the optima of a search that solves the page after every action.
 
     Where the fit after an action is not good, that action is searched again, less sure
     of how pushes move the body, as long as this finds more.  None if time ends it.
@@ -132,15 +134,23 @@ def _solved_by_action(request: Request) -> _Found | None:
     log.info("the path is doubtful: searching action by action")
     request, kept, doubtful, found = from_scratch(request), [], True, None
     for data in _growing(request.job):
-        part = replace(request, job=replace(request.job, data=data))
-        if (found := _found(part, kept)) is None:
+        if not _in_time(request):
             return None
-        if doubtful and fits_badly(part, found.solved[0]):
-            other = _found(less_sure_of_pushes(part), kept)
-            doubtful = other is not None and other.solved[0].rank < found.solved[0].rank
-            found = other if doubtful else found
-        kept = found.carried_on()
+        part = replace(request, job=replace(request.job, data=data))
+        found = _of_one_search(part, SoFar(list(kept)))
+        if found.best is None:
+            return None
+        if doubtful and fits_badly(part, found.best) and _in_time(request):
+            rough = less_sure_of_pushes(part)
+            better = _better(found, _of_one_search(rough, SoFar(list(kept))))
+            doubtful, found = better is not found, better
+        kept = found.carried_on(request.widths[0])
     return found
+
+
+def _in_time(request: Request) -> bool:
+    """Tell whether there is time for another search."""
+    return request.job_until(SEARCH_END).deadline.left > 0
 
 
 def _growing(job: Job) -> list[Measurements]:
@@ -153,15 +163,6 @@ def _growing(job: Job) -> list[Measurements]:
         return [data]
     touched = data.action[1:][consecutive_contacts(data).any(axis=1)][0]
     return [data.select(actions[actions <= a]) for a in actions[actions >= touched]]
-
-
-def _found(request: Request, kept) -> _Found | None:
-    """Return what a search that continues `kept` leads to, None if time ends it."""
-    if request.job_until(SEARCH_END).deadline.left <= 0:
-        return None
-    kept, starts = searched(request, list(kept))
-    job, solved = _solved_page(request, starts, SoFar([]), None)
-    return _Found(request, job, solved, kept) if solved else None
 
 
 def _differs(found: Solved, solved) -> bool:
