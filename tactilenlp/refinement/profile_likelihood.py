@@ -206,9 +206,7 @@ def _profile_one_side(
     there(step): the hypothesis with that one held so far off [m], or None;
     sigma_so_far [m]: from the other direction or the Hessian; target_rise [nats]: at
     which the profile ends; it also ends beyond the distance at which that rise leaves a
-    large deviation.  Of an open size, with cost(step) of the prior, one more solve a
-    deviation of the prior off tells whether the rise levels off, unless what is beyond
-    has no weight, and whether a large deviation by the Hessian is larger.
+    large deviation; cost(step): of the prior, of an open size.
     """
     found, points, least_growth = None, [(0.0, 0.0)], 1.0
     farthest = VAGUE_SHARE * prior * np.sqrt(2 * target_rise)
@@ -228,17 +226,29 @@ def _profile_one_side(
         growth = max(least_growth, target_rise / max(price, ONE_SIGMA))
         step = min(step * min(MAX_STEP_GROWTH, growth), farthest)
         least_growth = PLATEAU_GROWTH if price > ONE_SIGMA else 1.0
-    if cost is None:
-        return found, None
-    vague = VAGUE_SHARE * prior <= sigma_so_far < ENDED * prior  # by the Hessian
-    ended = ENDED * target_rise <= points[-1][1] < NEGLIGIBLE
-    if (vague or ended) and (moved := there(prior)) is not None:
-        points.append((prior, max(moved.objective - at.objective, 0.0)))
-        found = (moved.end - at.end) * sigma_so_far / prior if vague else found
-    if found is not None and points[-1][1] < 2 * target_rise:
-        deviation = min(_of_posterior(points, cost, prior, target_rise), prior)
-        found *= max(1.0, deviation / abs(found[axis]))
+    if cost is not None:
+        vague = VAGUE_SHARE * prior <= sigma_so_far < ENDED * prior  # by the Hessian
+        least = sigma_so_far if vague else 0.0
+        given = at, axis, found, points, least, prior, target_rise, cost
+        found = _open_deviation(there, *given)
     return found, None
+
+
+def _open_deviation(there, at, axis, found, points, least, prior, target_rise, cost):
+    """Return the deviation (k,) of an open size, or None; found: by its profile.
+
+    One more solve, a deviation of the prior off, tells whether the rise levels off,
+    unless what is beyond has no weight, and whether a large deviation by the Hessian,
+    least [m], 0 if there is none, is larger.  points: as of `_of_posterior`.
+    """
+    ended = ENDED * target_rise <= points[-1][1] < NEGLIGIBLE
+    if (least or ended) and (moved := there(prior)) is not None:
+        points = [*points, (prior, max(moved.objective - at.objective, 0.0))]
+        found = (moved.end - at.end) * least / prior if least else found
+    if found is None or points[-1][1] >= 2 * target_rise:
+        return found
+    deviation = min(_of_posterior(points, cost, prior, target_rise), prior)
+    return found * max(1.0, deviation / abs(found[axis]))
 
 
 def _of_posterior(points, cost, prior, target_rise) -> float:
