@@ -113,7 +113,8 @@ def sliding(nlp, name, velocity, now, side, eps, at):
 
     def dissipation(theta, x, x_1, dt, w, lam, mu, eps, *at):
         _, v_s = velocity(theta, x, x_1, dt, *at)
-        loss = contact.dissipation(mu, lam, v_s, V_EPS) - mu * lam[0] * V_EPS
+        most = mu * lam[0]
+        loss = contact.sliding_loss(most, lam, v_s, V_EPS) - most * V_EPS
         return loss * dt / (w * MM) - eps
 
     def cone(lam, mu, w):

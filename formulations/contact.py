@@ -19,9 +19,7 @@ import casadi as ca
 from .shape import positive_part
 
 MM = 1e-3  # [m] unit of gaps, and of the way that an energy lifts a weight
-# [-] of inelasticity beside dissipation.  Optima without it gain no energy either
-# (examples/benchmarks/compare_formulations.py --ablation).
-REBOUND = 0.2
+NO_IMPULSE = 1e-14  # [N s] of a root that has derivatives where the cone is a point
 
 
 @dataclass(frozen=True)
@@ -68,28 +66,33 @@ def cone(mu, lam, rounding):
     return mu * lam[0] - tangential
 
 
-def dissipation(mu, lam, v_s, v_eps, rounding=0.0):
-    """Return the energy that friction fails to dissipate, of the most it can [J].
+def sliding_loss(most, lam, v_s, v_eps):
+    """Return most |v_s| + v_s . lam_t [J], which friction of `most` [N s] leaves.
 
-    v_s (2,) [m/s] sliding velocity in (t1, t2); v_eps [m/s] rounds |v_s|; rounding
-    [N s] is that of the cone, which lets |lam_t| exceed mu lam_n by less than that:
-    with it, no impulse in the rounded cone is paid for sliding.
+    v_s (2,) [m/s] sliding velocity in (t1, t2); v_eps [m/s] rounds |v_s|.
     """
     speed = ca.sqrt(ca.sumsqr(v_s) + v_eps**2)
     power = ca.dot(v_s, lam[1:3]) if lam.numel() > 1 else 0.0
-    return (mu * lam[0] + rounding) * speed + power
+    return most * speed + power
 
 
-def least_dissipation(mu, lam, v_eps, rounding=0.0):
-    """Return the least of `dissipation` over all v_s, for a given impulse [J].
+def dissipation(mu, lam, v_s, v_eps, rounding):
+    """Return the energy that friction fails to dissipate, of the most it can [J].
 
-    It is what the roundings alone add: where `dissipation` equals it, Coulomb's law
-    holds, rounded: v_s = -v_eps lam_t / sqrt((mu lam_n + rounding)^2 - |lam_t|^2).
+    With most = mu lam_n + rounding it is the gap of Fenchel's inequality
+
+        most sqrt(|v_s|^2 + v_eps^2) + v_s . lam_t - v_eps sqrt(most^2 - |lam_t|^2) >= 0
+
+    which is zero where Coulomb's law holds, rounded over v_eps [m/s], and nowhere else:
+    v_s = -v_eps lam_t / sqrt(most^2 - |lam_t|^2).  So an impulse costs nothing as such,
+    however hard two fingers squeeze.  rounding [N s] is that of the cone: inside it the
+    last root is at least `rounding`; from half of that on, outside, it is constant.
     """
     most = mu * lam[0] + rounding
-    tangential = ca.sumsqr(lam[1:3]) if lam.numel() > 1 else 0.0
-    root = ca.sqrt(ca.fmax(0.0, most**2 - tangential))
-    return v_eps * root
+    if lam.numel() == 1:
+        return most * (ca.sqrt(ca.sumsqr(v_s) + v_eps**2) - v_eps)
+    left = ca.fmax(most**2 - ca.sumsqr(lam[1:3]), rounding**2 / 4 + NO_IMPULSE**2)
+    return sliding_loss(most, lam, v_s, v_eps) - v_eps * ca.sqrt(left)
 
 
 def inelasticity(lam, v_n, v_eps):

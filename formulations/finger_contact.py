@@ -4,10 +4,10 @@ An impulse lam = (lam_n, lam_1, lam_2) acts along (-n, t1, t2) at the point wher
 and body touch, during the step that ends at its sample.  With the relative velocity
 v_n, v_s of body and finger at that point, in nats,
 
-    felt      kappa (mu lam_n |v_s| + v_s . lam_t + e lam_n max(v_n, 0)) dt / (w mm)
+    felt      kappa (mu lam_n |v_s| + v_s . lam_t) dt / (w mm)        (`dissipation`)
     unfelt    kappa lam_n max(phi, 0) / (w mm) + UNFELT lam_n / w
 
-with w = m g dt and e = REBOUND.
+with w = m g dt.
 
 A finger whose sample is missing has the first cost, and with its indentation
 delta (indentation.py)
@@ -27,9 +27,9 @@ from typing import NamedTuple
 import casadi as ca
 
 from . import contact, indentation, sensing
-from .contact import MM, REBOUND
+from .contact import MM
 from .friction import rounding
-from .names import BY_ROUNDING, FINGER_IMPULSE
+from .names import FINGER_IMPULSE
 
 UNFELT = 2000.0  # [nats] for an impulse of one weight not felt: 20 for what would be
 
@@ -92,16 +92,10 @@ class FingerContact:
         self, theta, x, x_1, lam, p_wf, p_wf_1, rho, t, dt, w, kappa, v_eps, rounding,
         mu,
     ):  # fmt: skip
-        """Return the cost of friction that does not dissipate, and of rebound."""
-        v_n, v_s = self.velocity(theta, x, x_1, dt, p_wf, p_wf_1, rho, t)
+        """Return the cost of friction that does not dissipate."""
+        _, v_s = self.velocity(theta, x, x_1, dt, p_wf, p_wf_1, rho, t)
         energy = contact.dissipation(mu, lam, v_s, v_eps, rounding * w)
-        energy += REBOUND * contact.inelasticity(lam, v_n, v_eps)
         return kappa * energy * dt / (w * MM)
-
-    def by_rounding(self, lam, dt, w, kappa, v_eps, rounding, mu):
-        """Return the part of the cost of a felt finger that the roundings make."""
-        least = contact.least_dissipation(mu, lam, v_eps, rounding * w)
-        return kappa * least * dt / (w * MM)
 
     def unfelt(self, theta, x, lam, p_wf, rho, w, kappa):
         """Return the cost of the impulse of a finger that feels nothing."""
@@ -145,10 +139,6 @@ def add(nlp, window, fingers, theta, x, pushes):
         "finger dissipation", fingers.felt, theta.pick(felt), x[:, step.pose[s]],
         x[:, step.before[s]], lam[:, felt], f.p_wf, f.p_wf_1, f.radius, f.tangent,
         step.dt[s], w[felt], kappa, v_eps, rounding(nlp, mu), mu, role="physics",
-    )  # fmt: skip
-    nlp.report(
-        f"finger dissipation{BY_ROUNDING}", fingers.by_rounding, lam[:, felt],
-        step.dt[s], w[felt], kappa, v_eps, rounding(nlp, mu), mu,
     )  # fmt: skip
     f, s = push.pick(unfelt), push.step[unfelt]
     nlp.minimize(

@@ -1,17 +1,13 @@
 r"""What the ground does to the body: the ground part of g(x_t, lam, r_t) of eq:vimp.
 
 The ground is z = 0.  An impulse lam = (lam_n, lam_1, lam_2) acts along (z, x, y) at a
-corner of the body, whose height is z and whose velocity is (v_s, v_n).  In nats, with
-w = m g dt and e = REBOUND,
+corner of the body of height z, which slides at v_s.  In nats, with w = m g dt,
 
     dissipation      kappa (mu lam_n |v_s| + v_s . lam_t) dt / (w mm)
-    complementarity  kappa lam_n (z + e dt max(v_n, 0)) / (w mm)
+    complementarity  kappa lam_n (z + ROOM REST) / (w mm)
     rest             z^2 / (2 REST^2)        at poses without a step, of low corners
     ground gap       z >= -ROOM REST
 
-In the complementarity z is counted from -ROOM REST; the rounding of max(v_n, 0) at
-rest, v_eps / 2, is subtracted.  The dissipation at rest, where |v_s| is rounded, is
-subtracted; what roundings add more is reported as "ground dissipation, by rounding".
 In planar motion the lowest corners stay on the ground, else they may lift: only then
 are there the others.
 """
@@ -24,9 +20,9 @@ from typing import NamedTuple
 import casadi as ca
 
 from . import contact
-from .contact import MM, REBOUND
-from .friction import FRICTION, rounding
-from .names import BY_ROUNDING, GROUND_GAP, GROUND_IMPULSE
+from .contact import MM
+from .friction import rounding
+from .names import GROUND_GAP, GROUND_IMPULSE
 
 REST = 0.1e-3  # [m] deviation of a resting corner from the ground
 ROOM = 3e-3  # [REST] below the ground (0.3 um): an interior, also for poses held fixed
@@ -85,29 +81,16 @@ class GroundContact:
         p_1, R_1 = self.motion.pose(self.shape, theta, x_1)
         return p_1 + R_1 @ self.low(theta, R_wo, signs)
 
-    def dissipation(
-        self, theta, x, x_1, lam, signs, dt, w, kappa, v_eps, rounding, nominal, mu
-    ):
-        """Return the cost of friction that does not dissipate.
-
-        nominal: friction coefficient times the corner's share of the weight, of which
-        the rounding of the speed makes a cost also at rest.
-        """
+    def dissipation(self, theta, x, x_1, lam, signs, dt, w, kappa, v_eps, rounding, mu):
+        """Return the cost of friction that does not dissipate."""
         _, v_s = self.velocity(theta, x, x_1, dt, signs)
-        loss = contact.dissipation(mu, lam, v_s, v_eps, rounding * w) * dt / w
-        return kappa * (loss - (nominal + rounding) * v_eps * dt) / MM
+        energy = contact.dissipation(mu, lam, v_s, v_eps, rounding * w)
+        return kappa * energy * dt / (w * MM)
 
-    def by_rounding(self, lam, dt, w, kappa, v_eps, rounding, nominal, mu):
-        """Return the part of the cost of dissipation that the roundings make."""
-        least = contact.least_dissipation(mu, lam, v_eps, rounding * w) * dt / w
-        return kappa * (least - (nominal + rounding) * v_eps * dt) / MM
-
-    def complementarity(self, theta, x, x_1, lam, signs, dt, w, kappa, v_eps):
-        """Return the cost of an impulse on a corner above the ground or rising."""
-        z, z_1 = self.corner(theta, x, signs)[2], self.corner(theta, x_1, signs)[2]
-        rises = contact.inelasticity(lam, (z - z_1) / dt, v_eps) - lam[0] * v_eps / 2
-        energy = lam[0] * (z + ROOM * REST) + REBOUND * dt * rises
-        return kappa * energy / (w * MM)
+    def complementarity(self, theta, x, lam, signs, w, kappa):
+        """Return the cost of an impulse on a corner above the ground."""
+        height = self.corner(theta, x, signs)[2] + ROOM * REST
+        return kappa * lam[0] * height / (w * MM)
 
     def gap(self, theta, x, signs):
         """Return the height of a corner [REST]."""
@@ -135,26 +118,21 @@ def add(nlp, window, ground, theta, x, corners, resting=None):
     lam, mu, w = corners.lam, corners.mu, corners.w
     step, corner, lift, rest = window.step, window.corner, window.lift, window.rest
     kappa, v_eps = nlp.parameters["kappa"], nlp.parameters["speed rounding"]
-    value = FRICTION if mu.name in nlp.variables else mu.value[0]
 
     def poses(s):
         return x[:, step.pose[s]], x[:, step.before[s]]
 
     s = corner.step
     if lam.rows > 1:
-        rounded = rounding(nlp, mu), value / max(1, len(ground.shape.corners)), mu
         nlp.minimize(
             "ground dissipation", ground.dissipation, theta, *poses(s), lam,
-            corner.signs, step.dt[s], w, kappa, v_eps, *rounded, role="physics",
-        )  # fmt: skip
-        nlp.report(
-            f"ground dissipation{BY_ROUNDING}", ground.by_rounding, lam, step.dt[s], w,
-            kappa, v_eps, *rounded,
+            corner.signs, step.dt[s], w, kappa, v_eps, rounding(nlp, mu), mu,
+            role="physics",
         )  # fmt: skip
     s, first = lift.step, slice(len(lift.step))
     nlp.minimize(
-        "ground complementarity", ground.complementarity, theta.pick(first), *poses(s),
-        lam[:, first], lift.signs, step.dt[s], w[first], kappa, v_eps, role="physics",
+        "ground complementarity", ground.complementarity, theta.pick(first),
+        x[:, step.pose[s]], lam[:, first], lift.signs, w[first], kappa, role="physics",
     )  # fmt: skip
     nlp.subject_to(
         GROUND_GAP, ground.gap, theta.pick(first), x[:, step.pose[s]], lift.signs,

@@ -117,5 +117,6 @@ def sliding(plane, offset, theta, sign, lam, mu, fall, w, p_1, R_1, p_2, R_2):
     dt, (_, t_1, t_2) = fall[2], frame(plane, offset)
     v = (place(p_2, R_2, theta, sign) - place(p_1, R_1, theta, sign)) / (2 * dt)
     v_s = ca.vertcat(ca.dot(v, t_1), ca.dot(v, t_2))
-    lost = contact.dissipation(mu, lam, v_s, V_EPS, CONE_ROUNDING * w)
+    most = mu * lam[0] + CONE_ROUNDING * w
+    lost = contact.sliding_loss(most, lam, v_s, V_EPS)
     return KAPPA * (lost - CONE_ROUNDING * w * V_EPS) * dt / (w * contact.MM)

@@ -16,9 +16,10 @@ Departures from the printed equations:
   eq:loss, sliding on      see likelihood.py and between_actions.py
   dissipation              mu lam_n |v_s| + v_s . lam_t, instead of |v_s|^2 lam_n + ...:
                            the printed form is no power, and is not zero where friction
-                           opposes sliding
+                           opposes sliding; it is zero where the rounded law holds
+  inelasticity             no term: without it optima gain no energy either
   indentation              felt fingers sit inside the surface, the deeper the harder
-                           they press where fingertips are soft: see indentation.py
+                           they push where fingertips are soft: see indentation.py
   offset, turn             of a finger, of its normals: finger_offset, finger_turn
   |v_s|, apex of the cone  rounded, or there is no second derivative at rest
   complementarity          of a felt finger is the touch cost; of the ground in planar

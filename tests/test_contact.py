@@ -81,7 +81,7 @@ def test_the_friction_cone_is_that_of_coulomb_but_for_its_apex():
 def test_friction_that_opposes_sliding_at_the_cone_dissipates_all_it_can():
     mu, still, v = 0.5, 1e-4, np.array([0.06, -0.08])
     opposing = np.r_[2.0, -mu * 2.0 * v / 0.1]
-    least = float(contact.dissipation(mu, ca.DM(opposing), ca.DM(v), still))
+    least = float(contact.sliding_loss(mu * 2.0, ca.DM(opposing), ca.DM(v), still))
     # sqrt(v^2 + still^2) - v = still^2 / (2 v)
     assert 0 <= least <= mu * 2.0 * still**2 / 0.2 * 1.001
     rng = np.random.default_rng(7)
@@ -89,33 +89,42 @@ def test_friction_that_opposes_sliding_at_the_cone_dissipates_all_it_can():
         direction = rng.normal(size=2)
         share = rng.uniform(0, 1) * mu * 2.0 / np.linalg.norm(direction)
         lam = ca.DM(np.r_[2.0, share * direction])
-        assert float(contact.dissipation(mu, lam, ca.DM(v), still)) >= least
+        assert float(contact.sliding_loss(mu * 2.0, lam, ca.DM(v), still)) >= least
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.99, 1.0])
-def test_the_least_dissipation_is_met_where_the_rounded_law_holds_and_nowhere_else(
-    share,
-):
-    """Zero of the difference is Coulomb's law, of an impulse in the rounded cone."""
+def test_dissipation_is_zero_where_the_rounded_law_holds_and_nowhere_else(share):
+    """Coulomb's law, of an impulse in the rounded cone."""
     mu, v_eps, rounding, lam_n = 0.5, 3e-3, 0.01, 2.0
     limit = np.sqrt((mu * lam_n + rounding) ** 2 - rounding**2)  # of contact.cone
     lam = ca.DM([lam_n, 0.6 * share * limit, 0.8 * share * limit])
     assert float(contact.cone(mu, lam, rounding)) >= -1e-12
-    least = float(contact.least_dissipation(mu, lam, v_eps, rounding))
     lam_t = lam.full()[1:, 0]
     root = np.sqrt((mu * lam_n + rounding) ** 2 - lam_t @ lam_t)
 
     def lost(v_s):
         return float(contact.dissipation(mu, lam, ca.DM(v_s), v_eps, rounding))
 
-    assert lost(-v_eps * lam_t / root) == pytest.approx(least, rel=1e-9)
+    assert lost(-v_eps * lam_t / root) == pytest.approx(0, abs=1e-12)
     for v_s in np.random.default_rng(1).normal(0, 0.05, (100, 2)):
-        assert lost(v_s) > least
+        assert lost(v_s) > 0
 
 
-def test_an_impulse_outside_the_cone_has_no_least_dissipation_but_zero():
-    lam = ca.DM([1.0, 0.9, 0.0])
-    assert float(contact.least_dissipation(0.5, lam, 3e-3)) == 0
+def test_a_squeeze_of_a_body_at_rest_costs_nothing_however_hard():
+    for lam_n in (0.1, 10.0):
+        lam = ca.DM([lam_n, 0, 0])
+        lost = float(contact.dissipation(0.5, lam, ca.DM.zeros(2), 3e-3, 0.01))
+        assert lost == pytest.approx(0, abs=1e-15)
+
+
+def test_dissipation_has_derivatives_outside_the_cone_and_without_friction():
+    lam, v = ca.SX.sym("lam", 3), ca.DM([0.01, 0.0])
+    for mu, rounding, at in ((0.5, 0.01, [1, 0.9, 0]), (0.0, 0.0, [1, 0, 0])):
+        hessian, slope = ca.hessian(
+            contact.dissipation(mu, lam, v, 3e-3, rounding), lam
+        )
+        both = ca.Function("f", [lam], [hessian, slope])(at)
+        assert all(np.isfinite(value.full()).all() for value in both)
 
 
 def test_an_impulse_needs_contact_and_returns_no_energy():

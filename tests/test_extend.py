@@ -79,18 +79,6 @@ def test_a_term_is_replaced_in_all_its_instances(two):
     assert "ground cone" in base.constraints
 
 
-def test_the_rounding_of_a_cost_that_is_another_or_omitted_is_not_reported(two):
-    free = lambda *_: 0.0  # noqa: E731
-    page = extend(
-        PAGE, replace={"ground dissipation": free}, without="finger dissipation"
-    )
-    told = [*problem_of(*two, PAGE).reports]
-    left = [*problem_of(*two, page).reports]
-    assert [name for name in told if name not in left] == [
-        "finger dissipation, by rounding", "ground dissipation, by rounding",
-    ]  # fmt: skip
-
-
 def test_terms_of_one_name_are_replaced_by_the_part_before_the_comma(two):
     free = lambda *_: 0.0  # noqa: E731
     base = problem_of(*two, PAGE)

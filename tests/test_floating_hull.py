@@ -233,8 +233,10 @@ def test_in_free_motion_it_stays_on_the_ground_that_carries_it(slid, loose):
     z = np.concatenate([free.mesh(t).vertices[:, 2] for t in (0, 30, data.samples - 1)])
     assert z.min() > -1e-6
     carried = free.impulses["ground"][:, 2]
+    pushed = sum(free.impulses[f"finger {f}"][:, 2] for f in range(data.fingers))
     weight = free.scene.mass * free.scene.gravity * data.dt
-    assert np.median(carried[carried != 0]) == pytest.approx(weight, rel=0.1)
+    held = (carried + pushed)[carried != 0]  # fingers on slanted faces press it down
+    assert np.median(held) == pytest.approx(weight, rel=0.1)
     longer = Measurements.load(OCTAHEDRON).select(range(3))
     jobs = [
         make_job(longer, free.scene, SHAPE, Options(reduce=off), 0.0, page)

@@ -100,7 +100,7 @@ def test_a_box_that_was_first_touched_at_an_edge_is_found(foreign, box, actions)
     data = Measurements(**{k: true[k] for k in (*names, "valid")})
     scene = Scene(**{k: float(true[k]) for k in foreign.SCENE})
     estimate = solve_estimate(data, scene)
-    assert estimate.objective < 4  # 14 to 16 where the edge is taken for a face
+    assert estimate.objective < 8  # 10 more where the edge is taken for a face
     turn = Rotation.from_quat(true["object_quaternion"][0], scalar_first=True)
     found = Rotation.from_quat(estimate.quaternion[0], scalar_first=True)
     yaw = (found * turn.inv()).as_rotvec()[2] % (np.pi / 2)

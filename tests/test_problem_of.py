@@ -6,7 +6,6 @@ import pytest
 from formulations import quasi_static
 from tactilenlp import Measurements, problem_of
 from tactilenlp.errors import NoContactError, OptionError
-from tactilenlp.problem.pages import costs_without_rounding
 
 
 def test_the_programme_of_a_page_is_the_one_that_was_solved(recorded, estimate):
@@ -17,7 +16,6 @@ def test_the_programme_of_a_page_is_the_one_that_was_solved(recorded, estimate):
         name: problem.value(name, x, problem.data()).sum() for name in problem.costs
     }
     assert sum(costs.values()) == pytest.approx(estimate.objective, abs=1e-6)
-    costs = costs_without_rounding(problem, x, problem.data())
     assert {k: v for k, v in costs.items() if abs(v) > 1e-9} == pytest.approx(
         {k: v for k, v in estimate.costs.items() if abs(v) > 1e-9}, abs=1e-6
     )

@@ -30,7 +30,6 @@ from ..information.polytope_information import (
     touched_polygons,
 )
 from ..information.tangent_space import tangent_space_of
-from ..problem.pages import costs_without_rounding
 from ..problem.polytope_window import with_supports
 from ..problem.poses import poses
 from ..tracking.surface import body_surface
@@ -88,7 +87,7 @@ def _solved_fields(solved) -> dict:
         *("iterations", "iterations_by_level", "evaluations", "progress"),
     )
     return {name: getattr(solution, name) for name in same} | {
-        "costs": costs_without_rounding(problem, x, data),
+        "costs": {n: float(problem.value(n, x, data).sum()) for n in problem.costs},
         "theta": solution.values["theta"].T.ravel(),
         "unknowns": solution.values,
         "violations": {**solution.violations, **exact},

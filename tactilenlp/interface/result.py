@@ -48,8 +48,7 @@ class Estimate:
     tilted), and side x is not shorter than side y; an estimate that continues another
     one, or a Guess, keeps its names.  unknowns, violations, multipliers by name; costs
     by name [nats], which add up to the objective: a cost of physics is zero where its
-    law holds, and the entry "rounding", of either sign, is what rounding the speed and
-    the friction cone adds (costs of the page `paper` may be negative, as printed).
+    law holds (those of the page `paper` may be negative, as printed).
     seconds of CPU time by step; "compilation": of waiting for compilers.
     hypotheses, best first, for the next action; information about shape and final pose.
     origin: the hypothesis it was solved from; reductions and cuts in use: with them the

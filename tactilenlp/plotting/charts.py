@@ -68,10 +68,7 @@ def plot_impulses(estimate: Estimate, axis=None) -> Figure:
 
 @picture
 def plot_costs(estimate: Estimate, axis=None) -> Figure:
-    """Draw the costs by term, largest first; they add up to the objective.
-
-    "rounding" is what rounded speeds and friction cones add: not a violation.
-    """
+    """Draw the costs by term, largest first; they add up to the objective."""
     costs = dict(sorted(estimate.costs.items(), key=lambda cost: abs(cost[1])))
     axis = axis or plt.figure(figsize=(5.6, 0.8 + 0.24 * len(costs))).subplots()
     values = np.array([*costs.values()])

@@ -13,7 +13,6 @@ from typing import Protocol
 
 from formulations.ellipsoid import ELLIPSOID
 from formulations.finger_offset import displaced
-from formulations.names import BY_ROUNDING
 from formulations.page_contract import INHERITED, contract_of
 from formulations.polytope import polytope
 from formulations.shape import CUBOID, Shape
@@ -23,7 +22,6 @@ from formulations.upright import CYLINDER, prism
 from ..errors import OptionError, PageError, did_you_mean, shortened
 from .reductions import Reductions
 
-ROUNDING = "rounding"  # entry of `Estimate.costs`: what roundings add to all costs
 _short = partial(shortened, most=80)
 SHAPES = {
     "cuboid": CUBOID, "polytope": polytope(), "cylinder": CYLINDER,
@@ -240,13 +238,6 @@ class _Edited:
         """Add a constraint, unless it is omitted; its function may be another one."""
         self._add(self._nlp.subject_to, name, function, arguments, limits)
 
-    def report(self, name, function, *arguments):
-        """Report a quantity, unless it is part of a replaced or omitted cost."""
-        cost = name.removesuffix(BY_ROUNDING)
-        known = {cost, cost.partition(",")[0]}
-        if name == cost or not known & {*self._replace, *self._without}:
-            self._nlp.report(name, function, *arguments)
-
     def _add(self, add, name, function, arguments, more):
         known = {name, name.partition(",")[0]}
         self._stated.append(name)
@@ -278,19 +269,3 @@ def _unshared(nlp):
         yield
     finally:
         nlp.term_functions = shared
-
-
-def costs_without_rounding(problem, x, data) -> dict[str, float]:
-    """Return the sum of each cost over its instances, and ROUNDING; they add up to f.
-
-    The part of a cost that a rounding makes is the report "<its name>, by rounding".
-    That part is subtracted from the cost, so that zero means that the law of the term
-    holds; all such parts together are the entry ROUNDING, of either sign.
-    """
-    costs = {name: float(problem.value(name, x, data).sum()) for name in problem.costs}
-    parts = [name for name in problem.reports if name.endswith(BY_ROUNDING)]
-    for name in parts:
-        part = float(problem.value(name, x, data).sum())
-        costs[name.removesuffix(BY_ROUNDING)] -= part
-        costs[ROUNDING] = costs.get(ROUNDING, 0.0) + part
-    return costs

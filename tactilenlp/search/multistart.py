@@ -24,7 +24,7 @@ from .margins import DECISIVE, FAILED_BEHIND, LEAST_MOTION_BEHIND
 log = logging.getLogger("tactilenlp")
 HELD_ITERATIONS = 20  # of a level that holds poses
 FREED_ITERATIONS = 20  # of the same level with nothing held
-FREED_MU = 0.03  # IPOPT's mu_init of that level
+FREED_MU = 0.01  # IPOPT's mu_init of that level
 RANKED_ITERATIONS = 400  # of a level from every start; the best one is finished
 
 
