@@ -89,15 +89,8 @@ def dissipation(mu, lam, v_s, v_eps, rounding):
     last root is at least `rounding`; from half of that on, outside, it is constant.
     """
     most = mu * lam[0] + rounding
-    if lam.numel() == 1:
-        return most * (ca.sqrt(ca.sumsqr(v_s) + v_eps**2) - v_eps)
-    left = ca.fmax(most**2 - ca.sumsqr(lam[1:3]), rounding**2 / 4 + NO_IMPULSE**2)
+    left = ca.fmax(most**2 - ca.sumsqr(lam[1:]), rounding**2 / 4 + NO_IMPULSE**2)
     return sliding_loss(most, lam, v_s, v_eps) - v_eps * ca.sqrt(left)
-
-
-def inelasticity(lam, v_n, v_eps):
-    """Return lam_n max(v_n, 0): a normal impulse returns no energy."""
-    return lam[0] * positive_part(v_n, v_eps)
 
 
 def complementarity(lam, phi, small):
@@ -119,6 +112,11 @@ def cone_squared(mu, lam):
 def printed_complementarity(lam, phi):
     """Return lam_n phi: of either sign, an impulse at phi < 0 is rewarded."""
     return lam[0] * phi
+
+
+def inelasticity(lam, v_n, v_eps):
+    """Return lam_n max(v_n, 0): a normal impulse returns no energy."""
+    return lam[0] * positive_part(v_n, v_eps)
 
 
 def printed_dissipation(lam, v_s):

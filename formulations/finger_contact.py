@@ -1,8 +1,8 @@
 r"""What the fingers do to the body: the finger part of g(x_t, lam, r_t) of eq:vimp.
 
 An impulse lam = (lam_n, lam_1, lam_2) acts along (-n, t1, t2) at the point where finger
-and body touch, during the step that ends at its sample.  With the relative velocity
-v_n, v_s of body and finger at that point, in nats,
+and body touch, during the step that ends at its sample.  With the velocity v_s at which
+they slide there, in nats,
 
     felt      kappa (mu lam_n |v_s| + v_s . lam_t) dt / (w mm)        (`dissipation`)
     unfelt    kappa lam_n max(phi, 0) / (w mm) + UNFELT lam_n / w

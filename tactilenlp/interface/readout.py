@@ -81,13 +81,11 @@ def _solved_fields(solved) -> dict:
     """Return the fields of an estimate that are those of the solve."""
     problem, solution = solved.problem, solved.solution
     exact = exact_violations(problem, solution)
-    x, data = problem.pack(solution.values), problem.data(solution.parameters)
     same = (
-        *("multipliers", "bound_multipliers", "objective", "success"),
+        *("multipliers", "bound_multipliers", "objective", "costs", "success"),
         *("iterations", "iterations_by_level", "evaluations", "progress"),
     )
     return {name: getattr(solution, name) for name in same} | {
-        "costs": {n: float(problem.value(n, x, data).sum()) for n in problem.costs},
         "theta": solution.values["theta"].T.ravel(),
         "unknowns": solution.values,
         "violations": {**solution.violations, **exact},
