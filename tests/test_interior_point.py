@@ -8,6 +8,7 @@ from swing_up import TIGHT, cone, decay, pendulum, stationarity
 from tactilenlp import problem_of
 from tactilenlp.errors import OptionError
 from tactilenlp.nlp.problem import Problem
+from tactilenlp.solvers import solve as solving
 from tactilenlp.solvers import sparse_ldl
 from tactilenlp.solvers.bordered_ldl import BorderedLdl
 from tactilenlp.solvers.condensed_kkt import CondensedKkt
@@ -197,6 +198,30 @@ def test_an_option_of_zero_switches_the_early_end_off():
 def test_options_that_make_no_sense_are_refused(wrong):
     with pytest.raises(OptionError, match=next(iter(wrong))):
         solve(cone([2.0, 0.3, 0.4]), SolverOptions(ipopt=wrong))
+
+
+def test_where_no_step_is_accepted_a_second_run_starts_from_there(monkeypatch):
+    """One such solve of a box that rocks took IPOPT 1500 iterations, to no avail."""
+    problem, searched = cone([1.0, 3.0, 4.0]), Filter.first_accepted
+    whole, filters, begun = solve(problem, TIGHT), [], []
+
+    def refuse_in_the_first_run(self, at, *line):
+        if self not in filters:
+            filters.append(self)
+            begun.append(at.w)
+        if self is filters[0] and len(begun) > 3:
+            raise Stuck
+        if self is filters[0]:
+            begun.append(at.w)
+        return searched(self, at, *line)
+
+    monkeypatch.setattr(Filter, "first_accepted", refuse_in_the_first_run)
+    monkeypatch.setattr(solving, "make_ipopt", None)  # it is not asked
+    found = solve(problem, TIGHT)
+    assert found.success
+    assert found.objective == pytest.approx(whole.objective, rel=1e-9)
+    assert len(filters) == 2
+    assert np.abs(begun[-1] - begun[-2]).max() < np.abs(begun[-1] - begun[0]).max()
 
 
 def test_where_no_step_is_accepted_ipopt_solves_from_the_same_start(monkeypatch):

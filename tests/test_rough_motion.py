@@ -39,7 +39,7 @@ def predicted(job):
     filter, rng = filter_of(job, window, data), np.random.default_rng(0)
     tracks, _ = proposed_tracks(job, filter, (), rng)
     t = int(np.flatnonzero(filter.felt.any(axis=1))[0])
-    after, _, moved = predicted_tracks(filter, tracks, t - 1, t)
+    after, _, moved = predicted_tracks(filter, tracks, t - 1, t, rng)
     assert moved
     return tracks.P, after.P
 

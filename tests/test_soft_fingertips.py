@@ -1,8 +1,7 @@
 """Fingertips that yield: derivatives, a case by hand, recovery, and rigid ones."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,15 +17,13 @@ from tactilenlp import (
     Measurements,
     Options,
     Scene,
-    Session,
     cuboid_errors,
     solve_estimate,
 )
 from tactilenlp.errors import SceneError
 from tactilenlp.exploration.beliefs import sensor_model
-from tactilenlp.interface.request import make_job, read_request
+from tactilenlp.interface.request import make_job
 from tactilenlp.problem.reductions import Reductions
-from tactilenlp.refinement import nested_models
 from tactilenlp.search.multistart import levels_of
 
 FOREIGN = ROOT.parent / "shared" / "foreign"
@@ -221,47 +218,3 @@ def test_a_soft_fingertip_tells_less_about_the_next_touch(estimate):
     assert soft[0] == rigid[0]
     assert soft[1] > 1.2 * rigid[1]
     assert soft[2] > 1.2 * rigid[2]
-
-
-def test_tilt_starts_from_the_flat_optimum_and_roughly_where_touches_stay_wrong(
-    monkeypatch, request_job
-):
-    """Broadened scales took up to 26 s and failed where no touch was an outlier."""
-
-    def solve(objective):
-        solution = SimpleNamespace(success=True, objective=objective)
-        return Solve(solution, (False, objective))
-
-    explains, asked = True, []
-    rough = lambda *_, **__: asked.append("rough") or solve(10.0)  # noqa: E731
-    replaced = {
-        "may_tilt": lambda job: True, "excess_of": lambda *_: (50.0, 1.0),
-        "explains_touches": lambda _: explains, "solved_from": rough,
-        "freed_to_tilt": lambda *_: solve(20.0),
-    }  # fmt: skip
-    for name, function in replaced.items():
-        monkeypatch.setattr(nested_models, name, function)
-    flat = solve(60.0)
-    assert nested_models.with_tilt(request_job, flat).solution.objective == 20.0
-    assert not asked
-    explains = False
-    assert nested_models.with_tilt(request_job, flat).solution.objective == 10.0
-    assert asked == ["rough"]
-
-
-@dataclass(frozen=True)
-class Solve:
-    """What `with_tilt` reads of a solve."""
-
-    solution: object
-    rank: tuple
-    declined: tuple = ()
-    at: object = None
-
-
-@pytest.fixture
-def request_job(recorded):
-    data, scene, _ = recorded
-    given = "cuboid", "violation_implicit", Options(), None, None, Session()
-    request, _ = read_request(data.select([0]), scene, *given)
-    return request.job

@@ -5,11 +5,15 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
+from formulations.between_actions import GAP
+from formulations.rigid_body import ARM
 from formulations.shape import CUBOID
 from tactilenlp.shapes import CYLINDER
 from tactilenlp.tracking import mapped
 from tactilenlp.tracking.filter_steps import OUTLIER, corrections, prediction
 from tactilenlp.tracking.geometry import geometry_of
+from tactilenlp.tracking.tracking import between_actions
+from tactilenlp.tracking.tracks import started
 
 RADIUS, FRICTION = 0.01, (0.3, 0.5)  # [m]; of the ground, of the fingers
 BOX = np.array([0.06, 0.04, 0.05, 0.0, 0.0, 0.0])  # [m, rad] sides, pose
@@ -201,3 +205,21 @@ def test_threads_do_not_write_into_each_others_columns():
         for _ in range(20):
             found = pool.map(lambda z: contact(z, p, RADIUS)[1], states)
             assert all(map(np.array_equal, found, alone))
+
+
+def test_motions_between_actions_are_drawn_from_the_density_of_the_page():
+    """Of a finger that died while it pushed, the box turned 8 noise scales, unseen."""
+    S, rng = 20_000, np.random.default_rng(0)
+    z = np.repeat(BOX[:, None], S, axis=1)
+    tracks = started(z, np.zeros((6, 6, S)), 2, rng)
+    after = between_actions(tracks, rng)
+    assert (after.z == z).all()
+    assert not after.motion.any()
+    assert not after.P[:3].any()
+    scales = np.array([GAP, GAP, GAP / ARM])[:, None]
+    u = np.sqrt(after.P[range(3, 6), range(3, 6)]) / scales * rng.normal(size=(3, S))
+    way = np.sqrt((u**2).sum(axis=0))
+    # The density (1 + way^2)^-2 in three dimensions, up to the way w.
+    for w in (0.5, 1.0, 3.0, 10.0):
+        below = 2 / np.pi * (np.arctan(w) - w / (1 + w**2))
+        assert (way < w).mean() == pytest.approx(below, abs=4 * 0.5 / np.sqrt(S))

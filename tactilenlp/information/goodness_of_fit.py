@@ -2,12 +2,12 @@ r"""Goodness of fit: what the likelihood terms cost at the solution, and should 
 
 A touched sample costs touch(phi / sigma) + |n - n_m|^2 / (2 sigma_n^2), bounded by the
 outlier cost (likelihood.py of the pages).  Under the noise model its gap and the two
-components of its normal are Gaussian; mean and variance of the cost follow by
-Gauss-Hermite and Gauss-Laguerre quadrature.  Where sensors are noisy, a touched sample
-without a touched neighbour in time is most likely a wrong boolean, and costs the bound.
-Where the noise of normals is estimated, its error is common to all touches.
-A finger that comes straight to a touch, or leaves one, has a gap between how far it is
-from where it was felt, and how far it is at the sample next to that, d_2 and d_1:
+components of its normal are Gaussian; mean and variance of the cost follow by Gauss
+quadrature.  Where sensors are noisy, a touched sample without a touched neighbour in
+time is most likely a wrong boolean, and costs the bound.  Where the noise of normals is
+estimated, its error is common to all touches.  A finger that comes straight to a touch,
+or leaves one, has a gap between how far it is from where it was felt, and how far it is
+at the sample next to that, d_2 and d_1:
 
     E = (Phi(d_2) - Phi(d_1)) / (d_2 - d_1),      Phi' = log(1 + exp(-alpha d)).
 
@@ -19,10 +19,12 @@ scale, is (1 + u^2)^-2, so that the cost 2 log(1 + u^2) has
     E = 2 (psi(2) - psi(1/2)) = 4.77,      Var = 4 (psi'(1/2) - psi'(2)) = 17.2  nats
 
 and here the scale is the geometric mean of the page's own and of all other ways.  The
-row "between actions" is the largest of these, no part of the total, at most "poor".
-
-A body that moved by more than LOST between two actions, beyond what its speed
-explains, was carried or its path is lost; several paths explain that: at most "poor".
+row "between actions" is the largest of these, no part of the total, at most "poor".  So
+is "physics", all terms of that role: on the true path they cost nothing but what steps
+in which a touch begins or ends make, taken for 1 +- 1 nat for each finger in an action;
+soft contacts creep, with them it is not judged.  A body that moved by more than LOST
+between two actions, beyond what its speed explains, was carried or its path is lost: at
+most "poor".
 
 The verdict is "good" up to POOR spreads and MARGIN nats of excess, "bad" beyond BAD
 times the sum of spread and MARGIN, else "poor".  Where it is not good, deviations are
@@ -47,7 +49,12 @@ from formulations.names import FREE_TERM, TOUCH_TERM
 from ..data.contact_segments import gaps_near_touches
 from .trajectory import moved_between, moved_farther
 
+PHYSICS = "physics"  # the row of all terms of that role
 BETWEEN_ACTIONS = "between actions"  # the row of the largest motion between two actions
+BESIDES = {  # the rows that are no part of the total, in words
+    PHYSICS: "balance and friction cost",
+    BETWEEN_ACTIONS: "the largest motion between actions costs",
+}
 OF_MOTION = (  # expected cost of such a motion, and its spread [nats]
     float(CAUCHY * (psi(2) - psi(0.5))),
     float(CAUCHY * np.sqrt(polygamma(1, 0.5) - polygamma(1, 2))),
@@ -79,10 +86,8 @@ class Misfit:
         return POOR * self.spread + MARGIN
 
     def __add__(self, other: Misfit) -> Misfit:
-        spread = float(np.hypot(self.spread, other.spread))
-        return Misfit(
-            self.actual + other.actual, self.expected + other.expected, spread
-        )
+        both = self.actual + other.actual, self.expected + other.expected
+        return Misfit(*both, float(np.hypot(self.spread, other.spread)))
 
 
 NOTHING = Misfit(0.0, 0.0, 0.0)
@@ -101,9 +106,10 @@ class TouchMisfit:
 class Fit:
     """How well the model explains the measurements.
 
-    verdict: "good", "poor" or "bad"; terms: the Misfit of each likelihood term by name;
-    touches: of each finger in each action, the worst first; widening: factor of all
-    standard deviations.  actual, expected, spread [nats]: of all terms.
+    verdict: "good", "poor" or "bad"; terms: the Misfit of each likelihood term by name,
+    of physics and of the largest motion between two actions; touches: of each finger in
+    each action, the worst first; widening: factor of all standard deviations.  actual,
+    expected, spread [nats]: of the likelihood terms.
     """
 
     verdict: str
@@ -114,12 +120,11 @@ class Fit:
     @property
     def total(self) -> Misfit:
         """The Misfit of touches and free samples."""
-        mine = (m for n, m in self.terms.items() if n != BETWEEN_ACTIONS)
-        return sum(mine, start=NOTHING)
+        return sum((m for n, m in self.terms.items() if n not in BESIDES), NOTHING)
 
     @property
     def actual(self) -> float:
-        """What all likelihood terms cost [nats]."""
+        """What touches and free samples cost [nats]."""
         return self.total.actual
 
     @property
@@ -135,31 +140,24 @@ class Fit:
     @property
     def text(self) -> str:
         """The verdict in a sentence; where it is not good, where the misfit is."""
-        words = (
-            f"The fit is {self.verdict}: touches and free samples cost "
-            f"{_in_words(self.total)}"
-        )
-        jump = self.terms.get(BETWEEN_ACTIONS, NOTHING)
-        if jump.excess > jump.limit:
-            words += f"; the largest motion between actions costs {_in_words(jump)}"
-        fine = self.total.excess <= self.total.limit and jump.excess <= jump.limit
-        if self.verdict == "poor" and fine:
+        words = f"The fit is {self.verdict}: touches and free samples cost "
+        words += _in_words(self.total)
+        besides = [(w, self.terms.get(n, NOTHING)) for n, w in BESIDES.items()]
+        off = [f"; {w} {_in_words(m)}" for w, m in besides if m.excess > m.limit]
+        words += "".join(off)
+        if self.verdict == "poor" and self.total.excess <= self.total.limit and not off:
             return f"{words}; between actions the body moved by over {1e3 * LOST:g} mm."
         if self.verdict == "good" or not self.touches:
             return f"{words}."
-        worst = self.touches[0]
-        words += (
-            f"; touches of finger {worst.finger} in action {worst.action} cost "
-            f"{_in_words(worst.misfit)}.  Standard deviations are multiplied by "
-            f"{self.widening:.1f}"
-        )
+        worst, by = self.touches[0], f"multiplied by {self.widening:.1f}"
+        words += f"; touches of finger {worst.finger} in action {worst.action} cost "
+        words += f"{_in_words(worst.misfit)}.  Standard deviations are {by}"
         no = ", and the estimate is not to be trusted" if self.verdict == "bad" else ""
         return f"{words}{no}."
 
 
-def _in_words(misfit: Misfit) -> str:
-    expected = f"{misfit.expected:.0f} ± {misfit.spread:.0f}"
-    return f"{misfit.actual:.0f} nats where {expected} are expected"
+def _in_words(m: Misfit) -> str:
+    return f"{m.actual:.0f} nats where {m.expected:.0f} ± {m.spread:.0f} are expected"
 
 
 def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | None:
@@ -181,22 +179,24 @@ def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | N
     stated = {FREE_TERM, "alpha"} <= {*problem.costs, *problem.parameters}
     if stated and len(window.free):
         terms[FREE_TERM] = _free_misfit(problem, x, data, measurements)
-    total = sum(terms.values(), start=NOTHING)
-    poses, jump = problem.unpack(x)["x"], NOTHING
+    poses, total = problem.unpack(x)["x"], sum(terms.values(), start=NOTHING)
     if len(window.gap):
-        terms[BETWEEN_ACTIONS] = jump = _largest_motion(poses, window)
-    verdict, widening = verdict_of(total, jump)
-    if verdict == "good" and moved_farther(poses, window, LOST):
-        verdict = "poor"
-    return Fit(verdict, terms, touches, widening)
+        terms[BETWEEN_ACTIONS] = _largest_motion(poses, window)
+    if not window.compliant and (n := len(touches)):
+        laws = [name for name, term in problem.costs.items() if term.role == PHYSICS]
+        cost = sum(float(problem.value(name, x, data).sum()) for name in laws)
+        terms[PHYSICS] = Misfit(cost, n, n**0.5)
+    verdict, widening = verdict_of(total, *(terms[n] for n in BESIDES if n in terms))
+    lost = verdict == "good" and moved_farther(poses, window, LOST)
+    return Fit("poor" if lost else verdict, terms, touches, widening)
 
 
 def verdict_of(total: Misfit, *others: Misfit) -> tuple[str, float]:
     """Return verdict and widening of a fit: at most "poor" because of the others."""
-    both = total, *others
-    if all(m.excess <= m.limit for m in both):
+    each = total, *others
+    if all(m.excess <= m.limit for m in each):
         return "good", 1.0
-    ratios = (m.actual / max(m.expected + m.spread, MARGIN) for m in both)
+    ratios = (m.actual / max(m.expected + m.spread, MARGIN) for m in each)
     bad = total.excess > BAD * (total.spread + MARGIN)
     return "bad" if bad else "poor", float(np.sqrt(max(1.0, *ratios)))
 
@@ -242,7 +242,7 @@ def touch_costs(problem, x, data, window, smoothing: float) -> tuple:
 
 
 def _free_misfit(problem, x, data, measurements) -> Misfit:
-    alpha = float(data[problem.parameters["alpha"].span][0])
+    (alpha,) = data[problem.parameters["alpha"].span]
     moments = free_moments(alpha * gaps_near_touches(measurements))
     misfit = _misfit(problem.value(FREE_TERM, x, data), *moments)
     return misfit + Misfit(0.0, 0.0, misfit.expected)

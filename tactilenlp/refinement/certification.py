@@ -21,8 +21,8 @@ from ..search.local_solve import (
 from ..search.margins import RESTORED
 from ..search.proposals_tumble import recovered
 from .ground_tilt import with_ground_tilt
-from .nested_models import with_tilt
 from .profile_likelihood import profiled
+from .tilt import with_tilt
 
 log = logging.getLogger("tactilenlp")
 MAX_RESTORED = 2  # solves with reductions restored

@@ -3,7 +3,8 @@
 By default sensors are aligned, fingertips are rigid, the centre of mass is the
 centroid, and a body on the ground slides flat.  Where touches cost more than the noise
 explains, the page is solved again with one of these given up, then the next: turns of
-the normals, compliance or centre of mass as unknowns, six unknowns a pose.  The larger
+the normals, compliance or centre of mass as unknowns; later six unknowns a pose
+(tilt.py).  The larger
 model is kept where it lowers the objective by more than its Laplace evidence loses
 (Occam's factor: the log of prior over posterior deviations of what was freed) and the
 spread of the likelihood (`needed_gain`).  Of tilt that factor is not computed.
@@ -27,14 +28,10 @@ from ..information.goodness_of_fit import touch_misfit
 from ..information.mixture import occam_of
 from ..nlp.kkt import gradient
 from ..problem.certificates import Skipped
-from ..problem.outliers import left_unexplained
-from ..problem.reductions import required_reductions
 from ..search.local_solve import (
     Solved,
     best_first,
-    freed_to_tilt,
     problem_at,
-    solved_from,
     transferred,
     warm_started,
 )
@@ -132,14 +129,39 @@ def _with(name, nuisance, job, solved, solve) -> tuple:
         return job, solved
     if nuisance.unknown == TURN and job.shape.is_box:
         freed = _with_open_height(larger, freed)
-    gain, needed = _gain(best, freed[0]), needed_gain(spread, occam=0.0)
-    if gain > needed:
-        needed += occam_of(freed[0].problem, freed[0].solution, nuisance.unknown)
+    gain, needed = _compared(best, freed[0], nuisance, spread)
     if gain <= needed:
         return job, [declined(best, name, gain, needed), *others]
     log.info("%s is free: the objective falls by %.1f nats", nuisance.dropped, gain)
     first = replace(freed[0], declined=best.declined)
     return larger, [first, *freed[1:], *solved]
+
+
+def without_needless(solved: Solved) -> Solved:
+    """Return a solve with what data had freed fixed again, where that costs little.
+
+    Freed while a body slid, it may have stood for a tilt.
+    """
+    for name, nuisance in NUISANCES.items():
+        job, reductions = solved.job, solved.job.reductions
+        fixed = replace(job, reductions=replace(reductions, **{name: True}))
+        mine = getattr(reductions, name) or not getattr(job.options.reductions, name)
+        if mine or not fixes(fixed, name) or job.deadline.passed(nuisance.dropped):
+            continue
+        smaller = warm_started(fixed, solved, FREED_MU)
+        gain, needed = _compared(smaller, solved, nuisance, excess_of(job, solved)[1])
+        if smaller.solution.success and gain <= needed:
+            log.info("%s is needless: %.1f nats", nuisance.dropped, gain)
+            solved = declined(smaller, name, gain, needed)
+    return solved
+
+
+def _compared(smaller, larger, nuisance: Nuisance, spread: float) -> tuple:
+    """Return what a larger model gains, and what it must: both in nats."""
+    gain, needed = gain_of(smaller, larger), needed_gain(spread, occam=0.0)
+    if gain > needed:
+        needed += occam_of(larger.problem, larger.solution, nuisance.unknown)
+    return gain, needed
 
 
 def _with_open_height(job, freed) -> list[Solved]:
@@ -186,31 +208,6 @@ def gain_with_others_held(job, solved: Solved, unknown: str) -> float:
     return float(max(gains))
 
 
-def with_tilt(job, best: Solved) -> Solved:
-    """Return the page in free motion where data ask for it, or the flat solve."""
-    if not (may_tilt(job) and best.solution.success):
-        return best
-    excess, spread = excess_of(job, best)
-    needed = needed_gain(spread)
-    if excess < needed or job.deadline.passed("tilt"):
-        return best
-    free = replace(job, reductions=replace(job.reductions, planar=False))
-    tilted = freed_to_tilt(free, best)
-    rough = job.contract.rough
-    if rough and not explains_touches(tilted):  # what is taken for wrong pulls again
-        tilted = best_first([tilted, solved_from(free, best.at, levels=rough)])[0]
-    gain = _gain(best, tilted)
-    if gain < needed:
-        return best
-    log.info("the body rocks: the objective falls by %.1f nats", gain)
-    return replace(tilted, declined=best.declined)
-
-
-def explains_touches(solved: Solved) -> bool:
-    """Tell whether a solve converged that takes no touch for a wrong reading."""
-    return solved.solution.success and not left_unexplained(solved).any()
-
-
 def fixes(job, name: str) -> bool:
     """Tell whether a nuisance parameter is fixed by assumption, and a page frees it."""
     unknown = {
@@ -222,12 +219,6 @@ def fixes(job, name: str) -> bool:
     return unknown[name] and getattr(job.reductions, name) and freed
 
 
-def may_tilt(job) -> bool:
-    """Tell whether a body slides flat by assumption, and a page can let it tilt."""
-    made = required_reductions(job.page, job.reductions).planar
-    return made and job.scene.ground is not None and "planar" in job.contract.freed
-
-
 def declined(solved: Solved, name, gain, needed, bound: str = "") -> Solved:
     """Return a solve with the certificate that a larger model explains no more."""
     _, dropped, reason, *_ = NUISANCES[name]
@@ -236,7 +227,7 @@ def declined(solved: Solved, name, gain, needed, bound: str = "") -> Solved:
     return replace(solved, declined=(*solved.declined, skipped))
 
 
-def _gain(fixed: Solved, freed: Solved) -> float:
+def gain_of(fixed: Solved, freed: Solved) -> float:
     """Return by how many nats a larger model lowers the objective; none if it fails."""
     less = fixed.solution.objective - freed.solution.objective
     return less if freed.solution.success else 0.0

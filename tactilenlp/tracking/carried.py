@@ -68,5 +68,5 @@ def with_carried(filter: Filter, tracks: Tracks, action: int, rng):
     )
     slopes = np.zeros((3, n + 3, S + len(rows)))
     slopes[:, n:, S:] = -np.eye(3)[..., None]
-    both = between_actions(joined(tracks, carried))
+    both = between_actions(joined(tracks, carried), rng)
     return both, slopes, np.r_[np.arange(S), rows]

@@ -14,6 +14,7 @@ from functools import cache
 
 import numpy as np
 
+from formulations.between_actions import GAP
 from formulations.rigid_body import ARM
 
 from .filter_steps import (
@@ -26,8 +27,8 @@ from .filter_steps import (
 from .tracks import Filter, Record, Tracks, split_tracks, surviving
 
 STOP_ERROR = 0.20  # [-] of the motion before, where fingers leave
-# [m, m, rad] process noise of a gap between actions
-GAP_SIGMA_POSE = np.array([2e-4, 2e-4, 1e-2])[:, None]
+GAP_POSE = GAP * np.array([1.0, 1.0, 1 / ARM])[:, None]  # [m, m, rad] between actions
+WIDEST = 100.0  # [-] of these: 50 mm, which a body that is carried is moved by
 PASSES = 2  # of the iterated filter
 PERIOD = 1 / 30  # [s] of tracked samples: process noise and slopes are of such steps
 LONGEST_UPDATE = 8e-3, 8e-3, 0.3  # [m, m, rad] a pass: of sizes, place, yaw
@@ -46,7 +47,7 @@ def tracked(filter: Filter, tracks: Tracks, samples, rng, replaced=None):
         if filter.deadline.left <= 0:
             break
         if replaced is None:
-            tracks, slopes, moved = predicted_tracks(filter, tracks, before, t)
+            tracks, slopes, moved = predicted_tracks(filter, tracks, before, t, rng)
         else:
             (tracks, slopes), moved, replaced = replaced, True, None
         predicted, predicted_P = tracks.z, tracks.P
@@ -90,7 +91,7 @@ def _steps(data, samples) -> list[tuple[int, int]]:
     return list(zip(np.r_[chosen[0] - 1, chosen[:-1]], chosen, strict=True))
 
 
-def predicted_tracks(filter, tracks, before, t):
+def predicted_tracks(filter, tracks, before, t, rng):
     """Return tracks before sample t is seen, slopes of the motion, whether it moved.
 
     before: the sample that was tracked before, negative: none.
@@ -99,7 +100,7 @@ def predicted_tracks(filter, tracks, before, t):
     if before < 0:
         return tracks, None, False
     if data.action[t] != data.action[before]:
-        return between_actions(tracks), None, True
+        return between_actions(tracks, rng), None, True
     active = felt[t] | (felt[before] & data.valid[t]) | filter.hidden[t]
     way = _way(tracks.motion)
     if not active.any():
@@ -127,10 +128,15 @@ def _pushed(filter, tracks, before, t, active):
     return tracks, slopes.reshape(len(z), 3, -1).swapaxes(0, 1)
 
 
-def between_actions(tracks) -> Tracks:
-    """Return tracks after the fingers retracted: at rest."""
+def between_actions(tracks, rng) -> Tracks:
+    """Return tracks after the fingers retracted: at rest.
+
+    The Cauchy density of the motion (formulations/between_actions.py) is a mixture of
+    Gaussians of scales GAP / |standard normal|, of which each track draws one.
+    """
     S = tracks.z.shape[1]
-    return _noisier(replace(tracks, motion=np.zeros((3, S))), GAP_SIGMA_POSE)
+    scale = np.minimum(1 / np.abs(rng.normal(size=S)), WIDEST)
+    return _noisier(replace(tracks, motion=np.zeros((3, S))), scale * GAP_POSE)
 
 
 def _noisier(tracks, deviation) -> Tracks:

@@ -1,0 +1,136 @@
+r"""Free motion of a body that rocks: where data ask for it, and how its solve starts.
+
+A planar optimum is close where a body tilts little.  Where it tilts by more, touches
+are then still unexplained, and the page is solved again through its rough levels from
+the tilts u (2,) [rad], about the horizontal axes, that the felt normals tell:
+
+    min   sum_touches  |n(u) - n_m|^2 / (2 sigma^2)
+        + sum_steps    |u_k - u_{k-1}|^2 / (2 STEP^2)      over u_k
+
+with sizes, place and yaw held, u = 0 as an action begins, and all residuals rounded to
+absolute values, as touches may be wrong.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from formulations.quasi_static import NORMAL
+from formulations.rigid_body import rotation
+
+from ..geometry.tipping import planar_to_free
+from ..geometry.transforms import continuous
+from ..problem.outliers import left_unexplained, with_ideal_fingertips
+from ..problem.poses import body_corners
+from ..problem.reductions import required_reductions
+from ..search.hypothesis import Hypothesis
+from ..search.local_solve import Solved, best_first, freed_to_tilt, solved_from
+from .nested_models import excess_of, gain_of, needed_gain, without_needless
+
+log = logging.getLogger("tactilenlp")
+STEP = 0.05  # [rad] deviation of the change of tilt in a sample: 1.5 rad/s
+AT_REST = 1e-3  # [STEP] deviation of the tilt as an action begins
+
+
+def with_tilt(job, best: Solved) -> Solved:
+    """Return the page in free motion where data ask for it, or the flat solve."""
+    if not (may_tilt(job) and best.solution.success):
+        return best
+    excess, spread = excess_of(job, best)
+    needed = needed_gain(spread)
+    if excess < needed or job.deadline.passed("tilt"):
+        return best
+    free = replace(job, reductions=replace(job.reductions, planar=False))
+    tilted = freed_to_tilt(free, best)
+    rough = job.contract.rough
+    if rough and not explains_touches(tilted):
+        again = solved_from(free, tilted_by_normals(job, best), levels=rough)
+        tilted = best_first([tilted, again])[0]
+    gain = gain_of(best, tilted)
+    if gain < needed:
+        return best
+    log.info("the body rocks: the objective falls by %.1f nats", gain)
+    return without_needless(replace(tilted, declined=best.declined))
+
+
+def may_tilt(job) -> bool:
+    """Tell whether a body slides flat by assumption, and a page can let it tilt."""
+    made = required_reductions(job.page, job.reductions).planar
+    return made and job.scene.ground is not None and "planar" in job.contract.freed
+
+
+def explains_touches(solved: Solved) -> bool:
+    """Tell whether a solve converged that takes no touch for a wrong reading."""
+    return solved.solution.success and not left_unexplained(solved).any()
+
+
+def tilted_by_normals(job, flat: Solved) -> Hypothesis:
+    """Return a planar optimum in free motion, tilted as the felt normals tell.
+
+    Its lowest corner stays on the ground.  Of a polytope: as it is.
+    """
+    if job.shape.parameters != "sizes":
+        return flat.at
+    theta, window = flat.at.theta, with_ideal_fingertips(flat)
+    x = planar_to_free(theta, flat.solution.values["x"], job.shape)
+    tilt = _tilts(job.shape, theta, x, window)
+    turns = Rotation.from_rotvec(np.vstack([tilt, 0 * tilt[:1]]).T)
+    turns = turns * Rotation.from_rotvec(x[3:].T)
+    corners = turns.as_matrix() @ body_corners(job.shape, theta).T
+    x[2] = -corners[:, 2].min(axis=1)
+    x[3:] = continuous(turns.as_matrix()).T
+    return replace(flat.at, x=x[:, window.pose])
+
+
+def _tilts(shape, theta, x, window) -> np.ndarray:
+    """Return the tilts (2, poses) [rad] of planar poses x, as free ones (6, poses)."""
+    touch, step, poses = window.touch, window.step, window.poses
+    sigma, rests = np.hypot(NORMAL, window.sigma_normal), np.r_[0, window.gap.pose]
+    normals, slopes = _normals(shape, window.finger, touch.p_wf.shape)
+    given = np.repeat(theta[:, None], len(touch), 1), x[:, touch.pose]
+    fingers = touch.p_wf.T, touch.radius[None]
+    kept = np.eye(poses)
+    changes = kept[step.pose] - kept[step.before]
+    change = np.kron(np.eye(2), np.vstack([changes, kept[rests] / AT_REST])) / STEP
+    rows = len(change)
+
+    def residuals(u):
+        u = u.reshape(2, poses)
+        off = np.asarray(normals(*given, u[:, touch.pose], *fingers)) - touch.normal.T
+        return np.r_[change @ u.ravel(), off.T.ravel() / sigma]
+
+    def jacobian(u):
+        u, out = u.reshape(2, poses), np.zeros((rows + 3 * len(touch), 2 * poses))
+        out[:rows] = change
+        each = np.asarray(slopes(*given, u[:, touch.pose], *fingers)).reshape(3, -1, 2)
+        at = rows + 3 * np.arange(len(touch))
+        for i, axis in np.ndindex(3, 2):
+            out[at + i, axis * poses + touch.pose] = each[i, :, axis] / sigma
+        return out
+
+    found = least_squares(residuals, np.zeros(2 * poses), jacobian, loss="soft_l1")
+    return found.x.reshape(2, poses)
+
+
+def _normals(shape, finger, of) -> tuple:
+    """Return functions of the normals (3, touches) of tilted poses, and their slopes.
+
+    theta, flat pose x (6,), tilt (2,), finger and radius -> normal, slopes (3, 2).
+    of: touches, numbers of a finger's pose.
+    """
+    touches, size = of
+    theta, x, u = ca.SX.sym("theta", shape.theta), ca.SX.sym("x", 6), ca.SX.sym("u", 2)
+    p_wf, rho = ca.SX.sym("p_wf", size), ca.SX.sym("rho")
+    pose = x[:3], rotation(ca.vertcat(u, 0)) @ rotation(x[3:])
+    n = finger.normal(shape, theta, pose, p_wf, rho)
+    arguments = [theta, x, u, p_wf, rho]
+    return tuple(
+        ca.Function("normals", arguments, [ca.densify(value)]).map(touches)
+        for value in (n, ca.jacobian(n, u))
+    )
