@@ -16,7 +16,7 @@ from tactilenlp.information.goodness_of_fit import (
     BETWEEN_ACTIONS,
     LOST,
     OF_MOTION,
-    PHYSICS,
+    PHYSICS_ROW,
     Fit,
     Misfit,
     TouchMisfit,
@@ -227,12 +227,12 @@ def test_a_lost_path_is_named_and_no_part_of_the_total(estimate):
 def test_physics_costs_what_the_page_says_and_has_a_row_of_its_own(estimate):
     fit, laws = estimate.fit, ("balance", "dissipation", "complementarity")
     cost = sum(v for k, v in estimate.costs.items() if any(w in k for w in laws))
-    row = fit.terms[PHYSICS]
+    row = fit.terms[PHYSICS_ROW]
     assert row.actual == pytest.approx(cost)
     assert (row.expected, row.spread) == (len(fit.touches), len(fit.touches) ** 0.5)
     assert row.excess < row.limit
     lost = Misfit(60.0, row.expected, row.spread)
-    poor = replace(fit, verdict="poor", terms={**fit.terms, PHYSICS: lost})
+    poor = replace(fit, verdict="poor", terms={**fit.terms, PHYSICS_ROW: lost})
     assert poor.total == fit.total
     assert f"; balance and friction cost 60 nats where {row.expected}" in poor.text
 
@@ -251,13 +251,13 @@ def test_a_path_that_breaks_physics_is_poor_unless_fingertips_are_soft(
     value = problem.value
 
     def costly(name, x, data):
-        physics = problem.costs[name].role == PHYSICS
+        physics = problem.costs[name].role == PHYSICS_ROW
         return np.full(1, 40.0) if physics else 0 * value(name, x, data)
 
     monkeypatch.setattr(problem, "value", costly)
     fit = fit_of(problem, solution, window, data, 1.0)
     assert fit.verdict == verdict
-    assert (PHYSICS in fit.terms) == (not compliant)
+    assert (PHYSICS_ROW in fit.terms) == (not compliant)
 
 
 def test_a_body_that_was_moved_farther_than_it_slides_on_was_carried():

@@ -49,10 +49,10 @@ from formulations.names import FREE_TERM, TOUCH_TERM
 from ..data.contact_segments import gaps_near_touches
 from .trajectory import moved_between, moved_farther
 
-PHYSICS = "physics"  # the row of all terms of that role
+PHYSICS_ROW = "physics"  # the row of all terms of that role
 BETWEEN_ACTIONS = "between actions"  # the row of the largest motion between two actions
 BESIDES = {  # the rows that are no part of the total, in words
-    PHYSICS: "balance and friction cost",
+    PHYSICS_ROW: "balance and friction cost",
     BETWEEN_ACTIONS: "the largest motion between actions costs",
 }
 OF_MOTION = (  # expected cost of such a motion, and its spread [nats]
@@ -183,9 +183,9 @@ def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | N
     if len(window.gap):
         terms[BETWEEN_ACTIONS] = _largest_motion(poses, window)
     if not window.compliant and (n := len(touches)):
-        laws = [name for name, term in problem.costs.items() if term.role == PHYSICS]
+        laws = [c.name for c in problem.costs.values() if c.role == PHYSICS_ROW]
         cost = sum(float(problem.value(name, x, data).sum()) for name in laws)
-        terms[PHYSICS] = Misfit(cost, n, n**0.5)
+        terms[PHYSICS_ROW] = Misfit(cost, n, n**0.5)
     verdict, widening = verdict_of(total, *(terms[n] for n in BESIDES if n in terms))
     lost = verdict == "good" and moved_farther(poses, window, LOST)
     return Fit("poor" if lost else verdict, terms, touches, widening)

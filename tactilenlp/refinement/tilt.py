@@ -5,7 +5,7 @@ are then still unexplained, and the page is solved again through its rough level
 the tilts u (2,) [rad], about the horizontal axes, that the felt normals tell:
 
     min   sum_touches  |n(u) - n_m|^2 / (2 sigma^2)
-        + sum_steps    |u_k - u_{k-1}|^2 / (2 STEP^2)      over u_k
+        + sum_steps    |u_k - u_{k-1}|^2 / (2 TILT_CHANGE^2)      over u_k
 
 with sizes, place and yaw held, u = 0 as an action begins, and all residuals rounded to
 absolute values, as touches may be wrong.
@@ -19,6 +19,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.sparse import csr_matrix, eye, kron, vstack
 from scipy.spatial.transform import Rotation
 
 from formulations.quasi_static import NORMAL
@@ -34,8 +35,8 @@ from ..search.local_solve import Solved, best_first, freed_to_tilt, solved_from
 from .nested_models import excess_of, gain_of, needed_gain, without_needless
 
 log = logging.getLogger("tactilenlp")
-STEP = 0.05  # [rad] deviation of the change of tilt in a sample: 1.5 rad/s
-AT_REST = 1e-3  # [STEP] deviation of the tilt as an action begins
+TILT_CHANGE = 0.05  # [rad] deviation of the change of tilt in a sample: 1.5 rad/s
+AS_IT_BEGINS = 1e-3  # [TILT_CHANGE] deviation of the tilt as an action begins
 
 
 def with_tilt(job, best: Solved) -> Solved:
@@ -95,24 +96,23 @@ def _tilts(shape, theta, x, window) -> np.ndarray:
     normals, slopes = _normals(shape, window.finger, touch.p_wf.shape)
     given = np.repeat(theta[:, None], len(touch), 1), x[:, touch.pose]
     fingers = touch.p_wf.T, touch.radius[None]
-    kept = np.eye(poses)
-    changes = kept[step.pose] - kept[step.before]
-    change = np.kron(np.eye(2), np.vstack([changes, kept[rests] / AT_REST])) / STEP
-    rows = len(change)
+    kept = eye(poses, format="csr")
+    changes = vstack([kept[step.pose] - kept[step.before], kept[rests] / AS_IT_BEGINS])
+    change = kron(eye(2), changes / TILT_CHANGE, format="csr")
+    k, axis = np.indices((len(touch), 2)).reshape(2, -1)
+    rows, columns = 3 * k + np.arange(3)[:, None], axis * poses + touch.pose[k]
+    columns = np.broadcast_to(columns, rows.shape)
 
     def residuals(u):
-        u = u.reshape(2, poses)
-        off = np.asarray(normals(*given, u[:, touch.pose], *fingers)) - touch.normal.T
-        return np.r_[change @ u.ravel(), off.T.ravel() / sigma]
+        at = u.reshape(2, poses)[:, touch.pose]
+        off = np.asarray(normals(*given, at, *fingers)) - touch.normal.T
+        return np.r_[change @ u, off.T.ravel() / sigma]
 
     def jacobian(u):
-        u, out = u.reshape(2, poses), np.zeros((rows + 3 * len(touch), 2 * poses))
-        out[:rows] = change
-        each = np.asarray(slopes(*given, u[:, touch.pose], *fingers)).reshape(3, -1, 2)
-        at = rows + 3 * np.arange(len(touch))
-        for i, axis in np.ndindex(3, 2):
-            out[at + i, axis * poses + touch.pose] = each[i, :, axis] / sigma
-        return out
+        at = u.reshape(2, poses)[:, touch.pose]
+        each = np.asarray(slopes(*given, at, *fingers)) / sigma
+        places = (each.ravel(), (rows.ravel(), columns.ravel()))
+        return vstack([change, csr_matrix(places, (3 * len(touch), 2 * poses))])
 
     found = least_squares(residuals, np.zeros(2 * poses), jacobian, loss="soft_l1")
     return found.x.reshape(2, poses)

@@ -18,7 +18,7 @@ from .programme import Programme
 from .solution import ACCEPTED, SOLVED
 
 HISTORY = ("obj", "inf_pr", "inf_du", "mu")  # IPOPT's names of the progress of a run
-RESTART_MU = 1e-3  # of a second run: from 1e-1 it takes three times as many iterations
+SECOND_MU = 1e-3  # of a second run: from 1e-1 it takes three times as many iterations
 
 
 class InteriorPoint:
@@ -56,7 +56,7 @@ class InteriorPoint:
         try:
             return run, run.minimise()
         except Stuck:
-            settings = replace(self._settings, mu_init=RESTART_MU)
+            settings = replace(self._settings, mu_init=SECOND_MU)
             given = {k: v for k, v in inputs.items() if not k.endswith("0")}
             again = Run(self._programme, settings, x0=run.at.w[: run.n], **given)
             again.continue_counts(run)

@@ -28,7 +28,7 @@ from .tracks import Filter, Record, Tracks, split_tracks, surviving
 
 STOP_ERROR = 0.20  # [-] of the motion before, where fingers leave
 GAP_POSE = GAP * np.array([1.0, 1.0, 1 / ARM])[:, None]  # [m, m, rad] between actions
-WIDEST = 100.0  # [-] of these: 50 mm, which a body that is carried is moved by
+WIDEST_GAP = 100.0  # [-] of these: 50 mm, which a body that is carried is moved by
 PASSES = 2  # of the iterated filter
 PERIOD = 1 / 30  # [s] of tracked samples: process noise and slopes are of such steps
 LONGEST_UPDATE = 8e-3, 8e-3, 0.3  # [m, m, rad] a pass: of sizes, place, yaw
@@ -135,7 +135,7 @@ def between_actions(tracks, rng) -> Tracks:
     Gaussians of scales GAP / |standard normal|, of which each track draws one.
     """
     S = tracks.z.shape[1]
-    scale = np.minimum(1 / np.abs(rng.normal(size=S)), WIDEST)
+    scale = np.minimum(1 / np.abs(rng.normal(size=S)), WIDEST_GAP)
     return _noisier(replace(tracks, motion=np.zeros((3, S))), scale * GAP_POSE)
 
 
