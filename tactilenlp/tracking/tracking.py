@@ -3,7 +3,9 @@
 A track is a Gaussian of size and planar pose.  Each sample predicts all tracks by
 quasi-static pushing, with its slopes in the covariance, and corrects them by gaps and
 normals (iterated extended Kalman filter); the innovations add up to the log evidence
-(filter_steps.py).  After an action tracks are selected and split (tracks.py).  What was
+(filter_steps.py).  Process noise is Student's t, a mixture of Gaussians of which each
+track draws a scale: most steps are as predicted, but a body may slip, or snap between
+two fingers.  After an action tracks are selected and split (tracks.py).  What was
 recorded is smoothed backward (smoother.py).
 """
 
@@ -28,7 +30,8 @@ from .tracks import Filter, Record, Tracks, split_tracks, surviving
 
 STOP_ERROR = 0.20  # [-] of the motion before, where fingers leave
 GAP_POSE = GAP * np.array([1.0, 1.0, 1 / ARM])[:, None]  # [m, m, rad] between actions
-WIDEST_GAP = 100.0  # [-] of these: 50 mm, which a body that is carried is moved by
+STEP_FREEDOM, GAP_FREEDOM = 3, 1  # degrees of freedom of Student's t of process noise
+LARGEST_SCALE = 100.0  # [-] of noise: 50 mm between two actions
 PASSES = 2  # of the iterated filter
 PERIOD = 1 / 30  # [s] of tracked samples: process noise and slopes are of such steps
 LONGEST_UPDATE = 8e-3, 8e-3, 0.3  # [m, m, rad] a pass: of sizes, place, yaw
@@ -102,25 +105,26 @@ def predicted_tracks(filter, tracks, before, t, rng):
     if data.action[t] != data.action[before]:
         return between_actions(tracks, rng), None, True
     active = felt[t] | (felt[before] & data.valid[t]) | filter.hidden[t]
-    way = _way(tracks.motion)
+    way, noise = _way(tracks.motion), _scales(tracks, STEP_FREEDOM, rng)
+    noise *= filter.process_noise
     if not active.any():
         if way.max() < 1e-6:
             return tracks, None, False
         error = STOP_ERROR * way * np.asarray(TURN_LENGTH)
-        deviation = filter.process_noise * (np.asarray(RELEASED) + error)
+        deviation = noise * (np.asarray(RELEASED) + error)
         if filter.coasts:
             moved = np.vstack([tracks.z[:-3], tracks.z[-3:] + tracks.motion])
             return _noisier(replace(tracks, z=moved), deviation), None, True
         tracks = replace(tracks, motion=np.zeros_like(tracks.motion))
         return _noisier(tracks, deviation), None, True
-    return *_pushed(filter, tracks, before, t, np.flatnonzero(active)), True
+    return *_pushed(filter, tracks, before, t, np.flatnonzero(active), noise), True
 
 
-def _pushed(filter, tracks, before, t, active):
+def _pushed(filter, tracks, before, t, active, noise):
     """Return tracks after a push of active fingers, slopes of motion (3, n + 3, S)."""
     p, radius = filter.data.finger_position, filter.data.finger_radius
     ways = np.concatenate([[*p[before, f], *p[t, f], radius[f]] for f in active])
-    given = np.array([*filter.friction, filter.process_noise])
+    given = np.vstack([*(np.full_like(noise, mu) for mu in filter.friction), noise])
     z, P, motion, slopes = prediction(filter.geometry.shape, len(active))(
         tracks.z, _upper(tracks.P), tracks.motion, tracks.press[active], ways, given
     )
@@ -131,12 +135,19 @@ def _pushed(filter, tracks, before, t, active):
 def between_actions(tracks, rng) -> Tracks:
     """Return tracks after the fingers retracted: at rest.
 
-    The Cauchy density of the motion (formulations/between_actions.py) is a mixture of
-    Gaussians of scales GAP / |standard normal|, of which each track draws one.
+    How the retraction moved them has the density of formulations/between_actions.py.
     """
-    S = tracks.z.shape[1]
-    scale = np.minimum(1 / np.abs(rng.normal(size=S)), WIDEST_GAP)
-    return _noisier(replace(tracks, motion=np.zeros((3, S))), scale * GAP_POSE)
+    resting = replace(tracks, motion=np.zeros_like(tracks.motion))
+    return _noisier(resting, _scales(tracks, GAP_FREEDOM, rng) * GAP_POSE)
+
+
+def _scales(tracks, freedom: int, rng) -> np.ndarray:
+    """Return a scale (S,) of the process noise of each track, drawn anew.
+
+    Gaussians of such scales are Student's t together; of one degree of freedom Cauchy.
+    """
+    scale = np.sqrt(freedom / rng.chisquare(freedom, tracks.z.shape[1]))
+    return np.minimum(scale, LARGEST_SCALE)
 
 
 def _noisier(tracks, deviation) -> Tracks:
