@@ -1,8 +1,8 @@
 r"""Free motion of a body that rocks: where data ask for it, and how its solve starts.
 
-A planar optimum is close where a body tilts little.  Where it tilts by more, touches
-are then still unexplained, and the page is solved again through its rough levels from
-the tilts u (2,) [rad], about the horizontal axes, that the felt normals tell:
+A planar optimum is close where a body tilts little.  Where touches still cost too much
+from there, the page is solved again, through its rough levels, from the tilts u (2,)
+[rad] about the horizontal axes that the felt normals tell:
 
     min   sum_touches  |n(u) - n_m|^2 / (2 sigma^2)
         + sum_steps    |u_k - u_{k-1}|^2 / (2 TILT_CHANGE^2)      over u_k
@@ -27,7 +27,7 @@ from formulations.rigid_body import rotation
 
 from ..geometry.tipping import planar_to_free
 from ..geometry.transforms import continuous
-from ..problem.outliers import left_unexplained, with_ideal_fingertips
+from ..problem.outliers import with_ideal_fingertips
 from ..problem.poses import body_corners
 from ..problem.reductions import required_reductions
 from ..search.hypothesis import Hypothesis
@@ -50,7 +50,8 @@ def with_tilt(job, best: Solved) -> Solved:
     free = replace(job, reductions=replace(job.reductions, planar=False))
     tilted = freed_to_tilt(free, best)
     rough = job.contract.rough
-    if rough and not explains_touches(tilted):
+    explained = tilted.solution.success and excess_of(free, tilted)[0] < needed
+    if rough and not explained:
         again = solved_from(free, tilted_by_normals(job, best), levels=rough)
         tilted = best_first([tilted, again])[0]
     gain = gain_of(best, tilted)
@@ -64,11 +65,6 @@ def may_tilt(job) -> bool:
     """Tell whether a body slides flat by assumption, and a page can let it tilt."""
     made = required_reductions(job.page, job.reductions).planar
     return made and job.scene.ground is not None and "planar" in job.contract.freed
-
-
-def explains_touches(solved: Solved) -> bool:
-    """Tell whether a solve converged that takes no touch for a wrong reading."""
-    return solved.solution.success and not left_unexplained(solved).any()
 
 
 def tilted_by_normals(job, flat: Solved) -> Hypothesis:
