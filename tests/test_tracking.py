@@ -207,16 +207,6 @@ def test_threads_do_not_write_into_each_others_columns():
             assert all(map(np.array_equal, found, alone))
 
 
-def test_two_fingers_that_squeeze_carry_a_box_along():
-    """Three sweeps of Gauss-Seidel left half of the way, and a turn."""
-    begin, end = (0.03, 0.0), (0.02995, 5e-4)
-    left = [np.array([-x - RADIUS, y, 0.025]) for x, y in (begin, end)]
-    right = at_side(*begin), at_side(*end)
-    *_, motion, _ = moved(CUBOID, BOX, right, tuple(left))
-    assert motion[1] == pytest.approx(5e-4, rel=0.01)
-    assert abs(motion[2]) < 5e-5
-
-
 def test_motions_between_actions_are_drawn_from_the_density_of_the_page():
     """Of a finger that died while it pushed, the box turned 8 noise scales, unseen."""
     S, rng = 20_000, np.random.default_rng(0)

@@ -27,7 +27,7 @@ from formulations.rigid_body import ARM
 from .geometry import feet_of, in_body, turned, upright_contact
 
 STEEP = 0.35  # [-] horizontal part of a normal from which a finger pushes by its gap
-SWEEPS = 6  # of Gauss-Seidel with several fingers, which may squeeze; one needs one
+SWEEPS = 3  # of Gauss-Seidel with several fingers; one finger needs one
 LEAST_SPEED = 5e-5  # [m] way of a foot in a sample, rounded
 SLOW = 2e-4  # [m] a slower body has no direction of sliding yet
 START = 1e-3  # [m] way of every foot then: the friction is isotropic
