@@ -4,7 +4,8 @@ In: hypotheses of the search.  Out: the page solved, best first, certified.
 
 - `refinement`: multistart from the promising hypotheses; names of a box's axes
 - `ground_tilt`: a ground that leans, by Newton steps on its tilt
-- `nested_models`: turned sensors, compliance, centre of mass or tilt if data ask
+- `nested_models`: turned sensors, compliance or centre of mass if data ask
+- `tilt`: free motion of a body that rocks, started from what felt normals tell
 - `model_selection`: the most probable optimum, the likeliest class
 - `certification`: what reductions left out is checked, and restored where needed
 - `profile_likelihood`: sigma of sizes that no touch determines
