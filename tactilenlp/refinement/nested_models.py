@@ -145,13 +145,8 @@ def without_needless(solved: Solved) -> Solved:
     for name, nuisance in NUISANCES.items():
         job, reductions = solved.job, solved.job.reductions
         fixed = replace(job, reductions=replace(reductions, **{name: True}))
-        asked = not getattr(job.options.reductions, name)
-        if (
-            asked
-            or getattr(reductions, name)
-            or not fixes(fixed, name)
-            or job.deadline.passed(nuisance.dropped)
-        ):
+        by_data = getattr(job.options.reductions, name) > getattr(reductions, name)
+        if not (by_data and fixes(fixed, name)) or job.deadline.passed(name):
             continue
         smaller = warm_started(fixed, solved, FREED_MU)
         gain, needed = _compared(smaller, solved, nuisance, excess_of(job, solved)[1])
