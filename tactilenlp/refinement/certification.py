@@ -19,6 +19,7 @@ from ..search.local_solve import (
     warm_started,
 )
 from ..search.margins import RESTORED
+from ..search.multistart import ranking
 from ..search.proposals_tumble import recovered
 from .ground_tilt import with_ground_tilt
 from .profile_likelihood import profiled
@@ -26,7 +27,7 @@ from .tilt import with_tilt
 
 log = logging.getLogger("tactilenlp")
 MAX_RESTORED = 2  # solves with reductions restored
-MAX_TUMBLE_SOLVES = 3  # proposals of a tumble that are solved
+MAX_TUMBLE_SOLVES = 6  # proposals of a tumble that are solved: some diverge
 
 
 def checked(job, solved, executor=None) -> Solved:
@@ -106,7 +107,7 @@ def _tumbled(job, flat, executor) -> Solved:
     evidence = unexplained_by_action(job, flat)
     found = recovered(job, evidence, *job.options.widths(precise=False), executor)
     free = replace(job, reductions=without(job.reductions, ["planar"]))
-    levels = job.contract.from_guesses
+    levels = [ranking(level) for level in job.contract.from_guesses]
     solved = [solved_from(free, h, levels=levels) for h in found[:MAX_TUMBLE_SOLVES]]
     better = [
         s for s in solved

@@ -77,7 +77,7 @@ def multistart(job, hypotheses, levels, known=(), solved=None) -> list:
     before.
     """
     solved, rough, last = [] if solved is None else solved, [], levels[-1]
-    levels = [_ranking(level) for level in levels]
+    levels = [ranking(level) for level in levels]
     try:
         with interruptible():
             _multistart(job, hypotheses, levels, known, solved, rough)
@@ -121,7 +121,7 @@ def _multistart(job, hypotheses, levels, known, solved, rough) -> None:
         known_ends.append(s.at)
 
 
-def _ranking(level):
+def ranking(level):
     """Return a level with few enough iterations to be solved from every start."""
     if level.ipopt.get("max_iter", 0) <= RANKED_ITERATIONS or level.rebuild:
         return level
