@@ -146,8 +146,10 @@ def without_needless(solved: Solved) -> Solved:
         job, reductions = solved.job, solved.job.reductions
         fixed = replace(job, reductions=replace(reductions, **{name: True}))
         by_data = getattr(job.options.reductions, name) > getattr(reductions, name)
-        if not (by_data and fixes(fixed, name)) or job.deadline.passed(name):
+        if not (by_data and fixes(fixed, name)):
             continue
+        if job.deadline.passed(f"a fixed {nuisance.dropped}"):
+            break
         smaller = warm_started(fixed, solved, FREED_MU)
         gain, needed = _compared(smaller, solved, nuisance, excess_of(job, solved)[1])
         if smaller.solution.success and gain <= needed:
