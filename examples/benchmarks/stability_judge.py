@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from tactilenlp import (
     ExpectedInformation,
@@ -128,22 +129,28 @@ def against_truth(estimate, truth: Truth) -> dict:
 def _of_box(estimate, truth):
     """Return (name, error, sigma) [m] of sizes and final pose, a turn at its corners.
 
-    What a reduction fixed has no sigma: it is held to be exact.
+    What a reduction fixed has no sigma: it is held to be exact.  The axes are named as
+    those of the true body where the rotation is better known: at the first or the last
+    sample.
     """
-    last = estimate.measurements.samples - 1
+    last, sigma = estimate.measurements.samples - 1, estimate.information.sigma
+    spread = [np.nan_to_num(sigma("rotation", sample=k)).sum() for k in (0, last)]
+    known = (0, last)[int(np.argmin(spread))]
     error = metrics.cuboid_errors(
-        *(estimate.side_lengths, estimate.position[last], estimate.quaternion[last]),
-        *(truth.sides, truth.position[last], truth.quaternion[last]),
+        *(estimate.side_lengths, estimate.position[known], estimate.quaternion[known]),
+        *(truth.sides, truth.position[known], truth.quaternion[known]),
     )
-    sigma, arm = estimate.information.sigma, np.linalg.norm(truth.sides) / 2
-    turning = sigma("rotation")
+    axes = Rotation.from_matrix(error.symmetry)
+    named = rotation_of(estimate.quaternion[last]) * axes
+    turn = (named * rotation_of(truth.quaternion[last]).inv()).as_rotvec()
+    arm, turning = np.linalg.norm(truth.sides) / 2, sigma("rotation")
     if estimate.information.fixed:
         turning = np.nan_to_num(turning)
     out = []
     for name, errors, sigmas in (
         ("side", error.side_lengths, sigma("side_lengths")[error.permutation]),
-        ("position", error.position, sigma("position")),
-        ("turn about", arm * error.rotation_vector, arm * turning),
+        ("position", estimate.position[last] - truth.position[last], sigma("position")),
+        ("turn about", arm * turn, arm * turning),
     ):
         out += [
             (f"{name} {axis}", abs(e), s)

@@ -171,11 +171,8 @@ def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | N
     terms, touches = {}, ()
     if len(window.touch):
         costs = touch_costs(problem, x, data, window, smoothing)
-        touches, misfit = _by_touch(*costs, window, measurements), _misfit(*costs)
-        noisier = window.sigma_normal * (1 + window.normal_error)
-        noisier = replace(window, sigma_normal=noisier)
-        most = touch_moments(problem, data, noisier, smoothing)[0].sum()
-        terms[TOUCH_TERM] = misfit + Misfit(0.0, 0.0, most - misfit.expected)
+        touches = _by_touch(*costs, window, measurements)
+        terms[TOUCH_TERM] = touch_misfit(problem, x, data, window, smoothing)
     stated = {FREE_TERM, "alpha"} <= {*problem.costs, *problem.parameters}
     if stated and len(window.free):
         terms[FREE_TERM] = _free_misfit(problem, x, data, measurements)
@@ -226,10 +223,13 @@ def states_touches(problem) -> bool:
 
 
 def touch_misfit(problem, x, data, window, smoothing: float) -> Misfit:
-    """Return the Misfit of the touches, if the page states any; arguments as below."""
+    """Return the Misfit of stated touches; its spread has the noise level's error."""
     if not (states_touches(problem) and len(window.touch)):
         return NOTHING
-    return _misfit(*touch_costs(problem, x, data, window, smoothing))
+    misfit = _misfit(*touch_costs(problem, x, data, window, smoothing))
+    sigma = window.sigma_normal * (1 + window.normal_error)
+    noisier = problem, data, replace(window, sigma_normal=sigma), smoothing
+    return misfit + Misfit(0, 0, touch_moments(*noisier)[0].sum() - misfit.expected)
 
 
 def touch_costs(problem, x, data, window, smoothing: float) -> tuple:

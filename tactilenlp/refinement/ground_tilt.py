@@ -27,7 +27,7 @@ from ..search.local_solve import (
     warm_started,
 )
 from ..search.margins import DECISIVE, UNCHANGED
-from .nested_models import excess_of, needed_gain
+from .nested_models import misfit_of, needed_gain
 
 log = logging.getLogger("tactilenlp")
 MAX_TILTS = 4  # Newton steps on the tilt of the ground
@@ -41,9 +41,9 @@ def with_ground_tilt(job, solved) -> tuple:
     level = best = solved[0]
     if not (ground_may_tilt(job) and best.solution.success):
         return job, solved
-    excess, spread = excess_of(job, best)
-    needed = needed_gain(spread)
-    if excess < needed:
+    touches = misfit_of(job, best)
+    needed = needed_gain(touches.spread)
+    if touches.excess < needed:
         return job, solved
     best = _turned_by_steps(best, needed)
     needed = needed if job.scene.ground.told is None else UNCHANGED

@@ -24,7 +24,7 @@ from formulations.finger_turn import NAME as TURN
 from formulations.indentation import NAME as COMPLIANCE
 
 from ..data.sensor_noise import variance_left
-from ..information.goodness_of_fit import touch_misfit
+from ..information.goodness_of_fit import Misfit, touch_misfit
 from ..information.mixture import occam_of
 from ..nlp.kkt import gradient
 from ..problem.certificates import Skipped
@@ -73,16 +73,15 @@ NUISANCES = {  # by reduction, in the order in which they are freed
 }  # fmt: skip
 
 
-def excess_of(job, solved: Solved) -> tuple[float, float]:
-    """Return the excess of the touches over their expected cost, and its spread.
+def misfit_of(job, solved: Solved) -> Misfit:
+    """Return what the touches cost, and should cost [nats].
 
-    Both in nats; no larger model can gain much more than the excess.
+    No larger model can gain much more than the excess.
     """
     problem, solution = solved.problem, solved.solution
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
     left = variance_left(job.data, job.precision)
-    touches = touch_misfit(problem, x, data, solved.window, left)
-    return touches.excess, touches.spread
+    return touch_misfit(problem, x, data, solved.window, left)
 
 
 def needed_gain(spread: float, occam: float = DECISIVE) -> float:
@@ -110,9 +109,9 @@ def with_nuisance_parameters(job, solved, solve) -> tuple:
 def _with(name, nuisance, job, solved, solve) -> tuple:
     """Return job and solves, one nuisance parameter free if the data ask for it."""
     best, *others = solved
-    excess, spread = excess_of(job, best)
-    if excess < (needed := needed_gain(spread)):
-        most = max(excess, 0.0)
+    touches = misfit_of(job, best)
+    if touches.excess < (needed := needed_gain(touches.spread)):
+        most = max(touches.excess, 0.0)
         return job, [declined(best, name, most, needed, "at most "), *others]
     if job.deadline.passed(nuisance.dropped):
         return job, solved
@@ -129,7 +128,7 @@ def _with(name, nuisance, job, solved, solve) -> tuple:
         return job, solved
     if nuisance.unknown == TURN and job.shape.is_box:
         freed = _with_open_height(larger, freed)
-    gain, needed = _compared(best, freed[0], nuisance, spread)
+    gain, needed = _compared(best, freed[0], nuisance, touches.spread)
     if gain <= needed:
         return job, [declined(best, name, gain, needed), *others]
     log.info("%s is free: the objective falls by %.1f nats", nuisance.dropped, gain)
@@ -151,7 +150,8 @@ def without_needless(solved: Solved) -> Solved:
         if job.deadline.passed(f"a fixed {nuisance.dropped}"):
             break
         smaller = warm_started(fixed, solved, FREED_MU)
-        gain, needed = _compared(smaller, solved, nuisance, excess_of(job, solved)[1])
+        spread = misfit_of(job, solved).spread
+        gain, needed = _compared(smaller, solved, nuisance, spread)
         if smaller.solution.success and gain <= needed:
             log.info("%s is needless: %.1f nats", nuisance.dropped, gain)
             solved = declined(smaller, name, gain, needed)

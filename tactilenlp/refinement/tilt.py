@@ -32,7 +32,7 @@ from ..problem.poses import body_corners
 from ..problem.reductions import required_reductions
 from ..search.hypothesis import Hypothesis
 from ..search.local_solve import Solved, best_first, freed_to_tilt, solved_from
-from .nested_models import excess_of, gain_of, needed_gain, without_needless
+from .nested_models import gain_of, misfit_of, needed_gain, without_needless
 
 log = logging.getLogger("tactilenlp")
 TILT_CHANGE = 0.05  # [rad] deviation of the change of tilt in a sample: 1.5 rad/s
@@ -43,15 +43,14 @@ def with_tilt(job, best: Solved) -> Solved:
     """Return the page in free motion where data ask for it, or the flat solve."""
     if not (may_tilt(job) and best.solution.success):
         return best
-    excess, spread = excess_of(job, best)
-    needed = needed_gain(spread)
-    if excess < needed or job.deadline.passed("tilt"):
+    touches = misfit_of(job, best)
+    needed = needed_gain(touches.spread)
+    if touches.excess < needed or job.deadline.passed("tilt"):
         return best
     free = replace(job, reductions=replace(job.reductions, planar=False))
     tilted = freed_to_tilt(free, best)
     rough = job.contract.rough
-    explained = tilted.solution.success and excess_of(free, tilted)[0] < needed
-    if rough and not explained:
+    if rough and not _explained(free, tilted):
         again = solved_from(free, tilted_by_normals(job, best), levels=rough)
         tilted = best_first([tilted, again])[0]
     gain = gain_of(best, tilted)
@@ -59,6 +58,15 @@ def with_tilt(job, best: Solved) -> Solved:
         return best
     log.info("the body rocks: the objective falls by %.1f nats", gain)
     return without_needless(replace(tilted, declined=best.declined))
+
+
+def _explained(job, solved: Solved) -> bool:
+    """Tell whether touches cost no more than in a good fit.
+
+    From the rough levels a solve takes seconds, and noise alone is never fitted better.
+    """
+    touches = misfit_of(job, solved)
+    return solved.solution.success and touches.excess <= touches.limit
 
 
 def may_tilt(job) -> bool:
