@@ -9,7 +9,7 @@ import pytest
 
 from formulations import violation_implicit
 from formulations.shape import CUBOID
-from tactilenlp import Options, polytope, solve_estimate
+from tactilenlp import CYLINDER, Options, polytope, solve_estimate
 from tactilenlp.estimation import optima
 from tactilenlp.information.goodness_of_fit import BETWEEN_ACTIONS
 from tactilenlp.interface.request import Request, make_job
@@ -74,11 +74,19 @@ def test_actions_are_added_one_by_one_from_the_first_touch_on(recorded):
         normal=np.where(untouched[:, None, None], 0.0, data.normal),
     )  # fmt: skip
     job = SimpleNamespace(data=data, shape=CUBOID)
-    assert [d.actions for d in optima._growing(job)] == [1, 2, 3, 4, 5, 6]
+    request = SimpleNamespace(job=job, start=None)
+    assert [d.actions for d in optima._growing(request)] == [1, 2, 3, 4, 5, 6]
     job.data = late
-    assert [d.actions for d in optima._growing(job)] == [2, 3, 4, 5, 6]
+    assert [d.actions for d in optima._growing(request)] == [2, 3, 4, 5, 6]
     job.shape = polytope(20)
-    assert optima._growing(job) == [late]
+    assert [d.actions for d in optima._growing(request)] == [2, 3, 4, 5, 6]
+
+
+def test_an_update_of_a_polytope_is_searched_with_all_actions(recorded, touched):
+    """The estimate that it starts from came about action by action."""
+    data, _, _ = recorded
+    job = SimpleNamespace(data=data, shape=polytope(20))
+    assert optima._growing(SimpleNamespace(job=job, start=touched)) == [data]
 
 
 def test_what_fits_badly_is_searched_again_where_that_can_find_more(
@@ -105,8 +113,9 @@ def test_what_fits_badly_is_searched_again_where_that_can_find_more(
     assert searched(asked, reductions=Reductions(planar=False))  # tilt did not help
     free = replace(asked.job, reductions=Reductions(planar=False))
     assert not searched(replace(asked, job=free))
-    assert not searched(asked, shape=polytope(20))  # it would be the same search
-    assert searched(replace(asked, start=touched), shape=polytope(20))
+    assert searched(asked, shape=polytope(20))
+    assert not searched(asked, shape=CYLINDER)  # it may be no cylinder
+    assert searched(replace(asked, start=touched), shape=CYLINDER)
     verdict = "good"
     assert not searched(asked)
     moved = 1.01 * DECISIVE  # nats of a motion between two actions
@@ -134,6 +143,12 @@ def test_the_better_of_two_searches_is_the_estimate(recorded, monkeypatch):
     assert len(seen) == 1  # it found no more after the first action
     assert seen[0].job.data.actions == 1
     assert twice.objective <= once.objective + 1e-3
+
+
+def test_one_action_of_a_polytope_is_not_searched_twice(request_of_one_action):
+    job = replace(request_of_one_action.job, shape=polytope(20))
+    again = replace(request_of_one_action, job=job)
+    assert optima._solved_by_action(again) is None
 
 
 @pytest.mark.slow

@@ -18,6 +18,7 @@ from ..common.deadline import Deadline
 from ..data.contact_segments import consecutive_contacts
 from ..data.measurements import Measurements
 from ..interface.request import Request
+from ..interface.result import Estimate
 from ..refinement.certification import checked, with_profiles
 from ..refinement.ground_tilt import (
     on_ground,
@@ -129,11 +130,16 @@ def _solved_by_action(request: Request) -> Optima | None:
     """Return the optima of a search that solves the page after every action.
 
     Where the fit after an action is not good, that action is searched again, less sure
-    of how pushes move the body, as long as this finds more.  None if time ends it.
+    of how pushes move the body, as long as this finds more; of a polytope no pushes are
+    predicted.  None if time ends it.
     """
+    parts, update = _growing(request), isinstance(request.start, Estimate)
+    doubtful = request.job.shape.parameters == "sizes"
+    if not (doubtful or update or len(parts) > 1):
+        return None  # it would be the same search
     log.info("the path is doubtful: searching action by action")
-    request, kept, doubtful, found = from_scratch(request), [], True, None
-    for data in _growing(request.job):
+    request, kept, found = from_scratch(request), [], None
+    for data in parts:
         if not _in_time(request):
             return None
         part = replace(request, job=replace(request.job, data=data))
@@ -153,13 +159,15 @@ def _in_time(request: Request) -> bool:
     return request.job_until(SEARCH_END).deadline.left > 0
 
 
-def _growing(job: Job) -> list[Measurements]:
+def _growing(request: Request) -> list[Measurements]:
     """Return the data of the first actions, from the first touch on, one more each.
 
-    Of a polytope those of all actions: its search begins anew with each.
+    In an update of a polytope those of all actions: the estimate that it starts from
+    came about so.
     """
-    data, actions = job.data, np.unique(job.data.action)
-    if job.shape.parameters != "sizes":
+    data, actions = request.job.data, np.unique(request.job.data.action)
+    update = isinstance(request.start, Estimate)
+    if update and request.job.shape.parameters == "vertices":
         return [data]
     touched = data.action[1:][consecutive_contacts(data).any(axis=1)][0]
     return [data.select(actions[actions <= a]) for a in actions[actions >= touched]]

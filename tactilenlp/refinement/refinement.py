@@ -187,11 +187,12 @@ def fits_badly(request, best: Solved) -> bool:
 
     Its touches cost more than expected: the fit is not good; or it moved between two
     actions though its speed did not carry it on.  Another search finds more where it
-    starts from the first touch instead of an estimate, or is less sure of how pushes
-    move a box but sure that nobody carries it.
+    goes action by action, is less sure of how pushes move a body, or sure that nobody
+    carries it.  Of a class with sizes that is no box, the class may be what is wrong.
     """
     job = best.job
-    sought = job.shape.is_box or isinstance(request.start, Estimate)
+    sought = job.shape.is_box or job.shape.parameters == "vertices"
+    sought = sought or isinstance(request.start, Estimate)
     sought = sought and request.job.reductions.planar
     if not (sought and best.solution.success):
         return False
