@@ -50,6 +50,7 @@ def counted():
     except ImportError:  # a commit up to b236262
         from tactilenlp.nlp import ipopt as solving
     counts, solve, refined = [0, 0, np.inf], solving.solve, optima.refined
+    most = 0  # samples: a search action by action also solves parts of the data
 
     def counting(*args, **options):
         solution = solve(*args, **options)
@@ -57,10 +58,13 @@ def counted():
         counts[1] += solution.iterations
         return solution
 
-    def noting(*args, **options):
-        found = refined(*args, **options)
-        good = [s.solution.objective for s in found if s.solution.success]
-        counts[2] = min([counts[2], *good])
+    def noting(job, *args, **options):
+        nonlocal most
+        found, samples = refined(job, *args, **options), job.data.samples
+        if samples >= most:
+            good = [s.solution.objective for s in found if s.solution.success]
+            counts[2] = min([counts[2] if samples == most else np.inf, *good])
+            most = samples
         return found
 
     solving.solve, optima.refined = counting, noting
