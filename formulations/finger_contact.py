@@ -37,7 +37,7 @@ ROUNDINGS = 50  # [1 / finger radius] length that rounds max(phi, 0) of an unfel
 GAP_ROUNDING = 0.02e-3  # [m] rounds max(phi, 0) of a finger whose sample is missing
 # Four to seven times the mean change between two samples in contact (0.16 in 1660 of
 # the simulator of the shared boxes, 0.09 in their estimates): decides where nothing
-# else does.  Paths are pulled with 0.15 (168 recordings, results/README.md).
+# else does.  Paths are pulled with 0.15 (168 recordings, results/EXPERIMENTS.md).
 CHANGE = 0.6  # [weights]
 CHANGE_ROUNDING = 0.02  # [weights] rounds |lam_n' / w' - lam_n / w|
 

@@ -15,7 +15,7 @@ from .names import EXACT
 
 FRICTION, DEVIATION = 0.4, 0.3  # [1] prior of a coefficient: dry rubber, wood, metal
 # [nats] for an impulse of one weight: with 0.001 solves take 1.7 times the iterations,
-# with 0.3 sizes that only forces tell are twice as far off (results/README.md).
+# with 0.3 sizes that only forces tell are twice as far off (results/EXPERIMENTS.md).
 LEAST = 1e-2
 
 

@@ -36,7 +36,7 @@ DEPTH = 0.05e-3  # [m] deviation of d: radius error and rest of the compliance
 COMPLIANCE = 5e-3  # [m] under one weight, deviation of c: rubber of any hardness
 GUESS = 0.67 * COMPLIANCE  # [m] where c starts: the median of its prior
 # [weights] deviation of a push of soft fingertips: sizes are nearest the true ones
-# among 0.7, 1.3, 2.2 and 7 (27 recordings of MuJoCo's contacts, results/README.md)
+# among 0.7, 1.3, 2.2 and 7 (27 recordings of MuJoCo's contacts, results/EXPERIMENTS.md)
 PUSH = 1.3
 SOFTEST = 50e-3  # [m] upper bound of c
 

@@ -158,7 +158,7 @@ def _solved_stages(job, h, shared, stages, stage_ends):
 
     Where a stage ends at the same body as an earlier start did at that stage, the rest
     is skipped, and that start is returned as second: nearly all starts of soft
-    fingertips come together at the first one (18 of 18 recordings, results/README.md).
+    fingertips come together at the first one (18 of 18, results/EXPERIMENTS.md).
     stage_ends: of each stage, (start, Hypothesis there) of converged solves; extended.
     """
     found = None
