@@ -63,7 +63,7 @@ def with_tilt(job, best: Solved) -> Solved:
 def _explained(job, solved: Solved) -> bool:
     """Tell whether touches cost no more than in a good fit.
 
-    From the rough levels a solve takes seconds, and noise alone is never fitted better.
+    A solve from the rough levels takes seconds, and no tilt explains noise.
     """
     touches = misfit_of(job, solved)
     return solved.solution.success and touches.excess <= touches.limit
