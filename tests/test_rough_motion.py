@@ -152,7 +152,8 @@ def test_one_action_of_a_polytope_is_not_searched_twice(request_of_one_action):
 
 
 @pytest.mark.slow
-def test_the_next_action_continues_what_the_page_found(recorded, monkeypatch):
+@pytest.mark.parametrize("shape", ["cuboid", "polytope"])
+def test_the_next_action_continues_what_the_page_found(recorded, monkeypatch, shape):
     """Not what the filter kept: the optima of the page after each action."""
     data, scene, _ = recorded
     whole, searches = optima.searched, []
@@ -164,7 +165,7 @@ def test_the_next_action_continues_what_the_page_found(recorded, monkeypatch):
     monkeypatch.setattr(optima, "searched", searched)
     bad = [True]  # at first only
     monkeypatch.setattr(optima, "fits_badly", lambda *_: bad and bad.pop())
-    found = solve_estimate(data.select([0, 1, 2]), scene)
+    found = solve_estimate(data.select([0, 1, 2]), scene, shape=shape)
     (_, first), *parts = searches
     assert not first
     assert [d.actions for d, _ in parts] == [1, 2, 3]
