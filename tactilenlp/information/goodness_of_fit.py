@@ -170,9 +170,8 @@ def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | N
     x, data = problem.pack(solution.values), problem.data(solution.parameters)
     terms, touches = {}, ()
     if len(window.touch):
-        costs = touch_costs(problem, x, data, window, smoothing)
+        costs, terms[TOUCH_TERM] = _of_touches(problem, x, data, window, smoothing)
         touches = _by_touch(*costs, window, measurements)
-        terms[TOUCH_TERM] = touch_misfit(problem, x, data, window, smoothing)
     stated = {FREE_TERM, "alpha"} <= {*problem.costs, *problem.parameters}
     if stated and len(window.free):
         terms[FREE_TERM] = _free_misfit(problem, x, data, measurements)
@@ -223,22 +222,23 @@ def states_touches(problem) -> bool:
 
 
 def touch_misfit(problem, x, data, window, smoothing: float) -> Misfit:
-    """Return the Misfit of stated touches; its spread has the noise level's error."""
+    """Return the Misfit of the touches, if the page states any; arguments as below."""
     if not (states_touches(problem) and len(window.touch)):
         return NOTHING
-    misfit = _misfit(*touch_costs(problem, x, data, window, smoothing))
-    sigma = window.sigma_normal * (1 + window.normal_error)
-    noisier = problem, data, replace(window, sigma_normal=sigma), smoothing
-    return misfit + Misfit(0, 0, touch_moments(*noisier)[0].sum() - misfit.expected)
+    return _of_touches(problem, x, data, window, smoothing)[1]
 
 
-def touch_costs(problem, x, data, window, smoothing: float) -> tuple:
-    """Return the cost of every touch, its mean and its variance, (touches,) each.
+def _of_touches(problem, x, data, window, smoothing: float) -> tuple[tuple, Misfit]:
+    """Return cost, its mean and variance of every touch (touches,), and their Misfit.
 
     x (unknowns,) SI and data of the solved problem; smoothing [1]: as in `fit_of`.
     """
     cost = problem.value(TOUCH_TERM, x, data)[:, 0]
-    return cost, *touch_moments(problem, data, window, smoothing)
+    costs = cost, *touch_moments(problem, data, window, smoothing)
+    misfit, sigma = _misfit(*costs), window.sigma_normal * (1 + window.normal_error)
+    noisier = problem, data, replace(window, sigma_normal=sigma), smoothing
+    common = touch_moments(*noisier)[0].sum() - misfit.expected
+    return costs, misfit + Misfit(0.0, 0.0, common)
 
 
 def _free_misfit(problem, x, data, measurements) -> Misfit:
