@@ -15,6 +15,7 @@ from tactilenlp.estimation.coarse_to_fine import (
     interpolated,
 )
 from tactilenlp.search.hypothesis import Hypothesis
+from tactilenlp.search.multi_hypothesis import BoxSearch, search_boxes
 
 RATIO = 3  # samples of the dense recording in each interval of the recorded one
 
@@ -116,13 +117,14 @@ def test_ctrl_c_at_the_lower_rate_leaves_poses_of_all_samples_so_far(
     dense, monkeypatch
 ):
     data, scene = dense
-    search = initial_search.search_boxes
 
-    def interrupted(job, kept, count, executor=None, so_far=None):
-        so_far[:] = search(replace(job, data=job.data.select([0])), [], 1)
-        raise KeyboardInterrupt
+    class StoppedSearch(BoxSearch):
+        def starts(self):
+            first = replace(self.job, data=self.job.data.select([0]))
+            self.so_far[:] = search_boxes(first, [], 1)
+            raise KeyboardInterrupt
 
-    monkeypatch.setattr(initial_search, "search_boxes", interrupted)
+    monkeypatch.setattr(initial_search, "BoxSearch", StoppedSearch)
     with pytest.raises(Interrupted) as stop:
         solve_estimate(data, scene)
     found = stop.value.estimate

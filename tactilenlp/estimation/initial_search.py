@@ -6,7 +6,9 @@ supporting planes (search/polytope_init.py).
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 
 from ..interface.options import Guess
 from ..interface.readout import name_of
@@ -14,9 +16,9 @@ from ..interface.request import Request, first_guess
 from ..interface.result import Estimate
 from ..nlp.term_functions import default_cache
 from ..problem.reductions import Reductions
-from ..search.hypothesis import Hypothesis
+from ..search.hypothesis import Hypothesis, Job
 from ..search.local_solve import problem_at
-from ..search.multi_hypothesis import search_boxes
+from ..search.multi_hypothesis import BoxSearch
 from ..search.polytope_init import search_polytope
 from ..search.proposals_floating import (
     in_free_motion,
@@ -32,53 +34,48 @@ SEARCH_END = 0.5  # [-] of the time until the readout, at which the search ends
 AMPLE = 60.0  # [s] with less time the search comes before what the page compiles
 
 
-def searched(request: Request, kept) -> tuple[list[Hypothesis], list[Hypothesis]]:
+def searched(
+    request: Request, kept, search: SearchInFrame | None = None
+) -> tuple[list[Hypothesis], list[Hypothesis]]:
     """Return hypotheses for the next action, and the same as the page starts from them.
 
-    kept: a list of those to begin with; holds those of the actions done so far.  A
-    floating object is searched in the plane of its touches.
+    kept: a list of those to begin with; holds those of the actions done so far; search:
+    one that was begun.  A floating object is searched in the plane of its touches.
     """
     start, plane = request.start, None
     if (path := request.job.path) is not None:
         return [path], [path]
-    job = request.job_until(SEARCH_END, strict=False)
-    reduced = replace(job, reductions=Reductions())  # whatever the last solve does
-    if job.scene.ground is None:
-        plane = search_plane(job, start if isinstance(start, Guess) else None)
+    if search is not None:
+        found = search.starts()
+        return found, found
+    reduced = _reduced_job(request)
+    if reduced.scene.ground is None:
+        plane = search_plane(reduced, start if isinstance(start, Guess) else None)
         reduced = in_search_plane(reduced, plane)
-    search = {"sizes": _search_sizes, "vertices": _search_vertices}
-    found = search[job.shape.parameters](request, reduced, plane, kept)
+    if reduced.shape.parameters == "sizes":
+        found = SearchInFrame.of(request, reduced, kept).starts()
+    else:
+        found = _search_vertices(reduced, plane, kept)
     if plane is None:
         return found, found
-    starts = [in_free_motion(h, plane, job.shape) for h in found]
-    if job.shape.last_pose_held:
-        starts += [with_faces_tracked(h, job.data) for h in starts]
+    starts = [in_free_motion(h, plane, reduced.shape) for h in found]
+    if reduced.shape.last_pose_held:
+        starts += [with_faces_tracked(h, request.job.data) for h in starts]
     return found, starts
 
 
-def _search_sizes(request: Request, job, _, kept) -> list[Hypothesis]:
-    """Return hypotheses of a shape with sizes: multi-hypothesis tracking.
-
-    What another page found, or a search that was interrupted, is no posterior of this
-    page: all actions are tracked again.
-    """
-    start, starts = request.start, request.widths[1]
-    job = replace(job, first=first_guess(start, job.shape))
-    if isinstance(start, Estimate) and start.formulation != name_of(request.job.page):
-        kept[:] = []
-    if not default_cache().functions and job.deadline.left > AMPLE:
-        problem_at(request.job)  # its compilers run beside the search
-    frame = ContactFrame.of(job, kept)
-    found = [frame.into(h) for h in kept]
-    given = frame.job(job), found, starts, request.executor
-    try:
-        found = search_boxes(*given, so_far=found)
-    finally:  # also by Ctrl-C
-        kept[:] = [frame.out_of(h) for h in found]
-    return kept
+def search_on_ground(request: Request, kept) -> SearchInFrame:
+    """Return the search for a shape with sizes on the ground, not begun yet."""
+    return SearchInFrame.of(request, _reduced_job(request), kept)
 
 
-def _search_vertices(_, job, plane, kept) -> list[Hypothesis]:
+def _reduced_job(request: Request) -> Job:
+    """Return the job of a search: reduced, whatever the last solve does."""
+    job = request.job_until(SEARCH_END, strict=False)
+    return replace(job, reductions=Reductions())
+
+
+def _search_vertices(job, plane, kept) -> list[Hypothesis]:
     """Return hypotheses of a polytope: poses and planes, then its vertices."""
     if plane is None:
         return search_polytope(job, kept, so_far=kept)
@@ -87,3 +84,59 @@ def _search_vertices(_, job, plane, kept) -> list[Hypothesis]:
     (other,) = search_polytope(with_tilted_normals(job), kept, so_far=kept)
     # Its objective is of wider normals and not comparable: it takes that of the first.
     return [*found, replace(other, objective=found[0].objective)]
+
+
+@dataclass(frozen=True, eq=False)
+class SearchInFrame:
+    """A search for shapes with sizes in the frame of the first touch.
+
+    kept: hypotheses of the actions done so far, in the ground's frame; a search may
+    find more of them, also if Ctrl-C ends it.
+    """
+
+    search: BoxSearch
+    frame: ContactFrame
+    kept: list
+
+    @classmethod
+    def of(cls, request: Request, job: Job, kept: list) -> SearchInFrame:
+        """Return the search of a request, by a job with its own reductions.
+
+        What another page found, or a search that was interrupted, is no posterior of
+        this page: all actions are tracked again.
+        """
+        start, starts = request.start, request.widths[1]
+        job = replace(job, first=first_guess(start, job.shape))
+        if isinstance(start, Estimate) and start.formulation != name_of(
+            request.job.page
+        ):
+            kept[:] = []
+        if not default_cache().functions and job.deadline.left > AMPLE:
+            problem_at(request.job)  # its compilers run beside the search
+        frame = ContactFrame.of(job, kept)
+        found = [frame.into(h) for h in kept]
+        given = frame.job(job), tuple(found), starts, request.executor, found
+        return cls(BoxSearch(*given), frame, kept)
+
+    def starts(self) -> list[Hypothesis]:
+        """Return the starts of the page; they are `kept` for the next action."""
+        with self._keeping():
+            self.search.so_far[:] = self.search.starts()
+        return self.kept
+
+    def first(self) -> list[Hypothesis]:
+        """Return those that continue what was kept, from few tracks; best first."""
+        with self._keeping():
+            return [self.frame.out_of(h) for h in self.search.first()]
+
+    def second(self) -> Hypothesis:
+        """Return the best start of another source."""
+        with self._keeping():
+            return self.frame.out_of(self.search.second())
+
+    @contextmanager
+    def _keeping(self) -> Iterator[None]:
+        try:
+            yield
+        finally:  # also by Ctrl-C
+            self.kept[:] = [self.frame.out_of(h) for h in self.search.so_far]

@@ -17,6 +17,7 @@ import numpy as np
 from ..common.deadline import Deadline
 from ..data.contact_segments import consecutive_contacts
 from ..data.measurements import Measurements
+from ..data.sensor_noise import precise
 from ..interface.request import Request
 from ..interface.result import Estimate
 from ..refinement.certification import checked, with_profiles
@@ -25,11 +26,11 @@ from ..refinement.ground_tilt import (
     with_ground_for_turns,
     with_ground_tilt,
 )
+from ..refinement.incremental import continues, of_whole_actions, updated_by_few
 from ..refinement.incremental_polytope import repaired
 from ..refinement.model_selection import most_probable
 from ..refinement.nested_models import with_nuisance_parameters
 from ..refinement.refinement import (
-    continues,
     fits_badly,
     from_scratch,
     less_sure_of_pushes,
@@ -41,7 +42,7 @@ from ..search.hypothesis import Hypothesis, Job, distinct, same
 from ..search.local_solve import Solved, best_first, comparable
 from ..search.margins import LEAST_MOTION_BEHIND
 from ..solvers.solution import check_finite
-from .initial_search import SEARCH_END, searched
+from .initial_search import SEARCH_END, search_on_ground, searched
 from .interrupted import SoFar
 
 log = logging.getLogger("tactilenlp")
@@ -107,10 +108,33 @@ def _of_one_search(request: Request, so_far: SoFar, update=None) -> Optima:
 
     so_far: hypotheses to continue; filled, as `optima_of` says.
     """
-    kept, starts = searched(request, so_far.kept)
+    search, known, enough = _updated_by_few(request, so_far)
+    if enough:
+        kept = starts = [s.at for s in known]
+    else:
+        kept, starts = searched(request, so_far.kept, search)
     so_far.kept, seconds = kept, so_far.spent
-    job, solved = _solved_page(request, starts, so_far, update)
+    job, solved = _solved_page(request, starts, so_far, update, known, enough)
     return Optima(job, solved[0] if solved else None, solved, kept, starts, seconds)
+
+
+def _updated_by_few(request, so_far) -> tuple:
+    """Return a search that was begun, solves from few starts, whether these suffice.
+
+    Where a shape with sizes slid flat and its first actions fit well; noise leaves more
+    optima open than few starts find.  Else no search.
+    """
+    job, start = request.job_until(REFINEMENT_END), request.start
+    sized = job.shape.parameters == "sizes" and job.path is None and so_far.kept
+    asked = sized and job.reductions.planar and precise(job.data, job.precision)
+    if not (asked and continues(start, job) and of_whole_actions(start, job)):
+        return None, [], False
+    search = search_on_ground(request, so_far.kept)
+    solved, enough = updated_by_few(job, start, search.first(), search.second)
+    words = "%d starts of an update: %.1f nats more%s"
+    more = solved[0].solution.objective - start.objective
+    log.info(words, len(solved), more, ", no others are needed" if enough else "")
+    return search, solved, enough
 
 
 def _better(found: Optima, other: Optima) -> Optima:
@@ -197,10 +221,13 @@ def _search_that_may_gain(request, best: Solved) -> Request | None:
     return None
 
 
-def _solved_page(request, starts, so_far, update) -> tuple[Job, list[Solved]]:
+def _solved_page(
+    request, starts, so_far, update, known, enough: bool
+) -> tuple[Job, list[Solved]]:
     """Return the page solved, best first, and the job that the best was solved by.
 
-    No solves if the time limit came before the first one ended.
+    known: solves from some of the starts, and whether these are enough.  No solves if
+    the time limit came before the first one ended.
     """
     job, solved, start = request.job_until(REFINEMENT_END), None, request.start
     earlier = start if continues(start, job) else None
@@ -213,7 +240,8 @@ def _solved_page(request, starts, so_far, update) -> tuple[Job, list[Solved]]:
         return [s for s in found if s.job is free]
 
     with so_far.collecting() as mine, job.deadline.ending("other solves of the page"):
-        solved = refined(job, starts, mine, earlier)
+        mine += known
+        solved = known if enough else refined(job, starts, mine, earlier, known)
         check_finite(solved[0].problem, solved[0].solution)
         found = with_ground_tilt(job, solved)
         larger = with_nuisance_parameters(*found, freed)

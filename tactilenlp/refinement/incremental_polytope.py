@@ -21,7 +21,7 @@ from formulations.rigid_body import ARM
 from ..geometry.transforms import is_planar, planar_matrix
 from ..information.measurement_noise import touches
 from ..interface.readout import name_of
-from ..interface.result import Estimate, solution_of
+from ..interface.result import Estimate
 from ..nlp.problem import Problem
 from ..problem.action_window import of_action
 from ..problem.outliers import MIN_OF_TOUCH, left_unexplained
@@ -34,19 +34,16 @@ from ..search.local_solve import (
     Solved,
     best_first,
     continued,
-    problem_at,
-    transferred,
     warm_started,
 )
-from ..search.margins import DECISIVE, UPDATE_SHARE
 from ..search.plane_slam import SEARCH_TIME, SEARCH_TOLERANCE, poses_of_new_action
 from ..search.polytope_init import ACCEPTABLE, credible_data, faces_of
 from ..solvers.options import SolverOptions
 from ..solvers.solution import Solution, after
 from ..solvers.solve import solve_levels
+from .incremental import UPDATE_MU, of_more_samples, past_solution, update_limit
 
 log = logging.getLogger("tactilenlp")
-UPDATE_MU = 1e-3  # IPOPT's mu_init where all but one action is known
 MIN_JUMP = 1e-3  # [m] of a jump between actions that is wrong
 JUMP_NOISE = 3.0  # [position noise] a jump beyond this is not measurement noise
 MIN_INFORMATION = 1.0  # [1 / m^2] about any direction
@@ -84,12 +81,6 @@ def updated(job: Job, start, certified) -> tuple[Solved | None, bool]:
     return found, False
 
 
-def update_limit(start, new_actions: int) -> float:
-    """Return the largest objective [nats] with which more actions are explained."""
-    usual = max(start.objective, 0.0) / start.measurements.actions
-    return start.objective + DECISIVE + UPDATE_SHARE * usual * new_actions
-
-
 def repaired(job: Job, solved, update=None) -> list[Solved]:
     """Return solves, best first; the best is solved again where it is implausible.
 
@@ -122,16 +113,6 @@ def is_one_action_more(start, job: Job) -> bool:
     alike = alike and {**start.reductions} == asdict(job.reductions)
     known = start.information is not None and np.isfinite(start.information.matrix)
     return whole and alike and bool(np.all(known))
-
-
-def past_solution(job: Job, start) -> Solved:
-    """Return the estimate as a solved page."""
-    job = replace(job, data=job.data.select(np.unique(start.measurements.action)))
-    problem, window, built = problem_at(job, start.origin)
-    seconds = {"build": built, "solve": 0.0}
-    solution = solution_of(start, job.page)
-    solution = replace(solution, iterations=0, evaluations=0, seconds=seconds)
-    return Solved(start.origin, problem, window, solution, job)
 
 
 def past_information(start) -> np.ndarray:
@@ -214,9 +195,7 @@ def joint(job: Job, past: Solved, new: Solved) -> Solved:
 
     def start(past, window, problem) -> Solution:
         past, last = on_legs(past, window), on_legs(new, window)
-        missing = np.full(len(window.pose) - len(past.window.pose), -1)
-        known = replace(past.window, pose=np.r_[past.window.pose, missing])
-        solution = transferred(replace(past, window=known), window, problem)
+        solution = of_more_samples(past, window, problem)
         values = solution.values
         values[BALL][:3] = turn @ values[BALL][:3]
         values["theta"], values["x"] = h.theta.reshape(-1, 3).T, h.x[:, window.last]

@@ -29,6 +29,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
+import casadi as ca
 import numpy as np
 
 from formulations.sensing import FREEDOM
@@ -110,7 +111,7 @@ def _asked(job, solved, faces, known, least, seeks) -> list[tuple]:
     if known[least] < KNOWN_POSITION:
         found.append((least, shape.size_prior[1], None, seeks, None))
     if shape.is_box and is_planar(at.x) and faces[:2].max() < KNOWN_FACE:
-        found.append((shape.theta + 2, ANY_YAW, None, False, lambda change: 0.0))
+        found.append((shape.theta + 2, ANY_YAW, None, False, np.zeros_like))
     return found
 
 
@@ -147,13 +148,12 @@ def prior_deviations(shape, theta) -> np.ndarray:
 
 
 def prior_cost(shape, at: Hypothesis, axis: int) -> Callable:
-    """Return what a change [m] of one size adds to the cost of the prior [nats]."""
-
-    def added(change: float) -> float:
-        changed = at.theta + change * (np.arange(shape.theta) == axis)
-        return float(size_cost(shape, changed) - size_cost(shape, at.theta))
-
-    return added
+    """Return what changes (n,) [m] of one size add to the cost of the prior [nats]."""
+    change, theta = ca.SX.sym("change"), ca.DM(at.theta)
+    way = change * ca.DM(np.arange(shape.theta) == axis)
+    cost = size_cost(shape, theta + way) - size_cost(shape, theta)
+    added = ca.Function("prior", [change], [cost])
+    return lambda changes: added(ca.DM(np.atleast_1d(changes)).T).full().ravel()
 
 
 def deviation_along(
@@ -262,10 +262,10 @@ def _of_posterior(points, cost, prior, target_rise) -> float:
     steps, rises = np.array(points).T
     d = np.linspace(0, prior * np.sqrt(2 * target_rise), POSTERIOR_NODES)
     rise, behind = np.interp(d, steps, np.sqrt(rises)) ** 2, d > steps[-1]
-    told = rises[-2:] - [cost(step) for step in steps[-2:]]
+    told = rises[-2:] - cost(steps[-2:])
     slope = max(0.0, (told[1] - told[0]) / (steps[-1] - steps[-2]))
-    rise[behind] += slope * (d[behind] - steps[-1]) - cost(steps[-1])
-    rise[behind] += [cost(step) for step in d[behind]]
+    rise[behind] += slope * (d[behind] - steps[-1])
+    rise[behind] += cost(d[behind]) - cost(steps[-1])
     density = np.exp(-rise)
     return float(np.sqrt((density * d**2).sum() / density.sum()))
 

@@ -17,7 +17,6 @@ from ..common.deadline import OutOfTime
 from ..data.sensor_noise import variance_left
 from ..geometry.transforms import is_planar
 from ..information.goodness_of_fit import BETWEEN_ACTIONS, fit_of
-from ..interface.readout import name_of
 from ..interface.result import Estimate
 from ..problem.certificates import planar_certificate
 from ..problem.reductions import Reductions, required_reductions
@@ -36,17 +35,19 @@ from ..search.margins import (
     UNCHANGED,
 )
 from ..search.multistart import levels_of, multistart
-from .incremental_polytope import past_solution, repaired, update_limit
+from .incremental import continues, past_solution, still_explained, update_limit
+from .incremental_polytope import repaired
 
 log = logging.getLogger("tactilenlp")
 PROCESS_NOISE_FACTOR = 3.0  # [-] of the tracker's, in a second search
 
 
-def refined(job, kept, solved, start=None) -> list[Solved]:
+def refined(job, kept, solved, start=None, known=()) -> list[Solved]:
     """Return the page solved from hypotheses, best first.
 
     solved: a list to which the solves are added that there are when Ctrl-C or OutOfTime
-    interrupts; start: an estimate of this page that this one continues.
+    interrupts; start: an estimate of this page that this one continues; known: solves
+    from some of the hypotheses.
     """
     sized = job.shape.parameters == "sizes"
     required = required_reductions(job.page, Reductions())
@@ -63,7 +64,7 @@ def refined(job, kept, solved, start=None) -> list[Solved]:
         if not sized or planar_certificate(flat, found[0]).holds:
             return _in_free_motion(job, found[: job.shape.hypotheses])
     start = start if sized else None
-    return _solved_promising(job, kept, solved, start)
+    return _solved_promising(job, kept, solved, start, known)
 
 
 def _in_free_motion(job, slid) -> list[Solved]:
@@ -74,7 +75,7 @@ def _in_free_motion(job, slid) -> list[Solved]:
     return best_first(freed_to_tilt(job, s) for s in slid)
 
 
-def _solved_promising(job, kept, solved, start) -> list[Solved]:
+def _solved_promising(job, kept, solved, start, known) -> list[Solved]:
     """Return the page solved from the best hypotheses, best first.
 
     Where the first ones, which continue `start`, explain the new data, they are solved
@@ -83,9 +84,11 @@ def _solved_promising(job, kept, solved, start) -> list[Solved]:
     limit = min(h.objective for h in kept) + LEAST_MOTION_BEHIND
     levels = levels_of(job)
     promising = [h for h in kept if h.objective <= limit]
-    close = promising[0].objective + (np.inf if start is None else UNCHANGED)
+    promising = [h for h in promising if not _solved_by(known, h)]
+    few = start is not None and promising and not known
+    close = promising[0].objective + UNCHANGED if few else np.inf
     first = [h for h in promising if h.objective <= close]
-    again = [] if start is None else solved_again(job, start)
+    again = [*known, *([] if start is None else solved_again(job, start))]
     solved = multistart(job, first, levels, again, solved)
     solved = best_first([*solved, *again])
     if len(first) < len(promising) and not still_explained(solved[0], start):
@@ -100,6 +103,11 @@ def _solved_promising(job, kept, solved, start) -> list[Solved]:
         # Slower: they hold poses first.
         good = [*good, solved_from(job, solved[0].hypothesis)]
     return best_first(good or solved)
+
+
+def _solved_by(known, h) -> bool:
+    """Tell whether one of some solves began with a hypothesis."""
+    return any(np.array_equal(h.x, s.hypothesis.x) for s in known)
 
 
 def solved_again(job, start) -> list[Solved]:
@@ -153,21 +161,6 @@ def _renamed(shape, solved, order, S) -> Solved:
     h = solved.hypothesis
     h = replace(h, theta=h.theta[order], x=turned(h.x, S))
     return replace(solved, hypothesis=h, solution=solution)
-
-
-def still_explained(best, start) -> bool:
-    """Tell whether the path of an earlier estimate explains the new data as well.
-
-    More data never cost less: where the objective has not risen nothing can be gained.
-    """
-    risen = best.solution.objective > start.objective + UNCHANGED
-    return best.solution.success and not risen
-
-
-def continues(start, job) -> bool:
-    """Tell whether a start is an estimate of the page of a job."""
-    good = isinstance(start, Estimate) and start.success
-    return good and start.formulation == name_of(job.page)
 
 
 def update_costs_too_much(request, best: Solved) -> bool:

@@ -44,15 +44,20 @@ class Executor(Protocol):
 
 
 def least_motion(
-    job: Job, tracks, executor: Executor | None = None
+    job: Job, tracks, executor: Executor | None = None, known: dict | None = None
 ) -> list[Hypothesis]:
     """Return for the first tracks, in order, the optimum of least motion from there.
 
     It ends where hardly an optimum is left to be seen (`unseen`).  executor: over which
-    the tracks are solved, several at a time.
+    the tracks are solved, several at a time; known: optima by track, extended.
     """
-    found, optima, given = [], [], (job, tracks)
-    for h in _solves(*given) if executor is None else _spread(*given, executor):
+    known = {} if known is None else known
+    found, optima, given = [], [], (job, [h for h in tracks if h not in known])
+    new = _solves(*given) if executor is None else _spread(*given, executor)
+    for track in tracks:
+        if track not in known:
+            known[track] = next(new)
+        h = known[track]
         found.append(h)
         if not any(same(job.shape, h, other) for other in optima):
             optima.append(h)

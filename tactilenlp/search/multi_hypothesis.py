@@ -15,7 +15,9 @@ from many of them, each far from the others.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import zip_longest
 
 import numpy as np
@@ -36,8 +38,9 @@ from ..tracking.tracks import (
     parts_of,
     started,
 )
-from .hypothesis import Hypothesis, Job, same, varied
-from .least_motion import least_motion
+from .hypothesis import Hypothesis, Job, distinct, same, varied
+from .least_motion import ROUND, Executor, least_motion
+from .margins import DECISIVE
 from .proposals import any_touch, centred, from_guess, from_posterior, spherical
 from .proposals_surface import from_surface
 
@@ -84,53 +87,99 @@ class _Past:
         return Hypothesis(theta, path, objective, words)
 
 
+@dataclass(frozen=True, eq=False)
+class BoxSearch:
+    """The search for the starts of a job: tracks, and optima of least motion from them.
+
+    kept: hypotheses of the first actions to continue, if any; count: of the starts;
+    executor: see least_motion; so_far: a list that holds hypotheses of the actions done
+    by Ctrl-C; it may be `kept` itself.  What it was asked for first is not computed
+    again.
+    """
+
+    job: Job
+    kept: Sequence[Hypothesis]
+    count: int
+    executor: Executor | None = None
+    so_far: list | None = None
+    lying: dict = field(default_factory=dict)  # of tracks: the optima of least motion
+
+    def starts(self) -> list[Hypothesis]:
+        """Return `count` starts for all actions, the best by least motion first.
+
+        Where `kept` are of all samples nothing is searched: they are the starts.
+        """
+        if complete(self.kept, self.job):
+            return list(self.kept)
+        shape, count, tracks = self.job.shape, self.count, self._tracks()
+        if self.so_far is not None:
+            self.so_far[:] = tracks[:1]
+        lying, starts = self._lying(tracks), []
+        for h in varied(shape, lying, count - max(1, count // TRACK_SHARE)):
+            if not any(same(shape, h, other) for other in starts):
+                starts.append(h)
+        pairs = zip(tracks, lying, strict=False)  # the last tracks need not be solved
+        alone = [replace(h, objective=rest.objective) for h, rest in pairs]
+        return sorted([*starts, *alone[: count - len(starts)]], key=lambda h: h.rank)
+
+    def first(self) -> list[Hypothesis]:
+        """Return the optima of least motion that continue `kept`, the best first.
+
+        From the first few tracks; without those that are far behind.
+        """
+        lying = self._lying(self._varied(self._continued)[:ROUND])
+        lying = sorted(lying, key=lambda h: h.objective)
+        return distinct(self.job.shape, lying, ROUND, DECISIVE)
+
+    def second(self) -> Hypothesis:
+        """Return the best track as it is: another start than least motion."""
+        return self._continued[0]
+
+    def _lying(self, tracks) -> list[Hypothesis]:
+        return least_motion(self.job, tracks, self.executor, self.lying)
+
+    @cached_property
+    def _continued(self) -> list[Hypothesis]:
+        return tracked_paths(self.job, self.kept, SMOOTHED, self.so_far)
+
+    @cached_property
+    def _others(self) -> list[list[Hypothesis]]:
+        """Tracks of other searches that the data ask for, far from each other."""
+        job, kept, again = self.job, self.kept, []
+        if self._continued[0].path[-1] == CARRIED_ON:  # soft fingertips may look alike
+            stays = replace(job, may_be_carried=False)
+            again.append((stays, kept, "a search for a body that stays"))
+        if kept and not precise(job.data, job.precision) and any_touch(job.data):
+            # Noise leaves hypotheses open that the mixture has lost: 21 nats once.
+            again.append((job, (), "a search from scratch"))
+        return [
+            self._varied(tracked_paths(other, continued, SMOOTHED))
+            for other, continued, name in again
+            if not job.deadline.passed(name)
+        ]
+
+    def _varied(self, tracks) -> list[Hypothesis]:
+        return varied(self.job.shape, tracks, LYING * self.count)
+
+    def _tracks(self) -> list[Hypothesis]:
+        """Return tracks far from each other, by every search that the data ask for."""
+        job, kept, count = self.job, self.kept, LYING * self.count
+        late = job.deadline.passed("other tracks")
+        tracks = self._continued[:1] if late else self._varied(self._continued)
+        several = [tracks, *self._others]
+        tracks = [h for each in zip_longest(*several) for h in each if h][:count]
+        if job.shape.is_box and not (kept or job.first) and job.data.actions == 1:
+            # Where one touch leaves size and place open, their middle is reported.
+            middle = replace(job, first=(centred(job),))
+            tracks = [*tracked_paths(middle, (), 1), *tracks][: len(tracks)]
+        return tracks
+
+
 def search_boxes(
     job: Job, kept, count: int, executor=None, so_far=None
 ) -> list[Hypothesis]:
-    """Return `count` starts for all actions of a job, the best by least motion first.
-
-    kept: hypotheses of the first actions to continue, if any; executor: see
-    least_motion; so_far: a list that holds those of the actions done by Ctrl-C; it may
-    be `kept` itself.
-    Where `kept` are of all samples nothing is searched: they are the starts.
-    """
-    if complete(kept, job):
-        return list(kept)
-    shape = job.shape
-    tracks = _starting_tracks(job, kept, LYING * count, so_far)
-    if so_far is not None:
-        so_far[:] = tracks[:1]
-    lying = least_motion(job, tracks, executor)
-    starts = []
-    for h in varied(shape, lying, count - max(1, count // TRACK_SHARE)):
-        if not any(same(shape, h, other) for other in starts):
-            starts.append(h)
-    pairs = zip(tracks, lying, strict=False)  # the last tracks need not be solved
-    alone = [replace(h, objective=rest.objective) for h, rest in pairs]
-    return sorted([*starts, *alone[: count - len(starts)]], key=lambda h: h.rank)
-
-
-def _starting_tracks(job: Job, kept, count: int, so_far) -> list[Hypothesis]:
-    """Return tracks far from each other, by every search that the data ask for."""
-    tracks, again = tracked_paths(job, kept, SMOOTHED, so_far), []
-    if tracks[0].path[-1] == CARRIED_ON:  # soft fingertips may look alike
-        stays = replace(job, may_be_carried=False)
-        again.append((stays, kept, "a search for a body that stays"))
-    if kept and not precise(job.data, job.precision) and any_touch(job.data):
-        # Noise leaves hypotheses open that the mixture has lost: 21 nats in one update.
-        again.append((job, (), "a search from scratch"))
-    late = job.deadline.passed("other tracks")
-    several = [tracks[:1] if late else varied(job.shape, tracks, count)]
-    for other, continued, name in again:
-        if not job.deadline.passed(name):
-            more = tracked_paths(other, continued, SMOOTHED)
-            several.append(varied(job.shape, more, count))
-    tracks = [h for each in zip_longest(*several) for h in each if h][:count]
-    if job.shape.is_box and not (kept or job.first) and job.data.actions == 1:
-        # Where one touch leaves size and place open, the middle of them is reported.
-        middle = replace(job, first=(centred(job),))
-        tracks = [*tracked_paths(middle, (), 1), *tracks][: len(tracks)]
-    return tracks
+    """Return `count` starts for all actions of a job; arguments as of `BoxSearch`."""
+    return BoxSearch(job, kept, count, executor, so_far).starts()
 
 
 def complete(kept, job: Job) -> bool:

@@ -1,0 +1,120 @@
+"""Incremental update: the solution of an estimate starts the page of more actions.
+
+Values and multipliers of the actions that were solved are kept.  The new actions begin
+as a search continues the posterior: of a box, from few of its tracks; of a polytope, as
+incremental_polytope.py says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
+
+import numpy as np
+
+from ..interface.readout import name_of
+from ..interface.result import Estimate, solution_of
+from ..search.hypothesis import Hypothesis, Job, same
+from ..search.local_solve import (
+    Solved,
+    best_first,
+    problem_at,
+    solved_from,
+    start_values,
+    transferred,
+)
+from ..search.margins import DECISIVE, UNCHANGED, UPDATE_SHARE
+from ..solvers.solution import Solution
+
+UPDATE_MU = 1e-3  # IPOPT's mu_init where all but one action is known
+
+
+def continues(start, job: Job) -> bool:
+    """Tell whether a start is an estimate of the page of a job."""
+    good = isinstance(start, Estimate) and start.success
+    return good and start.formulation == name_of(job.page)
+
+
+def update_limit(start, new_actions: int) -> float:
+    """Return the largest objective [nats] with which more actions are explained."""
+    usual = max(start.objective, 0.0) / start.measurements.actions
+    return start.objective + DECISIVE + UPDATE_SHARE * usual * new_actions
+
+
+def of_whole_actions(start, job: Job) -> bool:
+    """Tell whether an estimate of a job's page is of its first actions, each whole.
+
+    With the same reductions, and touches that cost what they should.
+    """
+    data, known = job.data, start.measurements.samples
+    whole = known < data.samples and data.action[known] != data.action[known - 1]
+    alike = {**start.reductions} == asdict(job.reductions)
+    good = start.fit is not None and start.fit.verdict == "good"
+    return whole and alike and good
+
+
+def past_solution(job: Job, start) -> Solved:
+    """Return the estimate as a solved page."""
+    job = replace(job, data=job.data.select(np.unique(start.measurements.action)))
+    problem, window, built = problem_at(job, start.origin)
+    seconds = {"build": built, "solve": 0.0}
+    solution = solution_of(start, job.page)
+    solution = replace(solution, iterations=0, evaluations=0, seconds=seconds)
+    return Solved(start.origin, problem, window, solution, job)
+
+
+def of_more_samples(past: Solved, window, problem) -> Solution:
+    """Return a solution as the start of a problem of more samples.
+
+    The page guesses what the new ones have, whose multipliers are zero.
+    """
+    missing = np.full(len(window.pose) - len(past.window.pose), -1)
+    known = replace(past.window, pose=np.r_[past.window.pose, missing])
+    return transferred(replace(past, window=known), window, problem)
+
+
+def updated_by_few(
+    job: Job, start, first: Sequence[Hypothesis], second: Callable[[], Hypothesis]
+) -> tuple[list[Solved], bool]:
+    """Return the page solved from few starts, best first, and whether these suffice.
+
+    They do where the objective has hardly risen, since more data never cost less, and
+    where a start of another source leads to the same optimum.  first: starts that
+    continue the posterior; second(): another one, computed where it is asked for.
+    """
+    job = replace(job, cuts=start.cuts)
+    past, shared = past_solution(job, start), {}
+    solved = best_first(_solved_from(job, past, h, shared) for h in first)
+    best, new = solved[0], job.data.actions - start.measurements.actions
+    if still_explained(best, start):
+        return solved, True
+    if best.solution.objective > update_limit(start, new):
+        return solved, False
+    other = _solved_from(job, past, second(), shared)
+    alike = other.solution.success and best.solution.success
+    alike = alike and abs(other.cost - best.cost) < UNCHANGED
+    alike = alike and same(job.shape, other.at, best.at)
+    return best_first([*solved, other]), alike
+
+
+def still_explained(best, start) -> bool:
+    """Tell whether the path of an earlier estimate explains the new data as well.
+
+    More data never cost less: where the objective has not risen nothing can be gained.
+    """
+    risen = best.solution.objective > start.objective + UNCHANGED
+    return best.solution.success and not risen
+
+
+def _solved_from(job, past: Solved, h: Hypothesis, shared: dict) -> Solved:
+    """Solve the page's last level from a solution of the past and a path of all."""
+    if not shared:
+        problem, window, built = problem_at(job, h)
+        shared.update(problem=problem, window=window, solvers={}, built=built)
+        shared.update(built_at=h)
+    problem, window = shared["problem"], shared["window"]
+    before = of_more_samples(past, window, problem)
+    values = before.values | start_values(problem, window, h)
+    before = replace(before, values=values, iterations=0, evaluations=0)
+    last = replace(job.page.LEVELS[-1], warm_start={"mu_init": UPDATE_MU})
+    return solved_from(job, h, shared, [last], before)
