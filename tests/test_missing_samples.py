@@ -10,7 +10,9 @@ from formulations import quasi_static, violation_implicit
 from formulations.finger_contact import CHANGE
 from formulations.shape import CUBOID
 from tactilenlp import solve_estimate
+from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.geometry.transforms import planar_matrix
+from tactilenlp.problem.action_window import of_later_steps
 from tactilenlp.problem.missing_samples import LONG_WAY, unseen_contact
 from tactilenlp.problem.reductions import Reductions, reduce
 from tactilenlp.tracking.geometry import geometry_of
@@ -231,3 +233,39 @@ def test_half_of_the_samples_of_each_finger_tell_nearly_as_much(recorded):
     error = np.sort(half.side_lengths) - np.sort(truth["side_lengths"])
     order = np.argsort(half.side_lengths)
     assert (np.abs(error) < 3 * half.information.sigma("side_lengths")[order]).all()
+
+
+def test_the_steps_of_a_later_action_keep_what_was_not_seen(touched):
+    """Of a window's second action: the same pushes and steps, numbered from zero."""
+    data, scene, _ = touched
+    lost = np.zeros_like(data.valid)
+    lost[-12:-8] = True
+    data = without(data, lost)
+    window = reduce(data, scene, CUBOID, precision_of(data, scene), Reductions())
+    first = int(np.flatnonzero(data.action == data.action[-1])[0])
+    later = replace(window, **of_later_steps(window, first))
+    assert len(later.unseen_steps)
+    for rows in (later.step, later.push, later.gap):
+        assert (rows.sample >= first).all()
+    assert (later.step.sample[later.push.step] == later.push.sample).all()
+    for name in ("unseen", "unfelt"):
+        whole, part = window.push.pick(getattr(window, name)), getattr(later, name)
+        kept = whole.pick(whole.sample >= first)
+        np.testing.assert_array_equal(later.push.pick(part).sample, kept.sample)
+        np.testing.assert_array_equal(later.push.pick(part).finger, kept.finger)
+    seen = later.step.sample[later.unseen_steps]
+    whole = window.step.sample[window.unseen_steps]
+    np.testing.assert_array_equal(seen, whole[whole >= first])
+
+
+@pytest.mark.slow
+def test_a_polytope_goes_on_by_an_action_with_missing_samples(touched):
+    """Its planes and poses are found for the new action alone (was an IndexError)."""
+    data, scene, _ = touched
+    lost = np.zeros_like(data.valid)
+    lost[-12:-8] = True
+    data = without(data, lost)
+    first = solve_estimate(data.select([0]), scene, shape="polytope")
+    found = solve_estimate(data, scene, shape="polytope", start=first)
+    assert found.success
+    assert found.position.shape == (data.samples, 3)
