@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from hardware.errors import LimitError
+
 BENCHMARKS = Path(__file__).resolve().parents[1] / "examples" / "benchmarks"
 
 
@@ -62,6 +64,20 @@ def test_a_trial_goes_through_all_wires_and_is_judged_again(study, tmp_path):
     assert row["offset"] == "ignored"
     assert row["pose"] == told[0]["pose"]
     assert row["nees"] > told[0]["nees"]  # who knows of no errors is too sure
+
+
+@pytest.mark.slow
+def test_a_robot_that_stops_itself_ends_its_trial_only(study, tmp_path, monkeypatch):
+    """The limit of the joints' speed, here one that every motion exceeds."""
+
+    def stops(*arguments, **given):
+        raise LimitError("a joint runs away", where="finger 1")
+        yield
+
+    monkeypatch.setattr(study, "explore", stops)
+    (row,) = study.run(3, "random", 0, 60, tmp_path)
+    assert "a joint runs away" in row["stopped"]
+    assert "a joint runs away" in study.said((3, "random"), [row])
 
 
 def rows(study):

@@ -12,9 +12,9 @@ so that a tip at rest is 3 to 5 mm from its reported position, as in the paper.
 The fingers' joint zeros are unknowns of the estimates that choose the actions
 ("joints"); afterwards the same touches are estimated with a constant offset of each
 finger as an unknown ("constant"), and without offsets ("ignored").  The truth is used
-for errors only.  Every trial is saved in trials.jsonl and judged.jsonl (study.py) when
-it is done, with its measurements (.npz) beside them; called again, the study resumes.
-The script writes trials.csv, table.txt and real.png, the paper's figure.
+for errors only.  Trials are kept in trials.jsonl and judged.jsonl (study.py), with
+their measurements (.npz); called again, the study resumes.  It writes trials.csv,
+table.txt and real.png, the paper's figure.
 """
 
 import os
@@ -30,12 +30,12 @@ from time import process_time
 import numpy as np
 import trimesh
 from chamfer import chamfer_code, chamfer_floor
-from matplotlib import pyplot as plt
-from scipy import stats
+from robot_report import OFFSETS, draw, table
 from scipy.spatial.transform import Rotation
 from study import add_executor, executor_of, run_study, write_csv
 
 from hardware.bench import Bench
+from hardware.errors import LimitError
 from hardware.kinematics import INITIAL, joints_about
 from hardware.simulated_robot import SimulatedRobot, simulated_rig
 from hardware.world import RobotWorld
@@ -51,7 +51,6 @@ from tactilenlp import (
 from tactilenlp.evaluation.metrics import surface_distance
 from tactilenlp.geometry.transforms import rotation_of
 
-plt.switch_backend("Agg")  # without a screen
 BOX = (0.058, 0.049, 0.053)  # [m], the paper's
 NEAR = 0.02  # [m], starts about the middle of the workspace
 ZERO = np.deg2rad(1.0)  # deviation of a joint's zero angle
@@ -60,11 +59,7 @@ PUSH = 160.0, 1.7  # [N/m], [N] of a finger: stiffness and strength of its joint
 NORMAL = 0.03  # [rad]: a pixel of 58 px for 80 degrees, and a degree of the joints
 OFFSET = 4e-3 / np.sqrt(3)  # [m] deviation of each coordinate of a tip 4 mm off
 PLACES = [[0.05, 0.0, 0.04], [-0.05, 0.0, 0.04]]  # [m] about which either tip works
-OFFSETS = ("joints", "constant", "ignored")  # how the fingers' errors are estimated
 OPTIONS = Options(time_limit=300.0)  # [s] on the wall: for a machine that is busy
-KEYS = {"p2s_mm": "exact surface distance [mm]", "bch_mm": "bCH [mm]"}
-COLOURS = {"eig": "#0072B2", "random": "#D55E00"}
-LINES = {"joints": "-", "constant": "--", "ignored": ":"}
 
 
 def zero_errors(rig, rng) -> np.ndarray:
@@ -103,7 +98,7 @@ def run(
     number: int, policy: str, actions: int, budget: int, folder: Path
 ) -> list[dict]:
     """Return a row after the first touch and after each action; keep what was felt."""
-    robot, past, rows = robot_of(number, policy), [], []
+    robot, past, rows, data = robot_of(number, policy), [], [], None
     begin, scene = robot.pose[:3], scenes_of(robot.rig)["joints"]
     robot.after = lambda now: past.append((now, robot.pose))
     wires = {"clock": robot, "reader": robot.reader, "listen_only": False}
@@ -114,19 +109,23 @@ def run(
             finger_radius=float(world.finger_radius.max()), radius=0.12,
             stiffness=stiffness, max_force=force,
         )  # fmt: skip
-        for step in explore(
+        steps = explore(
             world, scene, actions, policy, seed=number, workspace=space,
             centre=begin, budget=budget, options=OPTIONS,
-        ):  # fmt: skip
-            data = step.estimate.measurements
-            now = [now for now, _ in past]
-            pose = past[np.searchsorted(now, world.origin + data.time[-1])][1]
-            row = {"trial": number, "policy": policy, "step": step.number}
-            row |= {"last": int(data.action[-1]), "pose": pose.tolist()}
-            row |= {"moved_mm": 1e3 * np.linalg.norm(pose[:2] - begin[:2])}
-            row |= {"choose_s": step.seconds["choose"], "offset": OFFSETS[0]}
-            row |= {"cpu_s": step.seconds["estimate"]}
-            rows.append(row | errors(step.estimate, pose))
+        )  # fmt: skip
+        try:
+            for step in steps:
+                data = step.estimate.measurements
+                now = [now for now, _ in past]
+                pose = past[np.searchsorted(now, world.origin + data.time[-1])][1]
+                row = {"trial": number, "policy": policy, "step": step.number}
+                row |= {"last": int(data.action[-1]), "pose": pose.tolist()}
+                row |= {"moved_mm": 1e3 * np.linalg.norm(pose[:2] - begin[:2])}
+                row |= {"choose_s": step.seconds["choose"], "offset": OFFSETS[0]}
+                row |= {"cpu_s": step.seconds["estimate"]}
+                rows.append(row | errors(step.estimate, pose))
+        except LimitError as stop:  # the robot's own guard ends a trial, not the study
+            return [{"trial": number, "policy": policy, "stopped": str(stop)}]
     data.save(folder / f"{number:03d}_{policy}.npz")
     return rows
 
@@ -150,7 +149,8 @@ def judge(
 def said(case, rows) -> str:
     """Return a trial that ended in words."""
     last = rows[-1]
-    return f"trial {case[0]}, {case[1]}: {last['offset']} {last['p2s_mm']:.2f} mm"
+    found = last.get("stopped") or f"{last['offset']} {last['p2s_mm']:.2f} mm"
+    return f"trial {case[0]}, {case[1]}: {found}"
 
 
 def errors(estimate, pose: np.ndarray) -> dict:
@@ -187,76 +187,6 @@ def error_of(estimate, pose: np.ndarray, turn: Rotation) -> np.ndarray:
     return np.r_[estimate.side_lengths - sides, place, off]
 
 
-def column(rows, key: str, policy: str, offset: str, step: int) -> np.ndarray:
-    """Return a number of every trial."""
-    return np.array([
-        r[key] for r in rows
-        if (r["policy"], r["offset"], r["step"]) == (policy, offset, step)
-    ])  # fmt: skip
-
-
-def draw(path: Path, rows: list[dict], policies: list[str], steps: range) -> None:
-    """Save mean and 95 % interval of the mean of each policy after every step."""
-    figure, panels = plt.subplots(1, 2, figsize=(9, 3.4))
-    for axes, (key, title) in zip(panels, KEYS.items(), strict=True):
-        top = 0.0  # of the means: intervals of a few trials would press them flat
-        for policy, offset in product(policies, offsets_of(rows)):
-            groups = [column(rows, key, policy, offset, step) for step in steps]
-            means, halves = np.array([(g.mean(), half_band(g)) for g in groups]).T
-            top = max(top, means.max())
-            style = {"color": COLOURS.get(policy), "linestyle": LINES[offset]}
-            axes.plot(steps, means, label=f"{policy}, {offset}", **style)
-            if offset == OFFSETS[0]:
-                band = means - halves, means + halves
-                axes.fill_between(steps, *band, color=style["color"], alpha=0.2)
-        axes.set(xlabel="actions after the first touch", ylabel=title)
-        axes.set_ylim(0, 1.3 * top)
-    panels[0].legend(fontsize=8)
-    figure.tight_layout()
-    figure.savefig(path, dpi=120)
-    plt.close(figure)
-
-
-def offsets_of(rows: list[dict]) -> list[str]:
-    """Return which of OFFSETS were estimated."""
-    return [one for one in OFFSETS if any(row["offset"] == one for row in rows)]
-
-
-def half_band(values: np.ndarray) -> float:
-    """Return half the 95 % interval of the mean."""
-    if len(values) < 2:
-        return 0.0
-    return float(stats.t.ppf(0.975, len(values) - 1) * stats.sem(values))
-
-
-def table(rows: list[dict], policies: list[str], steps: range) -> str:
-    """Return medians and means after every action, NEES, and the paper's test.
-
-    centred: of an estimate moved to the true centre, which the fingers cannot know.
-    """
-    head = f"{'policy':8}{'offset':9}{'step':>5}{'p2s median':>12}{'worst':>7}"
-    head += f"{'centred':>9}{'bCH mean':>10}{'NEES mean':>11}{'median':>8}"
-    lines = [head + f"{'p of bCH':>10}{'paired':>8}"]
-    for policy, offset, step in product(policies, offsets_of(rows), steps):
-        p2s, centred, bch, nees = (
-            column(rows, key, policy, offset, step)
-            for key in ("p2s_mm", "centred_mm", "bch_mm", "nees")
-        )
-        words = f"{policy:8}{offset:9}{step:5}{np.median(p2s):12.2f}{p2s.max():7.2f}"
-        words += f"{np.median(centred):9.2f}"
-        words += f"{bch.mean():10.2f}{nees.mean():11.2f}{np.median(nees):8.2f}"
-        if policy == policies[0] and len(policies) > 1 and len(bch) > 1:
-            other = column(rows, "bch_mm", policies[1], offset, step)
-            alone = stats.ttest_ind(bch, other).pvalue
-            paired = stats.ttest_rel(bch, other).pvalue
-            times = len(steps) - 1
-            words += f"{min(1.0, alone * times):10.3f}{min(1.0, paired * times):8.3f}"
-        lines.append(words)
-    lines.append("p: two-tailed t-test of independent samples (the paper's), times the")
-    lines.append("actions; paired: of differences, the same body and errors in both")
-    return "\n".join(lines)
-
-
 def main() -> None:
     """Run what is not there yet, then write table and figure."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -278,10 +208,13 @@ def main() -> None:
     size = simulated_rig("densetact").fingers[0].tactile.camera["size"]
     kept, where = about | {"pictures": list(size)}, options.folder
     trial = partial(run, folder=where, **about)
-    with executor_of(options, __file__) as executor:
+    with executor_of(options, *Path(__file__).parent.glob("*.py")) as executor:
         told = run_study(
             where / "trials.jsonl", "robot", trial, cases, executor, kept, said
         )
+        stopped = {row["trial"] for rows in told for row in rows if "stopped" in row}
+        cases = [case for case in cases if case[0] not in stopped]
+        told = [rows for rows in told if rows[0]["trial"] not in stopped]
         again = partial(judge, told=told, folder=where)
         more = [(*case, offset) for offset in options.offsets for case in cases]
         judged = run_study(
@@ -291,6 +224,7 @@ def main() -> None:
     write_csv(where / "trials.csv", rows)
     steps = range(options.actions + 1)
     words = table(rows, options.policies, steps)
+    words += f"\nstopped by the robot, with their pairs left out: {sorted(stopped)}"
     (where / "table.txt").write_text(words + "\n")
     draw(where / "real.png", rows, options.policies, steps)
     print(words)
