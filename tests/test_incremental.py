@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tactilenlp import Options, Session, solve_estimate
+from tactilenlp.common.deadline import OutOfTime
 from tactilenlp.interface.request import read_request
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.refinement.incremental import (
@@ -62,11 +63,13 @@ def test_an_update_that_costs_more_asks_for_another_start(asked, estimate):
     def after(risen, second):
         """Update an estimate that the new action lets rise so far [nats]."""
         start = replace(estimate, objective=ends.solution.objective - risen)
-        solved, enough = updated_by_few(request.job, start, [best], second)
+        solved = []
+        enough = updated_by_few(request.job, start, [best], second, solved)
         return len(solved), enough
 
-    (ends,), enough = updated_by_few(request.job, estimate, [best], None)
-    assert enough  # another start was not asked for
+    found = []
+    assert updated_by_few(request.job, estimate, [best], None, found)
+    (ends,) = found  # another start was not asked for
     assert after(1.0, lambda: best) == (2, True)  # another start confirms it
     assert after(1.0, lambda: off)[0] == 2
     assert after(2 * most, None) == (1, False)  # no new action costs so much
@@ -117,3 +120,31 @@ def test_only_whole_actions_of_a_good_fit_are_continued(asked, estimate):
     assert not of_whole_actions(replace(estimate, reductions=freed), job)
     part = SimpleNamespace(samples=estimate.measurements.samples - 5)
     assert not of_whole_actions(replace(estimate, measurements=part), job)
+
+
+def test_an_update_that_time_ends_keeps_what_it_has_solved(asked, estimate):
+    """The first start is solved; before the second one, time is over."""
+    request, kept = asked
+    (best, *_) = BoxSearch(request.job, kept, 2).first()
+    solved, job = [], request.job
+    start = replace(estimate, objective=estimate.objective - 1.0)
+
+    def second():
+        raise OutOfTime
+
+    with pytest.raises(OutOfTime):
+        updated_by_few(job, start, [best], second, solved)
+    assert len(solved) == 1
+    assert solved[0].solution.success
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("limit", [0.05, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3])
+def test_an_update_within_any_time_ends_as_an_estimate(recorded, estimate, limit):
+    data, scene, _ = recorded
+    found = solve_estimate(
+        data.select(range(4)), scene, start=estimate, throw=False,
+        options=Options(time_limit=limit),
+    )  # fmt: skip
+    assert found.position.shape == (124, 3)
+    assert np.isfinite(found.objective)

@@ -99,8 +99,10 @@ def optima_of(request: Request, so_far: SoFar, update: Solved | None = None) -> 
     other = _solved_by_action(request) if sought else None
     if other is not None and _differs(other.best, found.solved):
         found = _better(found, _certified(request, other, check))
+    best = found.best
     with found.job.deadline.ending("profile likelihoods"):
-        return replace(found, best=with_profiles(found.best))
+        best = with_profiles(best)
+    return replace(found, best=best)
 
 
 def _of_one_search(request: Request, so_far: SoFar, update=None) -> Optima:
@@ -129,12 +131,13 @@ def _updated_by_few(request, so_far) -> tuple:
     asked = sized and job.reductions.planar and precise(job.data, job.precision)
     if not (asked and continues(start, job) and of_whole_actions(start, job)):
         return None, [], False
-    search = search_on_ground(request, so_far.kept)
-    solved, enough = updated_by_few(job, start, search.first(), search.second)
-    words = "%d starts of an update: %.1f nats more%s"
-    more = solved[0].solution.objective - start.objective
-    log.info(words, len(solved), more, ", no others are needed" if enough else "")
-    return search, solved, enough
+    search, enough = search_on_ground(request, so_far.kept), False
+    with so_far.collecting() as mine, job.deadline.ending("an update by few starts"):
+        enough = updated_by_few(job, start, search.first(), search.second, mine)
+        more = min(mine, key=lambda s: s.rank).solution.objective - start.objective
+        words = ", no others are needed" if enough else ""
+        log.info("%d starts of an update: %.1f nats more%s", len(mine), more, words)
+    return search, best_first(mine), enough
 
 
 def _better(found: Optima, other: Optima) -> Optima:

@@ -74,27 +74,30 @@ def of_more_samples(past: Solved, window, problem) -> Solution:
 
 
 def updated_by_few(
-    job: Job, start, first: Sequence[Hypothesis], second: Callable[[], Hypothesis]
-) -> tuple[list[Solved], bool]:
-    """Return the page solved from few starts, best first, and whether these suffice.
+    job: Job, start, first: Sequence[Hypothesis], second: Callable[[], Hypothesis],
+    solved: list[Solved],
+) -> bool:  # fmt: skip
+    """Solve the page from few starts; tell whether these suffice.
 
     They do where the objective has hardly risen, since more data never cost less, and
     where a start of another source leads to the same optimum.  first: starts that
-    continue the posterior; second(): another one, computed where it is asked for.
+    continue the posterior; second(): another one, computed where it is asked for;
+    solved: an empty list for the solves, also where Ctrl-C or OutOfTime interrupts.
     """
     job = replace(job, cuts=start.cuts)
     past, shared = past_solution(job, start), {}
-    solved = best_first(_solved_from(job, past, h, shared) for h in first)
-    best, new = solved[0], job.data.actions - start.measurements.actions
+    for h in first:
+        solved.append(_solved_from(job, past, h, shared))
+    best, new = best_first(solved)[0], job.data.actions - start.measurements.actions
     if still_explained(best, start):
-        return solved, True
+        return True
     if best.solution.objective > update_limit(start, new):
-        return solved, False
+        return False
     other = _solved_from(job, past, second(), shared)
+    solved.append(other)
     alike = other.solution.success and best.solution.success
     alike = alike and abs(other.cost - best.cost) < UNCHANGED
-    alike = alike and same(job.shape, other.at, best.at)
-    return best_first([*solved, other]), alike
+    return alike and same(job.shape, other.at, best.at)
 
 
 def still_explained(best, start) -> bool:
