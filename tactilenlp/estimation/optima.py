@@ -124,11 +124,13 @@ def _updated_by_few(request, so_far) -> tuple:
     """Return a search that was begun, solves from few starts, whether these suffice.
 
     Where a shape with sizes slid flat and its first actions fit well; noise leaves more
-    optima open than few starts find.  Else no search.
+    optima open than few starts find, and a page without levels from guessed poses needs
+    all of its levels.  Else no search.
     """
     job, start = request.job_until(REFINEMENT_END), request.start
     sized = job.shape.parameters == "sizes" and job.path is None and so_far.kept
-    asked = sized and job.reductions.planar and precise(job.data, job.precision)
+    asked = sized and job.reductions.planar and job.contract.rough
+    asked = asked and precise(job.data, job.precision)
     if not (asked and continues(start, job) and of_whole_actions(start, job)):
         return None, [], False
     search, enough = search_on_ground(request, so_far.kept), False
