@@ -10,8 +10,8 @@ objective has risen by PROFILE_RISE,
 
 as of a Gaussian with the same likelihood ratio; the other sizes and the final pose
 change as they do in that solve.  Where L is lower than at s_0, a better optimum is
-near.  Where L levels off, sigma is the root of the second moment of exp(-L), if larger
-(`_of_posterior`).  It is at most
+near.  Where L levels off, sigma is the root of the second moment of exp(-L), if larger.
+It is at most
 
     sigma sqrt(1 + |z|^2 / (3 + n)),
 
@@ -43,7 +43,7 @@ from ..information.tangent_space import final_unknowns
 from ..nlp.kkt import kkt_system_of
 from ..search.hypothesis import Hypothesis, resized, rotation_at
 from ..search.local_solve import RANKING_TOLERANCE, settings_of, start_values
-from ..search.margins import BETTER_OPTIMUM, NEGLIGIBLE, ONE_SIGMA, PROFILE_RISE
+from ..search.margins import BETTER_OPTIMUM, ONE_SIGMA, PROFILE_RISE
 from ..solvers.solve import solve_levels
 
 FACES_DISTANCE = 0.3e-3  # [m] sigma of the distance of two touched faces
@@ -57,9 +57,8 @@ PLATEAU_GROWTH = 1.5
 ANY_YAW = np.pi / 2 / np.sqrt(12)  # [rad] deviation of a uniform yaw of a box
 ENDED = 0.99  # [-] of the rise, or of the prior's deviation, at which a profile ends
 POSTERIOR_NODES = 1000  # of the integral over a narrow optimum and a wide plateau
-# IPOPT's mu_init where a size is held elsewhere, with the multipliers of the optimum:
-# 27 such solves took 73 iterations and ended up to 0.6 nats above the best of several;
-# from 1e-1 without multipliers 105 and 0.6
+# IPOPT's mu_init where a size is held elsewhere, with the optimum's multipliers: 73
+# iterations in 27 solves, up to 0.6 nats above the best (105 from 1e-1 without them)
 PROFILE_MU = 1e-2
 PROFILE_ITERATIONS = 300  # of one such solve: a height on a plateau took 222
 
@@ -238,16 +237,18 @@ def _open_deviation(there, at, axis, found, points, least, prior, target_rise, c
     """Return the deviation (k,) of an open size, or None; found: by its profile.
 
     One more solve, a deviation of the prior off, tells whether the rise levels off,
-    unless what is beyond has no weight, and whether a large deviation by the Hessian,
-    least [m], 0 if there is none, is larger.  points: as of `_of_posterior`.
+    unless no plateau at the last rise would widen it, and whether a large deviation by
+    the Hessian, least [m], 0 if there is none, is larger.  points: see `_of_posterior`.
     """
-    ended = ENDED * target_rise <= points[-1][1] < NEGLIGIBLE
+    price, given = points[-1][1], (cost, prior, target_rise)
+    plateau = _of_posterior([*points, (prior, price)], *given)
+    ended = price >= ENDED * target_rise and plateau > abs(found[axis])
     if (least or ended) and (moved := there(prior)) is not None:
         points = [*points, (prior, max(moved.objective - at.objective, 0.0))]
         found = (moved.end - at.end) * least / prior if least else found
     if found is None or points[-1][1] >= 2 * target_rise:
         return found
-    deviation = min(_of_posterior(points, cost, prior, target_rise), prior)
+    deviation = min(_of_posterior(points, *given), prior)
     return found * max(1.0, deviation / abs(found[axis]))
 
 
