@@ -109,13 +109,12 @@ def test_a_plateau_behind_a_narrow_optimum_counts_by_its_posterior_mass():
     assert far == deviation(plateau(7.0))[0]
 
 
-def test_a_plateau_is_looked_for_only_where_one_could_have_weight():
+@pytest.mark.parametrize(("height", "solves"), [(8.0, 2), (30.0, 1)])
+def test_a_plateau_is_looked_for_only_where_it_could_have_weight(height, solves):
     """Behind a rise of 8 nats within 0.5 mm it could, behind one of 30 it could not."""
-    for height, solves in ((8.0, 2), (30.0, 1)):
-        asked = []
-        price = plateau(height)
-        deviation(lambda d, price=price: asked.append(d) or price(d), cost=prior_of)
-        assert len(asked) == solves, height
+    asked, price = [], plateau(height)
+    deviation(lambda d: asked.append(d) or price(d), cost=prior_of)
+    assert len(asked) == solves
 
 
 def test_a_large_deviation_is_as_large_as_one_solve_far_off_says():

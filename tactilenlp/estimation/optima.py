@@ -247,6 +247,7 @@ def _solved_page(
     with so_far.collecting() as mine, job.deadline.ending("other solves of the page"):
         mine += known
         solved = known if enough else refined(job, starts, mine, earlier, known)
+        job = replace(job, reductions=solved[0].job.reductions)
         check_finite(solved[0].problem, solved[0].solution)
         found = with_ground_tilt(job, solved)
         larger = with_nuisance_parameters(*found, freed)

@@ -14,6 +14,8 @@ import numpy as np
 
 from ..interface.readout import name_of
 from ..interface.result import Estimate, solution_of
+from ..problem.reductions import Reductions
+from ..problem.unreduced import LEFT_OUT
 from ..search.hypothesis import Hypothesis, Job, same
 from ..search.local_solve import (
     Solved,
@@ -44,18 +46,21 @@ def update_limit(start, new_actions: int) -> float:
 def of_whole_actions(start, job: Job) -> bool:
     """Tell whether an estimate of a job's page is of its first actions, each whole.
 
-    With the same reductions, and touches that cost what they should.
+    With the same reductions but those that a certificate restores, and touches that
+    cost what they should.
     """
     data, known = job.data, start.measurements.samples
     whole = known < data.samples and data.action[known] != data.action[known - 1]
-    alike = {**start.reductions} == asdict(job.reductions)
+    restored = dict.fromkeys(LEFT_OUT, True)
+    alike = {**start.reductions, **restored} == {**asdict(job.reductions), **restored}
     good = start.fit is not None and start.fit.verdict == "good"
     return whole and alike and good
 
 
 def past_solution(job: Job, start) -> Solved:
-    """Return the estimate as a solved page."""
-    job = replace(job, data=job.data.select(np.unique(start.measurements.action)))
+    """Return the estimate as a solved page, with its own reductions."""
+    data = job.data.select(np.unique(start.measurements.action))
+    job = replace(job, data=data, reductions=Reductions(**start.reductions))
     problem, window, built = problem_at(job, start.origin)
     seconds = {"build": built, "solve": 0.0}
     solution = solution_of(start, job.page)
@@ -83,8 +88,10 @@ def updated_by_few(
     where a start of another source leads to the same optimum.  first: starts that
     continue the posterior; second(): another one, computed where it is asked for;
     solved: an empty list for the solves, also where Ctrl-C or OutOfTime interrupts.
+    What certificates restored in the estimate stays restored.
     """
-    job = replace(job, cuts=start.cuts)
+    made = Reductions(**start.reductions)
+    job = replace(job, cuts=start.cuts, reductions=made)
     past, shared = past_solution(job, start), {}
     for h in first:
         solved.append(_solved_from(job, past, h, shared))
