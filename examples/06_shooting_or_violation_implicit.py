@@ -46,8 +46,7 @@ for name in ("shooting", "violation_implicit"):
             losses.append(least.objective)
     loss = np.array(losses) - min(losses)
     low = np.flatnonzero((loss[1:-1] < loss[:-2]) & (loss[1:-1] < loss[2:])) + 1
-    minima = f"{len(low)} local minim{'um' if len(low) == 1 else 'a'}"
-    (line,) = axes.plot(1e3 * offsets, loss, label=f"{name}: {minima}")
+    (line,) = axes.plot(1e3 * offsets, loss, label=f"{name}, minima: {len(low)}")
     axes.plot(1e3 * offsets[low], loss[low], "o", color=line.get_color())
     off = 1e3 * np.abs(truth - estimate.side_lengths[1]).min()
     told.append(f"{len(low)} by {name} ({off:.2f} mm off)")
