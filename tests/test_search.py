@@ -48,7 +48,7 @@ def test_a_start_with_a_lower_objective_of_the_same_data_is_kept(
     data, scene, _ = recorded
     data, found = data.select(range(3)), estimate.hypotheses[0]
     lost = replace(found, x=found.x + np.array([[0.0], [0.0], [np.pi / 4]]))
-    monkeypatch.setattr(optima, "searched", lambda request, kept: ([lost], [lost]))
+    monkeypatch.setattr(optima, "searched", lambda *_: ([lost], [lost]))
     turned = solve_estimate(data, scene, throw=False)
     assert turned.objective > estimate.objective + 10  # another optimum
     again = solve_estimate(data, scene, start=estimate)
