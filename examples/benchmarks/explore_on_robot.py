@@ -98,7 +98,7 @@ def run(
     number: int, policy: str, actions: int, budget: int, folder: Path
 ) -> list[dict]:
     """Return a row after the first touch and after each action; keep what was felt."""
-    robot, past, rows, data = robot_of(number, policy), [], [], None
+    robot, past, rows = robot_of(number, policy), [], []
     begin, scene = robot.pose[:3], scenes_of(robot.rig)["joints"]
     robot.after = lambda now: past.append((now, robot.pose))
     wires = {"clock": robot, "reader": robot.reader, "listen_only": False}

@@ -105,11 +105,9 @@ class SearchInFrame:
         What another page found, or a search that was interrupted, is no posterior of
         this page: all actions are tracked again.
         """
-        start, starts = request.start, request.widths[1]
+        start, starts, page = request.start, request.widths[1], request.job.page
         job = replace(job, first=first_guess(start, job.shape))
-        if isinstance(start, Estimate) and start.formulation != name_of(
-            request.job.page
-        ):
+        if isinstance(start, Estimate) and start.formulation != name_of(page):
             kept[:] = []
         if not default_cache().functions and job.deadline.left > AMPLE:
             problem_at(request.job)  # its compilers run beside the search

@@ -136,10 +136,12 @@ def _updated_by_few(request, so_far) -> tuple:
     search, enough = search_on_ground(request, so_far.kept), False
     with so_far.collecting() as mine, job.deadline.ending("an update by few starts"):
         enough = updated_by_few(job, start, search.first(), search.second, mine)
-        more = min(mine, key=lambda s: s.rank).solution.objective - start.objective
+    solved = best_first(mine)
+    if solved:
+        more = solved[0].solution.objective - start.objective
         words = ", no others are needed" if enough else ""
         log.info("%d starts of an update: %.1f nats more%s", len(mine), more, words)
-    return search, best_first(mine), enough
+    return search, solved, enough
 
 
 def _better(found: Optima, other: Optima) -> Optima:

@@ -92,16 +92,24 @@ def updated_by_few(
     """
     made = Reductions(**start.reductions)
     job = replace(job, cuts=start.cuts, reductions=made)
-    past, shared = past_solution(job, start), {}
-    for h in first:
-        solved.append(_solved_from(job, past, h, shared))
-    best, new = best_first(solved)[0], job.data.actions - start.measurements.actions
+    problem, window, built = problem_at(job, first[0])
+    shared = {"problem": problem, "window": window, "solvers": {}, "built": built}
+    shared["built_at"] = first[0]
+    past = of_more_samples(past_solution(job, start), window, problem)
+    last = replace(job.page.LEVELS[-1], warm_start={"mu_init": UPDATE_MU})
+
+    def solve(h: Hypothesis) -> Solved:
+        values = past.values | start_values(problem, window, h)
+        solved.append(solved_from(job, h, shared, [last], replace(past, values=values)))
+        return solved[-1]
+
+    best = best_first([solve(h) for h in first])[0]
     if still_explained(best, start):
         return True
+    new = job.data.actions - start.measurements.actions
     if best.solution.objective > update_limit(start, new):
         return False
-    other = _solved_from(job, past, second(), shared)
-    solved.append(other)
+    other = solve(second())
     alike = other.solution.success and best.solution.success
     alike = alike and abs(other.cost - best.cost) < UNCHANGED
     return alike and same(job.shape, other.at, best.at)
@@ -114,17 +122,3 @@ def still_explained(best, start) -> bool:
     """
     risen = best.solution.objective > start.objective + UNCHANGED
     return best.solution.success and not risen
-
-
-def _solved_from(job, past: Solved, h: Hypothesis, shared: dict) -> Solved:
-    """Solve the page's last level from a solution of the past and a path of all."""
-    if not shared:
-        problem, window, built = problem_at(job, h)
-        shared.update(problem=problem, window=window, solvers={}, built=built)
-        shared.update(built_at=h)
-    problem, window = shared["problem"], shared["window"]
-    before = of_more_samples(past, window, problem)
-    values = before.values | start_values(problem, window, h)
-    before = replace(before, values=values, iterations=0, evaluations=0)
-    last = replace(job.page.LEVELS[-1], warm_start={"mu_init": UPDATE_MU})
-    return solved_from(job, h, shared, [last], before)

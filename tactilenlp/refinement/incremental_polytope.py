@@ -20,8 +20,6 @@ from formulations.rigid_body import ARM
 
 from ..geometry.transforms import is_planar, planar_matrix
 from ..information.measurement_noise import touches
-from ..interface.readout import name_of
-from ..interface.result import Estimate
 from ..nlp.problem import Problem
 from ..problem.action_window import of_action
 from ..problem.outliers import MIN_OF_TOUCH, left_unexplained
@@ -41,7 +39,13 @@ from ..search.polytope_init import ACCEPTABLE, credible_data, faces_of
 from ..solvers.options import SolverOptions
 from ..solvers.solution import Solution, after
 from ..solvers.solve import solve_levels
-from .incremental import UPDATE_MU, of_more_samples, past_solution, update_limit
+from .incremental import (
+    UPDATE_MU,
+    continues,
+    of_more_samples,
+    past_solution,
+    update_limit,
+)
 
 log = logging.getLogger("tactilenlp")
 MIN_JUMP = 1e-3  # [m] of a jump between actions that is wrong
@@ -101,15 +105,12 @@ def _better(solved: Solved, again: Solved | None) -> Solved:
 
 def is_one_action_more(start, job: Job) -> bool:
     """Tell whether a job is that of an estimate of this page and one action more."""
-    if not isinstance(start, Estimate) or not start.success:
-        return False
-    if not (job.contract.extends and job.reductions.planar):
+    if not (continues(start, job) and job.contract.extends and job.reductions.planar):
         return False  # in free motion all actions are solved again
     whole = start.measurements.samples == np.count_nonzero(
         job.data.action != job.data.action[-1]
     )
-    alike = start.shape == job.shape.name and start.formulation == name_of(job.page)
-    alike = alike and start.theta.size == job.shape.theta
+    alike = start.shape == job.shape.name and start.theta.size == job.shape.theta
     alike = alike and {**start.reductions} == asdict(job.reductions)
     known = start.information is not None and np.isfinite(start.information.matrix)
     return whole and alike and bool(np.all(known))

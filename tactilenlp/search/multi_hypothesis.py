@@ -92,16 +92,15 @@ class BoxSearch:
     """The search for the starts of a job: tracks, and optima of least motion from them.
 
     kept: hypotheses of the first actions to continue, if any; count: of the starts;
-    executor: see least_motion; so_far: a list that holds hypotheses of the actions done
-    by Ctrl-C; it may be `kept` itself.  What it was asked for first is not computed
-    again.
+    executor: see least_motion; so_far: holds hypotheses of the actions done by Ctrl-C.
+    What it was asked for first is not computed again.
     """
 
     job: Job
     kept: Sequence[Hypothesis]
     count: int
     executor: Executor | None = None
-    so_far: list | None = None
+    so_far: list = field(default_factory=list)
     lying: dict = field(default_factory=dict)  # of tracks: the optima of least motion
 
     def starts(self) -> list[Hypothesis]:
@@ -112,8 +111,7 @@ class BoxSearch:
         if complete(self.kept, self.job):
             return list(self.kept)
         shape, count, tracks = self.job.shape, self.count, self._tracks()
-        if self.so_far is not None:
-            self.so_far[:] = tracks[:1]
+        self.so_far[:] = tracks[:1]
         lying, starts = self._lying(tracks), []
         for h in varied(shape, lying, count - max(1, count // TRACK_SHARE)):
             if not any(same(shape, h, other) for other in starts):
@@ -127,7 +125,7 @@ class BoxSearch:
 
         From the first few tracks; without those that are far behind.
         """
-        lying = self._lying(self._varied(self._continued)[:ROUND])
+        lying = self._lying(self._far_apart[:ROUND])
         lying = sorted(lying, key=lambda h: h.objective)
         return distinct(self.job.shape, lying, ROUND, DECISIVE)
 
@@ -141,6 +139,11 @@ class BoxSearch:
     @cached_property
     def _continued(self) -> list[Hypothesis]:
         return tracked_paths(self.job, self.kept, SMOOTHED, self.so_far)
+
+    @cached_property
+    def _far_apart(self) -> list[Hypothesis]:
+        """Tracks that continue `kept`, far from each other."""
+        return self._varied(self._continued)
 
     @cached_property
     def _others(self) -> list[list[Hypothesis]]:
@@ -165,7 +168,7 @@ class BoxSearch:
         """Return tracks far from each other, by every search that the data ask for."""
         job, kept, count = self.job, self.kept, LYING * self.count
         late = job.deadline.passed("other tracks")
-        tracks = self._continued[:1] if late else self._varied(self._continued)
+        tracks = self._continued[:1] if late else self._far_apart
         several = [tracks, *self._others]
         tracks = [h for each in zip_longest(*several) for h in each if h][:count]
         if job.shape.is_box and not (kept or job.first) and job.data.actions == 1:
@@ -175,11 +178,9 @@ class BoxSearch:
         return tracks
 
 
-def search_boxes(
-    job: Job, kept, count: int, executor=None, so_far=None
-) -> list[Hypothesis]:
+def search_boxes(job: Job, kept, count: int, executor=None) -> list[Hypothesis]:
     """Return `count` starts for all actions of a job; arguments as of `BoxSearch`."""
-    return BoxSearch(job, kept, count, executor, so_far).starts()
+    return BoxSearch(job, kept, count, executor).starts()
 
 
 def complete(kept, job: Job) -> bool:
