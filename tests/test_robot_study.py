@@ -80,6 +80,13 @@ def test_a_robot_that_stops_itself_ends_its_trial_only(study, tmp_path, monkeypa
     assert "a joint runs away" in study.said((3, "random"), [row])
 
 
+def test_a_trial_that_the_robot_ended_is_left_out_with_its_pair(study):
+    cases = [(trial, policy) for trial in (3, 4) for policy in ("eig", "random")]
+    told = [[{"trial": trial, "policy": policy}] for trial, policy in cases]
+    told[1] = [told[1][0] | {"stopped": "a joint runs away"}]
+    assert study.completed(cases, told) == (cases[2:], told[2:], [3])
+
+
 def rows(study):
     rng = np.random.default_rng(0)
     return [

@@ -146,6 +146,14 @@ def judge(
     return out
 
 
+def completed(cases, told) -> tuple[list, list, list[int]]:
+    """Return cases and rows without trials that the robot ended, and these trials."""
+    stopped = {row["trial"] for rows in told for row in rows if "stopped" in row}
+    kept = [case for case in cases if case[0] not in stopped]
+    rows = [rows for rows in told if rows[0]["trial"] not in stopped]
+    return kept, rows, sorted(stopped)
+
+
 def said(case, rows) -> str:
     """Return a trial that ended in words."""
     last = rows[-1]
@@ -212,9 +220,7 @@ def main() -> None:
         told = run_study(
             where / "trials.jsonl", "robot", trial, cases, executor, kept, said
         )
-        stopped = {row["trial"] for rows in told for row in rows if "stopped" in row}
-        cases = [case for case in cases if case[0] not in stopped]
-        told = [rows for rows in told if rows[0]["trial"] not in stopped]
+        cases, told, stopped = completed(cases, told)
         again = partial(judge, told=told, folder=where)
         more = [(*case, offset) for offset in options.offsets for case in cases]
         judged = run_study(
@@ -224,7 +230,7 @@ def main() -> None:
     write_csv(where / "trials.csv", rows)
     steps = range(options.actions + 1)
     words = table(rows, options.policies, steps)
-    words += f"\nstopped by the robot, with their pairs left out: {sorted(stopped)}"
+    words += f"\nstopped by the robot, with their pairs left out: {stopped}"
     (where / "table.txt").write_text(words + "\n")
     draw(where / "real.png", rows, options.policies, steps)
     print(words)
