@@ -139,6 +139,32 @@ def test_the_share_of_lost_samples_is_the_one_named(foreign, name):
         assert longest >= 2
 
 
+def test_wrong_reports_have_the_share_that_is_named_and_unit_normals(foreign):
+    data = made_up()
+    free = replace(data, contact=~data.contact, normal=0 * data.normal)
+    for name, of in (("false touches", free), ("normals wrong", data)):
+        for strength, made in foreign.DEPARTURES[name].items():
+            share = float(strength.split()[0]) / 100
+            told = made.measured(of, 0)
+            hit = (told.normal != of.normal).any(axis=-1)
+            assert hit.mean() == pytest.approx(share, abs=3 * (share / 800) ** 0.5)
+            np.testing.assert_allclose(np.linalg.norm(told.normal[hit], axis=-1), 1.0)
+            assert (told.contact == (of.contact | hit)).all()
+
+
+def test_a_repeated_report_is_the_one_before_it_in_the_same_action(foreign):
+    data, rng = made_up(), np.random.default_rng(0)
+    places = 1e-3 * np.cumsum(rng.normal(size=data.finger_position.shape), axis=0)
+    data = replace(data, finger_position=places)
+    told = foreign.DEPARTURES["repeated"]["20 %"].measured(data, 0).finger_position
+    old = (told[1:] == told[:-1]).all(axis=-1)
+    assert 0.1 < old.mean() < 0.3
+    begins = np.flatnonzero(np.diff(data.action))
+    assert not old[begins].any()
+    new = np.vstack([np.ones((1, data.fingers), bool), ~old])
+    np.testing.assert_array_equal(told[new], places[new])
+
+
 def test_a_gap_takes_half_of_one_action_and_a_dead_finger_stays_dead(foreign):
     data = made_up()
     gap, dead = (

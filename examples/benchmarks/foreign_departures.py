@@ -124,6 +124,11 @@ DEPARTURES: dict[str, dict[str, Departure]] = {
     "clock": of_sensors(sensors.unsteady_clock, **{"5 ms": 5e-3, "15 ms": 15e-3}),
     "late release": of_sensors(sensors.late_release, **{"2": 2, "5": 5}),
     "chatter": of_sensors(sensors.chattering, **{"5 %": 0.05, "20 %": 0.2}),
+    "false touches": of_sensors(
+        sensors.false_touches, **{"0.5 %": 0.005, "2 %": 0.02}
+    ),
+    "normals wrong": of_sensors(sensors.wrong_normals, **{"2 %": 0.02, "10 %": 0.1}),
+    "repeated": of_sensors(sensors.repeating, **{"5 %": 0.05, "20 %": 0.2}),
     "speed": of_world("speed", **{"20 mm/s": 0.02, "100 mm/s": 0.1}),
     "threshold": of_world("felt", **{"0.3 N": 0.3, "0.8 N": 0.8}),
     "carried": of_world("carried", **{"5 mm": (5e-3, 0.1), "50 mm": (0.05, 3.0)}),

@@ -201,3 +201,46 @@ def chattering(share: float):
         return replace(data, contact=contact, normal=normal)
 
     return miss
+
+
+def false_touches(share: float):
+    """Report contact with any normal in a share of the samples without one."""
+
+    def report(data, rng):
+        hit = ~data.contact & data.valid & (rng.random(data.contact.shape) < share)
+        normal = np.where(hit[..., None], _anywhere(data, rng), data.normal)
+        return replace(data, contact=data.contact | hit, normal=normal)
+
+    return report
+
+
+def wrong_normals(share: float):
+    """Report any normal in a share of the touched samples."""
+
+    def report(data, rng):
+        hit = rng.random(data.contact.shape) < share
+        normal = np.where(hit[..., None], _anywhere(data, rng), data.normal)
+        return with_normals(data, normal)
+
+    return report
+
+
+def _anywhere(data, rng) -> np.ndarray:
+    """Return unit normals (T, F, 3) of every direction alike."""
+    n = rng.normal(size=data.normal.shape)
+    return n / np.linalg.norm(n, axis=-1, keepdims=True)
+
+
+def repeating(share: float):
+    """Repeat all that a finger reported, in bursts of BURST samples on average."""
+
+    def repeat(data, rng):
+        lost = ~in_bursts(share)(data, rng).valid & data.valid
+        lost[np.r_[True, np.diff(data.action) != 0]] = False
+        row = np.where(lost, 0, np.arange(data.samples)[:, None])
+        row, finger = np.maximum.accumulate(row), np.arange(data.fingers)
+        names = "finger_position", "contact", "normal", "valid"
+        old = {name: getattr(data, name)[row, finger] for name in names}
+        return replace(data, **old)
+
+    return repeat
