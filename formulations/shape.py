@@ -138,11 +138,19 @@ class Shape:
     @property
     def typical_size(self) -> float:
         """The mean of its lengths before any touch [m]."""
-        mean = self.size_prior[0]
-        if not isinstance(mean, (tuple, list)):
-            return mean
+        return self._mean_of_lengths(self.size_prior[0])
+
+    @property
+    def typical_deviation(self) -> float:
+        """The mean of the deviations of its lengths before any touch [m]."""
+        return self._mean_of_lengths(self.size_prior[1])
+
+    def _mean_of_lengths(self, values) -> float:
+        """Return the mean of those values, one or one an entry, that are in metres."""
+        if not isinstance(values, (tuple, list)):
+            return values
         units = self.units or ("m",) * self.theta
-        lengths = [m for m, unit in zip(mean, units, strict=True) if unit == "m"]
+        lengths = [v for v, unit in zip(values, units, strict=True) if unit == "m"]
         return sum(lengths) / len(lengths)
 
     def check(self, count: int = 3, seed: int = 0):

@@ -40,6 +40,14 @@ class Deadline:
     spent: dict[str, float] = field(default_factory=dict)
     omitted: list[str] = field(default_factory=list)
 
+    def __getstate__(self) -> dict:
+        """Return the fields, the end by the clock of the day: other hosts have it."""
+        return {**vars(self), "at": self.at - time.monotonic() + time.time()}
+
+    def __setstate__(self, state: dict) -> None:
+        vars(self).update(state)
+        vars(self)["at"] = self.at - time.time() + time.monotonic()
+
     @classmethod
     def within(cls, seconds: float, began: float | None = None) -> Deadline:
         """Return the deadline of what may take so long [s], from now or `began` on."""

@@ -11,6 +11,7 @@ from ..errors import SceneError, shortened, typed_call
 from .measurements import UNIT_EXACT
 
 NORMAL_TOLERANCE = 1e-6  # [1], a normal further from unit length was not normalised
+UPRIGHT = 0.5  # [1], cosine to the world's z from which places are told in x and y
 FLIP_LIMIT = -0.9  # [1], cosine below which the shortest rotation to +z is ill-defined
 
 
@@ -94,13 +95,25 @@ class Ground:
         points = checked_array("points", points, -1, 3, unit="[m]")
         return points @ self.rotation + self.origin
 
+    def above(self, place, distance: float = 0.0) -> np.ndarray:
+        """Return the point (3,) [m] at a distance [m] from it, at a place (x, y) [m].
 
-def world_to_ground(ground: Ground | None) -> np.ndarray:
-    """Return the rotation (3, 3) from the world to the ground's frame.
+        World frame.  Raises SceneError where the plane is too steep for that.
+        """
+        if self.normal[2] < UPRIGHT:
+            raise SceneError(
+                "the ground is too steep for a place in x and y", where="ground.normal",
+                got=list(self.normal), expected=f"a third component above {UPRIGHT}",
+                next="give three coordinates of the place",
+            )  # fmt: skip
+        point = np.array([*place[:2], 0.0])
+        point[2] = (distance - self.distance(point)) / self.normal[2]
+        return point
 
-    Without a ground it is the world's own.
-    """
-    return np.eye(3) if ground is None else ground.rotation
+
+def frame_of(ground: Ground | None) -> Ground:
+    """Return the ground in whose frame problems are written; without one, the world."""
+    return Ground() if ground is None else ground
 
 
 def as_number(

@@ -18,10 +18,10 @@ from ..data.measurements import Measurements
 from ..errors import NoContactError
 from ..geometry.transforms import is_planar
 from ..interface.request import Request, check_touched
-from ..interface.result import Estimate
 from ..problem.certificates import Certificates, certify
 from ..refinement.ground_tilt import on_ground
 from ..refinement.nested_models import NUISANCES
+from ..refinement.refinement import from_scratch
 from ..search.hypothesis import Hypothesis, Job, distinct
 from ..search.local_solve import Solved, best_first
 from ..search.margins import LEAST_MOTION_BEHIND
@@ -103,9 +103,8 @@ def coarse_request(request: Request, rows) -> Request:
         request.job, data=_at_rows(request.job.data, rows), deadline=early,
         options=options,
     )  # fmt: skip
-    start = None if isinstance(request.start, Estimate) else request.start
     data = _at_rows(request.data, rows)
-    return replace(request, data=data, job=job, start=start)
+    return replace(from_scratch(request), data=data, job=job)
 
 
 def dense_request(request: Request, coarse: Job) -> Request:

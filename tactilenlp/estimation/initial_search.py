@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
+from ..data.ground import frame_of
 from ..interface.options import Guess
 from ..interface.readout import name_of
 from ..interface.request import Request, first_guess
@@ -106,7 +107,8 @@ class SearchInFrame:
         this page: all actions are tracked again.
         """
         start, starts, page = request.start, request.widths[1], request.job.page
-        job = replace(job, first=first_guess(start, job.shape))
+        ground = frame_of(job.scene.ground)
+        job = replace(job, first=first_guess(start, job.shape, ground))
         if isinstance(start, Estimate) and start.formulation != name_of(page):
             kept[:] = []
         if not default_cache().functions and job.deadline.left > AMPLE:

@@ -222,9 +222,9 @@ def _search_that_may_gain(request, best: Solved) -> Request | None:
     ground, told = best.job.scene.ground, request.job.scene.ground
     if ground is not told and told.told is None and request.job.path is None:
         log.info("searching again on the ground that leans")
-        return replace(request, start=None, job=on_ground(request.job, ground))
+        return replace(from_scratch(request), job=on_ground(request.job, ground))
     if update_costs_too_much(request, best):
-        return replace(request, start=None)
+        return from_scratch(request)
     return None
 
 

@@ -16,6 +16,7 @@ from ..common.brief import printed
 from ..common.interrupt import interruptible
 from ..common.threads import on_one_thread
 from ..common.validation import check_numbers, check_types
+from ..data.ground import frame_of
 from ..errors import typed_call
 from ..geometry.faces import polygons
 from .action_space import Action, Workspace
@@ -132,8 +133,7 @@ def facing(estimate, space: Workspace) -> list[np.ndarray]:
             (vertices[i] + vertices[j]) / 2 for i, j in pairwise((*face, face[0]))
         ]
     toward = np.unique(np.round(points, 9), axis=0) @ R_wo.T
-    if space.ground is not None:
-        toward = toward @ space.ground.rotation.T
+    toward = toward @ frame_of(space.ground).rotation.T
     azimuth = np.arctan2(toward[:, 1], toward[:, 0])
     declination = np.arcsin(toward[:, 2] / np.linalg.norm(toward, axis=1))
     out = []

@@ -19,6 +19,7 @@ from ..common.validation import (
     checked_array,
     is_whole,
 )
+from ..data.ground import frame_of
 from ..data.measurements import Measurements
 from ..data.scene import Ground
 from ..errors import OptionError, shortened, typed_call
@@ -205,8 +206,8 @@ class Action:
         if not (is_whole(n) and 2 <= n <= most):
             expected = f"a whole number of instants from 2 to {most}"
             raise _option_error("n", expected, n, "shorten the duration")
-        if space.ground is not None:
-            target = space.ground.to_ground(target)
+        frame = frame_of(space.ground)
+        target = frame.to_ground(target)
         alone = sum(self.active) == 1
         lowest = -np.inf if space.ground is None else space.clearance
         lowest += space.finger_radius
@@ -218,7 +219,7 @@ class Action:
                 heading = 2 * np.pi * finger / space.fingers
                 away = np.r_[np.cos(heading), np.sin(heading), 0.5]
                 way[:, finger] = target + 2 * space.radius * away
-        return way if space.ground is None else space.ground.from_ground(way)
+        return frame.from_ground(way)
 
 
 @cache

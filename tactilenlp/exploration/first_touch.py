@@ -15,6 +15,7 @@ from formulations.shape_fields import takes
 
 from ..common.validation import as_floats
 from ..data.contact_segments import consecutive_contacts
+from ..data.ground import frame_of
 from ..data.measurements import Measurements
 from ..errors import NoContactError, OptionError, shortened
 from ..interface.result import Estimate
@@ -23,7 +24,7 @@ from .action_space import POINT_RATE, TouchedWorld, Trajectory, Workspace
 SWEEP_SPACING = 0.03  # [m] between lines: a 1 cm finger meets what is above 1 cm wide
 SEGMENT_LENGTH = 0.05  # [m] of one motion: a touched object is not pushed farther
 SWEEP_LIFT = 0.005  # [m] of the fingertip above its least height
-AIM_HEIGHT = 0.02  # [m] above the ground, where the centre has no third coordinate
+AIM_HEIGHT = 0.02  # [m] from the ground, where the centre has no third coordinate
 log = logging.getLogger("tactilenlp")
 
 
@@ -33,11 +34,11 @@ def sweep(space: Workspace, centre=None) -> Iterator[Trajectory]:
     centre: (3,) [m], of a square of width 2 radius.  The other fingers are parked
     outside.
     """
-    ground = space.ground
+    frame = frame_of(space.ground)
     centre = np.zeros(3) if centre is None else np.asarray(centre, float)
-    middle = centre if ground is None else ground.to_ground(centre)
+    middle = frame.to_ground(centre)
     height = middle[2]
-    if ground is not None:
+    if space.ground is not None:
         height = space.finger_radius + space.clearance + SWEEP_LIFT
     pieces = int(np.ceil(2 * space.radius / SEGMENT_LENGTH))
     ends = np.linspace(-space.radius, space.radius, pieces + 1)
@@ -54,8 +55,7 @@ def sweep(space: Workspace, centre=None) -> Iterator[Trajectory]:
                 angle = 2 * np.pi * f / space.fingers
                 away = 3 * space.radius * np.r_[np.cos(angle), np.sin(angle), 0.5]
                 position[:, f] = middle + away
-            if ground is not None:
-                position = ground.from_ground(position)
+            position = frame.from_ground(position)
             yield Trajectory(share[:, 0] * space.duration, position)
 
 
@@ -74,7 +74,7 @@ def first_touch(world, space: Workspace, centre, rng):
     """
     alone, told = tuple(f == 0 for f in range(space.fingers)), []
     if centre is not None:
-        centre = checked_centre(centre)
+        centre = aim(space, centre)
         action = space.random(rng, alone)
         told.append(action.trajectory(centre))
         data = executed(world, told[-1])
@@ -95,11 +95,22 @@ def first_touch(world, space: Workspace, centre, rng):
     )
 
 
+def aim(space: Workspace, centre) -> np.ndarray:
+    """Return the point (3,) [m] at which the first finger aims, world frame.
+
+    Of a centre (2,) the one AIM_HEIGHT from the ground, at these x and y.
+    """
+    place = checked_centre(centre)
+    if len(place) == 3:
+        return place
+    return frame_of(space.ground).above(place, AIM_HEIGHT)
+
+
 def checked_centre(centre) -> np.ndarray:
-    """Return the place at which the first finger aims, (3,) [m]; OptionError."""
+    """Return a place on the object, (2,) or (3,) [m]; OptionError if it is none."""
     place = as_floats(centre)
     if place.shape in ((2,), (3,)) and np.isfinite(place).all():
-        return np.r_[place, AIM_HEIGHT][:3]
+        return place
     raise OptionError(
         "not a place", where="centre", got=shortened(centre, most=80),
         expected="(2,) or (3,) finite numbers [m]",
@@ -142,7 +153,7 @@ def _extreme(space: Workspace, centre, estimate) -> list[Trajectory]:
     if estimate is not None:
         target = estimate.position[-1]
     elif centre is not None:
-        target = checked_centre(centre)
+        target = aim(space, centre)
     else:
         return [*sweep(space)]
     lower, upper = space.lower[:2], space.upper[:2]  # of every finger alike

@@ -109,7 +109,8 @@ class Options:
 class Guess:
     """What a user thinks the object is: size and pose at the first sample.
 
-    side_lengths (3,) [m]; position (2,) or (3,) [m]; yaw [rad].  Raises StartError.
+    side_lengths (3,) [m]; position (2,) on the ground or (3,) [m], world frame; yaw
+    [rad] about the ground's normal, ground frame.  Raises StartError.
     """
 
     side_lengths: np.ndarray

@@ -12,7 +12,7 @@ from formulations.names import EXACT, FINGER_IMPULSE, GROUND_IMPULSE
 
 from ..common.deadline import Deadline, OutOfTime
 from ..common.npz import versions
-from ..data.ground import world_to_ground
+from ..data.ground import frame_of
 from ..data.sensor_noise import variance_left
 from ..geometry.convex_hull import centroid
 from ..geometry.faces import polygons
@@ -49,6 +49,7 @@ def read_off(
     modes: other local optima of the same page.
     """
     job, solution = replace(solved.job, deadline=deadline), solved.solution
+    R_wg = frame_of(job.scene.ground).rotation.T
     read = {"sizes": read_box, "vertices": read_polytope}[job.shape.parameters]
     body, information = read(job, solved, modes)
     status = deadline.marked(solution.status)
@@ -69,7 +70,7 @@ def read_off(
         information=information,
         fit=fit,
         impulses=impulses(solved, request.data, job.scene),
-        finger_offset=offsets_of(solution.values, world_to_ground(job.scene.ground).T),
+        finger_offset=offsets_of(solution.values, R_wg),
         hypotheses=tuple(kept),
         seconds=seconds,
         versions=versions(),
@@ -116,7 +117,7 @@ def read_box(job, solved, modes=()) -> tuple[Body, Information]:
     shape, scene = job.shape, job.scene
     theta, x = solved.at.theta, solved.at.x
     faces = solved.touched
-    R_wg = world_to_ground(scene.ground).T
+    R_wg = frame_of(scene.ground).rotation.T
     information = _in_time(
         job, solved, R_wg,
         lambda: information_of(
@@ -137,7 +138,7 @@ def read_polytope(job, solved, modes=()) -> tuple[Body, Information]:
     problem, window, solution = solved.problem, solved.window, solved.solution
     scene = job.scene
     V, x = solution.values["theta"].T, solved.at.x
-    middle, R_wg = centroid(V), world_to_ground(scene.ground).T
+    middle, R_wg = centroid(V), frame_of(scene.ground).rotation.T
     position, turn = hull_poses(scene, x, middle)
     vertices = (V - middle) @ R_wg.T
     # Faces of the vertices that the estimate has: which facets make one face, and the
@@ -170,9 +171,9 @@ def hull_poses(scene, x, middle) -> tuple[np.ndarray, Rotation]:
     """
     if not is_planar(x):
         p = x[:3].T + matrices(x) @ middle
-        R_wg = world_to_ground(scene.ground).T
-        turn = Rotation.from_matrix(R_wg @ matrices(x) @ R_wg.T)
-        return p if scene.ground is None else scene.ground.from_ground(p), turn
+        ground = frame_of(scene.ground)
+        R_wg = ground.rotation.T
+        return ground.from_ground(p), Rotation.from_matrix(R_wg @ matrices(x) @ R_wg.T)
     level = rotate_planar(x[2], *middle[:2], origin=x)
     p = np.stack([*level, np.full(x.shape[1], middle[2])], axis=1)
     turn = Rotation.from_rotvec(np.outer(x[2] - x[2, -1], scene.ground.normal))
@@ -199,7 +200,7 @@ def impulses(solved, data, scene) -> dict[str, np.ndarray]:
     if scene.ground is not None:
         out["ground"] = np.zeros((T, 3))
     x, values = problem.pack(solution.values), problem.data(solution.parameters)
-    turn = world_to_ground(scene.ground)
+    turn = frame_of(scene.ground).rotation
     if FINGER_IMPULSE in problem.reports:
         pushed = problem.value(FINGER_IMPULSE, x, values) @ turn
         for i in range(data.fingers):

@@ -13,6 +13,7 @@ from formulations.page_contract import contract_of
 from ..common.deadline import Deadline
 from ..common.validation import check_types
 from ..data.contact_segments import consecutive_contacts
+from ..data.ground import Ground, frame_of
 from ..data.measurements import Measurements
 from ..data.mistakes import check_mistakes
 from ..data.scene import Scene
@@ -113,12 +114,11 @@ def make_job(data, scene, shape, options, began, page, functions=None) -> Job:
 
     began [s] of time.monotonic(); functions: TermFunctions to share, by default new.
     """
-    ground = scene.ground
-    if ground is not None:
-        data = data.transformed(ground.rotation, ground.translation)
+    frame = frame_of(scene.ground)
+    data = data.transformed(frame.rotation, frame.translation)
     precision = precision_of(data, scene)
     made = options.reductions
-    if ground is None or shape.rolls:  # nothing keeps the object flat
+    if scene.ground is None or shape.rolls:  # nothing keeps the object flat
         made = without(made, ["planar"])
     return Job(
         data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
@@ -132,7 +132,7 @@ def check_start(start, shape, scene) -> None:
     """Raise for an Estimate or a Guess from which this shape cannot start."""
     if start is not None:
         carried_hypotheses(start, shape, scene, getattr(start, "measurements", None))
-        first_guess(start, shape)
+        first_guess(start, shape, frame_of(scene.ground))
 
 
 def check_plane(page, scene) -> None:
@@ -203,23 +203,27 @@ def check_touched(data) -> None:
     )
 
 
-def first_guess(start, shape) -> tuple:
-    """Return a user's guess as the search takes it: (name, theta, x), or nothing."""
+def first_guess(start, shape, ground: Ground) -> tuple:
+    """Return a user's guess as the search takes it: (name, theta, x), or nothing.
+
+    x: planar pose in the frame of the ground.
+    """
     if not isinstance(start, Guess):
         return ()
-    theta, position = start.side_lengths, start.position
-    if theta.max(initial=0.0) > shape.bounds[1]:
-        raise StartError(
-            "too large", where="start.side_lengths", got=theta.tolist(),
-            expected=f"lengths of at most {shape.bounds[1]} m",
-            next="divide by 1000 if these are millimetres",
-        )  # fmt: skip
+    theta = start.side_lengths
     if theta.shape != (shape.theta,):
         raise StartError(
             "sizes do not fit the shape", where="start.side_lengths",
             got=theta.tolist(), expected=f"{shape.theta} positive lengths [m]",
         )  # fmt: skip
-    return (("guess", theta, np.r_[position[:2], start.yaw]),)
+    if (theta > np.asarray(shape.bounds[1])).any():
+        raise StartError(
+            "too large", where="start.side_lengths", got=theta.tolist(),
+            expected=f"lengths of at most {shape.bounds[1]} m",
+            next="divide by 1000 if these are millimetres",
+        )  # fmt: skip
+    place = start.position if len(start.position) == 3 else ground.above(start.position)
+    return (("guess", theta, np.r_[ground.to_ground(place)[:2], start.yaw]),)
 
 
 def kept_axes(start, job) -> tuple | None:
@@ -227,14 +231,13 @@ def kept_axes(start, job) -> tuple | None:
 
     Those of a guess, or of an estimate that was solved.
     """
-    shape, ground = job.shape, job.scene.ground
     if isinstance(start, Guess):
-        (_, theta, x), *_ = first_guess(start, shape)
+        (_, theta, x), *_ = first_guess(start, job.shape, frame_of(job.scene.ground))
         return theta, planar_matrix(x[2])
-    if start is None or not start.success or start.shape != shape.name:
+    if start is None or not start.success or start.shape != job.shape.name:
         return None
     R = rotation_of(start.quaternion[0]).as_matrix()
-    return start.theta, R if ground is None else ground.rotation @ R
+    return start.theta, frame_of(job.scene.ground).rotation @ R
 
 
 def carried_hypotheses(start, shape, scene, data) -> list[Hypothesis]:

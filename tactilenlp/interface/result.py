@@ -17,6 +17,7 @@ from ..common.layout import ANY
 from ..common.named import Named
 from ..common.npz import read_result, write_result
 from ..common.validation import check_sample
+from ..data.ground import frame_of
 from ..data.joint_offsets import JointZeros
 from ..data.measurements import Measurements
 from ..data.scene import Ground, Scene
@@ -176,8 +177,7 @@ class Estimate:
 
     def _from_ground(self, vectors) -> np.ndarray:
         """Return vectors (..., 3) of the ground's frame in the world's."""
-        ground = self.scene.ground
-        return vectors if ground is None else vectors @ ground.rotation
+        return vectors @ frame_of(self.scene.ground).rotation
 
     @property
     def sigma_position(self) -> np.ndarray:

@@ -112,7 +112,7 @@ def planar_share(evidence) -> float:
 
     The share of all actions counts in units of PLANAR_TOTAL / PLANAR_LIMIT.
     """
-    touches = sum(e.touches for e in evidence)
+    touches = max(1, sum(e.touches for e in evidence))
     wrong = sum(e.unexplained for e in evidence)
     most = [e for e in evidence if e.unexplained >= MIN_OF_PLANAR]
     shares = [e.unexplained / e.touches for e in most]

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..data.ground import frame_of
 from ..geometry.transforms import quaternion_of, rotation_of
 
 
@@ -21,10 +22,9 @@ def poses(shape, motion, theta, x, ground):
     position, matrices = (np.asarray(o) for o in out)
     rotation = Rotation.from_matrix(matrices.T.reshape(-1, 3, 3).transpose(0, 2, 1))
     position = position.T
-    if ground is not None:
-        position = ground.from_ground(position)
-        rotation = Rotation.from_matrix(ground.rotation).inv() * rotation
-    return position, quaternion_of(rotation)
+    ground = frame_of(ground)
+    rotation = Rotation.from_matrix(ground.rotation).inv() * rotation
+    return ground.from_ground(position), quaternion_of(rotation)
 
 
 def rotations_on_ground(ground, quaternion) -> Rotation:
@@ -32,8 +32,7 @@ def rotations_on_ground(ground, quaternion) -> Rotation:
 
     quaternion (T, 4): wxyz, world.
     """
-    R_gw = np.eye(3) if ground is None else ground.rotation
-    return Rotation.from_matrix(R_gw) * rotation_of(quaternion)
+    return Rotation.from_matrix(frame_of(ground).rotation) * rotation_of(quaternion)
 
 
 def upright_poses(ground, position, quaternion) -> np.ndarray:
@@ -43,7 +42,7 @@ def upright_poses(ground, position, quaternion) -> np.ndarray:
     since the last pose, up to whole turns.  position (T, 3) [m], quaternion (T, 4).
     """
     R = rotations_on_ground(ground, quaternion)
-    p = position if ground is None else ground.to_ground(position)
+    p = frame_of(ground).to_ground(position)
     yaw = np.unwrap((R * R[-1].inv()).as_rotvec()[:, 2])
     return np.vstack([p[:, :2].T, yaw])
 

@@ -108,7 +108,7 @@ def _asked(job, solved, faces, known, least, seeks) -> list[tuple]:
             cost = prior_cost(shape, at, axis) if is_open else None
             found.append((axis, widest, touched, seeks, cost))
     if known[least] < KNOWN_POSITION:
-        found.append((least, shape.size_prior[1], None, seeks, None))
+        found.append((least, shape.typical_deviation, None, seeks, None))
     if shape.is_box and is_planar(at.x) and faces[:2].max() < KNOWN_FACE:
         found.append((shape.theta + 2, ANY_YAW, None, False, np.zeros_like))
     return found
@@ -127,7 +127,8 @@ def touched_ends(shape, solved) -> np.ndarray | None:
     if not shape.symmetries or rotation_at(solved.at, -1)[2, 2] < VERTICAL:
         return None
     faces = solved.touched
-    faces[2, 0] += KNOWN_FACE  # the ground touches the lowest one
+    if solved.job.scene.ground is not None:
+        faces[2, 0] += KNOWN_FACE  # it touches the lowest one
     return faces
 
 
@@ -183,6 +184,7 @@ def deviation_along(
         sigma_so_far = abs((off if widest is None else widest)[axis])
         # Where a Gaussian costs twice as much; most cost half as much.
         first = max(min(np.sqrt(4 * rise) * known, VAGUE_SHARE * prior), FIRST_STEP)
+        first = min(first, prior)
         given = at, axis, first, sigma_so_far, prior, rise, seeks
         prior_added = None if cost is None else (lambda step, way=way: cost(way * step))
         found, better = _profile_one_side(there, *given, prior_added)
@@ -281,7 +283,8 @@ def _constrained(job, solved, shared, chosen, axis, direction, touched, step):
     """
     problem, held = solved.problem, chosen[axis]
     x = problem.pack(solved.solution.values) + step * direction
-    too_small = axis < job.shape.theta and x[held] < job.shape.bounds[0]
+    smallest = np.broadcast_to(job.shape.bounds[0], job.shape.theta)
+    too_small = axis < len(smallest) and x[held] < smallest[axis]
     if too_small or job.deadline.passed("profile likelihoods"):
         return None
     values = problem.unpack(x)

@@ -17,7 +17,7 @@ import numpy as np
 from formulations.finger_offset import NAME as OFFSET
 from formulations.rigid_body import PLANAR
 
-from ..data.ground import world_to_ground
+from ..data.ground import frame_of
 from ..geometry.faces import touched_faces
 from ..geometry.tipping import planar_to_free
 from ..information.information import FACE_COSINE, optimum_of
@@ -109,7 +109,7 @@ class Solved:
     @cached_property
     def optimum(self) -> LocalOptimum:
         """Shape and final pose of a shape with sizes, covariance by the Hessian."""
-        R_wg = world_to_ground(self.job.scene.ground).T
+        R_wg = frame_of(self.job.scene.ground).rotation.T
         given = self.problem, self.solution, self.window, self.job.shape
         return optimum_of(*given, R_wg)
 

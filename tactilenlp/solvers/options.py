@@ -12,6 +12,7 @@ from ..common.validation import check_numbers, check_types
 from ..errors import typed_call
 
 MIN_SOLVE_TIME = 0.02  # [s] of a solve beyond a limit: about one iteration
+DEFAULTS = {"max_iter": 300, "mu_init": 1e-2}  # of a solve without levels
 WARM_PUSH = 1e-6  # [-] by which a warm start and its multipliers are pushed inside
 PUSH_OPTIONS = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
 WARM_OPTIONS = [f"warm_start_{name}" for name in (*PUSH_OPTIONS, "mult_bound_push")]
@@ -29,32 +30,40 @@ class SolverOptions:
     """Options of one solve.
 
     tolerance: of the scaled optimality conditions [-]; time_limit [s];
-    iterations: at most [-]; barrier: IPOPT's first mu [-]; push: how far a start is
-    pushed inside its bounds, relative [-]; ipopt: options passed on verbatim; deadline:
-    by which all levels of a continuation end.
+    iterations: at most [-]; barrier: IPOPT's first mu [-]: None as each level of a
+    continuation says, or DEFAULTS; push: how far a start is pushed inside its bounds,
+    relative [-]; ipopt: options passed on verbatim; deadline: by which all levels end.
     """
 
     tolerance: float = 1e-6
     time_limit: float = 60.0
-    iterations: int = 300
-    barrier: float = 1e-2
+    iterations: int | None = None
+    barrier: float | None = None
     push: float = 1e-4
     ipopt: dict = field(default_factory=dict)
     deadline: Deadline = NEVER
 
     def __post_init__(self):
         check_types(ipopt=(self.ipopt, dict), deadline=(self.deadline, Deadline))
-        check_positive(self, "tolerance", "time_limit", "iterations", "barrier", "push")
+        check_types(iterations=(self.iterations, (int, np.integer, type(None))))
+        given = [n for n in ("iterations", "barrier") if getattr(self, n) is not None]
+        check_positive(self, "tolerance", "time_limit", "push", *given)
+
+    @property
+    def chosen(self) -> dict:
+        """What was given in place of a level's own, under IPOPT's names."""
+        mine = {"max_iter": self.iterations, "mu_init": self.barrier}
+        return {name: value for name, value in mine.items() if value is not None}
 
     def named(self, warm: bool) -> dict:
         """Return the fields under IPOPT's names; warm: start with multipliers too."""
         return {
             "tol": self.tolerance,
             "constr_viol_tol": min(1e-6, self.tolerance),
-            "max_iter": self.iterations,
             "max_wall_time": self.time_limit,
-            "mu_init": self.barrier,
             "bound_push": WARM_PUSH if warm else self.push,
+            **DEFAULTS,
+            **self.chosen,
         }
 
     def for_nlpsol(self, warm: bool = False) -> dict:

@@ -244,11 +244,11 @@ def _tries(level, start) -> list[tuple[dict, bool]]:
 def _at(problem, level, ipopt, warm, start, options, solvers) -> Solution:
     """Solve one level from `start`; warm: with the multipliers of that solution."""
     began = time.process_time()
-    chosen = replace(options, ipopt=ipopt | options.ipopt)
+    chosen = replace(options, ipopt=ipopt | options.chosen | options.ipopt)
     _prepared(problem, chosen, level.eliminate, solvers)
     options.deadline.check()
     chosen = _in_time(chosen)
-    key = (*sorted(ipopt.items()), chosen.tolerance, chosen.time_limit)
+    key = (*sorted(chosen.ipopt.items()), chosen.tolerance, chosen.time_limit)
     key += (level.eliminate, warm)
     if key not in solvers:
         solvers[key] = make_solver(problem, chosen, level.eliminate, warm, solvers)
