@@ -37,16 +37,9 @@ class Physics:
         """Return p_wo (3,) [m] and R_wo (3, 3)."""
         return self.motion.pose(self.shape, theta, x)
 
-    def finger_gap(self, theta, x, p_wf, rho, *_):
+    def finger_gap(self, theta, x, p_wf, rho):
         """Return the gap phi [m] of a finger."""
         return self.finger.gap(self.shape, theta, self.pose(theta, x), p_wf, rho)
-
-    def finger_velocity(self, theta, x, x_1, dt, p_wf, rho, p_wf_1, t):
-        """Return v_n, v_s (2,) [m/s] of the body against a finger; v_n > 0 parts."""
-        p_w, n, tangents = self.fingers.touch(theta, x, p_wf, rho, t)
-        (p, R), (p_1, R_1) = self.pose(theta, x), self.pose(theta, x_1)
-        v = (p_w - p_1 - R_1 @ (R.T @ (p_w - p)) - p_wf + p_wf_1) / dt
-        return -ca.dot(v, n), ca.vertcat(*(ca.dot(v, t_i) for t_i in tangents))
 
     def ground_gap(self, theta, x, signs):
         """Return the height [m] of a corner."""

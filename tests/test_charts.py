@@ -109,3 +109,12 @@ def test_errors_and_sigma_shrink_with_actions(touched, estimate, truth):
     assert len(plot_errors([touched]).axes[0].lines) == 3
     with pytest.raises(OptionError, match="nothing to draw"):
         plot_errors([])
+
+
+@pytest.mark.parametrize("plot", [plot_impulses, plot_cones])
+def test_no_cone_is_drawn_where_friction_is_not_known(plot, touched):
+    scene = replace(touched.scene, friction_finger=None)
+    unknowns = {k: v for k, v in touched.unknowns.items() if k != "finger friction"}
+    axis = plot(replace(touched, scene=scene, unknowns=unknowns)).axes[0]
+    words = [text.get_text() for text in axis.get_legend().get_texts()]
+    assert not any("cone" in word for word in words)

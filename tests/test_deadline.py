@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import pickle
 import subprocess
 import sys
 import time
@@ -152,3 +153,11 @@ def test_a_time_limit_holds_for_3000_samples_with_an_empty_cache(shape, tmp_path
     assert "time limit reached: without" in status
     assert positions == [3007, 3]
     assert took < limit + 1.0, f"{took:.2f} s"
+
+
+def test_a_deadline_means_the_same_on_a_host_with_another_clock(monkeypatch):
+    whole = pickle.dumps(Deadline.within(60.0))
+    clock = time.monotonic
+    monkeypatch.setattr(time, "monotonic", lambda: clock() + 86400.0)
+    assert pickle.loads(whole).left == pytest.approx(60.0, abs=1.0)
+    assert pickle.loads(pickle.dumps(NEVER)).left == math.inf

@@ -153,3 +153,32 @@ def test_settings_are_checked_where_they_are_made():
         ExploreOptions(actions=-1)
     with pytest.raises(OptionError, match="policy"):
         ExploreOptions(policy="best")
+
+
+def test_an_action_that_a_file_lacks_asks_for_a_world(kept):
+    steps = explore(None, **kept | {"actions": 1, "policy": "random"})
+    next(steps)
+    with pytest.raises(OptionError, match="no world"):
+        next(steps)
+
+
+def test_a_policy_that_returns_no_action_is_refused(touched):
+    def forgetful(plan):
+        return None
+
+    given = {"scene": touched.scene, "policy": forgetful, "actions": 1}
+    with pytest.raises(OptionError, match="action that forgetful returns"):
+        next(explore(Robot(), start=touched, **given))
+
+
+def test_a_radius_of_all_fingers_leaves_their_number_open(touched):
+    class Same(Robot):
+        finger_radius = 0.012
+
+        def execute(self, trajectory):
+            assert trajectory.finger_position.shape[1] == Workspace().fingers
+            raise Moved
+
+    given = {"scene": touched.scene, "policy": "random"}
+    with pytest.raises(Moved):
+        next(explore(Same(), centre=(0.0, 0.0), **given))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tactilenlp import (
+    Ground,
     Options,
     Workspace,
     World,
@@ -90,3 +91,18 @@ def test_an_estimate_that_the_time_limit_ended_first_is_explored_on(estimate):
     other = replace(estimate, formulation="quasi_static")
     with pytest.raises(StartError, match="another formulation"):
         check_same(other, estimate.measurements, asked, "file")
+
+
+def test_farthest_compares_normals_in_the_frame_of_the_ground():
+    up = Ground(0.0, (0.0, -np.sin(0.6), np.cos(0.6)))
+    normal = np.array([[[1.0, 0.0, 0.0], [0.6, 0.0, 0.8]]])
+    chosen = []
+    for ground, felt in ((Ground(), normal), (up, normal @ up.rotation)):
+        data = SimpleNamespace(normal=felt, contact=np.ones((1, 2), bool))
+        plan = SimpleNamespace(
+            past=[], workspace=Workspace(ground=ground),
+            estimate=SimpleNamespace(measurements=data),
+        )  # fmt: skip
+        draw = farthest_directions(plan)
+        chosen.append(draw(np.random.default_rng(0)).angles)
+    assert chosen[0] == pytest.approx(chosen[1])

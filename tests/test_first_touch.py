@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from tactilenlp import Measurements, Options, Workspace, World, explore
-from tactilenlp.errors import NoContactError
-from tactilenlp.exploration.first_touch import sweep
+from tactilenlp import Ground, Measurements, Options, Workspace, World, explore
+from tactilenlp.errors import NoContactError, SceneError
+from tactilenlp.exploration.first_touch import AIM_HEIGHT, aim, sweep
 
 
 def test_without_a_centre_the_workspace_is_swept_until_something_is_touched():
@@ -42,3 +42,19 @@ def test_the_sweep_passes_within_a_finger_of_every_place():
     for place in rng.uniform(-0.1, 0.1, (200, 2)):
         nearest = np.linalg.norm(p[:, :2] - place, axis=1).min()
         assert nearest < space.finger_radius + 0.006  # of a box 12 mm wide
+
+
+@pytest.mark.parametrize(
+    "ground", [Ground(height=-0.4), Ground(0.3, (0.0, -np.sin(0.3), np.cos(0.3)))]
+)
+def test_a_first_touch_aims_at_a_place_on_the_ground_wherever_that_is(ground):
+    point = aim(Workspace(ground=ground), (0.1, 0.2))
+    assert point[:2] == pytest.approx((0.1, 0.2))
+    assert ground.distance(point) == pytest.approx(AIM_HEIGHT)
+    given = np.array([0.1, 0.2, 0.3])
+    assert (aim(Workspace(ground=ground), given) == given).all()
+
+
+def test_a_place_in_x_and_y_is_none_on_a_wall():
+    with pytest.raises(SceneError, match="too steep"):
+        aim(Workspace(ground=Ground(0.0, (1.0, 0.0, 0.0))), (0.1, 0.2))

@@ -136,6 +136,7 @@ def test_rounded_cube_has_corners_where_its_faces_meet():
         ({"shape": "ball"}, OptionError, "unknown shape"),
         ({"guess": [0.05, -1, 0.05]}, OptionError, "guess"),
         ({"guess": "big"}, OptionError, "half widths"),
+        ({"shape": "corners", "guess": np.eye(3)}, OptionError, "no body"),
         ({"gauge": 1000.0}, OptionError, "gauge"),
         ({"scene": 0.37}, OptionError, "scene"),
         ({"scene": replace(SCENE, ground=None)}, SceneError, "fall on"),

@@ -8,6 +8,7 @@ import pytest
 
 from formulations.level import Level
 from tactilenlp import observed_information
+from tactilenlp.errors import OptionError
 from tactilenlp.estimation.observed_information import INFORMATION_KINDS, programme_at
 from tactilenlp.information.comparisons import paper, quaternion_jacobian
 from tactilenlp.interface.result import solution_of
@@ -27,6 +28,18 @@ def test_every_kind_of_information_is_positive_and_has_the_same_names(estimate, 
     assert information.names == estimate.information.names
     assert np.linalg.eigvalsh(information.covariance()).min() > 0
     assert np.abs(np.diag(information.correlation()) - 1).max() < 1e-12
+
+
+@pytest.mark.parametrize("kind", INFORMATION_KINDS[1:4])
+def test_sigma_of_another_kind_is_that_of_its_matrix_alone(estimate, kind):
+    information = observed_information(estimate, kind)
+    covariance = np.linalg.inv(information.matrix)
+    for name, jacobian in information.maps.items():
+        sigma = np.sqrt(np.diag(jacobian @ covariance @ jacobian.T))
+        np.testing.assert_allclose(information.sigma(name), sigma, rtol=1e-6)
+    assert not information.also
+    with pytest.raises(OptionError, match="no such term"):
+        information.part("prior")
 
 
 def test_inverted_dynamics_lose_all_digits_where_the_joint_programme_does_not(estimate):

@@ -68,3 +68,13 @@ def test_smoothing_is_the_filter_of_savitzky_and_golay(samples):
     window = min(SMOOTHING_WINDOW, samples - 1 + samples % 2)
     wanted = savgol_filter(np.eye(samples), window, 2, axis=0)
     np.testing.assert_allclose(local_parabolas(samples, window), wanted, atol=1e-14)
+
+
+def test_an_action_may_have_any_number(recorded):
+    first = replace(recorded, action=recorded.action - 1)
+    noise = Noise(position=1e-3, seed=3)
+    again = add_noise(first, noise).finger_position[200:400]
+    # The second action has the number 0 then, and the noise that goes with it.
+    moved = add_noise(recorded, noise).finger_position[:200]
+    difference = again - first.finger_position[200:400]
+    assert difference == pytest.approx(moved - recorded.finger_position[:200])

@@ -1,5 +1,7 @@
 """Geometry of hulls: nearest points, moments, carving; degenerate vertices."""
 
+from itertools import product
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from formulations.polytope import (
 from tactilenlp import Problem
 from tactilenlp.errors import TactileError
 from tactilenlp.geometry import convex_hull as hull
+from tactilenlp.geometry.convex_hull import nearest
 from tactilenlp.problem.polytope_window import (
     hull_moments,
     support_shares,
@@ -255,3 +258,11 @@ def test_an_invisible_vertex_is_moved_onto_the_hull_which_stays_as_it_is():
     away = np.abs(moved).max(axis=1)
     assert away == pytest.approx(np.full(10, 0.02))  # every one is on a face
     assert hull_moments(moved, hull.triangles(moved, 16))[0] == pytest.approx(0.04**3)
+
+
+def test_the_nearest_point_of_a_tiny_body_is_exact():
+    half = 0.15e-3 * np.ones(3)
+    corners = half * np.array(list(product((-1, 1), repeat=3)))
+    points = 1e-3 * np.random.default_rng(0).uniform(-1, 1, (200, 3))
+    points = points[(np.abs(points) > half).any(axis=1)]
+    assert nearest(corners, points) == pytest.approx(np.clip(points, -half, half))

@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 
 from formulations.shape import CUBOID
-from tactilenlp import CYLINDER, Options, World, explore, polytope, solve_estimate
+from tactilenlp import (
+    CYLINDER,
+    Ground,
+    Options,
+    World,
+    explore,
+    polytope,
+    solve_estimate,
+)
 from tactilenlp.information.error_budget_terms import REACHED
 from tactilenlp.refinement import certification
 from tactilenlp.refinement import profile_likelihood as profile_of
@@ -258,7 +266,9 @@ def test_an_untouched_size_is_no_surer_than_its_profile(touched, recorded):
 
 
 def test_a_place_that_the_hessian_claims_little_of_is_no_surer_than_that(touched):
-    sharp = touched.information.of_hessian().sigma("position")[:2]
+    sharp = touched.information.of_matrix(touched.information.matrix).sigma("position")[
+        :2
+    ]
     along = np.argmax(sharp)
     assert sharp[along] > KNOWN_POSITION
     within = sharp[along] / np.hypot(1, sharp[along] / REACHED)  # of the pose's prior
@@ -286,3 +296,12 @@ def test_a_touch_of_the_top_alone_leaves_finite_sigma():
     first = steps[0].estimate
     assert np.isfinite(first.information.sigma("side_lengths")).all()
     assert np.isfinite(first.information.sigma("position")).all()
+
+
+def test_only_a_ground_touches_the_lowest_face_of_a_box():
+    for ground in (None, Ground()):
+        job = SimpleNamespace(scene=SimpleNamespace(ground=ground))
+        faces = np.array([[0, 9], [0, 0], [0, 9]])
+        solved = SimpleNamespace(at=AT, job=job, touched=faces)
+        ends = touched_ends(CUBOID, solved)
+        assert (ends.min(axis=1) > 0).tolist() == [False, False, ground is not None]

@@ -16,13 +16,14 @@ from formulations import quasi_static
 from tactilenlp import (
     CYLINDER,
     ELLIPSOID,
+    Guess,
     Scene,
     World,
     prism,
     problem_of,
     solve_estimate,
 )
-from tactilenlp.errors import OptionError
+from tactilenlp.errors import OptionError, StartError
 from tactilenlp.output.summary import named_size
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.search.hypothesis import Hypothesis, same
@@ -148,3 +149,16 @@ def test_two_hypotheses_are_one_body_whatever_its_axes_are_called(shape):
     height = np.full(5, float(shape.rest_height(theta)))
     free = Hypothesis(theta, np.vstack([x[:2], height, w]), 0.0, ())
     assert same(shape, one, free)
+
+
+@pytest.mark.slow
+def test_a_class_with_bounds_and_priors_of_its_own_is_estimated(recorded):
+    data, scene, _ = recorded
+    estimate = solve_estimate(data.select([0, 1]), scene, shape=ASPECT, throw=False)
+    assert estimate.success
+    low, high = np.array(ASPECT.bounds)
+    assert ((low <= estimate.theta) & (estimate.theta <= high)).all()
+    sigma = np.sqrt(np.diag(estimate.information.spread))[: ASPECT.theta]
+    assert (sigma < np.array(ASPECT.size_prior[1])).all()
+    with pytest.raises(StartError, match="too large"):
+        solve_estimate(data, scene, shape=ASPECT, start=Guess((0.05, 6.0), (0, 0)))

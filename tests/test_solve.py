@@ -18,6 +18,7 @@ from swing_up import (
     stationarity,
 )
 
+from tactilenlp.errors import OptionError
 from tactilenlp.solvers.options import SolverOptions
 from tactilenlp.solvers.solve import make_solver, solve, solve_levels
 
@@ -221,3 +222,14 @@ def test_a_start_may_be_a_solution_of_the_same_problem():
     again = solve(problem, SolverOptions(barrier=1e-7), start=known)
     assert again.success
     assert again.iterations <= 3 < known.iterations
+
+
+def test_options_of_a_solve_hold_for_every_level_of_a_continuation():
+    problem, few = pendulum(), SolverOptions(iterations=2)
+    levels = (Level({}), Level({}, ipopt={"max_iter": 100}))
+    start = {name: v.guess for name, v in problem.variables.items()}
+    solution = solve_levels(problem, levels, start, few)
+    assert not solution.success
+    assert solution.iterations == 4
+    with pytest.raises(OptionError, match="iterations: wrong type"):
+        SolverOptions(iterations=2.5)

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tactilenlp import Estimate, Ground, Scene, solve_estimate
+from formulations.shape import CUBOID
+from tactilenlp import Estimate, Ground, Guess, Scene, solve_estimate
 from tactilenlp.evaluation.metrics import cuboid_errors
 from tactilenlp.information.goodness_of_fit import Misfit
+from tactilenlp.interface.request import first_guess
 from tactilenlp.refinement.ground_tilt import with_ground_tilt
 
 LEAN = np.radians((0.7, -0.5, 0.0))  # [rad] rotation vector of the world
@@ -112,3 +114,13 @@ def test_without_excess_the_ground_is_not_turned(monkeypatch):
     monkeypatch.setattr(where, lambda job, solved: Misfit(1.0, 0.0, 3.0))
     kept = [Solved()]
     assert with_ground_tilt(job, kept) == (job, kept)
+
+
+def test_a_guess_of_the_world_is_one_of_the_ground_that_leans():
+    ground = Ground(0.01, (0.0, -np.sin(0.5), np.cos(0.5)))
+    place = ground.from_ground(np.array([0.1, 0.3, 0.02]))
+    for position in (place, ground.from_ground(np.array([0.1, 0.3, 0.0]))[:2]):
+        guess = Guess((0.05, 0.04, 0.04), position, yaw=0.2)
+        ((_, theta, x),) = first_guess(guess, CUBOID, ground)
+        assert theta.tolist() == [0.05, 0.04, 0.04]
+        assert x == pytest.approx([0.1, 0.3, 0.2])

@@ -62,7 +62,7 @@ def add_noise(data: Measurements, noise: Noise) -> Measurements:
     bias = np.random.default_rng([noise.seed, 0]).normal(size=(contact.shape[1], 3))
     for action in np.unique(data.action):
         rows = data.action == action
-        rng = np.random.default_rng([noise.seed, 1, int(action)])
+        rng = np.random.default_rng([noise.seed, 1, int(action) % 2**64])
         shape = contact[rows].shape
         white = rng.normal(size=(*shape, 3))
         angle, axis = rng.normal(size=shape), rng.normal(size=(*shape, 3))

@@ -73,13 +73,13 @@ def observed_information(estimate, kind: str = "exact") -> Information:
     if kind == "paper":
         M = paper(again.problem, again.solution, again.window, again.shape)
         M = again.tangent.inverse.T @ M @ again.tangent.inverse
-        return replace(estimate.information, matrix=M, spread=inverse(M))
+        return estimate.information.of_matrix(M)
     kkt = kkt_system_of(again.problem, again.solution)
     if kind == "inverse_dynamics":
         M = inverse_dynamics(kkt, again.solution, again.window, again.shape)
         _check_finite(M)
         M = again.tangent.inverse.T @ M @ again.tangent.inverse
-        return replace(estimate.information, matrix=M, spread=inverse(M))
+        return estimate.information.of_matrix(M)
     if kind == "gauss_newton":
         kkt = gauss_newton(kkt)
     by_gradient, by_constraint = kkt.sensitivity(again.tangent.chosen)
@@ -92,7 +92,7 @@ def observed_information(estimate, kind: str = "exact") -> Information:
         C = sensor_covariance(*moves, sensed)
         C = J @ C @ J.T
     C = (C + C.T) / 2
-    return replace(estimate.information, matrix=inverse(C), spread=C)
+    return estimate.information.of_matrix(inverse(C), C)
 
 
 def _check_finite(M) -> None:

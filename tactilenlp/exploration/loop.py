@@ -142,6 +142,11 @@ class _Loop:
 
     def acted(self, number: int, estimate, past) -> Step:
         """Return the step of a first touch or a chosen action, without estimate."""
+        if self.world is None:
+            raise OptionError(
+                "no world that executes an action", where="world", got="None",
+                expected=f"a world, since the file has no step {number}",
+            )  # fmt: skip
         rng = np.random.default_rng([self.settings.seed, number])
         if estimate is None:
             return _touch_first(self.world, self.space, self.settings.centre, rng)
@@ -275,10 +280,8 @@ def _space(world, scene, workspace) -> Workspace:
     radius = getattr(world, "finger_radius", None)
     if radius is None:
         return Workspace(ground=ground)
-    radius = np.atleast_1d(radius)
-    return Workspace(
-        fingers=len(radius), finger_radius=float(radius.max()), ground=ground
-    )
+    fingers = {"fingers": len(radius)} if np.ndim(radius) else {}
+    return Workspace(finger_radius=float(np.max(radius)), ground=ground, **fingers)
 
 
 def _enough(step: Step, until) -> bool:

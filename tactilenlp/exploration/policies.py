@@ -11,6 +11,8 @@ import numpy as np
 from formulations.shape import Shape
 
 from ..common.brief import printed
+from ..common.validation import check_types
+from ..data.ground import frame_of
 from ..data.measurements import Measurements
 from ..errors import OptionError, did_you_mean
 from ..interface.result import Estimate
@@ -100,7 +102,9 @@ def next_action(estimate, space, past, rng, settings):
     given["shape"] = shape_of_start(estimate, given["shape"])
     plan = Plan(estimate, space, tuple(past), rng, **given)
     if callable(policy):
-        return policy(plan), None, getattr(policy, "__name__", "own"), target
+        action, name = policy(plan), getattr(policy, "__name__", "own")
+        check_types(**{f"the action that {name} returns": (action, Action)})
+        return action, None, name, target
     if policy in PREDICTIVE:
         seed = int(rng.integers(2**31))
         search = _by_expected_information if policy == "eig" else _by_fisher_information
@@ -160,7 +164,8 @@ def farthest_directions(plan: Plan) -> Callable:
     """
     data = plan.estimate.measurements
     seen = [a.directions[list(a.active)] for a in plan.past]
-    seen = np.concatenate(seen or [data.normal[data.contact]])
+    R_gw = frame_of(plan.workspace.ground).rotation
+    seen = np.concatenate(seen or [data.normal[data.contact] @ R_gw.T])
 
     def nearest(action) -> float:
         return np.arccos(np.clip(action.directions @ seen.T, -1, 1)).min(axis=1).sum()

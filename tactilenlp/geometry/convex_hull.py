@@ -25,6 +25,7 @@ INDEPENDENT_TOUCHES = 30  # touches counted as independent, at most
 # over the plane of touch of a body that floats.
 CENTRE_HEIGHT = 0.7, 0.25
 FLOATING_HEIGHT = 0.0, 0.5
+ENLARGED = 2.0**10  # [1] trimesh's tolerances are absolute: too wide for small faces
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
 
@@ -226,8 +227,9 @@ def nearest_triangles(vertices, points) -> tuple[np.ndarray, np.ndarray]:
     import trimesh
 
     simplices, n = ConvexHull(vertices).simplices, len(points)
-    found = trimesh.triangles.closest_point(
-        np.repeat(vertices[simplices], n, axis=0), np.tile(points, (len(simplices), 1))
-    ).reshape(len(simplices), n, 3)
+    triangles = np.repeat(ENLARGED * vertices[simplices], n, axis=0)
+    every = np.tile(ENLARGED * points, (len(simplices), 1))
+    found = trimesh.triangles.closest_point(triangles, every) / ENLARGED
+    found = found.reshape(len(simplices), n, 3)
     best = np.linalg.norm(found - points, axis=2).argmin(axis=0)
     return found[best, np.arange(n)], simplices[best]

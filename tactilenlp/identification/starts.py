@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..common.layout import has_volume
 from ..common.validation import as_floats
 from ..errors import MeasurementError, MotionError, OptionError, shortened
 from ..geometry.transforms import rotation_of
@@ -78,6 +79,11 @@ def _given(guess, shape) -> tuple:
         raise OptionError(
             "cannot start there", where="guess", got=shortened(guess, most=80),
             expected="half widths (3,) > 0 [m]" if cuboid else "vertices (V, 3) [m]",
+        )  # fmt: skip
+    if not (cuboid or has_volume(given)):
+        raise OptionError(
+            "no body", where="guess", got=f"{len(given)} vertices without a volume",
+            expected="vertices whose convex hull has a volume",
         )  # fmt: skip
     return (given[:, None], CUBE_SIGNS) if cuboid else (given.T, np.ones(given.T.shape))
 

@@ -28,6 +28,7 @@ from .mixture import (
     Modes,
     distinct_modes,
     laplace_mixture,
+    one_mode,
     optima_in_words,
 )
 from .tangent_space import open_directions, tangent_space_of
@@ -170,9 +171,17 @@ class Information:
         wide = {"spread": factor**2 * self.spread, "ground": ground, "offsets": offsets}
         return replace(self, path=path, **wide)
 
-    def of_hessian(self) -> Information:
-        """Return the same, its sigma that of the Hessian alone, of this mode alone."""
-        return replace(self, spread=inverse(self.matrix), path=None, ground=None)
+    def of_matrix(self, matrix, spread=None) -> Information:
+        """Return the information of another kind about the same quantities.
+
+        spread: by default the inverse of the matrix.  What else the error budget adds,
+        and other optima, are left out.
+        """
+        spread = inverse(matrix) if spread is None else spread
+        alone = one_mode(self.modes.objectives[0], spread)
+        left_out = dict.fromkeys(("path", "ground", "offsets", "with_offsets"))
+        left_out |= {"parts": {}, "roles": {}}
+        return replace(self, matrix=matrix, spread=spread, modes=alone, **left_out)
 
     def _map(self, name: str) -> np.ndarray:
         if name not in self.maps:

@@ -257,7 +257,9 @@ def prior_information(job, solved, R_wg) -> Information:
     if NAME in problem.variables:
         prior = prior_of_offsets(job.scene, solution.values[NAME].shape[1])
         both = block_diag(matrix, prior)
-        offsets = {"offsets": np.linalg.inv(prior), "with_offsets": both}
+        turn = np.kron(np.eye(len(prior) // 3), R_wg)
+        covariance = turn @ np.linalg.inv(prior) @ turn.T
+        offsets = {"offsets": covariance, "with_offsets": both}
     return Information(
         names=names, matrix=matrix, spread=spread, parts={}, roles={},
         modes=one_mode(solution.objective, spread), maps=maps,

@@ -39,7 +39,8 @@ LOG_FLOOR = 1e-12  # drawn in place of zero on logarithmic axes
 def plot_impulses(estimate: Estimate, axis=None) -> Figure:
     """Draw normal and tangential impulses of each finger, and its friction cone.
 
-    The cone is mu times the normal impulse.  axis: one Axes, or one for each finger.
+    The cone is mu times the normal impulse, where mu is known.  axis: one Axes, or one
+    for each finger.
     """
     data = estimate.measurements
     if axis is None:
@@ -55,8 +56,9 @@ def plot_impulses(estimate: Estimate, axis=None) -> Figure:
         normal, tangential = _parts(estimate, finger, shown)
         colour = FINGER_COLOURS[finger % len(FINGER_COLOURS)]
         axis.bar(at, normal, 1.0, color=(colour, 0.5), label="normal")
-        axis.step(at, mu * normal, where="mid", color=INK, lw=1,
-                  label=f"friction cone: {mu:.2g} × normal")  # fmt: skip
+        if mu is not None:
+            axis.step(at, mu * normal, where="mid", color=INK, lw=1,
+                      label=f"friction cone: {mu:.2g} × normal")  # fmt: skip
         axis.plot(at, tangential, "o", c=colour, ms=4, mec=INK, label="tangential")
         axis.grid(axis="x", linestyle=":")
         axis.set_xticks(starts - 0.5, ticks, ha="left")
@@ -99,10 +101,11 @@ def plot_cones(estimate: Estimate, axis=None) -> Figure:
                      color=FINGER_COLOURS[finger % len(FINGER_COLOURS)],
                      label=f"finger {finger}")  # fmt: skip
         most = max(most, *normal)
-    axis.fill_between([0, most], [0, mu * most], lw=0,
-                      color=UNTOUCHED_COLOUR, alpha=0.35,
-                      label=f"friction cone: {mu:.2g} × normal")  # fmt: skip
-    axis.plot([0, most], [0, mu * most], color=INK, lw=1)
+    if mu is not None:
+        axis.fill_between([0, most], [0, mu * most], lw=0,
+                          color=UNTOUCHED_COLOUR, alpha=0.35,
+                          label=f"friction cone: {mu:.2g} × normal")  # fmt: skip
+        axis.plot([0, most], [0, mu * most], color=INK, lw=1)
     axis.set(xlabel="normal part [mN s]", ylabel="tangential part [mN s]",
              xlim=(0, None), ylim=(0, None))  # fmt: skip
     axis.legend(loc="upper left")
@@ -183,10 +186,10 @@ def plot_errors(estimates, truth=None, axis=None) -> Figure:
     return axis.figure
 
 
-def _friction(estimate) -> float:
-    """Return the friction coefficient of the fingers, known or estimated."""
+def _friction(estimate) -> float | None:
+    """Return the friction coefficient of the fingers; None: neither known nor found."""
     mu = estimate.unknowns.get(FINGER_FRICTION, estimate.scene.friction_finger)
-    return float(np.ravel(mu)[0])
+    return None if mu is None else float(np.ravel(mu)[0])
 
 
 def _parts(estimate, finger, shown):

@@ -18,6 +18,7 @@ from ..common.deadline import Deadline
 from ..common.validation import check_types
 from ..errors import OptionError, StartError, TactileError
 from ..information.error_budget_terms import ANY_ROTATION, REACHED, positive_part
+from ..information.information import inverse
 from ..information.mixture import (
     distinct_modes,
     laplace_mixture,
@@ -153,6 +154,6 @@ def evidence_of(estimate, shape) -> float:
         alike, prior = max(1, sum(up)), np.diag(known)
     else:
         prior = np.diag(known) + positive_part(information.part("prior"))
-    covariance = information.of_hessian().spread
+    covariance = inverse(information.matrix)
     cost = estimate.objective + estimate.scene.tilt_cost
     return log_evidence(cost, covariance, prior) + np.log(alike)
