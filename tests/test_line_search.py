@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from tactilenlp.solvers.line_search import Filter, Stuck, longest_step
-from tactilenlp.solvers.programme import Point
+from tactilenlp.solvers.line_search import Filter, Point, Stuck, longest_step
 
 
 def test_a_step_keeps_a_share_of_each_distance():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,7 +30,7 @@ def of_action(window: PolytopeWindow, past, about) -> ActionWindow:
     """
     samples = past.x.shape[1]
     lower, upper = window.holding(past.x, slice(window.pose[samples]))
-    parts = {f.name: getattr(window, f.name) for f in fields(PolytopeWindow)}
+    parts = dict(vars(window))
     new = {k: parts[k].sample >= samples for k in ("touch", "free", "step", "push")}
     new["corner"] = new["step"][window.corner.step]
     parts |= {k: parts[k].pick(new[k]) for k in ("touch", "free", "corner")}

@@ -6,7 +6,7 @@ constant during a solve and built again for the next one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import nnls
@@ -95,14 +95,13 @@ def polytope_window(window, shape, vertices, x, ground, resting=None) -> Polytop
     share[stand] = support_shares(resting[stand], hull_moments(resting, triangles)[1:4])
     lifts = ground and not is_planar(x)
     window = with_ground_contacts(window, stand, vertices, x) if lifts else window
-    known = {f.name: getattr(window, f.name) for f in fields(Window)}
     leg, rest = (part.signs[:, 0].astype(int) for part in (window.corner, window.rest))
     share = share[leg]
     if lifts:  # what is above the ground carries nothing
         at = window.step.sample[window.corner.step]
         share *= vertex_heights(vertices, x)[at, leg] < LIFTED
     return PolytopeWindow(
-        **known, start=vertices,
+        **vars(window), start=vertices,
         near_touch=vertices_near(window.touch, vertices, x),
         near_free=vertices_near(window.free, vertices, x),
         near_push=vertices_near(window.push, vertices, x),
@@ -227,32 +226,21 @@ def with_supports(shape, vertices):
 def window_of(job, guess=None, resting=None):
     """Return the window that a page reads, and the shape as the page takes it.
 
-    guess: theta and x, where a page starts.  resting: theta as which a hull carries its
+    guess: theta and x, where a page starts.  Of a polytope whose vertices it gives, the
+    shape has the corners that stand, and resting is the theta as which it carries its
     weight where it rests, by default that of the guess.
     """
-    return WINDOWS[job.shape.parameters](job, guess, resting)
-
-
-def window_of_sizes(job, guess=None, resting=None):
-    """Return the window of a shape of few sizes, and the shape."""
-    known = job.scene, job.shape, job.precision, job.reductions
-    return reduce(job.data, *known, guess=guess, cuts=job.cuts), job.shape
-
-
-def window_of_vertices(job, guess=None, resting=None):
-    """Return the window of a polytope, and the shape with the corners that stand."""
-    if guess is None:  # before any vertices are known, as of any shape
-        return window_of_sizes(job)
-    theta, x = guess
-    vertices = np.reshape(theta, (-1, 3))
-    shape = with_supports(job.shape, vertices)
+    shape, hull = job.shape, job.shape.parameters == "vertices" and guess is not None
+    if hull:
+        vertices = np.reshape(guess[0], (-1, 3))
+        shape = with_supports(shape, vertices)
     known = job.scene, shape, job.precision, job.reductions
     window = reduce(job.data, *known, guess=guess, cuts=job.cuts)
+    if not hull:
+        return window, shape
+    x = guess[1]
     if job.reductions.far:
         window = without_clear(window, vertices, x)
     resting = vertices if resting is None else np.reshape(resting, (-1, 3))
     ground = job.scene.ground is not None
     return polytope_window(window, shape, vertices, x, ground, resting), shape
-
-
-WINDOWS = {"sizes": window_of_sizes, "vertices": window_of_vertices}

@@ -6,7 +6,6 @@ free motion is close.
 
 from __future__ import annotations
 
-import logging
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -38,7 +37,6 @@ from ..search.multistart import levels_of, multistart
 from .incremental import continues, past_solution, still_explained, update_limit
 from .incremental_polytope import repaired
 
-log = logging.getLogger("tactilenlp")
 PROCESS_NOISE_FACTOR = 3.0  # [-] of the tracker's, in a second search
 
 

@@ -41,7 +41,7 @@ from ..tracking.tracks import (
 from .hypothesis import Hypothesis, Job, distinct, same, varied
 from .least_motion import ROUND, Executor, least_motion
 from .margins import DECISIVE
-from .proposals import any_touch, centred, from_guess, from_posterior, spherical
+from .proposals import centred, from_guess, from_posterior, spherical
 from .proposals_surface import from_surface
 
 log = logging.getLogger("tactilenlp")
@@ -152,7 +152,7 @@ class BoxSearch:
         if self._continued[0].path[-1] == CARRIED_ON:  # soft fingertips may look alike
             stays = replace(job, may_be_carried=False)
             again.append((stays, kept, "a search for a body that stays"))
-        if kept and not precise(job.data, job.precision) and any_touch(job.data):
+        if kept and not precise(job.data, job.precision) and job.data.contact.any():
             # Noise leaves hypotheses open that the mixture has lost: 21 nats once.
             again.append((job, (), "a search from scratch"))
         return [

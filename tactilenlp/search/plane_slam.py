@@ -8,7 +8,7 @@ ground.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -118,9 +118,8 @@ def planes_window(window, faces: Faces) -> PlanesWindow:
     apart = np.linalg.norm(point[ends][:, None] - centre[None], axis=2)
     a, f = np.nonzero(apart < free.radius + FREE_REACH)
     lower, upper = window.holding(faces.x, [-1])
-    known = {k.name: getattr(window, k.name) for k in fields(Window)}
     return PlanesWindow(
-        **known, plane=plane, planes=len(faces.b), slip=slip, link=link,
+        **vars(window), plane=plane, planes=len(faces.b), slip=slip, link=link,
         behind=Pairs(i[other], j[other]),
         outside=Outside(ends[a], free.pose[f], free.p_wf[f], free.radius[f]),
         lower=lower, upper=upper,

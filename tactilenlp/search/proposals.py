@@ -24,7 +24,6 @@ from ..tracking.first_touch import (
     TOP_TILT,
     body_height,
     first_contact,
-    repeated,
 )
 from ..tracking.geometry import geometry_of
 from .hypothesis import Job
@@ -35,11 +34,6 @@ from .local_solve import problem_at, start_values
 SIGMA_MAX = 0.02, 0.03, 0.5  # of sizes, place, yaw
 SIGMA_MIN = 1e-3, 1e-3, 0.03
 UNSEEN_INFORMATION = 1e-4  # [1 / scaled unknown^2] of an unobserved direction
-
-
-def any_touch(data) -> bool:
-    """Tell whether there is a touch, from which a search can begin."""
-    return bool(data.contact.any())
 
 
 def centred(job: Job) -> tuple:
@@ -64,7 +58,7 @@ def from_guess(guess, geometry, rng):
     off[:, 0] = 0.0
     z = np.r_[theta, x][:, None] + off
     z[:-3] = np.maximum(z[:-3], SMALLEST / 2)
-    return z, repeated(np.diag(sigma**2), DRAWN)
+    return z, np.repeat(np.diag(sigma**2)[..., None], DRAWN, axis=2)
 
 
 def from_posterior(job: Job, kept):

@@ -24,7 +24,6 @@ from ..tracking.first_touch import (
     YAW,
     first_contact,
     first_onset,
-    repeated,
 )
 from ..tracking.geometry import geometry_of, upright_surface
 from ..tracking.tracks import GAP_SIGMA, NORMAL_SIGMA
@@ -61,13 +60,14 @@ def from_surface(data, shape, rng, count: int = DRAWN):
     else:
         z[-1] = np.arctan2(n[1], n[0]) - np.arctan2(normal[1], normal[0])
         z[-1] += 0.0 if shape.round else YAW * rng.normal(size=len(around))
-    z[-3:-1] = centre[:2, None] - _turned(z[-1], -z[-3:-1])
+    z[-3:-1] = centre[:2, None] - rotate_planar(z[-1], *-z[-3:-1])
     if shape.round:
         z[-1] = 0.0
     likely = np.exp(-(((normal[2] - n[2]) / SLOPE) ** 2) / 2)
     weight = np.where(met, likely, 0.0) + np.finfo(float).tiny
     rows = rng.choice(len(weight), count, p=weight / weight.sum())
-    return z[:, rows], repeated(np.diag(geometry.each(*SIGMA) ** 2), count)
+    P = np.diag(geometry.each(*SIGMA) ** 2)
+    return z[:, rows], np.repeat(P[..., None], count, axis=2)
 
 
 def on_poses(job, estimate) -> Hypothesis | None:
@@ -197,8 +197,3 @@ def _beside(geometry, theta, around, centre, radius):
         inside = geometry.contact(state(middle), point, radius)[0] < 0
         low, high = np.where(inside, middle, low), np.where(inside, high, middle)
     return state(low), met
-
-
-def _turned(yaw, level):
-    """Return horizontal vectors (2, count), each turned by its yaw."""
-    return np.stack(rotate_planar(yaw, *level))

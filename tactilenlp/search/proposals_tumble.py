@@ -24,7 +24,6 @@ from ..tracking.first_touch import BELOW_TOP
 from .hypothesis import Hypothesis, distinct
 from .local_solve import start_values
 from .multi_hypothesis import search_boxes, tracked_paths
-from .proposals import any_touch
 
 TIPPING_TILT = np.radians(2)  # a side normal that rises further shows tipping
 DEPTH_SHARES = (1.0, 2 / 3)  # [-] of the proposed depth: the edge is not observed
@@ -158,7 +157,7 @@ def recovered(job, evidence, width: int, solves: int, executor=None):
         before, until = actions[actions < action], actions[actions <= action]
         kept = []
         part = replace(job, data=job.data.select(before)) if len(before) else None
-        if part is not None and any_touch(part.data):
+        if part is not None and part.data.contact.any():
             kept = search_boxes(part, (), solves, executor)
         part = replace(job, data=job.data.select(until))
         tumbles = likeliest_tumbles(part, tumbled(part, kept))

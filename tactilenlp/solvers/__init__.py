@@ -6,7 +6,7 @@ barrier methods with a filter line search (Waechter and Biegler, Math. Program. 
 
 - `solve`, `options`: one solve, or the levels of a page, each from the one before
 - `interior_point`: for problems with few equations; a step solves a system of the size
-  of x: `primal_dual` (the algorithm), `line_search`, `programme`, `condensed_kkt`,
+  of x: `primal_dual` (the algorithm), `line_search`, `condensed_kkt`,
   `bordered_ldl`, `sparse_ldl` (C)
 - `ipopt`: the reference, for all problems, and wherever the other one fails
 - `solution`: values, costs, violations and multipliers by name

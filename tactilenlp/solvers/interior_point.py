@@ -14,7 +14,6 @@ from dataclasses import replace
 from .line_search import Stuck
 from .options import MIN_SOLVE_TIME, Settings
 from .primal_dual import Run
-from .programme import Programme
 from .solution import ACCEPTED, SOLVED
 
 HISTORY = ("obj", "inf_pr", "inf_du", "mu")  # IPOPT's names of the progress of a run
@@ -24,16 +23,17 @@ SECOND_MU = 1e-3  # of a second run: from 1e-1 it takes three times as many iter
 class InteriorPoint:
     """Called as a solver that `casadi.nlpsol` makes.
 
+    programme: an nlp.assembly.Assembly and the CondensedKkt of its patterns;
     otherwise(seconds): makes IPOPT with a time limit.
     """
 
-    def __init__(self, programme: Programme, settings: Settings, otherwise: Callable):
+    def __init__(self, programme: tuple, settings: Settings, otherwise: Callable):
         self._programme, self._settings = programme, settings
         self._otherwise, self._stats = otherwise, {}
 
     def __call__(self, **inputs) -> dict:
         """Return x, lam_g and lam_x."""
-        run = Run(self._programme, self._settings, **inputs)
+        run = Run(*self._programme, self._settings, **inputs)
         try:
             run, status = self._minimised(run, inputs)
         except Stuck:
@@ -58,7 +58,7 @@ class InteriorPoint:
         except Stuck:
             settings = replace(self._settings, mu_init=SECOND_MU)
             given = {k: v for k, v in inputs.items() if not k.endswith("0")}
-            again = Run(self._programme, settings, x0=run.at.w[: run.n], **given)
+            again = Run(*self._programme, settings, x0=run.at.w[: run.n], **given)
             again.continue_counts(run)
             return again, again.minimise()
 

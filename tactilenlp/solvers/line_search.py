@@ -7,10 +7,10 @@ IPOPT's defaults.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-
-from .programme import Point
 
 GAMMA_THETA, GAMMA_PHI, ETA, S_THETA, S_PHI = 1e-5, 1e-8, 1e-8, 1.1, 2.3  # (18) to (20)
 GAMMA_ALPHA, LEAST_STEP = 0.05, 1e-12  # (23), and a bound of it
@@ -20,6 +20,30 @@ FLOAT_ERROR = 10 * np.finfo(float).eps  # of barrier functions that are compared
 
 class Stuck(Exception):
     """No step is accepted, or the problem has no number where the solve begins."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """w = (x, s), with f, its gradient, g, nonzeros of J, distances from the bounds."""
+
+    w: np.ndarray
+    f: float
+    gradient: np.ndarray
+    g: np.ndarray
+    jacobian: np.ndarray
+    below: np.ndarray
+    above: np.ndarray
+
+    @cached_property
+    def residual(self) -> np.ndarray:
+        return self.g - self.w[len(self.gradient) :]
+
+    @cached_property
+    def violation(self) -> float:
+        return np.abs(self.residual).sum()
+
+    def barrier(self, mu: float) -> float:
+        return self.f - mu * (np.log(self.below).sum() + np.log(self.above).sum())
 
 
 class Filter:

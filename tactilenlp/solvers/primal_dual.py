@@ -15,8 +15,7 @@ import time
 
 import numpy as np
 
-from .line_search import Filter, Stuck, longest_step
-from .programme import Point
+from .line_search import Filter, Point, Stuck, longest_step
 from .solution import ACCEPTED, SOLVED, TIME_EXCEEDED, TOO_MANY
 
 INNER, OUTER = 10.0, 1e10  # kappa_eps of (7), kappa_Sigma of (16)
@@ -33,13 +32,16 @@ MOST_RESETS = 5  # of a filter that accepts no step
 
 
 class Run:
-    """One solve: the current point, multipliers y of g and z of the bounds of w."""
+    """One solve: the current point, multipliers y of g and z of the bounds of w.
+
+    assembly: an nlp.assembly.Assembly; kkt: the CondensedKkt of its patterns.
+    """
 
     def __init__(
-        self, programme, settings, *, p, x0, lbx, ubx, lbg, ubg, lam_g0=None,
+        self, assembly, kkt, settings, *, p, x0, lbx, ubx, lbg, ubg, lam_g0=None,
         lam_x0=None,
     ):  # fmt: skip
-        self.programme, self.kkt, self.data = programme, programme.kkt, p
+        self.assembly, self.kkt, self.data = assembly, kkt, p
         self.settings, self.mu = settings, settings.mu_init
         self.began, self.n, self.fixed = time.monotonic(), len(x0), lbx >= ubx
         self.left_out = self.kkt.touched_by(self.fixed)
@@ -57,7 +59,7 @@ class Run:
         push = np.full(len(lower), settings.bound_push)
         push[self.n :] = settings.bound_push if warm else SLACK_PUSH
         x = _inside(x0, lower[: self.n], upper[: self.n], push[: self.n])
-        values = self.programme.evaluated(x, p)
+        values = self.assembly.evaluated(x, p)
         w = np.r_[x, _inside(values[2], lbg, ubg, push[self.n :])]
         self.at = self._point(w, values)
         self.z_lo, self.z_hi = np.ones(len(self.lo)), np.ones(len(self.hi))
@@ -77,7 +79,7 @@ class Run:
 
     def evaluated(self, w: np.ndarray) -> Point:
         self.evaluations += 1
-        return self._point(w, self.programme.evaluated(w[: self.n], self.data))
+        return self._point(w, self.assembly.evaluated(w[: self.n], self.data))
 
     def _point(self, w, values) -> Point:
         distances = w[self.lo] - self.lower, self.upper - w[self.hi]  # not rounded to 0
@@ -184,7 +186,7 @@ class Run:
         """Return the step in x, s and y, damped until the inertia is right."""
         at, kkt, n = self.at, self.kkt, self.n
         weights = self._spread(self.z_lo / at.below, self.z_hi / at.above)
-        hessian = self.programme.hessian(at.w[:n], self.data, self.y)
+        hessian = self.assembly.second(at.w[:n], self.data, 1.0, self.y)
         given = hessian, at.jacobian, weights[:n], weights[n:], self.left_out
         matrix, unit, delta = kkt.matrix(*given), None, 0.0
         while not kkt.factorise(matrix if unit is None else matrix + delta * unit):

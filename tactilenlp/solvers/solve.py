@@ -12,10 +12,10 @@ import numpy as np
 from ..common.interrupt import interruptible
 from ..errors import OptionError
 from ..nlp.problem import Problem
+from .condensed_kkt import CondensedKkt
 from .interior_point import InteriorPoint
 from .ipopt import make_ipopt
 from .options import MIN_SOLVE_TIME, NAMES, Settings, SolverOptions
-from .programme import Programme
 from .solution import Solution, after, not_converged, recomputed, unfinished
 
 log = logging.getLogger("tactilenlp")
@@ -45,7 +45,7 @@ def make_solver(
     return InteriorPoint(programme, settings, ipopt)
 
 
-def _prepared(problem, options, eliminate, shared: dict) -> Programme | None:
+def _prepared(problem, options, eliminate, shared: dict) -> tuple | None:
     """Return what our method solves, kept in `shared`; None where only IPOPT can.
 
     The first call assembles functions and patterns, which takes seconds of a large
@@ -57,7 +57,9 @@ def _prepared(problem, options, eliminate, shared: dict) -> Programme | None:
     if "programme" not in shared:
         equal = problem.limits("lower") >= problem.limits("upper")
         few = _read_by(problem, equal) <= min(MOST_IN_EQUATIONS, problem.size // 2)
-        shared["programme"] = Programme(problem.assembly, equal) if few else None
+        assembly = problem.assembly
+        kkt = CondensedKkt(assembly.hessian, assembly.jacobian, equal) if few else None
+        shared["programme"] = (assembly, kkt) if few else None
     return shared["programme"]
 
 

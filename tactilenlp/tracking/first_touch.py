@@ -55,7 +55,7 @@ def from_first_touch(data, shape, rng, sigma: float, count=DRAWN):
     poses = np.hstack([poses, places_of(*large, contact, rng)])
     sides = np.hstack([usual, large])
     height = np.full(sides.shape[1], body_height(data, shape, mean, sigma))
-    P = repeated(np.diag(START_SIGMA**2), sides.shape[1])
+    P = np.repeat(np.diag(START_SIGMA**2)[..., None], sides.shape[1], axis=2)
     P[[0, 1], [0, 1]] *= np.maximum(1.0, sides / LARGEST) ** 2
     return np.array([*sides, height, *poses]), P
 
@@ -107,8 +107,3 @@ def body_height(data, shape, otherwise: float, sigma: float) -> float:
     return (
         max(otherwise, np.quantile(side, 0.9) + BELOW_TOP) if side.size else otherwise
     )
-
-
-def repeated(P, count):
-    """Return a covariance (k, k) for each of so many states, (k, k, count)."""
-    return np.repeat(P[..., None], count, axis=2)

@@ -12,7 +12,6 @@ recorded is smoothed backward (smoother.py).
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 
@@ -203,19 +202,13 @@ def _telling(filter, z, t) -> list[tuple]:
     return found
 
 
-@cache
-def _places(k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return rows and columns of the upper triangle of a matrix (k, k), by rows."""
-    return np.triu_indices(k)
-
-
 def _upper(P) -> np.ndarray:
     """Return the upper triangles by rows of covariances (k, k, S)."""
-    return P[_places(len(P))]
+    return P[np.triu_indices(len(P))]
 
 
 def _whole(upper, k: int) -> np.ndarray:
     """Return covariances (k, k, S) from their upper triangles by rows."""
-    P, (i, j) = np.empty((k, k, upper.shape[1])), _places(k)
+    P, (i, j) = np.empty((k, k, upper.shape[1])), np.triu_indices(k)
     P[i, j] = P[j, i] = upper
     return P
