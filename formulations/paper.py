@@ -84,13 +84,12 @@ def build(nlp, window, scene, shape):
         return theta, *poses, step.dt[s], scene.mass * G * step.dt[s]
 
     gap, velocity = body.finger_gap, body.fingers.velocity
-    at_rest = push.p_wf, push.radius
     moving = push.p_wf, push.p_wf_1, push.radius, push.tangent
     mu = friction(nlp, names.FINGER_FRICTION, scene.friction_finger)
     at = now(push.step)
     g.maximum_dissipation(nlp, "finger", velocity, at, lam, moving)
     g.friction_cone(nlp, "finger", at[-1], lam, mu)
-    g.complementarity(nlp, "finger", gap, at, lam, at_rest)
+    g.complementarity(nlp, "finger", gap, at, lam, (push.p_wf, push.radius))
     g.inelasticity(nlp, "finger", velocity, at, lam, moving)
     for name, f in (("felt finger", window.touch), ("free finger", window.free)):
         g.non_penetration(nlp, name, gap, theta, x[:, f.pose], (f.p_wf, f.radius))

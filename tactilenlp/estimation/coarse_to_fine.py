@@ -111,8 +111,7 @@ def dense_request(request: Request, coarse: Job) -> Request:
     """Return the request for the ground and models selected at the lower rate."""
     made = {name: getattr(coarse.reductions, name) for name in SELECTED}
     job = on_ground(request.job, coarse.scene.ground)
-    job = replace(job, reductions=replace(job.reductions, **made))
-    return replace(request, job=job)
+    return replace(request, job=job.with_reductions(**made))
 
 
 def interpolated(h: Hypothesis, data: Measurements, rows) -> Hypothesis:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
 
 from ..data.examples import example_recording
 from ..data.measurements import Measurements
@@ -31,7 +30,7 @@ def compile_ahead(shape: str) -> Estimate:
     given = data, scene, shape_of(shape), "violation_implicit", None, None, None
     job = read_request(*given, PROCESS)[0].job
     for name in LARGER_MODELS:
-        larger = replace(job, reductions=replace(job.reductions, **{name: False}))
+        larger = job.with_reductions(**{name: False})
         problem, *_ = problem_at(larger, in_motion_of(larger, estimate.origin))
         log.info("without %r: %d functions", name, len(problem.functions))
     return estimate

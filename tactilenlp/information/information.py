@@ -165,23 +165,20 @@ class Information:
 
     def widened(self, factor: float) -> Information:
         """Return the same, all standard deviations multiplied by a factor."""
-        path = None if self.path is None else factor * self.path
-        ground = None if self.ground is None else factor**2 * self.ground
-        offsets = None if self.offsets is None else factor**2 * self.offsets
-        wide = {"spread": factor**2 * self.spread, "ground": ground, "offsets": offsets}
-        return replace(self, path=path, **wide)
+        powers = {"spread": 2, "ground": 2, "offsets": 2, "path": 1}
+        known = {n: v for n, v in vars(self).items() if n in powers and v is not None}
+        return replace(self, **{n: factor ** powers[n] * known[n] for n in known})
 
     def of_matrix(self, matrix, spread=None) -> Information:
-        """Return the information of another kind about the same quantities.
+        """Return the information of another kind, of one optimum alone.
 
-        spread: by default the inverse of the matrix.  What else the error budget adds,
-        and other optima, are left out.
+        spread: by default the inverse of the matrix.
         """
         spread = inverse(matrix) if spread is None else spread
         alone = one_mode(self.modes.objectives[0], spread)
-        left_out = dict.fromkeys(("path", "ground", "offsets", "with_offsets"))
-        left_out |= {"parts": {}, "roles": {}}
-        return replace(self, matrix=matrix, spread=spread, modes=alone, **left_out)
+        none = dict.fromkeys(("path", "ground", "offsets", "with_offsets"))
+        none |= {"matrix": matrix, "spread": spread, "parts": {}, "roles": {}}
+        return replace(self, modes=alone, **none)
 
     def _map(self, name: str) -> np.ndarray:
         if name not in self.maps:
@@ -275,10 +272,7 @@ def optimum_of(problem, solution, window, shape, R_wg) -> LocalOptimum:
 
 
 def reduced_covariance(problem, solution, chosen: np.ndarray):
-    """Return covariance of the chosen unknowns (SI), active and ambiguous counts.
-
-    chosen: indices into the vector of all unknowns.
-    """
+    """Return covariance (SI), active and ambiguous counts of the chosen unknowns."""
     kkt = kkt_system_of(problem, solution)
     C = kkt.sensitivity(chosen)[0][chosen]
     counts = (sum(n.values()) for n in (kkt.active, kkt.ambiguous))

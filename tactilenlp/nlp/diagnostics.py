@@ -22,10 +22,10 @@ from .derivative_check import (
     not_finite,
 )
 from .kkt import gradient
+from .terms import Term
 
 if TYPE_CHECKING:
     from .problem import Problem
-from .terms import Term
 
 POINT_SIGMA = 0.5  # [scales] standard deviation of the random point about the guess
 BAD_SCALE = 1e4  # [-] scaled first derivatives beyond this, or below its inverse

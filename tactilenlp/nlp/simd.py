@@ -86,7 +86,7 @@ def processor() -> str:
 def own_flags() -> tuple[str, ...]:
     """Return the compiler's flags for all vector operations that the processor has.
 
-    None where libraries of different processors could not be told apart.
+    Empty where libraries of different processors could not be told apart.
     """
     return ("-march=native",) if processor() != platform.machine() else ()
 

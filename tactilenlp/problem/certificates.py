@@ -145,7 +145,7 @@ def frictionless(solved) -> Skipped | None:
     )  # fmt: skip
 
 
-def planar_certificate(job, solved) -> Skipped | None:
+def planar_certificate(job, solved) -> Skipped:
     """Certify that an object that never tilts explains the touches (outliers.py)."""
     worst = planar_share(unexplained_by_action(job, solved))
     return Skipped(

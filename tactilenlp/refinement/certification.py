@@ -106,7 +106,7 @@ def _tumbled(job, flat, executor) -> Solved:
     """Solve proposals of a tumble in free motion; keep the best, or the flat one."""
     evidence = unexplained_by_action(job, flat)
     found = recovered(job, evidence, *job.options.widths(precise=False), executor)
-    free = replace(job, reductions=without(job.reductions, ["planar"]))
+    free = job.with_reductions(planar=False)
     levels = [ranking(level) for level in job.contract.from_guesses]
     solved = [solved_from(free, h, levels=levels) for h in found[:MAX_TUMBLE_SOLVES]]
     better = [

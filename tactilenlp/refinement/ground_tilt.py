@@ -70,7 +70,7 @@ def with_ground_for_turns(job, solved) -> tuple:
     if not (turned and ground_may_tilt(job)):
         return job, solved
     ground = job.scene.ground.turned(_common_turn(best), _first_touched(best))
-    aligned = replace(job, reductions=replace(job.reductions, aligned=True))
+    aligned = job.with_reductions(aligned=True)
     leans = continued(on_ground(aligned, ground), best)
     if leans is None or not leans.solution.success:
         return job, solved

@@ -115,7 +115,7 @@ def _with(name, nuisance, job, solved, solve) -> tuple:
         return job, [declined(best, name, most, needed, "at most "), *others]
     if job.deadline.passed(nuisance.dropped):
         return job, solved
-    larger = replace(job, reductions=replace(job.reductions, **{name: False}))
+    larger = job.with_reductions(**{name: False})
     if nuisance.screened:
         gain = gain_with_others_held(larger, best, nuisance.unknown)
         if gain < needed:
@@ -143,7 +143,7 @@ def without_needless(solved: Solved) -> Solved:
     """
     for name, nuisance in NUISANCES.items():
         job, reductions = solved.job, solved.job.reductions
-        fixed = replace(job, reductions=replace(reductions, **{name: True}))
+        fixed = job.with_reductions(**{name: True})
         by_data = getattr(job.options.reductions, name) > getattr(reductions, name)
         if not (by_data and fixes(fixed, name)):
             continue

@@ -127,8 +127,7 @@ def touched_ends(shape, solved) -> np.ndarray | None:
     if not shape.symmetries or rotation_at(solved.at, -1)[2, 2] < VERTICAL:
         return None
     faces = solved.touched
-    if solved.job.scene.ground is not None:
-        faces[2, 0] += KNOWN_FACE  # it touches the lowest one
+    faces[2, 0] += KNOWN_FACE * (solved.job.scene.ground is not None)
     return faces
 
 
@@ -169,7 +168,6 @@ def deviation_along(
     leaves open: what the prior adds [nats]. The Hessian's deviation is kept where it is
     large, where there is no profile, and of an untouched size or a pose where it is the
     larger one. And a better hypothesis, or None.
-
     A larger body is the flatter side: what lies behind a touched face contradicts no
     finger. A smaller one is solved where a larger one gives no result; of a pose both
     directions are solved, and the wider one counts.
@@ -183,8 +181,8 @@ def deviation_along(
         there = partial(elsewhere, axis, way * direction / known, behind)
         sigma_so_far = abs((off if widest is None else widest)[axis])
         # Where a Gaussian costs twice as much; most cost half as much.
-        first = max(min(np.sqrt(4 * rise) * known, VAGUE_SHARE * prior), FIRST_STEP)
-        first = min(first, prior)
+        first = min(np.sqrt(4 * rise) * known, VAGUE_SHARE * prior)
+        first = min(max(first, FIRST_STEP), prior)
         given = at, axis, first, sigma_so_far, prior, rise, seeks
         prior_added = None if cost is None else (lambda step, way=way: cost(way * step))
         found, better = _profile_one_side(there, *given, prior_added)
@@ -278,13 +276,12 @@ def _constrained(job, solved, shared, chosen, axis, direction, touched, step):
 
     direction: the response of all unknowns to it by the Hessian; shared: keeps solvers.
     The start moves all unknowns along, or, with the samples on both faces of a size
-    (touched), only that size. A feasible solve with a small rise is enough: the minimum
-    is no higher.
+    (touched), only that size. A feasible solve with a small rise is enough.
     """
     problem, held = solved.problem, chosen[axis]
     x = problem.pack(solved.solution.values) + step * direction
-    smallest = np.broadcast_to(job.shape.bounds[0], job.shape.theta)
-    too_small = axis < len(smallest) and x[held] < smallest[axis]
+    low = np.broadcast_to(job.shape.bounds[0], job.shape.theta)
+    too_small = axis < len(low) and x[held] < low[axis]
     if too_small or job.deadline.passed("profile likelihoods"):
         return None
     values = problem.unpack(x)

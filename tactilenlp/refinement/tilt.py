@@ -47,7 +47,7 @@ def with_tilt(job, best: Solved) -> Solved:
     needed = needed_gain(touches.spread)
     if touches.excess < needed or job.deadline.passed("tilt"):
         return best
-    free = replace(job, reductions=replace(job.reductions, planar=False))
+    free = job.with_reductions(planar=False)
     tilted = freed_to_tilt(free, best)
     rough = job.contract.rough
     if rough and not _explained(free, tilted):

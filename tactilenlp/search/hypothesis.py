@@ -63,7 +63,7 @@ class Hypothesis:
 
     @property
     def end(self) -> np.ndarray:
-        """Theta and the last pose (n + 3,)."""
+        """Theta and the last pose (n + 3,), (n + 6,) in free motion."""
         return np.r_[self.theta, self.x[:, -1]]
 
     def seen(self, data):
@@ -129,6 +129,10 @@ class Job:
     def contract(self):
         """What the page states of itself."""
         return contract_of(self.page)
+
+    def with_reductions(self, **made: bool) -> Job:
+        """Return the job with other values of some reductions, by name."""
+        return replace(self, reductions=replace(self.reductions, **made))
 
     def build(self, window, scene=None) -> Problem:
         """Return the problem that the page poses of a window; scene: another one."""

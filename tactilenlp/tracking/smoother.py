@@ -1,4 +1,4 @@
-"""Rauch-Tung-Striebel smoother of tracks: paths that every sample agrees with."""
+"""Rauch-Tung-Striebel smoother: the paths of tracks given all samples."""
 
 from __future__ import annotations
 

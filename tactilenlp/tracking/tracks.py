@@ -148,7 +148,7 @@ def split_tracks(filter, tracks, final, rng):
     order = order[np.isfinite(tracks.P[..., order]).all(axis=(0, 1))]
     if not len(order):
         raise MotionError(
-            "no track of the body is left", where="the search of a box",
+            "no track of the body is left", where="search",
             got="states that are not finite", expected="a motion of the body",
             next="look for fingers or times that jump",
         )  # fmt: skip
