@@ -126,7 +126,7 @@ def _step_slopes(body, s, d, rest, given) -> ca.Function:
     By the implicit function theorem.
     """
     loads = body[0].symbol("loads", 1 + len(rest[0]))
-    pull = pushing.balance(*body, s, d, *rest, ca.vertsplit(loads))
+    pull, _ = pushing.work_slope(*body, s, d, *rest, ca.vertsplit(loads))
     by_d, by_s, by_z, by_p, by_r = (ca.jacobian(pull, v) for v in (d, s, *given[2:5]))
     out = [-pushing.solve_3(by_d, by) for by in (by_s, by_z, by_p + by_r)]
     out.append(ca.vertcat(*pushing.tips(*body, s, d, *rest, ca.vertsplit(loads))))
