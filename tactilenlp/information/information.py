@@ -269,20 +269,18 @@ def optimum_of(problem, solution, window, shape, R_wg) -> LocalOptimum:
     R_wg (3, 3): from the ground's frame, in which the problem is written, to the world.
     """
     at = tangent_space_of(problem, solution, window, shape, R_wg)
-    C, *_ = reduced_covariance(problem, solution, at.chosen)
+    C = reduced_covariance(problem, solution, at.chosen)
     C = at.jacobian @ C @ at.jacobian.T
     return LocalOptimum(at.z, at.R, solution.objective, C, solution, window)
 
 
-def reduced_covariance(problem, solution, chosen: np.ndarray):
-    """Return covariance of the chosen unknowns (SI), active and ambiguous counts.
+def reduced_covariance(problem, solution, chosen: np.ndarray) -> np.ndarray:
+    """Return the covariance (k, k), SI, of the chosen unknowns.
 
     chosen: indices into the vector of all unknowns.
     """
-    kkt = kkt_system_of(problem, solution)
-    C = kkt.sensitivity(chosen)[0][chosen]
-    counts = (sum(n.values()) for n in (kkt.active, kkt.ambiguous))
-    return (C + C.T) / 2, *counts
+    C = kkt_system_of(problem, solution).sensitivity(chosen)[0][chosen]
+    return (C + C.T) / 2
 
 
 def inverse(C) -> np.ndarray:
