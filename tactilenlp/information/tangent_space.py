@@ -195,9 +195,9 @@ def unobserved(faces, sides=None, turn=0.0, way=0.0) -> tuple[str, ...]:
             face = f"{missing[0]}{AXES[axis]}"
             words.append(f"side {AXES[axis]}: face {face} never touched")
     if turn > OPEN_ROTATION:
-        words.append("rotation: no side says which way the object is turned")
+        words.append("rotation: not observed")
     if way > OPEN_POSITION:
-        words.append("position: no side says where on the ground the object lies")
+        words.append("position: not observed")
     return tuple(words)
 
 

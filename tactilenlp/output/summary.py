@@ -136,7 +136,7 @@ def offsets_in_words(offset, C) -> str:
         pairs = zip(IN_MM * offset[f], IN_MM * sigma, strict=True)
         by = ", ".join(f"{way:.1f} ± {error:.1f}" for way, error in pairs)
         each.append(f"finger {f} by ({by}) mm")
-    return "Off from where they say: " + "; ".join(each) + "."
+    return "Fingers are off their measured positions: " + "; ".join(each) + "."
 
 
 def _leaning_ground(ground) -> str:
@@ -158,7 +158,7 @@ def _compliance(estimate) -> str:
 def _finger_turn(estimate) -> str:
     turns = np.degrees(np.linalg.norm(estimate.finger_turn, axis=1))
     each = (f"finger {f} by {turn:.1f} deg" for f, turn in enumerate(turns))
-    return f"Sensors sit askew, their normals are turned: {', '.join(each)}."
+    return f"The sensors' normals are turned: {', '.join(each)}."
 
 
 def _centre_of_mass(estimate) -> str:
