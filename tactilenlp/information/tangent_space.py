@@ -195,9 +195,9 @@ def unobserved(faces, sides=None, turn=0.0, way=0.0) -> tuple[str, ...]:
             face = f"{missing[0]}{AXES[axis]}"
             words.append(f"side {AXES[axis]}: face {face} never touched")
     if turn > OPEN_ROTATION:
-        words.append("rotation: not observed")
+        words.append(f"rotation: sigma above {np.degrees(OPEN_ROTATION):.0f} deg")
     if way > OPEN_POSITION:
-        words.append("position: not observed")
+        words.append(f"position: sigma above {1e3 * OPEN_POSITION:.0f} mm")
     return tuple(words)
 
 
