@@ -6,7 +6,7 @@ r"""The balance of impulse and momentum in every time step: x_{t+1} = f(x_t, lam
 
 over the contacts c of step k, which act with the impulse J_c at the point p_c; p_wc is
 the centre of mass, which need not be the centroid (centre_of_mass.py).  It serves every
-body (mass, centroid, inertia: rigid_body.Body) and planar as well as free motion.  The
+body (centroid, inertia: rigid_body.Body) and planar as well as free motion.  The
 changes of momentum are in rigid_body.py.
 
 An instance of a term reads the contacts of its step as named tuples: a Corner of every
@@ -30,7 +30,7 @@ from .rigid_body import ARM, G, momentum_change, uniform
 class Balance:
     """The balance of a body with the fingers and the ground that touch it.
 
-    body(shape, theta, mass) -> rigid_body.Body; gravity [m/s^2].
+    body(shape, theta) -> rigid_body.Body; gravity [m/s^2].
     """
 
     fingers: FingerContact
@@ -45,7 +45,7 @@ class Balance:
         """
         shape, motion = self.fingers.shape, self.fingers.motion
         mass = w / (G * dt)  # data, so that every mass shares this term's function
-        body = self.body(shape, theta, mass)
+        body = self.body(shape, theta)
         body = replace(body, centroid=body.centroid + centre)
         poses = [motion.pose(shape, theta, c) for c in (x, x_1, x_2)]
         linear, angular = momentum_change(body, poses, dt)

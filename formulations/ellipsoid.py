@@ -19,7 +19,13 @@ from math import cos, pi, sin, sqrt
 
 import casadi as ca
 
-from .shape import Shape, axis_relabellings, cuboid_rest_height
+from .shape import (
+    Shape,
+    axis_relabellings,
+    cuboid_corner,
+    cuboid_rest_height,
+    every_size,
+)
 
 NEWTON_STEPS = 6  # 10 mm outside, to 0.01 um for axes of a ratio up to 1:20
 POINTS = 642  # of the mesh: facets cut off 1 % of the volume
@@ -57,11 +63,6 @@ def ellipsoid_support(theta, n):
     return square * n / ca.sqrt(ca.sum1(square * n * n))
 
 
-def end_of_axis(theta, signs):
-    """Return the end of the axis that `signs` names, body frame [m]."""
-    return signs * theta / 2
-
-
 def ellipsoid_inertia(theta):
     """Return the inertia per unit mass of a uniform ellipsoid [m^2]."""
     square = theta * theta
@@ -85,11 +86,6 @@ def ellipsoid_mesh(theta) -> list:
     return points
 
 
-def axes(theta):
-    """Return the full axes (3,) [m]."""
-    return theta
-
-
 ELLIPSOID = Shape(
     name="ellipsoid",
     theta=3,
@@ -98,13 +94,13 @@ ELLIPSOID = Shape(
     corners=((0, 0, -1),),
     distance=ellipsoid_distance,
     normal=ellipsoid_normal,
-    corner=end_of_axis,
+    corner=cuboid_corner,
     rest_height=cuboid_rest_height,
     inertia=ellipsoid_inertia,
     symmetries=axis_relabellings(),
     words=("axis x", "axis y", "axis z"),
     units=("m", "m", "m"),
-    quantities=(("axes", axes),),
+    quantities=(("axes", every_size),),
     reach=ellipsoid_reach,
     mirrored=False,
     support=ellipsoid_support,

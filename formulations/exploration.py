@@ -78,10 +78,12 @@ def probability(phi, alpha):
     return ca.if_else(z > 0, small, 1) / (1 + small)
 
 
-def gap_information(phi, alpha, sigma):
-    """Return w [1 / m^2] of a gap phi [m]: sigma [m] where felt, alpha [1/m]."""
-    p = probability(phi, alpha)
-    return alpha**2 * p * (1 - p) + p / sigma**2
+def gap_information(p, c, alpha, sigma):
+    """Return w [1 / m^2] of a gap: sigma [m] where felt, alpha [1/m].
+
+    p: its probability of contact; c: its boolean, p for the expectation.
+    """
+    return alpha**2 * p * (1 - p) + c / sigma**2
 
 
 def sample_information(c, phi, J_phi, J_n, alpha, sigma, sigma_n):
@@ -90,7 +92,7 @@ def sample_information(c, phi, J_phi, J_n, alpha, sigma, sigma_n):
     J_phi (1, k), J_n (3, k): slopes of gap and normal; c = p gives the expectation.
     """
     p = probability(phi, alpha)
-    gap = alpha**2 * p * (1 - p) + c / sigma**2
+    gap = gap_information(p, c, alpha, sigma)
     return gap * J_phi.T @ J_phi + c / sigma_n**2 * J_n.T @ J_n
 
 

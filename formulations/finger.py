@@ -112,7 +112,6 @@ class Finger:
     what is told of it.
     """
 
-    name: str
     numbers: int
     core: Callable
     before: Callable
@@ -135,10 +134,10 @@ class Finger:
         return p_w - rho * n, n
 
 
-SPHERE = Finger("sphere", 3, sphere_core, sphere_before)
+SPHERE = Finger(3, sphere_core, sphere_before)
 
 
 @cache
 def capsule(half_length):
     """Return a capsule whose segment is 2 half_length [m] long (0: a sphere)."""
-    return Finger("capsule", 7, partial(segment_core, half_length), segment_before)
+    return Finger(7, partial(segment_core, half_length), segment_before)

@@ -64,7 +64,7 @@ def reports(nlp, window, scene, shape, body, theta, x, mu):
 
     def whole(theta, x, x_1, x_2, dt):
         poses = [window.motion.pose(shape, theta, c) for c in (x, x_1, x_2)]
-        linear, _ = momentum_change(uniform(shape, theta, scene.mass), poses, dt)
+        linear, _ = momentum_change(uniform(shape, theta), poses, dt)
         return scene.mass * (linear + ca.vertcat(0, 0, scene.gravity * dt))
 
     s = push.step

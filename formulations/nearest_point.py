@@ -38,6 +38,11 @@ LAST = 3  # Newton steps where the hull is sharp, before freezing
 EXACT_STEPS = 2  # more Newton steps: exact derivatives where written out
 
 
+def length(u):
+    """Return |u| [m] of a vector (3,) [m], nowhere exactly zero."""
+    return ca.sqrt(ca.sumsqr(u) + LEAST_DISTANCE**2)
+
+
 def towards(vertices, q_of, small):
     """Return u (3,) [m] from the nearest point of the hull of vertices (3, k) to q_of.
 

@@ -20,7 +20,7 @@ from functools import cache
 
 import casadi as ca
 
-from .nearest_point import LEAST_DISTANCE, SHARP, towards
+from .nearest_point import SHARP, length, towards
 from .pushed_hull import as_pushed, legs_squared
 from .shape import Shape
 
@@ -33,15 +33,13 @@ def _matrix(theta):
 
 def polytope_distance(theta, q_of, small):
     """Return the distance [m] from the hull of the point q_of, which is outside."""
-    return ca.sqrt(
-        ca.sumsqr(towards(_matrix(theta), q_of, small / SHARP)) + LEAST_DISTANCE**2
-    )
+    return length(towards(_matrix(theta), q_of, small / SHARP))
 
 
 def polytope_normal(theta, q_of, small):
     """Return the outward unit normal towards the point q_of outside of the hull."""
     u = towards(_matrix(theta), q_of, small / SHARP)
-    return u / ca.sqrt(ca.sumsqr(u) + LEAST_DISTANCE**2)
+    return u / length(u)
 
 
 def vertex(theta, signs):

@@ -94,6 +94,6 @@ def mass(nlp, window, theta):
     return body
 
 
-def hull_body(shape, body, mass):
+def hull_body(shape, body):
     """Return the rigid_body.Body of volume, centroid and second moments (10,)."""
-    return Body(mass, body[1:4], inertia_about(body[1:4], body[4:10]))
+    return Body(body[1:4], inertia_about(body[1:4], body[4:10]))

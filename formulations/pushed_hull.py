@@ -34,14 +34,13 @@ def as_pushed(shape, theta):
 
 def distance(theta, q_of, small):
     """Return the distance [m] from the hull of the point q_of, which is outside."""
-    u = towards(theta, q_of, small)
-    return ca.sqrt(ca.sumsqr(u) + near.LEAST_DISTANCE**2)
+    return near.length(towards(theta, q_of, small))
 
 
 def normal(theta, q_of, small):
     """Return the outward unit normal towards the point q_of outside of the hull."""
     u = towards(theta, q_of, small)
-    return u / ca.sqrt(ca.sumsqr(u) + near.LEAST_DISTANCE**2)
+    return u / near.length(u)
 
 
 def towards(theta, q_of, small):

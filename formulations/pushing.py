@@ -70,15 +70,6 @@ def foot_squared(shape, theta, R_wo):
     return 3 * (R_wo @ shape.inertia(theta) @ R_wo.T)[2, 2]
 
 
-def balance(shape, finger, theta, pose, s, d, fingers, known, loads):
-    """Return the gradient (3,) [N, N, N m] of the work by d, zero at the step.
-
-    pose: of the body where s = 0; fingers: (r, p, rho) each; known: mu_g, mu_f, weight
-    [N], stiffness [N/m], max_force [N], foot c^2 [m^2]; loads: N, lam_f, held fixed.
-    """
-    return work_slope(shape, finger, theta, pose, s, d, fingers, known, loads)[0]
-
-
 def loads_of(shape, finger, theta, pose, s, d, fingers, known):
     """Return N and lam_f [N] where the body is at s + d, after a step d."""
     _, mu_f, weight, stiffness, max_force, _ = known
@@ -101,7 +92,12 @@ def improved(shape, finger, theta, pose, s, d, fingers, known):
 
 
 def work_slope(shape, finger, theta, pose, s, d, fingers, known, loads):
-    """Return gradient and majorised Hessian of the work by d."""
+    """Return gradient (3,) [N, N, N m] and majorised Hessian of the work by d.
+
+    The gradient is zero at the step.  pose: of the body where s = 0; fingers: (r, p,
+    rho) each; known: mu_g, mu_f, weight [N], stiffness [N/m], max_force [N], foot c^2
+    [m^2]; loads: N, lam_f, held fixed.
+    """
     mu_g, mu_f, _, stiffness, max_force, foot = known
     at = moved(pose, s + d)
     metric = ca.diag(ca.vertcat(1, 1, foot))

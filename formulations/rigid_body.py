@@ -39,19 +39,18 @@ class Motion:
 
 @dataclass(frozen=True)
 class Body:
-    """Mass [kg], centroid (3,) [m] in the body frame, and inertia about the centroid.
+    """Centroid (3,) [m] in the body frame, and inertia about it.
 
     inertia: (3, 3) [m^2] per unit mass.
     """
 
-    mass: object
     centroid: object
     inertia: object
 
 
-def uniform(shape, theta, mass):
+def uniform(shape, theta):
     """Return the Body of a shape whose origin is its centroid."""
-    return Body(mass, ca.DM.zeros(3), shape.inertia(theta))
+    return Body(ca.DM.zeros(3), shape.inertia(theta))
 
 
 def planar_pose(shape, theta, x):

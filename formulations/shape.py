@@ -29,7 +29,7 @@ def half_diagonal(theta):
 
 
 def every_size(theta):
-    """Return theta: what the information of a shape is asked for, if nothing else."""
+    """Return theta: the sizes, of which the information tells."""
     return theta
 
 
@@ -215,7 +215,7 @@ def _absolute(q, small):
 
 
 def cuboid_corner(theta, signs):
-    """Return the corner with the given signs, body frame [m]."""
+    """Return the corner, or end of an axis, with the given signs, body frame [m]."""
     return signs * theta / 2
 
 
@@ -233,11 +233,6 @@ def cuboid_inertia(theta):
 def faces_inward(theta, r):
     """Return the widths of the body that, grown by r, has its edges rounded by r."""
     return theta - 2 * r
-
-
-def cuboid_sides(theta):
-    """Return the full side lengths (3,) [m]."""
-    return theta
 
 
 def axis_relabellings() -> tuple:
@@ -267,6 +262,6 @@ CUBOID = Shape(
     inertia=cuboid_inertia,
     symmetries=axis_relabellings(),
     words=("side x", "side y", "side z"),
-    quantities=(("side_lengths", cuboid_sides),),
+    quantities=(("side_lengths", every_size),),
     rounded=faces_inward,
 )

@@ -40,7 +40,11 @@ MASS = 0.03  # [-] of inertia and centroid, by the largest moment and by the rea
 def check_shape(shape, count: int = 3, seed: int = 0) -> ShapeReport:
     """Return what disagrees among the functions of a shape at random theta."""
     found = {}
-    told = _of_fields(shape) or _of_calls(shape)
+    told = tuple(
+        Disagreement(what, got, want, (), fix)
+        for what, got, want, fix in unfit_fields(shape)
+    )
+    told = told or _of_calls(shape)
     if not told:
         for theta in _thetas(shape, count, seed):
             for what, got, expected, fix in _at(shape, ca.DM(theta)):
@@ -49,14 +53,6 @@ def check_shape(shape, count: int = 3, seed: int = 0) -> ShapeReport:
                 )
     name = shape.name if isinstance(shape.name, str) else "a shape without a name"
     return ShapeReport(name, (*told, *found.values()), count)
-
-
-def _of_fields(shape) -> tuple:
-    """Return what does not fit among the plain fields."""
-    return tuple(
-        Disagreement(what, got, want, (), fix)
-        for what, got, want, fix in unfit_fields(shape)
-    )
 
 
 def _of_calls(shape) -> tuple:
@@ -124,7 +120,7 @@ def _at(shape, theta):
     yield from _of_ground(shape, theta, signed, points)
     yield from _of_symmetries(shape, theta, signed, points)
     if shape.mesh is not None:
-        yield from _of_mesh(shape.mesh(theta), signed, rays, points)
+        yield from _of_mesh(shape.mesh(theta), signed, points)
 
 
 def _of_reach(shape, signed, rays, reach):
@@ -251,7 +247,7 @@ def _of_symmetries(shape, theta, signed, points):
             break
 
 
-def _of_mesh(mesh, signed, rays, points):
+def _of_mesh(mesh, signed, points):
     """Yield whether the mesh is the surface on which the distance is zero."""
     corners = ca.DM(mesh).T
     off = float(ca.mmax(ca.fabs(signed.map(corners.shape[1])(corners))))

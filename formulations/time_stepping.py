@@ -104,7 +104,7 @@ class Sliding:
     def imbalance(self, x, s, theta, x_1, x_2, dt, mu, mu_g, *fingers):
         """Return F: change of momentum less impulses in x, y, yaw (3,) [weights]."""
         w = self.mass * G * dt
-        body, poses = uniform(self.shape, theta, self.mass), (x, x_1, x_2)
+        body, poses = uniform(self.shape, theta), (x, x_1, x_2)
         poses = now, before, _ = [self.pose(theta, c) for c in poses]
         linear, angular = momentum_change(body, poses, dt)
         force = self.mass * (linear + ca.vertcat(0, 0, self.gravity * dt))

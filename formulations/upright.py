@@ -22,7 +22,13 @@ from math import cos, pi, sin, tan
 
 import casadi as ca
 
-from .shape import Shape, faces_inward, gradient_normal, positive_part
+from .shape import (
+    Shape,
+    faces_inward,
+    gradient_normal,
+    half_diagonal,
+    positive_part,
+)
 
 RIM = 8  # points of a cylinder's rim on which it may rest: tilted by 10 degrees, the
 # lowest one is 0.3 mm above a rim of 50 mm at most
@@ -85,7 +91,7 @@ def swept_inertia(second, theta):
 def swept_reach(stretch, theta):
     """Return the distance of a corner from the origin, a number [m]."""
     across, height = (float(t) for t in ca.vertsplit(ca.DM(theta)))
-    return ca.norm_2(ca.DM([stretch * across, height])).__float__() / 2
+    return half_diagonal([stretch * across, height])
 
 
 def swept_mesh(points, stretch, first, theta):

@@ -266,9 +266,7 @@ def test_an_untouched_size_is_no_surer_than_its_profile(touched, recorded):
 
 
 def test_a_place_that_the_hessian_claims_little_of_is_no_surer_than_that(touched):
-    sharp = touched.information.of_matrix(touched.information.matrix).sigma("position")[
-        :2
-    ]
+    sharp = touched.information.of_hessian().sigma("position")[:2]
     along = np.argmax(sharp)
     assert sharp[along] > KNOWN_POSITION
     within = sharp[along] / np.hypot(1, sharp[along] / REACHED)  # of the pose's prior

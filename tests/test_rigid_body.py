@@ -49,7 +49,7 @@ def changes(theta, poses, dt):
         ca.DM(np.r_[p, Rotation.from_matrix(R).as_rotvec()]) for p, R in poses
     )
     poses = [FREE.pose(CUBOID, ca.DM(theta), c) for c in (x, x_1, x_2)]
-    out = momentum_change(uniform(CUBOID, ca.DM(theta), 1.0), poses, dt)
+    out = momentum_change(uniform(CUBOID, ca.DM(theta)), poses, dt)
     return (np.asarray(o).ravel() for o in out)
 
 

@@ -102,4 +102,4 @@ def test_only_poses_have_deviations_of_a_trajectory(estimate):
     with pytest.raises(OptionError, match="trajectory"):
         estimate.information.sigma("side_lengths", sample=0)
     with pytest.raises(OptionError, match="this version"):
-        estimate.information.of_matrix(np.eye(6)).along_path("position")
+        estimate.information.of_hessian().along_path("position")

@@ -33,7 +33,7 @@ class Ground:
     told: Ground | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        height = as_number("ground.height", self.height, "a height [m]")
+        height = scene_number("ground.height", self.height, "a height [m]")
         object.__setattr__(self, "height", height)
         object.__setattr__(self, "normal", _unit("ground.normal", self.normal))
         check_types(told=(self.told, (Ground, type(None))))
@@ -116,7 +116,7 @@ def frame_of(ground: Ground | None) -> Ground:
     return Ground() if ground is None else ground
 
 
-def as_number(
+def scene_number(
     name: str,
     value: object,
     expected: str,

@@ -13,7 +13,7 @@ from ..common.validation import (
     check_types,
 )
 from ..errors import MeasurementError, OptionError, SceneError, shortened, typed_call
-from .ground import Ground, as_number
+from .ground import Ground, scene_number
 from .joint_offsets import JointZeros
 from .measurements import Measurements
 
@@ -96,7 +96,7 @@ class Scene:
                 continue
             remedy = SCENE_REMEDIES.get(name, MUST_BE_KNOWN)
             fix = "None if unknown" if unknown else remedy
-            number = as_number(name, value, expected, low, high, fix)
+            number = scene_number(name, value, expected, low, high, fix)
             object.__setattr__(self, name, number)
         if self.ground is not None and not isinstance(self.ground, Ground):
             raise SceneError(

@@ -24,6 +24,7 @@ from ..common.brief import printed
 from ..common.deadline import NEVER
 from ..common.threads import on_one_thread
 from ..common.validation import check_types
+from ..data.ground import frame_of
 from ..data.scene import Scene
 from ..data.sensor_noise import Precision, smoothed
 from ..errors import OptionError, TactileError, typed_call
@@ -264,11 +265,8 @@ def programme_at(estimate) -> Programme:
             where="estimate", got=estimate.shape, expected="a cuboid",
             next='ask for kind="exact", which every estimate carries',
         )  # fmt: skip
-    precision, ground = Precision(**estimate.precision), scene.ground
-    data, R_wg = estimate.measurements, np.eye(3)
-    if ground is not None:
-        data = data.transformed(ground.rotation, ground.translation)
-        R_wg = ground.rotation.T
+    precision, frame = Precision(**estimate.precision), frame_of(scene.ground)
+    data = estimate.measurements.transformed(frame.rotation, frame.translation)
     job = Job(
         data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
         reductions=Reductions(**estimate.reductions), cuts=estimate.cuts,
@@ -278,7 +276,7 @@ def programme_at(estimate) -> Programme:
     problem, window, _ = problem_at(job, estimate.origin)
     _check_same_unknowns(problem, estimate)
     solution = solution_of(estimate, job.page)
-    tangent = tangent_space_of(problem, solution, window, shape, R_wg)
+    tangent = tangent_space_of(problem, solution, window, shape, frame.rotation.T)
     sensed = Sensed(job.data, precision, job.build, scene)
     return Programme(problem, solution, window, shape, tangent, sensed)
 

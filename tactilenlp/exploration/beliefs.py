@@ -21,7 +21,7 @@ from formulations.rigid_body import ARM, FREE, PLANAR
 
 from ..geometry.transforms import rotation_of
 from ..information.finger_offsets import prior_of_offsets
-from ..information.tangent_space import tangent_of
+from ..information.tangent_space import tangent_of, widest_deviations
 from ..search.hypothesis import Hypothesis, distinct
 from .push_model import sample_information_function
 
@@ -103,13 +103,7 @@ def prior_information(estimate, shape, fingers: int) -> np.ndarray:
     With the prior of the finger offsets, where they are unknown.
     """
     k = len(estimate.information.names)
-    turns = (k - shape.theta) // 2  # 1 of 3 planar, 3 of 6 free unknowns
-    ways = k - shape.theta - turns
-    size = np.full(shape.theta, shape.size_prior[1])
-    sigma = np.r_[
-        size, np.full(ways, POSE_PRIOR_SIGMA[0]), np.full(turns, POSE_PRIOR_SIGMA[1])
-    ]
-    information = np.diag(1 / sigma**2)
+    information = np.diag(1 / widest_deviations(shape, k, *POSE_PRIOR_SIGMA) ** 2)
     if estimate.finger_offset is None:
         return information
     return block_diag(information, prior_of_offsets(estimate.scene, fingers))

@@ -29,7 +29,6 @@ from .push_model import check_ground, check_predictable, push_function
 
 WEIGHTLESS_GRAVITY = 9.81  # [m/s^2] of the predicted friction where there is none
 NEAR_DISTANCE = 0.01  # [m] a finger farther away is not in contact
-BELIEFS = {"sizes": beliefs, "vertices": polytope_beliefs}  # by what theta lists
 STEP_MULTIPLE = 5  # steps of a prediction are a multiple: few functions are compiled
 MIN_GROUND_FRICTION = 0.02  # [1]: without any friction a pushed body does not stop
 
@@ -80,9 +79,14 @@ class ExpectedInformation:
         self._off = estimate.finger_offset is not None
         self._check_fingers(self.workspace)
         self._free = has_free_poses(estimate, self.shape)
-        known, fingers = BELIEFS[self.shape.parameters], self.workspace.fingers
-        self._sensors = known.sensor_model(estimate)
-        self.beliefs = known.beliefs_of(estimate, self.shape, fingers, hypotheses)
+        if self.shape.parameters == "vertices":
+            self._sensors = polytope_beliefs.sensor_model(estimate)
+            self.beliefs = [polytope_beliefs.belief_of(estimate, self.shape)]
+        else:
+            self._sensors = beliefs.sensor_model(estimate)
+            self.beliefs = beliefs.beliefs_of(
+                estimate, self.shape, self.workspace.fingers, hypotheses
+            )
         self._known = push_constants(estimate.scene, self.workspace)
 
     @property

@@ -148,9 +148,18 @@ class _Loop:
                 expected=f"a world, since the file has no step {number}",
             )  # fmt: skip
         rng = np.random.default_rng([self.settings.seed, number])
+        world, space, began = self.world, self.space, time.process_time()
         if estimate is None:
-            return _touch_first(self.world, self.space, self.settings.centre, rng)
-        return _act(self.world, self.space, number, estimate, past, rng, self.choice)
+            action, data, told = first_touch(world, space, self.settings.centre, rng)
+            acts, choice, words = began, None, "first touch"
+        else:
+            action, choice, words, target = next_action(
+                estimate, space, past, rng, self.choice
+            )
+            acts, path = time.process_time(), action.trajectory(target)
+            data, told = executed(world, path), (path,)
+        seconds = {"choose": acts - began, "act": time.process_time() - acts}
+        return Step(number, action, data, None, choice, words, seconds, told)
 
     def estimated(self, step: Step, data, start) -> Step:
         """Return the step with the estimate of all data so far and its errors."""
@@ -254,22 +263,6 @@ def _saved(kept: Exploration, file) -> Exploration:
     if file is not None:
         kept.save(file)
     return kept
-
-
-def _touch_first(world, space, centre, rng) -> Step:
-    began = time.process_time()
-    action, data, told = first_touch(world, space, centre, rng)
-    seconds = {"choose": 0.0, "act": time.process_time() - began}
-    return Step(0, action, data, None, None, "first touch", seconds, told)
-
-
-def _act(world, space, number, estimate, past, rng, settings) -> Step:
-    began = time.process_time()
-    action, choice, words, target = next_action(estimate, space, past, rng, settings)
-    acts, told = time.process_time(), action.trajectory(target)
-    data = executed(world, told)
-    seconds = {"choose": acts - began, "act": time.process_time() - acts}
-    return Step(number, action, data, None, choice, words, seconds, (told,))
 
 
 def _space(world, scene, workspace) -> Workspace:

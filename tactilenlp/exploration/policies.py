@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -11,13 +12,15 @@ import numpy as np
 from formulations.shape import Shape
 
 from ..common.brief import printed
+from ..common.interrupt import interruptible
+from ..common.threads import on_one_thread
 from ..common.validation import check_types
 from ..data.ground import frame_of
 from ..data.measurements import Measurements
 from ..errors import OptionError, did_you_mean
 from ..interface.result import Estimate
 from ..problem.pages import shape_of
-from .action_search import Choice, best_action, choose_action, facing
+from .action_search import Choice, best_action, facing
 from .action_space import Action, Workspace
 from .expected_information import ExpectedInformation
 from .optimisers import CrossEntropy
@@ -107,8 +110,7 @@ def next_action(estimate, space, past, rng, settings):
         return action, None, name, target
     if policy in PREDICTIVE:
         seed = int(rng.integers(2**31))
-        search = _by_expected_information if policy == "eig" else _by_fisher_information
-        choice = search(plan, seed)
+        choice = _most_informative(plan, policy, seed)
         return choice.action, choice, policy, target
     draw = space.random if policy == "random" else farthest_directions(plan)
     return draw(rng), None, policy, target
@@ -138,20 +140,20 @@ def last_contact(data: Measurements, otherwise: np.ndarray) -> np.ndarray:
     return np.r_[point[:2], otherwise[2]]
 
 
-def _by_expected_information(plan: Plan, seed: int) -> Choice:
-    return choose_action(
-        plan.estimate, plan.workspace, search=plan.search, budget=plan.budget,
-        seed=seed, shape=plan.shape,
-    )  # fmt: skip
+@interruptible()
+@on_one_thread
+def _most_informative(plan: Plan, policy: str, seed: int) -> Choice:
+    """Return the action of largest expected information gain.
 
-
-def _by_fisher_information(plan: Plan, seed: int) -> Choice:
-    """Return the action of largest information given only the prior (D-optimal)."""
+    "fisher": given only the prior (D-optimal); "eig": given all measurements too.
+    """
+    began = time.process_time()
     expected = ExpectedInformation(plan.estimate, plan.workspace, shape=plan.shape)
-    expected.beliefs = [replace(b, information=b.before) for b in expected.beliefs]
+    if policy == "fisher":
+        expected.beliefs = [replace(b, information=b.before) for b in expected.beliefs]
     return best_action(
         lambda angles: expected.gain(plan.workspace.action(angles)),
-        plan.workspace, search=plan.search, budget=plan.budget, seed=seed,
+        plan.workspace, search=plan.search, budget=plan.budget, seed=seed, began=began,
         facing=facing(plan.estimate, plan.workspace),
     )  # fmt: skip
 

@@ -49,12 +49,8 @@ ON_PLANE = 0.5e-3  # [m] a vertex this near to the plane of a contact lies on it
 VERTICES_OF_A_PLANE = 3  # [1]: as many always lie on one plane
 
 
-def beliefs_of(estimate, shape, fingers: int = 0, count: int = 1) -> list[Belief]:
-    """Return the belief about a hull: one Gaussian, of the best hypothesis.
-
-    fingers, count: as in beliefs.beliefs_of; not used, for there are neither offsets
-    nor other hypotheses.
-    """
+def belief_of(estimate, shape) -> Belief:
+    """Return the belief about a hull: one Gaussian, of the best hypothesis."""
     ground = estimate.scene.ground
     centre = ground.to_ground(estimate.position[-1])
     R_go = ground.rotation @ estimate.rotation()
@@ -66,7 +62,7 @@ def beliefs_of(estimate, shape, fingers: int = 0, count: int = 1) -> list[Belief
         vertices, centre[2], contact_points(estimate, vertices, points)
     )
     known = after_retraction(known, vertices)
-    return [Belief(vertices.ravel(), known, before, 1.0, -centre[None])]
+    return Belief(vertices.ravel(), known, before, 1.0, -centre[None])
 
 
 def sensor_model(estimate) -> np.ndarray:

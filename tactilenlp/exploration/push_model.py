@@ -126,7 +126,7 @@ def _step_slopes(body, s, d, rest, given) -> ca.Function:
     By the implicit function theorem.
     """
     loads = body[0].symbol("loads", 1 + len(rest[0]))
-    pull = pushing.balance(*body, s, d, *rest, ca.vertsplit(loads))
+    pull, _ = pushing.work_slope(*body, s, d, *rest, ca.vertsplit(loads))
     by_d, by_s, by_z, by_p, by_r = (ca.jacobian(pull, v) for v in (d, s, *given[2:5]))
     out = [-pushing.solve_3(by_d, by) for by in (by_s, by_z, by_p + by_r)]
     out.append(ca.vertcat(*pushing.tips(*body, s, d, *rest, ca.vertsplit(loads))))
@@ -149,7 +149,7 @@ def _sensing_function(shape, free: bool) -> ca.Function:
     phi = SPHERE.gap(shape, theta, at, r, rho)
     sensed = ca.vertcat(phi, SPHERE.normal(shape, theta, at, r, rho))
     p = exploration.probability(phi, alpha)
-    w = exploration.gap_information(phi, alpha, sigma)
+    w = exploration.gap_information(p, p, alpha, sigma)
     weights = ca.vertcat(w, *[p / sigma_n**2] * 3)
     slopes = [ca.densify(ca.jacobian(sensed, v)) for v in (z, s, r)]
     inputs = [z, s, r, rho, sensors]
@@ -182,7 +182,7 @@ def _backward_filter_step(shape, fingers: int) -> ca.Function:
     P, told = P + ca.diag(Q), []
     for f, p_wf in enumerate(_triples(r)):
         chance, _, h, h_s, _ = feel(z, ca.DM.zeros(3), p_wf, rho[f], sensors)
-        gap = alpha**2 * chance * (1 - chance) + c[f] / sigma**2
+        gap = exploration.gap_information(chance, c[f], alpha, sigma)
         weights = valid[f] * ca.vertcat(gap, *[c[f] / sigma_n**2] * 3)
         rows, M, P = _measurement_updates(M, P, h, h_s, weights)
         told += rows

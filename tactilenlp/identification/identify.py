@@ -212,7 +212,7 @@ def _covariance(problem, solution, deadline) -> tuple[np.ndarray, np.ndarray]:
     iteration = solution.seconds["solve"] / solution.iterations if solved else np.inf
     if deadline.passed("standard deviations", COVARIANCE_TIME * iteration):
         return np.diag(np.full(len(chosen), np.inf)), names
-    return reduced_covariance(problem, solution, chosen)[0], names
+    return reduced_covariance(problem, solution, chosen), names
 
 
 def _read_off(
@@ -225,7 +225,7 @@ def _read_off(
     corners = (solution.values["theta"] * signs).T
     push = corner_shift(corners)
     vertices = corners + push * values["radius"]
-    with_radius = _sharp_sigma(C, names, signs, push, shape)
+    with_radius = _sharp_sigma(C, names, signs, push)
     spread = np.hypot(with_radius, vertices * ruler[1] / ruler[0])
     uniform = scene.mass * window.uniform
     sigma |= {
@@ -249,7 +249,7 @@ def _read_off(
     )  # fmt: skip
 
 
-def _sharp_sigma(C, names, signs, push, shape) -> np.ndarray:
+def _sharp_sigma(C, names, signs, push) -> np.ndarray:
     """Return deviations (V, 3) [m] of the sharp vertices, from theta and the radius."""
     theta = np.flatnonzero(names == "theta").reshape(-1, 3)
     (radius,) = np.flatnonzero(names == "radius")

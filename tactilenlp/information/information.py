@@ -169,11 +169,12 @@ class Information:
         known = {n: v for n, v in vars(self).items() if n in powers and v is not None}
         return replace(self, **{n: factor ** powers[n] * known[n] for n in known})
 
-    def of_matrix(self, matrix, spread=None) -> Information:
-        """Return the information of another kind, of one optimum alone.
+    def of_hessian(self) -> Information:
+        """Return the same, its sigma that of the Hessian alone, of one optimum."""
+        return self.of_matrix(self.matrix)
 
-        spread: by default the inverse of the matrix.
-        """
+    def of_matrix(self, matrix, spread=None) -> Information:
+        """Return the information of another kind; spread: by default its inverse."""
         spread = inverse(matrix) if spread is None else spread
         alone = one_mode(self.modes.objectives[0], spread)
         none = dict.fromkeys(("path", "ground", "offsets", "with_offsets"))
@@ -266,17 +267,15 @@ def optimum_of(problem, solution, window, shape, R_wg) -> LocalOptimum:
     R_wg (3, 3): from the ground's frame, in which the problem is written, to the world.
     """
     at = tangent_space_of(problem, solution, window, shape, R_wg)
-    C, *_ = reduced_covariance(problem, solution, at.chosen)
+    C = reduced_covariance(problem, solution, at.chosen)
     C = at.jacobian @ C @ at.jacobian.T
     return LocalOptimum(at.z, at.R, solution.objective, C, solution, window)
 
 
-def reduced_covariance(problem, solution, chosen: np.ndarray):
-    """Return covariance (SI), active and ambiguous counts of the chosen unknowns."""
-    kkt = kkt_system_of(problem, solution)
-    C = kkt.sensitivity(chosen)[0][chosen]
-    counts = (sum(n.values()) for n in (kkt.active, kkt.ambiguous))
-    return (C + C.T) / 2, *counts
+def reduced_covariance(problem, solution, chosen: np.ndarray) -> np.ndarray:
+    """Return the covariance (k, k), SI, of the unknowns of these indices."""
+    C = kkt_system_of(problem, solution).sensitivity(chosen)[0][chosen]
+    return (C + C.T) / 2
 
 
 def inverse(C) -> np.ndarray:

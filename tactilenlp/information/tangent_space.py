@@ -140,12 +140,22 @@ def pose_jacobians(shape, motion, theta, x):
     return p, *matrices
 
 
+def widest_deviations(shape, k: int, place: float, turn: float) -> np.ndarray:
+    """Return prior deviations (k,) of sizes, position [m] and rotation [rad].
+
+    Those of the sizes are the shape's, those of the pose are `place` and `turn`.
+    """
+    turns = (k - shape.theta) // 2  # 1 of 3 planar, 3 of 6 free unknowns
+    sigma = np.full(k, place)
+    sigma[: shape.theta] = shape.size_prior[1]
+    sigma[k - turns :] = turn
+    return sigma
+
+
 def open_directions(tangent, C, shape, faces) -> tuple[tuple, np.ndarray]:
     """Return words and unit vectors (k, r) for what only the prior determines."""
     n = shape.theta
-    prior = np.ones(len(C)) * OPEN_POSITION
-    prior[:n] = shape.size_prior[1]
-    prior[len(C) - tangent.turning :] = OPEN_ROTATION
+    prior = widest_deviations(shape, len(C), OPEN_POSITION, OPEN_ROTATION)
     values, vectors = np.linalg.eigh(C / np.outer(prior, prior))
     directions = vectors[:, values > KNOWN_SIZE**2]
     deviation = np.sqrt(np.abs(np.diag(C)))
@@ -185,9 +195,9 @@ def unobserved(faces, sides=None, turn=0.0, way=0.0) -> tuple[str, ...]:
             face = f"{missing[0]}{AXES[axis]}"
             words.append(f"side {AXES[axis]}: face {face} never touched")
     if turn > OPEN_ROTATION:
-        words.append("rotation: no side says which way the object is turned")
+        words.append(f"rotation: sigma above {np.degrees(OPEN_ROTATION):.0f} deg")
     if way > OPEN_POSITION:
-        words.append("position: no side says where on the ground the object lies")
+        words.append(f"position: sigma above {1e3 * OPEN_POSITION:.0f} mm")
     return tuple(words)
 
 

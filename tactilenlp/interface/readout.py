@@ -29,7 +29,7 @@ from ..information.polytope_information import (
     polytope_information,
     touched_polygons,
 )
-from ..information.tangent_space import tangent_space_of
+from ..information.tangent_space import tangent_space_of, widest_deviations
 from ..problem.polytope_window import with_supports
 from ..problem.poses import poses
 from ..tracking.surface import body_surface
@@ -239,15 +239,13 @@ def prior_information(job, solved, R_wg) -> Information:
     """
     problem, solution, shape = solved.problem, solved.solution, job.shape
     if shape.parameters == "vertices":
-        names, turning = names_of_vertices(solution.values["theta"].shape[1]), 0
-        maps, sizes = maps_of_vertices(solution.values["theta"].T, R_wg), len(names)
+        names = names_of_vertices(solution.values["theta"].shape[1])
+        maps = maps_of_vertices(solution.values["theta"].T, R_wg)
+        deviation = np.full(len(names), shape.size_prior[1])
     else:
         tangent = tangent_space_of(problem, solution, solved.window, shape, R_wg)
-        names, turning, maps = tangent.names, tangent.turning, tangent.maps
-        sizes = shape.theta
-    deviation = np.full(len(names), REACHED)
-    deviation[:sizes] = shape.size_prior[1]
-    deviation[len(names) - turning :] = ANY_ROTATION
+        names, maps = tangent.names, tangent.maps
+        deviation = widest_deviations(shape, len(names), REACHED, ANY_ROTATION)
     spread = np.diag(deviation**2)
     if shape.parameters == "vertices":  # all of them may be elsewhere together
         along = np.tile(np.eye(3), (len(names) // 3, 1))

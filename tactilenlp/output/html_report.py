@@ -12,13 +12,12 @@ from ..common.validation import check_path, check_types
 from ..common.whole_file import write_whole
 from ..geometry.faces import face_sigma, polygons
 from .colours import BLUE, FINGER_RGB, PALE, RED, information_colour
-from .summary import named_sizes, yaw_of
+from .summary import MM_PER_M, named_sizes, yaw_of
 
 REACH_FACTOR = 1.5  # [-] radius of the picture over that of the object
 GROUND_LINES = 8  # [1] lines of the ground's grid to each side
 GROUND_SPACING = 0.02  # [m] between them
 ARROW_SHARE = 0.35  # [-] largest impulse's arrow over the radius of the picture
-MM_PER_M = 1e3  # [mm / m]
 ANGLE, LENGTH = ("deg", np.degrees(1.0)), ("mm", MM_PER_M)
 UNITS = {"side_lengths": LENGTH, "position": LENGTH, "rotation": ANGLE}
 QUANTITY_WORDS = {
@@ -26,7 +25,6 @@ QUANTITY_WORDS = {
     "position": "position",
     "rotation": "rotation about",
 }
-AXES = ("x", "y", "z")
 WORST_TOUCHES = 4  # [1] fingers in actions that the table of the fit lists
 
 
@@ -168,7 +166,7 @@ def _sigma(estimate) -> list[list[str]]:
             continue
         unit, factor = UNITS[name]
         values = where.get(name, (None,) * 3)
-        for axis, value, s in zip(AXES, values, information.sigma(name), strict=True):
+        for axis, value, s in zip("xyz", values, information.sigma(name), strict=True):
             words = f"± {s * factor:.2f} {unit}" if np.isfinite(s) else "± unobserved"
             words = "fixed by a reduction" if np.isnan(s) else words
             words = "held: the axes are the world's" if s == 0.0 else words

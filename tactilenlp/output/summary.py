@@ -7,14 +7,14 @@ import numpy as np
 from formulations.centre_of_mass import NAME as CENTRE
 from formulations.rigid_body import G
 
-IN_MM = 1e3  # [mm/m]
+MM_PER_M = 1e3  # [mm/m]
 UNOBSERVED_TURN = 45.0  # [deg] of sigma beyond which a rotation is not observed
 
 
 def summary_of(estimate) -> str:
     """Return a paragraph: size, pose, sigma, solve, remarks, what was left out."""
-    x, y, z = IN_MM * estimate.position[-1]
-    a, b, c = IN_MM * estimate.information.sigma("position")
+    x, y, z = MM_PER_M * estimate.position[-1]
+    a, b, c = MM_PER_M * estimate.information.sigma("position")
     worst = max(estimate.violations.values(), default=0.0)
     lines = [
         f"{article(estimate.shape)} {estimate.shape} of {size_of(estimate)} "
@@ -25,7 +25,7 @@ def summary_of(estimate) -> str:
         f"{estimate.seconds['total']:.1f} CPU s; largest violation {worst:.1g}.",
     ]
     if estimate.information.path is not None:
-        off = IN_MM * estimate.sigma_position.max(axis=1)
+        off = MM_PER_M * estimate.sigma_position.max(axis=1)
         lines.append(
             f"Along the path the position is known to {off.min():.2f} to "
             f"{off.max():.2f} mm (one standard deviation)."
@@ -73,7 +73,7 @@ def size_of(estimate) -> str:
         return _size_of_hull(estimate)
     if sides_known:
         sides = zip(
-            IN_MM * theta, IN_MM * information.sigma("side_lengths"), strict=True
+            MM_PER_M * theta, MM_PER_M * information.sigma("side_lengths"), strict=True
         )
         return " x ".join(f"{s:.2f} ± {e:.2f}" for s, e in sides) + " mm"
     return ", ".join(map(" ".join, named_sizes(estimate)))
@@ -88,9 +88,10 @@ def named_sizes(estimate) -> list[tuple[str, str]]:
 
 def _size_of_hull(estimate) -> str:
     touched = np.count_nonzero(estimate.faces)
-    across = " x ".join(f"{s:.1f}" for s in IN_MM * np.ptp(estimate.vertices, axis=0))
+    extent = MM_PER_M * np.ptp(estimate.vertices, axis=0)
+    across = " x ".join(f"{s:.1f}" for s in extent)
     planes = estimate.supporting_planes()
-    known = IN_MM * planes.sigma[planes.touches > 0]
+    known = MM_PER_M * planes.sigma[planes.touches > 0]
     words = f" to ± {np.median(known):.2f} mm (median)" if len(known) else ""
     return (
         f"{len(estimate.vertices)} vertices, {across} mm across, {touched} of "
@@ -101,7 +102,7 @@ def _size_of_hull(estimate) -> str:
 def named_size(name: str, value: float, sigma: float) -> tuple[str, str]:
     """Return a size in words, in mm unless its name ends with another unit."""
     word, bracket, unit = name.partition(" [")
-    scale, unit = (1.0, unit[:-1]) if bracket else (IN_MM, "mm")
+    scale, unit = (1.0, unit[:-1]) if bracket else (MM_PER_M, "mm")
     return word, f"{value * scale:.2f} ± {sigma * scale:.2f} {unit}"
 
 
@@ -133,10 +134,10 @@ def offsets_in_words(offset, C) -> str:
     """Return offsets (F, 3) [m] of fingers, with their deviations; C: covariance."""
     each = []
     for f, sigma in enumerate(np.sqrt(np.diag(C)).reshape(-1, 3)):
-        pairs = zip(IN_MM * offset[f], IN_MM * sigma, strict=True)
+        pairs = zip(MM_PER_M * offset[f], MM_PER_M * sigma, strict=True)
         by = ", ".join(f"{way:.1f} ± {error:.1f}" for way, error in pairs)
         each.append(f"finger {f} by ({by}) mm")
-    return "Off from where they say: " + "; ".join(each) + "."
+    return "Fingers are off their measured positions: " + "; ".join(each) + "."
 
 
 def _leaning_ground(ground) -> str:
@@ -149,20 +150,21 @@ def _leaning_ground(ground) -> str:
 
 def _compliance(estimate) -> str:
     weight = estimate.scene.mass * G
+    depth = MM_PER_M * estimate.compliance * weight
     return (
-        f"Fingertips are soft: they yield {IN_MM * estimate.compliance * weight:.2f} "
-        f"mm under the object's weight ({weight:.1f} N)."
+        f"Fingertips are soft: they yield {depth:.2f} mm under the object's weight "
+        f"({weight:.1f} N)."
     )
 
 
 def _finger_turn(estimate) -> str:
     turns = np.degrees(np.linalg.norm(estimate.finger_turn, axis=1))
     each = (f"finger {f} by {turn:.1f} deg" for f, turn in enumerate(turns))
-    return f"Sensors sit askew, their normals are turned: {', '.join(each)}."
+    return f"The sensors' normals are turned: {', '.join(each)}."
 
 
 def _centre_of_mass(estimate) -> str:
-    x, y, z = IN_MM * estimate.centre_of_mass
+    x, y, z = MM_PER_M * estimate.centre_of_mass
     return (
         f"The centre of mass is off the centroid by ({x:.1f}, {y:.1f}, {z:.1f}) mm "
         "in the axes of the body."

@@ -20,7 +20,6 @@ from ..geometry.transforms import rotation_of
 from ..interface.result import Estimate
 from ..solvers.solution import Solution
 from .style import (
-    FINGER_COLOURS,
     INK,
     MM_PER_M,
     STYLE,
@@ -28,6 +27,7 @@ from .style import (
     UNTOUCHED_COLOUR,
     below,
     check_axes,
+    finger_colour,
     picture,
 )
 
@@ -54,7 +54,7 @@ def plot_impulses(estimate: Estimate, axis=None) -> Figure:
     mu, at = _friction(estimate), np.arange(len(shown))
     for finger, axis in enumerate(axes):
         normal, tangential = _parts(estimate, finger, shown)
-        colour = FINGER_COLOURS[finger % len(FINGER_COLOURS)]
+        colour = finger_colour(finger)
         axis.bar(at, normal, 1.0, color=(colour, 0.5), label="normal")
         if mu is not None:
             axis.step(at, mu * normal, where="mid", color=INK, lw=1,
@@ -98,7 +98,7 @@ def plot_cones(estimate: Estimate, axis=None) -> Figure:
         normal, tangential = _parts(estimate, finger, shown)
         pushes = normal > LOG_FLOOR * MM_PER_M
         axis.scatter(normal[pushes], tangential[pushes], 14, lw=0.4, ec=INK, zorder=3,
-                     color=FINGER_COLOURS[finger % len(FINGER_COLOURS)],
+                     color=finger_colour(finger),
                      label=f"finger {finger}")  # fmt: skip
         most = max(most, *normal)
     if mu is not None:

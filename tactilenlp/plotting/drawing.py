@@ -17,13 +17,13 @@ from ..geometry.transforms import rotation_of
 from .faces import faces_of
 from .style import (
     BAND_COLOUR,
-    FINGER_COLOURS,
     INK,
     MM_PER_M,
     TOUCHED_COLOUR,
     TRUTH_COLOUR,
     UNTOUCHED_COLOUR,
     check_solid,
+    finger_colour,
 )
 
 # [mm] beside and above the object: a fingertip has room.
@@ -203,7 +203,7 @@ def carried_contacts(estimate, sample):
         arms = estimate.seen_positions[t, finger] - radius * n_w - estimate.position[t]
         points = MM_PER_M * (carry.apply(arms) + estimate.position[sample])
         now = data.action[t] == data.action[sample]
-        colour = FINGER_COLOURS[finger % len(FINGER_COLOURS)]
+        colour = finger_colour(finger)
         yield colour, points, carry.apply(n_w), now
 
 

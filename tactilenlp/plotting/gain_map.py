@@ -11,7 +11,7 @@ from ..exploration.action_search import Choice
 from ..exploration.expected_information import ExpectedInformation
 from ..geometry.transforms import planar_matrix
 from .drawing import outline
-from .style import FINGER_COLOURS, INK, MM_PER_M, STYLE, below, check_axes
+from .style import INK, MM_PER_M, STYLE, below, check_axes, finger_colour
 
 TOP_VIEW_MARGIN = 35.0  # [mm] beside the object in the view from above
 LEAST_GAP = 10.0  # [deg] between the directions of two fingers that holds a label
@@ -94,7 +94,7 @@ def _draw_lines(axis, estimate, action, expected) -> None:
     ):
         axis.plot(*outline(points * MM_PER_M).T, style, color=INK, label=words)
     for finger in range(way.shape[1]):
-        colour = FINGER_COLOURS[finger % len(FINGER_COLOURS)]
+        colour = finger_colour(finger)
         axis.plot(*way[:, finger, :2].T, color=colour, label=f"finger {finger}")
         radius = action.workspace.finger_radius * MM_PER_M
         spot = plt.Circle(way[-1, finger, :2], radius, fc=(colour, 0.3), ec=colour)

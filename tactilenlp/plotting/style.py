@@ -18,7 +18,6 @@ from ..output.colours import FINGER_RGB
 # Colours that the colour-blind can distinguish (Okabe, Ito, "Color Universal Design").
 TOUCHED_COLOUR, UNTOUCHED_COLOUR = "#0072B2", "#B5B5B5"
 BAND_COLOUR, TRUTH_COLOUR, INK = "#56B4E9", "#D55E00", "#333333"
-FINGER_COLOURS = tuple("#{:02X}{:02X}{:02X}".format(*rgb) for rgb in FINGER_RGB)
 STYLE = {
     "font.size": 8, "legend.fontsize": 8, "legend.frameon": False, "figure.dpi": 150,
     "axes.spines.top": False, "axes.spines.right": False, "axes3d.grid": False,
@@ -43,6 +42,11 @@ def picture(draw):
             return draw(estimate, *arguments, **named)
 
     return styled
+
+
+def finger_colour(finger: int) -> str:
+    """Return the colour of a finger; they repeat where there are many fingers."""
+    return "#{:02X}{:02X}{:02X}".format(*FINGER_RGB[finger % len(FINGER_RGB)])
 
 
 def dress(axis) -> None:

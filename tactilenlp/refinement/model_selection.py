@@ -18,13 +18,13 @@ from ..common.deadline import Deadline
 from ..common.validation import check_types
 from ..errors import OptionError, StartError, TactileError
 from ..information.error_budget_terms import ANY_ROTATION, REACHED, positive_part
-from ..information.information import inverse
 from ..information.mixture import (
     distinct_modes,
     laplace_mixture,
     log_evidence,
     odds_of,
 )
+from ..information.tangent_space import widest_deviations
 from ..interface.options import Guess
 from ..interface.result import Estimate
 from ..problem.pages import shape_of
@@ -145,15 +145,13 @@ def evidence_of(estimate, shape) -> float:
         return -np.inf
     information = estimate.information
     k, alike = len(information.names), 1
-    known = np.full(k, 1 / REACHED**2)
     if shape.parameters == "sizes":
-        n, turning = shape.theta, (k - shape.theta) // 2  # 1 of 3 planar, 3 of 6
-        known[:n] = 1 / np.broadcast_to(shape.size_prior[1], n) ** 2
-        known[k - turning :] = 1 / ANY_ROTATION**2
-        up = [R[2][2] > 0.5 or turning == 3 for _, R in shape.symmetries]
-        alike, prior = max(1, sum(up)), np.diag(known)
+        free = k == shape.theta + 6
+        up = [R[2][2] > 0.5 or free for _, R in shape.symmetries]
+        sigma = widest_deviations(shape, k, REACHED, ANY_ROTATION)
+        alike, prior = max(1, sum(up)), np.diag(1 / sigma**2)
     else:
-        prior = np.diag(known) + positive_part(information.part("prior"))
-    covariance = inverse(information.matrix)
+        prior = np.eye(k) / REACHED**2 + positive_part(information.part("prior"))
+    covariance = information.of_hessian().spread
     cost = estimate.objective + estimate.scene.tilt_cost
     return log_evidence(cost, covariance, prior) + np.log(alike)
