@@ -3,7 +3,7 @@ r"""Fingers with an unknown orientation error: each normal is turned by a consta
     n_m - w_f x n_m + w_f x (w_f x n_m) / 2     in place of n_m, everywhere  (`turned`)
     sum_f |w_f|^2 / (2 TURN^2)                w_f ~ N(0, TURN^2), world frame (`prior`)
 
-A tactile sensor that sits askew on its finger reports all normals turned by the same
+A tactile sensor that is turned on its finger reports all normals turned by the same
 vector; the rotation is exact to second order.  The mean over the fingers about the
 vertical turns the world: only the prior determines it.  Where `window.aligned` is true,
 w is zero and no unknown (reduction "aligned").

@@ -1,4 +1,4 @@
-"""Sensors that sit askew: their turns are found, and only where data ask for them."""
+"""Sensors that are turned: their turns are found, and only where data ask for them."""
 
 from dataclasses import replace
 
