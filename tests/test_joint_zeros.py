@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from formulations import quasi_static, violation_implicit
 from hardware.kinematics import INITIAL, finger, joints_about
@@ -172,3 +173,18 @@ def test_what_cannot_be_is_refused(joints, recorded):
     alone = JointZeros(DEGREE, **joints_about(FINGERS[:1], PLACES[:1]))
     with pytest.raises(SceneError, match="another number of fingers"):
         solve_estimate(recorded[0], Scene(sigma_offset=alone))
+
+
+def test_the_prior_of_offsets_is_told_in_the_world_whatever_the_ground(
+    recorded, joints
+):
+    """Where the time limit comes first, they have the covariance of their joints."""
+    data, scene, _ = recorded
+    tilted = Ground(0.0, (0.0, -np.sin(0.3), np.cos(0.3)))
+    R = tilted.rotation.T  # the same motion, on a ground that leans
+    scene = replace(scene, ground=tilted, sigma_offset=joints)
+    data = data.select([0]).transformed(R, np.zeros(3))
+    at_once = Options(time_limit=1e-3, check_mistakes=False)
+    late = solve_estimate(data, scene, options=at_once, throw=False)
+    prior = [np.linalg.inv(part) for part in joints.information.reshape(-1, 3, 3)]
+    assert late.information.offsets == pytest.approx(block_diag(*prior))
