@@ -23,7 +23,7 @@ from ..search.multistart import ranking
 from ..search.proposals_tumble import recovered
 from .ground_tilt import with_ground_tilt
 from .profile_likelihood import profiled
-from .tilt import with_tilt
+from .tilt import explained, with_tilt
 
 log = logging.getLogger("tactilenlp")
 MAX_RESTORED = 2  # solves with reductions restored
@@ -33,13 +33,15 @@ MAX_TUMBLE_SOLVES = 6  # proposals of a tumble that are solved: some diverge
 def checked(job, solved, executor=None) -> Solved:
     """Return a solved page with certificates, or what they ask for instead.
 
-    An object that did not only slide is solved in free motion.
+    An object that did not only slide is solved in free motion: tilted, and as it
+    tumbled where a tilt does not explain its touches.
     """
     best = certified(job, solved)
     fell = "planar" in best.certificates.broken and not states_planar_motion(job.page)
     rocked = with_tilt(best.job, best)
     if rocked is not best:
         _, (rocked, *_) = with_ground_tilt(rocked.job, [rocked])
+    fell = fell and not (rocked is not best and explained(rocked.job, rocked))
     if fell and job.shape.is_box and not job.deadline.passed("a tumble"):
         tumbled = _tumbled(job, best, executor)
         if tumbled.rank < rocked.rank:

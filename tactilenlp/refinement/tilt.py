@@ -50,7 +50,7 @@ def with_tilt(job, best: Solved) -> Solved:
     free = job.with_reductions(planar=False)
     tilted = freed_to_tilt(free, best)
     rough = job.contract.rough
-    if rough and not _explained(free, tilted):
+    if rough and not explained(free, tilted):
         again = solved_from(free, tilted_by_normals(job, best), levels=rough)
         tilted = best_first([tilted, again])[0]
     gain = gain_of(best, tilted)
@@ -60,7 +60,7 @@ def with_tilt(job, best: Solved) -> Solved:
     return without_needless(replace(tilted, declined=best.declined))
 
 
-def _explained(job, solved: Solved) -> bool:
+def explained(job, solved: Solved) -> bool:
     """Tell whether touches cost no more than in a good fit.
 
     A solve from the rough levels takes seconds, and no tilt explains noise.
