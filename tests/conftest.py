@@ -141,3 +141,13 @@ def pushed():
     world = World(SIZES)
     first = world.execute(push())
     return world, first, world.execute(push(reach=-0.05))
+
+
+@pytest.fixture
+def foreign(monkeypatch):
+    """The benchmark of boxes in other worlds, as a module."""
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    monkeypatch.syspath_prepend(str(ROOT / "examples" / "benchmarks"))
+    import foreign
+
+    return foreign

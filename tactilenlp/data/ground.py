@@ -95,18 +95,20 @@ class Ground:
         points = checked_array("points", points, -1, 3, unit="[m]")
         return points @ self.rotation + self.origin
 
-    def above(self, place, distance: float = 0.0) -> np.ndarray:
-        """Return the point (3,) [m] at a distance [m] from it, at a place (x, y) [m].
+    def point(self, place: np.ndarray, distance: float = 0.0) -> np.ndarray:
+        """Return a place (3,) [m] as it is; of (x, y) the point at a distance from it.
 
-        World frame.  Raises SceneError where the plane is too steep for that.
+        World frame.  Raises SceneError where the plane is too steep for x and y alone.
         """
+        if len(place) == 3:
+            return place
         if self.normal[2] < UPRIGHT:
             raise SceneError(
                 "the ground is too steep for a place in x and y", where="ground.normal",
                 got=list(self.normal), expected=f"a third component above {UPRIGHT}",
                 next="give three coordinates of the place",
             )  # fmt: skip
-        point = np.array([*place[:2], 0.0])
+        point = np.array([*place, 0.0])
         point[2] = (distance - self.distance(point)) / self.normal[2]
         return point
 

@@ -76,11 +76,21 @@ def choose_action(
     """
     began = time.process_time()
     expected = ExpectedInformation(estimate, workspace, hypotheses, slopes, shape)
+    return most_informative(expected, search, budget, seed, began)
+
+
+def most_informative(
+    expected: ExpectedInformation, search, budget: int, seed: int, began: float
+) -> Choice:
+    """Return the action of largest expected gain; arguments as of `choose_action`.
+
+    began [s]: CPU time at which the choice began.
+    """
     space = expected.workspace
     return best_action(
         lambda angles: expected.gain(space.action(angles)),
         space, search=search, budget=budget, seed=seed, began=began,
-        facing=facing(estimate, space),
+        facing=facing(expected.estimate, space),
     )  # fmt: skip
 
 

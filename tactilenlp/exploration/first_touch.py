@@ -100,10 +100,7 @@ def aim(space: Workspace, centre) -> np.ndarray:
 
     Of a centre (2,) the one AIM_HEIGHT from the ground, at these x and y.
     """
-    place = checked_centre(centre)
-    if len(place) == 3:
-        return place
-    return frame_of(space.ground).above(place, AIM_HEIGHT)
+    return frame_of(space.ground).point(checked_centre(centre), AIM_HEIGHT)
 
 
 def checked_centre(centre) -> np.ndarray:

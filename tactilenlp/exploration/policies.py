@@ -20,7 +20,7 @@ from ..data.measurements import Measurements
 from ..errors import OptionError, did_you_mean
 from ..interface.result import Estimate
 from ..problem.pages import shape_of
-from .action_search import Choice, best_action, facing
+from .action_search import Choice, most_informative
 from .action_space import Action, Workspace
 from .expected_information import ExpectedInformation
 from .optimisers import CrossEntropy
@@ -110,7 +110,7 @@ def next_action(estimate, space, past, rng, settings):
         return action, None, name, target
     if policy in PREDICTIVE:
         seed = int(rng.integers(2**31))
-        choice = _most_informative(plan, policy, seed)
+        choice = _by_expected_information(plan, policy, seed)
         return choice.action, choice, policy, target
     draw = space.random if policy == "random" else farthest_directions(plan)
     return draw(rng), None, policy, target
@@ -142,7 +142,7 @@ def last_contact(data: Measurements, otherwise: np.ndarray) -> np.ndarray:
 
 @interruptible()
 @on_one_thread
-def _most_informative(plan: Plan, policy: str, seed: int) -> Choice:
+def _by_expected_information(plan: Plan, policy: str, seed: int) -> Choice:
     """Return the action of largest expected information gain.
 
     "fisher": given only the prior (D-optimal); "eig": given all measurements too.
@@ -151,11 +151,7 @@ def _most_informative(plan: Plan, policy: str, seed: int) -> Choice:
     expected = ExpectedInformation(plan.estimate, plan.workspace, shape=plan.shape)
     if policy == "fisher":
         expected.beliefs = [replace(b, information=b.before) for b in expected.beliefs]
-    return best_action(
-        lambda angles: expected.gain(plan.workspace.action(angles)),
-        plan.workspace, search=plan.search, budget=plan.budget, seed=seed, began=began,
-        facing=facing(plan.estimate, plan.workspace),
-    )  # fmt: skip
+    return most_informative(expected, plan.search, plan.budget, seed, began)
 
 
 def farthest_directions(plan: Plan) -> Callable:

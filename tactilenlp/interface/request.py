@@ -222,8 +222,8 @@ def first_guess(start, shape, ground: Ground) -> tuple:
             expected=f"lengths of at most {shape.bounds[1]} m",
             next="divide by 1000 if these are millimetres",
         )  # fmt: skip
-    place = start.position if len(start.position) == 3 else ground.above(start.position)
-    return (("guess", theta, np.r_[ground.to_ground(place)[:2], start.yaw]),)
+    place = ground.to_ground(ground.point(start.position))
+    return (("guess", theta, np.r_[place[:2], start.yaw]),)
 
 
 def kept_axes(start, job) -> tuple | None:

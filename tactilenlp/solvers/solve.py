@@ -57,9 +57,10 @@ def _prepared(problem, options, eliminate, shared: dict) -> tuple | None:
     if "programme" not in shared:
         equal = problem.limits("lower") >= problem.limits("upper")
         few = _read_by(problem, equal) <= min(MOST_IN_EQUATIONS, problem.size // 2)
-        assembly = problem.assembly
-        kkt = CondensedKkt(assembly.hessian, assembly.jacobian, equal) if few else None
-        shared["programme"] = (assembly, kkt) if few else None
+        shared["programme"] = None
+        if few:
+            a = problem.assembly
+            shared["programme"] = a, CondensedKkt(a.hessian, a.jacobian, equal)
     return shared["programme"]
 
 
