@@ -8,11 +8,12 @@ import pytest
 
 from formulations.shape import CUBOID
 from tactilenlp.refinement import certification
-from tactilenlp.refinement import profile_likelihood as profile_of
-from tactilenlp.refinement.profile_likelihood import (
+from tactilenlp.refinement.profile_deviation import (
+    TAIL_GROWTH,
     VAGUE_SHARE,
-    profiled,
+    deviation_along,
 )
+from tactilenlp.refinement.profile_likelihood import profiled
 from tactilenlp.search.hypothesis import Hypothesis
 from tactilenlp.search.margins import PROFILE_RISE
 
@@ -31,19 +32,23 @@ def deviation(price, touched=(0, 9), seeks=True, cost=None, claimed=SHARP):
     """
     sharp = np.r_[1, 0, 0, 1 / 2, 0, 0] * claimed
 
-    def elsewhere(axis, pull, moved, step):
-        change = step * pull[axis]
-        grows = touched is not None and change > 0 and min(touched) == 0
+    def elsewhere(axis, pull, moved):
+        grows = touched is not None and pull[axis] > 0 and min(touched) == 0
         assert (moved is not None) == grows
-        cost, grown = price(change), np.r_[change, 0, 0]
-        if cost is None:
-            return None
-        there = {"theta": AT.theta + grown, "x": AT.x + grown[:, None] / 2}
-        return replace(AT, objective=cost, **there)
+
+        def there(step):
+            change = step * pull[axis]
+            cost, grown = price(change), np.r_[change, 0, 0]
+            if cost is None:
+                return None
+            moved = {"theta": AT.theta + grown, "x": AT.x + grown[:, None] / 2}
+            return replace(AT, objective=cost, **moved)
+
+        return there
 
     touched = None if touched is None else np.array(touched)
     given = AT, PRIOR, 0, sharp, sharp, touched, seeks, cost
-    off, better = profile_of.deviation_along(elsewhere, *given)
+    off, better = deviation_along(elsewhere, *given)
     assert off == pytest.approx(sharp / claimed * off[0])
     return abs(off[0]), better
 
@@ -105,12 +110,25 @@ def test_a_plateau_behind_a_narrow_optimum_counts_by_its_posterior_mass():
     assert far == deviation(plateau(7.0))[0]
 
 
-@pytest.mark.parametrize(("height", "solves"), [(8.0, 2), (30.0, 1)])
-def test_a_plateau_is_looked_for_only_where_it_could_have_weight(height, solves):
-    """Behind a rise of 8 nats within 0.5 mm it could, behind one of 30 it could not."""
+@pytest.mark.parametrize("height", [5.0, 8.0, 30.0])
+def test_a_plateau_is_looked_for_only_where_it_could_have_weight(height):
+    """Behind a rise of 5 nats within 0.5 mm it could, behind one of 8 it could not."""
     asked, price = [], plateau(height)
     deviation(lambda d: asked.append(d) or price(d), cost=prior_of)
-    assert len(asked) == solves
+    if height < 2 * PROFILE_RISE:
+        assert asked[-1] == PRIOR
+        assert max(np.divide(asked[1:], asked[:-1])) <= TAIL_GROWTH
+    else:
+        assert len(asked) == 1
+
+
+def test_behind_a_plateau_that_ends_no_more_is_looked_for():
+    asked, price = [], plateau(5.0)
+    deviation(
+        lambda d: asked.append(d) or price(d) + 2 * PROFILE_RISE * (d > 2e-3),
+        cost=prior_of,
+    )
+    assert asked[-2] < 2e-3 < asked[-1] < PRIOR / 2
 
 
 def test_a_large_deviation_is_as_large_as_one_solve_far_off_says():
