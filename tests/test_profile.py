@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 
 from formulations.shape import CUBOID
+from tactilenlp import Options, Session
+from tactilenlp.estimation.initial_search import searched
+from tactilenlp.interface.request import read_request
 from tactilenlp.refinement import certification
 from tactilenlp.refinement.profile_deviation import (
     TAIL_GROWTH,
@@ -15,6 +18,7 @@ from tactilenlp.refinement.profile_deviation import (
 )
 from tactilenlp.refinement.profile_likelihood import profiled
 from tactilenlp.search.hypothesis import Hypothesis
+from tactilenlp.search.local_solve import solved_from
 from tactilenlp.search.margins import PROFILE_RISE
 
 SHARP = 0.4e-3  # [m] that a Hessian claims
@@ -249,3 +253,19 @@ def test_a_body_without_sides_has_no_profile():
     found, better = profiled(job, SimpleNamespace(at=AT))
     assert better is None
     assert not found.any()
+
+
+@pytest.mark.slow
+def test_profiles_of_shooting_are_those_of_multiple_shooting(recorded):
+    """One problem: poses that single shooting computes are held elsewhere as well."""
+    data, scene, _ = recorded
+    found = []
+    for page in ("multiple_shooting", "shooting"):
+        given = "cuboid", page, Options(), None, None, Session()
+        request, _ = read_request(data.select([0, 1]), scene, *given)
+        starts, _ = searched(request, [])
+        solved = solved_from(request.job, starts[0])
+        found.append(profiled(request.job, solved, seeks=False)[0])
+    where = np.flatnonzero(found[0].any(axis=1))
+    assert where.max() >= CUBOID.theta  # one of them is of a position
+    assert found[1] == pytest.approx(found[0], rel=1e-2, abs=1e-6)
