@@ -9,6 +9,7 @@ from conftest import RECORDED
 from tactilenlp import Ground, Measurements, Options, Scene, solve_estimate
 from tactilenlp.data import mistakes
 from tactilenlp.data.mistakes import check_mistakes, most_likely, record_of
+from tactilenlp.data.plausibility import jumps_of
 from tactilenlp.errors import MeasurementError, MistakeError, OptionError
 
 
@@ -86,6 +87,16 @@ def test_swapped_fingers_are_found_in_what_they_feel(data):
     touch = {"contact": data.contact[:, ::-1], "normal": data.normal[:, ::-1]}
     with pytest.raises(MistakeError, match="fingers 0 and 1 are swapped"):
         check_mistakes(changed(data, **touch), Scene())
+
+
+def test_an_inexact_clock_is_no_jump(data):
+    """Samples that are stamped too close together: a finger went as far as usual."""
+    rng = np.random.default_rng(0)
+    interval = float(np.median(np.diff(data.time)))
+    off = rng.uniform(-0.45, 0.45, data.samples) * interval
+    seen = changed(data, time=data.time + off)
+    assert not jumps_of(record_of(seen, Scene())).any()
+    check_mistakes(seen, Scene())
 
 
 def test_what_is_mirrored_as_a_whole_is_not_told(data):

@@ -174,12 +174,16 @@ def overlaps(record: Record) -> float:
 
 
 def jumps_of(record: Record) -> np.ndarray:
-    """Return how often each finger (F,) jumps within an action."""
+    """Return how often each finger (F,) jumps within an action.
+
+    In a longer lapse it goes farther, in a shorter one it may have gone as far: clocks
+    are inexact.
+    """
     lapse = np.diff(record.time)
     step = np.linalg.norm(np.diff(record.position, axis=0), axis=2)
     within = np.diff(record.action) == 0
     usual = np.median(lapse[within]) if within.any() else 1.0
-    step = np.where(within, usual / lapse, 0.0)[:, None] * step
+    step = np.where(within, np.minimum(usual / lapse, 1.0), 0.0)[:, None] * step
     none = np.zeros((1, step.shape[1]))
     beside = np.maximum(np.vstack([none, step[:-1]]), np.vstack([step[1:], none]))
     noise = 10 * record.sigma_position + JUMP_LENGTH
