@@ -42,8 +42,9 @@ def test_tracks_follow_a_box_that_was_carried(carried):
     data, scene = carried
     given = "cuboid", "violation_implicit", Options(), None, None, Session()
     request, _ = read_request(data, scene, *given)
-    best = tracked_paths(request.job, (), 1)[0]
-    way, turn = jump(best.x, data)
+    best = tracked_paths(request.job, (), 20)
+    # One track alone is a draw: its turn scatters by 2 degrees from seed to seed.
+    way, turn = np.median([jump(h.x, data) for h in best], axis=0)
     assert way == pytest.approx(np.linalg.norm(AWAY), abs=0.01)  # open along the face
     assert turn == pytest.approx(np.radians(50), abs=0.05)
 

@@ -16,11 +16,8 @@ from tactilenlp import (
     solve_estimate,
 )
 from tactilenlp.information.error_budget_terms import REACHED
-from tactilenlp.refinement.profile_likelihood import (
-    KNOWN_POSITION,
-    VAGUE_SHARE,
-    touched_ends,
-)
+from tactilenlp.refinement.profile_deviation import VAGUE_SHARE
+from tactilenlp.refinement.profile_likelihood import KNOWN_POSITION, touched_ends
 from tactilenlp.search.hypothesis import Hypothesis
 
 PRIOR = CUBOID.size_prior[1]

@@ -46,7 +46,7 @@ from .proposals_surface import from_surface
 
 log = logging.getLogger("tactilenlp")
 SMOOTHED = 300  # tracks that are smoothed at most
-LYING = 7  # of them a start, far from each other, from which least motion is solved
+LYING = 5  # of them a start, far from each other, from which least motion is solved
 TRACK_SHARE = 4  # one start in so many is a track, the others are of least motion
 TURNED_AS_A_WHOLE = 0.3  # [rad] a larger turn moves the past as one piece
 CARRIED_ON = "carried"  # name of a track of a body that was carried between actions

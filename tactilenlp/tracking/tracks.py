@@ -18,7 +18,9 @@ from ..problem.reductions import coasts
 from .filter_steps import begin_compilation
 from .geometry import Geometry, geometry_of
 
-KEPT, TRACKS = 100, 500  # tracks kept after an action, and what they are split into
+# Tracks kept after an action, and what they are split into: 100 and 500 miss the best
+# optimum known by over 0.5 nats in 10 of 89 noisy recordings, these in 2.
+KEPT, TRACKS = 200, 1000
 HOPELESS = 60.0  # [nats] behind the best
 CELL = 6e-4, 6e-4, 0.02  # [m, m, rad] of sizes, place, yaw: tracks this close are one
 YAW_CELL = 0.15  # [rad] as wide as a proposal
