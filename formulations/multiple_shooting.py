@@ -25,7 +25,7 @@ from .violation_implicit import felt
 REDUCTIONS = {"planar": True, "still": False, "far": False, "absent": False}
 LEVELS = (
     Level("soft", {"speed rounding": 20e-3, "touch scale": 2e-3, "normal scale": 0.2}),
-    # Without it 4 of 12 recordings ended otherwise, 3 of them higher; 1.4 times the CPU.
+    # Without it 4 of 12 recordings end otherwise, 3 of them higher; 1.4 times the CPU.
     Level(
         "medium",
         {"speed rounding": 6e-3, "touch scale": 0.6e-3, "normal scale": 0.1},
