@@ -8,6 +8,6 @@ In: hypotheses of the search.  Out: the page solved, best first, certified.
 - `tilt`: free motion of a body that rocks, started from what felt normals tell
 - `model_selection`: the most probable optimum, the likeliest class
 - `certification`: what reductions left out is checked, and restored where needed
-- `profile_likelihood`: sigma of sizes that no touch determines
+- `profile_likelihood`, `profile_deviation`: sigma of sizes that no touch determines
 - `incremental_polytope`: one more action of a polytope, the past as a Gaussian
 """
