@@ -135,6 +135,18 @@ def test_behind_a_plateau_that_ends_no_more_is_looked_for():
     assert asked[-2] < 2e-3 < asked[-1] < PRIOR / 2
 
 
+def test_what_falls_again_behind_a_rise_counts_by_its_posterior_mass():
+    """A second optimum that is 1 nat above the first one, behind a ridge of 5."""
+
+    def ridge(d):
+        return (5.0 if d < 3e-3 else 1.0) * min(1.0, d / 0.5e-3) + prior_of(d)
+
+    assert (
+        deviation(ridge, cost=prior_of)[0]
+        > 1.2 * deviation(plateau(5.0), cost=prior_of)[0]
+    )
+
+
 def test_a_large_deviation_is_as_large_as_one_solve_far_off_says():
     claimed = 0.4 * PRIOR  # too large for a profile
     assert claimed > VAGUE_SHARE * PRIOR

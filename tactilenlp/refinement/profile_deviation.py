@@ -118,7 +118,7 @@ def _open_deviation(there, at, axis, found, points, least, prior, target_rise, c
         step = prior if least else min(TAIL_GROWTH * step, prior)
         if (moved := there(step)) is None:
             break
-        price = max(moved.objective - at.objective, price)
+        price = max(moved.objective - at.objective, 0.0)
         points = [*points, (step, price)]
         found = (moved.end - at.end) * least / prior if least else found
     if found is None or price >= 2 * target_rise:

@@ -160,9 +160,10 @@ def _constrained(job, solved, shared, chosen, axis, direction, touched) -> Calla
     """
     problem, held = solved.problem, chosen[axis]
     low = np.broadcast_to(job.shape.bounds[0], job.shape.theta)
-    level = replace(job.page.LEVELS[-1], fixed=(np.array([held]),), eliminate=False)
-    level = level.with_ipopt(max_iter=PROFILE_ITERATIONS)
-    level = replace(level, warm_start={"mu_init": PROFILE_MU})
+    level = replace(
+        job.page.LEVELS[-1].with_ipopt(max_iter=PROFILE_ITERATIONS),
+        fixed=(np.array([held]),), eliminate=False, warm_start={"mu_init": PROFILE_MU},
+    )  # fmt: skip
     highest = solved.solution.objective + PROFILE_RISE
     latest, reached = solved, 0.0
 
