@@ -141,10 +141,8 @@ def test_what_falls_again_behind_a_rise_counts_by_its_posterior_mass():
     def ridge(d):
         return (5.0 if d < 3e-3 else 1.0) * min(1.0, d / 0.5e-3) + prior_of(d)
 
-    assert (
-        deviation(ridge, cost=prior_of)[0]
-        > 1.2 * deviation(plateau(5.0), cost=prior_of)[0]
-    )
+    # Most of the mass is at the second one: as wide as the prior.
+    assert deviation(ridge, cost=prior_of)[0] > 0.9 * PRIOR
 
 
 def test_a_large_deviation_is_as_large_as_one_solve_far_off_says():
