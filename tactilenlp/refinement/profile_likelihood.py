@@ -182,9 +182,8 @@ def _constrained(job, solved, shared, chosen, axis, direction, touched) -> Calla
         start = replace(latest.solution, values=values)
         settings = replace(settings_of(job), tolerance=RANKING_TOLERANCE)
         found = solve_levels(problem, (level,), start, settings, shared)
-        if max(found.violations.values(), default=0.0) > RANKING_TOLERANCE:
-            return None
-        if not found.success and found.objective >= highest:
+        feasible = max(found.violations.values(), default=0.0) <= RANKING_TOLERANCE
+        if not (feasible and (found.success or found.objective < highest)):
             return None
         latest, reached = replace(solved, solution=found), step
         return latest.at
