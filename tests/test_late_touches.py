@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tactilenlp import SolverOptions
+from tactilenlp.data.sensor_noise import LATENCY
 from tactilenlp.estimation.observed_information import programme_at
-from tactilenlp.information.sensitivity import (
-    LAG,
+from tactilenlp.information.consider_parameters import (
     fingers_earlier,
     late_touches,
     motions,
@@ -28,7 +28,7 @@ def programme(estimate):
 def doubt(programme):
     kkt = kkt_system_of(programme.problem, programme.solution)
     sensed = programme.sensed
-    late = late_touches(kkt, sensed.build, programme.window, sensed.data)
+    late = late_touches(kkt, sensed.build, programme.window, sensed.data, sensed.scene)
     return kkt, late
 
 
@@ -68,4 +68,4 @@ def test_a_lag_moves_the_body_on_by_its_velocity(programme, doubt):
 
 
 def test_sensors_in_time_are_told_from_late_ones_within_a_few_milliseconds(doubt):
-    assert np.sqrt(doubt[1].squared) < LAG / 3
+    assert np.sqrt(doubt[1].squared) < LATENCY / 3

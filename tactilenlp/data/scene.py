@@ -18,6 +18,7 @@ from .joint_offsets import JointZeros
 from .measurements import Measurements
 
 STEEPEST = 0.2  # [rad] a ground that may lean further than this is not known
+LATEST = 0.2  # [s] sensors that are later than this do not tell where a body is
 HEAVIEST = 100.0  # [kg] no finger pushes more: beyond it a mass is in grams
 MUST_BE_KNOWN = "this must be known, give a guess"
 SCENE_REMEDIES = {  # of a number that is out of range, where it cannot be None
@@ -49,7 +50,8 @@ class Scene:
                      JointZeros: the offset is that of wrong zero angles of joints
     compliance:      [m/N], how far a fingertip yields under a normal force, all alike;
                      0: rigid; None: rigid unless the measurements say otherwise
-
+    latency:         [s], by which contacts and normals are reported later than finger
+                     positions; None: 0 unless the measurements say otherwise
     sigma_centre:    [1], standard deviation of each coordinate of the centre of mass
                      from the body's centroid, of a typical size; 0: it is the centroid
     sigma_tilt:      [rad], standard deviation of a rotation of the true ground against
@@ -70,6 +72,7 @@ class Scene:
     flip_rate: float | None = None
     sigma_offset: float | JointZeros | None = None
     compliance: float | None = None
+    latency: float | None = None
     sigma_centre: float = 0.03
     sigma_tilt: float = 0.0087  # half a degree
 
@@ -86,6 +89,7 @@ class Scene:
             ("sigma_normal", True, never, inf, "a standard deviation above 0"),
             ("flip_rate", True, 0.0, 0.5, "a probability in [0, 0.5)"),
             ("compliance", True, 0.0, 1.0, "a compliance in [0, 1) m/N"),
+            ("latency", True, 0.0, LATEST, "a time in [0, 0.2) s"),
             ("sigma_centre", False, 0.0, 1.0, "a share of a typical size in [0, 1)"),
             ("sigma_tilt", False, 0.0, STEEPEST, "an angle in [0, 0.2) rad"),
             ("sigma_offset", True, never, inf, "a standard deviation above 0 m"),

@@ -1,7 +1,9 @@
-"""Sensor noise: its estimation from the data, and smoothing of noisy paths.
+"""Sensor noise and latency: noise estimated from the data, paths smoothed and shifted.
 
 A finger moves smoothly, and a normal changes slowly during contact: third differences
-of positions and second differences of normals are dominated by sensor noise.
+of positions and second differences of normals are dominated by sensor noise.  Contacts
+and normals that are reported r later than positions are those of fingers, and of a
+body, r earlier.
 """
 
 from __future__ import annotations
@@ -11,12 +13,14 @@ from functools import cache
 
 import numpy as np
 
+from .contact_segments import REPEATED
 from .measurements import Measurements
 
 SMOOTHING_WINDOW = 9  # samples of the local parabola (0.3 s at 30 Hz)
 LEAST_WINDOW = 5  # samples: parabolas through fewer leave most of the noise
 SMOOTHING_NOISE = 0.03  # [finger radii] positions with less noise are not smoothed
 CONTACT_LATENCY = 5e-3  # [s] by which a contact is reported too long: sensors average
+LATENCY = 20e-3  # [s] deviation of the latency: tactile cameras are up to 40 ms late
 SAME_NORMAL = 1e-9  # [-] by which two readings of one number may differ
 NORMAL_MEDIAN = 0.6745  # median of |z| for a standard normal z
 RAYLEIGH_MEDIAN = 1.1774  # median length of a standard normal vector in the plane
@@ -29,19 +33,24 @@ class Precision:
     """Standard deviations: position [m] per axis, normal [rad] per tangential axis.
 
     normal_error [-]: relative standard deviation of `normal`, zero where it was told.
+    latency, latency_error [s]: by how much contacts and normals are reported later than
+    positions, and its standard deviation; both zero where data do not ask for it.
     """
 
     position: float
     normal: float
     normal_error: float = 0.0
+    latency: float = 0.0
+    latency_error: float = 0.0
 
 
 def precision_of(data: Measurements, scene=None) -> Precision:
     """Estimate the noise of positions and normals, unless the scene gives it."""
     position = getattr(scene, "sigma_position", None) or _position(data)
+    latency = getattr(scene, "latency", None) or 0.0
     if told := getattr(scene, "sigma_normal", None):
-        return Precision(position, told)
-    return Precision(position, *_normal(data))
+        return Precision(position, told, latency=latency)
+    return Precision(position, *_normal(data), latency=latency)
 
 
 def _position(data: Measurements) -> float:
@@ -148,3 +157,59 @@ def contact_latency(data: Measurements) -> np.ndarray:
     share = np.minimum(1.0, CONTACT_LATENCY / np.diff(data.time))[:, None]
     way = share * np.linalg.norm(np.diff(p, axis=0), axis=2)
     return np.vstack([np.where(leaves, way, 0.0), np.zeros(felt.shape[1])])
+
+
+def with_fingers_earlier(data: Measurements, lag: float) -> Measurements:
+    """Return the data with every finger where it was a lag [s] before each sample."""
+    if lag == 0:
+        return data
+    moved = {"finger_position": in_time(data, data.finger_position, -lag)}
+    if (wxyz := data.finger_orientation) is not None:
+        each = [turned_in_time(data, wxyz[:, f], -lag) for f in range(data.fingers)]
+        moved["finger_orientation"] = np.stack(each, axis=1)
+    return replace(data, **moved)
+
+
+def turned_in_time(data: Measurements, wxyz, by: float) -> np.ndarray:
+    """Return unit quaternions wxyz (T, 4) of the samples, as `in_time` does values."""
+    if by == 0:
+        return wxyz
+    # lazily: import stays light
+    from scipy.spatial.transform import Rotation
+
+    from ..geometry.transforms import continuous, quaternion_of, rotation_of
+
+    turns = in_time(data, continuous(rotation_of(wxyz).as_matrix()), by)
+    return quaternion_of(Rotation.from_rotvec(turns))
+
+
+def in_time(data: Measurements, values: np.ndarray, by: float) -> np.ndarray:
+    """Return values (T, ...) of the samples as they are at other times, later by [s].
+
+    Linear between the samples of an action, and beyond its first and last one.
+    """
+    out = values.copy()
+    if by == 0:
+        return out
+    for action in np.unique(data.action):
+        rows = np.flatnonzero(data.action == action)
+        apart = np.diff(data.time[rows], prepend=-np.inf) > REPEATED * data.dt
+        known = rows[apart]  # a sample that has come twice tells no velocity
+        if len(known) < 2:
+            continue
+        t, asked = data.time[known], data.time[rows] + by
+        k = np.clip(np.searchsorted(t, asked, side="right") - 1, 0, len(t) - 2)
+        share = ((asked - t[k]) / (t[k + 1] - t[k])).reshape(-1, *[1] * (out.ndim - 1))
+        low, high = values[known[k]], values[known[k + 1]]
+        out[rows] = low + share * (high - low)
+    return out
+
+
+def as_late(precision: Precision, other: Precision) -> Precision:
+    """Return a precision with the latency of another one."""
+    return replace(precision, latency=other.latency, latency_error=other.latency_error)
+
+
+def latency_cost(scene, precision: Precision) -> float:
+    """Return the prior of a latency that was estimated [nats]; zero if it was told."""
+    return 0.0 if scene.latency is not None else (precision.latency / LATENCY) ** 2 / 2

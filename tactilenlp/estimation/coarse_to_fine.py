@@ -19,7 +19,7 @@ from ..errors import NoContactError
 from ..geometry.transforms import is_planar
 from ..interface.request import Request, check_touched
 from ..problem.certificates import Certificates, certify
-from ..refinement.ground_tilt import on_ground
+from ..refinement.latency import as_found
 from ..refinement.nested_models import NUISANCES
 from ..refinement.refinement import from_scratch
 from ..search.hypothesis import Hypothesis, Job, distinct
@@ -99,18 +99,16 @@ def coarse_request(request: Request, rows) -> Request:
     limit, deadline = request.job.options.time_limit, request.job.deadline
     early = deadline.until(deadline.at - (1 - TIME_SHARE) * limit, deadline.strict)
     options = replace(request.job.options, time_limit=TIME_SHARE * limit)
-    job = replace(
-        request.job, data=_at_rows(request.job.data, rows), deadline=early,
-        options=options,
-    )  # fmt: skip
+    job = request.job.of_data(partial(_at_rows, rows=rows))
+    job = replace(job, deadline=early, options=options)
     data = _at_rows(request.data, rows)
     return replace(from_scratch(request), data=data, job=job)
 
 
 def dense_request(request: Request, coarse: Job) -> Request:
-    """Return the request for the ground and models selected at the lower rate."""
+    """Return the request for what was selected at the lower rate: models, ground."""
     made = {name: getattr(coarse.reductions, name) for name in SELECTED}
-    job = on_ground(request.job, coarse.scene.ground)
+    job = as_found(request.job, coarse)
     return replace(request, job=job.with_reductions(**made))
 
 

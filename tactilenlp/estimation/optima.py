@@ -16,18 +16,14 @@ import numpy as np
 
 from ..common.deadline import Deadline
 from ..data.contact_segments import consecutive_contacts
-from ..data.measurements import Measurements
 from ..data.sensor_noise import precise
 from ..interface.request import Request
 from ..interface.result import Estimate
 from ..refinement.certification import checked, with_profiles
-from ..refinement.ground_tilt import (
-    on_ground,
-    with_ground_for_turns,
-    with_ground_tilt,
-)
+from ..refinement.ground_tilt import with_ground_for_turns, with_ground_tilt
 from ..refinement.incremental import continues, of_whole_actions, updated_by_few
 from ..refinement.incremental_polytope import repaired
+from ..refinement.latency import as_found, with_latency
 from ..refinement.model_selection import most_probable
 from ..refinement.nested_models import with_nuisance_parameters
 from ..refinement.refinement import (
@@ -170,10 +166,10 @@ def _solved_by_action(request: Request) -> Optima | None:
         return None  # it would be the same search
     log.info("the path is doubtful: searching action by action")
     request, kept, found = from_scratch(request), [], None
-    for data in parts:
+    for job in parts:
         if not _in_time(request):
             return None
-        part = replace(request, job=replace(request.job, data=data))
+        part = replace(request, job=job)
         found = _of_one_search(part, SoFar(list(kept)))
         if found.best is None:
             return None
@@ -190,18 +186,19 @@ def _in_time(request: Request) -> bool:
     return request.job_until(SEARCH_END).deadline.left > 0
 
 
-def _growing(request: Request) -> list[Measurements]:
-    """Return the data of the first actions, from the first touch on, one more each.
+def _growing(request: Request) -> list[Job]:
+    """Return the jobs of the first actions, from the first touch on, one more each.
 
-    In an update of a polytope those of all actions: the estimate that it starts from
+    In an update of a polytope that of all actions: the estimate that it starts from
     came about so.
     """
-    data, actions = request.job.data, np.unique(request.job.data.action)
-    update = isinstance(request.start, Estimate)
-    if update and request.job.shape.parameters == "vertices":
-        return [data]
+    job, data = request.job, request.job.data
+    if isinstance(request.start, Estimate) and job.shape.parameters == "vertices":
+        return [job]
+    actions = np.unique(data.action)
     touched = data.action[1:][consecutive_contacts(data).any(axis=1)][0]
-    return [data.select(actions[actions <= a]) for a in actions[actions >= touched]]
+    chosen = [actions[actions <= a] for a in actions[actions >= touched]]
+    return [job.of_data(lambda data, few=few: data.select(few)) for few in chosen]
 
 
 def _differs(found: Solved, solved) -> bool:
@@ -216,13 +213,18 @@ def _differs(found: Solved, solved) -> bool:
 def _search_that_may_gain(request, best: Solved) -> Request | None:
     """Return the request of a search from scratch that may find a better optimum.
 
-    Where an update costs more than it should, and on a ground that was found to lean:
-    the first search took it for level.
+    Where an update costs more than it should; on a ground that was found to lean, and
+    with sensors that were found to be late: the first search took them for level and
+    prompt.
     """
-    ground, told = best.job.scene.ground, request.job.scene.ground
-    if ground is not told and told.told is None and request.job.path is None:
-        log.info("searching again on the ground that leans")
-        return replace(from_scratch(request), job=on_ground(request.job, ground))
+    job, found = request.job, best.job
+    turned = (
+        found.scene.ground is not job.scene.ground and job.scene.ground.told is None
+    )
+    late = found.precision.latency > job.precision.latency == 0
+    if (turned or late) and job.path is None:
+        log.info("searching again with the ground and the latency that were found")
+        return replace(from_scratch(request), job=as_found(job, found))
     if update_costs_too_much(request, best):
         return from_scratch(request)
     return None
@@ -251,6 +253,7 @@ def _solved_page(
         solved = known if enough else refined(job, starts, mine, earlier, known)
         job = replace(job, reductions=solved[0].job.reductions)
         check_finite(solved[0].problem, solved[0].solution)
+        job, solved = with_latency(job, solved)
         found = with_ground_tilt(job, solved)
         larger = with_nuisance_parameters(*found, freed)
         if found[0] is not job and larger[0].reductions != job.reductions:

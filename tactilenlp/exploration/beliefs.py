@@ -20,8 +20,8 @@ from formulations.likelihood import steepness
 from formulations.rigid_body import ARM, FREE, PLANAR
 
 from ..geometry.transforms import rotation_of
-from ..information.finger_offsets import prior_of_offsets
 from ..information.tangent_space import tangent_of, widest_deviations
+from ..information.trajectory import prior_of_offsets
 from ..search.hypothesis import Hypothesis, distinct
 from .push_model import sample_information_function
 

@@ -30,6 +30,15 @@ from formulations.names import (
 
 from ..common.deadline import NEVER, Deadline
 from ..nlp.kkt import KKTSystem
+from .consider_parameters import (
+    Doubt,
+    GroundTilt,
+    ground_tilt,
+    late_normals,
+    late_touches,
+    motions,
+    rounded_edges,
+)
 from .error_budget_terms import (
     TouchedFaces,
     curvature_of_costs,
@@ -51,15 +60,6 @@ from .measurement_noise import (
     model_error,
     sensitivity_to_measurements,
     sensor_covariance,
-)
-from .sensitivity import (
-    Doubt,
-    GroundTilt,
-    ground_tilt,
-    late_normals,
-    late_touches,
-    motions,
-    rounded_edges,
 )
 from .tangent_space import pose_jacobians
 
@@ -93,7 +93,8 @@ class Linearisation:
         """The doubts about normals, and about touches, as those of their instant."""
         sensed = self.sensed
         given = self.kkt, sensed.build, self.window, sensed.data
-        return late_normals(*given), late_touches(*given)
+        latency = sensed.precision.latency
+        return late_normals(*given), late_touches(*given, sensed.scene, latency)
 
     @cached_property
     def motions(self) -> np.ndarray:

@@ -22,7 +22,6 @@ from ..errors import OptionError, did_you_mean
 from ..nlp.kkt import KKTSystem, kkt_system_of
 from .error_budget import Linearisation, after_mixture, error_budget
 from .error_budget_terms import TouchedFaces, bounded_pose
-from .finger_offsets import covariance_of_offsets, covariance_with_offsets
 from .mixture import (
     LocalOptimum,
     Modes,
@@ -32,7 +31,12 @@ from .mixture import (
     optima_in_words,
 )
 from .tangent_space import open_directions, tangent_space_of
-from .trajectory import deviations_of_path, turned_with_ground
+from .trajectory import (
+    covariance_of_offsets,
+    covariance_with_offsets,
+    deviations_of_path,
+    turned_with_ground,
+)
 
 FACE_COSINE = 0.99  # [-] |n . axis| above which a normal belongs to a face
 LEAST_SIGMA = 1e-12  # [SI] a deviation below which a number is known exactly

@@ -8,17 +8,17 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
+from formulations.finger_offset import NAME as OFFSET
 from formulations.names import EXACT, FINGER_IMPULSE, GROUND_IMPULSE
 
 from ..common.deadline import Deadline, OutOfTime
 from ..common.npz import versions
 from ..data.ground import frame_of
-from ..data.sensor_noise import variance_left
+from ..data.sensor_noise import in_time, variance_left
 from ..geometry.convex_hull import centroid
 from ..geometry.faces import polygons
 from ..geometry.transforms import is_planar, matrices, quaternion_of, rotate_planar
 from ..information.error_budget_terms import ANY_ROTATION, REACHED
-from ..information.finger_offsets import NAME, offsets_of, prior_of_offsets
 from ..information.goodness_of_fit import fit_of
 from ..information.information import Information, information_of
 from ..information.measurement_noise import Sensed
@@ -30,6 +30,7 @@ from ..information.polytope_information import (
     touched_polygons,
 )
 from ..information.tangent_space import tangent_space_of, widest_deviations
+from ..information.trajectory import offsets_of, prior_of_offsets
 from ..problem.polytope_window import with_supports
 from ..problem.poses import poses
 from ..tracking.surface import body_surface
@@ -115,7 +116,7 @@ def read_box(job, solved, modes=()) -> tuple[Body, Information]:
     """Return the body, and the information about it, of a shape with sizes."""
     problem, window, solution = solved.problem, solved.window, solved.solution
     shape, scene = job.shape, job.scene
-    theta, x = solved.at.theta, solved.at.x
+    theta, x = solved.at.theta, moved_on(job, solved.at.x)
     faces = solved.touched
     R_wg = frame_of(scene.ground).rotation.T
     information = _in_time(
@@ -137,7 +138,7 @@ def read_polytope(job, solved, modes=()) -> tuple[Body, Information]:
     """
     problem, window, solution = solved.problem, solved.window, solved.solution
     scene = job.scene
-    V, x = solution.values["theta"].T, solved.at.x
+    V, x = solution.values["theta"].T, moved_on(job, solved.at.x)
     middle, R_wg = centroid(V), frame_of(scene.ground).rotation.T
     position, turn = hull_poses(scene, x, middle)
     vertices = (V - middle) @ R_wg.T
@@ -152,6 +153,14 @@ def read_polytope(job, solved, modes=()) -> tuple[Body, Information]:
     sensed = Sensed(job.data, job.precision, replace(job, shape=shape).build, scene)
     given = problem, solution, window, shape, faces, R_wg, sensed, job.deadline
     return body, _in_time(job, solved, R_wg, lambda: polytope_information(*given))
+
+
+def moved_on(job, x) -> np.ndarray:
+    """Return poses x (unknowns, T) at the samples, which are those of late sensors.
+
+    What late sensors tell of a sample was so before it, by their latency.
+    """
+    return in_time(job.data, x.T, job.precision.latency).T
 
 
 def _in_time(job, solved, R_wg, compute) -> Information:
@@ -252,8 +261,8 @@ def prior_information(job, solved, R_wg) -> Information:
         spread += REACHED**2 * along @ along.T
     matrix = np.linalg.inv(spread)
     offsets = {}
-    if NAME in problem.variables:
-        prior = prior_of_offsets(job.scene, solution.values[NAME].shape[1])
+    if OFFSET in problem.variables:
+        prior = prior_of_offsets(job.scene, solution.values[OFFSET].shape[1])
         both = block_diag(matrix, prior)
         turn = np.kron(np.eye(len(prior) // 3), R_wg)
         covariance = turn @ np.linalg.inv(prior) @ turn.T

@@ -17,7 +17,15 @@ from ..data.ground import Ground, frame_of
 from ..data.measurements import Measurements
 from ..data.mistakes import check_mistakes
 from ..data.scene import Scene
-from ..data.sensor_noise import precise, precision_of, smoothed
+from ..data.sensor_noise import (
+    Precision,
+    as_late,
+    in_time,
+    precise,
+    precision_of,
+    smoothed,
+    turned_in_time,
+)
 from ..errors import NoContactError, OptionError, SceneError, StartError
 from ..geometry.transforms import backward, planar_matrix, rotation_of
 from ..problem.certificates import without
@@ -88,6 +96,8 @@ def read_request(
     functions = session.functions_for(start, scene, shape, page)
     scene = scene.on_ground_of(getattr(start, "scene", scene))
     job = make_job(data, scene, shape, options, began, page, functions)
+    if isinstance(start, Estimate) and scene.latency is None:
+        job = job.with_sensors(as_late(job.precision, Precision(**start.precision)))
     known = [] if start is None else carried_hypotheses(start, shape, scene, data)
     axes = kept_axes(start, job)
     return Request(data, job, start, executor, axes), known
@@ -120,12 +130,13 @@ def make_job(data, scene, shape, options, began, page, functions=None) -> Job:
     made = options.reductions
     if scene.ground is None or shape.rolls:  # nothing keeps the object flat
         made = without(made, ["planar"])
-    return Job(
+    job = Job(
         data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
         reductions=required_reductions(page, made), page=page, options=options,
         deadline=Deadline.within(options.time_limit, began),
         functions=TermFunctions() if functions is None else functions,
     )  # fmt: skip
+    return job.with_sensors(precision)
 
 
 def check_start(start, shape, scene) -> None:
@@ -286,7 +297,9 @@ def as_polytope(estimate, scene, samples: int | None = None) -> Hypothesis:
     Planar poses in the ground's frame, free ones in the world where there is none; the
     body's axes are the world's at the last of so many samples.
     """
-    position, quaternion = estimate.position[:samples], estimate.quaternion[:samples]
+    data, by = estimate.measurements, -estimate.precision.get("latency", 0.0)
+    position = in_time(data, estimate.position, by)[:samples]
+    quaternion = turned_in_time(data, estimate.quaternion, by)[:samples]
     R = rotations_on_ground(scene.ground, quaternion)
     vertices = R[-1].apply(estimate.vertices)
     if scene.ground is None:

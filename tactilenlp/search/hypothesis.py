@@ -20,6 +20,7 @@ from formulations.page_contract import contract_of
 from ..common.brief import printed
 from ..common.deadline import Deadline
 from ..common.layout import ANY
+from ..data.sensor_noise import latency_cost, with_fingers_earlier
 from ..geometry.transforms import continuous, is_planar, matrices, planar_matrix
 from ..information.measurement_noise import KNOWN_FACE
 from ..nlp.problem import Problem
@@ -102,7 +103,8 @@ class Job:
     x) of the first touch; cuts: samples within rest intervals that need a pose of their
     own; process_noise: factor of the search's; may_be_carried: whether the search
     considers that a body was, between two actions; path: a Hypothesis of all samples
-    that is solved instead of a search.
+    that is solved instead of a search; recorded: the data before the fingers were put
+    where they were earlier by precision.latency; None: there is no latency.
 
     Pickled, it has no page: other processes search, and solve pages of their own.
     """
@@ -121,6 +123,7 @@ class Job:
     process_noise: float = 1.0
     may_be_carried: bool = True
     path: Hypothesis | None = None
+    recorded: object = None
 
     def __getstate__(self) -> dict:
         return {**vars(self), "page": None}
@@ -133,6 +136,26 @@ class Job:
     def with_reductions(self, **made: bool) -> Job:
         """Return the job with other values of some reductions, by name."""
         return replace(self, reductions=replace(self.reductions, **made))
+
+    def of_data(self, change) -> Job:
+        """Return the job of other data: change(Measurements) of these."""
+        recorded = None if self.recorded is None else change(self.recorded)
+        return replace(self, data=change(self.data), recorded=recorded)
+
+    def with_sensors(self, precision) -> Job:
+        """Return the job of another Precision, fingers earlier by its latency."""
+        recorded = self.data if self.recorded is None else self.recorded
+        earlier = with_fingers_earlier(recorded, precision.latency)
+        recorded = recorded if precision.latency else None
+        return replace(self, data=earlier, recorded=recorded, precision=precision)
+
+    @property
+    def prior_cost(self) -> float:
+        """The priors of what solves take as given: tilt of the ground, latency [nats].
+
+        Zero where these are what the scene says.
+        """
+        return self.scene.tilt_cost + latency_cost(self.scene, self.precision)
 
     def build(self, window, scene=None) -> Problem:
         """Return the problem that the page poses of a window; scene: another one."""

@@ -75,8 +75,8 @@ class Solved:
 
     @property
     def cost(self) -> float:
-        """The objective with the prior of the tilt of the ground [nats]."""
-        return self.solution.objective + self.job.scene.tilt_cost
+        """The objective with the priors of what a solve takes as given [nats]."""
+        return self.solution.objective + self.job.prior_cost
 
     @property
     def rank(self) -> tuple[bool, float]:

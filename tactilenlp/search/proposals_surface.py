@@ -16,6 +16,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ..data.contact_segments import lasting_contacts
+from ..data.sensor_noise import in_time
 from ..geometry.transforms import rotate_planar
 from ..problem.poses import upright_poses
 from ..tracking.first_touch import (
@@ -78,6 +79,7 @@ def on_poses(job, estimate) -> Hypothesis | None:
     """
     shape, data = job.shape, job.data
     x = upright_poses(job.scene.ground, estimate.position, estimate.quaternion)
+    x = in_time(data, x.T, -job.precision.latency).T
     t, f = np.nonzero(lasting_contacts(data))
     if not len(t):
         return None

@@ -1,0 +1,287 @@
+r"""Consider parameters: what a page takes as given, and sigma covers all the same.
+
+A quantity r is held where the page takes it, mostly at zero; what the data tell of it
+is read from the solution, without another solve (consider covariance: S. F. Schmidt,
+Advances in Control Systems 3, 1966).  With b the derivative by r of the gradient,
+
+    dx/dr = -K^{-1} b,      I = 1 / deviation^2 + L_rr + b . dx/dr,      m = -L_r / I
+
+are how the estimate moves with r, what is known of r, and where it is likeliest.  r is
+as likely none as Gaussian before any touch, so that
+
+    E[r^2] = (1 / I + m^2) / (1 + deviation sqrt(I) exp(-I m^2 / 2)).
+
+Edges are assumed to be sharp.  With a radius r, common to all of them, what a finger of
+radius rho feels is the body `shape.rounded(theta, r)`, grown by r: the touch cost of
+that theta and of rho + r; r >= 0.  Touches of both edges and faces of a side tell
+whether edges are sharp.  In the same way touches, and normals alone, are taken as of
+their instant, or of a latency that was estimated before (refinement/latency.py); r is
+a lag of sensors.  Fingers r earlier give poses r earlier, which then move on with their
+velocities.
+
+The ground is assumed to be level, or as it was told.  There r (2,) are its rotations
+about its own horizontal axes, Gaussian of deviation Scene.sigma_tilt: seen from a
+ground that is turned by r, positions and normals of the touches turn by -r.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from formulations.names import TOUCH_TERM
+
+from ..data.contact_segments import consecutive_contacts, rate_of
+from ..data.sensor_noise import CONTACT_LATENCY, LATENCY
+from ..nlp.kkt import KKTSystem, gradient
+from .measurement_noise import at_touches
+
+LAG_STEP = 1e-5  # [s] change of a lag, of differences
+AVERAGED = 10e-3  # [s] deviation of r of normals alone: means of up to 20 ms
+TILT_STEP = 1e-5  # [rad] change of a tilt of the ground, of differences
+RADIUS_STEP = 1e-5  # [m] change of the radius of edges, of differences
+EDGE = 2e-3  # [m] deviation of r: machined, printed and card boxes have up to 3 mm
+
+
+class Prior(NamedTuple):
+    """What is known of a quantity r before any touch, from where the page takes it.
+
+    deviation about the mean, not below the least; none: whether r is as likely exactly
+    as it is taken.
+    """
+
+    deviation: float
+    mean: float = 0.0
+    least: float = 0.0
+    none: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Doubt:
+    """What is known of a quantity r from where the page takes it, mostly from zero.
+
+    slope (unknowns,): derivative of the gradient by r; mean, information of r by data
+    and prior; none: odds that r is exactly there, 0 once it was estimated.
+    """
+
+    slope: np.ndarray
+    mean: float
+    information: float
+    none: float
+
+    @property
+    def gain(self) -> float:
+        """By how many nats the likeliest r lowers the objective."""
+        return self.information * self.mean**2 / 2
+
+    @property
+    def squared(self) -> float:
+        """E[r^2]."""
+        return (1 / self.information + self.mean**2) / (1 + self.none)
+
+    def covariance(self, by_gradient, moved=0.0) -> np.ndarray:
+        """Return the covariance (k, k) by it.
+
+        by_gradient: see KKTSystem.sensitivity; moved (k,): how the k numbers move with
+        r at fixed unknowns.
+        """
+        moves = moved - by_gradient.T @ self.slope
+        return self.squared * np.outer(moves, moves)
+
+
+def rounded_edges(kkt: KKTSystem, build: Callable, window, shape) -> Doubt:
+    """Return the doubt about sharp edges; build(window) builds the problem again."""
+    problem, touch = kkt.problem, window.touch
+    values = problem.unpack(kkt.x)
+    less = values | {"theta": shape.rounded(values["theta"], RADIUS_STEP)}
+    low, high = (
+        at_touches(window, shape, v, touch.p_wf.T, lambda *at: at[2][0])
+        for v in (less, values)
+    )  # a body that lies on the ground is as high as it is large: the finger follows
+    p_wf = touch.p_wf.copy()
+    p_wf[:, :3] += low - high
+    touch = replace(touch, p_wf=p_wf, radius=touch.radius + RADIUS_STEP)
+    grown = build(replace(window, touch=touch)).data() - problem.data()
+    theta, ends = problem.variables["theta"].span, []
+    for side in (1, 0, -1):
+        x = kkt.x.copy()
+        x[theta] = shape.rounded(x[theta], side * RADIUS_STEP)
+        ends.append((x, kkt.data + side * grown))
+    return _doubted(kkt, ends, RADIUS_STEP, Prior(EDGE))
+
+
+def late_normals(kkt: KKTSystem, build: Callable, window, data) -> Doubt:
+    """Return the doubt about normals of the instant; build(window): as above.
+
+    Sensors average normals for longer than contacts: these may be in time.  data: the
+    measurements, smoothed as the problem has them.
+    """
+    problem, touch = kkt.problem, window.touch
+    rate = rate_of(data, data.normal)
+    rate[1:][~consecutive_contacts(data)] = 0.0
+    normal = touch.normal + LAG_STEP * rate[touch.sample, touch.finger]
+    later = replace(window, touch=replace(touch, normal=normal))
+    ends = _ends(kkt, build(later).data() - problem.data())
+    return _doubted(kkt, ends, LAG_STEP, Prior(AVERAGED))
+
+
+def late_touches(kkt, build: Callable, window, data, scene, latency=0.0) -> Doubt:
+    """Return the doubt about the latency of touches; build(window): as above.
+
+    Contacts and normals that are reported r later are those of fingers and of a body r
+    earlier.  data: as above, the fingers earlier by the latency [s], told by the scene
+    or estimated.
+    """
+    shifted = build(fingers_earlier(window, data, LAG_STEP)).data()
+    ends = _ends(kkt, shifted - kkt.problem.data())
+    prior = Prior(LATENCY, -latency, -latency, latency == 0)
+    if scene.latency is not None:
+        prior = Prior(CONTACT_LATENCY, 0.0, -latency, False)
+    return _doubted(kkt, ends, LAG_STEP, prior, list(kkt.problem.costs))
+
+
+def fingers_earlier(window, data, lag: float):
+    """Return the window with all fingers where they were a lag [s] earlier."""
+    rate = rate_of(data, data.finger_position)
+
+    def earlier(rows, *places):
+        moved = {name: getattr(rows, name).copy() for name in places}
+        for p_wf in moved.values():
+            p_wf[:, :3] -= lag * rate[rows.sample, rows.finger]
+        return replace(rows, **moved)
+
+    return replace(
+        window, touch=earlier(window.touch, "p_wf"), free=earlier(window.free, "p_wf"),
+        push=earlier(window.push, "p_wf", "p_wf_1"),
+    )  # fmt: skip
+
+
+def motions(kkt: KKTSystem, window) -> np.ndarray:
+    """Return how poses move (unknowns, 2), zero for other unknowns.
+
+    Their velocities, and by how far a body may be off that was let go in motion.
+    """
+    pose, step = kkt.problem.variables["x"], window.step
+    x = kkt.x[pose.span].reshape(pose.columns, pose.rows)
+    v, of_all = np.zeros_like(x), np.zeros((len(kkt.x), 2))
+    v[step.pose] = (x[step.pose] - x[step.before]) / step.dt[:, None]
+    of_all[pose.span, 0], of_all[pose.span, 1] = v.ravel(), window.let_go(x.T).T.ravel()
+    return of_all
+
+
+@dataclass(frozen=True, eq=False)
+class GroundTilt:
+    """What is known of the rotations r (2,) [rad] of the ground from where it is taken.
+
+    slope (unknowns, 2): derivative of the gradient by r; about (3,) [m]: the point of
+    the ground that stays, ground frame; mean (2,), information (2, 2) of r by touches
+    and prior; level: odds that there is no rotation at all, 0 once one was estimated.
+    """
+
+    slope: np.ndarray
+    about: np.ndarray
+    mean: np.ndarray
+    information: np.ndarray
+    level: float
+
+    @property
+    def gain(self) -> float:
+        """By how many nats the likeliest r lowers the objective."""
+        return float(self.mean @ self.information @ self.mean) / 2
+
+    @property
+    def squared(self) -> np.ndarray:
+        """E[r r'] (2, 2)."""
+        known = np.linalg.inv(self.information) + np.outer(self.mean, self.mean)
+        return known / (1 + self.level)
+
+    def covariance(self, by_gradient, turned=0.0) -> np.ndarray:
+        """Return the covariance (k, k) by it.
+
+        by_gradient: see KKTSystem.sensitivity; turned (k, 2): how the k numbers turn
+        with the frame of the ground itself.
+        """
+        moves = turned - by_gradient.T @ self.slope
+        return moves @ self.squared @ moves.T
+
+    def turned(self, points, R_wg) -> np.ndarray:
+        """Return how poses at points (n, 3) [m] of the ground's frame turn with it.
+
+        (n, 6, 2), positions [m/rad] and rotations, world frame; R_wg (3, 3): from the
+        ground to the world.
+        """
+        arm, axes = (points - self.about) @ R_wg.T, R_wg[:, :2]
+        moved = np.stack([np.cross(axis, arm) for axis in axes.T], axis=2)
+        turns = np.broadcast_to(axes, moved.shape)
+        return np.concatenate([moved, turns], axis=1)
+
+
+def ground_tilt(kkt: KKTSystem, build: Callable, window, data, scene, about):
+    """Return the GroundTilt at a solution; build(window): as above.
+
+    data: as of late_normals; scene: with the ground in whose frame they are; about (3,)
+    [m]: the point of the ground that stays, ground frame.
+    """
+    problem, touch, ground = kkt.problem, window.touch, scene.ground
+    found = []
+    for way in ((1, 0), (0, 1), (1, 1)):  # the last one for the mixed derivative
+        R = Rotation.from_rotvec(
+            [-TILT_STEP * way[0], -TILT_STEP * way[1], 0.0]
+        ).as_matrix()
+        seen = data.transformed(R, about - R @ about)
+        p_wf, at = touch.p_wf.copy(), (touch.sample, touch.finger)
+        p_wf[:, :3] = seen.finger_position[at]
+        if seen.finger_orientation is not None and p_wf.shape[1] > 3:
+            p_wf[:, 3:] = seen.finger_orientation[at]
+        touched = replace(touch, p_wf=p_wf, normal=seen.normal[at])
+        turned = build(replace(window, touch=touched)).data() - problem.data()
+        found.append(_derivatives(problem, _ends(kkt, turned), TILT_STEP))
+    (b_x, pull_x, xx), (b_y, pull_y, yy), (_, _, both) = found
+    slope, mixed = np.stack([b_x, b_y], axis=1), (both - xx - yy) / 2
+    moved = np.stack([kkt.moved(b) for b in slope.T], axis=1)
+    told = np.array([[xx, mixed], [mixed, yy]]) + slope.T @ moved
+    values, vectors = np.linalg.eigh((told + told.T) / 2)
+    prior = 1 / scene.sigma_tilt**2
+    information = (vectors * (np.maximum(values, 0.0) + prior)) @ vectors.T
+    known = (ground.rotation @ ground.tilt)[:2]
+    mean = np.linalg.solve(information, np.array([pull_x, pull_y]) - prior * known)
+    level = 0.0
+    if ground.told is None:
+        share = np.sqrt(np.linalg.det(information)) / prior
+        level = share * np.exp(-mean @ information @ mean / 2)
+    return GroundTilt(slope, about, mean, information, float(level))
+
+
+def _derivatives(problem, ends, step: float, names=(TOUCH_TERM,)) -> tuple:
+    """Return the derivatives of the touch cost by r, at 0.
+
+    Of its gradient (unknowns,), its negative first and its second derivative; ends:
+    unknowns and data at r = step, 0, -step.
+    """
+    costs = [sum(problem.value(n, *end).sum() for n in names) for end in ends]
+    slopes = [gradient(problem, *end, names) for end in (ends[0], ends[2])]
+    bend = (costs[0] - 2 * costs[1] + costs[2]) / step**2
+    return (
+        *((slopes[0] - slopes[1]) / (2 * step), (costs[2] - costs[0]) / (2 * step)),
+        bend,
+    )
+
+
+def _ends(kkt: KKTSystem, change) -> list:
+    """Return unknowns and data at r = step, 0, -step; change: of the data by a step."""
+    return [(kkt.x, kkt.data + side * change) for side in (1, 0, -1)]
+
+
+def _doubted(kkt, ends, step, prior: Prior, names=(TOUCH_TERM,)) -> Doubt:
+    """Return what the touches tell of a quantity r; ends: at r = step, 0, -step."""
+    b, pull, bend = _derivatives(kkt.problem, ends, step, names)
+    known = 1 / prior.deviation**2
+    information = known + max(0.0, bend + b @ kkt.moved(b))
+    mean = max(prior.least, (pull + known * prior.mean) / information)
+    odds = prior.deviation * np.sqrt(information)
+    odds *= np.exp(-information * mean**2 / 2) * prior.none
+    return Doubt(b, mean, information, odds)

@@ -1,0 +1,89 @@
+"""The latency of the sensors, by Newton steps where the data ask for one.
+
+Contacts and normals are taken as of the instant of the finger positions, or as late as
+the scene or an earlier estimate says.  Where a Newton step on the latency, which needs
+no solve (information/consider_parameters.py), promises to lower the objective, fingers
+are put where they were earlier, and the page is solved again from the solution, a step
+at a time.  A latency is kept where it gains more than its Laplace evidence loses, the
+logarithm of its prior over its posterior deviation, and the spread of the likelihood.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+
+from ..data.sensor_noise import LATENCY, as_late
+from ..information.consider_parameters import Doubt, late_touches
+from ..nlp.kkt import kkt_system_of
+from ..search.local_solve import Solved, best_first, warm_started
+from ..search.margins import DECISIVE, UNCHANGED
+from .ground_tilt import on_ground
+from .nested_models import misfit_of, needed_gain
+
+log = logging.getLogger("tactilenlp")
+MAX_STEPS = 8  # solves along the Newton steps, halved ones included
+LONGEST_STEP = 2 * LATENCY  # [s] where curvature is negative a Newton step has no end
+
+
+def with_latency(job, solved) -> tuple:
+    """Return job and solves, best first, with the latency that the touches tell of.
+
+    Solves that are not close to the best are left out where it is another one.
+    """
+    prompt = solved[0]
+    if not (may_be_late(job) and prompt.solution.success):
+        return job, solved
+    late, doubt = _by_steps(prompt)
+    needed = UNCHANGED
+    if job.precision.latency == 0:
+        occam = np.log(LATENCY * np.sqrt(doubt.information))
+        needed = needed_gain(misfit_of(job, prompt).spread, occam)
+    if late.cost > prompt.cost - needed:
+        return job, solved
+    error = float(1 / np.sqrt(doubt.information))
+    told = replace(late.job.precision, latency_error=error)
+    log.info("sensors are late by %.1f ms: the objective falls by %.1f nats",
+             1e3 * told.latency, prompt.cost - late.cost)  # fmt: skip
+    best = replace(late, job=replace(late.job, precision=told))
+    close = [s for s in solved[1:] if s.solution.success]
+    close = [s for s in close if s.cost < prompt.cost + DECISIVE]
+    others = [warm_started(s.job.with_sensors(told), s) for s in close]
+    return best.job, best_first([best, *others])
+
+
+def as_found(job, other):
+    """Return a job on the ground, and with the latency, of another one."""
+    job = on_ground(job, other.scene.ground)
+    return job.with_sensors(as_late(job.precision, other.precision))
+
+
+def may_be_late(job) -> bool:
+    """Tell whether the latency is not told, and a page be solved with another one."""
+    return job.scene.latency is None and "prompt" in job.contract.freed
+
+
+def _by_steps(best: Solved) -> tuple[Solved, Doubt]:
+    """Return a solve with the latency that Newton steps lead to, and the doubt left."""
+    doubt, share = _doubt_at(best), 1.0
+    for _ in range(MAX_STEPS):
+        if share * doubt.gain < UNCHANGED or best.job.deadline.passed("a latency"):
+            break
+        step = np.clip(share * doubt.mean, -LONGEST_STEP, LONGEST_STEP)
+        told = best.job.precision
+        late = best.job.with_sensors(replace(told, latency=told.latency + step))
+        again = warm_started(late, best)
+        if not again.solution.success or again.cost > best.cost:
+            share /= 2
+            continue
+        best, doubt, share = again, _doubt_at(again), 1.0
+    return best, doubt
+
+
+def _doubt_at(solved: Solved) -> Doubt:
+    """Return what is known of the latency at a solve."""
+    job, kkt = solved.job, kkt_system_of(solved.problem, solved.solution)
+    given = solved.window, job.data, job.scene, job.precision.latency
+    return late_touches(kkt, job.build, *given)
