@@ -53,7 +53,7 @@ from .names import FINGER_FRICTION, GROUND_FRICTION
 from .quasi_static import sense as sense_quasi_static
 from .rigid_body import G
 
-FREED = ("rigid", "central", "aligned", "planar", "level", "prompt")  # undone if data ask
+FREED = ("rigid", "central", "aligned", "planar", "level", "prompt")  # if data ask
 OFFSETS = True  # of fingers may be unknown
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (

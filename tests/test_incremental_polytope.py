@@ -161,7 +161,7 @@ def test_other_legs_carry_the_same_force_and_moment():
     ("gain", "kept"), [(DECISIVE - 1, CLOSED), (DECISIVE + 1, None)]
 )
 def test_a_face_that_nothing_felt_must_be_worth_its_price(gain, kept):
-    job = SimpleNamespace(scene=Scene())
+    job = SimpleNamespace(prior_cost=0.0)
 
     def solved(objective, *path):
         hypothesis = Hypothesis(np.zeros(60), np.zeros((3, 2)), 0.0, ("planes", *path))

@@ -27,8 +27,7 @@ def programme(estimate):
 @pytest.fixture(scope="module")
 def doubt(programme):
     kkt = kkt_system_of(programme.problem, programme.solution)
-    sensed = programme.sensed
-    late = late_touches(kkt, sensed.build, programme.window, sensed.data, sensed.scene)
+    late = late_touches(kkt, programme.window, programme.sensed)
     return kkt, late
 
 

@@ -66,27 +66,31 @@ def test_a_guess_is_kept_and_an_estimate_is_not(request_of_one_action, touched):
     assert anew.start is None
 
 
-def test_actions_are_added_one_by_one_from_the_first_touch_on(recorded):
+def test_actions_are_added_one_by_one_from_the_first_touch_on(
+    recorded, request_of_one_action
+):
     data, _, _ = recorded
     untouched = data.action == 0
     late = replace(
         data, contact=data.contact & ~untouched[:, None],
         normal=np.where(untouched[:, None, None], 0.0, data.normal),
     )  # fmt: skip
-    job = SimpleNamespace(data=data, shape=CUBOID)
-    request = SimpleNamespace(job=job, start=None)
-    assert [d.actions for d in optima._growing(request)] == [1, 2, 3, 4, 5, 6]
-    job.data = late
-    assert [d.actions for d in optima._growing(request)] == [2, 3, 4, 5, 6]
-    job.shape = polytope(20)
-    assert [d.actions for d in optima._growing(request)] == [2, 3, 4, 5, 6]
+
+    def growing(data, shape):
+        job = replace(request_of_one_action.job, data=data, shape=shape)
+        request = replace(request_of_one_action, job=job, start=None)
+        return [job.data.actions for job in optima._growing(request)]
+
+    assert growing(data, CUBOID) == [1, 2, 3, 4, 5, 6]
+    assert growing(late, CUBOID) == [2, 3, 4, 5, 6]
+    assert growing(late, polytope(20)) == [2, 3, 4, 5, 6]
 
 
 def test_an_update_of_a_polytope_is_searched_with_all_actions(recorded, touched):
     """The estimate that it starts from came about action by action."""
     data, _, _ = recorded
     job = SimpleNamespace(data=data, shape=polytope(20))
-    assert optima._growing(SimpleNamespace(job=job, start=touched)) == [data]
+    assert optima._growing(SimpleNamespace(job=job, start=touched)) == [job]
 
 
 def test_what_fits_badly_is_searched_again_where_that_can_find_more(

@@ -38,7 +38,7 @@ from formulations.names import TOUCH_TERM
 from ..data.contact_segments import consecutive_contacts, rate_of
 from ..data.sensor_noise import CONTACT_LATENCY, LATENCY
 from ..nlp.kkt import KKTSystem, gradient
-from .measurement_noise import at_touches
+from .measurement_noise import Sensed, at_touches
 
 LAG_STEP = 1e-5  # [s] change of a lag, of differences
 AVERAGED = 10e-3  # [s] deviation of r of normals alone: means of up to 20 ms
@@ -114,34 +114,33 @@ def rounded_edges(kkt: KKTSystem, build: Callable, window, shape) -> Doubt:
     return _doubted(kkt, ends, RADIUS_STEP, Prior(EDGE))
 
 
-def late_normals(kkt: KKTSystem, build: Callable, window, data) -> Doubt:
-    """Return the doubt about normals of the instant; build(window): as above.
+def late_normals(kkt: KKTSystem, window, sensed: Sensed) -> Doubt:
+    """Return the doubt about normals of the instant.
 
-    Sensors average normals for longer than contacts: these may be in time.  data: the
-    measurements, smoothed as the problem has them.
+    Sensors average normals for longer than contacts: these may be in time.
     """
-    problem, touch = kkt.problem, window.touch
+    touch, data = window.touch, sensed.data
     rate = rate_of(data, data.normal)
     rate[1:][~consecutive_contacts(data)] = 0.0
     normal = touch.normal + LAG_STEP * rate[touch.sample, touch.finger]
     later = replace(window, touch=replace(touch, normal=normal))
-    ends = _ends(kkt, build(later).data() - problem.data())
+    ends = _ends(kkt, sensed.build(later).data() - kkt.problem.data())
     return _doubted(kkt, ends, LAG_STEP, Prior(AVERAGED))
 
 
-def late_touches(kkt, build: Callable, window, data, scene, latency=0.0) -> Doubt:
-    """Return the doubt about the latency of touches; build(window): as above.
+def late_touches(kkt: KKTSystem, window, sensed: Sensed) -> Doubt:
+    """Return the doubt about the latency of touches, told by the scene or estimated.
 
     Contacts and normals that are reported r later are those of fingers and of a body r
-    earlier.  data: as above, the fingers earlier by the latency [s], told by the scene
-    or estimated.
+    earlier.
     """
-    shifted = build(fingers_earlier(window, data, LAG_STEP)).data()
-    ends = _ends(kkt, shifted - kkt.problem.data())
+    latency, problem = sensed.precision.latency, kkt.problem
+    shifted = sensed.build(fingers_earlier(window, sensed.data, LAG_STEP)).data()
     prior = Prior(LATENCY, -latency, -latency, latency == 0)
-    if scene.latency is not None:
+    if sensed.scene.latency is not None:
         prior = Prior(CONTACT_LATENCY, 0.0, -latency, False)
-    return _doubted(kkt, ends, LAG_STEP, prior, list(kkt.problem.costs))
+    ends = _ends(kkt, shifted - problem.data())
+    return _doubted(kkt, ends, LAG_STEP, prior, list(problem.costs))
 
 
 def fingers_earlier(window, data, lag: float):
@@ -223,8 +222,8 @@ class GroundTilt:
 def ground_tilt(kkt: KKTSystem, build: Callable, window, data, scene, about):
     """Return the GroundTilt at a solution; build(window): as above.
 
-    data: as of late_normals; scene: with the ground in whose frame they are; about (3,)
-    [m]: the point of the ground that stays, ground frame.
+    data: smoothed, as the problem has them; scene: with the ground in whose frame they
+    are; about (3,) [m]: the point of the ground that stays, ground frame.
     """
     problem, touch, ground = kkt.problem, window.touch, scene.ground
     found = []

@@ -91,10 +91,8 @@ class Linearisation:
     @cached_property
     def late(self) -> tuple[Doubt, Doubt]:
         """The doubts about normals, and about touches, as those of their instant."""
-        sensed = self.sensed
-        given = self.kkt, sensed.build, self.window, sensed.data
-        latency = sensed.precision.latency
-        return late_normals(*given), late_touches(*given, sensed.scene, latency)
+        given = self.kkt, self.window, self.sensed
+        return late_normals(*given), late_touches(*given)
 
     @cached_property
     def motions(self) -> np.ndarray:

@@ -32,8 +32,7 @@ from .mixture import (
 )
 from .tangent_space import open_directions, tangent_space_of
 from .trajectory import (
-    covariance_of_offsets,
-    covariance_with_offsets,
+    covariances_of_offsets,
     deviations_of_path,
     turned_with_ground,
 )
@@ -258,11 +257,9 @@ def _covariance_with_path(modes, optima, at, tangent, faces, R_wg, profile):
 
 def _of_offsets(at: Linearisation, R_wg, tangent) -> dict:
     """Return the fields of an Information that tell of the fingers' offsets."""
-    offsets = covariance_of_offsets(at, R_wg)
-    if offsets is None:
+    if (found := covariances_of_offsets(at, tangent, R_wg)) is None:
         return {}
-    matrix = inverse(covariance_with_offsets(at.kkt, tangent))
-    return {"offsets": offsets, "with_offsets": matrix}
+    return {"offsets": found[0], "with_offsets": inverse(found[1])}
 
 
 def optimum_of(problem, solution, window, shape, R_wg) -> LocalOptimum:

@@ -206,29 +206,23 @@ def offsets_of(values: dict, R_wg) -> np.ndarray | None:
     return (R_wg @ values[OFFSET]).T if OFFSET in values else None
 
 
-def covariance_of_offsets(at: Linearisation, R_wg) -> np.ndarray | None:
-    """Return the covariance (3 F, 3 F) [m^2], finger by finger; None: all are known."""
+def covariances_of_offsets(at: Linearisation, tangent, R_wg) -> tuple | None:
+    """Return two covariances, finger by finger, or None where no offset is unknown.
+
+    Of the offsets (3 F, 3 F) [m^2] by the error budget; and by the Hessian of shape and
+    final pose, in their tangent space, and the page's own offsets (k + 3 F, k + 3 F).
+    """
     variables = at.kkt.problem.variables
     if OFFSET not in variables:
         return None
-    span = variables[OFFSET].span
-    chosen = np.arange(span.start, span.stop)
-    turn = np.kron(np.eye(len(chosen) // 3), R_wg)
-    return error_budget(at.response(chosen, turn))
-
-
-def covariance_with_offsets(kkt, tangent) -> np.ndarray:
-    """Return the covariance (k + 3 F, k + 3 F) by the Hessian, offsets last.
-
-    Of shape and final pose in their tangent space, and of the page's own offsets.
-    """
-    span = kkt.problem.variables[OFFSET].span
-    chosen = np.r_[tangent.chosen, span.start : span.stop]
-    C = kkt.sensitivity(chosen)[0][chosen]
+    own = np.arange(variables[OFFSET].span.start, variables[OFFSET].span.stop)
+    turn = np.kron(np.eye(len(own) // 3), R_wg)
+    chosen = np.r_[tangent.chosen, own]
+    C = at.kkt.sensitivity(chosen)[0][chosen]
     jacobian, k = np.eye(len(chosen)), len(tangent.chosen)
     jacobian[:k, :k] = tangent.jacobian
     C = jacobian @ C @ jacobian.T
-    return (C + C.T) / 2
+    return error_budget(at.response(own, turn)), (C + C.T) / 2
 
 
 def prior_of_offsets(scene, fingers: int) -> np.ndarray:

@@ -20,20 +20,18 @@ from ..data.scene import Scene
 from ..data.sensor_noise import (
     Precision,
     as_late,
-    in_time,
     precise,
     precision_of,
     smoothed,
-    turned_in_time,
 )
 from ..errors import NoContactError, OptionError, SceneError, StartError
-from ..geometry.transforms import backward, planar_matrix, rotation_of
+from ..geometry.transforms import planar_matrix, rotation_of
 from ..problem.certificates import without
 from ..problem.pages import page_of, shape_of
-from ..problem.poses import rotations_on_ground, upright_poses
 from ..problem.reductions import required_reductions, states_planar_motion
 from ..search.hypothesis import Hypothesis, Job, TermFunctions
 from ..search.polytope_init import check_round_fingertips as check_round
+from ..search.proposals_surface import as_polytope
 from .options import Guess, Options, Session
 from .result import Estimate
 
@@ -289,23 +287,3 @@ def _samples_of_whole_actions(samples: int, data) -> int:
     """Return how many of the first samples are of actions that end with them."""
     last = np.flatnonzero(data.action == data.action[samples - 1])
     return samples if last[-1] < samples else int(last[0])
-
-
-def as_polytope(estimate, scene, samples: int | None = None) -> Hypothesis:
-    """Return an estimate of any shape as the vertices and poses of a polytope.
-
-    Planar poses in the ground's frame, free ones in the world where there is none; the
-    body's axes are the world's at the last of so many samples.
-    """
-    data, by = estimate.measurements, -estimate.precision.get("latency", 0.0)
-    position = in_time(data, estimate.position, by)[:samples]
-    quaternion = turned_in_time(data, estimate.quaternion, by)[:samples]
-    R = rotations_on_ground(scene.ground, quaternion)
-    vertices = R[-1].apply(estimate.vertices)
-    if scene.ground is None:
-        x = np.vstack([position.T, backward((R * R[-1].inv()).as_matrix()).T])
-    else:
-        vertices[:, 2] -= vertices[:, 2].min()
-        x = upright_poses(scene.ground, position, quaternion)
-        x[2] -= x[2, -1]
-    return Hypothesis(vertices.ravel(), x, estimate.objective, (estimate.shape,))

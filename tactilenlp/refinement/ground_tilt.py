@@ -1,10 +1,10 @@
 """The tilt of the ground, by Newton steps where touches cost more than expected.
 
 The ground is taken as given, or as an earlier estimate had found it.  Where a Newton
-step on its tilt (information/consider_parameters.py) promises as many nats as any larger model
-must gain (nested_models.py), the ground is turned and the page solved again from the
-solution, a step at a time.  A steep tilt is found as turns of all sensors that are
-alike (formulations/finger_turn.py), from starts of the search.
+step on its tilt (information/consider_parameters.py) promises as many nats as any
+larger model must gain (nested_models.py), the ground is turned and the page solved
+again from the solution, a step at a time.  A steep tilt is found as turns of all
+sensors that are alike (formulations/finger_turn.py), from starts of the search.
 """
 
 from __future__ import annotations

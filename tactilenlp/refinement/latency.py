@@ -17,6 +17,7 @@ import numpy as np
 
 from ..data.sensor_noise import LATENCY, as_late
 from ..information.consider_parameters import Doubt, late_touches
+from ..information.measurement_noise import Sensed
 from ..nlp.kkt import kkt_system_of
 from ..search.local_solve import Solved, best_first, warm_started
 from ..search.margins import DECISIVE, UNCHANGED
@@ -25,7 +26,9 @@ from .nested_models import misfit_of, needed_gain
 
 log = logging.getLogger("tactilenlp")
 MAX_STEPS = 8  # solves along the Newton steps, halved ones included
-LONGEST_STEP = 2 * LATENCY  # [s] where curvature is negative a Newton step has no end
+LONGEST_LAG = 2 * LATENCY  # [s] a Newton step has no end where curvature is low
+    2 * LATENCY
+)  # [s] where curvature is negative a Newton step has no end
 
 
 def with_latency(job, solved) -> tuple:
@@ -71,7 +74,7 @@ def _by_steps(best: Solved) -> tuple[Solved, Doubt]:
     for _ in range(MAX_STEPS):
         if share * doubt.gain < UNCHANGED or best.job.deadline.passed("a latency"):
             break
-        step = np.clip(share * doubt.mean, -LONGEST_STEP, LONGEST_STEP)
+        step = np.clip(share * doubt.mean, -LONGEST_LAG, LONGEST_LAG)
         told = best.job.precision
         late = best.job.with_sensors(replace(told, latency=told.latency + step))
         again = warm_started(late, best)
@@ -85,5 +88,5 @@ def _by_steps(best: Solved) -> tuple[Solved, Doubt]:
 def _doubt_at(solved: Solved) -> Doubt:
     """Return what is known of the latency at a solve."""
     job, kkt = solved.job, kkt_system_of(solved.problem, solved.solution)
-    given = solved.window, job.data, job.scene, job.precision.latency
-    return late_touches(kkt, job.build, *given)
+    sensed = Sensed(job.data, job.precision, job.build, job.scene)
+    return late_touches(kkt, solved.window, sensed)

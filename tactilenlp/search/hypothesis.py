@@ -103,8 +103,8 @@ class Job:
     x) of the first touch; cuts: samples within rest intervals that need a pose of their
     own; process_noise: factor of the search's; may_be_carried: whether the search
     considers that a body was, between two actions; path: a Hypothesis of all samples
-    that is solved instead of a search; recorded: the data before the fingers were put
-    where they were earlier by precision.latency; None: there is no latency.
+    that is solved instead of a search; recorded: the data before fingers were put where
+    they were earlier by precision.latency; None: it is zero.
 
     Pickled, it has no page: other processes search, and solve pages of their own.
     """
@@ -151,10 +151,7 @@ class Job:
 
     @property
     def prior_cost(self) -> float:
-        """The priors of what solves take as given: tilt of the ground, latency [nats].
-
-        Zero where these are what the scene says.
-        """
+        """The priors of what was estimated before a solve: tilt, latency [nats]."""
         return self.scene.tilt_cost + latency_cost(self.scene, self.precision)
 
     def build(self, window, scene=None) -> Problem:

@@ -6,7 +6,8 @@ point is found by bisection along a horizontal ray at the height of the finger; 
 normal there and the one that was felt tell which way the body is turned.
 
 Where the poses of another body are known that explains the touches (`on_poses`), sizes,
-and a place and a turn in its frame, are fitted to all touches by least squares.
+and a place and a turn in its frame, are fitted to all touches by least squares.  A
+polytope is that other body itself (`as_polytope`).
 """
 
 from __future__ import annotations
@@ -16,9 +17,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ..data.contact_segments import lasting_contacts
-from ..data.sensor_noise import in_time
-from ..geometry.transforms import rotate_planar
-from ..problem.poses import upright_poses
+from ..data.sensor_noise import in_time, turned_in_time
+from ..geometry.transforms import backward, rotate_planar
+from ..problem.poses import rotations_on_ground, upright_poses
 from ..tracking.first_touch import (
     DRAWN,
     TOP_TILT,
@@ -98,6 +99,26 @@ def on_poses(job, estimate) -> Hypothesis | None:
     words = (f"poses of a {estimate.shape}",)
     there = np.vstack([place, x[2] + turn])
     return Hypothesis(best.x[: shape.theta], there, float(best.cost), words)
+
+
+def as_polytope(estimate, scene, samples: int | None = None) -> Hypothesis:
+    """Return an estimate of any shape as the vertices and poses of a polytope.
+
+    Planar poses in the ground's frame, free ones in the world where there is none; the
+    body's axes are the world's at the last of so many samples.
+    """
+    data, by = estimate.measurements, -estimate.precision.get("latency", 0.0)
+    position = in_time(data, estimate.position, by)[:samples]
+    quaternion = turned_in_time(data, estimate.quaternion, by)[:samples]
+    R = rotations_on_ground(scene.ground, quaternion)
+    vertices = R[-1].apply(estimate.vertices)
+    if scene.ground is None:
+        x = np.vstack([position.T, backward((R * R[-1].inv()).as_matrix()).T])
+    else:
+        vertices[:, 2] -= vertices[:, 2].min()
+        x = upright_poses(scene.ground, position, quaternion)
+        x[2] -= x[2, -1]
+    return Hypothesis(vertices.ravel(), x, estimate.objective, (estimate.shape,))
 
 
 def _fitted(shape, surface, normal, sigma, sigma_n):
