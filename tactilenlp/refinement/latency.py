@@ -27,8 +27,6 @@ from .nested_models import misfit_of, needed_gain
 log = logging.getLogger("tactilenlp")
 MAX_STEPS = 8  # solves along the Newton steps, halved ones included
 LONGEST_LAG = 2 * LATENCY  # [s] a Newton step has no end where curvature is low
-    2 * LATENCY
-)  # [s] where curvature is negative a Newton step has no end
 
 
 def with_latency(job, solved) -> tuple:
