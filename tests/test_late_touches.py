@@ -52,7 +52,8 @@ def test_the_error_by_a_lag_is_how_the_optimum_moves_with_it(programme, doubt):
 def test_a_lag_moves_the_body_on_by_its_velocity(programme, doubt):
     kkt, late = doubt
     window, problem = programme.window, programme.problem
-    v, _ = motions(kkt, window).T
+    v, _, ahead = motions(kkt, window, programme.sensed).T
+    assert not ahead.any()
     v = v[problem.variables["x"].span].reshape(-1, 3)
     x = programme.solution.values["x"]
     step = window.step

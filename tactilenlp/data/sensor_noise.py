@@ -205,6 +205,14 @@ def in_time(data: Measurements, values: np.ndarray, by: float) -> np.ndarray:
     return out
 
 
+def told_later(data: Measurements, latency: float) -> np.ndarray:
+    """Return the samples (n,) of which late sensors tell only after their action."""
+    _, action = np.unique(data.action, return_inverse=True)
+    ends = np.full(action.max() + 1, -np.inf)
+    np.maximum.at(ends, action, data.time)
+    return np.flatnonzero(data.time > ends[action] - latency)
+
+
 def as_late(precision: Precision, other: Precision) -> Precision:
     """Return a precision with the latency of another one."""
     return replace(precision, latency=other.latency, latency_error=other.latency_error)

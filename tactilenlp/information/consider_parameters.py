@@ -36,7 +36,7 @@ from scipy.spatial.transform import Rotation
 from formulations.names import TOUCH_TERM
 
 from ..data.contact_segments import consecutive_contacts, rate_of
-from ..data.sensor_noise import CONTACT_LATENCY, LATENCY
+from ..data.sensor_noise import CONTACT_LATENCY, LATENCY, told_later
 from ..nlp.kkt import KKTSystem, gradient
 from .measurement_noise import Sensed, at_touches
 
@@ -159,16 +159,20 @@ def fingers_earlier(window, data, lag: float):
     )  # fmt: skip
 
 
-def motions(kkt: KKTSystem, window) -> np.ndarray:
-    """Return how poses move (unknowns, 2), zero for other unknowns.
+def motions(kkt: KKTSystem, window, sensed: Sensed) -> np.ndarray:
+    """Return how poses move (unknowns, 3), zero for other unknowns.
 
-    Their velocities, and by how far a body may be off that was let go in motion.
+    Their velocities; by how far a body may be off that was let go in motion; and how
+    far poses are moved on for which late sensors (`Precision`) have told nothing yet.
     """
     pose, step = kkt.problem.variables["x"], window.step
     x = kkt.x[pose.span].reshape(pose.columns, pose.rows)
-    v, of_all = np.zeros_like(x), np.zeros((len(kkt.x), 2))
+    v, ahead, of_all = np.zeros_like(x), np.zeros_like(x), np.zeros((len(kkt.x), 3))
     v[step.pose] = (x[step.pose] - x[step.before]) / step.dt[:, None]
-    of_all[pose.span, 0], of_all[pose.span, 1] = v.ravel(), window.let_go(x.T).T.ravel()
+    unknown = window.pose[told_later(sensed.data, sensed.precision.latency)]
+    ahead[unknown] = sensed.precision.latency * v[unknown]
+    ways = v.ravel(), window.let_go(x.T).T.ravel(), ahead.ravel()
+    of_all[pose.span] = np.stack(ways, axis=1)
     return of_all
 
 

@@ -96,8 +96,8 @@ class Linearisation:
 
     @cached_property
     def motions(self) -> np.ndarray:
-        """The motions (unknowns, 2) of all poses."""
-        return motions(self.kkt, self.window)
+        """The motions (unknowns, 3) of all poses."""
+        return motions(self.kkt, self.window, self.sensed)
 
     @cached_property
     def tilt(self) -> GroundTilt | None:
@@ -149,7 +149,8 @@ class Response:
 
     by_gradient (unknowns, k), by_constraint (rows, k): see KKTSystem.sensitivity;
     hessian (k, k): the covariance by the Hessian alone; turned: see
-    Linearisation.response; moving, let_go (k,): as the columns of Linearisation.motions
+    Linearisation.response; moving, let_go, ahead (k,): as the columns of
+    Linearisation.motions
     """
 
     at: Linearisation
@@ -159,6 +160,7 @@ class Response:
     turned: np.ndarray | float
     moving: np.ndarray
     let_go: np.ndarray
+    ahead: np.ndarray
 
     @cached_property
     def by_touches(self) -> tuple[np.ndarray, np.ndarray]:
@@ -271,10 +273,7 @@ ERROR_TERMS = (
         ),
         lambda at: len(at.window.push) > 0,
     ),
-    ErrorTerm(
-        "unseen motion",
-        lambda r: unseen_motion(r.at.kkt, r.by_gradient, r.at.window, r.let_go),
-    ),
+    ErrorTerm("unseen motion", unseen_motion),
     ErrorTerm(
         "shape prior error",
         lambda r: shape_prior_error(r.at.kkt, r.by_gradient),

@@ -30,6 +30,7 @@ TUMBLED = 0.1  # [size] the same where it follows from how the object tumbled
 VERTICAL = 0.99  # [-] cosine between the vertical and the axis of a face on the ground
 STICKING = 0.1  # [-] probability that a finger that seems to slide sticks
 MOVED_ON = 0.5  # [-] probability that a body moves on that was not seen to
+AHEAD = 0.3  # [-] deviation of a way that nothing has told yet
 REACHED = 0.1  # [m] a body that a finger felt is at most this far from there
 ANY_ROTATION = np.pi / np.sqrt(3)  # [rad] deviation of a uniformly distributed rotation
 LOADED = 0.01  # [weights] a missing sample with a smaller impulse was no contact
@@ -121,22 +122,24 @@ def stick_slip(kkt: KKTSystem, by_gradient, window, action) -> np.ndarray:
     return STICKING * moved_besides(kkt, by_gradient, window, moves)
 
 
-def unseen_motion(kkt: KKTSystem, by_gradient, window, let_go) -> np.ndarray:
+def unseen_motion(response) -> np.ndarray:
     """Return the covariance (k, k) by bodies that move on, or stop, unseen, SI.
 
     While a finger that may push is not seen, motion lasts or has ended, with the
     probability MOVED_ON, as for fingers that stick (`stick_slip`): the body may have
-    moved by what a solve leaves out.  After the last touch it may by let_go (k,), see
-    `Window.let_go`: fingers that squeeze a body make it jump.
+    moved by what a solve leaves out.  After the last touch it may by let_go, since
+    fingers that squeeze a body make it jump, and ahead of late sensors by AHEAD of its
+    way.  response: error_budget.Response.
     """
-    total = MOVED_ON * np.outer(let_go, let_go)
+    let_go, ahead = (np.outer(k, k) for k in (response.let_go, response.ahead))
+    total = MOVED_ON * let_go + AHEAD**2 * ahead
+    kkt, window = response.at.kkt, response.at.window
     if not len(window.unseen):
         return total
     step, x = window.step, kkt.problem.unpack(kkt.x)["x"]
-    ways = (x[:, step.pose] - x[:, step.before]).T
-    runs = window.unseen_runs
+    ways, runs = (x[:, step.pose] - x[:, step.before]).T, window.unseen_runs
     moves = [(step.sample[rows], ways[before] - ways[rows]) for rows, before in runs]
-    return total + MOVED_ON * moved_besides(kkt, by_gradient, window, moves)
+    return total + MOVED_ON * moved_besides(kkt, response.by_gradient, window, moves)
 
 
 def moved_besides(kkt: KKTSystem, by_gradient, window, moves) -> np.ndarray:

@@ -159,6 +159,14 @@ class Estimate:
         return float(self.unknowns[COMPLIANCE].item()) / (self.scene.mass * G)
 
     @property
+    def latency(self) -> float:
+        """By how much contacts and normals are later than positions [s].
+
+        As told or estimated; 0 where the data do not ask for it.
+        """
+        return self.precision.get("latency", 0.0)
+
+    @property
     def finger_turn(self) -> np.ndarray | None:
         """Rotation vectors (F, 3) [rad] of the fingers' normals, world frame; or None.
 

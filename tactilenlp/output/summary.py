@@ -49,6 +49,8 @@ def remarks_of(estimate) -> list[str]:
         lines.append(estimate.fit.text)
     if estimate.scene.ground is not None and estimate.scene.ground.told is not None:
         lines.append(_leaning_ground(estimate.scene.ground))
+    if estimate.latency and estimate.scene.latency is None:
+        lines.append(_latency(estimate.precision))
     if estimate.compliance is not None:
         lines.append(_compliance(estimate))
     if estimate.finger_turn is not None:
@@ -145,6 +147,14 @@ def _leaning_ground(ground) -> str:
     return (
         "The ground leans against the one that was told, by a rotation of "
         f"({x:.2f}, {y:.2f}, {z:.2f}) deg."
+    )
+
+
+def _latency(precision: dict) -> str:
+    late, error = (1e3 * precision[k] for k in ("latency", "latency_error"))
+    return (
+        f"Contacts and normals are {late:.0f} ± {error:.0f} ms later than finger "
+        "positions: their poses were moved on by this time."
     )
 
 

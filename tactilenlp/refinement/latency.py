@@ -25,7 +25,7 @@ from .ground_tilt import on_ground
 from .nested_models import misfit_of, needed_gain
 
 log = logging.getLogger("tactilenlp")
-MAX_STEPS = 8  # solves along the Newton steps, halved ones included
+MAX_STEPS = 12  # solves along the Newton steps, halved ones included
 LONGEST_LAG = 2 * LATENCY  # [s] a Newton step has no end where curvature is low
 
 
@@ -44,8 +44,7 @@ def with_latency(job, solved) -> tuple:
         needed = needed_gain(misfit_of(job, prompt).spread, occam)
     if late.cost > prompt.cost - needed:
         return job, solved
-    error = float(1 / np.sqrt(doubt.information))
-    told = replace(late.job.precision, latency_error=error)
+    told = replace(late.job.precision, latency_error=float(np.sqrt(doubt.squared)))
     log.info("sensors are late by %.1f ms: the objective falls by %.1f nats",
              1e3 * told.latency, prompt.cost - late.cost)  # fmt: skip
     best = replace(late, job=replace(late.job, precision=told))
@@ -67,19 +66,30 @@ def may_be_late(job) -> bool:
 
 
 def _by_steps(best: Solved) -> tuple[Solved, Doubt]:
-    """Return a solve with the latency that Newton steps lead to, and the doubt left."""
-    doubt, share = _doubt_at(best), 1.0
+    """Return a solve with the latency that Newton steps lead to, and the doubt left.
+
+    A step that gained more than expected is doubled next, one that gained nothing is
+    halved: contacts that begin or end make the curvature too large, or too small.
+    """
+    doubt, factor = _doubt_at(best), 1.0
     for _ in range(MAX_STEPS):
-        if share * doubt.gain < UNCHANGED or best.job.deadline.passed("a latency"):
+        if factor <= 1 and factor * doubt.gain < UNCHANGED:
             break
-        step = np.clip(share * doubt.mean, -LONGEST_LAG, LONGEST_LAG)
+        if best.job.deadline.passed("a latency"):
+            break
+        step = np.clip(factor * doubt.mean, -LONGEST_LAG, LONGEST_LAG)
         told = best.job.precision
-        late = best.job.with_sensors(replace(told, latency=told.latency + step))
+        told = replace(told, latency=float(told.latency + step))
+        late = best.job.with_sensors(told)
         again = warm_started(late, best)
-        if not again.solution.success or again.cost > best.cost:
-            share /= 2
+        gained = best.cost - again.cost
+        if not again.solution.success or gained <= 0:
+            factor /= 2
             continue
-        best, doubt, share = again, _doubt_at(again), 1.0
+        more = gained > doubt.gain
+        best, doubt = again, _doubt_at(again)
+        ahead = 2 * step / doubt.mean if doubt.mean else 0.0
+        factor = max(1.0, ahead) if more else 1.0
     return best, doubt
 
 
