@@ -125,21 +125,20 @@ def stick_slip(kkt: KKTSystem, by_gradient, window, action) -> np.ndarray:
 def unseen_motion(response) -> np.ndarray:
     """Return the covariance (k, k) by bodies that move on, or stop, unseen, SI.
 
-    While a finger that may push is not seen, motion lasts or has ended, with the
-    probability MOVED_ON, as for fingers that stick (`stick_slip`): the body may have
-    moved by what a solve leaves out.  After the last touch it may by let_go, since
-    fingers that squeeze a body make it jump, and ahead of late sensors by AHEAD of its
-    way.  response: error_budget.Response.
+    While a finger that may push is not seen, motion lasts or has ended, with MOVED_ON:
+    the body may have moved by what a solve leaves out; after the last touch by let_go,
+    since fingers that squeeze a body make it jump; ahead of late sensors by AHEAD of
+    its way.
     """
     let_go, ahead = (np.outer(k, k) for k in (response.let_go, response.ahead))
-    total = MOVED_ON * let_go + AHEAD**2 * ahead
-    kkt, window = response.at.kkt, response.at.window
-    if not len(window.unseen):
-        return total
-    step, x = window.step, kkt.problem.unpack(kkt.x)["x"]
-    ways, runs = (x[:, step.pose] - x[:, step.before]).T, window.unseen_runs
-    moves = [(step.sample[rows], ways[before] - ways[rows]) for rows, before in runs]
-    return total + MOVED_ON * moved_besides(kkt, response.by_gradient, window, moves)
+    total, window = MOVED_ON * let_go + AHEAD**2 * ahead, response.at.window
+    if len(window.unseen):
+        kkt, step = response.at.kkt, window.step
+        x = kkt.problem.unpack(kkt.x)["x"]
+        ways = (x[:, step.pose] - x[:, step.before]).T
+        runs = ((step.sample[k], ways[j] - ways[k]) for k, j in window.unseen_runs)
+        total += MOVED_ON * moved_besides(kkt, response.by_gradient, window, runs)
+    return total
 
 
 def moved_besides(kkt: KKTSystem, by_gradient, window, moves) -> np.ndarray:
