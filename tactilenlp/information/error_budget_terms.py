@@ -54,10 +54,9 @@ def missing_impulses(kkt: KKTSystem, by_constraint) -> np.ndarray:
         if name + GIVES not in problem.reports:
             continue
         gives = problem.value(name + GIVES, kkt.x, kkt.data)
-        gives = gives.reshape(
-            term.instances, -1, term.function.rows
-        )  # column by column
-        rows = by_constraint[term.span].reshape(term.instances, term.function.rows, -1)
+        n, m = term.instances, term.function.rows
+        gives = gives.reshape(n, -1, m)  # column by column
+        rows = by_constraint[term.span].reshape(n, m, -1)
         moved = (gives @ rows).reshape(-1, len(total))
         total += BALANCE**2 * moved.T @ moved
     return total
@@ -127,8 +126,7 @@ def unseen_motion(response) -> np.ndarray:
 
     While a finger that may push is not seen, motion lasts or has ended, with MOVED_ON:
     the body may have moved by what a solve leaves out; after the last touch by let_go,
-    since fingers that squeeze a body make it jump; ahead of late sensors by AHEAD of
-    its way.
+    since fingers that squeeze a body make it jump; ahead of late sensors, by AHEAD.
     """
     let_go, ahead = (np.outer(k, k) for k in (response.let_go, response.ahead))
     total, window = MOVED_ON * let_go + AHEAD**2 * ahead, response.at.window
