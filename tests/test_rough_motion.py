@@ -10,12 +10,14 @@ import pytest
 from formulations import violation_implicit
 from formulations.shape import CUBOID
 from tactilenlp import CYLINDER, Options, polytope, solve_estimate
+from tactilenlp.data.sensor_noise import Precision
 from tactilenlp.estimation import optima
 from tactilenlp.information.goodness_of_fit import BETWEEN_ACTIONS
 from tactilenlp.interface.request import Request, make_job
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.refinement import refinement
+from tactilenlp.refinement.refinement import LAWS
 from tactilenlp.refinement.refinement import less_sure_of_pushes as more_noise
 from tactilenlp.search.margins import DECISIVE
 from tactilenlp.search.multi_hypothesis import proposed_tracks
@@ -96,18 +98,21 @@ def test_an_update_of_a_polytope_is_searched_with_all_actions(recorded, touched)
 def test_what_fits_badly_is_searched_again_where_that_can_find_more(
     request_of_one_action, touched, monkeypatch
 ):
-    asked, verdict, moved = request_of_one_action, "poor", 0.0
+    asked, verdict, moved, balance = request_of_one_action, "poor", 0.0, 0.0
+    roles = {BETWEEN_ACTIONS: "prior", "balance": "physics"}
     problem = SimpleNamespace(
-        costs={BETWEEN_ACTIONS: None}, value=lambda *_: np.array([0.1, moved]),
-        pack=lambda _: None, data=lambda _: None,
+        costs={name: SimpleNamespace(role=role) for name, role in roles.items()},
+        value=lambda *_: np.array([0.1, moved]), pack=lambda _: None,
+        data=lambda _: None,
     )  # fmt: skip
     fit = lambda *_: SimpleNamespace(verdict=verdict)  # noqa: E731
     monkeypatch.setattr(refinement, "fit_of", fit)
 
-    def searched(request, success=True, **job):
+    def searched(request, success=True, soft=False, **job):
         job = replace(request.job, **job)
         solution = SimpleNamespace(success=success, values=None, parameters=None)
-        window = SimpleNamespace(gap=[1, 2])
+        solution.costs = {BETWEEN_ACTIONS: 7.0, "balance": balance}
+        window = SimpleNamespace(gap=[1, 2], compliant=soft)
         best = SimpleNamespace(job=job, solution=solution, problem=problem)
         best.window = window
         return refinement.fits_badly(request, best)
@@ -124,6 +129,12 @@ def test_what_fits_badly_is_searched_again_where_that_can_find_more(
     assert not searched(asked)
     moved = 1.01 * DECISIVE  # nats of a motion between two actions
     assert searched(asked)
+    moved, balance = 0.0, 0.99 * (DECISIVE + LAWS)  # of one action
+    assert not searched(asked)
+    balance = 1.01 * (DECISIVE + LAWS)
+    assert searched(asked)
+    assert not searched(asked, soft=True)  # soft contacts creep
+    assert not searched(asked, precision=Precision(1e-3, 0.1))
 
 
 @pytest.mark.slow

@@ -65,13 +65,15 @@ class Doubt:
     """What is known of a quantity r from where the page takes it, mostly from zero.
 
     slope (unknowns,): derivative of the gradient by r; mean, information of r by data
-    and prior; none: odds that r is exactly there, 0 once it was estimated.
+    and prior; none: odds that r is exactly there, 0 once it was estimated; besides:
+    deviation that no data reduce.
     """
 
     slope: np.ndarray
     mean: float
     information: float
     none: float
+    besides: float = 0.0
 
     @property
     def gain(self) -> float:
@@ -81,7 +83,8 @@ class Doubt:
     @property
     def squared(self) -> float:
         """E[r^2]."""
-        return (1 / self.information + self.mean**2) / (1 + self.none)
+        told = (1 / self.information + self.mean**2) / (1 + self.none)
+        return told + self.besides**2
 
     def covariance(self, by_gradient, moved=0.0) -> np.ndarray:
         """Return the covariance (k, k) by it.
@@ -132,7 +135,7 @@ def late_touches(kkt: KKTSystem, window, sensed: Sensed) -> Doubt:
     """Return the doubt about the latency of touches, told by the scene or estimated.
 
     Contacts and normals that are reported r later are those of fingers and of a body r
-    earlier.
+    earlier.  One that was estimated is known to CONTACT_LATENCY: contacts are averaged.
     """
     latency, problem = sensed.precision.latency, kkt.problem
     shifted = sensed.build(fingers_earlier(window, sensed.data, LAG_STEP)).data()
@@ -140,7 +143,9 @@ def late_touches(kkt: KKTSystem, window, sensed: Sensed) -> Doubt:
     if sensed.scene.latency is not None:
         prior = Prior(CONTACT_LATENCY, 0.0, -latency, False)
     ends = _ends(kkt, shifted - problem.data())
-    return _doubted(kkt, ends, LAG_STEP, prior, list(problem.costs))
+    doubt = _doubted(kkt, ends, LAG_STEP, prior, list(problem.costs))
+    estimated = latency > 0 and sensed.scene.latency is None
+    return replace(doubt, besides=CONTACT_LATENCY * estimated)
 
 
 def fingers_earlier(window, data, lag: float):
