@@ -17,9 +17,8 @@ from tactilenlp.interface.request import Request, make_job
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.refinement import refinement
-from tactilenlp.refinement.refinement import LAWS
 from tactilenlp.refinement.refinement import less_sure_of_pushes as more_noise
-from tactilenlp.search.margins import DECISIVE
+from tactilenlp.search.margins import DECISIVE, UNCHANGED
 from tactilenlp.search.multi_hypothesis import proposed_tracks
 from tactilenlp.search.proposals import spherical
 from tactilenlp.tracking.tracking import predicted_tracks
@@ -129,9 +128,9 @@ def test_what_fits_badly_is_searched_again_where_that_can_find_more(
     assert not searched(asked)
     moved = 1.01 * DECISIVE  # nats of a motion between two actions
     assert searched(asked)
-    moved, balance = 0.0, 0.99 * (DECISIVE + LAWS)  # of one action
+    moved, balance = 0.0, 0.99 * (DECISIVE + UNCHANGED)  # of one action
     assert not searched(asked)
-    balance = 1.01 * (DECISIVE + LAWS)
+    balance = 1.01 * (DECISIVE + UNCHANGED)
     assert searched(asked)
     assert not searched(asked, soft=True)  # soft contacts creep
     assert not searched(asked, precision=Precision(1e-3, 0.1))
