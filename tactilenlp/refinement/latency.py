@@ -20,12 +20,12 @@ from ..information.consider_parameters import Doubt, late_touches
 from ..information.measurement_noise import Sensed
 from ..nlp.kkt import kkt_system_of
 from ..search.local_solve import Solved, best_first, warm_started
-from ..search.margins import DECISIVE, UNCHANGED
+from ..search.margins import BETTER_OPTIMUM, DECISIVE, UNCHANGED
 from .ground_tilt import on_ground
 from .nested_models import misfit_of, needed_gain
 
 log = logging.getLogger("tactilenlp")
-MAX_STEPS = 12  # solves along the Newton steps, halved ones included
+MAX_FAILED = 3  # steps in a row that gain nothing
 LONGEST_LAG = 2 * LATENCY  # [s] a Newton step has no end where curvature is low
 
 
@@ -71,23 +71,23 @@ def _by_steps(best: Solved) -> tuple[Solved, Doubt]:
     A step that gained more than expected is doubled next, one that gained nothing is
     halved: contacts that begin or end make the curvature too large, or too small.
     """
-    doubt, factor = _doubt_at(best), 1.0
-    for _ in range(MAX_STEPS):
+    doubt, factor, failed = _doubt_at(best), 1.0, 0
+    while failed < MAX_FAILED:
         if factor <= 1 and factor * doubt.gain < UNCHANGED:
             break
         if best.job.deadline.passed("a latency"):
             break
         step = np.clip(factor * doubt.mean, -LONGEST_LAG, LONGEST_LAG)
         told = best.job.precision
-        told = replace(told, latency=float(told.latency + step))
+        told = replace(told, latency=max(0.0, float(told.latency + step)))
         late = best.job.with_sensors(told)
         again = warm_started(late, best)
         gained = best.cost - again.cost
-        if not again.solution.success or gained <= 0:
-            factor /= 2
+        if not again.solution.success or gained < BETTER_OPTIMUM:
+            factor, failed = factor / 2, failed + 1
             continue
         more = gained > doubt.gain
-        best, doubt = again, _doubt_at(again)
+        best, doubt, failed = again, _doubt_at(again), 0
         ahead = 2 * step / doubt.mean if doubt.mean else 0.0
         factor = max(1.0, ahead) if more else 1.0
     return best, doubt
