@@ -4,7 +4,7 @@ In: arrays or files.  Out: `Measurements`, `Scene`, `Trajectories`, frozen datac
 
 - `measurements`, `trajectories`, `scene`, `ground`, `joint_offsets`: the data classes
 - `plausibility`, `mistakes`: recordings with a mistake, as swapped fingers or axes
-- `sensor_noise`: estimates the noise of positions and normals, smooths noisy paths
+- `sensor_noise`: noise of positions and normals, smoothed paths; late contacts
 - `contact_segments`, `touch_events`: spans of constant normal, outliers, onsets
 - `noise_model`, `examples`: synthetic noise; the recordings in the package
 """

@@ -3,7 +3,7 @@
 In: hypotheses of the search.  Out: the page solved, best first, certified.
 
 - `refinement`: multistart from the promising hypotheses; names of a box's axes
-- `ground_tilt`: a ground that leans, by Newton steps on its tilt
+- `latency`, `ground_tilt`: late sensors, a ground that leans, by Newton steps
 - `nested_models`: turned sensors, compliance or centre of mass if data ask
 - `tilt`: free motion of a body that rocks, started from what felt normals tell
 - `model_selection`: the most probable optimum, the likeliest class
