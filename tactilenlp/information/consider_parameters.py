@@ -50,13 +50,14 @@ EDGE = 2e-3  # [m] deviation of r: machined, printed and card boxes have up to 3
 class Prior(NamedTuple):
     """What is known of a quantity r before any touch, from where the page takes it.
 
-    deviation about the mean, not below the least; none: whether r is as likely exactly
-    as it is taken.
+    deviation about the mean, between least and most; none: whether r is as likely
+    exactly as it is taken.
     """
 
     deviation: float
     mean: float = 0.0
     least: float = 0.0
+    most: float = np.inf
     none: bool = True
 
 
@@ -139,9 +140,11 @@ def late_touches(kkt: KKTSystem, window, sensed: Sensed) -> Doubt:
     """
     latency, problem = sensed.precision.latency, kkt.problem
     shifted = sensed.build(fingers_earlier(window, sensed.data, LAG_STEP)).data()
-    prior = Prior(LATENCY, -latency, -latency, latency == 0)
+    prior = Prior(LATENCY)
     if sensed.scene.latency is not None:
-        prior = Prior(CONTACT_LATENCY, 0.0, -latency, False)
+        prior = Prior(CONTACT_LATENCY, 0.0, -latency, CONTACT_LATENCY, none=False)
+    elif latency > 0:
+        prior = Prior(LATENCY, -latency, -latency, LATENCY, none=False)
     ends = _ends(kkt, shifted - problem.data())
     doubt = _doubted(kkt, ends, LAG_STEP, prior, list(problem.costs))
     estimated = latency > 0 and sensed.scene.latency is None
@@ -289,7 +292,8 @@ def _doubted(kkt, ends, step, prior: Prior, names=(TOUCH_TERM,)) -> Doubt:
     b, pull, bend = _derivatives(kkt.problem, ends, step, names)
     known = 1 / prior.deviation**2
     information = known + max(0.0, bend + b @ kkt.moved(b))
-    mean = max(prior.least, (pull + known * prior.mean) / information)
+    mean = (pull + known * prior.mean) / information
+    mean = min(max(prior.least, mean), prior.most)
     odds = prior.deviation * np.sqrt(information)
     odds *= np.exp(-information * mean**2 / 2) * prior.none
     return Doubt(b, mean, information, odds)
