@@ -13,6 +13,7 @@ from tactilenlp.information.consider_parameters import (
     late_touches,
     motions,
 )
+from tactilenlp.information.error_budget import Linearisation
 from tactilenlp.nlp.kkt import kkt_system_of
 from tactilenlp.solvers.solve import solve
 
@@ -27,8 +28,8 @@ def programme(estimate):
 @pytest.fixture(scope="module")
 def doubt(programme):
     kkt = kkt_system_of(programme.problem, programme.solution)
-    late = late_touches(kkt, programme.window, programme.sensed)
-    return kkt, late
+    at = Linearisation(kkt, programme.sensed, programme.window, programme.shape)
+    return kkt, at.doubt(late_touches)
 
 
 def test_the_error_by_a_lag_is_how_the_optimum_moves_with_it(programme, doubt):

@@ -7,8 +7,11 @@ import pytest
 
 from formulations import violation_implicit
 from formulations.shape import CUBOID
-from tactilenlp import Problem, SolverOptions, solve_estimate
-from tactilenlp.information import error_budget
+from tactilenlp import Problem, SolverOptions
+from tactilenlp.estimation.observed_information import programme_at
+from tactilenlp.information.consider_parameters import rounded_edges
+from tactilenlp.information.error_budget import Linearisation
+from tactilenlp.nlp.kkt import kkt_system_of
 from tactilenlp.solvers.solve import solve
 
 SIDES = np.array([0.04, 0.05, 0.06])
@@ -38,24 +41,14 @@ def test_a_cuboid_with_rounded_edges_has_the_same_faces_and_is_smaller_at_edges(
 
 
 @pytest.mark.slow
-def test_the_error_by_edges_is_how_the_optimum_moves_with_their_radius(
-    recorded, monkeypatch
-):
-    data, scene, _ = recorded
-    seen = []
-
-    def noted(kkt, build, window, shape):
-        seen.append((kkt, window, build))
-        return real(kkt, build, window, shape)
-
-    real = error_budget.rounded_edges
-    monkeypatch.setattr(error_budget, "rounded_edges", noted)
-    estimate = solve_estimate(data, scene)
-    kkt, window, build = seen[0]
+def test_the_error_by_edges_is_how_the_optimum_moves_with_their_radius(estimate):
+    scene, programme = estimate.scene, programme_at(estimate)
+    window, kkt = programme.window, kkt_system_of(programme.problem, programme.solution)
+    at = Linearisation(kkt, programme.sensed, window, CUBOID)
     theta = kkt.problem.variables["theta"].span
     chosen = np.arange(theta.start, theta.stop)
     by_gradient, _ = kkt.sensitivity(chosen)
-    told = real(kkt, build, window, CUBOID).covariance(by_gradient)
+    told = at.doubt(rounded_edges).covariance(by_gradient)
     told = np.sqrt(np.diag(told))
 
     def optimum(r):

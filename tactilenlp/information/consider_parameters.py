@@ -19,21 +19,20 @@ their instant, or of a latency that was estimated before (refinement/latency.py)
 a lag of sensors.  Fingers r earlier give poses r earlier, which then move on with their
 velocities.
 
-The ground is assumed to be level, or as it was told.  There r (2,) are its rotations
-about its own horizontal axes, Gaussian of deviation Scene.sigma_tilt: seen from a
-ground that is turned by r, positions and normals of the touches turn by -r.
+Fingertips are assumed to be rigid.  r >= 0 is their compliance, as the indentation
+under one weight: a finger that pushes by lam_n sits r lam_n / w deeper in the surface,
+as one of a smaller radius does.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from formulations.names import TOUCH_TERM
+from formulations.rigid_body import G
 
 from ..data.contact_segments import consecutive_contacts, rate_of
 from ..data.sensor_noise import CONTACT_LATENCY, LATENCY, told_later
@@ -42,8 +41,9 @@ from .measurement_noise import Sensed, at_touches
 
 LAG_STEP = 1e-5  # [s] change of a lag, of differences
 AVERAGED = 10e-3  # [s] deviation of r of normals alone: means of up to 20 ms
-TILT_STEP = 1e-5  # [rad] change of a tilt of the ground, of differences
 RADIUS_STEP = 1e-5  # [m] change of the radius of edges, of differences
+YIELD_STEP = 1e-6  # [m] change of a compliance, of differences
+YIELD = 1e-3  # [m] under one weight, deviation of r: rubber yields 0.5 to 2 mm
 EDGE = 2e-3  # [m] deviation of r: machined, printed and card boxes have up to 3 mm
 
 
@@ -97,8 +97,9 @@ class Doubt:
         return self.squared * np.outer(moves, moves)
 
 
-def rounded_edges(kkt: KKTSystem, build: Callable, window, shape) -> Doubt:
-    """Return the doubt about sharp edges; build(window) builds the problem again."""
+def rounded_edges(at) -> Doubt:
+    """Return the doubt about sharp edges; at: error_budget.Linearisation."""
+    kkt, window, shape = at.kkt, at.window, at.shape
     problem, touch = kkt.problem, window.touch
     values = problem.unpack(kkt.x)
     less = values | {"theta": shape.rounded(values["theta"], RADIUS_STEP)}
@@ -109,7 +110,7 @@ def rounded_edges(kkt: KKTSystem, build: Callable, window, shape) -> Doubt:
     p_wf = touch.p_wf.copy()
     p_wf[:, :3] += low - high
     touch = replace(touch, p_wf=p_wf, radius=touch.radius + RADIUS_STEP)
-    grown = build(replace(window, touch=touch)).data() - problem.data()
+    grown = at.sensed.build(replace(window, touch=touch)).data() - problem.data()
     theta, ends = problem.variables["theta"].span, []
     for side in (1, 0, -1):
         x = kkt.x.copy()
@@ -118,34 +119,56 @@ def rounded_edges(kkt: KKTSystem, build: Callable, window, shape) -> Doubt:
     return _doubted(kkt, ends, RADIUS_STEP, Prior(EDGE))
 
 
-def late_normals(kkt: KKTSystem, window, sensed: Sensed) -> Doubt:
-    """Return the doubt about normals of the instant.
+def knows_pushes(at) -> bool:
+    """Tell whether fingertips are rigid by assumption, and their impulses unknowns."""
+    problem, window = at.kkt.problem, at.window
+    known = window.compliant or at.sensed.scene.compliance is not None
+    stated = "finger" in problem.variables and TOUCH_TERM in problem.costs
+    return not known and stated and len(window.push) > 0
+
+
+def yielding_fingertips(at) -> Doubt:
+    """Return the doubt about rigid fingertips; at: as above."""
+    kkt, window, problem = at.kkt, at.window, at.kkt.problem
+    touch, (row, stepped) = window.touch, window.push_of_touch
+    weight = at.sensed.scene.mass * G * window.step.dt[window.push.step[row]]
+    pushed = stepped * problem.unpack(kkt.x)["finger"][0, row] / weight
+    deeper = replace(touch, radius=touch.radius - YIELD_STEP * pushed)
+    changed = at.sensed.build(replace(window, touch=deeper)).data() - problem.data()
+    return _doubted(kkt, ends_of(kkt, changed), YIELD_STEP, Prior(YIELD))
+
+
+def late_normals(at) -> Doubt:
+    """Return the doubt about normals of the instant; at: as above.
 
     Sensors average normals for longer than contacts: these may be in time.
     """
-    touch, data = window.touch, sensed.data
+    kkt, window, data = at.kkt, at.window, at.sensed.data
+    touch = window.touch
     rate = rate_of(data, data.normal)
     rate[1:][~consecutive_contacts(data)] = 0.0
     normal = touch.normal + LAG_STEP * rate[touch.sample, touch.finger]
     later = replace(window, touch=replace(touch, normal=normal))
-    ends = _ends(kkt, sensed.build(later).data() - kkt.problem.data())
+    ends = ends_of(kkt, at.sensed.build(later).data() - kkt.problem.data())
     return _doubted(kkt, ends, LAG_STEP, Prior(AVERAGED))
 
 
-def late_touches(kkt: KKTSystem, window, sensed: Sensed) -> Doubt:
+def late_touches(at) -> Doubt:
     """Return the doubt about the latency of touches, told by the scene or estimated.
 
     Contacts and normals that are reported r later are those of fingers and of a body r
     earlier.  One that was estimated is known to CONTACT_LATENCY: contacts are averaged.
+    at: as above.
     """
-    latency, problem = sensed.precision.latency, kkt.problem
-    shifted = sensed.build(fingers_earlier(window, sensed.data, LAG_STEP)).data()
+    kkt, sensed, problem = at.kkt, at.sensed, at.kkt.problem
+    latency = sensed.precision.latency
+    shifted = sensed.build(fingers_earlier(at.window, sensed.data, LAG_STEP)).data()
     prior = Prior(LATENCY)
     if sensed.scene.latency is not None:
         prior = Prior(CONTACT_LATENCY, 0.0, -latency, CONTACT_LATENCY, none=False)
     elif latency > 0:
         prior = Prior(LATENCY, -latency, -latency, LATENCY, none=False)
-    ends = _ends(kkt, shifted - problem.data())
+    ends = ends_of(kkt, shifted - problem.data())
     doubt = _doubted(kkt, ends, LAG_STEP, prior, list(problem.costs))
     estimated = latency > 0 and sensed.scene.latency is None
     return replace(doubt, besides=CONTACT_LATENCY * estimated)
@@ -184,90 +207,7 @@ def motions(kkt: KKTSystem, window, sensed: Sensed) -> np.ndarray:
     return of_all
 
 
-@dataclass(frozen=True, eq=False)
-class GroundTilt:
-    """What is known of the rotations r (2,) [rad] of the ground from where it is taken.
-
-    slope (unknowns, 2): derivative of the gradient by r; about (3,) [m]: the point of
-    the ground that stays, ground frame; mean (2,), information (2, 2) of r by touches
-    and prior; level: odds that there is no rotation at all, 0 once one was estimated.
-    """
-
-    slope: np.ndarray
-    about: np.ndarray
-    mean: np.ndarray
-    information: np.ndarray
-    level: float
-
-    @property
-    def gain(self) -> float:
-        """By how many nats the likeliest r lowers the objective."""
-        return float(self.mean @ self.information @ self.mean) / 2
-
-    @property
-    def squared(self) -> np.ndarray:
-        """E[r r'] (2, 2)."""
-        known = np.linalg.inv(self.information) + np.outer(self.mean, self.mean)
-        return known / (1 + self.level)
-
-    def covariance(self, by_gradient, turned=0.0) -> np.ndarray:
-        """Return the covariance (k, k) by it.
-
-        by_gradient: see KKTSystem.sensitivity; turned (k, 2): how the k numbers turn
-        with the frame of the ground itself.
-        """
-        moves = turned - by_gradient.T @ self.slope
-        return moves @ self.squared @ moves.T
-
-    def turned(self, points, R_wg) -> np.ndarray:
-        """Return how poses at points (n, 3) [m] of the ground's frame turn with it.
-
-        (n, 6, 2), positions [m/rad] and rotations, world frame; R_wg (3, 3): from the
-        ground to the world.
-        """
-        arm, axes = (points - self.about) @ R_wg.T, R_wg[:, :2]
-        moved = np.stack([np.cross(axis, arm) for axis in axes.T], axis=2)
-        turns = np.broadcast_to(axes, moved.shape)
-        return np.concatenate([moved, turns], axis=1)
-
-
-def ground_tilt(kkt: KKTSystem, build: Callable, window, data, scene, about):
-    """Return the GroundTilt at a solution; build(window): as above.
-
-    data: smoothed, as the problem has them; scene: with the ground in whose frame they
-    are; about (3,) [m]: the point of the ground that stays, ground frame.
-    """
-    problem, touch, ground = kkt.problem, window.touch, scene.ground
-    found = []
-    for way in ((1, 0), (0, 1), (1, 1)):  # the last one for the mixed derivative
-        R = Rotation.from_rotvec(
-            [-TILT_STEP * way[0], -TILT_STEP * way[1], 0.0]
-        ).as_matrix()
-        seen = data.transformed(R, about - R @ about)
-        p_wf, at = touch.p_wf.copy(), (touch.sample, touch.finger)
-        p_wf[:, :3] = seen.finger_position[at]
-        if seen.finger_orientation is not None and p_wf.shape[1] > 3:
-            p_wf[:, 3:] = seen.finger_orientation[at]
-        touched = replace(touch, p_wf=p_wf, normal=seen.normal[at])
-        turned = build(replace(window, touch=touched)).data() - problem.data()
-        found.append(_derivatives(problem, _ends(kkt, turned), TILT_STEP))
-    (b_x, pull_x, xx), (b_y, pull_y, yy), (_, _, both) = found
-    slope, mixed = np.stack([b_x, b_y], axis=1), (both - xx - yy) / 2
-    moved = np.stack([kkt.moved(b) for b in slope.T], axis=1)
-    told = np.array([[xx, mixed], [mixed, yy]]) + slope.T @ moved
-    values, vectors = np.linalg.eigh((told + told.T) / 2)
-    prior = 1 / scene.sigma_tilt**2
-    information = (vectors * (np.maximum(values, 0.0) + prior)) @ vectors.T
-    known = (ground.rotation @ ground.tilt)[:2]
-    mean = np.linalg.solve(information, np.array([pull_x, pull_y]) - prior * known)
-    level = 0.0
-    if ground.told is None:
-        share = np.sqrt(np.linalg.det(information)) / prior
-        level = share * np.exp(-mean @ information @ mean / 2)
-    return GroundTilt(slope, about, mean, information, float(level))
-
-
-def _derivatives(problem, ends, step: float, names=(TOUCH_TERM,)) -> tuple:
+def derivatives(problem, ends, step: float, names=(TOUCH_TERM,)) -> tuple:
     """Return the derivatives of the touch cost by r, at 0.
 
     Of its gradient (unknowns,), its negative first and its second derivative; ends:
@@ -282,14 +222,14 @@ def _derivatives(problem, ends, step: float, names=(TOUCH_TERM,)) -> tuple:
     )
 
 
-def _ends(kkt: KKTSystem, change) -> list:
+def ends_of(kkt: KKTSystem, change) -> list:
     """Return unknowns and data at r = step, 0, -step; change: of the data by a step."""
     return [(kkt.x, kkt.data + side * change) for side in (1, 0, -1)]
 
 
 def _doubted(kkt, ends, step, prior: Prior, names=(TOUCH_TERM,)) -> Doubt:
     """Return what the touches tell of a quantity r; ends: at r = step, 0, -step."""
-    b, pull, bend = _derivatives(kkt.problem, ends, step, names)
+    b, pull, bend = derivatives(kkt.problem, ends, step, names)
     known = 1 / prior.deviation**2
     information = known + max(0.0, bend + b @ kkt.moved(b))
     mean = (pull + known * prior.mean) / information

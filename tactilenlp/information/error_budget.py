@@ -15,7 +15,7 @@ PHYSICS is measured: with it sigma covers the errors of 20 recordings.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -32,12 +32,12 @@ from ..common.deadline import NEVER, Deadline
 from ..nlp.kkt import KKTSystem
 from .consider_parameters import (
     Doubt,
-    GroundTilt,
-    ground_tilt,
+    knows_pushes,
     late_normals,
     late_touches,
     motions,
     rounded_edges,
+    yielding_fingertips,
 )
 from .error_budget_terms import (
     TouchedFaces,
@@ -61,6 +61,7 @@ from .measurement_noise import (
     sensitivity_to_measurements,
     sensor_covariance,
 )
+from .sensitivity import GroundTilt, ground_tilt
 from .tangent_space import pose_jacobians
 
 PHYSICS = 0.3  # [-] share of the curvature of physics that is its error
@@ -76,23 +77,18 @@ class Linearisation:
     window: object
     shape: object
     deadline: Deadline = NEVER  # checked between the terms of the budget
+    doubts: dict = field(default_factory=dict)  # see `doubt`
 
     @cached_property
     def derivatives(self) -> list[MixedDerivatives]:
         """The mixed derivatives of every term that reads measurements."""
         return mixed_derivatives(self.kkt, self.sensed, self.window)
 
-    @cached_property
-    def edges(self) -> Doubt:
-        """The doubt about sharp edges."""
-        build = self.sensed.build
-        return rounded_edges(self.kkt, build, self.window, self.shape)
-
-    @cached_property
-    def late(self) -> tuple[Doubt, Doubt]:
-        """The doubts about normals, and about touches, as those of their instant."""
-        given = self.kkt, self.window, self.sensed
-        return late_normals(*given), late_touches(*given)
+    def doubt(self, about: Callable) -> Doubt:
+        """Return the doubt about a consider parameter, computed once."""
+        if about not in self.doubts:
+            self.doubts[about] = about(self)
+        return self.doubts[about]
 
     @cached_property
     def motions(self) -> np.ndarray:
@@ -226,6 +222,15 @@ def _given(name: str) -> ErrorTerm:
     )
 
 
+def _considered(about: Callable, applies: Callable) -> ErrorTerm:
+    """Return the error by a consider parameter."""
+
+    def covariance(response):
+        return response.at.doubt(about).covariance(response.by_gradient)
+
+    return ErrorTerm(about.__name__.replace("_", " "), covariance, applies)
+
+
 def _has_touches(at: Linearisation) -> bool:
     return TOUCH_TERM in at.kkt.problem.costs
 
@@ -233,17 +238,14 @@ def _has_touches(at: Linearisation) -> bool:
 ERROR_TERMS = (
     ErrorTerm("sensor noise", sensor_noise),
     ErrorTerm("touch model", touch_model, _has_touches),
-    ErrorTerm(
-        "rounded edges",
-        lambda r: r.at.edges.covariance(r.by_gradient),
-        lambda at: _has_touches(at) and at.shape.rounded is not None,
+    _considered(
+        rounded_edges, lambda at: _has_touches(at) and at.shape.rounded is not None
     ),
-    ErrorTerm(
-        "late normals", lambda r: r.at.late[0].covariance(r.by_gradient), _has_touches
-    ),
+    _considered(yielding_fingertips, knows_pushes),
+    _considered(late_normals, _has_touches),
     ErrorTerm(
         "late touches",
-        lambda r: r.at.late[1].covariance(r.by_gradient, r.moving),
+        lambda r: r.at.doubt(late_touches).covariance(r.by_gradient, r.moving),
         _has_touches,
     ),
     ErrorTerm(

@@ -1,8 +1,8 @@
 """The tilt of the ground, by Newton steps where touches cost more than expected.
 
 The ground is taken as given, or as an earlier estimate had found it.  Where a Newton
-step on its tilt (information/consider_parameters.py) promises as many nats as any
-larger model must gain (nested_models.py), the ground is turned and the page solved
+step on its tilt (information/sensitivity.py) promises as many nats as any larger
+model must gain (nested_models.py), the ground is turned and the page solved
 again from the solution, a step at a time.  A steep tilt is found as turns of all
 sensors that are alike (formulations/finger_turn.py), from starts of the search.
 """
@@ -17,8 +17,8 @@ import numpy as np
 from formulations.finger_turn import NAME as TURN
 from formulations.finger_turn import TURN as PRIOR_TURN
 
-from ..information.consider_parameters import ground_tilt
 from ..information.mixture import occam_of
+from ..information.sensitivity import ground_tilt
 from ..nlp.kkt import kkt_system_of
 from ..search.local_solve import (
     Solved,

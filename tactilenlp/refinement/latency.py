@@ -17,6 +17,7 @@ import numpy as np
 
 from ..data.sensor_noise import LATENCY, as_late
 from ..information.consider_parameters import Doubt, late_touches
+from ..information.error_budget import Linearisation
 from ..information.measurement_noise import Sensed
 from ..nlp.kkt import kkt_system_of
 from ..search.local_solve import Solved, best_first, warm_started
@@ -97,4 +98,4 @@ def _doubt_at(solved: Solved) -> Doubt:
     """Return what is known of the latency at a solve."""
     job, kkt = solved.job, kkt_system_of(solved.problem, solved.solution)
     sensed = Sensed(job.data, job.precision, job.build, job.scene)
-    return late_touches(kkt, solved.window, sensed)
+    return late_touches(Linearisation(kkt, sensed, solved.window, job.shape))
