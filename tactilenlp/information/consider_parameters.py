@@ -18,10 +18,6 @@ whether edges are sharp.  In the same way touches, and normals alone, are taken 
 their instant, or of a latency that was estimated before (refinement/latency.py); r is
 a lag of sensors.  Fingers r earlier give poses r earlier, which then move on with their
 velocities.
-
-Fingertips are assumed to be rigid.  r >= 0 is their compliance, as the indentation
-under one weight: a finger that pushes by lam_n sits r lam_n / w deeper in the surface,
-as one of a smaller radius does.
 """
 
 from __future__ import annotations
@@ -32,7 +28,6 @@ from typing import NamedTuple
 import numpy as np
 
 from formulations.names import TOUCH_TERM
-from formulations.rigid_body import G
 
 from ..data.contact_segments import consecutive_contacts, rate_of
 from ..data.sensor_noise import CONTACT_LATENCY, LATENCY, told_later
@@ -42,8 +37,6 @@ from .measurement_noise import Sensed, at_touches
 LAG_STEP = 1e-5  # [s] change of a lag, of differences
 AVERAGED = 10e-3  # [s] deviation of r of normals alone: means of up to 20 ms
 RADIUS_STEP = 1e-5  # [m] change of the radius of edges, of differences
-YIELD_STEP = 1e-6  # [m] change of a compliance, of differences
-YIELD = 1e-3  # [m] under one weight, deviation of r: rubber yields 0.5 to 2 mm
 EDGE = 2e-3  # [m] deviation of r: machined, printed and card boxes have up to 3 mm
 
 
@@ -117,25 +110,6 @@ def rounded_edges(at) -> Doubt:
         x[theta] = shape.rounded(x[theta], side * RADIUS_STEP)
         ends.append((x, kkt.data + side * grown))
     return _doubted(kkt, ends, RADIUS_STEP, Prior(EDGE))
-
-
-def knows_pushes(at) -> bool:
-    """Tell whether fingertips are rigid by assumption, and their impulses unknowns."""
-    problem, window = at.kkt.problem, at.window
-    known = window.compliant or at.sensed.scene.compliance is not None
-    stated = "finger" in problem.variables and TOUCH_TERM in problem.costs
-    return not known and stated and len(window.push) > 0
-
-
-def yielding_fingertips(at) -> Doubt:
-    """Return the doubt about rigid fingertips; at: as above."""
-    kkt, window, problem = at.kkt, at.window, at.kkt.problem
-    touch, (row, stepped) = window.touch, window.push_of_touch
-    weight = at.sensed.scene.mass * G * window.step.dt[window.push.step[row]]
-    pushed = stepped * problem.unpack(kkt.x)["finger"][0, row] / weight
-    deeper = replace(touch, radius=touch.radius - YIELD_STEP * pushed)
-    changed = at.sensed.build(replace(window, touch=deeper)).data() - problem.data()
-    return _doubted(kkt, ends_of(kkt, changed), YIELD_STEP, Prior(YIELD))
 
 
 def late_normals(at) -> Doubt:

@@ -32,12 +32,10 @@ from ..common.deadline import NEVER, Deadline
 from ..nlp.kkt import KKTSystem
 from .consider_parameters import (
     Doubt,
-    knows_pushes,
     late_normals,
     late_touches,
     motions,
     rounded_edges,
-    yielding_fingertips,
 )
 from .error_budget_terms import (
     TouchedFaces,
@@ -241,7 +239,6 @@ ERROR_TERMS = (
     _considered(
         rounded_edges, lambda at: _has_touches(at) and at.shape.rounded is not None
     ),
-    _considered(yielding_fingertips, knows_pushes),
     _considered(late_normals, _has_touches),
     ErrorTerm(
         "late touches",
