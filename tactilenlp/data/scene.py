@@ -50,12 +50,12 @@ class Scene:
                      JointZeros: the offset is that of wrong zero angles of joints
     compliance:      [m/N], how far a fingertip yields under a normal force, all alike;
                      0: rigid; None: rigid unless the measurements say otherwise
-    latency:         [s], by which contacts and normals are reported later than finger
-                     positions; None: 0 unless the measurements say otherwise
     sigma_centre:    [1], standard deviation of each coordinate of the centre of mass
                      from the body's centroid, of a typical size; 0: it is the centroid
     sigma_tilt:      [rad], standard deviation of a rotation of the true ground against
                      `ground`, about each horizontal axis; 0: `ground` is exact
+    latency:         [s], by which contacts and normals are reported later than finger
+                     positions; None: 0 unless the measurements say otherwise
 
     The default mass and frictions are those of the recorded scenes.  Sensor
     figures that are None are estimated from the data, except sigma_offset.
@@ -72,9 +72,9 @@ class Scene:
     flip_rate: float | None = None
     sigma_offset: float | JointZeros | None = None
     compliance: float | None = None
-    latency: float | None = None
     sigma_centre: float = 0.03
     sigma_tilt: float = 0.0087  # half a degree
+    latency: float | None = None
 
     def __post_init__(self) -> None:
         never, inf = np.nextafter(0.0, 1.0), np.inf  # the least number above zero
