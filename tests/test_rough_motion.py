@@ -80,7 +80,7 @@ def test_actions_are_added_one_by_one_from_the_first_touch_on(
     def growing(data, shape):
         job = replace(request_of_one_action.job, data=data, shape=shape)
         request = replace(request_of_one_action, job=job, start=None)
-        return [job.data.actions for job in optima._growing(request)]
+        return [job.data.actions for job in refinement.growing(request)]
 
     assert growing(data, CUBOID) == [1, 2, 3, 4, 5, 6]
     assert growing(late, CUBOID) == [2, 3, 4, 5, 6]
@@ -91,7 +91,7 @@ def test_an_update_of_a_polytope_is_searched_with_all_actions(recorded, touched)
     """The estimate that it starts from came about action by action."""
     data, _, _ = recorded
     job = SimpleNamespace(data=data, shape=polytope(20))
-    assert optima._growing(SimpleNamespace(job=job, start=touched)) == [job]
+    assert refinement.growing(SimpleNamespace(job=job, start=touched)) == [job]
 
 
 def test_what_fits_badly_is_searched_again_where_that_can_find_more(
@@ -162,7 +162,7 @@ def test_the_better_of_two_searches_is_the_estimate(recorded, monkeypatch):
 def test_one_action_of_a_polytope_is_not_searched_twice(request_of_one_action):
     job = replace(request_of_one_action.job, shape=polytope(20))
     again = replace(request_of_one_action, job=job)
-    assert optima._solved_by_action(again) is None
+    assert optima._solved_by_action(again, job) is None
 
 
 @pytest.mark.slow

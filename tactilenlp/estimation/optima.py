@@ -12,10 +12,7 @@ import logging
 from dataclasses import dataclass, replace
 from functools import partial
 
-import numpy as np
-
 from ..common.deadline import Deadline
-from ..data.contact_segments import consecutive_contacts
 from ..data.sensor_noise import precise
 from ..interface.request import Request
 from ..interface.result import Estimate
@@ -23,12 +20,13 @@ from ..refinement.certification import checked, with_profiles
 from ..refinement.ground_tilt import with_ground_for_turns, with_ground_tilt
 from ..refinement.incremental import continues, of_whole_actions, updated_by_few
 from ..refinement.incremental_polytope import repaired
-from ..refinement.latency import as_found, with_latency
+from ..refinement.latency import as_found, as_late_as, newly_late, with_latency
 from ..refinement.model_selection import most_probable
 from ..refinement.nested_models import with_nuisance_parameters
 from ..refinement.refinement import (
     fits_badly,
     from_scratch,
+    growing,
     less_sure_of_pushes,
     refined,
     update_costs_too_much,
@@ -92,7 +90,7 @@ def optima_of(request: Request, so_far: SoFar, update: Solved | None = None) -> 
     check = partial(checked, executor=request.executor)
     found = _certified(request, found, check)
     sought = request.job.path is None and fits_badly(request, found.best)
-    other = _solved_by_action(request) if sought else None
+    other = _solved_by_action(request, found.best.job) if sought else None
     if other is not None and _differs(other.best, found.solved):
         found = _better(found, _certified(request, other, check))
     best = found.best
@@ -101,18 +99,26 @@ def optima_of(request: Request, so_far: SoFar, update: Solved | None = None) -> 
     return replace(found, best=best)
 
 
-def _of_one_search(request: Request, so_far: SoFar, update=None) -> Optima:
+def _of_one_search(request: Request, so_far: SoFar, update=None, known=()) -> Optima:
     """Return the optima that one search leads to, the best one not certified.
 
-    so_far: hypotheses to continue; filled, as `optima_of` says.
+    so_far: hypotheses to continue; filled, as `optima_of` says; known: solves of the
+    same job, which compete.  Where sensors are found to be late, which the search took
+    for prompt, the optima are those of a search from scratch with that latency.
     """
-    search, known, enough = _updated_by_few(request, so_far)
+    search, few, enough = _updated_by_few(request, so_far)
+    known = [*known, *few]
     if enough:
         kept = starts = [s.at for s in known]
     else:
         kept, starts = searched(request, so_far.kept, search)
     so_far.kept, seconds = kept, so_far.spent
     job, solved = _solved_page(request, starts, so_far, update, known, enough)
+    if solved and newly_late(request.job, job):
+        log.info("searching again with the latency that was found")
+        again = from_scratch(replace(request, job=as_late_as(request.job, job)))
+        other = _of_one_search(again, SoFar([], so_far.solved), update, solved)
+        return replace(other, searched=seconds)
     return Optima(job, solved[0] if solved else None, solved, kept, starts, seconds)
 
 
@@ -153,14 +159,16 @@ def _certified(request: Request, found: Optima, check) -> Optima:
     return replace(found, best=best, solved=solved)
 
 
-def _solved_by_action(request: Request) -> Optima | None:
+def _solved_by_action(request: Request, solved: Job) -> Optima | None:
     """Return the optima of a search that solves the page after every action.
+
+    solved: the job of a solve of all actions, whose latency is where it begins.
 
     Where the fit after an action is not good, that action is searched again, less sure
     of how pushes move the body, as long as this finds more; of a polytope no pushes are
     predicted.  None if time ends it.
     """
-    parts, update = _growing(request), isinstance(request.start, Estimate)
+    parts, update = growing(request), isinstance(request.start, Estimate)
     doubtful = request.job.shape.parameters == "sizes"
     if not (doubtful or update or len(parts) > 1):
         return None  # it would be the same search
@@ -169,7 +177,7 @@ def _solved_by_action(request: Request) -> Optima | None:
     for job in parts:
         if not _in_time(request):
             return None
-        part = replace(request, job=job)
+        part = replace(request, job=as_late_as(job, solved))
         found = _of_one_search(part, SoFar(list(kept)))
         if found.best is None:
             return None
@@ -177,28 +185,13 @@ def _solved_by_action(request: Request) -> Optima | None:
             rough = less_sure_of_pushes(part)
             better = _better(found, _of_one_search(rough, SoFar(list(kept))))
             doubtful, found = better is not found, better
-        kept = found.carried_on(request.widths[0])
+        kept, solved = found.carried_on(request.widths[0]), found.best.job
     return found
 
 
 def _in_time(request: Request) -> bool:
     """Tell whether there is time for another search."""
     return request.job_until(SEARCH_END).deadline.left > 0
-
-
-def _growing(request: Request) -> list[Job]:
-    """Return the jobs of the first actions, from the first touch on, one more each.
-
-    In an update of a polytope that of all actions: the estimate that it starts from
-    came about so.
-    """
-    job, data = request.job, request.job.data
-    if isinstance(request.start, Estimate) and job.shape.parameters == "vertices":
-        return [job]
-    actions = np.unique(data.action)
-    touched = data.action[1:][consecutive_contacts(data).any(axis=1)][0]
-    chosen = [actions[actions <= a] for a in actions[actions >= touched]]
-    return [job.of_data(lambda data, few=few: data.select(few)) for few in chosen]
 
 
 def _differs(found: Solved, solved) -> bool:
@@ -213,18 +206,13 @@ def _differs(found: Solved, solved) -> bool:
 def _search_that_may_gain(request, best: Solved) -> Request | None:
     """Return the request of a search from scratch that may find a better optimum.
 
-    Where an update costs more than it should; on a ground that was found to lean, and
-    with sensors that were found to be late: the first search took them for level and
-    prompt.
+    Where an update costs more than it should, and on a ground that was found to lean:
+    the first search took it for level.
     """
-    job, found = request.job, best.job
-    turned = (
-        found.scene.ground is not job.scene.ground and job.scene.ground.told is None
-    )
-    late = found.precision.latency > job.precision.latency == 0
-    if (turned or late) and job.path is None:
-        log.info("searching again with the ground and the latency that were found")
-        return replace(from_scratch(request), job=as_found(job, found))
+    ground, told = best.job.scene.ground, request.job.scene.ground
+    if ground is not told and told.told is None and request.job.path is None:
+        log.info("searching again on the ground that leans")
+        return replace(from_scratch(request), job=as_found(request.job, best.job))
     if update_costs_too_much(request, best):
         return from_scratch(request)
     return None
@@ -254,19 +242,24 @@ def _solved_page(
         job = replace(job, reductions=solved[0].job.reductions)
         check_finite(solved[0].problem, solved[0].solution)
         job, solved = with_latency(job, solved)
-        found = with_ground_tilt(job, solved)
-        larger = with_nuisance_parameters(*found, freed)
-        if found[0] is not job and larger[0].reductions != job.reductions:
-            # The tilt did not explain enough: what was freed then may do without it.
-            level = with_nuisance_parameters(job, solved, freed)
-            larger = min(larger, level, key=lambda one: one[1][0].rank)
-        job, solved = larger
-        job, solved = with_ground_for_turns(job, solved)
-        solved = repaired(job, solved, update)
+        if not newly_late(request.job, job):
+            job, solved = _with_larger_models(job, solved, freed)
+            solved = repaired(job, solved, update)
     if solved is None:
         solved = best_first(mine)
         job = solved[0].job if solved else job
     return replace(job, deadline=request.job_until(CERTIFICATES_END).deadline), solved
+
+
+def _with_larger_models(job, solved, freed) -> tuple[Job, list[Solved]]:
+    """Return job and solves on a ground that leans, with what the data set free."""
+    found = with_ground_tilt(job, solved)
+    larger = with_nuisance_parameters(*found, freed)
+    if found[0] is not job and larger[0].reductions != job.reductions:
+        # The tilt did not explain enough: what was freed then may do without it.
+        level = with_nuisance_parameters(job, solved, freed)
+        larger = min(larger, level, key=lambda one: one[1][0].rank)
+    return with_ground_for_turns(*larger)
 
 
 def certified_best(request, job, solved, check) -> tuple[Solved, list[Solved]]:

@@ -57,8 +57,20 @@ def with_latency(job, solved) -> tuple:
 
 def as_found(job, other):
     """Return a job on the ground, and with the latency, of another one."""
-    job = on_ground(job, other.scene.ground)
+    return as_late_as(on_ground(job, other.scene.ground), other)
+
+
+def as_late_as(job, other):
+    """Return a job with the latency of another one."""
     return job.with_sensors(as_late(job.precision, other.precision))
+
+
+def newly_late(job, other) -> bool:
+    """Tell whether another job has a latency that a search of this one has not known.
+
+    A job with a path is not searched.
+    """
+    return other.precision.latency > job.precision.latency == 0 and job.path is None
 
 
 def may_be_late(job) -> bool:

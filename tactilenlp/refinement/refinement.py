@@ -13,6 +13,7 @@ import numpy as np
 from formulations.centre_of_mass import NAME as CENTRE
 
 from ..common.deadline import OutOfTime
+from ..data.contact_segments import consecutive_contacts
 from ..data.sensor_noise import precise, variance_left
 from ..geometry.transforms import is_planar
 from ..information.goodness_of_fit import BETWEEN_ACTIONS, PHYSICS_ROW, fit_of
@@ -217,3 +218,18 @@ def less_sure_of_pushes(request):
     """Return the request, less sure of how pushes move the body, but not carried."""
     job = replace(request.job, process_noise=PROCESS_NOISE_FACTOR, may_be_carried=False)
     return replace(request, job=job)
+
+
+def growing(request) -> list:
+    """Return the jobs of the first actions, from the first touch on, one more each.
+
+    In an update of a polytope that of all actions: the estimate that it starts from
+    came about so.
+    """
+    job, data = request.job, request.job.data
+    if isinstance(request.start, Estimate) and job.shape.parameters == "vertices":
+        return [job]
+    actions = np.unique(data.action)
+    touched = data.action[1:][consecutive_contacts(data).any(axis=1)][0]
+    chosen = [actions[actions <= a] for a in actions[actions >= touched]]
+    return [job.of_data(lambda data, few=few: data.select(few)) for few in chosen]
