@@ -17,9 +17,11 @@ from tactilenlp.data.sensor_noise import (
     turned_in_time,
     with_fingers_earlier,
 )
-from tactilenlp.errors import SceneError
+from tactilenlp.errors import MistakeError, SceneError
 from tactilenlp.estimation.observed_information import programme_at
 from tactilenlp.geometry.transforms import quaternion_of
+from tactilenlp.interface.options import Session
+from tactilenlp.interface.request import read_request
 from tactilenlp.problem.pages import page_of, shape_of
 from tactilenlp.refinement.latency import as_found, may_be_late
 from tactilenlp.refinement.model_selection import evidence_of
@@ -195,6 +197,21 @@ def test_a_latency_that_is_told_is_taken(recorded, late):
     assert prompt.objective > told.objective + 5.0
     shape = shape_of("cuboid")
     assert evidence_of(told, shape) > evidence_of(prompt, shape) + 5.0
+
+
+def test_sensors_that_are_known_to_be_late_are_no_mistake(recorded):
+    """Two samples are refused as a mistake, unless the scene tells of them."""
+    data, scene, _ = recorded
+    late = reported_later(data, 2)
+
+    def asked(scene):
+        given = shape_of("cuboid"), "violation_implicit", None, None, None
+        return read_request(late, scene, *given, Session())[0].job
+
+    with pytest.raises(MistakeError, match="samples too late"):
+        asked(scene)
+    told = asked(replace(scene, latency=2 * SAMPLE))
+    assert told.precision.latency == 2 * SAMPLE
 
 
 @pytest.mark.slow

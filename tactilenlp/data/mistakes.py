@@ -199,7 +199,8 @@ def _of_time(record: Record) -> Iterator[Hypothesis]:
                 moved[key][:, f] = moved[key][source, f]
             yield Hypothesis(
                 f"what finger {f} feels is {abs(shift)} samples too {late}", "contact",
-                "give position, contact and normal of a finger at the same times",
+                "give position, contact and normal of a finger at the same times, or "
+                "Scene(latency=...) if all contacts are late",
                 partial(replace, record, **moved),
             )  # fmt: skip
         if jumped[f]:

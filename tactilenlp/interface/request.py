@@ -23,6 +23,7 @@ from ..data.sensor_noise import (
     precise,
     precision_of,
     smoothed,
+    with_fingers_earlier,
 )
 from ..errors import NoContactError, OptionError, SceneError, StartError
 from ..geometry.transforms import planar_matrix, rotation_of
@@ -88,17 +89,25 @@ def read_request(
     check_types(data=(data, Measurements), session=(session, Session))
     scene, shape, options, page = asked(scene, shape, formulation, options, executor)
     if options.check_mistakes:
-        check_mistakes(data, scene)
+        late = latency_known(scene, start).latency
+        check_mistakes(with_fingers_earlier(data, late), scene)
     scene.check(data)
     check_touched(data)
     functions = session.functions_for(start, scene, shape, page)
     scene = scene.on_ground_of(getattr(start, "scene", scene))
     job = make_job(data, scene, shape, options, began, page, functions)
-    if isinstance(start, Estimate) and scene.latency is None:
-        job = job.with_sensors(as_late(job.precision, Precision(**start.precision)))
+    late = as_late(job.precision, latency_known(scene, start))
+    job = job.with_sensors(late)
     known = [] if start is None else carried_hypotheses(start, shape, scene, data)
     axes = kept_axes(start, job)
     return Request(data, job, start, executor, axes), known
+
+
+def latency_known(scene: Scene, start) -> Precision:
+    """Return a Precision with the latency that scene or start tell before a solve."""
+    if isinstance(start, Estimate) and scene.latency is None:
+        return Precision(**start.precision)
+    return Precision(0.0, 0.0, latency=scene.latency or 0.0)
 
 
 def asked(scene, shape, formulation, options, executor) -> tuple:
