@@ -3,8 +3,9 @@
 Where the objective says that the search has lost the path, it is repeated from the
 first touch; where sensors were found to be late, with that latency, and where the
 ground was found to lean, on that ground.  Where the fit is not good, or the path costs
-more than physics leaves, another search solves the page after every action: its optima, not tracks of
-the filter alone, are what the next action continues.  The better result counts.
+more than physics leaves, another search solves the page after every action: its
+optima, not tracks of the filter alone, are what the next action continues.  The better
+result counts.
 """
 
 from __future__ import annotations
