@@ -10,7 +10,6 @@ from tactilenlp.data.sensor_noise import LATENCY
 from tactilenlp.estimation.observed_information import programme_at
 from tactilenlp.information.consider_parameters import (
     fingers_earlier,
-    late_touches,
     motions,
 )
 from tactilenlp.information.error_budget import Linearisation
@@ -29,7 +28,7 @@ def programme(estimate):
 def doubt(programme):
     kkt = kkt_system_of(programme.problem, programme.solution)
     at = Linearisation(kkt, programme.sensed, programme.window, programme.shape)
-    return kkt, at.doubt(late_touches)
+    return kkt, at.doubts["late touches"]
 
 
 def test_the_error_by_a_lag_is_how_the_optimum_moves_with_it(programme, doubt):

@@ -1,5 +1,6 @@
 """Sensors that are late: found, told, carried on; and where poses are moved on to."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -21,12 +22,31 @@ from tactilenlp.errors import MistakeError, SceneError
 from tactilenlp.estimation.observed_information import programme_at
 from tactilenlp.geometry.transforms import quaternion_of
 from tactilenlp.interface.options import Session
-from tactilenlp.interface.request import read_request
+from tactilenlp.interface.request import make_job, read_request
 from tactilenlp.problem.pages import page_of, shape_of
 from tactilenlp.refinement.latency import as_found, may_be_late
 from tactilenlp.refinement.model_selection import evidence_of
 
 SAMPLE = 1 / 30  # [s]
+
+
+@pytest.fixture
+def request_of(recorded):
+    """Return function(page, **scene) -> Job of the first action."""
+    data, scene, _ = recorded
+
+    def made(page="violation_implicit", **told):
+        shape = shape_of("cuboid")
+        given = (
+            data.select([0]),
+            replace(scene, **told),
+            shape,
+            Options(),
+            time.monotonic(),
+        )
+        return make_job(*given, page_of(page, shape))
+
+    return made
 
 
 def reported_later(data, samples: int):
@@ -111,33 +131,16 @@ def test_a_latency_is_sought_where_it_is_not_told_and_a_page_can(request_of):
     assert not may_be_late(request_of(page="shooting"))
 
 
-@pytest.fixture
-def request_of(recorded):
-    """Return function(page, **scene) -> Job of the first action."""
-    from time import monotonic
-
-    from tactilenlp.interface.request import make_job
-
-    data, scene, _ = recorded
-
-    def made(page="violation_implicit", **told):
-        shape = shape_of("cuboid")
-        given = data.select([0]), replace(scene, **told), shape, Options(), monotonic()
-        return make_job(*given, page_of(page, shape))
-
-    return made
-
-
 def test_a_job_of_late_sensors_keeps_what_was_recorded(request_of):
     job = request_of()
     assert job.recorded is None
-    late = job.with_sensors(replace(job.precision, latency=0.5 * SAMPLE))
+    late = job.as_late_as(replace(job.precision, latency=0.5 * SAMPLE))
     assert late.recorded is job.data
-    later = late.with_sensors(replace(job.precision, latency=SAMPLE))
-    once = job.with_sensors(later.precision)
+    later = late.as_late_as(replace(job.precision, latency=SAMPLE))
+    once = job.as_late_as(later.precision)
     assert later.data == once.data  # no interpolation of what was interpolated
     assert as_found(job, later).data == once.data
-    assert later.with_sensors(job.precision).data is job.data
+    assert later.as_late_as(job.precision).data is job.data
     assert later.prior_cost == pytest.approx((SAMPLE / LATENCY) ** 2 / 2)
     moved = late.of_data(lambda data: data.transformed(np.eye(3), (1.0, 0.0, 0.0)))
     away = moved.recorded.finger_position - job.data.finger_position

@@ -12,7 +12,7 @@ from formulations.shape import CUBOID
 from tactilenlp import CYLINDER, Options, polytope, solve_estimate
 from tactilenlp.data.sensor_noise import Precision
 from tactilenlp.estimation import optima
-from tactilenlp.information.goodness_of_fit import BETWEEN_ACTIONS
+from tactilenlp.information.goodness_of_fit import BETWEEN_ACTIONS, PHYSICS_ROW, Misfit
 from tactilenlp.interface.request import Request, make_job
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.problem.reductions import Reductions
@@ -98,19 +98,22 @@ def test_what_fits_badly_is_searched_again_where_that_can_find_more(
     request_of_one_action, touched, monkeypatch
 ):
     asked, verdict, moved, balance = request_of_one_action, "poor", 0.0, 0.0
-    roles = {BETWEEN_ACTIONS: "prior", "balance": "physics"}
     problem = SimpleNamespace(
-        costs={name: SimpleNamespace(role=role) for name, role in roles.items()},
-        value=lambda *_: np.array([0.1, moved]), pack=lambda _: None,
-        data=lambda _: None,
+        costs={BETWEEN_ACTIONS: None}, value=lambda *_: np.array([0.1, moved]),
+        pack=lambda _: None, data=lambda _: None,
     )  # fmt: skip
-    fit = lambda *_: SimpleNamespace(verdict=verdict)  # noqa: E731
+
+    def fit(
+        problem, solution, window, *_
+    ):  # which judges no physics of soft fingertips
+        physics = {} if window.compliant else {PHYSICS_ROW: Misfit(balance, 2.0, 1.0)}
+        return SimpleNamespace(verdict=verdict, terms=physics)
+
     monkeypatch.setattr(refinement, "fit_of", fit)
 
     def searched(request, success=True, soft=False, **job):
         job = replace(request.job, **job)
         solution = SimpleNamespace(success=success, values=None, parameters=None)
-        solution.costs = {BETWEEN_ACTIONS: 7.0, "balance": balance}
         window = SimpleNamespace(gap=[1, 2], compliant=soft)
         best = SimpleNamespace(job=job, solution=solution, problem=problem)
         best.window = window

@@ -9,7 +9,6 @@ from formulations import violation_implicit
 from formulations.shape import CUBOID
 from tactilenlp import Problem, SolverOptions
 from tactilenlp.estimation.observed_information import programme_at
-from tactilenlp.information.consider_parameters import rounded_edges
 from tactilenlp.information.error_budget import Linearisation
 from tactilenlp.nlp.kkt import kkt_system_of
 from tactilenlp.solvers.solve import solve
@@ -48,7 +47,7 @@ def test_the_error_by_edges_is_how_the_optimum_moves_with_their_radius(estimate)
     theta = kkt.problem.variables["theta"].span
     chosen = np.arange(theta.start, theta.stop)
     by_gradient, _ = kkt.sensitivity(chosen)
-    told = at.doubt(rounded_edges).covariance(by_gradient)
+    told = at.doubts["rounded edges"].covariance(by_gradient)
     told = np.sqrt(np.diag(told))
 
     def optimum(r):

@@ -31,7 +31,7 @@ from trimesh.sample import sample_surface
 from trimesh.transformations import quaternion_matrix, translation_matrix
 
 from tactilenlp import Measurements, Options, Scene, solve_estimate
-from tactilenlp.data.sensor_noise import Precision, precise
+from tactilenlp.data.sensor_noise import precise
 from tactilenlp.evaluation import metrics
 from tactilenlp.geometry.faces import touched_faces
 from tactilenlp.geometry.transforms import rotation_of
@@ -146,7 +146,7 @@ def cost(estimate) -> dict:
     """Return what an estimate took, in its own words."""
     *presolve, joint = estimate.iterations_by_level
     row = {"presolve_iterations": sum(presolve), "joint_iterations": joint}
-    noise = Precision(**estimate.precision)
+    noise = estimate.sensors
     widths = Options().widths(precise(estimate.measurements, noise))
     row |= dict(zip(("width", "starts"), widths, strict=True))
     row |= {"beam": len(estimate.hypotheses), "evaluations": estimate.evaluations}

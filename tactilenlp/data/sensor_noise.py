@@ -191,31 +191,22 @@ def in_time(data: Measurements, values: np.ndarray, by: float) -> np.ndarray:
     out = values.copy()
     if by == 0:
         return out
+    from scipy.interpolate import make_interp_spline  # lazily: import stays light
+
     for action in np.unique(data.action):
         rows = np.flatnonzero(data.action == action)
         apart = np.diff(data.time[rows], prepend=-np.inf) > REPEATED * data.dt
         known = rows[apart]  # a sample that has come twice tells no velocity
-        if len(known) < 2:
-            continue
-        t, asked = data.time[known], data.time[rows] + by
-        k = np.clip(np.searchsorted(t, asked, side="right") - 1, 0, len(t) - 2)
-        share = ((asked - t[k]) / (t[k + 1] - t[k])).reshape(-1, *[1] * (out.ndim - 1))
-        low, high = values[known[k]], values[known[k + 1]]
-        out[rows] = low + share * (high - low)
+        if len(known) > 1:
+            line = make_interp_spline(data.time[known], values[known], k=1)
+            out[rows] = line(data.time[rows] + by)
     return out
 
 
 def told_later(data: Measurements, latency: float) -> np.ndarray:
     """Return the samples (n,) of which late sensors tell only after their action."""
-    _, action = np.unique(data.action, return_inverse=True)
-    ends = np.full(action.max() + 1, -np.inf)
-    np.maximum.at(ends, action, data.time)
-    return np.flatnonzero(data.time > ends[action] - latency)
-
-
-def as_late(precision: Precision, other: Precision) -> Precision:
-    """Return a precision with the latency of another one."""
-    return replace(precision, latency=other.latency, latency_error=other.latency_error)
+    last = np.searchsorted(data.action, data.action, side="right") - 1
+    return np.flatnonzero(data.time > data.time[last] - latency)
 
 
 def latency_cost(scene, precision: Precision) -> float:

@@ -26,7 +26,7 @@ from ..common.threads import on_one_thread
 from ..common.validation import check_types
 from ..data.ground import frame_of
 from ..data.scene import Scene
-from ..data.sensor_noise import Precision, as_late, smoothed
+from ..data.sensor_noise import smoothed
 from ..errors import OptionError, TactileError, typed_call
 from ..information.comparisons import gauss_newton, inverse_dynamics, paper
 from ..information.information import Information, inverse
@@ -234,7 +234,7 @@ def problem_of(
                 got=f"{at.shape}, {at.measurements!r}",
                 expected=f"{job.shape.name}, {data!r}",
             )  # fmt: skip
-        job = job.with_sensors(as_late(job.precision, Precision(**at.precision)))
+        job = job.as_late_as(at.sensors)
         solved = replace(job, reductions=Reductions(**at.reductions), cuts=at.cuts)
         return problem_at(solved, at.origin)[0]
     if job.shape.window_depends_on_start:
@@ -266,14 +266,14 @@ def programme_at(estimate) -> Programme:
             where="estimate", got=estimate.shape, expected="a cuboid",
             next='ask for kind="exact", which every estimate carries',
         )  # fmt: skip
-    precision, frame = Precision(**estimate.precision), frame_of(scene.ground)
+    precision, frame = estimate.sensors, frame_of(scene.ground)
     data = estimate.measurements.transformed(frame.rotation, frame.translation)
     job = Job(
         data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
         reductions=Reductions(**estimate.reductions), cuts=estimate.cuts,
         page=page_of(estimate.formulation, shape), options=Options(),
         deadline=NEVER, functions=TermFunctions(),
-    ).with_sensors(precision)  # fmt: skip
+    ).as_late_as(precision)  # fmt: skip
     problem, window, _ = problem_at(job, estimate.origin)
     _check_same_unknowns(problem, estimate)
     solution = solution_of(estimate, job.page)

@@ -22,7 +22,7 @@ from ..refinement.certification import checked, with_profiles
 from ..refinement.ground_tilt import with_ground_for_turns, with_ground_tilt
 from ..refinement.incremental import continues, of_whole_actions, updated_by_few
 from ..refinement.incremental_polytope import repaired
-from ..refinement.latency import as_found, as_late_as, newly_late, with_latency
+from ..refinement.latency import as_found, newly_late, with_latency
 from ..refinement.model_selection import most_probable
 from ..refinement.nested_models import with_nuisance_parameters
 from ..refinement.refinement import (
@@ -118,7 +118,8 @@ def _of_one_search(request: Request, so_far: SoFar, update=None, known=()) -> Op
     job, solved = _solved_page(request, starts, so_far, update, known, enough)
     if solved and newly_late(request.job, job):
         log.info("searching again with the latency that was found")
-        again = from_scratch(replace(request, job=as_late_as(request.job, job)))
+        late = request.job.as_late_as(job.precision)
+        again = from_scratch(replace(request, job=late))
         other = _of_one_search(again, SoFar([], so_far.solved), update, solved)
         return replace(other, searched=seconds)
     return Optima(job, solved[0] if solved else None, solved, kept, starts, seconds)
@@ -164,11 +165,10 @@ def _certified(request: Request, found: Optima, check) -> Optima:
 def _solved_by_action(request: Request, solved: Job) -> Optima | None:
     """Return the optima of a search that solves the page after every action.
 
-    solved: the job of a solve of all actions, whose latency is where it begins.
-
     Where the fit after an action is not good, that action is searched again, less sure
     of how pushes move the body, as long as this finds more; of a polytope no pushes are
-    predicted.  None if time ends it.
+    predicted.  solved: the job of a solve of all actions, whose latency is where it
+    begins.  None if time ends it.
     """
     parts, update = growing(request), isinstance(request.start, Estimate)
     doubtful = request.job.shape.parameters == "sizes"
@@ -179,7 +179,7 @@ def _solved_by_action(request: Request, solved: Job) -> Optima | None:
     for job in parts:
         if not _in_time(request):
             return None
-        part = replace(request, job=as_late_as(job, solved))
+        part = replace(request, job=job.as_late_as(solved.precision))
         found = _of_one_search(part, SoFar(list(kept)))
         if found.best is None:
             return None

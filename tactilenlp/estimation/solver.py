@@ -17,7 +17,6 @@ from formulations.shape import Shape
 from ..common.interrupt import interruptible
 from ..common.threads import on_one_thread
 from ..data.scene import Scene
-from ..data.sensor_noise import Precision, as_late
 from ..errors import typed_call
 from ..interface.options import PROCESS, Guess, Options, Session
 from ..interface.readout import read_off
@@ -93,8 +92,7 @@ def estimate_of_class(
         data, scene, shape, formulation, options, start, executor, session
     )
     if poses is not None and start is None:
-        late = as_late(request.job.precision, Precision(**poses.precision))
-        request = replace(request, job=request.job.with_sensors(late))
+        request = replace(request, job=request.job.as_late_as(poses.sensors))
         path = on_poses(request.job, poses)
         if path is None or path.objective > most:
             return None

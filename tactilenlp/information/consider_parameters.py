@@ -90,8 +90,21 @@ class Doubt:
         return self.squared * np.outer(moves, moves)
 
 
+def considered(at) -> dict[str, Doubt]:
+    """Return the doubts about what a programme takes as given, by name.
+
+    at: error_budget.Linearisation.  None without touches.
+    """
+    if TOUCH_TERM not in at.kkt.problem.costs:
+        return {}
+    found = {"late normals": late_normals(at), "late touches": late_touches(at)}
+    if at.shape.rounded is not None:
+        found["rounded edges"] = rounded_edges(at)
+    return found
+
+
 def rounded_edges(at) -> Doubt:
-    """Return the doubt about sharp edges; at: error_budget.Linearisation."""
+    """Return the doubt about sharp edges; at: as above."""
     kkt, window, shape = at.kkt, at.window, at.shape
     problem, touch = kkt.problem, window.touch
     values = problem.unpack(kkt.x)
@@ -137,14 +150,14 @@ def late_touches(at) -> Doubt:
     kkt, sensed, problem = at.kkt, at.sensed, at.kkt.problem
     latency = sensed.precision.latency
     shifted = sensed.build(fingers_earlier(at.window, sensed.data, LAG_STEP)).data()
-    prior = Prior(LATENCY)
+    prior, estimated = Prior(LATENCY), False
     if sensed.scene.latency is not None:
-        prior = Prior(CONTACT_LATENCY, 0.0, -latency, CONTACT_LATENCY, none=False)
+        prior = Prior(CONTACT_LATENCY, least=-latency, most=CONTACT_LATENCY, none=False)
     elif latency > 0:
-        prior = Prior(LATENCY, -latency, -latency, LATENCY, none=False)
+        prior = Prior(LATENCY, mean=-latency, least=-latency, most=LATENCY, none=False)
+        estimated = True
     ends = ends_of(kkt, shifted - problem.data())
     doubt = _doubted(kkt, ends, LAG_STEP, prior, list(problem.costs))
-    estimated = latency > 0 and sensed.scene.latency is None
     return replace(doubt, besides=CONTACT_LATENCY * estimated)
 
 

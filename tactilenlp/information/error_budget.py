@@ -15,7 +15,7 @@ PHYSICS is measured: with it sigma covers the errors of 20 recordings.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -30,13 +30,7 @@ from formulations.names import (
 
 from ..common.deadline import NEVER, Deadline
 from ..nlp.kkt import KKTSystem
-from .consider_parameters import (
-    Doubt,
-    late_normals,
-    late_touches,
-    motions,
-    rounded_edges,
-)
+from .consider_parameters import Doubt, considered, motions
 from .error_budget_terms import (
     TouchedFaces,
     curvature_of_costs,
@@ -75,18 +69,16 @@ class Linearisation:
     window: object
     shape: object
     deadline: Deadline = NEVER  # checked between the terms of the budget
-    doubts: dict = field(default_factory=dict)  # see `doubt`
 
     @cached_property
     def derivatives(self) -> list[MixedDerivatives]:
         """The mixed derivatives of every term that reads measurements."""
         return mixed_derivatives(self.kkt, self.sensed, self.window)
 
-    def doubt(self, about: Callable) -> Doubt:
-        """Return the doubt about a consider parameter, computed once."""
-        if about not in self.doubts:
-            self.doubts[about] = about(self)
-        return self.doubts[about]
+    @cached_property
+    def doubts(self) -> dict[str, Doubt]:
+        """The doubts about the consider parameters, by name."""
+        return considered(self)
 
     @cached_property
     def motions(self) -> np.ndarray:
@@ -220,13 +212,13 @@ def _given(name: str) -> ErrorTerm:
     )
 
 
-def _considered(about: Callable, applies: Callable) -> ErrorTerm:
-    """Return the error by a consider parameter."""
-
-    def covariance(response):
-        return response.at.doubt(about).covariance(response.by_gradient)
-
-    return ErrorTerm(about.__name__.replace("_", " "), covariance, applies)
+def _considered(name: str, moved: Callable = lambda r: 0.0) -> ErrorTerm:
+    """Return the error by a consider parameter; moved: see Doubt.covariance."""
+    return ErrorTerm(
+        name,
+        lambda r: r.at.doubts[name].covariance(r.by_gradient, moved(r)),
+        lambda at: name in at.doubts,
+    )
 
 
 def _has_touches(at: Linearisation) -> bool:
@@ -236,15 +228,9 @@ def _has_touches(at: Linearisation) -> bool:
 ERROR_TERMS = (
     ErrorTerm("sensor noise", sensor_noise),
     ErrorTerm("touch model", touch_model, _has_touches),
-    _considered(
-        rounded_edges, lambda at: _has_touches(at) and at.shape.rounded is not None
-    ),
-    _considered(late_normals, _has_touches),
-    ErrorTerm(
-        "late touches",
-        lambda r: r.at.doubt(late_touches).covariance(r.by_gradient, r.moving),
-        _has_touches,
-    ),
+    _considered("rounded edges"),
+    _considered("late normals"),
+    _considered("late touches", lambda r: r.moving),
     ErrorTerm(
         "tilt of the ground",
         lambda r: r.at.tilt.covariance(r.by_gradient, r.turned),

@@ -18,8 +18,6 @@ from ..data.measurements import Measurements
 from ..data.mistakes import check_mistakes
 from ..data.scene import Scene
 from ..data.sensor_noise import (
-    Precision,
-    as_late,
     precise,
     precision_of,
     smoothed,
@@ -89,25 +87,23 @@ def read_request(
     check_types(data=(data, Measurements), session=(session, Session))
     scene, shape, options, page = asked(scene, shape, formulation, options, executor)
     if options.check_mistakes:
-        late = latency_known(scene, start).latency
+        late = latency_known(scene, start)
         check_mistakes(with_fingers_earlier(data, late), scene)
     scene.check(data)
     check_touched(data)
     functions = session.functions_for(start, scene, shape, page)
     scene = scene.on_ground_of(getattr(start, "scene", scene))
     job = make_job(data, scene, shape, options, began, page, functions)
-    late = as_late(job.precision, latency_known(scene, start))
-    job = job.with_sensors(late)
+    if isinstance(start, Estimate) and scene.latency is None:
+        job = job.as_late_as(start.sensors)
     known = [] if start is None else carried_hypotheses(start, shape, scene, data)
     axes = kept_axes(start, job)
     return Request(data, job, start, executor, axes), known
 
 
-def latency_known(scene: Scene, start) -> Precision:
-    """Return a Precision with the latency that scene or start tell before a solve."""
-    if isinstance(start, Estimate) and scene.latency is None:
-        return Precision(**start.precision)
-    return Precision(0.0, 0.0, latency=scene.latency or 0.0)
+def latency_known(scene: Scene, start) -> float:
+    """Return the latency [s] that scene, or an estimate to continue, tell."""
+    return getattr(start, "latency", 0.0) if scene.latency is None else scene.latency
 
 
 def asked(scene, shape, formulation, options, executor) -> tuple:
@@ -143,7 +139,7 @@ def make_job(data, scene, shape, options, began, page, functions=None) -> Job:
         deadline=Deadline.within(options.time_limit, began),
         functions=TermFunctions() if functions is None else functions,
     )  # fmt: skip
-    return job.with_sensors(precision)
+    return job.as_late_as(precision)
 
 
 def check_start(start, shape, scene) -> None:

@@ -21,6 +21,7 @@ from ..data.ground import frame_of
 from ..data.joint_offsets import JointZeros
 from ..data.measurements import Measurements
 from ..data.scene import Ground, Scene
+from ..data.sensor_noise import Precision
 from ..errors import TactileError
 from ..geometry.faces import SupportingPlanes, supporting_planes
 from ..geometry.transforms import rotation_of
@@ -159,12 +160,17 @@ class Estimate:
         return float(self.unknowns[COMPLIANCE].item()) / (self.scene.mass * G)
 
     @property
+    def sensors(self) -> Precision:
+        """The noise and latency of the sensors, as told or estimated."""
+        return Precision(**self.precision)
+
+    @property
     def latency(self) -> float:
         """By how much contacts and normals are later than positions [s].
 
         As told or estimated; 0 where the data do not ask for it.
         """
-        return self.precision.get("latency", 0.0)
+        return self.sensors.latency
 
     @property
     def finger_turn(self) -> np.ndarray | None:

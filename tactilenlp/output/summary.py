@@ -50,7 +50,7 @@ def remarks_of(estimate) -> list[str]:
     if estimate.scene.ground is not None and estimate.scene.ground.told is not None:
         lines.append(_leaning_ground(estimate.scene.ground))
     if estimate.latency and estimate.scene.latency is None:
-        lines.append(_latency(estimate.precision))
+        lines.append(_latency(estimate.sensors))
     if estimate.compliance is not None:
         lines.append(_compliance(estimate))
     if estimate.finger_turn is not None:
@@ -150,11 +150,11 @@ def _leaning_ground(ground) -> str:
     )
 
 
-def _latency(precision: dict) -> str:
-    late, error = (1e3 * precision[k] for k in ("latency", "latency_error"))
+def _latency(sensors) -> str:
+    late, error = 1e3 * sensors.latency, 1e3 * sensors.latency_error
     return (
         f"Contacts and normals are {late:.0f} ± {error:.0f} ms later than finger "
-        "positions: their poses were moved on by this time."
+        "positions: poses are moved on by that time."
     )
 
 

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..data.sensor_noise import LATENCY, as_late
+from ..data.sensor_noise import LATENCY
 from ..information.consider_parameters import Doubt, late_touches
 from ..information.error_budget import Linearisation
 from ..information.measurement_noise import Sensed
@@ -51,18 +51,13 @@ def with_latency(job, solved) -> tuple:
     best = replace(late, job=replace(late.job, precision=told))
     close = [s for s in solved[1:] if s.solution.success]
     close = [s for s in close if s.cost < prompt.cost + DECISIVE]
-    others = [warm_started(s.job.with_sensors(told), s) for s in close]
+    others = [warm_started(s.job.as_late_as(told), s) for s in close]
     return best.job, best_first([best, *others])
 
 
 def as_found(job, other):
     """Return a job on the ground, and with the latency, of another one."""
-    return as_late_as(on_ground(job, other.scene.ground), other)
-
-
-def as_late_as(job, other):
-    """Return a job with the latency of another one."""
-    return job.with_sensors(as_late(job.precision, other.precision))
+    return on_ground(job, other.scene.ground).as_late_as(other.precision)
 
 
 def newly_late(job, other) -> bool:
@@ -93,7 +88,7 @@ def _by_steps(best: Solved) -> tuple[Solved, Doubt]:
         step = np.clip(factor * doubt.mean, -LONGEST_LAG, LONGEST_LAG)
         told = best.job.precision
         told = replace(told, latency=max(0.0, float(told.latency + step)))
-        late = best.job.with_sensors(told)
+        late = best.job.as_late_as(told)
         again = warm_started(late, best)
         gained = best.cost - again.cost
         if not again.solution.success or gained < BETTER_OPTIMUM:

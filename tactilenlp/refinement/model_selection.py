@@ -16,7 +16,7 @@ from formulations.shape import Shape
 
 from ..common.deadline import Deadline
 from ..common.validation import check_types
-from ..data.sensor_noise import Precision, latency_cost
+from ..data.sensor_noise import latency_cost
 from ..errors import OptionError, StartError, TactileError
 from ..information.error_budget_terms import ANY_ROTATION, REACHED, positive_part
 from ..information.mixture import (
@@ -154,6 +154,6 @@ def evidence_of(estimate, shape) -> float:
     else:
         prior = np.eye(k) / REACHED**2 + positive_part(information.part("prior"))
     covariance = information.of_hessian().spread
-    late = latency_cost(estimate.scene, Precision(**estimate.precision))
+    late = latency_cost(estimate.scene, estimate.sensors)
     cost = estimate.objective + estimate.scene.tilt_cost + late
     return log_evidence(cost, covariance, prior) + np.log(alike)

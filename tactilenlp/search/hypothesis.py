@@ -142,12 +142,14 @@ class Job:
         recorded = None if self.recorded is None else change(self.recorded)
         return replace(self, data=change(self.data), recorded=recorded)
 
-    def with_sensors(self, precision) -> Job:
-        """Return the job of another Precision, fingers earlier by its latency."""
+    def as_late_as(self, sensors) -> Job:
+        """Return the job with the latency of a Precision, fingers earlier by it."""
+        latency, error = sensors.latency, sensors.latency_error
+        late = replace(self.precision, latency=latency, latency_error=error)
         recorded = self.data if self.recorded is None else self.recorded
-        earlier = with_fingers_earlier(recorded, precision.latency)
-        recorded = recorded if precision.latency else None
-        return replace(self, data=earlier, recorded=recorded, precision=precision)
+        earlier = with_fingers_earlier(recorded, latency)
+        recorded = recorded if latency else None
+        return replace(self, data=earlier, recorded=recorded, precision=late)
 
     @property
     def prior_cost(self) -> float:

@@ -107,7 +107,7 @@ def as_polytope(estimate, scene, samples: int | None = None) -> Hypothesis:
     Planar poses in the ground's frame, free ones in the world where there is none; the
     body's axes are the world's at the last of so many samples.
     """
-    data, by = estimate.measurements, -estimate.precision.get("latency", 0.0)
+    data, by = estimate.measurements, -estimate.latency
     position = in_time(data, estimate.position, by)[:samples]
     quaternion = turned_in_time(data, estimate.quaternion, by)[:samples]
     R = rotations_on_ground(scene.ground, quaternion)
