@@ -103,8 +103,7 @@ class Job:
     x) of the first touch; cuts: samples within rest intervals that need a pose of their
     own; process_noise: factor of the search's; may_be_carried: whether the search
     considers that a body was, between two actions; path: a Hypothesis of all samples
-    that is solved instead of a search; recorded: the data before fingers were put where
-    they were earlier by precision.latency; None: it is zero.
+    that is solved instead of a search; recorded: the data before a latency, if any.
 
     Pickled, it has no page: other processes search, and solve pages of their own.
     """
