@@ -8,10 +8,10 @@ and arms are those of its end.  With w = m g dt and the unknown x = x_{t+1}
 in x, y and yaw, in weights.  The impulses are in sliding_contact.py: complementarity
 and Coulomb's law, rounded over one speed s [m/s].
 
-F = 0 is solved by a fixed number of damped Newton steps while s falls to v_eps.  Their
-end x and the slope A of F there are constants to any derivative; each Newton step from
-there, x - A^-1 F(x, .), gives x one exact derivative with respect to all the rest
-(implicit function theorem): two steps, two derivatives.
+F = 0 is solved by a fixed number of damped Newton steps while s falls to v_eps.  Where
+roots are noted (implicit.py), x is one; else its end and the slope A of F there are
+constants to any derivative, and each Newton step from there, x - A^-1 F(x, .), gives x
+one exact derivative with respect to all the rest: two steps, two derivatives.
 
 A body that is pressed to the ground from above cannot give way, and so stays where it
 is or follows the finger; one that is squeezed stays between its fingers.  It cannot
@@ -21,10 +21,12 @@ tip, and the fingers do not give way: they are where their path says.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import casadi as ca
 
 from .finger import Finger, frozen
+from .implicit import are_noted, root
 from .rigid_body import ARM, PLANAR, G, momentum_change, uniform
 from .shape import Shape
 from .sliding_contact import Pusher, drag, push
@@ -32,8 +34,9 @@ from .sliding_contact import Pusher, drag, push
 STEP_V_EPS = 2e-3  # [m/s] rounds contact and friction: 0.07 mm in a step of 1/30 s
 LONGEST_STEP = 5e-3  # [m] of a Newton step
 FIRST_SPEED = 64e-3  # [m/s] the speed s at which Newton's steps begin
-EASING, LAST = 8, 5  # Newton steps while s falls, and at its value
-DAMPING = (1.0, 0.5, 0.25, 0.1)  # of a Newton step: the one that leaves least is taken
+EASING, LAST = 8, 7  # Newton steps while s falls, and at its value
+DAMPING = (1.0, 0.5)  # of a Newton step: the one that leaves less is taken
+EXACT_STEPS = 2  # Newton steps with exact derivatives, where they are written out
 GRAIN = 2.0**-50  # [m, rad] of a pose, [weights/m] of a slope, that are constants
 
 
@@ -55,16 +58,13 @@ class Sliding:
         mu, mu_g: friction of the fingers, of the ground; v_eps [m/s]; fingers: a Pusher
         of each.  From rest, x_2 = x_1.
         """
-        known = theta, x_1, x_2, dt, mu, mu_g
-        balance, slope, damped = self.functions(known, fingers)
-        given = *known, *numbers_of(fingers)
-        x = x_1
-        for k in range(EASING + LAST):
-            s = v_eps * ca.fmax(1, FIRST_SPEED / v_eps) ** max(0.0, 1 - k / EASING)
-            x = damped(x, s, *given)
-        x = frozen(x, GRAIN)
+        given = theta, x_1, x_2, dt, mu, mu_g, *numbers_of(fingers)
+        balance, slope, found = step_functions(self, len(fingers))
+        if are_noted():
+            return root(lambda x: balance(x, v_eps, *given), found, v_eps, *given)
+        x = frozen(found(v_eps, *given), GRAIN)
         A = frozen(slope(x, v_eps, *given), GRAIN)
-        for _ in range(2):
+        for _ in range(EXACT_STEPS):
             x -= ca.inv_minor(A) @ balance(x, v_eps, *given)
         return x
 
@@ -73,33 +73,9 @@ class Sliding:
 
         For one weight in x, in y, and about yaw at ARM: the inverse slope of F.
         """
-        known = theta, x_1, x_2, dt, mu, mu_g
-        _, slope, _ = self.functions(known, fingers)
-        return ca.inv_minor(slope(x, v_eps, *known, *numbers_of(fingers)))
-
-    def functions(self, known, fingers):
-        """Return (x, s, *given) -> F (3,); -> dF/dx (3, 3); -> x a Newton step further.
-
-        given: the numbers of `known` and of the fingers, one after another, of which
-        the arguments here say the sizes.  The last two functions are constants to any
-        derivative, and called, not written out.
-        """
-        x, s = ca.SX.sym("x", PLANAR.unknowns), ca.SX.sym("s")
-        known = [like(a) for a in known]
-        fingers = [Pusher(*(like(a) for a in finger)) for finger in fingers]
-        inputs, cse = [x, s, *known, *numbers_of(fingers)], {"cse": True}
-        F = self.imbalance(x, s, *known, *fingers)
-        A = ca.densify(ca.jacobian(F, x))
-        balance = ca.Function("balance", inputs, [F], cse)
-        d = ca.inv_minor(A) @ F
-        way = ca.sqrt(d[0] ** 2 + d[1] ** 2 + (ARM * d[2]) ** 2)
-        d *= ca.fmin(1, LONGEST_STEP / way)
-        ends = [x - share * d for share in DAMPING]
-        end = best(ends, [balance(x, *inputs[1:]) for x in ends])
-        constant = cse | {"never_inline": True, "is_diff_out": [False]}
-        slope = ca.Function("slope", inputs, [A], constant)
-        damped = ca.Function("damped", inputs, [end], constant)
-        return balance, slope, damped
+        _, slope, _ = step_functions(self, len(fingers))
+        given = theta, x_1, x_2, dt, mu, mu_g, *numbers_of(fingers)
+        return ca.inv_minor(slope(x, v_eps, *given))
 
     def imbalance(self, x, s, theta, x_1, x_2, dt, mu, mu_g, *fingers):
         """Return F: change of momentum less impulses in x, y, yaw (3,) [weights]."""
@@ -127,9 +103,36 @@ class Sliding:
         return push(*at, dt, w, mu, s, pusher)
 
 
-def like(a):
-    """Return a symbol as long as a."""
-    return ca.SX.sym("a", ca.SX(a).numel())
+@cache
+def step_functions(body: Sliding, fingers: int):
+    """Return (x, s, *given) -> F (3,); -> dF/dx (3, 3); (v_eps, *given) -> x.
+
+    given: theta, x_1, x_2, dt, mu, mu_g and the numbers of the fingers, one after
+    another.  The last two are constants to any derivative.
+    """
+    x, s, v_eps = ca.SX.sym("x", PLANAR.unknowns), ca.SX.sym("s"), ca.SX.sym("v")
+    sizes = body.shape.theta, PLANAR.unknowns, PLANAR.unknowns, 1, 1, 1
+    known = [ca.SX.sym("a", size) for size in sizes]
+    sizes = body.finger.numbers, body.finger.numbers, 1
+    pushers = [Pusher(*(ca.SX.sym("f", n) for n in sizes)) for _ in range(fingers)]
+    given, cse = [*known, *numbers_of(pushers)], {"cse": True}
+    F = body.imbalance(x, s, *known, *pushers)
+    A = ca.densify(ca.jacobian(F, x))
+    balance = ca.Function("balance", [x, s, *given], [F], cse)
+    d = ca.inv_minor(A) @ F
+    way = ca.sqrt(d[0] ** 2 + d[1] ** 2 + (ARM * d[2]) ** 2)
+    d *= ca.fmin(1, LONGEST_STEP / way)
+    ends = [x - share * d for share in DAMPING]
+    end = best(ends, [balance(x, s, *given) for x in ends])
+    constant = cse | {"never_inline": True, "is_diff_out": [False]}
+    slope = ca.Function("slope", [x, s, *given], [A], constant)
+    damped = ca.Function("damped", [x, s, *given], [end], constant)
+    x = known[1]
+    for k in range(EASING + LAST):
+        s = v_eps * ca.fmax(1, FIRST_SPEED / v_eps) ** max(0.0, 1 - k / EASING)
+        x = damped(x, s, *given)
+    found = ca.Function("found", [v_eps, *given], [x], cse)
+    return balance, slope, found
 
 
 def numbers_of(fingers):

@@ -77,3 +77,37 @@ def test_what_cannot_be_vectors_is_compiled_as_it_is(tmp_path, monkeypatch):
     ones, below = repeated(wide[1], 3)(np.ones((2, 3)))
     assert ones.full().tolist() == [[np.inf] * 3]
     assert below.full().tolist() == [[-np.inf] * 3]
+
+
+def test_functions_that_are_called_again_and_again_are_vectors_too(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    x, a = ca.SX.sym("x", 2), ca.SX.sym("a")
+    called = {"never_inline": True}
+    inner = ca.Function("inner", [a, x], [ca.sin(a) * x[1], x[0] - a], called)
+    step = ca.Function("step", [x, a], [ca.vertcat(*inner(a, x)) + x / 2], called)
+    y = x
+    for k in range(5):
+        y = step(y, a / (k + 1))
+    whole = ca.Function("whole", [x, a], [y, ca.sumsqr(y)])
+    assert whole.n_instructions() < 50  # written out it would be more
+    assert can_be_vectors(whole)
+    (fast,) = compiled([whole], vectors=True)
+    assert fast.size2_in(0) == WIDTH
+    given = np.random.default_rng(1).normal(size=(3, 11))
+    for ours, other in zip(
+        repeated(fast, 11)(given[:2], given[2:]),
+        repeated(whole, 11)(given[:2], given[2:]),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(ours, other)
+
+
+def test_a_function_that_calls_two_others_is_compiled_as_it_is():
+    x = ca.SX.sym("x")
+    sine, cosine = (
+        ca.Function(name, [x], [value], {"never_inline": True})
+        for name, value in (("sine", ca.sin(x)), ("cosine", ca.cos(x)))
+    )
+    assert not can_be_vectors(ca.Function("both", [x], [sine(x) + cosine(x)]))

@@ -12,7 +12,7 @@ from formulations.finger import SPHERE
 from formulations.shape import CUBOID
 from formulations.sliding_contact import LOAD_ROUNDING, Pusher
 from formulations.sliding_path import path
-from formulations.time_stepping import STEP_V_EPS, Sliding
+from formulations.time_stepping import STEP_V_EPS, Sliding, step_functions
 from tactilenlp.nlp.term_functions import default_cache
 
 G, MU_G, RHO = 9.81, 0.3, 0.01
@@ -197,7 +197,7 @@ def test_a_step_gives_way_to_an_impulse_as_its_balance_says(step):
         np.asarray(ca.evalf(BODY.gives(x, *known, STEP_V_EPS, Pusher(*finger))))
         @ impulse
     )
-    balance, slope, _ = BODY.functions(known, [Pusher(*finger)])
+    balance, slope, _ = step_functions(BODY, 1)
     moved = x.copy()
     for _ in range(20):
         off = np.asarray(balance(moved, STEP_V_EPS, *known, *finger)).ravel() - impulse

@@ -3,7 +3,8 @@
 A term's function has no branch: each operation of CasADi's scalar expression becomes
 one on vectors, a number for each of WIDTH instances, by the vector extension of GCC and
 Clang.  Arguments and results are matrices with a column for each instance.  The digits
-are those of one instance at a time: the same operations in the same order.
+are those of one instance at a time: the same operations in the same order.  A function
+that such a function calls, as often as it likes, becomes one of C's, written once.
 
 A library exports what CasADi loads as external functions: name, name_n_in, ....
 """
@@ -12,10 +13,12 @@ from __future__ import annotations
 
 import math
 import platform
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
 import casadi as ca
+import numpy as np
 
 WIDTH = 8  # instances: a vector of 512 bits, or two to four smaller ones
 # Vectors of more operations leave the caches: those of a hull's balance, 69 000, are
@@ -95,11 +98,14 @@ def can_be_vectors(function: ca.Function) -> bool:
     """Tell whether a function has scalar operations on dense columns, and not many."""
     if not function.is_a("SXFunction") or function.n_instructions() > MOST_OPERATIONS:
         return False
+    called = _called(function)
+    if len(called) > 1 or not all(map(can_be_vectors, called)):
+        return False
     given = [function.sparsity_in(k) for k in range(function.n_in())]
     found = [function.sparsity_out(k) for k in range(function.n_out())]
     columns = all(s.is_dense() and s.size2() == 1 for s in given + found)
     numbers = range(function.n_instructions())
-    known = _written().keys() | {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}
+    known = _written().keys() | {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, ca.OP_CALL}
     return bool(given) and columns and known >= {*map(function.instruction_id, numbers)}
 
 
@@ -127,17 +133,50 @@ def _of_each(name: str, *operands: str) -> str:
     return f"EACH each_{name.lower()}({given}) {{ {each} return a; }}"
 
 
+def _called(function: ca.Function) -> list[ca.Function]:
+    """Return the functions that a function calls by itself."""
+    return function.find_functions(0)
+
+
 def _exported(function: ca.Function) -> str:
     """Return the function and what CasADi asks a library about it."""
-    name, lines = function.name(), list(_statements(function))
+    name = function.name()
     given = [function.size1_in(k) for k in range(function.n_in())]
     found = [function.size1_out(k) for k in range(function.n_out())]
+
+    def read(k, row):
+        numbers = [f"x[{k}][{row + given[k] * one}]" for one in range(WIDTH)]
+        return f"{{{', '.join(numbers)}}}"
+
+    def write(k, row, value):
+        each = f"y[{k}][{row} + {found[k]} * k] = {value}[k]"
+        return f"if (y[{k}]) for (int k = 0; k < {WIDTH}; ++k) {each};"
+
     return "\n".join([
+        *(_internal(one, f"{name}_calls") for one in _called(function)),
         f"int {name}(const double** x, double** y, integer* iw, double* w, int mem) {{",
-        *lines, "return 0; }",
+        *_statements(function, name, read, write), "return 0; }",
         *_sizes(f"{name}_%s_in", given), *_sizes(f"{name}_%s_out", found),
         f"int {name}_work(integer* x, integer* y, integer* iw, integer* w) {{",
         f"*x = {len(given)}; *y = {len(found)}; *iw = *w = 0; return 0; }}",
+    ])  # fmt: skip
+
+
+def _internal(function: ca.Function, name: str) -> str:
+    """Return a function that is called: of all numbers x, to all numbers y."""
+    given = np.cumsum([0, *map(function.size1_in, range(function.n_in()))])
+    found = np.cumsum([0, *map(function.size1_out, range(function.n_out()))])
+
+    def read(k, row):
+        return f"x[{given[k] + row}]"
+
+    def write(k, row, value):
+        return f"y[{found[k] + row}] = {value};"
+
+    return "\n".join([
+        *(_internal(one, f"{name}_calls") for one in _called(function)),
+        f"static void {name}(const vector* x, vector* y) {{",
+        *_statements(function, name, read, write), "}",
     ])  # fmt: skip
 
 
@@ -151,26 +190,31 @@ def _sizes(name: str, rows: list[int]) -> list[str]:
     ]
 
 
-def _statements(function: ca.Function):
-    """Yield the C statements; v<k>: the latest value of CasADi's work vector there."""
+def _statements(function: ca.Function, name: str, read: Callable, write: Callable):
+    """Yield the C statements; v<k>: the latest value of CasADi's work vector there.
+
+    name: that of the function in C; read(k, row): the expression of a number that is
+    given; write(k, row, value): the statement that makes one a result.
+    """
     at: dict[int, str] = {}  # the variable of each place of the work vector
     for k in range(function.n_instructions()):
         operation = function.instruction_id(k)
-        read, written = function.instruction_input(k), function.instruction_output(k)
+        places, written = function.instruction_input(k), function.instruction_output(k)
         if operation == ca.OP_OUTPUT:
-            (k_out, row), n = written, function.size1_out(written[0])
-            each = f"y[{k_out}][{row} + {n} * k] = {at[read[0]]}[k]"
-            yield f"if (y[{k_out}]) for (int k = 0; k < {WIDTH}; ++k) {each};"
+            yield write(*written, at[places[0]])
+            continue
+        if operation == ca.OP_CALL:
+            yield f"vector a{k}[] = {{{', '.join(at[place] for place in places)}}};"
+            yield f"vector v{k}[{len(written)}]; {name}_calls(a{k}, v{k});"
+            at |= {place: f"v{k}[{row}]" for row, place in enumerate(written)}
             continue
         if operation == ca.OP_INPUT:
-            (k_in, row), n = read, function.size1_in(read[0])
-            numbers = [f"x[{k_in}][{row + n * one}]" for one in range(WIDTH)]
-            value = f"{{{', '.join(numbers)}}}"
+            value = read(*places)
         elif operation == ca.OP_CONST:
             numbers = [_number(function.instruction_constant(k))] * WIDTH
             value = f"{{{', '.join(numbers)}}}"
         else:
-            value = _written()[operation].format(*(at[place] for place in read))
+            value = _written()[operation].format(*(at[place] for place in places))
         at[written[0]] = f"v{k}"
         yield f"const vector v{k} = {value};"
 
