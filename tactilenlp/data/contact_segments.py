@@ -28,6 +28,15 @@ def samples_until(data: Measurements, samples: int) -> Measurements:
     return data.select(np.unique(data.action[:samples]))
 
 
+def intervals(data: Measurements) -> np.ndarray:
+    """Return the median sample interval (T,) [s] of the action of each sample."""
+    out = np.empty(data.samples)
+    for action in np.unique(data.action):
+        rows = data.action == action
+        out[rows] = np.median(np.diff(data.time[rows])) if rows.sum() > 1 else data.dt
+    return out
+
+
 def consecutive_contacts(data) -> np.ndarray:
     """Tell which fingers feel two consecutive samples of an action (T - 1, F)."""
     felt = data.contact
@@ -40,7 +49,8 @@ def rate_of(data, values: np.ndarray) -> np.ndarray:
     Zero where an action begins, and for a sample that has come twice.
     """
     interval, rate = np.diff(data.time), np.zeros_like(values)
-    known = (data.action[1:] == data.action[:-1]) & (interval > REPEATED * data.dt)
+    known = data.action[1:] == data.action[:-1]
+    known &= interval > REPEATED * intervals(data)[1:]
     shape = (-1, *[1] * (values.ndim - 1))
     rate[1:][known] = np.diff(values, axis=0)[known] / interval[known].reshape(shape)
     return rate

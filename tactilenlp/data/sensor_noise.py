@@ -13,7 +13,7 @@ from functools import cache
 
 import numpy as np
 
-from .contact_segments import REPEATED
+from .contact_segments import REPEATED, intervals
 from .measurements import Measurements
 
 SMOOTHING_WINDOW = 9  # samples of the local parabola (0.3 s at 30 Hz)
@@ -183,23 +183,29 @@ def turned_in_time(data: Measurements, wxyz, by: float) -> np.ndarray:
     return quaternion_of(Rotation.from_rotvec(turns))
 
 
-def in_time(data: Measurements, values: np.ndarray, by: float) -> np.ndarray:
+def in_time(
+    data: Measurements, values: np.ndarray, by: float, beyond: bool = True
+) -> np.ndarray:
     """Return values (T, ...) of the samples as they are at other times, later by [s].
 
-    Linear between the samples of an action, and beyond its first and last one.
+    Linear between the samples of an action and, unless these are kept, beyond its first
+    and last one.
     """
     out = values.copy()
     if by == 0:
         return out
     from scipy.interpolate import make_interp_spline  # lazily: import stays light
 
+    least = REPEATED * intervals(data)
     for action in np.unique(data.action):
         rows = np.flatnonzero(data.action == action)
-        apart = np.diff(data.time[rows], prepend=-np.inf) > REPEATED * data.dt
+        apart = np.diff(data.time[rows], prepend=-np.inf) > least[rows]
         known = rows[apart]  # a sample that has come twice tells no velocity
         if len(known) > 1:
             line = make_interp_spline(data.time[known], values[known], k=1)
-            out[rows] = line(data.time[rows] + by)
+            then = data.time[rows] + by
+            ends = data.time[rows[[0, -1]]]
+            out[rows] = line(then if beyond else np.clip(then, *ends))
     return out
 
 

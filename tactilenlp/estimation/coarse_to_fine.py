@@ -19,14 +19,14 @@ from ..errors import NoContactError
 from ..geometry.transforms import is_planar
 from ..interface.request import Request, check_touched
 from ..problem.certificates import Certificates, certify
-from ..refinement.latency import as_found
+from ..refinement.latency import as_found, with_latency
 from ..refinement.nested_models import NUISANCES
 from ..refinement.refinement import from_scratch
 from ..search.hypothesis import Hypothesis, Job, distinct
 from ..search.local_solve import Solved, best_first
 from ..search.margins import LEAST_MOTION_BEHIND
 from ..search.multistart import multistart
-from ..tracking.tracking import stride_of, tracked_samples
+from ..tracking.tracking import tracked_samples
 from .interrupted import SoFar
 from .optima import (
     CERTIFICATES_END,
@@ -46,10 +46,10 @@ def coarse_rows(request: Request) -> np.ndarray | None:
     None as well where poses are given, or no touch lasts at the lower rate.
     """
     data = request.job.data
-    if stride_of(data) == 1 or request.job.path is not None:
-        return None
     each = (np.flatnonzero(data.action == a) for a in np.unique(data.action))
     rows = np.concatenate([tracked_samples(data, samples) for samples in each])
+    if len(rows) == data.samples or request.job.path is not None:
+        return None
     try:
         check_touched(_at_rows(data, rows))
     except NoContactError:
@@ -80,10 +80,11 @@ def optima_of_dense(request: Request, rows, so_far: SoFar) -> Optima:
     job = dense.job_until(REFINEMENT_END)
     with so_far.collecting() as solved, job.deadline.ending("other solves of the page"):
         multistart(job, starts, job.page.LEVELS, solved=solved)
-    job = dense.job_until(CERTIFICATES_END)
     solved = best_first(solved)
     if not solved:
         return Optima(job, None, [], kept, starts, coarse.searched)
+    job, solved = with_latency(job, solved)  # more samples tell more of it
+    job = dense.job_until(CERTIFICATES_END).as_late_as(job.precision)
     check = partial(_certified, known)
     best, solved = certified_best(dense, job, solved, check)
     best = replace(best, declined=known.declined, profile=known.profile)

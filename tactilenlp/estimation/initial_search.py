@@ -12,9 +12,7 @@ from dataclasses import dataclass, replace
 
 from ..data.ground import frame_of
 from ..interface.options import Guess
-from ..interface.readout import name_of
 from ..interface.request import Request, first_guess
-from ..interface.result import Estimate
 from ..nlp.term_functions import default_cache
 from ..problem.reductions import Reductions
 from ..search.hypothesis import Hypothesis, Job
@@ -101,16 +99,10 @@ class SearchInFrame:
 
     @classmethod
     def of(cls, request: Request, job: Job, kept: list) -> SearchInFrame:
-        """Return the search of a request, by a job with its own reductions.
-
-        What another page found, or a search that was interrupted, is no posterior of
-        this page: all actions are tracked again.
-        """
-        start, starts, page = request.start, request.widths[1], request.job.page
+        """Return the search of a request, by a job with its own reductions."""
+        start, starts = request.start, request.widths[1]
         ground = frame_of(job.scene.ground)
         job = replace(job, first=first_guess(start, job.shape, ground))
-        if isinstance(start, Estimate) and start.formulation != name_of(page):
-            kept[:] = []
         if not default_cache().functions and job.deadline.left > AMPLE:
             problem_at(request.job)  # its compilers run beside the search
         frame = ContactFrame.of(job, kept)

@@ -10,13 +10,13 @@ from dataclasses import dataclass, field, replace
 from ..common.deadline import NEVER, Deadline
 from ..data.contact_segments import samples_until
 from ..errors import Interrupted, MotionError
-from ..interface.readout import name_of, read_off
+from ..interface.readout import read_off
 from ..interface.request import Request
 from ..interface.result import Estimate
 from ..nlp.problem import Problem
 from ..nlp.term_functions import TermFunctionCache
 from ..problem.outliers import check_explained
-from ..problem.pages import page_of
+from ..problem.pages import name_of, page_of
 from ..problem.polytope_window import window_of
 from ..search.local_solve import Solved, in_motion_of, solved_from, start_values
 from ..solvers.solution import evaluated, not_converged
@@ -110,7 +110,7 @@ def raise_unless_good(estimate, solved) -> None:
     if not estimate.success:
         raise not_converged(solved.problem, solved.solution, estimate)
     if estimate.scene.ground is None:
-        check_explained(solved)
+        check_explained(solved, estimate)
     tilted = [s for s in estimate.skipped if s.name == "planar" and not s.holds]
     if tilted:
         raise MotionError(

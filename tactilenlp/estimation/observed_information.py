@@ -155,7 +155,7 @@ def assumption_sensitivities(
 
     build(scene, window) builds the problem again under other assumptions.
     """
-    found, units = {}, {}
+    found, units, world = {}, {}, frame_of(scene.ground).rotation  # its axes: columns
 
     def add(name, unit, changed, step):
         ends = [kkt_residual(build(*changed(side * step)), kkt) for side in (1, -1)]
@@ -183,16 +183,16 @@ def assumption_sensitivities(
                 ASSUMPTION_STEP * value,
             )  # fmt: skip
     for finger in np.unique(np.r_[window.touch.finger, window.free.finger]):
-        for axis, word in enumerate("xyz"):
+        for axis, word in zip(world.T, "xyz", strict=True):
             add(
                 f"finger {finger} offset {word}", "m",
-                lambda d, f=finger, a=axis: (scene, shifted(window, f, a, d)), SHIFT,
+                lambda d, f=finger, a=axis: (scene, shifted(window, f, d * a)), SHIFT,
             )  # fmt: skip
     return found, units
 
 
-def shifted(window, finger: int, axis: int, way: float):
-    """Return the window as if a finger had been elsewhere by `way` [m] all the time."""
+def shifted(window, finger: int, way: np.ndarray):
+    """Return the window as if a finger had been elsewhere by `way` (3,) [m] always."""
     changed = {}
     for part, names in (
         (TOUCH_TERM, ["p_wf"]),
@@ -201,7 +201,7 @@ def shifted(window, finger: int, axis: int, way: float):
     ):
         rows = getattr(window, part)
         there = np.zeros_like(rows.p_wf)
-        there[rows.finger == finger, axis] = way
+        there[rows.finger == finger, :3] = way
         changed[part] = replace(rows, **{n: getattr(rows, n) + there for n in names})
     return replace(window, **changed)
 

@@ -19,6 +19,7 @@ from formulations.finger_offset import NAME as OFFSET
 from formulations.likelihood import steepness
 from formulations.rigid_body import ARM, FREE, PLANAR
 
+from ..data.contact_segments import intervals
 from ..geometry.transforms import rotation_of
 from ..information.tangent_space import tangent_of, widest_deviations
 from ..information.trajectory import prior_of_offsets
@@ -225,7 +226,8 @@ def of_soft_fingertips(sensors: np.ndarray, estimate) -> np.ndarray:
     felt = data.contact
     push = [estimate.impulses[f"finger {f}"] for f in range(data.fingers)]
     normal = np.abs((np.stack(push, axis=1) * data.normal).sum(axis=2))
-    depth = compliance * np.sqrt(np.mean(normal[felt] ** 2)) / data.dt
+    force = (normal / intervals(data)[:, None])[felt]
+    depth = compliance * np.sqrt(np.mean(force**2))
     turned = TURNED * depth / data.finger_radius.mean()
     alpha, sigma, sigma_n = sensors
     off = INDENTATION_ERROR * depth

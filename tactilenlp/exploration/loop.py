@@ -20,9 +20,9 @@ from ..estimation.solver import solve_estimate
 from ..evaluation.ground_truth import KnowsTruth, errors_of
 from ..information.information import POSE
 from ..interface.options import Guess
-from ..interface.readout import name_of
 from ..interface.request import asked, check_start
 from ..interface.result import Estimate
+from ..problem.pages import name_of
 from ..refinement.model_selection import classes_of
 from .action_space import Workspace
 from .first_touch import check_reach, check_world, executed, first_touch

@@ -252,17 +252,19 @@ def information_gain(known, told, asked: int | None = None) -> float:
         rest = slice(asked, None)
         nuisance = information_gain(known[rest, rest], told[rest, rest])
         return information_gain(known, told) - nuisance
-    scale = 1 / np.sqrt(np.abs(np.diag(known)))
-    known, told = known * np.outer(scale, scale), told * np.outer(scale, scale)
+    finite = np.isfinite(known).all() and np.isfinite(told).all()
     try:
+        if not (finite and np.all(np.diag(known) > 0)):
+            raise np.linalg.LinAlgError
+        scale = 1 / np.sqrt(np.diag(known))
+        known, told = known * np.outer(scale, scale), told * np.outer(scale, scale)
         before, after = np.linalg.cholesky(known), np.linalg.cholesky(known + told)
     except np.linalg.LinAlgError as bad:
-        finite = np.isfinite(known).all()
         least = np.linalg.eigvalsh(known)[0] if finite else np.nan
         raise TactileError(
             "not positive definite",
             where="information_gain",
-            expected="I and I + F with positive eigenvalues only",
+            expected="finite numbers, I and I + F with positive eigenvalues only",
             got=f"{least:.2g} as the least one of I",
             next="give what is known a prior in physical units",
         ) from bad

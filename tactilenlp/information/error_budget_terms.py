@@ -249,9 +249,9 @@ def untouched_faces(seen: TouchedFaces) -> np.ndarray:
     if not (shape.is_box and shape.symmetries):
         return total
     known = np.asarray(seen.faces) >= KNOWN_FACE
-    for R in (tangent.R_first, tangent.R) if seen.grounded else ():
-        down = np.argmax(np.abs(R[2]))
-        known[down, 0 if R[2, down] > 0 else 1] |= abs(R[2, down]) > VERTICAL
+    for lean in tangent.up @ [tangent.R_first, tangent.R] if seen.grounded else ():
+        down = np.argmax(np.abs(lean))
+        known[down, 0 if lean[down] > 0 else 1] |= abs(lean[down]) > VERTICAL
     for axis, (low, high) in enumerate(known):
         if low and high:
             continue

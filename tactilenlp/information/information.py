@@ -117,7 +117,7 @@ class Information:
         return np.nan_to_num(C) + self.ground[POSE[name], POSE[name]]
 
     def sigma(self, name: str, sample: int | None = None) -> np.ndarray:
-        """Return standard deviations (3,), SI; NaN where fixed by a reduction.
+        """Return standard deviations (3,), SI; NaN where fixed (`fixed`, no tilt).
 
         "finger_offset": (F, 3), where the scene leaves it open.  sample: of the
         trajectory, for "position" and "rotation"; the last one by default.
@@ -134,7 +134,7 @@ class Information:
 
     def along_path(self, name: str) -> np.ndarray:
         """Return standard deviations (T, 3) of position or rotation."""
-        if name not in POSE or self.path is None:
+        if name not in [*POSE] or self.path is None:
             raise OptionError(
                 "no such deviations of a trajectory", where="information", got=name,
                 expected=f"one of {sorted(POSE)}, of an estimate of this version",

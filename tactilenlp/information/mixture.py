@@ -214,11 +214,13 @@ def optima_in_words(modes: Modes, names, sigma) -> tuple[str, ...]:
 
 
 def _larger(name: str, by: float) -> str:
-    """Return in words by what a number differs, [m] or a turn [rad]."""
-    turn = "rotation" in name
-    size = abs(by) * (180 / np.pi if turn else 1e3)
+    """Return in words by what a number differs: in the unit of its name, [m], [rad]."""
+    name, _, unit = name.partition(" [")
+    scale, words = (180 / np.pi, "deg") if "rotation" in name else (1e3, "mm")
+    if unit:
+        scale, words = 1.0, unit[:-1]
     way = "larger" if by > 0 else "smaller"
-    return f"{name} is {size:.1f} {'deg' if turn else 'mm'} {way}"
+    return f"{name} is {abs(by) * scale:.1f} {words} {way}"
 
 
 def whole_percentages(probabilities) -> list[int]:

@@ -1,7 +1,7 @@
 """Describe the tangent space of shape and pose; name what the data leave open.
 
-Coordinates of the pose are its position and a small rotation about the world's axes,
-whatever unknowns the page's motion uses.
+Coordinates of the pose are its position and a small rotation about the world's axes;
+of planar motion they are its unknowns, in the frame of the ground.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ class TangentSpace:
     names (k,); chosen (k,): indices into all unknowns; jacobian (k, k): from a change
     of those to one of z; maps: (3, k) Jacobian of each quantity by z; fixed: words for
     what the motion fixes, whose rows are NaN; R, R_first (3, 3): the final and the
-    first rotation; turning: how many of the last entries of z turn the body.
+    first rotation; up (3,): the vertical in the frame of both; turning: how many of the
+    last entries of z turn the body.
     """
 
     names: tuple[str, ...]
@@ -42,6 +43,7 @@ class TangentSpace:
     z: np.ndarray
     R: np.ndarray
     R_first: np.ndarray
+    up: np.ndarray
     turning: int
 
     @property
@@ -65,14 +67,14 @@ def tangent_space_of(problem, solution, window, shape, R_wg) -> TangentSpace:
     values = (ca.DM(solution.values[name][:, 0]) for name in ("theta", "x"))
     first = np.asarray(ca.DM(motion.pose(shape, *values)[1]))
     names = (*shape.names, *UNKNOWNS[motion.name])
-    tangent = np.eye(len(at))
+    tangent, up = np.eye(len(at)), np.eye(3)[2]
     if motion.name == "free":
         tangent = _tangent(n, position, rotation)
         back = np.linalg.inv(tangent)
         position, rotation = position @ back, rotation @ back
         quantities = {name: J @ back for name, J in quantities.items()}
         at, R = np.r_[at[:n], R_wg @ p, np.zeros(3)], R_wg @ R
-        first = R_wg @ first
+        first, up = R_wg @ first, R_wg[:, 2]
     still = np.all(np.abs(rotation) < 1e-12, axis=1)
     rotation[still] = np.nan
     fixed = [f"rotation {w}" for w, held in zip(AXES, still, strict=True) if held]
@@ -81,7 +83,7 @@ def tangent_space_of(problem, solution, window, shape, R_wg) -> TangentSpace:
     maps = quantities | {"position": position, "rotation": rotation}
     turning = 1 if motion.name == "planar" else 3
     return TangentSpace(
-        names, chosen, tangent, maps, tuple(fixed), at, R, first, turning
+        names, chosen, tangent, maps, tuple(fixed), at, R, first, up, turning
     )
 
 

@@ -31,6 +31,7 @@ from ..information.polytope_information import (
 )
 from ..information.tangent_space import tangent_space_of, widest_deviations
 from ..information.trajectory import offsets_of, prior_of_offsets
+from ..problem.pages import name_of
 from ..problem.polytope_window import with_supports
 from ..problem.poses import poses
 from ..tracking.surface import body_surface
@@ -175,8 +176,8 @@ def _in_time(job, solved, R_wg, compute) -> Information:
 def hull_poses(scene, x, middle) -> tuple[np.ndarray, Rotation]:
     """Return positions (T, 3) [m] and rotations (T) of a hull at poses x, world frame.
 
-    middle (3,) [m]: the point of the body whose position is returned; rotations are
-    relative to the last sample, at which the pose is held upright.
+    middle (3,) [m]: the point of the body whose position is returned; rotations turn
+    the axes at the pose that is held, which is none: the last one that sensors told.
     """
     if not is_planar(x):
         p = x[:3].T + matrices(x) @ middle
@@ -185,13 +186,8 @@ def hull_poses(scene, x, middle) -> tuple[np.ndarray, Rotation]:
         return ground.from_ground(p), Rotation.from_matrix(R_wg @ matrices(x) @ R_wg.T)
     level = rotate_planar(x[2], *middle[:2], origin=x)
     p = np.stack([*level, np.full(x.shape[1], middle[2])], axis=1)
-    turn = Rotation.from_rotvec(np.outer(x[2] - x[2, -1], scene.ground.normal))
+    turn = Rotation.from_rotvec(np.outer(x[2], scene.ground.normal))
     return scene.ground.from_ground(p), turn
-
-
-def name_of(page) -> str:
-    """Return the name of a page in an estimate."""
-    return getattr(page, "__name__", "page").rpartition(".")[2]
 
 
 def exact_violations(problem, solution) -> dict[str, float]:
@@ -223,7 +219,8 @@ def impulses(solved, data, scene) -> dict[str, np.ndarray]:
         whole = problem.value("impulse", x, values) @ turn
         out["ground"] = by_sample(whole, window.step.sample, T)
         out["ground"] -= sum(out[f"finger {i}"] for i in range(data.fingers))
-    return out
+    by = solved.job.precision.latency
+    return {name: in_time(data, one, by, beyond=False) for name, one in out.items()}
 
 
 def _plain(options) -> dict:

@@ -26,7 +26,7 @@ from ..data.sensor_noise import (
 from ..errors import NoContactError, OptionError, SceneError, StartError
 from ..geometry.transforms import planar_matrix, rotation_of
 from ..problem.certificates import without
-from ..problem.pages import page_of, shape_of
+from ..problem.pages import name_of, page_of, shape_of
 from ..problem.reductions import required_reductions, states_planar_motion
 from ..search.hypothesis import Hypothesis, Job, TermFunctions
 from ..search.polytope_init import check_round_fingertips as check_round
@@ -97,6 +97,9 @@ def read_request(
     if isinstance(start, Estimate) and scene.latency is None:
         job = job.as_late_as(start.sensors)
     known = [] if start is None else carried_hypotheses(start, shape, scene, data)
+    if shape.parameters == "sizes" and isinstance(start, Estimate):
+        # What another page found is no posterior of this one.
+        known = known if start.formulation == name_of(page) else []
     axes = kept_axes(start, job)
     return Request(data, job, start, executor, axes), known
 

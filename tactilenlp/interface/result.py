@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -21,7 +21,12 @@ from ..data.ground import frame_of
 from ..data.joint_offsets import JointZeros
 from ..data.measurements import Measurements
 from ..data.scene import Ground, Scene
-from ..data.sensor_noise import Precision
+from ..data.sensor_noise import (
+    Precision,
+    in_time,
+    turned_in_time,
+    with_fingers_earlier,
+)
 from ..errors import TactileError
 from ..geometry.faces import SupportingPlanes, supporting_planes
 from ..geometry.transforms import rotation_of
@@ -30,6 +35,7 @@ from ..information.information import Information
 from ..information.mixture import ClassOdds, Modes
 from ..output.summary import remarks_of, summary_of
 from ..problem.certificates import Skipped
+from ..problem.fingertips import as_spheres
 from ..search.hypothesis import Hypothesis
 from ..solvers.solution import Solution
 
@@ -151,6 +157,20 @@ class Estimate:
         if isinstance(joints, JointZeros):
             return said + joints.off(said, self.finger_offset)
         return said + self.finger_offset
+
+    def contacts(self) -> tuple[np.ndarray, np.ndarray]:
+        """Points [m] and normals of all contacts, (T, F, 3) each, body frame; else NaN.
+
+        What late sensors tell was so before the sample, by their latency.
+        """
+        data, by = self.measurements, -self.latency
+        seen = replace(data, finger_position=self.seen_positions)
+        spheres = as_spheres(with_fingers_earlier(seen, -by), self.scene)
+        n_w = np.where(data.contact[..., None], data.normal, np.nan)
+        p_w = spheres.finger_position - data.finger_radius[:, None] * n_w
+        R_wo = rotation_of(turned_in_time(data, self.quaternion, by)).as_matrix()
+        arms = p_w - in_time(data, self.position, by)[:, None]
+        return arms @ R_wo, n_w @ R_wo
 
     @property
     def compliance(self) -> float | None:

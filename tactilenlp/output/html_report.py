@@ -122,20 +122,16 @@ def _faces(estimate) -> list[dict]:
 
 def _touches(estimate) -> list[dict]:
     """Return every contact: sample, finger, point and normal in the body frame."""
-    data, centre, found = estimate.measurements, estimate.seen_positions, []
-    for t, f in np.argwhere(data.contact):
-        R_wo, n_w = estimate.rotation(t), data.normal[t, f]
-        p_w = centre[t, f] - data.finger_radius[f] * n_w
-        point, normal = R_wo.T @ (p_w - estimate.position[t]), R_wo.T @ n_w
-        found.append(
-            {
-                "sample": int(t),
-                "finger": int(f),
-                "point": _plain(point),
-                "normal": _plain(normal),
-            }
-        )
-    return found
+    points, normals = estimate.contacts()
+    return [
+        {
+            "sample": int(t),
+            "finger": int(f),
+            "point": _plain(points[t, f]),
+            "normal": _plain(normals[t, f]),
+        }
+        for t, f in np.argwhere(estimate.measurements.contact)
+    ]
 
 
 def _grid(estimate, centre) -> list:

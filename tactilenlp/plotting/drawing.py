@@ -196,15 +196,13 @@ def carried_contacts(estimate, sample):
     The finger's colour, points (n, 3) [mm], normals (n, 3), world frame, and whether
     each contact is of the sample's action (n,).
     """
-    data, R_wo = estimate.measurements, rotation_of(estimate.quaternion)
-    for finger, radius in enumerate(data.finger_radius):
+    data, (p_o, n_o) = estimate.measurements, estimate.contacts()
+    R_wo, p_wo = estimate.rotation(sample), estimate.position[sample]
+    for finger in range(data.fingers):
         t = np.flatnonzero(data.contact[:, finger])
-        carry, n_w = R_wo[sample] * R_wo[t].inv(), data.normal[t, finger]
-        arms = estimate.seen_positions[t, finger] - radius * n_w - estimate.position[t]
-        points = MM_PER_M * (carry.apply(arms) + estimate.position[sample])
+        points = MM_PER_M * (p_o[t, finger] @ R_wo.T + p_wo)
         now = data.action[t] == data.action[sample]
-        colour = finger_colour(finger)
-        yield colour, points, carry.apply(n_w), now
+        yield finger_colour(finger), points, n_o[t, finger] @ R_wo.T, now
 
 
 def title_of(data, sample) -> str:

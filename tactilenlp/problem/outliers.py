@@ -119,8 +119,11 @@ def planar_share(evidence) -> float:
     return max([*shares, wrong / touches * PLANAR_LIMIT / PLANAR_TOTAL])
 
 
-def check_explained(solved) -> None:
-    """Raise MotionError where touches of a floating object are left unexplained."""
+def check_explained(solved, estimate) -> None:
+    """Raise MotionError where touches of a floating object are left unexplained.
+
+    estimate: what the error has, of the same solve.
+    """
     evidence = unexplained_by_action(solved.job, solved)
     wrong = [e for e in evidence if e.against]
     if wrong:
@@ -133,6 +136,7 @@ def check_explained(solved) -> None:
             "look at the estimate",
             problem=solved.problem.describe(),
             solution=solved.solution,
+            estimate=estimate,
         )
 
 

@@ -56,7 +56,8 @@ def shape_of(shape) -> Shape:
                 "unfit", where=where, got=got, expected=expected, next=remedy
             )
         return shape
-    if isinstance(shape, str) and (sides := PRISM.fullmatch(shape)):
+    sides = PRISM.fullmatch(shape) if isinstance(shape, str) else None
+    if sides and int(sides[1]) >= 3:
         return prism(int(sides[1]))
     if not isinstance(shape, str) or shape not in SHAPES:
         raise OptionError(
@@ -159,8 +160,8 @@ def extend(
     """
     base = page_of(base, shape_of(shape))
     replace = {} if replace is None else replace
-    without = (without,) if isinstance(without, str) else tuple(without)
-    _check_extension(base, terms, replace, parts)
+    without = (without,) if isinstance(without, str) else without
+    _check_extension(base, terms, replace, without, parts)
     name = _extended_name(base, terms, (*replace, *parts), without)
     page = ModuleType(name, base.__doc__)
     for name in INHERITED:
@@ -182,21 +183,31 @@ def extend(
     return page
 
 
+def name_of(page) -> str:
+    """Return the name of a page in an estimate."""
+    return getattr(page, "__name__", "page").rpartition(".")[2]
+
+
 def _extended_name(base, terms, others, without) -> str:
     """Return the name of a page that extends another one."""
-    own = base.__name__.rpartition(".")[2] if hasattr(base, "__name__") else "page"
     names = [getattr(t, "__name__", "term") for t in terms]
     names += [f"other {name}" for name in others]
     names += [f"no {name}" for name in without]
-    return " + ".join([own, *names])
+    return " + ".join([name_of(base), *names])
 
 
-def _check_extension(base, terms, replace, parts) -> None:
+def _check_extension(base, terms, replace, without, parts) -> None:
     """Raise OptionError for what cannot extend a page."""
     if not isinstance(replace, dict):
         raise OptionError(
             "no replacements", where="replace", got=_short(replace),
             expected='a dict, such as {"finger cone": function}',
+        )  # fmt: skip
+    listed = isinstance(without, (list, tuple, set, frozenset))
+    if not listed or not all(isinstance(name, str) for name in without):
+        raise OptionError(
+            "no names of terms", where="without", got=_short(without),
+            expected='names of terms of the page, such as ("finger cone",)',
         )  # fmt: skip
     for term in (*terms, *replace.values()):
         if not callable(term):

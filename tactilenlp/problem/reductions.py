@@ -22,7 +22,7 @@ from formulations.page_contract import contract_of
 from formulations.rigid_body import ARM, FREE, PLANAR
 
 from ..common.validation import check_types
-from ..data.contact_segments import REPEATED, rate_of
+from ..data.contact_segments import REPEATED, intervals, rate_of
 from ..data.sensor_noise import contact_latency
 from ..errors import OptionError, did_you_mean, typed_call
 from .fingertips import finger_of, finger_poses, outlier_cost, yields
@@ -151,14 +151,11 @@ def may_move(data, scene, first) -> np.ndarray:
         return np.logical_or.accumulate(contact) & ~first
     speeds = np.linalg.norm(rate_of(data, data.finger_position), axis=2)
     speed = np.where(data.contact, speeds, 0.0).max(initial=0.0)
-    settle = int(np.ceil(speed / (friction_of(scene) * scene.gravity * data.dt)))
-    moving = contact.copy()
-    since = np.where(contact, 0, settle + 1)
-    for t in range(1, len(first)):
-        if not first[t] and not contact[t]:
-            since[t] = since[t - 1] + 1
-            moving[t] = since[t] <= settle
-    return moving & ~first
+    slowed = friction_of(scene) * scene.gravity * intervals(data)  # [m/s] in a sample
+    settle = np.ceil(np.minimum(speed / slowed, len(first)))  # samples
+    now = np.arange(len(first))
+    latest = np.maximum.accumulate(np.where(contact | first, now, 0))
+    return contact[latest] & (now - latest <= settle) & ~first
 
 
 def repeated_samples(data, first) -> np.ndarray:
@@ -167,7 +164,7 @@ def repeated_samples(data, first) -> np.ndarray:
     A sample that comes twice, a moment later, shares the pose of the first: as a time
     step of its own it would turn a micrometre into a large velocity.
     """
-    late = np.diff(data.time, prepend=-np.inf) >= REPEATED * data.dt
+    late = np.diff(data.time, prepend=-np.inf) >= REPEATED * intervals(data)
     return np.maximum.accumulate(np.where(late | first, np.arange(len(first)), 0))
 
 
@@ -221,7 +218,9 @@ def _gaps(data, scene, pose, first) -> Steps:
     last = start - 1
     early = np.maximum(last - 1, 0)
     early = np.where(data.action[early] == data.action[last], early, last)
-    dt = np.where(early < last, data.time[last] - data.time[early], data.dt)
+    dt = np.where(
+        early < last, data.time[last] - data.time[early], intervals(data)[last]
+    )
     return Steps(start, pose[start], pose[last], pose[early], dt)
 
 

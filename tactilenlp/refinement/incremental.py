@@ -12,8 +12,8 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from ..interface.readout import name_of
 from ..interface.result import Estimate, solution_of
+from ..problem.pages import name_of
 from ..problem.reductions import Reductions
 from ..problem.unreduced import LEFT_OUT
 from ..search.hypothesis import Hypothesis, Job, same

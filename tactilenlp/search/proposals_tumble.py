@@ -16,6 +16,7 @@ import numpy as np
 
 from formulations import quasi_static
 
+from ..data.contact_segments import intervals
 from ..geometry.tipping import QUARTER_TURN, Tip, fall, planar_to_free
 from ..geometry.transforms import carried, continuous, matrices, rotate_planar
 from ..problem.outliers import side_tilt
@@ -243,5 +244,7 @@ def _tipped(job, h):
                       np.r_[0.0, rising[k > first]])  # fmt: skip
     done = k[-1] + 1
     size, left = h.theta[[axis, 2]], len(rows) - done
-    angle[done:] = fall(size, angle[:done], left, job.scene.gravity, data.dt)
+    angle[done:] = fall(
+        size, angle[:done], left, job.scene.gravity, intervals(data)[-1]
+    )
     return start, Tip(axis, float(np.sign(n_o[axis])), angle)

@@ -18,6 +18,7 @@ import numpy as np
 from formulations.between_actions import GAP
 from formulations.rigid_body import ARM
 
+from ..data.contact_segments import intervals
 from .filter_steps import (
     ADDED_VARIANCE,
     RELEASED,
@@ -69,17 +70,13 @@ def tracked(filter: Filter, tracks: Tracks, samples, rng, replaced=None):
     return tracks, records
 
 
-def stride_of(data) -> int:
-    """Return every how many samples a recording is tracked."""
-    return max(1, round(PERIOD / data.dt))
-
-
 def tracked_samples(data, samples) -> np.ndarray:
     """Return the samples of an action that are tracked, about PERIOD apart.
 
     samples: of the action; the last one is among them.
     """
-    return samples[::-1][:: stride_of(data)][::-1]
+    stride = max(1, round(PERIOD / intervals(data)[samples[0]]))
+    return samples[::-1][::stride][::-1]
 
 
 def _steps(data, samples) -> list[tuple[int, int]]:
