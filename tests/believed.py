@@ -12,6 +12,11 @@ NAMES = ("side x", "side y", "side z", "position x", "position y", "rotation z")
 WHOLE = tuple(f"{what} {w}" for what in ("side", "position", "rotation") for w in "xyz")
 
 
+def measured(dt):
+    """Return what stands for measurements of two fingers, an interval [s] apart."""
+    return SimpleNamespace(dt=dt, finger_radius=np.full(2, 0.01))
+
+
 def known(**given):
     """Return an estimate of which only this is known."""
     estimate = object.__new__(Estimate)
@@ -25,7 +30,7 @@ def believed(sides, x, deviations, hypotheses=()):
         scene=Scene(), shape="cuboid", precision={"position": 0.0, "normal": 0.0},
         theta=np.array(sides), unknowns={"x": np.array(x)[:, None]}, objective=0.0,
         position=np.array([[x[0], x[1], sides[2] / 2]]), hypotheses=hypotheses,
-        measurements=SimpleNamespace(dt=1 / 30), finger_offset=None,
+        measurements=measured(1 / 30), finger_offset=None,
         information=informed(np.diag(1 / np.array(deviations) ** 2)),
     )  # fmt: skip
 

@@ -168,7 +168,7 @@ def test_a_shape_without_inertia_is_refused_in_words():
 
 def test_an_action_is_sampled_as_often_as_the_record():
     """Three times the samples of one push tell nearly three times as much."""
-    fast = known(**vars(BOX) | {"measurements": SimpleNamespace(dt=1 / 90)})
+    fast = known(**vars(BOX) | {"measurements": measured(1 / 90)})
     action = SPACE.action([0.1, 0.1, 0.1, 0.1])
     slow, fast = (ExpectedInformation(e, SPACE).prospect(action) for e in (BOX, fast))
     assert (len(slow.motion), len(fast.motion)) == (30, 90)

@@ -38,8 +38,23 @@ def test_what_was_touched_last_is_sought_again():
         finger_radius=np.array([0.01, 0.01]),
     )
     # 10 mm of finger and 15 mm of body behind it, at the height of the guess
-    expected = [0.025, 0.01, 0.02]
-    assert np.allclose(last_contact(data, np.array([9.0, 9.0, 0.02])), expected)
+    expected, at = [0.025, 0.01, 0.02], np.array([[9.0, 9.0, 0.02]])
+    found = SimpleNamespace(measurements=data, position=at, scene=Scene())
+    assert np.allclose(last_contact(found), expected)
+    # the same on a ground that leans: the way is along it
+    turn = Rotation.from_rotvec([0.0, np.radians(40), 0.0])
+    leaning = Scene(ground=Ground(normal=tuple(turn.apply([0, 0, 1.0]))))
+    turned = SimpleNamespace(
+        **vars(data)
+        | {
+            "normal": turn.apply(data.normal.reshape(-1, 3)).reshape(2, 2, 3),
+            "finger_position": turn.apply(data.finger_position.reshape(-1, 3)).reshape(
+                2, 2, 3
+            ),
+        }
+    )
+    found = SimpleNamespace(measurements=turned, position=turn.apply(at), scene=leaning)
+    assert np.allclose(last_contact(found), turn.apply(expected))
 
 
 def judged(estimate, verdict):

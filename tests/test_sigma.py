@@ -215,7 +215,7 @@ def test_a_face_that_nothing_touched_is_as_doubtful_as_the_fingers_paths_are_noi
     c, s = np.cos(yaw), np.sin(yaw)
     R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     z = np.r_[0.05, 0.03, 0.04, 0.1, 0.2, yaw]
-    tangent = TangentSpace(("",) * 6, np.arange(6), np.eye(6), {}, (), z, R, R, 1)
+    tangent = TangentSpace(("",) * 6, np.arange(6), np.eye(6), {}, (), z, R, R, UP, 1)
 
     def doubt_of(*faces):
         return untouched_faces(TouchedFaces(tangent, CUBOID, faces, noise, True))

@@ -30,7 +30,7 @@ def samples_until(data: Measurements, samples: int) -> Measurements:
 
 def intervals(data: Measurements) -> np.ndarray:
     """Return the median sample interval (T,) [s] of the action of each sample."""
-    out = np.empty(data.samples)
+    out = np.empty(len(data.time))
     for action in np.unique(data.action):
         rows = data.action == action
         out[rows] = np.median(np.diff(data.time[rows])) if rows.sum() > 1 else data.dt

@@ -18,6 +18,7 @@ from ..common.deadline import Deadline
 from ..data.sensor_noise import precise
 from ..interface.request import Request
 from ..interface.result import Estimate
+from ..refinement.axis_names import with_named_axes
 from ..refinement.certification import checked, with_profiles
 from ..refinement.ground_tilt import with_ground_for_turns, with_ground_tilt
 from ..refinement.incremental import continues, of_whole_actions, updated_by_few
@@ -32,7 +33,6 @@ from ..refinement.refinement import (
     less_sure_of_pushes,
     refined,
     update_costs_too_much,
-    with_named_axes,
 )
 from ..search.hypothesis import Hypothesis, Job, distinct, same
 from ..search.local_solve import Solved, best_first, comparable

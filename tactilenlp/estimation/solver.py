@@ -16,6 +16,7 @@ from formulations.shape import Shape
 
 from ..common.interrupt import interruptible
 from ..common.threads import on_one_thread
+from ..common.validation import check_types
 from ..data.scene import Scene
 from ..errors import typed_call
 from ..interface.options import PROCESS, Guess, Options, Session
@@ -69,6 +70,7 @@ def solve_estimate(
         "session": PROCESS if session is None else session,
     }  # fmt: skip
     if classes := classes_of(shape):
+        check_types(options=(options, (Options, type(None))))
         one = partial(estimate_of_class, data, scene, **given)
         return likeliest_class(classes, one, start, options or Options())
     return estimate_of_class(

@@ -71,8 +71,10 @@ def choose_action(
     COBYLA, then Subplex), "direct" or "direct_l" (facing actions, then dividing
     rectangles, then COBYLA), "crs2", "isres", "mlsl", "bobyqa", "random", "cem" or a
     CrossEntropy (the paper's: the action is drawn from the best of the last iteration).
-    budget: evaluations of the gain.  Equal seeds give equal choices.  hypotheses,
-    slopes, shape: see ExpectedInformation.  Raises OptionError, SceneError.
+    budget: evaluations of the gain (a CrossEntropy has its own).  Equal seeds give
+    equal choices.  hypotheses, slopes, shape: see ExpectedInformation.  Lines of the
+    action start outside the estimated body: the workspace's radius is enlarged for
+    that.  Raises OptionError, SceneError.
     """
     began = time.process_time()
     expected = ExpectedInformation(estimate, workspace, hypotheses, slopes, shape)
@@ -112,7 +114,7 @@ def best_action(
     began = time.process_time() if began is None else began
     name = check_search(search, budget)
     check_types(seed=(seed, (int, np.integer)))
-    check_numbers("", "a whole number from 0", seed=(seed, -1, 2**32 - 1))
+    check_numbers("", "a whole number from 0 to 2**32 - 1", seed=(seed, -1, 2**32 - 1))
     objective = Objective(score, space.lower, space.upper, budget)
     rng = np.random.default_rng(seed)
     if facing and name in FACING_SHARE:

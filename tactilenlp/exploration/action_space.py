@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from typing import Protocol, runtime_checkable
 
@@ -105,9 +105,10 @@ class Workspace:
             raise _option_error(
                 "radius", f"at most {MAX_RADIUS:.0f} m", self.radius, fix
             )
-        if self.radius <= self.apart:
+        least = self.apart / np.sin(np.pi / max(self.fingers, 2))
+        if self.radius <= least:
             fix = "lines must start outside the gap between fingers"
-            raise _option_error("radius", f"above {self.apart:.3g} m", self.radius, fix)
+            raise _option_error("radius", f"above {least:.3g} m", self.radius, fix)
 
     @classmethod
     def robot(cls, **overrides) -> Workspace:
@@ -118,6 +119,13 @@ class Workspace:
     def simulation(cls, **overrides) -> Workspace:
         """Return the paper's simulation: both angles within 2 pi / 5."""
         return cls(**{"bound": SIMULATION_BOUND} | overrides)
+
+    def around(self, reach: float) -> Workspace:
+        """Return the workspace, its lines so long that they start outside a body.
+
+        reach [m]: from the target, of all its points.
+        """
+        return replace(self, radius=max(self.radius, reach + self.apart))
 
     @property
     def apart(self) -> float:
@@ -205,13 +213,14 @@ class Action:
         most = MOST_POINTS // space.fingers
         if not (is_whole(n) and 2 <= n <= most):
             expected = f"a whole number of instants from 2 to {most}"
-            raise _option_error("n", expected, n, "shorten the duration")
+            raise _option_error("n", expected, n, "give another duration")
         frame = frame_of(space.ground)
         target = frame.to_ground(target)
         alone = sum(self.active) == 1
         lowest = -np.inf if space.ground is None else space.clearance
         lowest += space.finger_radius
-        limits = [space.radius, 0.0 if alone else space.apart, space.apart, lowest]
+        ends = (0.0, -np.inf) if alone else (space.apart, space.apart)
+        limits = [space.radius, *ends, lowest]
         way = _finger_lines(space.fingers, n)(self.angles, target, limits)
         way = np.array(way.full()).T.reshape(n, space.fingers, 3)
         for finger, moves in enumerate(self.active):

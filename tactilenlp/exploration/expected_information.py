@@ -13,12 +13,13 @@ import casadi as ca
 import numpy as np
 
 from formulations.friction import FRICTION
+from formulations.names import FINGER_FRICTION, GROUND_FRICTION
 from formulations.rigid_body import PLANAR
 from formulations.shape import Shape
 
 from ..common.brief import printed
 from ..common.threads import on_one_thread
-from ..common.validation import check_sample, check_types
+from ..common.validation import check_sample, check_types, is_whole
 from ..errors import OptionError, typed_call
 from ..information.comparisons import information_gain
 from ..problem.pages import shape_of
@@ -52,7 +53,8 @@ class ExpectedInformation:
     """Expected information gains of actions after an estimate.
 
     estimate:   an Estimate
-    workspace:  Workspace of the actions; None: the default above the scene's ground
+    workspace:  Workspace of the actions; None: the default above the scene's ground,
+                with as many and as large fingers as the measurements have
     hypotheses: [1], number of hypotheses averaged over, weighted by exp(-objective)
     slopes:     dx_t/dx_T: "motion", of the predicted motion, or "identity" as in the
                 paper
@@ -72,7 +74,7 @@ class ExpectedInformation:
     ) -> None:
         _check(estimate, workspace, hypotheses, slopes, shape)
         check_ground(estimate.scene)
-        self.workspace = workspace or Workspace(ground=estimate.scene.ground)
+        self.workspace = workspace or workspace_of(estimate)
         self.estimate, self._sloped = estimate, float(slopes == "motion")
         self.shape = pushed_shape(estimate, shape)
         check_predictable(self.shape)
@@ -87,7 +89,9 @@ class ExpectedInformation:
             self.beliefs = beliefs.beliefs_of(
                 estimate, self.shape, self.workspace.fingers, hypotheses
             )
-        self._known = push_constants(estimate.scene, self.workspace)
+        reach = max(self._reach(belief) for belief in self.beliefs)
+        self.workspace = self.workspace.around(reach)
+        self._known = push_constants(estimate, self.workspace)
 
     @property
     def target(self) -> np.ndarray:
@@ -123,12 +127,22 @@ class ExpectedInformation:
         rest = np.zeros(3), r[:, 0], np.zeros(3), np.zeros((3, k)), np.zeros((3, 3))
         _, _, s, _, _, p, E = step(
             *rest, belief.z, r[:, :-1], r[:, 1:],
-            np.full(F, space.finger_radius), self._known, self._sensors, self._sloped,
+            self._radii(space), self._known, self._sensors, self._sloped,
         )  # fmt: skip
         motion, contact = np.zeros((n, 3)), np.zeros((n, F))
         motion[n - near :], contact[n - near :] = s.full().T, p.full().T
         E = E.full().reshape(4 * F, near, k)
         return motion, contact, np.einsum("ftk,ftl->kl", E, E)
+
+    def _reach(self, belief: Belief) -> float:
+        """Return how far [m] the body reaches from its centroid."""
+        return self.shape.reach(belief.z[: self.shape.theta])
+
+    def _radii(self, space: Workspace) -> np.ndarray:
+        """Return the radii (F,) [m]: as measured, or of other fingers all the same."""
+        measured = self.estimate.measurements.finger_radius
+        same = len(measured) == space.fingers
+        return measured if same else np.full(space.fingers, space.finger_radius)
 
     def _near(self, belief: Belief, path, space) -> int:
         """Return how many last steps of a path (n + 1, F, 3) are near the body."""
@@ -137,7 +151,7 @@ class ExpectedInformation:
         centre[: len(pose)] = pose[:3]
         if len(pose) == len(PLANAR.scale):  # a hull has no pose unknowns
             centre[2] = float(self.shape.rest_height(ca.DM(theta)))
-        reach = self.shape.reach(theta) + space.finger_radius + NEAR_DISTANCE
+        reach = self._reach(belief) + space.finger_radius + NEAR_DISTANCE
         away = np.linalg.norm(path - centre, axis=2).min(axis=1)
         left = n - np.argmax(away[1:] < reach) if (away[1:] < reach).any() else 1
         return min(n, STEP_MULTIPLE * -(-left // STEP_MULTIPLE))
@@ -171,7 +185,7 @@ def _check(estimate, workspace, hypotheses, slopes, shape) -> None:
     if slopes not in ("motion", "identity"):
         expected = "'motion' or 'identity'"
         raise OptionError("unknown", where="slopes", got=slopes, expected=expected)
-    if not (isinstance(hypotheses, int) and hypotheses >= 1):
+    if not (is_whole(hypotheses) and hypotheses >= 1):
         expected = "an integer >= 1"
         raise OptionError(
             "out of range", where="hypotheses", got=hypotheses, expected=expected
@@ -202,10 +216,27 @@ def expected_information_gain(
     return ExpectedInformation(*given).gain(action)
 
 
-def push_constants(scene, space: Workspace) -> np.ndarray:
+def workspace_of(estimate) -> Workspace:
+    """Return the default workspace of the fingers and the ground of an estimate."""
+    radius = estimate.measurements.finger_radius
+    return Workspace(
+        fingers=len(radius), finger_radius=float(radius.max()),
+        ground=estimate.scene.ground,
+    )  # fmt: skip
+
+
+def push_constants(estimate, space: Workspace) -> np.ndarray:
     """Return mu_g, mu_f, weight [N], stiffness [N/m], max_force [N]."""
-    ground = FRICTION if scene.friction_ground is None else scene.friction_ground
-    finger = FRICTION if scene.friction_finger is None else scene.friction_finger
+    scene = estimate.scene
+    ground = _friction(estimate, GROUND_FRICTION, scene.friction_ground)
+    finger = _friction(estimate, FINGER_FRICTION, scene.friction_finger)
     weight = scene.mass * (scene.gravity or WEIGHTLESS_GRAVITY)
     ground = max(ground, MIN_GROUND_FRICTION)
     return np.array([ground, finger, weight, space.stiffness, space.max_force])
+
+
+def _friction(estimate, name: str, told: float | None) -> float:
+    """Return a friction coefficient: told, estimated, or the mean of its prior."""
+    if told is not None:
+        return told
+    return float(np.ravel(estimate.unknowns.get(name, FRICTION))[0])

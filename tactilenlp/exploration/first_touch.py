@@ -91,7 +91,9 @@ def first_touch(world, space: Workspace, centre, rng):
         where="explore",
         got=f"a sweep of {2 * space.radius:.2g} m without contact",
         expected="an object in the workspace",
-        next="give centre=(x, y) [m], a place on the object",
+        next="give centre=(x, y) [m], a place on the object"
+        if centre is None
+        else "give centre=(x, y, z) [m], of a flat object its middle",
     )
 
 

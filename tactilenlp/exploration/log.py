@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryFile
 
+import numpy as np
+
 from ..common.brief import printed, same_content
 from ..common.npz import read_result, write_result
 from ..common.validation import check_types
@@ -19,6 +21,7 @@ from .action_search import Choice
 from .action_space import Action, Trajectory, Workspace
 
 FORMAT, VERSION = "exploration", 1  # of the files
+ROUNDING = 1e-9  # [s] of times that were shifted
 RESUMED_AFTER = 1.0  # [s] between samples of two processes
 MIN_FREE_SPACE = 10e6  # [bytes] where an exploration is to be saved
 
@@ -88,12 +91,12 @@ class Exploration:
     def replay(self, world) -> None:
         """Let a world execute the saved actions, so that it is in the state after them.
 
-        world: a simulated one, made anew as it was before the first action.  Raises
-        StartError if it measures anything else than what was saved.
+        world: a simulated one, made anew as it was before the first action; its clock
+        may begin elsewhere.  Raises StartError if it measures anything else.
         """
         for step in self.steps:
             felt = [world.execute(told) for told in step.told]
-            if not felt or felt[-1] != step.measurements:
+            if not felt or not _alike(felt[-1], step.measurements):
                 raise StartError(
                     "saved with another object or another seed",
                     where=f"step {step.number}",
@@ -109,6 +112,16 @@ class Exploration:
     def load(cls, path) -> Exploration:
         """Read what `save` wrote, to the last digit; FileError for anything else."""
         return read_result(path, FORMAT, VERSION, KINDS, cls)
+
+
+def _alike(felt: Measurements, saved: Measurements) -> bool:
+    """Tell whether the same was measured, by a clock that may begin elsewhere."""
+    if felt.samples != saved.samples:
+        return False
+    a, b = (data.time - data.time[0] for data in (felt, saved))
+    return bool(np.abs(a - b).max() < ROUNDING) and replace(felt, time=b) == replace(
+        saved, time=b
+    )
 
 
 KINDS = ESTIMATE_CLASSES | {

@@ -37,7 +37,7 @@ class CrossEntropy:
     iterations: int = 3
 
     def __post_init__(self) -> None:
-        given = {name: (getattr(self, name), int) for name in vars(self)}
+        given = {n: (getattr(self, n), (int, np.integer)) for n in vars(self)}
         check_types(**given)
         fits = (
             1 < self.best <= self.samples <= MOST_EVALUATIONS

@@ -16,7 +16,6 @@ from ..common.interrupt import interruptible
 from ..common.threads import on_one_thread
 from ..common.validation import check_types
 from ..data.ground import frame_of
-from ..data.measurements import Measurements
 from ..errors import OptionError, did_you_mean
 from ..interface.result import Estimate
 from ..problem.pages import shape_of
@@ -95,12 +94,13 @@ def next_action(estimate, space, past, rng, settings):
 
     settings: policy, search, budget and shape, by name.
     """
-    given = dict(settings)
+    reach = float(np.linalg.norm(estimate.vertices, axis=1).max())
+    given, space = dict(settings), space.around(reach)
     target, policy = estimate.position[-1], given.pop("policy")
     lost = why_lost(estimate)
     if lost:
         log.warning("%s: aiming at the last contact", lost)
-        target = last_contact(estimate.measurements, target)
+        target = last_contact(estimate)
         return space.random(rng), None, "last contact", target
     given["shape"] = shape_of_start(estimate, given["shape"])
     plan = Plan(estimate, space, tuple(past), rng, **given)
@@ -121,7 +121,7 @@ def why_lost(estimate) -> str:
     data = estimate.measurements
     if not data.contact[data.action == data.action[-1]].any():
         return "no contact in the last action"
-    apart = (last_contact(data, estimate.position[-1]) - estimate.position[-1])[:2]
+    apart = last_contact(estimate) - estimate.position[-1]
     if np.linalg.norm(apart) > np.linalg.norm(estimate.vertices, axis=1).max():
         return "the estimate is not where the last contact was"
     if estimate.fit is not None and estimate.fit.verdict == "bad":
@@ -129,15 +129,19 @@ def why_lost(estimate) -> str:
     return ""
 
 
-def last_contact(data: Measurements, otherwise: np.ndarray) -> np.ndarray:
-    """Return a point (3,) [m] behind the last contact, or `otherwise` without any."""
+def last_contact(estimate) -> np.ndarray:
+    """Return a point (3,) [m] behind the last contact, as high as the body's centroid.
+
+    Without any contact, the centroid.
+    """
+    data, centre = estimate.measurements, estimate.position[-1]
     t, f = np.nonzero(data.contact)
     if not len(t):
-        return otherwise
-    n = data.normal[t[-1], f[-1]]
+        return centre
+    n, frame = data.normal[t[-1], f[-1]], frame_of(estimate.scene.ground)
     depth = data.finger_radius[f[-1]] + DEPTH_BEHIND_CONTACT
-    point = data.finger_position[t[-1], f[-1]] - depth * n
-    return np.r_[point[:2], otherwise[2]]
+    point = frame.to_ground(data.finger_position[t[-1], f[-1]] - depth * n)
+    return frame.from_ground(np.r_[point[:2], frame.to_ground(centre)[2]])
 
 
 @interruptible()

@@ -13,7 +13,9 @@ from formulations.rigid_body import ARM, FREE, PLANAR
 from ..errors import OptionError, SceneError
 from ..nlp.codegen import compiled
 
-PUSH_ITERATIONS = 8  # of a time step: the work is then minimal to a micrometre
+# of a time step; of six actions, three are within 1 um of the minimum on the whole way,
+# squeezes within 0.5 mm
+PUSH_ITERATIONS = 8
 SAMPLES_PER_CALL = 30  # of backward_filter_function
 STEP_SIGMA_SHARE = 0.2  # [-] standard deviation of a predicted step over its length
 MIN_STEP_SIGMA = 1e-5  # [m], its least value
@@ -125,14 +127,12 @@ def _step_slopes(body, s, d, rest, given) -> ca.Function:
 
     By the implicit function theorem.
     """
-    loads = body[0].symbol("loads", 1 + len(rest[0]))
-    pull, _ = pushing.work_slope(*body, s, d, *rest, ca.vertsplit(loads))
+    loads = pushing.loads_of(*body, s, d, *rest)
+    pull, _ = pushing.work_slope(*body, s, d, *rest, loads)
     by_d, by_s, by_z, by_p, by_r = (ca.jacobian(pull, v) for v in (d, s, *given[2:5]))
     out = [-pushing.solve_3(by_d, by) for by in (by_s, by_z, by_p + by_r)]
-    out.append(ca.vertcat(*pushing.tips(*body, s, d, *rest, ca.vertsplit(loads))))
-    slopes = ca.Function("slopes", [*given, loads], out, {"cse": True})
-    at = ca.vertcat(*pushing.loads_of(*body, s, d, *rest))
-    return ca.Function("at", given, slopes(*given, at), {"cse": True})
+    out.append(ca.vertcat(*pushing.tips(*body, s, d, *rest, loads)))
+    return ca.Function("slopes", given, out, {"cse": True})
 
 
 @cache

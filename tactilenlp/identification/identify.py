@@ -13,7 +13,7 @@ from formulations import known_trajectory as page
 
 from ..common.deadline import Deadline
 from ..common.threads import on_one_thread
-from ..common.validation import check_numbers, check_types
+from ..common.validation import as_number, check_numbers, check_types
 from ..data.scene import Scene
 from ..data.trajectories import Trajectories
 from ..errors import OptionError, SceneError, typed_call
@@ -73,7 +73,8 @@ def identify_body(
     _check(trajectories, scene, shape, gauge, options)
     with deadline.spending(STARTS):
         steps, starts, signs, ruler = prepared(trajectories, scene, shape, guess, gauge)
-    end = min(deadline.at - READOUT_SHARE * time_limit, options.deadline.at)
+    kept = READOUT_SHARE * time_limit if np.isfinite(time_limit) else 0.0
+    end = min(deadline.at - kept, options.deadline.at)
     options = replace(options, deadline=deadline.until(end))
     given = signs, trajectories.dt, scene, options
     problem, window, solution, chosen = _best(steps, starts, *given)
@@ -181,7 +182,7 @@ def _check(trajectories, scene, shape, gauge, options) -> None:
         raise OptionError(
             "unknown shape", where="shape", got=shape, expected=f"one of {BODY_SHAPES}"
         )
-    if gauge is not None and not (isinstance(gauge, int | float) and 0.5 < gauge < 2):
+    if gauge is not None and not (0.5 < as_number(gauge) < 2):
         expected = "None, or a number near 1"
         raise OptionError("out of range", where="gauge", got=gauge, expected=expected)
     if scene.ground is None:

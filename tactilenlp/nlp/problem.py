@@ -120,10 +120,10 @@ class Problem:
 
         Residuals are in scales of the variable; a level may `eliminate` what is given.
         """
-        scale = gives.variable.scale
+        gives = gives if isinstance(gives, Columns) else gives[:, :]
 
         def residual(*local):
-            return (function(*local[:-1]) - local[-1]) / scale
+            return (function(*local[:-1]) - local[-1]) / gives.variable.scale
 
         self.subject_to(name, residual, *arguments, gives, lower=0, upper=0)
         self.given[name] = gives.indices
@@ -156,7 +156,7 @@ class Problem:
     @cached_property
     def scale(self) -> np.ndarray:
         blocks = [np.tile(v.scale, v.columns) for v in self.variables.values()]
-        return np.concatenate(blocks)
+        return np.concatenate([np.zeros(0), *blocks])
 
     def pack(self, values: dict[str, np.ndarray]) -> np.ndarray:
         """Return the vector of all unknowns in SI; what is not given is the guess."""
@@ -165,7 +165,7 @@ class Problem:
         for v in self.variables.values():
             given = block(values.get(v.name, v.guess), (v.rows, v.columns), v.name)
             blocks.append(given.T.ravel())
-        return np.concatenate(blocks)
+        return np.concatenate([np.zeros(0), *blocks])
 
     def unpack(self, x: np.ndarray) -> dict[str, np.ndarray]:
         """Return the unknowns by name, each (rows, columns)."""

@@ -2,7 +2,8 @@
 
 In: hypotheses of the search.  Out: the page solved, best first, certified.
 
-- `refinement`: multistart from the promising hypotheses; names of a box's axes
+- `refinement`: multistart from the promising hypotheses
+- `axis_names`: the order of a box's axes; pages that tell them apart
 - `latency`, `ground_tilt`: late sensors, a ground that leans, by Newton steps
 - `nested_models`: turned sensors, compliance or centre of mass if data ask
 - `tilt`: free motion of a body that rocks, started from what felt normals tell

@@ -26,7 +26,7 @@ from ..information.mixture import (
     odds_of,
 )
 from ..information.tangent_space import widest_deviations
-from ..interface.options import Guess, Options
+from ..interface.options import Guess
 from ..interface.result import Estimate
 from ..problem.pages import shape_of
 from ..search.local_solve import Solved, comparable
@@ -79,9 +79,7 @@ def likeliest_class(classes, solve, start, options) -> Estimate:
     none has an estimate.  The poses of the likeliest class are a second start of the
     others.
     """
-    check_types(
-        start=(start, (Estimate, Guess, type(None))), options=(options, Options)
-    )
+    check_types(start=(start, (Estimate, Guess, type(None))))
     if start is not None and not any(_starts_from(start, shape) for shape in classes):
         raise StartError(
             "no class can start from it", where="start", got=type(start).__name__,

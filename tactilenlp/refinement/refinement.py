@@ -10,8 +10,6 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from formulations.centre_of_mass import NAME as CENTRE
-
 from ..common.deadline import OutOfTime
 from ..data.contact_segments import consecutive_contacts
 from ..data.sensor_noise import precise, variance_left
@@ -20,7 +18,7 @@ from ..information.goodness_of_fit import BETWEEN_ACTIONS, PHYSICS_ROW, fit_of
 from ..interface.result import Estimate
 from ..problem.certificates import planar_certificate
 from ..problem.reductions import Reductions, required_reductions
-from ..search.hypothesis import distinct, naming, turned
+from ..search.hypothesis import distinct
 from ..search.local_solve import (
     Solved,
     best_first,
@@ -35,6 +33,7 @@ from ..search.margins import (
     UNCHANGED,
 )
 from ..search.multistart import levels_of, multistart
+from .axis_names import in_distinct_namings
 from .incremental import continues, past_solution, still_explained, update_limit
 from .incremental_polytope import repaired
 
@@ -83,6 +82,7 @@ def _solved_promising(job, kept, solved, start, known) -> list[Solved]:
     limit = min(h.objective for h in kept) + LEAST_MOTION_BEHIND
     levels = levels_of(job)
     promising = [h for h in kept if h.objective <= limit]
+    promising = in_distinct_namings(job, promising)
     promising = [h for h in promising if not _solved_by(known, h)]
     few = start is not None and promising and not known
     close = promising[0].objective + UNCHANGED if few else np.inf
@@ -115,51 +115,6 @@ def solved_again(job, start) -> list[Solved]:
     if not same_data or {**start.reductions} != asdict(job.reductions):
         return []
     return [warm_started(job, past_solution(job, start))]
-
-
-def with_named_axes(job, solved, like) -> Solved:
-    """Return a solve, or one of the same optimum with the axes of a box renamed.
-
-    like: see `naming`.  A page that tells the axes apart, as by a prior of one side,
-    decides itself: a renamed optimum that costs more is not taken.
-    """
-    order, S = naming(job.shape, solved.at, like)
-    if np.array_equal(S, np.eye(3)) or not solved.solution.success:
-        return solved
-    if job.deadline.passed("the order of a box's axes"):
-        return solved
-    known = _renamed(job.shape, solved, order, S)
-    again = warm_started(job, known)
-    again = replace(again, declined=solved.declined)
-    return again if again.rank <= solved.rank else solved
-
-
-def _renamed(shape, solved, order, S) -> Solved:
-    """Return a solve with other names of the axes, to start from.
-
-    Ground contacts are listed by corner, the same ones at each step.
-    """
-    s, corners = solved.solution, np.array(shape.corners)
-    places = [int(np.argmax(corners @ (S @ c))) for c in corners]
-    rows = np.arange(len(solved.window.corner)).reshape(-1, len(corners))
-    rows = rows[:, places].ravel()
-
-    def moved(values) -> dict:
-        ground = {k: values[k][:, rows] for k in ("ground",) if k in values}
-        centre = {k: S.T @ values[k] for k in (CENTRE,) if k in values}
-        return values | ground | centre | {"theta": values["theta"][order]}
-
-    multipliers = {
-        name: old[rows] if name.startswith("ground") and len(old) == len(rows) else old
-        for name, old in s.multipliers.items()
-    }
-    solution = replace(
-        s, values=moved(s.values) | {"x": turned(s.values["x"], S)},
-        bound_multipliers=moved(s.bound_multipliers), multipliers=multipliers,
-    )  # fmt: skip
-    h = solved.hypothesis
-    h = replace(h, theta=h.theta[order], x=turned(h.x, S))
-    return replace(solved, hypothesis=h, solution=solution)
 
 
 def update_costs_too_much(request, best: Solved) -> bool:

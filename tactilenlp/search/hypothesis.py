@@ -2,8 +2,7 @@
 
 Which face was touched, which way the object is turned, how it was pushed: each answer
 is a hypothesis of its own.  Two are the same body where their supports agree at the
-first and at the last pose.  The axes of a box have names by convention (`naming`).  A
-`Job` is what a search for hypotheses is given.
+first and at the last pose.  A `Job` is what a search for hypotheses is given.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from ..common.brief import printed
 from ..common.deadline import Deadline
 from ..common.layout import ANY
 from ..data.sensor_noise import latency_cost, with_fingers_earlier
-from ..geometry.transforms import continuous, is_planar, matrices, planar_matrix
+from ..geometry.transforms import is_planar, matrices, planar_matrix
 from ..information.measurement_noise import KNOWN_FACE
 from ..nlp.problem import Problem
 from ..tracking.outline import path_outline, supports
@@ -33,7 +32,6 @@ COMPARED = (0, -1)  # samples at which bodies are compared: first, last
 EVERY = 8  # samples of a path that are compared
 # [m] far paths; [nats] their bonus; too far behind:
 NEAR, WORTH, BEHIND = 4e-3, 6.0, 25.0
-EQUAL_SIDES = 1e-6  # [m] sides this close have no order
 
 
 @printed
@@ -244,36 +242,6 @@ def same(shape, a: Hypothesis, b: Hypothesis, samples=COMPARED) -> bool:
     """Tell whether two hypotheses are the same body at the given samples."""
     pairs = ([supports(shape, h, k) for h in (a, b)] for k in samples)
     return all(np.abs(s - t).max() <= SAME_BODY for s, t in pairs)
-
-
-def naming(shape, h: Hypothesis, like=None) -> tuple[list[int], np.ndarray]:
-    """Return the order of sizes, and the axes (3, 3), by which a box is named.
-
-    At the first sample z is the axis nearest the vertical, x points within 90 degrees
-    of the world's x, and side x is not shorter than side y.  like: side lengths (3,)
-    and rotation (3, 3) at the first sample of an earlier estimate, whose names are kept
-    instead.  Other shapes keep their axes.
-    """
-    if not shape.is_box:
-        return [*range(len(h.theta))], np.eye(3)
-    R = rotation_at(h, 0)
-    ways = [(list(order), np.array(S, float)) for order, S in shape.symmetries]
-    ways = [way for way in ways if not is_planar(h.x) or way[1][2, 2] > 0]
-
-    def rank(way):
-        theta, axes = h.theta[way[0]], R @ way[1]
-        if like is not None:
-            return round(np.linalg.norm(axes * theta - like[1] * like[0]), 9)
-        return -axes[2, 2], theta[1] - theta[0] > EQUAL_SIDES, axes[0, 0] < 0
-
-    return min(ways, key=rank)
-
-
-def turned(x, S) -> np.ndarray:
-    """Return the poses, planar or free, of a body frame whose axes are S (3, 3)."""
-    if is_planar(x):
-        return x + np.array([[0], [0], [np.arctan2(S[1, 0], S[0, 0])]])
-    return np.vstack([x[:3], continuous(matrices(x) @ S).T])
 
 
 def rotation_at(h: Hypothesis, sample: int) -> np.ndarray:

@@ -1,0 +1,136 @@
+"""The names of a box's axes: which is x, and which way it points.
+
+A box is the same body under 24 names, four while it slides flat.  `naming` is the
+convention; the page is solved again under it (`with_named_axes`).  A page that tells
+the axes apart is solved from hypotheses under all names (`in_distinct_namings`).
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+
+from formulations.centre_of_mass import NAME as CENTRE
+
+from ..geometry.transforms import continuous, is_planar, matrices
+from ..problem.pages import FORMULATIONS, name_of
+from ..search.hypothesis import Hypothesis, rotation_at
+from ..search.local_solve import (
+    Solved,
+    in_motion_of,
+    problem_at,
+    start_values,
+    warm_started,
+)
+from ..search.margins import UNCHANGED
+from ..solvers.solution import evaluated
+
+log = logging.getLogger("tactilenlp")
+EQUAL_SIDES = 1e-6  # [m] sides this close have no order
+
+
+def naming(shape, h: Hypothesis, like=None) -> tuple[list[int], np.ndarray]:
+    """Return the order of sizes, and the axes (3, 3), by which a box is named.
+
+    At the first sample z is the axis nearest the vertical, x points within 90 degrees
+    of the world's x, and side x is not shorter than side y.  like: side lengths (3,)
+    and rotation (3, 3) at the first sample of an earlier estimate, whose names are kept
+    instead.  Other shapes keep their axes.
+    """
+    if not shape.is_box:
+        return [*range(len(h.theta))], np.eye(3)
+    R = rotation_at(h, 0)
+
+    def rank(way):
+        theta, axes = h.theta[way[0]], R @ way[1]
+        if like is not None:
+            return round(np.linalg.norm(axes * theta - like[1] * like[0]), 9)
+        return -axes[2, 2], theta[1] - theta[0] > EQUAL_SIDES, axes[0, 0] < 0
+
+    return min(namings(shape, h), key=rank)
+
+
+def namings(shape, h: Hypothesis) -> list[tuple[list[int], np.ndarray]]:
+    """Return all orders of sizes and axes (3, 3) under which a body is the same."""
+    ways = [(list(order), np.array(S, float)) for order, S in shape.symmetries]
+    return [way for way in ways if not is_planar(h.x) or way[1][2, 2] > 0]
+
+
+def renamed(h: Hypothesis, order, S) -> Hypothesis:
+    """Return a hypothesis under other names of the axes: as `naming` returns them."""
+    return replace(h, theta=h.theta[order], x=turned(h.x, S))
+
+
+def turned(x, S) -> np.ndarray:
+    """Return the poses, planar or free, of a body frame whose axes are S (3, 3)."""
+    if is_planar(x):
+        return x + np.array([[0], [0], [np.arctan2(S[1, 0], S[0, 0])]])
+    return np.vstack([x[:3], continuous(matrices(x) @ S).T])
+
+
+def with_named_axes(job, solved, like) -> Solved:
+    """Return a solve, or one of the same optimum with the axes of a box renamed.
+
+    like: see `naming`.  A page that tells the axes apart, as by a prior of one side,
+    decides itself: a renamed optimum that costs more is not taken.
+    """
+    order, S = naming(job.shape, solved.at, like)
+    if np.array_equal(S, np.eye(3)) or not solved.solution.success:
+        return solved
+    if job.deadline.passed("the order of a box's axes"):
+        return solved
+    known = _renamed(job.shape, solved, order, S)
+    again = warm_started(job, known)
+    again = replace(again, declined=solved.declined)
+    return again if again.rank <= solved.rank else solved
+
+
+def in_distinct_namings(job, hypotheses) -> list[Hypothesis]:
+    """Return hypotheses; where a page tells the axes of a box apart, under all names.
+
+    The search takes the axes as alike.  A page of the user's, as with a prior of one
+    side, need not: it is evaluated at the best hypothesis under every name.
+    """
+    if not (job.shape.is_box and hypotheses) or name_of(job.page) in FORMULATIONS:
+        return hypotheses
+    kept, costs = [], []
+    for order, S in namings(job.shape, hypotheses[0]):
+        named = [renamed(h, order, S) for h in hypotheses]
+        problem, window, _ = problem_at(job, named[0])
+        start = start_values(problem, window, in_motion_of(job, named[0]))
+        cost = evaluated(problem, start).objective
+        if all(abs(cost - other) > UNCHANGED for other in costs):
+            kept.append(named)
+            costs.append(cost)
+    if len(kept) > 1:
+        log.info("the page tells the axes apart: starts under %d names", len(kept))
+    return [h for pair in zip(*kept, strict=True) for h in pair]
+
+
+def _renamed(shape, solved, order, S) -> Solved:
+    """Return a solve with other names of the axes, to start from.
+
+    Ground contacts are listed by corner, the same ones at each step.
+    """
+    s, corners = solved.solution, np.array(shape.corners)
+    places = [int(np.argmax(corners @ (S @ c))) for c in corners]
+    rows = np.arange(len(solved.window.corner)).reshape(-1, len(corners))
+    rows = rows[:, places].ravel()
+
+    def moved(values) -> dict:
+        ground = {k: values[k][:, rows] for k in ("ground",) if k in values}
+        centre = {k: S.T @ values[k] for k in (CENTRE,) if k in values}
+        return values | ground | centre | {"theta": values["theta"][order]}
+
+    multipliers = {
+        name: old[rows] if name.startswith("ground") and len(old) == len(rows) else old
+        for name, old in s.multipliers.items()
+    }
+    solution = replace(
+        s, values=moved(s.values) | {"x": turned(s.values["x"], S)},
+        bound_multipliers=moved(s.bound_multipliers), multipliers=multipliers,
+    )  # fmt: skip
+    h = renamed(solved.hypothesis, order, S)
+    return replace(solved, hypothesis=h, solution=solution)
