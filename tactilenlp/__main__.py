@@ -113,7 +113,7 @@ def _seed(text: str) -> int:
 def _add_outputs(command) -> None:
     words = "write an interactive report, .html"
     command.add_argument("--output", type=Path, metavar="PAGE", help=words)
-    words = "write the shape: .stl .obj .ply .glb .xml (MJCF) .urdf"
+    words = "write the shape: .stl .obj .ply .glb .xml (MJCF) .urdf, its mesh beside it"
     command.add_argument("--export", type=Path, metavar="MODEL", help=words)
 
 
@@ -144,7 +144,8 @@ def _found(given) -> tuple:
         with interruptible():
             return run[given.command](given), 0
     except Interrupted as stop:
-        print(stop, file=sys.stderr)
+        more = "; the same command continues" if given.command == "explore" else ""
+        print(f"{stop}".partition(";")[0] + more, file=sys.stderr)
         return stop.estimate, INTERRUPTED_CODE
 
 
@@ -178,9 +179,9 @@ def _check_outputs(given) -> None:
 
 def _write_outputs(estimate, given) -> None:
     """Print an estimate and write the requested files."""
-    print(estimate.summary())
-    if getattr(given, "save", None):
+    if getattr(given, "save", None):  # first: nobody may read what is printed
         estimate.save(given.save)
+    print(estimate.summary())
     if given.output:
         estimate.report(given.output)
     if given.export:

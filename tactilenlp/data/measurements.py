@@ -11,13 +11,9 @@ import numpy as np
 
 from ..common.brief import shown
 from ..common.npz import read_npz, write_npz
-from ..common.validation import (
-    as_array,
-    as_floats,
-    check_types,
-    checked_choice,
-)
+from ..common.validation import as_array, as_floats, check_types, checked_choice
 from ..errors import MeasurementError, shortened, typed_call
+from ..geometry.interpolation import fill_gaps
 
 UNIT_TOLERANCE = 1e-3  # [1], beyond it a vector is wrong, not merely rounded
 UNIT_EXACT = 1e-12  # [1], below it a length is left alone: round trips stay exact
@@ -56,7 +52,8 @@ class Measurements:
                         motion of the fingers towards the object, recorded whole; one
                         single action (all zeros) is fine
     valid:              (T, F) bool, False: no measurement, contact and normal are
-                        ignored (kept as False and zero), position must be finite
+                        ignored (kept as False and zero); the position counts: a
+                        NaN there is replaced, linearly in time within its action
     finger_orientation: (T, F, 4) wxyz, finger to world; None for spheres
 
     Arrays are read-only copies; a MeasurementError names the key and first bad index.
@@ -236,12 +233,13 @@ def _shaped(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def _check_fingers(arrays: dict[str, np.ndarray]) -> None:
+    p_wf, fix = arrays["finger_position"], "give numbers, of each action at least one"
+    gone = np.isnan(p_wf).any(axis=2) & (arrays["valid"] == 0)
+    fill_gaps(p_wf, arrays["time"], arrays["action"], gone)
     for key in ("time", "finger_position", "finger_radius", "finger_orientation"):
         if key in arrays:
-            bad, fix = ~np.isfinite(arrays[key]), "give a number even where not valid"
-            _reject(key, bad, "not finite", arrays[key], fix)
-    radius, p_wf = arrays["finger_radius"], arrays["finger_position"]
-    fix = "measure the tip, give metres"
+            _reject(key, ~np.isfinite(arrays[key]), "not finite", arrays[key], fix)
+    radius, fix = arrays["finger_radius"], "measure the tip, give metres"
     _reject("finger_radius", radius <= 0, "not positive", radius, fix)
     small = radius < SMALLEST_RADIUS
     _reject("finger_radius", small, "too small", radius, fix)

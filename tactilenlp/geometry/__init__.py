@@ -5,5 +5,6 @@ In: points, half-spaces, poses.  Out: rotations, hulls, faces, tipping motions.
 - `transforms`: planar rotations, quaternions wxyz, poses, world to body frame
 - `convex_hull`: half-space intersection, vertex reduction, centroid, closest point
 - `faces`: facets merged into faces, supporting planes and their uncertainty
+- `interpolation`: gaps of time series
 - `tipping`: the kinematics of a body that tips over an edge
 """

@@ -27,12 +27,18 @@ def summary_of(estimate) -> str:
     if estimate.information.path is not None:
         off = MM_PER_M * estimate.sigma_position.max(axis=1)
         lines.append(
-            f"Along the path the position is known to {off.min():.2f} to "
-            f"{off.max():.2f} mm (one standard deviation)."
+            f"Along the path the position is known to {_between(off.min(), off.max())} "
+            "mm (one standard deviation)."
         )
     lines += remarks_of(estimate)
     lines += [f"Skipped {s}." for s in estimate.skipped]
     return "\n".join(lines)
+
+
+def _between(least: float, most: float) -> str:
+    """Return two numbers as a range in words, or one where they print alike."""
+    ends = dict.fromkeys((f"{least:.2f}", f"{most:.2f}"))
+    return " to ".join(ends)
 
 
 def article(name: str) -> str:
@@ -161,9 +167,16 @@ def _latency(sensors) -> str:
 def _compliance(estimate) -> str:
     weight = estimate.scene.mass * G
     depth = MM_PER_M * estimate.compliance * weight
-    return (
+    words = (
         f"Fingertips are soft: they yield {depth:.2f} mm under the object's weight "
-        f"({weight:.1f} N)."
+        f"({weight:.1f} N)"
+    )
+    radius = MM_PER_M * estimate.measurements.finger_radius.min()
+    if depth < radius:
+        return f"{words}."
+    return (
+        f"{words}, more than their radius of {radius:.1f} mm, which no fingertip does: "
+        "are radius, height of the ground, centres and missing positions right?"
     )
 
 
