@@ -85,7 +85,7 @@ class Known:
     success, fit = True, None
 
     def __init__(self, shape, objective):
-        self.shape, self.objective = shape, objective
+        self.shape, self.objective, self.seconds = shape, objective, {}
 
 
 def test_the_poses_of_the_likeliest_class_start_those_that_were_lost(monkeypatch):

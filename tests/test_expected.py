@@ -1,11 +1,10 @@
 """What an action is expected to tell: never negative, in any units, whatever labels."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from believed import BOX, SPACE, VAGUELY, actions, believed, known
+from believed import BOX, SPACE, VAGUELY, actions, believed, known, measured
 
 from formulations.shape import CUBOID
 from tactilenlp import (

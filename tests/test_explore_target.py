@@ -5,15 +5,22 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tactilenlp import (
     Ground,
     Options,
+    Scene,
     Workspace,
     World,
+    choose_action,
     explore,
 )
-from tactilenlp.errors import StartError
+from tactilenlp.errors import OptionError, StartError
+from tactilenlp.exploration.expected_information import (
+    ExpectedInformation,
+    push_constants,
+)
 from tactilenlp.exploration.log import check_same
 from tactilenlp.exploration.policies import farthest_directions, last_contact, why_lost
 
@@ -121,3 +128,44 @@ def test_farthest_compares_normals_in_the_frame_of_the_ground():
         draw = farthest_directions(plan)
         chosen.append(draw(np.random.default_rng(0)).angles)
     assert chosen[0] == pytest.approx(chosen[1])
+
+
+@pytest.mark.parametrize("fingers", [2, 5, 12])
+def test_a_finger_that_moves_alone_reaches_its_target(fingers):
+    space = Workspace(fingers=fingers)
+    alone = tuple(f == 0 for f in range(fingers))
+    target = np.array([0.01, 0.02, 0.03])
+    action = space.random(np.random.default_rng(fingers), alone)
+    end = action.trajectory(target).finger_position[-1, 0]
+    assert end == pytest.approx(target, abs=1e-6)
+
+
+def test_lines_start_outside_a_body_that_is_larger_than_the_workspace(estimate):
+    small = Workspace(radius=0.03)
+    reach = np.linalg.norm(estimate.vertices, axis=1).max()
+    action = choose_action(estimate, small, budget=4).action
+    start = action.trajectory(estimate.position[-1]).finger_position[0]
+    away = np.linalg.norm(start - estimate.position[-1], axis=1)
+    assert away.min() > reach + small.finger_radius
+    same = Workspace(radius=0.5)
+    assert same.around(reach) == same
+
+
+def test_a_radius_within_the_sectors_of_many_fingers_is_refused():
+    Workspace(fingers=20)
+    with pytest.raises(OptionError, match="radius"):
+        Workspace(fingers=40)
+
+
+def test_fingers_and_frictions_of_a_choice_are_those_of_the_estimate(estimate):
+    radius = np.array([0.004, 0.009])
+    data = replace(estimate.measurements, finger_radius=radius)
+    expected = ExpectedInformation(replace(estimate, measurements=data))
+    space = expected.workspace
+    assert (space.fingers, space.finger_radius) == (2, 0.009)
+    found = {"ground friction": np.array([[0.17]]), "finger friction": np.array([0.6])}
+    free = replace(estimate.scene, friction_ground=None, friction_finger=None)
+    loose = replace(estimate, scene=free, unknowns=estimate.unknowns | found)
+    assert push_constants(loose, space)[:2] == pytest.approx([0.17, 0.6])
+    told = replace(free, friction_ground=0.3)
+    assert push_constants(replace(loose, scene=told), space)[0] == 0.3

@@ -271,4 +271,4 @@ def test_a_body_that_was_moved_farther_than_it_slides_on_was_carried():
 
 def test_a_carried_body_is_said_and_no_touch_is_blamed(estimate):
     text = replace(estimate.fit, verdict="poor").text
-    assert text.endswith("expected; between actions the body moved by over 10 mm.")
+    assert text == "The fit is poor: the body moved 10 mm between actions."

@@ -10,6 +10,7 @@ from formulations.shape import CUBOID
 from tactilenlp import Estimate, Problem, assumption_sensitivity, observed_information
 from tactilenlp.errors import OptionError
 from tactilenlp.estimation.observed_information import programme_at
+from tactilenlp.geometry.transforms import rotation_of
 from tactilenlp.information.comparisons import gauss_newton
 from tactilenlp.information.error_budget import Linearisation, error_budget
 from tactilenlp.information.error_budget_terms import (
@@ -26,6 +27,7 @@ from tactilenlp.search.hypothesis import Hypothesis, resized
 from tactilenlp.solvers.options import SolverOptions
 from tactilenlp.solvers.solve import solve
 
+UP = np.array([0.0, 0.0, 1.0])
 UNITS = np.r_[1e3, 1e3, 1e3, 1e3, 1e3, 50.0]  # to mm, a radian as 50 mm
 
 
@@ -227,6 +229,21 @@ def test_a_face_that_nothing_touched_is_as_doubtful_as_the_fingers_paths_are_noi
     face = np.r_[0, -0.5, 0, -s, c, 0]
     assert face @ doubt @ face == pytest.approx(0, abs=1e-15)
     assert not doubt_of([9, 9], [9, 9], [0, 9]).any()
+
+
+def test_the_face_that_a_body_stands_on_is_known_on_ground_that_leans():
+    lean = rotation_of([np.cos(0.3), np.sin(0.3), 0.0, 0.0]).as_matrix()
+    z, faces = np.zeros(9), [[9, 9], [9, 9], [0, 9]]
+
+    def doubt_of(R, up):
+        tangent = TangentSpace(
+            ("",) * 9, np.arange(9), np.eye(9), {}, (), z, R, R, up, 3
+        )
+        return untouched_faces(TouchedFaces(tangent, CUBOID, faces, 1e-3, True))
+
+    assert not doubt_of(np.eye(3), UP).any()
+    assert not doubt_of(lean, lean @ UP).any()
+    assert doubt_of(lean, UP).any()  # it stands on an edge
 
 
 def test_a_finger_off_its_face_is_off_in_that_touch_alone(programme, kkt):

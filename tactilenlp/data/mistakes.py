@@ -170,7 +170,10 @@ def _of_radius(record: Record) -> Iterator[Hypothesis]:
 
 
 def _of_fingers(record: Record) -> Iterator[Hypothesis]:
-    """Yield every pair of fingers swapped, in position or in what they feel."""
+    """Yield every pair of fingers swapped, in position or in what they feel.
+
+    Of three or more also all of them rotated, and the axes of their array swapped.
+    """
     fingers = len(record.radius)
     for f, g in combinations(range(fingers), 2):
         order = np.arange(fingers)
@@ -182,6 +185,15 @@ def _of_fingers(record: Record) -> Iterator[Hypothesis]:
         felt = record.felt[:, order] & record.valid
         moved = partial(replace, record, felt=felt, normal=record.normal[:, order])
         yield Hypothesis(mistake, "contact", fix, moved)
+    for shift in range(1, fingers) if fingers > 2 else ():
+        order = np.roll(np.arange(fingers), shift).tolist()
+        moved = partial(replace, record, position=record.position[:, order])
+        fix = f"give finger_position[:, {order}], or order all others so"
+        yield Hypothesis("fingers are in another order", "finger_position", fix, moved)
+    if fingers == 3:
+        moved = partial(replace, record, position=record.position.transpose(0, 2, 1))
+        mistake, fix = "fingers and coordinates are swapped", "give (T, F, 3)"
+        yield Hypothesis(mistake, "finger_position", fix, moved)
 
 
 def _of_time(record: Record) -> Iterator[Hypothesis]:

@@ -146,7 +146,7 @@ class Fit:
         off = [f"; {w} {_in_words(m)}" for w, m in besides if m.excess > m.limit]
         words += "".join(off)
         if self.verdict == "poor" and self.total.excess <= self.total.limit and not off:
-            return f"{words}; between actions the body moved by over {1e3 * LOST:g} mm."
+            return f"The fit is poor: the body moved {1e3 * LOST:g} mm between actions."
         if self.verdict == "good" or not self.touches:
             return f"{words}."
         worst, by = self.touches[0], f"multiplied by {self.widening:.1f}"

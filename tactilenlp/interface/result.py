@@ -259,7 +259,7 @@ class Estimate:
         write_report(self, path)
 
     def export(self, path) -> None:
-        """Write the shape for other tools: .stl .obj .ply .glb, .xml (MJCF), .urdf."""
+        """Write the shape, body frame [m]: .stl .obj .ply .glb .xml (MJCF) .urdf."""
         from ..output.export import export_shape
 
         export_shape(self, path)

@@ -110,7 +110,9 @@ def plot_information(estimate: Estimate, axis=None, key: bool = True) -> Figure:
 def plot_estimate(estimate: Estimate, truth=None, axis=None) -> Figure:
     """Draw the first and the last sample side by side, from above and in 3-D.
 
-    axis: four Axes, from above of the first and the last sample, then in 3-D of both.
+    truth: a dict of what is known of the object, by the keys of a file (object_position
+    and others: examples/README.md).  axis: four Axes, from above of the first and the
+    last sample, then in 3-D of both.
     """
     view = view_of(estimate, [0, -1])
     axes = _four_axes(estimate) if axis is None else check_axes(axis, 4)

@@ -6,6 +6,7 @@ Classes of shapes are not nested: the one of the largest evidence is the estimat
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -86,6 +87,7 @@ def likeliest_class(classes, solve, start, options) -> Estimate:
             expected=f"an Estimate or a Guess of {[shape.name for shape in classes]}",
             next="leave it out, or add its class to the list",
         )  # fmt: skip
+    began = time.process_time()
     deadline, found, errors = Deadline.within(options.time_limit), {}, {}
     for i, shape in enumerate(classes):
         share = deadline.left / (len(classes) - i)
@@ -101,7 +103,8 @@ def likeliest_class(classes, solve, start, options) -> Estimate:
     _start_from_best(classes, solve, options, deadline, found)
     failed = {classes[i].name: e for i, e in errors.items() if i not in found}
     _, best = max(found.values(), key=lambda one: one[0])
-    return replace(best, classes=odds_of(found.values(), failed))
+    seconds = best.seconds | {"total": time.process_time() - began}
+    return replace(best, seconds=seconds, classes=odds_of(found.values(), failed))
 
 
 def _starts_from(start, shape) -> bool:
