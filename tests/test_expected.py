@@ -173,3 +173,11 @@ def test_an_action_is_sampled_as_often_as_the_record():
     assert (len(slow.motion), len(fast.motion)) == (30, 90)
     assert fast.motion[-1, :2] == pytest.approx(slow.motion[-1, :2], abs=1e-3)
     assert fast.contact.sum() == pytest.approx(3 * slow.contact.sum(), rel=0.15)
+
+
+@pytest.mark.parametrize("wrong", [np.zeros((3, 3)), np.full((3, 3), np.nan)])
+def test_what_is_no_information_is_refused(wrong):
+    with pytest.raises(TactileError, match="not positive definite"):
+        information_gain(wrong, np.eye(3))
+    with pytest.raises(TactileError, match="not positive definite"):
+        information_gain(np.eye(3), np.full((3, 3), np.inf))

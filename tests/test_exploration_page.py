@@ -187,3 +187,25 @@ def test_a_finger_that_slides_down_a_side_presses_on_the_ground():
     up = pushed([0.045, 0, 0.005], [0.025, 0, 0.025], max_force=1.7)
     assert abs(down[0]) < 2e-3
     assert up[0] < -5e-3
+
+
+@pytest.mark.parametrize(("x", "reach"), [(0.0346, 0.002), (0.0355, 0.003)])
+def test_slopes_of_a_push_are_those_of_differences(x, reach):
+    """One step of a finger that pushes a side, off the middle; sensors tell nothing."""
+    step = predict.step_function(CUBOID, False, 1, False)
+    z = np.r_[0.05, 0.04, 0.03, 0.0, 0.0, 0.2]
+    p = np.array([x, 0.011, 0.015])  # it touches a side that is turned by 0.2 rad
+    goal = p - [reach, 0, 0]
+    none, still = np.array([0.0, np.inf, np.inf]), np.zeros(3)
+    known = [0.3, 0.5, 4.9, 1000.0, 8.0]
+
+    def moved(z, slopes=False):
+        given = still, p, still, np.zeros((3, 6)), np.zeros((3, 3)), z, p, goal
+        found = step(*given, [RHO], known, none, 1.0)
+        return found[3].full() if slopes else found[2].full().ravel()
+
+    h, M = 1e-7, moved(z, slopes=True)
+    numeric = np.stack([(moved(z + e) - moved(z - e)) / (2 * h)
+                        for e in h * np.eye(6)], axis=1)  # fmt: skip
+    assert np.abs(moved(z)).max() > 1e-5
+    assert pytest.approx(numeric, abs=0.03 * np.abs(numeric).max()) == M

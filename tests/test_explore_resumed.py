@@ -93,3 +93,13 @@ def test_what_cannot_be_appended_is_not_stored(tmp_path):
     with pytest.raises(MeasurementError, match="does not go on"):
         list(explore(Stuck(fresh()), file=file, **SAME))
     assert [step.number for step in Exploration.load(file).steps] == [0]
+
+
+def test_a_world_is_replayed_whose_clock_began_elsewhere(begun, tmp_path):
+    """A file that a start was given to has later times than a world made anew."""
+    first, _ = begun
+    file = tmp_path / "later.npz"
+    given = SAME | {"actions": 1}
+    *_, last = explore(fresh(), file=file, start=first.estimate, **given)
+    assert last.measurements.time[0] > first.measurements.time[-1]
+    Exploration.load(file).replay(fresh())

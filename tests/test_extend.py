@@ -124,6 +124,8 @@ def test_problems_do_not_share_functions_that_read_the_window(two):
         (lambda: extend("viol", cube), "violation_implicit"),
         (lambda: extend(PAGE, cube, shape="cube"), "cuboid"),
         (lambda: extend(np, cube), "build"),
+        (lambda: extend(PAGE, without=3), "names of terms"),
+        (lambda: extend(PAGE, without=[[1]]), "names of terms"),
     ],
 )  # fmt: skip
 def test_what_cannot_extend_a_page_is_refused(make, words):
@@ -147,3 +149,22 @@ def test_an_extended_page_is_solved(two):
     assert found.costs["cube"] > 0
     assert np.ptp(found.side_lengths) < 2e-3
     assert found.formulation == "violation_implicit + cube"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("order", [[0, 1, 2], [1, 0, 2]])
+def test_a_prior_of_each_side_finds_the_body_under_the_names_that_it_means(
+    recorded, order
+):
+    """The search takes the axes of a box as alike."""
+    data, scene, truth = recorded
+    sides = np.sort(truth["side_lengths"][:2])[::-1]
+    told = np.r_[sides, truth["side_lengths"][2]][order]
+
+    def catalogue(nlp, window, scene, shape):
+        near = lambda s: ca.sumsqr(s - ca.DM(told)) / (2 * 0.3e-3**2)  # noqa: E731
+        nlp.minimize("catalogue", near, nlp.variables["theta"], role="prior")
+
+    found = solve_estimate(data, scene, formulation=extend(PAGE, catalogue))
+    assert found.costs["catalogue"] < 1
+    assert found.side_lengths == pytest.approx(told, abs=0.3e-3)

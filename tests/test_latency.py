@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tactilenlp import Estimate, Options, Scene, solve_estimate
+from tactilenlp import Estimate, Options, Scene, Workspace, World, solve_estimate
 from tactilenlp.data.sensor_noise import (
     LATENCY,
     Precision,
@@ -22,6 +22,7 @@ from tactilenlp.errors import MistakeError, SceneError
 from tactilenlp.estimation.observed_information import programme_at
 from tactilenlp.geometry.transforms import quaternion_of
 from tactilenlp.interface.options import Session
+from tactilenlp.interface.readout import hull_poses
 from tactilenlp.interface.request import make_job, read_request
 from tactilenlp.problem.pages import page_of, shape_of
 from tactilenlp.refinement.latency import as_found, may_be_late
@@ -234,3 +235,55 @@ def test_a_latency_is_saved_and_continued(recorded, late, tmp_path):
     assert longer.fit.verdict == "good"
     off = longer.side_lengths - found.side_lengths
     assert np.abs(off).max() < 0.3e-3
+
+
+@pytest.mark.parametrize("lag", [0.0, SAMPLE, 0.05])
+def test_a_hull_is_where_its_poses_are_moved_on_to(lag):
+    """The pose that is held at zero is the last one that sensors told of."""
+    yaw = np.linspace(-0.9, 0.0, 10)
+    x = np.vstack([np.linspace(0.0, 0.09, 10), 0.02 * np.ones(10), yaw])
+    x += lag / SAMPLE * (x[:, 1:2] - x[:, :1])
+    vertices = np.random.default_rng(0).uniform(-0.03, 0.03, (8, 3))
+    middle = vertices.mean(axis=0)
+    position, turn = hull_poses(Scene(), x, middle)
+    for t, (px, py, angle) in enumerate(x.T):
+        true = Rotation.from_euler("z", angle).apply(vertices)
+        true += np.array([px, py, 0])
+        found = turn[t].apply(vertices - middle) + position[t]
+        np.testing.assert_allclose(found, true, atol=1e-12)
+
+
+def test_impulses_are_kept_at_the_ends_of_an_action(recorded):
+    data, _, _ = recorded
+    rows = np.flatnonzero(data.action == 1)
+    pulse = np.zeros((data.samples, 3))
+    pulse[rows[5]], pulse[rows[-1]] = 1.0, 2.0
+    later = in_time(data, pulse, 2 * SAMPLE, beyond=False)
+    assert later[rows[3]] == pytest.approx(np.ones(3), abs=1e-3)
+    assert later[rows[-3:]] == pytest.approx(2 * np.ones((3, 3)), abs=1e-3)
+    assert np.array_equal(in_time(data, pulse, 0.0, beyond=False), pulse)
+
+
+@pytest.mark.slow
+def test_contacts_lie_on_the_surface_of_late_and_of_prompt_bodies(estimate, late):
+    for found in (estimate, late[2]):
+        points, normals = found.contacts()
+        felt = found.measurements.contact
+        assert np.array_equal(np.isfinite(points).all(axis=2), felt)
+        assert np.linalg.norm(normals[felt], axis=1) == pytest.approx(1)
+        inside = np.abs(points[felt]) - found.side_lengths / 2
+        assert np.abs(inside.max(axis=1)).max() < 0.2e-3
+
+
+@pytest.mark.slow
+def test_a_latency_is_found_at_a_high_rate():
+    """The lower rate, at which models are selected, has too few samples for it."""
+    space, rng = Workspace(), np.random.default_rng(5)
+    world = World((0.05, 0.035, 0.04), rate=120.0)
+    data = world.execute(space.random(rng).trajectory([0.0, 0.0, 0.02]))
+    for _ in range(3):
+        path = space.random(rng).trajectory(world.pose[:3])
+        data = data.append(world.execute(path))
+    found = solve_estimate(reported_later(data, 4))
+    assert found.latency == pytest.approx(4 / 120, abs=0.01)
+    assert found.fit.verdict == "good"

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from conftest import RECORDED
 
-from tactilenlp import Ground, Measurements, Options, Scene, solve_estimate
+from tactilenlp import (
+    Ground,
+    Measurements,
+    Options,
+    Scene,
+    Workspace,
+    World,
+    solve_estimate,
+)
 from tactilenlp.data import mistakes
 from tactilenlp.data.mistakes import check_mistakes, most_likely, record_of
 from tactilenlp.data.plausibility import jumps_of
@@ -158,3 +166,25 @@ def test_the_work_is_bounded(data, monkeypatch):
 def test_a_body_without_a_ground_is_not_checked(data):
     wrong = MISTAKES["point into the object"](data)
     check_mistakes(wrong, Scene(ground=None))
+
+
+@pytest.mark.parametrize(
+    ("words", "order"),
+    [
+        ("in another order", lambda p: p[:, [1, 2, 0]]),
+        ("in another order", lambda p: p[:, [2, 0, 1]]),
+        ("coordinates are swapped", lambda p: p.transpose(0, 2, 1)),
+    ],
+)
+def test_three_fingers_in_another_order_are_named(words, order):
+    space, rng = Workspace(fingers=3), np.random.default_rng(2)
+    world = World((0.05, 0.035, 0.04), finger_radius=[0.01] * 3)
+    data = world.execute(space.random(rng).trajectory([0.0, 0.0, 0.02]))
+    for _ in range(2):
+        path = space.random(rng).trajectory(world.pose[:3])
+        data = data.append(world.execute(path))
+    check_mistakes(data, Scene())
+    with pytest.raises(MistakeError, match=words):
+        check_mistakes(
+            changed(data, finger_position=order(data.finger_position)), Scene()
+        )

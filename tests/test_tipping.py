@@ -78,3 +78,10 @@ def test_a_push_that_tips_at_the_last_sample_leaves_no_time_to_fall(recorded):
     falls = tumble.tumbled(job, ())
     assert falls
     assert {fall.x.shape for fall in falls} == {(6, data.samples)}
+
+
+def test_rotation_vectors_are_continuous_over_several_turns():
+    angle = np.linspace(0, 5 * np.pi, 60)
+    w = np.outer(angle, [0.0, 0.6, 0.8])
+    found = continuous(Rotation.from_rotvec(w).as_matrix())
+    np.testing.assert_allclose(found, w, atol=1e-9)
