@@ -284,6 +284,7 @@ def test_a_latency_is_found_at_a_high_rate():
     for _ in range(3):
         path = space.random(rng).trajectory(world.pose[:3])
         data = data.append(world.execute(path))
-    found = solve_estimate(reported_later(data, 4))
+    unchecked = Options(check_mistakes=False)  # some are refused
+    found = solve_estimate(reported_later(data, 4), options=unchecked)
     assert found.latency == pytest.approx(4 / 120, abs=0.01)
     assert found.fit.verdict == "good"

@@ -31,9 +31,8 @@ from .touch_events import Record
 # The largest gain of 155 correct recordings is 4.7 nats, of 80 first touches 8.5.
 FALSE_ALARM = 1e-3
 MOST_SAMPLES = 1500  # whole actions up to these are read: enough, within 0.2 s
-# Shifts in time, of whole samples: up to one sample of 30 Hz may be latency.
-SHORTEST_SHIFT, LONGEST_SHIFT = 2 / 30, 10 / 30  # [s]
-MOST_SHIFTS = 9  # each way
+# Shifts in time, of two samples or more: one sample is within the latency.
+LONGEST_SHIFT, SHIFTS = 10 / 30, 9  # [s]; each way
 RADIUS_FACTORS = (10.0, 100.0, 1000.0, 0.1, 0.01, 0.001)
 FRAME_TERMS = ("onsets", "releases", "planes", "passages")
 RADIUS_TERMS = ("planes", "passages", "overlaps", "radii")
@@ -76,22 +75,17 @@ def check_mistakes(data: Measurements, scene: Scene) -> None:
 def most_likely(record: Record, every=True) -> tuple[Hypothesis, float, float]:
     """Return the most likely mistake, its gain [nats], and the limit of a gain.
 
-    The sensors of all fingers may be late by up to a sample of 30 Hz: that is no
-    mistake (refinement/latency.py).  every: evaluate also hypotheses whose gain cannot
-    exceed the limit, since the terms that they change are near the most they can be.
+    every: evaluate also hypotheses whose gain cannot exceed the limit, since the terms
+    that they change are near the most that they can be.
     """
     given, tried = log_likelihood(record), [*hypotheses(record)]
-    prompt = _felt_later(record, -(min(map(abs, _shifts(record))) // 2))
-    known = max(sum(given.values()), sum(log_likelihood(prompt).values()))
     limit = float(np.log(len(tried) / FALSE_ALARM))
     best, most = None, -np.inf
     for hypothesis in tried:
         if not every and _at_most(hypothesis, record, given) < limit:
             continue
         terms = log_likelihood(hypothesis.repaired(), hypothesis.terms)
-        changed = hypothesis.terms is not None
-        before = sum(given[name] for name in terms) if changed else known
-        gain = sum(terms.values()) - before
+        gain = sum(terms.values()) - sum(given[name] for name in terms)
         if gain > most:
             best, most = hypothesis, gain
     return best, most, limit
@@ -223,8 +217,8 @@ def _of_time(record: Record) -> Iterator[Hypothesis]:
             )  # fmt: skip
 
 
-def _felt_later(record: Record, shift: int, f=slice(None)) -> Record:
-    """Return the record with what one finger feels, or all, so many samples later."""
+def _felt_later(record: Record, shift: int, f: int) -> Record:
+    """Return the record with what one finger feels so many samples later."""
     first, last = record.bounds
     source, moved = np.clip(np.arange(len(first)) - shift, first, last), {}
     for key in ("felt", "valid", "normal"):
@@ -236,9 +230,9 @@ def _felt_later(record: Record, shift: int, f=slice(None)) -> Record:
 def _shifts(record: Record) -> list[int]:
     """Return the shifts in samples that are tried, of both signs."""
     same = record.action[1:] == record.action[:-1]
-    dt = np.median(np.diff(record.time)[same]) if same.any() else SHORTEST_SHIFT
-    low, high = (np.ceil(t / dt - 0.1) for t in (SHORTEST_SHIFT, LONGEST_SHIFT))
-    each = np.unique(np.linspace(max(low, 2), max(high, 2), MOST_SHIFTS).round())
+    dt = np.median(np.diff(record.time)[same]) if same.any() else LONGEST_SHIFT
+    most = max(2, round(LONGEST_SHIFT / dt))
+    each = np.unique(np.linspace(2, most, SHIFTS).round())
     return [*(-each[::-1]).astype(int).tolist(), *each.astype(int).tolist()]
 
 
