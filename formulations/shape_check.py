@@ -111,7 +111,7 @@ def _at(shape, theta):
     q = shape.symbol("q", 3)
     signed = ca.Function("distance", [q], [shape.distance(theta, q, CHECKED_EDGE)])
     outward = ca.Function("normal", [q], [shape.normal(theta, q, CHECKED_EDGE)])
-    rays, reach = _directions(PROBES), float(shape.reach(theta))
+    rays, reach = directions(PROBES), float(shape.reach(theta))
     yield from _of_reach(shape, signed, rays, reach)
     r = _radii(signed, rays, reach)
     points = rays * ca.repmat(r, 3, 1)
@@ -256,10 +256,10 @@ def _of_mesh(mesh, signed, points):
             "distance of the mesh's points", _mm(off), f"0 to {_mm(OFF)}",
             "correct mesh(theta) or the distance",
         )  # fmt: skip
-    directions = _directions(100)
+    rays = directions(100)
     missing = ca.DM([
         float(ca.mmax(d.T @ points) - ca.mmax(d.T @ corners))
-        for d in ca.horzsplit(directions)
+        for d in ca.horzsplit(rays)
     ])  # fmt: skip
     if (most := float(ca.mmax(missing))) > max(OFF, 0.03 * float(ca.mmax(points))):
         yield (
@@ -268,7 +268,7 @@ def _of_mesh(mesh, signed, points):
         )  # fmt: skip
 
 
-def _directions(count: int):
+def directions(count: int):
     """Return evenly spread unit vectors (3, count): a spherical Fibonacci lattice."""
     columns = []
     for i in range(count):

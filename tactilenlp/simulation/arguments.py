@@ -8,6 +8,7 @@ import numpy as np
 
 from ..common.validation import as_floats
 from ..errors import OptionError, SceneError, shortened
+from ..geometry.convex_hull import centroid
 from ..geometry.transforms import rotation_of
 from .retraction import PARKED_MOTION
 
@@ -84,11 +85,7 @@ def centred_hull(vertices) -> np.ndarray:
     except (QhullError, TypeError, ValueError) as bad:
         expected, fix = "(V, 3) [m] with a volume", "give corners of a convex body"
         raise world_error("vertices", expected, vertices, fix) from bad
-    inside = points.mean(axis=0)
-    legs = points[hull.simplices] - inside  # a tetrahedron per facet
-    volume = abs(np.linalg.det(legs))
-    centroid = inside + volume @ legs.sum(axis=1) / (4 * volume.sum())
-    return points[np.sort(hull.vertices)] - centroid
+    return points[np.sort(hull.vertices)] - centroid(points)
 
 
 def checked_argument(name: str, value, unit: str, length: int | None = -1):

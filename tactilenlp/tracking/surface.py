@@ -5,6 +5,8 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from formulations.shape_check import directions
+
 from ..errors import TactileError
 from ..problem.poses import body_corners
 
@@ -31,7 +33,7 @@ def body_surface(shape, theta) -> np.ndarray:
 
 def sampled_surface(shape, theta, count: int = MESH_RAYS) -> np.ndarray:
     """Return points (count, 3) [m] of evenly spread rays where the distance is zero."""
-    reach, rays = float(shape.reach(theta)), _directions(count)
+    reach, rays = float(shape.reach(theta)), np.asarray(directions(count))
     distance = _distances(shape, theta, SURFACE_EDGE * reach)
     low = np.full(count, INNERMOST * reach)
     high = np.full(count, (1 + SURFACE_EDGE) * reach)
@@ -57,12 +59,3 @@ def _distances(shape, theta, small: float):
     q = shape.symbol("q", 3)
     one = ca.Function("distance", [q], [shape.distance(ca.DM(theta), q, small)])
     return lambda points: np.asarray(one.map(points.shape[1])(points)).ravel()
-
-
-def _directions(count: int) -> np.ndarray:
-    """Return evenly spread unit vectors (3, count): a spherical Fibonacci lattice."""
-    i = np.arange(count)
-    z = 1 - (2 * i + 1) / count
-    turn = np.pi * (1 + 5**0.5) * i
-    across = np.sqrt(1 - z * z)
-    return np.stack([across * np.cos(turn), across * np.sin(turn), z])
