@@ -53,6 +53,8 @@ def remarks_of(estimate) -> list[str]:
         lines.append(classes_in_words(estimate.classes))
     if estimate.fit is not None:
         lines.append(estimate.fit.text)
+        if estimate.fit.verdict == "bad" and not estimate.classes:
+            lines.append('The body may be of another class: shape="auto" compares.')
     if estimate.scene.ground is not None and estimate.scene.ground.told is not None:
         lines.append(_leaning_ground(estimate.scene.ground))
     if estimate.latency and estimate.scene.latency is None:

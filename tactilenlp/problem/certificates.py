@@ -13,7 +13,7 @@ planar  planar poses explain the touches: see outliers.py
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 from formulations.names import FREE_TERM
 
@@ -42,7 +42,9 @@ class Skipped:
     holds: bool
 
     def __str__(self) -> str:
-        verdict = "holds" if self.holds else "DOES NOT HOLD"
+        named = self.name in [f.name for f in fields(Reductions)]
+        remedy = f' (Options(without="{self.name}") does not make it)' if named else ""
+        verdict = "holds" if self.holds else f"DOES NOT HOLD{remedy}"
         return (
             f"{self.name}: {self.dropped} ({self.reason}); {self.check} "
             f"{self.value:.2g}, limit {self.limit:.2g}: {verdict}"
