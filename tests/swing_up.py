@@ -85,7 +85,7 @@ def cone(target, rounding=1e-3):
 
 def stationarity(problem, solution):
     """Return the slope of the Lagrangian at a solution, from its named multipliers."""
-    x, data = problem.pack(solution.values), problem.data(solution.parameters)
+    x, data = solution.at(problem)
     slope = problem.pack(solution.bound_multipliers)
     for name in problem.costs:
         slope += np.asarray(problem.jacobian(name, x, data).sum(axis=0)).ravel()

@@ -226,7 +226,7 @@ def test_a_latency_is_saved_and_continued(recorded, late, tmp_path):
     assert again.latency == found.latency
     programme = programme_at(again)  # of fingers as early as in the estimate
     problem, solution = programme.problem, programme.solution
-    x, given = problem.pack(solution.values), problem.data(solution.parameters)
+    x, given = solution.at(problem)
     costs = {name: problem.value(name, x, given).sum() for name in problem.costs}
     assert sum(costs.values()) == pytest.approx(found.objective, rel=1e-9)
     more = reported_later(recorded[0].select(range(5)), 1)

@@ -151,7 +151,7 @@ def test_complementarity_is_solved_to_a_small_residual(begun):
     assert found.solution.success
     assert max(found.solution.violations.values()) < 1e-5
     problem, solution = found.problem, found.solution
-    x, data = problem.pack(solution.values), problem.data(solution.parameters)
+    x, data = solution.at(problem)
     for name in ("finger", "ground"):
         outside = problem.value(f"{name} cone, exact", x, data).max()
         assert outside <= complementarity.APEX * 1.01

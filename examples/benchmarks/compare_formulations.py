@@ -163,7 +163,7 @@ def gained(problem, window, scene, s) -> float:
     """Return the energy [J] that the motion gained and no finger's impulse gave."""
     if "finger impulse" not in problem.reports or not len(window.step):
         return 0.0
-    x, data = problem.pack(s.values), problem.data(s.parameters)
+    x, data = s.at(problem)
     step, push, J = window.step, window.push, s.values["theta"][:2, 0]
     poses = [s.values["x"][:, k] for k in (step.pose, step.before, step.before_2)]
     v, v_1 = ((poses[i] - poses[i + 1]) / step.dt for i in (0, 1))

@@ -266,7 +266,7 @@ def _sharp_sigma(C, names, signs, push) -> np.ndarray:
 
 
 def _impulses(trajectories, scene, problem, window, solution) -> np.ndarray:
-    x, data = problem.pack(solution.values), problem.data(solution.parameters)
+    x, data = solution.at(problem)
     found = problem.value("world impulse", x, data) @ scene.ground.rotation
     out = np.zeros((len(trajectories.toss), window.vertices, 3))
     out[window.step.sample[window.touch.step], window.touch.vertex] = found

@@ -167,7 +167,7 @@ def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | N
     """
     if not states_touches(problem):
         return None
-    x, data = problem.pack(solution.values), problem.data(solution.parameters)
+    x, data = solution.at(problem)
     terms, touches = {}, ()
     if len(window.touch):
         costs, terms[TOUCH_TERM] = _of_touches(problem, x, data, window, smoothing)

@@ -146,7 +146,7 @@ def occam_of(problem, solution, name: str) -> float:
     marginal: shape, poses and impulses are as open as they are.
     """
     rows = np.arange(problem.size)[problem.variables[name].span]
-    at = problem.pack(solution.values), problem.data(solution.parameters)
+    at = solution.at(problem)
     priors = (k.name for k in problem.costs.values() if k.role == "prior")
     known = sum(problem.hessian(name, *at)[rows][:, rows].toarray() for name in priors)
     covariance = kkt_system_of(problem, solution).sensitivity(rows)[0][rows]

@@ -192,7 +192,7 @@ def hull_poses(scene, x, middle) -> tuple[np.ndarray, Rotation]:
 
 def exact_violations(problem, solution) -> dict[str, float]:
     """Return the violations of constraints that a solve smooths, without smoothing."""
-    x, data = problem.pack(solution.values), problem.data(solution.parameters)
+    x, data = solution.at(problem)
     names = [name for name in problem.reports if name.endswith(EXACT)]
     return {n: max(0.0, float(problem.value(n, x, data).max())) for n in names}
 
@@ -204,7 +204,7 @@ def impulses(solved, data, scene) -> dict[str, np.ndarray]:
     out = {f"finger {i}": np.zeros((T, 3)) for i in range(data.fingers)}
     if scene.ground is not None:
         out["ground"] = np.zeros((T, 3))
-    x, values = problem.pack(solution.values), problem.data(solution.parameters)
+    x, values = solution.at(problem)
     turn = frame_of(scene.ground).rotation
     if FINGER_IMPULSE in problem.reports:
         pushed = problem.value(FINGER_IMPULSE, x, values) @ turn

@@ -191,7 +191,7 @@ def kkt_system_of(problem, solution, deadline: Deadline = NEVER) -> KKTSystem:
 
     A strict deadline ends it before the second derivatives.
     """
-    x, data = problem.pack(solution.values), problem.data(solution.parameters)
+    x, data = solution.at(problem)
     bounds = problem.pack(solution.bound_multipliers)
     multipliers = [solution.multipliers[name] for name in problem.constraints]
     multipliers = np.concatenate([np.zeros(0), *map(np.ravel, multipliers)])

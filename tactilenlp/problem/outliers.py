@@ -65,7 +65,7 @@ def with_ideal_fingertips(solved):
     if TURN in solution.values:
         n = turned_back(n, solution.values[TURN].T[touch.finger])
     if INDENTATION in problem.reports:
-        x, data = problem.pack(solution.values), problem.data(solution.parameters)
+        x, data = solution.at(problem)
         p_wf[:, :3] += problem.value(INDENTATION, x, data) * n
     return replace(window, touch=replace(touch, p_wf=p_wf, normal=n))
 
@@ -103,7 +103,7 @@ def unexplained(problem, window, x, data) -> np.ndarray:
 def left_unexplained(solved) -> np.ndarray:
     """Tell which touched samples (touches,) a solved page does not explain."""
     problem, solution = solved.problem, solved.solution
-    x, data = problem.pack(solution.values), problem.data(solution.parameters)
+    x, data = solution.at(problem)
     return unexplained(problem, solved.window, x, data)
 
 

@@ -79,7 +79,7 @@ def misfit_of(job, solved: Solved) -> Misfit:
     No larger model can gain much more than the excess.
     """
     problem, solution = solved.problem, solved.solution
-    x, data = problem.pack(solution.values), problem.data(solution.parameters)
+    x, data = solution.at(problem)
     left = variance_left(job.data, job.precision)
     return touch_misfit(problem, x, data, solved.window, left)
 

@@ -159,7 +159,7 @@ def fits_badly(request, best: Solved) -> bool:
         return True
     if BETWEEN_ACTIONS not in problem.costs or not len(best.window.gap):
         return False
-    x, data = problem.pack(solution.values), problem.data(solution.parameters)
+    x, data = solution.at(problem)
     return bool(problem.value(BETWEEN_ACTIONS, x, data).max() > DECISIVE)
 
 

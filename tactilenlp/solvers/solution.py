@@ -54,6 +54,10 @@ class Solution:
     iterations_by_level: tuple[int, ...] = ()
     progress: dict[str, np.ndarray] = field(default_factory=dict)
 
+    def at(self, problem) -> tuple[np.ndarray, np.ndarray]:
+        """Return all unknowns and all data of a problem, as vectors, SI."""
+        return problem.pack(self.values), problem.data(self.parameters)
+
 
 def recomputed(problem, x, data, found, lam_g, lam_x, stats, seconds) -> Solution:
     """Return the solution at x; found: the value of every term there."""
@@ -136,7 +140,7 @@ def check_finite(problem: Problem, solution: Solution) -> None:
     numbers = [*solution.costs.values(), *solution.violations.values()]
     if np.all(np.isfinite(numbers)) and solution.status != INVALID:
         return
-    x, data = problem.pack(solution.values), problem.data(solution.parameters)
+    x, data = solution.at(problem)
     with np.errstate(all="ignore"):
         bad = list(not_finite(problem, x, data, "the end of the solve"))
     if bad:
