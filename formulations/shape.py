@@ -38,6 +38,14 @@ def as_it_is(shape, theta):
     return shape
 
 
+def in_tuples(value, depth=4):
+    """Return a value, lists and arrays in it as tuples, as deep as fields go."""
+    value = value.tolist() if type(value).__name__ == "ndarray" else value
+    if not (depth and isinstance(value, (list, tuple))):
+        return value
+    return tuple(in_tuples(one, depth - 1) for one in value)
+
+
 @dataclass(frozen=True)
 class Shape:
     """The functions of a class of bodies, its bounds and priors.
@@ -116,6 +124,11 @@ class Shape:
     mesh: Callable | None = None
     support: Callable | None = None
     round: bool = False
+
+    def __post_init__(self):
+        # Functions are kept by shape, of which lists and arrays have no hash.
+        for name, value in vars(self).items():
+            object.__setattr__(self, name, in_tuples(value))
 
     @property
     def is_box(self) -> bool:

@@ -8,7 +8,7 @@ import pytest
 
 from formulations import quasi_static, violation_implicit
 from formulations.balance import Balance
-from tactilenlp import Options, extend, problem_of, solve_estimate
+from tactilenlp import CUBOID, Options, extend, problem_of, solve_estimate
 from tactilenlp.errors import OptionError, PageError
 
 PAGE = "violation_implicit"
@@ -168,3 +168,13 @@ def test_a_prior_of_each_side_finds_the_body_under_the_names_that_it_means(
     found = solve_estimate(data, scene, formulation=extend(PAGE, catalogue))
     assert found.costs["catalogue"] < 1
     assert found.side_lengths == pytest.approx(told, abs=0.3e-3)
+
+
+@pytest.mark.slow
+def test_a_prior_of_each_side_of_a_box_may_name_the_shorter_one_first(recorded):
+    data, scene, truth = recorded
+    told = truth["side_lengths"][[1, 0, 2]]
+    shape = replace(CUBOID, size_prior=(told, [0.3e-3] * 3))
+    found = solve_estimate(data, scene, shape=shape)
+    assert found.side_lengths == pytest.approx(told, abs=0.3e-3)
+    assert found.costs["size prior"] < 1

@@ -1,6 +1,7 @@
 """A cuboid page against brute force: distance, normal, inertia, corners."""
 
 import itertools
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -96,3 +97,13 @@ def test_a_cuboid_at_rest_stands_on_its_corners():
     for signs in CUBOID.corners:
         corner = p + R @ CUBOID.corner(theta, ca.DM(signs))
         assert float(corner[2]) == pytest.approx(0, abs=1e-15)
+
+
+def test_lists_and_arrays_of_a_shape_are_kept_as_tuples():
+    """Functions are kept by shape, which has a hash therefore."""
+    told = {"size_prior": (np.full(3, 0.05), [0.02] * 3), "bounds": [4e-3, 0.4]}
+    shape = replace(CUBOID, **told, corners=[list(c) for c in CUBOID.corners])
+    assert shape.size_prior == ((0.05,) * 3, (0.02,) * 3)
+    assert hash(shape) != hash(CUBOID)
+    assert shape.corners == CUBOID.corners
+    assert shape.typical_size == pytest.approx(0.05)

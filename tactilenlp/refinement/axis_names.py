@@ -28,6 +28,7 @@ from ..search.margins import UNCHANGED
 from ..solvers.solution import evaluated
 
 log = logging.getLogger("tactilenlp")
+UNEQUAL = np.array([0.8, 1.0, 1.25])  # of the sides, where a page is compared
 EQUAL_SIDES = 1e-6  # [m] sides this close have no order
 
 
@@ -90,19 +91,21 @@ def with_named_axes(job, solved, like) -> Solved:
 def in_distinct_namings(job, hypotheses) -> list[Hypothesis]:
     """Return hypotheses; where a page tells the axes of a box apart, under all names.
 
-    The search takes the axes as alike.  A page of the user's, as with a prior of one
-    side, need not: it is evaluated at the best hypothesis under every name.
+    The search takes the axes as alike.  A prior of each side, or a page of the user's,
+    need not: the page is evaluated under every name, at a body of unequal sides.
     """
-    if not (job.shape.is_box and hypotheses) or name_of(job.page) in FORMULATIONS:
+    one_prior = all(np.ptp(part) == 0 for part in job.shape.size_prior)
+    shipped = name_of(job.page) in FORMULATIONS and one_prior
+    if not (job.shape.is_box and hypotheses) or shipped:
         return hypotheses
-    kept, costs = [], []
-    for order, S in namings(job.shape, hypotheses[0]):
-        named = [renamed(h, order, S) for h in hypotheses]
-        problem, window, _ = problem_at(job, named[0])
-        start = start_values(problem, window, in_motion_of(job, named[0]))
+    kept, costs, best = [], [], hypotheses[0]
+    for order, S in namings(job.shape, best):
+        probe = renamed(replace(best, theta=best.theta * UNEQUAL), order, S)
+        problem, window, _ = problem_at(job, probe)
+        start = start_values(problem, window, in_motion_of(job, probe))
         cost = evaluated(problem, start).objective
         if all(abs(cost - other) > UNCHANGED for other in costs):
-            kept.append(named)
+            kept.append([renamed(h, order, S) for h in hypotheses])
             costs.append(cost)
     if len(kept) > 1:
         log.info("the page tells the axes apart: starts under %d names", len(kept))

@@ -173,7 +173,7 @@ def _with_open_height(job, freed) -> list[Solved]:
     """
     best, shape = freed[0], job.shape
     theta = best.at.theta.copy()
-    theta[2] = body_height(job.data, shape, shape.size_prior[0], np.inf)
+    theta[2] = body_height(job.data, shape, shape.typical_size, np.inf)
     if best.at.theta[2] >= theta[2] or job.deadline.passed("an open height"):
         return freed
     s = best.solution

@@ -40,7 +40,7 @@ def centred(job: Job) -> tuple:
     """Return the guess (name, theta, x) of a typical box, touched in mid-face."""
     data, _ = spherical(job)
     p, n = first_contact(data)
-    mean, top = job.shape.size_prior[0], np.linalg.norm(n[:2]) < TOP_TILT
+    mean, top = job.shape.typical_size, np.linalg.norm(n[:2]) < TOP_TILT
     height = body_height(data, job.shape, mean, job.precision.normal)
     level = n[:2] / max(np.linalg.norm(n[:2]), 1e-9)
     place = p[:2] if top else p[:2] - mean / 2 * level

@@ -50,7 +50,7 @@ def from_first_touch(data, shape, rng, sigma: float, count=DRAWN):
     sigma [rad]: noise of the normals; count: boxes about the prior's mean, to which
     large ones are added, since the prior of sizes has heavy tails.
     """
-    mean, contact = shape.size_prior[0], first_contact(data)
+    mean, contact = shape.typical_size, first_contact(data)
     usual = np.clip(rng.normal(mean, SIZE_SPREAD, (2, count)), SMALLEST, LARGEST)
     poses = places_of(*usual, contact, rng)
     large = np.exp(rng.uniform(*np.log(LARGE), (2, count * LARGE_DRAWN // DRAWN)))
