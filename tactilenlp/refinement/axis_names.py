@@ -28,7 +28,7 @@ from ..search.margins import UNCHANGED
 from ..solvers.solution import evaluated
 
 log = logging.getLogger("tactilenlp")
-UNEQUAL = np.array([0.8, 1.0, 1.25])  # of the sides, where a page is compared
+UNEQUAL = np.array([0.8, 1.0, 1.25])  # [-] of the mean side, where names are compared
 EQUAL_SIDES = 1e-6  # [m] sides this close have no order
 
 
@@ -100,7 +100,7 @@ def in_distinct_namings(job, hypotheses) -> list[Hypothesis]:
         return hypotheses
     kept, costs, best = [], [], hypotheses[0]
     for order, S in namings(job.shape, best):
-        probe = renamed(replace(best, theta=best.theta * UNEQUAL), order, S)
+        probe = renamed(replace(best, theta=best.theta.mean() * UNEQUAL), order, S)
         problem, window, _ = problem_at(job, probe)
         start = start_values(problem, window, in_motion_of(job, probe))
         cost = evaluated(problem, start).objective
