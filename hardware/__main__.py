@@ -7,9 +7,11 @@ import signal
 import sys
 import time
 
+from tactilenlp.errors import TactileError
+
 from .assemble import COMPLETE, RATE, assemble, examine
 from .bench import Bench
-from .errors import HardwareError
+from .ranges import check_range
 from .recording import Recording
 from .replay import Replay
 from .rig import Rig
@@ -51,6 +53,7 @@ marked as not valid, never as no contact; too many missing samples are an error.
 
     python -m hardware assemble touches/ touches.npz
 """
+FOREVER = 1e9  # [s]
 TICK = 0.005  # [s] between two readings of the wires
 
 
@@ -59,12 +62,13 @@ def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         return options.do(options)
-    except HardwareError as bad:
+    except TactileError as bad:
         print(f"{type(bad).__name__}: {bad}", file=sys.stderr)
         return 1
 
 
 def _record(options: argparse.Namespace) -> int:
+    check_range("--seconds", min(options.seconds, FOREVER), 0.0, FOREVER, "s")
     rig = Rig.load(options.rig)
     began = time.monotonic()
     with (
@@ -89,6 +93,7 @@ def _record(options: argparse.Namespace) -> int:
 
 def _check(options: argparse.Namespace) -> int:
     recording = Recording(options.folder)
+    check_range("--complete", min(options.complete, 1.0), 0.0, 1.0, "")
     report = examine(recording.fingers(), options.rate)
     print(report)
     good = min(report.valid.values()) >= options.complete
@@ -110,6 +115,7 @@ def _assemble(options: argparse.Namespace) -> int:
 
 
 def _replay(options: argparse.Namespace) -> int:
+    check_range("--wait", options.wait, 0.0, 3600.0, "s")
     config = None
     if options.interface:
 

@@ -19,8 +19,10 @@ import numpy as np
 from tactilenlp.data.measurements import Measurements
 
 from .errors import ClockError, CompletenessError
+from .ranges import check_range
 from .streams import FingerStreams, Stream, StreamReport
 
+RATES = 1.0, 1000.0  # [Hz] of the grid
 RATE = 30.0  # [Hz]; the formulations need a constant interval
 OLDEST_TOUCH = 1.5  # [samples]
 LARGEST_GAP = 0.02  # [s] between two positions of a motor
@@ -77,6 +79,7 @@ def assemble(
     Raises CompletenessError with a report if too much is missing, ClockError if
     the streams do not overlap.
     """
+    check_range("assemble, complete", min(complete, 1.0), 0.0, 1.0, "")
     time = _grid(fingers, rate, start, end)
     parts = [_finger(one, time, OLDEST_TOUCH / rate, nearest) for one in fingers]
     _judge(_report(fingers, time, parts), parked, complete)
@@ -129,6 +132,7 @@ def _grid(
     fingers: Sequence[FingerStreams], rate: float, start: float, end: float
 ) -> np.ndarray:
     """Return the sample times (T,) [s] of the host."""
+    check_range("assemble, rate", rate, *RATES, "Hz")
     ranges = [(s.time[0], s.time[-1]) for one in fingers for s in one.boards]
     touch = [one.touch.time - one.latency for one in fingers]
     ranges += [(t[0], t[-1]) for t in touch]

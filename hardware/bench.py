@@ -11,8 +11,8 @@ from .clock import Clock, HostClock
 from .motor_board import MAX_CURRENT, STALE, MotorBoard, check_current
 from .motor_can import Quantity
 from .motor_joints import start_motors
-from .rig import FingerRig, Rig, Tactile
-from .tape import Tape, stream_name
+from .rig import FingerRig, Rig, Tactile, stream_name
+from .tape import Tape
 from .touch import Skin
 
 TOUCH_STALE = 0.12  # [s], between three and four pictures at 30 Hz

@@ -136,9 +136,10 @@ class MotorBoard(can.Listener):
     def _take(self, stamp: float, content: Content | None) -> None:
         match content:
             case Pair(quantity, values):
-                if not self._remembers:
-                    self._series[quantity].clear()
-                self._series[quantity].append((stamp, *values))
+                if self._remembers:
+                    self._series[quantity].append((stamp, *values))
+                else:  # a new list: other threads may read the old one
+                    self._series[quantity] = [(stamp, *values)]
                 self._heard[quantity.name] = self.clock.now()
             case Status():
                 self.status = content
@@ -155,9 +156,9 @@ class MotorBoard(can.Listener):
 
     def newest(self, quantity: Quantity) -> np.ndarray:
         """Return the newest values (2,); raises StaleStreamError if there are none."""
-        if not self._series[quantity]:
+        if not (rows := self._series[quantity]):
             raise self._silent(quantity.name, None, 0.0)
-        return np.array(self._series[quantity][-1][1:])
+        return np.array(rows[-1][1:])
 
     def remember(self) -> None:
         """Drop the series but for the newest sample, and keep all new samples."""
@@ -199,9 +200,12 @@ class MotorBoard(can.Listener):
     def start(self, timeout: float = 0.0) -> None:
         """Send the documented start sequence: zero current before anything else.
 
-        timeout: [s] of silence after which the firmware switches off, 0: never.
+        timeout: [s] of silence after which the firmware switches off, 0: never.  A
+        status of before, which may tell of an earlier fault, counts no longer.
         """
         milliseconds = self._milliseconds(timeout)
+        self.poll()
+        self.status, self._heard["STATUS"] = None, self.clock.now()
         self._send(codec.encode_current(0.0, 0.0))
         self._send(codec.encode_command(Command.RECEIVE_TIMEOUT, milliseconds))
         for command in (
@@ -296,5 +300,5 @@ def _quietly(action: Callable[[], None], name: str) -> None:
     """Run an action; log its errors, so that the following actions are run."""
     try:
         action()
-    except (can.CanError, OSError, HardwareError) as bad:
+    except Exception as bad:  # of a sink too: all boards must be stopped
         log.warning("%s: while stopping: %s", name, bad)

@@ -18,11 +18,11 @@ from .errors import HardwareError, RecordingError
 from .motor_board import MotorBoard
 from .motor_can import Quantity
 from .optical_flow import opencv
-from .rig import CAMERA, ON_CAN, FingerRig, Rig, Tactile
+from .rig import CAMERA, ON_CAN, FingerRig, Rig, Tactile, stream_name
 from .serial_reader import OptoForceCan
-from .serial_tactile import RESTART, ForceFrame
+from .serial_tactile import RESTART, SPEEDS, ForceFrame
 from .streams import FingerStreams, Stream, touch_stream
-from .tape import FORMAT, FORMATS, MANIFEST, stream_name
+from .tape import FORMAT, FORMATS, MANIFEST
 
 LONG = 2.0  # [s], least record from which the rate of a device's clock is fitted
 
@@ -129,7 +129,7 @@ class Recording:
                 for frame in framer.feed(chunk)
             ]
         if frames and isinstance(frames[0][1], ForceFrame):
-            times = device_times(frames, 1 / tactile.speed)
+            times = device_times(frames, SPEEDS[tactile.speed] * 1e-3)
             frames = [(t, f) for t, (_, f) in zip(times.tolist(), frames, strict=True)]
         return frames, framer.broken
 

@@ -19,8 +19,7 @@ from .can_bus import lost, open_bus
 from .clock import Clock, HostClock
 from .errors import HardwareError
 from .recording import Recording
-from .rig import CAMERA, ON_CAN, Rig
-from .tape import stream_name
+from .rig import CAMERA, ON_CAN, Rig, stream_name
 
 CHANNELS = "239.74.163.{}"  # multicast addresses that are not assigned
 Event = tuple[float, int, Callable[[], None]]

@@ -167,8 +167,11 @@ class Rig:
         for one in self.fingers:
             check_kind("rig.fingers", one, FingerRig, RigError)
         names = [finger.name for finger in self.fingers]
-        if not names or len(set(names)) < len(names):
-            raise RigError("no fingers, or two of one name", where="rig", got=names)
+        files = {stream_name(name, "") for name in names}
+        if not names or len(files) < len(names) or not all(names):
+            expected = "names that differ in letters or digits"
+            told = {"where": "rig", "got": names, "expected": expected}
+            raise RigError("no fingers, or two of one name", **told)
         for one in self.fingers:
             if len(one.boards) != 2:
                 raise RigError(
@@ -257,3 +260,8 @@ def _frozen(value: object, depth: int = 0) -> object:
     if isinstance(value, list | tuple):
         return tuple(_frozen(item, depth + 1) for item in value)
     return value
+
+
+def stream_name(finger: str, part: str) -> str:
+    """Return the name of a stream as it is used for files: "finger_0_board_1"."""
+    return "".join(c if c.isalnum() else "_" for c in f"{finger} {part}")

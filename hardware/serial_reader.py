@@ -13,7 +13,7 @@ import serial
 from . import serial_tactile as codec
 from .can_bus import open_bus, waiting
 from .clock import Clock, HostClock, WallStamps
-from .errors import HardwareError
+from .errors import BusError, HardwareError
 from .reader import QUEUE, STALE, Reader
 from .touch import check_age
 
@@ -84,6 +84,12 @@ class SerialTactile(Reader):
             except HardwareError as bad:  # the sink: a full disk, for instance
                 self._broken_down = bad
                 return
+            except Exception as bad:  # a wrong URL, for instance
+                told = f"{type(bad).__name__}: {bad}"
+                self._broken_down = BusError(
+                    "cannot be read", where=self.name, got=told
+                )
+                return
 
     def _open(self) -> serial.SerialBase:
         options = {"exclusive": True} if ":" not in self.url else {}
@@ -145,7 +151,10 @@ class OptoForceCan(can.Listener):
     def __exit__(self, *exception) -> None:
         bus, self._bus = self._bus, None
         if bus is not None:
-            bus.shutdown()
+            try:
+                bus.shutdown()
+            except (can.CanError, OSError) as bad:  # an adapter that was pulled out
+                log.warning("%s: while closing: %s", self.name, bad)
 
     def poll(self) -> None:
         """Read all received frames of the sensor's own bus, if it has one."""

@@ -153,11 +153,6 @@ class Tape:
         _written(path, lambda: write_whole(path, text))
 
 
-def stream_name(finger: str, part: str) -> str:
-    """Return the name of a stream as it is used for files: "finger_0_board_1"."""
-    return "".join(c if c.isalnum() else "_" for c in f"{finger} {part}")
-
-
 def _written(path, action: Callable):
     """Run an action that writes; where it fails, raise a RecordingError."""
     try:

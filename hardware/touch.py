@@ -205,9 +205,10 @@ class Skin:
         for time, frame in self.reader.take():
             touch = self.toucher(time, frame)
             if touch is not None:
-                if not self._remembers:
-                    self.touches.clear()
-                self.touches.append(touch)
+                if self._remembers:
+                    self.touches.append(touch)
+                else:  # a new list: other threads may read the old one
+                    self.touches = [touch]
 
     def check(self, stale: float) -> None:
         """Raise StaleStreamError after a longer silence [s] of the sensor."""

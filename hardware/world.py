@@ -128,12 +128,24 @@ class RobotWorld:
         """
         if self._started:
             return
+        self._learn_zeros()
         self.bench.start(RECEIVE_TIMEOUT)
-        self._started, self._last_tick = True, None
+        self._started, self._last_tick, self._failed = True, None, None
         self.bench.poll()
-        here, end = self._here(), self.clock.now() + LEARN
-        while not all(finger.skin.touches for finger in self.bench.fingers):
-            self._follow(here, 1 / RATE)
+        if self.measurements is None:
+            self.origin = self.clock.now()
+
+    def _learn_zeros(self) -> None:
+        """Wait for the first touch of every sensor, before any motor is enabled.
+
+        A camera takes seconds to open, and its zero longer to compute than a board
+        waits for the next current.
+        """
+        end = self.clock.now() + LEARN
+        while True:
+            self.bench.poll()
+            if all(finger.skin.touches for finger in self.bench.fingers):
+                return
             if self.clock.now() > end:
                 raise StaleStreamError(
                     "a sensor finds no zero",
@@ -141,8 +153,7 @@ class RobotWorld:
                     got=f"no touch within {LEARN} s",
                     next="check with `python -m hardware record` that it sends",
                 )
-        if self.measurements is None:
-            self.origin = self.clock.now()
+            self.clock.sleep(1 / RATE)
 
     def stop(self) -> None:
         """Command zero current on all boards and disable them; never raises."""

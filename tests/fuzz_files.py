@@ -15,10 +15,10 @@ from fuzz_values import changed, changed_array, pick
 import tactilenlp as t
 from hardware.motor_can import Pair, Quantity, encode
 from hardware.recording import Recording
-from hardware.rig import Rig
+from hardware.rig import Rig, stream_name
 from hardware.serial_tactile import ForceFrame, encode_force
 from hardware.simulated_robot import simulated_rig
-from hardware.tape import Tape, stream_name
+from hardware.tape import Tape
 from tactilenlp.common.npz import format_of
 from tactilenlp.interface.request import check_start
 from tactilenlp.problem.pages import shape_of

@@ -137,7 +137,7 @@ def test_a_clock_that_runs_backward_ends_the_action(monkeypatch):
         def set_back():
             robot.now = lambda: now() - 0.05
 
-        setup.after(0.3, set_back)
+        setup.after(0.45, set_back)  # the motors are enabled by then
         with pytest.raises(ClockError, match="ran backward"):
             setup.world.execute(FAR)
         robot.now = now

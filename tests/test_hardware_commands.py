@@ -17,13 +17,13 @@ from hardware.errors import HardwareError
 from hardware.motor_can import Pair, Quantity, encode
 from hardware.recording import Recording
 from hardware.replay import Replay
-from hardware.rig import FingerRig
+from hardware.rig import FingerRig, stream_name
 from hardware.serial_tactile import (
     ForceFrame,
     encode_force,
 )
 from hardware.simulated_robot import simulated_rig
-from hardware.tape import Tape, stream_name
+from hardware.tape import Tape
 from tactilenlp.data.measurements import Measurements
 
 __all__ = ["taped", "terminal"]  # fixtures

@@ -147,3 +147,31 @@ def test_a_board_that_is_not_open_says_so():
     with pytest.raises(BusError, match="with"):
         board.poll()
     board.stop()
+
+
+def test_a_status_of_before_a_start_counts_no_longer():
+    """The firmware sends one a second: an old one may say that motors are ready."""
+    with Wired(listen_only=False) as wired:
+        wired.clock.sleep(0.1)
+        wired.board.poll()
+        assert wired.board.status is not None
+        wired.firmware.silent = True
+        wired.board.start()
+        assert wired.board.status is None
+        assert not wired.board.ready
+        assert wired.board.age("STATUS") == 0.0
+
+
+def test_a_sink_that_fails_does_not_hinder_a_stop():
+    with Wired(listen_only=False) as wired:
+        wired.board.start()
+        wired.clock.sleep(0.01)
+        sent = len(wired.firmware.received)
+
+        def full(message):
+            raise ValueError("I/O operation on closed file.")
+
+        wired.board.sink = full
+        wired.board.stop()
+        wired.clock.sleep(0.01)
+        assert len(wired.firmware.received) == sent + 4  # current, motors, system

@@ -65,3 +65,14 @@ def test_a_magnetic_skin_is_a_rig_too():
     rest = SimpleNamespace(temperature=np.zeros(5), field=np.zeros((5, 3)))
     assert len(encode_field(rest)) == 82
     assert tactile.toucher().decide.on == 80.0
+
+
+def test_names_that_would_share_a_file_are_refused():
+    rig = simulated_rig("optoforce")
+    for names in (("finger 0", "finger_0"), ("a", ""), ("a", "a")):
+        fingers = [
+            replace(one, name=name)
+            for one, name in zip(rig.fingers, names, strict=True)
+        ]
+        with pytest.raises(RigError, match="two of one name"):
+            Rig(tuple(fingers))

@@ -45,7 +45,8 @@ def session():
 def test_the_end_of_a_with_block_leaves_no_current():
     with Setup() as setup:
         with setup.world as world:
-            world.start()
+            world.start()  # finds the zeros first, and commands no current yet
+            world._follow(world._here(), 0.1)
             assert any(
                 b.reference.any() for one in setup.robot.fingers for b in one.boards
             )

@@ -102,7 +102,7 @@ def plot_information(estimate: Estimate, axis=None, key: bool = True) -> Figure:
             bar, ax=axis, shrink=0.6, pad=0.12, extend="both",
             label="standard deviation of a face [mm]",
         ).ax.invert_yaxis()  # fmt: skip
-    axis.set_title("Standard deviation of each face (red: known, blue: unknown)")
+    axis.set_title("Standard deviation of each face\n(red: known, blue: unknown)")
     return axis.figure
 
 
@@ -110,8 +110,8 @@ def plot_information(estimate: Estimate, axis=None, key: bool = True) -> Figure:
 def plot_estimate(estimate: Estimate, truth=None, axis=None) -> Figure:
     """Draw the first and the last sample side by side, from above and in 3-D.
 
-    truth: a dict of what is known of the object, by the keys of a file (object_position
-    and others: examples/README.md).  axis: four Axes, from above of the first and the
+    truth: a dict or dataclass with position, quaternion and side_lengths or vertices,
+    such as world.truth.  axis: four Axes, from above of the first and the
     last sample, then in 3-D of both.
     """
     view = view_of(estimate, [0, -1])
