@@ -54,7 +54,7 @@ MEASUREMENTS = {
     ),
     "NaN where not felt": (
         lambda k: k.measured(finger_position=k.data.finger_position * np.nan),
-        "give a number even where not valid",
+        "give numbers where valid, of each action one",
     ),
     "axes of arrays": (
         lambda k: k.measured(finger_position=k.data.finger_position.swapaxes(1, 2)),

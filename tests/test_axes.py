@@ -8,7 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tactilenlp import CUBOID, CYLINDER, Guess, solve_estimate
-from tactilenlp.search.hypothesis import Hypothesis, naming, rotation_at, same, turned
+from tactilenlp.refinement.axis_names import naming, turned
+from tactilenlp.search.hypothesis import Hypothesis, rotation_at, same
 
 
 def named(shape, h, like=None):

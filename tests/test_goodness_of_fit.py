@@ -114,9 +114,7 @@ def test_an_estimated_noise_of_normals_widens_the_spread_and_a_told_one_does_not
     assert (told.normal, told.normal_error) == (guessed.normal, 0.0)
     problem, window = programme(violation_implicit, data, scene)
     window = replace(window, sigma_normal=guessed.normal)
-    solution = SimpleNamespace(
-        values={n: v.guess for n, v in problem.variables.items()}, parameters={}
-    )
+    solution = SimpleNamespace(at=lambda problem: (problem.pack({}), problem.data({})))
     unsure = replace(window, normal_error=guessed.normal_error)
     least, most = (
         fit_of(problem, solution, w, data, 1.0).terms["touch"] for w in (window, unsure)
@@ -245,9 +243,7 @@ def test_a_path_that_breaks_physics_is_poor_unless_fingertips_are_soft(
     data = data.select([0])
     problem, window = programme(violation_implicit, data, scene)
     window = replace(window, compliant=compliant)
-    solution = SimpleNamespace(
-        values={n: v.guess for n, v in problem.variables.items()}, parameters={}
-    )
+    solution = SimpleNamespace(at=lambda problem: (problem.pack({}), problem.data({})))
     value = problem.value
 
     def costly(name, x, data):

@@ -113,7 +113,7 @@ def test_what_fits_badly_is_searched_again_where_that_can_find_more(
 
     def searched(request, success=True, soft=False, **job):
         job = replace(request.job, **job)
-        solution = SimpleNamespace(success=success, values=None, parameters=None)
+        solution = SimpleNamespace(success=success, at=lambda problem: (None, None))
         window = SimpleNamespace(gap=[1, 2], compliant=soft)
         best = SimpleNamespace(job=job, solution=solution, problem=problem)
         best.window = window

@@ -117,7 +117,7 @@ class Information:
         return np.nan_to_num(C) + self.ground[POSE[name], POSE[name]]
 
     def sigma(self, name: str, sample: int | None = None) -> np.ndarray:
-        """Return standard deviations (3,), SI; NaN where fixed (`fixed`, no tilt).
+        """Return standard deviations (3,), SI; NaN where fixed, on an exact ground.
 
         "finger_offset": (F, 3), where the scene leaves it open.  sample: of the
         trajectory, for "position" and "rotation"; the last one by default.

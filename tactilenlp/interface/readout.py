@@ -176,8 +176,8 @@ def _in_time(job, solved, R_wg, compute) -> Information:
 def hull_poses(scene, x, middle) -> tuple[np.ndarray, Rotation]:
     """Return positions (T, 3) [m] and rotations (T) of a hull at poses x, world frame.
 
-    middle (3,) [m]: the point of the body whose position is returned; rotations turn
-    the axes at the pose that is held, which is none: the last one that sensors told.
+    middle (3,) [m]: the point of the body whose position is returned; rotations are
+    relative to the pose that is held upright, the last one that sensors told of.
     """
     if not is_planar(x):
         p = x[:3].T + matrices(x) @ middle
