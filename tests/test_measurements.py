@@ -90,21 +90,6 @@ def test_what_is_not_valid_is_neither_contact_nor_normal_whatever_it_holds():
     assert data == measurements(valid=valid)
 
 
-def test_a_position_is_interpolated_where_nothing_was_measured():
-    p_wf, valid = arrays()["finger_position"], np.ones((12, 2), bool)
-    gone = np.array([4, 6])  # the first and an inner sample of an action
-    valid[gone, 1], (a, b) = False, p_wf[[5, 7], 1]
-    p_wf[gone, 1, 2] = np.nan  # of one coordinate: the others are not known either
-    found = measurements(valid=valid, finger_position=p_wf).finger_position
-    assert found[gone, 1] == pytest.approx(np.array([a, (a + b) / 2]))
-    assert np.array_equal(found[valid], p_wf[valid])
-    for lost in (np.ones((12, 2), bool), valid & (np.arange(12) // 4 != 1)[:, None]):
-        wrong = p_wf.copy()
-        wrong[4:8, 1] = np.nan  # where it was measured; of a whole action
-        with pytest.raises(MeasurementError, match="finger_position: not finite"):
-            measurements(valid=lost, finger_position=wrong)
-
-
 def test_contact_may_be_zeros_and_ones():
     contact = arrays()["contact"]
     assert measurements(contact=contact.astype(np.uint8)) == measurements()

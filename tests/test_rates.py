@@ -5,6 +5,7 @@ import pytest
 
 from tactilenlp import Measurements, Scene, Workspace, World, solve_estimate
 from tactilenlp.data.contact_segments import intervals, rate_of
+from tactilenlp.errors import MeasurementError
 from tactilenlp.problem.reductions import may_move, repeated_samples
 from tactilenlp.tracking.tracking import tracked_samples
 
@@ -79,3 +80,21 @@ def test_actions_of_two_rates_are_estimated_as_well_as_those_of_one():
     sigma = one.information.sigma("side_lengths")
     assert np.all(np.abs(one.side_lengths - two.side_lengths) < 2 * sigma + 1e-4)
     assert two.fit.verdict == "good"
+
+
+def test_a_position_is_interpolated_where_nothing_was_measured(recording):
+    """Within its action: the first and an inner sample of the second one are lost."""
+    arrays, valid = recording.arrays(), recording.valid.copy()
+    rows = np.flatnonzero(recording.action == 1)
+    gone, p = rows[[0, 150]], recording.finger_position.copy()
+    valid[gone, 0] = False
+    p[gone, 0, 2] = np.nan  # of one coordinate: the others are not known either
+    found = Measurements(**arrays | {"valid": valid, "finger_position": p})
+    middle = (p[rows[149], 0] + p[rows[151], 0]) / 2
+    assert found.finger_position[gone[1], 0] == pytest.approx(middle)
+    assert found.finger_position[gone[0], 0] == pytest.approx(p[rows[1], 0])
+    assert np.array_equal(found.finger_position[valid], p[valid])
+    p[rows] = np.nan
+    for lost in (np.ones_like(valid), valid & (recording.action != 1)[:, None]):
+        with pytest.raises(MeasurementError, match="finger_position: not finite"):
+            Measurements(**arrays | {"valid": lost, "finger_position": p})
