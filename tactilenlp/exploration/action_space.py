@@ -219,9 +219,8 @@ class Action:
         alone = sum(self.active) == 1
         lowest = -np.inf if space.ground is None else space.clearance
         lowest += space.finger_radius
-        ends = (0.0, -np.inf) if alone else (space.apart, space.apart)
-        limits = [space.radius, *ends, lowest]
-        way = _finger_lines(space.fingers, n)(self.angles, target, limits)
+        limits = [space.radius, 0.0 if alone else space.apart, space.apart, lowest]
+        way = _finger_lines(space.fingers, n, alone)(self.angles, target, limits)
         way = np.array(way.full()).T.reshape(n, space.fingers, 3)
         for finger, moves in enumerate(self.active):
             if not moves:  # parked in its sector, at twice the radius
@@ -232,12 +231,15 @@ class Action:
 
 
 @cache
-def _finger_lines(fingers: int, n: int) -> ca.Function:
-    """Return the function (angles, target, limits) -> finger positions (3 F, n) [m]."""
+def _finger_lines(fingers: int, n: int, alone: bool) -> ca.Function:
+    """Return the function (angles, target, limits) -> finger positions (3 F, n) [m].
+
+    alone: one finger moves, in the half-space of its heading, the others are parked.
+    """
     angles, target = ca.SX.sym("angles", 2 * fingers), ca.SX.sym("target", 3)
     limits = ca.SX.sym("limits", 4)
     radius, end, apart, lowest = ca.vertsplit(limits)
-    width, columns = np.pi / max(fingers, 2), []
+    width, columns = np.pi / (2 if alone else max(fingers, 2)), []
     for s in np.linspace(0, 1, n):
         rows = []
         for f in range(fingers):
