@@ -9,7 +9,7 @@ import time
 
 from tactilenlp.errors import TactileError
 
-from .assemble import COMPLETE, RATE, assemble, examine
+from .assemble import COMPLETE, RATE, SHARES, assemble, examine
 from .bench import Bench
 from .ranges import check_range
 from .recording import Recording
@@ -93,7 +93,7 @@ def _record(options: argparse.Namespace) -> int:
 
 def _check(options: argparse.Namespace) -> int:
     recording = Recording(options.folder)
-    check_range("--complete", min(options.complete, 1.0), 0.0, 1.0, "")
+    check_range("--complete", options.complete, *SHARES, "")
     report = examine(recording.fingers(), options.rate)
     print(report)
     good = min(report.valid.values()) >= options.complete

@@ -23,6 +23,7 @@ from .ranges import check_range
 from .streams import FingerStreams, Stream, StreamReport
 
 RATES = 1.0, 1000.0  # [Hz] of the grid
+SHARES = 0.0, 2.0  # [1] of `complete`: above 1 nothing is complete enough
 RATE = 30.0  # [Hz]; the formulations need a constant interval
 OLDEST_TOUCH = 1.5  # [samples]
 LARGEST_GAP = 0.02  # [s] between two positions of a motor
@@ -79,7 +80,6 @@ def assemble(
     Raises CompletenessError with a report if too much is missing, ClockError if
     the streams do not overlap.
     """
-    check_range("assemble, complete", min(complete, 1.0), 0.0, 1.0, "")
     time = _grid(fingers, rate, start, end)
     parts = [_finger(one, time, OLDEST_TOUCH / rate, nearest) for one in fingers]
     _judge(_report(fingers, time, parts), parked, complete)
@@ -116,6 +116,7 @@ def _report(fingers: Sequence[FingerStreams], time: np.ndarray, parts: list) -> 
 
 
 def _judge(report: Report, parked: Collection[str], complete: float) -> None:
+    check_range("assemble, complete", complete, *SHARES, "")
     for name, share in report.valid.items():
         if name not in parked and share < complete:
             raise CompletenessError(

@@ -8,13 +8,15 @@ from contextlib import ExitStack
 import numpy as np
 
 from .clock import Clock, HostClock
+from .errors import StaleStreamError
 from .motor_board import MAX_CURRENT, STALE, MotorBoard, check_current
 from .motor_can import Quantity
-from .motor_joints import start_motors
+from .motor_joints import POLL, start_motors
 from .rig import FingerRig, Rig, Tactile, stream_name
 from .tape import Tape
 from .touch import Skin
 
+LEARN = 10.0  # [s], longest time in which the sensors find their zero
 TOUCH_STALE = 0.12  # [s], between three and four pictures at 30 Hz
 
 
@@ -132,6 +134,25 @@ class Bench:
             for board in finger.boards:
                 board.check(stale)
             finger.skin.check(touch_stale)
+
+    def learn_zeros(self) -> None:
+        """Wait for the first touch of every sensor, before any motor is enabled.
+
+        A camera takes seconds to open, and its zero longer to compute than a board
+        waits for the next current.  Raises StaleStreamError after LEARN seconds.
+        """
+        end = self.clock.now() + LEARN
+        while True:
+            self.poll()
+            if all(finger.skin.touches for finger in self.fingers):
+                return
+            if self.clock.now() > end:
+                raise StaleStreamError(
+                    "a sensor finds no zero", where="Bench",
+                    got=f"no touch within {LEARN} s",
+                    next="check with `python -m hardware record` that it sends",
+                )  # fmt: skip
+            self.clock.sleep(POLL)
 
     def start(self, timeout: float) -> None:
         """Enable all motors; a board switches off after a silence [s]."""

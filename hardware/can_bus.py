@@ -8,6 +8,7 @@ are two cases: a BusError if the bus is lost, a call of `on_error` if a frame is
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Mapping
 
 import can
@@ -15,6 +16,7 @@ import can
 from .clock import WallStamps
 from .errors import BusError
 
+log = logging.getLogger(__name__)
 POLL_LIMIT = 4096  # [frames] per reading: a flooded bus must not block the caller
 GARBLED = (ValueError, IndexError)
 
@@ -85,3 +87,14 @@ def lost(verb: str, name: str, bad: Exception) -> BusError:
     """Return the error of a bus that is lost."""
     got, fix = f"{type(bad).__name__}: {bad}", "check that the adapter is plugged in"
     return BusError(f"cannot {verb}", where=name, got=got, next=fix)
+
+
+def quietly(action: Callable[[], None], name: str) -> None:
+    """Run an action that ends something; log its error, so that the next ones run.
+
+    Any error, of a sink that records it too: all boards must be stopped.
+    """
+    try:
+        action()
+    except Exception as bad:
+        log.warning("%s: while stopping: %s", name, bad)

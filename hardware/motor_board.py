@@ -16,7 +16,7 @@ import numpy as np
 from tactilenlp.errors import shortened, typed_call
 
 from . import motor_can as codec
-from .can_bus import lost, open_bus, waiting
+from .can_bus import lost, open_bus, quietly, waiting
 from .clock import Clock, HostClock, WallStamps
 from .errors import (
     BoardError,
@@ -96,7 +96,7 @@ class MotorBoard(can.Listener):
         finally:
             if (bus := self._bus) is not None:
                 self._bus = None
-                _quietly(bus.shutdown, self.name)
+                quietly(bus.shutdown, self.name)
 
     # Reading
 
@@ -204,9 +204,9 @@ class MotorBoard(can.Listener):
         status of before, which may tell of an earlier fault, counts no longer.
         """
         milliseconds = self._milliseconds(timeout)
+        self._send(codec.encode_current(0.0, 0.0))
         self.poll()
         self.status, self._heard["STATUS"] = None, self.clock.now()
-        self._send(codec.encode_current(0.0, 0.0))
         self._send(codec.encode_command(Command.RECEIVE_TIMEOUT, milliseconds))
         for command in (
             *(Command.ENABLE_SYSTEM, Command.SEND_ALL),
@@ -260,7 +260,7 @@ class MotorBoard(can.Listener):
         off = Command.ENABLE_MOTOR_1, Command.ENABLE_MOTOR_2, Command.ENABLE_SYSTEM
         messages = [codec.encode_command(command, 0) for command in off]
         for message in (codec.encode_current(0.0, 0.0), *messages):
-            _quietly(lambda message=message: self._send(message), self.name)
+            quietly(lambda message=message: self._send(message), self.name)
 
     def _send(self, message: can.Message) -> None:
         if self.listen_only:
@@ -294,11 +294,3 @@ class MotorBoard(can.Listener):
 def check_current(bound: float, name: str) -> None:
     """Raise LimitError unless this may bound the currents [A] of a board."""
     check_range(f"{name}, max_current", bound, 0.0, LARGEST_CURRENT, "A")
-
-
-def _quietly(action: Callable[[], None], name: str) -> None:
-    """Run an action; log its errors, so that the following actions are run."""
-    try:
-        action()
-    except Exception as bad:  # of a sink too: all boards must be stopped
-        log.warning("%s: while stopping: %s", name, bad)

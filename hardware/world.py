@@ -16,10 +16,10 @@ from scipy.interpolate import PchipInterpolator
 
 from tactilenlp.data.measurements import Measurements
 
-from .assemble import COMPLETE, RATE, assemble
+from .assemble import COMPLETE, assemble
 from .bench import TOUCH_STALE, Bench, FingerBench
 from .clock import HostClock
-from .errors import ClockError, HardwareError, StaleStreamError
+from .errors import ClockError, HardwareError
 from .impedance import Gains, Limits
 from .motor_board import RECEIVE_TIMEOUT, STALE
 from .motor_can import Quantity
@@ -34,7 +34,6 @@ SETTLE = 0.1  # [s] at the start of a trajectory, not recorded
 KEEP = 0.02  # [s] between two tests whether the thread is to end
 LAST = 1.0  # [s] that its last command may take: then the boards are stopped anyway
 STILL = 1e-9  # [m], a finger that moves less is parked
-LEARN = 10.0  # [s], longest time in which the sensors find their zero
 THERE = 1e-3  # [rad], a start that is closer needs no motion
 
 
@@ -128,32 +127,12 @@ class RobotWorld:
         """
         if self._started:
             return
-        self._learn_zeros()
+        self.bench.learn_zeros()
         self.bench.start(RECEIVE_TIMEOUT)
         self._started, self._last_tick, self._failed = True, None, None
         self.bench.poll()
         if self.measurements is None:
             self.origin = self.clock.now()
-
-    def _learn_zeros(self) -> None:
-        """Wait for the first touch of every sensor, before any motor is enabled.
-
-        A camera takes seconds to open, and its zero longer to compute than a board
-        waits for the next current.
-        """
-        end = self.clock.now() + LEARN
-        while True:
-            self.bench.poll()
-            if all(finger.skin.touches for finger in self.bench.fingers):
-                return
-            if self.clock.now() > end:
-                raise StaleStreamError(
-                    "a sensor finds no zero",
-                    where="RobotWorld",
-                    got=f"no touch within {LEARN} s",
-                    next="check with `python -m hardware record` that it sends",
-                )
-            self.clock.sleep(1 / RATE)
 
     def stop(self) -> None:
         """Command zero current on all boards and disable them; never raises."""

@@ -80,7 +80,7 @@ class Jumping(Setup):
             return learn()
 
         begin("start")
-        learn, world._learn_zeros = world._learn_zeros, watched_learn
+        learn, self.bench.learn_zeros = self.bench.learn_zeros, watched_learn
         world._follow, world._approach = watched_follow, watched_approach
 
     def _begin(self, phase):

@@ -49,6 +49,7 @@ from ..search.hypothesis import Job, TermFunctions
 from ..search.local_solve import problem_at
 from ..solvers.solution import Solution
 
+ASSUMED = {"mass": "kg", "friction_ground": "1", "friction_finger": "1"}
 SHIFT = 1e-6  # [m] shift of a finger
 INFORMATION_KINDS = ("exact", "sandwich", "gauss_newton", "paper", "inverse_dynamics")
 
@@ -162,11 +163,7 @@ def assumption_sensitivities(
         found[name] = difference(by_gradient, by_constraint, ends, step)
         units[name] = unit
 
-    for name, unit in (
-        ("mass", "kg"),
-        ("friction_ground", "1"),
-        ("friction_finger", "1"),
-    ):
+    for name, unit in ASSUMED.items():
         value = getattr(scene, name)
         if value:
             add(

@@ -69,13 +69,11 @@ def solve_estimate(
         "formulation": formulation, "executor": executor, "throw": throw,
         "session": PROCESS if session is None else session,
     }  # fmt: skip
+    one = partial(estimate_of_class, data, scene, **given)
     if classes := classes_of(shape):
         check_types(options=(options, (Options, type(None))))
-        one = partial(estimate_of_class, data, scene, **given)
         return likeliest_class(classes, one, start, options or Options())
-    return estimate_of_class(
-        data, scene, shape=shape, options=options, start=start, **given
-    )
+    return one(shape=shape, options=options, start=start)
 
 
 def estimate_of_class(

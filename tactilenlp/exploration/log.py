@@ -119,9 +119,8 @@ def _alike(felt: Measurements, saved: Measurements) -> bool:
     if felt.samples != saved.samples:
         return False
     a, b = (data.time - data.time[0] for data in (felt, saved))
-    return bool(np.abs(a - b).max() < ROUNDING) and replace(felt, time=b) == replace(
-        saved, time=b
-    )
+    timed = np.abs(a - b).max() < ROUNDING
+    return bool(timed) and replace(felt, time=b) == replace(saved, time=b)
 
 
 KINDS = ESTIMATE_CLASSES | {

@@ -68,13 +68,13 @@ def identify_body(
     the ground, NotConverged (unless `throw` is False) after it.
     """
     began, deadline = time.process_time(), _deadline(time_limit)
+    solves = Deadline.within((1 - READOUT_SHARE) * time_limit)
     scene = Scene() if scene is None else scene
     options = DEFAULT_SOLVER if options is None else options
     _check(trajectories, scene, shape, gauge, options)
     with deadline.spending(STARTS):
         steps, starts, signs, ruler = prepared(trajectories, scene, shape, guess, gauge)
-    kept = READOUT_SHARE * time_limit if np.isfinite(time_limit) else 0.0
-    end = min(deadline.at - kept, options.deadline.at)
+    end = min(solves.at, options.deadline.at)
     options = replace(options, deadline=deadline.until(end))
     given = signs, trajectories.dt, scene, options
     problem, window, solution, chosen = _best(steps, starts, *given)

@@ -163,13 +163,13 @@ class Estimate:
 
         What late sensors tell was so before the sample, by their latency.
         """
-        data, by = self.measurements, -self.latency
+        data, late = self.measurements, self.latency
         seen = replace(data, finger_position=self.seen_positions)
-        spheres = as_spheres(with_fingers_earlier(seen, -by), self.scene)
+        spheres = as_spheres(with_fingers_earlier(seen, late), self.scene)
         n_w = np.where(data.contact[..., None], data.normal, np.nan)
         p_w = spheres.finger_position - data.finger_radius[:, None] * n_w
-        R_wo = rotation_of(turned_in_time(data, self.quaternion, by)).as_matrix()
-        arms = p_w - in_time(data, self.position, by)[:, None]
+        R_wo = rotation_of(turned_in_time(data, self.quaternion, -late)).as_matrix()
+        arms = p_w - in_time(data, self.position, -late)[:, None]
         return arms @ R_wo, n_w @ R_wo
 
     @property
