@@ -18,10 +18,9 @@ from tactilenlp.information.error_budget_terms import (
     TouchedFaces,
     untouched_faces,
 )
-from tactilenlp.information.information import inverse
 from tactilenlp.information.measurement_noise import gaps_of_touches, touches
 from tactilenlp.information.sensitivity import kkt_residual
-from tactilenlp.information.tangent_space import TangentSpace
+from tactilenlp.information.tangent_space import TangentSpace, inverse
 from tactilenlp.nlp.kkt import LEAST_CURVATURE, kkt_system_of
 from tactilenlp.search.hypothesis import Hypothesis, resized
 from tactilenlp.solvers.options import SolverOptions

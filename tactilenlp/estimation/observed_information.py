@@ -29,7 +29,7 @@ from ..data.scene import Scene
 from ..data.sensor_noise import smoothed
 from ..errors import OptionError, TactileError, typed_call
 from ..information.comparisons import gauss_newton, inverse_dynamics, paper
-from ..information.information import Information, inverse
+from ..information.information import Information
 from ..information.measurement_noise import (
     Sensed,
     mixed_derivatives,
@@ -37,7 +37,7 @@ from ..information.measurement_noise import (
     sensor_covariance,
 )
 from ..information.sensitivity import ASSUMPTION_STEP, difference, kkt_residual
-from ..information.tangent_space import tangent_space_of
+from ..information.tangent_space import inverse, tangent_space_of
 from ..interface.options import Options, Session
 from ..interface.request import read_request
 from ..interface.result import Estimate, solution_of

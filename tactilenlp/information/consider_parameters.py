@@ -7,9 +7,9 @@ Advances in Control Systems 3, 1966).  With b the derivative by r of the gradien
     dx/dr = -K^{-1} b,      I = 1 / deviation^2 + L_rr + b . dx/dr,      m = -L_r / I
 
 are how the estimate moves with r, what is known of r, and where it is likeliest.  r is
-as likely none as Gaussian before any touch, so that
+o times as likely none as Gaussian before any touch, so that
 
-    E[r^2] = (1 / I + m^2) / (1 + deviation sqrt(I) exp(-I m^2 / 2)).
+    E[r^2] = (1 / I + m^2) / (1 + o deviation sqrt(I) exp(-I m^2 / 2)).
 
 Edges are assumed to be sharp.  With a radius r, common to all of them, what a finger of
 radius rho feels is the body `shape.rounded(theta, r)`, grown by r: the touch cost of
@@ -17,7 +17,9 @@ that theta and of rho + r; r >= 0.  Touches of both edges and faces of a side te
 whether edges are sharp.  In the same way touches, and normals alone, are taken as of
 their instant, or of a latency that was estimated before (refinement/latency.py); r is
 a lag of sensors.  Fingers r earlier give poses r earlier, which then move on with their
-velocities.
+velocities.  The radius of a finger is mostly as it was told, o = 20; sigma allows for
+another one where no body fits the touches of this finger and of the others as well.  A
+radius that is wrong for all fingers alike, no touch tells.
 """
 
 from __future__ import annotations
@@ -37,21 +39,24 @@ from .measurement_noise import Sensed, at_touches
 LAG_STEP = 1e-5  # [s] change of a lag, of differences
 AVERAGED = 10e-3  # [s] deviation of r of normals alone: means of up to 20 ms
 RADIUS_STEP = 1e-5  # [m] change of the radius of edges, of differences
+RADIUS_OF = "radius of finger "  # before a finger's number: the name of its doubt
+TOLD_RADIUS = 0.5e-3  # [m] deviation of a radius that was told wrong
+TOLD_RIGHT = 20.0  # [-] odds that a radius was told right, by everyday experience
 EDGE = 2e-3  # [m] deviation of r: machined, printed and card boxes have up to 3 mm
 
 
 class Prior(NamedTuple):
     """What is known of a quantity r before any touch, from where the page takes it.
 
-    deviation about the mean, between least and most; none: whether r is as likely
-    exactly as it is taken.
+    deviation about the mean, between least and most; none: how many times as likely r
+    is exactly as it is taken, 0: it is not.
     """
 
     deviation: float
     mean: float = 0.0
     least: float = 0.0
     most: float = np.inf
-    none: bool = True
+    none: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +95,14 @@ class Doubt:
         return self.squared * np.outer(moves, moves)
 
 
+def in_numbers(doubts: dict[str, Doubt]) -> dict[str, np.ndarray]:
+    """Return (3,) by name: mean, deviation, and probability of not being as taken."""
+    return {
+        name: np.array([d.mean, d.information**-0.5, 1 / (1 + d.none)])
+        for name, d in doubts.items()
+    }
+
+
 def considered(at) -> dict[str, Doubt]:
     """Return the doubts about what a programme takes as given, by name.
 
@@ -100,7 +113,8 @@ def considered(at) -> dict[str, Doubt]:
     found = {"late normals": late_normals(at), "late touches": late_touches(at)}
     if at.shape.rounded is not None:
         found["rounded edges"] = rounded_edges(at)
-    return found
+    fingers = np.unique(at.window.touch.finger)
+    return found | {f"{RADIUS_OF}{f}": told_radius(at, f) for f in fingers.tolist()}
 
 
 def rounded_edges(at) -> Doubt:
@@ -152,13 +166,30 @@ def late_touches(at) -> Doubt:
     shifted = sensed.build(fingers_earlier(at.window, sensed.data, LAG_STEP)).data()
     prior, estimated = Prior(LATENCY), False
     if sensed.scene.latency is not None:
-        prior = Prior(CONTACT_LATENCY, least=-latency, most=CONTACT_LATENCY, none=False)
+        prior = Prior(CONTACT_LATENCY, least=-latency, most=CONTACT_LATENCY, none=0.0)
     elif latency > 0:
-        prior = Prior(LATENCY, mean=-latency, least=-latency, most=LATENCY, none=False)
+        prior = Prior(LATENCY, mean=-latency, least=-latency, most=LATENCY, none=0.0)
         estimated = True
     ends = ends_of(kkt, shifted - problem.data())
     doubt = _doubted(kkt, ends, LAG_STEP, prior, list(problem.costs))
     return replace(doubt, besides=CONTACT_LATENCY * estimated)
+
+
+def told_radius(at, finger: int) -> Doubt:
+    """Return the doubt about the radius that was told of a finger; at: as above."""
+
+    def grown(rows):
+        return replace(rows, radius=rows.radius + RADIUS_STEP * (rows.finger == finger))
+
+    window = at.window
+    larger = replace(
+        window, touch=grown(window.touch), free=grown(window.free),
+        push=grown(window.push),
+    )  # fmt: skip
+    problem = at.kkt.problem
+    ends = ends_of(at.kkt, at.sensed.build(larger).data() - problem.data())
+    prior = Prior(TOLD_RADIUS, least=-np.inf, none=TOLD_RIGHT)
+    return _doubted(at.kkt, ends, RADIUS_STEP, prior, list(problem.costs))
 
 
 def fingers_earlier(window, data, lag: float):

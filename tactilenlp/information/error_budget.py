@@ -30,7 +30,7 @@ from formulations.names import (
 
 from ..common.deadline import NEVER, Deadline
 from ..nlp.kkt import KKTSystem
-from .consider_parameters import Doubt, considered, motions
+from .consider_parameters import RADIUS_OF, Doubt, considered, motions
 from .error_budget_terms import (
     TouchedFaces,
     curvature_of_costs,
@@ -221,6 +221,13 @@ def _considered(name: str, moved: Callable = lambda r: 0.0) -> ErrorTerm:
     )
 
 
+def told_radii(response: Response) -> np.ndarray:
+    """Return the covariance (k, k) by radii of fingers that were told wrong."""
+    doubts = response.at.doubts
+    radii = [doubts[name] for name in doubts if name.startswith(RADIUS_OF)]
+    return sum(doubt.covariance(response.by_gradient) for doubt in radii)
+
+
 def _has_touches(at: Linearisation) -> bool:
     return TOUCH_TERM in at.kkt.problem.costs
 
@@ -231,6 +238,7 @@ ERROR_TERMS = (
     _considered("rounded edges"),
     _considered("late normals"),
     _considered("late touches", lambda r: r.moving),
+    ErrorTerm("told radii", told_radii, _has_touches),
     ErrorTerm(
         "tilt of the ground",
         lambda r: r.at.tilt.covariance(r.by_gradient, r.turned),

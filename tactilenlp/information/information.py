@@ -9,7 +9,7 @@ spread   the covariance that `sigma` reports: the error budget (error_budget.py)
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -20,6 +20,7 @@ from ..common.layout import ANY
 from ..common.validation import check_sample, check_types
 from ..errors import OptionError, did_you_mean
 from ..nlp.kkt import KKTSystem, kkt_system_of
+from .consider_parameters import in_numbers
 from .error_budget import Linearisation, after_mixture, error_budget
 from .error_budget_terms import TouchedFaces, bounded_pose
 from .mixture import (
@@ -30,17 +31,15 @@ from .mixture import (
     one_mode,
     optima_in_words,
 )
-from .tangent_space import open_directions, tangent_space_of
+from .tangent_space import inverse, open_directions, tangent_space_of
 from .trajectory import (
-    covariances_of_offsets,
     deviations_of_path,
+    fields_of_offsets,
     turned_with_ground,
 )
 
 FACE_COSINE = 0.99  # [-] |n . axis| above which a normal belongs to a face
-LEAST_SIGMA = 1e-12  # [SI] a deviation below which a number is known exactly
 POSE = {"position": slice(3), "rotation": slice(3, 6)}  # in `path` and `ground`
-LEAST_VARIANCE = 1e-12  # [-] of the others: a direction below is known exactly
 MAX_NAMES = 4  # unknowns that name a direction
 
 
@@ -60,7 +59,9 @@ class Information:
     with_offsets (k + 3 F, k + 3 F): the matrix without marginalising these; path
     (T, 6): deviations of position [m] and rotation [rad] at every sample, world frame;
     ground (6, 6): what the ground under a body in planar motion adds to the covariance
-    of its final position and rotation.
+    of its final position and rotation; considered: by name of a quantity that the page
+    takes as given, (3,): where it is likeliest, against that [SI], its deviation, and
+    the probability that it is not as given.
     """
 
     names: tuple[str, ...]
@@ -80,6 +81,7 @@ class Information:
     with_offsets: np.ndarray | None = None
     path: np.ndarray | None = None
     ground: np.ndarray | None = None
+    considered: dict[str, np.ndarray] = field(default_factory=dict)
 
     LAYOUT: ClassVar = {  # of the arrays in a file
         "names": ("k",),
@@ -98,6 +100,7 @@ class Information:
         "with_offsets": ("both", "both"),
         "path": ("T", 6),
         "ground": (6, 6),
+        "considered/*": (3,),
     }
 
     def covariance(self, name: str | None = None) -> np.ndarray:
@@ -229,7 +232,8 @@ def information_of(
         modes=modes, maps=tangent.maps, unobserved=words, directions=directions,
         fixed=tangent.fixed, active=kkt.active, ambiguous=kkt.ambiguous,
         indefinite=_indefinite(kkt), path=path, ground=ground,
-        **_of_offsets(at, R_wg, tangent),
+        **fields_of_offsets(at, tangent, R_wg),
+        considered=in_numbers(at.doubts),
     )  # fmt: skip
 
 
@@ -255,13 +259,6 @@ def _covariance_with_path(modes, optima, at, tangent, faces, R_wg, profile):
     return bounded_pose(covariance, at.shape.theta, tangent.turning), path
 
 
-def _of_offsets(at: Linearisation, R_wg, tangent) -> dict:
-    """Return the fields of an Information that tell of the fingers' offsets."""
-    if (found := covariances_of_offsets(at, tangent, R_wg)) is None:
-        return {}
-    return {"offsets": found[0], "with_offsets": inverse(found[1])}
-
-
 def optimum_of(problem, solution, window, shape, R_wg) -> LocalOptimum:
     """Return where a solve ended, with the covariance by the Hessian.
 
@@ -277,14 +274,6 @@ def reduced_covariance(problem, solution, chosen: np.ndarray) -> np.ndarray:
     """Return the covariance (k, k), SI, of the unknowns of these indices."""
     C = kkt_system_of(problem, solution).sensitivity(chosen)[0][chosen]
     return (C + C.T) / 2
-
-
-def inverse(C) -> np.ndarray:
-    """Return the inverse of a covariance, finite also where a direction is known."""
-    d = np.sqrt(np.maximum(np.abs(np.diag(C)), LEAST_SIGMA**2))
-    values, vectors = np.linalg.eigh(C / np.outer(d, d))
-    values = np.where(np.abs(values) < LEAST_VARIANCE, LEAST_VARIANCE, values)
-    return (vectors / values) @ vectors.T / np.outer(d, d)
 
 
 def _indefinite(kkt: KKTSystem) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from ..common.validation import check_types
 from ..geometry.convex_hull import centroid, fingers_in_body
 from ..geometry.transforms import directions_in_body
 from ..nlp.kkt import kkt_system_of
+from .consider_parameters import in_numbers
 from .error_budget import Linearisation, error_budget
 from .information import Information, parts_of
 from .mixture import one_mode
@@ -62,6 +63,7 @@ def polytope_information(
         fixed=("rotation: the body's axes are the world's at the last sample",),
         active=kkt.active, ambiguous=kkt.ambiguous,
         indefinite=("vertices",) if indefinite else (), path=np.sqrt(path),
+        considered=in_numbers(at.doubts),
     )  # fmt: skip
 
 

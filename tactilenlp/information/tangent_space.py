@@ -21,6 +21,8 @@ UNKNOWNS = {  # the words for the unknowns of a pose, by motion
 
 KNOWN_SIZE = 0.1  # [prior deviations] a size with a smaller deviation is observed
 OPEN_POSITION = 0.05  # [m] a position with a larger deviation is not observed
+LEAST_SIGMA = 1e-12  # [SI] a deviation below which a number is known exactly
+LEAST_VARIANCE = 1e-12  # [-] of the others: a direction below is known exactly
 OPEN_ROTATION = np.radians(45)  # a rotation with a larger deviation is not observed
 
 
@@ -207,3 +209,11 @@ def untouched_polygons(faces) -> tuple[str, ...]:
     """Name how many faces were never touched."""
     missing = int(np.count_nonzero(faces == 0))
     return (f"{missing} of {len(faces)} faces never touched",) if missing else ()
+
+
+def inverse(C) -> np.ndarray:
+    """Return the inverse of a covariance, finite also where a direction is known."""
+    d = np.sqrt(np.maximum(np.abs(np.diag(C)), LEAST_SIGMA**2))
+    values, vectors = np.linalg.eigh(C / np.outer(d, d))
+    values = np.where(np.abs(values) < LEAST_VARIANCE, LEAST_VARIANCE, values)
+    return (vectors / values) @ vectors.T / np.outer(d, d)

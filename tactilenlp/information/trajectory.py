@@ -30,7 +30,7 @@ from ..geometry.transforms import is_planar, matrices
 from .error_budget import Linearisation, error_budget
 from .error_budget_terms import ANY_ROTATION, REACHED, UNEVEN
 from .mixture import relabelling, turn_between
-from .tangent_space import pose_jacobians
+from .tangent_space import inverse, pose_jacobians
 
 LEAST_WAY, ICE = 1e-6, 0.1  # [m] rounding; [m/s^2] that brakes a body on ice
 POSES = 40  # of a trajectory whose covariance is computed
@@ -206,15 +206,16 @@ def offsets_of(values: dict, R_wg) -> np.ndarray | None:
     return (R_wg @ values[OFFSET]).T if OFFSET in values else None
 
 
-def covariances_of_offsets(at: Linearisation, tangent, R_wg) -> tuple | None:
-    """Return two covariances, finger by finger, or None where no offset is unknown.
+def fields_of_offsets(at: Linearisation, tangent, R_wg) -> dict:
+    """Return the fields of an Information that tell of offsets; none if they are known.
 
-    Of the offsets (3 F, 3 F) [m^2] by the error budget; and by the Hessian of shape and
-    final pose, in their tangent space, and the page's own offsets (k + 3 F, k + 3 F).
+    The covariance of the offsets, finger by finger, (3 F, 3 F) [m^2] by the error
+    budget; the information by the Hessian about shape and final pose, in their tangent
+    space, and the page's own offsets (k + 3 F, k + 3 F).
     """
     variables = at.kkt.problem.variables
     if OFFSET not in variables:
-        return None
+        return {}
     own = np.arange(variables[OFFSET].span.start, variables[OFFSET].span.stop)
     turn = np.kron(np.eye(len(own) // 3), R_wg)
     chosen = np.r_[tangent.chosen, own]
@@ -222,7 +223,8 @@ def covariances_of_offsets(at: Linearisation, tangent, R_wg) -> tuple | None:
     jacobian, k = np.eye(len(chosen)), len(tangent.chosen)
     jacobian[:k, :k] = tangent.jacobian
     C = jacobian @ C @ jacobian.T
-    return error_budget(at.response(own, turn)), (C + C.T) / 2
+    told = error_budget(at.response(own, turn))
+    return {"offsets": told, "with_offsets": inverse((C + C.T) / 2)}
 
 
 def prior_of_offsets(scene, fingers: int) -> np.ndarray:

@@ -7,7 +7,10 @@ import numpy as np
 from formulations.centre_of_mass import NAME as CENTRE
 from formulations.rigid_body import G
 
+from ..information.consider_parameters import RADIUS_OF
+
 MM_PER_M = 1e3  # [mm/m]
+WORTH_TELLING = 0.9  # [-] probability of what is told of a quantity taken as given
 UNOBSERVED_TURN = 45.0  # [deg] of sigma beyond which a rotation is not observed
 
 
@@ -70,6 +73,7 @@ def remarks_of(estimate) -> list[str]:
         lines.append(offsets_in_words(estimate.finger_offset, C))
     if open_ := estimate.information.unobserved:
         lines.append(f"Not observed: {'; '.join(open_)}.")
+    lines += doubts_in_words(estimate.information.considered)
     return [*lines, *estimate.information.also]
 
 
@@ -148,6 +152,28 @@ def offsets_in_words(offset, C) -> str:
         by = ", ".join(f"{way:.1f} ± {error:.1f}" for way, error in pairs)
         each.append(f"finger {f} by ({by}) mm")
     return "Fingers are off their measured positions: " + "; ".join(each) + "."
+
+
+def doubts_in_words(considered) -> list[str]:
+    """Return sentences on what was taken as given and is not so, as the touches say.
+
+    considered: see Information.  The latency has its own sentence.
+    """
+    told = {n: one for n, one in considered.items() if one[2] > WORTH_TELLING}
+    lines, radii = [], []
+    for name, (off, sigma, _) in told.items():
+        size, error = MM_PER_M * abs(off), MM_PER_M * sigma
+        if name == "rounded edges":
+            lines.append(f"The edges are rounded by {size:.1f} ± {error:.1f} mm.")
+        elif name == "late normals":
+            late = f"{size:.0f} ± {error:.0f} ms"
+            lines.append(f"Normals are {late} later than contacts.")
+        elif name.startswith(RADIUS_OF):
+            side = "larger" if off > 0 else "smaller"
+            radii.append(f"the {name} is {size:.2f} ± {error:.2f} mm {side}")
+    if radii:
+        lines.append(f"The touches fit one body if {' or '.join(radii)} than was told.")
+    return [f"{line} Sigma allows for it." for line in lines]
 
 
 def _leaning_ground(ground) -> str:

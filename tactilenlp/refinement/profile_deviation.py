@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..information.information import LEAST_SIGMA
 from ..information.measurement_noise import KNOWN_FACE
+from ..information.tangent_space import LEAST_SIGMA
 from ..search.margins import BETTER_OPTIMUM, ONE_SIGMA, PROFILE_RISE
 
 VAGUE_SHARE = 0.3  # [prior deviations] a larger sigma of a size needs no profile
