@@ -1,7 +1,7 @@
 r"""How far a body moves between two actions, while nothing is recorded: a prior.
 
     fixed     power log(1 + way^2 / gap^2)
-    coasting  CAUCHY log(1 + way^2 / width^2) + 1.5 log(width^2 / gap^2)
+    coasting  CAUCHY log(1 + way^2 / width^2) + NORM_POWER log(width^2 / gap^2)
               width^2 = gap^2 + (v^2 / (2 mu g))^2,     v = way of the last step / dt
     way^2     = |p - p_1|^2 + ARM^2 |R - R_1|^2 / 2
 
@@ -19,6 +19,7 @@ from .rigid_body import ARM
 
 GAP = 0.5e-3  # [m] way of the object between actions
 CAUCHY = 2  # power of its density in x, y and yaw
+NORM_POWER = 3 / 2  # power of width^2 in the norm of that density: of three dimensions
 HEAVY = 1  # of a hull's, whose shape follows a wrong path: a heavier tail lets it leave
 
 
@@ -46,7 +47,7 @@ def coasting(nlp, window, shape, theta, x):
         v_squared = way_squared(motion, shape, theta, x_1, x_2) / dt**2
         width_squared = gap**2 + (v_squared / (2 * braking)) ** 2
         way = way_squared(motion, shape, theta, x, x_1) / width_squared
-        return CAUCHY * ca.log(1 + way) + 1.5 * ca.log(width_squared / gap**2)
+        return CAUCHY * ca.log(1 + way) + NORM_POWER * ca.log(width_squared / gap**2)
 
     nlp.minimize(
         "between actions", jumped, theta, x[:, g.pose], x[:, g.before],

@@ -69,3 +69,10 @@ def _of_column(solver: ca.Function) -> ca.Function:
         for part, size in zip(ca.vertsplit(column, ends), sizes, strict=True)
     ]
     return ca.Function("root", [column], [solver(*parts)], {"cse": True})
+
+
+def solve_3(A, b):
+    """Return A^-1 b, A (3, 3), by cofactors: three columns need no pivoting code."""
+    rows = [A[i, :].T for i in range(3)]
+    cofactors = [ca.cross(rows[(i + 1) % 3], rows[(i + 2) % 3]) for i in range(3)]
+    return ca.horzcat(*cofactors) @ b / ca.dot(rows[0], cofactors[0])

@@ -123,7 +123,7 @@ def contacts(nlp, window, ground, radius, corner, impulses, fall):
     lam, mu, w = impulses.lam, impulses.mu, impulses.w
     surface = nlp.parameters["surface"]
     now = step.p_wo[s], step.R_wo[s]
-    around = step.p_wo_1[s], step.R_wo_1[s], step.p_wo_2[s], step.R_wo_2[s]
+    around = step.p_wo_1[s], step.R_wo_1[s], step.p_wo_next[s], step.R_wo_next[s]
     nlp.minimize(
         "on the surface", touching, *ground, radius, *corner, lam, w, surface, *now,
         *around, role="likelihood",

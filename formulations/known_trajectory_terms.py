@@ -6,8 +6,8 @@ r"""The terms of known_trajectory.py: what a corner does on the ground, in nats.
     sliding       KAPPA (mu lam_n |v_s| + v_s . lam_t) dt / (w mm)        w = m g dt
 
 The ground is z = a + b x + c y: (a, b, c) is the plane of all tosses plus the offset of
-one.  A pose is p_wo (3,) and R_wo (9,), column by column; `_1` and `_2` are the samples
-before and after.
+one.  A pose is p_wo (3,) and R_wo (9,), column by column; `_1` is one
+sample ago, `_next` one ahead.
 """
 
 from __future__ import annotations
@@ -88,12 +88,12 @@ def imbalance(
 
 
 def touching(
-    plane, offset, radius, theta, sign, lam, w, surface, p, R, p_1, R_1, p_2, R_2
+    plane, offset, radius, theta, sign, lam, w, surface, p, R, p_1, R_1, p_next, R_next
 ):  # fmt: skip
     """Return the cost of an impulse on a corner that is, and was, above the ground."""
     now, before, after = (
         gap(plane, offset, place(p, R, theta, sign)) - radius
-        for p, R in ((p, R), (p_1, R_1), (p_2, R_2))
+        for p, R in ((p, R), (p_1, R_1), (p_next, R_next))
     )
     dip = positive_part(before - 2 * now + after, GAP_EPS) / 2
     lowest = lesser(lesser(now, before), after) - dip
@@ -112,10 +112,10 @@ def penetration(plane, offset, radius, theta, sign, surface, p_wo, R_wo):
     return sensing.touch(positive_part(-phi, GAP_EPS), surface)
 
 
-def sliding(plane, offset, theta, sign, lam, mu, fall, w, p_1, R_1, p_2, R_2):
+def sliding(plane, offset, theta, sign, lam, mu, fall, w, p_1, R_1, p_next, R_next):
     """Return the cost of friction that does not dissipate, zero at rest."""
     dt, (_, t_1, t_2) = fall[2], frame(plane, offset)
-    v = (place(p_2, R_2, theta, sign) - place(p_1, R_1, theta, sign)) / (2 * dt)
+    v = (place(p_next, R_next, theta, sign) - place(p_1, R_1, theta, sign)) / (2 * dt)
     v_s = ca.vertcat(ca.dot(v, t_1), ca.dot(v, t_2))
     most = mu * lam[0] + CONE_ROUNDING * w
     lost = contact.sliding_loss(most, lam, v_s, V_EPS)

@@ -10,7 +10,8 @@ class Level:
     """One solve of a sequence; each starts where the one before ended.
 
     parameters: values by name, in place of those that the page declared.
-    fixed: names of variables that are held where they start.
+    fixed: what is held where it starts: names of variables, or arrays of indices of
+    unknowns.
     eliminate: the unknowns that `nlp.follow` gives are computed from the others at
     every evaluation (single shooting), not solved for (multiple shooting).
     rebuild: `build` is called again, with the end of the level before as the start, so
@@ -24,7 +25,7 @@ class Level:
 
     name: str
     parameters: dict = field(default_factory=dict)
-    fixed: tuple[str, ...] = ()
+    fixed: tuple = ()
     eliminate: bool = False
     rebuild: bool = False
     ipopt: dict = field(default_factory=dict)

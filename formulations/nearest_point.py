@@ -27,7 +27,7 @@ from itertools import pairwise
 import casadi as ca
 
 from .finger import frozen
-from .implicit import are_noted, root
+from .implicit import are_noted, root, solve_3
 
 SHARP = 30  # lengths of rounding in `small`, a tenth of the finger: 0.03 mm
 LEAST_DISTANCE = 1e-6  # [m] a distance is not exactly zero, so that it has derivatives
@@ -74,7 +74,7 @@ def _written_out(count):
     u = frozen(u, 2.0**-60)
     slope = frozen(residual_of(V, q, u, eps)[1], 2.0**-40)
     for _ in range(EXACT_STEPS):
-        u = u - solve_symmetric(slope, residual_of(V, q, u, eps)[0])
+        u = u - solve_3(slope, residual_of(V, q, u, eps)[0])
     return ca.Function("towards", [V, q, small], [u])
 
 
@@ -100,13 +100,13 @@ def size_of(V, q):
 def newton_step(V, q, u, eps):
     """Return u after one Newton step."""
     residual, slope = residual_of(V, q, u, eps)
-    return u - solve_symmetric(slope, residual)
+    return u - solve_3(slope, residual)
 
 
 def damped_step(V, q, u, eps):
     """Return u after a Newton step that changes log w_j / w_k by a little."""
     residual, slope = residual_of(V, q, u, eps)
-    step = solve_symmetric(slope, residual)
+    step = solve_3(slope, residual)
     change = V.T @ step / eps
     change = ca.mmax(change) - ca.mmin(change)
     return u - step * ca.fmin(1, LARGEST_CHANGE / (change + 1e-12))
@@ -117,9 +117,7 @@ def predictor_corrector(V, q, u, before, eps):
     residual, slope = residual_of(V, q, u, before)
     height, w = softmax(V, u, before)
     F_eps = -V @ (w * (height - ca.dot(w, height))) / before
-    return newton_step(
-        V, q, u - solve_symmetric(slope, residual + (eps - before) * F_eps), eps
-    )
+    return newton_step(V, q, u - solve_3(slope, residual + (eps - before) * F_eps), eps)
 
 
 def softmax(V, u, eps):
@@ -135,10 +133,3 @@ def residual_of(V, q, u, eps):
     c = V @ w
     slope = ca.DM.eye(3) + (V @ ca.diag(w) @ V.T - c @ c.T) / eps
     return u + c - q, slope
-
-
-def solve_symmetric(A, b):
-    """Return A^-1 b for a symmetric positive (3, 3) matrix, by cofactors."""
-    a, d, e = A[:, 0], A[:, 1], A[:, 2]
-    cofactors = ca.horzcat(ca.cross(d, e), ca.cross(e, a), ca.cross(a, d))
-    return cofactors.T @ b / ca.dot(a, cofactors[:, 0])

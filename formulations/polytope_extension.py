@@ -20,12 +20,7 @@ import casadi as ca
 from . import polytope_quasi_static, polytope_violation_implicit, quasi_static
 from .level import Level
 
-LEVELS = (
-    Level("coarse", {"touch scale": 1e-3, "normal scale": 0.2}, ipopt={"max_iter": 40}),
-    Level(
-        "fine", {"touch scale": 0.3e-3, "normal scale": 0.05}, ipopt={"max_iter": 40}
-    ),
-)
+LEVELS = polytope_quasi_static.STARTING
 PUSHED = (Level("pushed", ipopt={"mu_init": 1e-1, "max_iter": 60}),)
 
 

@@ -26,6 +26,7 @@ from . import between_actions, sensing
 from .level import Level
 from .names import TOUCH_TERM
 from .quasi_static import WAY_EPS, least_motion
+from .shape import positive_part
 
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
@@ -145,5 +146,5 @@ def outward(plane):
 
 def beyond(d, sigma):
     """Return the cost of a length d [m] above zero, at most PAIR_COST."""
-    over = (d + ca.sqrt(d * d + (sigma / 2) ** 2)) / 2
+    over = positive_part(d, sigma / 2)
     return sensing.mixture(over * over / (2 * sigma**2), PAIR_COST)

@@ -34,6 +34,7 @@ LEVELS = (
     Level("coarse", {"touch scale": 1e-3, "normal scale": 0.2}, ipopt={"max_iter": 40}),
     Level("fine", {"touch scale": 0.3e-3, "normal scale": 0.05}),
 )
+STARTING = tuple(k.with_ipopt(max_iter=40) for k in LEVELS)  # only start another page
 
 TOUCH = 0.2e-3  # [m] model error of a touched gap where motion is only least motion
 NORMAL = 0.02  # [rad] model error of a normal, likewise

@@ -22,6 +22,7 @@ import casadi as ca
 
 from . import nearest_point as near
 from .finger import frozen
+from .implicit import solve_3
 
 LIFTED = 0.5e-3  # [m] a vertex this high carries a third of what the lowest does
 HERE = (ca.DM.zeros(3), ca.DM.eye(3))  # pose: vertices are as they lie now
@@ -59,9 +60,9 @@ def _functions(count):
     """Return nearest(V, q, small) -> u, a constant, and exact(u, V, q, small) -> u."""
     sizes = (3, 1), (1, 1), (3, count), (3, 1)
     given = u, small, V, q = [ca.SX.sym("in", *size) for size in sizes]
-    size = frozen(ca.sqrt(ca.sumsqr(q - ca.sum2(V) / count)), 1e-6)
+    size = near.size_of(V, q)
     residual, slope = near.residual_of(V, q, u, small * size)
-    better = u - near.solve_symmetric(frozen(slope, 2.0**-40), residual)
+    better = u - solve_3(frozen(slope, 2.0**-40), residual)
     exact = ca.Function(
         "exact", [u, V, q, small], [better],
         {"cse": True, "is_diff_in": [False, True, True, True]},

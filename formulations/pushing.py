@@ -36,6 +36,7 @@ from .finger_spring import (
     press,
     sticking,
 )
+from .implicit import solve_3
 from .shape import positive_part
 
 SLIP = 3e-5  # [m] a shorter step is sticking: in a second a body creeps less than 1 mm
@@ -123,10 +124,3 @@ def tips(shape, finger, theta, pose, s, d, fingers, known, loads):
         u *= sticking(u, known[1] * load, known[3])
         out.append(p_wf + n * positive_part(-phi, SOFT) - u)
     return out
-
-
-def solve_3(A, b):
-    """Return A^-1 b, A (3, 3), by cofactors: three columns need no pivoting code."""
-    rows = [A[i, :].T for i in range(3)]
-    cofactors = [ca.cross(rows[(i + 1) % 3], rows[(i + 2) % 3]) for i in range(3)]
-    return ca.horzcat(*cofactors) @ b / ca.dot(rows[0], cofactors[0])

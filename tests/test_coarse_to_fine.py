@@ -15,7 +15,7 @@ from tactilenlp.estimation.coarse_to_fine import (
     interpolated,
 )
 from tactilenlp.search.hypothesis import Hypothesis
-from tactilenlp.search.multi_hypothesis import BoxSearch, search_boxes
+from tactilenlp.search.multi_hypothesis import TrackedSearch, tracked_starts
 
 RATIO = 3  # samples of the dense recording in each interval of the recorded one
 
@@ -118,13 +118,13 @@ def test_ctrl_c_at_the_lower_rate_leaves_poses_of_all_samples_so_far(
 ):
     data, scene = dense
 
-    class StoppedSearch(BoxSearch):
+    class StoppedSearch(TrackedSearch):
         def starts(self):
             first = replace(self.job, data=self.job.data.select([0]))
-            self.so_far[:] = search_boxes(first, [], 1)
+            self.so_far[:] = tracked_starts(first, [], 1)
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(initial_search, "BoxSearch", StoppedSearch)
+    monkeypatch.setattr(initial_search, "TrackedSearch", StoppedSearch)
     with pytest.raises(Interrupted) as stop:
         solve_estimate(data, scene)
     found = stop.value.estimate

@@ -18,7 +18,7 @@ from tactilenlp.refinement.incremental import (
     updated_by_few,
 )
 from tactilenlp.search.local_solve import problem_at
-from tactilenlp.search.multi_hypothesis import BoxSearch, search_boxes
+from tactilenlp.search.multi_hypothesis import TrackedSearch, tracked_starts
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def test_noise_leaves_more_optima_open_than_few_starts_find(recorded, touched, c
 
 def test_an_update_that_costs_more_asks_for_another_start(asked, estimate):
     request, kept = asked
-    (best, *_) = BoxSearch(request.job, kept, 2).first()
+    (best, *_) = TrackedSearch(request.job, kept, 2).first()
     off = replace(best, theta=best.theta + np.array([5e-3, 0, 0]))
     most = update_limit(estimate, 1) - estimate.objective
 
@@ -79,7 +79,7 @@ def test_the_solution_of_the_past_starts_a_problem_of_more_samples(asked, estima
     """What was known keeps its values and multipliers; those of the rest are zero."""
     request, kept = asked
     past = past_solution(request.job, estimate)
-    (best, *_) = BoxSearch(request.job, kept, 2).first()
+    (best, *_) = TrackedSearch(request.job, kept, 2).first()
     problem, window, _ = problem_at(request.job, best)
     begun = of_more_samples(past, window, problem)
     new = window.push.sample >= estimate.measurements.samples
@@ -98,12 +98,12 @@ def test_what_a_search_began_with_is_not_computed_again(asked):
     """First few tracks, then all of them: the same starts as of all at once."""
     request, kept = asked
     job = replace(request.job, reductions=Reductions())
-    search = BoxSearch(job, kept, 4)
+    search = TrackedSearch(job, kept, 4)
     first, solved = search.first(), dict(search.lying)
     starts = search.starts()
     assert all(search.lying[track] is h for track, h in solved.items())
     assert any(first[0] is h for h in starts)
-    for mine, once in zip(starts, search_boxes(job, kept, 4), strict=True):
+    for mine, once in zip(starts, tracked_starts(job, kept, 4), strict=True):
         np.testing.assert_array_equal(mine.x, once.x)
         assert mine.objective == once.objective
 
@@ -125,7 +125,7 @@ def test_only_whole_actions_of_a_good_fit_are_continued(asked, estimate):
 def test_an_update_that_time_ends_keeps_what_it_has_solved(asked, estimate):
     """The first start is solved; before the second one, time is over."""
     request, kept = asked
-    (best, *_) = BoxSearch(request.job, kept, 2).first()
+    (best, *_) = TrackedSearch(request.job, kept, 2).first()
     solved, job = [], request.job
     start = replace(estimate, objective=estimate.objective - 1.0)
 

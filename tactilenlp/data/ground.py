@@ -40,7 +40,7 @@ class Ground:
 
     @property
     def tilt(self) -> np.ndarray:
-        """(3,) [rad], rotation vector from the ground that was told, world frame."""
+        """(3,) from the ground that was told, world frame: axis times sine of angle."""
         told = self if self.told is None else self.told
         return np.cross(told.normal, self.normal)
 

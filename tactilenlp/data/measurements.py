@@ -233,10 +233,8 @@ def _shaped(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def _check_fingers(arrays: dict[str, np.ndarray]) -> None:
-    p_wf, fix = (
-        arrays["finger_position"],
-        "give numbers where valid, of each action one",
-    )
+    p_wf = arrays["finger_position"]
+    fix = "give numbers where valid, of each action one"
     gone = np.isnan(p_wf).any(axis=2) & (arrays["valid"] == 0)
     fill_gaps(p_wf, arrays["time"], arrays["action"], gone)
     for key in ("time", "finger_position", "finger_radius", "finger_orientation"):

@@ -17,7 +17,7 @@ from ..nlp.term_functions import default_cache
 from ..problem.reductions import Reductions
 from ..search.hypothesis import Hypothesis, Job
 from ..search.local_solve import problem_at
-from ..search.multi_hypothesis import BoxSearch
+from ..search.multi_hypothesis import TrackedSearch
 from ..search.polytope_init import search_polytope
 from ..search.proposals_floating import (
     in_free_motion,
@@ -93,7 +93,7 @@ class SearchInFrame:
     find more of them, also if Ctrl-C ends it.
     """
 
-    search: BoxSearch
+    search: TrackedSearch
     frame: ContactFrame
     kept: list
 
@@ -108,7 +108,7 @@ class SearchInFrame:
         frame = ContactFrame.of(job, kept)
         found = [frame.into(h) for h in kept]
         given = frame.job(job), tuple(found), starts, request.executor, found
-        return cls(BoxSearch(*given), frame, kept)
+        return cls(TrackedSearch(*given), frame, kept)
 
     def starts(self) -> list[Hypothesis]:
         """Return the starts of the page; they are `kept` for the next action."""

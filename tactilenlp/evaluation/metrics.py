@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from ..common.validation import as_floats, is_whole
 from ..data.trajectories import QUATERNION_TOLERANCE
@@ -109,8 +110,6 @@ def cuboid_errors(
     Full side lengths (3,) [m], centres (3,) [m], quaternions (4,) wxyz, body to world.
     Raises TactileError for wrong shapes and values (sizes above 0, unit quaternions).
     """
-    from scipy.spatial.transform import Rotation
-
     cube = np.round(Rotation.create_group("O").as_matrix())
     # Column k of a relabeling is the new axis k in the old axes: one entry of +-1.
     permutations = np.argmax(np.abs(cube), axis=1)
@@ -129,8 +128,6 @@ def cuboid_errors(
 
 def smallest_turn(quaternion, true_quaternion, group: np.ndarray, misfit: np.ndarray):
     """Return the best member of a group, its angle and its rotation vector [rad]."""
-    from scipy.spatial.transform import Rotation
-
     wxyz = [_unit(quaternion, "quaternion"), _unit(true_quaternion, "true_quaternion")]
     R_we, R_wt = rotation_of(wxyz).as_matrix()
     turns = Rotation.from_matrix(R_we @ group @ R_wt.T).as_rotvec()

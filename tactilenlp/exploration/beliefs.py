@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag, eigh
+from scipy.spatial.transform import Rotation
 
 from formulations import between_actions, violation_implicit
 from formulations.finger_offset import NAME as OFFSET
@@ -236,8 +237,6 @@ def of_soft_fingertips(sensors: np.ndarray, estimate) -> np.ndarray:
 
 def _poses(estimate, free: bool) -> np.ndarray:
     """Return the poses of an estimate as unknowns (u, T), ground frame."""
-    from scipy.spatial.transform import Rotation
-
     ground = estimate.scene.ground
     position = ground.to_ground(estimate.position)
     turn = rotation_of(estimate.quaternion)

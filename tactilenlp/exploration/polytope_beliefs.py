@@ -109,26 +109,19 @@ def information_of_samples(estimate, shape, vertices, points) -> np.ndarray:
     position = estimate.scene.ground.to_ground(estimate.position)
     turn = rotation_of(estimate.quaternion)
     yaw = (turn[1:] * turn[:-1].inv()).magnitude()
-    way = (np.diff(position[:, :2], axis=0) ** 2).sum(axis=1) + (
-        rigid_body.ARM * yaw
-    ) ** 2
-    Q = (
-        STEP_SIGMA_SHARE**2 * way
-        + MIN_STEP_SIGMA**2
-        + GAP**2 * (np.diff(data.action) != 0)
-    )
-    Q = (
-        np.r_[Q, 0.0][:, None] / np.r_[1, 1, rigid_body.ARM**2]
-    )  # of the step after each sample
+    way = (np.diff(position[:, :2], axis=0) ** 2).sum(axis=1)
+    way += (rigid_body.ARM * yaw) ** 2
+    Q = STEP_SIGMA_SHARE**2 * way + MIN_STEP_SIGMA**2
+    Q += GAP**2 * (np.diff(data.action) != 0)
+    # Of the step after each sample:
+    Q = np.r_[Q, 0.0][:, None] / np.r_[1, 1, rigid_body.ARM**2]
     r, k, z = points.reshape(len(points), -1), vertices.size, vertices.ravel()
     now, out = (np.zeros((3, k)), np.zeros((3, 3))), np.zeros((k, k))
     step = backward_filter_function(shape, data.fingers)
     for end in range(data.samples, 0, -SAMPLES_PER_CALL):
         back = np.arange(end - 1, end - 1 - SAMPLES_PER_CALL, -1)
-        here, at = (
-            back >= 0,
-            np.maximum(back, 0),
-        )  # before the first sample: no information
+        at = np.maximum(back, 0)
+        here = back >= 0  # before the first sample there is no information
         M, P, E = step(
             *now, z, r[at].T, data.finger_radius, data.contact[at].T.astype(float),
             here * data.valid[at].T, here * Q[at].T, sensor_model(estimate),

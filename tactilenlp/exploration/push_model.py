@@ -8,6 +8,7 @@ import casadi as ca
 
 from formulations import exploration, pushed_hull, pushing
 from formulations.finger import SPHERE
+from formulations.implicit import solve_3
 from formulations.rigid_body import ARM, FREE, PLANAR
 
 from ..errors import OptionError, SceneError
@@ -130,7 +131,7 @@ def _step_slopes(body, s, d, rest, given) -> ca.Function:
     loads = pushing.loads_of(*body, s, d, *rest)
     pull, _ = pushing.work_slope(*body, s, d, *rest, loads)
     by_d, by_s, by_z, by_p, by_r = (ca.jacobian(pull, v) for v in (d, s, *given[2:5]))
-    out = [-pushing.solve_3(by_d, by) for by in (by_s, by_z, by_p + by_r)]
+    out = [-solve_3(by_d, by) for by in (by_s, by_z, by_p + by_r)]
     out.append(ca.vertcat(*pushing.tips(*body, s, d, *rest, loads)))
     return ca.Function("slopes", given, out, {"cse": True})
 

@@ -1,6 +1,6 @@
-"""Frames, convex hulls and their faces: NumPy and SciPy only, no solver.
+"""Frames, convex hulls and their faces: geometry alone, nothing is solved here.
 
-In: points, half-spaces, poses.  Out: rotations, hulls, faces, tipping motions.
+In: points, half-spaces, poses, estimates.  Out: rotations, hulls, faces, ways to tip.
 
 - `transforms`: planar rotations, quaternions wxyz, poses, world to body frame
 - `convex_hull`: half-space intersection, vertex reduction, centroid, closest point

@@ -28,7 +28,7 @@ MIN_TOSSES = 4  # below which their own scatter is not used
 
 @dataclass(frozen=True, eq=False)
 class Steps(Rows):
-    """All steps: poses now, one sample before (_1) and after (_2), and velocities.
+    """All steps: poses now, one sample before (_1) and after (_next), and velocities.
 
     sample, toss: of `now`; p_wo (n, 3) [m]; R_wo (n, 9) column by column; dv [m/s];
     w, w_1 [rad/s] to the next and from the last sample, world frame, and R_half,
@@ -43,8 +43,8 @@ class Steps(Rows):
     R_wo: np.ndarray
     p_wo_1: np.ndarray
     R_wo_1: np.ndarray
-    p_wo_2: np.ndarray
-    R_wo_2: np.ndarray
+    p_wo_next: np.ndarray
+    R_wo_next: np.ndarray
     dv: np.ndarray
     w: np.ndarray
     w_1: np.ndarray
@@ -60,7 +60,7 @@ class Steps(Rows):
         poses = (
             (self.p_wo, self.R_wo),
             (self.p_wo_1, self.R_wo_1),
-            (self.p_wo_2, self.R_wo_2),
+            (self.p_wo_next, self.R_wo_next),
         )
         moved = [
             p[:, None] + np.einsum("vi,nij->nvj", vertices, R.reshape(-1, 3, 3))
@@ -118,7 +118,7 @@ def steps_of(toss, position, rotation, dt: float, gravity: float) -> Steps:
     index = np.unique(toss, return_inverse=True)[1].reshape(-1)[k]
     return Steps(
         sample=k, toss=index, p_wo=p[k], R_wo=R[k], p_wo_1=p[k - 1], R_wo_1=R[k - 1],
-        p_wo_2=p[k + 1], R_wo_2=R[k + 1], dv=dv, w=way / dt, w_1=way_1 / dt,
+        p_wo_next=p[k + 1], R_wo_next=R[k + 1], dv=dv, w=way / dt, w_1=way_1 / dt,
         R_half=_columns(Rotation.from_rotvec(way / 2) * rotation[k]),
         R_half_1=_columns(Rotation.from_rotvec(way_1 / 2) * rotation[k - 1]),
         noise=np.hypot(FLIGHT_NOISE, IMPACT_SIGMA * np.stack([fall, turn], axis=1)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..common.layout import has_volume
 from ..common.validation import as_floats
@@ -25,8 +26,6 @@ def prepared(trajectories, scene, shape, guess, gauge) -> tuple:
 
     starts: theta (3, columns) [m] of each; signs (3, V).
     """
-    from scipy.spatial.transform import Rotation
-
     turn = Rotation.from_matrix(scene.ground.rotation)
     where = scene.ground.to_ground(trajectories.position)
     where = where - [*where[:, :2].mean(axis=0), 0]  # slopes turn about the middle

@@ -55,9 +55,9 @@ def support_of(steps: Steps, gravity: float, dt: float) -> Support | None:
     touching = phases_of(steps, gravity, dt)[0]
     if not touching.any():
         return None
-    R = np.stack([steps.R_wo_1, steps.R_wo, steps.R_wo_2], axis=1)
+    R = np.stack([steps.R_wo_1, steps.R_wo, steps.R_wo_next], axis=1)
     extent = abs(R.reshape(-1, 3, 3, 3)[..., 2])
-    height = np.stack([steps.p_wo_1, steps.p_wo, steps.p_wo_2], axis=1)[..., 2]
+    height = np.stack([steps.p_wo_1, steps.p_wo, steps.p_wo_next], axis=1)[..., 2]
     cube = np.full(3, max(height[touching].min(), LEAST_HALF))
     rows = _rows_of(steps, extent, height, gravity, dt)
     alike = zip(rows, (np.eye(3), cube, [PULL] * 3), strict=True)

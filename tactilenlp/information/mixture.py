@@ -27,6 +27,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from formulations.rigid_body import ARM
 
@@ -274,8 +275,6 @@ def turn_between(shape, R, R_0) -> np.ndarray:
 
     Without what a round body turns about its own axis: that means nothing.
     """
-    from scipy.spatial.transform import Rotation  # lazily: import stays light
-
     turn = Rotation.from_matrix(R @ np.swapaxes(R_0, -1, -2)).as_rotvec()
     if not shape.round:
         return turn

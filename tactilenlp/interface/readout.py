@@ -52,7 +52,7 @@ def read_off(
     """
     job, solution = replace(solved.job, deadline=deadline), solved.solution
     R_wg = frame_of(job.scene.ground).rotation.T
-    read = {"sizes": read_box, "vertices": read_polytope}[job.shape.parameters]
+    read = {"sizes": read_sized, "vertices": read_polytope}[job.shape.parameters]
     body, information = read(job, solved, modes)
     status = deadline.marked(solution.status)
     left = variance_left(job.data, job.precision)
@@ -113,7 +113,7 @@ class Body:
     faces: np.ndarray
 
 
-def read_box(job, solved, modes=()) -> tuple[Body, Information]:
+def read_sized(job, solved, modes=()) -> tuple[Body, Information]:
     """Return the body, and the information about it, of a shape with sizes."""
     problem, window, solution = solved.problem, solved.window, solved.solution
     shape, scene = job.shape, job.scene

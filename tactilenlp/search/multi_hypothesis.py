@@ -1,6 +1,6 @@
-"""Search for boxes by multi-hypothesis tracking.
+"""Search for shapes with sizes by multi-hypothesis tracking.
 
-    proposals       boxes that explain the first touch, a guess, or the posterior of
+    proposals       bodies that explain the first touch, a guess, or the posterior of
                     what was solved before: a Gaussian mixture        (proposals.py)
     prediction      quasi-static pushing, sample by sample            (pushing.py)
     correction      gaps and normals by an extended Kalman filter     (tracking.py)
@@ -88,7 +88,7 @@ class _Past:
 
 
 @dataclass(frozen=True, eq=False)
-class BoxSearch:
+class TrackedSearch:
     """The search for the starts of a job: tracks, and optima of least motion from them.
 
     kept: hypotheses of the first actions to continue, if any; count: of the starts;
@@ -178,9 +178,9 @@ class BoxSearch:
         return tracks
 
 
-def search_boxes(job: Job, kept, count: int, executor=None) -> list[Hypothesis]:
-    """Return `count` starts for all actions of a job; arguments as of `BoxSearch`."""
-    return BoxSearch(job, kept, count, executor).starts()
+def tracked_starts(job: Job, kept, count: int, executor=None) -> list[Hypothesis]:
+    """Return `count` starts for all actions of a job; arguments: see TrackedSearch."""
+    return TrackedSearch(job, kept, count, executor).starts()
 
 
 def complete(kept, job: Job) -> bool:

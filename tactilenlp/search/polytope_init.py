@@ -57,7 +57,6 @@ ACCEPTABLE = {  # IPOPT's early stop: kinks of the surface make its steps tiny
 }
 IPOPT_OPTIONS = {"sizes": {}, "vertices": ACCEPTABLE}  # by what theta lists
 CLOSED = "closed"  # in the path of a body whose every face was touched
-POLISH_ITERATIONS = 40  # of a level that only starts another page
 
 
 def polytope_from_planes(
@@ -215,10 +214,7 @@ def polished(job, body: Hypothesis) -> Hypothesis:
     problem = replace(job, page=polytope_quasi_static, shape=shape).build(window)
     options = SolverOptions(SEARCH_TOLERANCE, SEARCH_TIME, deadline=job.deadline)
     start = {"theta": body.theta.reshape(-1, 3).T, "x": body.x[:, window.last]}
-    levels = [
-        k.with_ipopt(max_iter=POLISH_ITERATIONS) for k in polytope_quasi_static.LEVELS
-    ]
-    s = solve_levels(problem, levels, start, options)
+    s = solve_levels(problem, polytope_quasi_static.STARTING, start, options)
     theta, x = s.values["theta"].T.ravel(), s.values["x"][:, window.pose]
     iterations = body.iterations + s.iterations
     return Hypothesis(theta, x, s.objective, body.path, iterations)

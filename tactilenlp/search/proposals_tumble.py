@@ -24,7 +24,7 @@ from ..problem.reductions import SIDE_NORMAL, Reductions, reduce
 from ..tracking.first_touch import BELOW_TOP
 from .hypothesis import Hypothesis, distinct
 from .local_solve import start_values
-from .multi_hypothesis import search_boxes, tracked_paths
+from .multi_hypothesis import tracked_paths, tracked_starts
 
 TIPPING_TILT = np.radians(2)  # a side normal that rises further shows tipping
 DEPTH_SHARES = (1.0, 2 / 3)  # [-] of the proposed depth: the edge is not observed
@@ -159,7 +159,7 @@ def recovered(job, evidence, width: int, solves: int, executor=None):
         kept = []
         part = replace(job, data=job.data.select(before)) if len(before) else None
         if part is not None and part.data.contact.any():
-            kept = search_boxes(part, (), solves, executor)
+            kept = tracked_starts(part, (), solves, executor)
         part = replace(job, data=job.data.select(until))
         tumbles = likeliest_tumbles(part, tumbled(part, kept))
         if tumbles:
@@ -183,7 +183,7 @@ def continued(job, tumbles, width: int, solves: int, executor=None):
     touched = np.append(data.action[felt], data.action[-1] + 1)
     rest = int(np.searchsorted(data.action, touched[0]))
     lying = [t.lying(rest) for t in tumbles]
-    later = search_boxes(part, lying, solves, executor)
+    later = tracked_starts(part, lying, solves, executor)
     alone = rest == data.samples  # nothing was felt later: each lies as it fell
     pairs = zip(lying, tumbles, strict=True) if alone else product(later, tumbles)
     joined = [t.joined(h, known) for h, t in pairs for known in KNOWN_SIDES]

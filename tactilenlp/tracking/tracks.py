@@ -1,4 +1,4 @@
-"""Tracks of boxes side by side: what they are, how they begin, selection, splitting.
+"""Tracks of bodies side by side: what they are, how they begin, selection, splitting.
 
 A track is a Gaussian of size and planar pose, with its evidence.  After an action the
 best distinct tracks and some of every yaw are kept, and split along their uncertainty.
