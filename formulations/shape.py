@@ -54,7 +54,8 @@ class Shape:
     origin is the centroid; small [m]: how sharply edges are rounded.  Functions are of
     CasADi expressions, and of numbers alike.
 
-    distance(theta, q_of, small) -> [m], signed, exact to a few fingertips outside;
+    distance(theta, q_of, small) -> [m], signed, to the nearest point of the surface,
+    exact to a few fingertips outside, beyond edges as well;
     normal(theta, q_of, small) -> (3,) outward unit; gradient_normal(distance) makes it;
     corner(theta, signs) -> (3,) [m] point that may rest on the ground, for each of
     `corners`, of which those given lie on the ground at rest;

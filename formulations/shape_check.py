@@ -8,7 +8,9 @@ rays, each with the solid angle 4 pi / M, a body that its origin sees has
 
 against which inertia and origin are checked.  From each point of the surface, TIP
 along the normal, the distance must be TIP: a signed distance, not just any function
-that is zero on the surface.
+that is zero on the surface.  From each point TIP farther out on its ray, the distance
+back along the normal must lead to the surface, beyond edges as well: the largest of
+the distances from the planes of faces is too short there.
 """
 
 from __future__ import annotations
@@ -91,13 +93,9 @@ def _of_calls(shape) -> tuple:
 def _thetas(shape, count, seed):
     """Return theta: near the mean of the prior, then random within the bounds."""
     draw = random.Random(seed)
-    (mean, deviation), (low, high) = (
-        [ca.vertsplit(entries(shape, p)) for p in pair]
-        for pair in (shape.size_prior, shape.bounds)
-    )
-    rows = [
-        *zip(*([*map(float, r)] for r in (mean, deviation, low, high)), strict=True)
-    ]
+    given = (*shape.size_prior, *shape.bounds)
+    columns = ([*map(float, ca.vertsplit(entries(shape, p)))] for p in given)
+    rows = [*zip(*columns, strict=True)]  # mean, deviation, least, largest
     first = [m * UNLIKE[i % len(UNLIKE)] for i, (m, *_) in enumerate(rows)]
     more = [
         [min(max(draw.gauss(m, 0.5 * s), lo, 0.3 * m), hi) for m, s, lo, hi in rows]
@@ -169,7 +167,18 @@ def _of_distance(signed, outward, points):
             "give the distance to the nearest point of the surface, in metres, "
             "not a function that is only zero there; or correct the normal",
         )  # fmt: skip
-    q = ca.SX.sym("q", 3) if outward.is_a("SXFunction") else ca.MX.sym("q", 3)
+    out = points + TIP * points / ca.repmat(ca.sqrt(ca.sum1(points * points)), 3, 1)
+    d = signed.map(PROBES)(out)
+    foot = out - ca.repmat(d, 3, 1) * outward.map(PROBES)(out)
+    off = _sorted(ca.fabs(signed.map(PROBES)(foot)))
+    if not off[int((1 - BESIDE) * PROBES)] < OFF:
+        yield (
+            "nearest point of the surface, beyond edges as well",
+            f"off it by up to {_mm(off[-1])}", f"on it to {_mm(OFF)}",
+            "give the distance to the nearest point: beyond an edge or a corner it is "
+            "larger than that to any plane of a face",
+        )  # fmt: skip
+    q = (ca.SX if outward.is_a("SXFunction") else ca.MX).sym("q", 3)
     slope = ca.Function("slope", [q], [ca.gradient(signed(q), q)])
     m, there = slope.map(PROBES)(away), outward.map(PROBES)(away)
     off = _sorted(ca.sqrt(ca.sum1((m - there) ** 2)))

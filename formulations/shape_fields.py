@@ -62,12 +62,18 @@ def unfit_fields(shape) -> list[tuple[str, str, str, str]]:
 
 
 def _unfit_prior(shape) -> list[tuple[str, str, str, str]]:
-    """Return what is said of a size prior whose mean is beyond the bounds."""
+    """Return what is wrong with the numbers of a size prior and of its bounds."""
 
     def each(value) -> list:
         return list(value) if _listed(value) else [value] * shape.theta
 
-    low, high, mean = map(each, (*shape.bounds, shape.size_prior[0]))
+    low, high, mean, deviation = map(each, (*shape.bounds, *shape.size_prior))
+    if not all(a < b for a, b in zip(low, high, strict=True)):
+        fix = "give the least sizes first, then the largest"
+        return [("bounds", _short(shape.bounds), "least below largest", fix)]
+    if not all(d > 0 for d in deviation):
+        fix = "give a mean and a standard deviation"
+        return [("size_prior", _short(shape.size_prior), "a deviation above 0", fix)]
     if all(a <= m <= b for a, m, b in zip(low, mean, high, strict=True)):
         return []
     expected = f"a mean within the bounds, {shape.bounds} m"

@@ -114,6 +114,13 @@ def test_problems_do_not_share_functions_that_read_the_window(two):
         assert value == problem.variables["x"].columns
 
 
+def test_a_replacement_takes_the_arguments_of_the_term(two):
+    page = extend(PAGE, replace={"finger cone": lambda mu, lam, rounding: lam[0]})
+    with pytest.raises(PageError, match=r"room\(lam, mu, w, rounding\)") as refused:
+        problem_of(*two, page)
+    assert refused.value.got == "<lambda>(mu, lam, rounding)"
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [

@@ -34,6 +34,15 @@ def test_it_describes_and_checks_itself(recorded, interpreted):
     assert problem.check().assembled < 1e-5
 
 
+def test_limits_of_rows_stand_in_the_description(recorded, interpreted):
+    data, scene, _ = recorded
+    lines = problem_of(data.select([0]), scene).describe().splitlines()
+    (finger,) = [line for line in lines if line.startswith("  finger  ")]
+    assert "bounds 0 .. inf, -inf .. inf, -inf .. inf, scale" in finger
+    (cone,) = [line for line in lines if line.startswith("  finger cone  ")]
+    assert cone.endswith("within 0 .. inf")
+
+
 def test_a_hull_needs_an_estimate_to_be_built_at(recorded):
     data, scene, _ = recorded
     with pytest.raises(OptionError, match="at"):

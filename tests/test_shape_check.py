@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from formulations.shape import gradient_normal
 from tactilenlp import CUBOID, CYLINDER, ELLIPSOID, prism
 from tactilenlp.tracking.surface import body_surface
 
@@ -40,7 +41,21 @@ QUARTER = (
     (1, 0, 0),
     (0, 0, 1),
 )  # a turn that leaves the sizes where they are
+
+
+def planes(theta, q, small):
+    """The largest distance from a plane of a face of a cuboid, rounded."""
+    z = ca.sqrt(q * q + (small / 10) ** 2) - theta / 2
+    return ca.logsumexp(z * 5 / small) * small / 5
+
+
 BROKEN = {
+    "beyond edges": (
+        replace(CUBOID, distance=planes, normal=gradient_normal(planes)),
+        "larger than that to any plane",
+    ),
+    "size_prior": (replace(CYLINDER, size_prior=(0.04, -1.0)), "a standard deviation"),
+    "bounds": (replace(CYLINDER, bounds=(0.4, 4e-3)), "least sizes first"),
     "10 mm out": (replace(ELLIPSOID, distance=no_distance), "nearest point"),
     "centroid": (replace(CYLINDER, distance=shifted), "shift q_of"),
     "inertia": (replace(CYLINDER, inertia=larger), "correct inertia"),
@@ -62,7 +77,7 @@ BROKEN = {
     "inertia(...)": (replace(CYLINDER, inertia=lambda theta: theta), "documentation"),
     "symmetry": (replace(CUBOID, symmetries=(((0, 1, 2), QUARTER),)), "leave it out"),
     "words": (replace(CYLINDER, words=("diameter",)), "give 2 words"),
-    "bounds": (replace(CYLINDER, bounds=((0.01,) * 3, 0.1)), "one number"),
+    "bound": (replace(CYLINDER, bounds=((0.01,) * 3, 0.1)), "one number"),
 }  # fmt: skip
 
 

@@ -214,8 +214,9 @@ def problem_of(
     problem is built again, with its reductions; a hull needs it, as which vertices a
     contact reads depends on where it is solved from.  `describe()` lists terms and
     unknowns, `check()` compares derivatives with finite differences, and
-    `solvers.solve.solve` solves it from any start.  Raises what solve_estimate raises
-    before it solves.
+    `solvers.solve.solve_levels` solves it level by level from any start, as the page
+    states them, and `solve` once, from a start that is close.  Raises what
+    solve_estimate raises before it solves.
     """
     if at is not None:
         check_types(at=(at, Estimate))

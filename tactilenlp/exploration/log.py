@@ -132,20 +132,20 @@ KINDS = ESTIMATE_CLASSES | {
 def continued_in_time(step: Step, past: Measurements | None, again: bool) -> Step:
     """Return a step whose measurements begin after those of the past, checked.
 
-    again: the past may be of another process.  A world that was made anew counts time
-    from zero: its samples are shifted to begin RESUMED_AFTER after the past.
+    Its actions are counted on from those, or from 0, whatever a world has executed
+    before.  again: the past may be of another process.  A world that was made anew
+    counts time from 0: its samples are shifted to begin RESUMED_AFTER after the past.
     Raises MeasurementError if the measurements cannot be appended.
     """
     data = step.measurements
-    if past is None:
-        return step
-    if again and data.time[0] <= past.time[-1]:
-        data = replace(
-            data, time=data.time - data.time[0] + past.time[-1] + RESUMED_AFTER
-        )
-        step = replace(step, measurements=data)
-    past.append(data)
-    return step
+    counted = np.unique(data.action, return_inverse=True)[1].reshape(-1)
+    changed = {"action": counted if past is None else past.action[-1] + 1 + counted}
+    if past is not None and again and data.time[0] <= past.time[-1]:
+        changed["time"] = data.time - data.time[0] + past.time[-1] + RESUMED_AFTER
+    data = replace(data, **changed)
+    if past is not None:
+        past.append(data)
+    return replace(step, measurements=data)
 
 
 def check_file(file) -> None:
@@ -177,14 +177,14 @@ def load_or_new(file) -> Exploration:
 def check_same(estimate: Estimate, data: Measurements, asked: dict, file) -> None:
     """Raise StartError unless a saved estimate is of these data and settings.
 
-    asked: the required scene, shape (one of a tuple) and formulation, by name.  The
-    page of an estimate that the time limit ended first was not solved.
+    asked: the required scene, and lists of shapes and formulations, by name.  The page
+    of an estimate that the time limit ended first was not solved.
     """
     for name, value in {"measurements": data, **asked}.items():
         if name == "formulation" and not estimate.success:
             continue
         kept = estimate.scene.as_told if name == "scene" else getattr(estimate, name)
-        if kept not in value if name == "shape" else kept != value:
+        if kept not in value if isinstance(value, list) else kept != value:
             other = "other data" if name == "measurements" else f"another {name}"
             raise StartError(
                 f"the saved estimate is of {other}",

@@ -130,7 +130,7 @@ class _Loop:
     """What every step needs.
 
     choice: settings of next_action, by name; solve: function of data and start; same:
-    the scene, shape and formulation of saved estimates, by name.
+    the scene of saved estimates, their possible shapes and formulations, by name.
     """
 
     world: object
@@ -175,10 +175,11 @@ def _prepared(world, scene, settings: ExploreOptions, file, start, executor) -> 
     _check(world, file, start)
     policy = checked_policy(settings.policy)
     several = classes_of(settings.shape)
-    scene, shape, options, page = asked(
-        scene, several[0] if several else settings.shape, settings.formulation,
-        settings.options, executor,
-    )  # fmt: skip
+    readings = [
+        asked(scene, one, settings.formulation, settings.options, executor)
+        for one in several or [settings.shape]
+    ]
+    scene, shape, options, _ = readings[0]
     classes = several or [shape]
     if several and isinstance(start, Estimate):
         shape = shape_of_start(start, classes)
@@ -187,11 +188,12 @@ def _prepared(world, scene, settings: ExploreOptions, file, start, executor) -> 
     choice = {"search": settings.search, "budget": settings.budget}
     choice |= {"policy": policy, "shape": classes}
     solve = partial(
-        solve_estimate, scene=scene, shape=several or shape, formulation=page,
-        options=options, executor=executor, throw=False,
+        solve_estimate, scene=scene, shape=several or shape, options=options,
+        formulation=settings.formulation, executor=executor, throw=False,
     )  # fmt: skip
     names = [one.name for one in classes]
-    same = {"scene": scene, "shape": names, "formulation": name_of(page)}
+    pages = [name_of(page) for *_, page in readings]
+    same = {"scene": scene, "shape": names, "formulation": pages}
     space = _space(world, scene, settings.workspace)
     return _Loop(world, space, settings, choice, solve, same)
 

@@ -39,10 +39,9 @@ def describe(problem: Problem) -> str:
     sizes = f"{problem.size} unknowns, {problem.rows} constraint rows"
     lines = [f"{sizes}; {_derivatives(problem)}", "unknowns"]
     for v in problem.variables.values():
-        low, high = v.lower.min(initial=np.inf), v.upper.max(initial=-np.inf)
         lines.append(
             f"  {v.name:30} {v.rows} x {v.columns:<5} [{v.unit}]  "
-            f"bounds {low:.3g} .. {high:.3g}, "
+            f"bounds {_limits(v.lower, v.upper)}, "
             f"scale {', '.join(f'{s:.3g}' for s in v.scale)}"
         )
     for title, group in (
@@ -70,9 +69,18 @@ def _derivatives(problem: Problem) -> str:
     return f"nonzeros: Jacobian {jacobian}, upper triangle of the Hessian {hessian}"
 
 
+def _limits(lower: np.ndarray, upper: np.ndarray) -> str:
+    """Return the limits of rows (rows, columns) in words, once where all are alike."""
+    low, high = lower.min(axis=1, initial=np.inf), upper.max(axis=1, initial=-np.inf)
+    each = [f"{a:.3g} .. {b:.3g}" for a, b in zip(low, high, strict=True)]
+    return ", ".join(each[:1] if len({*each}) == 1 else each)
+
+
 def _sentence(term: Term) -> str:
     function = term.function
     role = f"  {term.role}" if term.role else ""
+    if term.lower is not None:
+        role = f"  within {_limits(term.lower.T, term.upper.T)}"
     return (
         f"  {term.name:30} {term.instances} x {function.rows} row(s) of "
         f"{function.unknowns} unknowns, {function.data} data{role}"

@@ -11,6 +11,7 @@ from ..information.consider_parameters import RADIUS_OF
 
 MM_PER_M = 1e3  # [mm/m]
 WORTH_TELLING = 0.9  # [-] probability of what is told of a quantity taken as given
+LEAST_SHARE = 1e-3  # [-] of evidence that is told in digits
 UNOBSERVED_TURN = 45.0  # [deg] of sigma beyond which a rotation is not observed
 
 
@@ -140,8 +141,23 @@ def orientation_of(estimate) -> str:
 
 def classes_in_words(classes) -> str:
     """Return the odds of the classes of shapes that were compared."""
-    odds = [f"{one.shape} has {100 * one.probability:.3g} %" for one in classes]
-    return f"Of the classes compared, {', '.join(odds)} of the evidence."
+    odds = [
+        f"{one.shape} has {share_in_words(one.probability)}"
+        for one in classes if not one.error
+    ]  # fmt: skip
+    failed = [
+        f" {one.shape.capitalize()} could not be estimated: {one.error}."
+        for one in classes if one.error
+    ]  # fmt: skip
+    words = f"Of the classes compared, {', '.join(odds)} of the evidence."
+    return words + "".join(failed)
+
+
+def share_in_words(share: float) -> str:
+    """Return a probability in percent, a small one as less than LEAST_SHARE."""
+    if 0 < share < LEAST_SHARE:
+        return f"less than {100 * LEAST_SHARE:.1g} %"
+    return f"{100 * share:.3g} %"
 
 
 def offsets_in_words(offset, C) -> str:

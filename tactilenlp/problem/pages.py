@@ -220,7 +220,7 @@ def _check_extension(base, terms, replace, without, parts) -> None:
         if not takes(term, 4):
             raise OptionError(
                 "a term of other arguments", where="extend",
-                got=f"{_short(term)}{inspect.signature(term)}",
+                got=_signature(term),
                 expected="term(nlp, window, scene, shape)",
             )  # fmt: skip
     known = [*inspect.signature(base.build).parameters][4:]
@@ -256,6 +256,12 @@ class _Edited:
         if known.intersection(self._without):
             return
         for key in known.intersection(self._replace):
+            if not takes(self._replace[key], len(arguments)):
+                raise PageError(
+                    "a term of other arguments", where=f"replace: {key}",
+                    got=_signature(self._replace[key]), expected=_signature(function),
+                    next="take as many arguments as the term that is replaced",
+                )  # fmt: skip
             with _unshared(self._nlp):
                 add(name, self._replace[key], *arguments, **more)
             return
@@ -270,6 +276,15 @@ class _Edited:
                 next=did_you_mean(unknown[0], self._stated)
                 or "problem_of(data, scene, page).describe() lists the terms",
             )  # fmt: skip
+
+
+def _signature(function) -> str:
+    """Return the name and the arguments of a function, as far as they are known."""
+    name = getattr(function, "__name__", _short(function))
+    try:
+        return f"{name}{inspect.signature(function)}"
+    except ValueError:  # built in, without a signature
+        return name
 
 
 @contextmanager

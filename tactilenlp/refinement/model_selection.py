@@ -18,7 +18,7 @@ from formulations.shape import Shape
 from ..common.deadline import Deadline
 from ..common.validation import check_types
 from ..data.sensor_noise import latency_cost
-from ..errors import OptionError, StartError, TactileError
+from ..errors import OptionError, PageError, StartError, TactileError
 from ..information.error_budget_terms import ANY_ROTATION, REACHED, positive_part
 from ..information.mixture import (
     distinct_modes,
@@ -68,7 +68,11 @@ def classes_of(shape) -> list[Shape]:
     if not shape:
         expected = "shapes to compare, or one"
         raise OptionError("no class", where="shape", got=shape, expected=expected)
-    return [shape_of(one) for one in shape]
+    classes = [shape_of(one) for one in shape]
+    names = [one.name for one in classes]
+    if len({*names}) < len(names):
+        raise OptionError("a class twice", where="shape", got=names)
+    return classes
 
 
 def likeliest_class(classes, solve, start, options) -> Estimate:
@@ -77,8 +81,8 @@ def likeliest_class(classes, solve, start, options) -> Estimate:
     classes: Shapes; solve(shape=, start=, options=) -> Estimate, or raises
     TactileError; the time limit is shared by the classes that are left; start: of the
     classes that it fits, StartError if of none.  Raises the error of the first class if
-    none has an estimate.  The poses of the likeliest class are a second start of the
-    others.
+    none has an estimate, and a PageError, which is a fault of the page.  The poses of
+    the likeliest class are a second start of the others.
     """
     check_types(start=(start, (Estimate, Guess, type(None))))
     if start is not None and not any(_starts_from(start, shape) for shape in classes):
@@ -96,6 +100,8 @@ def likeliest_class(classes, solve, start, options) -> Estimate:
             known = start if _starts_from(start, shape) else None
             estimate = solve(shape=shape, start=known, options=left)
             found[i] = evidence_of(estimate, shape), estimate
+        except PageError:
+            raise
         except TactileError as error:
             errors[i] = error
     if not found:
