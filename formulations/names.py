@@ -15,3 +15,4 @@ FINGER_FRICTION = "finger friction"  # coefficient, a parameter or an unknown
 GROUND_FRICTION = "ground friction"  # coefficient, a parameter or an unknown
 GROUND_GAP = "ground gap"  # constraint of a hard ground
 BALL = "ball"  # unknowns of the ball that the prior of a hull's vertices lies about
+RADIUS_OF = "radius of finger "  # and its number: considered, as it was told

@@ -1,5 +1,6 @@
 """Kinds of information, to compare: each is what its definition says."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import casadi as ca
@@ -7,9 +8,16 @@ import numpy as np
 import pytest
 
 from formulations.level import Level
-from tactilenlp import observed_information
+from formulations.shape import CUBOID
+from tactilenlp import (
+    assumption_sensitivity,
+    extend,
+    observed_information,
+    solve_estimate,
+)
 from tactilenlp.errors import OptionError
-from tactilenlp.estimation.observed_information import INFORMATION_KINDS, programme_at
+from tactilenlp.estimation.observed_information import INFORMATION_KINDS
+from tactilenlp.estimation.programme import programme_at
 from tactilenlp.information.comparisons import paper, quaternion_jacobian
 from tactilenlp.interface.result import solution_of
 
@@ -104,3 +112,22 @@ def test_the_papers_information_is_eq_obsinfo_summed_by_hand(programme):
 def test_a_solution_has_the_parameters_of_the_last_level_of_its_page(estimate):
     page = SimpleNamespace(LEVELS=(Level("only", {"motion weight": 100.0}),))
     assert solution_of(estimate, page).parameters == {"motion weight": 100.0}
+
+
+@pytest.mark.slow
+def test_classes_and_pages_of_ones_own_are_given_again(recorded):
+    data, scene, _ = recorded
+    mine = replace(CUBOID, name="mine")
+    page = extend("quasi_static", without="size prior")
+    given = {"shape": mine, "formulation": page}
+    found = solve_estimate(data.select([0, 1]), scene, **given)
+    told = observed_information(found, "sandwich", **given)
+    assert told.names == found.information.names
+    assert (told.sigma("side_lengths") > 0).all()
+    assert (
+        assumption_sensitivity(found, **given)
+        .of("side_lengths", "sigma_position")
+        .any()
+    )
+    with pytest.raises(OptionError, match="not that of the estimate"):
+        observed_information(found, "sandwich", shape="cuboid", formulation=page)

@@ -7,7 +7,7 @@ import pytest
 
 from tactilenlp import SolverOptions
 from tactilenlp.data.sensor_noise import LATENCY
-from tactilenlp.estimation.observed_information import programme_at
+from tactilenlp.estimation.programme import programme_at
 from tactilenlp.information.consider_parameters import (
     fingers_earlier,
     motions,

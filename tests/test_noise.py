@@ -8,7 +8,13 @@ from scipy.signal import savgol_filter
 
 from tactilenlp.data.measurements import Measurements
 from tactilenlp.data.noise_model import Noise, add_noise
-from tactilenlp.data.sensor_noise import SMOOTHING_WINDOW, local_parabolas
+from tactilenlp.data.sensor_noise import (
+    SMOOTHING_WINDOW,
+    local_parabolas,
+    precision_of,
+    smoothed,
+    smoothing_matrices,
+)
 
 
 @pytest.fixture
@@ -67,7 +73,9 @@ def test_noise_is_repeatable_and_one_kind_leaves_the_others_alone(recorded):
 def test_smoothing_is_the_filter_of_savitzky_and_golay(samples):
     window = min(SMOOTHING_WINDOW, samples - 1 + samples % 2)
     wanted = savgol_filter(np.eye(samples), window, 2, axis=0)
-    np.testing.assert_allclose(local_parabolas(samples, window), wanted, atol=1e-14)
+    np.testing.assert_allclose(
+        local_parabolas(tuple(range(samples)), window), wanted, atol=1e-14
+    )
 
 
 def test_an_action_may_have_any_number(recorded):
@@ -78,3 +86,45 @@ def test_an_action_may_have_any_number(recorded):
     moved = add_noise(recorded, noise).finger_position[:200]
     difference = again - first.finger_position[200:400]
     assert difference == pytest.approx(moved - recorded.finger_position[:200])
+
+
+def test_fingers_at_rest_tell_nothing_of_the_noise_of_positions(recorded):
+    noisy = add_noise(recorded, Noise(position=1e-3, seed=1))
+    rest = noisy.finger_position.copy()
+    rest[:, 1] = rest[0, 1]
+    one = replace(noisy, finger_position=rest)
+    alone = np.delete(noisy.finger_position, 1, axis=1)
+    assert precision_of(one).position > 0
+    third = np.diff(alone[:, 0], n=3, axis=0)[noisy.action[3:] == noisy.action[:-3]]
+    expected = np.median(np.abs(third)) / 0.6745 / 20**0.5
+    assert precision_of(one).position == pytest.approx(expected, rel=1e-9)
+
+
+def uneven(rng, samples=300):
+    """Return data at uneven times, with pauses, of paths that bend, and the paths."""
+    time = np.cumsum(rng.uniform(0.02, 0.05, samples))
+    time[samples // 2 :] += 1.0
+    path = 0.1 * np.stack([np.sin(time), np.cos(2 * time), 1 + 0 * time], axis=1)
+    noisy = path + 1e-3 * rng.normal(size=path.shape)
+    data = Measurements(
+        time=time, finger_position=noisy[:, None], finger_radius=[0.01],
+        contact=np.zeros((samples, 1), bool), normal=np.zeros((samples, 1, 3)),
+        action=np.zeros(samples, int),
+    )  # fmt: skip
+    return data, path
+
+
+def test_noise_is_estimated_and_smoothed_at_uneven_times():
+    data, path = uneven(np.random.default_rng(4))
+    precision = precision_of(data)
+    assert precision.position == pytest.approx(1e-3, rel=0.1)
+    off = smoothed(data, precision).finger_position[:, 0] - path
+    assert np.abs(off).max() < 3.5e-3
+    assert np.sqrt((off**2).mean()) < 0.6e-3
+
+
+def test_a_pause_ends_a_run_of_smoothed_samples():
+    data, _ = uneven(np.random.default_rng(4))
+    runs = [rows for rows, _ in smoothing_matrices(data, precision_of(data))]
+    assert [len(rows) for rows in runs] == [150, 150]
+    np.testing.assert_array_equal(np.concatenate(runs), np.arange(300))

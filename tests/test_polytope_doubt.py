@@ -61,8 +61,8 @@ def test_a_finger_that_slides_may_have_taken_the_body_along():
     problem.minimize("last", lambda x: 1e8 * ca.sumsqr(x), x[:, [1]], role="prior")
     at = np.array([[0.0, 0.0, 0.02]])
     push = Pushes(
-        np.array([1]), np.array([0]), np.array([0]), at + np.array([slip, 0, 0]), at,
-        np.array([RADIUS]), np.array([[0, 1, 0]]),
+        np.array([1]), np.array([0]), np.array([0]), np.array([0]),
+        at + np.array([slip, 0, 0]), at, np.array([RADIUS]), np.array([[0, 1, 0]]),
     )  # fmt: skip
     one = np.array([1])
     window = SimpleNamespace(

@@ -9,7 +9,7 @@ import pytest
 from formulations.shape import CUBOID
 from tactilenlp import Estimate, Problem, assumption_sensitivity, observed_information
 from tactilenlp.errors import OptionError
-from tactilenlp.estimation.observed_information import programme_at
+from tactilenlp.estimation.programme import programme_at
 from tactilenlp.geometry.transforms import rotation_of
 from tactilenlp.information.comparisons import gauss_newton
 from tactilenlp.information.error_budget import Linearisation, error_budget

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from formulations.names import RADIUS_OF
 from tactilenlp import (
     Measurements,
     Scene,
@@ -12,8 +13,7 @@ from tactilenlp import (
     example_recording,
     solve_estimate,
 )
-from tactilenlp.estimation.observed_information import programme_at
-from tactilenlp.information.consider_parameters import RADIUS_OF
+from tactilenlp.estimation.programme import programme_at
 from tactilenlp.information.error_budget import Linearisation
 from tactilenlp.nlp.kkt import kkt_system_of
 from tactilenlp.output.summary import doubts_in_words

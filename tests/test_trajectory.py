@@ -6,7 +6,7 @@ import pytest
 from formulations.rigid_body import FREE, PLANAR
 from formulations.shape import CUBOID
 from tactilenlp.errors import OptionError
-from tactilenlp.estimation.observed_information import programme_at
+from tactilenlp.estimation.programme import programme_at
 from tactilenlp.information.error_budget import Linearisation
 from tactilenlp.information.tangent_space import pose_jacobians
 from tactilenlp.information.trajectory import Beyond, trajectory_variance

@@ -20,7 +20,8 @@ from matplotlib import pyplot as plt
 from study import add_executor, executor_of, write_csv
 
 from tactilenlp import Measurements, Scene, observed_information, solve_estimate
-from tactilenlp.estimation.observed_information import INFORMATION_KINDS, programme_at
+from tactilenlp.estimation.observed_information import INFORMATION_KINDS
+from tactilenlp.estimation.programme import programme_at
 from tactilenlp.information.comparisons import pose_jacobians
 from tactilenlp.nlp.kkt import kkt_system_of
 

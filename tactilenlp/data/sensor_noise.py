@@ -1,9 +1,9 @@
 """Sensor noise and latency: noise estimated from the data, paths smoothed and shifted.
 
 A finger moves smoothly, and a normal changes slowly during contact: third differences
-of positions and second differences of normals are dominated by sensor noise.  Contacts
-and normals that are reported r later than positions are those of fingers, and of a
-body, r earlier.
+of positions and second differences of normals are dominated by sensor noise.  They are
+divided differences, since sample times may be uneven.  Contacts and normals that are
+reported r later than positions are those of fingers, and of a body, r earlier.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ import numpy as np
 from .contact_segments import REPEATED, intervals
 from .measurements import Measurements
 
+LONG_PAUSE = 3.0  # [sample intervals] a longer one ends a run of samples
+EVEN = 0.05  # [sample intervals] times that are off an even grid by less are on it
 SMOOTHING_WINDOW = 9  # samples of the local parabola (0.3 s at 30 Hz)
 LEAST_WINDOW = 5  # samples: parabolas through fewer leave most of the noise
 SMOOTHING_NOISE = 0.03  # [finger radii] positions with less noise are not smoothed
@@ -54,26 +56,51 @@ def precision_of(data: Measurements, scene=None) -> Precision:
 
 
 def _position(data: Measurements) -> float:
-    p, action = data.finger_position, data.action
+    """Return the noise of positions, of fingers that move: one at rest may be held."""
+    p = data.finger_position
     if len(p) < 4:
         return 0.0
-    third = p[3:] - 3 * p[2:-1] + 3 * p[1:-2] - p[:-3]
-    used = data.valid[3:] & (action[3:] == action[:-3])[:, None]
+    third, used = noise_of_differences(data, p, 3)
+    used &= data.valid[3:] & (np.ptp(_windows(p, 4), axis=3) > 0).any(axis=2)
     if not used.any():
         return 0.0
-    return float(np.median(np.abs(third[used])) / NORMAL_MEDIAN / np.sqrt(20))
+    return float(np.median(np.abs(third[used])) / NORMAL_MEDIAN)
+
+
+def noise_of_differences(data, values, order: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return divided differences (T - order, F, 3) of values (T, F, 3), and their use.
+
+    They are scaled to the deviation of white noise, and vanish where values follow a
+    polynomial of a lower order in time.  Used (T - order, F) are those within an
+    action, without a long pause or a sample that has come twice.
+    """
+    time = _windows(data.time, order + 1)
+    apart = time[:, :, None] - time[:, None] + np.eye(order + 1)
+    weights = 1 / apart.prod(axis=2)
+    weights /= np.linalg.norm(weights, axis=1, keepdims=True)
+    differences = np.einsum("tk,tfck->tfc", weights, _windows(values, order + 1))
+    used = data.action[order:] == data.action[:-order]
+    steps = np.diff(time, axis=1) / intervals(data)[order:, None]
+    used &= ((steps > REPEATED) & (steps <= LONG_PAUSE)).all(axis=1)
+    return differences, np.repeat(used[:, None], values.shape[1], axis=1)
+
+
+def _windows(values: np.ndarray, width: int) -> np.ndarray:
+    """Return all runs of `width` samples of values (T, ...), along a last axis."""
+    return np.lib.stride_tricks.sliding_window_view(values, width, axis=0)
 
 
 def _normal(data: Measurements) -> tuple[float, float]:
     """Return the noise of normals, and the relative deviation of this estimate."""
-    n, c, action = data.normal, data.contact, data.action
+    n, c = data.normal, data.contact
     if len(n) < 3:
         return 0.0, 0.0
-    run = c[2:] & c[1:-1] & c[:-2] & (action[2:] == action[:-2])[:, None]
+    second, run = noise_of_differences(data, n, 2)
+    run &= c[2:] & c[1:-1] & c[:-2]
     if not run.any():
         return 0.0, 0.0
-    second = (n[2:] - 2 * n[1:-1] + n[:-2])[run]
-    smooth = np.median(np.linalg.norm(second, axis=1)) / RAYLEIGH_MEDIAN / np.sqrt(6)
+    second = second[run]
+    smooth = np.median(np.linalg.norm(second, axis=1)) / RAYLEIGH_MEDIAN
     error = MEDIAN_ERROR / np.sqrt(len(second))
     return float(max(smooth, _rounding_of_normals(data))), float(error)
 
@@ -109,27 +136,37 @@ def smoothed(data: Measurements, precision: Precision) -> Measurements:
 
 
 def smoothing_matrices(data: Measurements, precision: Precision):
-    """Yield (rows, S) of every action: its samples, their smoothing matrix (n, n)."""
-    for action in np.unique(data.action):
-        rows = np.nonzero(data.action == action)[0]
+    """Yield (rows, S) of every run of samples: its rows, their smoothing matrix (n, n).
+
+    A run ends with its action, or before a long pause.
+    """
+    interval = intervals(data)
+    ends = np.diff(data.time) > LONG_PAUSE * interval[1:]
+    ends |= data.action[1:] != data.action[:-1]
+    for rows in np.split(np.arange(data.samples), np.flatnonzero(ends) + 1):
         window = min(SMOOTHING_WINDOW, len(rows) - 1 + len(rows) % 2)
-        raw = window < LEAST_WINDOW or precise(data, precision)
-        yield rows, np.eye(len(rows)) if raw else local_parabolas(len(rows), window)
+        if window < LEAST_WINDOW or precise(data, precision):
+            yield rows, np.eye(len(rows))
+            continue
+        times = (data.time[rows] - data.time[rows[0]]) / interval[rows[0]]
+        grid = np.arange(len(rows), dtype=float)
+        even = np.abs(np.diff(times) - 1).max() < EVEN
+        yield rows, local_parabolas(tuple(grid if even else times), window)
 
 
 @cache
-def local_parabolas(samples: int, window: int) -> np.ndarray:
+def local_parabolas(times: tuple, window: int) -> np.ndarray:
     """Return the matrix (n, n) whose rows are values of parabolas fitted to `window`.
 
-    The samples of a window are those around its own, or at an end the first or last.
-    It is the filter of Savitzky and Golay (Anal. Chem. 36, 1964), whose implementation
-    in SciPy takes 0.6 s to import.
+    times: of n samples [intervals].  The samples of a window are those around its own,
+    or at an end the first or last.  It is the filter of Savitzky and Golay (Anal. Chem.
+    36, 1964) at uneven times, which SciPy's does not take.
     """
-    S = np.zeros((samples, samples))
-    for row in range(samples):
-        first = min(max(0, row - window // 2), samples - window)
+    S, times = np.zeros((len(times), len(times))), np.array(times)
+    for row in range(len(times)):
+        first = min(max(0, row - window // 2), len(times) - window)
         columns = first + np.arange(window)
-        S[row, columns] = np.linalg.pinv(np.vander(columns - row, 3))[-1]
+        S[row, columns] = np.linalg.pinv(np.vander(times[columns] - times[row], 3))[-1]
     S.flags.writeable = False  # it is shared
     return S
 

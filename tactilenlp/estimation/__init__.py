@@ -9,5 +9,6 @@ Out: an `Estimate`: shape, poses, impulses, information, by name and in SI units
 - `coarse_to_fine`: recordings of a high rate, solved at a lower rate first
 - `interrupted`: Ctrl-C, the time limit, estimates not to be used
 - `compile_ahead`: functions that are compiled before they are needed
-- `observed_information`: information of other kinds, sensitivity to assumptions
+- `programme`, `observed_information`: the programme of an estimate, built again;
+  information of other kinds, sensitivity to assumptions
 """

@@ -21,33 +21,28 @@ import numpy as np
 from formulations.names import FREE_TERM, TOUCH_TERM
 
 from ..common.brief import printed
-from ..common.deadline import NEVER
 from ..common.threads import on_one_thread
 from ..common.validation import check_types
 from ..data.ground import frame_of
 from ..data.scene import Scene
-from ..data.sensor_noise import smoothed
 from ..errors import OptionError, TactileError, typed_call
 from ..information.comparisons import gauss_newton, inverse_dynamics, paper
 from ..information.information import Information
 from ..information.measurement_noise import (
-    Sensed,
     mixed_derivatives,
     sensitivity_to_measurements,
     sensor_covariance,
 )
 from ..information.sensitivity import ASSUMPTION_STEP, difference, kkt_residual
-from ..information.tangent_space import inverse, tangent_space_of
+from ..information.tangent_space import inverse
 from ..interface.options import Options, Session
 from ..interface.request import read_request
-from ..interface.result import Estimate, solution_of
+from ..interface.result import Estimate
 from ..nlp.kkt import KKTSystem, kkt_system_of
 from ..nlp.problem import Problem
-from ..problem.pages import page_of, shape_of
 from ..problem.reductions import Reductions
-from ..search.hypothesis import Job, TermFunctions
 from ..search.local_solve import problem_at
-from ..solvers.solution import Solution
+from .programme import programme_at
 
 ASSUMED = {"mass": "kg", "friction_ground": "1", "friction_finger": "1"}
 SHIFT = 1e-6  # [m] shift of a finger
@@ -55,11 +50,14 @@ INFORMATION_KINDS = ("exact", "sandwich", "gauss_newton", "paper", "inverse_dyna
 
 
 @on_one_thread
-def observed_information(estimate, kind: str = "exact") -> Information:
+def observed_information(
+    estimate, kind: str = "exact", *, shape=None, formulation=None
+) -> Information:
     """Return the information of an estimate's data about shape and final pose.
 
     kind: one of INFORMATION_KINDS; all but "exact" build the problem of the estimate
-    again, and their sigma is that of their matrix.
+    again, and their sigma is that of their matrix.  shape, formulation: as they were
+    given to solve_estimate, where they are a Shape or a page of one's own.
     """
     check_types(estimate=(estimate, "Estimate"))
     if not isinstance(kind, str) or kind not in INFORMATION_KINDS:
@@ -71,7 +69,7 @@ def observed_information(estimate, kind: str = "exact") -> Information:
         )
     if kind == "exact":
         return estimate.information
-    again = programme_at(estimate)
+    again = programme_at(estimate, shape, formulation)
     if kind == "paper":
         M = paper(again.problem, again.solution, again.window, again.shape)
         M = again.tangent.inverse.T @ M @ again.tangent.inverse
@@ -132,10 +130,13 @@ class Sensitivity:
 
 
 @on_one_thread
-def assumption_sensitivity(estimate) -> Sensitivity:
-    """Return how shape and final pose change with mass, frictions, sensors, fingers."""
+def assumption_sensitivity(estimate, *, shape=None, formulation=None) -> Sensitivity:
+    """Return how shape and final pose change with mass, frictions, sensors, fingers.
+
+    shape, formulation: see observed_information.
+    """
     check_types(estimate=(estimate, "Estimate"))
-    again = programme_at(estimate)
+    again = programme_at(estimate, shape, formulation)
     kkt = kkt_system_of(again.problem, again.solution)
     J, columns = again.tangent.jacobian, kkt.sensitivity(again.tangent.chosen)
     by_gradient, by_constraint = (part @ J.T for part in columns)
@@ -241,52 +242,3 @@ def problem_of(
             got=job.shape.name, expected="an Estimate of these measurements",
         )  # fmt: skip
     return problem_at(job)[0]
-
-
-@dataclass(frozen=True, eq=False)
-class Programme:
-    """The problem of an estimate, built again, at its solution."""
-
-    problem: Problem
-    solution: Solution
-    window: object
-    shape: object
-    tangent: object
-    sensed: Sensed
-
-
-def programme_at(estimate) -> Programme:
-    """Build the problem of an estimate again, at its solution."""
-    shape, scene = shape_of(estimate.shape), estimate.scene
-    if shape.parameters == "vertices":
-        raise OptionError(
-            "the problem of a polytope is not built again",
-            where="estimate", got=estimate.shape, expected="a cuboid",
-            next='ask for kind="exact", which every estimate carries',
-        )  # fmt: skip
-    precision, frame = estimate.sensors, frame_of(scene.ground)
-    data = estimate.measurements.transformed(frame.rotation, frame.translation)
-    job = Job(
-        data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
-        reductions=Reductions(**estimate.reductions), cuts=estimate.cuts,
-        page=page_of(estimate.formulation, shape), options=Options(),
-        deadline=NEVER, functions=TermFunctions(),
-    ).as_late_as(precision)  # fmt: skip
-    problem, window, _ = problem_at(job, estimate.origin)
-    _check_same_unknowns(problem, estimate)
-    solution = solution_of(estimate, job.page)
-    tangent = tangent_space_of(problem, solution, window, shape, frame.rotation.T)
-    sensed = Sensed(job.data, precision, job.build, scene)
-    return Programme(problem, solution, window, shape, tangent, sensed)
-
-
-def _check_same_unknowns(problem, estimate) -> None:
-    """Raise OptionError unless an estimate has the unknowns of its problem."""
-    for name, variable in problem.variables.items():
-        found = np.shape(estimate.unknowns.get(name, ()))
-        if found != (variable.rows, variable.columns):
-            raise OptionError(
-                "the problem of this estimate cannot be built again",
-                where=name, got=found, expected=(variable.rows, variable.columns),
-                next="estimate again with this version of the page",
-            )  # fmt: skip

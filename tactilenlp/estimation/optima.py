@@ -231,16 +231,23 @@ def _solved_page(
     job, solved, start = request.job_until(REFINEMENT_END), None, request.start
     earlier = start if continues(start, job) else None
 
+    def from_starts(job, starts, known=()) -> list[Solved]:
+        """Solve one job, whose solves compete with each other alone."""
+        own: list[Solved] = []
+        try:
+            return refined(job, starts, own, earlier, known)
+        finally:
+            mine.extend(own)
+
     def freed(free, first, alone: bool) -> list[Solved]:
         """Solve a larger model from the optimum of the smaller, and from all starts."""
         first = replace(first, objective=starts[0].objective)  # of the search
-        several = [first] if alone else [first, *starts]
-        found = refined(free, several, mine, earlier)
+        found = from_starts(free, [first] if alone else [first, *starts])
         return [s for s in found if s.job is free]
 
     with so_far.collecting() as mine, job.deadline.ending("other solves of the page"):
         mine += known
-        solved = known if enough else refined(job, starts, mine, earlier, known)
+        solved = known if enough else from_starts(job, starts, known)
         job = replace(job, reductions=solved[0].job.reductions)
         check_finite(solved[0].problem, solved[0].solution)
         job, solved = with_latency(job, solved)

@@ -29,7 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from formulations.names import TOUCH_TERM
+from formulations.names import RADIUS_OF, TOUCH_TERM
 
 from ..data.contact_segments import consecutive_contacts, rate_of
 from ..data.sensor_noise import CONTACT_LATENCY, LATENCY, told_later
@@ -39,7 +39,6 @@ from .measurement_noise import Sensed, at_touches
 LAG_STEP = 1e-5  # [s] change of a lag, of differences
 AVERAGED = 10e-3  # [s] deviation of r of normals alone: means of up to 20 ms
 RADIUS_STEP = 1e-5  # [m] change of the radius of edges, of differences
-RADIUS_OF = "radius of finger "  # before a finger's number: the name of its doubt
 TOLD_RADIUS = 0.5e-3  # [m] deviation of a radius that was told wrong
 TOLD_RIGHT = 20.0  # [-] odds that a radius was told right, by everyday experience
 EDGE = 2e-3  # [m] deviation of r: machined, printed and card boxes have up to 3 mm
@@ -196,15 +195,14 @@ def fingers_earlier(window, data, lag: float):
     """Return the window with all fingers where they were a lag [s] earlier."""
     rate = rate_of(data, data.finger_position)
 
-    def earlier(rows, *places):
-        moved = {name: getattr(rows, name).copy() for name in places}
-        for p_wf in moved.values():
-            p_wf[:, :3] -= lag * rate[rows.sample, rows.finger]
-        return replace(rows, **moved)
+    def earlier(rows, name="p_wf", at="sample"):
+        p_wf = getattr(rows, name).copy()
+        p_wf[:, :3] -= lag * rate[getattr(rows, at), rows.finger]
+        return replace(rows, **{name: p_wf})
 
     return replace(
-        window, touch=earlier(window.touch, "p_wf"), free=earlier(window.free, "p_wf"),
-        push=earlier(window.push, "p_wf", "p_wf_1"),
+        window, touch=earlier(window.touch), free=earlier(window.free),
+        push=earlier(earlier(window.push), "p_wf_1", "before"),
     )  # fmt: skip
 
 

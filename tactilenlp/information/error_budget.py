@@ -25,12 +25,13 @@ from formulations.names import (
     FINGER_FRICTION,
     GROUND_FRICTION,
     GROUND_GAP,
+    RADIUS_OF,
     TOUCH_TERM,
 )
 
 from ..common.deadline import NEVER, Deadline
 from ..nlp.kkt import KKTSystem
-from .consider_parameters import RADIUS_OF, Doubt, considered, motions
+from .consider_parameters import Doubt, considered, motions
 from .error_budget_terms import (
     TouchedFaces,
     curvature_of_costs,

@@ -53,9 +53,8 @@ def missing_impulses(kkt: KKTSystem, by_constraint) -> np.ndarray:
     for name, term in problem.constraints.items():
         if name + GIVES not in problem.reports:
             continue
-        gives = problem.value(name + GIVES, kkt.x, kkt.data)
         n, m = term.instances, term.function.rows
-        gives = gives.reshape(n, -1, m)  # column by column
+        gives = problem.value(name + GIVES, kkt.x, kkt.data).reshape(n, -1, m)
         rows = by_constraint[term.span].reshape(n, m, -1)
         moved = (gives @ rows).reshape(-1, len(total))
         total += BALANCE**2 * moved.T @ moved
@@ -179,8 +178,9 @@ def _slips(x, push, steps) -> np.ndarray:
     step = push.step
     now, before = (x[:, k[step]] for k in (steps.pose, steps.before))
     if not is_planar(x):
-        met = points_in_body(before, slice(None), push.p_wf_1)
-        return push.p_wf - now[:3].T - np.einsum("nij,nj->ni", matrices(now), met)
+        met = points_in_body(before, slice(None), push.p_wf_1[:, :3])
+        met = np.einsum("nij,nj->ni", matrices(now), met)
+        return push.p_wf[:, :3] - now[:3].T - met
     arm = (push.p_wf_1[:, :2] - before[:2].T).T
     carried = now[:2] + np.stack(rotate_planar(now[2] - before[2], *arm))
     return push.p_wf[:, :2] - carried.T

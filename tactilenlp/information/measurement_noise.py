@@ -158,9 +158,10 @@ def measurement_numbers(kkt: KKTSystem, sensed: Sensed, window) -> np.ndarray:
     count = int(np.prod(shape))
     number = np.arange(1, count + 1).reshape(shape)
 
-    def coded(rows, p_wf, before=0):
+    def coded(rows, p_wf, sample=None):
         code = np.zeros_like(p_wf)  # a capsule's orientation follows the position
-        code[:, :3] = CODE * number[rows.sample - before, rows.finger]
+        sample = rows.sample if sample is None else sample
+        code[:, :3] = CODE * number[sample, rows.finger]
         return p_wf + code
 
     touch, free, push = window.touch, window.free, window.push
@@ -172,7 +173,9 @@ def measurement_numbers(kkt: KKTSystem, sensed: Sensed, window) -> np.ndarray:
         ),
         free=replace(free, p_wf=coded(free, free.p_wf)),
         push=replace(
-            push, p_wf=coded(push, push.p_wf), p_wf_1=coded(push, push.p_wf_1, 1)
+            push,
+            p_wf=coded(push, push.p_wf),
+            p_wf_1=coded(push, push.p_wf_1, push.before),
         ),
     )
     code = (sensed.build(changed).data() - kkt.problem.data()) / CODE

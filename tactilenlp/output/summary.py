@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from formulations.centre_of_mass import NAME as CENTRE
+from formulations.names import RADIUS_OF
 from formulations.rigid_body import G
-
-from ..information.consider_parameters import RADIUS_OF
 
 MM_PER_M = 1e3  # [mm/m]
 WORTH_TELLING = 0.9  # [-] probability of what is told of a quantity taken as given

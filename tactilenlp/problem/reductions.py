@@ -237,8 +237,8 @@ def _pushes(data, p_wf, pushing, hidden, step, before) -> Pushes:
     order = np.lexsort((f, s))
     order = order[index[s[order]] >= 0]
     s, f, tangent = s[order], f[order], tangent[order]
-    now, then = p_wf[s, f], p_wf[before[s], f]
-    return Pushes(s, f, index[s], now, then, data.finger_radius[f], tangent)
+    r, now, then = before[s], p_wf[s, f], p_wf[before[s], f]
+    return Pushes(s, f, index[s], r, now, then, data.finger_radius[f], tangent)
 
 
 def _tangents(n) -> np.ndarray:

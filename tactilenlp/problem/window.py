@@ -58,12 +58,14 @@ class Steps(Rows):
 class Pushes(Rows):
     """Finger contacts that may carry an impulse, each within one step.
 
-    p_wf_1 is where the finger was a sample ago, tangent (3,) where t1 points.
+    p_wf_1 is where the finger was at `before`, the sample before, of which one that
+    came twice is none; tangent (3,) where t1 points.
     """
 
     sample: np.ndarray
     finger: np.ndarray
     step: np.ndarray
+    before: np.ndarray
     p_wf: np.ndarray
     p_wf_1: np.ndarray
     radius: np.ndarray

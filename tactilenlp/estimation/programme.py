@@ -1,0 +1,82 @@
+"""The programme of an estimate, built again at its solution."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..common.deadline import NEVER
+from ..data.ground import frame_of
+from ..data.sensor_noise import smoothed
+from ..errors import OptionError
+from ..information.measurement_noise import Sensed
+from ..information.tangent_space import tangent_space_of
+from ..interface.options import Options
+from ..interface.result import solution_of
+from ..nlp.problem import Problem
+from ..problem.pages import name_of, page_of, shape_of
+from ..problem.reductions import Reductions
+from ..search.hypothesis import Job, TermFunctions
+from ..search.local_solve import problem_at
+from ..solvers.solution import Solution
+
+
+@dataclass(frozen=True, eq=False)
+class Programme:
+    """The problem of an estimate, built again, at its solution."""
+
+    problem: Problem
+    solution: Solution
+    window: object
+    shape: object
+    tangent: object
+    sensed: Sensed
+
+
+def programme_at(estimate, shape=None, formulation=None) -> Programme:
+    """Build the problem of an estimate again, at its solution.
+
+    shape, formulation: of the estimate, by default those of the names it has.
+    """
+    shape = shape_of(estimate.shape if shape is None else shape)
+    page = page_of(formulation or estimate.formulation, shape)
+    for name, mine in (("shape", shape.name), ("formulation", name_of(page))):
+        if (its := getattr(estimate, name)) != mine:
+            raise OptionError(
+                "not that of the estimate", where=name, got=mine, expected=its,
+                next="give it as it was given to solve_estimate",
+            )  # fmt: skip
+    scene = estimate.scene
+    if shape.parameters == "vertices":
+        raise OptionError(
+            "the problem of a polytope is not built again",
+            where="estimate", got=estimate.shape, expected="a cuboid",
+            next='ask for kind="exact", which every estimate carries',
+        )  # fmt: skip
+    precision, frame = estimate.sensors, frame_of(scene.ground)
+    data = estimate.measurements.transformed(frame.rotation, frame.translation)
+    job = Job(
+        data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
+        reductions=Reductions(**estimate.reductions), cuts=estimate.cuts,
+        page=page, options=Options(),
+        deadline=NEVER, functions=TermFunctions(),
+    ).as_late_as(precision)  # fmt: skip
+    problem, window, _ = problem_at(job, estimate.origin)
+    _check_same_unknowns(problem, estimate)
+    solution = solution_of(estimate, job.page)
+    tangent = tangent_space_of(problem, solution, window, shape, frame.rotation.T)
+    sensed = Sensed(job.data, precision, job.build, scene)
+    return Programme(problem, solution, window, shape, tangent, sensed)
+
+
+def _check_same_unknowns(problem, estimate) -> None:
+    """Raise OptionError unless an estimate has the unknowns of its problem."""
+    for name, variable in problem.variables.items():
+        found = np.shape(estimate.unknowns.get(name, ()))
+        if found != (variable.rows, variable.columns):
+            raise OptionError(
+                "the problem of this estimate cannot be built again",
+                where=name, got=found, expected=(variable.rows, variable.columns),
+                next="estimate again with this version of the page",
+            )  # fmt: skip
