@@ -17,7 +17,7 @@ from tactilenlp import (
 )
 from tactilenlp.data import mistakes
 from tactilenlp.data.mistakes import check_mistakes, most_likely, record_of
-from tactilenlp.data.plausibility import jumps_of
+from tactilenlp.data.plausibility import jumps_of, of_one_rate
 from tactilenlp.errors import MeasurementError, MistakeError, OptionError
 
 
@@ -188,3 +188,44 @@ def test_three_fingers_in_another_order_are_named(words, order):
         check_mistakes(
             changed(data, finger_position=order(data.finger_position)), Scene()
         )
+
+
+def poked(pokes: int, rest: int, press: float = 8e-3):
+    """Return data of one finger that pokes the sides of a body that stands still.
+
+    It is felt from the surface on, is held for `rest` samples where it is deepest, and
+    no touch slows it: all of its path is commanded.
+    """
+    speed, far = 0.05 / 30, 0.03  # [m] in a sample, before a touch
+    way = np.r_[np.arange(far, -press, -speed), np.full(rest, -press)]
+    way = np.r_[way, way[-rest - 1 :: -1]]
+    turns = np.arange(pokes) * np.pi / 2
+    out = np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=1)
+    depth = np.tile(way, pokes)
+    normal = np.repeat(out, len(way), axis=0)
+    position = (0.03 + depth[:, None]) * normal + [0, 0, 0.02]
+    felt = depth[:, None] <= 0
+    return Measurements(
+        time=np.arange(len(depth)) / 30, finger_position=position[:, None],
+        finger_radius=[0.01], contact=felt,
+        normal=np.where(felt, normal, 0.0)[:, None],
+        action=np.repeat(np.arange(pokes), len(way)),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("rest", [0, 3, 8])
+@pytest.mark.parametrize("pokes", [4, 12])
+def test_a_finger_that_turns_round_or_stops_after_each_touch_is_no_mistake(pokes, rest):
+    data = poked(pokes, rest)
+    check_mistakes(data, Scene())
+    _, gain, limit = most_likely(record_of(data, Scene()))
+    assert gain < limit
+
+
+def test_touches_that_end_while_a_finger_presses_on_are_one_departure():
+    ends_well, gets_away = np.ones(10), np.full(10, 1e-6)
+    once = of_one_rate(np.r_[np.ones(9), 1e-6], 0.1)
+    often = of_one_rate(gets_away, 0.1)
+    assert of_one_rate(ends_well, 0.1) == pytest.approx(0.0, abs=1e-9)
+    assert -1.5 < once < -1.0
+    assert -3.5 < often < once  # ten for the reason of one, not ten times as unlikely

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import logsumexp, ndtr
 
 from .touch_events import Record
 
@@ -35,6 +35,8 @@ JUMP = 1e-3  # a finger jumps within an action
 BELOW = 0.01  # the centre of a finger is below the ground
 NO_KINK = 0.05  # a path bends elsewhere, by something else than the touch
 
+RATES = (np.arange(20) + 0.5) / 20  # [1] of departures, where they are not known
+
 ONSET_STEPS = 4  # samples of a path before a touch
 LARGEST_ONSET = 4.4  # [-] density of an onset, with the largest noise of a direction
 AROUND_RELEASE = 2  # samples of a path before the end of a touch
@@ -44,7 +46,9 @@ CLEAR_SIGMAS = 3.0  # [sigma] from which a length is not due to noise
 JUMP_RATIO, JUMP_LENGTH = 5.0, 5e-3  # of the neighbouring steps, and at least [m]
 USUAL_RADIUS, RADIUS_SPREAD = 0.012, 0.3  # [m], [decades]: human and robot fingertips
 KINK_REACH, KINK_WINDOW = 14, 10  # samples of a path, and where it may bend
-KINK_FLOOR = 7e-4  # [m] by which paths differ from a cubic with one kink
+KINK_FLOOR = 7e-4  # [m] by which paths differ from a cubic with kinks
+KINK_SPAN, TURNED = 3, 0.1  # samples on either side; [-] of the way before, back
+LEAST_ANGLE = 1e-6  # [-] of two kinks: sin^2 below which they are one
 # Probability of the samples by which a path bends later than its touch is reported: a
 # soft contact or a light body slows the finger only gradually.
 KINK_LAG = {-2: 0.05, -1: 0.45, 0: 0.25, 1: 0.1, 2: 0.04, 3: 0.02, 4: 0.02, 5: 0.01}
@@ -69,6 +73,17 @@ def most_log_likelihood(record: Record, terms: Sequence[str]) -> float:
 
 def _mixed(density, departure):
     return np.log((1 - departure) * density + departure)
+
+
+def of_one_rate(density, departure) -> float:
+    """Return the log likelihood of events (N,) that may depart for the same reason.
+
+    A motion that is repeated departs again: the rate of a recording is as likely any as
+    the usual one.
+    """
+    rates = np.r_[departure, RATES]
+    each = np.log((1 - rates[:, None]) * density + rates[:, None]).sum(axis=1)
+    return float(logsumexp(each, b=np.r_[0.5, np.full(len(RATES), 0.5 / len(RATES))]))
 
 
 def _mean_normal(record: Record, t, f, offsets) -> np.ndarray:
@@ -110,8 +125,9 @@ def onsets(record: Record) -> float:
     c, sigma = _cosine(record, way, n)
     z = c / sigma
     blurred = c * ndtr(z) + sigma * np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi)
-    departure = np.where(_others_touch(record, t, f), BODY_MOVES, AGAINST_NORMAL)
-    return (_mixed(4 * blurred, departure) * n.any(axis=1)).sum()
+    known, others = n.any(axis=1), _others_touch(record, t, f)
+    alone = _mixed(4 * blurred[known & ~others], AGAINST_NORMAL).sum()
+    return alone + of_one_rate(4 * blurred[known & others], BODY_MOVES)
 
 
 def onsets_at_rest(record: Record) -> float:
@@ -129,7 +145,7 @@ def releases(record: Record) -> float:
     n = _mean_normal(record, t, f, (-1, -2, -3))
     way = record.place(t, f, 1) - record.place(t, f, -AROUND_RELEASE)
     c, sigma = _cosine(record, way, n)
-    return (_mixed(ndtr(2 + c / sigma), LET_GO) * n.any(axis=1)).sum()
+    return of_one_rate(ndtr(2 + c / sigma)[n.any(axis=1)], LET_GO)
 
 
 def begun(record: Record) -> float:
@@ -208,46 +224,64 @@ def radii(record: Record) -> float:
 
 
 def kinks(record: Record) -> float:
-    """A free path is smooth, and bends where the finger begins to touch."""
+    """A path is smooth, and bends where the finger begins to touch.
+
+    And once more where it was told to turn round.
+    """
     return sum(_kink(record, t, f) for t, f in zip(*record.events.onset, strict=True))
 
 
 def _kink(record: Record, t: int, f: int) -> float:
     """Return the log likelihood of a kink near sample t in the path of finger f.
 
-    The path around t is a cubic plus a kink at an unknown sample; its profile over the
-    samples, the noise eliminated, gives the probability of each.
+    The path around t is a cubic plus the kink of the touch at an unknown sample, and
+    one where the finger was told to turn round, if it does: no touch turns it.  The
+    profile over the pairs, the noise eliminated, gives the probability of each sample.
     """
     first, last = (int(bound[t]) for bound in record.bounds)
     begin, end = max(first, t - KINK_REACH), min(last, t + KINK_REACH)
-    bases, lag = _kinked_cubics(int(t) - begin, end - int(t))
-    if not len(lag) or not lag.any():
-        return 0.0
+    at, cubic, hinges, gram, lag = _kinked_cubics(int(t) - begin, end - int(t))
     p = record.position[begin : end + 1, f]
     p = p - p.mean(axis=0)
-    explained = ((np.swapaxes(bases, 1, 2) @ p) ** 2).sum(axis=(1, 2))
-    floor = p.size * KINK_FLOOR**2
-    left = np.maximum((p**2).sum() - explained, 0.0) + floor
-    share = (left / left.min()) ** (-0.5 * (p.size - 15))
-    density = len(share) * (lag @ share) / share.sum()
+    here = at + int(t) - begin
+    before = p[here] - p[np.maximum(here - KINK_SPAN, 0)]
+    after = p[np.minimum(here + KINK_SPAN, len(p) - 1)] - p[here]
+    on = (before * after).sum(axis=1) >= -TURNED * (before**2).sum(axis=1)
+    if not (on * lag).any():
+        return 0.0
+    pair = np.eye(len(on), dtype=bool) | ~on  # of a touch alone, of it and a turn
+    smooth = (p**2).sum() - ((cubic.T @ p) ** 2).sum()
+    c = hinges @ p
+    one = (c**2).sum(axis=1)  # of hinges of length one, across the cubics
+    both = one[:, None] + one - 2 * gram * (c @ c.T)
+    explained = both / np.maximum(1 - gram**2, LEAST_ANGLE)
+    np.fill_diagonal(explained, one)
+    left = np.maximum(smooth - explained, 0.0) + p.size * KINK_FLOOR**2
+    left = np.where(pair & on[:, None], left, np.inf)
+    each = (left / left.min()) ** (-0.5 * (p.size - 18))
+    share = each.sum(axis=1) / pair.sum(axis=1)
+    density = on.sum() * (lag @ share) / share.sum()
     return float(_mixed(density, NO_KINK))
 
 
 @lru_cache(maxsize=1024)
-def _kinked_cubics(back: int, ahead: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return orthonormal bases (K, n, 5) of cubics with a kink at each of K samples.
+def _kinked_cubics(back: int, ahead: int) -> tuple[np.ndarray, ...]:
+    """Return K offsets from t, a basis (n, 4) of cubics, and kinks at these samples.
 
-    Also the probability (K,) of each sample; both empty where the path is too short.
+    The basis is orthonormal.  Kinks (K, n) are of length one and orthogonal to all
+    cubics, with their products (K, K); and the probability (K,) of each sample.  Empty
+    where the path is too short.
     """
     s = np.arange(-back, ahead + 1.0)
     at = np.arange(max(-KINK_WINDOW, 3 - back), min(KINK_WINDOW, ahead - 1) + 1)
-    if len(s) < 7 or not len(at):
-        return np.zeros((0, 0, 0)), np.zeros(0)
-    hinge = np.maximum(s[None, :] - at[:, None], 0) / KINK_REACH
-    cubic = np.broadcast_to(np.vander(s / KINK_REACH, 4), (len(at), len(s), 4))
+    if len(s) < 8 or not len(at):
+        return np.zeros(0, int), *(np.zeros((0, 0)),) * 3, np.zeros(0)
+    cubic = np.linalg.qr(np.vander(s / KINK_REACH, 4))[0]
+    hinges = np.maximum(s[None, :] - at[:, None], 0) / KINK_REACH
+    hinges = hinges - hinges @ cubic @ cubic.T
+    hinges /= np.linalg.norm(hinges, axis=1, keepdims=True)
     lag = np.array([KINK_LAG.get(int(k), 0.0) for k in at])
-    basis = np.concatenate([cubic, hinge[..., None]], axis=2)
-    return np.linalg.qr(basis)[0], lag / max(lag.sum(), 1e-9)
+    return at, cubic, hinges, hinges @ hinges.T, lag / max(lag.sum(), 1e-9)
 
 
 TERMS = {
