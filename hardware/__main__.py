@@ -11,11 +11,12 @@ from tactilenlp.errors import TactileError
 
 from .assemble import COMPLETE, RATE, SHARES, assemble, examine
 from .bench import Bench
+from .bus_files import FORMATS
 from .ranges import check_range
 from .recording import Recording
 from .replay import Replay
 from .rig import Rig
-from .tape import FORMATS, Tape
+from .tape import Tape
 
 ABOUT = """\
 Record a robot with tactile fingers, and turn the record into measurements.

@@ -13,6 +13,7 @@ import numpy as np
 
 from tactilenlp.common.whole_file import opened
 
+from .bus_files import FORMATS, read_frames
 from .clock import ClockMap, unwrap
 from .errors import HardwareError, RecordingError
 from .motor_board import MotorBoard
@@ -22,7 +23,7 @@ from .rig import CAMERA, ON_CAN, FingerRig, Rig, Tactile, stream_name
 from .serial_reader import OptoForceCan
 from .serial_tactile import RESTART, SPEEDS, ForceFrame
 from .streams import FingerStreams, Stream, touch_stream
-from .tape import FORMAT, FORMATS, MANIFEST
+from .tape import FORMAT, MANIFEST
 
 LONG = 2.0  # [s], least record from which the rate of a device's clock is fitted
 
@@ -59,13 +60,11 @@ class Recording:
         return [self._finger(one) for one in self.rig.fingers]
 
     def messages(self, stream: str) -> Iterator[can.Message]:
-        """Yield the frames of one bus; raises RecordingError if the file is damaged."""
-        path = self._bus(stream)
-        try:
-            with can.LogReader(str(path)) as reader:
-                yield from reader
-        except Exception as bad:  # python-can passes on any error of its parsers
-            raise _damaged(path, bad) from bad
+        """Yield the frames of one bus; raises RecordingError if the file is damaged.
+
+        A recording that is not complete may end in the middle of a frame.
+        """
+        yield from read_frames(self._bus(stream), cut=not self.complete)
 
     def chunks(self, stream: str) -> Iterator[tuple[float, bytes]]:
         """Yield the time [s] and bytes of each chunk of a serial line."""

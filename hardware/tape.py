@@ -5,8 +5,8 @@
     <stream>.bin, <stream>.csv     serial bytes, and time and length of each chunk
     <stream>/f_00000.png, <stream>.csv     pictures (lossless), and their times
 
-Data are on the disk when a sink returns (CAN: in blocks of 128 kB, and when the tape is
-closed, at the end of `with`).
+Data are on the disk when a sink returns (CAN: in blocks, see `bus_files`, and when the
+tape is closed, at the end of `with`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import os
 import platform
 import time
 from collections.abc import Callable
-from copy import copy
 from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
@@ -27,6 +26,7 @@ import numpy as np
 from tactilenlp.common.whole_file import write_whole
 from tactilenlp.errors import FileError, typed_call
 
+from .bus_files import FORMATS, BusFile
 from .errors import RecordingError
 from .frames import NATURAL
 from .ranges import check_kind
@@ -34,7 +34,6 @@ from .rig import Rig
 
 FORMAT = 1
 MANIFEST = "manifest.json"
-FORMATS = ("blf", "log")
 LIBRARIES = ("tactilenlp", "numpy", "python-can", "pyserial", "opencv-python-headless")
 
 
@@ -75,13 +74,11 @@ class Tape:
     def can(self, stream: str) -> Callable[[can.Message], None]:
         """Return a sink of CAN frames."""
         path = self.folder / f"{stream}.{self.bus}"
-        logger = _written(path, lambda: can.Logger(str(path)))
-        self._close.append(logger.stop)
+        file = _written(path, lambda: BusFile(path))
+        self._close.append(file.close)
 
         def sink(message: can.Message) -> None:
-            row = copy(message)
-            row.channel = None  # one file per bus; a log cannot hold every name
-            _written(path, lambda: logger.on_message_received(row))
+            _written(path, lambda: file.write(message))
             self.counts[stream] += 1
 
         self.counts[stream] = 0

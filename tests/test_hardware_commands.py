@@ -96,10 +96,10 @@ def test_serial_bytes_are_sent_to_a_terminal(tmp_path):
         for one in rig.fingers:
             for k in range(2):
                 bus = tape.can(stream_name(one.name, f"board {k}"))
-                bus(encode(Pair(Quantity.POSITION, (0.0, 0.0)), 1.0))
+                bus(encode(Pair(Quantity.POSITION, (0.0, 0.0)), 1.7e9))
             sink = tape.bytes(stream_name(one.name, "tactile"))
             for k, packet in enumerate(sent):
-                sink(packet, 1.0 + k / 1000)
+                sink(packet, 1.7e9 + k / 1000)
 
     def config(number):
         return {"interface": "virtual", "channel": f"sent {number}"}

@@ -1,0 +1,91 @@
+"""Files of CAN frames: what a killed process leaves behind can be read."""
+
+import json
+import shutil
+
+import can
+import numpy as np
+import pytest
+
+from hardware.bus_files import BusFile
+from hardware.errors import RecordingError
+from hardware.motor_can import Pair, Quantity, encode
+from hardware.recording import Recording
+from hardware.simulated_robot import simulated_rig
+from hardware.tape import MANIFEST, Tape
+
+BEGIN = 1.7e9 + 0.4  # [s], stamp of the first frame
+COUNT = 9_000  # frames: several blocks of a .blf
+
+
+def frame(k):
+    return encode(Pair(Quantity.POSITION, (k / 1024, -k / 1024)), BEGIN + k / 1000)
+
+
+@pytest.fixture(scope="module", params=["blf", "log"])
+def killed(request, tmp_path_factory):
+    """A recording as SIGKILL leaves it: a copy of the files while they are open."""
+    folder = tmp_path_factory.mktemp("killed")
+    with Tape(folder / "tape", simulated_rig(), bus=request.param) as tape:
+        sink, _ = tape.can("bus"), tape.can("silent")
+        for k in range(COUNT):
+            sink(frame(k))
+        shutil.copytree(folder / "tape", folder / "copy")
+    return folder / "copy", request.param
+
+
+def test_the_times_of_a_killed_recording_are_absolute(killed):
+    recording = Recording(killed[0])
+    assert not recording.complete
+    stamps = [message.timestamp for message in recording.messages("bus")]
+    assert len(stamps) > COUNT / 2
+    assert stamps == pytest.approx(BEGIN + np.arange(len(stamps)) / 1000, abs=2e-6)
+    assert list(recording.messages("silent")) == []
+
+
+def test_a_killed_recording_may_end_within_any_frame(killed, tmp_path):
+    folder = shutil.copytree(killed[0], tmp_path / "copy")
+    path = folder / f"bus.{killed[1]}"
+    whole = path.read_bytes()
+    counts = []
+    for cut in (1, 2, 5, 16, 17, 31, 48, 59):
+        path.write_bytes(whole[:-cut])
+        messages = list(Recording(folder).messages("bus"))
+        counts.append(len(messages))
+        for k in (0, len(messages) - 1):
+            assert bytes(messages[k].data) == bytes(frame(k).data)
+    assert min(counts) > COUNT / 3
+    path.write_bytes(whole[:4000] + b"\n?\n" + whole[4003:])
+    with pytest.raises(RecordingError, match="cannot be read"):
+        list(Recording(folder).messages("bus"))
+
+
+def test_a_complete_recording_whose_end_is_missing_is_refused(killed, tmp_path):
+    folder = shutil.copytree(killed[0], tmp_path / "copy")
+    content = json.loads((folder / MANIFEST).read_text()) | {"complete": True}
+    (folder / MANIFEST).write_text(json.dumps(content))
+    path = folder / f"bus.{killed[1]}"
+    text = "(1700000000.0) can0 03" if killed[1] == "log" else "LOBJ"
+    path.write_bytes(path.read_bytes() + text.encode())
+    with pytest.raises(RecordingError, match="cannot be read"):
+        list(Recording(folder).messages("bus"))
+
+
+def test_times_without_an_origin_are_refused(tmp_path):
+    with Tape(tmp_path / "tape", simulated_rig()):
+        pass
+    with can.BLFWriter(tmp_path / "tape" / "bus.blf") as file:
+        file.on_message_received(encode(Pair(Quantity.POSITION, (0.0, 0.0)), 12.0))
+    with pytest.raises(RecordingError, match=r"bus\.blf: the times have lost"):
+        list(Recording(tmp_path / "tape").messages("bus"))
+
+
+def test_frames_of_before_the_first_one_keep_their_times(tmp_path):
+    """A frame that is sent is stamped when it goes, others when they came."""
+    file = BusFile(tmp_path / "bus.blf")
+    for late in (0.0, -0.2, 0.1):
+        file.write(encode(Pair(Quantity.POSITION, (0.0, 0.0)), BEGIN + late))
+    file.close()
+    with can.BLFReader(tmp_path / "bus.blf") as reader:
+        stamps = [message.timestamp - BEGIN for message in reader]
+    assert stamps == pytest.approx([0.0, -0.2, 0.1], abs=2e-6)
