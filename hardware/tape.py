@@ -41,6 +41,8 @@ LIBRARIES = ("tactilenlp", "numpy", "python-can", "pyserial", "opencv-python-hea
 class Tape:
     """Provide sinks for the drivers of a rig; `with` opens and closes the files.
 
+    A stream is recorded once: a second bench needs a new tape.
+
     folder: must not hold a recording yet
     bus:    "blf" (compressed) or "log" (text, of can-utils)
     """
@@ -73,7 +75,7 @@ class Tape:
 
     def can(self, stream: str) -> Callable[[can.Message], None]:
         """Return a sink of CAN frames."""
-        path = self.folder / f"{stream}.{self.bus}"
+        path = self._new(f"{stream}.{self.bus}")
         file = _written(path, lambda: BusFile(path))
         self._close.append(file.close)
 
@@ -100,7 +102,7 @@ class Tape:
         """Return a sink of pictures and their times [s]."""
         from .optical_flow import opencv  # an extra
 
-        folder, row = self.folder / stream, self._table(stream, "time,name")
+        folder, row = self._new(stream), self._table(stream, "time,name")
         _written(folder, folder.mkdir)
 
         def sink(picture: np.ndarray, now: float) -> None:
@@ -120,10 +122,17 @@ class Tape:
         return make(stream)
 
     def _open(self, name: str):
-        path = self.folder / name
-        file = _written(path, lambda: path.open("wb", buffering=0))
+        path = self._new(name)
+        file = _written(path, lambda: path.open("xb", buffering=0))
         self._close.append(file.close)
         return file
+
+    def _new(self, name: str) -> Path:
+        """Return the path of a file; raises RecordingError where there is one."""
+        if (path := self.folder / name).exists():
+            fix = "give a new folder to each bench; recordings are not overwritten"
+            raise RecordingError("is recorded already", where=str(path), next=fix)
+        return path
 
     def _table(self, stream: str, heading: str) -> Callable[[str], None]:
         table = self._open(f"{stream}.csv")

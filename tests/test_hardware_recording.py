@@ -8,6 +8,7 @@ import pytest
 from bench_tape import recorded, taped
 
 from hardware.assemble import assemble
+from hardware.bench import Bench
 from hardware.errors import HardwareError, RecordingError
 from hardware.motor_can import Pair, Quantity, decode, encode
 from hardware.recording import Recording, device_times
@@ -86,6 +87,22 @@ def test_a_recording_is_never_overwritten(taped):
     tape = Tape(folder, simulated_rig("optoforce_can"))
     with pytest.raises(RecordingError, match="holds a recording already"):
         tape.__enter__()
+
+
+@pytest.mark.parametrize("kind", ["optoforce_can", "optoforce", "densetact"])
+def test_a_second_bench_does_not_overwrite_the_recording_of_the_first(tmp_path, kind):
+    rig = simulated_rig(kind, f"twice {kind}")
+    with Tape(tmp_path / "tape", rig) as tape:
+        for one in rig.fingers:
+            tape.sink(one.tactile.wire, f"{one.name} tactile")
+        with Bench(rig, tape=tape):
+            before = {f: f.read_bytes() for f in tape.folder.glob("*.*")}
+        with pytest.raises(RecordingError, match=r"finger_0_board_0.*already"):
+            Bench(rig, tape=tape).__enter__()
+        for one in rig.fingers:
+            with pytest.raises(RecordingError, match="already"):
+                tape.sink(one.tactile.wire, f"{one.name} tactile")
+        assert before == {f: f.read_bytes() for f in tape.folder.glob("*.*")}
 
 
 def test_a_tape_that_cannot_be_written_says_so(tmp_path):
