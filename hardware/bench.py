@@ -12,6 +12,7 @@ from .errors import StaleStreamError
 from .motor_board import MAX_CURRENT, STALE, MotorBoard, check_current
 from .motor_can import Quantity
 from .motor_joints import POLL, start_motors
+from .motor_stop import stop_boards
 from .rig import FingerRig, Rig, Tactile, stream_name
 from .tape import Tape
 from .touch import Skin
@@ -159,9 +160,8 @@ class Bench:
         start_motors(self.boards, self.clock, timeout)
 
     def stop(self) -> None:
-        """Command zero current on all boards, then disable them; never raises."""
-        for board in self.boards:
-            board.stop()
+        """Command zero current on all boards, then disable them; logs all errors."""
+        stop_boards(self.boards)
 
     def remember(self) -> None:
         """Keep all samples from now on, for the streams of an action."""

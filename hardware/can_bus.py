@@ -24,7 +24,7 @@ GARBLED = (ValueError, IndexError)
 def open_bus(config: Mapping, name: str) -> can.BusABC:
     """Open a bus from a configuration of python-can; raises BusError."""
     try:
-        return can.Bus(**config)
+        bus = can.Bus(**config)
     except Exception as bad:  # a back end may lack its driver in any way
         raise BusError(
             "cannot be opened",
@@ -32,6 +32,13 @@ def open_bus(config: Mapping, name: str) -> can.BusABC:
             got=f"{type(bad).__name__}: {bad}",
             next="check interface and channel of python-can, and that the link is up",
         ) from bad
+    if (port := getattr(bus, "serialPortOrig", None)) is not None:
+        port.flush = _nothing  # slcan waits there for an adapter that hangs, for ever
+    return bus
+
+
+def _nothing() -> None:
+    """Do nothing: what is written to a port goes out by itself."""
 
 
 def waiting(

@@ -24,9 +24,10 @@ from .errors import (
     HardwareError,
     LimitError,
     RigError,
-    StaleStreamError,
 )
-from .motor_can import Command, Content, Fault, Pair, Quantity, Status
+from .motor_can import Command, Content, Pair, Quantity, Status
+from .motor_checks import check_fault, check_heard, silent
+from .motor_stop import stop_boards
 from .ranges import check_kind, check_range, number
 
 log = logging.getLogger(__name__)
@@ -34,6 +35,7 @@ STALE = 0.1  # [s] without a position: 100 frames of a healthy board
 STATUS_STALE = 3.0  # [s] without a status: three of a healthy board
 MAX_CURRENT = 2.0  # [A] of TriFingerEdu
 LARGEST_CURRENT = 2.2  # [A] of TriFingerPro: no bound may be larger
+SEND_TIME = 0.01  # [s] that an adapter may take to accept a frame
 RECEIVE_TIMEOUT = 0.1  # [s] after which the firmware switches off
 LONGEST_TIMEOUT = 10.0  # [s]
 INDICES = 1000  # events of the encoder index that are kept
@@ -75,6 +77,7 @@ class MotorBoard(can.Listener):
         self.config, self.name, self.listen_only = dict(config), name, listen_only
         self.max_current, self.sink = max_current, sink
         self.clock, self._remembers = clock or HostClock(), remember
+        self.driving = False  # from `start` to `stop`
         self.status: Status | None = None
         self.broken = self.errors = self.foreign = 0
         self.index: deque[tuple[float, codec.EncoderIndex]] = deque(maxlen=INDICES)
@@ -157,7 +160,7 @@ class MotorBoard(can.Listener):
     def newest(self, quantity: Quantity) -> np.ndarray:
         """Return the newest values (2,); raises StaleStreamError if there are none."""
         if not (rows := self._series[quantity]):
-            raise self._silent(quantity.name, None, 0.0)
+            raise silent(self.name, quantity.name, "nothing so far", 0.0)
         return np.array(rows[-1][1:])
 
     def remember(self) -> None:
@@ -184,11 +187,9 @@ class MotorBoard(can.Listener):
         if self._bus_error is not None:
             bad, self._bus_error = self._bus_error, None
             raise bad
-        if self.status is not None and self.status.fault is not Fault.NONE:
-            raise self._fault()
+        check_fault(self.name, self.status)
         for stream, limit in (("POSITION", stale), ("STATUS", STATUS_STALE)):
-            if not (age := self.age(stream)) <= limit:
-                raise self._silent(stream, age, limit)
+            check_heard(self.name, stream, self.age(stream), limit)
 
     # Driving
 
@@ -207,6 +208,7 @@ class MotorBoard(can.Listener):
         self._send(codec.encode_current(0.0, 0.0))
         self.poll()
         self.status, self._heard["STATUS"] = None, self.clock.now()
+        self.driving = True
         self._send(codec.encode_command(Command.RECEIVE_TIMEOUT, milliseconds))
         for command in (
             *(Command.ENABLE_SYSTEM, Command.SEND_ALL),
@@ -252,43 +254,39 @@ class MotorBoard(can.Listener):
     def stop(self) -> None:
         """Command zero current first, then disable; can be called at any time, twice.
 
-        Never raises, as the other boards must be stopped too.  Sends nothing if
-        listen_only.
+        Errors are logged and not raised.  Sends nothing if listen_only.
         """
-        if self._bus is None or self.listen_only:
-            return
-        off = Command.ENABLE_MOTOR_1, Command.ENABLE_MOTOR_2, Command.ENABLE_SYSTEM
-        messages = [codec.encode_command(command, 0) for command in off]
-        for message in (codec.encode_current(0.0, 0.0), *messages):
-            quietly(lambda message=message: self._send(message), self.name)
+        stop_boards([self])
 
-    def _send(self, message: can.Message) -> None:
+    @property
+    def sends(self) -> bool:
+        """Whether the bus is open, and frames may be sent."""
+        return self._bus is not None and not self.listen_only
+
+    def transmit(self, message: can.Message) -> None:
+        """Send a frame, stamped, without recording it; raises BusError.
+
+        An adapter that takes no frame for SEND_TIME is lost: the control of the other
+        boards must go on.
+        """
         if self.listen_only:
             told = {"where": self.name, "next": "open the board with listen_only=False"}
             raise BoardError("only listens", **told)
         message.timestamp = self.clock.now()
         try:
-            self.bus.send(message)
+            self.bus.send(message, SEND_TIME)
         except (can.CanError, OSError) as bad:
             raise lost("write", self.name, bad) from bad
+
+    def record(self, message: can.Message) -> None:
+        """Give a frame that was sent to the sink."""
         if self.sink is not None:
             message.is_rx = False
             self.sink(message)
 
-    # Errors
-
-    def _fault(self) -> BoardError:
-        fix = "remove the cause of the fault, then start the board again"
-        told = {"where": self.name, "got": self.status.fault.name, "next": fix}
-        return BoardError("switched itself off", **told)
-
-    def _silent(self, stream: str, age: float | None, limit: float):
-        got = "nothing so far" if age is None else f"silence for {age:.3f} s"
-        return StaleStreamError(
-            f"no {stream.lower()} is heard", where=self.name, got=got,
-            expected=f"one every {limit} s",
-            next="check the power, the bus, and that the board is told to send",
-        )  # fmt: skip
+    def _send(self, message: can.Message) -> None:
+        self.transmit(message)
+        self.record(message)
 
 
 def check_current(bound: float, name: str) -> None:

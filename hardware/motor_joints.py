@@ -17,6 +17,7 @@ from tactilenlp.errors import typed_call
 from .clock import Clock
 from .errors import BoardError, LimitError, RigError
 from .motor_board import RECEIVE_TIMEOUT, MotorBoard
+from .motor_stop import stop_boards
 from .ranges import check_range, check_ranges, floats
 
 READY = 10.0  # [s], alignment after power-up takes a few seconds
@@ -151,6 +152,5 @@ def start_motors(
             board.command(0.0, 0.0)
             board.watch(timeout)
     except BaseException:
-        for board in boards:
-            board.stop()
+        stop_boards(boards)
         raise

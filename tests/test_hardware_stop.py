@@ -1,0 +1,141 @@
+"""How a robot is stopped: all boards at once, whatever one of them does."""
+
+import time
+from dataclasses import replace
+
+import can
+import pytest
+from bench import terminal
+from bench_robot import FREE, Setup, numbers
+from bench_wires import slcan
+
+from hardware.bench import Bench
+from hardware.errors import BusError
+from hardware.motor_board import SEND_TIME, MotorBoard
+from hardware.motor_can import REFERENCE
+from hardware.simulated_robot import simulated_rig
+
+__all__ = ["terminal"]  # a fixture
+ZERO = bytes(8)
+
+
+@pytest.fixture
+def listening():
+    """A rig on virtual wires, and a bus that hears each board's commands."""
+    rig = simulated_rig("optoforce_can", f"stop {next(numbers)}")
+    ends = [can.Bus(**board) for one in rig.fingers for board in one.boards]
+    yield rig, ends
+    for end in ends:
+        end.shutdown()
+
+
+def heard(bus):
+    """Return the identifiers and data of what a bus received."""
+    frames = []
+    while (message := bus.recv(timeout=0)) is not None:
+        frames.append((message.arbitration_id, bytes(message.data)))
+    return frames
+
+
+def fill(board):
+    """Command until the board's adapter takes no more."""
+    while True:
+        board.command(0.1, 0.1)
+
+
+def test_an_adapter_that_hangs_is_given_up_at_once(terminal):
+    """Nothing reads from the terminal: its buffer fills, then a write waits."""
+    with MotorBoard(slcan(terminal), name="hung", listen_only=False) as board:
+        began = time.monotonic()
+        with pytest.raises(BusError, match="hung: cannot write"):
+            fill(board)
+        assert time.monotonic() - began < 10.0
+        began = time.monotonic()
+        board.stop()
+        assert time.monotonic() - began < 20 * SEND_TIME
+
+
+def test_a_board_on_an_adapter_that_hangs_does_not_delay_the_others(
+    terminal, listening
+):
+    rig, ends = listening
+    first, second = rig.fingers
+    hung = replace(first, boards=(slcan(terminal), first.boards[1]))
+    with Bench(replace(rig, fingers=(hung, second)), listen_only=False) as bench:
+        with pytest.raises(BusError):
+            fill(bench.boards[0])
+        began = time.monotonic()
+        bench.stop()
+        assert time.monotonic() - began < 20 * SEND_TIME
+        for end in ends[1:]:
+            assert heard(end)[0] == (REFERENCE, ZERO)
+
+
+def test_zero_current_goes_to_all_boards_before_one_is_disabled(listening):
+    rig, _ = listening
+    with Bench(rig, listen_only=False) as bench:
+        order = []
+        for board in bench.boards:
+            send = board.bus.send
+
+            def spy(message, *given, send=send):
+                order.append((message.arbitration_id, bytes(message.data)))
+                send(message, *given)
+
+            board.bus.send = spy
+        bench.stop()
+        assert order[:4] == [(REFERENCE, ZERO)] * 4
+        assert len(order) == 16
+
+
+def test_a_recording_that_is_slow_delays_no_stop(listening):
+    rig, ends = listening
+    counts = []
+
+    def slow(message):
+        counts.append([len(heard(end)) for end in ends])
+
+    with Bench(rig, listen_only=False) as bench:
+        for board in bench.boards:
+            board.sink = slow
+        bench.stop()
+        assert counts[0] == [4, 4, 4, 4]  # all frames went before the first is recorded
+        assert len(counts) == 16
+
+
+@pytest.mark.parametrize("error", [RuntimeError, can.CanError, KeyboardInterrupt])
+def test_an_error_of_one_board_does_not_keep_the_others_from_stopping(listening, error):
+    rig, ends = listening
+    with Bench(rig, listen_only=False) as bench:
+        send = bench.boards[0].bus.send
+
+        def explode(message, timeout):
+            bench.boards[0].bus.send = send
+            raise error("once")
+
+        bench.boards[0].bus.send = explode
+        if error is KeyboardInterrupt:  # a second Ctrl-C is not lost
+            with pytest.raises(KeyboardInterrupt):
+                bench.stop()
+        else:
+            bench.stop()
+        assert [len(heard(end)) for end in ends] == [3, 4, 4, 4]
+
+
+def test_a_frame_that_an_adapter_does_not_take_ends_an_action():
+    with Setup() as setup:
+        setup.world.start()
+
+        def fill():
+            def full(message, timeout):
+                assert timeout == SEND_TIME
+                raise can.CanTimeoutError("transmit buffer full")
+
+            setup.bench.boards[1].bus.send = full
+
+        setup.after(0.1, fill)
+        with pytest.raises(BusError, match="finger 0, board 1: cannot write"):
+            setup.world.execute(FREE)
+        for board in setup.robot.fingers[1].boards:
+            board.listen(setup.robot.now())
+            assert not board.current.any()
