@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 import can
 import numpy as np
 
-from tactilenlp.errors import shortened, typed_call
+from tactilenlp.errors import typed_call
 
 from . import motor_can as codec
 from .can_bus import lost, open_bus, quietly, waiting
@@ -22,13 +22,20 @@ from .errors import (
     BoardError,
     BusError,
     HardwareError,
-    LimitError,
     RigError,
 )
 from .motor_can import Command, Content, Pair, Quantity, Status
-from .motor_checks import check_fault, check_heard, silent
+from .motor_checks import (
+    check_alone,
+    check_command,
+    check_enabled,
+    check_fault,
+    check_heard,
+    milliseconds,
+    silent,
+)
 from .motor_stop import stop_boards
-from .ranges import check_kind, check_range, number
+from .ranges import check_kind, check_range
 
 log = logging.getLogger(__name__)
 STALE = 0.1  # [s] without a position: 100 frames of a healthy board
@@ -37,7 +44,6 @@ MAX_CURRENT = 2.0  # [A] of TriFingerEdu
 LARGEST_CURRENT = 2.2  # [A] of TriFingerPro: no bound may be larger
 SEND_TIME = 0.01  # [s] that an adapter may take to accept a frame
 RECEIVE_TIMEOUT = 0.1  # [s] after which the firmware switches off
-LONGEST_TIMEOUT = 10.0  # [s]
 INDICES = 1000  # events of the encoder index that are kept
 
 
@@ -86,6 +92,7 @@ class MotorBoard(can.Listener):
         self._series: dict[Quantity, list] = {quantity: [] for quantity in Quantity}
         self._heard: dict[str, float] = {}
         self._bus_error: BusError | None = None
+        self._was_ready, self._order = False, None
 
     def __enter__(self) -> MotorBoard:
         self._bus = open_bus(self.config, self.name)
@@ -130,6 +137,8 @@ class MotorBoard(can.Listener):
             self.on_error(bad)
         else:
             self._take(msg.timestamp, content)
+            if msg.is_rx and isinstance(content, codec.Order | codec.Reference):
+                self._order = content
 
     def on_error(self, exc: Exception) -> None:
         """Count a frame that could not be read; `check` detects a silent stream."""
@@ -147,6 +156,7 @@ class MotorBoard(can.Listener):
             case Status():
                 self.status = content
                 self._heard["STATUS"] = self.clock.now()
+                self._was_ready |= self.ready
             case codec.EncoderIndex():
                 self.index.append((stamp, content))
             case _:
@@ -182,13 +192,19 @@ class MotorBoard(can.Listener):
     def check(self, stale: float = STALE) -> None:
         """Raise a bus error, a fault of the board, or the error of a silent stream.
 
-        stale: [s], the largest age of a position.
+        stale: [s], the largest age of a position.  From `start` to `stop` also of a
+        velocity; nobody else may command the board then, and it must stay enabled.
         """
         if self._bus_error is not None:
             bad, self._bus_error = self._bus_error, None
             raise bad
         check_fault(self.name, self.status)
-        for stream, limit in (("POSITION", stale), ("STATUS", STATUS_STALE)):
+        limits = {"POSITION": stale, "STATUS": STATUS_STALE}
+        if self.driving:
+            check_alone(self.name, self._order)
+            check_enabled(self.name, self.status, self._was_ready and not self.ready)
+            limits["VELOCITY"] = stale
+        for stream, limit in limits.items():
             check_heard(self.name, stream, self.age(stream), limit)
 
     # Driving
@@ -204,12 +220,13 @@ class MotorBoard(can.Listener):
         timeout: [s] of silence after which the firmware switches off, 0: never.  A
         status of before, which may tell of an earlier fault, counts no longer.
         """
-        milliseconds = self._milliseconds(timeout)
+        length = milliseconds(self.name, timeout)
         self._send(codec.encode_current(0.0, 0.0))
         self.poll()
-        self.status, self._heard["STATUS"] = None, self.clock.now()
-        self.driving = True
-        self._send(codec.encode_command(Command.RECEIVE_TIMEOUT, milliseconds))
+        self.status, self._order = None, None
+        self._heard |= dict.fromkeys(("STATUS", "VELOCITY"), self.clock.now())
+        self._was_ready, self.driving = False, True
+        self._send(codec.encode_command(Command.RECEIVE_TIMEOUT, length))
         for command in (
             *(Command.ENABLE_SYSTEM, Command.SEND_ALL),
             *(Command.ENABLE_MOTOR_1, Command.ENABLE_MOTOR_2),
@@ -225,15 +242,8 @@ class MotorBoard(can.Listener):
 
     def watch(self, timeout: float = RECEIVE_TIMEOUT) -> None:
         """Set the receive time-out [s] of the firmware."""
-        length = self._milliseconds(timeout)
+        length = milliseconds(self.name, timeout)
         self._send(codec.encode_command(Command.RECEIVE_TIMEOUT, length))
-
-    def _milliseconds(self, timeout: float) -> int:
-        """Return a time-out [s] in ms; one that rounds to 0 (never) is refused."""
-        least = 0.0 if timeout == 0 else 1e-3
-        where, unit = f"{self.name}, time-out", "s (0: never)"
-        check_range(where, timeout, least, LONGEST_TIMEOUT, unit)
-        return round(1e3 * timeout)
 
     def command(self, motor_1: float, motor_2: float) -> None:
         """Set both current references [A]; raises LimitError beyond `max_current`."""
@@ -243,13 +253,7 @@ class MotorBoard(can.Listener):
     def check_currents(self, *currents: float) -> None:
         """Raise LimitError unless all currents [A] may be commanded; sends nothing."""
         for current in currents:
-            if not abs(number(current)) <= self.max_current:
-                raise LimitError(
-                    "too much current", where=self.name,
-                    got=f"{shortened(current, str, 80)} A",
-                    expected=f"at most {self.max_current} A",
-                    next="bound the torque from which the current is computed",
-                )  # fmt: skip
+            check_command(self.name, current, self.max_current)
 
     def stop(self) -> None:
         """Command zero current first, then disable; can be called at any time, twice.

@@ -1,9 +1,14 @@
-"""Refuse the state of a motor board: a fault, silence."""
+"""Refuse the state of a motor board, and commands beyond its bounds."""
 
 from __future__ import annotations
 
-from .errors import BoardError, StaleStreamError
-from .motor_can import Fault, Status
+from tactilenlp.errors import shortened
+
+from .errors import BoardError, LimitError, StaleStreamError
+from .motor_can import Fault, Order, Reference, Status
+from .ranges import check_range, number
+
+LONGEST_TIMEOUT = 10.0  # [s]
 
 
 def check_fault(name: str, status: Status | None) -> None:
@@ -12,6 +17,41 @@ def check_fault(name: str, status: Status | None) -> None:
         fix = "remove the cause of the fault, then start the board again"
         told = {"where": name, "got": status.fault.name, "next": fix}
         raise BoardError("switched itself off", **told)
+
+
+def check_enabled(name: str, status: Status | None, lost: bool) -> None:
+    """Raise BoardError where a board that was ready is so no longer."""
+    if lost:
+        fix = "check the motor supply, and that no other program commands the board"
+        told = {"where": name, "got": repr(status), "next": fix}
+        raise BoardError("is not enabled any more", **told)
+
+
+def check_alone(name: str, order: Order | Reference | None) -> None:
+    """Raise BoardError for a command of another master on the bus of a board."""
+    if order is not None:
+        fix = "end the other program that commands the robot"
+        told = {"where": name, "got": repr(order), "next": fix}
+        raise BoardError("is commanded by another master", **told)
+
+
+def check_command(name: str, current: object, most: float) -> None:
+    """Raise LimitError unless a current [A] is a number within its bound."""
+    if not abs(number(current)) <= most:
+        raise LimitError(
+            "too much current",
+            where=name,
+            got=f"{shortened(current, str, 80)} A",
+            expected=f"at most {most} A",
+            next="bound the torque from which the current is computed",
+        )
+
+
+def milliseconds(name: str, timeout: float) -> int:
+    """Return a time-out [s] in ms; one that rounds to 0 (never) is refused."""
+    least = 0.0 if timeout == 0 else 1e-3
+    check_range(f"{name}, time-out", timeout, least, LONGEST_TIMEOUT, "s (0: never)")
+    return round(1e3 * timeout)
 
 
 def check_heard(name: str, stream: str, age: float, limit: float) -> None:

@@ -16,7 +16,10 @@ from hardware.motor_can import (
 from hardware.simulated_board import SimulatedBoard
 
 channels = itertools.count()
-POSITION = {Quantity.POSITION: np.array([1.25, -2.5])}
+MEASURED = {
+    Quantity.POSITION: np.array([1.25, -2.5]),
+    Quantity.VELOCITY: np.zeros(2),
+}
 
 
 class Wired:
@@ -32,7 +35,7 @@ class Wired:
 
     def tick(self, now):
         self.firmware.listen(now)
-        self.firmware.talk(POSITION, now)
+        self.firmware.talk(MEASURED, now)
 
     def __enter__(self):
         self.firmware.__enter__()
