@@ -25,6 +25,7 @@ from .serial_tactile import (
     encode_configuration,
 )
 from .touch import FieldTouch, ForceTouch, Toucher
+from .wires import check_wires
 
 SERIAL, ON_CAN, CAMERA = "serial", "can", "camera"  # what a sensor is read through
 DEEPEST = 20  # [levels] of lists and objects in a rig
@@ -158,7 +159,7 @@ class FingerRig:
 @typed_call(RigError)
 @dataclass(frozen=True)
 class Rig:
-    """Describe the fingers of a robot."""
+    """Describe the fingers of a robot; each board and sensor has a wire of its own."""
 
     fingers: tuple[FingerRig, ...]
 
@@ -181,6 +182,7 @@ class Rig:
                     next="three motors, two on a board; one CAN bus for each board",
                 )
             one.joints, one.geometry, one.tactile  # noqa: B018 (they check)
+        check_wires(self.fingers)
 
     @classmethod
     def load(cls, path: str | os.PathLike) -> Rig:

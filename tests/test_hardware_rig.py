@@ -76,3 +76,46 @@ def test_names_that_would_share_a_file_are_refused():
         ]
         with pytest.raises(RigError, match="two of one name"):
             Rig(tuple(fingers))
+
+
+def test_two_boards_on_one_bus_are_refused():
+    first, second = simulated_rig("optoforce_can").fingers
+    bus = {"interface": "socketcan", "channel": "can0", "bitrate": 1_000_000}
+    slow, other = bus | {"bitrate": 500_000}, bus | {"channel": "can1"}
+    for pair in ((bus, bus), (bus, slow)):
+        with pytest.raises(RigError, match="finger 0, board 0 and finger 0, board 1"):
+            Rig((replace(first, boards=pair),))
+    fingers = [replace(one, boards=(bus, other)) for one in (first, second)]
+    with pytest.raises(RigError, match="finger 0, board 0 and finger 1, board 0"):
+        Rig(tuple(fingers))
+    adapters = [{"interface": "vector", "channel": 0, "serial": k} for k in (7, 8)]
+    Rig((replace(first, boards=tuple(adapters)),))
+
+
+@pytest.mark.parametrize(
+    "sensors",
+    [
+        [Tactile("optoforce", source="/dev/ttyACM0")] * 2,
+        [Tactile(kind, source="/dev/ttyACM0") for kind in ("anyskin", "reskin")],
+        [
+            Tactile("densetact", source=0, touch={}),
+            Tactile("densetact", source="/dev/video0", touch={}),
+        ],
+        [Tactile("optoforce_can", can={"interface": "socketcan", "channel": "can4"})]
+        * 2,
+    ],
+)
+def test_two_sensors_on_one_port_are_refused(sensors):
+    fingers = [
+        replace(one, tactile=tactile)
+        for one, tactile in zip(
+            simulated_rig("optoforce_can").fingers, sensors, strict=True
+        )
+    ]
+    with pytest.raises(RigError, match="finger 0, tactile and finger 1, tactile"):
+        Rig(tuple(fingers))
+
+
+def test_an_optoforce_may_be_on_the_bus_of_a_board():
+    one = simulated_rig("optoforce_can").fingers[0]
+    Rig((replace(one, tactile=replace(one.tactile, can=one.boards[0])),))
