@@ -8,12 +8,14 @@ from contextlib import ExitStack
 import numpy as np
 
 from .clock import Clock, HostClock
-from .errors import StaleStreamError
-from .motor_board import MAX_CURRENT, STALE, MotorBoard, check_current
+from .errors import HardwareError, StaleStreamError
+from .motor_board import MAX_CURRENT, STALE, MotorBoard
 from .motor_can import Quantity
+from .motor_checks import check_current
 from .motor_joints import POLL, start_motors
 from .motor_stop import stop_boards
 from .rig import FingerRig, Rig, Tactile, stream_name
+from .samples import Samples
 from .tape import Tape
 from .touch import Skin
 
@@ -39,6 +41,11 @@ class FingerBench:
     def velocities(self) -> np.ndarray:
         """The newest joint velocities (3,) [rad/s]."""
         return self.joints.velocities(self._newest(Quantity.VELOCITY))
+
+    @property
+    def stamps(self) -> np.ndarray:
+        """When the newest positions of both boards were measured (2,) [s]."""
+        return np.array([board.stamp(Quantity.POSITION) for board in self.boards])
 
     @property
     def position(self) -> np.ndarray:
@@ -71,7 +78,7 @@ class Bench:
                  has its own
 
     Between `remember` and `forget` all samples are kept in memory, otherwise only the
-    newest of each stream.
+    newest of each stream.  `stops` counts the calls of `stop`.
     """
 
     def __init__(
@@ -87,6 +94,7 @@ class Bench:
         check_current(max_current, "Bench")
         self.rig, self.clock = rig, clock or HostClock()
         self.fingers: list[FingerBench] = []
+        self.max_current, self.stops = max_current, 0
         self._tape, self._reader = tape, reader or Tactile.reader
         self._drive = {"listen_only": listen_only, "max_current": max_current}
         self._stack = ExitStack()
@@ -142,8 +150,9 @@ class Bench:
         A camera takes seconds to open, and its zero longer to compute than a board
         waits for the next current.  Raises StaleStreamError after LEARN seconds.
         """
-        end = self.clock.now() + LEARN
+        end, stops = self.clock.now() + LEARN, self.stops
         while True:
+            self.check_running(stops)
             self.poll()
             if all(finger.skin.touches for finger in self.fingers):
                 return
@@ -160,8 +169,18 @@ class Bench:
         start_motors(self.boards, self.clock, timeout)
 
     def stop(self) -> None:
-        """Command zero current on all boards, then disable them; logs all errors."""
+        """Command zero current on all boards, then disable them; logs all errors.
+
+        It may be called by a signal handler or in another thread: what runs, ends.
+        """
+        self.stops += 1
         stop_boards(self.boards)
+
+    def check_running(self, stops: int) -> None:
+        """Raise HardwareError if `stop` was called since it had been so many times."""
+        if self.stops != stops:
+            fix = "start again when it is safe to"
+            raise HardwareError("was stopped", where="Bench", next=fix)
 
     def remember(self) -> None:
         """Keep all samples from now on, for the streams of an action."""
@@ -169,6 +188,12 @@ class Bench:
             for board in finger.boards:
                 board.remember()
             finger.skin.remember()
+
+    def taken(self) -> list[Samples]:
+        """Return the samples since `remember`, and forget them."""
+        samples = [Samples.of(finger) for finger in self.fingers]
+        self.forget()
+        return samples
 
     def forget(self) -> None:
         """Drop all samples but the newest of each stream, and keep only the newest."""

@@ -21,7 +21,9 @@ from .ranges import check_range, check_ranges, check_whole, floats
 GRAVITY = 9.81  # [m/s^2]
 ROUNDING = 1e-9  # [m] of forward and inverse kinematics
 STIFFEST, MOST_DAMPED = 100.0, 10.0  # [N m/rad], [N m s/rad]: ten times the defaults
-STRONGEST = 0.4  # [N m] of a joint: 2.2 A of a motor of TriFingerPro
+STRONGEST = 0.396  # [N m] of a joint: 2.2 A of a motor of TriFingerPro
+JUMP = 0.02  # [rad] by which a position may change beyond what the top speed explains:
+# 3 rad/s of a target for 6 ms, by which stamps may be wrong
 MOST_ROWS = 10_000_000  # of a path
 FASTEST = 20.0  # [rad/s] of a joint, velocity limit of the URDF
 SLOWEST = 1e-3  # [rad/s], least speed limit
@@ -61,6 +63,21 @@ class Gains:
             check_range("Gains.weight", self.weight, 0.0, 2.0, "")
         except LimitError as bad:
             raise LimitError("no gains", got=bad) from bad
+
+    def check_bound(self, where: str, newton_metres: float, most: float) -> None:
+        """Raise LimitError where the largest torque needs more than `most` [A].
+
+        newton_metres: [N m/A] of a joint
+        """
+        if not (current := self.torque / newton_metres) <= most:
+            raise LimitError(
+                "gains.torque needs more current than the bench allows",
+                where=where,
+                got=f"{self.torque:g} N m / {newton_metres:g} N m/A = {current:.4g} A",
+                expected=f"max_current = {most:g} A at most",
+                next=f"give Gains(torque={most * newton_metres:.3g}), or the bench "
+                "another max_current",
+            )
 
     def torques(
         self,
@@ -174,6 +191,18 @@ class Limits:
         self._check_angles(name, finger, angles, *words)
         words = "a joint runs away", "check the gains"
         _check_speeds(name, velocities, self.top_speed, *words)
+
+    def check_jump(self, name: str, change: np.ndarray, dt: float) -> None:
+        """Refuse a change (3,) [rad] of joint angles in dt [s]; raises LimitError."""
+        most = self.top_speed * max(dt, 0.0) + JUMP
+        if not np.abs(change).max() <= most:  # NaN as well
+            raise LimitError(
+                "a joint jumps",
+                where=name,
+                got=f"{np.round(change, 3)} rad in {1e3 * dt:.1f} ms",
+                expected=f"{most:.3f} rad at most",
+                next="check the encoders and their cables",
+            )
 
     def check_target(
         self, name: str, finger: Finger, angles: np.ndarray, velocities: np.ndarray

@@ -16,32 +16,18 @@ import numpy as np
 from tactilenlp.errors import typed_call
 
 from . import motor_can as codec
+from . import motor_checks as checks
 from .can_bus import lost, open_bus, quietly, waiting
 from .clock import Clock, HostClock, WallStamps
-from .errors import (
-    BoardError,
-    BusError,
-    HardwareError,
-    RigError,
-)
+from .errors import BoardError, BusError, HardwareError, RigError
 from .motor_can import Command, Content, Pair, Quantity, Status
-from .motor_checks import (
-    check_alone,
-    check_command,
-    check_enabled,
-    check_fault,
-    check_heard,
-    milliseconds,
-    silent,
-)
 from .motor_stop import stop_boards
-from .ranges import check_kind, check_range
+from .ranges import check_kind
 
 log = logging.getLogger(__name__)
 STALE = 0.1  # [s] without a position: 100 frames of a healthy board
 STATUS_STALE = 3.0  # [s] without a status: three of a healthy board
 MAX_CURRENT = 2.0  # [A] of TriFingerEdu
-LARGEST_CURRENT = 2.2  # [A] of TriFingerPro: no bound may be larger
 SEND_TIME = 0.01  # [s] that an adapter may take to accept a frame
 RECEIVE_TIMEOUT = 0.1  # [s] after which the firmware switches off
 INDICES = 1000  # events of the encoder index that are kept
@@ -79,7 +65,7 @@ class MotorBoard(can.Listener):
     ) -> None:
         check_kind("MotorBoard.name", name, str, RigError)
         check_kind(f"{name}, config", config, Mapping, RigError)
-        check_current(max_current, name)
+        checks.check_current(max_current, name)
         self.config, self.name, self.listen_only = dict(config), name, listen_only
         self.max_current, self.sink = max_current, sink
         self.clock, self._remembers = clock or HostClock(), remember
@@ -137,7 +123,9 @@ class MotorBoard(can.Listener):
             self.on_error(bad)
         else:
             self._take(msg.timestamp, content)
-            if msg.is_rx and isinstance(content, codec.Order | codec.Reference):
+            # SocketCAN marks frames of other programs of this computer as sent, too.
+            foreign = msg.is_rx or not self.config.get("receive_own_messages")
+            if foreign and isinstance(content, codec.Order | codec.Reference):
                 self._order = content
 
     def on_error(self, exc: Exception) -> None:
@@ -164,14 +152,25 @@ class MotorBoard(can.Listener):
 
     def series(self, quantity: Quantity) -> tuple[np.ndarray, np.ndarray]:
         """Return the stamps (n,) [s] and values (n, 2) of all frames remembered."""
-        rows = np.array(self._series[quantity], float).reshape(-1, 3)
+        rows = np.array(self.rows(quantity), float).reshape(-1, 3)
         return rows[:, 0], rows[:, 1:]
+
+    def rows(self, quantity: Quantity) -> list[tuple[float, float, float]]:
+        """Return the stamp [s] and two values of all frames remembered, as a copy."""
+        return list(self._series[quantity])
 
     def newest(self, quantity: Quantity) -> np.ndarray:
         """Return the newest values (2,); raises StaleStreamError if there are none."""
+        return np.array(self._newest(quantity)[1:])
+
+    def stamp(self, quantity: Quantity) -> float:
+        """Return the stamp [s] of these."""
+        return self._newest(quantity)[0]
+
+    def _newest(self, quantity: Quantity) -> tuple[float, float, float]:
         if not (rows := self._series[quantity]):
-            raise silent(self.name, quantity.name, "nothing so far", 0.0)
-        return np.array(rows[-1][1:])
+            raise checks.silent(self.name, quantity.name, "nothing so far", 0.0)
+        return rows[-1]
 
     def remember(self) -> None:
         """Drop the series but for the newest sample, and keep all new samples."""
@@ -198,14 +197,15 @@ class MotorBoard(can.Listener):
         if self._bus_error is not None:
             bad, self._bus_error = self._bus_error, None
             raise bad
-        check_fault(self.name, self.status)
+        checks.check_fault(self.name, self.status)
         limits = {"POSITION": stale, "STATUS": STATUS_STALE}
         if self.driving:
-            check_alone(self.name, self._order)
-            check_enabled(self.name, self.status, self._was_ready and not self.ready)
+            checks.check_alone(self.name, self._order)
+            off = self._was_ready and not self.ready
+            checks.check_enabled(self.name, self.status, off)
             limits["VELOCITY"] = stale
         for stream, limit in limits.items():
-            check_heard(self.name, stream, self.age(stream), limit)
+            checks.check_heard(self.name, stream, self.age(stream), limit)
 
     # Driving
 
@@ -220,7 +220,7 @@ class MotorBoard(can.Listener):
         timeout: [s] of silence after which the firmware switches off, 0: never.  A
         status of before, which may tell of an earlier fault, counts no longer.
         """
-        length = milliseconds(self.name, timeout)
+        length = checks.milliseconds(self.name, timeout)
         self._send(codec.encode_current(0.0, 0.0))
         self.poll()
         self.status, self._order = None, None
@@ -242,7 +242,7 @@ class MotorBoard(can.Listener):
 
     def watch(self, timeout: float = RECEIVE_TIMEOUT) -> None:
         """Set the receive time-out [s] of the firmware."""
-        length = milliseconds(self.name, timeout)
+        length = checks.milliseconds(self.name, timeout)
         self._send(codec.encode_command(Command.RECEIVE_TIMEOUT, length))
 
     def command(self, motor_1: float, motor_2: float) -> None:
@@ -253,7 +253,7 @@ class MotorBoard(can.Listener):
     def check_currents(self, *currents: float) -> None:
         """Raise LimitError unless all currents [A] may be commanded; sends nothing."""
         for current in currents:
-            check_command(self.name, current, self.max_current)
+            checks.check_command(self.name, current, self.max_current)
 
     def stop(self) -> None:
         """Command zero current first, then disable; can be called at any time, twice.
@@ -291,8 +291,3 @@ class MotorBoard(can.Listener):
     def _send(self, message: can.Message) -> None:
         self.transmit(message)
         self.record(message)
-
-
-def check_current(bound: float, name: str) -> None:
-    """Raise LimitError unless this may bound the currents [A] of a board."""
-    check_range(f"{name}, max_current", bound, 0.0, LARGEST_CURRENT, "A")

@@ -8,6 +8,7 @@ from .errors import BoardError, LimitError, StaleStreamError
 from .motor_can import Fault, Order, Reference, Status
 from .ranges import check_range, number
 
+LARGEST_CURRENT = 2.2  # [A] of TriFingerPro: no bound may be larger
 LONGEST_TIMEOUT = 10.0  # [s]
 
 
@@ -33,6 +34,11 @@ def check_alone(name: str, order: Order | Reference | None) -> None:
         fix = "end the other program that commands the robot"
         told = {"where": name, "got": repr(order), "next": fix}
         raise BoardError("is commanded by another master", **told)
+
+
+def check_current(bound: float, name: str) -> None:
+    """Raise LimitError unless this may bound the currents [A] of a board."""
+    check_range(f"{name}, max_current", bound, 0.0, LARGEST_CURRENT, "A")
 
 
 def check_command(name: str, current: object, most: float) -> None:

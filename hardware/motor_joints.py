@@ -127,8 +127,8 @@ def start_motors(
     """Start all boards at once, and wait until their motors are aligned.
 
     timeout: [s] of silence after which a board switches itself off from then on.
-    Raises BoardError for a fault, or where alignment takes longer than `patience` [s];
-    all boards are stopped then.
+    Raises BoardError for a fault, where alignment takes longer than `patience` [s], and
+    where a board is stopped meanwhile; all boards are stopped then.
     """
     check_range("start_motors, patience", patience, POLL, 600.0, "s")
     try:
@@ -138,6 +138,8 @@ def start_motors(
         while waiting := [board for board in boards if not board.ready]:
             clock.sleep(POLL)
             for board in boards:
+                if not board.driving:
+                    raise BoardError("was stopped while it started", where=board.name)
                 board.poll()
                 board.check(stale=patience)
             if clock.now() > end:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from .errors import LimitError
 from .kinematics import FAR, Finger
 from .ranges import floats
 
+STILL = 1e-9  # [m], a finger that moves less is parked
 PEAK = 1.875  # [1], peak by mean speed of a minimum-jerk motion
 
 
@@ -46,6 +48,22 @@ def checked_trajectory(
             next="execute it in parts",
         )
     return time, p_wf
+
+
+def tip_paths(
+    trajectory, fingers: int, longest: float, control: float
+) -> tuple[list[np.ndarray | None], float]:
+    """Return the paths (n, 3) [m] of all tips at `control` [Hz], and the duration [s].
+
+    None stands for the path of a parked finger.
+    """
+    time, p_wf = checked_trajectory(trajectory, fingers, longest)
+    duration = float(time[-1] - time[0])
+    steps = max(round(duration * control), 2)
+    path = PchipInterpolator(time - time[0], p_wf)(np.linspace(0, duration, steps + 1))
+    parked = np.ptp(p_wf, axis=0).max(axis=-1) < STILL
+    paths = [None if parked[k] else path[:, k] for k in range(fingers)]
+    return paths, duration
 
 
 def way_there(

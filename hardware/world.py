@@ -12,7 +12,6 @@ from __future__ import annotations
 import threading
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from tactilenlp.data.measurements import Measurements
 
@@ -22,10 +21,9 @@ from .clock import HostClock
 from .errors import ClockError, HardwareError
 from .impedance import Gains, Limits
 from .motor_board import RECEIVE_TIMEOUT, STALE
-from .motor_can import Quantity
-from .paths import PEAK, checked_trajectory, row_of, way_back, way_there
+from .paths import PEAK, row_of, tip_paths, way_back, way_there
 from .ranges import check_range
-from .streams import FingerStreams, Stream, touch_stream
+from .samples import Samples
 
 CONTROL = 250.0  # [Hz] of commands
 CONTROLS = 50.0, 2000.0  # [Hz], between which it may be
@@ -33,7 +31,6 @@ HELD_UP = 0.1  # [s] between commands, beyond which the loop is held up
 SETTLE = 0.1  # [s] at the start of a trajectory, not recorded
 KEEP = 0.02  # [s] between two tests whether the thread is to end
 LAST = 1.0  # [s] that its last command may take: then the boards are stopped anyway
-STILL = 1e-9  # [m], a finger that moves less is parked
 THERE = 1e-3  # [rad], a start that is closer needs no motion
 
 
@@ -49,7 +46,8 @@ class RobotWorld:
 
     Motors are enabled by `start` or at the first action.  Between actions a thread
     holds the fingers, unless the clock is simulated and does not run then.  `stop` ends
-    the thread and takes the current away, and so does the end of a `with` block.
+    the thread, a start and an action, and takes the current away, and so does the end
+    of a `with` block.  It may be called anywhere, by a signal handler for instance.
     """
 
     def __init__(
@@ -66,9 +64,14 @@ class RobotWorld:
         check_range("RobotWorld.control", control, *CONTROLS, "Hz")
         check_range("RobotWorld.complete", complete, 0.0, 1.0, "")
         self.control, self.complete = control, complete
+        for one in bench.rig.fingers:
+            needs = one.joints.newton_metres
+            self.gains.check_bound(f"RobotWorld, {one.name}", needs, bench.max_current)
         self.measurements: Measurements | None = None
-        self._started, self.origin = False, 0.0
+        self.origin = 0.0
+        self._running = -1  # the count of stops of the bench when the motors started
         self._last_tick: float | None = None
+        self._seen: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         self._keeper: threading.Thread | None = None
         self._leave, self._failed = threading.Event(), None
 
@@ -88,10 +91,11 @@ class RobotWorld:
         The motion to the start (paths.py) is not recorded.  Raises LimitError before
         anything moves, other HardwareErrors afterwards.
         """
+        stops = self.bench.stops
         try:
             plan, duration = self._planned(trajectory)
             self._end_keeping()
-            self.start()
+            self._start(stops)
             here, parked = self._here(), np.array([path is None for path in plan])
             paths = [h if p is None else p for p, h in zip(plan, here, strict=True)]
             self._approach([path[0] for path in paths])
@@ -99,12 +103,12 @@ class RobotWorld:
             begin = self._follow(paths, duration)
             here = [finger.angles for finger in self.bench.fingers]
             self._follow(list(map(way_back, paths, here)), duration)
-            data = self._assembled(begin, begin + duration, parked)
-            self.bench.forget()
+            samples = self.bench.taken()
+            if isinstance(self.clock, HostClock):
+                self._keep()  # before the rest, which takes longer than a time-out
+            data = self._assembled(samples, begin, begin + duration, parked)
             past = self.measurements
             self.measurements = data if past is None else past.append(data)
-            if isinstance(self.clock, HostClock):
-                self._keep()
         except BaseException:
             self.stop()
             raise
@@ -125,39 +129,52 @@ class RobotWorld:
 
         `execute` does so where it has not been done.  Raises a HardwareError.
         """
-        if self._started:
-            return
-        self.bench.learn_zeros()
-        self.bench.start(RECEIVE_TIMEOUT)
-        self._started, self._last_tick, self._failed = True, None, None
-        self.bench.poll()
-        if self.measurements is None:
-            self.origin = self.clock.now()
+        try:
+            self._start(self.bench.stops)
+        except BaseException:
+            self.stop()
+            raise
 
     def stop(self) -> None:
-        """Command zero current on all boards and disable them; never raises."""
+        """Command zero current on all boards and disable them; logs all errors."""
         self.bench.stop()
         self._leave.set()
         if self._keeper not in (None, threading.current_thread()):
             self._keeper.join(LAST)
             self.bench.stop()  # after its last command
-        self._started, self._last_tick, self._keeper = False, None, None
+        self._last_tick, self._keeper = None, None
+
+    def _start(self, stops: int) -> None:
+        """Start unless done; a stop since the bench had counted so many ends it."""
+        if self._running != stops:
+            self.bench.check_running(stops)
+            self.bench.learn_zeros()
+            self.bench.check_running(stops)
+            self.bench.start(RECEIVE_TIMEOUT)
+            self._running, self._last_tick, self._failed = stops, None, None
+            self._seen.clear()
+            self.bench.poll()
+            if self.measurements is None:
+                self.origin = self.clock.now()
+        self.bench.check_running(stops)
 
     def _keep(self) -> None:
         """Hold the fingers where they are, in a thread."""
+        leave = self._leave = threading.Event()  # never cleared: a stop stays a stop
 
         def run() -> None:
             try:
                 here = self._here()
-                while not self._leave.is_set():
+                while not leave.is_set():
                     self._follow(here, KEEP)
             except BaseException as bad:
-                self._failed = bad
+                if self._running == self.bench.stops:  # not stopped from elsewhere
+                    self._failed = bad
                 self.bench.stop()
 
-        self._leave.clear()
-        self._keeper = threading.Thread(target=run, name="keeper", daemon=True)
-        self._keeper.start()
+        keeper = threading.Thread(target=run, name="keeper", daemon=True)
+        keeper.start()
+        self._keeper = keeper
 
     def _end_keeping(self) -> None:
         """End that thread; raises the error that ended it."""
@@ -175,19 +192,13 @@ class RobotWorld:
         None stands for the path of a parked finger.
         """
         fingers = self.bench.fingers
-        time, p_wf = checked_trajectory(trajectory, len(fingers), self.limits.longest)
-        duration = float(time[-1] - time[0])
-        steps = max(round(duration * self.control), 2)
-        path = PchipInterpolator(time - time[0], p_wf)(
-            np.linspace(0, duration, steps + 1)
-        )
+        limits, control = self.limits, self.control
+        tips, duration = tip_paths(trajectory, len(fingers), limits.longest, control)
         paths: list[np.ndarray | None] = []
-        for k, finger in enumerate(fingers):
-            if np.ptp(p_wf[:, k], axis=0).max() < STILL:
-                paths.append(None)
-                continue
-            angles = finger.geometry.inverse(path[:, k])
-            self._check(finger, angles, duration / steps)
+        for finger, path in zip(fingers, tips, strict=True):
+            angles = None if path is None else finger.geometry.inverse(path)
+            if angles is not None:
+                self._check(finger, angles, duration / (len(path) - 1))
             paths.append(angles)
         return paths, duration
 
@@ -216,6 +227,7 @@ class RobotWorld:
         speeds = [np.gradient(path, axis=0) * (len(path) - 1) for path in paths]
         step = 0
         while now < begin + duration:
+            self.bench.check_running(self._running)
             share = min(max((now - begin) / duration, 0.0), 1.0)
             for finger, path, speed in zip(
                 self.bench.fingers, paths, speeds, strict=True
@@ -237,6 +249,10 @@ class RobotWorld:
         angles, speed = finger.angles, finger.velocities
         name, geometry = finger.rig.name, finger.geometry
         self.limits.check_state(name, geometry, angles, speed)
+        stamps, (before, place) = finger.stamps, self._seen.get(name, (None, None))
+        if before is not None:
+            self.limits.check_jump(name, angles - place, float((stamps - before).max()))
+        self._seen[name] = stamps, angles
         self.limits.check_target(name, geometry, target, velocity)
         finger.apply(self.gains.torques(target, velocity, angles, speed))
 
@@ -262,8 +278,10 @@ class RobotWorld:
     def _here(self) -> list[np.ndarray]:
         return [finger.angles[None].repeat(2, axis=0) for finger in self.bench.fingers]
 
-    def _assembled(self, begin: float, end: float, parked: np.ndarray) -> Measurements:
-        streams = [_streams(finger) for finger in self.bench.fingers]
+    def _assembled(
+        self, samples: list[Samples], begin: float, end: float, parked: np.ndarray
+    ) -> Measurements:
+        streams = [one.streams() for one in samples]
         names = [one.name for one in streams]
         past = self.measurements
         return assemble(
@@ -275,15 +293,3 @@ class RobotWorld:
             parked=[name for name, still in zip(names, parked, strict=True) if still],
             complete=self.complete,
         )
-
-
-def _streams(finger: FingerBench) -> FingerStreams:
-    boards = [
-        Stream.sorted(board.name, *board.series(Quantity.POSITION), board.broken)
-        for board in finger.boards
-    ]
-    name, latency = finger.rig.name, finger.rig.tactile.latency
-    touch = touch_stream(f"{name}, tactile", finger.skin.touches)
-    return FingerStreams(
-        name, finger.geometry, finger.joints, tuple(boards), touch, latency
-    )

@@ -53,6 +53,22 @@ def test_a_command_of_another_master_is_an_error_while_driving(content):
         board.check()
 
 
+@pytest.mark.parametrize("echo", [False, True])
+def test_another_program_of_this_computer_is_another_master(echo):
+    """SocketCAN marks its frames as sent; our own come back only where asked for."""
+    with driven() as wired:
+        board = started(wired)
+        board.config["receive_own_messages"] = echo
+        message = encode(Reference((0.3, -0.3)))
+        message.is_rx = False
+        board.on_message_received(message)
+        if echo:
+            board.check()
+        else:
+            with pytest.raises(BoardError, match="another master"):
+                board.check()
+
+
 def test_a_listener_hears_the_master_of_the_robot_without_an_error():
     with driven() as wired, can.Bus(**wired.board.config) as other:
         wired.firmware.sending = {Quantity.POSITION}
