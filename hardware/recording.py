@@ -25,6 +25,7 @@ from .serial_tactile import RESTART, SPEEDS, ForceFrame
 from .streams import FingerStreams, Stream, touch_stream
 from .tape import FORMAT, MANIFEST
 
+RESTARTED = 0.2  # [s] by which arrivals differ from counters where a sensor restarted
 LONG = 2.0  # [s], least record from which the rate of a device's clock is fitted
 
 
@@ -164,12 +165,15 @@ def device_times(frames: list[tuple[float, ForceFrame]], unit: float) -> np.ndar
     """Return host times (n,) [s] by the counters of the samples, not their arrival.
 
     A chunk holds many samples: their arrivals are equal, their counters are not.
-    unit: [s] between samples.  A sensor that was restarted starts a new clock.
+    unit: [s] between samples.  A sensor that was restarted starts a new clock: its
+    counter goes back or, where it had passed half its range, seems to skip samples for
+    which no time has passed.
     """
     arrival = np.array([time for time, _ in frames])
     counter = unwrap([frame.counter for _, frame in frames], 16)
     steps = np.diff(counter)
-    starts = np.flatnonzero((steps <= 0) | (steps >= RESTART - 1)) + 1
+    apart = abs(np.diff(arrival) - unit * steps) > RESTARTED
+    starts = np.flatnonzero((steps <= 0) | (steps >= RESTART - 1) | apart) + 1
     times = np.empty(len(frames))
     for part in np.split(np.arange(len(frames)), starts):
         device, host = counter[part], arrival[part]

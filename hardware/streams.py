@@ -57,9 +57,14 @@ class Stream:
 
     @classmethod
     def sorted(
-        cls, name: str, time: np.ndarray, values: np.ndarray, broken: int = 0
+        cls,
+        name: str,
+        time: np.ndarray,
+        values: np.ndarray,
+        broken: int = 0,
+        last: bool = False,
     ) -> Stream:
-        """Sort by time, keep the first of equal stamps, and count.
+        """Sort by time, keep the first (or last) of equal stamps, and count.
 
         Raises FrameError where there are fewer than two different times.
         """
@@ -68,7 +73,8 @@ class Stream:
         order = np.argsort(time, kind="stable")
         disordered = int((np.diff(time) < 0).sum())
         time, values = time[order], values[order]
-        fresh = np.diff(time, prepend=-np.inf) > 0
+        ends = {"append": np.inf} if last else {"prepend": -np.inf}
+        fresh = np.diff(time, **ends) > 0
         doubles = int((~fresh).sum())
         time, values = time[fresh], values[fresh]
         if len(time) < 2 or not finite:
@@ -111,13 +117,17 @@ class FingerStreams:
 
 
 def touch_stream(name: str, touches: list[Touch], broken: int = 0) -> Stream:
-    """Return touches as a stream; a touch whose normal is unknown is not valid."""
+    """Return touches as a stream; a touch whose normal is unknown is not valid.
+
+    A chunk of a serial line holds several samples with one time of arrival: the last
+    one is of that time.
+    """
     values = np.zeros((len(touches), 6))  # no lists: the collector would stop for them
     for k, touch in enumerate(touches):
         known = touch.valid and (not touch.contact or bool(touch.normal.any()))
         values[k, :3] = touch.contact and known, known, touch.strength
         values[k, 3:] = touch.normal
-    return Stream.sorted(name, [touch.time for touch in touches], values, broken)
+    return Stream.sorted(name, [touch.time for touch in touches], values, broken, True)
 
 
 def table(rows: list, width: int) -> np.ndarray:

@@ -154,6 +154,32 @@ def test_a_sensor_that_was_switched_on_again_has_a_new_clock():
     assert np.abs(device_times(frames, 0.01) - true).max() < 1e-3
 
 
+@pytest.mark.parametrize("count", [600, 10_000])
+@pytest.mark.parametrize("last", [30_000, 45_000, 65_000])
+def test_a_sensor_that_was_unplugged_has_a_new_clock_whatever_it_had_counted(
+    count, last
+):
+    """Beyond half its range a counter that starts at 0 seems to go forward."""
+    counters = [*range(last - count, last), *range(count)]
+    outage = 1.0
+    true = 1.7e9 + np.arange(2 * count) / 1000 + np.repeat([0.0, outage], count)
+    frames = [
+        (t, ForceFrame(c, 0, (0, 0, 0)))
+        for t, c in zip(true.tolist(), counters, strict=True)
+    ]
+    assert np.abs(device_times(frames, 1e-3) - true).max() < 1e-3
+
+
+def test_a_counter_that_wrapped_unheard_keeps_the_time():
+    counters = [*range(20_000), *(k % 65536 for k in range(90_000, 100_000))]
+    true = 1.7e9 + np.r_[np.arange(20_000), np.arange(90_000, 100_000)] / 1000
+    frames = [
+        (t, ForceFrame(c, 0, (0, 0, 0)))
+        for t, c in zip(true.tolist(), counters, strict=True)
+    ]
+    assert np.abs(device_times(frames, 1e-3) - true).max() < 1e-3
+
+
 # Damage
 
 

@@ -10,7 +10,8 @@ from hardware.serial_tactile import (
     FieldFrame,
     ForceFrame,
 )
-from hardware.touch import FieldTouch, ForceTouch, Hysteresis, Tare
+from hardware.streams import touch_stream
+from hardware.touch import FieldTouch, ForceTouch, Hysteresis, Tare, Touch
 
 
 def test_contact_begins_and_ends_at_two_thresholds():
@@ -60,3 +61,13 @@ def test_a_skin_knows_whether_it_is_touched_not_where():
     felt = touch(1.0, replace(quiet, field=np.full((5, 3), 4.0)))
     assert felt.contact
     assert not felt.normal.any()
+
+
+def test_of_the_samples_of_one_chunk_the_last_is_of_its_time():
+    touches = [
+        Touch(10.0 + 0.016 * (k // 16), True, np.array([0.0, 0.0, 1.0]), float(k))
+        for k in range(64)
+    ]
+    stream = touch_stream("sensor", touches)
+    assert stream.values[:, 2].tolist() == [15.0, 31.0, 47.0, 63.0]
+    assert stream.report.doubles == 60
