@@ -142,27 +142,39 @@ class Bench:
         for finger in self.fingers:
             for board in finger.boards:
                 board.check(stale)
-            finger.skin.check(touch_stale)
+        self.check_sensors(touch_stale)
 
     def learn_zeros(self) -> None:
-        """Wait for the first touch of every sensor, before any motor is enabled.
+        """Find the zero of every sensor anew, before any motor is enabled.
 
-        A camera takes seconds to open, and its zero longer to compute than a board
-        waits for the next current.  Raises StaleStreamError after LEARN seconds.
+        Of samples that come from now on, as a hand may have touched it before.  A
+        camera takes seconds to open, and its zero longer to compute than a board waits
+        for the next current.  Raises StaleStreamError after LEARN seconds, and where a
+        sensor is silent, or fails, at the end.
         """
         end, stops = self.clock.now() + LEARN, self.stops
+        skins = [finger.skin for finger in self.fingers]
+        for skin in skins:
+            skin.reset()
         while True:
             self.check_running(stops)
             self.poll()
-            if all(finger.skin.touches for finger in self.fingers):
-                return
+            if all(skin.touches for skin in skins):
+                break
             if self.clock.now() > end:
+                self.check_sensors()
                 raise StaleStreamError(
                     "a sensor finds no zero", where="Bench",
                     got=f"no touch within {LEARN} s",
                     next="check with `python -m hardware record` that it sends",
                 )  # fmt: skip
             self.clock.sleep(POLL)
+        self.check_sensors()
+
+    def check_sensors(self, stale: float = TOUCH_STALE) -> None:
+        """Raise the error of any sensor: silence for longer [s], or a failure."""
+        for finger in self.fingers:
+            finger.skin.check(stale)
 
     def start(self, timeout: float) -> None:
         """Enable all motors; a board switches off after a silence [s]."""

@@ -21,6 +21,10 @@ class BoardError(HardwareError):
     """A motor board reports a fault, or does not follow a command."""
 
 
+class SensorError(HardwareError):
+    """A tactile sensor reports a failure."""
+
+
 class StaleStreamError(HardwareError):
     """A stream is silent: the newest sample is too old."""
 

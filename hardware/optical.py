@@ -142,6 +142,10 @@ class OpticalTouch:
             normal = -self.R_ts @ self.lens.direction(sensed.centre)
         return Touch(time, contact, normal, sensed.strength)
 
+    def reset(self) -> None:
+        """Learn reference and thresholds again, from the next pictures."""
+        self.decide, self._flow, self._waiting = None, None, []
+
     def learn(self, frames: Iterable[np.ndarray]) -> None:
         """Take the mean of pictures without contact as reference, learn thresholds."""
         self._learn([self._cropped(frame) for frame in frames])

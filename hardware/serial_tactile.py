@@ -71,11 +71,13 @@ class FieldFrame:
 class OptoForceFramer:
     """Find OptoForce packets; `good`, `broken` (bad checksum) and `lost` count them.
 
-    `lost` are samples that the counter skips, `skipped` are bytes outside packets.
+    `lost` are samples that the counter skips, `skipped` are bytes outside packets.  A
+    good packet with the counter of the one before is no new sample: it is not returned,
+    and counted in `repeated`.
     """
 
     def __init__(self) -> None:
-        self.good = self.broken = self.lost = self.skipped = 0
+        self.good = self.broken = self.lost = self.skipped = self.repeated = 0
         self._buffer = bytearray()
         self._last: int | None = None
 
@@ -95,7 +97,9 @@ class OptoForceFramer:
                 self.skipped += 1
             else:
                 at += PACKET.size
-                frames.append(frame)
+                if frame.counter != self._last:
+                    frames.append(frame)
+                self._count(frame.counter)
         else:
             keep = max(at, len(buffer) - len(HEADER) + 1)
             self.skipped += keep - at
@@ -113,11 +117,16 @@ class OptoForceFramer:
             self.broken += 1
             return None
         self.good += 1
-        if self._last is not None:
-            gap = (counter - self._last - 1) % WRAP
-            self.lost += gap if gap < RESTART else 0
-        self._last = counter
         return ForceFrame(counter, status, tuple(counts))
+
+    def _count(self, counter: int) -> None:
+        """Count samples that were lost before this one, or that it is no new one."""
+        last, self._last = self._last, counter
+        if counter == last:
+            self.repeated += 1
+        elif last is not None:
+            gap = (counter - last - 1) % WRAP
+            self.lost += gap if gap < RESTART else 0
 
 
 class AnySkinFramer:

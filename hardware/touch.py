@@ -14,7 +14,7 @@ import numpy as np
 
 from tactilenlp.errors import shortened, typed_call
 
-from .errors import FrameError, StaleStreamError
+from .errors import FrameError, SensorError, StaleStreamError
 from .ranges import check_range, check_ranges, check_whole, floats, number, rotation
 from .serial_tactile import FieldFrame, ForceFrame
 
@@ -48,9 +48,14 @@ class Touch:
 
 
 class Toucher(Protocol):
-    """Make a touch of a frame and its time [s]: ForceTouch, FieldTouch."""
+    """Make a touch of a frame and its time [s]: ForceTouch, FieldTouch.
+
+    `reset` makes it find its zero again.
+    """
 
     def __call__(self, time: float, frame) -> Touch | None: ...
+
+    def reset(self) -> None: ...
 
 
 @typed_call(FrameError)
@@ -100,11 +105,20 @@ class Tare:
     def __init__(self, samples: int = REST) -> None:
         check_whole("Tare.samples", samples, 1, LONGEST_REST, FrameError)
         self.samples = samples
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the zero."""
         self._sum, self._count = 0.0, 0
+
+    @property
+    def known(self) -> bool:
+        """Whether the zero has been found."""
+        return self._count >= self.samples
 
     def __call__(self, values: np.ndarray) -> np.ndarray | None:
         """Return the values without their zero, None while it is being found."""
-        if self._count < self.samples:
+        if not self.known:
             self._sum, self._count = self._sum + values, self._count + 1
             return None
         return values - self._sum / self._count
@@ -116,6 +130,8 @@ class ForceTouch:
 
     The force lies within the friction cone about the normal, not along it: with
     friction 0.5 the angle is up to 27 degrees.  Set sigma_normal of the scene for it.
+    A sample with a reported error is not valid, nor is one with a force beyond the
+    range of the sensor, whose direction is wrong; neither enters the zero.
 
     scale:   (3,) [counts/N], on the sensor's data sheet
     on, off: [N]
@@ -137,16 +153,22 @@ class ForceTouch:
 
     def __call__(self, time: float, frame: ForceFrame) -> Touch | None:
         """Return the touch, None while the zero is being found."""
+        if frame.fault or frame.overload:
+            unknown = Touch(time, False, np.zeros(3), np.nan, valid=False)
+            return unknown if self.tare.known else None
         counts = self.tare(np.array(frame.counts, float))
         if counts is None:
             return None
-        if frame.fault:
-            return Touch(time, False, np.zeros(3), np.nan, valid=False)
         force = counts / self.scale
         strength = float(np.linalg.norm(force))
         contact = self.decide(strength)
         normal = self.R_ts @ (force / strength) if contact else np.zeros(3)
         return Touch(time, contact, normal, strength)
+
+    def reset(self) -> None:
+        """Find the zero again, from the next samples."""
+        self.tare.reset()
+        self.decide.contact = False
 
 
 @typed_call(FrameError)
@@ -166,6 +188,11 @@ class FieldTouch:
             return None
         strength = float(np.linalg.norm(change))
         return Touch(time, self.decide(strength), np.zeros(3), strength)
+
+    def reset(self) -> None:
+        """Find the zero again, from the next samples."""
+        self.tare.reset()
+        self.decide.contact = False
 
 
 def check_age(name: str, age: float, limit: float, why: str = "") -> None:
@@ -191,7 +218,7 @@ class Skin:
     def __init__(self, reader, toucher: Toucher) -> None:
         self.reader, self.toucher = reader, toucher
         self.touches: list[Touch] = []
-        self._remembers = False
+        self._remembers, self._failure = False, None
 
     def __enter__(self) -> Skin:
         self.reader.__enter__()
@@ -203,6 +230,8 @@ class Skin:
     def poll(self) -> None:
         """Read the frames of the sensor; raises the errors of the toucher."""
         for time, frame in self.reader.take():
+            failed = isinstance(frame, ForceFrame) and frame.fault
+            self._failure = frame.status if failed else None
             touch = self.toucher(time, frame)
             if touch is not None:
                 if self._remembers:
@@ -211,8 +240,25 @@ class Skin:
                     self.touches = [touch]
 
     def check(self, stale: float) -> None:
-        """Raise StaleStreamError after a longer silence [s] of the sensor."""
+        """Raise StaleStreamError after a longer silence [s], SensorError for a failure.
+
+        A failure is what the newest sample reports.
+        """
         self.reader.check(stale)
+        if self._failure is not None:
+            raise SensorError(
+                "the sensor reports a failure",
+                where=self.reader.name,
+                got=f"status 0x{self._failure:04X}",
+                expected="bits 10 to 15 zero",
+                next="check the sensor, its plug and its cable",
+            )
+
+    def reset(self) -> None:
+        """Drop all frames and touches so far, and find the zero again."""
+        self.reader.take()
+        self.toucher.reset()
+        self.touches, self._failure = [], None
 
     def remember(self) -> None:
         """Drop all touches but the newest, and keep all new ones."""
