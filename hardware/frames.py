@@ -51,10 +51,23 @@ class Camera(Reader):
         self._last: np.ndarray | None = None
 
     def _run(self) -> None:
+        try:
+            self._read()
+        except HardwareError as bad:  # the sink: a full disk, for instance
+            self._broken_down = bad
+        except Exception as bad:  # of the driver, or of the function that reads
+            told = f"{type(bad).__name__}: {bad}"
+            self._broken_down = BusError("cannot be read", where=self.name, got=told)
+
+    def _read(self) -> None:
+        """Open the camera again and again, and read what it gives."""
         wait = FIRST_WAIT
         while not self._leave.is_set():
             try:
                 read, close = self._open()
+            except BusError as bad:
+                self._why = bad.what
+            else:
                 try:
                     while not self._leave.is_set() and (frame := read()) is not None:
                         self.on_picture(frame)
@@ -62,11 +75,6 @@ class Camera(Reader):
                 finally:
                     close()
                 self._why = "no more pictures"
-            except BusError as bad:
-                self._why = bad.what
-            except HardwareError as bad:  # the sink: a full disk, for instance
-                self._broken_down = bad
-                return
             self._leave.wait(wait)
             wait = min(2 * wait, LONGEST_WAIT)
             self.reconnects += 1
@@ -93,8 +101,21 @@ class Camera(Reader):
         return lambda: camera.read()[1], camera.release
 
     def on_picture(self, frame: np.ndarray) -> None:
-        """Process one picture that has just come."""
+        """Process one picture that has just come; BusError if it has another size.
+
+        OpenCV does not say that a camera cannot have the size it is told to have; then
+        the lens of the rig would be that of other pictures, and normals wrong.
+        """
         now = self.clock.now()
+        got = frame.shape[1::-1]
+        if self.size is not None and got != tuple(self.size):
+            raise BusError(
+                "pictures of another size",
+                where=self.name,
+                got=f"{got} px",
+                expected=f"{tuple(self.size)} px (camera.size)",
+                next="give a size that the camera has, and the lens for it",
+            )
         if self._last is not None and np.array_equal(frame, self._last):
             self.frozen += 1
             return

@@ -11,6 +11,7 @@ import cv2
 from bench import complaint, wait_for
 
 from hardware.errors import (
+    BusError,
     RecordingError,
     StaleStreamError,
 )
@@ -65,6 +66,35 @@ def test_a_sink_that_fails_ends_in_its_own_error(skin):
         wait_for(lambda: "the disk is full" in complaint(camera))
         with pytest.raises(RecordingError, match="the disk is full"):
             camera.check()
+
+
+def test_a_camera_that_does_not_obey_the_size_is_refused(skin, monkeypatch):
+    class Stubborn:
+        """A camera that takes any setting and changes none."""
+
+        def __init__(self, source):
+            self.isOpened, self.set = (lambda: True), (lambda key, value: False)
+            self.read, self.release = (lambda: (True, skin.picture())), (lambda: None)
+
+    monkeypatch.setattr(cv2, "VideoCapture", Stubborn)
+    with Camera(0, size=(160, 120), name="finger 0") as camera:
+        wait_for(lambda: complaint(camera))
+        with pytest.raises(BusError, match=r"finger 0.*\(160, 120\).*\(320, 240\)"):
+            camera.check(10.0)
+        assert camera.take() == []
+    with Camera(0, size=SHAPE[::-1]) as camera:
+        wait_for(lambda: camera.good > 2)
+        camera.check(10.0)
+
+
+def test_an_error_of_a_driver_is_told_by_check():
+    def read():
+        raise cv2.error("one bad transfer")
+
+    with Camera(read, name="finger 1") as camera:
+        wait_for(lambda: not camera._thread.is_alive())
+        with pytest.raises(BusError, match=r"finger 1: cannot be read.*bad transfer"):
+            camera.check(10.0)
 
 
 def test_pictures_are_read_in_their_natural_order(tmp_path):
