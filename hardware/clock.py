@@ -8,6 +8,7 @@ least-squares line, which a few late samples bias upward.
 
 from __future__ import annotations
 
+import logging
 import time
 from dataclasses import dataclass
 from typing import Protocol
@@ -17,8 +18,10 @@ import numpy as np
 from .errors import ClockError
 from .ranges import check_range, check_whole, floats
 
+log = logging.getLogger(__name__)
 LARGEST_DRIFT = 1e-3  # [1]; quartz drifts by 1e-4 at most; larger: wrong unit
 STEP = 1e-3  # [s], a larger change between wall clock and run time is a step
+FOREIGN = 10.0  # [s] from the wall clock: a stamp of another clock
 READS = 3  # attempts to read two clocks at one instant
 
 
@@ -63,7 +66,9 @@ class WallStamps:
     """Map stamps of the wall clock to the time of the run, across its steps.
 
     A frame that is read now came after the previous reading: where the wall clock was
-    stepped in between, that tells whether its stamp is of before or after the step.
+    stepped in between, that tells whether its stamp is of before or after the step.  A
+    stamp of another clock (gs_usb: seconds since it was plugged in) cannot be mapped:
+    the frame has the time of its reading.
     Call `look` after every reading, then the object with each stamp.
     """
 
@@ -71,6 +76,7 @@ class WallStamps:
         self._clock = clock
         self._latest, offset = self._read()
         self._earliest, self._offsets = self._latest, (offset, offset)
+        self._warned = False
 
     def look(self) -> None:
         """Read both clocks: all stamps that are mapped next are not later than now."""
@@ -81,9 +87,14 @@ class WallStamps:
     def __call__(self, stamp: float) -> float:
         """Return the time [s] of the run that a stamp [s] of the wall clock means."""
         before, after = self._offsets
+        times = sorted((stamp - before, stamp - after), key=self._outside)
+        if self._outside(times[0]) > FOREIGN:
+            if not self._warned:
+                log.warning("a stamp of another clock, %.3f s: not used", stamp)
+            self._warned = True
+            return self._latest
         if abs(after - before) < STEP:
             return stamp - after
-        times = sorted((stamp - before, stamp - after), key=self._outside)
         return min(max(times[0], self._earliest), self._latest)
 
     def _outside(self, time: float) -> float:

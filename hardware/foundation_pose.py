@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 COUNTER = r"\d{1,7}"  # longer numbers are time stamps
 RATE = 30.0  # [Hz] of the camera
 ROTATION_TOLERANCE = 1e-3  # [1], largest entry of R'R - 1
-LARGEST_GAP = 2.5 / RATE  # [s]: poses are not interpolated over more than two pictures
+LARGEST_GAP = 2.5  # [pictures]: poses are not interpolated over more than two
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class Poses:
         """Return the poses at times (n,) [s]: linear, slerp, between close pictures.
 
         Not valid outside the record, and where neighbours are further apart than two
-        pictures.
+        pictures at their median interval.
         """
         time = np.asarray(time, float)
         good = np.flatnonzero(self.valid)
@@ -54,7 +54,8 @@ class Poses:
         known, p_w = self.time[good], self.position[good]
         after = np.clip(np.searchsorted(known, time), 1, len(known) - 1)
         gap = known[after] - known[after - 1]
-        valid = (known[0] <= time) & (time <= known[-1]) & (gap <= LARGEST_GAP)
+        close = gap <= LARGEST_GAP * np.median(np.diff(self.time))
+        valid = (known[0] <= time) & (time <= known[-1]) & close
         inside = np.clip(time, known[0], known[-1])
         position = np.stack([np.interp(inside, known, p) for p in p_w.T], axis=-1)
         turn = Slerp(known, _rotation(self.quaternion[good]))(inside)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import heapq
 import os
-import tty
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
@@ -105,6 +104,14 @@ class Replay(AbstractContextManager):
 
     def _serial(self, stack: ExitStack, stream: str) -> str:
         """Open a pseudo-terminal, add its chunks to the events, return its name."""
+        try:
+            import tty  # not on Windows
+        except ImportError as bad:
+            raise HardwareError(
+                "serial bytes cannot be sent", where=stream, got=f"{bad}",
+                expected="a system with pseudo-terminals",
+                next="replay on Linux or macOS, or a recording of sensors on CAN",
+            ) from bad  # fmt: skip
         ours, theirs = os.openpty()
         tty.setraw(theirs)
         stack.callback(os.close, ours)

@@ -20,6 +20,7 @@ from .motor_joints import JointMap
 from .ranges import check_kind, check_range, check_ranges, check_whole
 from .serial_reader import OptoForceCan, SerialTactile
 from .serial_tactile import (
+    SPEEDS,
     AnySkinFramer,
     OptoForceFramer,
     encode_configuration,
@@ -75,6 +76,14 @@ class Tactile:
         for name in ("can", "touch", "camera"):
             check_kind(f"tactile.{name}", getattr(self, name), dict, RigError)
         check_whole("tactile.speed", self.speed, 1, FASTEST_SENSOR, RigError)
+        if self.kind.startswith("optoforce") and not SPEEDS.get(self.speed):
+            rates = sorted(speed for speed, period in SPEEDS.items() if period)
+            raise RigError(
+                "no such rate",
+                where="tactile.speed",
+                got=self.speed,
+                expected=f"one of {rates} Hz",
+            )
         _check_camera(self.camera)
         check_range("tactile.latency", self.latency, 0.0, 1.0, "s", RigError)
 

@@ -92,7 +92,8 @@ class SerialTactile(Reader):
                 return
 
     def _open(self) -> serial.SerialBase:
-        options = {"exclusive": True} if ":" not in self.url else {}
+        # names of udev have colons, too: /dev/serial/by-path/pci-0000:00:14.0-usb-0:1
+        options = {"exclusive": True} if "://" not in self.url else {}
         port = serial.serial_for_url(
             self.url, baudrate=self.baudrate, timeout=READ_TIME, **options
         )

@@ -6,12 +6,14 @@ import threading
 import can
 import numpy as np
 import pytest
+from bench import ManualClock
 from bench_jumps import FAR, LARGEST, PHASES, SMALLEST, Jumping, run_trial
 
 from hardware.can_bus import waiting
 from hardware.clock import HostClock, WallStamps
 from hardware.errors import ClockError
 from hardware.paths import row_of
+from hardware.simulated_robot import NOON
 
 # The full run is TACTILENLP_JUMPS=200.
 TRIALS = int(os.environ.get("TACTILENLP_JUMPS", "7"))
@@ -142,3 +144,15 @@ def test_a_clock_that_runs_backward_ends_the_action(monkeypatch):
             setup.world.execute(FAR)
         robot.now = now
         assert setup.left_in_peace()
+
+
+@pytest.mark.parametrize("stamp", [0.0, 100.2, NOON - 11.0, NOON + 31.0, 1e18])
+def test_a_stamp_of_another_clock_is_the_time_of_its_reading(stamp):
+    """An adapter may count seconds from when it was plugged in."""
+    clock = ManualClock(NOON)
+    stamps = WallStamps(clock)
+    clock.time = NOON + 20.0
+    stamps.look()
+    assert stamps(stamp) == NOON + 20.0
+    assert stamps(NOON + 19.5) == NOON + 19.5
+    assert stamps(NOON + 0.5) == NOON + 0.5  # nobody has read for a while

@@ -1,5 +1,6 @@
 """python -m hardware: record, replay, check, assemble."""
 
+import importlib
 import os
 import subprocess
 import sys
@@ -114,6 +115,22 @@ def test_serial_bytes_are_sent_to_a_terminal(tmp_path):
         os.close(port)
         with pytest.raises(HardwareError, match="no speed"):
             replay.run(speed=0)
+
+
+def test_without_pseudo_terminals_only_serial_bytes_are_not_sent(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "tty", None)  # as on Windows
+    for name in ("hardware.replay", "hardware.__main__"):
+        monkeypatch.delitem(sys.modules, name)
+        importlib.import_module(name)
+    rig = simulated_rig("optoforce", f"tape {next(numbers)}")
+    with Tape(tmp_path / "tape", rig):
+        pass
+    replay = Replay(
+        Recording(tmp_path / "tape"),
+        lambda number: {"interface": "virtual", "channel": f"no terminal {number}"},
+    )
+    with pytest.raises(HardwareError, match="finger_0_tactile: serial bytes"):
+        replay.__enter__()
 
 
 def test_recording_ends_well_by_hand(tmp_path, monkeypatch, capsys):

@@ -105,6 +105,15 @@ def test_gaps_and_ends_are_not_bridged(tmp_path):
     assert not load_poses(tmp_path / "1").at([0.0]).valid.any()
 
 
+@pytest.mark.parametrize("rate", [10.0, 30.0, 200.0])
+def test_what_is_a_gap_follows_from_the_rate_of_the_pictures(tmp_path, rate):
+    keep = [0, 1, 2, 4, 5, 8, 9]
+    write(tmp_path, motions(10)[keep], keep)
+    poses = load_poses(tmp_path, rate=rate)
+    valid = poses.at(np.array([0.5, 3.0, 4.5, 6.5]) / rate).valid
+    assert valid.tolist() == [True, True, True, False]
+
+
 def test_times_must_fit_the_pictures(tmp_path):
     write(tmp_path, motions(5), range(5))
     times = 1.7e9 + np.arange(6) / 30

@@ -67,6 +67,15 @@ def test_a_magnetic_skin_is_a_rig_too():
     assert tactile.toucher().decide.on == 80.0
 
 
+@pytest.mark.parametrize("kind", ["optoforce", "optoforce_can"])
+def test_a_rate_that_an_optoforce_does_not_have_is_refused(kind):
+    with pytest.raises(RigError, match=r"tactile\.speed: no such rate.*333"):
+        Tactile(kind, speed=500)
+    for speed in (10, 30, 100, 333, 1000):
+        Tactile(kind, speed=speed)
+    Tactile("anyskin", speed=500)  # which has one rate only
+
+
 def test_names_that_would_share_a_file_are_refused():
     rig = simulated_rig("optoforce")
     for names in (("finger 0", "finger_0"), ("a", ""), ("a", "a")):

@@ -106,10 +106,15 @@ def test_a_port_that_is_not_there_is_said_with_the_reason():
             sensor.check()
 
 
-def test_a_port_is_read_by_one_only(terminal):
-    with SerialTactile(terminal.name, OptoForceFramer()) as sensor:
+@pytest.mark.parametrize("name", [None, "pci-0000:00:14.0-usb-0:1:1.0"])
+def test_a_port_is_read_by_one_only(terminal, tmp_path, name):
+    port = terminal.name
+    if name is not None:  # udev makes such links in /dev/serial/by-path
+        port = str(tmp_path / name)
+        os.symlink(terminal.name, port)
+    with SerialTactile(port, OptoForceFramer()) as sensor:
         wait_for(lambda: sensor.opened)
-        with SerialTactile(terminal.name, OptoForceFramer()) as other:
+        with SerialTactile(port, OptoForceFramer()) as other:
             wait_for(lambda: other.age > 0.1)  # then `check` says the reason
             said = complaint(other)
             assert "lock" in said or "Resource" in said
