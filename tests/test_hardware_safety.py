@@ -3,6 +3,8 @@
 import re
 from pathlib import Path
 
+import can
+import numpy as np
 import pytest
 from bench_robot import FREE, Setup, poised, stop_a_board
 from test_hardware_faults import (
@@ -12,10 +14,12 @@ from test_hardware_faults import (
     report_bus_off,
     stop_a_sensor,
 )
+from test_hardware_interrupted import jump
+from test_hardware_zeros import FAILURE, replace_packets
 
 from hardware.errors import HardwareError
 from hardware.impedance import Limits
-from hardware.motor_can import Reference
+from hardware.motor_can import Quantity, Reference, encode
 
 README = Path(__file__).resolve().parents[1] / "hardware" / "README.md"
 ROW = re.compile(r"^\| (.+?) \| (.+?) \| \*\*(\d+) ms\*\* \|", re.M)
@@ -51,11 +55,39 @@ def die(setup):
     raise SystemExit
 
 
+def mute_velocities(setup):
+    setup.robot.fingers[0].boards[1].sending.discard(Quantity.VELOCITY)
+
+
+def command_from_elsewhere(setup):
+    with can.Bus(**setup.rig.fingers[0].boards[0]) as other:
+        other.send(encode(Reference((0.3, -0.3))))
+
+
+def switch_a_motor_off(setup):
+    setup.robot.fingers[0].boards[1]._enabled = np.array([False, True])
+
+
+def hang_an_adapter(setup):
+    def full(message, timeout):
+        raise can.CanTimeoutError("transmit buffer full")
+
+    setup.bench.boards[1].bus.send = full
+
+
 HARMS = {
     "a board falls silent": stop_a_board,
     "a force sensor falls silent": stop_a_sensor,
+    "a board sends no velocities": mute_velocities,
+    "a force sensor repeats one sample": lambda s: replace_packets(s, moving=False),
+    "a force sensor reports a failure": lambda s: replace_packets(s, FAILURE),
     "a camera repeats one picture": freeze_a_camera,
     "a board reports a fault": fail_a_board,
+    "a board reports that a motor is off, without a fault": switch_a_motor_off,
+    "another program commands a board": command_from_elsewhere,
+    "a CAN adapter takes no more frames": hang_an_adapter,
+    "a position jumps": lambda s: jump(s, 0.1),
+    "`RobotWorld.stop` is called elsewhere": lambda s: s.world.stop(),
     "the CAN controller reports bus-off": report_bus_off,
     "a CAN adapter is unplugged": close_a_bus,
     "a joint moves faster than `Limits.top_speed`": run_away,
