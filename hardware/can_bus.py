@@ -59,7 +59,7 @@ def waiting(
         if not messages:
             raise
         on_error(bad)  # a bus that is lost raises again at the next reading
-    stamps.look()
+    stamps.look(all_read=len(messages) < POLL_LIMIT)
     for message in messages:
         message.timestamp = stamps(message.timestamp)
     return messages

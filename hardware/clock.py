@@ -65,10 +65,10 @@ class HostClock:
 class WallStamps:
     """Map stamps of the wall clock to the time of the run, across its steps.
 
-    A frame that is read now came after the previous reading: where the wall clock was
-    stepped in between, that tells whether its stamp is of before or after the step.  A
-    stamp of another clock (gs_usb: seconds since it was plugged in) cannot be mapped:
-    the frame has the time of its reading.
+    A frame that is read now came after the previous reading of all frames: where the
+    wall clock was stepped in between, that tells whether its stamp is of before or
+    after the step.  A stamp of another clock (gs_usb: seconds since it was plugged in)
+    cannot be mapped: the frame has the time of its reading.
     Call `look` after every reading, then the object with each stamp.
     """
 
@@ -76,13 +76,17 @@ class WallStamps:
         self._clock = clock
         self._latest, offset = self._read()
         self._earliest, self._offsets = self._latest, (offset, offset)
-        self._warned = False
+        self._all, self._warned = True, False
 
-    def look(self) -> None:
-        """Read both clocks: all stamps that are mapped next are not later than now."""
-        self._earliest = self._latest
+    def look(self, all_read: bool = True) -> None:
+        """Read both clocks: all stamps that are mapped next are not later than now.
+
+        all_read: whether no frame was left for the next reading
+        """
+        if self._all:
+            self._earliest, self._offsets = self._latest, self._offsets[1:] * 2
         self._latest, offset = self._read()
-        self._offsets = self._offsets[1], offset
+        self._offsets, self._all = (self._offsets[0], offset), all_read
 
     def __call__(self, stamp: float) -> float:
         """Return the time [s] of the run that a stamp [s] of the wall clock means."""

@@ -156,3 +156,15 @@ def test_a_stamp_of_another_clock_is_the_time_of_its_reading(stamp):
     assert stamps(stamp) == NOON + 20.0
     assert stamps(NOON + 19.5) == NOON + 19.5
     assert stamps(NOON + 0.5) == NOON + 0.5  # nobody has read for a while
+
+
+def test_frames_that_wait_for_the_next_reading_keep_their_stamps():
+    clock = ManualClock(NOON)
+    stamps = WallStamps(clock)
+    for k, rest in enumerate((True, True, False)):
+        clock.time = NOON + 60.0 + k
+        stamps.look(all_read=not rest)
+        assert stamps(NOON + 20.0 + k) == NOON + 20.0 + k
+    clock.time = NOON + 90.0
+    stamps.look()
+    assert stamps(NOON + 20.0) == NOON + 90.0
