@@ -37,6 +37,13 @@ def open_bus(config: Mapping, name: str) -> can.BusABC:
     return bus
 
 
+def close_bus(bus: can.BusABC, name: str) -> None:
+    """Close a bus; log its errors."""
+    quietly(bus.shutdown, name)
+    if (port := getattr(bus, "serialPortOrig", None)) is not None:
+        quietly(port.close, name)  # slcan leaves it open if it cannot say goodbye
+
+
 def _nothing() -> None:
     """Do nothing: what is written to a port goes out by itself."""
 

@@ -17,7 +17,7 @@ from tactilenlp.errors import typed_call
 
 from . import motor_can as codec
 from . import motor_checks as checks
-from .can_bus import lost, open_bus, quietly, waiting
+from .can_bus import close_bus, lost, open_bus, waiting
 from .clock import Clock, HostClock, WallStamps
 from .errors import BoardError, BusError, HardwareError, RigError
 from .motor_can import Command, Content, Pair, Quantity, Status
@@ -92,7 +92,7 @@ class MotorBoard(can.Listener):
         finally:
             if (bus := self._bus) is not None:
                 self._bus = None
-                quietly(bus.shutdown, self.name)
+                close_bus(bus, self.name)
 
     # Reading
 

@@ -11,7 +11,7 @@ import can
 import serial
 
 from . import serial_tactile as codec
-from .can_bus import open_bus, quietly, waiting
+from .can_bus import close_bus, open_bus, waiting
 from .clock import Clock, HostClock, WallStamps
 from .errors import BusError, HardwareError
 from .reader import QUEUE, STALE, Reader
@@ -152,7 +152,7 @@ class OptoForceCan(can.Listener):
     def __exit__(self, *exception) -> None:
         bus, self._bus = self._bus, None
         if bus is not None:
-            quietly(bus.shutdown, self.name)
+            close_bus(bus, self.name)
 
     def poll(self) -> None:
         """Read all received frames of the sensor's own bus, if it has one."""

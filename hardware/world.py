@@ -139,10 +139,11 @@ class RobotWorld:
         """Command zero current on all boards and disable them; logs all errors."""
         self.bench.stop()
         self._leave.set()
-        if self._keeper not in (None, threading.current_thread()):
-            self._keeper.join(LAST)
+        keeper, self._keeper = self._keeper, None
+        if keeper not in (None, threading.current_thread()):
+            keeper.join(LAST)
             self.bench.stop()  # after its last command
-        self._last_tick, self._keeper = None, None
+        self._last_tick = None
 
     def _start(self, stops: int) -> None:
         """Start unless done; a stop since the bench had counted so many ends it."""
@@ -179,9 +180,9 @@ class RobotWorld:
     def _end_keeping(self) -> None:
         """End that thread; raises the error that ended it."""
         self._leave.set()
-        if self._keeper is not None:
-            self._keeper.join()
-            self._keeper = None
+        keeper, self._keeper = self._keeper, None  # another thread may stop meanwhile
+        if keeper is not None:
+            keeper.join()
         if self._failed is not None:
             failed, self._failed = self._failed, None
             raise failed

@@ -55,6 +55,27 @@ def test_an_adapter_that_hangs_is_given_up_at_once(terminal):
         assert time.monotonic() - began < 20 * SEND_TIME
 
 
+def test_nothing_waits_until_a_port_is_drained(terminal, monkeypatch):
+    """To drain a port has no time-out: with an adapter that hangs it takes for ever."""
+    with MotorBoard(slcan(terminal), listen_only=False) as board:
+
+        def drain(port):
+            raise AssertionError("waits for the adapter")
+
+        monkeypatch.setattr("termios.tcdrain", drain)
+        board.command(0.1, 0.1)
+        board.stop()
+    assert b"t0058" in terminal.read()
+
+
+def test_the_port_of_an_adapter_that_hangs_is_closed(terminal):
+    with MotorBoard(slcan(terminal), listen_only=False) as board:
+        port = board.bus.serialPortOrig
+        with pytest.raises(BusError):
+            fill(board)
+    assert not port.is_open
+
+
 def test_a_board_on_an_adapter_that_hangs_does_not_delay_the_others(
     terminal, listening
 ):
