@@ -30,6 +30,7 @@ STATUS_STALE = 3.0  # [s] without a status: three of a healthy board
 MAX_CURRENT = 2.0  # [A] of TriFingerEdu
 SEND_TIME = 0.01  # [s] that an adapter may take to accept a frame
 RECEIVE_TIMEOUT = 0.1  # [s] after which the firmware switches off
+SENT = 64  # commands whose echo is known: 0.25 s of them
 INDICES = 1000  # events of the encoder index that are kept
 
 
@@ -79,6 +80,7 @@ class MotorBoard(can.Listener):
         self._heard: dict[str, float] = {}
         self._bus_error: BusError | None = None
         self._was_ready, self._order = False, None
+        self._sent: deque[bytes] = deque(maxlen=SENT)
 
     def __enter__(self) -> MotorBoard:
         self._bus = open_bus(self.config, self.name)
@@ -123,9 +125,8 @@ class MotorBoard(can.Listener):
             self.on_error(bad)
         else:
             self._take(msg.timestamp, content)
-            # SocketCAN marks frames of other programs of this computer as sent, too.
-            foreign = msg.is_rx or not self.config.get("receive_own_messages")
-            if foreign and isinstance(content, codec.Order | codec.Reference):
+            order = isinstance(content, codec.Order | codec.Reference)
+            if order and bytes(msg.data) not in self._sent:  # of which echoes may come
                 self._order = content
 
     def on_error(self, exc: Exception) -> None:
@@ -277,6 +278,7 @@ class MotorBoard(can.Listener):
             told = {"where": self.name, "next": "open the board with listen_only=False"}
             raise BoardError("only listens", **told)
         message.timestamp = self.clock.now()
+        self._sent.append(bytes(message.data))
         try:
             self.bus.send(message, SEND_TIME)
         except (can.CanError, OSError) as bad:
