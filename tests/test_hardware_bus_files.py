@@ -89,3 +89,14 @@ def test_frames_of_before_the_first_one_keep_their_times(tmp_path):
     with can.BLFReader(tmp_path / "bus.blf") as reader:
         stamps = [message.timestamp - BEGIN for message in reader]
     assert stamps == pytest.approx([0.0, -0.2, 0.1], abs=2e-6)
+
+
+def test_whole_blocks_are_on_the_disk_at_once(tmp_path):
+    """Equal frames: a block of them is small when it is compressed."""
+    file = BusFile(tmp_path / "bus.blf")
+    for _ in range(COUNT):
+        file.write(frame(0))
+    shutil.copy(tmp_path / "bus.blf", tmp_path / "copy.blf")
+    file.close()
+    with can.BLFReader(tmp_path / "copy.blf") as reader:
+        assert COUNT - sum(1 for _ in reader) <= 128 * 1024 / 48  # [bytes] of a frame

@@ -11,7 +11,7 @@ import hardware.world
 from hardware.bench import Bench
 from hardware.errors import HardwareError, LimitError
 from hardware.impedance import STRONGEST, Gains
-from hardware.motor_can import Quantity
+from hardware.motor_can import Command, Order, Quantity
 from hardware.motor_checks import LARGEST_CURRENT
 from hardware.motor_joints import JointMap
 from hardware.simulated_robot import simulated_rig
@@ -67,6 +67,9 @@ def test_a_stop_while_a_world_starts_leaves_no_motor_enabled(when, monkeypatch):
         with pytest.raises(HardwareError, match="was stopped"):
             setup.world.start()
         assert not enabled(setup)
+        boards = [board for one in setup.robot.fingers for board in one.boards]
+        on = Order(Command.ENABLE_MOTOR_1, 1)
+        assert all((on in board.received) == (when == "start") for board in boards)
 
 
 def test_a_start_that_is_interrupted_leaves_no_motor_enabled(monkeypatch):
