@@ -26,6 +26,7 @@ from tactilenlp.information.goodness_of_fit import (
     touch_moments,
 )
 from tactilenlp.information.trajectory import moved_farther
+from tactilenlp.interface.readout import with_doubts
 from tactilenlp.problem.window import Steps
 
 DRAWS = 200_000
@@ -265,6 +266,20 @@ def test_a_body_that_was_moved_farther_than_it_slides_on_was_carried():
     )  # 7 mm by its speed
 
 
-def test_a_carried_body_is_said_and_no_touch_is_blamed(estimate):
-    text = replace(estimate.fit, verdict="poor").text
-    assert text == "The fit is poor: the body moved 10 mm between actions."
+def test_other_doubts_are_said_and_no_touch_is_blamed(estimate):
+    poor = estimate.fit.doubted("the body moved 10 mm between actions")
+    assert poor.verdict == "poor"
+    assert poor.text == "The fit is poor: the body moved 10 mm between actions."
+    bad = replace(estimate.fit, verdict="bad")
+    assert bad.doubted("it moved") is bad
+
+
+def test_a_reduction_that_is_far_from_holding_makes_a_fit_poor(estimate):
+    (still,) = [s for s in estimate.skipped if s.name == "still"]
+    assert with_doubts(estimate.fit, estimate.skipped) is estimate.fit
+    near = replace(still, value=3 * still.limit, holds=False)
+    assert with_doubts(estimate.fit, (near,)) is estimate.fit
+    poor = with_doubts(estimate.fit, (replace(near, value=250 * still.limit),))
+    assert poor.verdict == "poor"
+    assert "far from holding, still: " in poor.text
+    assert "DOES NOT HOLD" in poor.text

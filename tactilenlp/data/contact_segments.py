@@ -85,6 +85,13 @@ def without_outliers(data: Measurements, sigma: float) -> Measurements:
     return replace(data, valid=data.valid & ~wrong)
 
 
+def lone_touches(touch) -> np.ndarray:
+    """Tell which touched samples have no touched neighbour in time (touches,)."""
+    rows = list(zip(touch.sample.tolist(), touch.finger.tolist(), strict=True))
+    felt = set(rows)
+    return np.array([not felt & {(t - 1, f), (t + 1, f)} for t, f in rows])
+
+
 def contact_segments(touch, sigma: float) -> np.ndarray:
     """Return the segment (touches,) of each touch, numbered from 0.
 

@@ -46,7 +46,7 @@ from scipy.special import polygamma, psi
 from formulations.between_actions import CAUCHY, GAP
 from formulations.names import FREE_TERM, TOUCH_TERM
 
-from ..data.contact_segments import gaps_near_touches
+from ..data.contact_segments import gaps_near_touches, lone_touches
 from .trajectory import moved_between, moved_farther
 
 PHYSICS_ROW = "physics"  # the row of all terms of that role
@@ -108,14 +108,20 @@ class Fit:
 
     verdict: "good", "poor" or "bad"; terms: the Misfit of each likelihood term by name,
     of physics and of the largest motion between two actions; touches: of each finger in
-    each action, the worst first; widening: factor of all standard deviations.  actual,
-    expected, spread [nats]: of the likelihood terms.
+    each action, the worst first; widening: factor of all standard deviations; doubt:
+    what else makes it "poor".  actual, expected, spread [nats]: of the likelihood.
     """
 
     verdict: str
     terms: dict[str, Misfit]
     touches: tuple[TouchMisfit, ...]
     widening: float
+    doubt: str = ""
+
+    def doubted(self, why: str) -> Fit:
+        """Return the fit, "poor" for a reason in words if it is good else."""
+        good = self.verdict == "good"
+        return replace(self, verdict="poor", doubt=why) if good else self
 
     @property
     def total(self) -> Misfit:
@@ -145,8 +151,8 @@ class Fit:
         besides = [(w, self.terms.get(n, NOTHING)) for n, w in BESIDES.items()]
         off = [f"; {w} {_in_words(m)}" for w, m in besides if m.excess > m.limit]
         words += "".join(off)
-        if self.verdict == "poor" and self.total.excess <= self.total.limit and not off:
-            return f"The fit is poor: the body moved {1e3 * LOST:g} mm between actions."
+        if self.doubt and self.total.excess <= self.total.limit and not off:
+            return f"The fit is poor: {self.doubt}."
         if self.verdict == "good" or not self.touches:
             return f"{words}."
         worst, by = self.touches[0], f"multiplied by {self.widening:.1f}"
@@ -183,8 +189,9 @@ def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | N
         cost = sum(float(problem.value(name, x, data).sum()) for name in laws)
         terms[PHYSICS_ROW] = Misfit(cost, n, n**0.5)
     verdict, widening = verdict_of(total, *(terms[n] for n in BESIDES if n in terms))
-    lost = verdict == "good" and moved_farther(poses, window, LOST)
-    return Fit("poor" if lost else verdict, terms, touches, widening)
+    fit = Fit(verdict, terms, touches, widening)
+    lost = f"the body moved {1e3 * LOST:g} mm between actions"
+    return fit.doubted(lost) if moved_farther(poses, window, LOST) else fit
 
 
 def verdict_of(total: Misfit, *others: Misfit) -> tuple[str, float]:
@@ -269,13 +276,6 @@ def touch_moments(problem, data, window, smoothing: float):
     variance = (cost**2 * weight).sum(axis=(1, 2)) - mean**2
     lone = lone_touches(window.touch) & (smoothing < 1)
     return np.where(lone, window.outlier_cost, mean), np.where(lone, 1.0, variance)
-
-
-def lone_touches(touch) -> np.ndarray:
-    """Tell which touched samples have no touched neighbour in time (touches,)."""
-    rows = list(zip(touch.sample.tolist(), touch.finger.tolist(), strict=True))
-    felt = set(rows)
-    return np.array([not felt & {(t - 1, f), (t + 1, f)} for t, f in rows])
 
 
 def free_moments(gaps) -> tuple[np.ndarray, np.ndarray]:

@@ -38,6 +38,7 @@ from ..tracking.surface import body_surface
 from .request import Request
 from .result import Estimate
 
+FAR_OFF = 10.0  # [limits] beyond which a reduction casts doubt: of hulls up to 3 do
 NOT_COMPUTED = "anything (no time to compute sigma: it is that of the prior)"
 
 
@@ -57,6 +58,7 @@ def read_off(
     status = deadline.marked(solution.status)
     left = variance_left(job.data, job.precision)
     fit = fit_of(solved.problem, solution, solved.window, job.data, left)
+    fit = with_doubts(fit, solved.skipped)
     if fit is not None and NOT_COMPUTED not in information.unobserved:
         information = information.widened(fit.widening)
     return Estimate(
@@ -78,6 +80,14 @@ def read_off(
         versions=versions(),
         **_solved_fields(solved) | {"status": status},
     )
+
+
+def with_doubts(fit, skipped):
+    """Return a Fit that is "poor" at most where a reduction is far from holding."""
+    far = [s for s in skipped if not s.holds and s.value > FAR_OFF * s.limit]
+    if fit is None or not far:
+        return fit
+    return fit.doubted(f"a reduction is far from holding, {far[0]}")
 
 
 def _solved_fields(solved) -> dict:
