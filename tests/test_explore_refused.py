@@ -6,6 +6,7 @@ import pytest
 
 from formulations.shape import CUBOID
 from tactilenlp import (
+    Action,
     Exploration,
     ExploreOptions,
     Guess,
@@ -182,3 +183,15 @@ def test_a_radius_of_all_fingers_leaves_their_number_open(touched):
     given = {"scene": touched.scene, "policy": "random"}
     with pytest.raises(Moved):
         next(explore(Same(), centre=(0.0, 0.0), **given))
+
+
+def test_an_angle_beyond_its_limits_is_named_with_them():
+    space = Workspace()
+    angles = space.upper.copy()
+    angles[2] += 0.1
+    with pytest.raises(OptionError) as refused:
+        Action(angles, space)
+    assert "angles[2]" in str(refused.value)
+    assert f"{space.lower[2]:.3g} to {space.upper[2]:.3g} rad" in str(refused.value)
+    with pytest.raises(OptionError, match="two of each finger"):
+        Action(angles[:3], space)

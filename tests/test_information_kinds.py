@@ -12,6 +12,7 @@ from formulations.shape import CUBOID
 from tactilenlp import (
     assumption_sensitivity,
     extend,
+    information_gain,
     observed_information,
     solve_estimate,
 )
@@ -131,3 +132,10 @@ def test_classes_and_pages_of_ones_own_are_given_again(recorded):
     )
     with pytest.raises(OptionError, match="not that of the estimate"):
         observed_information(found, "sandwich", shape="cuboid", formulation=page)
+
+
+def test_no_more_unknowns_count_than_there_are():
+    known, told = np.eye(2), np.eye(2)
+    assert information_gain(known, told, 2) == information_gain(known, told)
+    with pytest.raises(OptionError, match="of the 2 unknowns"):
+        information_gain(known, told, 3)

@@ -9,6 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tactilenlp.errors import OptionError
+
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 # What a reader does, and what can be seen then: appended to a copy of the page.
 PROBE = """<script>
@@ -130,3 +132,9 @@ def test_the_turn_about_the_vertical_is_that_of_the_summary(page, estimate):
     (turn,) = (words for name, words in content(page)["sigma"] if name.endswith("z")
                and name.startswith("rotation"))  # fmt: skip
     assert f"turned by {turn} about the vertical" in estimate.summary()
+
+
+def test_a_report_is_written_as_html_alone(estimate, tmp_path):
+    with pytest.raises(OptionError, match="no such format"):
+        estimate.report(tmp_path / "report.png")
+    assert not [*tmp_path.iterdir()]

@@ -180,11 +180,14 @@ class Action:
         check_types(workspace=(self.workspace, Workspace))
         space = self.workspace
         angles = checked_array("angles", self.angles, -1, unit="[rad]").ravel()
-        inside = angles.shape == space.lower.shape
-        inside = inside and (space.lower - 1e-9 <= angles).all()
-        if not (inside and (angles <= space.upper + 1e-9).all()):
-            expected = f"{2 * space.fingers} angles [rad] within the workspace's bounds"
+        if angles.shape != space.lower.shape:
+            expected = f"{2 * space.fingers} angles [rad], two of each finger"
             raise _option_error("angles", expected, angles.tolist())
+        outside = (angles < space.lower - 1e-9) | (angles > space.upper + 1e-9)
+        if outside.any():
+            k = int(np.argmax(outside))
+            expected = f"{space.lower[k]:.3g} to {space.upper[k]:.3g} rad"
+            raise _option_error(f"angles[{k}]", expected, float(angles[k]))
         given = (True,) * space.fingers if self.active is None else self.active
         flags = as_array(given, "biu")
         if flags is None or flags.shape != (space.fingers,) or not flags.any():

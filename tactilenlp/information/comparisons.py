@@ -245,8 +245,8 @@ def information_gain(known, told, asked: int | None = None) -> float:
             expected="two square matrices of one size",
             got=f"{known.shape} and {told.shape}",
         )  # fmt: skip
-    if not (asked is None or (is_whole(asked) and asked >= 0)):
-        expected = "a whole number of unknowns, or None"
+    if not (asked is None or (is_whole(asked) and 0 <= asked <= len(known))):
+        expected = f"a whole number of the {len(known)} unknowns, or None"
         raise OptionError("wrong type", where="asked", got=asked, expected=expected)
     if asked is not None and asked < len(known):  # logdet of a Schur complement
         rest = slice(asked, None)

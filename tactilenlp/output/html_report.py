@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import os
 from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 
 from ..common.validation import check_path, check_types
 from ..common.whole_file import write_whole
+from ..errors import OptionError
 from ..geometry.faces import face_sigma, polygons
 from .colours import BLUE, FINGER_RGB, PALE, RED, information_colour
 from .summary import MM_PER_M, named_sizes, yaw_of
@@ -29,9 +31,18 @@ WORST_TOUCHES = 4  # [1] fingers in actions that the table of the fit lists
 
 
 def write_report(estimate, path: str | os.PathLike) -> None:
-    """Write a page with the motion, measurements, standard deviations and costs."""
+    """Write a page with the motion, measurements, standard deviations and costs.
+
+    Raises OptionError unless the path ends with .html or .htm.
+    """
     check_types(estimate=(estimate, "Estimate"))
     check_path(path)
+    suffix = Path(path).suffix.lower()
+    if suffix not in (".html", ".htm"):
+        raise OptionError(
+            "no such format", where=str(path), got=suffix or "no suffix",
+            expected=".html",
+        )  # fmt: skip
     template = files("tactilenlp.output").joinpath("report.html")
     page = template.read_text(encoding="utf-8")
     content = json.dumps(_content(estimate), separators=(",", ":"), allow_nan=False)

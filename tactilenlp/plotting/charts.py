@@ -32,6 +32,7 @@ from .style import (
 )
 
 SIDES = (("x", "#0072B2", "o"), ("y", "#D55E00", "s"), ("z", "#009E73", "^"))
+LEAST_DRAWN = 1e-3  # [mm] of an error on a logarithmic axis
 LOG_FLOOR = 1e-12  # drawn in place of zero on logarithmic axes
 
 
@@ -178,8 +179,11 @@ def plot_errors(estimates, truth=None, axis=None) -> Figure:
         axis.semilogy(actions, sigma[:, k], "--", color=colour, lw=1.2,
                       label=f"side {name}: predicted ±1σ")  # fmt: skip
         if truth is not None:
-            axis.semilogy(actions, np.maximum(wrong[:, k], 1e-3), marker, color=colour,
-                          ms=5, label=f"side {name}: error")  # fmt: skip
+            drawn = np.maximum(wrong[:, k], LEAST_DRAWN)
+            raised = (drawn > wrong[:, k]).any()
+            words = f" (at least {LEAST_DRAWN:g} mm is drawn)" if raised else ""
+            axis.semilogy(actions, drawn, marker, color=colour, ms=5,
+                          label=f"side {name}: error{words}")  # fmt: skip
     axis.set(xlabel="actions [1]", ylabel="error, standard deviation of a side [mm]")
     axis.xaxis.get_major_locator().set_params(integer=True)
     axis.legend(**below(axis))
