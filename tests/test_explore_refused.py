@@ -192,6 +192,7 @@ def test_an_angle_beyond_its_limits_is_named_with_them():
     with pytest.raises(OptionError) as refused:
         Action(angles, space)
     assert "angles[2]" in str(refused.value)
-    assert f"{space.lower[2]:.3g} to {space.upper[2]:.3g} rad" in str(refused.value)
+    limits = f"within {space.lower[2]:.3g} to {space.upper[2]:.3g}"
+    assert limits in str(refused.value)
     with pytest.raises(OptionError, match="two of each finger"):
         Action(angles[:3], space)

@@ -47,7 +47,9 @@ JUMP_RATIO, JUMP_LENGTH = 5.0, 5e-3  # of the neighbouring steps, and at least [
 USUAL_RADIUS, RADIUS_SPREAD = 0.012, 0.3  # [m], [decades]: human and robot fingertips
 KINK_REACH, KINK_WINDOW = 14, 10  # samples of a path, and where it may bend
 KINK_FLOOR = 7e-4  # [m] by which paths differ from a cubic with kinks
-KINK_SPAN, TURNED = 3, 0.1  # samples on either side; [-] of the way before, back
+# Samples on either side of a kink; [-] of the way before it that a finger goes back
+# which turned round.
+KINK_SPAN, TURNED = 3, 0.1
 LEAST_ANGLE = 1e-6  # [-] of two kinks: sin^2 below which they are one
 # Probability of the samples by which a path bends later than its touch is reported: a
 # soft contact or a light body slows the finger only gradually.

@@ -42,7 +42,7 @@ from ..nlp.kkt import KKTSystem, kkt_system_of
 from ..nlp.problem import Problem
 from ..problem.reductions import Reductions
 from ..search.local_solve import problem_at
-from .programme import programme_at
+from .programme import class_and_page, programme_at
 
 ASSUMED = {"mass": "kg", "friction_ground": "1", "friction_finger": "1"}
 SHIFT = 1e-6  # [m] shift of a finger
@@ -67,6 +67,8 @@ def observed_information(
             got=kind,
             expected=f"one of {INFORMATION_KINDS}",
         )
+    if shape is not None or formulation is not None:
+        class_and_page(estimate, shape, formulation)
     if kind == "exact":
         return estimate.information
     again = programme_at(estimate, shape, formulation)

@@ -34,19 +34,26 @@ class Programme:
     sensed: Sensed
 
 
-def programme_at(estimate, shape=None, formulation=None) -> Programme:
-    """Build the problem of an estimate again, at its solution.
-
-    shape, formulation: of the estimate, by default those of the names it has.
-    """
+def class_and_page(estimate, shape=None, formulation=None) -> tuple:
+    """Return the Shape and the page of an estimate; OptionError for another one."""
     shape = shape_of(estimate.shape if shape is None else shape)
-    page = page_of(formulation or estimate.formulation, shape)
+    given = estimate.formulation if formulation is None else formulation
+    page = page_of(given, shape)
     for name, mine in (("shape", shape.name), ("formulation", name_of(page))):
         if (its := getattr(estimate, name)) != mine:
             raise OptionError(
                 "not that of the estimate", where=name, got=mine, expected=its,
                 next="give it as it was given to solve_estimate",
             )  # fmt: skip
+    return shape, page
+
+
+def programme_at(estimate, shape=None, formulation=None) -> Programme:
+    """Build the problem of an estimate again, at its solution.
+
+    shape, formulation: of the estimate, by default those of the names it has.
+    """
+    shape, page = class_and_page(estimate, shape, formulation)
     scene = estimate.scene
     if shape.parameters == "vertices":
         raise OptionError(

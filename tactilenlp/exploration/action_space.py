@@ -186,7 +186,8 @@ class Action:
         outside = (angles < space.lower - 1e-9) | (angles > space.upper + 1e-9)
         if outside.any():
             k = int(np.argmax(outside))
-            expected = f"{space.lower[k]:.3g} to {space.upper[k]:.3g} rad"
+            limits = f"{space.lower[k]:.3g} to {space.upper[k]:.3g}"
+            expected = f"{2 * space.fingers} angles [rad], this one within {limits}"
             raise _option_error(f"angles[{k}]", expected, float(angles[k]))
         given = (True,) * space.fingers if self.active is None else self.active
         flags = as_array(given, "biu")

@@ -115,12 +115,16 @@ class Exploration:
 
 
 def _alike(felt: Measurements, saved: Measurements) -> bool:
-    """Tell whether the same was measured, by a clock that may begin elsewhere."""
+    """Tell whether the same was measured; clocks and numbers may begin elsewhere."""
     if felt.samples != saved.samples:
         return False
-    a, b = (data.time - data.time[0] for data in (felt, saved))
-    timed = np.abs(a - b).max() < ROUNDING
-    return bool(timed) and replace(felt, time=b) == replace(saved, time=b)
+    (a, i), (b, j) = (
+        (data.time - data.time[0], data.action - data.action[0])
+        for data in (felt, saved)
+    )
+    if np.abs(a - b).max() >= ROUNDING:
+        return False
+    return replace(felt, time=b, action=i) == replace(saved, time=b, action=j)
 
 
 KINDS = ESTIMATE_CLASSES | {

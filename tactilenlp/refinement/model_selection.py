@@ -69,8 +69,8 @@ def classes_of(shape) -> list[Shape]:
         expected = "shapes to compare, or one"
         raise OptionError("no class", where="shape", got=shape, expected=expected)
     classes = [shape_of(one) for one in shape]
-    names = [one.name for one in classes]
-    if len({*names}) < len(names):
+    if any(one in classes[:i] for i, one in enumerate(classes)):
+        names = [one.name for one in classes]
         raise OptionError("a class twice", where="shape", got=names)
     return classes
 
