@@ -13,6 +13,10 @@ iteratively reweighted least squares, warm-started); the fingers' complementarit
 problem is solved by projected block Gauss-Seidel, a finger a block.  The loads N_i
 follow from where fingers press.  Lynch and Mason, "Stable
 pushing" (1996), with four supports in place of a limit surface.
+
+Fingers are where they were measured, and hundreds of tracks are moved at once.  The law
+of formulations/pushing.py is another one: it follows paths that are only planned, on
+which servos give way, and its slopes enter the expected gain.
 """
 
 from __future__ import annotations
