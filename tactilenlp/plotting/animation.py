@@ -17,7 +17,7 @@ from ..common.whole_file import write_whole
 from ..errors import OptionError
 from ..interface.result import Estimate
 from .drawing import draw_scene, draw_top, true_corners, view_of
-from .style import STYLE, check_axes
+from .style import STYLE, check_axes, with_key
 
 WRITERS = {".gif": PillowWriter, ".mp4": FFMpegWriter}
 VIEWS = {"scene": draw_scene, "top": draw_top}
@@ -46,10 +46,8 @@ def animate(
     if truth is not None:  # an error during the film would leave an incomplete file
         true_corners(truth, 0)
     with plt.rc_context(STYLE | {"figure.dpi": 100}):
-        style = {"projection": "3d"} if view == "scene" else {}
-        if axis is None:
-            axis = plt.figure(figsize=(4.6, 3.8)).add_subplot(**style)
-        (axis,) = check_axes(axis, 1)
+        alone = axis is None
+        (axis,) = check_axes(_new_axis(view) if alone else axis, 1)
         figure = axis.figure
         samples = range(0, len(estimate.position), every)
         box = view_of(estimate, samples)
@@ -59,6 +57,8 @@ def animate(
             axis.clear()
             VIEWS[view](axis, estimate, sample, truth, box)
             axis.set_title(f"{data.time[sample]:.2f} s, action {data.action[sample]}")
+            if alone:
+                _renew_key(axis)
 
         frames = progress(samples, "drawing")
         film = FuncAnimation(
@@ -69,6 +69,21 @@ def animate(
             film.save(part, writer(fps=rate))
             write_whole(path, part.read_bytes())
     return figure
+
+
+def _new_axis(view: str):
+    """Return the axis of a new figure, with room for a key and for labels in 3-D."""
+    style = {"projection": "3d"} if view == "scene" else {}
+    axis = plt.figure(figsize=(4.6, 4.4)).add_subplot(**style)
+    axis.figure.get_layout_engine().set(rect=(0, 0, 0.93, 1))
+    return axis
+
+
+def _renew_key(axis) -> None:
+    """Replace the legend of a figure by that of what the axis shows now."""
+    for key in axis.figure.legends:
+        key.remove()
+    with_key(axis.figure, axis, loc="outside lower center", ncols=2)
 
 
 def _writer_of(path, view: str, every: int, rate: float) -> type:
