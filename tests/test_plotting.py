@@ -206,9 +206,11 @@ def test_fingers_are_drawn_where_they_were_not_where_they_say(touched, tmp_path)
     for plot in (plot_top, plot_scene, plot_impulses):
         for one, other in zip(drawn(plot(touched)), drawn(plot(same)), strict=True):
             np.testing.assert_allclose(one, other, atol=1e-6)
-    for name, estimate in (("one", touched), ("other", same)):
+    for name, estimate in (("one.html", touched), ("other.html", same)):
         estimate.report(tmp_path / name)
-    pages = [(tmp_path / name).read_text("utf-8") for name in ("one", "other")]
+    pages = [
+        (tmp_path / name).read_text("utf-8") for name in ("one.html", "other.html")
+    ]
     fingers = [page.split('"finger":')[1].split('"grid":')[0] for page in pages]
     assert fingers[0] == fingers[1]
 
