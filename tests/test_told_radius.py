@@ -33,7 +33,7 @@ def test_the_error_by_a_radius_is_how_the_optimum_moves_with_it(estimate):
     for step in (STEP, -STEP):
         parts = {
             name: replace(rows, radius=rows.radius + step * (rows.finger == 1))
-            for name in ("touch", "free", "push")
+            for name in ("touch", "free")
             for rows in [getattr(window, name)]
         }
         problem = programme.sensed.build(replace(window, **parts))

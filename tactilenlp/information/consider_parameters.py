@@ -29,7 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from formulations.names import RADIUS_OF, TOUCH_TERM
+from formulations.names import FREE_TERM, RADIUS_OF, TOUCH_TERM
 
 from ..data.contact_segments import consecutive_contacts, rate_of
 from ..data.sensor_noise import CONTACT_LATENCY, LATENCY, told_later
@@ -175,20 +175,20 @@ def late_touches(at) -> Doubt:
 
 
 def told_radius(at, finger: int) -> Doubt:
-    """Return the doubt about the radius that was told of a finger; at: as above."""
+    """Return the doubt about the radius that was told of a finger; at: as above.
+
+    By what is felt alone: points at which impulses act would move by no more than r.
+    """
 
     def grown(rows):
         return replace(rows, radius=rows.radius + RADIUS_STEP * (rows.finger == finger))
 
-    window = at.window
-    larger = replace(
-        window, touch=grown(window.touch), free=grown(window.free),
-        push=grown(window.push),
-    )  # fmt: skip
-    problem = at.kkt.problem
+    problem, window = at.kkt.problem, at.window
+    larger = replace(window, touch=grown(window.touch), free=grown(window.free))
     ends = ends_of(at.kkt, at.sensed.build(larger).data() - problem.data())
     prior = Prior(TOLD_RADIUS, least=-np.inf, none=TOLD_RIGHT)
-    return _doubted(at.kkt, ends, RADIUS_STEP, prior, list(problem.costs))
+    felt = [name for name in (TOUCH_TERM, FREE_TERM) if name in problem.costs]
+    return _doubted(at.kkt, ends, RADIUS_STEP, prior, felt)
 
 
 def fingers_earlier(window, data, lag: float):
