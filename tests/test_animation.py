@@ -27,6 +27,10 @@ def test_a_film_has_a_frame_for_every_sample_asked_for(touched, truth, tmp_path,
     path = tmp_path / "film.gif"
     figure = animate(touched, path, view=view, truth=truth, every=20)
     assert isinstance(figure, Figure)
+    (key,) = figure.legends  # of all frames one
+    words = [text.get_text() for text in key.get_texts()]
+    assert len({*words}) == len(words)
+    assert {"truth", "face touched", "finger 0 and its contacts"} <= {*words}
     with Image.open(path) as film:
         assert film.n_frames == -(-touched.measurements.samples // 20)
         first = np.asarray(film.convert("RGB"), int)
@@ -63,4 +67,5 @@ def test_a_film_is_drawn_into_an_axis_that_is_given(touched, tmp_path):
     figure, axis = plt.subplots()
     film = animate(touched, tmp_path / "film.gif", view="top", every=40, axis=axis)
     assert film is figure
+    assert not figure.legends  # room for it is the caller's
     assert axis.has_data()
