@@ -233,3 +233,8 @@ def test_options_of_a_solve_hold_for_every_level_of_a_continuation():
     assert solution.iterations == 4
     with pytest.raises(OptionError, match="iterations: wrong type"):
         SolverOptions(iterations=2.5)
+
+
+def test_levels_are_no_options():
+    with pytest.raises(OptionError, match="options: wrong type"):
+        solve(pendulum(), (Level({}),))

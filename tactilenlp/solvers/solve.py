@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ..common.interrupt import interruptible
+from ..common.validation import check_types
 from ..errors import OptionError
 from ..nlp.problem import Problem
 from .condensed_kkt import CondensedKkt
@@ -90,8 +91,10 @@ def solve(
     whose multipliers start the solver too (warm start).  eliminate: compute the
     unknowns that `follow` gives instead of solving for them.
 
-    Raises NotConverged unless the solver succeeded or `throw` is False.
+    Raises NotConverged unless the solver succeeded or `throw` is False.  The levels of
+    a page are solved by `solve_levels`.
     """
+    check_types(options=(options, (SolverOptions, type(None))))
     warm = start if isinstance(start, Solution) else None
     began = time.process_time()
     if solver is None:
