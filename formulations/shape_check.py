@@ -142,10 +142,8 @@ def _radii(signed, rays, reach):
     for _ in range(BISECTIONS):
         middle = (low + high) / 2
         within = many(rays * ca.repmat(middle, 3, 1)) < 0
-        low, high = (
-            ca.if_else(within, middle, low),
-            ca.if_else(within, high, middle),
-        )
+        low = ca.if_else(within, middle, low)
+        high = ca.if_else(within, high, middle)
     return (low + high) / 2
 
 
@@ -159,32 +157,32 @@ def _of_distance(signed, outward, points):
             "divide normal by its length, or use gradient_normal(distance)",
         )  # fmt: skip
     away = points + TIP * n
-    off = _sorted(ca.fabs(signed.map(PROBES)(away) - TIP))
-    if not off[int((1 - BESIDE) * PROBES)] < OFF:
+    usual, worst = _off(ca.fabs(signed.map(PROBES)(away) - TIP))
+    if not usual < OFF:
         yield (
             "distance of points 10 mm out along the normal",
-            f"off by up to {_mm(off[-1])}", f"10 mm to {_mm(OFF)}",
+            f"off by up to {_mm(worst)}", f"10 mm to {_mm(OFF)}",
             "give the distance to the nearest point of the surface, in metres, "
             "not a function that is only zero there; or correct the normal",
         )  # fmt: skip
     out = points + TIP * points / ca.repmat(ca.sqrt(ca.sum1(points * points)), 3, 1)
     d = signed.map(PROBES)(out)
     foot = out - ca.repmat(d, 3, 1) * outward.map(PROBES)(out)
-    off = _sorted(ca.fabs(signed.map(PROBES)(foot)))
-    if not off[int((1 - BESIDE) * PROBES)] < OFF:
+    usual, worst = _off(ca.fabs(signed.map(PROBES)(foot)))
+    if not usual < OFF:
         yield (
             "nearest point of the surface, beyond edges as well",
-            f"off it by up to {_mm(off[-1])}", f"on it to {_mm(OFF)}",
+            f"off it by up to {_mm(worst)}", f"on it to {_mm(OFF)}",
             "give the distance to the nearest point: beyond an edge or a corner it is "
             "larger than that to any plane of a face",
         )  # fmt: skip
     q = (ca.SX if outward.is_a("SXFunction") else ca.MX).sym("q", 3)
     slope = ca.Function("slope", [q], [ca.gradient(signed(q), q)])
     m, there = slope.map(PROBES)(away), outward.map(PROBES)(away)
-    off = _sorted(ca.sqrt(ca.sum1((m - there) ** 2)))
-    if not off[int((1 - BESIDE) * PROBES)] < BENT:
+    usual, worst = _off(ca.sqrt(ca.sum1((m - there) ** 2)))
+    if not usual < BENT:
         yield (
-            "normal against the slope of the distance", f"{off[-1]:.2g} rad apart",
+            "normal against the slope of the distance", f"{worst:.2g} rad apart",
             f"{BENT} rad", "use normal=gradient_normal(distance)",
         )  # fmt: skip
 
@@ -287,8 +285,10 @@ def directions(count: int):
     return ca.DM(columns).T
 
 
-def _sorted(row) -> list[float]:
-    return sorted(float(v) for v in ca.horzsplit(row))
+def _off(row) -> tuple[float, float]:
+    """Return the most of all rays but the share BESIDE, and of all; row (1, PROBES)."""
+    off = sorted(float(v) for v in ca.horzsplit(row))
+    return off[int((1 - BESIDE) * PROBES)], off[-1]
 
 
 def _mm(length: float) -> str:

@@ -106,6 +106,13 @@ class Setup:
         self.robot.after = look
         return done
 
+    def motors_enabled(self):
+        """Whether any motor is enabled, by what its board has received."""
+        boards = [board for one in self.robot.fingers for board in one.boards]
+        for board in boards:
+            board.listen(self.robot.now())
+        return any(board._enabled.any() for board in boards)
+
     def left_in_peace(self):
         """All motors got zero current, and no current flows."""
         for one in self.robot.fingers:

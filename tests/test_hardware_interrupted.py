@@ -17,14 +17,6 @@ from hardware.motor_joints import JointMap
 from hardware.simulated_robot import simulated_rig
 from hardware.world import RobotWorld
 
-
-def enabled(setup):
-    boards = [board for one in setup.robot.fingers for board in one.boards]
-    for board in boards:
-        board.listen(setup.robot.now())
-    return any(board._enabled.any() for board in boards)
-
-
 # Stopped from elsewhere
 
 
@@ -36,7 +28,7 @@ def test_a_stop_from_elsewhere_ends_an_action():
             setup.world.execute(FREE)
         assert setup.robot.now() - done[0] < 0.01
         assert setup.left_in_peace()
-        assert not enabled(setup)
+        assert not setup.motors_enabled()
         setup.robot.after = setup.look
         assert setup.world.execute(FREE).samples > 5  # a new start is a new start
 
@@ -50,7 +42,7 @@ def test_a_stop_from_elsewhere_ends_the_alignment():
         with pytest.raises(HardwareError, match="was stopped"):
             setup.world.start()
         assert setup.robot.now() - done[0] < 0.05
-        assert not enabled(setup)
+        assert not setup.motors_enabled()
 
 
 @pytest.mark.parametrize("when", ["learn_zeros", "start"])
@@ -66,7 +58,7 @@ def test_a_stop_while_a_world_starts_leaves_no_motor_enabled(when, monkeypatch):
         monkeypatch.setattr(setup.bench, when, then)
         with pytest.raises(HardwareError, match="was stopped"):
             setup.world.start()
-        assert not enabled(setup)
+        assert not setup.motors_enabled()
         boards = [board for one in setup.robot.fingers for board in one.boards]
         on = Order(Command.ENABLE_MOTOR_1, 1)
         assert all((on in board.received) == (when == "start") for board in boards)
@@ -87,7 +79,7 @@ def test_a_start_that_is_interrupted_leaves_no_motor_enabled(monkeypatch):
         with pytest.raises(KeyboardInterrupt):
             setup.world.start()
         setup.bench.poll = poll
-        assert not enabled(setup)
+        assert not setup.motors_enabled()
         assert setup.left_in_peace()
 
 
@@ -97,7 +89,7 @@ def test_a_stop_of_the_bench_ends_the_thread_that_holds_the_fingers():
         setup.bench.stop()
         setup.world._keeper.join(5.0)
         assert not setup.world._keeper.is_alive()
-        assert not enabled(setup)
+        assert not setup.motors_enabled()
         setup.world.execute(FREE)  # starts anew
         setup.world.stop()
 
@@ -115,7 +107,7 @@ def test_a_stop_while_the_thread_begins_is_not_lost(monkeypatch):
         setup.world.execute(FREE)
         setup.world._keeper.join(5.0)
         assert not setup.world._keeper.is_alive()
-        assert not enabled(setup)
+        assert not setup.motors_enabled()
 
 
 def test_fingers_are_held_while_measurements_are_assembled(monkeypatch):

@@ -45,13 +45,6 @@ def replace_packets(setup, status=0, moving=True):
     dome.send = send
 
 
-def enabled(setup):
-    boards = [board for one in setup.robot.fingers for board in one.boards]
-    for board in boards:
-        board.listen(setup.robot.now())
-    return any(board._enabled.any() for board in boards)
-
-
 def test_samples_of_before_the_start_do_not_enter_the_zero():
     with Setup() as setup:
         press(setup, setup.robot.now() + 1.5)
@@ -85,7 +78,7 @@ def test_a_second_start_does_not_enable_motors_without_the_sensors():
         setup.robot.sleep(1.0)
         with pytest.raises(StaleStreamError, match="finger 1, tactile"):
             setup.world.start()
-        assert not enabled(setup)
+        assert not setup.motors_enabled()
 
 
 def test_a_sensor_that_fails_while_others_find_their_zero_is_noticed():
@@ -99,7 +92,7 @@ def test_a_sensor_that_fails_while_others_find_their_zero_is_noticed():
         setup.robot.after = look
         with pytest.raises(StaleStreamError, match="finger 0, tactile"):
             setup.world.start()
-        assert not enabled(setup)
+        assert not setup.motors_enabled()
 
 
 @pytest.mark.parametrize("status", [FAILURE, OVERLOAD])

@@ -67,21 +67,24 @@ def observed_information(
             got=kind,
             expected=f"one of {INFORMATION_KINDS}",
         )
-    if shape is not None or formulation is not None:
-        class_and_page(estimate, shape, formulation)
     if kind == "exact":
+        if shape is not None or formulation is not None:
+            class_and_page(estimate, shape, formulation)
         return estimate.information
     again = programme_at(estimate, shape, formulation)
+    return estimate.information.of_matrix(*_of_kind(kind, again))
+
+
+def _of_kind(kind: str, again) -> tuple:
+    """Return the matrix (k, k) of a kind, and its covariance where it comes first."""
     if kind == "paper":
         M = paper(again.problem, again.solution, again.window, again.shape)
-        M = again.tangent.inverse.T @ M @ again.tangent.inverse
-        return estimate.information.of_matrix(M)
+        return (again.tangent.inverse.T @ M @ again.tangent.inverse,)
     kkt = kkt_system_of(again.problem, again.solution)
     if kind == "inverse_dynamics":
         M = inverse_dynamics(kkt, again.solution, again.window, again.shape)
         _check_finite(M)
-        M = again.tangent.inverse.T @ M @ again.tangent.inverse
-        return estimate.information.of_matrix(M)
+        return (again.tangent.inverse.T @ M @ again.tangent.inverse,)
     if kind == "gauss_newton":
         kkt = gauss_newton(kkt)
     by_gradient, by_constraint = kkt.sensitivity(again.tangent.chosen)
@@ -94,7 +97,7 @@ def observed_information(
         C = sensor_covariance(*moves, sensed)
         C = J @ C @ J.T
     C = (C + C.T) / 2
-    return estimate.information.of_matrix(inverse(C), C)
+    return inverse(C), C
 
 
 def _check_finite(M) -> None:

@@ -142,13 +142,14 @@ def continued_in_time(step: Step, past: Measurements | None, again: bool) -> Ste
     Raises MeasurementError if the measurements cannot be appended.
     """
     data = step.measurements
-    counted = np.unique(data.action, return_inverse=True)[1].reshape(-1)
-    changed = {"action": counted if past is None else past.action[-1] + 1 + counted}
-    if past is not None and again and data.time[0] <= past.time[-1]:
-        changed["time"] = data.time - data.time[0] + past.time[-1] + RESUMED_AFTER
-    data = replace(data, **changed)
-    if past is not None:
-        past.append(data)
+    if past is None:
+        data = replace(data, action=data.action - data.action[0])
+    else:
+        if again and data.time[0] <= past.time[-1]:
+            later = data.time - data.time[0] + past.time[-1] + RESUMED_AFTER
+            data = replace(data, time=later)
+        joined = past.append(data)
+        data = replace(data, action=joined.action[past.samples :])
     return replace(step, measurements=data)
 
 

@@ -163,22 +163,11 @@ def plot_errors(estimates, truth=None, axis=None) -> Figure:
     sigma = (
         np.array([e.information.sigma("side_lengths") for e in estimates]) * MM_PER_M
     )
-    if truth is not None:
-        true = truth.get("side_lengths") if isinstance(truth, dict) else truth
-        if np.shape(true) != (3,):
-            raise OptionError(
-                "cannot be drawn", where="truth", got=repr(truth)[:80],
-                expected="side lengths (3,) [m], or a dict that has them",
-            )  # fmt: skip
-        order = np.argsort(np.argsort(sides[:, :2], axis=1), axis=1)  # z is vertical
-        flat = np.sort(np.ravel(true)[:2])[order]
-        wrong = abs(
-            sides - np.c_[flat, np.full(len(sides), np.ravel(true)[2])] * MM_PER_M
-        )
+    wrong = None if truth is None else _errors_of_sides(sides, truth)
     for k, (name, colour, marker) in enumerate(SIDES):
         axis.semilogy(actions, sigma[:, k], "--", color=colour, lw=1.2,
                       label=f"side {name}: predicted ±1σ")  # fmt: skip
-        if truth is not None:
+        if wrong is not None:
             drawn = np.maximum(wrong[:, k], LEAST_DRAWN)
             raised = (drawn > wrong[:, k]).any()
             words = f" (at least {LEAST_DRAWN:g} mm is drawn)" if raised else ""
@@ -188,6 +177,20 @@ def plot_errors(estimates, truth=None, axis=None) -> Figure:
     axis.xaxis.get_major_locator().set_params(integer=True)
     axis.legend(**below(axis))
     return axis.figure
+
+
+def _errors_of_sides(sides, truth) -> np.ndarray:
+    """Return the errors (n, 3) [mm] of sides (n, 3) [mm]; truth: as in plot_errors."""
+    true = truth.get("side_lengths") if isinstance(truth, dict) else truth
+    if np.shape(true) != (3,):
+        raise OptionError(
+            "cannot be drawn", where="truth", got=repr(truth)[:80],
+            expected="side lengths (3,) [m], or a dict that has them",
+        )  # fmt: skip
+    order = np.argsort(np.argsort(sides[:, :2], axis=1), axis=1)  # z is vertical
+    flat = np.sort(np.ravel(true)[:2])[order]
+    upright = np.full(len(sides), np.ravel(true)[2])
+    return abs(sides - np.c_[flat, upright] * MM_PER_M)
 
 
 def _friction(estimate) -> float | None:

@@ -85,14 +85,13 @@ def solve(
     solver: ca.Function | None = None,
     eliminate: bool = False,
 ) -> Solution:
-    """Minimise from `start` with some variables fixed.
+    """Minimise from `start` with some variables fixed; pages: see `solve_levels`.
 
     start: values by name, SI, by default the guesses; or a Solution of this problem,
     whose multipliers start the solver too (warm start).  eliminate: compute the
     unknowns that `follow` gives instead of solving for them.
 
-    Raises NotConverged unless the solver succeeded or `throw` is False.  The levels of
-    a page are solved by `solve_levels`.
+    Raises NotConverged unless the solver succeeded or `throw` is False.
     """
     check_types(options=(options, (SolverOptions, type(None))))
     warm = start if isinstance(start, Solution) else None
