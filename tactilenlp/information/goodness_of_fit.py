@@ -146,13 +146,13 @@ class Fit:
     @property
     def text(self) -> str:
         """The verdict in a sentence; where it is not good, where the misfit is."""
+        if self.doubt:  # the costs are good
+            return f"The fit is {self.verdict}: {self.doubt}."
         words = f"The fit is {self.verdict}: touches and free samples cost "
         words += _in_words(self.total)
         besides = [(w, self.terms.get(n, NOTHING)) for n, w in BESIDES.items()]
         off = [f"; {w} {_in_words(m)}" for w, m in besides if m.excess > m.limit]
         words += "".join(off)
-        if self.doubt and self.total.excess <= self.total.limit and not off:
-            return f"The fit is poor: {self.doubt}."
         if self.verdict == "good" or not self.touches:
             return f"{words}."
         worst, by = self.touches[0], f"multiplied by {self.widening:.1f}"
