@@ -168,11 +168,10 @@ def plot_errors(estimates, truth=None, axis=None) -> Figure:
         axis.semilogy(actions, sigma[:, k], "--", color=colour, lw=1.2,
                       label=f"side {name}: predicted ±1σ")  # fmt: skip
         if wrong is not None:
-            drawn = np.maximum(wrong[:, k], LEAST_DRAWN)
-            raised = (drawn > wrong[:, k]).any()
-            words = f" (at least {LEAST_DRAWN:g} mm is drawn)" if raised else ""
-            axis.semilogy(actions, drawn, marker, color=colour, ms=5,
-                          label=f"side {name}: error{words}")  # fmt: skip
+            axis.semilogy(actions, np.maximum(wrong[:, k], LEAST_DRAWN), marker,
+                          color=colour, ms=5, label=f"side {name}: error")  # fmt: skip
+    if wrong is not None and wrong.min() < LEAST_DRAWN:
+        axis.set_title(f"errors below {LEAST_DRAWN:g} mm are drawn at that")
     axis.set(xlabel="actions [1]", ylabel="error, standard deviation of a side [mm]")
     axis.xaxis.get_major_locator().set_params(integer=True)
     axis.legend(**below(axis))
