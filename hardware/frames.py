@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from .clock import Clock
-from .errors import BusError, HardwareError, RecordingError
+from .errors import BusError, RecordingError
 from .optical_flow import opencv
-from .reader import Reader
+from .reader import FIRST_WAIT, Reader
 
 HANG = 1.0  # [s] that closing waits for a read that does not return
 QUEUE = 64  # [pictures] that wait to be taken: 2 s at 30 Hz
-FIRST_WAIT, LONGEST_WAIT = 0.1, 2.0  # [s] between attempts to open the camera again
 NATURAL = "f_%05d.png"  # how recorded pictures are named
 
 
@@ -47,58 +46,37 @@ class Camera(Reader):
         super().__init__(name, clock, HANG, QUEUE)
         self.source, self.sink = source, sink
         self.size, self.rate, self.exposure = size, rate, exposure
-        self.good = self.frozen = self.reconnects = 0
+        self.good = self.frozen = 0
         self._last: np.ndarray | None = None
 
-    def _run(self) -> None:
-        try:
-            self._read()
-        except HardwareError as bad:  # the sink: a full disk, for instance
-            self._broken_down = bad
-        except Exception as bad:  # of the driver, or of the function that reads
-            told = f"{type(bad).__name__}: {bad}"
-            self._broken_down = BusError("cannot be read", where=self.name, got=told)
-
-    def _read(self) -> None:
-        """Open the camera again and again, and read what it gives."""
-        wait = FIRST_WAIT
-        while not self._leave.is_set():
-            try:
-                read, close = self._open()
-            except BusError as bad:
-                self._why = bad.what
-            else:
-                try:
-                    while not self._leave.is_set() and (frame := read()) is not None:
-                        self.on_picture(frame)
-                        wait = FIRST_WAIT
-                finally:
-                    close()
-                self._why = "no more pictures"
-            self._leave.wait(wait)
-            wait = min(2 * wait, LONGEST_WAIT)
-            self.reconnects += 1
-
-    def _open(self) -> tuple[Callable[[], np.ndarray | None], Callable[[], None]]:
+    def _until_lost(self) -> str:
         if callable(self.source):
-            return self.source, lambda: None
+            return self._read(self.source)
         cv2 = opencv()
         camera = cv2.VideoCapture(self.source)
-        if not camera.isOpened():
+        try:
+            if not camera.isOpened():
+                return "cannot be opened"
+            for key, value in zip(
+                (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT),
+                self.size or (),
+                strict=False,
+            ):
+                camera.set(key, value)
+            if self.rate is not None:
+                camera.set(cv2.CAP_PROP_FPS, self.rate)
+            if self.exposure is not None:
+                camera.set(cv2.CAP_PROP_AUTO_EXPOSURE, 1)  # V4L2: 1 is manual
+                camera.set(cv2.CAP_PROP_EXPOSURE, self.exposure)
+            return self._read(lambda: camera.read()[1])
+        finally:
             camera.release()
-            raise BusError("cannot be opened", where=self.name, got=self.source)
-        for key, value in zip(
-            (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT),
-            self.size or (),
-            strict=False,
-        ):
-            camera.set(key, value)
-        if self.rate is not None:
-            camera.set(cv2.CAP_PROP_FPS, self.rate)
-        if self.exposure is not None:
-            camera.set(cv2.CAP_PROP_AUTO_EXPOSURE, 1)  # V4L2: 1 is manual
-            camera.set(cv2.CAP_PROP_EXPOSURE, self.exposure)
-        return lambda: camera.read()[1], camera.release
+
+    def _read(self, read: Callable[[], np.ndarray | None]) -> str:
+        while not self._leave.is_set() and (frame := read()) is not None:
+            self.on_picture(frame)
+            self._wait = FIRST_WAIT
+        return "no more pictures"
 
     def on_picture(self, frame: np.ndarray) -> None:
         """Process one picture that has just come; BusError if it has another size.

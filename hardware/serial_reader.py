@@ -3,36 +3,19 @@
 from __future__ import annotations
 
 import logging
-from collections import deque
 from collections.abc import Callable
-from typing import Protocol
 
 import can
 import serial
 
 from . import serial_tactile as codec
 from .can_bus import close_bus, open_bus, waiting
-from .clock import Clock, HostClock, WallStamps
-from .errors import BusError, HardwareError
-from .reader import QUEUE, STALE, Reader
-from .touch import check_age
+from .clock import Clock, WallStamps
+from .reader import FIRST_WAIT, QUEUE, Inbox, Reader
 
 log = logging.getLogger(__name__)
-FIRST_WAIT, LONGEST_WAIT = 0.05, 2.0  # [s] between attempts to open the port again
 READ_TIME = 0.02  # [s] that a read waits for a first byte
 LOST = serial.SerialException, OSError  # either is raised when a port disappears
-
-
-class Framer(Protocol):
-    """Split chunks of bytes into frames; see `serial_tactile`."""
-
-    good: int
-    broken: int
-    lost: int
-
-    def feed(self, chunk: bytes) -> list: ...
-
-    def reset(self) -> None: ...
 
 
 class SerialTactile(Reader):
@@ -51,7 +34,7 @@ class SerialTactile(Reader):
     def __init__(
         self,
         url: str,
-        framer: Framer,
+        framer: codec.OptoForceFramer | codec.AnySkinFramer,
         *,
         baudrate: int = 1_000_000,
         name: str = "sensor",
@@ -64,44 +47,20 @@ class SerialTactile(Reader):
         self.configure, self.sink = configure, sink
         self.opened = 0
 
-    @property
-    def reconnects(self) -> int:
-        """How often the port was opened again."""
-        return max(self.opened - 1, 0)
-
-    def _run(self) -> None:
-        wait = FIRST_WAIT
-        while not self._leave.is_set():
-            try:
-                with self._open() as port:
-                    wait = FIRST_WAIT
-                    self._read(port)
-            except LOST as bad:
-                self._why = f"{type(bad).__name__}: {bad}"
-                log.info("%s: %s; again in %.2f s", self.name, self._why, wait)
-                self._leave.wait(wait)
-                wait = min(2 * wait, LONGEST_WAIT)
-            except HardwareError as bad:  # the sink: a full disk, for instance
-                self._broken_down = bad
-                return
-            except Exception as bad:  # a wrong URL, for instance
-                told = f"{type(bad).__name__}: {bad}"
-                self._broken_down = BusError(
-                    "cannot be read", where=self.name, got=told
-                )
-                return
-
-    def _open(self) -> serial.SerialBase:
+    def _until_lost(self) -> str:
         # names of udev have colons, too: /dev/serial/by-path/pci-0000:00:14.0-usb-0:1
         options = {"exclusive": True} if "://" not in self.url else {}
-        port = serial.serial_for_url(
-            self.url, baudrate=self.baudrate, timeout=READ_TIME, **options
-        )
-        self.framer.reset()
-        self.opened += 1
-        if self.configure:
-            port.write(self.configure)
-        return port
+        options |= {"baudrate": self.baudrate, "timeout": READ_TIME}
+        try:
+            with serial.serial_for_url(self.url, **options) as port:
+                self.framer.reset()
+                self.opened, self._wait = self.opened + 1, FIRST_WAIT
+                if self.configure:
+                    port.write(self.configure)
+                self._read(port)
+        except LOST as bad:
+            return f"{type(bad).__name__}: {bad}"
+        return "closed"
 
     def _read(self, port: serial.SerialBase) -> None:
         while not self._leave.is_set():
@@ -115,13 +74,12 @@ class SerialTactile(Reader):
                 self._keep(now, frames)
 
 
-class OptoForceCan(can.Listener):
+class OptoForceCan(Inbox, can.Listener):
     """Read an OptoForce sensor on CAN: packets in frames of identifier 0x100.
 
     config: of python-can.  If an adapter can be opened only once, use this as the sink
     of its MotorBoard: `MotorBoard(..., sink=sensor)`.
-    queue: frames that wait to be taken, None: all; older ones are dropped, `dropped`
-    counts them
+    queue: frames that wait to be taken, see Inbox
     """
 
     def __init__(
@@ -133,12 +91,9 @@ class OptoForceCan(can.Listener):
         clock: Clock | None = None,
         queue: int | None = QUEUE,
     ) -> None:
-        self.config, self.name, self.sink = config, name, sink
+        super().__init__(name, clock, queue)
+        self.config, self.sink = config, sink
         self.framer = codec.OptoForceFramer()
-        self.clock = clock or HostClock()
-        self._heard = self.clock.now()
-        self._frames: deque[tuple[float, object]] = deque(maxlen=queue)
-        self.dropped = 0
         self._bus: can.BusABC | None = None
         self._stamps: WallStamps | None = None
 
@@ -146,8 +101,7 @@ class OptoForceCan(can.Listener):
         if self.config is not None:
             self._bus = open_bus(self.config, self.name)
             self._stamps = WallStamps(self.clock)
-        self._heard = self.clock.now()
-        return self
+        return super().__enter__()
 
     def __exit__(self, *exception) -> None:
         bus, self._bus = self._bus, None
@@ -167,10 +121,8 @@ class OptoForceCan(can.Listener):
         foreign = msg.is_error_frame or msg.is_extended_id or msg.is_remote_frame
         if foreign or msg.arbitration_id != codec.DATA_ID:
             return
-        for frame in self.framer.feed(bytes(msg.data)):
-            self._heard = self.clock.now()
-            self.dropped += len(self._frames) == self._frames.maxlen
-            self._frames.append((msg.timestamp, frame))
+        if frames := self.framer.feed(bytes(msg.data)):
+            self._keep(msg.timestamp, frames, self.clock.now())
 
     def on_error(self, exc: Exception) -> None:
         """Count a frame that could not be read."""
@@ -180,10 +132,4 @@ class OptoForceCan(can.Listener):
     def take(self) -> list[tuple[float, object]]:
         """Return the frames since the last call, each with its stamp [s]."""
         self.poll()
-        frames = list(self._frames)
-        self._frames.clear()
-        return frames
-
-    def check(self, stale: float = STALE) -> None:
-        """Raise StaleStreamError after a longer silence [s] of the sensor."""
-        check_age(self.name, self.clock.now() - self._heard, stale)
+        return super().take()

@@ -11,17 +11,18 @@ import can
 import numpy as np
 
 from .errors import RigError
+from .reader import Inbox
 from .rig import ON_CAN, Tactile
 from .serial_tactile import DATA_ID, ForceFrame, encode_force, to_can
-from .touch import check_age
 
 PICTURES, FORCES = 30.0, 100  # [Hz]
 
 
-class SimulatedCamera:
+class SimulatedCamera(Inbox):
     """Render pictures of a DenseTact at 30 Hz, with the interface of a Camera."""
 
     def __init__(self, tactile: Tactile, seed: int) -> None:
+        super().__init__("camera", None)
         from .optical import Lens
         from .simulated_skin import SimulatedSkin
 
@@ -29,27 +30,20 @@ class SimulatedCamera:
         width, height = tactile.camera["size"]
         self.R_ts = np.array(tactile.touch["mount"], float)
         self.skin = SimulatedSkin(lens, (height, width), seed)
-        self.name, self.sink, self.frozen = "camera", None, False
-        self._frames: list[tuple[float, np.ndarray]] = []
-        self._due, self._now, self._heard = 0.0, 0.0, 0.0
+        self.sink, self.frozen, self._due = None, False, 0.0
 
     def open(self) -> None:
         """Do nothing: there is no wire."""
 
     close = open
 
-    def __enter__(self) -> SimulatedCamera:
-        self._heard = self._now
-        return self
-
     def __exit__(self, *exception) -> None:
-        self._frames.clear()
+        self.take()
 
     def send(
         self, force: np.ndarray, press: np.ndarray, now: float, stamp: float
     ) -> None:
         """Take a picture if it is due; `press` (3,) [N] normal force, tip's frame."""
-        self._now = now
         if now < self._due or self.frozen:
             return
         self._due = max(self._due, now - 1 / PICTURES) + 1 / PICTURES
@@ -58,17 +52,7 @@ class SimulatedCamera:
         picture = self.skin.picture(out, size)
         if self.sink is not None:
             self.sink(picture, now)
-        self._frames.append((now, picture))
-        self._heard = now
-
-    def take(self) -> list[tuple[float, np.ndarray]]:
-        """Return the pictures since the last call."""
-        frames, self._frames = self._frames, []
-        return frames
-
-    def check(self, stale: float) -> None:
-        """Raise StaleStreamError without a new picture for longer [s]."""
-        check_age(self.name, self._now - self._heard, stale)
+        self._keep(now, [picture])
 
 
 class SimulatedDome:

@@ -82,7 +82,7 @@ def test_an_unplugged_sensor_is_missed_at_once_and_found_again(tmp_path):
         assert passed < 0.2
         second = Terminal()
         link.symlink_to(second.name)
-        wait_for(lambda: sensor.reconnects == 1)
+        wait_for(lambda: sensor.opened == 2)
         second.write(REAL)
         wait_for(lambda: sensor.framer.good == 2)
         sensor.check(stale=10.0)
