@@ -22,8 +22,9 @@ from .optical_flow import opencv
 from .rig import CAMERA, ON_CAN, FingerRig, Rig, Tactile, stream_name
 from .serial_reader import OptoForceCan
 from .serial_tactile import RESTART, SPEEDS, ForceFrame
-from .streams import FingerStreams, Stream, touch_stream
+from .streams import FingerStreams
 from .tape import FORMAT, MANIFEST
+from .touch import Touch
 
 RESTARTED = 0.2  # [s] by which arrivals differ from counters where a sensor restarted
 LONG = 2.0  # [s], least record from which the rate of a device's clock is fitted
@@ -95,15 +96,12 @@ class Recording:
             for message in self.messages(stream):
                 if message.is_rx is not False:
                     board.on_message_received(message)
-            series = board.series(Quantity.POSITION)
-            boards.append(Stream.sorted(board.name, *series, board.broken))
-        touch = self._touch(one)
-        geometry, latency = one.geometry, one.tactile.latency
-        return FingerStreams(
-            one.name, geometry, one.joints, tuple(boards), touch, latency
-        )
+            boards.append(board)
+        rows = [board.rows(Quantity.POSITION) for board in boards]
+        return FingerStreams.of(one, boards, rows, *self._touches(one))
 
-    def _touch(self, one: FingerRig) -> Stream:
+    def _touches(self, one: FingerRig) -> tuple[list[Touch], int]:
+        """Return the touches of a finger, and how many frames were broken."""
         stream, tactile = stream_name(one.name, "tactile"), one.tactile
         toucher, broken = tactile.toucher(), 0
         if tactile.wire == CAMERA:
@@ -111,8 +109,7 @@ class Recording:
         else:
             frames, broken = self._frames(stream, tactile)
         touches = [toucher(time, frame) for time, frame in frames]
-        heard = [touch for touch in touches if touch is not None]
-        return touch_stream(f"{one.name}, tactile", heard, broken)
+        return [touch for touch in touches if touch is not None], broken
 
     def _frames(self, stream: str, tactile: Tactile) -> tuple[list, int]:
         """Return the frames of a sensor with their times, and how many were broken."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,6 +12,10 @@ from .errors import FrameError
 from .kinematics import Finger
 from .motor_joints import JointMap
 from .touch import Touch
+
+if TYPE_CHECKING:
+    from .motor_board import MotorBoard
+    from .rig import FingerRig
 
 BLOCK = 5000  # [rows] that are made an array at once: 5 ms
 LOST = 1.5  # [1], ratio to the median interval from which samples are lost
@@ -110,6 +116,29 @@ class FingerStreams:
     touch: Stream
     latency: float = 0.0
 
+    @classmethod
+    def of(
+        cls,
+        rig: FingerRig,
+        boards: Sequence[MotorBoard],
+        rows: list[list[tuple[float, float, float]]],
+        touches: list[Touch],
+        broken: int = 0,
+    ) -> FingerStreams:
+        """Return what a finger sent as sorted streams; FrameError for fewer than two.
+
+        rows:   of stamp [s] and two positions [rev], for each board
+        broken: frames of the sensor that could not be decoded
+        """
+        streams = []
+        for board, sent in zip(boards, rows, strict=True):
+            known = _table(sent)
+            counted = known[:, 0], known[:, 1:], board.broken
+            streams.append(Stream.sorted(board.name, *counted))
+        touch = touch_stream(f"{rig.name}, tactile", touches, broken)
+        places, latency = (rig.geometry, rig.joints), rig.tactile.latency
+        return cls(rig.name, *places, tuple(streams), touch, latency)
+
     @property
     def reports(self) -> tuple[StreamReport, ...]:
         """The reports of all three streams."""
@@ -130,11 +159,11 @@ def touch_stream(name: str, touches: list[Touch], broken: int = 0) -> Stream:
     return Stream.sorted(name, [touch.time for touch in touches], values, broken, True)
 
 
-def table(rows: list, width: int) -> np.ndarray:
-    """Return rows as an array (n, width), made in parts.
+def _table(rows: list) -> np.ndarray:
+    """Return rows of a board as an array (n, 3), made in parts.
 
     While a part is made no other thread runs, and one of them holds the fingers.
     """
     starts = range(0, max(len(rows), 1), BLOCK)
-    parts = [np.array(rows[k : k + BLOCK], float).reshape(-1, width) for k in starts]
+    parts = [np.array(rows[k : k + BLOCK], float).reshape(-1, 3) for k in starts]
     return np.concatenate(parts)

@@ -10,6 +10,7 @@ first; then the error is passed on to the caller.
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 
 import numpy as np
 
@@ -23,7 +24,6 @@ from .impedance import Gains, Limits
 from .motor_board import RECEIVE_TIMEOUT, STALE
 from .paths import PEAK, row_of, tip_paths, way_back, way_there
 from .ranges import check_range
-from .samples import Samples
 
 CONTROL = 250.0  # [Hz] of commands
 CONTROLS = 50.0, 2000.0  # [Hz], between which it may be
@@ -280,9 +280,9 @@ class RobotWorld:
         return [finger.angles[None].repeat(2, axis=0) for finger in self.bench.fingers]
 
     def _assembled(
-        self, samples: list[Samples], begin: float, end: float, parked: np.ndarray
+        self, samples: list[Callable], begin: float, end: float, parked: np.ndarray
     ) -> Measurements:
-        streams = [one.streams() for one in samples]
+        streams = [made() for made in samples]
         names = [one.name for one in streams]
         past = self.measurements
         return assemble(
