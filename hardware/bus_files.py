@@ -15,10 +15,11 @@ from pathlib import Path
 
 import can
 
-from .errors import RecordingError
+from .errors import RecordingError, Translated
 
 FORMATS = ("blf", "log")
 EARLIER = 1.0  # [s] before the first frame: frames may be written in another order
+DAMAGED = "check that the file is complete"
 ABSOLUTE = 1e9  # [s], the year 2001: smaller stamps are no time of day
 
 
@@ -67,16 +68,10 @@ def read_frames(path: Path, cut: bool) -> Iterator[can.Message]:
 
     cut: whether the file may end in the middle of a line or block, as after SIGKILL
     """
-    try:
-        with _reader(path, cut) as reader:
-            yield from _until_cut(reader) if cut else reader
-    except RecordingError:
-        raise
-    except Exception as bad:  # python-can passes on any error of its parsers
-        got, fix = f"{type(bad).__name__}: {bad}", "check that the file is complete"
-        raise RecordingError(
-            "cannot be read", where=str(path), got=got, next=fix
-        ) from bad
+    # python-can passes on any error of its parsers
+    told = Translated(RecordingError, "cannot be read", path, DAMAGED)
+    with told, _reader(path, cut) as reader:
+        yield from _until_cut(reader) if cut else reader
 
 
 def _reader(path: Path, cut: bool) -> can.io.generic.MessageReader:

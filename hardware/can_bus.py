@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 import can
 
 from .clock import WallStamps
-from .errors import BusError
+from .errors import BusError, Translated
 
 log = logging.getLogger(__name__)
 POLL_LIMIT = 4096  # [frames] per reading: a flooded bus must not block the caller
@@ -23,15 +23,9 @@ GARBLED = (ValueError, IndexError)
 
 def open_bus(config: Mapping, name: str) -> can.BusABC:
     """Open a bus from a configuration of python-can; raises BusError."""
-    try:
+    fix = "check interface and channel of python-can, and that the link is up"
+    with Translated(BusError, "cannot be opened", name, fix):  # a driver may lack
         bus = can.Bus(**config)
-    except Exception as bad:  # a back end may lack its driver in any way
-        raise BusError(
-            "cannot be opened",
-            where=name,
-            got=f"{type(bad).__name__}: {bad}",
-            next="check interface and channel of python-can, and that the link is up",
-        ) from bad
     if (port := getattr(bus, "serialPortOrig", None)) is not None:
         port.flush = _nothing  # slcan waits there for an adapter that hangs, for ever
     return bus

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
+
 from tactilenlp.errors import TactileError
 
 
@@ -55,3 +57,26 @@ class CompletenessError(RecordingError):
     def __init__(self, what: str, *, report=None, **parts):
         self.report = report
         super().__init__(what, **parts)
+
+
+class Translated(AbstractContextManager):
+    """Raise `error` where the block raises one of the errors `of` others.
+
+    Errors of the bench pass: they say more.
+    """
+
+    def __init__(
+        self,
+        error: type[HardwareError],
+        what: str,
+        where: object,
+        next: str,
+        of: type[Exception] | tuple = Exception,
+    ) -> None:
+        self._error, self._what, self._of = error, what, of
+        self._parts = {"where": str(where), "next": next}
+
+    def __exit__(self, kind, bad: BaseException | None, trace) -> None:
+        if isinstance(bad, self._of) and not isinstance(bad, HardwareError):
+            got = f"{type(bad).__name__}: {bad}"
+            raise self._error(self._what, got=got, **self._parts) from bad

@@ -13,9 +13,9 @@ import numpy as np
 
 from tactilenlp.common.whole_file import opened
 
-from .bus_files import FORMATS, read_frames
+from .bus_files import DAMAGED, FORMATS, read_frames
 from .clock import ClockMap, unwrap
-from .errors import HardwareError, RecordingError
+from .errors import RecordingError, Translated
 from .motor_board import MotorBoard
 from .motor_can import Quantity
 from .optical_flow import opencv
@@ -31,31 +31,26 @@ LONG = 2.0  # [s], least record from which the rate of a device's clock is fitte
 
 
 class Recording:
-    """Read a recorded folder; raises RecordingError if it is not one."""
+    """Read a recorded folder; raises RecordingError if it is not one.
+
+    `complete` says whether the recording ended without an error.
+    """
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
         path = self.folder / MANIFEST
-        try:
+        others = OSError, ValueError, KeyError, TypeError, RecursionError
+        fix = "`python -m hardware record`"
+        with Translated(RecordingError, "no recording", path, fix, others):
             with opened(path, RecordingError) as stream:
                 self.manifest = json.load(stream)
             form, rig = self.manifest["format"], self.manifest["rig"]
-            self._complete = self.manifest["complete"] is True
-        except (OSError, ValueError, KeyError, TypeError, RecursionError) as bad:
-            got, fix = f"{type(bad).__name__}: {bad}", "`python -m hardware record`"
-            raise RecordingError(
-                "no recording", where=str(path), got=got, next=fix
-            ) from bad
+            self.complete = self.manifest["complete"] is True
         if form != FORMAT:
             raise RecordingError(
                 "another format", where=str(path), got=f"{form}", expected=f"{FORMAT}"
             )
         self.rig = Rig.from_dict(rig)
-
-    @property
-    def complete(self) -> bool:
-        """Whether the recording ended without an error."""
-        return self._complete
 
     def fingers(self) -> list[FingerStreams]:
         """Return the streams of all fingers, as `assemble` takes them."""
@@ -139,22 +134,17 @@ class Recording:
 
     def _read(self, name: str) -> bytes:
         path = self.folder / name
-        try:
-            with opened(path, RecordingError) as stream:
-                return stream.read()
-        except OSError as bad:
-            raise _damaged(path, bad) from bad
+        with _reading(path, OSError), opened(path, RecordingError) as stream:
+            return stream.read()
 
     def _rows(self, stream: str, read: Callable) -> Iterator[tuple[float, object]]:
         """Yield the complete rows of a table: the time [s], and what `read` makes."""
         text = self._read(f"{stream}.csv").decode(errors="replace")
         rows = csv.reader(text[: text.rfind("\n") + 1].splitlines()[1:])
         for row in rows:
-            try:
+            with _reading(self.folder / f"{stream}.csv", ValueError):
                 time, what = row
                 found = _finite(time), read(what)
-            except ValueError as bad:
-                raise _damaged(self.folder / f"{stream}.csv", bad) from bad
             yield found
 
 
@@ -202,6 +192,5 @@ def _plain_name(text: str) -> str:
     return text
 
 
-def _damaged(path: Path, bad: Exception) -> HardwareError:
-    got, fix = f"{type(bad).__name__}: {bad}", "check that the file is complete"
-    return RecordingError("cannot be read", where=str(path), got=got, next=fix)
+def _reading(path: Path, of: type[Exception]) -> Translated:
+    return Translated(RecordingError, "cannot be read", path, DAMAGED, of)

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
+from inspect import signature
 
 from tactilenlp.common.whole_file import opened, write_whole
 from tactilenlp.errors import typed_call
 
 from .clock import Clock
-from .errors import FrameError, RigError
+from .errors import FrameError, RigError, Translated
 from .frames import Camera
 from .kinematics import Finger, finger
 from .motor_joints import JointMap
@@ -196,14 +197,12 @@ class Rig:
     @classmethod
     def load(cls, path: str | os.PathLike) -> Rig:
         """Read a JSON file; raises RigError if it is not a rig."""
-        try:
-            with opened(path, RigError) as stream:
-                return cls.from_dict(json.load(stream))
-        except (ValueError, OSError, RecursionError) as bad:
-            if isinstance(bad, RigError):
-                raise
-            got, fix = f"{type(bad).__name__}: {bad}", "README.md of hardware has one"
-            raise RigError("no rig", where=str(path), got=got, next=fix) from bad
+        others = ValueError, OSError, RecursionError
+        no_rig = Translated(
+            RigError, "no rig", path, "README.md of hardware has one", others
+        )
+        with no_rig, opened(path, RigError) as stream:
+            return cls.from_dict(json.load(stream))
 
     def save(self, path: str | os.PathLike) -> None:
         """Write a JSON file that loads to an equal rig."""
@@ -213,37 +212,26 @@ class Rig:
     def from_dict(cls, content: dict) -> Rig:
         """Return a rig from plain lists and dictionaries; raises RigError."""
         fingers = []
-        given = _made("rig", dict, _frozen(content), cls)
+        given = _entries("rig", cls, _frozen(content))
         check_kind("rig.fingers", given["fingers"], (tuple, list), RigError)
         for one in given["fingers"]:
-            parts = _made("finger", dict, one, FingerRig)
-            parts["tactile"] = _made("tactile", Tactile, parts["tactile"], Tactile)
-            fingers.append(FingerRig(**parts))
+            parts = _entries("finger", FingerRig, one)
+            tactile = Tactile(**_entries("tactile", Tactile, parts["tactile"]))
+            fingers.append(FingerRig(**parts | {"tactile": tactile}))
         return cls(tuple(fingers))
 
 
-def _made(where: str, make, given: object, known):
-    """Check the keys of a JSON object against the fields of a dataclass."""
-    names = {f.name: f for f in fields(known)}
-    missing = [n for n, f in names.items() if _required(f) and n not in _keys(given)]
-    strange = [key for key in _keys(given) if key not in names]
-    if not isinstance(given, dict) or missing or strange:
-        raise RigError(
-            f"missing {missing}" if missing else f"not understood {strange}",
-            where=where,
-            expected=f"a JSON object of {list(names)}",
-        )
-    return make(**given)
-
-
-def _keys(given: object) -> list:
-    return list(given) if isinstance(given, dict) else []
-
-
-def _required(f) -> bool:
-    from dataclasses import MISSING
-
-    return f.default is MISSING and f.default_factory is MISSING
+def _entries(where: str, make: type, given: object) -> dict:
+    """Return a JSON object whose keys are the fields of a dataclass."""
+    names = signature(make).parameters
+    keys = list(given) if isinstance(given, dict) else []
+    missing = [n for n, p in names.items() if p.default is p.empty and n not in keys]
+    strange = [key for key in keys if key not in names]
+    if missing or strange:
+        what = f"missing {missing}" if missing else f"not understood {strange}"
+        expected = f"a JSON object of {list(names)}"
+        raise RigError(what, where=where, expected=expected)
+    return given
 
 
 def _check_camera(options: dict) -> None:
