@@ -26,10 +26,11 @@ from enum import Enum, IntEnum
 
 import can
 
+from tactilenlp.common.validation import as_number
 from tactilenlp.errors import shortened
 
 from .errors import BusError, FrameError
-from .ranges import check_whole, number
+from .ranges import check_whole
 
 ONE = 1 << 24  # counts per unit of a Q24 number
 RESOLUTION = 1 / ONE  # [unit of the value]
@@ -129,7 +130,7 @@ def to_q24(value: float) -> int:
 
     Raises FrameError unless it is a finite number.
     """
-    if not math.isfinite(number(value)):
+    if not math.isfinite(as_number(value)):
         expected, fix = "a finite number", "check how the value was computed"
         got = shortened(value, most=80)
         raise FrameError("no Q24 number", got=got, expected=expected, next=fix)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from tactilenlp.common.validation import as_number
 from tactilenlp.errors import shortened
 
 from .errors import BoardError, LimitError, StaleStreamError
 from .motor_can import Fault, Order, Reference, Status
-from .ranges import check_range, number
+from .ranges import check_range
 
 LARGEST_CURRENT = 2.2  # [A] of TriFingerPro: no bound may be larger
 LONGEST_TIMEOUT = 10.0  # [s]
@@ -43,7 +44,7 @@ def check_current(bound: float, name: str) -> None:
 
 def check_command(name: str, current: object, most: float) -> None:
     """Raise LimitError unless a current [A] is a number within its bound."""
-    if not abs(number(current)) <= most:
+    if not abs(as_number(current)) <= most:
         raise LimitError(
             "too much current",
             where=name,

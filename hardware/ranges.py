@@ -5,16 +5,13 @@ The constructors of the bench check all their arguments here.
 
 from __future__ import annotations
 
-import math
-from numbers import Integral, Real
-
 import numpy as np
 
+from tactilenlp.common.validation import as_array, as_number, is_whole
 from tactilenlp.errors import shortened
 
 from .errors import HardwareError, LimitError
 
-NO_NUMBERS = (bool, np.bool_, np.timedelta64)  # though Python or NumPy call them so
 SHOWN_CHARACTERS = 80  # of a value in an error
 TURN_ERROR = 1e-6  # [1], largest entry of R R' - 1
 
@@ -31,7 +28,7 @@ def check_range(
 
     Booleans, words and arrays are no numbers here.
     """
-    if not low <= number(value) <= high:
+    if not low <= as_number(value) <= high:
         expected = f"a finite number from {low:g} to {high:g} {unit}"
         raise error("out of range", where=where, got=_short(value), expected=expected)
 
@@ -64,16 +61,12 @@ def floats(
     shape: sizes; None for any size, `...` in front for any number of axes.  Words,
     times, ragged lists and masked arrays are no numbers; NaN is one.
     """
-    try:
-        array = np.asarray(value)
-    except (TypeError, ValueError, OverflowError, RuntimeError):
-        array = np.asarray(None)
+    array = as_array(value)
+    found = () if array is None else array.shape
     sizes = shape[1:] if shape[0] is ... else shape
-    tail = array.shape[-len(sizes) :] if shape[0] is ... else array.shape
-    fit = len(tail) == len(sizes)
-    fit = fit and all(n in (None, m) for n, m in zip(sizes, tail, strict=True))
-    masked = isinstance(value, np.ma.MaskedArray)
-    if masked or array.dtype.kind not in "biuf" or not fit:
+    tail = found[-len(sizes) :] if shape[0] is ... else found
+    fit = array is not None and len(tail) == len(sizes)
+    if not (fit and all(n in (None, m) for n, m in zip(sizes, tail, strict=True))):
         words = ", ".join({None: "n", ...: "..."}.get(n, str(n)) for n in shape)
         got, expected = _short(value), f"numbers ({words})"
         raise error("no array", where=where, got=got, expected=expected)
@@ -84,8 +77,7 @@ def check_whole(
     where: str, value: object, low: int, high: int, error: type[HardwareError]
 ) -> None:
     """Raise an error unless a value is one whole number from low to high."""
-    whole = isinstance(value, Integral) and not isinstance(value, NO_NUMBERS)
-    if not (whole and low <= value <= high):
+    if not (is_whole(value) and low <= value <= high):
         expected = f"a whole number from {low} to {high}"
         raise error("out of range", where=where, got=_short(value), expected=expected)
 
@@ -108,27 +100,12 @@ def check_kind(
 
 def rotation(where: str, value: object, error: type[HardwareError]) -> np.ndarray:
     """Return a rotation matrix (3, 3), or raise an error."""
-    rows = list(value) if isinstance(value, tuple | list | np.ndarray) else []
-    if len(rows) != 3:
-        raise error("no rotation", where=where, got=_short(value), expected="(3, 3)")
-    for k, row in enumerate(rows):
-        check_ranges(f"{where}[{k}]", row, 3, -1.0, 1.0, "", error)
-    R = np.array([[float(entry) for entry in row] for row in rows])
-    if not (abs(R @ R.T - np.eye(3)).max() <= TURN_ERROR and np.linalg.det(R) > 0):
+    R = floats(where, value, (3, 3), error)
+    good = (abs(R) <= 1).all() and abs(R @ R.T - np.eye(3)).max() <= TURN_ERROR
+    if not (good and np.linalg.det(R) > 0):
         expected = "R R' = 1, det R = 1"
         raise error("no rotation", where=where, got=_short(value), expected=expected)
     return R
-
-
-def number(value: object) -> float:
-    """Return one finite real number as a float, NaN for anything else."""
-    if not isinstance(value, Real) or isinstance(value, NO_NUMBERS):
-        return math.nan
-    try:
-        found = float(value)
-    except OverflowError:  # an integer of 400 digits
-        return math.nan
-    return found if math.isfinite(found) else math.nan
 
 
 def _short(value: object) -> str:

@@ -12,10 +12,11 @@ from typing import Protocol
 
 import numpy as np
 
+from tactilenlp.common.validation import as_number
 from tactilenlp.errors import shortened, typed_call
 
 from .errors import FrameError, SensorError, StaleStreamError
-from .ranges import check_range, check_ranges, check_whole, floats, number, rotation
+from .ranges import check_range, check_ranges, check_whole, floats, rotation
 from .serial_tactile import FieldFrame, ForceFrame
 
 LARGEST = 1e12  # [unit of a strength], beyond any sensor
@@ -68,7 +69,7 @@ class Hysteresis:
     contact: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
-        if not 0 < number(self.off) <= number(self.on) < np.inf:
+        if not 0 < as_number(self.off) <= as_number(self.on) < np.inf:
             raise FrameError(
                 "no thresholds",
                 where="Hysteresis",
