@@ -69,14 +69,15 @@ class MotorBoard(can.Listener):
         checks.check_current(max_current, name)
         self.config, self.name, self.listen_only = dict(config), name, listen_only
         self.max_current, self.sink = max_current, sink
-        self.clock, self._remembers = clock or HostClock(), remember
+        self.clock = clock or HostClock()
         self.driving = False  # from `start` to `stop`
         self.status: Status | None = None
         self.broken = self.errors = self.foreign = 0
         self.index: deque[tuple[float, codec.EncoderIndex]] = deque(maxlen=INDICES)
         self._bus: can.BusABC | None = None
         self._stamps: WallStamps | None = None
-        self._series: dict[Quantity, list] = {quantity: [] for quantity in Quantity}
+        most = None if remember else 1
+        self._series = {quantity: deque(maxlen=most) for quantity in Quantity}
         self._heard: dict[str, float] = {}
         self._bus_error: BusError | None = None
         self._was_ready, self._order = False, None
@@ -137,10 +138,7 @@ class MotorBoard(can.Listener):
     def _take(self, stamp: float, content: Content | None) -> None:
         match content:
             case Pair(quantity, values):
-                if self._remembers:
-                    self._series[quantity].append((stamp, *values))
-                else:  # a new list: other threads may read the old one
-                    self._series[quantity] = [(stamp, *values)]
+                self._series[quantity].append((stamp, *values))
                 self._heard[quantity.name] = self.clock.now()
             case Status():
                 self.status = content
@@ -176,13 +174,11 @@ class MotorBoard(can.Listener):
     def remember(self) -> None:
         """Drop the series but for the newest sample, and keep all new samples."""
         self.forget()
-        self._remembers = True
+        self._series = {key: deque(rows) for key, rows in self._series.items()}
 
     def forget(self) -> None:
         """Drop the series but for the newest sample, and keep only the newest."""
-        self._remembers = False
-        for rows in self._series.values():
-            del rows[:-1]
+        self._series = {key: deque(rows, 1) for key, rows in self._series.items()}
 
     def age(self, stream: str = "POSITION") -> float:
         """Return the time [s] since a stream was heard, or since the bus was opened."""
@@ -198,12 +194,11 @@ class MotorBoard(can.Listener):
         if self._bus_error is not None:
             bad, self._bus_error = self._bus_error, None
             raise bad
-        checks.check_fault(self.name, self.status)
+        order = self._order if self.driving else None
+        off = self.driving and self._was_ready and not self.ready
+        checks.check_state(self.name, self.status, order, off)
         limits = {"POSITION": stale, "STATUS": STATUS_STALE}
         if self.driving:
-            checks.check_alone(self.name, self._order)
-            off = self._was_ready and not self.ready
-            checks.check_enabled(self.name, self.status, off)
             limits["VELOCITY"] = stale
         for stream, limit in limits.items():
             checks.check_heard(self.name, stream, self.age(stream), limit)

@@ -13,28 +13,26 @@ LARGEST_CURRENT = 2.2  # [A] of TriFingerPro: no bound may be larger
 LONGEST_TIMEOUT = 10.0  # [s]
 
 
-def check_fault(name: str, status: Status | None) -> None:
-    """Raise BoardError where a board reports a fault."""
+def check_state(
+    name: str, status: Status | None, order: Order | Reference | None, off: bool
+) -> None:
+    """Raise BoardError for what a board may not report while it is used.
+
+    order: a command of another master on its bus
+    off:   whether it was ready, and is so no longer
+    """
     if status is not None and status.fault is not Fault.NONE:
         fix = "remove the cause of the fault, then start the board again"
-        told = {"where": name, "got": status.fault.name, "next": fix}
-        raise BoardError("switched itself off", **told)
-
-
-def check_enabled(name: str, status: Status | None, lost: bool) -> None:
-    """Raise BoardError where a board that was ready is so no longer."""
-    if lost:
-        fix = "check the motor supply, and that no other program commands the board"
-        told = {"where": name, "got": repr(status), "next": fix}
-        raise BoardError("is not enabled any more", **told)
-
-
-def check_alone(name: str, order: Order | Reference | None) -> None:
-    """Raise BoardError for a command of another master on the bus of a board."""
-    if order is not None:
+        what, got = "switched itself off", status.fault.name
+    elif order is not None:
         fix = "end the other program that commands the robot"
-        told = {"where": name, "got": repr(order), "next": fix}
-        raise BoardError("is commanded by another master", **told)
+        what, got = "is commanded by another master", repr(order)
+    elif off:
+        fix = "check the motor supply, and that no other program commands the board"
+        what, got = "is not enabled any more", repr(status)
+    else:
+        return
+    raise BoardError(what, where=name, got=got, next=fix)
 
 
 def check_current(bound: float, name: str) -> None:

@@ -7,6 +7,7 @@ object: it points from object to finger, opposite to the outward normal of the s
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -217,9 +218,8 @@ class Skin:
     """
 
     def __init__(self, reader, toucher: Toucher) -> None:
-        self.reader, self.toucher = reader, toucher
-        self.touches: list[Touch] = []
-        self._remembers, self._failure = False, None
+        self.reader, self.toucher, self._failure = reader, toucher, None
+        self.touches: deque[Touch] = deque(maxlen=1)
 
     def __enter__(self) -> Skin:
         self.reader.__enter__()
@@ -235,10 +235,7 @@ class Skin:
             self._failure = frame.status if failed else None
             touch = self.toucher(time, frame)
             if touch is not None:
-                if self._remembers:
-                    self.touches.append(touch)
-                else:  # a new list: other threads may read the old one
-                    self.touches = [touch]
+                self.touches.append(touch)
 
     def check(self, stale: float) -> None:
         """Raise StaleStreamError after a longer silence [s], SensorError for a failure.
@@ -259,14 +256,13 @@ class Skin:
         """Drop all frames and touches so far, and find the zero again."""
         self.reader.take()
         self.toucher.reset()
-        self.touches, self._failure = [], None
+        self.touches.clear()
+        self._failure = None
 
     def remember(self) -> None:
         """Drop all touches but the newest, and keep all new ones."""
-        self.forget()
-        self._remembers = True
+        self.touches = deque(deque(self.touches, 1))
 
     def forget(self) -> None:
         """Drop all touches but the newest, and keep only the newest."""
-        self._remembers = False
-        del self.touches[:-1]
+        self.touches = deque(self.touches, 1)
