@@ -115,12 +115,15 @@ class Bench:
         """All boards."""
         return [board for finger in self.fingers for board in finger.boards]
 
+    @property
+    def _drivers(self) -> list[MotorBoard | Skin]:
+        return [one for f in self.fingers for one in (*f.boards, f.skin)]
+
     def __enter__(self) -> Bench:
         self.fingers = [self._wired(one) for one in self.rig.fingers]
         with ExitStack() as stack:
-            for finger in self.fingers:
-                for driver in (*finger.boards, finger.skin):
-                    stack.enter_context(driver)
+            for driver in self._drivers:
+                stack.enter_context(driver)
             stack.callback(self.stop)  # called first: all boards, then all buses
             self._stack = stack.pop_all()
         return self
@@ -143,16 +146,13 @@ class Bench:
 
     def poll(self) -> None:
         """Read all frames that have arrived."""
-        for finger in self.fingers:
-            for board in finger.boards:
-                board.poll()
-            finger.skin.poll()
+        for driver in self._drivers:
+            driver.poll()
 
     def check(self, stale: float = STALE, touch_stale: float = TOUCH_STALE) -> None:
         """Raise the error of any wire: silence for longer [s], or a fault."""
-        for finger in self.fingers:
-            for board in finger.boards:
-                board.check(stale)
+        for board in self.boards:
+            board.check(stale)
         self.check_sensors(touch_stale)
 
     def learn_zeros(self) -> None:
@@ -207,10 +207,8 @@ class Bench:
 
     def remember(self) -> None:
         """Keep all samples from now on, for the streams of an action."""
-        for finger in self.fingers:
-            for board in finger.boards:
-                board.remember()
-            finger.skin.remember()
+        for driver in self._drivers:
+            driver.remember()
 
     def taken(self) -> list[Callable[[], FingerStreams]]:
         """Return the samples of each finger since `remember`, and forget them."""
@@ -220,7 +218,5 @@ class Bench:
 
     def forget(self) -> None:
         """Drop all samples but the newest of each stream, and keep only the newest."""
-        for finger in self.fingers:
-            for board in finger.boards:
-                board.forget()
-            finger.skin.forget()
+        for driver in self._drivers:
+            driver.forget()
