@@ -71,12 +71,21 @@ def read_frames(path: Path, cut: bool) -> Iterator[can.Message]:
     # python-can passes on any error of its parsers
     told = Translated(RecordingError, "cannot be read", path, DAMAGED)
     with told, _reader(path, cut) as reader:
-        yield from _until_cut(reader) if cut else reader
+        for message in _until_cut(reader) if cut else reader:
+            if path.suffix == ".blf" and message.timestamp < ABSOLUTE:
+                raise RecordingError(
+                    "the times have lost their origin",
+                    where=str(path),
+                    got=f"{message.timestamp:.3f} s",
+                    expected=f"{ABSOLUTE:g} s or more",
+                    next="record again: the program that recorded was killed",
+                )
+            yield message
 
 
 def _reader(path: Path, cut: bool) -> can.io.generic.MessageReader:
     if path.suffix == ".blf":
-        return _Absolute(path)
+        return can.BLFReader(path)
     text = _WholeLines if cut else io.TextIOWrapper
     return can.CanutilsLogReader(text(path.open("rb"), encoding="utf-8"))
 
@@ -89,8 +98,6 @@ def _until_cut(reader: can.io.generic.MessageReader) -> Iterator[can.Message]:
             message = next(frames)
         except StopIteration:
             return
-        except RecordingError:
-            raise
         except Exception:
             if reader.file.read(1):
                 raise
@@ -105,19 +112,3 @@ class _WholeLines(io.TextIOWrapper):
         if not (line := super().__next__()).endswith("\n"):
             raise StopIteration
         return line
-
-
-class _Absolute(can.BLFReader):
-    """Refuse frames whose times have lost their origin."""
-
-    def __iter__(self) -> Iterator[can.Message]:
-        for message in super().__iter__():
-            if message.timestamp < ABSOLUTE:
-                raise RecordingError(
-                    "the times have lost their origin",
-                    where=str(self.file.name),
-                    got=f"{message.timestamp:.3f} s",
-                    expected=f"{ABSOLUTE:g} s or more",
-                    next="record again: the program that recorded was killed",
-                )
-            yield message
