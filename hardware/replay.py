@@ -11,6 +11,8 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
+from functools import partial
+from operator import itemgetter
 
 import can
 
@@ -21,7 +23,7 @@ from .recording import Recording
 from .rig import CAMERA, ON_CAN, Rig, stream_name
 
 CHANNELS = "239.74.163.{}"  # multicast addresses that are not assigned
-Event = tuple[float, int, Callable[[], None]]
+Event = tuple[float, Callable[[], None]]  # when [s], and what sends it
 
 
 class Replay(AbstractContextManager):
@@ -40,7 +42,8 @@ class Replay(AbstractContextManager):
     ) -> None:
         self.recording, self.clock = recording, clock or HostClock()
         self._config = config or _multicast
-        self._stack, self._events = ExitStack(), []
+        self._stack = ExitStack()
+        self._events: list[Iterator[Event]] = []
         self.rig: Rig | None = None
 
     def __enter__(self) -> Replay:
@@ -77,7 +80,7 @@ class Replay(AbstractContextManager):
         if not 0 < speed <= 1000:
             raise HardwareError("no speed", got=speed, expected="0 to 1000")
         begin, first, count = self.clock.now(), None, 0
-        for time, _, send in heapq.merge(*self._events):
+        for time, send in heapq.merge(*self._events, key=itemgetter(0)):
             first = time if first is None else first
             due = begin + (time - first) / speed
             if (wait := due - self.clock.now()) > 0:
@@ -95,12 +98,11 @@ class Replay(AbstractContextManager):
             except (can.CanError, OSError) as bad:
                 raise lost("write", stream, bad) from bad
 
-        def events() -> Iterator[Event]:
-            for k, message in enumerate(self.recording.messages(stream)):
-                if message.is_rx is not False and not message.is_error_frame:
-                    yield message.timestamp, k, lambda message=message: send(message)
-
-        self._add(events())
+        self._events.append(
+            (message.timestamp, partial(send, message))
+            for message in self.recording.messages(stream)
+            if message.is_rx is not False and not message.is_error_frame
+        )
 
     def _serial(self, stack: ExitStack, stream: str) -> str:
         """Open a pseudo-terminal, add its chunks to the events, return its name."""
@@ -116,17 +118,9 @@ class Replay(AbstractContextManager):
         tty.setraw(theirs)
         stack.callback(os.close, ours)
         stack.callback(os.close, theirs)
-
-        def events() -> Iterator[Event]:
-            for k, (time, chunk) in enumerate(self.recording.chunks(stream)):
-                yield time, k, lambda chunk=chunk: _write(ours, chunk)
-
-        self._add(events())
+        chunks = self.recording.chunks(stream)
+        self._events.append((t, partial(_write, ours, chunk)) for t, chunk in chunks)
         return os.ttyname(theirs)
-
-    def _add(self, events: Iterator[Event]) -> None:
-        number = len(self._events)  # of the stream: functions cannot be compared
-        self._events.append(((t, (k, number), send) for t, k, send in events))
 
 
 def _write(terminal: int, chunk: bytes) -> None:
