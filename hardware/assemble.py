@@ -12,7 +12,7 @@ them are an error.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -43,7 +43,7 @@ class Report:
     streams: tuple[StreamReport, ...]
     samples: int
     valid: dict[str, float]
-    oldest: dict[str, float] = field(default_factory=dict)
+    oldest: dict[str, float]
 
     def __str__(self) -> str:
         lines = [str(stream) for stream in self.streams]
@@ -85,8 +85,8 @@ def assemble(
     _judge(_report(fingers, time, parts), parked, complete)
     takes_part = np.array([one.name not in parked for one in fingers])
     valid = np.stack([part["valid"] for part in parts], axis=1) & takes_part
+    contact = np.stack([part["contact"] for part in parts], axis=1) & valid
     normal = np.stack([part["normal"] for part in parts], axis=1)
-    contact = normal.any(axis=-1) & valid  # a touch without a normal was not valid
     return Measurements(
         time=time - (time[0] if origin is None else origin),
         finger_position=np.stack([part["position"] for part in parts], axis=1),
@@ -165,14 +165,12 @@ def _finger(
     contact, felt = one.touch.values[row, 0] > 0, one.touch.values[row, 1] > 0
     felt_at, known = _angles(one, stamps[row])
     valid = moved & known & felt & (age <= oldest + ROUNDING)
-    contact &= valid
     R_wt = one.geometry.rotation(felt_at)
-    normal = np.einsum("nij,nj->ni", R_wt, one.touch.values[row, 3:])
     used = age[valid]
     return {
         "position": one.geometry.forward(angles),
         "contact": contact,
-        "normal": np.where(contact[:, None], normal, 0.0),
+        "normal": np.einsum("nij,nj->ni", R_wt, one.touch.values[row, 3:]),
         "valid": valid,
         "oldest": float(used.max()) if used.size else np.nan,
     }

@@ -27,7 +27,7 @@ def open_bus(config: Mapping, name: str) -> can.BusABC:
     with Translated(BusError, "cannot be opened", name, fix):  # a driver may lack
         bus = can.Bus(**config)
     if (port := getattr(bus, "serialPortOrig", None)) is not None:
-        port.flush = _nothing  # slcan waits there for an adapter that hangs, for ever
+        port.flush = lambda: None  # slcan waits there, for ever if the adapter hangs
     return bus
 
 
@@ -36,10 +36,6 @@ def close_bus(bus: can.BusABC, name: str) -> None:
     quietly(bus.shutdown, name)
     if (port := getattr(bus, "serialPortOrig", None)) is not None:
         quietly(port.close, name)  # slcan leaves it open if it cannot say goodbye
-
-
-def _nothing() -> None:
-    """Do nothing: what is written to a port goes out by itself."""
 
 
 def waiting(

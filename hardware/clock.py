@@ -180,13 +180,11 @@ def unwrap(counter: np.ndarray, bits: int) -> np.ndarray:
         raise ClockError(
             "no such counter", got=values.max(), expected=f"{bits} unsigned bits"
         )
-    counter = np.asarray(counter).astype(np.int64)
-    steps = (np.diff(counter) + size // 2) % size - size // 2
-    return np.concatenate([counter[:1], counter[:1] + np.cumsum(steps)])
+    return np.unwrap(values.astype(np.int64), period=size)
 
 
 def _check(device: np.ndarray, host: np.ndarray) -> None:
-    paired = device.shape == host.shape and device.ndim == 1 and len(device) > 1
+    paired = device.shape == host.shape and len(device) > 1
     if not (paired and np.isfinite(device).all() and np.isfinite(host).all()):
         raise ClockError(
             "no pairs of times",

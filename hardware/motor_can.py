@@ -23,6 +23,7 @@ import math
 import struct
 from dataclasses import dataclass
 from enum import Enum, IntEnum
+from itertools import chain
 
 import can
 
@@ -154,7 +155,8 @@ def encode(content: Content, timestamp: float = 0.0) -> can.Message:
         case EncoderIndex(position, motor):
             identifier, data = INDEX, INDEXED.pack(to_q24(position), motor)
         case Status():
-            flags = (content.system_enabled, *_interleaved(content))
+            motors = zip(content.motor_enabled, content.motor_ready, strict=True)
+            flags = content.system_enabled, *chain(*motors)
             byte = sum(flag << bit for bit, flag in enumerate(flags))
             identifier, data = STATUS, bytes([byte | content.fault << 5])
         case _:
@@ -234,11 +236,6 @@ def _status(byte: int) -> Status:
     flag = [bool(byte >> bit & 1) for bit in range(5)]
     enabled, ready = (flag[1], flag[3]), (flag[2], flag[4])
     return Status(flag[0], enabled, ready, Fault(byte >> 5))
-
-
-def _interleaved(status: Status) -> tuple[bool, ...]:
-    pairs = zip(status.motor_enabled, status.motor_ready, strict=True)
-    return tuple(flag for pair in pairs for flag in pair)
 
 
 def _int32(value: int) -> int:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tactilenlp.common.validation import is_whole
 from tactilenlp.errors import typed_call
 
 from .clock import Clock
@@ -23,6 +24,7 @@ from .ranges import check_range, check_ranges, floats
 READY = 10.0  # [s], alignment after power-up takes a few seconds
 POLL = 0.01  # [s]
 TURNS = 4 * math.pi  # [rad], largest zero angle of a joint
+PLACES = {(0, 0), (0, 1), (1, 0), (1, 1)}  # (board, motor)
 KRPM = 1000 * 2 * math.pi / 60  # [rad/s]
 
 
@@ -44,9 +46,10 @@ class JointMap:
     torque_constant: float = 0.02
 
     def __post_init__(self) -> None:
-        many = isinstance(self.motors, tuple | list)
-        pairs = {place for place in PLACES if many and place in map(_pair, self.motors)}
-        if not many or len(self.motors) != 3 or len(pairs) != 3:
+        given = self.motors if isinstance(self.motors, tuple | list) else ()
+        pairs = [p for p in given if isinstance(p, tuple | list)]
+        whole = {tuple(p) for p in pairs if all(map(is_whole, p))}
+        if len(given) != 3 or len(whole & PLACES) != 3:
             raise RigError(
                 "not a map of three joints",
                 where="motors",
@@ -106,16 +109,6 @@ def _motors(where: str, values: object) -> np.ndarray:
 
 def _angles(where: str, values: object) -> np.ndarray:
     return floats(f"JointMap, {where}", values, (..., 3), LimitError)
-
-
-def _pair(given: object) -> tuple:
-    """Return two whole numbers as a tuple, an empty one for anything else."""
-    pair = tuple(given) if isinstance(given, tuple | list) else ()
-    whole = [isinstance(k, int) and not isinstance(k, bool) for k in pair]
-    return pair if whole == [True, True] else ()
-
-
-PLACES = {(board, motor) for board in (0, 1) for motor in (0, 1)}
 
 
 def start_motors(
