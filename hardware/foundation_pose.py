@@ -58,7 +58,8 @@ class Poses:
         valid = (known[0] <= time) & (time <= known[-1]) & close
         inside = np.clip(time, known[0], known[-1])
         position = np.stack([np.interp(inside, known, p) for p in p_w.T], axis=-1)
-        turn = Slerp(known, _rotation(self.quaternion[good]))(inside)
+        xyzw = np.roll(self.quaternion[good], -1, axis=-1)
+        turn = Slerp(known, Rotation.from_quat(xyzw))(inside)
         out = _nothing(time)
         out.position[valid] = position[valid]
         out.quaternion[valid] = _continuous(_wxyz(turn))[valid]
@@ -180,10 +181,6 @@ def _nothing(time: np.ndarray) -> Poses:
 
 def _wxyz(rotation: Rotation) -> np.ndarray:
     return np.roll(rotation.as_quat(), 1, axis=-1)
-
-
-def _rotation(wxyz: np.ndarray) -> Rotation:
-    return Rotation.from_quat(np.roll(wxyz, -1, axis=-1))
 
 
 def _continuous(wxyz: np.ndarray) -> np.ndarray:

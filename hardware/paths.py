@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
+from tactilenlp.common.validation import as_floats
+
 from .errors import LimitError
 from .kinematics import FAR, Finger
-from .ranges import floats
 
 STILL = 1e-9  # [m], a finger that moves less is parked
 PEAK = 1.875  # [1], peak by mean speed of a minimum-jerk motion
@@ -21,12 +22,8 @@ def checked_trajectory(
     longest: [s] that it may last.  Raises LimitError unless all numbers are finite, in
     range and of these shapes.
     """
-    time, p_wf = (getattr(trajectory, k, None) for k in ("time", "finger_position"))
-    try:
-        time = floats("time", time, (None,), LimitError)
-        p_wf = floats("finger_position", p_wf, (None, None, 3), LimitError)
-    except LimitError:  # refused below
-        time = p_wf = np.full(0, np.nan)
+    time = as_floats(getattr(trajectory, "time", None))
+    p_wf = as_floats(getattr(trajectory, "finger_position", None))
     shape = (time.size, fingers, 3)
     good = time.ndim == 1 and time.size > 1 and p_wf.shape == shape
     good = good and np.isfinite(time).all() and (time[1:] > time[:-1]).all()

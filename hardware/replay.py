@@ -82,9 +82,7 @@ class Replay(AbstractContextManager):
         begin, first, count = self.clock.now(), None, 0
         for time, send in heapq.merge(*self._events, key=itemgetter(0)):
             first = time if first is None else first
-            due = begin + (time - first) / speed
-            if (wait := due - self.clock.now()) > 0:
-                self.clock.sleep(wait)
+            self.clock.sleep(begin + (time - first) / speed - self.clock.now())
             send()
             count += 1
         return count

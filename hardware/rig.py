@@ -151,14 +151,20 @@ class FingerRig:
         check_kind(f"{self.name}, boards", self.boards, (tuple, list), RigError)
         for k, board in enumerate(self.boards):
             check_kind(f"{self.name}, boards[{k}]", board, dict, RigError)
+        if len(self.boards) != 2:
+            raise RigError(
+                "a finger has two boards",
+                where=self.name,
+                got=len(self.boards),
+                next="three motors, two on a board; one CAN bus for each board",
+            )
+        self.joints, self.geometry  # noqa: B018 (they check)
 
     @property
     def geometry(self) -> Finger:
         """The kinematics of the finger."""
-        made = finger(self.robot, self.degrees)
-        if self.tip_radius is None:
-            return made
-        return replace(made, tip_radius=self.tip_radius)
+        made, radius = finger(self.robot, self.degrees), self.tip_radius
+        return made if radius is None else replace(made, tip_radius=radius)
 
     @property
     def joints(self) -> JointMap:
@@ -183,15 +189,6 @@ class Rig:
             expected = "names that differ in letters or digits"
             told = {"where": "rig", "got": names, "expected": expected}
             raise RigError("no fingers, or two of one name", **told)
-        for one in self.fingers:
-            if len(one.boards) != 2:
-                raise RigError(
-                    "a finger has two boards",
-                    where=one.name,
-                    got=len(one.boards),
-                    next="three motors, two on a board; one CAN bus for each board",
-                )
-            one.joints, one.geometry, one.tactile  # noqa: B018 (they check)
         check_wires(self.fingers)
 
     @classmethod

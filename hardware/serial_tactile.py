@@ -144,8 +144,7 @@ class AnySkinFramer:
                 "no sensor", where="magnetometers", got=magnetometers, expected=">= 1"
             )
         self.good = self.broken = self.lost = self.skipped = 0
-        self._payload = 4 * WORD * magnetometers
-        self._size = self._payload + len(DELIMITER)
+        self._size = 4 * WORD * magnetometers + len(DELIMITER)
         self._buffer = bytearray()
         self._in_step = False
 
