@@ -157,7 +157,8 @@ def _finger(
 ) -> dict[str, np.ndarray | float]:
     angles, moved = _angles(one, time)
     stamps = one.touch.time - one.latency
-    row = _touch_before(stamps, time)
+    # the newest touch that is not later than the sample
+    row = np.maximum(np.searchsorted(stamps, time + ROUNDING, side="right") - 1, 0)
     if nearest:
         after = np.minimum(row + 1, len(stamps) - 1)
         row = np.where(abs(stamps[after] - time) < abs(time - stamps[row]), after, row)
@@ -174,12 +175,6 @@ def _finger(
         "valid": valid,
         "oldest": float(used.max()) if used.size else np.nan,
     }
-
-
-def _touch_before(stamps: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Return the index of the newest touch that is not later than each time."""
-    row = np.searchsorted(stamps, time + ROUNDING, side="right") - 1
-    return np.maximum(row, 0)
 
 
 def _angles(one: FingerStreams, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
