@@ -15,7 +15,7 @@ from pathlib import Path
 
 import can
 
-from .errors import RecordingError, Translated
+from .errors import RecordingError, translated
 
 FORMATS = ("blf", "log")
 EARLIER = 1.0  # [s] before the first frame: frames may be written in another order
@@ -69,7 +69,7 @@ def read_frames(path: Path, cut: bool) -> Iterator[can.Message]:
     cut: whether the file may end in the middle of a line or block, as after SIGKILL
     """
     # python-can passes on any error of its parsers
-    told = Translated(RecordingError, "cannot be read", path, DAMAGED)
+    told = translated(RecordingError, "cannot be read", path, DAMAGED)
     with told, _reader(path, cut) as reader:
         for message in _until_cut(reader) if cut else reader:
             if path.suffix == ".blf" and message.timestamp < ABSOLUTE:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 import can
 
 from .clock import WallStamps
-from .errors import BusError, Translated
+from .errors import BusError, translated
 
 log = logging.getLogger(__name__)
 POLL_LIMIT = 4096  # [frames] per reading: a flooded bus must not block the caller
@@ -24,7 +24,7 @@ GARBLED = (ValueError, IndexError)
 def open_bus(config: Mapping, name: str) -> can.BusABC:
     """Open a bus from a configuration of python-can; raises BusError."""
     fix = "check interface and channel of python-can, and that the link is up"
-    with Translated(BusError, "cannot be opened", name, fix):  # a driver may lack
+    with translated(BusError, "cannot be opened", name, fix):  # a driver may lack
         bus = can.Bus(**config)
     if (port := getattr(bus, "serialPortOrig", None)) is not None:
         port.flush = lambda: None  # slcan waits there, for ever if the adapter hangs

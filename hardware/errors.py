@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from tactilenlp.errors import TactileError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 
 class HardwareError(TactileError):
@@ -59,24 +63,22 @@ class CompletenessError(RecordingError):
         super().__init__(what, **parts)
 
 
-class Translated(AbstractContextManager):
+@contextmanager
+def translated(
+    error: type[HardwareError],
+    what: str,
+    where: object,
+    next: str,
+    of: type[Exception] | tuple = Exception,
+) -> Iterator[None]:
     """Raise `error` where the block raises one of the errors `of` others.
 
     Errors of the bench pass: they say more.
     """
-
-    def __init__(
-        self,
-        error: type[HardwareError],
-        what: str,
-        where: object,
-        next: str,
-        of: type[Exception] | tuple = Exception,
-    ) -> None:
-        self._error, self._what, self._of = error, what, of
-        self._parts = {"where": str(where), "next": next}
-
-    def __exit__(self, kind, bad: BaseException | None, trace) -> None:
-        if isinstance(bad, self._of) and not isinstance(bad, HardwareError):
-            got = f"{type(bad).__name__}: {bad}"
-            raise self._error(self._what, got=got, **self._parts) from bad
+    try:
+        yield
+    except HardwareError:
+        raise
+    except of as bad:
+        got = f"{type(bad).__name__}: {bad}"
+        raise error(what, where=str(where), got=got, next=next) from bad

@@ -6,6 +6,7 @@ import csv
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import can
@@ -15,7 +16,7 @@ from tactilenlp.common.whole_file import opened
 
 from .bus_files import DAMAGED, FORMATS, read_frames
 from .clock import ClockMap, unwrap
-from .errors import RecordingError, Translated
+from .errors import RecordingError, translated
 from .motor_board import MotorBoard
 from .motor_can import Quantity
 from .optical_flow import opencv
@@ -41,7 +42,7 @@ class Recording:
         path = self.folder / MANIFEST
         others = OSError, ValueError, KeyError, TypeError, RecursionError
         fix = "`python -m hardware record`"
-        with Translated(RecordingError, "no recording", path, fix, others):
+        with translated(RecordingError, "no recording", path, fix, others):
             with opened(path, RecordingError) as stream:
                 self.manifest = json.load(stream)
             form, rig = self.manifest["format"], self.manifest["rig"]
@@ -192,5 +193,5 @@ def _plain_name(text: str) -> str:
     return text
 
 
-def _reading(path: Path, of: type[Exception]) -> Translated:
-    return Translated(RecordingError, "cannot be read", path, DAMAGED, of)
+def _reading(path: Path, of: type[Exception]) -> AbstractContextManager:
+    return translated(RecordingError, "cannot be read", path, DAMAGED, of)

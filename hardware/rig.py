@@ -14,7 +14,7 @@ from tactilenlp.common.whole_file import opened, write_whole
 from tactilenlp.errors import typed_call
 
 from .clock import Clock
-from .errors import FrameError, RigError, Translated
+from .errors import FrameError, RigError, translated
 from .frames import Camera
 from .kinematics import Finger, finger
 from .motor_joints import JointMap
@@ -195,7 +195,7 @@ class Rig:
     def load(cls, path: str | os.PathLike) -> Rig:
         """Read a JSON file; raises RigError if it is not a rig."""
         others = ValueError, OSError, RecursionError
-        no_rig = Translated(
+        no_rig = translated(
             RigError, "no rig", path, "README.md of hardware has one", others
         )
         with no_rig, opened(path, RigError) as stream:

@@ -27,7 +27,7 @@ from tactilenlp.common.whole_file import write_whole
 from tactilenlp.errors import FileError, typed_call
 
 from .bus_files import FORMATS, BusFile
-from .errors import RecordingError, Translated
+from .errors import RecordingError
 from .frames import NATURAL
 from .ranges import check_kind
 from .rig import Rig
@@ -161,9 +161,12 @@ class Tape:
 
 def _written(path, action: Callable):
     """Run an action that writes; where it fails, raise a RecordingError."""
-    fix, others = "check the free space and the permissions", (OSError, FileError)
-    with Translated(RecordingError, "cannot be written", path, fix, others):
+    try:  # `translated` would take longer, and this is done for every frame
         return action()
+    except (OSError, FileError) as bad:
+        got, fix = f"{type(bad).__name__}: {bad}", "check free space and permissions"
+        what = "cannot be written"
+        raise RecordingError(what, where=str(path), got=got, next=fix) from bad
 
 
 def _version(name: str) -> str | None:
