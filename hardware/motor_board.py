@@ -19,10 +19,10 @@ from . import motor_can as codec
 from . import motor_checks as checks
 from .can_bus import close_bus, lost, open_bus, waiting
 from .clock import Clock, HostClock, WallStamps
-from .errors import BoardError, BusError, HardwareError, RigError
+from .errors import BoardError, BusError, HardwareError, RigError, StaleStreamError
 from .motor_can import Command, Content, Pair, Quantity, Status
 from .motor_stop import stop_boards
-from .ranges import check_kind
+from .ranges import check_age, check_kind
 
 log = logging.getLogger(__name__)
 STALE = 0.1  # [s] without a position: 100 frames of a healthy board
@@ -32,6 +32,7 @@ SEND_TIME = 0.01  # [s] that an adapter may take to accept a frame
 RECEIVE_TIMEOUT = 0.1  # [s] after which the firmware switches off
 SENT = 64  # commands whose echo is known: 0.25 s of them
 INDICES = 1000  # events of the encoder index that are kept
+CONNECT = "check the power, the bus, and that the board is told to send"
 
 
 @typed_call(RigError)
@@ -168,7 +169,8 @@ class MotorBoard(can.Listener):
 
     def _newest(self, quantity: Quantity) -> tuple[float, float, float]:
         if not (rows := self._series[quantity]):
-            raise checks.silent(self.name, quantity.name, "nothing so far", 0.0)
+            what, got = f"no {quantity.name.lower()} is heard", "nothing so far"
+            raise StaleStreamError(what, where=self.name, got=got, next=CONNECT)
         return rows[-1]
 
     def remember(self) -> None:
@@ -201,7 +203,8 @@ class MotorBoard(can.Listener):
         if self.driving:
             limits["VELOCITY"] = stale
         for stream, limit in limits.items():
-            checks.check_heard(self.name, stream, self.age(stream), limit)
+            age, what = self.age(stream), f"no {stream.lower()} is heard"
+            check_age(self.name, what, age, limit, CONNECT)
 
     # Driving
 

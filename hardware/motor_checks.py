@@ -5,7 +5,7 @@ from __future__ import annotations
 from tactilenlp.common.validation import as_number
 from tactilenlp.errors import shortened
 
-from .errors import BoardError, LimitError, StaleStreamError
+from .errors import BoardError, LimitError
 from .motor_can import Fault, Order, Reference, Status
 from .ranges import check_range
 
@@ -57,20 +57,3 @@ def milliseconds(name: str, timeout: float) -> int:
     least = 0.0 if timeout == 0 else 1e-3
     check_range(f"{name}, time-out", timeout, least, LONGEST_TIMEOUT, "s (0: never)")
     return round(1e3 * timeout)
-
-
-def check_heard(name: str, stream: str, age: float, limit: float) -> None:
-    """Raise StaleStreamError where a stream is silent for longer than the limit [s]."""
-    if not age <= limit:
-        raise silent(name, stream, f"silence for {age:.3f} s", limit)
-
-
-def silent(name: str, stream: str, got: str, limit: float) -> StaleStreamError:
-    """Return the error of a stream of which one sample every `limit` [s] is heard."""
-    return StaleStreamError(
-        f"no {stream.lower()} is heard",
-        where=name,
-        got=got,
-        expected=f"one every {limit} s",
-        next="check the power, the bus, and that the board is told to send",
-    )

@@ -10,7 +10,7 @@ import numpy as np
 from tactilenlp.common.validation import as_array, as_number, is_whole
 from tactilenlp.errors import shortened
 
-from .errors import HardwareError, LimitError
+from .errors import HardwareError, LimitError, StaleStreamError
 
 SHOWN_CHARACTERS = 80  # of a value in an error
 TURN_ERROR = 1e-6  # [1], largest entry of R R' - 1
@@ -51,6 +51,16 @@ def check_ranges(
         raise error("wrong shape", where=where, got=_short(values), expected=expected)
     for k, value in enumerate(given):
         check_range(f"{where}[{k}]", value, low, high, unit, error)
+
+
+def check_age(
+    where: str, what: str, age: float, limit: float, next: str, why: str = ""
+) -> None:
+    """Raise StaleStreamError where the newest sample is older [s] than the limit."""
+    if not age <= limit:
+        got = f"silence for {age:.3f} s" + (f" ({why})" if why else "")
+        expected = f"one every {limit} s"
+        raise StaleStreamError(what, where=where, got=got, expected=expected, next=next)
 
 
 def floats(

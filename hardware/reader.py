@@ -9,7 +9,7 @@ from collections import deque
 
 from .clock import Clock, HostClock
 from .errors import BusError, HardwareError
-from .touch import check_age
+from .ranges import check_age
 
 log = logging.getLogger(__name__)
 STALE = 0.1  # [s], three pictures at 30 Hz
@@ -53,7 +53,8 @@ class Inbox:
 
     def check(self, stale: float = STALE) -> None:
         """Raise StaleStreamError after a longer silence [s]."""
-        check_age(self.name, self.age, stale, self._why)
+        fix = "check that the sensor is plugged in and powered"
+        check_age(self.name, "no touch is sensed", self.age, stale, fix, self._why)
 
     def _keep(self, stamp: float, came: list, heard: float | None = None) -> None:
         """Store frames with their stamp [s], for `take`.

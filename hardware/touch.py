@@ -16,7 +16,7 @@ import numpy as np
 from tactilenlp.common.validation import as_number
 from tactilenlp.errors import shortened, typed_call
 
-from .errors import FrameError, SensorError, StaleStreamError
+from .errors import FrameError, SensorError
 from .ranges import check_range, check_ranges, check_whole, floats, rotation
 from .serial_tactile import FieldFrame, ForceFrame
 
@@ -195,18 +195,6 @@ class FieldTouch:
         """Find the zero again, from the next samples."""
         self.tare.reset()
         self.decide.contact = False
-
-
-def check_age(name: str, age: float, limit: float, why: str = "") -> None:
-    """Raise StaleStreamError where the newest sample is older [s] than the limit."""
-    if not age <= limit:
-        raise StaleStreamError(
-            "no touch is sensed",
-            where=name,
-            got=f"silence for {age:.3f} s" + (f" ({why})" if why else ""),
-            expected=f"a sample every {limit} s",
-            next="check that the sensor is plugged in and powered",
-        )
 
 
 class Skin:
