@@ -147,7 +147,8 @@ def encode(content: Content, timestamp: float = 0.0) -> can.Message:
     """Return the frame of this content, stamped [s]; the inverse of `decode`."""
     match content:
         case Order(command, value):
-            identifier, data = COMMAND, WORDS.pack(_int32(value), command)
+            check_whole("value (int32)", value, LOWEST, HIGHEST, FrameError)
+            identifier, data = COMMAND, WORDS.pack(value, command)
         case Reference(values):
             identifier, data = REFERENCE, WORDS.pack(*map(to_q24, values))
         case Pair(quantity, values):
@@ -236,12 +237,6 @@ def _status(byte: int) -> Status:
     flag = [bool(byte >> bit & 1) for bit in range(5)]
     enabled, ready = (flag[1], flag[3]), (flag[2], flag[4])
     return Status(flag[0], enabled, ready, Fault(byte >> 5))
-
-
-def _int32(value: int) -> int:
-    if not LOWEST <= value <= HIGHEST:
-        raise FrameError("too large", got=value, expected="an int32")
-    return int(value)
 
 
 def _bad(identifier: int, got: str, expected: str) -> FrameError:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import heapq
 import os
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import replace
 from functools import partial
 from operator import itemgetter
@@ -124,10 +124,8 @@ class Replay(AbstractContextManager):
 def _write(terminal: int, chunk: bytes) -> None:
     """Write without blocking; bytes that no program reads are dropped, as on a wire."""
     os.set_blocking(terminal, False)
-    try:
+    with suppress(BlockingIOError):
         os.write(terminal, chunk)
-    except BlockingIOError:
-        return
 
 
 def _multicast(number: int) -> dict:
