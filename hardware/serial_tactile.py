@@ -14,6 +14,7 @@ synchronises again after damaged bytes.
 
 from __future__ import annotations
 
+import re
 import struct
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -144,45 +145,36 @@ class AnySkinFramer:
                 "no sensor", where="magnetometers", got=magnetometers, expected=">= 1"
             )
         self.good = self.broken = self.lost = self.skipped = 0
-        self._size = 4 * WORD * magnetometers + len(DELIMITER)
+        size = 4 * WORD * magnetometers
+        pattern = rb"%b(.{%d})(?=%b)" % (DELIMITER, size, DELIMITER)
+        self._whole = re.compile(pattern, re.DOTALL)
+        self._most = size + 2 * len(DELIMITER) - 1  # [bytes] in which no frame is whole
         self._buffer = bytearray()
         self._in_step = False
 
     def feed(self, chunk: bytes) -> list[FieldFrame]:
         """Return the good frames that this chunk completes."""
         self._buffer += chunk
-        frames = []
-        while len(self._buffer) >= self._size + len(DELIMITER):
-            if not self._bounded():
-                self._search()
-                continue
-            first, last = len(DELIMITER), self._size
-            frame = self._frame(bytes(self._buffer[first:last]))
-            del self._buffer[: self._size]
-            self._in_step = True
-            if frame is not None:
-                frames.append(frame)
-        return frames
+        frames, at = [], 0
+        while found := self._whole.search(self._buffer, at):
+            self._skip(found.start() - at)
+            frames.append(self._frame(found[1]))
+            at, self._in_step = found.end(), True
+        rest = max(at, len(self._buffer) - self._most)
+        self._skip(rest - at)
+        del self._buffer[:rest]
+        return [frame for frame in frames if frame is not None]
 
     def reset(self) -> None:
         """Drop the bytes of an incomplete frame, after a lost connection."""
         self._buffer.clear()
         self._in_step = False
 
-    def _bounded(self) -> bool:
-        """Whether a frame lies between two delimiters at the start of the buffer."""
-        after = self._buffer[self._size : self._size + len(DELIMITER)]
-        return self._buffer[: len(DELIMITER)] == DELIMITER == after
-
-    def _search(self) -> None:
-        """Drop bytes up to the next delimiter."""
-        if self._in_step:
+    def _skip(self, count: int) -> None:
+        """Count bytes outside of frames, and that the framer lost its step there."""
+        self.skipped += count
+        if count and self._in_step:
             self.broken, self._in_step = self.broken + 1, False
-        start = self._buffer.find(DELIMITER, 1)
-        if start < 0:
-            start = len(self._buffer) - 1  # it may be the first half of one
-        self.skipped += start
-        del self._buffer[:start]
 
     def _frame(self, payload: bytes) -> FieldFrame | None:
         words = np.frombuffer(payload, "<f4").reshape(-1, 4)
