@@ -92,17 +92,11 @@ def _reader(path: Path, cut: bool) -> can.io.generic.MessageReader:
 
 def _until_cut(reader: can.io.generic.MessageReader) -> Iterator[can.Message]:
     """Yield all frames; an error is the end where the file ends there, too."""
-    frames = iter(reader)
-    while True:
-        try:
-            message = next(frames)
-        except StopIteration:
-            return
-        except Exception:
-            if reader.file.read(1):
-                raise
-            return
-        yield message
+    try:
+        yield from reader
+    except Exception:
+        if reader.file.read(1):
+            raise
 
 
 class _WholeLines(io.TextIOWrapper):
