@@ -127,10 +127,7 @@ def pictures(path: str | Path) -> Iterator[np.ndarray]:
 def _video(path: Path) -> Iterator[np.ndarray]:
     video = opencv().VideoCapture(str(path))
     try:
-        while True:
-            found, frame = video.read()
-            if not found:
-                return
+        while (frame := video.read()[1]) is not None:
             yield frame
     finally:
         video.release()

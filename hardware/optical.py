@@ -155,23 +155,21 @@ class OpticalTouch:
         if self._flow is None:
             fix = "call learn with pictures without contact"
             raise FrameError("no reference yet", where="OpticalTouch", next=fix)
-        flow, miss = self._flow(self._cropped(frame))
-        coarse = self._coarse(flow)
+        return self._sensed(self._cropped(frame))
+
+    def _sensed(self, cropped: np.ndarray) -> Sensed:
+        flow, miss = self._flow(cropped)
         agree = self._coarse((miss < AGREE).astype(np.float32))[self._hodge.mask]
-        pressure = -self._hodge.potential(coarse)
-        centre, strength = self._centre(pressure)
-        return Sensed(centre, strength, float(agree.mean()), pressure)
+        pressure = -self._hodge.potential(self._coarse(flow))
+        return Sensed(*self._centre(pressure), float(agree.mean()), pressure)
 
     def _learn(self, frames: list[np.ndarray]) -> None:
         if len(frames) < 2:
             expected = "two pictures without contact or more"
             raise FrameError("nothing to learn", got=len(frames), expected=expected)
         self._flow = Flow(np.mean(frames, axis=0).round().astype(np.uint8))
-        self._waiting, strengths = [], []
-        for frame in frames:
-            flow, _ = self._flow(frame)
-            pressure = -self._hodge.potential(self._coarse(flow))
-            strengths.append(self._centre(pressure)[1])
+        self._waiting = []
+        strengths = [self._sensed(frame).strength for frame in frames]
         least = LEAST * (2 * self.lens.edge / ACROSS) ** 2
         self.decide = Hysteresis.learn(strengths, least)
 
