@@ -115,7 +115,7 @@ class Reader(Inbox):
         try:
             while not self._leave.is_set():
                 self._why = self._until_lost()
-                log.info("%s: %s; again in %.2f s", self.name, self._why, self._wait)
+                log.info("%s: %s", self.name, self._why)
                 self._leave.wait(self._wait)
                 self._wait = min(2 * self._wait, LONGEST_WAIT)
         except HardwareError as bad:  # the sink: a full disk, for instance
