@@ -77,8 +77,7 @@ def assemble(
     nearest:  take the touch nearest in time instead of the newest one before: for
               recordings only, as it is not causal
 
-    Raises CompletenessError with a report if too much is missing, ClockError if
-    the streams do not overlap.
+    Raises CompletenessError with a report, ClockError if the streams do not overlap.
     """
     time = _grid(fingers, rate, start, end)
     parts = [_finger(one, time, OLDEST_TOUCH / rate, nearest) for one in fingers]
