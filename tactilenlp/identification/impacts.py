@@ -116,13 +116,14 @@ def steps_of(toss, position, rotation, dt: float, gravity: float) -> Steps:
     calm = (np.linalg.norm(dv, axis=1) < CALM_CHANGE[0]) & (turn < CALM_CHANGE[1])
     calm &= np.linalg.norm(way, axis=1) < GLIDE_SPEED * dt
     index = np.unique(toss, return_inverse=True)[1].reshape(-1)[k]
+    resting = steps_since(~calm | begins(index)) % GLIDE_KEPT > 0
     return Steps(
         sample=k, toss=index, p_wo=p[k], R_wo=R[k], p_wo_1=p[k - 1], R_wo_1=R[k - 1],
         p_wo_next=p[k + 1], R_wo_next=R[k + 1], dv=dv, w=way / dt, w_1=way_1 / dt,
         R_half=_columns(Rotation.from_rotvec(way / 2) * rotation[k]),
         R_half_1=_columns(Rotation.from_rotvec(way_1 / 2) * rotation[k - 1]),
         noise=np.hypot(FLIGHT_NOISE, IMPACT_SIGMA * np.stack([fall, turn], axis=1)),
-        resting=_thinned(calm, index), calm=calm, depth=np.full(len(k), SURFACE),
+        resting=resting, calm=calm, depth=np.full(len(k), SURFACE),
     )  # fmt: skip
 
 
@@ -130,14 +131,15 @@ def _columns(rotation) -> np.ndarray:
     return rotation.as_matrix().transpose(0, 2, 1).reshape(-1, 9)
 
 
-def _thinned(calm: np.ndarray, toss: np.ndarray) -> np.ndarray:
-    """Return which steps of a glide are left out: all but one in GLIDE_KEPT."""
-    count, out = 0, np.zeros(len(calm), bool)
-    for i in range(len(calm)):
-        goes_on = i > 0 and toss[i] == toss[i - 1] and calm[i]
-        count = count + 1 if goes_on else 0
-        out[i] = count % GLIDE_KEPT > 0
-    return out
+def begins(toss: np.ndarray) -> np.ndarray:
+    """Return which steps are the first of their toss, (n,) bool."""
+    return np.diff(toss, prepend=-1) != 0
+
+
+def steps_since(event: np.ndarray) -> np.ndarray:
+    """Return how many steps ago the last event (n,) was: infinity before any, (n,)."""
+    k = np.arange(len(event))
+    return k - np.maximum.accumulate(np.where(event, k, -np.inf))
 
 
 def may_touch(steps: Steps, vertices: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .impacts import SURFACE, Steps
+from .impacts import SURFACE, Steps, begins, steps_since
 
 PULL = 0.02  # [samples] on each half width
 LARGEST_HALF = 1.0  # [m]
@@ -82,7 +82,8 @@ def phases_of(steps: Steps, gravity: float, dt: float) -> tuple:
     """Return which steps (n,) touch, are of impacts or their end, and lie still."""
     pushed = np.linalg.norm(steps.dv + np.array([0, 0, gravity * dt]), axis=1)
     touching = pushed > LOOSE * gravity * dt
-    still = touching & _settled(steps.calm, steps.toss, dt)
+    calm_for = steps_since(~steps.calm | begins(steps.toss)) * dt
+    still = touching & (calm_for > SETTLED)  # on a face
     return touching, _recent(touching, steps.toss, dt) & ~still, still
 
 
@@ -132,20 +133,5 @@ def _recent(touching, toss, dt: float) -> np.ndarray:
 
     A body that a soft ground throws up feels no more force while it is still below.
     """
-    recent, last = np.zeros(len(touching), bool), -np.inf
-    for k in range(len(touching)):
-        if k and toss[k] != toss[k - 1]:
-            last = -np.inf
-        last = k if touching[k] else last
-        recent[k] = (k - last) * dt <= RELEASE
-    return recent
-
-
-def _settled(calm, toss, dt: float) -> np.ndarray:
-    """Return which steps were calm for SETTLED: the body lies still on a face."""
-    out, count = np.zeros(len(calm), bool), 0
-    for k in range(len(calm)):
-        goes_on = k > 0 and toss[k] == toss[k - 1]
-        count = count + 1 if calm[k] and goes_on else 0
-        out[k] = count * dt > SETTLED
-    return out
+    since = steps_since(touching)
+    return (since <= steps_since(begins(toss))) & (since * dt <= RELEASE)
