@@ -12,7 +12,7 @@ from tactilenlp.errors import (
     NotConverged,
     OptionError,
 )
-from tactilenlp.identification.fit import fit_of
+from tactilenlp.identification.body import fit_of
 from tactilenlp.identification.starts import prepared
 from tactilenlp.identification.support import phases_of, support_of, with_soft_ground
 

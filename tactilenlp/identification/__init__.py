@@ -5,6 +5,6 @@ impacts are found in the poses, then one problem identifies all parameters.
 
 - `identify`: the problem and its solve
 - `impacts`, `support`: time steps, gravity, vertices near the ground
-- `starts`, `fit`: first guesses of the proportions; goodness of fit
-- `body`: the result
+- `starts`: first guesses of the proportions
+- `body`: the result and its goodness of fit
 """

@@ -23,8 +23,7 @@ from ..nlp.term_functions import TermFunctionCache
 from ..solvers.options import SolverOptions
 from ..solvers.solution import evaluated, not_converged, unfinished
 from ..solvers.solve import solve_levels
-from .body import UNOBSERVED_VERTEX, Body, corner_shift
-from .fit import BodyFit, fit_of
+from .body import UNOBSERVED_VERTEX, Body, BodyFit, corner_shift, fit_of
 from .impacts import impacts, may_touch
 from .starts import nothing_lands, prepared
 from .support import with_soft_ground
