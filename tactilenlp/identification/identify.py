@@ -66,7 +66,8 @@ def identify_body(
     xyzw), OptionError, SceneError before the solve, MotionError where nothing touches
     the ground, NotConverged (unless `throw` is False) after it.
     """
-    began, deadline = time.process_time(), _deadline(time_limit)
+    check_numbers("", "a time [s] above 0", time_limit=(time_limit, 0.0, np.inf))
+    began, deadline = time.process_time(), Deadline.within(time_limit)
     solves = Deadline.within((1 - READOUT_SHARE) * time_limit)
     scene = Scene() if scene is None else scene
     options = DEFAULT_SOLVER if options is None else options
@@ -88,12 +89,6 @@ def identify_body(
     seconds = solution.seconds | {"total": time.process_time() - began}
     status = deadline.marked(solution.status)
     return replace(body, skipped=(words,), seconds=seconds, status=status)
-
-
-def _deadline(time_limit) -> Deadline:
-    """Return the deadline of a time limit [s] from now, checked."""
-    check_numbers("", "a time [s] above 0", time_limit=(time_limit, 0.0, np.inf))
-    return Deadline.within(time_limit)
 
 
 def _best(steps, starts, signs, dt, scene, options):

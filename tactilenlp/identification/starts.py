@@ -37,18 +37,16 @@ def prepared(trajectories, scene, shape, guess, gauge) -> tuple:
 
     if gauge is None and scene.gravity > 0:
         _check_fall(trajectories.toss, where[:, 2], *fall)
-    steps, starts = read(trajectories.quaternion), []
-    support = support_of(steps, scene.gravity, trajectories.dt)
+    steps = read(trajectories.quaternion)
     if guess is None:
+        support = support_of(steps, scene.gravity, trajectories.dt)
         if support is None or support.like_cube.max() >= LARGEST_HALF:
             raise nothing_lands(steps)
         if shape == "cuboid":
             _check_order(steps, read(np.roll(trajectories.quaternion, 1, axis=1)), fall)
-        guesses, signs = support.starts(), CUBE_SIGNS
-        starts = [half[:, None] for half in guesses]
+        starts, signs = [half[:, None] for half in support.starts()], CUBE_SIGNS
         if shape == "corners":
-            starts = [half * CUBE_SIGNS for half in starts[:1]]
-            signs = CUBE_SIGNS**2
+            starts, signs = [starts[0] * CUBE_SIGNS], CUBE_SIGNS**2
     else:
         theta, signs = _given(guess, shape)
         starts = [theta]
