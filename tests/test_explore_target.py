@@ -22,7 +22,7 @@ from tactilenlp.exploration.expected_information import (
     push_constants,
 )
 from tactilenlp.exploration.log import check_same
-from tactilenlp.exploration.policies import farthest_directions, last_contact, why_lost
+from tactilenlp.exploration.policies import farthest_action, last_contact, why_lost
 
 CENTRE = (0.01, -0.01)  # [m] of the box below
 SIDES = (0.05, 0.035, 0.04)
@@ -89,7 +89,7 @@ def test_farthest_turns_away_from_what_was_tried():
     past = [space.action([0.8, 0.1, 0.8, 0.1])] * 2
     data = SimpleNamespace(measurements=None)
     plan = SimpleNamespace(past=past, workspace=space, rng=rng, estimate=data)
-    angles = farthest_directions(plan)(rng).angles
+    angles = farthest_action(plan).angles
     assert (angles[[0, 2]] < 0.2).all() or (angles[[1, 3]] > 0.9).any()
 
 
@@ -123,10 +123,9 @@ def test_farthest_compares_normals_in_the_frame_of_the_ground():
         data = SimpleNamespace(normal=felt, contact=np.ones((1, 2), bool))
         plan = SimpleNamespace(
             past=[], workspace=Workspace(ground=ground),
-            estimate=SimpleNamespace(measurements=data),
+            estimate=SimpleNamespace(measurements=data), rng=np.random.default_rng(0),
         )  # fmt: skip
-        draw = farthest_directions(plan)
-        chosen.append(draw(np.random.default_rng(0)).angles)
+        chosen.append(farthest_action(plan).angles)
     assert chosen[0] == pytest.approx(chosen[1])
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -51,9 +51,7 @@ class Choice:
     tried: np.ndarray
 
 
-@interruptible()
 @typed_call()
-@on_one_thread
 def choose_action(
     estimate,
     workspace: Workspace | None = None,
@@ -76,24 +74,29 @@ def choose_action(
     action start outside the estimated body: the workspace's radius is enlarged for
     that.  Raises OptionError, SceneError.
     """
-    began = time.process_time()
-    expected = ExpectedInformation(estimate, workspace, hypotheses, slopes, shape)
-    return most_informative(expected, search, budget, seed, began)
+    given = {"hypotheses": hypotheses, "slopes": slopes, "shape": shape}
+    return most_informative(estimate, workspace, search, budget, seed, **given)
 
 
+@interruptible()
+@on_one_thread
 def most_informative(
-    expected: ExpectedInformation, search, budget: int, seed: int, began: float
+    estimate, workspace, search, budget, seed, prior_only=False, **given
 ) -> Choice:
     """Return the action of largest expected gain; arguments as of `choose_action`.
 
-    began [s]: CPU time at which the choice began.
+    prior_only: the gain is not given the measurements so far (D-optimal).
     """
+    began = time.process_time()
+    expected = ExpectedInformation(estimate, workspace, **given)
+    if prior_only:
+        expected.beliefs = [replace(b, information=b.before) for b in expected.beliefs]
     space = expected.workspace
-    return best_action(
-        lambda angles: expected.gain(space.action(angles)),
-        space, search=search, budget=budget, seed=seed, began=began,
-        facing=facing(expected.estimate, space),
+    choice = best_action(
+        lambda angles: expected.gain(space.action(angles)), space, search=search,
+        budget=budget, seed=seed, facing=facing(estimate, space),
     )  # fmt: skip
+    return replace(choice, seconds=time.process_time() - began)
 
 
 def best_action(
@@ -103,7 +106,6 @@ def best_action(
     search: str | CrossEntropy = "facing",
     budget: int = 180,
     seed: int = 0,
-    began: float | None = None,
     facing: list[np.ndarray] | None = None,
 ) -> Choice:
     """Return the action whose angles (2 F,) have the largest score.
@@ -111,7 +113,7 @@ def best_action(
     NaN and infinity count as the worst score.  facing: for each finger, the angles
     (n, 2) that face the object; the searches "facing" and "direct" begin with them.
     """
-    began = time.process_time() if began is None else began
+    began = time.process_time()
     name = check_search(search, budget)
     check_types(seed=(seed, (int, np.integer)))
     check_numbers("", "a whole number from 0 to 2**32 - 1", seed=(seed, -1, 2**32 - 1))

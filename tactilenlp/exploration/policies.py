@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import logging
-import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from formulations.shape import Shape
 
 from ..common.brief import printed
-from ..common.interrupt import interruptible
-from ..common.threads import on_one_thread
 from ..common.validation import check_types
 from ..data.ground import frame_of
 from ..errors import OptionError, did_you_mean
 from ..interface.result import Estimate
 from ..problem.pages import shape_of
-from .action_search import Choice, most_informative
+from .action_search import most_informative
 from .action_space import Action, Workspace
-from .expected_information import ExpectedInformation
 from .optimisers import CrossEntropy
 from .push_model import check_ground, check_predictable
 
@@ -109,11 +104,13 @@ def next_action(estimate, space, past, rng, settings):
         check_types(**{f"the action that {name} returns": (action, Action)})
         return action, None, name, target
     if policy in PREDICTIVE:
-        seed = int(rng.integers(2**31))
-        choice = _by_expected_information(plan, policy, seed)
+        choice = most_informative(
+            estimate, space, plan.search, plan.budget, int(rng.integers(2**31)),
+            prior_only=policy == "fisher", shape=plan.shape,
+        )  # fmt: skip
         return choice.action, choice, policy, target
-    draw = space.random if policy == "random" else farthest_directions(plan)
-    return draw(rng), None, policy, target
+    action = space.random(rng) if policy == "random" else farthest_action(plan)
+    return action, None, policy, target
 
 
 def why_lost(estimate) -> str:
@@ -144,22 +141,8 @@ def last_contact(estimate) -> np.ndarray:
     return frame.from_ground(np.r_[point[:2], frame.to_ground(centre)[2]])
 
 
-@interruptible()
-@on_one_thread
-def _by_expected_information(plan: Plan, policy: str, seed: int) -> Choice:
-    """Return the action of largest expected information gain.
-
-    "fisher": given only the prior (D-optimal); "eig": given all measurements too.
-    """
-    began = time.process_time()
-    expected = ExpectedInformation(plan.estimate, plan.workspace, shape=plan.shape)
-    if policy == "fisher":
-        expected.beliefs = [replace(b, information=b.before) for b in expected.beliefs]
-    return most_informative(expected, plan.search, plan.budget, seed, began)
-
-
-def farthest_directions(plan: Plan) -> Callable:
-    """Return a function that draws actions and returns the one farthest from others.
+def farthest_action(plan: Plan) -> Action:
+    """Draw actions and return the one farthest from others.
 
     By the sum over fingers of the angle to the nearest direction of a past action;
     without past actions, to the nearest measured normal.
@@ -172,9 +155,5 @@ def farthest_directions(plan: Plan) -> Callable:
     def nearest(action) -> float:
         return np.arccos(np.clip(action.directions @ seen.T, -1, 1)).min(axis=1).sum()
 
-    def draw(rng) -> Action:
-        return max(
-            (plan.workspace.random(rng) for _ in range(FARTHEST_DRAWS)), key=nearest
-        )
-
-    return draw
+    drawn = (plan.workspace.random(plan.rng) for _ in range(FARTHEST_DRAWS))
+    return max(drawn, key=nearest)
