@@ -96,7 +96,7 @@ class Workspace:
         for name in (f.name for f in fields(self) if f.type == "float"):
             value = getattr(self, name)
             if not (0 < as_number(value) < np.inf):
-                raise _option_error(name, "a number above 0", getattr(self, name))
+                raise _option_error(name, "a number above 0", value)
         if self.bound > np.pi / 2:
             fix = "convert degrees by numpy.radians"
             raise _option_error("bound", "at most pi / 2 [rad]", self.bound, fix)
@@ -159,6 +159,17 @@ class Workspace:
         """Return an action drawn uniformly from all angles."""
         check_types(rng=(rng, np.random.Generator))
         return self.action(rng.uniform(self.lower, self.upper), active)
+
+
+def workspace_of(radius, ground: Ground | None) -> Workspace:
+    """Return the default workspace above a ground.
+
+    radius [m]: of the fingers, (F,) or a number for the default ones; None: not known.
+    """
+    given = {} if radius is None else {"finger_radius": float(np.max(radius))}
+    if np.ndim(radius):
+        given["fingers"] = len(radius)
+    return Workspace(ground=ground, **given)
 
 
 @shown

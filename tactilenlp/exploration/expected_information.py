@@ -24,7 +24,7 @@ from ..errors import OptionError, typed_call
 from ..information.comparisons import information_gain
 from ..problem.pages import shape_of
 from . import beliefs, polytope_beliefs
-from .action_space import Action, Workspace
+from .action_space import Action, Workspace, workspace_of
 from .beliefs import Belief, has_free_poses
 from .push_model import check_ground, check_predictable, push_function
 
@@ -74,9 +74,11 @@ class ExpectedInformation:
     ) -> None:
         _check(estimate, workspace, hypotheses, slopes, shape)
         check_ground(estimate.scene)
-        self.workspace = workspace or workspace_of(estimate)
+        radius, ground = estimate.measurements.finger_radius, estimate.scene.ground
+        self.workspace = workspace or workspace_of(radius, ground)
         self.estimate, self._sloped = estimate, float(slopes == "motion")
-        self.shape = pushed_shape(estimate, shape)
+        shape = shape or shape_of(estimate.shape)
+        self.shape = shape.pushed(shape, len(estimate.theta))
         check_predictable(self.shape)
         self._off = estimate.finger_offset is not None
         self._check_fingers(self.workspace)
@@ -169,12 +171,6 @@ class ExpectedInformation:
             )
 
 
-def pushed_shape(estimate, shape: Shape | None = None) -> Shape:
-    """Return the class of an estimate's shape as the page `pushing` takes it."""
-    shape = shape_of(estimate.shape) if shape is None else shape
-    return shape.pushed(shape, len(estimate.theta))
-
-
 def _check(estimate, workspace, hypotheses, slopes, shape) -> None:
     """Raise OptionError for unusable arguments."""
     none = type(None)
@@ -214,15 +210,6 @@ def expected_information_gain(
     check_types(action=(action, Action))
     given = estimate, action.workspace, hypotheses, slopes, shape
     return ExpectedInformation(*given).gain(action)
-
-
-def workspace_of(estimate) -> Workspace:
-    """Return the default workspace of the fingers and the ground of an estimate."""
-    radius = estimate.measurements.finger_radius
-    return Workspace(
-        fingers=len(radius), finger_radius=float(radius.max()),
-        ground=estimate.scene.ground,
-    )  # fmt: skip
 
 
 def push_constants(estimate, space: Workspace) -> np.ndarray:

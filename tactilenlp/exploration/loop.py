@@ -24,7 +24,7 @@ from ..interface.request import asked, check_start
 from ..interface.result import Estimate
 from ..problem.pages import name_of
 from ..refinement.model_selection import classes_of
-from .action_space import Workspace
+from .action_space import Workspace, workspace_of
 from .first_touch import check_reach, check_world, executed, first_touch
 from .log import (
     Exploration,
@@ -35,7 +35,7 @@ from .log import (
     load_or_new,
 )
 from .options import ExploreOptions
-from .policies import check_predicted, checked_policy, next_action, shape_of_start
+from .policies import check_predicted, next_action, shape_of_start
 
 log = logging.getLogger("tactilenlp")
 
@@ -129,14 +129,14 @@ def _alone(file, world):
 class _Loop:
     """What every step needs.
 
-    choice: settings of next_action, by name; solve: function of data and start; same:
-    the scene of saved estimates, their possible shapes and formulations, by name.
+    shapes: those possible; solve: function of data and start; same: the scene of saved
+    estimates, their possible shapes and formulations, by name.
     """
 
     world: object
     space: Workspace
     settings: ExploreOptions
-    choice: dict
+    shapes: list
     solve: Callable
     same: dict
 
@@ -154,7 +154,7 @@ class _Loop:
             acts, choice, words = began, None, "first touch"
         else:
             action, choice, words, target = next_action(
-                estimate, space, past, rng, self.choice
+                estimate, space, past, rng, self.settings, self.shapes
             )
             acts, path = time.process_time(), action.trajectory(target)
             data, told = executed(world, path), (path,)
@@ -173,7 +173,6 @@ class _Loop:
 def _prepared(world, scene, settings: ExploreOptions, file, start, executor) -> _Loop:
     """Return what the steps need; raise for unusable arguments."""
     _check(world, file, start)
-    policy = checked_policy(settings.policy)
     several = classes_of(settings.shape)
     readings = [
         asked(scene, one, settings.formulation, settings.options, executor)
@@ -184,9 +183,7 @@ def _prepared(world, scene, settings: ExploreOptions, file, start, executor) -> 
     if several and isinstance(start, Estimate):
         shape = shape_of_start(start, classes)
     check_start(start, shape, scene)
-    check_predicted(policy, settings.actions, start, shape, scene)
-    choice = {"search": settings.search, "budget": settings.budget}
-    choice |= {"policy": policy, "shape": classes}
+    check_predicted(settings.policy, settings.actions, start, shape, scene)
     solve = partial(
         solve_estimate, scene=scene, shape=several or shape, options=options,
         formulation=settings.formulation, executor=executor, throw=False,
@@ -194,13 +191,9 @@ def _prepared(world, scene, settings: ExploreOptions, file, start, executor) -> 
     names = [one.name for one in classes]
     pages = [name_of(page) for *_, page in readings]
     same = {"scene": scene, "shape": names, "formulation": pages}
-    space = _space(world, scene, settings.workspace)
-    return _Loop(world, space, settings, choice, solve, same)
-
-
-def fits(estimate: Estimate) -> bool:
-    """Tell whether the fit of an estimate is good, as far as its page tells."""
-    return estimate.fit is None or estimate.fit.verdict == "good"
+    radius = getattr(world, "finger_radius", None)
+    space = settings.workspace or workspace_of(radius, scene.ground)
+    return _Loop(world, space, settings, classes, solve, same)
 
 
 def _by_name(positional, keywords: dict) -> dict:
@@ -267,23 +260,11 @@ def _saved(kept: Exploration, file) -> Exploration:
     return kept
 
 
-def _space(world, scene, workspace) -> Workspace:
-    """Return the given workspace, or one of the world's fingers and the ground."""
-    if workspace is not None:
-        return workspace
-    ground = scene.ground
-    radius = getattr(world, "finger_radius", None)
-    if radius is None:
-        return Workspace(ground=ground)
-    fingers = {"fingers": len(radius)} if np.ndim(radius) else {}
-    return Workspace(finger_radius=float(np.max(radius)), ground=ground, **fingers)
-
-
 def _enough(step: Step, until) -> bool:
     if callable(until):
         return bool(until(step))
-    if not fits(step.estimate):
+    information, fit = step.estimate.information, step.estimate.fit
+    if fit is not None and fit.verdict != "good":
         return False
-    information = step.estimate.information
     sizes = [information.sigma(name) for name in information.maps if name not in POSE]
     return bool(sizes) and bool(np.nanmax(np.concatenate(sizes)) <= until)

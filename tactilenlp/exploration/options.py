@@ -15,7 +15,7 @@ from ..refinement.model_selection import classes_of
 from .action_space import Workspace
 from .first_touch import checked_centre
 from .optimisers import CrossEntropy, check_search
-from .policies import checked_policy
+from .policies import check_policy
 
 
 @typed_call()
@@ -70,7 +70,7 @@ class ExploreOptions:
             expected = "a standard deviation above 0 [m], or a function"
             check_numbers("", expected, until=(self.until, 0, 1))
         check_search(self.search, self.budget)
-        checked_policy(self.policy)
+        check_policy(self.policy)
 
     @classmethod
     def of(cls, settings: ExploreOptions | None, given: dict) -> ExploreOptions:

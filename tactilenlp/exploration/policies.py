@@ -50,15 +50,14 @@ class Plan:
     shape: Shape
 
 
-def checked_policy(policy):
-    """Return a policy; OptionError for what is none."""
-    if callable(policy) or (isinstance(policy, str) and policy in POLICIES):
-        return policy
-    raise OptionError(
-        "no such policy", where="policy", got=policy,
-        expected=f"one of {POLICIES}, or a function of a Plan",
-        next=did_you_mean(policy, POLICIES),
-    )  # fmt: skip
+def check_policy(policy) -> None:
+    """Raise OptionError for what is no policy."""
+    if not (callable(policy) or (isinstance(policy, str) and policy in POLICIES)):
+        raise OptionError(
+            "no such policy", where="policy", got=policy,
+            expected=f"one of {POLICIES}, or a function of a Plan",
+            next=did_you_mean(policy, POLICIES),
+        )  # fmt: skip
 
 
 def check_predicted(policy, actions, start, shape, scene) -> None:
@@ -84,21 +83,21 @@ def shape_of_start(estimate, shapes) -> Shape:
     return known.get(estimate.shape) or shape_of(estimate.shape)
 
 
-def next_action(estimate, space, past, rng, settings):
+def next_action(estimate, space, past, rng, settings, shapes):
     """Return the next action, its Choice or None, the policy in words, its target.
 
-    settings: policy, search, budget and shape, by name.
+    settings: ExploreOptions, with a shape of those given.
     """
     reach = float(np.linalg.norm(estimate.vertices, axis=1).max())
-    given, space = dict(settings), space.around(reach)
-    target, policy = estimate.position[-1], given.pop("policy")
+    space = space.around(reach)
+    target, policy = estimate.position[-1], settings.policy
     lost = why_lost(estimate)
     if lost:
         log.warning("%s: aiming at the last contact", lost)
         target = last_contact(estimate)
         return space.random(rng), None, "last contact", target
-    given["shape"] = shape_of_start(estimate, given["shape"])
-    plan = Plan(estimate, space, tuple(past), rng, **given)
+    search, shape = settings.search, shape_of_start(estimate, shapes)
+    plan = Plan(estimate, space, tuple(past), rng, search, settings.budget, shape)
     if callable(policy):
         action, name = policy(plan), getattr(policy, "__name__", "own")
         check_types(**{f"the action that {name} returns": (action, Action)})
