@@ -15,10 +15,11 @@ import numpy as np
 from scipy.linalg import block_diag, eigh
 from scipy.spatial.transform import Rotation
 
-from formulations import between_actions, violation_implicit
+from formulations import between_actions
 from formulations.finger_offset import NAME as OFFSET
 from formulations.likelihood import steepness
 from formulations.rigid_body import ARM, FREE, PLANAR
+from formulations.violation_implicit import NORMAL, TOUCH
 
 from ..data.contact_segments import intervals
 from ..geometry.transforms import rotation_of
@@ -71,16 +72,13 @@ def beliefs_of(estimate, shape, fingers: int, count: int) -> list[Belief]:
         here = Hypothesis(best[:n], best[n:, None], -np.inf, ())
         ended = here, *estimate.hypotheses
         rest = distinct(shape, ended, count, np.inf, samples=(-1,))[1:]
-    weights = [np.exp(min(0.0, estimate.objective - h.objective)) for h in rest]
-    found = [
-        Belief(best, information_of_best(estimate, shape, before), before, 1.0, offset)
-    ]
-    for h, weight in zip(rest, weights, strict=True):
+    known = information_of_best(estimate, shape, before, best, offset)
+    found = [Belief(best, known, before, 1.0, offset)]
+    for h in rest:
+        weight = np.exp(min(0.0, estimate.objective - h.objective))
         if weight > MIN_RELATIVE_WEIGHT:
             off = h.shift.T
-            known = before + information_of_samples(
-                estimate, shape, h.theta, h.x, off, len(before)
-            )
+            known = information_of_samples(estimate, shape, h.theta, h.x, off, before)
             found.append(Belief(h.end, known, before, weight, off))
     total = sum(b.weight for b in found)
     return [
@@ -111,20 +109,19 @@ def prior_information(estimate, shape, fingers: int) -> np.ndarray:
     return block_diag(information, prior_of_offsets(estimate.scene, fingers))
 
 
-def information_of_best(estimate, shape, before: np.ndarray) -> np.ndarray:
+def information_of_best(estimate, shape, before, best, offset) -> np.ndarray:
     """Return the information of the estimate; eq:obsinfo where it is indefinite.
 
-    The prior of the pose is added where this makes it definite: negative curvature of a
-    smaller magnitude means an unobserved direction.  The priors of sizes and offsets
-    are part of the estimate's objective already.
+    before, best, offset: before, z and shift of its Belief.  The prior of the pose is
+    added where this makes it definite: negative curvature of a smaller magnitude means
+    an unobserved direction.  The priors of sizes and offsets are part of the estimate's
+    objective already.
     """
     T = np.eye(len(before))
     k = len(estimate.information.names)
-    at = np.r_[estimate.theta, estimate.unknowns["x"][:, -1]]
-    T[:k, :k] = _tangent_at(estimate, shape, at)
-    here = slice(shape.theta, len(estimate.information.names))
-    anywhere = np.zeros_like(before)
-    anywhere[here, here] = before[here, here]
+    T[:k, :k] = _tangent_at(estimate, shape, best)
+    pose, anywhere = slice(shape.theta, k), np.zeros_like(before)
+    anywhere[pose, pose] = before[pose, pose]
     matrix = estimate.information.matrix
     if estimate.finger_offset is not None:
         matrix = estimate.information.with_offsets
@@ -137,11 +134,8 @@ def information_of_best(estimate, shape, before: np.ndarray) -> np.ndarray:
         "the information of the estimate is indefinite (least eigenvalue %.2g): "
         "actions are chosen with the sum over its samples (eq:obsinfo)", least,
     )  # fmt: skip
-    offset = estimate.unknowns.get(OFFSET, np.zeros((3, 1))).T
     x = _poses(estimate, has_free_poses(estimate, shape))
-    return before + information_of_samples(
-        estimate, shape, estimate.theta, x, offset, len(before)
-    )
+    return information_of_samples(estimate, shape, estimate.theta, x, offset, before)
 
 
 def widened_to_sigma(known: np.ndarray, estimate) -> np.ndarray:
@@ -183,8 +177,8 @@ def _tangent_at(estimate, shape, at) -> np.ndarray:
     return tangent_of(shape, motion, at, estimate.scene.ground.rotation.T)
 
 
-def information_of_samples(estimate, shape, theta, x, offset, size: int) -> np.ndarray:
-    """Return eq:obsinfo (size, size), SI, of all samples at poses x (u, T)."""
+def information_of_samples(estimate, shape, theta, x, offset, before) -> np.ndarray:
+    """Return the prior `before` and eq:obsinfo of all samples at poses x (u, T), SI."""
     data = estimate.measurements
     points = estimate.scene.ground.to_ground(data.finger_position) + offset
     t, f = np.nonzero(data.valid)
@@ -195,34 +189,29 @@ def information_of_samples(estimate, shape, theta, x, offset, size: int) -> np.n
         data.contact[t, f][None].astype(float), sensor_model(estimate),
     )  # fmt: skip
     found = found.full().reshape(k + 3, len(t), k + 3)
-    information = np.zeros((size, size))
+    information = np.zeros_like(before)
     information[:k, :k] += found[:k, :, :k].sum(axis=1)
-    for finger in range(data.fingers) if size > k else ():
+    for finger in range(data.fingers) if len(before) > k else ():
         mine, at = f == finger, k + 3 * finger + np.arange(3)
         both = np.r_[:k, at]
         part = found[:, mine].sum(axis=1)
         part[:k, :k] = 0.0
         information[np.ix_(both, both)] += part
-    return information
+    return before + information
 
 
-def sensor_model(estimate) -> np.ndarray:
-    """Return alpha [1/m], sigma [m] of a gap in contact, sigma_n [rad] of the pages."""
-    p, n = estimate.precision["position"], estimate.precision["normal"]
-    touch, normal = violation_implicit.TOUCH, violation_implicit.NORMAL
-    known = np.array([steepness(p), np.hypot(touch, p), np.hypot(normal, n)])
-    return of_soft_fingertips(known, estimate)
+def sensor_model(estimate, touch=TOUCH, normal=NORMAL) -> np.ndarray:
+    """Return alpha [1/m], sigma [m] of a gap in contact, sigma_n [rad].
 
-
-def of_soft_fingertips(sensors: np.ndarray, estimate) -> np.ndarray:
-    """Return alpha, sigma, sigma_n (3,) of fingertips that yield as estimated.
-
-    A predicted touch is off by a share of the indentation, and its normal is turned by
-    the shear of the pad: a soft fingertip tells less.
+    touch [m], normal [rad]: their deviations without the noise of sensors, by default
+    those of the pages.  Of soft fingertips a predicted touch is off by a share of the
+    indentation, and its normal is turned by the shear of the pad: they tell less.
     """
+    p, n = estimate.precision["position"], estimate.precision["normal"]
+    alpha, sigma, sigma_n = steepness(p), np.hypot(touch, p), np.hypot(normal, n)
     compliance = estimate.compliance or estimate.scene.compliance
     if not compliance:
-        return sensors
+        return np.array([alpha, sigma, sigma_n])
     data = estimate.measurements
     felt = data.contact
     push = [estimate.impulses[f"finger {f}"] for f in range(data.fingers)]
@@ -230,7 +219,6 @@ def of_soft_fingertips(sensors: np.ndarray, estimate) -> np.ndarray:
     force = (normal / intervals(data)[:, None])[felt]
     depth = compliance * np.sqrt(np.mean(force**2))
     turned = TURNED * depth / data.finger_radius.mean()
-    alpha, sigma, sigma_n = sensors
     off = INDENTATION_ERROR * depth
     return np.array([alpha, np.hypot(sigma, off), np.hypot(sigma_n, turned)])
 

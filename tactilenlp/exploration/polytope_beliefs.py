@@ -27,14 +27,14 @@ import numpy as np
 
 from formulations import rigid_body
 from formulations.between_actions import GAP
-from formulations.likelihood import steepness
 from formulations.polytope_quasi_static import LEG, SPREAD, STAY
 
 from ..geometry.convex_hull import hull_vertices, nearest
 from ..geometry.transforms import rotation_of
 from ..information.polytope_information import FACE_TILT
 from ..problem.polytope_window import LIFTED
-from .beliefs import POSE_PRIOR_SIGMA, Belief, of_soft_fingertips
+from . import beliefs
+from .beliefs import POSE_PRIOR_SIGMA, Belief
 from .push_model import (
     MIN_STEP_SIGMA,
     SAMPLES_PER_CALL,
@@ -67,11 +67,8 @@ def belief_of(estimate, shape) -> Belief:
 
 def sensor_model(estimate) -> np.ndarray:
     """Return alpha [1/m], sigma [m] of a gap in contact, sigma_n [rad] of a sample."""
-    p, n = estimate.precision["position"], estimate.precision["normal"]
-    sigma = np.sqrt(CORRELATED_SAMPLES) * FACE_SIGMA
-    sigma_n = np.sqrt(CORRELATED_SAMPLES) * FACE_TILT
-    known = np.array([steepness(p), np.hypot(sigma, p), np.hypot(sigma_n, n)])
-    return of_soft_fingertips(known, estimate)
+    share = np.sqrt(CORRELATED_SAMPLES)
+    return beliefs.sensor_model(estimate, share * FACE_SIGMA, share * FACE_TILT)
 
 
 def ball_prior(vertices, size) -> np.ndarray:
