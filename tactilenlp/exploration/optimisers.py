@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass
 
+import nlopt
 import numpy as np
 
 from ..common.validation import check_types, is_whole
@@ -120,8 +121,6 @@ class Objective:
 
 def _nlopt_search(objective: Objective, name: str, seed: int, rng) -> None:
     """Search globally, then locally from the best; or locally from several starts."""
-    import nlopt
-
     n = len(objective.lower)
     if name in ("direct", "direct_l"):
         kind = nlopt.GN_DIRECT if name == "direct" else nlopt.GN_DIRECT_L
@@ -153,8 +152,6 @@ def _local_searches(objective: Objective, seed: int, rng) -> None:
     COBYLA moves fast from a start; Subplex, from the best of all, also moves along
     kinks, where COBYLA stalls.
     """
-    import nlopt
-
     order = np.argsort(objective.scores)[::-1]
     starts = [objective.tried[i] for i in order] or [objective.middle]
     while objective.left:
@@ -173,8 +170,6 @@ def _local_search(objective: Objective, local, start, step: float, xtol: float, 
     step: of the first one, relative to the angles' ranges.  The start is evaluated
     where nlopt evaluates nothing.
     """
-    import nlopt
-
     before = len(objective.scores)
     optimiser = nlopt.opt(local, len(objective.lower))
     optimiser.set_initial_step(step * (objective.upper - objective.lower))
@@ -186,8 +181,6 @@ def _local_search(objective: Objective, local, start, step: float, xtol: float, 
 
 def _run(objective: Objective, optimiser, start, spared: int, seed: int) -> None:
     """Run an optimiser of nlopt until `spared` evaluations of the budget are left."""
-    import nlopt
-
     end, failed = objective.budget - spared, []
     if len(objective.scores) >= end:  # nlopt must not be stopped before it evaluates
         return
