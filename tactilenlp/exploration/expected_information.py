@@ -26,7 +26,7 @@ from ..problem.pages import shape_of
 from . import beliefs, polytope_beliefs
 from .action_space import Action, Workspace, workspace_of
 from .beliefs import Belief, has_free_poses
-from .push_model import check_ground, check_predictable, push_function
+from .push_model import check_predictable, push_function
 
 WEIGHTLESS_GRAVITY = 9.81  # [m/s^2] of the predicted friction where there is none
 NEAR_DISTANCE = 0.01  # [m] a finger farther away is not in contact
@@ -73,13 +73,12 @@ class ExpectedInformation:
         shape: Shape | None = None,
     ) -> None:
         _check(estimate, workspace, hypotheses, slopes, shape)
-        check_ground(estimate.scene)
+        shape = shape or shape_of(estimate.shape)
+        self.shape = shape.pushed(shape, len(estimate.theta))
+        check_predictable(estimate.scene, self.shape)
         radius, ground = estimate.measurements.finger_radius, estimate.scene.ground
         self.workspace = workspace or workspace_of(radius, ground)
         self.estimate, self._sloped = estimate, float(slopes == "motion")
-        shape = shape or shape_of(estimate.shape)
-        self.shape = shape.pushed(shape, len(estimate.theta))
-        check_predictable(self.shape)
         self._off = estimate.finger_offset is not None
         self._check_fingers(self.workspace)
         self._free = has_free_poses(estimate, self.shape)

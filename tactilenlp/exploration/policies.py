@@ -18,7 +18,7 @@ from ..problem.pages import shape_of
 from .action_search import most_informative
 from .action_space import Action, Workspace
 from .optimisers import CrossEntropy
-from .push_model import check_ground, check_predictable
+from .push_model import check_predictable
 
 log = logging.getLogger("tactilenlp")
 POLICIES = ("eig", "random", "fisher", "farthest")
@@ -70,11 +70,9 @@ def check_predicted(policy, actions, start, shape, scene) -> None:
     if policy not in PREDICTIVE:
         return
     if started and actions:
-        check_ground(start.scene)
-        check_predictable(shape_of_start(start, [shape]))
+        check_predictable(start.scene, shape_of_start(start, [shape]))
     if actions > started:
-        check_ground(scene)
-        check_predictable(shape)
+        check_predictable(scene, shape)
 
 
 def shape_of_start(estimate, shapes) -> Shape:

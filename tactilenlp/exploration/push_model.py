@@ -223,8 +223,11 @@ def _unknowns(shape, free: bool):
     return z, theta, motion.pose(shape, theta, z[shape.theta :])
 
 
-def check_ground(scene) -> None:
-    """Raise SceneError without a ground, on which the prediction rests."""
+def check_predictable(scene, shape) -> None:
+    """Raise SceneError without a ground, on which the prediction of a push rests.
+
+    And OptionError for a shape whose motion cannot be predicted.
+    """
     if scene.ground is None:
         raise SceneError(
             "actions are not predicted without a ground",
@@ -233,10 +236,6 @@ def check_ground(scene) -> None:
             expected="a Ground, on which the object lies",
             next="explore with policy='random', 'farthest' or a function",
         )
-
-
-def check_predictable(shape) -> None:
-    """Raise OptionError for a shape whose motion under a push cannot be predicted."""
     if shape.inertia is None and shape.foot_squared is None:
         raise OptionError(
             "actions are not predicted for this shape",
