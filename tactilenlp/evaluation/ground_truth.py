@@ -1,13 +1,14 @@
 """Compare an estimate with the ground truth of a simulated world.
 
-A world tells the truth by a method, `true_body(time)`; no estimate and no choice of an
-action calls it.
+A world tells the truth by a method, `true_body(time)`: the TrueBody at a time [s] of
+its measurements, None where it is not known.  No estimate and no choice of an action
+calls it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -33,14 +34,6 @@ class TrueBody:
     side_lengths: np.ndarray | None = None
 
 
-@runtime_checkable
-class KnowsTruth(Protocol):
-    """A world that knows the truth, as a simulated one does."""
-
-    def true_body(self, time: float) -> TrueBody | None:
-        """Return the true body at a time [s] of its measurements; None: not known."""
-
-
 def errors_of(world, estimate) -> dict[str, float]:
     """Return the errors of an estimate at its last sample, SI; empty without a truth.
 
@@ -50,7 +43,7 @@ def errors_of(world, estimate) -> dict[str, float]:
     """
     from .metrics import cuboid_errors, surface_distance
 
-    if not isinstance(world, KnowsTruth):
+    if getattr(world, "true_body", None) is None:
         return {}
     true = world.true_body(float(estimate.measurements.time[-1]))
     if true is None:

@@ -52,7 +52,7 @@ class TouchedWorld(Protocol):
 
     Optional members, used where they exist: finger_radius [m], a number or (F,), from
     which the workspace is made; check(trajectory), which raises for what is out of
-    reach, before the first command; true_body(time), the truth (evaluation.KnowsTruth).
+    reach, before the first command; true_body(time), the truth (evaluation/).
     """
 
     def execute(self, trajectory: Trajectory) -> Measurements:
