@@ -51,7 +51,7 @@ _HOMES = {
     "Plan": "exploration.policies",
     "World": "simulation.world",
     "TouchedWorld": "exploration.action_space",
-    "TrueBody": "evaluation.ground_truth",
+    "TrueBody": "evaluation.metrics",
     "Trajectories": "data.trajectories",
     "Body": "identification.body",
     "identify_body": "identification.identify",

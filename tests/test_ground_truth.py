@@ -12,7 +12,7 @@ from trimesh.transformations import quaternion_matrix
 
 from tactilenlp import Scene, TrueBody, World, explore
 from tactilenlp.errors import OptionError
-from tactilenlp.evaluation.ground_truth import errors_of
+from tactilenlp.evaluation.metrics import errors_of
 
 QUARTER = Rotation.from_rotvec([0, 0, np.pi / 2])
 

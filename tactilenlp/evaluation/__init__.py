@@ -2,6 +2,6 @@
 
 In: surfaces, sizes and poses of two bodies.  Out: errors in SI units.
 
-- `metrics`: exact surface distance, errors of size and pose modulo symmetry
-- `ground_truth`: the same for an estimate of a simulated world
+- `metrics`: exact surface distance, errors of size and pose modulo symmetry, and all of
+  these for an estimate of a simulated world
 """

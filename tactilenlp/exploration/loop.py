@@ -17,7 +17,7 @@ from ..common.validation import check_path, check_types
 from ..data.scene import Scene
 from ..errors import OptionError, StartError
 from ..estimation.solver import solve_estimate
-from ..evaluation.ground_truth import errors_of
+from ..evaluation.metrics import errors_of
 from ..information.information import POSE
 from ..interface.options import Guess
 from ..interface.request import asked, check_start

@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from ..errors import OptionError
-from ..evaluation.ground_truth import TrueBody
+from ..evaluation.metrics import TrueBody
 from ..geometry.faces import polygons
 from ..geometry.transforms import rotation_of
 from .faces import faces_of

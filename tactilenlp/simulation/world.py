@@ -12,7 +12,7 @@ from ..common.validation import check_types
 from ..data.measurements import Measurements
 from ..data.noise_model import Noise, add_noise
 from ..errors import SceneError, typed_call
-from ..evaluation.ground_truth import TrueBody
+from ..evaluation.metrics import TrueBody
 from .arguments import (
     ARGUMENT_RULES,
     centred_hull,
