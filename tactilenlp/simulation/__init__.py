@@ -3,8 +3,7 @@
 In: a body and trajectories of fingers.  Out: `Measurements`, and the truth beside them.
 No estimate reads the truth.
 
-- `world`: `World.execute(trajectory)`, records and keeps the truth
+- `world`: `World.execute(trajectory)`, records, retracts and keeps the truth
 - `mujoco_plant`: the model and its time steps
 - `arguments`: their checks
-- `retraction`: motion of the fingers after an action
 """

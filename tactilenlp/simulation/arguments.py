@@ -10,12 +10,12 @@ from ..common.validation import as_floats
 from ..errors import OptionError, SceneError, shortened
 from ..geometry.convex_hull import centroid
 from ..geometry.transforms import rotation_of
-from .retraction import PARKED_MOTION
 
 MAX_SIDE = 5.0  # [m] of a box: larger values are most likely millimetres
 MAX_DEPTH = 1e-5  # [m] below the ground at first: from deeper, the body jumps up
 LONGEST_ACTION = 600.0  # [s] of an action: 2.4 million steps
 LONGEST_REST = 30.0  # [s] before the first action: 120 000 steps, computed at once
+PARKED_MOTION = 1e-9  # [m] a finger whose path is shorter is parked
 ARGUMENT_RULES = {  # unit with lower bound; length: -1 a number, None any
     "side_lengths": ("m > 0", 3),
     "finger_radius": ("m > 0", None),

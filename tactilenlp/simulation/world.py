@@ -15,6 +15,7 @@ from ..errors import SceneError, typed_call
 from ..evaluation.metrics import TrueBody
 from .arguments import (
     ARGUMENT_RULES,
+    PARKED_MOTION,
     centred_hull,
     checked_argument,
     path_of,
@@ -22,11 +23,12 @@ from .arguments import (
     world_error,
 )
 from .mujoco_plant import MAX_RESTITUTION, TIME_STEP, Plant
-from .retraction import retraction
 
 SAMPLE_RATE = 30  # [Hz] of the record, as the tactile sensors of the paper
 CONTACT_STEPS = 40  # steps (10 ms) over which a sensor averages the contact force
 SAME_INSTANT = 1e-6  # [s] largest difference of equal times
+BACK_OFF, BACK_OFF_TIME = 0.008, 0.2  # [m], [s] first, along the contact normal
+RETURN_TIME = 0.4  # [s] then, back along the path
 REST_TIME = 0.2  # [s] after an action: the object comes to rest
 BODY_ARGUMENTS = ("side_lengths", "vertices")
 PLANT_ARGUMENTS = (
@@ -248,3 +250,26 @@ class World:
         impulse = touch[:, :, :3].sum(axis=0) * TIME_STEP
         pose, fingers, gap = self.pose, self.plant.fingers, self.plant.distance()
         return pose[:3], pose[3:], fingers, contact, normal, force, impulse, gap
+
+
+def retraction(here, normal, path, duration: float, parked) -> np.ndarray:
+    """Return the references (n, F, 3) [m] out along the normal, then back on the path.
+
+    here: (F, 3) [m], positions of the fingers; normal: (F, 3), outward contact normals;
+    path: positions (F, 3) [m] as a function of time [s] up to duration [s]; parked:
+    (F,), fingers that do not move.  The offset from the path at its end decreases to
+    zero along the way back.
+    """
+    out = here + BACK_OFF * _smooth(BACK_OFF_TIME) * normal
+    back = path(duration * (1 - _smooth(RETURN_TIME)[:, 0, 0]))
+    steps = np.diff(back, axis=0, prepend=back[:1])
+    way = np.linalg.norm(steps, axis=-1).cumsum(axis=0)
+    left = 1 - way / np.maximum(way[-1], PARKED_MOTION)
+    back = back + left[:, :, None] * (out[-1] - back[0])
+    return np.where(parked[:, None], path(0.0), np.concatenate([out, back[1:]]))
+
+
+def _smooth(duration: float) -> np.ndarray:
+    """Return the minimum-jerk profile from 0 to 1 at every step, (n, 1, 1)."""
+    s = np.linspace(0, 1, round(duration / TIME_STEP) + 1)
+    return (s**3 * (10 - 15 * s + 6 * s**2))[:, None, None]
