@@ -58,8 +58,7 @@ class Plant:
     ) -> None:
         import mujoco  # lazily: importing this module stays light
 
-        contact = _contact(restitution)
-        body = side_lengths, vertices, mass
+        body, contact = (side_lengths, vertices, mass), _contact(restitution)
         xml = _xml(*body, friction, finger_radius, ground, contact)
         try:
             self.model = mujoco.MjModel.from_xml_string(xml)
@@ -178,16 +177,11 @@ class Plant:
         return touch
 
 
-def _xml(
-    side_lengths: np.ndarray | None,
-    vertices: np.ndarray | None,
-    mass: float,
-    friction: tuple[float, float],
-    finger_radius: np.ndarray,
-    ground: float | None,
-    contact: str,
-) -> str:
-    """Return the XML model; MuJoCo uses the larger friction of two geoms."""
+def _xml(side_lengths, vertices, mass, friction, finger_radius, ground, contact) -> str:
+    """Return the XML model of these arguments of a Plant; contact: of _contact.
+
+    MuJoCo uses the larger friction of two geoms.
+    """
     mesh, plane, geom = "", "", 'type="mesh" mesh="object"'
     if side_lengths is None:
         mesh = f'<asset><mesh name="object" vertex="{_text(vertices)}"/></asset>'
