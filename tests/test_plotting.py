@@ -274,5 +274,5 @@ def test_four_axes_of_ones_own_are_drawn_into(touched):
     assert all(axis.has_data() for axis in axes)
     with pytest.raises(OptionError, match="expected 4 matplotlib Axes, got 1"):
         plot_estimate(touched, axis=axes[0])
-    with pytest.raises(OptionError, match="expected 2 matplotlib Axes"):
+    with pytest.raises(OptionError, match="expected 1 or 2 matplotlib Axes"):
         plot_impulses(touched, axis=axes)

@@ -47,8 +47,8 @@ def plot_impulses(estimate: Estimate, axis=None) -> Figure:
     if axis is None:
         figure = plt.figure(figsize=(7.0, 0.6 + 1.8 * data.fingers))
         axis = figure.subplots(data.fingers, sharex=True)
-    one = np.size(np.asarray(axis, dtype=object)) == 1
-    axes = check_axes(axis, 1) * data.fingers if one else check_axes(axis, data.fingers)
+    axes = check_axes(axis, 1, data.fingers)
+    axes *= data.fingers // len(axes)
     shown = np.flatnonzero(data.contact.any(axis=1))
     starts = np.flatnonzero(np.diff(data.action[shown], prepend=-1))
     ticks = [f"{data.time[t]:.1f}\n{data.action[t]}" for t in shown[starts]]

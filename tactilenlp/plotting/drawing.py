@@ -22,7 +22,6 @@ from .style import (
     TOUCHED_COLOUR,
     TRUTH_COLOUR,
     UNTOUCHED_COLOUR,
-    check_solid,
     finger_colour,
 )
 
@@ -121,7 +120,11 @@ def _face_colour(face) -> str:
 
 def set_up(axis, estimate, view) -> None:
     """Set up a 3-D axis that shows the box `view` (2, 3) [mm], with the ground."""
-    check_solid(axis)
+    if not hasattr(axis, "zaxis"):
+        raise OptionError(
+            "a flat axis", where="axis", got=type(axis).__name__,
+            expected='an axis of add_subplot(projection="3d")',
+        )  # fmt: skip
     axis.set(xlim=view[:, 0], ylim=view[:, 1], zlim=view[:, 2], xlabel="x [mm]",
              ylabel="y [mm]", zlabel="z [mm]", proj_type="ortho")  # fmt: skip
     for side, pad in ((axis.xaxis, -4), (axis.yaxis, -4), (axis.zaxis, -10)):

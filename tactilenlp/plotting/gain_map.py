@@ -29,8 +29,7 @@ def plot_gain(estimate, choice: Choice, axis=None) -> Figure:
     check_types(estimate=(estimate, "Estimate"), choice=(choice, Choice))
     if axis is None:
         axis = plt.figure(figsize=(8.4, 3.6)).subplots(1, 2, width_ratios=(1.6, 1))
-    one = np.size(np.asarray(axis, dtype=object)) == 1
-    sphere, *top = check_axes(axis, 1 if one else 2)
+    sphere, *top = check_axes(axis, 1, 2)
     figure = sphere.figure
     space, fingers = choice.action.workspace, choice.action.workspace.fingers
     expected = ExpectedInformation(estimate, space)

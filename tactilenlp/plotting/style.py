@@ -36,8 +36,7 @@ def picture(draw):
         given = signature(draw).bind(estimate, *arguments, **named).arguments
         with plt.rc_context(STYLE):
             if given.get("axis") is not None:
-                count = np.size(np.asarray(given["axis"], object))
-                for axis in check_axes(given["axis"], count):
+                for axis in check_axes(given["axis"]):
                     dress(axis)
             return draw(estimate, *arguments, **named)
 
@@ -63,24 +62,14 @@ def dress(axis) -> None:
         axis.grid(False)
 
 
-def check_axes(axis, count: int) -> list:
-    """Return a list of `count` axes; OptionError for another number of them."""
+def check_axes(axis, *counts: int) -> list:
+    """Return a list of so many axes, without counts of any number; else OptionError."""
     axes = [*np.ravel(np.asarray(axis, dtype=object))]
-    if len(axes) == count and all(isinstance(a, Axes) for a in axes):
+    if len(axes) in (counts or [len(axes)]) and all(isinstance(a, Axes) for a in axes):
         return axes
     raise OptionError(
         "wrong number of axes", where="axis", got=len(axes),
-        expected=f"{count} matplotlib Axes",
-    )  # fmt: skip
-
-
-def check_solid(axis):
-    """Return an axis that is 3-D; OptionError otherwise."""
-    if hasattr(axis, "zaxis"):
-        return axis
-    raise OptionError(
-        "a flat axis", where="axis", got=type(axis).__name__,
-        expected='an axis of add_subplot(projection="3d")',
+        expected=f"{' or '.join(map(str, counts))} matplotlib Axes".strip(),
     )  # fmt: skip
 
 
