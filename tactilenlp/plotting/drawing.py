@@ -12,9 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from ..errors import OptionError
 from ..evaluation.metrics import TrueBody
-from ..geometry.faces import polygons
 from ..geometry.transforms import rotation_of
-from .faces import faces_of
+from .faces import faces_of, faces_of_hull
 from .style import (
     BAND_COLOUR,
     INK,
@@ -86,13 +85,13 @@ def draw_scene(axis, estimate, sample, truth, view) -> None:
     set_up(axis, estimate, view)
     for face in (face for face in faces if face.normal @ EYE > 0):
         colour = _face_colour(face)
-        draw_seen(axis, [(face.corners, face.normal)], colour, INK, 4, shade=True,
+        draw_seen(axis, [face], colour, INK, 4, shade=True,
                   lightsource=LIGHT, label=FACE_LABELS[face.touched])  # fmt: skip
     if spread is not None:
-        outer, colour = _faces_of_hull(spread[0]), BAND_COLOUR
+        outer, colour = faces_of_hull(spread[0]), BAND_COLOUR
         draw_seen(axis, outer, (colour, 0.12), colour, 5, label=SIGMA_LABEL)
     if truth is not None:
-        true = _faces_of_hull(true_corners(truth, sample))
+        true = faces_of_hull(true_corners(truth, sample))
         draw_seen(axis, true, "none", TRUTH_COLOUR, 6, ls="--", label="truth")
     contacts = carried_contacts(estimate, sample)
     for finger, (colour, points, normals, _) in enumerate(contacts):
@@ -144,23 +143,18 @@ def set_up(axis, estimate, view) -> None:
                             color="#D0D0D0", zorder=0)  # fmt: skip
 
 
-def draw_seen(axis, polygons, face, edge, order, **style) -> None:
-    """Draw those faces, pairs of corners and normal, whose outside is visible."""
-    seen = [corners for corners, normal in polygons if normal @ EYE > 0]
-    style |= {"facecolors": face, "edgecolors": edge, "lw": 1, "zorder": order}
+def draw_seen(axis, faces, colour, edge, order, **style) -> None:
+    """Draw those faces whose outside is visible."""
+    seen = [face.corners for face in faces if face.normal @ EYE > 0]
+    style |= {"facecolors": colour, "edgecolors": edge, "lw": 1, "zorder": order}
     axis.add_collection3d(Poly3DCollection(seen, **style))
 
 
-def visible_area(corners, normal) -> float:
-    """Return the projected area [mm^2] of a flat face; negative if seen from behind."""
+def visible_area(face) -> float:
+    """Return the projected area [mm^2] of a face; negative if seen from behind."""
+    corners = face.corners
     turned = np.cross(corners - corners[0], np.roll(corners, -1, axis=0) - corners[0])
-    return np.linalg.norm(turned.sum(axis=0)) / 2 * (normal @ EYE)
-
-
-def _faces_of_hull(points):
-    """Yield corners (k, 3), in order, and outward normal of each face of a hull."""
-    for corners, normal in polygons(points):
-        yield points[corners], normal
+    return np.linalg.norm(turned.sum(axis=0)) / 2 * (face.normal @ EYE)
 
 
 def outline(corners) -> np.ndarray:

@@ -23,7 +23,12 @@ class Face:
 
     corners: np.ndarray
     normal: np.ndarray
-    touched: bool
+    touched: bool = False
+
+
+def faces_of_hull(points) -> list[Face]:
+    """Return the faces of the convex hull of points (n, 3) [mm]."""
+    return [Face(points[corners], normal) for corners, normal in polygons(points)]
 
 
 def faces_of(estimate, sample: int):

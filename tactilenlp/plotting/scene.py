@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.colors import ListedColormap, LogNorm
 from matplotlib.figure import Figure
 
-from ..geometry.faces import face_sigma, polygons
+from ..geometry.faces import face_sigma
 from ..interface.result import Estimate
 from ..output.colours import UNKNOWN_SIGMA, WELL_KNOWN_SIGMA, information_colour
 from .drawing import (
@@ -28,14 +28,8 @@ from .drawing import (
     view_of,
     visible_area,
 )
-from .style import (
-    INK,
-    MM_PER_M,
-    below,
-    check_axes,
-    picture,
-    with_key,
-)
+from .faces import faces_of
+from .style import INK, MM_PER_M, below, check_axes, picture, with_key
 
 LABEL_STYLE = {
     "ha": "center", "va": "center", "fontsize": 7,
@@ -76,18 +70,15 @@ def plot_information(estimate: Estimate, axis=None, key: bool = True) -> Figure:
     It is that of the middle of the face along its normal [mm].  key: draw a colour bar.
     """
     axis = axis or plt.figure(figsize=(4.6, 3.6)).add_subplot(projection="3d")
-    view = view_of(estimate, [-1])
-    set_up(axis, estimate, view)
-    points, R_wo = estimate.vertices, estimate.rotation()
-    shown = zip(polygons(points), face_sigma(estimate), strict=True)
-    for (corners, n_o), sigma in shown:
-        place = (points[corners] @ R_wo.T + estimate.position[-1]) * MM_PER_M
+    set_up(axis, estimate, view_of(estimate, [-1]))
+    faces, _ = faces_of(estimate, -1)
+    for face, sigma in zip(faces, face_sigma(estimate), strict=True):
         colour = information_colour(sigma) / 255
-        draw_seen(axis, [(place, R_wo @ n_o)], [colour], INK, 4, shade=False)
-        if visible_area(place, R_wo @ n_o) > LABELLED_AREA:
+        draw_seen(axis, [face], [colour], INK, 4, shade=False)
+        if visible_area(face) > LABELLED_AREA:
             words = f"{sigma * MM_PER_M:.2g}" if sigma < UNKNOWN_SIGMA else "unknown"
-            centre = place.mean(axis=0)
-            at = centre + LABEL_DISTANCE * (R_wo @ n_o)
+            centre = face.corners.mean(axis=0)
+            at = centre + LABEL_DISTANCE * face.normal
             axis.plot(*np.stack([centre, at], axis=1), color=INK, lw=0.6, zorder=8.5)
             axis.text(*at, words, zorder=9, **LABEL_STYLE)
     for colour, seen, _, _ in carried_contacts(estimate, -1):
