@@ -39,8 +39,6 @@ from .policies import check_predicted, next_action, shape_of_start
 
 log = logging.getLogger("tactilenlp")
 
-POSITIONAL = ("actions", "policy", "shape", "seed")  # settings after world and scene
-
 
 def explore(
     world,
@@ -75,10 +73,11 @@ def explore(
     Raises OptionError, SceneError, StartError and FileError before the first command;
     FileError too while another process explores into this file.
     """
-    given = _by_name(positional, keywords)
-    settings = ExploreOptions.of(settings, given)
+    settings = ExploreOptions.of(settings, positional, keywords)
     loop = _prepared(world, scene, settings, file, start, executor)
-    with _alone(file, world):
+    # Steps that a folder has, which cannot be written, are read without a world.
+    written = file is not None and (world is not None or can_be_written(file))
+    with locked(file) if written else nullcontext():
         yield from _steps(loop, file, start)
 
 
@@ -113,16 +112,6 @@ def _steps(loop: _Loop, file, start) -> Iterator[Step]:
         yield step
         if settings.until is not None and _enough(step, settings.until):
             return
-
-
-def _alone(file, world):
-    """Return a context in which no other process writes the file.
-
-    Steps that a folder has, which cannot be written, are read without a world.
-    """
-    if file is None or (world is None and not can_be_written(file)):
-        return nullcontext()
-    return locked(file)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,19 +183,6 @@ def _prepared(world, scene, settings: ExploreOptions, file, start, executor) -> 
     radius = getattr(world, "finger_radius", None)
     space = settings.workspace or workspace_of(radius, scene.ground)
     return _Loop(world, space, settings, classes, solve, same)
-
-
-def _by_name(positional, keywords: dict) -> dict:
-    """Return settings by name, of positional and keyword arguments."""
-    if len(positional) > len(POSITIONAL):
-        raise OptionError(
-            "too many positional arguments", where="explore", got=len(positional) + 2,
-            expected=f"world, scene, {', '.join(POSITIONAL)}",
-        )  # fmt: skip
-    given = dict(zip(POSITIONAL, positional, strict=False))
-    if twice := [name for name in given if name in keywords]:
-        raise OptionError("given twice", where=twice[0], got="by position and by name")
-    return given | keywords
 
 
 def _check(world, file, start) -> None:

@@ -17,6 +17,8 @@ from .first_touch import checked_centre
 from .optimisers import CrossEntropy, check_search
 from .policies import check_policy
 
+POSITIONAL = 4  # settings that `explore` takes by position, after world and scene
+
 
 @typed_call()
 @dataclass(frozen=True, eq=False)
@@ -73,9 +75,21 @@ class ExploreOptions:
         check_policy(self.policy)
 
     @classmethod
-    def of(cls, settings: ExploreOptions | None, given: dict) -> ExploreOptions:
-        """Return the settings, or those of keyword arguments; OptionError for both."""
+    def of(cls, settings, positional: tuple, given: dict) -> ExploreOptions:
+        """Return the settings, or those of other arguments; OptionError for both."""
         names = [f.name for f in fields(cls)]
+        if len(positional) > POSITIONAL:
+            raise OptionError(
+                "too many positional arguments", where="explore",
+                got=len(positional) + 2,
+                expected=f"world, scene, {', '.join(names[:POSITIONAL])}",
+            )  # fmt: skip
+        first = dict(zip(names, positional, strict=False))
+        if twice := [name for name in first if name in given]:
+            raise OptionError(
+                "given twice", where=twice[0], got="by position and by name"
+            )
+        given = first | given
         if unknown := [name for name in given if name not in names]:
             raise OptionError(
                 "no such setting", where="explore", got=unknown,
