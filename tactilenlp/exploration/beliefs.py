@@ -126,7 +126,8 @@ def information_of_best(estimate, shape, before, best, offset) -> np.ndarray:
     if estimate.finger_offset is not None:
         matrix = estimate.information.with_offsets
     for known in (matrix, matrix + anywhere):
-        least = np.linalg.eigvalsh(_scaled(known))[0]
+        scale = 1 / np.sqrt(np.abs(np.diag(known)))
+        least = np.linalg.eigvalsh(known * np.outer(scale, scale))[0]
         if least > 0:
             known = widened_to_sigma(known, estimate)
             return T.T @ known @ T
@@ -231,11 +232,6 @@ def _poses(estimate, free: bool) -> np.ndarray:
     turn = Rotation.from_matrix(ground.rotation) * turn
     x = np.hstack([position, turn.as_rotvec()]).T
     return x if free else x[[0, 1, 5]]
-
-
-def _scaled(matrix: np.ndarray) -> np.ndarray:
-    scale = 1 / np.sqrt(np.abs(np.diag(matrix)))
-    return matrix * np.outer(scale, scale)
 
 
 def _after_retraction(belief: Belief, theta: int, tangent) -> np.ndarray:

@@ -90,7 +90,8 @@ class ExpectedInformation:
             self.beliefs = beliefs.beliefs_of(
                 estimate, self.shape, self.workspace.fingers, hypotheses
             )
-        reach = max(self._reach(belief) for belief in self.beliefs)
+        theta = self.shape.theta
+        reach = max(self.shape.reach(b.z[:theta]) for b in self.beliefs)
         self.workspace = self.workspace.around(reach)
         self._known = push_constants(estimate, self.workspace)
 
@@ -135,10 +136,6 @@ class ExpectedInformation:
         E = E.full().reshape(4 * F, near, k)
         return motion, contact, np.einsum("ftk,ftl->kl", E, E)
 
-    def _reach(self, belief: Belief) -> float:
-        """Return how far [m] the body reaches from its centroid."""
-        return self.shape.reach(belief.z[: self.shape.theta])
-
     def _radii(self, space: Workspace) -> np.ndarray:
         """Return the radii (F,) [m]: as measured, or of other fingers all the same."""
         measured = self.estimate.measurements.finger_radius
@@ -152,7 +149,7 @@ class ExpectedInformation:
         centre[: len(pose)] = pose[:3]
         if len(pose) == len(PLANAR.scale):  # a hull has no pose unknowns
             centre[2] = float(self.shape.rest_height(ca.DM(theta)))
-        reach = self._reach(belief) + space.finger_radius + NEAR_DISTANCE
+        reach = self.shape.reach(theta) + space.finger_radius + NEAR_DISTANCE
         away = np.linalg.norm(path - centre, axis=2).min(axis=1)
         left = n - np.argmax(away[1:] < reach) if (away[1:] < reach).any() else 1
         return min(n, STEP_MULTIPLE * -(-left // STEP_MULTIPLE))

@@ -48,8 +48,8 @@ def sweep(space: Workspace, centre=None) -> Iterator[Trajectory]:
         along = ends if line % 2 == 0 else ends[::-1]
         for a, b in pairwise(along):
             x = a + (b - a) * share
-            way = np.hstack([middle[0] + x, np.full_like(x, middle[1] + y)])
-            way = np.hstack([way, np.full_like(x, height)])
+            line_y, line_z = np.full_like(x, middle[1] + y), np.full_like(x, height)
+            way = np.hstack([middle[0] + x, line_y, line_z])
             position = np.repeat(way[:, None], space.fingers, axis=1)
             for f in range(1, space.fingers):
                 angle = 2 * np.pi * f / space.fingers
