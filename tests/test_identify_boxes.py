@@ -13,8 +13,8 @@ from tactilenlp.errors import (
     OptionError,
 )
 from tactilenlp.identification.body import fit_of
-from tactilenlp.identification.starts import prepared
-from tactilenlp.identification.support import phases_of, support_of, with_soft_ground
+from tactilenlp.identification.impacts import phases_of, with_soft_ground
+from tactilenlp.identification.starts import prepared, support_of
 
 MASS = 0.37  # [kg] of the real cube, as measured by who recorded it
 SCENE = Scene(mass=MASS)

@@ -4,7 +4,7 @@ In: `Trajectories` of a body that is tossed onto a ground.  Out: a `Body`.  No t
 impacts are found in the poses, then one problem identifies all parameters.
 
 - `identify`: the problem and its solve
-- `impacts`, `support`: time steps, gravity, vertices near the ground
+- `impacts`: time steps, gravity, impacts and rest, vertices near the ground
 - `starts`: first guesses of the proportions
 - `body`: the result and its goodness of fit
 """

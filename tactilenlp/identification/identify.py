@@ -24,9 +24,8 @@ from ..solvers.options import SolverOptions
 from ..solvers.solution import evaluated, not_converged, unfinished
 from ..solvers.solve import solve_levels
 from .body import UNOBSERVED_VERTEX, Body, BodyFit, corner_shift, fit_of
-from .impacts import impacts, may_touch
+from .impacts import impacts, may_touch, with_soft_ground
 from .starts import nothing_lands, prepared
-from .support import with_soft_ground
 
 log = logging.getLogger("tactilenlp")
 DEFAULT_SOLVER = SolverOptions(tolerance=1e-5, time_limit=600.0)
@@ -57,7 +56,7 @@ def identify_body(
     scene: mass, gravity and ground are read (default Scene()).  shape: "cuboid" (three
     half widths) or "corners" (every vertex on its own).  guess: half widths (3,) or
     vertices (V, 3) [m]; by default the boxes that explain the heights of the origin are
-    tried (support.py), and the most likely result is returned.  gauge: metres per metre
+    tried (starts.py), and the most likely result is returned.  gauge: metres per metre
     of the tracker; None: such that free falls show scene.gravity, within LARGEST_GAUGE.
     time_limit [s]: of all, compilation included, kept within 10 % or 1 s; the status
     says what was left out, and sigma is infinite where there was no time for it.

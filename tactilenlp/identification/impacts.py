@@ -7,7 +7,7 @@ A step is a sample k with a pose before and one after it; the change of velocity
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,10 @@ FLIGHT_NOISE = 0.006, 0.04
 IMPACT_SIGMA = 0.2  # [1] of a change of velocity: of real impacts from rigid ones
 FLIGHT_SAMPLES = 8  # of a fall that measures gravity
 GRAVITY_SIGMA = 0.016  # [1] of the gravity of one toss (scatter of 76 real ones)
+DEEPEST = 20e-3  # [m] that a ground yields
+RELEASE = 0.08  # [s]
+SETTLED = 0.1  # [s]
+LOOSE = 0.5  # [g dt] a greater change of velocity than that of free fall: an impact
 MIN_TOSSES = 4  # below which their own scatter is not used
 
 
@@ -140,6 +144,33 @@ def steps_since(event: np.ndarray) -> np.ndarray:
     """Return how many steps ago the last event (n,) was: infinity before any, (n,)."""
     k = np.arange(len(event))
     return k - np.maximum.accumulate(np.where(event, k, -np.inf))
+
+
+def phases_of(steps: Steps, gravity: float, dt: float) -> tuple:
+    """Return which steps (n,) touch, are of impacts or their end, and lie still.
+
+    A body that a soft ground throws up feels no more force while it is still below: an
+    impact ends RELEASE after its last touch.
+    """
+    pushed = np.linalg.norm(steps.dv + np.array([0, 0, gravity * dt]), axis=1)
+    touching = pushed > LOOSE * gravity * dt
+    first = begins(steps.toss)
+    calm_for = steps_since(~steps.calm | first) * dt
+    still = touching & (calm_for > SETTLED)  # on a face
+    since = steps_since(touching)
+    recent = (since <= steps_since(first)) & (since * dt <= RELEASE)
+    return touching, recent & ~still, still
+
+
+def with_soft_ground(steps: Steps, corners, gravity: float, dt: float) -> Steps:
+    """Return steps whose corners may sink in impacts as deep as they ever do.
+
+    corners (3, V) [m] of a box.
+    """
+    _, hit, _ = phases_of(steps, gravity, dt)
+    lowest = steps.corners(corners.T)[:, :, 0, 2].min(axis=1)
+    depth = np.clip(-lowest[hit].min(initial=0.0), SURFACE, DEEPEST)
+    return replace(steps, depth=np.where(hit, depth, steps.depth))
 
 
 def may_touch(steps: Steps, vertices: np.ndarray) -> np.ndarray:

@@ -1,6 +1,18 @@
-"""Starts of an identification: steps, first guesses, the gauge, and their checks."""
+"""Starts of an identification: steps, first guesses, the gauge, and their checks.
+
+The lowest corner of a box with half widths h is at the height
+
+    z - sum_i h_i |R_3i|
+
+over the ground, z that of its centre: linear in h.  It is positive in free flight, not
+positive at some sample of an impact, and zero at rest.  Least absolute violations of
+these (in)equalities are a linear programme: its optimum is global, and a ground that
+yields in impacts does not bias it.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -9,8 +21,7 @@ from ..common.layout import has_volume
 from ..common.validation import as_floats
 from ..errors import MeasurementError, MotionError, OptionError, shortened
 from ..geometry.transforms import rotation_of
-from .impacts import MIN_TOSSES, Steps, gravity_of, steps_of
-from .support import LARGEST_HALF, support_of, tilt_at_rest
+from .impacts import MIN_TOSSES, Steps, gravity_of, phases_of, steps_of
 
 CUBE_SIGNS = np.array(np.meshgrid([-1.0, 1], [-1.0, 1], [-1.0, 1])).reshape(3, 8)
 LARGEST_GAUGE = 0.1  # [1] error of a tracker's metre; beyond it, dt or unit is wrong
@@ -19,6 +30,13 @@ FIRST_SAMPLES = 16  # of a toss, which begins in the air
 ALIKE, FAR_OFF = 0.2, 0.25  # [1] scatter of their gravity, its logarithmic error
 LEAST_ACCELERATION = 1e-9  # [m/s^2]
 TILTED, FLAT = 5.0, 2.0  # [deg] medians at rest that tell xyzw from wxyz
+PULL = 0.02  # [samples] on each half width
+LARGEST_HALF = 1.0  # [m]
+SAME = 1e-3  # [m] boxes that differ less are one start
+WIDEST = 2.0  # [1] of the box most like a cube: where nothing bounds a half width
+REST_WEIGHT = 0.03  # [samples] of a sample at rest: many are alike
+REST_DEPTH = 0.2e-3  # [m] that a ground yields below a body at rest
+LEAST_HALF = 1e-3  # [m]
 
 
 def prepared(trajectories, scene, shape, guess, gauge) -> tuple:
@@ -144,3 +162,78 @@ def _check_order(steps, rolled, fall) -> None:
             got=f"boxes at rest tilted by {given:.0f} deg, as xyzw by {other:.1f}",
             expected="wxyz", next="give np.roll(quaternion, 1, axis=1)",
         )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Support:
+    """Half widths (3,) [m] that explain the heights equally well.
+
+    Those most like a cube, the least and the largest.
+    """
+
+    like_cube: np.ndarray
+    least: np.ndarray
+    largest: np.ndarray
+
+    def starts(self) -> list[np.ndarray]:
+        """Return half widths (3,) [m] to start from."""
+        largest = np.minimum(self.largest, WIDEST * self.like_cube)
+        middle = (self.least + largest) / 2
+        near = abs(largest - self.least).max() < SAME
+        return [middle] if near else [middle, self.like_cube, largest]
+
+
+def support_of(steps: Steps, gravity: float, dt: float) -> Support | None:
+    """Return the boxes that fit the heights of the centre; None if nothing touches."""
+    touching = phases_of(steps, gravity, dt)[0]
+    if not touching.any():
+        return None
+    R = np.stack([steps.R_wo_1, steps.R_wo, steps.R_wo_next], axis=1)
+    extent = abs(R.reshape(-1, 3, 3, 3)[..., 2])
+    height = np.stack([steps.p_wo_1, steps.p_wo, steps.p_wo_next], axis=1)[..., 2]
+    cube = np.full(3, max(height[touching].min(), LEAST_HALF))
+    rows = _rows_of(steps, extent, height, gravity, dt)
+    alike = (np.eye(3), cube, [PULL] * 3), (-np.eye(3), -cube, [PULL] * 3)
+    like_cube = _solved(*map(np.concatenate, zip(rows, *alike, strict=True)), 0.0)
+    return Support(like_cube, _solved(*rows, PULL), _solved(*rows, -PULL))
+
+
+def tilt_at_rest(steps: Steps, gravity: float, dt: float) -> float:
+    """Return how far a box is from lying on a face at rest [deg], median of tosses."""
+    _, _, still = phases_of(steps, gravity, dt)
+    up = abs(steps.R_wo.reshape(-1, 3, 3)[:, :, 2]).max(axis=1)
+    tilt = np.degrees(np.arccos(np.minimum(up, 1.0)))
+    tosses = np.unique(steps.toss[still])
+    if not len(tosses):
+        return 0.0
+    return float(
+        np.median([np.median(tilt[still & (steps.toss == k)]) for k in tosses])
+    )
+
+
+def _rows_of(steps, extent, height, gravity, dt) -> tuple:
+    """Return A (m, 3), b (m,) and weights (m,): violations max(A h - b, 0)."""
+    touching, hit, still = phases_of(steps, gravity, dt)
+    free, impact = ~(hit | still), touching & ~steps.calm
+    size = height[touching].min()
+    lowest = (height - size * extent.sum(axis=2)).argmin(axis=1)
+    low = np.arange(len(steps)), lowest
+    rest, level = extent[still, 1], height[still, 1]
+    parts = [
+        (extent[free].reshape(-1, 3), height[free].ravel(), 1 / 3),
+        (-extent[low][impact], -height[low][impact], 1.0),
+        (rest, level + REST_DEPTH, REST_WEIGHT),
+        (-rest, -level + REST_DEPTH, REST_WEIGHT),
+    ]
+    A, b = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
+    return A, b, np.concatenate([np.full(len(part[1]), part[2]) for part in parts])
+
+
+def _solved(A, b, weight, pull: float) -> np.ndarray:
+    """Return half widths (3,) of least violation, pulled to small or large ones."""
+    from scipy.optimize import linprog
+    from scipy.sparse import hstack, identity
+
+    rows = hstack([A, -identity(len(b))]).tocsr()
+    bounds = [(LEAST_HALF, LARGEST_HALF)] * 3 + [(0, None)] * len(b)
+    return linprog(np.r_[np.full(3, pull), weight], rows, b, bounds=bounds).x[:3]
