@@ -84,20 +84,11 @@ def _touched(estimate, normals) -> np.ndarray:
 def _deviations(estimate, sample: int, normals) -> np.ndarray:
     """Return the standard deviation of each face along its normal, (faces,) [m]."""
     last = range(len(estimate.position))[sample] == len(estimate.position) - 1
-    if estimate.shape != "cuboid":
+    if last or estimate.shape != "cuboid":
         return face_sigma(estimate)
     axis, side = np.argmax(abs(normals), axis=1), (normals.sum(axis=1) > 0).astype(int)
-    if not last:  # sizes alone: the untouched face of two moves by the whole deviation
-        known = estimate.faces >= KNOWN_FACE
-        known[2, 0] |= estimate.scene.ground is not None
-        share = np.where(known.sum(axis=1, keepdims=True) == 1, ~known, 0.5)
-        return (estimate.information.sigma("side_lengths")[:, None] * share)[axis, side]
-    return _of_pose_and_size(estimate.information, estimate.rotation())[axis, side]
-
-
-def _of_pose_and_size(information, R_wo) -> np.ndarray:
-    """Return the standard deviation of n' p + side / 2 of each face, (3, 2) [m]."""
-    along = R_wo.T @ information.maps["position"]
-    J = np.stack([-along, along], 1) + information.maps["side_lengths"][:, None] / 2
-    variance = np.einsum("asj,jk,ask->as", J, information.spread, J)
-    return np.sqrt(np.where(variance < 0, np.inf, variance))
+    # Sizes alone: the untouched face of two moves by the whole deviation.
+    known = estimate.faces >= KNOWN_FACE
+    known[2, 0] |= estimate.scene.ground is not None
+    share = np.where(known.sum(axis=1, keepdims=True) == 1, ~known, 0.5)
+    return (estimate.information.sigma("side_lengths")[:, None] * share)[axis, side]
