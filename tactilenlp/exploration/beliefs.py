@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag, eigh
-from scipy.spatial.transform import Rotation
 
 from formulations import between_actions
 from formulations.finger_offset import NAME as OFFSET
@@ -22,9 +21,9 @@ from formulations.rigid_body import ARM, FREE, PLANAR
 from formulations.violation_implicit import NORMAL, TOUCH
 
 from ..data.contact_segments import intervals
-from ..geometry.transforms import rotation_of
 from ..information.tangent_space import tangent_of, widest_deviations
 from ..information.trajectory import prior_of_offsets
+from ..problem.poses import rotations_on_ground
 from ..search.hypothesis import Hypothesis, distinct
 from .push_model import sample_information_function
 
@@ -227,10 +226,8 @@ def sensor_model(estimate, touch=TOUCH, normal=NORMAL) -> np.ndarray:
 def _poses(estimate, free: bool) -> np.ndarray:
     """Return the poses of an estimate as unknowns (u, T), ground frame."""
     ground = estimate.scene.ground
-    position = ground.to_ground(estimate.position)
-    turn = rotation_of(estimate.quaternion)
-    turn = Rotation.from_matrix(ground.rotation) * turn
-    x = np.hstack([position, turn.as_rotvec()]).T
+    turn = rotations_on_ground(ground, estimate.quaternion)
+    x = np.hstack([ground.to_ground(estimate.position), turn.as_rotvec()]).T
     return x if free else x[[0, 1, 5]]
 
 

@@ -166,13 +166,6 @@ def backward_filter_function(shape, fingers: int) -> ca.Function:
     booleans; Q (3,): variance of the step after the sample.  Gives M, P anew and E
     (4 F, k): E'E is what the fingers told.
     """
-    return _backward_filter_step(shape, fingers).mapaccum(
-        "remembered", SAMPLES_PER_CALL, 2
-    )
-
-
-@cache
-def _backward_filter_step(shape, fingers: int) -> ca.Function:
     sym, k = shape.symbol, shape.theta
     z, r, rho = sym("z", k), sym("r", 3 * fingers), sym("rho", fingers)
     c, valid, Q = sym("c", fingers), sym("valid", fingers), sym("Q", 3)
@@ -188,7 +181,8 @@ def _backward_filter_step(shape, fingers: int) -> ca.Function:
         rows, M, P = _measurement_updates(M, P, h, h_s, weights)
         told += rows
     out = [ca.densify(v) for v in (M, P, ca.vertcat(*told))]
-    return compiled([ca.Function("remembered", given, out, {"cse": True})])[0]
+    (step,) = compiled([ca.Function("remembered", given, out, {"cse": True})])
+    return step.mapaccum("remembered", SAMPLES_PER_CALL, 2)
 
 
 @cache

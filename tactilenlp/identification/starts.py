@@ -15,12 +15,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ..common.layout import has_volume
 from ..common.validation import as_floats
 from ..errors import MeasurementError, MotionError, OptionError, shortened
-from ..geometry.transforms import rotation_of
+from ..problem.poses import rotations_on_ground
 from .impacts import MIN_TOSSES, Steps, gravity_of, phases_of, steps_of
 
 CUBE_SIGNS = np.array(np.meshgrid([-1.0, 1], [-1.0, 1], [-1.0, 1])).reshape(3, 8)
@@ -44,13 +43,12 @@ def prepared(trajectories, scene, shape, guess, gauge) -> tuple:
 
     starts: theta (3, columns) [m] of each; signs (3, V).
     """
-    turn = Rotation.from_matrix(scene.ground.rotation)
     where = scene.ground.to_ground(trajectories.position)
     where = where - [*where[:, :2].mean(axis=0), 0]  # slopes turn about the middle
     fall = trajectories.dt, scene.gravity
 
     def read(wxyz, scale=1.0):
-        rotation = turn * rotation_of(wxyz)
+        rotation = rotations_on_ground(scene.ground, wxyz)
         return steps_of(trajectories.toss, scale * where, rotation, *fall)
 
     if gauge is None and scene.gravity > 0:
