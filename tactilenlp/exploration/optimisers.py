@@ -120,7 +120,7 @@ class Objective:
 
 
 def _nlopt_search(objective: Objective, name: str, seed: int, rng) -> None:
-    """Search globally, then locally from the best; or locally from several starts."""
+    """Search globally where the name says so, then locally."""
     n = len(objective.lower)
     if name in ("direct", "direct_l"):
         kind = nlopt.GN_DIRECT if name == "direct" else nlopt.GN_DIRECT_L
@@ -137,31 +137,30 @@ def _nlopt_search(objective: Objective, name: str, seed: int, rng) -> None:
         local.set_xtol_rel(1e-2)
         optimiser.set_local_optimizer(local)
         _run(objective, optimiser, objective.random(rng), 0, seed)
-    elif name == "facing":
-        return _local_searches(objective, seed, rng)
-    local = nlopt.LN_BOBYQA if name == "bobyqa" else nlopt.LN_COBYLA
-    start = objective.best if objective.tried else objective.middle
-    while objective.left:  # from the best, then from random angles
-        _local_search(objective, local, start, LOCAL_STEP, 1e-3, seed)
-        start = objective.random(rng)
+    _local_searches(objective, name, seed, rng)
 
 
-def _local_searches(objective: Objective, seed: int, rng) -> None:
-    """Search locally from the angles tried so far, best first (multistart).
+def _local_searches(objective: Objective, name: str, seed: int, rng) -> None:
+    """Search locally from the best angles so far, then from random ones (multistart).
 
-    COBYLA moves fast from a start; Subplex, from the best of all, also moves along
-    kinks, where COBYLA stalls.
+    "facing" begins at all that were tried, best first: COBYLA moves fast from a start;
+    Subplex, from the best of all, also moves along kinks, where COBYLA stalls.
     """
-    order = np.argsort(objective.scores)[::-1]
-    starts = [objective.tried[i] for i in order] or [objective.middle]
+    starts = [objective.best] if objective.tried else [objective.middle]
+    kind = nlopt.LN_BOBYQA if name == "bobyqa" else nlopt.LN_COBYLA
+    searches = [(kind, LOCAL_STEP, 1e-3)]
+    if name == "facing":
+        order = np.argsort(objective.scores)[::-1]
+        starts = [objective.tried[i] for i in order] or starts
+        searches = [
+            (nlopt.LN_COBYLA, FIRST_LOCAL_STEP, ANGLE_TOLERANCE),
+            (nlopt.LN_SBPLX, LOCAL_STEP, ANGLE_TOLERANCE),
+        ]
     while objective.left:
         start = starts.pop(0) if starts else objective.random(rng)
-        _local_search(
-            objective, nlopt.LN_COBYLA, start, FIRST_LOCAL_STEP, ANGLE_TOLERANCE, seed
-        )
-        _local_search(
-            objective, nlopt.LN_SBPLX, objective.best, LOCAL_STEP, ANGLE_TOLERANCE, seed
-        )
+        for kind, step, tolerance in searches:
+            _local_search(objective, kind, start, step, tolerance, seed)
+            start = objective.best
 
 
 def _local_search(objective: Objective, local, start, step: float, xtol: float, seed):
