@@ -33,6 +33,21 @@ def labelled(axis, label):
     return [artist for artist in axis.get_children() if artist.get_label() == label]
 
 
+def errors_alone(estimate, axis):
+    return plot_errors([estimate], axis=axis)
+
+
+@pytest.mark.parametrize("plot", [plot_costs, plot_cones, plot_progress, errors_alone])
+def test_a_chart_of_one_axis_takes_it_alone_or_in_a_list_and_no_other_number(
+    touched, plot
+):
+    axes = plt.figure().subplots(1, 2)
+    assert plot(touched, axis=[axes[0]]) is axes[0].figure
+    for wrong in (axes, [*axes], "x"):
+        with pytest.raises(OptionError, match="matplotlib Axes"):
+            plot(touched, axis=wrong)
+
+
 def test_each_finger_gets_the_axis_given_for_it(touched):
     axes = plt.figure().subplots(touched.measurements.fingers)
     plot_impulses(touched, axis=axes)

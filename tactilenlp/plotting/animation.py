@@ -17,7 +17,7 @@ from ..common.whole_file import write_whole
 from ..errors import OptionError
 from ..interface.result import Estimate
 from .drawing import draw_scene, draw_top, true_corners, view_of
-from .style import STYLE, check_axes, with_key
+from .style import STYLE, one_axis, with_key
 
 WRITERS = {".gif": PillowWriter, ".mp4": FFMpegWriter}
 VIEWS = {"scene": draw_scene, "top": draw_top}
@@ -45,10 +45,12 @@ def animate(
     writer = _writer_of(path, view, every, rate)
     if truth is not None:  # an error during the film would leave an incomplete file
         true_corners(truth, 0)
+    solid, alone = {"projection": "3d"} if view == "scene" else {}, axis is None
     with plt.rc_context(STYLE | {"figure.dpi": 100}):
-        alone = axis is None
-        (axis,) = check_axes(_new_axis(view) if alone else axis, 1)
+        axis = one_axis(axis, 4.6, 4.4, **solid)
         figure = axis.figure
+        if alone:  # room for a key, and for labels in 3-D
+            figure.get_layout_engine().set(rect=(0, 0, 0.93, 1))
         samples = range(0, len(estimate.position), every)
         box = view_of(estimate, samples)
         data = estimate.measurements
@@ -69,14 +71,6 @@ def animate(
             film.save(part, writer(fps=rate))
             write_whole(path, part.read_bytes())
     return figure
-
-
-def _new_axis(view: str):
-    """Return the axis of a new figure, with room for a key and for labels in 3-D."""
-    style = {"projection": "3d"} if view == "scene" else {}
-    axis = plt.figure(figsize=(4.6, 4.4)).add_subplot(**style)
-    axis.figure.get_layout_engine().set(rect=(0, 0, 0.93, 1))
-    return axis
 
 
 def _renew_key(axis) -> None:

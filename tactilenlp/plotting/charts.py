@@ -28,6 +28,7 @@ from .style import (
     below,
     check_axes,
     finger_colour,
+    one_axis,
     picture,
 )
 
@@ -73,7 +74,7 @@ def plot_impulses(estimate: Estimate, axis=None) -> Figure:
 def plot_costs(estimate: Estimate, axis=None) -> Figure:
     """Draw the costs by term, largest first; they add up to the objective."""
     costs = dict(sorted(estimate.costs.items(), key=lambda cost: abs(cost[1])))
-    axis = axis or plt.figure(figsize=(5.6, 0.8 + 0.24 * len(costs))).subplots()
+    axis = one_axis(axis, 5.6, 0.8 + 0.24 * len(costs))
     values = np.array([*costs.values()])
     bars = axis.barh(
         [*costs], values, color=np.where(values < 0, UNTOUCHED_COLOUR, TOUCHED_COLOUR)
@@ -92,7 +93,7 @@ def plot_cones(estimate: Estimate, axis=None) -> Figure:
     that of the nearest face.  Pages round edges, so that points of contacts near an
     edge may lie slightly outside.
     """
-    axis = axis or plt.figure(figsize=(4.2, 3.4)).subplots()
+    axis = one_axis(axis, 4.2, 3.4)
     data, mu, most = estimate.measurements, _friction(estimate), 1e-3
     shown = np.flatnonzero(data.contact.any(axis=1))
     for finger in range(data.fingers):
@@ -126,7 +127,7 @@ def plot_progress(solved, axis=None) -> Figure:
             "no iterations are stored", where="progress", got=f"status {solved.status}",
             next="estimate again: files of older versions have none",
         )  # fmt: skip
-    axis = axis or plt.figure(figsize=(5.6, 3.2)).subplots()
+    axis = one_axis(axis, 5.6, 3.2)
     for name, label, colour in (
         ("primal", "constraint violation [scaled]", TOUCHED_COLOUR),
         ("dual", "gradient of the Lagrangian [scaled]", "#D55E00"),
@@ -157,7 +158,7 @@ def plot_errors(estimates, truth=None, axis=None) -> Figure:
     if not estimates:
         raise OptionError("nothing to draw", where="estimates", got="none")
     check_types(**{f"estimates[{k}]": (e, Estimate) for k, e in enumerate(estimates)})
-    axis = axis or plt.figure(figsize=(4.6, 3.4)).subplots()
+    axis = one_axis(axis, 4.6, 3.4)
     actions = [estimate.measurements.actions for estimate in estimates]
     sides = np.array([estimate.side_lengths for estimate in estimates]) * MM_PER_M
     sigma = (

@@ -29,7 +29,7 @@ from .drawing import (
     visible_area,
 )
 from .faces import faces_of
-from .style import INK, MM_PER_M, below, check_axes, picture, with_key
+from .style import INK, MM_PER_M, below, check_axes, one_axis, picture, with_key
 
 LABEL_STYLE = {
     "ha": "center", "va": "center", "fontsize": 7,
@@ -44,7 +44,7 @@ TITLE = 66  # characters of a line above the axes
 @picture
 def plot_scene(estimate: Estimate, sample: int = -1, truth=None, axis=None) -> Figure:
     """Draw object, fingers and contacts at a sample in 3-D."""
-    axis = axis or plt.figure(figsize=(4.6, 3.6)).add_subplot(projection="3d")
+    axis = one_axis(axis, 4.6, 3.6, projection="3d")
     draw_scene(axis, estimate, sample, truth, view_of(estimate, [sample]))
     axis.set_title(title_of(estimate.measurements, sample))
     return with_key(axis, axis, **below(axis))
@@ -58,7 +58,7 @@ def plot_top(estimate: Estimate, sample: int = -1, truth=None, axis=None) -> Fig
     from the covariance of sizes and pose, at others from that of the sizes alone.
     Contacts of all actions move with the object; those of the sample's action are big.
     """
-    axis = axis or plt.figure(figsize=(4.5, 4.9)).subplots()
+    axis = one_axis(axis, 4.5, 4.9)
     draw_top(axis, estimate, sample, truth, view_of(estimate, [sample]))
     return with_key(axis, axis, **below(axis))
 
@@ -69,7 +69,7 @@ def plot_information(estimate: Estimate, axis=None, key: bool = True) -> Figure:
 
     It is that of the middle of the face along its normal [mm].  key: draw a colour bar.
     """
-    axis = axis or plt.figure(figsize=(4.6, 3.6)).add_subplot(projection="3d")
+    axis = one_axis(axis, 4.6, 3.6, projection="3d")
     set_up(axis, estimate, view_of(estimate, [-1]))
     faces, _ = faces_of(estimate, -1)
     for face, sigma in zip(faces, face_sigma(estimate), strict=True):

@@ -73,6 +73,13 @@ def check_axes(axis, *counts: int) -> list:
     )  # fmt: skip
 
 
+def one_axis(axis, *size: float, **style):
+    """Return the given axis, checked, or that of a new figure of a size (2,) [inch]."""
+    if axis is None:
+        return plt.figure(figsize=size).add_subplot(**style)
+    return check_axes(axis, 1)[0]
+
+
 def below(axis) -> dict:
     """Return the arguments of a legend below an axis of any height."""
     down = ScaledTranslation(0, -KEY_DISTANCE, axis.figure.dpi_scale_trans)
