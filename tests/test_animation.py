@@ -65,7 +65,8 @@ def test_without_ffmpeg_an_mp4_is_refused_with_a_way_out(touched, tmp_path):
 
 def test_a_film_is_drawn_into_an_axis_that_is_given(touched, tmp_path):
     figure, axis = plt.subplots()
-    film = animate(touched, tmp_path / "film.gif", view="top", every=40, axis=axis)
+    some = {"view": "top", "every": np.int64(40)}  # as a whole number of any kind
+    film = animate(touched, tmp_path / "film.gif", **some, axis=axis)
     assert film is figure
     assert not figure.legends  # room for it is the caller's
     assert axis.has_data()

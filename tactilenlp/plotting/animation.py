@@ -12,7 +12,7 @@ from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
 from matplotlib.figure import Figure
 
 from ..common.progress import progress
-from ..common.validation import check_numbers, check_path, check_types
+from ..common.validation import check_numbers, check_path, check_types, is_whole
 from ..common.whole_file import write_whole
 from ..errors import OptionError
 from ..interface.result import Estimate
@@ -95,7 +95,7 @@ def _writer_of(path, view: str, every: int, rate: float) -> type:
             "no program to write it", where="path", got=suffix,
             expected="ffmpeg on the path", next="install ffmpeg, or write a .gif",
         )  # fmt: skip
-    if not (isinstance(every, int) and every >= 1):
+    if not (is_whole(every) and every >= 1):
         expected = "an integer, 1 or more"
         raise OptionError("out of range", where="every", got=every, expected=expected)
     return writer
