@@ -44,7 +44,9 @@ def sweep(space: Workspace, centre=None) -> Iterator[Trajectory]:
     ends = np.linspace(-space.radius, space.radius, pieces + 1)
     n = round(space.duration * POINT_RATE) + 1
     share = np.linspace(0, 1, n)[:, None]
-    for line, y in enumerate(_lines(space.radius)):
+    lines = 2 * int(np.ceil(space.radius / SWEEP_SPACING)) + 1
+    offsets = sorted(np.linspace(-space.radius, space.radius, lines), key=abs)
+    for line, y in enumerate(offsets):  # from the middle one outwards
         along = ends if line % 2 == 0 else ends[::-1]
         for a, b in pairwise(along):
             x = a + (b - a) * share
@@ -57,13 +59,6 @@ def sweep(space: Workspace, centre=None) -> Iterator[Trajectory]:
                 position[:, f] = middle + away
             position = frame.from_ground(position)
             yield Trajectory(share[:, 0] * space.duration, position)
-
-
-def _lines(radius: float) -> list[float]:
-    """Return the offsets [m] of the lines, from the middle one outwards."""
-    count = int(np.ceil(radius / SWEEP_SPACING))
-    offsets = np.linspace(-radius, radius, 2 * count + 1)
-    return sorted(offsets, key=abs)
 
 
 def first_touch(world, space: Workspace, centre, rng):

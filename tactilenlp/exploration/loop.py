@@ -161,7 +161,13 @@ class _Loop:
 
 def _prepared(world, scene, settings: ExploreOptions, file, start, executor) -> _Loop:
     """Return what the steps need; raise for unusable arguments."""
-    _check(world, file, start)
+    if world is not None:  # none is needed for actions that the file has
+        check_world(world)
+    check_types(start=(start, (Estimate, Guess, type(None))))
+    if file is not None:
+        check_path(file)
+        if world is not None:
+            check_file(file)
     several = classes_of(settings.shape)
     readings = [
         asked(scene, one, settings.formulation, settings.options, executor)
@@ -183,17 +189,6 @@ def _prepared(world, scene, settings: ExploreOptions, file, start, executor) -> 
     radius = getattr(world, "finger_radius", None)
     space = settings.workspace or workspace_of(radius, scene.ground)
     return _Loop(world, space, settings, classes, solve, same)
-
-
-def _check(world, file, start) -> None:
-    """Raise OptionError or FileError for an unusable world, start or file."""
-    if world is not None:  # none is needed for actions that the file has
-        check_world(world)
-    check_types(start=(start, (Estimate, Guess, type(None))))
-    if file is not None:
-        check_path(file)
-        if world is not None:
-            check_file(file)
 
 
 def _check_fingers(world, space: Workspace, kept: Exploration) -> None:
