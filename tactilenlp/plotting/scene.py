@@ -2,8 +2,8 @@
 
 Touched faces are blue, untouched ones grey, the truth is dashed, each finger has a
 colour.  Every function returns the figure, and draws into `axis` if one is given.
-truth: a dict or dataclass with position (T, 3) or (3,) [m], quaternion (wxyz) and
-side_lengths (3,) or vertices (V, 3) [m], like an Estimate.
+truth: a TrueBody, or a dict or dataclass with position (T, 3) or (3,) [m], quaternion
+(wxyz) and side_lengths (3,) or vertices (V, 3) [m], like an Estimate.
 """
 
 from __future__ import annotations
@@ -101,9 +101,8 @@ def plot_information(estimate: Estimate, axis=None, key: bool = True) -> Figure:
 def plot_estimate(estimate: Estimate, truth=None, axis=None) -> Figure:
     """Draw the first and the last sample side by side, from above and in 3-D.
 
-    truth: a dict or dataclass with position, quaternion and side_lengths or vertices,
-    such as world.truth.  axis: four Axes, from above of the first and the
-    last sample, then in 3-D of both.
+    truth: as in this module.  axis: four Axes, from above of the first and the last
+    sample, then in 3-D of both.
     """
     view = view_of(estimate, [0, -1])
     axes = _four_axes(estimate) if axis is None else check_axes(axis, 4)
