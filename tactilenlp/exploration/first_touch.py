@@ -136,26 +136,17 @@ def check_reach(world, space: Workspace, centre, estimate: Estimate | None) -> N
     `check` is not asked.
     """
     check = getattr(world, "check", None)
-    if not callable(check):
+    if check is None:
         return
-    for trajectory in _extreme(space, centre, estimate):
+    motions = sweep(space)
+    if not (estimate is None and centre is None):
+        target = aim(space, centre) if estimate is None else estimate.position[-1]
+        lower, upper = space.lower[:2], space.upper[:2]  # of every finger alike
+        bounds = zip(lower, (lower + upper) / 2, upper, strict=True)
+        actions = (space.action(np.tile(a, space.fingers)) for a in product(*bounds))
+        motions = (action.trajectory(target) for action in actions)
+    for trajectory in motions:
         check(trajectory)
-
-
-def _extreme(space: Workspace, centre, estimate) -> list[Trajectory]:
-    """Return the motions that reach farthest."""
-    if estimate is not None:
-        target = estimate.position[-1]
-    elif centre is not None:
-        target = aim(space, centre)
-    else:
-        return [*sweep(space)]
-    lower, upper = space.lower[:2], space.upper[:2]  # of every finger alike
-    bounds = zip(lower, (lower + upper) / 2, upper, strict=True)
-    return [
-        space.action(np.tile(angles, space.fingers)).trajectory(target)
-        for angles in product(*bounds)
-    ]
 
 
 def check_world(world) -> None:

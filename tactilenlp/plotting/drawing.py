@@ -47,7 +47,11 @@ def draw_top(axis, estimate, sample, truth, view) -> None:
     if spread is not None:
         ring = np.concatenate([outline(spread[0]), outline(spread[1])[::-1]])
         axis.fill(*ring.T, fc=(BAND_COLOUR, 0.5), lw=0, zorder=2.5, label=SIGMA_LABEL)
-    _draw_position(axis, estimate, sample)
+    if estimate.information.path is not None:
+        x, y, _ = estimate.position[sample] * MM_PER_M
+        off_x, off_y, _ = estimate.sigma_position[sample] * MM_PER_M
+        axis.errorbar(x, y, off_y, off_x, color=INK, lw=1, capsize=2, zorder=6,
+                      label=POSITION_LABEL)  # fmt: skip
     if truth is not None:
         true = outline(true_corners(truth, sample))
         axis.plot(*true.T, "--", color=TRUTH_COLOUR, lw=1.3, zorder=6, label="truth")
@@ -67,16 +71,6 @@ def draw_top(axis, estimate, sample, truth, view) -> None:
         axis.scatter(*points[:, :2].T, size, color=colour, ec=INK, lw=0.4, zorder=8)
     axis.set(xlim=view[:, 0], ylim=view[:, 1], xlabel="x [mm]", ylabel="y [mm]",
              aspect="equal", title=title_of(data, sample))  # fmt: skip
-
-
-def _draw_position(axis, estimate, sample) -> None:
-    """Draw the body's position at a sample with its deviations along x and y."""
-    if estimate.information.path is None:
-        return
-    x, y, _ = estimate.position[sample] * MM_PER_M
-    off_x, off_y, _ = estimate.sigma_position[sample] * MM_PER_M
-    axis.errorbar(x, y, off_y, off_x, color=INK, lw=1, capsize=2, zorder=6,
-                  label=POSITION_LABEL)  # fmt: skip
 
 
 def draw_scene(axis, estimate, sample, truth, view) -> None:
