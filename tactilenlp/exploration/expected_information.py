@@ -126,21 +126,17 @@ class ExpectedInformation:
         near, F = self._near(belief, path, space), space.fingers
         r = path[n - near :].reshape(near + 1, -1).T
         step = push_function(self.shape, self._free, F, near, self._off)
+        radii = self.estimate.measurements.finger_radius  # of other fingers: all alike
+        radii = radii if len(radii) == F else np.full(F, space.finger_radius)
         rest = np.zeros(3), r[:, 0], np.zeros(3), np.zeros((3, k)), np.zeros((3, 3))
         _, _, s, _, _, p, E = step(
             *rest, belief.z, r[:, :-1], r[:, 1:],
-            self._radii(space), self._known, self._sensors, self._sloped,
+            radii, self._known, self._sensors, self._sloped,
         )  # fmt: skip
         motion, contact = np.zeros((n, 3)), np.zeros((n, F))
         motion[n - near :], contact[n - near :] = s.full().T, p.full().T
         E = E.full().reshape(4 * F, near, k)
         return motion, contact, np.einsum("ftk,ftl->kl", E, E)
-
-    def _radii(self, space: Workspace) -> np.ndarray:
-        """Return the radii (F,) [m]: as measured, or of other fingers all the same."""
-        measured = self.estimate.measurements.finger_radius
-        same = len(measured) == space.fingers
-        return measured if same else np.full(space.fingers, space.finger_radius)
 
     def _near(self, belief: Belief, path, space) -> int:
         """Return how many last steps of a path (n + 1, F, 3) are near the body."""
