@@ -60,9 +60,7 @@ def animate(
             VIEWS[view](axis, estimate, sample, truth, box)
             axis.set_title(f"{data.time[sample]:.2f} s, action {data.action[sample]}")
             if alone:
-                for key in [*figure.legends]:
-                    key.remove()
-                with_key(figure, axis, loc="outside lower center", ncols=2)
+                _renew_key(axis)
 
         frames = progress(samples, "drawing")
         film = FuncAnimation(
@@ -73,6 +71,13 @@ def animate(
             film.save(part, writer(fps=rate))
             write_whole(path, part.read_bytes())
     return figure
+
+
+def _renew_key(axis) -> None:
+    """Replace the legend of a figure by that of what the axis shows now."""
+    for key in [*axis.figure.legends]:
+        key.remove()
+    with_key(axis.figure, axis, loc="outside lower center", ncols=2)
 
 
 def _writer_of(path, view: str, every: int, rate: float) -> type:
