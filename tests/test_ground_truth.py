@@ -75,6 +75,7 @@ def test_of_a_hull_surface_and_centroid_are_compared(estimate):
 
 def test_a_world_without_a_truth_of_that_instant_tells_nothing(estimate):
     assert errors_of(object(), estimate) == {}
+    assert errors_of(SimpleNamespace(true_body=None), estimate) == {}
     assert errors_of(SimpleNamespace(truth="of something else"), estimate) == {}
     data, world = estimate.measurements, Holding(estimate)
     later = replace(estimate, measurements=replace(data, time=data.time + 1.0))
