@@ -149,7 +149,7 @@ def late_normals(at) -> Doubt:
     rate[1:][~consecutive_contacts(data)] = 0.0
     normal = touch.normal + LAG_STEP * rate[touch.sample, touch.finger]
     later = replace(window, touch=replace(touch, normal=normal))
-    ends = ends_of(kkt, at.sensed.build(later).data() - kkt.problem.data())
+    ends = ends_of(kkt, at.sensed.build, later)
     return _doubted(kkt, ends, LAG_STEP, Prior(AVERAGED))
 
 
@@ -160,17 +160,17 @@ def late_touches(at) -> Doubt:
     earlier.  One that was estimated is known to CONTACT_LATENCY: contacts are averaged.
     at: as above.
     """
-    kkt, sensed, problem = at.kkt, at.sensed, at.kkt.problem
+    kkt, sensed = at.kkt, at.sensed
     latency = sensed.precision.latency
-    shifted = sensed.build(fingers_earlier(at.window, sensed.data, LAG_STEP)).data()
     prior, estimated = Prior(LATENCY), False
     if sensed.scene.latency is not None:
         prior = Prior(CONTACT_LATENCY, least=-latency, most=CONTACT_LATENCY, none=0.0)
     elif latency > 0:
         prior = Prior(LATENCY, mean=-latency, least=-latency, most=LATENCY, none=0.0)
         estimated = True
-    ends = ends_of(kkt, shifted - problem.data())
-    doubt = _doubted(kkt, ends, LAG_STEP, prior, list(problem.costs))
+    shifted = fingers_earlier(at.window, sensed.data, LAG_STEP)
+    ends = ends_of(kkt, sensed.build, shifted)
+    doubt = _doubted(kkt, ends, LAG_STEP, prior, list(kkt.problem.costs))
     return replace(doubt, besides=CONTACT_LATENCY * estimated)
 
 
@@ -183,11 +183,11 @@ def told_radius(at, finger: int) -> Doubt:
     def grown(rows):
         return replace(rows, radius=rows.radius + RADIUS_STEP * (rows.finger == finger))
 
-    problem, window = at.kkt.problem, at.window
+    window = at.window
     larger = replace(window, touch=grown(window.touch), free=grown(window.free))
-    ends = ends_of(at.kkt, at.sensed.build(larger).data() - problem.data())
+    ends = ends_of(at.kkt, at.sensed.build, larger)
     prior = Prior(TOLD_RADIUS, least=-np.inf, none=TOLD_RIGHT)
-    felt = [name for name in (TOUCH_TERM, FREE_TERM) if name in problem.costs]
+    felt = [n for n in (TOUCH_TERM, FREE_TERM) if n in at.kkt.problem.costs]
     return _doubted(at.kkt, ends, RADIUS_STEP, prior, felt)
 
 
@@ -236,15 +236,14 @@ def derivatives(problem, ends, step: float, names=(TOUCH_TERM,)) -> tuple:
     """
     costs = [sum(problem.value(n, *end).sum() for n in names) for end in ends]
     slopes = [gradient(problem, *end, names) for end in (ends[0], ends[2])]
+    pull = (costs[2] - costs[0]) / (2 * step)
     bend = (costs[0] - 2 * costs[1] + costs[2]) / step**2
-    return (
-        *((slopes[0] - slopes[1]) / (2 * step), (costs[2] - costs[0]) / (2 * step)),
-        bend,
-    )
+    return (slopes[0] - slopes[1]) / (2 * step), pull, bend
 
 
-def ends_of(kkt: KKTSystem, change) -> list:
-    """Return unknowns and data at r = step, 0, -step; change: of the data by a step."""
+def ends_of(kkt: KKTSystem, build, changed) -> list:
+    """Return unknowns and data at r = step, 0, -step; changed: the window at a step."""
+    change = build(changed).data() - kkt.problem.data()
     return [(kkt.x, kkt.data + side * change) for side in (1, 0, -1)]
 
 

@@ -113,20 +113,18 @@ def ground_tilt(kkt: KKTSystem, build: Callable, window, data, scene, about):
     data: smoothed, as the problem has them; scene: with the ground in whose frame they
     are; about (3,) [m]: the point of the ground that stays, ground frame.
     """
-    problem, touch, ground = kkt.problem, window.touch, scene.ground
-    found = []
+    touch, ground, found = window.touch, scene.ground, []
     for way in ((1, 0), (0, 1), (1, 1)):  # the last one for the mixed derivative
-        R = Rotation.from_rotvec(
-            [-TILT_STEP * way[0], -TILT_STEP * way[1], 0.0]
-        ).as_matrix()
+        turn = [-TILT_STEP * way[0], -TILT_STEP * way[1], 0.0]
+        R = Rotation.from_rotvec(turn).as_matrix()
         seen = data.transformed(R, about - R @ about)
         p_wf, at = touch.p_wf.copy(), (touch.sample, touch.finger)
         p_wf[:, :3] = seen.finger_position[at]
         if seen.finger_orientation is not None and p_wf.shape[1] > 3:
             p_wf[:, 3:] = seen.finger_orientation[at]
         touched = replace(touch, p_wf=p_wf, normal=seen.normal[at])
-        turned = build(replace(window, touch=touched)).data() - problem.data()
-        found.append(derivatives(problem, ends_of(kkt, turned), TILT_STEP))
+        ends = ends_of(kkt, build, replace(window, touch=touched))
+        found.append(derivatives(kkt.problem, ends, TILT_STEP))
     (b_x, pull_x, xx), (b_y, pull_y, yy), (_, _, both) = found
     slope, mixed = np.stack([b_x, b_y], axis=1), (both - xx - yy) / 2
     moved = np.stack([kkt.moved(b) for b in slope.T], axis=1)
